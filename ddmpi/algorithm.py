@@ -1,0 +1,128 @@
+"""The outer iteration: the domain decomposition algorithm (DD)_h in dual matrix form.
+
+Written for one body; its partner runs the same lines with the other role. Both hold the same λ, bit
+for bit, because both add the same two vectors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ddmpi.body import Body, Friction
+from ddmpi.exchange import Exchange
+from ddmpi.scene import Method
+
+FIRST_PRECISION = 0.01
+"""Inner precision of the first iteration, times max‖h_α‖: there is no earlier step to measure by."""
+
+ROUNDING = 1e-15
+"""No inner solve is asked for more than this, relative to the displacements at hand."""
+
+DIVERGED = 1e8
+"""The iteration has diverged when ‖λ‖ exceeds the free contact displacements by this factor."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One line of the history.
+
+    ``update`` is ‖λ_k − λ_{k−1}‖ / ‖λ_k‖, ``mismatch`` ‖s_1 − s_2‖ / ‖s_2‖, ``inner_precision`` the
+    tolerance of the programs (m), ``n_A`` the multiplications of role 1's and role 2's body so far.
+    """
+
+    iteration: int
+    update: float
+    mismatch: float
+    inner_precision: float
+    n_A: tuple[int, int]
+
+
+@dataclass
+class OuterIteration:
+    """λ, both bodies' contact forces, and the iteration that improves them.
+
+    Parameters
+    ----------
+    body, friction, exchange, method : what iterates
+    report : called with every Step
+
+    Attributes
+    ----------
+    lam : (size,) contact displacement (m)
+    s1, s2 : (size,) contact forces (N) as role 1 and role 2 see them
+    g : (mt,) slip bound (N) of the last iteration
+    history : all steps
+    """
+
+    body: Body
+    friction: Friction
+    exchange: Exchange
+    method: Method
+    report: Callable[[Step], None] = lambda step: None
+    history: list[Step] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        size = self.body.C.size
+        self.lam, self.s1, self.s2 = np.zeros(size), np.zeros(size), np.zeros(size)
+        self.g = np.zeros(size - self.body.interface.m)
+        free = [np.linalg.norm(h) for h in self.exchange.swap(self.body.h)]
+        self._scale = max(*free, float(np.linalg.norm(self.body.interface.gap)))
+        self._step_size = FIRST_PRECISION * max(free) / method_precision(self.method)
+
+    @property
+    def forces(self) -> np.ndarray:
+        """The contact forces (size,) that obey all bounds (N): those of role 2."""
+        return self.s2
+
+    def run(self, tolerance: float) -> str:
+        """Iterate until ‖λ_k − λ_{k−1}‖ ≤ tolerance ‖λ_k‖; may be called again to go on.
+
+        Returns
+        -------
+        "converged", "diverged" or "max_iterations"
+
+        Raises SolverError on all ranks when an inner solve of either body fails. Collective.
+        """
+        while len(self.history) < self.method.max_iterations:
+            step = self.iterate()
+            self.history.append(step)
+            self.report(step)
+            size = np.linalg.norm(self.lam)
+            if not np.isfinite(size) or size > DIVERGED * max(self._scale, np.finfo(float).tiny):
+                return "diverged"
+            if self._step_size <= tolerance * size:
+                return "converged"
+        return "max_iterations"
+
+    def iterate(self) -> Step:
+        """One step of the algorithm of the slides. Collective."""
+        body, exchange, m = self.body, self.exchange, self.body.interface.m
+        self.g = self.friction.slip_bound(self.s2[:m], body.interface)
+        precision = max(method_precision(self.method) * self._step_size, ROUNDING * self._scale)
+
+        with exchange.deferred():
+            body.solve(self.lam, self.g, precision)  # Steps 1 and 2, at the same time
+        self.s1, self.s2 = exchange.swap(body.s)
+        w = np.zeros_like(self.lam)
+        with exchange.deferred():
+            w = body.neumann(self.s1 - self.s2)  # Steps 3 and 4, at the same time
+        w1, w2 = exchange.swap(np.append(w, body.C.count.total()))
+        update = self.method.theta * (w1[:-1] + w2[:-1])
+        self.lam += update  # Step 5
+
+        self._step_size = float(np.linalg.norm(update))
+        mismatch = _ratio(np.linalg.norm(self.s1 - self.s2), np.linalg.norm(self.s2))
+        return Step(len(self.history) + 1, _ratio(self._step_size, np.linalg.norm(self.lam)), mismatch,
+                    precision, (int(w1[-1]), int(w2[-1])))
+
+
+def method_precision(method: Method) -> float:
+    """η: the inner solves are as precise as η times the last outer update."""
+    return method.inner_precision
+
+
+def _ratio(a: float, b: float) -> float:
+    return float(a / b) if b else float(a > 0)

@@ -1,0 +1,154 @@
+"""One body at its interface: its quadratic program and its Neumann problem.
+
+A body knows its role only through the bounds of its program (design, section 2), so that bodies
+are interchangeable. It works on its own communicator, never on the world.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from petsc4py import PETSc
+
+from ddmpi.compliance import Compliance
+from ddmpi.elasticity import Elasticity
+from ddmpi.interface import Interface, displacement_trace, trace
+from ddmpi.qp import QP
+from ddmpi.scene import Coulomb, NoFriction, Tresca
+from ddmpi.solvers import QPSolver, StiffnessSolver
+
+PURPOSE = {1: "step1", 2: "step2"}
+"""Under which the multiplications of the program of a role are counted."""
+
+
+@dataclass(frozen=True)
+class Friction:
+    """The friction law at the nodes that slide.
+
+    Attributes
+    ----------
+    law : "coulomb", "tresca" or "none"
+    coefficient : (mt,) Coulomb coefficient, or None
+    bound : (mt,) Tresca slip bound times nodal length (N), or None
+    """
+
+    law: str
+    coefficient: np.ndarray | None = None
+    bound: np.ndarray | None = None
+
+    def slip_bound(self, normal_force: np.ndarray, interface: Interface) -> np.ndarray:
+        """g (mt,) in newtons, given the normal forces (m,)."""
+        if self.law == "coulomb":
+            return self.coefficient * normal_force[interface.sliding]
+        return self.bound
+
+
+def friction_at(law: Coulomb | Tresca | NoFriction, interface: Interface) -> Friction:
+    """Evaluate the law of the scene at the contact nodes. Not collective."""
+    s = interface.sliding
+
+    def values(value) -> np.ndarray:
+        at_nodes = np.full(interface.m, value) if isinstance(value, float | int) else value.at(interface.xy)
+        return at_nodes[s].astype(float)
+
+    if isinstance(law, Coulomb):
+        return Friction("coulomb", coefficient=values(law.coefficient))
+    if isinstance(law, Tresca):
+        return Friction("tresca", bound=values(law.slip_bound) * interface.length[s])
+    return Friction("none", bound=np.empty(0))
+
+
+class Body:
+    """One body at one interface.
+
+    Parameters
+    ----------
+    name, role : the body's name and its role (1 or 2) at the interface
+    interface : the paired contact nodes
+    elasticity : A, b of the body
+
+    Attributes
+    ----------
+    C : contact compliance
+    h : (size,) B A⁻¹ b, the contact displacement without contact forces (m)
+    s, Cs : (size,) contact forces (N) of the last program and their product with C
+    steps : inner steps by kind
+
+    Construction factors A and is collective on the body's communicator.
+    """
+
+    def __init__(self, name: str, role: int, interface: Interface, elasticity: Elasticity) -> None:
+        self.name, self.role, self.interface, self.elasticity = name, role, interface, elasticity
+        self.sigma = 1.0 if role == 1 else -1.0
+        self.solver = StiffnessSolver(elasticity.A, name)
+        self.C = Compliance(self.solver, trace(interface, role, elasticity))
+        self.qp_solver = QPSolver()
+        self.h = np.zeros(self.C.size)
+        if elasticity.b.norm() > 0.0:
+            self.C.free_response(elasticity.b, self.h, "load")
+        self.h += displacement_trace(interface, role, elasticity.prescribed)
+        self.s, self.Cs = np.zeros(self.C.size), np.zeros(self.C.size)
+        self.steps: dict[str, int] = {}
+
+    def bounds(self, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds (size,) of the role: none for role 1, contact and friction for role 2."""
+        m = self.interface.m
+        upper = np.full(self.C.size, np.inf)
+        lower = -upper
+        if self.role == 2:
+            lower[:m] = 0.0
+            upper[m:] = g
+            lower[m:] = -g
+        return lower, upper
+
+    def solve(self, lam: np.ndarray, g: np.ndarray, tolerance: float) -> np.ndarray:
+        """Contact forces s (size,) for the contact displacement `lam` and the slip bound `g` (N).
+
+        Parameters
+        ----------
+        tolerance : largest norm of the projected gradient (m)
+
+        Raises SolverError. Collective on the body's communicator. Slides: Steps 1 and 2 of (DD)_h.
+        """
+        d = self.h - self.sigma * lam
+        if self.role == 2:
+            d[:self.interface.m] -= self.interface.gap
+        result = self.qp_solver.solve(QP(self.C, d, *self.bounds(g)), self.s, self.Cs, tolerance, PURPOSE[self.role])
+        self.s, self.Cs = result.s, result.Cs
+        for kind, number in result.steps.items():
+            self.steps[kind] = self.steps.get(kind, 0) + number
+        return self.s
+
+    def neumann(self, jump: np.ndarray) -> np.ndarray:
+        """B w (size,) with A w = ½ Bᵀ `jump`: the displacement (m) that the force jump (N) causes.
+
+        Collective on the body's communicator. Slides: Steps 3 and 4.
+        """
+        Bw = np.empty(self.C.size)
+        self.C.mult(0.5 * jump, Bw, "neumann")
+        return Bw
+
+    def displacement(self) -> tuple[np.ndarray, float, float]:
+        """Displacement (nv, 2) in metres under the load and the contact forces s.
+
+        Returns
+        -------
+        u : (nv, 2)
+        residual : ‖A u + Bᵀ s − b‖ / max(‖b‖, ‖Bᵀ s‖), zero where nothing acts
+        energy : strain energy (J per metre of depth) of the dofs that A acts on
+
+        Collective on the body's communicator.
+        """
+        A, b = self.elasticity.A, self.elasticity.b
+        u, f = A.createVecs()
+        self.C.B.multTranspose(PETSc.Vec().createWithArray(self.s, comm=PETSc.COMM_SELF), f)
+        size = max(f.norm(), b.norm())
+        f.aypx(-1.0, b)
+        if f.norm() > 0.0:
+            self.C.solve(f, u, "displacement")
+        Au = u.duplicate()
+        A.mult(u, Au)
+        energy = 0.5 * u.dot(Au)
+        Au.axpy(-1.0, f)
+        return self.elasticity.expand(u), (Au.norm() / size if size else 0.0), energy

@@ -1,0 +1,182 @@
+"""Plane linear elasticity of one body: stiffness A, load b, clamped dofs eliminated; stress on request.
+
+Nodes carry two dofs each, interleaved (x of node i is dof 2i). A node with both components clamped
+is taken out of the system. A node with one clamped component stays, that component decoupled with
+its own diagonal entry, so that the block size of A is two everywhere (GAMG needs that).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sparse
+from petsc4py import PETSc
+from skfem import Basis, ElementTriP1, ElementVector, FacetBasis, LinearForm, MeshTri, asm
+from skfem.models.elasticity import linear_elasticity
+
+from ddmpi.errors import InputError
+from ddmpi.mesh import Mesh, boundary_group
+from ddmpi.scene import BodySpec, Material, evaluate
+
+
+@dataclass(frozen=True)
+class Elasticity:
+    """The discrete problem of one body, ``A u = b`` on its dofs that are not eliminated.
+
+    Attributes
+    ----------
+    A : PETSc AIJ matrix (2k, 2k), symmetric positive definite, block size 2 (N/m per metre of depth)
+    b : PETSc vector (2k,) (N per metre of depth)
+    n : number of free dofs; differs from 2k by the components that are clamped alone
+    nodes : (k,) the mesh nodes that A acts on
+    free : (nv, 2) bool, dofs that are not prescribed
+    prescribed : (nv, 2) displacement (m) of the prescribed dofs, zero elsewhere
+    """
+
+    A: PETSc.Mat
+    b: PETSc.Vec
+    n: int
+    nodes: np.ndarray
+    free: np.ndarray
+    prescribed: np.ndarray
+
+    def expand(self, u: PETSc.Vec) -> np.ndarray:
+        """The displacement (nv, 2) of all nodes from the solution `u` of the reduced system (m)."""
+        full = self.prescribed.copy()
+        full[self.nodes] += u.array_r.reshape(-1, 2) * self.free[self.nodes]
+        return full
+
+
+def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
+    """Assemble stiffness and load of `body` and eliminate its clamped dofs symmetrically.
+
+    Collective on `comm`. Raises InputError if the clamps leave a rigid-body motion free.
+    """
+    skmesh = MeshTri(np.ascontiguousarray(mesh.points.T), np.ascontiguousarray(mesh.triangles.T), validate=False)
+    element = ElementVector(ElementTriP1())
+    K = asm(linear_elasticity(*body.material.lame), Basis(skmesh, element, intorder=0)).tocsr()
+    f = _load(skmesh, mesh, body, element)
+
+    free, prescribed = _clamps(mesh, body)
+    _refuse_rigid_motion(mesh, free, body.name)
+    nodes = np.flatnonzero(free.any(axis=1))
+    dofs = (2 * nodes[:, None] + [0, 1]).ravel()
+    if prescribed.any():
+        f -= K @ prescribed.ravel()
+    loose = free.ravel()[dofs]
+    A, b = K[dofs][:, dofs], f[dofs]
+    if not loose.all():
+        keep = sparse.diags(loose.astype(float))
+        A = (keep @ A @ keep + sparse.diags(np.where(loose, 0.0, K.diagonal()[dofs]))).tocsr()
+        b = b * loose
+    A.sort_indices()
+
+    matrix = PETSc.Mat().createAIJWithArrays(
+        A.shape, (A.indptr.astype(PETSc.IntType), A.indices.astype(PETSc.IntType), A.data), bsize=2, comm=comm)
+    matrix.setOption(PETSc.Mat.Option.SPD, True)
+    matrix.setNearNullSpace(_rigid_motions(mesh.points[nodes], free[nodes], comm))
+    return Elasticity(matrix, PETSc.Vec().createWithArray(b, bsize=2, comm=comm), int(loose.sum()),
+                      nodes, free, prescribed)
+
+
+def stress(mesh: Mesh, material: Material, u: np.ndarray) -> np.ndarray:
+    """Stress of each triangle, constant on it.
+
+    Parameters
+    ----------
+    u : (nv, 2) displacement (m)
+
+    Returns
+    -------
+    (nt, 4) array of σ_xx, σ_yy, σ_zz, σ_xy in Pa; σ_zz is zero in plane stress. Not collective.
+    """
+    p, t = mesh.points, mesh.triangles
+    e1, e2 = p[t[:, 1]] - p[t[:, 0]], p[t[:, 2]] - p[t[:, 0]]
+    d1, d2 = u[t[:, 1]] - u[t[:, 0]], u[t[:, 2]] - u[t[:, 0]]
+    area2 = (e1[:, 0] * e2[:, 1] - e1[:, 1] * e2[:, 0])[:, None]
+    du_dx = (d1 * e2[:, 1:] - d2 * e1[:, 1:]) / area2
+    du_dy = (d2 * e1[:, :1] - d1 * e2[:, :1]) / area2
+    first, shear = material.lame
+    exx, eyy, gxy = du_dx[:, 0], du_dy[:, 1], du_dy[:, 0] + du_dx[:, 1]
+    trace = first * (exx + eyy)
+    szz = trace if material.plane == "strain" else np.zeros_like(trace)
+    return np.column_stack([trace + 2 * shear * exx, trace + 2 * shear * eyy, szz, shear * gxy])
+
+
+def von_mises(sigma: np.ndarray) -> np.ndarray:
+    """Von Mises stress (nt,) in Pa from `stress`."""
+    xx, yy, zz, xy = sigma.T
+    return np.sqrt(0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) + 3 * xy**2)
+
+
+def _load(skmesh: MeshTri, mesh: Mesh, body: BodySpec, element) -> np.ndarray:
+    """Load vector (2 nv,) of tractions and volume force; what is absent is not integrated."""
+    f = np.zeros(2 * len(mesh.points))
+    for traction in body.traction:
+        edges = boundary_group(mesh, traction.on, f"body.{body.name}.traction")
+        basis = FacetBasis(skmesh, element, facets=_facets(skmesh, edges), intorder=2)
+        f += asm(_form(traction.value), basis)
+    if body.volume_force != (0.0, 0.0):
+        f += asm(_form(body.volume_force), Basis(skmesh, element, intorder=2))
+    return f
+
+
+def _form(value) -> LinearForm:
+    def integrand(v, w):
+        q = evaluate(value, w.x[0], w.x[1])
+        return q[0] * v[0] + q[1] * v[1]
+    return LinearForm(integrand)
+
+
+def _facets(skmesh: MeshTri, edges: np.ndarray) -> np.ndarray:
+    """Indices of skfem's boundary facets that have these end nodes."""
+    boundary = skmesh.boundary_facets()
+    size = skmesh.p.shape[1]
+    ends = np.sort(skmesh.facets[:, boundary], axis=0)
+    keys = ends[0] * size + ends[1]
+    order = np.argsort(keys)
+    wanted = np.sort(edges, axis=1)
+    wanted = wanted[:, 0] * size + wanted[:, 1]
+    place = order[np.minimum(np.searchsorted(keys, wanted, sorter=order), len(keys) - 1)]
+    if not np.array_equal(keys[place], wanted):
+        raise InputError("a named boundary group has lines that are not on the body's boundary")
+    return boundary[place]
+
+
+def _clamps(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, np.ndarray]:
+    free = np.ones((len(mesh.points), 2), dtype=bool)
+    prescribed = np.zeros((len(mesh.points), 2))
+    for clamp in body.clamps:
+        nodes = np.unique(boundary_group(mesh, clamp.on, f"body.{body.name}.clamp"))
+        x, y = mesh.points[nodes].T
+        for component, value in enumerate((clamp.x, clamp.y)):
+            if value is not None:
+                free[nodes, component] = False
+                prescribed[nodes, component] = evaluate(value, x, y)
+    return free, prescribed
+
+
+def _refuse_rigid_motion(mesh: Mesh, free: np.ndarray, name: str) -> None:
+    """The clamped components must determine both translations and the rotation."""
+    centre, scale = mesh.points.mean(axis=0), mesh.extent
+    x, y = ((mesh.points - centre) / scale).T
+    modes = np.stack([np.stack([np.ones_like(x), np.zeros_like(x), -y], 1),
+                      np.stack([np.zeros_like(x), np.ones_like(x), x], 1)], 1)  # (nv, 2, 3)
+    held = modes[~free]
+    values, vectors = np.linalg.eigh(held.T @ held)
+    if values[0] <= 1e-16 * max(values[-1], 1.0) * max(len(held), 1):
+        tx, ty, rotation = np.abs(vectors[:, 0])
+        loose = "rotate" if rotation > 0.5 else "move along x" if tx > ty else "move along y"
+        raise InputError(f"body.{name}.clamp: the body is not held: it can still {loose} as a rigid body; "
+                         "clamp a boundary group, or more components of one")
+
+
+def _rigid_motions(points: np.ndarray, free: np.ndarray, comm) -> PETSc.NullSpace:
+    """Translations and rotation, orthonormal, for algebraic multigrid."""
+    x, y = (points - points.mean(axis=0)).T
+    zero, one = np.zeros_like(x), np.ones_like(x)
+    modes = np.stack([np.column_stack([one, zero]), np.column_stack([zero, one]), np.column_stack([-y, x])])
+    Q, _ = np.linalg.qr((modes * free).reshape(3, -1).T)
+    vectors = [PETSc.Vec().createWithArray(np.ascontiguousarray(q), bsize=2, comm=comm) for q in Q.T]
+    return PETSc.NullSpace().create(vectors=vectors, comm=comm)

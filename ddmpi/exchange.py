@@ -1,0 +1,91 @@
+"""All communication between bodies: interface vectors, and agreement on errors.
+
+The only module that talks to another body's rank. Counts what it sends.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+
+import numpy as np
+from mpi4py import MPI
+
+from ddmpi.errors import DdmpiError
+
+_INTERFACE = 11
+
+
+class Exchange:
+    """Talks across one interface, between the roots of two bodies.
+
+    Every message starts with a word that says whether the sender is well, so that an error on one
+    rank reaches the other at the next exchange instead of leaving it waiting.
+
+    Parameters
+    ----------
+    world : communicator of all bodies
+    partner : rank of the other body's root in `world`
+    role : 1 or 2, of this body at the interface
+
+    Attributes
+    ----------
+    messages, bytes : sent so far by this rank through `swap`
+    """
+
+    def __init__(self, world: MPI.Comm, partner: int, role: int) -> None:
+        self.world, self.partner, self.role = world, partner, role
+        self.messages = self.bytes = 0
+        self._failure: DdmpiError | None = None
+
+    def swap(self, mine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Exchange equally long vectors with the partner; returns (role 1's, role 2's).
+
+        Collective over both bodies. Raises the error of either side on both.
+        """
+        send, receive = np.empty(len(mine) + 1), np.empty(len(mine) + 1)
+        send[0] = self._failure is not None
+        send[1:] = mine
+        self.world.Sendrecv(send, self.partner, _INTERFACE, receive, self.partner, _INTERFACE)
+        self.messages += 1
+        self.bytes += send.nbytes
+        if send[0] or receive[0]:
+            self.agree()
+        theirs = receive[1:]
+        return (mine, theirs) if self.role == 1 else (theirs, mine)
+
+    def swap_objects(self, mine: object) -> tuple:
+        """As `swap`, for small objects during set-up and output; not counted."""
+        theirs = self.world.sendrecv(mine, self.partner, _INTERFACE + 1, None, self.partner, _INTERFACE + 1)
+        return (mine, theirs) if self.role == 1 else (theirs, mine)
+
+    @contextlib.contextmanager
+    def deferred(self) -> Iterator[None]:
+        """Run local work; an error in it is kept and raised on both sides at the next `swap`."""
+        try:
+            yield
+        except DdmpiError as error:
+            self._failure = error
+
+    def agree(self) -> None:
+        """Raise the kept error of any body on all ranks. Collective on the world."""
+        agree(self.world, self._failure)
+
+
+def agree(world: MPI.Comm, error: DdmpiError | None) -> None:
+    """Raise the first rank's error, if there is one, on all ranks. Collective."""
+    for found in world.allgather(error):
+        if found is not None:
+            found.agreed = True
+            raise found
+
+
+@contextlib.contextmanager
+def agreed(world: MPI.Comm) -> Iterator[None]:
+    """Run local work; afterwards all ranks raise the first error that any of them met. Collective."""
+    error = None
+    try:
+        yield
+    except DdmpiError as failure:
+        error = failure
+    agree(world, error)

@@ -1,0 +1,222 @@
+"""Result files: complete or absent. They are written under temporary names and renamed at the end.
+
+Each body's ranks write their own part of the fields, in turn, so that nothing of the size of a body
+crosses ranks.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import shutil
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ddmpi.algorithm import Step
+from ddmpi.certificate import ContactState
+from ddmpi.errors import InputError, OutputError
+from ddmpi.interface import Interface
+
+NAMES = ("result.h5", "result.xdmf", "history.csv", "interface.csv", "summary.json",
+         "bodies.png", "contact.png", "convergence.png")
+"""All files of a result; the summary is renamed last, so where it is, the rest is."""
+
+HISTORY_COLUMNS = ("iteration", "update", "force_mismatch", "inner_precision", "n_A_1", "n_A_2")
+INTERFACE_COLUMNS = ("x", "y", "normal_force", "tangential_force", "normal_stress", "tangential_stress",
+                     "gap", "slip", "status")
+
+XDMF = """<?xml version="1.0"?>
+<!DOCTYPE Xdmf SYSTEM "Xdmf.dtd" []>
+<Xdmf Version="3.0" xmlns:xi="http://www.w3.org/2001/XInclude">
+  <Domain>
+    <Grid Name="mesh" GridType="Uniform">
+      <Geometry GeometryType="XYZ">
+        <DataItem DataType="Float" Precision="8" Format="HDF" Dimensions="{nv} 3">result.h5:/points</DataItem>
+      </Geometry>
+      <Topology TopologyType="Triangle" NumberOfElements="{nt}" NodesPerElement="3">
+        <DataItem DataType="Int" Precision="8" Format="HDF" Dimensions="{nt} 3">result.h5:/cells</DataItem>
+      </Topology>
+    </Grid>
+    <Grid Name="steps" GridType="Collection" CollectionType="Temporal">
+      <Grid Name="step">
+        <xi:include xpointer="xpointer(//Grid[@Name=&quot;mesh&quot;]/*[self::Topology or self::Geometry])"/>
+        <Time Value="0.0"/>
+{attributes}
+      </Grid>
+    </Grid>
+  </Domain>
+</Xdmf>
+"""
+ATTRIBUTE = """        <Attribute Name="{name}" AttributeType="{kind}" Center="{center}">
+          <DataItem DataType="{type}" Precision="8" Format="HDF" Dimensions="{dimensions}">result.h5:/{name}</DataItem>
+        </Attribute>"""
+KIND = {1: "Scalar", 3: "Vector", 6: "Tensor6"}
+
+
+@dataclass(frozen=True)
+class Fields:
+    """Fields of one body; stress and von Mises are None where no one asked for them.
+
+    points (nv, 2) m, triangles (nt, 3), displacement (nv, 2) m, stress (nt, 4) as
+    `elasticity.stress` and von_mises (nt,) in Pa.
+    """
+
+    points: np.ndarray
+    triangles: np.ndarray
+    displacement: np.ndarray
+    stress: np.ndarray | None = None
+    von_mises: np.ndarray | None = None
+
+
+def choose_folder(wanted: str | None, scene: str) -> Path:
+    """The folder for the results: `wanted`, or the first free one of results/SCENE, results/SCENE-2, …
+
+    Raises InputError where results stand already or nothing can be written. Not collective; creates
+    the folder.
+    """
+    if wanted is None:
+        stem, k = Path("results") / Path(scene).stem, 1
+        folder = stem
+        while folder.exists():
+            k += 1
+            folder = stem.with_name(f"{stem.name}-{k}")
+    else:
+        folder = Path(wanted)
+        present = [name for name in NAMES if (folder / name).exists()]
+        if present:
+            raise InputError(f"--output {folder}: there are results already ({', '.join(present)}); "
+                             "nothing is overwritten, so name another folder or remove them")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / f".writable-{os.getpid()}"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise InputError(f"--output {folder}: cannot write there: {error.strerror}") from None
+    return folder
+
+
+class Staging:
+    """A folder beside the results in which they are made; `publish` moves them into place."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.path = folder, folder / f".unfinished-{os.getpid()}"
+
+    def create(self) -> None:
+        _guarded(lambda: self.path.mkdir())
+
+    def publish(self) -> list[Path]:
+        """Rename all files into the result folder, the summary last. Raises OutputError."""
+        def rename() -> list[Path]:
+            names = [name for name in NAMES if (self.path / name).exists()]
+            for name in sorted(names, key=lambda name: name == "summary.json"):
+                os.rename(self.path / name, self.folder / name)
+            self.path.rmdir()
+            return [self.folder / name for name in names]
+        return _guarded(rename)
+
+    def discard(self) -> None:
+        """Remove what was made so far."""
+        shutil.rmtree(self.path, ignore_errors=True)
+
+
+def write_fields(path: Path, fields: Fields, body: int, sizes: Sequence[tuple[int, int]]) -> None:
+    """Write the part of body number `body` into result.h5; body 0 creates the file.
+
+    `sizes` holds the numbers of nodes and triangles of all bodies. Not collective: the caller
+    sees to it that bodies write one after another. Raises OutputError.
+    """
+    import h5py
+
+    nodes = sum(nv for nv, _ in sizes[:body])
+    cells = sum(nt for _, nt in sizes[:body])
+    parts = {"points": (_padded(fields.points), nodes), "cells": (fields.triangles + nodes, cells),
+             "displacement": (_padded(fields.displacement), nodes),
+             "body": (np.full(len(fields.triangles), body), cells)}
+    if fields.stress is not None:
+        xx, yy, zz, xy = fields.stress.T
+        zero = np.zeros_like(xx)
+        parts["stress"] = (np.column_stack([xx, xy, zero, yy, zero, zz]), cells)
+        parts["von_mises"] = (fields.von_mises, cells)
+
+    def write() -> None:
+        with h5py.File(path / "result.h5", "w" if body == 0 else "r+") as file:
+            for name, (part, start) in parts.items():
+                if body == 0:
+                    total = sum(size[0 if name in ("points", "displacement") else 1] for size in sizes)
+                    file.create_dataset(name, (total, *part.shape[1:]), dtype=part.dtype)
+                file[name][start:start + len(part)] = part
+    _guarded(write)
+
+
+def write_xdmf(path: Path) -> None:
+    """Write result.xdmf, a time series of one step, which describes result.h5. Raises OutputError."""
+    import h5py
+
+    def write() -> None:
+        with h5py.File(path / "result.h5", "r") as file:
+            nv, nt = len(file["points"]), len(file["cells"])
+            attributes = [ATTRIBUTE.format(
+                name=name, kind=KIND[data.shape[1] if data.ndim > 1 else 1],
+                center="Node" if name == "displacement" else "Cell",
+                type="Int" if data.dtype.kind == "i" else "Float",
+                dimensions=" ".join(str(d) for d in data.shape))
+                for name, data in file.items() if name not in ("points", "cells")]
+        (path / "result.xdmf").write_text(XDMF.format(nv=nv, nt=nt, attributes="\n".join(attributes)))
+    _guarded(write)
+
+
+def write_history(path: Path, history: Iterable[Step]) -> None:
+    """Write history.csv, a line per outer iteration. Raises OutputError."""
+    _write_csv(path / "history.csv", HISTORY_COLUMNS,
+               ((s.iteration, s.update, s.mismatch, s.inner_precision, *s.n_A) for s in history))
+
+
+def write_interface(path: Path, interface: Interface, state: ContactState) -> None:
+    """Write interface.csv, a line per contact node, ordered along the interface. Raises OutputError."""
+    rows = zip(*interface.xy.T, state.normal_force, state.tangential_force, state.normal_force / interface.length,
+               state.tangential_force / interface.length, state.gap, state.slip, state.status, strict=True)
+    _write_csv(path / "interface.csv", INTERFACE_COLUMNS, rows)
+
+
+def write_summary(path: Path, summary: dict) -> None:
+    """Write summary.json. Raises OutputError."""
+    text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False, default=_plain) + "\n"
+    _guarded(lambda: (path / "summary.json").write_text(text, encoding="utf-8"))
+
+
+def finite_or_none(value: float) -> float | None:
+    """JSON has no NaN and no infinity; null says that there is no number."""
+    return float(value) if np.isfinite(value) else None
+
+
+def _write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence]) -> None:
+    def write() -> None:
+        with open(path, "w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(columns)
+            writer.writerows([repr(float(v)) if isinstance(v, float | np.floating) else v for v in row] for row in rows)
+    _guarded(write)
+
+
+def _guarded(action):
+    """Run a file operation; what the system refuses is an OutputError."""
+    try:
+        return action()
+    except OSError as error:
+        name = f"{error.filename}: " if error.filename else ""
+        raise OutputError(f"results could not be written: {name}{error.strerror or error}") from None
+
+
+def _padded(array: np.ndarray) -> np.ndarray:
+    return np.column_stack([array, np.zeros(len(array))])
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} does not belong into a summary")

@@ -1,0 +1,391 @@
+"""The scene: bodies, materials, loads, contact and method, as frozen data read from TOML.
+
+Validation is msgspec's; what is added here is that a message names the file, the key as a user
+would write it after ``--set``, and what would have been right.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args, get_type_hints
+
+import msgspec
+import numpy as np
+
+from ddmpi.errors import InputError
+
+Positive = Annotated[float, msgspec.Meta(gt=0)]
+NonNegative = Annotated[float, msgspec.Meta(ge=0)]
+PositiveInt = Annotated[int, msgspec.Meta(ge=1)]
+Name = Annotated[str, msgspec.Meta(min_length=1)]
+Point = tuple[float, float]
+
+
+class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A TOML table in which unknown keys are errors."""
+
+
+class AffineVector(_Table, kw_only=True):
+    """A vector that is linear in the coordinates: ``constant + x_slope * x + y_slope * y``."""
+
+    constant: Point = (0.0, 0.0)
+    x_slope: Point = (0.0, 0.0)
+    y_slope: Point = (0.0, 0.0)
+
+
+class AffineScalar(_Table, kw_only=True):
+    """A number that is linear in the coordinates: ``constant + x_slope * x + y_slope * y``."""
+
+    constant: float = 0.0
+    x_slope: float = 0.0
+    y_slope: float = 0.0
+
+
+def evaluate(value: Any, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Evaluate a constant or affine scalar or vector at points.
+
+    Parameters
+    ----------
+    value : float, pair of floats, AffineScalar or AffineVector
+    x, y : arrays of one shape (metres)
+
+    Returns
+    -------
+    Array of that shape for a scalar, ``(2, *shape)`` for a vector; units of `value`.
+    """
+    if not isinstance(value, AffineVector | AffineScalar):
+        value = AffineVector(constant=value) if isinstance(value, tuple) else AffineScalar(constant=value)
+    terms = [np.multiply.outer(np.asarray(c), f) for c, f in
+             ((value.constant, np.ones_like(x)), (value.x_slope, x), (value.y_slope, y))]
+    return sum(terms)
+
+
+class Profile(_Table, kw_only=True):
+    """A number that varies along the interface, linear between points; a repeated point is a jump.
+
+    ``along`` is a coordinate or the arc length from the first contact node, ``points`` its values in
+    ascending order. Beyond the ends the end values hold.
+    """
+
+    along: Literal["x", "y", "arc"] = "x"
+    points: list[float]
+    values: list[NonNegative]
+
+    def __post_init__(self) -> None:
+        if len(self.points) != len(self.values) or not self.points:
+            raise ValueError(f"points and values must be equally many, at least one; "
+                             f"got {len(self.points)} points and {len(self.values)} values")
+        if any(b < a for a, b in zip(self.points, self.points[1:], strict=False)):
+            raise ValueError("points must ascend (equal neighbours make a jump)")
+
+    def at(self, xy: np.ndarray) -> np.ndarray:
+        """Values (m,) at the contact nodes `xy` (m, 2), ordered along the interface, in metres."""
+        if self.along == "arc":
+            position = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(xy, axis=0), axis=1))])
+        else:
+            position = xy[:, "xy".index(self.along)]
+        return np.interp(position, self.points, self.values)
+
+
+class MeshSpec(_Table, kw_only=True):
+    """Either a generated shape (``shape, origin, size, divisions``) or a gmsh ``file``."""
+
+    shape: Literal["rectangle"] | None = None
+    origin: Point = (0.0, 0.0)
+    size: tuple[Positive, Positive] | None = None
+    divisions: tuple[PositiveInt, PositiveInt] | None = None
+    file: str | None = None
+
+    def __post_init__(self) -> None:
+        if (self.shape is None) == (self.file is None):
+            raise ValueError('a mesh is either { shape = "rectangle", size = …, divisions = … } or { file = "….msh" }')
+        if self.shape is not None and (self.size is None or self.divisions is None):
+            raise ValueError("a rectangle needs size = [width, height] and divisions = [nx, ny]")
+        if self.file is not None and (self.size or self.divisions or self.origin != (0.0, 0.0)):
+            raise ValueError("origin, size and divisions belong to a shape, not to a file")
+
+
+class Material(_Table, kw_only=True):
+    """Isotropic linear elasticity; ``young`` in Pa."""
+
+    young: Positive
+    poisson: Annotated[float, msgspec.Meta(gt=-1, lt=0.5)]
+    plane: Literal["strain", "stress"] = "strain"
+
+    @property
+    def lame(self) -> tuple[float, float]:
+        """First Lamé constant and shear modulus (Pa) of the plane problem."""
+        E, nu = self.young, self.poisson
+        shear = E / (2 * (1 + nu))
+        first = E * nu / ((1 + nu) * (1 - 2 * nu))
+        if self.plane == "stress":
+            first = E * nu / (1 - nu**2)
+        return first, shear
+
+
+class Clamp(_Table, kw_only=True):
+    """Prescribed displacement (m) on a boundary group; a component that is left out stays free."""
+
+    on: Name
+    x: float | AffineScalar | None = None
+    y: float | AffineScalar | None = None
+
+    def __post_init__(self) -> None:
+        if self.x is None and self.y is None:
+            raise ValueError("a clamp prescribes x, y or both (write the bare group name to fix both)")
+
+
+class Traction(_Table, kw_only=True):
+    """Surface traction (Pa) on a boundary group."""
+
+    on: Name
+    value: Point | AffineVector
+
+
+class BodySpec(_Table, kw_only=True):
+    """One elastic body."""
+
+    name: Name
+    mesh: MeshSpec
+    material: Material
+    clamp: list[Name | Clamp] = []
+    traction: list[Traction] = []
+    volume_force: Point | AffineVector = (0.0, 0.0)
+
+    @property
+    def clamps(self) -> list[Clamp]:
+        """All clamps in the long form; a bare group name fixes both components."""
+        return [Clamp(on=c, x=0.0, y=0.0) if isinstance(c, str) else c for c in self.clamp]
+
+
+class Coulomb(_Table, kw_only=True, tag_field="law", tag="coulomb"):
+    """Slip bound = coefficient × contact pressure."""
+
+    coefficient: NonNegative | Profile
+
+
+class Tresca(_Table, kw_only=True, tag_field="law", tag="tresca"):
+    """Given slip bound (Pa), which holds at every contact node, open or not (as in the slides)."""
+
+    slip_bound: NonNegative | Profile
+
+
+class NoFriction(_Table, kw_only=True, tag_field="law", tag="none"):
+    """Tangential unknowns do not exist."""
+
+
+class ContactSpec(_Table, kw_only=True):
+    """Two boundary groups that may touch; the first body takes role 1."""
+
+    bodies: tuple[Name, Name]
+    on: tuple[Name, Name]
+    friction: Coulomb | Tresca | NoFriction = NoFriction()
+
+
+class Method(_Table, kw_only=True):
+    """How the outer and inner iterations run (design, section 2)."""
+
+    algorithm: Literal["original"] = "original"
+    splitting: Literal["none"] = "none"
+    theta: Positive = 0.2
+    tolerance: Annotated[float, msgspec.Meta(gt=0, lt=1)] = 1e-4
+    max_iterations: PositiveInt = 500
+    inner_precision: Annotated[float, msgspec.Meta(gt=0, lt=1)] = 0.1
+
+
+class Output(_Table, kw_only=True):
+    """What is written besides the interface: nothing is computed that nobody asked for.
+
+    The units only label pictures, for scenes in MPa and mm, say: any consistent set gives the same.
+    """
+
+    stress: bool = True
+    figures: bool = True
+    length_unit: str = "m"
+    stress_unit: str = "Pa"
+
+
+class Scene(_Table, kw_only=True):
+    """A whole scene; `resolved` gives it back as plain data with all defaults filled in."""
+
+    title: str = ""
+    body: list[BodySpec]
+    contact: list[ContactSpec]
+    method: Method = Method()
+    output: Output = Output()
+    petsc: dict[str, str | int | float | bool] = {}
+
+    def __post_init__(self) -> None:
+        names = [b.name for b in self.body]
+        if len(names) != 2:
+            raise ValueError(f"a scene has two [[body]] tables; got {len(names)}")
+        if names[0] == names[1]:
+            raise ValueError(f"the two bodies are both called {names[0]!r}; give them different names")
+        if len(self.contact) != 1:
+            raise ValueError(f"a scene has one [[contact]] table; got {len(self.contact)}")
+        for name in self.contact[0].bodies:
+            if name not in names:
+                raise ValueError(f"contact.0.bodies names {name!r}, but the bodies are {', '.join(names)}"
+                                 f"{_nearest(name, names)}")
+        if self.contact[0].bodies[0] == self.contact[0].bodies[1]:
+            raise ValueError(f"contact.0.bodies names {self.contact[0].bodies[0]!r} twice; contact is between two bodies")
+        planes = {b.material.plane for b in self.body}
+        if len(planes) > 1:
+            raise ValueError("one body is in plane strain and the other in plane stress; they cannot touch")
+
+    def resolved(self) -> dict:
+        return msgspec.to_builtins(self)
+
+
+def read_scene(path: str, text: str, settings: list[str] = ()) -> Scene:
+    """Build a scene from TOML text and ``KEY=VALUE`` overrides.
+
+    Parameters
+    ----------
+    path : the file's name, for messages only
+    text : its contents
+    settings : as after ``--set``; applied in order, before validation
+
+    Raises
+    ------
+    InputError
+        naming file and key. Not collective: the same input raises the same error on every rank.
+    """
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not valid TOML: {error}") from None
+    for setting in settings:
+        _override(data, setting)
+    try:
+        scene = msgspec.convert(data, Scene)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{path}: {_explain(str(error), data)}") from None
+    _refuse_non_finite(path, scene.resolved())
+    return scene
+
+
+def read_scene_file(path: str | Path, settings: list[str] = ()) -> Scene:
+    """`read_scene` on a file. Not collective."""
+    return read_scene(str(path), read_text(path), settings)
+
+
+def read_text(path: str | Path) -> str:
+    """The text of a scene file, or an InputError that names it."""
+    try:
+        return Path(path).read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text file in UTF-8") from None
+
+
+def _override(data: dict, setting: str) -> None:
+    """Apply one ``KEY=VALUE``: the value is TOML, or else a plain string."""
+    key, separator, value = setting.partition("=")
+    if not separator or not key:
+        raise InputError(f"--set {setting}: expected KEY=VALUE, as in method.theta=0.3")
+    try:
+        value = tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = value.strip()
+    *parents, last = key.strip().split(".")
+    table: Any = data
+    for depth, part in enumerate(parents):
+        table = table[_index(table, part, key)] if isinstance(table, list) else table.setdefault(part, {})
+        if not isinstance(table, dict | list):
+            raise InputError(f"--set {key}: {'.'.join(parents[:depth + 1])} is a value, not a table")
+    if isinstance(table, list):
+        table[_index(table, last, key)] = value
+    else:
+        table[last] = value
+
+
+def _index(table: list, part: str, key: str) -> int:
+    """Position in an array of tables, by number or by the entry's name."""
+    names = [entry["name"] for entry in table if isinstance(entry, dict) and "name" in entry]
+    if part in names:
+        return names.index(part)
+    if part.isdigit() and int(part) < len(table):
+        return int(part)
+    known = names or [f"0 to {len(table) - 1}" if table else "none, the list is empty"]
+    raise InputError(f"--set {key}: there is no entry {part!r}; there are {', '.join(known)}{_nearest(part, names)}")
+
+
+def _nearest(word: str, words: list[str]) -> str:
+    close = difflib.get_close_matches(word, words, n=1, cutoff=0.5)
+    return f"; did you mean {close[0]!r}?" if close else ""
+
+
+def _explain(message: str, data: dict) -> str:
+    """Turn msgspec's message and JSON path into a user's key and the nearest valid one."""
+    match = re.fullmatch(r"(.*?)(?: - at `(?:key in )?\$(.*)`)?", message, re.DOTALL)
+    problem, path = match[1], match[2] or ""
+    parts = re.findall(r"\w+|\.\.\.", path)
+    kind, here, named = Scene, data, []
+    for part in parts:
+        if isinstance(here, list) and part.isdigit():
+            here = here[int(part)] if int(part) < len(here) else {}
+            part = here.get("name", part) if isinstance(here, dict) else part
+        elif isinstance(here, dict):
+            here = here.get(part, {})
+        named.append(str(part))
+        kind = _member(kind, part, here)
+    key = ".".join(named)
+    unknown = re.search(r"unknown field `(.*?)`", problem)
+    missing = re.search(r"missing required field `(.*?)`", problem)
+    if unknown:
+        fields = _fields(kind)
+        full = ".".join([*named, unknown[1]])
+        return f"{full}: unknown key{_nearest(unknown[1], fields)} (valid here: {', '.join(fields)})"
+    if missing:
+        return f"{'.'.join([*named, missing[1]])}: this key is required and missing"
+    allowed = [a for a in get_args(kind) if isinstance(a, str)] if kind is not None else []
+    if not allowed and parts and parts[-1] == "law":
+        allowed = ["coulomb", "tresca", "none"]
+    if "Invalid" in problem and allowed:
+        return f"{key}: {here!r} is not valid; expected one of {', '.join(allowed)}{_nearest(str(here), allowed)}"
+    got = f" (got {here!r})" if parts and not isinstance(here, dict | list) else ""
+    problem = problem.replace("object", "a table").replace("array", "a list")
+    return (f"{key}: " if key else "") + problem[:1].lower() + problem[1:].replace("`", "") + got
+
+
+def _fields(kind: Any) -> list[str]:
+    if not (isinstance(kind, type) and issubclass(kind, msgspec.Struct)):
+        return []
+    tag = kind.__struct_config__.tag_field
+    return ([tag] if tag else []) + list(kind.__struct_fields__)
+
+
+def _member(kind: Any, part: str, here: Any) -> Any:
+    """The type that stands at key `part` of `kind`; for a union, the one that fits the data."""
+    if kind is None:
+        return None
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct) and part in kind.__struct_fields__:
+        kind = get_type_hints(kind)[part]
+    else:  # an entry of a list
+        inner = get_args(kind)
+        kind = inner[0] if inner else None
+    options = [o for o in (get_args(kind) if not isinstance(kind, type) else ())
+               if isinstance(o, type) and issubclass(o, msgspec.Struct)]
+    if options and isinstance(here, dict):
+        tagged = [o for o in options if o.__struct_config__.tag == here.get("law", object())]
+        return (tagged or options)[0]
+    return kind
+
+
+def _refuse_non_finite(path: str, value: Any, key: str = "") -> None:
+    """TOML knows nan and inf; no key of a scene does."""
+    if isinstance(value, dict):
+        for name, entry in value.items():
+            _refuse_non_finite(path, entry, f"{key}.{name}" if key else name)
+    elif isinstance(value, list | tuple):
+        for index, entry in enumerate(value):
+            label = entry["name"] if isinstance(entry, dict) and "name" in entry else index
+            _refuse_non_finite(path, entry, f"{key}.{label}")
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise InputError(f"{path}: {key}: must be a finite number (got {value})")

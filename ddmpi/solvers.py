@@ -1,0 +1,296 @@
+"""How things are solved: KSP on a stiffness matrix, TAO on a quadratic program.
+
+Everything is reachable from the command line: prefix ``body_`` for the KSP, ``qp_`` for the TAO.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from petsc4py import PETSc
+
+from ddmpi.errors import SolverError
+from ddmpi.mprgp import MPRGP
+from ddmpi.qp import QP, QPResult
+
+REFINEMENTS = 3
+"""How often an iterative solve whose true residual is too large is refined before it is an error."""
+
+DIRECT_RESIDUAL = 1e-6
+"""A direct solve whose relative residual exceeds this has failed (a pivot was lost)."""
+
+
+class StiffnessSolver:
+    """Solves with the stiffness A of one body; one factorization, at construction.
+
+    Default: MUMPS Cholesky; where PETSc has no MUMPS, CHOLMOD, else PETSc's own.
+
+    Parameters
+    ----------
+    A : the stiffness matrix, symmetric positive definite
+    name : the body's name, for messages
+
+    Raises
+    ------
+    SolverError
+        when the factorization fails. Collective on A's communicator.
+    """
+
+    def __init__(self, A: PETSc.Mat, name: str) -> None:
+        self.A, self.name = A, name
+        self.ksp = PETSc.KSP().create(A.comm)
+        self.ksp.setOptionsPrefix("body_")
+        self.ksp.setOperators(A)
+        self.ksp.setType(PETSc.KSP.Type.PREONLY)
+        pc = self.ksp.getPC()
+        pc.setType(PETSc.PC.Type.CHOLESKY)
+        options = PETSc.Options("body_")
+        if options.getString("pc_type", "cholesky") == "cholesky" and not options.hasName("pc_factor_mat_solver_type"):
+            pc.setFactorSolverType(best_cholesky(A))
+        self.ksp.setTolerances(rtol=1e-10, atol=0.0, max_it=2000)
+        self.ksp.setNormType(PETSc.KSP.NormType.NONE if self.ksp.getType() == "preonly"
+                             else PETSc.KSP.NormType.UNPRECONDITIONED)
+        self.ksp.setErrorIfNotConverged(False)
+        self.ksp.setFromOptions()
+        self.direct = self.ksp.getType() == PETSc.KSP.Type.PREONLY
+        if not self.direct and not options.hasName("ksp_norm_type"):
+            self._use_true_residual()
+        try:
+            self.ksp.setUp()
+        except PETSc.Error as error:
+            raise SolverError(f"body {name!r}: the stiffness matrix could not be factored "
+                              f"({self.description}): {_petsc_message(error)}") from None
+        self._residual, self._correction = A.createVecs()
+        self._first = True
+
+    @property
+    def description(self) -> str:
+        """Type of KSP, PC and factorization, for logs and results."""
+        pc = self.ksp.getPC()
+        kind = f"{self.ksp.getType()} + {pc.getType()}"
+        return f"{kind} ({pc.getFactorSolverType()})" if pc.getType() in ("cholesky", "lu") else kind
+
+    def solve(self, f: PETSc.Vec, u: PETSc.Vec) -> None:
+        """u ← A⁻¹ f. Collective. Raises SolverError when the true residual is too large.
+
+        A direct solver is checked at its first solve (the certificate checks the last one), an
+        iterative one at every solve, and refined where its own norm was too kind.
+        """
+        self._solve(f, u)
+        if self.direct and not self._first:
+            return
+        self._first = False
+        target = DIRECT_RESIDUAL if self.direct else 2 * self.ksp.getTolerances()[0]
+        size = f.norm()
+        for _ in range(REFINEMENTS):
+            self.A.mult(u, self._residual)
+            self._residual.aypx(-1.0, f)
+            residual = self._residual.norm()
+            if residual <= target * size:
+                return
+            if not np.isfinite(residual):
+                break
+            self._solve(self._residual, self._correction)
+            u.axpy(1.0, self._correction)
+        raise SolverError(f"body {self.name!r}: {self.description} left a true residual of "
+                          f"{residual / size:.1e} relative to the load, {target:.0e} is needed")
+
+    def _solve(self, f: PETSc.Vec, u: PETSc.Vec) -> None:
+        self.ksp.solve(f, u)
+        reason = self.ksp.getConvergedReason()
+        if reason < 0:
+            raise SolverError(f"body {self.name!r}: {self.description} failed with "
+                              f"{_name(PETSc.KSP.ConvergedReason, reason)} after "
+                              f"{self.ksp.getIterationNumber()} iterations")
+
+    def _use_true_residual(self) -> None:
+        """Test the unpreconditioned residual where the method can; else the check in `solve` decides."""
+        if self.ksp.getType() in ("cg", "gmres", "fgmres", "bcgs", "cr", "minres"):
+            self.ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+            if self.ksp.getType() == "gmres":
+                self.ksp.setPCSide(PETSc.PC.Side.RIGHT)
+
+
+def best_cholesky(A: PETSc.Mat) -> str:
+    """The best Cholesky factorization that this PETSc offers for A."""
+    for package in ("mumps", "cholmod"):
+        pc = PETSc.PC().create(A.comm)
+        try:
+            pc.setOperators(A)
+            pc.setType(PETSc.PC.Type.CHOLESKY)
+            pc.setFactorSolverType(package)
+            pc.setFactorSetUpSolverType()
+        except PETSc.Error:
+            continue
+        else:
+            return package
+        finally:
+            pc.destroy()
+    return "petsc"
+
+
+class QPSolver:
+    """Solves quadratic programs with one TAO type; prefix ``qp_``.
+
+    Every type sees the same problem, scaled free of units (the Hessian has norm one, the linear
+    term norm one), has the same stopping test and is rechecked afterwards by the same measure.
+    Unknowns whose two bounds coincide are taken out, and the program is posed for the change from
+    the starting point. MPRGP (the default) does both by itself and keeps the product C s on its way.
+    """
+
+    def __init__(self) -> None:
+        self.type = PETSc.Options("qp_").getString("tao_type", "python")
+        self._tao: PETSc.TAO | None = None
+
+    def solve(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, purpose: str) -> QPResult:
+        """Solve `qp` from the point `s`, whose product with C is `Cs`.
+
+        Parameters
+        ----------
+        tolerance : largest ‖projected gradient‖₂, in the unit of d (m)
+        purpose : under which the multiplications are counted
+
+        Raises
+        ------
+        SolverError
+            when the precision is not reached, whatever TAO says. Collective on the body.
+        """
+        start = qp.project(s)
+        if not np.array_equal(start, s):
+            Cs = np.empty_like(start)
+            qp.C.mult(start, Cs, purpose)
+        if qp.residual(start, Cs) <= tolerance:
+            return QPResult(start, Cs, qp.residual(start, Cs), 0, {})
+        bounded = np.isfinite(qp.lower).any() or np.isfinite(qp.upper).any()
+        if self.type == "python" or not bounded:
+            result = self._mprgp(qp, start, Cs, tolerance, purpose)
+        else:
+            result = self._petsc(qp, start, Cs, tolerance, purpose)
+        if not result.residual <= 1.01 * tolerance:
+            raise SolverError(f"subproblem for {purpose}: TAO type {self.type} ended with {self._reason()} after "
+                              f"{result.iterations} iterations; projected gradient {result.residual:.2e} m, "
+                              f"needed {tolerance:.2e} m")
+        return result
+
+    def _mprgp(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, purpose: str) -> QPResult:
+        problem = _Scaled(qp, np.arange(qp.C.size), s, Cs, purpose)
+        tao = self._create(problem, "python", tolerance)
+        tao.solve()
+        x, g = tao.getSolution().array_r, tao.getGradient()[0].array_r
+        s = problem.force * x
+        for bound in (qp.lower, qp.upper):  # what lies on a bound lies there exactly
+            s = np.where(x == bound / problem.force, bound, s)
+        Cs = problem.displacement * g + qp.d
+        steps = dict(tao.getPythonContext().steps)
+        return QPResult(s, Cs, qp.residual(s, Cs), tao.getIterationNumber(), steps)
+
+    def _petsc(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, purpose: str) -> QPResult:
+        moving = np.flatnonzero(qp.lower < qp.upper)
+        problem = _Scaled(qp, moving, s, Cs, purpose)
+        tao = self._create(problem, self.type, tolerance)
+        tao.solve()
+        s = s.copy()
+        s[moving] = problem.force * tao.getSolution().array_r
+        s = qp.project(s)
+        Cs = np.empty_like(s)
+        qp.C.mult(s, Cs, purpose)
+        return QPResult(s, Cs, qp.residual(s, Cs), tao.getIterationNumber(), {})
+
+    def _create(self, problem: _Scaled, kind: str, tolerance: float) -> PETSc.TAO:
+        if self._tao is not None:
+            self._tao.destroy()
+        tao = self._tao = PETSc.TAO().create(PETSc.COMM_SELF)
+        tao.setOptionsPrefix("qp_")
+        if kind == "python":
+            tao.setType(PETSc.TAO.Type.PYTHON)
+            tao.setPythonContext(MPRGP())
+        else:
+            tao.setType(kind)
+        x, lower, upper = problem.vectors()
+        tao.setSolution(x)
+        tao.setVariableBounds((lower, upper))
+        gradient = x.duplicate()
+        tao.setObjectiveGradient(problem.objective_gradient, gradient)
+        tao.setGradient(problem.gradient, gradient)
+        tao.setObjective(problem.objective)
+        H = problem.hessian()
+        tao.setHessian(lambda *_: None, H)
+        tao.setMaximumIterations(20 * len(problem.moving) + 200)
+        tao.setTolerances(gatol=tolerance / problem.displacement, grtol=0.0, gttol=0.0)
+        tao.setFromOptions()
+        return tao
+
+    def _reason(self) -> str:
+        return _name(PETSc.TAO.Reason, self._tao.getConvergedReason()) if self._tao else "nothing done"
+
+
+class _Scaled:
+    """A QP in scaled unknowns x = s/force on the indices `moving`, with unit Hessian and linear term.
+
+    The Hessian is applied through the whole operator; the product at the last point is kept, so that
+    objective and gradient at one point cost one multiplication.
+    """
+
+    def __init__(self, qp: QP, moving: np.ndarray, s: np.ndarray, Cs: np.ndarray, purpose: str) -> None:
+        self.qp, self.moving, self.purpose = qp, moving, purpose
+        norm = qp.C.norm()
+        self.displacement = max(np.linalg.norm(qp.d), np.linalg.norm(Cs)) or 1.0
+        self.force = self.displacement / norm
+        self._norm = norm
+        self._whole, self._product = np.zeros(qp.C.size), np.empty(qp.C.size)
+        # gradient = H x − d̂ with d̂ so that it is right at the start, whose product is known
+        self._start = s[moving] / self.force
+        self._start_gradient = (Cs - qp.d)[moving] / self.displacement
+        self._at, self._g = self._start.copy(), self._start_gradient
+
+    def vectors(self) -> tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]:
+        arrays = (self._start.copy(), self.qp.lower[self.moving] / self.force, self.qp.upper[self.moving] / self.force)
+        return tuple(PETSc.Vec().createWithArray(a, comm=PETSc.COMM_SELF) for a in arrays)
+
+    def hessian(self) -> PETSc.Mat:
+        k = len(self.moving)
+        H = PETSc.Mat().createPython((k, k), context=self, comm=PETSc.COMM_SELF)
+        H.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        H.setUp()
+        return H
+
+    def norm(self) -> float:
+        """‖H‖₂, from below."""
+        return 1.0
+
+    def _apply(self, x: np.ndarray) -> np.ndarray:
+        self._whole[self.moving] = x
+        self.qp.C.mult(self._whole, self._product, self.purpose)
+        return self._product[self.moving] / self._norm
+
+    def mult(self, _mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        y.array[:] = self._apply(x.array_r)
+
+    def getDiagonal(self, _mat: PETSc.Mat, v: PETSc.Vec) -> None:
+        v.set(1.0)
+
+    def _gradient(self, x: np.ndarray) -> np.ndarray:
+        if not np.array_equal(x, self._at):
+            self._g = self._start_gradient + self._apply(x - self._start)
+            self._at = x.copy()
+        return self._g
+
+    def objective(self, _tao: PETSc.TAO, X: PETSc.Vec) -> float:
+        x = X.array_r
+        return float(0.5 * (x - self._start) @ (self._gradient(x) + self._start_gradient))
+
+    def gradient(self, _tao: PETSc.TAO, X: PETSc.Vec, G: PETSc.Vec) -> None:
+        G.array[:] = self._gradient(X.array_r)
+
+    def objective_gradient(self, tao: PETSc.TAO, X: PETSc.Vec, G: PETSc.Vec) -> float:
+        self.gradient(tao, X, G)
+        return self.objective(tao, X)
+
+
+def _name(reasons: type, value: int) -> str:
+    """PETSc's name of a reason code."""
+    names = [n for n in dir(reasons) if n.isupper() and getattr(reasons, n) == value]
+    return next((n for n in names if n.startswith(("CONVERGED", "DIVERGED"))), f"reason {value}")
+
+
+def _petsc_message(error: PETSc.Error) -> str:
+    return " ".join(str(error).split("\n")[-1].split())

@@ -1,0 +1,127 @@
+# Sourced by run.sh and test.sh: brings this machine to a working state and sets
+#   PYTHON   an interpreter that imports all that pyproject.toml names
+#   and the environment that Open MPI and OpenBLAS want.
+# It looks, in this order, at DDMPI_PYTHON, at the .venv of an earlier set-up, at the python3 on PATH
+# (conda, modules, Spack), and last at Debian's packages, which it installs where it may.
+# A set-up that is there costs one file comparison.
+
+ROOT=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+VENV=${DDMPI_VENV:-$ROOT/.venv}
+STAMP=$VENV/ddmpi-setup
+DEBIAN_PACKAGES="python3-venv python3-petsc4py python3-mpi4py python3-h5py python3-h5py-mpi python3-scipy
+    python3-matplotlib openmpi-bin libopenblas0-pthread libgl1 libglu1-mesa libxrender1 libxcursor1
+    libxft2 libxinerama1 libxfixes3"
+MODULES="numpy scipy mpi4py petsc4py h5py gmsh meshio skfem msgspec matplotlib pytest pytest_isolate_mpi"
+
+say() { printf 'ddmpi set-up: %s\n' "$*" >&2; }
+give_up() { say "$*"; exit 1; }
+
+# Does this interpreter really import everything, and is there an mpirun?
+complete() {
+    command -v mpirun >/dev/null 2>&1 || return 1
+    "$1" - $MODULES <<'PY' >/dev/null 2>&1
+import importlib, sys
+assert sys.version_info >= (3, 11)
+for name in sys.argv[1:]:
+    importlib.import_module(name)
+from petsc4py import PETSc  # the library behind the binding
+PY
+}
+
+# What the set-up depends on: a change of these makes it run again.
+wanted() { cat "$ROOT/pyproject.toml" "$ROOT/scripts/setup.sh"; }
+
+missing_packages() {
+    local package
+    for package in $DEBIAN_PACKAGES; do
+        dpkg-query -W -f '${Status}' "$package" 2>/dev/null | grep -q '^install ok installed' || echo "$package"
+    done
+}
+
+install_packages() {
+    local missing root_command=""
+    missing=$(missing_packages | tr '\n' ' ')
+    [ -z "${missing// /}" ] && return 0
+    if [ "$(id -u)" != 0 ]; then
+        if sudo -n true 2>/dev/null; then root_command="sudo -n"
+        else give_up "these packages are missing and this account may not install them; ask for
+    apt-get install --no-install-recommends $missing
+or name a Python that has $MODULES and ruff in DDMPI_PYTHON (conda-forge has them all)."; fi
+    fi
+    say "installing Debian packages (about a minute): $missing"
+    $root_command apt-get update -qq >&2 || give_up "apt-get update failed"
+    $root_command env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $missing \
+        >"$LOG" 2>&1 || { tail -n 20 "$LOG" >&2; give_up "apt-get could not install them (above)"; }
+}
+
+make_venv() {
+    local site
+    say "making $VENV"
+    rm -rf "$VENV"
+    /usr/bin/python3 -m venv --system-site-packages "$VENV" || give_up "python3 -m venv failed"
+    site=$("$VENV/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
+    # Debian keeps petsc4py inside the PETSc tree.
+    echo 'import sys,glob; sys.path += glob.glob("/usr/lib/petscdir/petsc*/*-linux-gnu-real/lib/python3/dist-packages")' \
+        >"$site/debian-petsc4py.pth"
+    # What Debian brings (MPI, PETSc, HDF5 and the bindings to them) must not come again from PyPI, and
+    # nothing may replace the numpy that Debian's bindings were compiled for.
+    "$VENV/bin/python" - "$ROOT/pyproject.toml" >"$VENV/requirements.txt" <<'PY'
+import re, sys, tomllib
+project = tomllib.load(open(sys.argv[1], "rb"))["project"]
+from_debian = {"mpi4py", "petsc4py", "h5py", "numpy", "scipy", "matplotlib"}
+for requirement in project["dependencies"] + project["optional-dependencies"]["test"]:
+    if re.match(r"[\w-]+", requirement)[0] not in from_debian:
+        print(requirement)
+PY
+    "$VENV/bin/python" -c 'import numpy; print("numpy==" + numpy.__version__)' >"$VENV/constraints.txt"
+    "$VENV/bin/pip" install --quiet --disable-pip-version-check -r "$VENV/requirements.txt" -c "$VENV/constraints.txt" \
+        >"$LOG" 2>&1 || { tail -n 20 "$LOG" >&2; give_up "pip could not install the Python packages (above)"; }
+    "$VENV/bin/pip" install --quiet --disable-pip-version-check --no-deps -e "$ROOT" \
+        >"$LOG" 2>&1 || { tail -n 20 "$LOG" >&2; give_up "pip could not install ddmpi itself (above)"; }
+}
+
+set_up() {
+    local found
+    if found=$(command -v python3) && complete "$found"; then
+        say "using $found, which has everything; nothing installed"
+        mkdir -p "$VENV/bin" && ln -sf "$found" "$VENV/bin/python.found" && wanted >"$STAMP"
+        return
+    fi
+    command -v apt-get >/dev/null 2>&1 || give_up "python3 lacks some of: $MODULES (and ruff), or mpirun is missing.
+Install them with your package manager (conda-forge has them all) and start again, or name a Python in DDMPI_PYTHON."
+    LOG=$(mktemp)
+    install_packages
+    make_venv
+    complete "$VENV/bin/python" || { "$VENV/bin/python" -c "import ${MODULES// /, }; from petsc4py import PETSc" >&2
+        give_up "the set-up ended, but not everything can be imported (above)"; }
+    rm -f "$LOG"
+    wanted >"$STAMP" # last: an interrupted set-up leaves no stamp and starts anew
+    say "done"
+}
+
+choose_python() {
+    if [ -n "${DDMPI_PYTHON:-}" ]; then
+        PYTHON=$DDMPI_PYTHON
+        return
+    fi
+    if ! wanted | cmp -s - "$STAMP"; then
+        mkdir -p "$(dirname "$VENV")"
+        exec 9>"$VENV.lock" # two jobs that start at once set up once
+        flock 9
+        wanted | cmp -s - "$STAMP" || set_up
+        flock -u 9
+        exec 9>&-
+    fi
+    PYTHON=$VENV/bin/python
+    [ -x "$VENV/bin/python.found" ] && PYTHON=$(readlink "$VENV/bin/python.found")
+    return 0
+}
+
+choose_python
+export PYTHON
+export PYTHONPATH="$ROOT${PYTHONPATH:+:$PYTHONPATH}"
+export OMP_NUM_THREADS=${OMP_NUM_THREADS:-1}
+if [ "$(id -u)" = 0 ]; then # Open MPI (4: OMPI, 5: PRTE) wants this said twice
+    export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
+    export PRTE_ALLOW_RUN_AS_ROOT=1 PRTE_ALLOW_RUN_AS_ROOT_CONFIRM=1
+fi
