@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import gc
 import io
 import logging
 import re
@@ -114,7 +115,10 @@ def _main(world: MPI.Comm, own: list[str], petsc: list[str]) -> int:
             raise
         if world.rank == 0:
             print(f"ddmpi: error: {error}", file=sys.stderr, flush=True)
+        traceback.clear_frames(error.__traceback__)
         return error.exit_code
+    finally:
+        gc.collect()  # PETSc objects must go before PETSc does
     return 0
 
 

@@ -102,7 +102,8 @@ class MeshSpec(_Table, kw_only=True):
 
     def __post_init__(self) -> None:
         if (self.shape is None) == (self.file is None):
-            raise ValueError('a mesh is either { shape = "rectangle", size = …, divisions = … } or { file = "….msh" }')
+            raise ValueError('a mesh is either { shape = "rectangle", size = …, divisions = … } '
+                             'or { file = "….msh" }')
         if self.shape is not None and (self.size is None or self.divisions is None):
             raise ValueError("a rectangle needs size = [width, height] and divisions = [nx, ny]")
         if self.file is not None and (self.size or self.divisions or self.origin != (0.0, 0.0)):

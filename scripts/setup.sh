@@ -49,8 +49,11 @@ install_packages() {
 or name a Python that has $MODULES and ruff in DDMPI_PYTHON (conda-forge has them all)."; fi
     fi
     say "installing Debian packages (about a minute): $missing"
-    $root_command apt-get update -qq >&2 || give_up "apt-get update failed"
-    $root_command env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $missing \
+    root_command="$root_command env DEBIAN_FRONTEND=noninteractive"
+    # What an interrupted set-up left half-installed is mended first (here, and --fix-broken below).
+    $root_command dpkg --configure -a >"$LOG" 2>&1 || true
+    $root_command apt-get update -qq >&2 || say "apt-get update failed; going on with the package lists there are"
+    $root_command apt-get install -y -qq --no-install-recommends --fix-broken -o DPkg::Lock::Timeout=300 $missing \
         >"$LOG" 2>&1 || { tail -n 20 "$LOG" >&2; give_up "apt-get could not install them (above)"; }
 }
 
