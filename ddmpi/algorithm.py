@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ddmpi.body import Body, Friction
+from ddmpi.body import Body, Friction, friction_role
 from ddmpi.exchange import Exchange
 from ddmpi.scene import Method
 
@@ -74,8 +74,15 @@ class OuterIteration:
 
     @property
     def forces(self) -> np.ndarray:
-        """The contact forces (size,) that obey all bounds (N): those of role 2."""
-        return self.s2
+        """The contact forces (size,) that obey all bounds (N): each from the role that bounds it."""
+        m = self.body.interface.m
+        tangential = self.s2 if friction_role(self.method.algorithm) == 2 else self.s1
+        return np.concatenate([self.s2[:m], tangential[m:]])
+
+    @property
+    def _split(self) -> bool:
+        """Whether this body's program is split; a frictionless one has nothing to split."""
+        return len(self.g) > 0 and self.method.splitting in (f"step{self.body.role}", "step1+2")
 
     def run(self, tolerance: float) -> str:
         """Iterate until ‖λ_k − λ_{k−1}‖ ≤ tolerance ‖λ_k‖; may be called again to go on.
@@ -98,17 +105,17 @@ class OuterIteration:
         return "max_iterations"
 
     def iterate(self) -> Step:
-        """One step of the algorithm of the slides. Collective."""
+        """One step of the algorithm of the slides; both bodies work at the same time. Collective."""
         body, exchange, m = self.body, self.exchange, self.body.interface.m
         self.g = self.friction.slip_bound(self.s2[:m], body.interface)
         precision = max(method_precision(self.method) * self._step_size, ROUNDING * self._scale)
 
         with exchange.deferred():
-            body.solve(self.lam, self.g, precision)  # Steps 1 and 2, at the same time
+            body.solve(self.lam, self.g, precision, self.method.algorithm, self._split)  # Steps 1 and 2
         self.s1, self.s2 = exchange.swap(body.s)
         w = np.zeros_like(self.lam)
         with exchange.deferred():
-            w = body.neumann(self.s1 - self.s2)  # Steps 3 and 4, at the same time
+            w = body.neumann(self.s1 - self.s2)  # Steps 3 and 4
         w1, w2 = exchange.swap(np.append(w, body.C.count.total()))
         update = self.method.theta * (w1[:-1] + w2[:-1])
         self.lam += update  # Step 5

@@ -22,6 +22,11 @@ PURPOSE = {1: "step1", 2: "step2"}
 """Under which the multiplications of the program of a role are counted."""
 
 
+def friction_role(algorithm: str) -> int:
+    """The role whose program bounds the tangential forces."""
+    return 2 if algorithm == "original" else 1
+
+
 @dataclass(frozen=True)
 class Friction:
     """The friction law at the nodes that slide.
@@ -80,6 +85,8 @@ class Body:
 
     def __init__(self, name: str, role: int, interface: Interface, elasticity: Elasticity) -> None:
         self.name, self.role, self.interface, self.elasticity = name, role, interface, elasticity
+        m = interface.m
+        self.normal, self.tangential, self.whole = slice(0, m), slice(m, None), slice(None)
         self.sigma = 1.0 if role == 1 else -1.0
         self.solver = StiffnessSolver(elasticity.A, name)
         self.C = Compliance(self.solver, trace(interface, role, elasticity))
@@ -88,36 +95,56 @@ class Body:
         if elasticity.b.norm() > 0.0:
             self.C.free_response(elasticity.b, self.h, "load")
         self.h += displacement_trace(interface, role, elasticity.prescribed)
+        self.C.norm()
+        self._set_up = self.C.count.copy()
+        self.restart()
+
+    def restart(self) -> None:
+        """Back to no contact forces; counts keep what the set-up cost."""
         self.s, self.Cs = np.zeros(self.C.size), np.zeros(self.C.size)
+        self.C.count = self._set_up.copy()
         self.steps: dict[str, int] = {}
 
-    def bounds(self, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bounds (size,) of the role: none for role 1, contact and friction for role 2."""
-        m = self.interface.m
+    def bounds(self, g: np.ndarray, algorithm: str) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds (size,) that the role has in the algorithm (design, section 2).
+
+        Contact, s_ν ≥ 0, is role 2's; friction, |s_t| ≤ g, is role 2's in the original algorithm and
+        role 1's in the modified one.
+        """
         upper = np.full(self.C.size, np.inf)
         lower = -upper
         if self.role == 2:
-            lower[:m] = 0.0
-            upper[m:] = g
-            lower[m:] = -g
+            lower[self.normal] = 0.0
+        if self.role == friction_role(algorithm):
+            lower[self.tangential], upper[self.tangential] = -g, g
         return lower, upper
 
-    def solve(self, lam: np.ndarray, g: np.ndarray, tolerance: float) -> np.ndarray:
+    def solve(self, lam: np.ndarray, g: np.ndarray, tolerance: float, algorithm: str = "original",
+              split: bool = False) -> np.ndarray:
         """Contact forces s (size,) for the contact displacement `lam` and the slip bound `g` (N).
 
         Parameters
         ----------
         tolerance : largest norm of the projected gradient (m)
+        algorithm : "original" or "modified"
+        split : one Gauss–Seidel sweep, the normal forces with the tangential ones held and then the
+            tangential ones, instead of all at once
 
-        Raises SolverError. Collective on the body's communicator. Slides: Steps 1 and 2 of (DD)_h.
+        Raises SolverError. Collective on the body's communicator. Slides: Steps 1 and 2 of (DD)_h,
+        and "Further modifications".
         """
         d = self.h - self.sigma * lam
         if self.role == 2:
-            d[:self.interface.m] -= self.interface.gap
-        result = self.qp_solver.solve(QP(self.C, d, *self.bounds(g)), self.s, self.Cs, tolerance, PURPOSE[self.role])
-        self.s, self.Cs = result.s, result.Cs
-        for kind, number in result.steps.items():
-            self.steps[kind] = self.steps.get(kind, 0) + number
+            d[self.normal] -= self.interface.gap
+        lower, upper = self.bounds(g, algorithm)
+        for block in (self.normal, self.tangential) if split else (self.whole,):
+            held_lower, held_upper = self.s.copy(), self.s.copy()
+            held_lower[block], held_upper[block] = lower[block], upper[block]
+            result = self.qp_solver.solve(QP(self.C, d, held_lower, held_upper), self.s, self.Cs,
+                                          tolerance, PURPOSE[self.role])
+            self.s, self.Cs = result.s, result.Cs
+            for kind, number in result.steps.items():
+                self.steps[kind] = self.steps.get(kind, 0) + number
         return self.s
 
     def neumann(self, jump: np.ndarray) -> np.ndarray:

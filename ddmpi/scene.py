@@ -190,8 +190,8 @@ class ContactSpec(_Table, kw_only=True):
 class Method(_Table, kw_only=True):
     """How the outer and inner iterations run (design, section 2)."""
 
-    algorithm: Literal["original"] = "original"
-    splitting: Literal["none"] = "none"
+    algorithm: Literal["original", "modified"] = "original"
+    splitting: Literal["none", "step1", "step2", "step1+2"] = "none"
     theta: Positive = 0.2
     tolerance: Annotated[float, msgspec.Meta(gt=0, lt=1)] = 1e-4
     max_iterations: PositiveInt = 500
@@ -233,7 +233,7 @@ class Scene(_Table, kw_only=True):
                 raise ValueError(f"contact.0.bodies names {name!r}, but the bodies are {', '.join(names)}"
                                  f"{_nearest(name, names)}")
         if self.contact[0].bodies[0] == self.contact[0].bodies[1]:
-            raise ValueError(f"contact.0.bodies names {self.contact[0].bodies[0]!r} twice; contact is between two bodies")
+            raise ValueError("contact.0.bodies names one body twice; contact is between two bodies")
         planes = {b.material.plane for b in self.body}
         if len(planes) > 1:
             raise ValueError("one body is in plane strain and the other in plane stress; they cannot touch")

@@ -1,0 +1,99 @@
+"""Solve a prepared problem: iterate, certify, and go on where the certificate fails."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ddmpi.algorithm import OuterIteration, Step
+from ddmpi.certificate import Certificate, ContactState, certificate_limit, certify, contact_state
+from ddmpi.interface import displacement_trace
+from ddmpi.problem import Problem
+from ddmpi.scene import Method
+
+log = logging.getLogger("ddmpi")
+
+TIGHTER = 0.1
+"""By this the outer tolerance shrinks when the iteration stops but its certificate fails."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The end of a run on one rank.
+
+    Attributes
+    ----------
+    stopped : why the iteration ended: "converged", "diverged" or "max_iterations"
+    displacement : (nv, 2) of the own body (m)
+    displacement_max : of both bodies (m)
+    energy : strain energy of role 1's and role 2's body (J per metre of depth)
+    state, certificate : of the interface
+    limit : largest residual of a certified answer
+    """
+
+    stopped: str
+    displacement: np.ndarray
+    displacement_max: float
+    energy: tuple[float, float]
+    state: ContactState
+    certificate: Certificate
+    limit: float
+
+    @property
+    def certified(self) -> bool:
+        return self.stopped == "converged" and not self.violations
+
+    @property
+    def violations(self) -> list[str]:
+        """The residuals above the limit, worded."""
+        return self.certificate.violations(self.limit)
+
+    @property
+    def reason(self) -> str:
+        """Why the run ended, in words."""
+        if self.certified:
+            return "converged and certified"
+        return {"converged": "the iteration stopped, but its certificate fails", "diverged": "diverged",
+                "max_iterations": "not converged: method.max_iterations is reached"}[self.stopped]
+
+
+def solve(problem: Problem, method: Method, report: Callable[[Step], None] = lambda step: None,
+          ) -> tuple[Answer, OuterIteration]:
+    """Solve `problem` by `method`, from zero.
+
+    Where the iteration stops by its criterion but the certificate fails, it goes on with a tighter
+    one. Collective. Raises SolverError, the same on all ranks.
+    """
+    problem.body.restart()
+    outer = OuterIteration(problem.body, problem.friction, problem.exchange, method, report)
+    load = float(np.abs(problem.body.elasticity.b.array_r).sum())
+    load = float(sum(problem.world.allgather(load)))
+    limit = certificate_limit(method.tolerance)
+    tolerance = method.tolerance
+    while True:
+        stopped = outer.run(tolerance)
+        answer = _conclude(outer, stopped, load, limit)
+        if stopped != "converged" or answer.certified or tolerance < np.finfo(float).eps:
+            return answer, outer
+        tolerance *= TIGHTER
+        log.info("the certificate fails (%s); going on to an update of %.0e", ", ".join(answer.violations), tolerance)
+
+
+def _conclude(outer: OuterIteration, stopped: str, load: float, limit: float) -> Answer:
+    """Displacements, contact state and certificate of the forces at hand. Collective."""
+    body, exchange, interface = outer.body, outer.exchange, outer.body.interface
+    u, residual, energy = np.zeros_like(body.elasticity.prescribed), np.nan, np.nan
+    with exchange.deferred():
+        u, residual, energy = body.displacement()
+    own = displacement_trace(interface, body.role, u)
+    body.Cs = body.h - own  # the product, afresh: the iteration updates it by recurrence
+    largest = float(np.linalg.norm(u, axis=1).max())
+    both = exchange.swap(np.append(own, [residual, energy, largest]))
+    traces = tuple(vector[:-3] for vector in both)
+    (r1, e1, u1), (r2, e2, u2) = (vector[-3:] for vector in both)
+    state = contact_state(interface, outer.friction, outer.forces, outer.g, traces)
+    certificate = certify(interface, outer.friction, state, (outer.s1, outer.s2), traces, (r1, r2), load)
+    return Answer(stopped, u, float(max(u1, u2)), (float(e1), float(e2)), state, certificate, limit)
