@@ -163,7 +163,7 @@ class Body:
         -------
         u : (nv, 2)
         residual : ‖A u + Bᵀ s − b‖ / max(‖b‖, ‖Bᵀ s‖), zero where nothing acts
-        energy : strain energy (J per metre of depth) of the dofs that A acts on
+        energy : strain energy (J per metre of depth)
 
         Collective on the body's communicator.
         """
@@ -176,6 +176,6 @@ class Body:
             self.C.solve(f, u, "displacement")
         Au = u.duplicate()
         A.mult(u, Au)
-        energy = 0.5 * u.dot(Au)
+        energy = self.elasticity.strain_energy(u, Au)
         Au.axpy(-1.0, f)
         return self.elasticity.expand(u), (Au.norm() / size if size else 0.0), energy

@@ -32,6 +32,8 @@ class Elasticity:
     nodes : (k,) the mesh nodes that A acts on
     free : (nv, 2) bool, dofs that are not prescribed
     prescribed : (nv, 2) displacement (m) of the prescribed dofs, zero elsewhere
+    lift : (2k,) forces (N) with which the prescribed displacement alone strains the free dofs, and the
+        strain energy (J) of it; None where all that is prescribed is zero
     """
 
     A: PETSc.Mat
@@ -40,6 +42,14 @@ class Elasticity:
     nodes: np.ndarray
     free: np.ndarray
     prescribed: np.ndarray
+    lift: tuple[np.ndarray, float] | None = None
+
+    def strain_energy(self, u: PETSc.Vec, Au: PETSc.Vec) -> float:
+        """Strain energy (J per metre of depth) of the body, given u and A u. Collective."""
+        energy = 0.5 * u.dot(Au)
+        if self.lift is not None:
+            energy += float(u.array_r @ self.lift[0]) + self.lift[1]
+        return energy
 
     def expand(self, u: PETSc.Vec) -> np.ndarray:
         """The displacement (nv, 2) of all nodes from the solution `u` of the reduced system (m)."""
@@ -62,9 +72,12 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     _refuse_rigid_motion(mesh, free, body.name)
     nodes = np.flatnonzero(free.any(axis=1))
     dofs = (2 * nodes[:, None] + [0, 1]).ravel()
-    if prescribed.any():
-        f -= K @ prescribed.ravel()
     loose = free.ravel()[dofs]
+    lift = None
+    if prescribed.any():
+        forces = K @ prescribed.ravel()
+        f -= forces
+        lift = (forces[dofs] * loose, 0.5 * float(prescribed.ravel() @ forces))
     A, b = K[dofs][:, dofs], f[dofs]
     if not loose.all():
         keep = sparse.diags(loose.astype(float))
@@ -77,7 +90,7 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     matrix.setOption(PETSc.Mat.Option.SPD, True)
     matrix.setNearNullSpace(_rigid_motions(mesh.points[nodes], free[nodes], comm))
     return Elasticity(matrix, PETSc.Vec().createWithArray(b, bsize=2, comm=comm), int(loose.sum()),
-                      nodes, free, prescribed)
+                      nodes, free, prescribed, lift)
 
 
 def stress(mesh: Mesh, material: Material, u: np.ndarray) -> np.ndarray:
