@@ -146,10 +146,12 @@ def draw_convergence(history: dict[str, np.ndarray], summary: dict):
 
     figure, axes = plt.subplots(figsize=(7.2, 4.4))
     k = history["iteration"]
+    newton = summary["outer"] == "newton"
+    x, what = ("s", "contact equations") if newton else ("λ", "force mismatch  ‖s$_1$ − s$_2$‖ / ‖s‖")
     axes.semilogy(k, _positive(history["update"]), color=COLOURS["normal"], marker="o", markersize=3,
-                  label="update  ‖λ$_k$ − λ$_{k-1}$‖ / ‖λ$_k$‖")
-    axes.semilogy(k, _positive(history["force_mismatch"]), color=COLOURS["tangential"], marker="s", markersize=3,
-                  label="force mismatch  ‖s$_1$ − s$_2$‖ / ‖s‖")
+                  label=f"update  ‖{x}$_k$ − {x}$_{{k-1}}$‖ / ‖{x}$_k$‖")
+    axes.semilogy(k, _positive(history["residual"]), color=COLOURS["tangential"], marker="s", markersize=3,
+                  label=f"residual: {what}")
     tolerance = summary["scene"]["method"]["tolerance"]
     axes.axhline(tolerance, color=COLOURS["bound"], linestyle="--", linewidth=1, label=f"tolerance {tolerance:g}")
     axes.grid(True, which="major", color="#e3e3e3")

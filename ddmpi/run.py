@@ -30,7 +30,7 @@ from ddmpi.results import (
     write_summary,
     write_xdmf,
 )
-from ddmpi.scene import Scene
+from ddmpi.scene import Method, Scene
 from ddmpi.solution import Answer, solve
 
 log = logging.getLogger("ddmpi")
@@ -81,7 +81,8 @@ def _summary(problem: Problem, outer: OuterIteration, answer: Answer) -> dict:
     energy = [answer.energy[order.index(rank)] for rank in range(world.size)]
     return {
         "title": scene.title, "converged": answer.certified, "reason": answer.reason,
-        "algorithm": scene.method.algorithm, "splitting": scene.method.splitting, "friction": outer.friction.law,
+        "outer": scene.method.outer, "algorithm": scene.method.algorithm or scene.method.outer,
+        "splitting": scene.method.splitting or "none", "friction": outer.friction.law,
         "n": problem.n, "m": m, "ranks": world.size, "outer_iterations": len(outer.history),
         "n_A": n_A, "n_A_by_body": by_body, "n_A_by_purpose": counts, "inner_steps": steps, "eff": n_A / (2 * m),
         "contact": {"normal_force": finite_or_none(state.normal_force.sum()),
@@ -175,14 +176,19 @@ def _log_plan(problem: Problem, figures: bool) -> None:
     log.info("n = %d unknowns, m = %d contact nodes, friction: %s; A by %s, subproblems by TAO %s",
              problem.n, interface.m, friction.law, body.solver.description,
              "python (MPRGP)" if body.qp_solver.type == "python" else body.qp_solver.type)
-    log.info("%s algorithm, splitting %s, theta = %g, tolerance %g; left out: %s",
-             scene.method.algorithm, scene.method.splitting, scene.method.theta, scene.method.tolerance,
-             ", ".join(left_out) or "nothing")
-    log.info("%5s  %12s  %14s  %6s", "k", "update of λ", "force mismatch", "n_A")
+    log.info("%s; left out: %s", _describe(scene.method), ", ".join(left_out) or "nothing")
+    log.info("%5s  %10s  %10s  %6s", "k", "update", "residual", "n_A")
 
 
 def _report_step(step: Step) -> None:
-    log.info("%5d  %12.3e  %14.3e  %6d", step.iteration, step.update, step.mismatch, sum(step.n_A))
+    log.info("%5d  %10.3e  %10.3e  %6d", step.iteration, step.update, step.residual, sum(step.n_A))
+
+
+def _describe(method: Method) -> str:
+    if method.outer == "relaxation":
+        return (f"published iteration: {method.algorithm} algorithm, splitting {method.splitting}, "
+                f"theta = {method.theta:g}, update below {method.tolerance:g}")
+    return f"semi-smooth Newton, GMRES with half-plane preconditioner, residual below {method.tolerance:g}"
 
 
 def _log_end(summary: dict, answer: Answer) -> None:
@@ -201,4 +207,5 @@ def _diagnosis(answer: Answer, outer: OuterIteration) -> str:
     message = f"{answer.reason} (iteration {last.iteration}, update {last.update:.1e}"
     if answer.stopped == "converged":
         return f"{message}; {', '.join(answer.violations)} above {answer.limit:.0e})"
-    return f"{message}, asked for {outer.method.tolerance:.0e}); a smaller method.theta may help"
+    hint = "a smaller method.theta may help" if outer.method.outer == "relaxation" else "see the history"
+    return f"{message}, residual {last.residual:.1e}, asked for {outer.method.tolerance:.0e}); {hint}"

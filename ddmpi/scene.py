@@ -127,6 +127,11 @@ class Material(_Table, kw_only=True):
             first = E * nu / (1 - nu**2)
         return first, shear
 
+    @property
+    def plane_modulus(self) -> float:
+        """E / (1 − ν²) in plane strain, E in plane stress (Pa)."""
+        return self.young / (1 - self.poisson**2) if self.plane == "strain" else self.young
+
 
 class Clamp(_Table, kw_only=True):
     """Prescribed displacement (m) on a boundary group; a component that is left out stays free."""
@@ -188,14 +193,35 @@ class ContactSpec(_Table, kw_only=True):
 
 
 class Method(_Table, kw_only=True):
-    """How the outer and inner iterations run (design, section 2)."""
+    """How the iterations run; what is left out is chosen by `resolved`.
 
-    algorithm: Literal["original", "modified"] = "original"
-    splitting: Literal["none", "step1", "step2", "step1+2"] = "none"
-    theta: Positive = 0.2
-    tolerance: Annotated[float, msgspec.Meta(gt=0, lt=1)] = 1e-4
+    ``outer`` is "newton" (no parameter to tune), or "relaxation", the published iteration with fixed
+    theta, which whoever names ``algorithm``, ``splitting`` or ``theta`` asks for.
+    """
+
+    outer: Literal["newton", "relaxation"] | None = None
+    algorithm: Literal["original", "modified"] | None = None
+    splitting: Literal["none", "step1", "step2", "step1+2"] | None = None
+    theta: Positive | None = None
+    tolerance: Annotated[float, msgspec.Meta(gt=0, lt=1)] | None = None
     max_iterations: PositiveInt = 500
     inner_precision: Annotated[float, msgspec.Meta(gt=0, lt=1)] = 0.1
+
+    def __post_init__(self) -> None:
+        if self.outer == "newton" and self._published:
+            raise ValueError(f'{", ".join(self._published)} belong to outer = "relaxation", not to "newton"')
+
+    @property
+    def _published(self) -> list[str]:
+        return [name for name in ("algorithm", "splitting", "theta") if getattr(self, name) is not None]
+
+    def resolved(self) -> Method:
+        """With all that was left out filled in."""
+        if self.outer == "newton" or (self.outer is None and not self._published):
+            return msgspec.structs.replace(self, outer="newton", tolerance=self.tolerance or 1e-8)
+        return msgspec.structs.replace(
+            self, outer="relaxation", algorithm=self.algorithm or "original", splitting=self.splitting or "none",
+            theta=self.theta or 0.2, tolerance=self.tolerance or 1e-4)
 
 
 class Output(_Table, kw_only=True):
@@ -267,7 +293,7 @@ def read_scene(path: str, text: str, settings: list[str] = ()) -> Scene:
     except msgspec.ValidationError as error:
         raise InputError(f"{path}: {_explain(str(error), data)}") from None
     _refuse_non_finite(path, scene.resolved())
-    return scene
+    return msgspec.structs.replace(scene, method=scene.method.resolved())
 
 
 def read_scene_file(path: str | Path, settings: list[str] = ()) -> Scene:

@@ -11,6 +11,7 @@ import numpy as np
 from ddmpi.algorithm import OuterIteration, Step
 from ddmpi.certificate import Certificate, ContactState, certificate_limit, certify, contact_state
 from ddmpi.interface import displacement_trace
+from ddmpi.newton import InterfaceNewton
 from ddmpi.problem import Problem
 from ddmpi.scene import Method
 
@@ -61,14 +62,14 @@ class Answer:
 
 
 def solve(problem: Problem, method: Method, report: Callable[[Step], None] = lambda step: None,
-          ) -> tuple[Answer, OuterIteration]:
+          ) -> tuple[Answer, OuterIteration | InterfaceNewton]:
     """Solve `problem` by `method`, from zero.
 
     Where the iteration stops by its criterion but the certificate fails, it goes on with a tighter
     one. Collective. Raises SolverError, the same on all ranks.
     """
     problem.body.restart()
-    outer = OuterIteration(problem.body, problem.friction, problem.exchange, method, report)
+    outer = _outer(problem, method, report)
     load = float(np.abs(problem.body.elasticity.b.array_r).sum())
     load = float(sum(problem.world.allgather(load)))
     limit = certificate_limit(method.tolerance)
@@ -82,7 +83,16 @@ def solve(problem: Problem, method: Method, report: Callable[[Step], None] = lam
         log.info("the certificate fails (%s); going on to an update of %.0e", ", ".join(answer.violations), tolerance)
 
 
-def _conclude(outer: OuterIteration, stopped: str, load: float, limit: float) -> Answer:
+def _outer(problem: Problem, method: Method, report: Callable[[Step], None]) -> OuterIteration | InterfaceNewton:
+    """The outer method that was asked for."""
+    parts = problem.body, problem.friction, problem.exchange, method
+    if method.outer == "relaxation":
+        return OuterIteration(*parts, report)
+    modulus = 1.0 / sum(1.0 / body.material.plane_modulus for body in problem.scene.body)
+    return InterfaceNewton(*parts, modulus, report)
+
+
+def _conclude(outer: OuterIteration | InterfaceNewton, stopped: str, load: float, limit: float) -> Answer:
     """Displacements, contact state and certificate of the forces at hand. Collective."""
     body, exchange, interface = outer.body, outer.exchange, outer.body.interface
     u, residual, energy = np.zeros_like(body.elasticity.prescribed), np.nan, np.nan
