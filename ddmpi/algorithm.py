@@ -66,25 +66,38 @@ class OuterIteration:
     report: Callable[[Step], None] = lambda step: None
     history: list[Step] = field(default_factory=list)
 
+    @property
+    def algorithm(self) -> str:
+        return self.method.algorithm
+
+    @property
+    def splitting(self) -> str:
+        return self.method.splitting
+
+    @property
+    def precision(self) -> float:
+        """η: the inner solves are as precise as η times the last outer update."""
+        return self.method.inner_precision
+
     def __post_init__(self) -> None:
         size = self.body.C.size
         self.lam, self.s1, self.s2 = np.zeros(size), np.zeros(size), np.zeros(size)
         self.g = np.zeros(size - self.body.interface.m)
         free = [np.linalg.norm(h) for h in self.exchange.swap(self.body.h)]
         self._scale = max(*free, float(np.linalg.norm(self.body.interface.gap)))
-        self._step_size = FIRST_PRECISION * max(free) / method_precision(self.method)
+        self._step_size = FIRST_PRECISION * max(free) / self.precision
 
     @property
     def forces(self) -> np.ndarray:
         """The contact forces (size,) that obey all bounds (N): each from the role that bounds it."""
         m = self.body.interface.m
-        tangential = self.s2 if friction_role(self.method.algorithm) == 2 else self.s1
+        tangential = self.s2 if friction_role(self.algorithm) == 2 else self.s1
         return np.concatenate([self.s2[:m], tangential[m:]])
 
     @property
     def _split(self) -> bool:
         """Whether this body's program is split; a frictionless one has nothing to split."""
-        return len(self.g) > 0 and self.method.splitting in (f"step{self.body.role}", "step1+2")
+        return len(self.g) > 0 and self.splitting in (f"step{self.body.role}", "step1+2")
 
     def run(self, tolerance: float) -> str:
         """Iterate until ‖λ_k − λ_{k−1}‖ ≤ tolerance ‖λ_k‖; may be called again to go on.
@@ -106,31 +119,30 @@ class OuterIteration:
                 return "converged"
         return "max_iterations"
 
+    def advance(self, w1: np.ndarray, w2: np.ndarray) -> np.ndarray:
+        """The update of λ (m), given the contact displacements B w of both bodies' Neumann problems."""
+        return self.method.theta * (w1 + w2)
+
     def iterate(self) -> Step:
         """One step of the algorithm of the slides; both bodies work at the same time. Collective."""
         body, exchange, m = self.body, self.exchange, self.body.interface.m
         self.g = self.friction.slip_bound(self.s2[:m], body.interface)
-        precision = max(method_precision(self.method) * self._step_size, ROUNDING * self._scale)
+        precision = max(self.precision * self._step_size, ROUNDING * self._scale)
 
         with exchange.deferred():
-            body.solve(self.lam, self.g, precision, self.method.algorithm, self._split)  # Steps 1 and 2
+            body.solve(self.lam, self.g, precision, self.algorithm, self._split)  # Steps 1 and 2
         self.s1, self.s2 = exchange.swap(body.s)
         w = np.zeros_like(self.lam)
         with exchange.deferred():
             w = body.neumann(self.s1 - self.s2)  # Steps 3 and 4
         w1, w2 = exchange.swap(np.append(w, body.C.count.total()))
-        update = self.method.theta * (w1[:-1] + w2[:-1])
+        update = self.advance(w1[:-1], w2[:-1])
         self.lam += update  # Step 5
 
         self._step_size = float(np.linalg.norm(update))
         mismatch = _ratio(np.linalg.norm(self.s1 - self.s2), np.linalg.norm(self.s2))
         return Step(len(self.history) + 1, _ratio(self._step_size, np.linalg.norm(self.lam)), mismatch,
                     precision, (int(w1[-1]), int(w2[-1])))
-
-
-def method_precision(method: Method) -> float:
-    """η: the inner solves are as precise as η times the last outer update."""
-    return method.inner_precision
 
 
 def _ratio(a: float, b: float) -> float:

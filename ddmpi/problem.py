@@ -85,21 +85,24 @@ def prepare(world: MPI.Comm, scene: Scene, folder: Path = Path("."), clock: Cloc
     check_ranks(world, scene)
     contact = scene.contact[0]
     names = [body.name for body in scene.body]
-    order = tuple(names.index(name) for name in contact.bodies)
+    sides = list(zip(contact.bodies, contact.on, strict=True))
+    if scene.method.outer == "anderson":  # the stiffer body takes role 1; forces and slip read the same
+        sides.sort(key=lambda side: -scene.body[names.index(side[0])].material.plane_modulus)
+    order = tuple(names.index(name) for name, _ in sides)
     role = order.index(world.rank) + 1
     spec = scene.body[world.rank]
     exchange = Exchange(world, partner=order[2 - role], role=role)
 
     with clock.phase("mesh"), agreed(world):
         mesh = build_mesh(spec, folder)
-        edges = boundary_group(mesh, contact.on[role - 1], "contact.0.on")
+        edges = boundary_group(mesh, sides[role - 1][1], "contact.0.on")
     with clock.phase("assemble"):
         with agreed(world):
             elasticity = assemble(mesh, spec)
             side = contact_side(mesh, edges, elasticity.free)
-        sides = exchange.swap_objects(side)
+        both = exchange.swap_objects(side)
         with agreed(world):
-            interface = pair(*sides, friction=not isinstance(contact.friction, NoFriction), label="contact.0")
+            interface = pair(*both, friction=not isinstance(contact.friction, NoFriction), label="contact.0")
     friction = friction_at(contact.friction, interface)
     with clock.phase("factor"), agreed(world):
         body = Body(spec.name, role, interface, elasticity)

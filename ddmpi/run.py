@@ -188,6 +188,8 @@ def _describe(method: Method) -> str:
     if method.outer == "relaxation":
         return (f"published iteration: {method.algorithm} algorithm, splitting {method.splitting}, "
                 f"theta = {method.theta:g}, update below {method.tolerance:g}")
+    if method.outer == "anderson":
+        return f"Anderson acceleration of the weighted published map, update below {method.tolerance:g}"
     return f"semi-smooth Newton, GMRES with half-plane preconditioner, residual below {method.tolerance:g}"
 
 

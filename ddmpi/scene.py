@@ -195,11 +195,12 @@ class ContactSpec(_Table, kw_only=True):
 class Method(_Table, kw_only=True):
     """How the iterations run; what is left out is chosen by `resolved`.
 
-    ``outer`` is "newton" (no parameter to tune), or "relaxation", the published iteration with fixed
-    theta, which whoever names ``algorithm``, ``splitting`` or ``theta`` asks for.
+    ``outer`` is "newton" (the default, no parameter to tune), "anderson" (the published map, weighted by
+    stiffness and accelerated), or "relaxation", the published iteration with fixed theta, which whoever
+    names ``algorithm``, ``splitting`` or ``theta`` asks for.
     """
 
-    outer: Literal["newton", "relaxation"] | None = None
+    outer: Literal["newton", "anderson", "relaxation"] | None = None
     algorithm: Literal["original", "modified"] | None = None
     splitting: Literal["none", "step1", "step2", "step1+2"] | None = None
     theta: Positive | None = None
@@ -208,8 +209,8 @@ class Method(_Table, kw_only=True):
     inner_precision: Annotated[float, msgspec.Meta(gt=0, lt=1)] = 0.1
 
     def __post_init__(self) -> None:
-        if self.outer == "newton" and self._published:
-            raise ValueError(f'{", ".join(self._published)} belong to outer = "relaxation", not to "newton"')
+        if self.outer not in (None, "relaxation") and self._published:
+            raise ValueError(f'{", ".join(self._published)} belong to outer = "relaxation", not to "{self.outer}"')
 
     @property
     def _published(self) -> list[str]:
@@ -217,8 +218,8 @@ class Method(_Table, kw_only=True):
 
     def resolved(self) -> Method:
         """With all that was left out filled in."""
-        if self.outer == "newton" or (self.outer is None and not self._published):
-            return msgspec.structs.replace(self, outer="newton", tolerance=self.tolerance or 1e-8)
+        if self.outer != "relaxation" and not self._published:
+            return msgspec.structs.replace(self, outer=self.outer or "newton", tolerance=self.tolerance or 1e-8)
         return msgspec.structs.replace(
             self, outer="relaxation", algorithm=self.algorithm or "original", splitting=self.splitting or "none",
             theta=self.theta or 0.2, tolerance=self.tolerance or 1e-4)

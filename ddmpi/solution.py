@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ddmpi.algorithm import OuterIteration, Step
+from ddmpi.anderson import AndersonIteration
 from ddmpi.certificate import Certificate, ContactState, certificate_limit, certify, contact_state
 from ddmpi.interface import displacement_trace
 from ddmpi.newton import InterfaceNewton
@@ -86,10 +87,12 @@ def solve(problem: Problem, method: Method, report: Callable[[Step], None] = lam
 def _outer(problem: Problem, method: Method, report: Callable[[Step], None]) -> OuterIteration | InterfaceNewton:
     """The outer method that was asked for."""
     parts = problem.body, problem.friction, problem.exchange, method
+    moduli = [problem.scene.body[rank].material.plane_modulus for rank in problem.order]
     if method.outer == "relaxation":
         return OuterIteration(*parts, report)
-    modulus = 1.0 / sum(1.0 / body.material.plane_modulus for body in problem.scene.body)
-    return InterfaceNewton(*parts, modulus, report)
+    if method.outer == "anderson":
+        return AndersonIteration(*parts, report, weights=tuple(E / sum(moduli) for E in moduli))
+    return InterfaceNewton(*parts, 1.0 / sum(1.0 / E for E in moduli), report)
 
 
 def _conclude(outer: OuterIteration | InterfaceNewton, stopped: str, load: float, limit: float) -> Answer:
