@@ -39,14 +39,17 @@ def build_parser() -> argparse.ArgumentParser:
         epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False)
     parser.add_argument("--version", action="version", version=f"ddmpi {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    run = commands.add_parser("run", help="solve a scene; on as many ranks as it has bodies", epilog=EPILOG,
-                              formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False)
-    run.add_argument("scene", metavar="SCENE.toml")
-    run.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
-                     help="override any key of the scene, as in body.upper.material.young=1e9")
+    scene = argparse.ArgumentParser(add_help=False)
+    scene.add_argument("scene", metavar="SCENE.toml")
+    scene.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
+                       help="override any key of the scene, as in body.upper.material.young=1e9")
+    scene.add_argument("--quiet", action="store_true", help="say nothing but errors")
+    formats = {"epilog": EPILOG, "formatter_class": argparse.RawDescriptionHelpFormatter, "allow_abbrev": False}
+    run = commands.add_parser("run", help="solve a scene; on as many ranks as it has bodies", parents=[scene], **formats)
     run.add_argument("--output", metavar="DIR", help="folder for the results (default: a new one in results/)")
     run.add_argument("--no-figures", action="store_true", help="draw no pictures")
-    run.add_argument("--quiet", action="store_true", help="say nothing but errors")
+    commands.add_parser("verify", help="solve a small scene twice, also as the coupled problem by brute force, "
+                        "and compare", parents=[scene], **formats)
     figures = commands.add_parser("figures", help="draw the pictures of saved results anew", allow_abbrev=False)
     figures.add_argument("folder", metavar="DIR")
     return parser
@@ -136,10 +139,13 @@ def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None
 
     petsc4py.init([sys.argv[0], *petsc], comm=world)
     from ddmpi.petsc_options import insert_options
-    from ddmpi.run import run
+    from ddmpi.run import run, verify
 
     insert_options(scene.petsc)
-    run(world, scene, options.scene, options.output, figures=scene.output.figures and not options.no_figures)
+    if options.command == "verify":
+        verify(world, scene, options.scene)
+    else:
+        run(world, scene, options.scene, options.output, figures=scene.output.figures and not options.no_figures)
 
 
 def _configure_logging(world: MPI.Comm, quiet: bool) -> None:

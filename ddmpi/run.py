@@ -9,11 +9,14 @@ from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
 
+import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import ddmpi
 from ddmpi.algorithm import OuterIteration, Step
+from ddmpi.coupled import solve_coupled
+from ddmpi.diagnosis import diagnose
 from ddmpi.elasticity import stress, von_mises
 from ddmpi.errors import NotConvergedError
 from ddmpi.exchange import agreed
@@ -64,7 +67,28 @@ def run(world: MPI.Comm, scene: Scene, scene_path: str, output: str | None, figu
     _write(problem, folder, clock, summary, outer, answer, figures)
     with agreed(world):
         if not answer.certified:
-            raise NotConvergedError(_diagnosis(answer, outer))
+            raise NotConvergedError(diagnose(answer.reason, answer.stopped, answer.violations, scene.method,
+                                             outer.history, answer.statuses, problem.interface, problem.friction))
+
+
+def verify(world: MPI.Comm, scene: Scene, scene_path: str) -> None:
+    """Solve `scene`, and again as the coupled problem by brute force; compare the two. Collective.
+
+    Writes nothing. Raises what `run` raises, and NotConvergedError when the answers differ by more than
+    the certificate promises.
+    """
+    check_ranks(world, scene)
+    problem = prepare(world, scene, Path(scene_path).parent)
+    _log_plan(problem, figures=False)
+    answer, outer = solve(problem, scene.method, _report_step)
+    exact = solve_coupled(problem.body, problem.friction, problem.exchange)
+    size = np.linalg.norm(exact)
+    distance = float(np.linalg.norm(outer.forces - exact) / size) if size else float(np.linalg.norm(outer.forces))
+    log.info("%s; contact forces differ from those of the coupled problem by %.1e, relatively", answer.reason, distance)
+    with agreed(world):
+        if not (answer.certified and distance <= answer.limit):
+            raise NotConvergedError(f"{answer.reason}, and the contact forces differ from those of the coupled problem "
+                                    f"by {distance:.1e}; {answer.limit:.0e} is the limit")
 
 
 def _summary(problem: Problem, outer: OuterIteration, answer: Answer) -> dict:
@@ -202,12 +226,3 @@ def _log_end(summary: dict, answer: Answer) -> None:
              ", ".join(f"{name.replace('_', ' ')} {value:.1e}" for name, value in asdict(answer.certificate).items()))
     if summary["options_unused"]:
         log.warning("PETSc options that nothing used: %s", ", ".join(summary["options_unused"]))
-
-
-def _diagnosis(answer: Answer, outer: OuterIteration) -> str:
-    last = outer.history[-1]
-    message = f"{answer.reason} (iteration {last.iteration}, update {last.update:.1e}"
-    if answer.stopped == "converged":
-        return f"{message}; {', '.join(answer.violations)} above {answer.limit:.0e})"
-    hint = "a smaller method.theta may help" if outer.method.outer == "relaxation" else "see the history"
-    return f"{message}, residual {last.residual:.1e}, asked for {outer.method.tolerance:.0e}); {hint}"

@@ -11,6 +11,7 @@ import numpy as np
 from ddmpi.algorithm import OuterIteration, Step
 from ddmpi.anderson import AndersonIteration
 from ddmpi.certificate import Certificate, ContactState, certificate_limit, certify, contact_state
+from ddmpi.diagnosis import StatusLog
 from ddmpi.interface import displacement_trace
 from ddmpi.newton import InterfaceNewton
 from ddmpi.problem import Problem
@@ -34,6 +35,7 @@ class Answer:
     energy : strain energy of role 1's and role 2's body (J per metre of depth)
     state, certificate : of the interface
     limit : largest residual of a certified answer
+    statuses : of the contact nodes in the last iterations
     """
 
     stopped: str
@@ -43,6 +45,7 @@ class Answer:
     state: ContactState
     certificate: Certificate
     limit: float
+    statuses: StatusLog
 
     @property
     def certified(self) -> bool:
@@ -70,14 +73,20 @@ def solve(problem: Problem, method: Method, report: Callable[[Step], None] = lam
     one. Collective. Raises SolverError, the same on all ranks.
     """
     problem.body.restart()
-    outer = _outer(problem, method, report)
+    statuses = StatusLog()
+
+    def note(step: Step) -> None:
+        statuses.record(problem.interface, outer.forces, outer.g)
+        report(step)
+
+    outer = _outer(problem, method, note)
     load = float(np.abs(problem.body.elasticity.b.array_r).sum())
     load = float(sum(problem.world.allgather(load)))
     limit = certificate_limit(method.tolerance)
     tolerance = method.tolerance
     while True:
         stopped = outer.run(tolerance)
-        answer = _conclude(outer, stopped, load, limit)
+        answer = _conclude(outer, stopped, load, limit, statuses)
         if stopped != "converged" or answer.certified or tolerance < np.finfo(float).eps:
             return answer, outer
         tolerance *= TIGHTER
@@ -95,7 +104,8 @@ def _outer(problem: Problem, method: Method, report: Callable[[Step], None]) -> 
     return InterfaceNewton(*parts, 1.0 / sum(1.0 / E for E in moduli), report)
 
 
-def _conclude(outer: OuterIteration | InterfaceNewton, stopped: str, load: float, limit: float) -> Answer:
+def _conclude(outer: OuterIteration | InterfaceNewton, stopped: str, load: float, limit: float,
+              statuses: StatusLog) -> Answer:
     """Displacements, contact state and certificate of the forces at hand. Collective."""
     body, exchange, interface = outer.body, outer.exchange, outer.body.interface
     u, residual, energy = np.zeros_like(body.elasticity.prescribed), np.nan, np.nan
@@ -109,4 +119,4 @@ def _conclude(outer: OuterIteration | InterfaceNewton, stopped: str, load: float
     (r1, e1, u1), (r2, e2, u2) = (vector[-3:] for vector in both)
     state = contact_state(interface, outer.friction, outer.forces, outer.g, traces)
     certificate = certify(interface, outer.friction, state, (outer.s1, outer.s2), traces, (r1, r2), load)
-    return Answer(stopped, u, float(max(u1, u2)), (float(e1), float(e2)), state, certificate, limit)
+    return Answer(stopped, u, float(max(u1, u2)), (float(e1), float(e2)), state, certificate, limit, statuses)
