@@ -45,7 +45,8 @@ def build_parser() -> argparse.ArgumentParser:
                        help="override any key of the scene, as in body.upper.material.young=1e9")
     scene.add_argument("--quiet", action="store_true", help="say nothing but errors")
     formats = {"epilog": EPILOG, "formatter_class": argparse.RawDescriptionHelpFormatter, "allow_abbrev": False}
-    run = commands.add_parser("run", help="solve a scene; on as many ranks as it has bodies", parents=[scene], **formats)
+    run = commands.add_parser("run", help="solve a scene, on as many ranks as it has bodies",
+                              parents=[scene], **formats)
     run.add_argument("--output", metavar="DIR", help="folder for the results (default: a new one in results/)")
     run.add_argument("--no-figures", action="store_true", help="draw no pictures")
     commands.add_parser("verify", help="solve a small scene twice, also as the coupled problem by brute force, "
