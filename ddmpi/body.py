@@ -16,7 +16,7 @@ from ddmpi.elasticity import Elasticity
 from ddmpi.interface import Interface, displacement_trace, trace
 from ddmpi.qp import QP
 from ddmpi.scene import Coulomb, NoFriction, Tresca
-from ddmpi.solvers import QPSolver, StiffnessSolver
+from ddmpi.solvers import QPSolver
 
 PURPOSE = {1: "step1", 2: "step2"}
 """Under which the multiplications of the program of a role are counted."""
@@ -72,6 +72,7 @@ class Body:
     name, role : the body's name and its role (1 or 2) at the interface
     interface : the paired contact nodes
     elasticity : A, b of the body
+    compliance : kind of the compliance, see `Compliance`
 
     Attributes
     ----------
@@ -83,13 +84,13 @@ class Body:
     Construction factors A and is collective on the body's communicator.
     """
 
-    def __init__(self, name: str, role: int, interface: Interface, elasticity: Elasticity) -> None:
+    def __init__(self, name: str, role: int, interface: Interface, elasticity: Elasticity,
+                 compliance: str | None = None) -> None:
         self.name, self.role, self.interface, self.elasticity = name, role, interface, elasticity
         m = interface.m
         self.normal, self.tangential, self.whole = slice(0, m), slice(m, None), slice(None)
         self.sigma = 1.0 if role == 1 else -1.0
-        self.solver = StiffnessSolver(elasticity.A, name)
-        self.C = Compliance(self.solver, trace(interface, role, elasticity))
+        self.C = Compliance(elasticity.A, trace(interface, role, elasticity), name, compliance)
         self.qp_solver = QPSolver()
         self.h = np.zeros(self.C.size)
         if elasticity.b.norm() > 0.0:

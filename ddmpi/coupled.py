@@ -23,16 +23,11 @@ FIXED_POINT = 1e-12
 
 
 def dense_compliance(body: Body) -> np.ndarray:
-    """C (size, size) of one body by as many multiplications (m/N). Collective on the body."""
+    """C (size, size) of one body (m/N). Collective on the body. Raises InputError if it is too large."""
     size = body.C.size
     if size > LARGEST:
         raise InputError(f"the coupled problem has {size} contact unknowns; by brute force {LARGEST} are the most")
-    C, unit = np.empty((size, size)), np.zeros(size)
-    for k in range(size):
-        unit[k] = 1.0
-        body.C.mult(unit, C[k], "coupled")
-        unit[k] = 0.0
-    return (C + C.T) / 2
+    return body.C.dense()
 
 
 def solve_coupled(body: Body, friction: Friction, exchange: Exchange) -> np.ndarray:

@@ -105,7 +105,7 @@ def prepare(world: MPI.Comm, scene: Scene, folder: Path = Path("."), clock: Cloc
             interface = pair(*both, friction=not isinstance(contact.friction, NoFriction), label="contact.0")
     friction = friction_at(contact.friction, interface)
     with clock.phase("factor"), agreed(world):
-        body = Body(spec.name, role, interface, elasticity)
+        body = Body(spec.name, role, interface, elasticity, scene.method.compliance)
     return Problem(world, scene, spec, mesh, interface, friction, body, exchange, world.allreduce(elasticity.n), order)
 
 

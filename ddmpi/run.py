@@ -97,7 +97,7 @@ def _summary(problem: Problem, outer: OuterIteration, answer: Answer) -> dict:
     counts = world.allgather(dict(body.C.count))
     hosts = world.allgather(MPI.Get_processor_name())
     memory = world.allgather(round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1))
-    solver = world.allgather(body.solver.description)
+    solver = world.allgather(body.C.solver.description)
     steps = world.allgather(body.steps)
     unused = sorted(set.intersection(*map(set, world.allgather(unused_options()))))
     by_body = [sum(count.values()) for count in counts]
@@ -117,7 +117,7 @@ def _summary(problem: Problem, outer: OuterIteration, answer: Answer) -> dict:
         "displacement_max": finite_or_none(answer.displacement_max), "energy": [finite_or_none(e) for e in energy],
         "seconds": {}, "memory_mib": memory,
         "exchange": {"messages": outer.exchange.messages, "bytes": outer.exchange.bytes},
-        "solvers": {"body": solver, "qp": body.qp_solver.type}, "hosts": hosts, "versions": versions(),
+        "solvers": {"body": solver, "compliance": body.C.kind, "qp": body.qp_solver.type}, "hosts": hosts, "versions": versions(),
         "options": PETSc.Options().getAll(), "options_unused": unused, "scene": scene.resolved(),
     }
 
@@ -197,9 +197,9 @@ def _log_plan(problem: Problem, figures: bool) -> None:
         left_out.append("stress (not asked for)")
     if not figures:
         left_out.append("pictures (not asked for)")
-    log.info("n = %d unknowns, m = %d contact nodes, friction: %s; A by %s, subproblems by TAO %s",
-             problem.n, interface.m, friction.law, body.solver.description,
-             "python (MPRGP)" if body.qp_solver.type == "python" else body.qp_solver.type)
+    qp = "python (MPRGP)" if body.qp_solver.type == "python" else body.qp_solver.type
+    log.info("n = %d unknowns, m = %d contact nodes, friction: %s; A by %s, compliance %s, subproblems by TAO %s",
+             problem.n, interface.m, friction.law, body.C.solver.description, body.C.kind, qp)
     log.info("%s; left out: %s", _describe(scene.method), ", ".join(left_out) or "nothing")
     log.info("%5s  %10s  %10s  %6s", "k", "update", "residual", "n_A")
 

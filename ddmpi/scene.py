@@ -206,6 +206,7 @@ class Method(_Table, kw_only=True):
     theta: Positive | None = None
     tolerance: Annotated[float, msgspec.Meta(gt=0, lt=1)] | None = None
     max_iterations: PositiveInt = 500
+    compliance: Literal["explicit", "direct", "iterative"] | None = None
     inner_precision: Annotated[float, msgspec.Meta(gt=0, lt=1)] = 0.1
 
     def __post_init__(self) -> None:

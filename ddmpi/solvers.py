@@ -11,6 +11,7 @@ from petsc4py import PETSc
 from ddmpi.errors import SolverError
 from ddmpi.mprgp import MPRGP
 from ddmpi.qp import QP, QPResult
+from ddmpi.schur import request_schur, schur_complement
 
 REFINEMENTS = 3
 """How often an iterative solve whose true residual is too large is refined before it is an error."""
@@ -28,6 +29,12 @@ class StiffnessSolver:
     ----------
     A : the stiffness matrix, symmetric positive definite
     name : the body's name, for messages
+    schur : dofs on which the Schur complement is wanted, if the factorization can give it
+    iterative : conjugate gradients with algebraic multigrid instead of a factorization
+
+    Attributes
+    ----------
+    schur_complement : (k, k) dense Schur complement on those dofs (N/m), or None
 
     Raises
     ------
@@ -35,17 +42,17 @@ class StiffnessSolver:
         when the factorization fails. Collective on A's communicator.
     """
 
-    def __init__(self, A: PETSc.Mat, name: str) -> None:
+    def __init__(self, A: PETSc.Mat, name: str, schur: np.ndarray | None = None, iterative: bool = False) -> None:
         self.A, self.name = A, name
         self.ksp = PETSc.KSP().create(A.comm)
         self.ksp.setOptionsPrefix("body_")
         self.ksp.setOperators(A)
-        self.ksp.setType(PETSc.KSP.Type.PREONLY)
+        self.ksp.setType(PETSc.KSP.Type.CG if iterative else PETSc.KSP.Type.PREONLY)
         pc = self.ksp.getPC()
-        pc.setType(PETSc.PC.Type.CHOLESKY)
+        pc.setType(PETSc.PC.Type.GAMG if iterative else PETSc.PC.Type.CHOLESKY)
         options = PETSc.Options("body_")
-        if options.getString("pc_type", "cholesky") == "cholesky" and not options.hasName("pc_factor_mat_solver_type"):
-            pc.setFactorSolverType(best_cholesky(A))
+        if options.getString("pc_type", pc.getType()) == "cholesky":
+            pc.setFactorSolverType(options.getString("pc_factor_mat_solver_type", best_cholesky(A)))
         self.ksp.setTolerances(rtol=1e-10, atol=0.0, max_it=2000)
         self.ksp.setNormType(PETSc.KSP.NormType.NONE if self.ksp.getType() == "preonly"
                              else PETSc.KSP.NormType.UNPRECONDITIONED)
@@ -54,8 +61,15 @@ class StiffnessSolver:
         self.direct = self.ksp.getType() == PETSc.KSP.Type.PREONLY
         if not self.direct and not options.hasName("ksp_norm_type"):
             self._use_true_residual()
+        self.schur_complement = None
         try:
+            keeps = (schur is not None and self.direct and pc.getType() == PETSc.PC.Type.CHOLESKY
+                     and pc.getFactorSolverType() == "mumps")
+            if keeps:
+                request_schur(pc, schur)
             self.ksp.setUp()
+            if keeps:
+                self.schur_complement = schur_complement(pc, len(schur))
         except PETSc.Error as error:
             raise SolverError(f"body {name!r}: the stiffness matrix could not be factored "
                               f"({self.description}): {_petsc_message(error)}") from None
@@ -93,6 +107,21 @@ class StiffnessSolver:
             u.axpy(1.0, self._correction)
         raise SolverError(f"body {self.name!r}: {self.description} left a true residual of "
                           f"{residual / size:.1e} relative to the load, {target:.0e} is needed")
+
+    def solve_block(self, F: np.ndarray) -> np.ndarray:
+        """A⁻¹ F for the columns of F (n, k), without a check of each. Collective."""
+        right = PETSc.Mat().createDense(F.shape, array=np.asfortranarray(F), comm=self.A.comm)
+        found = PETSc.Mat().createDense(F.shape, comm=self.A.comm)
+        found.setUp()
+        if self.direct:
+            self.ksp.getPC().getFactorMatrix().matSolve(right, found)
+        else:
+            for k in range(F.shape[1]):
+                f, u = right.getDenseColumnVec(k, mode="r"), found.getDenseColumnVec(k, mode="w")
+                self.solve(f, u)
+                right.restoreDenseColumnVec(k, mode="r")
+                found.restoreDenseColumnVec(k, mode="w")
+        return found.getDenseArray().copy()
 
     def _solve(self, f: PETSc.Vec, u: PETSc.Vec) -> None:
         self.ksp.solve(f, u)
