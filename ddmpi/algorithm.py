@@ -83,7 +83,7 @@ class OuterIteration:
         size = self.body.C.size
         self.lam, self.s1, self.s2 = np.zeros(size), np.zeros(size), np.zeros(size)
         self.g = np.zeros(size - self.body.interface.m)
-        free = [np.linalg.norm(h) for h in self.exchange.swap(self.body.h)]
+        free = [np.linalg.norm(h) for h in self.exchange.swap(self.body.h, "free displacement")]
         self._scale = max(*free, float(np.linalg.norm(self.body.interface.gap)))
         self._step_size = FIRST_PRECISION * max(free) / self.precision
 
@@ -131,11 +131,11 @@ class OuterIteration:
 
         with exchange.deferred():
             body.solve(self.lam, self.g, precision, self.algorithm, self._split)  # Steps 1 and 2
-        self.s1, self.s2 = exchange.swap(body.s)
+        self.s1, self.s2 = exchange.swap(body.s, "forces")
         w = np.zeros_like(self.lam)
         with exchange.deferred():
             w = body.neumann(self.s1 - self.s2)  # Steps 3 and 4
-        w1, w2 = exchange.swap(np.append(w, body.C.count.total()))
+        w1, w2 = exchange.swap(np.append(w, body.C.count.total()), "neumann")
         update = self.advance(w1[:-1], w2[:-1])
         self.lam += update  # Step 5
 

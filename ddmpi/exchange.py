@@ -6,12 +6,13 @@ The only module that talks to another body's rank. Counts what it sends.
 from __future__ import annotations
 
 import contextlib
+import zlib
 from collections.abc import Iterator
 
 import numpy as np
 from mpi4py import MPI
 
-from ddmpi.errors import DdmpiError
+from ddmpi.errors import DdmpiError, SolverError
 
 _INTERFACE = 11
 
@@ -19,8 +20,9 @@ _INTERFACE = 11
 class Exchange:
     """Talks across one interface, between the roots of two bodies.
 
-    Every message starts with a word that says whether the sender is well, so that an error on one
-    rank reaches the other at the next exchange instead of leaving it waiting.
+    Every message starts with two words: whether the sender is well, so that an error on one rank reaches
+    the other at the next exchange instead of leaving it waiting; and what the message is about, so that
+    ranks whose iterations came to different ends (on unlike processors, say) notice it.
 
     Parameters
     ----------
@@ -38,20 +40,25 @@ class Exchange:
         self.messages = self.bytes = 0
         self._failure: DdmpiError | None = None
 
-    def swap(self, mine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Exchange equally long vectors with the partner; returns (role 1's, role 2's).
+    def swap(self, mine: np.ndarray, about: str) -> tuple[np.ndarray, np.ndarray]:
+        """Exchange equally long vectors `about` the same thing; returns (role 1's, role 2's).
 
-        Collective over both bodies. Raises the error of either side on both.
+        Collective over both bodies. Raises the error of either side on both, and SolverError when the
+        two sides are about different things.
         """
-        send, receive = np.empty(len(mine) + 1), np.empty(len(mine) + 1)
+        send, receive = np.empty(len(mine) + 2), np.empty(len(mine) + 2)
         send[0] = self._failure is not None
-        send[1:] = mine
+        send[1] = zlib.crc32(about.encode())
+        send[2:] = mine
         self.world.Sendrecv(send, self.partner, _INTERFACE, receive, self.partner, _INTERFACE)
         self.messages += 1
         self.bytes += send.nbytes
-        if send[0] or receive[0]:
+        if send[1] != receive[1]:
+            self._failure = self._failure or SolverError(
+                f"the two ranks are at different points of the iteration, one at {about!r}; the processors may differ")
+        if send[0] or receive[0] or send[1] != receive[1]:
             self.agree()
-        theirs = receive[1:]
+        theirs = receive[2:]
         return (mine, theirs) if self.role == 1 else (theirs, mine)
 
     def swap_objects(self, mine: object) -> tuple:

@@ -77,7 +77,7 @@ class InterfaceNewton:
     def __post_init__(self) -> None:
         body, interface = self.body, self.body.interface
         self._m, self._sliding = interface.m, interface.sliding
-        h1, h2 = self.exchange.swap(body.h)
+        h1, h2 = self.exchange.swap(body.h, "free displacement")
         self._d = h1 + h2
         self._d[:self._m] -= interface.gap
         self._c = 0.5 * self.modulus
@@ -137,7 +137,7 @@ class InterfaceNewton:
         self.body.s = s
 
     def _note(self, residual: float, update: float) -> None:
-        n1, n2 = self.exchange.swap(np.array([float(self.body.C.count.total())]))
+        n1, n2 = self.exchange.swap(np.array([float(self.body.C.count.total())]), "count")
         step = Step(len(self.history) + 1, update, residual, FORCING, (int(n1[0]), int(n2[0])))
         self.history.append(step)
         self.report(step)
@@ -276,9 +276,9 @@ class _Joint:
         """y ← (C_1 + C_2) x."""
         with self.exchange.deferred():
             self.body.C.mult(x, self._own, purpose)
-        first, second = self.exchange.swap(self._own)
+        first, second = self.exchange.swap(self._own, purpose)
         np.add(first, second, out=y)
 
     def norm(self) -> float:
         """‖C_1‖ + ‖C_2‖, an estimate of the norm of the sum."""
-        return float(sum(n[0] for n in self.exchange.swap(np.array([self.body.C.norm()]))))
+        return float(sum(n[0] for n in self.exchange.swap(np.array([self.body.C.norm()]), "norm")))

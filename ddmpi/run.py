@@ -117,7 +117,8 @@ def _summary(problem: Problem, outer: OuterIteration, answer: Answer) -> dict:
         "displacement_max": finite_or_none(answer.displacement_max), "energy": [finite_or_none(e) for e in energy],
         "seconds": {}, "memory_mib": memory,
         "exchange": {"messages": outer.exchange.messages, "bytes": outer.exchange.bytes},
-        "solvers": {"body": solver, "compliance": body.C.kind, "qp": body.qp_solver.type}, "hosts": hosts, "versions": versions(),
+        "solvers": {"body": solver, "compliance": body.C.kind, "qp": body.qp_solver.type},
+        "hosts": hosts, "versions": versions(),
         "options": PETSc.Options().getAll(), "options_unused": unused, "scene": scene.resolved(),
     }
 

@@ -114,7 +114,7 @@ def _conclude(outer: OuterIteration | InterfaceNewton, stopped: str, load: float
     own = displacement_trace(interface, body.role, u)
     body.Cs = body.h - own  # the product, afresh: the iteration updates it by recurrence
     largest = float(np.linalg.norm(u, axis=1).max())
-    both = exchange.swap(np.append(own, [residual, energy, largest]))
+    both = exchange.swap(np.append(own, [residual, energy, largest]), "answer")
     traces = tuple(vector[:-3] for vector in both)
     (r1, e1, u1), (r2, e2, u2) = (vector[-3:] for vector in both)
     state = contact_state(interface, outer.friction, outer.forces, outer.g, traces)
