@@ -11,7 +11,7 @@ STAMP=$VENV/ddmpi-setup
 DEBIAN_PACKAGES="python3-venv python3-petsc4py python3-mpi4py python3-h5py python3-h5py-mpi python3-scipy
     python3-matplotlib openmpi-bin libopenblas0-pthread libgl1 libglu1-mesa libxrender1 libxcursor1
     libxft2 libxinerama1 libxfixes3"
-MODULES="numpy scipy mpi4py petsc4py h5py gmsh meshio skfem msgspec matplotlib pytest pytest_isolate_mpi"
+MODULES="numpy scipy mpi4py petsc4py h5py gmsh meshio skfem msgspec matplotlib pytest pytest_isolate_mpi ruff"
 
 say() { printf 'ddmpi set-up: %s\n' "$*" >&2; }
 give_up() { say "$*"; exit 1; }
@@ -29,7 +29,11 @@ PY
 }
 
 # What the set-up depends on: a change of these makes it run again.
-wanted() { cat "$ROOT/pyproject.toml" "$ROOT/scripts/setup.sh"; }
+wanted() { cat "$ROOT/pyproject.toml" "$ROOT/scripts/setup.sh"; readlink -f /usr/bin/python3; }
+
+ready() {
+    wanted | cmp -s - "$STAMP" && { [ -x "$VENV/bin/python" ] || [ -x "$VENV/bin/python.found" ]; }
+}
 
 missing_packages() {
     local package
@@ -46,7 +50,7 @@ install_packages() {
         if sudo -n true 2>/dev/null; then root_command="sudo -n"
         else give_up "these packages are missing and this account may not install them; ask for
     apt-get install --no-install-recommends $missing
-or name a Python that has $MODULES and ruff in DDMPI_PYTHON (conda-forge has them all)."; fi
+or name a Python that has $MODULES in DDMPI_PYTHON (conda-forge has them all)."; fi
     fi
     say "installing Debian packages (about a minute): $missing"
     root_command="$root_command env DEBIAN_FRONTEND=noninteractive"
@@ -63,9 +67,12 @@ make_venv() {
     rm -rf "$VENV"
     /usr/bin/python3 -m venv --system-site-packages "$VENV" || give_up "python3 -m venv failed"
     site=$("$VENV/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
-    # Debian keeps petsc4py inside the PETSc tree.
-    echo 'import sys,glob; sys.path += glob.glob("/usr/lib/petscdir/petsc*/*-linux-gnu-real/lib/python3/dist-packages")' \
-        >"$site/debian-petsc4py.pth"
+    # Debian keeps petsc4py inside the PETSc tree. And what `pip install --user` has left in the home
+    # directory, a newer numpy say, must not come before Debian's.
+    cat >"$site/ddmpi-debian.pth" <<'PTH'
+import sys,glob; sys.path += glob.glob("/usr/lib/petscdir/petsc*/*-linux-gnu-real/lib/python3/dist-packages")
+import site; site.ENABLE_USER_SITE = False
+PTH
     # What Debian brings (MPI, PETSc, HDF5 and the bindings to them) must not come again from PyPI, and
     # nothing may replace the numpy that Debian's bindings were compiled for.
     "$VENV/bin/python" - "$ROOT/pyproject.toml" >"$VENV/requirements.txt" <<'PY'
@@ -90,7 +97,7 @@ set_up() {
         mkdir -p "$VENV/bin" && ln -sf "$found" "$VENV/bin/python.found" && wanted >"$STAMP"
         return
     fi
-    command -v apt-get >/dev/null 2>&1 || give_up "python3 lacks some of: $MODULES (and ruff), or mpirun is missing.
+    command -v apt-get >/dev/null 2>&1 || give_up "python3 lacks some of: $MODULES, or mpirun is missing.
 Install them with your package manager (conda-forge has them all) and start again, or name a Python in DDMPI_PYTHON."
     LOG=$(mktemp)
     install_packages
@@ -107,11 +114,11 @@ choose_python() {
         PYTHON=$DDMPI_PYTHON
         return
     fi
-    if ! wanted | cmp -s - "$STAMP"; then
+    if ! ready; then
         mkdir -p "$(dirname "$VENV")"
         exec 9>"$VENV.lock" # two jobs that start at once set up once
         flock 9
-        wanted | cmp -s - "$STAMP" || set_up
+        ready || set_up
         flock -u 9
         exec 9>&-
     fi
@@ -124,6 +131,8 @@ choose_python
 export PYTHON
 export PYTHONPATH="$ROOT${PYTHONPATH:+:$PYTHONPATH}"
 export OMP_NUM_THREADS=${OMP_NUM_THREADS:-1}
+# Two ranks also where there is one core; Open MPI 4 and 5.
+export OMPI_MCA_rmaps_base_oversubscribe=1 PRTE_MCA_rmaps_default_mapping_policy=:oversubscribe
 if [ "$(id -u)" = 0 ]; then # Open MPI (4: OMPI, 5: PRTE) wants this said twice
     export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
     export PRTE_ALLOW_RUN_AS_ROOT=1 PRTE_ALLOW_RUN_AS_ROOT_CONFIRM=1
