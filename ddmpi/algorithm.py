@@ -18,7 +18,7 @@ from ddmpi.scene import Method
 FIRST_PRECISION = 0.01
 """Inner precision of the first iteration, times max‖h_α‖: there is no earlier step to measure by."""
 
-ROUNDING = 1e-15
+ROUNDING = 1e-13
 """No inner solve is asked for more than this, relative to the displacements at hand."""
 
 DIVERGED = 1e8

@@ -10,7 +10,7 @@ from petsc4py import PETSc
 from scipy.linalg import lapack
 
 from ddmpi.errors import SolverError
-from ddmpi.mprgp import power_norm
+from ddmpi.mprgp import estimate_norm
 from ddmpi.solvers import StiffnessSolver
 
 LARGEST_EXPLICIT = 4000
@@ -105,7 +105,7 @@ class Compliance:
     def norm(self) -> float:
         """‖C‖₂ from below (m/N), estimated at the first call. Collective."""
         if not self._norm:
-            self._norm = power_norm(lambda x, y: self.mult(x, y, "norm"), self.size)
+            self._norm = estimate_norm(lambda x, y: self.mult(x, y, "norm"), self.size)
         return self._norm
 
 

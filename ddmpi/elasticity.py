@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sparse
 from petsc4py import PETSc
+from scipy.sparse import csgraph
 from skfem import Basis, ElementTriP1, ElementVector, FacetBasis, LinearForm, MeshTri, asm
 from skfem.models.elasticity import linear_elasticity
 
@@ -87,10 +88,12 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
 
     matrix = PETSc.Mat().createAIJWithArrays(
         A.shape, (A.indptr.astype(PETSc.IntType), A.indices.astype(PETSc.IntType), A.data), bsize=2, comm=comm)
+    matrix.setBlockSize(2)  # the creation with arrays passes it over
     matrix.setOption(PETSc.Mat.Option.SPD, True)
     matrix.setNearNullSpace(_rigid_motions(mesh.points[nodes], free[nodes], comm))
-    return Elasticity(matrix, PETSc.Vec().createWithArray(b, bsize=2, comm=comm), int(loose.sum()),
-                      nodes, free, prescribed, lift)
+    load = PETSc.Vec().createWithArray(b, bsize=2, comm=comm)
+    load.setBlockSize(2)
+    return Elasticity(matrix, load, int(loose.sum()), nodes, free, prescribed, lift)
 
 
 def stress(mesh: Mesh, material: Material, u: np.ndarray) -> np.ndarray:
@@ -171,18 +174,23 @@ def _clamps(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _refuse_rigid_motion(mesh: Mesh, free: np.ndarray, name: str) -> None:
-    """The clamped components must determine both translations and the rotation."""
-    centre, scale = mesh.points.mean(axis=0), mesh.extent
-    x, y = ((mesh.points - centre) / scale).T
-    modes = np.stack([np.stack([np.ones_like(x), np.zeros_like(x), -y], 1),
-                      np.stack([np.zeros_like(x), np.ones_like(x), x], 1)], 1)  # (nv, 2, 3)
-    held = modes[~free]
-    values, vectors = np.linalg.eigh(held.T @ held)
-    if values[0] <= 1e-16 * max(values[-1], 1.0) * max(len(held), 1):
-        tx, ty, rotation = np.abs(vectors[:, 0])
-        loose = "rotate" if rotation > 0.5 else "move along x" if tx > ty else "move along y"
-        raise InputError(f"body.{name}.clamp: the body is not held: it can still {loose} as a rigid body; "
-                         "clamp a boundary group, or more components of one")
+    """The clamped components must determine both translations and the rotation of each connected piece."""
+    t, size = mesh.triangles, len(mesh.points)
+    links = sparse.coo_matrix((np.ones(2 * len(t), bool), (np.tile(t[:, 0], 2), t[:, 1:].T.ravel())), (size, size))
+    pieces, piece = csgraph.connected_components(links, directed=False)
+    for k in range(pieces):
+        members = piece == k
+        x, y = ((mesh.points[members] - mesh.points[members].mean(axis=0)) / mesh.extent).T
+        modes = np.stack([np.stack([np.ones_like(x), np.zeros_like(x), -y], 1),
+                          np.stack([np.zeros_like(x), np.ones_like(x), x], 1)], 1)  # (k, 2, 3)
+        held = modes[~free[members]]
+        values, vectors = np.linalg.eigh(held.T @ held)
+        if values[0] <= 1e-16 * max(values[-1], 1.0) * max(len(held), 1):
+            tx, ty, rotation = np.abs(vectors[:, 0])
+            loose = "rotate" if rotation > 0.5 else "move along x" if tx > ty else "move along y"
+            part = "the body" if pieces == 1 else f"a piece of the body (there are {pieces} that hang not together)"
+            raise InputError(f"body.{name}.clamp: {part} is not held: it can still {loose} as a rigid body; "
+                             "clamp a boundary group, or more components of one")
 
 
 def _rigid_motions(points: np.ndarray, free: np.ndarray, comm) -> PETSc.NullSpace:

@@ -178,7 +178,7 @@ def _held(direction: np.ndarray, free: np.ndarray) -> np.ndarray:
 
     With one component free, the unknown along the direction nearest to it stays.
     """
-    return np.linalg.norm(direction * free, axis=1) < np.where(free.all(axis=1), 0.0, 0.9)
+    return np.linalg.norm(direction * free, axis=1) < np.where(free.all(axis=1), 0.0, np.sqrt(0.5) - 1e-9)
 
 
 def _worst(first: Side, second: Side, match: np.ndarray) -> str:

@@ -50,6 +50,8 @@ def boundary_group(mesh: Mesh, name: str, key: str) -> np.ndarray:
     """Edges (k, 2) of the group `name`; InputError naming `key` if the mesh has no such group."""
     if name not in mesh.groups:
         raise InputError(f"{key}: the mesh has no boundary group {name!r}; it has {', '.join(sorted(mesh.groups))}")
+    if len(mesh.groups[name]) == 0:
+        raise InputError(f"{key}: the boundary group {name!r} of the mesh has a name, but no lines")
     return mesh.groups[name]
 
 
@@ -107,8 +109,12 @@ def read_mesh(path: Path, body: str) -> Mesh:
         raise InputError(f"{key}: {path} has elements of type {', '.join(other)}; "
                          "first-order triangles and boundary lines are what is needed")
     triangles = raw.cells_dict.get("triangle", np.empty((0, 3), int)).astype(np.int64)
+    # version 2 files repeat an element for each physical group that it is in
+    triangles = triangles[np.sort(np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)[1])]
     if len(triangles) == 0:
         raise InputError(f"{key}: {path} has no triangles (gmsh saves only elements in physical groups)")
+    if not np.isfinite(raw.points).all():
+        raise InputError(f"{key}: {path} has coordinates that are not numbers")
     if np.ptp(raw.points[:, 2]) > 1e-9 * np.ptp(raw.points):
         raise InputError(f"{key}: {path} is not plane (its z coordinates differ)")
     points = np.asarray(raw.points[:, :2], float)
@@ -118,6 +124,9 @@ def read_mesh(path: Path, body: str) -> Mesh:
                          "clamps, tractions and contact refer to boundaries by such names")
     lines = raw.cells_dict.get("line", np.empty((0, 2), int)).astype(np.int64)
     physical = raw.cell_data_dict.get("gmsh:physical", {}).get("line", np.empty(0, int))
+    sets = raw.cell_sets_dict  # of version 4 files, where an element may be in several groups
+    members = {name: sets[name].get("line", []) if name in sets else np.flatnonzero(physical == tag)
+               for tag, name in tags.items()}
 
     used, renumbered = np.unique(triangles, return_inverse=True)
     number = np.full(len(points), -1)
@@ -129,7 +138,7 @@ def read_mesh(path: Path, body: str) -> Mesh:
     if np.abs(doubled).min() <= 1e-14 * np.abs(doubled).max():
         raise InputError(f"{key}: {path} has triangles without area")
     triangles[doubled < 0] = triangles[doubled < 0][:, [0, 2, 1]]
-    return Mesh(points, triangles, {name: lines[physical == tag] for tag, name in tags.items()})
+    return Mesh(points, triangles, {name: lines[chosen] for name, chosen in members.items()})
 
 
 def signed_double_areas(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 from petsc4py import PETSc
+from scipy.linalg import eigh_tridiagonal
 
 from ddmpi.qp import projected_gradient
 
@@ -32,7 +33,7 @@ class MPRGP:
     """``-tao_type python -tao_python_type ddmpi.mprgp.MPRGP``.
 
     The Hessian must be a PETSc matrix; where its Python context has ``norm()``, that estimate of
-    ‖H‖₂ is used, else a power iteration supplies one. The solution lies within the bounds exactly,
+    ‖H‖₂ is used, else Lanczos steps supply one. The solution lies within the bounds exactly,
     and the TAO's gradient vector holds the gradient there. Stops at ‖projected gradient‖ ≤ gatol.
 
     Attributes
@@ -55,7 +56,7 @@ class MPRGP:
         G = tao.getGradient()[0]
         tao.computeGradient(X, G)
         self.steps = dict.fromkeys(self.steps, 0)
-        fixed_step = STEP / _norm(H, X)
+        norm = _norm(H, X)
 
         def multiply(direction: np.ndarray) -> np.ndarray:
             P.array[:] = direction
@@ -80,6 +81,7 @@ class MPRGP:
             inside = (x > lower) & (x < upper)
             free = np.where(inside, g, 0.0)
             chopped = np.where(inside, 0.0, pg)
+            fixed_step = STEP / norm
             reduced = np.clip(free, (x - upper) / fixed_step, (x - lower) / fixed_step)
 
             if chopped @ chopped <= PROPORTION**2 * (reduced @ free):
@@ -87,6 +89,7 @@ class MPRGP:
                     p, restart = free, False
                 Hp = multiply(p)
                 curvature = p @ Hp
+                norm = max(norm, curvature / (p @ p))
                 step = (g @ p) / curvature
                 longest = _longest(x, p, lower, upper)
                 if step <= longest:
@@ -104,12 +107,17 @@ class MPRGP:
                 if change @ g + 0.5 * (change @ H_change) >= 0.0:
                     half_x, half_g = x - longest * p, g - longest * Hp
                     half_free = np.where((half_x > lower) & (half_x < upper), half_g, 0.0)
-                    change = np.clip(half_x - fixed_step * half_free, lower, upper) - x
-                    H_change = multiply(change)
+                    while True:
+                        change = np.clip(half_x - STEP / norm * half_free, lower, upper) - x
+                        H_change = multiply(change)
+                        if not change @ g + 0.5 * (change @ H_change) > 0.0:
+                            break
+                        norm *= 2.0  # its estimate, from below, was too small
             else:
                 self.steps["proportioning"] += 1
                 restart = True
                 H_chopped = multiply(chopped)
+                norm = max(norm, (chopped @ H_chopped) / (chopped @ chopped))
                 step = min((g @ chopped) / (chopped @ H_chopped), _longest(x, chopped, lower, upper))
                 change, H_change = -step * chopped, step * -H_chopped
             x += change
@@ -139,23 +147,30 @@ def _norm(H: PETSc.Mat, like: PETSc.Vec) -> float:
         H.mult(v, w)
         y[:] = w.array_r
 
-    return power_norm(mult, like.getLocalSize())
+    return estimate_norm(mult, like.getLocalSize())
 
 
-def power_norm(mult, size: int, change: float = 1e-2, limit: int = 30) -> float:
-    """‖H‖₂ of a symmetric positive definite H by the power method, from below.
+def estimate_norm(mult, size: int, change: float = 1e-2, limit: int = 30) -> float:
+    """‖H‖₂ of a symmetric positive definite H by the Lanczos method, from below.
 
     `mult(x, y)` does y ← H x. Stops when the estimate changes by less than `change`, relatively.
     """
-    x = 1.0 + 0.1 * np.cos(np.arange(size))  # deterministic, and in no eigenspace
+    v = 1.0 + 0.3 * np.random.default_rng(0).standard_normal(size)  # deterministic, and in no eigenspace
+    basis, diagonal, off = [v / np.linalg.norm(v)], [], []
     y = np.empty(size)
-    norm, previous = 1.0, 0.0
-    for _ in range(limit):
-        x /= np.linalg.norm(x)
-        mult(x, y)
-        norm = np.linalg.norm(y)
-        if not abs(norm - previous) > change * norm:
+    norm = 0.0
+    for _ in range(min(limit, size)):
+        mult(basis[-1], y)
+        if not np.isfinite(y).all():
+            return float("nan")
+        diagonal.append(basis[-1] @ y)
+        V = np.array(basis)
+        r = y - V.T @ (V @ y)
+        r -= V.T @ (V @ r)
+        previous, norm = norm, eigh_tridiagonal(diagonal, off, eigvals_only=True)[-1]
+        left = np.linalg.norm(r)
+        if abs(norm - previous) <= change * norm or left <= 1e-14 * norm:
             break
-        previous = norm
-        x, y = y, x
+        off.append(left)
+        basis.append(r / left)
     return float(norm)

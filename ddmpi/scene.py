@@ -11,7 +11,7 @@ import math
 import re
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_type_hints
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
@@ -339,7 +339,7 @@ def _index(table: list, part: str, key: str) -> int:
     names = [entry["name"] for entry in table if isinstance(entry, dict) and "name" in entry]
     if part in names:
         return names.index(part)
-    if part.isdigit() and int(part) < len(table):
+    if part.isdecimal() and int(part) < len(table):
         return int(part)
     known = names or [f"0 to {len(table) - 1}" if table else "none, the list is empty"]
     raise InputError(f"--set {key}: there is no entry {part!r}; there are {', '.join(known)}{_nearest(part, names)}")
@@ -357,9 +357,11 @@ def _explain(message: str, data: dict) -> str:
     parts = re.findall(r"\w+|\.\.\.", path)
     kind, here, named = Scene, data, []
     for part in parts:
-        if isinstance(here, list) and part.isdigit():
+        if part == "...":  # msgspec does not say which entry of a table of free names it was
+            part = next((name for name, value in here.items() if isinstance(value, dict | list)), part)
+        if isinstance(here, list) and part.isdecimal():
             here = here[int(part)] if int(part) < len(here) else {}
-            part = here.get("name", part) if isinstance(here, dict) else part
+            part = (here.get("name") or part) if isinstance(here, dict) else part
         elif isinstance(here, dict):
             here = here.get(part, {})
         named.append(str(part))
@@ -401,6 +403,9 @@ def _member(kind: Any, part: str, here: Any) -> Any:
         kind = inner[0] if inner else None
     options = [o for o in (get_args(kind) if not isinstance(kind, type) else ())
                if isinstance(o, type) and issubclass(o, msgspec.Struct)]
+    literals = [o for o in get_args(kind) if get_origin(o) is Literal]
+    if literals:  # Literal | None
+        return literals[0]
     if options and isinstance(here, dict):
         tagged = [o for o in options if o.__struct_config__.tag == here.get("law", object())]
         return (tagged or options)[0]

@@ -16,8 +16,18 @@ from ddmpi.schur import request_schur, schur_complement
 REFINEMENTS = 3
 """How often an iterative solve whose true residual is too large is refined before it is an error."""
 
+TRUE_RESIDUAL = ("cg", "fcg", "pipecg", "gmres", "fgmres", "bcgs", "cr")
+"""KSP types that can test the unpreconditioned residual; for others the check after the solve decides."""
+
 DIRECT_RESIDUAL = 1e-6
 """A direct solve whose relative residual exceeds this has failed (a pivot was lost)."""
+
+
+FRESH = 1e-11
+"""Below this precision, relative to the displacements, a product kept by recurrence is computed anew."""
+
+ON_BOUND = 1e-12
+"""So near a bound, relative to the largest unknown, PETSc's TAO types leave what they mean to be on it."""
 
 
 class StiffnessSolver:
@@ -47,34 +57,47 @@ class StiffnessSolver:
         self.ksp = PETSc.KSP().create(A.comm)
         self.ksp.setOptionsPrefix("body_")
         self.ksp.setOperators(A)
+        self.schur_complement = None
+        try:
+            self._configure(iterative)
+            self._set_up(schur)
+        except PETSc.Error as error:
+            given = ", ".join(f"-{k} {v}" for k, v in PETSc.Options().getAll().items() if k.startswith("body_"))
+            raise SolverError(f"body {name!r}: PETSc cannot set up its solver ({self.description}"
+                              f"{'; options ' + given if given else ''}): {_petsc_message(error)}") from None
+        self._residual, self._correction = A.createVecs()
+        self._first = True
+
+    def _configure(self, iterative: bool) -> None:
+        """Defaults in code, then the options; then what follows from both."""
+        options = PETSc.Options("body_")
         self.ksp.setType(PETSc.KSP.Type.CG if iterative else PETSc.KSP.Type.PREONLY)
         pc = self.ksp.getPC()
         pc.setType(PETSc.PC.Type.GAMG if iterative else PETSc.PC.Type.CHOLESKY)
-        options = PETSc.Options("body_")
         if options.getString("pc_type", pc.getType()) == "cholesky":
-            pc.setFactorSolverType(options.getString("pc_factor_mat_solver_type", best_cholesky(A)))
+            pc.setFactorSolverType(options.getString("pc_factor_mat_solver_type", best_cholesky(self.A)))
         self.ksp.setTolerances(rtol=1e-10, atol=0.0, max_it=2000)
-        self.ksp.setNormType(PETSc.KSP.NormType.NONE if self.ksp.getType() == "preonly"
-                             else PETSc.KSP.NormType.UNPRECONDITIONED)
         self.ksp.setErrorIfNotConverged(False)
         self.ksp.setFromOptions()
         self.direct = self.ksp.getType() == PETSc.KSP.Type.PREONLY
-        if not self.direct and not options.hasName("ksp_norm_type"):
-            self._use_true_residual()
-        self.schur_complement = None
-        try:
-            keeps = (schur is not None and self.direct and pc.getType() == PETSc.PC.Type.CHOLESKY
-                     and pc.getFactorSolverType() == "mumps")
-            if keeps:
-                request_schur(pc, schur)
-            self.ksp.setUp()
-            if keeps:
-                self.schur_complement = schur_complement(pc, len(schur))
-        except PETSc.Error as error:
-            raise SolverError(f"body {name!r}: the stiffness matrix could not be factored "
-                              f"({self.description}): {_petsc_message(error)}") from None
-        self._residual, self._correction = A.createVecs()
-        self._first = True
+        if not options.hasName("ksp_norm_type") and self.ksp.getType() in TRUE_RESIDUAL:
+            self.ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+            if self.ksp.getType() == "gmres":
+                self.ksp.setPCSide(PETSc.PC.Side.RIGHT)
+
+    def _set_up(self, schur: np.ndarray | None) -> None:
+        """Factor, and keep the Schur complement where MUMPS gives it."""
+        pc = self.ksp.getPC()
+        keeps = (schur is not None and self.direct and pc.getType() == PETSc.PC.Type.CHOLESKY
+                 and pc.getFactorSolverType() == "mumps")
+        if keeps and len(schur) == self.A.size[0]:  # nothing to eliminate
+            self.schur_complement = _dense(self.A)
+            keeps = False
+        if keeps:
+            request_schur(pc, schur)
+        self.ksp.setUp()
+        if keeps:
+            self.schur_complement = schur_complement(pc, len(schur))
 
     @property
     def description(self) -> str:
@@ -130,13 +153,6 @@ class StiffnessSolver:
             raise SolverError(f"body {self.name!r}: {self.description} failed with "
                               f"{_name(PETSc.KSP.ConvergedReason, reason)} after "
                               f"{self.ksp.getIterationNumber()} iterations")
-
-    def _use_true_residual(self) -> None:
-        """Test the unpreconditioned residual where the method can; else the check in `solve` decides."""
-        if self.ksp.getType() in ("cg", "gmres", "fgmres", "bcgs", "cr", "minres"):
-            self.ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-            if self.ksp.getType() == "gmres":
-                self.ksp.setPCSide(PETSc.PC.Side.RIGHT)
 
 
 def best_cholesky(A: PETSc.Mat) -> str:
@@ -205,10 +221,10 @@ class QPSolver:
         tao = self._create(problem, "python", tolerance)
         tao.solve()
         x, g = tao.getSolution().array_r, tao.getGradient()[0].array_r
-        s = problem.force * x
-        for bound in (qp.lower, qp.upper):  # what lies on a bound lies there exactly
-            s = np.where(x == bound / problem.force, bound, s)
+        s = problem.unscaled(x, 0.0)
         Cs = problem.displacement * g + qp.d
+        if tolerance < FRESH * problem.displacement:  # the recurrence may have lost what is asked for
+            qp.C.mult(s, Cs, purpose)
         steps = dict(tao.getPythonContext().steps)
         return QPResult(s, Cs, qp.residual(s, Cs), tao.getIterationNumber(), steps)
 
@@ -218,8 +234,7 @@ class QPSolver:
         tao = self._create(problem, self.type, tolerance)
         tao.solve()
         s = s.copy()
-        s[moving] = problem.force * tao.getSolution().array_r
-        s = qp.project(s)
+        s[moving] = problem.unscaled(tao.getSolution().array_r, ON_BOUND)
         Cs = np.empty_like(s)
         qp.C.mult(s, Cs, purpose)
         return QPResult(s, Cs, qp.residual(s, Cs), tao.getIterationNumber(), {})
@@ -233,7 +248,7 @@ class QPSolver:
             tao.setType(PETSc.TAO.Type.PYTHON)
             tao.setPythonContext(MPRGP())
         else:
-            tao.setType(kind)
+            _set_type(tao, kind)
         x, lower, upper = problem.vectors()
         tao.setSolution(x)
         tao.setVariableBounds((lower, upper))
@@ -245,7 +260,10 @@ class QPSolver:
         tao.setHessian(lambda *_: None, H)
         tao.setMaximumIterations(20 * len(problem.moving) + 200)
         tao.setTolerances(gatol=tolerance / problem.displacement, grtol=0.0, gttol=0.0)
-        tao.setFromOptions()
+        if kind == self.type:  # else the options are meant for another type
+            tao.setFromOptions()
+        if kind in ("gpcg", "tron") and not PETSc.Options("qp_").hasName("pc_type"):
+            tao.getKSP().getPC().setType(PETSc.PC.Type.NONE)  # the Hessian is a shell
         return tao
 
     def _reason(self) -> str:
@@ -274,6 +292,14 @@ class _Scaled:
     def vectors(self) -> tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]:
         arrays = (self._start.copy(), self.qp.lower[self.moving] / self.force, self.qp.upper[self.moving] / self.force)
         return tuple(PETSc.Vec().createWithArray(a, comm=PETSc.COMM_SELF) for a in arrays)
+
+    def unscaled(self, x: np.ndarray, near: float) -> np.ndarray:
+        """Forces (N) from scaled unknowns; what is as `near` a bound lies on it, exactly."""
+        lower, upper = self.qp.lower[self.moving], self.qp.upper[self.moving]
+        s = np.clip(self.force * x, lower, upper)
+        size = near * max(np.abs(x).max(initial=0.0), 1e-300)
+        s = np.where(x <= lower / self.force + size, lower, s)
+        return np.where(x >= upper / self.force - size, upper, s)
 
     def hessian(self) -> PETSc.Mat:
         k = len(self.moving)
@@ -315,10 +341,28 @@ class _Scaled:
         return self.objective(tao, X)
 
 
+def _set_type(tao: PETSc.TAO, kind: str) -> None:
+    """Set one of PETSc's types; the bounded Newton types must not precondition a shell Hessian."""
+    options = PETSc.Options("qp_")
+    try:
+        tao.setType(kind)
+    except PETSc.Error as error:
+        raise SolverError(f"-qp_tao_type {kind}: {_petsc_message(error)}") from None
+    if kind.startswith("bn") and not options.hasName("tao_bnk_pc_type"):
+        options.setValue("tao_bnk_pc_type", "none")
+
+
 def _name(reasons: type, value: int) -> str:
     """PETSc's name of a reason code."""
     names = [n for n in dir(reasons) if n.isupper() and getattr(reasons, n) == value]
     return next((n for n in names if n.startswith(("CONVERGED", "DIVERGED"))), f"reason {value}")
+
+
+def _dense(A: PETSc.Mat) -> np.ndarray:
+    indptr, columns, values = A.getValuesCSR()
+    dense = np.zeros(A.size)
+    dense[np.repeat(np.arange(A.size[0]), np.diff(indptr)), columns] = values
+    return dense
 
 
 def _petsc_message(error: PETSc.Error) -> str:

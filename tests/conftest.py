@@ -1,0 +1,22 @@
+"""Fixtures that several test modules share."""
+
+from collections.abc import Callable, Iterator
+
+import pytest
+
+
+@pytest.fixture
+def petsc_options() -> Iterator[Callable[..., None]]:
+    """Sets PETSc options for one test: ``petsc_options(body_ksp_type="cg")``; afterwards they are gone."""
+    from petsc4py import PETSc
+
+    options, names = PETSc.Options(), set()
+
+    def put(**values: object) -> None:
+        for name, value in values.items():
+            names.add(name)
+            options.setValue(name, value)
+
+    yield put
+    for name in names:
+        options.delValue(name)

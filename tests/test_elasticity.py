@@ -1,0 +1,406 @@
+"""One elastic body: convergence against a manufactured solution, exact linear fields, loads, clamps."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sparse
+from petsc4py import PETSc
+from scipy.sparse.linalg import spsolve
+from skfem import Basis, ElementTriP1, ElementVector, Functional, LinearForm, MeshTri, asm
+from skfem.models.elasticity import linear_elasticity
+
+from ddmpi.elasticity import Elasticity, assemble, stress, von_mises
+from ddmpi.errors import InputError
+from ddmpi.mesh import Mesh, generate_rectangle
+from ddmpi.scene import AffineScalar, AffineVector, BodySpec, Clamp, Material, MeshSpec, Traction
+
+SIDES = ["left", "right", "bottom", "top"]
+STRAIN = Material(young=3.0, poisson=0.3)
+STRESS = Material(young=3.0, poisson=0.3, plane="stress")
+
+
+def rectangle(divisions=(6, 4), size=(3.0, 2.0), origin=(1.0, -0.5)) -> Mesh:
+    return generate_rectangle(MeshSpec(shape="rectangle", origin=origin, size=size, divisions=divisions))
+
+
+def body(material=STRAIN, **rest) -> BodySpec:
+    return BodySpec(name="block", mesh=MeshSpec(file="unused.msh"), material=material, **rest)
+
+
+def skfem_parts(mesh: Mesh):
+    skmesh = MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
+    element = ElementVector(ElementTriP1())
+    return skmesh, element
+
+
+def full_stiffness(mesh: Mesh, material: Material) -> sparse.csr_matrix:
+    skmesh, element = skfem_parts(mesh)
+    return asm(linear_elasticity(*material.lame), Basis(skmesh, element)).tocsr()
+
+
+def to_scipy(A: PETSc.Mat) -> sparse.csr_matrix:
+    indptr, indices, data = A.getValuesCSR()
+    return sparse.csr_matrix((data, indices, indptr), shape=A.size)
+
+
+def solve(problem: Elasticity, extra: np.ndarray | None = None) -> np.ndarray:
+    """Displacement (nv, 2); `extra` is a load (nv, 2) that the scene cannot describe."""
+    b = problem.b.array_r.copy()
+    if extra is not None:
+        b += (extra * problem.free)[problem.nodes].ravel()
+    u = problem.b.duplicate()
+    u.array[:] = spsolve(to_scipy(problem.A).tocsc(), b)
+    return problem.expand(u)
+
+
+def dofs(nodes: np.ndarray) -> np.ndarray:
+    return (2 * nodes[:, None] + [0, 1]).ravel()
+
+
+# Manufactured solution: zero on the boundary of the unit square, plane strain
+
+
+def exact(x, y):
+    pi = np.pi
+    return np.array([np.sin(pi * x) * np.sin(pi * y), np.sin(2 * pi * x) * np.sin(pi * y)])
+
+
+def exact_gradient(x, y):
+    pi = np.pi
+    return np.array([
+        [pi * np.cos(pi * x) * np.sin(pi * y), pi * np.sin(pi * x) * np.cos(pi * y)],
+        [2 * pi * np.cos(2 * pi * x) * np.sin(pi * y), pi * np.sin(2 * pi * x) * np.cos(pi * y)]])
+
+
+def exact_force(x, y, first, shear):
+    """−div σ = −(λ + μ) grad div u − μ Δu."""
+    pi = np.pi
+    u, v = exact(x, y)
+    u_xx, v_yy = -pi**2 * u, -pi**2 * v
+    u_xy = pi**2 * np.cos(pi * x) * np.cos(pi * y)
+    v_xy = 2 * pi**2 * np.cos(2 * pi * x) * np.cos(pi * y)
+    laplace = np.array([-2 * pi**2 * u, -5 * pi**2 * v])
+    return -(first + shear) * np.array([u_xx + v_xy, u_xy + v_yy]) - shear * laplace
+
+
+def errors(divisions: int) -> tuple[float, float]:
+    """L2 and energy norm of the error."""
+    mesh = rectangle((divisions, divisions), (1.0, 1.0), (0.0, 0.0))
+    first, shear = STRAIN.lame
+    skmesh, element = skfem_parts(mesh)
+    basis = Basis(skmesh, element, intorder=5)
+
+    @LinearForm
+    def load(v, w):
+        f = exact_force(*w.x, first, shear)
+        return f[0] * v[0] + f[1] * v[1]
+
+    @Functional
+    def squared_error(w):
+        return ((w["u"] - exact(*w.x)) ** 2).sum(axis=0)
+
+    @Functional
+    def squared_energy(w):
+        e = w["u"].grad - exact_gradient(*w.x)
+        e = (e + e.swapaxes(0, 1)) / 2
+        return first * (e[0, 0] + e[1, 1]) ** 2 + 2 * shear * (e**2).sum(axis=(0, 1))
+
+    u = solve(assemble(mesh, body(clamp=SIDES)), asm(load, basis).reshape(-1, 2))
+    field = basis.interpolate(u.ravel())
+    return np.sqrt(asm(squared_error, basis, u=field)), np.sqrt(asm(squared_energy, basis, u=field))
+
+
+def test_convergence_rates():
+    divisions = np.array([8, 16, 32])
+    l2, energy = np.log([errors(n) for n in divisions]).T
+    rate_l2, rate_energy = (-np.polyfit(np.log(divisions), e, 1)[0] for e in (l2, energy))
+    assert 1.9 < rate_l2 < 2.2
+    assert 0.95 < rate_energy < 1.2
+    assert np.exp(l2[-1]) < 5e-3
+
+
+# Linear fields are exact
+
+GRADIENT = np.array([[1e-3, -4e-4], [7e-4, 5e-4]])
+SHIFT = np.array([2e-3, -1e-3])
+
+
+def linear(points: np.ndarray) -> np.ndarray:
+    return SHIFT + points @ GRADIENT.T
+
+
+def linear_clamp(group: str) -> Clamp:
+    x, y = (AffineScalar(constant=SHIFT[i], x_slope=GRADIENT[i, 0], y_slope=GRADIENT[i, 1]) for i in (0, 1))
+    return Clamp(on=group, x=x, y=y)
+
+
+def linear_stress(material: Material) -> np.ndarray:
+    """Hooke's law in the form ε = ((1 + ν) σ − ν tr σ) / E, inverted for the plane problem."""
+    E, nu = material.young, material.poisson
+    exx, eyy, exy = GRADIENT[0, 0], GRADIENT[1, 1], (GRADIENT[0, 1] + GRADIENT[1, 0]) / 2
+    if material.plane == "stress":
+        compliance = np.array([[1, -nu], [-nu, 1]]) / E
+    else:
+        compliance = np.array([[1 - nu**2, -nu * (1 + nu)], [-nu * (1 + nu), 1 - nu**2]]) / E
+    sxx, syy = np.linalg.solve(compliance, [exx, eyy])
+    szz = 0.0 if material.plane == "stress" else nu * (sxx + syy)
+    return np.array([sxx, syy, szz, E / (1 + nu) * exy])
+
+
+@pytest.mark.parametrize("material", [STRAIN, STRESS], ids=["strain", "stress"])
+def test_patch_with_prescribed_boundary(material):
+    mesh = rectangle()
+    u = solve(assemble(mesh, body(material, clamp=[linear_clamp(s) for s in SIDES])))
+    assert np.abs(u - linear(mesh.points)).max() <= 1e-12 * np.abs(u).max()
+
+
+@pytest.mark.parametrize("material", [STRAIN, STRESS], ids=["strain", "stress"])
+def test_patch_with_tractions(material):
+    mesh = rectangle()
+    sxx, syy, _, sxy = linear_stress(material)
+    tractions = [Traction(on="right", value=(sxx, sxy)), Traction(on="top", value=(sxy, syy)),
+                 Traction(on="bottom", value=(-sxy, -syy))]
+    u = solve(assemble(mesh, body(material, clamp=[linear_clamp("left")], traction=tractions)))
+    assert np.abs(u - linear(mesh.points)).max() <= 1e-12 * np.abs(u).max()
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e6])
+def test_patch_of_any_size_and_stiffness(scale):
+    mesh = rectangle(size=(3.0 * scale, 2.0 * scale), origin=(0.0, 0.0))
+    material = Material(young=2e11, poisson=0.3)
+    clamps = [Clamp(on="left", x=0.0, y=0.0), Clamp(on="bottom", y=0.0)]
+    sigma = 1e6
+    traction = [Traction(on="right", value=(sigma, 0.0))]
+    u = solve(assemble(mesh, body(material, clamp=[Clamp(on="left", x=0.0), *clamps[1:]], traction=traction)))
+    strain = sigma * (1 - 0.3**2) / 2e11
+    expected = mesh.points * [strain, -strain * 0.3 / 0.7]
+    assert np.abs(u - expected).max() <= 1e-12 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("material", [STRAIN, STRESS], ids=["strain", "stress"])
+def test_stress_of_a_linear_field(material):
+    mesh = rectangle()
+    sigma = stress(mesh, material, linear(mesh.points))
+    assert sigma.shape == (len(mesh.triangles), 4)
+    expected = linear_stress(material)
+    assert np.abs(sigma - expected).max() <= 1e-12 * np.abs(expected).max()
+
+
+def test_stress_belongs_to_the_triangle():
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+    mesh = Mesh(points, np.array([[0, 1, 2], [1, 3, 2]]), {})
+    u = np.zeros((4, 2))
+    u[3] = [1.0, 0.0]
+    first, shear = STRAIN.lame
+    assert np.array_equal(stress(mesh, STRAIN, u)[0], np.zeros(4))
+    assert stress(mesh, STRAIN, u)[1] == pytest.approx([first + 2 * shear, first, first, shear], rel=1e-14)
+
+
+def test_von_mises():
+    cases = np.array([[5.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, -2.0],
+                      [3.0, 3.0, 3.0, 0.0], [4.0, -1.0, 2.0, 1.5]])
+    deviator = np.array([4.0, -1.0, 2.0]) - 5 / 3
+    general = np.sqrt(1.5 * (deviator @ deviator + 2 * 1.5**2))
+    assert von_mises(cases) == pytest.approx([5.0, 2.0 * np.sqrt(3), 0.0, general], rel=1e-14)
+
+
+# Loads. With the virtual displacement w = (x − x_left) e_i, which is in the space and vanishes on the
+# clamp, b·w is the integral of load times w.
+
+
+@pytest.mark.parametrize("component", [0, 1])
+@pytest.mark.parametrize(("rest", "expected"), [
+    # block [1, 4] × [−0.5, 1.5], r = x − 1
+    ({"volume_force": (2.0, -3.0)}, (2.0 * 9, -3.0 * 9)),
+    ({"volume_force": AffineVector(constant=(1.0, 0.0), x_slope=(2.0, 0.0), y_slope=(0.0, 4.0))},
+     (9.0 + 2.0 * (9.0 + 18.0), 4.0 * 9.0 * 0.5)),
+    ({"traction": [Traction(on="right", value=(2.0, -3.0))]}, (2.0 * 6, -3.0 * 6)),
+    ({"traction": [Traction(on="top", value=(2.0, -3.0)), Traction(on="bottom", value=(1.0, 0.0))]},
+     (3.0 * 4.5, -3.0 * 4.5)),
+    ({"traction": [Traction(on="top", value=AffineVector(constant=(1.0, 0.0), x_slope=(0.0, 2.0)))]},
+     (4.5, 2.0 * (4.5 + 9.0))),
+    ({"traction": [Traction(on="right", value=AffineVector(y_slope=(6.0, 0.0), constant=(0.0, 1.0)))]},
+     (6.0 * 3.0 * 1.0, 6.0)),
+    ({"traction": [Traction(on="right", value=(1.0, 0.0)), Traction(on="right", value=(1.0, 5.0))],
+      "volume_force": (0.0, 1.0)}, (12.0, 39.0)),
+], ids=["volume", "affine volume", "right", "top and bottom", "affine top", "affine right", "sum"])
+def test_load_is_the_integral(rest, expected, component):
+    mesh = rectangle()
+    problem = assemble(mesh, body(clamp=["left"], **rest))
+    w = np.zeros((len(problem.nodes), 2))
+    w[:, component] = mesh.points[problem.nodes, 0] - 1.0
+    assert problem.b.array_r @ w.ravel() == pytest.approx(expected[component], rel=1e-13)
+
+
+def test_total_load():
+    mesh = rectangle()
+    traction = [Traction(on="right", value=(2.0, -3.0))]
+    b = assemble(mesh, body(clamp=["left"], traction=traction)).b.array_r.reshape(-1, 2)
+    assert b.sum(axis=0) == pytest.approx([4.0, -6.0], rel=1e-14)
+
+
+def test_traction_inside_the_body_is_refused():
+    mesh = rectangle((2, 1), (2.0, 1.0), (0.0, 0.0))
+    middle = np.flatnonzero(mesh.points[:, 0] == 1.0)
+    inside = Mesh(mesh.points, mesh.triangles, {**mesh.groups, "middle": middle[None, :]})
+    with pytest.raises(InputError, match="not on the body's boundary"):
+        assemble(inside, body(clamp=["left"], traction=[Traction(on="middle", value=(1.0, 0.0))]))
+
+
+# Clamps
+
+ROLLERS = [Clamp(on="left", x=2e-3), Clamp(on="bottom", y=AffineScalar(constant=1e-3, x_slope=-1e-4))]
+CLAMPS = {"full": ["left"], "rollers": ROLLERS, "roller and full": ["left", Clamp(on="right", y=-1e-3)],
+          "all around": [*SIDES]}
+
+
+@pytest.mark.parametrize("clamps", CLAMPS.values(), ids=CLAMPS)
+def test_clamps_against_elimination_by_scipy(clamps):
+    mesh = rectangle()
+    load = {"traction": [Traction(on="top", value=(0.01, -0.02))], "volume_force": (0.03, 0.01)}
+    spec = body(clamp=clamps, **load)
+    problem = assemble(mesh, spec)
+
+    K = full_stiffness(mesh, STRAIN)
+    held = np.zeros((len(mesh.points), 2), bool)
+    given = np.zeros((len(mesh.points), 2))
+    for clamp in spec.clamps:
+        nodes = np.unique(mesh.groups[clamp.on])
+        for i, value in enumerate((clamp.x, clamp.y)):
+            if value is not None:
+                held[nodes, i] = True
+                affine = isinstance(value, AffineScalar)
+                given[nodes, i] = value.constant + value.x_slope * mesh.points[nodes, 0] if affine else value
+    skmesh, element = skfem_parts(mesh)
+    f = asm(LinearForm(lambda v, w: 0.03 * v[0] + 0.01 * v[1]), Basis(skmesh, element))
+    top = mesh.groups["top"]
+    for edge in top:
+        half = np.linalg.norm(np.diff(mesh.points[edge], axis=0)) / 2
+        f[2 * edge] += 0.01 * half
+        f[2 * edge + 1] += -0.02 * half
+    u, free = given.ravel().copy(), ~held.ravel()
+    u[free] = spsolve(K[free][:, free].tocsc(), (f - K @ u)[free])
+
+    assert np.array_equal(problem.free, ~held)
+    assert np.array_equal(problem.prescribed, given)
+    assert problem.n == free.sum()
+    assert np.array_equal(problem.nodes, np.flatnonzero(~held.all(axis=1)))
+    assert np.abs(solve(problem).ravel() - u).max() <= 1e-11 * np.abs(u).max()
+
+
+@pytest.mark.parametrize("clamps", CLAMPS.values(), ids=CLAMPS)
+def test_matrix_is_symmetric_positive_definite_with_blocks_of_two(clamps):
+    problem = assemble(rectangle(), body(clamp=clamps))
+    assert problem.A.getBlockSize() == 2
+    assert problem.b.getBlockSize() == 2
+    assert problem.A.size == (2 * len(problem.nodes), 2 * len(problem.nodes))
+    A = to_scipy(problem.A).toarray()
+    assert np.abs(A - A.T).max() <= 1e-15 * np.abs(A).max()
+    eigenvalues = np.linalg.eigvalsh(A)
+    assert eigenvalues[0] > 1e-3 * eigenvalues[-1] / len(A)
+
+
+@pytest.mark.parametrize("clamps", [["left"], ROLLERS], ids=["full", "rollers"])
+def test_near_null_space_holds_the_rigid_motions(clamps):
+    mesh = rectangle((8, 6))
+    problem = assemble(mesh, body(clamp=clamps))
+    modes = np.column_stack([v.array_r for v in problem.A.getNearNullSpace().getVecs()])
+    assert np.abs(modes.T @ modes - np.eye(3)).max() <= 1e-13
+
+    x, y = mesh.points[problem.nodes].T
+    rigid = np.stack([np.column_stack(m) for m in ((1 + 0 * x, 0 * x), (0 * x, 1 + 0 * x), (-y, x))])
+    rigid = (rigid * problem.free[problem.nodes]).reshape(3, -1).T
+    assert np.abs(rigid - modes @ (modes.T @ rigid)).max() <= 1e-12 * np.abs(rigid).max()
+
+    held = np.zeros(len(mesh.points), bool)
+    held[~problem.free.all(axis=1)] = True
+    near = np.zeros_like(held)
+    near[mesh.triangles[held[mesh.triangles].any(axis=1)]] = True
+    interior = ~near[problem.nodes]
+    assert interior.sum() > 20
+    forces = (to_scipy(problem.A) @ modes).reshape(-1, 2, 3)
+    assert np.abs(forces[interior]).max() <= 1e-13 * np.abs(to_scipy(problem.A)).max()
+    assert np.abs(forces[~interior]).max() > 1e-3
+
+
+def test_expand_puts_everything_in_its_place():
+    mesh = rectangle((2, 2))
+    problem = assemble(mesh, body(clamp=["left", Clamp(on="right", y=5.0)]))
+    u = problem.b.duplicate()
+    u.array[:] = 100 + np.arange(u.size)
+    full = problem.expand(u)
+    x = mesh.points[:, 0]
+    assert np.all(full[x == 1.0] == 0.0)
+    assert np.all(full[x == 4.0, 1] == 5.0)
+    free = problem.free[problem.nodes].ravel()
+    assert np.array_equal(full[problem.free], u.array_r[free])
+
+
+def test_later_clamp_wins_where_two_meet():
+    mesh = rectangle((2, 2))
+    problem = assemble(mesh, body(clamp=["left", Clamp(on="top", x=1.0, y=2.0)]))
+    corner = np.flatnonzero((mesh.points == [1.0, 1.5]).all(axis=1))
+    assert problem.prescribed[corner].tolist() == [[1.0, 2.0]]
+
+
+@pytest.mark.parametrize("clamps", [
+    [linear_clamp(s) for s in SIDES], [linear_clamp("left"), linear_clamp("top")], ROLLERS, ["left"]],
+    ids=["all", "two sides", "rollers", "homogeneous"])
+def test_strain_energy(clamps):
+    """Against the energy of the whole displacement with the stiffness of the unclamped body."""
+    mesh = rectangle()
+    problem = assemble(mesh, body(clamp=clamps, volume_force=(1e-3, 2e-3)))
+    u, Au = problem.b.duplicate(), problem.b.duplicate()
+    u.array[:] = spsolve(to_scipy(problem.A).tocsc(), problem.b.array_r)
+    problem.A.mult(u, Au)
+    whole = problem.expand(u).ravel()
+    expected = 0.5 * whole @ (full_stiffness(mesh, STRAIN) @ whole)
+    assert problem.strain_energy(u, Au) == pytest.approx(expected, rel=1e-11, abs=0.0)
+
+
+LOOSE = {
+    "no clamp": ([], "move|rotate"),
+    "slides along x": ([Clamp(on="bottom", y=0.0)], "move along x"),
+    "slides along x between": ([Clamp(on="bottom", y=0.0), Clamp(on="top", y=0.0)], "move along x"),
+    "slides along y": ([Clamp(on="left", x=0.0), Clamp(on="right", x=1e-3)], "move along y"),
+    "turns about a corner": ([Clamp(on="bottom", x=0.0), Clamp(on="left", y=0.0)], "rotate"),
+}
+
+
+@pytest.mark.parametrize("geometry", [
+    {}, {"divisions": (1, 1)}, {"divisions": (30, 7), "size": (1e-9, 1e-9), "origin": (0.0, 0.0)},
+    {"size": (1e6, 1e6), "origin": (-5e6, 0.0)}, {"size": (1.0, 1.0), "origin": (1e5, 1e5)},
+    {"divisions": (40, 2), "size": (100.0, 1.0)}], ids=["plain", "coarse", "nano", "huge", "far", "slender"])
+@pytest.mark.parametrize("case", LOOSE)
+def test_loose_body_is_refused(case, geometry):
+    clamps, motion = LOOSE[case]
+    with pytest.raises(InputError, match=rf"body\.block\.clamp: .* not held: it can still ({motion})"):
+        assemble(rectangle(**geometry), body(clamp=clamps))
+
+
+@pytest.mark.parametrize("geometry", [
+    {}, {"divisions": (1, 1)}, {"size": (1e-9, 1e-9), "origin": (0.0, 0.0)},
+    {"size": (1.0, 1.0), "origin": (1e5, 1e5)},
+    {"divisions": (40, 2), "size": (100.0, 1.0)}], ids=["plain", "coarse", "nano", "far", "slender"])
+@pytest.mark.parametrize("clamps", [["left"], [Clamp(on="left", x=0.0), Clamp(on="bottom", y=0.0)],
+                                    [Clamp(on="left", x=0.0, y=0.0)]])
+def test_held_body_is_accepted(clamps, geometry):
+    problem = assemble(rectangle(**geometry), body(clamp=clamps))
+    assert problem.n == problem.free.sum() > 0
+
+
+def test_piece_that_no_clamp_holds_is_refused():
+    """Two separate squares in one mesh, only one of them clamped."""
+    square = rectangle((2, 2), (1.0, 1.0), (0.0, 0.0))
+    count = len(square.points)
+    both = Mesh(np.vstack([square.points, square.points + np.array([3.0, 0.0])]),
+                np.vstack([square.triangles, square.triangles + count]), square.groups)
+    with pytest.raises(InputError, match=r"body\.block\.clamp"):
+        assemble(both, body(clamp=["left"]))
+
+
+def test_load_and_clamp_name_absent_groups():
+    mesh = rectangle()
+    with pytest.raises(InputError, match=r"body\.block\.clamp: .*'lft'"):
+        assemble(mesh, body(clamp=["lft"]))
+    with pytest.raises(InputError, match=r"body\.block\.traction: .*'rigt'"):
+        assemble(mesh, body(clamp=["left"], traction=[Traction(on="rigt", value=(1.0, 0.0))]))
