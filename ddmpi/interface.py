@@ -79,7 +79,10 @@ class Interface:
 
 
 def contact_side(mesh: Mesh, edges: np.ndarray, free: np.ndarray) -> Side:
-    """The contact boundary made of `edges` (k, 2), ordered from its first end. Not collective."""
+    """The contact boundary made of `edges` (k, 2), ordered from its first end. Not collective.
+
+    Raises InputError when an edge does not lie on the boundary.
+    """
     edges = _outward(mesh, edges)
     nodes = _order(edges, mesh.points)
     start, end = mesh.points[edges[:, 0]], mesh.points[edges[:, 1]]
@@ -193,7 +196,11 @@ def _outward(mesh: Mesh, edges: np.ndarray) -> np.ndarray:
     size = len(mesh.points)
     t = mesh.triangles
     around = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
-    forward = np.isin(edges[:, 0] * size + edges[:, 1], around[:, 0] * size + around[:, 1])
+    keys = around[:, 0] * size + around[:, 1]
+    forward = np.isin(edges[:, 0] * size + edges[:, 1], keys)
+    backward = np.isin(edges[:, 1] * size + edges[:, 0], keys)
+    if not (forward ^ backward).all():
+        raise InputError("contact.0.on: the group has lines that are not on the body's boundary")
     return np.where(forward[:, None], edges, edges[:, ::-1])
 
 

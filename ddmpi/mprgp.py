@@ -87,7 +87,7 @@ class MPRGP:
             if chopped @ chopped <= PROPORTION**2 * (reduced @ free):
                 if restart:
                     p, restart = free, False
-                Hp = multiply(p)
+                Hp = multiply(p).copy()  # the next product takes its place
                 curvature = p @ Hp
                 norm = max(norm, curvature / (p @ p))
                 step = (g @ p) / curvature
@@ -103,7 +103,7 @@ class MPRGP:
                 self.steps["expansion"] += 1
                 restart = True
                 change = np.clip(x - step * p, lower, upper) - x
-                H_change = multiply(change).copy()
+                H_change = multiply(change)
                 if change @ g + 0.5 * (change @ H_change) >= 0.0:
                     half_x, half_g = x - longest * p, g - longest * Hp
                     half_free = np.where((half_x > lower) & (half_x < upper), half_g, 0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import resource
 import sys
@@ -18,7 +19,7 @@ from ddmpi.algorithm import OuterIteration, Step
 from ddmpi.coupled import solve_coupled
 from ddmpi.diagnosis import diagnose
 from ddmpi.elasticity import stress, von_mises
-from ddmpi.errors import NotConvergedError
+from ddmpi.errors import DdmpiError, InputError, NotConvergedError
 from ddmpi.exchange import agreed
 from ddmpi.petsc_options import unused_options
 from ddmpi.problem import Clock, Problem, check_ranks, prepare
@@ -58,7 +59,15 @@ def run(world: MPI.Comm, scene: Scene, scene_path: str, output: str | None, figu
     with agreed(world):
         folder = choose_folder(output, scene_path) if world.rank == 0 else None
     log.info("%s", scene.title or scene_path)
-    problem = prepare(world, scene, Path(scene_path).parent, clock)
+    try:
+        problem = prepare(world, scene, Path(scene_path).parent, clock)
+    except DdmpiError as error:
+        if folder:
+            with contextlib.suppress(OSError):  # not empty: it is not ours alone
+                folder.rmdir()
+        if isinstance(error, InputError):
+            error.args = (f"{scene_path}: {error}",)
+        raise
     _log_plan(problem, figures)
     with clock.phase("outer"):
         answer, outer = solve(problem, scene.method, _report_step)

@@ -118,13 +118,13 @@ class StiffnessSolver:
         self._first = False
         target = DIRECT_RESIDUAL if self.direct else 2 * self.ksp.getTolerances()[0]
         size = f.norm()
-        for _ in range(REFINEMENTS):
+        for attempt in range(REFINEMENTS + 1):
             self.A.mult(u, self._residual)
             self._residual.aypx(-1.0, f)
             residual = self._residual.norm()
             if residual <= target * size:
                 return
-            if not np.isfinite(residual):
+            if not np.isfinite(residual) or attempt == REFINEMENTS:
                 break
             self._solve(self._residual, self._correction)
             u.axpy(1.0, self._correction)
