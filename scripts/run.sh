@@ -6,4 +6,4 @@ set -euo pipefail
 case "${1:-}" in
     "" | -*) set -- "$ROOT/configs/pinched_blocks_coulomb.toml" "$@" ;;
 esac
-exec mpirun --quiet -n "${DDMPI_RANKS:-2}" "$PYTHON" -m ddmpi run "$@"
+exec $MPIRUN -n "${DDMPI_RANKS:-2}" "$PYTHON" -m ddmpi run "$@"

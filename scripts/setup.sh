@@ -1,5 +1,6 @@
 # Sourced by run.sh and test.sh: brings this machine to a working state and sets
 #   PYTHON   an interpreter that imports all that pyproject.toml names
+#   MPIRUN   how to start a run on several ranks
 #   and the environment that Open MPI and OpenBLAS want.
 # It looks, in this order, at DDMPI_PYTHON, at the .venv of an earlier set-up, at the python3 on PATH
 # (conda, modules, Spack), and last at Debian's packages, which it installs where it may.
@@ -133,6 +134,10 @@ export PYTHONPATH="$ROOT${PYTHONPATH:+:$PYTHONPATH}"
 export OMP_NUM_THREADS=${OMP_NUM_THREADS:-1}
 # Two ranks also where there is one core; Open MPI 4 and 5.
 export OMPI_MCA_rmaps_base_oversubscribe=1 PRTE_MCA_rmaps_default_mapping_policy=:oversubscribe
+# Open MPI 4 can leave out its own words on a run that ends with an error; 5 has no such option.
+MPIRUN=mpirun
+case "$(mpirun --version 2>/dev/null)" in *"(Open MPI) 4."*) MPIRUN="mpirun --quiet" ;; esac
+export MPIRUN
 if [ "$(id -u)" = 0 ]; then # Open MPI (4: OMPI, 5: PRTE) wants this said twice
     export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
     export PRTE_ALLOW_RUN_AS_ROOT=1 PRTE_ALLOW_RUN_AS_ROOT_CONFIRM=1
