@@ -89,6 +89,9 @@ class MPRGP:
                     p, restart = free, False
                 Hp = multiply(p).copy()  # the next product takes its place
                 curvature = p @ Hp
+                if not curvature > 0.0:  # underflow, or not a number
+                    reason = PETSc.TAO.Reason.DIVERGED_NAN
+                    break
                 norm = max(norm, curvature / (p @ p))
                 step = (g @ p) / curvature
                 longest = _longest(x, p, lower, upper)

@@ -143,8 +143,12 @@ class InterfaceNewton:
         self.report(step)
 
     def _relative(self, residual: np.ndarray) -> float:
-        size = max(np.linalg.norm(self._s), 1e-6 * self._c * np.linalg.norm(self._d))
+        size = self._size()
         return float(np.linalg.norm(residual) / size) if size else 0.0
+
+    def _size(self) -> float:
+        """What forces are compared with (N): themselves, unless they are next to nothing."""
+        return max(float(np.linalg.norm(self._s)), 1e-6 * self._c * float(np.linalg.norm(self._d)))
 
     def _equations(self, s: np.ndarray, r: np.ndarray) -> _State:
         """Residual of the contact and friction equations at s with gaps r, and the active sets there."""
@@ -242,11 +246,14 @@ class InterfaceNewton:
         lower[:m] = 0.0
         lower[m:], upper[m:] = -g, g
         qp = QP(self._joint, self._d, lower, upper)
-        precision = max(0.1 * residual, 1e-10) * np.linalg.norm(self._s) / self._c
+        precision = max(0.1 * residual, 1e-10) * self._size() / self._c
         start = qp.project(self._s)
-        result = QPSolver().solve(qp, start, self._joint.product(start, "approximation"), precision,
-                                  "approximation")
-        self._s, self._r = result.s, result.Cs - self._d
+        Cs = self._joint.product(start, "approximation")
+        with self.exchange.deferred():
+            result = QPSolver().solve(qp, start, Cs, precision, "approximation")
+            start, Cs = result.s, result.Cs
+        self.exchange.swap(np.zeros(1), "approximation made")
+        self._s, self._r = start, Cs - self._d
 
 
 @dataclass
