@@ -46,17 +46,23 @@ class Exchange:
         Collective over both bodies. Raises the error of either side on both, and SolverError when the
         two sides are about different things.
         """
-        send, receive = np.empty(len(mine) + 2), np.empty(len(mine) + 2)
+        send = np.empty(len(mine) + 2)
         send[0] = self._failure is not None
         send[1] = zlib.crc32(about.encode())
         send[2:] = mine
-        self.world.Sendrecv(send, self.partner, _INTERFACE, receive, self.partner, _INTERFACE)
+        sending = self.world.Isend(send, self.partner, _INTERFACE)
+        status = MPI.Status()
+        self.world.Probe(self.partner, _INTERFACE, status)
+        receive = np.empty(status.Get_count(MPI.DOUBLE))  # as long as what comes, also when it is unexpected
+        self.world.Recv(receive, self.partner, _INTERFACE)
+        sending.Wait()
         self.messages += 1
         self.bytes += send.nbytes
-        if send[1] != receive[1]:
+        lost = send[1] != receive[1] or len(send) != len(receive)
+        if lost:
             self._failure = self._failure or SolverError(
                 f"the two ranks are at different points of the iteration, one at {about!r}; the processors may differ")
-        if send[0] or receive[0] or send[1] != receive[1]:
+        if send[0] or receive[0] or lost:
             self.agree()
         theirs = receive[2:]
         return (mine, theirs) if self.role == 1 else (theirs, mine)

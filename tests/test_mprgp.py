@@ -180,6 +180,20 @@ def test_bad_condition(kind, norm):
         assert error <= 1e-4 * size
 
 
+@pytest.mark.parametrize("kind", ["lower", "box", "contact"])
+def test_substitute_of_an_expansion_descends_at_once(kind):
+    """With a fixed step below 2/‖C‖ theory promises descent: no expansion needs a fourth product."""
+    substitutes = 0
+    for n, seed in itertools.product((10, 25), range(8)):
+        qp = program(n, kind, condition=1e6, seed=seed)
+        qp.C._norm = np.linalg.norm(qp.C.matrix, 2)
+        steps = solve(qp, 1e-8 * np.linalg.norm(qp.d)).steps
+        least = steps["cg"] + steps["proportioning"] + 2 * steps["expansion"]
+        assert least <= qp.C.count["program"] <= least + steps["expansion"]
+        substitutes += qp.C.count["program"] - least
+    assert substitutes > 0
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_product_is_a_step_of_the_solver(kind):
     """A step costs one product; an expansion two, or three where the projected step did not descend."""

@@ -1,0 +1,374 @@
+"""Small scenes with known answers, and the two ways in which tests run them.
+
+`solve_scene` composes the package's rooms on a communicator of two ranks; `solve_all` does so for
+many scenes in one child ``mpirun``; `run_command` starts the real command. Every child has a time
+limit and an environment without traces of an MPI that the parent may have initialised: with them a
+nested ``mpirun`` dies silently.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import pickle
+import subprocess
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent
+STEEL = {"young": 2.1e11, "poisson": 0.3}
+BRASS = {"young": 1.0e11, "poisson": 0.35}
+CORK = {"young": 1.6e11, "poisson": 0.0}
+
+
+# Scenes
+
+
+def pinched_blocks(N: int, law: str = "coulomb", length: float = 1.0, stress: float = 1.0, **method) -> dict:
+    """The model scene of the design with squares of side 1/N, in units of `length` m and `stress` Pa."""
+    def block(name: str, y: float, traction: dict) -> dict:
+        return {"name": name, "clamp": ["left"],
+                "mesh": {"shape": "rectangle", "origin": [0.0, y * length], "size": [3 * length, length],
+                         "divisions": [3 * N, N]},
+                "material": {"young": 2.119e11 * stress, "poisson": 0.277},
+                "traction": [{"on": on, "value": [q * stress for q in value]} for on, value in traction.items()]}
+
+    friction = {"coulomb": {"coefficient": 0.3}, "tresca": {"slip_bound": 1.2e7 * stress}, "none": {}}[law]
+    return {"title": f"pinched blocks, N = {N}",
+            "body": [block("upper", 1.0, {"top": (0.0, -6.0e7), "right": (2.0e7, 3.0e7)}),
+                     block("lower", 0.0, {"bottom": (0.0, 4.0e7)})],
+            "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": {"law": law} | friction}],
+            "method": method}
+
+
+@dataclass(frozen=True)
+class Block:
+    """One block of a stack: material and height (m)."""
+
+    young: float
+    poisson: float
+    height: float
+
+    def confined(self, plane: str) -> float:
+        """σ_yy / ε_yy where ε_xx = 0 (Pa).
+
+        Plane strain: E(1−ν)/((1+ν)(1−2ν)). Plane stress: with σ_zz = 0 Hooke's law reads
+        E ε_xx = σ_xx − ν σ_yy and E ε_yy = σ_yy − ν σ_xx, and ε_xx = 0 gives σ_xx = ν σ_yy, so that
+        σ_yy = E ε_yy / (1−ν²).
+        """
+        E, nu = self.young, self.poisson
+        return E / (1 - nu**2) if plane == "stress" else E * (1 - nu) / ((1 + nu) * (1 - 2 * nu))
+
+    def side_ratio(self, plane: str) -> float:
+        """σ_xx / σ_yy where ε_xx = 0."""
+        return self.poisson if plane == "stress" else self.poisson / (1 - self.poisson)
+
+    @property
+    def shear(self) -> float:
+        """Shear modulus (Pa), the same in both planes."""
+        return self.young / (2 * (1 + self.poisson))
+
+
+@dataclass(frozen=True)
+class Stack:
+    """Two blocks between a fixed floor and a ceiling that comes down by `approach` and moves by `shift`.
+
+    Nothing strains along x, so both bodies' displacements are linear in y and P1 elements are exact.
+    The sides see to that in one of three ways: rollers (u_x = 0; no shift), the exact tractions, or
+    the exact displacements. On n elements per side; `approach`, `shift`, `gap` in metres.
+    """
+
+    n: int
+    friction: dict
+    approach: float = 1e-3
+    shift: float = 0.0
+    gap: float = 0.0
+    sides: str = "tractions"
+    plane: str = "strain"
+    first: str = "upper"
+    upper: Block = Block(**STEEL, height=0.8)
+    lower: Block = Block(**BRASS, height=0.5)
+    width: float = 1.2
+    corner: tuple[float, float] = (-0.3, 0.2)
+
+    @property
+    def blocks(self) -> dict[str, Block]:
+        return {"upper": self.upper, "lower": self.lower}
+
+    @property
+    def pressure(self) -> float:
+        """p = max(0, (δ − g₀) / (H₁/M₁ + H₂/M₂)), Pa."""
+        compliance = sum(b.height / b.confined(self.plane) for b in self.blocks.values())
+        return max(0.0, (self.approach - self.gap) / compliance)
+
+    @property
+    def _shear_compliance(self) -> float:
+        return sum(b.height / b.shear for b in self.blocks.values())
+
+    @property
+    def slip_bound(self) -> float:
+        """Largest tangential stress (Pa); Tresca's holds whether the gap is open or not."""
+        law = self.friction["law"]
+        return {"coulomb": self.friction.get("coefficient", 0.0) * self.pressure,
+                "tresca": self.friction.get("slip_bound", 0.0), "none": 0.0}[law]
+
+    @property
+    def shear(self) -> float:
+        """τ = min(U / (H₁/G₁ + H₂/G₂), bound), with the sign of U, Pa."""
+        return float(np.clip(self.shift / self._shear_compliance, -self.slip_bound, self.slip_bound))
+
+    @property
+    def slip(self) -> float:
+        """U − τ (H₁/G₁ + H₂/G₂), m."""
+        return self.shift - self.shear * self._shear_compliance
+
+    @property
+    def opening(self) -> float:
+        """What is left of the gap (m)."""
+        return max(0.0, self.gap - self.approach)
+
+    @property
+    def status(self) -> str:
+        if self.pressure == 0.0:
+            return "open"
+        sticks = self.friction["law"] != "none" and abs(self.shear) < self.slip_bound
+        return "stick" if sticks else "slip"
+
+    @property
+    def contact_nodes(self) -> int:
+        """Displacements given on the sides take the two corners out of the contact."""
+        return self.n - 1 if self.sides == "displacements" else self.n + 1
+
+    def field(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Constant and slope of the exact displacement: u(y) = constant + slope·y, for y in the scene's frame."""
+        block, floor = self.blocks[name], self.corner[1]
+        slope = np.array([self.shear / block.shear, -self.pressure / block.confined(self.plane)])
+        if name == "lower":
+            return -slope * floor, slope
+        ceiling = floor + self.lower.height + self.gap + self.upper.height
+        return np.array([self.shift, -self.approach]) - slope * ceiling, slope
+
+    def displacement(self, name: str, points: np.ndarray) -> np.ndarray:
+        """Exact displacement (nv, 2) in metres at `points` (nv, 2)."""
+        constant, slope = self.field(name)
+        return constant + np.multiply.outer(points[:, 1], slope)
+
+    def scene(self, **method) -> dict:
+        return {"body": [self._body("upper"), self._body("lower")],
+                "contact": [{"bodies": [self.first, "lower" if self.first == "upper" else "upper"],
+                             "on": ["bottom", "top"] if self.first == "upper" else ["top", "bottom"],
+                             "friction": self.friction}],
+                "method": method}
+
+    def _body(self, name: str) -> dict:
+        block, (x, y) = self.blocks[name], self.corner
+        if name == "lower":
+            clamp = [{"on": "bottom", "x": 0.0, "y": 0.0}]
+        else:
+            y += self.lower.height + self.gap
+            clamp = [{"on": "top", "x": self.shift, "y": -self.approach}]
+        across = -block.side_ratio(self.plane) * self.pressure
+        constant, slope = self.field(name)
+        affine = {c: {"constant": constant[i], "y_slope": slope[i]} for i, c in enumerate("xy")}
+        sides = {"rollers": {"clamp": [{"on": on, "x": 0.0} for on in ("left", "right")]},
+                 "displacements": {"clamp": [{"on": on, **affine} for on in ("left", "right")]},
+                 "tractions": {"traction": [{"on": on, "value": [sign * across, sign * self.shear]}
+                                            for on, sign in (("right", 1.0), ("left", -1.0))]}}[self.sides]
+        return {"name": name, "clamp": clamp + sides.get("clamp", []), "traction": sides.get("traction", []),
+                "mesh": {"shape": "rectangle", "origin": [x, y], "size": [self.width, block.height],
+                         "divisions": [self.n, self.n]},
+                "material": {"young": block.young, "poisson": block.poisson, "plane": self.plane}}
+
+
+def confined_blocks(n: int, gap: float, friction: dict | None = None, **changes) -> Stack:
+    """Blocks pressed together between rigid side walls, `gap` apart at first."""
+    return Stack(n, friction or {"law": "none"}, gap=gap, **{"sides": "rollers"} | changes)
+
+
+def sheared_stack(n: int, shift: float, friction: dict, **changes) -> Stack:
+    """Blocks pressed together and then sheared."""
+    return Stack(n, friction, shift=shift, **changes)
+
+
+def to_toml(scene: dict) -> str:
+    """The scene as TOML, a line per top-level key."""
+    return "".join(f"{key} = {_toml(value)}\n" for key, value in scene.items())
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_toml(entry)}" for key, entry in value.items()) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_toml(entry) for entry in value) + "]"
+    return repr(float(value)) if isinstance(value, float) else json.dumps(value, ensure_ascii=False)
+
+
+# In process
+
+
+def prepare_scene(comm, scene: dict):
+    """The `ddmpi.problem.Problem` of a scene. Collective on `comm`, two ranks."""
+    from ddmpi.problem import prepare
+    from ddmpi.scene import read_scene
+
+    return prepare(comm, read_scene("scene of a test", to_toml(scene)))
+
+
+def solve_scene(comm, scene: dict) -> dict:
+    """Solve a scene as the command does, and gather what tests look at. Collective on `comm`, two ranks."""
+    from ddmpi.solution import solve
+
+    problem = prepare_scene(comm, scene)
+    answer, outer = solve(problem, problem.scene.method)
+    interface, state = problem.interface, answer.state
+    bodies = comm.allgather({"name": problem.spec.name, "points": problem.mesh.points, "u": answer.displacement,
+                             "n_A": problem.body.C.count.total()})
+    return {"certified": answer.certified, "reason": answer.reason, "outer_iterations": len(outer.history),
+            "n_A": sum(b["n_A"] for b in bodies), "n_A_by_body": {b["name"]: b["n_A"] for b in bodies},
+            "n": problem.n, "m": interface.m, "sliding": interface.sliding, "dropped": interface.dropped,
+            "xy": interface.xy, "length": interface.length,
+            "normal_force": state.normal_force, "tangential_force": state.tangential_force,
+            "gap": state.gap, "slip": state.slip, "status": state.status.tolist(),
+            "certificate": asdict(answer.certificate), "limit": answer.limit,
+            "energy": answer.energy, "displacement_max": answer.displacement_max,
+            "body": {b["name"]: (b["points"], b["u"]) for b in bodies}}
+
+
+def solve_all(scenes: dict[str, dict], folder: Path, limit: float = 60.0) -> dict[str, dict]:
+    """`solve_scene` for many scenes in one child mpirun; {"error": …} stands for what could not be solved.
+
+    A scene at which the child dies or hangs takes those after it along.
+    """
+    (folder / "scenes.json").write_text(json.dumps(scenes))
+    problem = "the child ended before this scene"
+    try:
+        child = run_python([__file__, str(folder)], limit=limit)
+        if child.code != 0:
+            problem = child.output
+    except AssertionError as late:
+        problem = str(late)
+    solutions = {}
+    with open(folder / "solutions.pickle", "rb") as file:
+        for name in scenes:
+            try:
+                solutions[name] = pickle.load(file)
+            except (EOFError, pickle.UnpicklingError):
+                solutions[name] = {"error": problem}
+                problem = f"not reached, after {name!r}"
+    return solutions
+
+
+def _solve_all(folder: Path) -> None:
+    """The child of `solve_all`; ends all ranks if one of them meets an error alone."""
+    import traceback
+
+    from mpi4py import MPI
+
+    from ddmpi.errors import DdmpiError
+
+    world = MPI.COMM_WORLD
+    with open(folder / "solutions.pickle" if world.rank == 0 else os.devnull, "wb", buffering=0) as file:
+        for scene in json.loads((folder / "scenes.json").read_text()).values():
+            try:
+                solution = solve_scene(world, scene)
+            except DdmpiError as error:
+                solution = {"error": f"{type(error).__name__}: {error}"}
+            except Exception:
+                print(traceback.format_exc(), file=sys.stderr, flush=True)
+                world.Abort(1)
+            file.write(pickle.dumps(solution))
+
+
+# As a child process
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a child left behind; `folder` holds the results, if there are any."""
+
+    code: int
+    stdout: str
+    stderr: str
+    folder: Path | None = None
+
+    @property
+    def output(self) -> str:
+        return self.stdout + self.stderr
+
+    @property
+    def messages(self) -> list[str]:
+        """The messages to the user about errors: where each begins."""
+        return [line for line in self.output.splitlines() if line.startswith(("ddmpi: error", "ddmpi: internal error"))]
+
+    @property
+    def summary(self) -> dict:
+        return json.loads((self.folder / "summary.json").read_text(encoding="utf-8"))
+
+    @property
+    def files(self) -> set[str]:
+        """Names of everything in the folder of results; empty without a folder."""
+        return {path.name for path in self.folder.iterdir()} if self.folder.is_dir() else set()
+
+    def table(self, name: str) -> dict[str, np.ndarray]:
+        """The columns of history.csv or interface.csv, in their order."""
+        with open(self.folder / name, newline="", encoding="utf-8") as file:
+            header, *rows = csv.reader(file)
+        columns = zip(*rows, strict=True)
+        return {key: np.array(column) if key == "status" else np.array(column, float)
+                for key, column in zip(header, columns, strict=True)}
+
+
+def clean_environment() -> dict[str, str]:
+    """The environment without an outer MPI's traces, with what mpirun wants on a small machine or as root.
+
+    After a rank has ended with an error, Open MPI waits a second before it kills the others: not here.
+    """
+    environment = {key: value for key, value in os.environ.items()
+                   if not key.startswith(("OMPI_", "PMIX_", "PRTE_", "PMI_", "ORTE_", "OPAL_", "PYTEST_"))}
+    environment |= {"OMPI_MCA_rmaps_base_oversubscribe": "1", "OMPI_MCA_odls_base_sigkill_timeout": "0",
+                    "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+                    "OMP_NUM_THREADS": "1", "MPLBACKEND": "agg", "PYTHONUNBUFFERED": "1"}
+    environment["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+    if os.getuid() == 0:
+        for name in ("OMPI_ALLOW_RUN_AS_ROOT", "PRTE_ALLOW_RUN_AS_ROOT"):
+            environment |= {name: "1", f"{name}_CONFIRM": "1"}
+    return environment
+
+
+def run_python(arguments: list[str], ranks: int = 2, limit: float = 30.0, folder: Path | None = None,
+               cwd: Path | None = None) -> Run:
+    """``mpirun -n RANKS python ARGUMENTS``; an AssertionError when it has not ended after `limit` seconds."""
+    command = [*os.environ.get("MPIRUN", "mpirun").split(), "-n", str(ranks), sys.executable, *arguments]
+    with subprocess.Popen(command, env=clean_environment(), cwd=cwd, text=True, encoding="utf-8",
+                          stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
+        try:
+            stdout, stderr = child.communicate(timeout=limit)
+        except subprocess.TimeoutExpired:
+            child.terminate()  # mpirun ends its ranks
+            try:
+                stdout, stderr = child.communicate(timeout=5.0)
+            except subprocess.TimeoutExpired:
+                child.kill()
+                stdout, stderr = child.communicate()
+            raise AssertionError(f"still running after {limit} s: {' '.join(command)}\n{stdout}{stderr}") from None
+    return Run(child.returncode, stdout, stderr, folder)
+
+
+def run_command(scene: Path | str, folder: Path, *arguments: str, ranks: int = 2, limit: float = 30.0,
+                cwd: Path | None = None) -> Run:
+    """``mpirun -n RANKS python -m ddmpi run SCENE --output FOLDER ARGUMENTS``."""
+    return run_python(["-m", "ddmpi", "run", str(scene), "--output", str(folder), *arguments], ranks, limit, folder,
+                      cwd)
+
+
+def write_scene(scene: dict, path: Path) -> Path:
+    path.write_text(to_toml(scene), encoding="utf-8")
+    return path
+
+
+if __name__ == "__main__":
+    _solve_all(Path(sys.argv[1]))

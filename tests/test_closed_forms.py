@@ -1,0 +1,155 @@
+"""Stacks of two blocks whose displacements are linear, so that P1 elements are exact (design, section 5).
+
+All cases are solved in one child mpirun; each is a test of its own.
+"""
+
+import numpy as np
+import pytest
+import scenes
+from scenes import BRASS, CORK, STEEL, Block, Stack, confined_blocks, sheared_stack
+
+TOLERANCE = 1e-10
+"""A hundredth of what is asserted: the last update of λ bounds no error."""
+
+RELATIVE = 1e-8
+
+COULOMB = {"law": "coulomb", "coefficient": 0.3}
+TRESCA = {"law": "tresca", "slip_bound": 4.0e7}
+NONE = {"law": "none"}
+STICK, SLIP = 1e-4, 1e-3
+"""Shifts (m) below and above what the slip bounds allow."""
+
+
+def same_on_all_meshes() -> dict[str, Stack]:
+    """One element per side, two, and a finer mesh."""
+    cases = {}
+    for n in (1, 2, 5):
+        cases |= {
+            f"confined, touching, n={n}": confined_blocks(n, gap=0.0),
+            f"confined, gap closes, n={n}": confined_blocks(n, gap=4e-4),
+            f"confined, gap stays open, n={n}": confined_blocks(n, gap=1.5e-3),
+            f"confined, gap closes, Coulomb, n={n}": confined_blocks(n, gap=4e-4, friction=COULOMB),
+            f"confined, gap stays open, Coulomb, n={n}": confined_blocks(n, gap=1.5e-3, friction=COULOMB),
+            f"confined by tractions, gap closes, Tresca, n={n}":
+                confined_blocks(n, gap=4e-4, friction=TRESCA, sides="tractions"),
+            f"sheared, Coulomb stick, n={n}": sheared_stack(n, STICK, COULOMB),
+            f"sheared, Coulomb slip, n={n}": sheared_stack(n, SLIP, COULOMB),
+            f"sheared, Tresca stick, n={n}": sheared_stack(n, STICK, TRESCA),
+            f"sheared, Tresca slip, n={n}": sheared_stack(n, SLIP, TRESCA),
+        }
+    return cases
+
+
+def variations() -> dict[str, Stack]:
+    """One thing different at a time, on a mesh of 3 × 3 squares."""
+    steel_below = {"upper": Block(**BRASS, height=0.4), "lower": Block(**STEEL, height=0.9)}
+    equal = {"upper": Block(**STEEL, height=0.5), "lower": Block(**STEEL, height=0.5)}
+    poisson_zero = {"upper": Block(**CORK, height=1.1), "lower": Block(**BRASS, height=0.7)}
+    return {
+        "steel below, confined": confined_blocks(3, 4e-4, first="lower", **steel_below),
+        "steel below, sheared, slip": sheared_stack(3, SLIP, COULOMB, first="lower", **steel_below),
+        "equal blocks, sheared, stick": sheared_stack(3, STICK, COULOMB, **equal),
+        "equal blocks, confined": confined_blocks(3, 4e-4, **equal),
+        "no lateral strain, confined": confined_blocks(3, 4e-4, **poisson_zero),
+        "no lateral strain, sheared, slip": sheared_stack(3, SLIP, TRESCA, **poisson_zero),
+        "roles swapped, confined": confined_blocks(3, 4e-4, first="lower"),
+        "roles swapped, Coulomb stick": sheared_stack(3, STICK, COULOMB, first="lower"),
+        "roles swapped, Coulomb slip": sheared_stack(3, SLIP, COULOMB, first="lower"),
+        "roles swapped, Tresca slip": sheared_stack(3, SLIP, TRESCA, first="lower"),
+        "sheared to the left, Coulomb slip": sheared_stack(3, -SLIP, COULOMB),
+        "sheared to the left, Tresca stick": sheared_stack(3, -STICK, TRESCA),
+        "sheared across a gap that closes": sheared_stack(3, SLIP, COULOMB, gap=4e-4),
+        "sheared across an open gap, Coulomb": sheared_stack(3, SLIP, COULOMB, gap=1.5e-3),
+        "sheared across an open gap, Tresca holds": sheared_stack(3, SLIP, TRESCA, gap=1.5e-3),
+        "sheared without friction": sheared_stack(3, SLIP, NONE),
+        "Coulomb coefficient zero": sheared_stack(3, SLIP, {"law": "coulomb", "coefficient": 0.0}),
+        "Tresca bound zero": sheared_stack(3, SLIP, {"law": "tresca", "slip_bound": 0.0}),
+        "initial overlap": confined_blocks(3, gap=-5e-4, approach=0.0),
+        "initial overlap, sheared": sheared_stack(3, SLIP, COULOMB, gap=-5e-4, approach=0.0),
+        "displacements on the sides, confined": confined_blocks(3, 4e-4, sides="displacements"),
+        "displacements on the sides, one contact node": sheared_stack(2, SLIP, COULOMB, sides="displacements"),
+        "displacements on the sides, Coulomb slip": sheared_stack(5, SLIP, COULOMB, sides="displacements"),
+        "displacements on the sides, Tresca stick": sheared_stack(5, STICK, TRESCA, sides="displacements"),
+        "displacements on the sides, open": confined_blocks(5, 1.5e-3, sides="displacements"),
+        "plane stress, confined": confined_blocks(3, 4e-4, plane="stress"),
+        "plane stress, confined by tractions": confined_blocks(2, 4e-4, plane="stress", sides="tractions"),
+        "plane stress, Coulomb slip": sheared_stack(3, SLIP, COULOMB, plane="stress"),
+        "plane stress, Tresca stick": sheared_stack(3, STICK, TRESCA, plane="stress"),
+    }
+
+
+STACKS = same_on_all_meshes() | variations()
+PUBLISHED = {f"{algorithm}, {splitting}": {"algorithm": algorithm, "splitting": splitting, "theta": 0.4}
+             for algorithm in ("original", "modified") for splitting in ("none", "step1", "step2", "step1+2")}
+METHODS = {"newton": {"outer": "newton"}} | PUBLISHED
+BY_EVERY_METHOD = ["confined, gap closes, n=2", "sheared, Coulomb slip, n=2", "sheared, Tresca slip, n=2"]
+
+
+def runs() -> dict[str, tuple[Stack, dict]]:
+    """Everything by the default method, all but the other meshes by the published one, some by all its variants."""
+    chosen = {}
+    for name, stack in STACKS.items():
+        methods = ["newton"] if name.endswith(("n=1", "n=5")) else ["newton", "original, none"]
+        for method in METHODS if name in BY_EVERY_METHOD else methods:
+            chosen[f"{name} [{method}]"] = stack, METHODS[method]
+    return chosen
+
+
+RUNS = runs()
+
+
+@pytest.fixture(scope="module")
+def solutions(tmp_path_factory) -> dict[str, dict]:
+    cases = {name: stack.scene(tolerance=TOLERANCE, **method) for name, (stack, method) in RUNS.items()}
+    return scenes.solve_all(cases, tmp_path_factory.mktemp("closed_forms"), limit=120.0)
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_closed_form(solutions, name):
+    stack, solution = RUNS[name][0], solutions[name]
+    assert "error" not in solution, solution["error"]
+    assert solution["certified"], f"{solution['reason']}; {solution['certificate']}"
+    assert 0 < solution["limit"] <= 50 * TOLERANCE
+    assert all(0 <= residual <= solution["limit"] for residual in solution["certificate"].values())
+
+    assert solution["m"] == stack.contact_nodes
+    largest = max(np.abs(stack.displacement(body, points)).max() for body, (points, _) in solution["body"].items())
+    for body, (points, u) in solution["body"].items():
+        assert np.abs(u - stack.displacement(body, points)).max() <= RELATIVE * largest, body
+    assert np.abs(solution["gap"] - stack.opening).max() <= RELATIVE * largest
+
+    force = max(stack.pressure, abs(stack.shear)) * solution["length"].max()
+    assert np.abs(solution["normal_force"] - stack.pressure * solution["length"]).max() <= RELATIVE * force
+    sliding, held = solution["sliding"], np.setdiff1d(np.arange(solution["m"]), solution["sliding"])
+    tangential = solution["tangential_force"]
+    assert np.abs(tangential - stack.shear * solution["length"])[sliding].max(initial=0.0) <= RELATIVE * force
+    assert np.abs(solution["slip"] - stack.slip)[sliding].max(initial=0.0) <= RELATIVE * largest
+    assert not tangential[held].any() and not solution["slip"][held].any()
+    assert solution["status"] == [stack.status] * solution["m"]
+
+
+def test_nodal_lengths_add_up_and_nodes_are_in_order(solutions):
+    for name in ("sheared, Coulomb slip, n=1", "sheared, Coulomb slip, n=5"):
+        stack, solution = STACKS[name], solutions[f"{name} [newton]"]
+        assert solution["length"].sum() == pytest.approx(stack.width, rel=1e-14)
+        assert solution["xy"][:, 0] == pytest.approx(stack.corner[0] + np.linspace(0, stack.width, stack.n + 1))
+        assert solution["xy"][:, 1] == pytest.approx(stack.corner[1] + stack.lower.height + stack.gap)
+
+
+def test_clamped_sides_leave_unknowns_out(solutions):
+    rollers = solutions["confined, gap closes, Coulomb, n=2 [newton]"]
+    assert rollers["sliding"].tolist() == [1]  # rollers hold the corners along x
+    assert rollers["dropped"] == 0
+    assert solutions["confined, gap closes, Coulomb, n=1 [newton]"]["sliding"].tolist() == []
+    assert solutions["displacements on the sides, Coulomb slip [newton]"]["dropped"] == 2
+    assert solutions["sheared, Coulomb slip, n=2 [newton]"]["sliding"].tolist() == [0, 1, 2]
+
+
+def test_strain_energy_is_that_of_the_linear_field(solutions):
+    """½ (p²/M + τ²/G) × area, also where the clamps do the work."""
+    for name in ("sheared, Coulomb slip, n=2", "plane stress, Tresca stick", "roles swapped, Coulomb slip"):
+        stack, solution = STACKS[name], solutions[f"{name} [newton]"]
+        order = ("upper", "lower") if stack.first == "upper" else ("lower", "upper")
+        expected = [0.5 * (stack.pressure**2 / b.confined(stack.plane) + stack.shear**2 / b.shear)
+                    * b.height * stack.width for b in (stack.blocks[name] for name in order)]
+        assert solution["energy"] == pytest.approx(expected, rel=RELATIVE), name

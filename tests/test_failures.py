@@ -1,0 +1,311 @@
+"""Runs that must fail: the exit code, one message that names the cause, nothing half-written, and an end in time.
+
+All runs are children with a time limit, several at once: most of their time they wait for mpirun.
+"""
+
+import copy
+import json
+import re
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import fault
+import pytest
+import scenes
+from scenes import Run, pinched_blocks
+
+LIMIT = 30.0
+"""Seconds after which a run counts as hanging."""
+
+AT_ONCE = 2
+RELAXATION = ("--set", "method.outer=relaxation")
+
+
+def run_all(jobs: dict[object, Callable[[], Run]]) -> dict[object, Run | Exception]:
+    """The jobs' runs; an exception stands for a run that did not end."""
+    def guarded(job: Callable[[], Run]) -> Run | Exception:
+        try:
+            return job()
+        except Exception as error:
+            return error
+
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        return dict(zip(jobs, pool.map(guarded, jobs.values()), strict=True))
+
+
+def of(runs: dict, name: object) -> Run:
+    if isinstance(runs[name], Exception):
+        raise runs[name]
+    return runs[name]
+
+
+def changed(body: int | None = None, **entries) -> dict:
+    """The pinched blocks at N = 2 with entries of the scene, or of a body, replaced; None removes one."""
+    scene = copy.deepcopy(pinched_blocks(2))
+    table = scene if body is None else scene["body"][body]
+    for key, value in entries.items():
+        if value is None:
+            del table[key]
+        else:
+            table[key] = value
+    return scene
+
+
+def only_message(run: Run) -> str:
+    assert len(run.messages) == 1, run.output
+    assert "Traceback" not in run.output
+    return run.messages[0]
+
+
+# Bad input
+
+ON_SCENE = {
+    # what is wrong: (scene or its text, arguments, what the message must name)
+    "unknown key": (changed(methods={"theta": 0.2}), [], ["scene.toml", "methods", "'method'"]),
+    "unknown key after --set": (changed(), ["--set", "method.thetta=0.3"],
+                                ["scene.toml", "method.thetta", "'theta'"]),
+    "unknown argument": (changed(), ["--ouput=x"], ["--ouput"]),
+    "not TOML": ("title = \n", [], ["scene.toml", "line 1"]),
+    "boundary that is not there": (changed(0, clamp=["lfet"]), [], ["scene.toml", "body.upper.clamp", "lfet", "left"]),
+    "contact boundary that is not there": (changed(), ["--set", 'contact.0.on=["bottom", "topp"]'],
+                                           ["scene.toml", "contact.0.on", "topp"]),
+    "body that is not held": (changed(1, clamp=[{"on": "left", "x": 0.0}]), [], ["scene.toml", "body.lower.clamp"]),
+    "meshes that do not match": (changed(), ["--set", "body.upper.mesh.divisions=[7, 2]"],
+                                 ["scene.toml", "contact.0", "8 and 7"]),
+}
+
+
+@pytest.fixture(scope="module")
+def bad_input(tmp_path_factory) -> dict[str, Run]:
+    def job(scene: dict | str, arguments: list[str]) -> Callable[[], Run]:
+        folder = tmp_path_factory.mktemp("bad_input")
+        path = folder / "scene.toml"
+        path.write_text(scene if isinstance(scene, str) else scenes.to_toml(scene))
+        return lambda: scenes.run_command("scene.toml", folder / "out", *arguments, limit=LIMIT, cwd=folder)
+
+    return run_all({name: job(scene, arguments) for name, (scene, arguments, _) in ON_SCENE.items()})
+
+
+@pytest.mark.parametrize("name", ON_SCENE)
+def test_bad_input(bad_input, name):
+    run = of(bad_input, name)
+    assert run.code == 2, run.output
+    message = only_message(run)
+    for word in ON_SCENE[name][2]:
+        assert word in message
+
+
+@pytest.mark.parametrize("name", ON_SCENE)
+def test_bad_input_writes_nothing(bad_input, name):
+    folder = of(bad_input, name).folder.parent
+    assert [path.name for path in folder.iterdir()] == ["scene.toml"]
+
+
+# Surroundings that do not fit, and questions
+
+
+@pytest.fixture(scope="module")
+def surroundings(tmp_path_factory) -> dict[str, Run]:
+    here = tmp_path_factory.mktemp("surroundings")
+    scene = scenes.write_scene(pinched_blocks(2), here / "scene.toml")
+    (here / "file").write_text("not a folder")
+    taken = here / "taken"
+    taken.mkdir()
+    (taken / "summary.json").write_text("precious")
+
+    def command(folder: Path, *arguments: str, path: Path = scene, ranks: int = 2) -> Callable[[], Run]:
+        return lambda: scenes.run_command(path, folder, *arguments, ranks=ranks, limit=LIMIT, cwd=here)
+
+    def question(*arguments: str) -> Callable[[], Run]:
+        return lambda: scenes.run_python(["-m", "ddmpi", *arguments], limit=LIMIT, cwd=here)
+
+    return run_all({
+        "one rank": command(here / "one", ranks=1), "three ranks": command(here / "three", ranks=3),
+        "no scene": command(here / "none", path=here / "nowhere.toml"), "taken": command(taken),
+        "below a file": command(here / "file" / "out"),
+        "--version": question("--version"), "--help": question("run", "--help"),
+    })
+
+
+@pytest.mark.parametrize(("name", "ranks"), [("one rank", 1), ("three ranks", 3)])
+def test_wrong_number_of_ranks(surroundings, name, ranks):
+    run = of(surroundings, name)
+    assert run.code == 2
+    assert re.search(rf"mpirun -n 2 \(started on {ranks}\)", only_message(run))
+    assert not run.folder.exists()
+
+
+def test_scene_that_is_not_there(surroundings):
+    run = of(surroundings, "no scene")
+    assert run.code == 2
+    assert "nowhere.toml" in only_message(run)
+    assert not run.folder.exists()
+
+
+def test_results_are_not_overwritten(surroundings):
+    run = of(surroundings, "taken")
+    assert run.code == 2
+    assert "taken" in only_message(run) and "summary.json" in only_message(run)
+    assert run.files == {"summary.json"}
+    assert (run.folder / "summary.json").read_text() == "precious"
+
+
+def test_folder_that_cannot_be_written(surroundings):
+    """Below a regular file: permissions do not bind root."""
+    run = of(surroundings, "below a file")
+    assert run.code == 2
+    assert str(run.folder) in only_message(run)
+
+
+@pytest.mark.parametrize(("name", "once"), [("--version", r"^ddmpi \d+\.\d+\.\d+$"), ("--help", r"^usage: ddmpi run ")])
+def test_questions_are_answered_once(surroundings, name, once):
+    run = of(surroundings, name)
+    assert run.code == 0
+    assert run.stderr == ""
+    assert len(re.findall(once, run.stdout, re.MULTILINE)) == 1
+
+
+def test_exit_codes_are_in_the_help(surroundings):
+    text = of(surroundings, "--help").stdout
+    assert "2 bad input" in text and "3 not converged" in text
+
+
+# Runs that do not converge, and solvers that fail
+
+UNSUCCESSFUL = {
+    "max_iterations": [*RELAXATION, "method.max_iterations=3"],
+    "max_iterations of newton": ["--set", "method.outer=newton", "method.max_iterations=2"],
+    "theta = 1": [*RELAXATION, "method.theta=1.0"],
+}
+FAILING_SOLVERS = {
+    "ksp": ["--set", "petsc.body_ksp_type=cg", "petsc.body_pc_type=none", "-body_ksp_max_it", "3"],
+    "qp": [*RELAXATION, "-qp_tao_max_it", "2"],
+}
+
+
+@pytest.fixture(scope="module")
+def unsuccessful(tmp_path_factory) -> dict[str, Run]:
+    here = tmp_path_factory.mktemp("unsuccessful")
+    scene = scenes.write_scene(pinched_blocks(4), here / "scene.toml")
+    return run_all({name: lambda name=name, arguments=arguments: scenes.run_command(
+        scene, here / name, "--no-figures", *arguments, limit=LIMIT)
+        for name, arguments in (UNSUCCESSFUL | FAILING_SOLVERS).items()})
+
+
+@pytest.mark.parametrize("name", UNSUCCESSFUL)
+def test_unsuccessful_runs_leave_results_that_say_so(unsuccessful, name):
+    run = of(unsuccessful, name)
+    assert run.code == 3, run.output
+    message, summary = only_message(run), run.summary
+    assert summary["converged"] is False
+    assert summary["reason"] in message
+    assert run.files == {"result.h5", "result.xdmf", "history.csv", "interface.csv", "summary.json"}
+    assert len(run.table("history.csv")["iteration"]) == summary["outer_iterations"]
+    residuals = [residual for residual in summary["certificate"].values() if residual is not None]
+    assert any(residual > summary["certificate_limit"] for residual in residuals)
+
+
+@pytest.mark.parametrize(("name", "iterations"), [("max_iterations", 3), ("max_iterations of newton", 2)])
+def test_max_iterations(unsuccessful, name, iterations):
+    run = of(unsuccessful, name)
+    assert run.summary["outer_iterations"] == iterations
+    assert "max_iterations" in only_message(run)
+
+
+def test_too_large_theta(unsuccessful):
+    run = of(unsuccessful, "theta = 1")
+    assert "diverged" in run.summary["reason"] or "max_iterations" in run.summary["reason"]
+    assert run.summary["outer_iterations"] <= 500
+    assert "theta" in run.output
+
+
+def test_ksp_that_cannot_reach_its_tolerance(unsuccessful):
+    """Options from the scene and from the command line together."""
+    run = of(unsuccessful, "ksp")
+    assert run.code == 4, run.output
+    message = only_message(run)
+    assert "body 'upper'" in message and "cg" in message and "DIVERGED_MAX_IT" in message
+    assert run.files == set()
+
+
+def test_subproblem_that_cannot_reach_its_tolerance(unsuccessful):
+    run = of(unsuccessful, "qp")
+    assert run.code == 4, run.output
+    assert "DIVERGED_MAXITS" in only_message(run)
+    assert run.files == set()
+
+
+# Exceptions on one rank
+
+FAULTS = {
+    # phase: target, call, more arguments
+    "mesh": ("ddmpi.problem.build_mesh", 1, ()),
+    "assemble": ("ddmpi.problem.assemble", 1, ()),
+    "factor": ("ddmpi.solvers.StiffnessSolver.__init__", 1, ()),
+    "outer": ("ddmpi.compliance.Compliance.mult", 12, ()),  # within GMRES of the Newton method
+    "outer, published": ("ddmpi.body.Body.neumann", 3, RELAXATION),
+    "output": ("ddmpi.run.write_fields", 1, ()),
+    "end of output": ("ddmpi.run.write_summary", 2, ()),  # by rank 0 alone, when all else is there
+}
+CASES = [(phase, rank) for phase in FAULTS for rank in (0, 1) if (phase, rank) != ("end of output", 1)]
+KINDS = {"SolverError": 4, "OutputError": 5}
+"""Exit codes of our own errors."""
+
+
+@pytest.fixture(scope="module")
+def faulty(tmp_path_factory) -> Callable[..., Run]:
+    """Runs the command with faults, each an error at (phase, rank)."""
+    here = tmp_path_factory.mktemp("faults")
+    scene = scenes.write_scene(pinched_blocks(2), here / "scene.toml")
+
+    def run(error: str, cases: list[tuple[str, int]], limit: float = LIMIT) -> Run:
+        faults = [(rank, *FAULTS[phase][:2], error, str(here / f"{phase} {rank} {error}"), FAULTS[phase][2])
+                  for phase, rank in cases]
+        return scenes.run_python([fault.__file__, json.dumps(faults), "run", str(scene), "--no-figures"],
+                                 limit=limit, folder=Path(faults[-1][-2]))
+
+    return run
+
+
+INTERNAL = [("mesh", 0), ("mesh", 1), ("assemble", 1), ("factor", 0), ("outer", 0), ("outer", 1),
+            ("outer, published", 1), ("output", 0), ("output", 1)]
+"""Where a bug would be worst; each takes an mpirun of its own."""
+
+
+@pytest.fixture(scope="module")
+def internal_errors(faulty) -> dict[tuple, Run]:
+    return run_all({case: lambda case=case: faulty("RuntimeError", [case]) for case in INTERNAL})
+
+
+@pytest.fixture(scope="module")
+def own_errors(faulty) -> dict[tuple, list[Run]]:
+    """By case, for each kind of error; they end in an orderly way, so that one child does all of a kind."""
+    parts = {case: [] for case in CASES}
+    for error in KINDS:
+        run = faulty(error, CASES, limit=2 * LIMIT)
+        ends = re.split(rf"^{fault.END} (.*)\n", run.stderr, flags=re.MULTILINE)
+        assert run.code == 0 and len(ends) == 2 * len(CASES) + 1, run.output
+        for case, stderr, codes in zip(CASES, ends[::2], ends[1::2], strict=False):
+            folder = run.folder.parent / f"{case[0]} {case[1]} {error}"
+            assert len(set(codes.split())) == 1, f"the ranks ended with {codes}"
+            parts[case].append(Run(int(codes.split()[0]), "", stderr, folder))
+    return parts
+
+
+@pytest.mark.parametrize(("phase", "rank"), INTERNAL)
+def test_internal_error_on_one_rank_ends_all(internal_errors, phase, rank):
+    run = of(internal_errors, (phase, rank))
+    assert run.code not in (0, 2, 3, 4, 5)
+    assert run.messages == [f"ddmpi: internal error on rank {rank}:"], run.output
+    assert run.output.count(f"RuntimeError: {fault.MESSAGE}") == 1
+    assert not run.files & {"result.h5", "result.xdmf", "history.csv", "interface.csv", "summary.json"}
+
+
+@pytest.mark.parametrize(("phase", "rank"), CASES)
+def test_own_error_on_one_rank_is_raised_on_all(own_errors, phase, rank):
+    for run, code in zip(own_errors[phase, rank], KINDS.values(), strict=True):
+        assert run.code == code
+        assert run.messages == [f"ddmpi: error: {fault.MESSAGE}"]
+        assert run.stderr.strip() == run.messages[0]
+        assert run.files == set()  # neither results nor a folder in which they are made
