@@ -54,7 +54,8 @@ class Compliance:
         self.count: Counter[str] = Counter()
         self._u, self._f = B.createVecs()[0], B.createVecs()[0]
         self._norm = 0.0
-        self._dense: np.ndarray | None = None
+        self._dense: np.ndarray | None = None  # what mult uses
+        self._columns: np.ndarray | None = None  # what dense made of its results
         if schur is not None:
             self._dense = _condensed(schur, trace[:, dofs], name)
             self.solver.schur_complement = None
@@ -73,15 +74,17 @@ class Compliance:
             self.free_response(self._f, y, purpose)
 
     def dense(self) -> np.ndarray:
-        """C (size, size) as a dense matrix (m/N), made by multiplications unless it is there. Collective."""
+        """C (size, size) as a dense matrix (m/N); where there is none, once by multiplications. Collective."""
         if self._dense is not None:
             return self._dense
-        C, unit = np.empty((self.size, self.size)), np.zeros(self.size)
-        for k in range(self.size):
-            unit[k] = 1.0
-            self.mult(unit, C[k], "explicit")
-            unit[k] = 0.0
-        return (C + C.T) / 2
+        if self._columns is None:
+            C, unit = np.empty((self.size, self.size)), np.zeros(self.size)
+            for k in range(self.size):
+                unit[k] = 1.0
+                self.mult(unit, C[k], "explicit")
+                unit[k] = 0.0
+            self._columns = (C + C.T) / 2
+        return self._columns
 
     def _by_blocks(self, trace: sparse.csr_matrix) -> np.ndarray:
         """C by solves with blocks of right-hand sides, each counted."""

@@ -54,8 +54,9 @@ class HalfPlaneStiffness:
         self._root = np.sqrt(length)
         self._scale = 0.5 * modulus
 
-        low, high = np.log(1.5 / total), 0.5 * np.log(max(2 * diagonal.max(), (1.5 / total) ** 2))
-        t = np.exp(np.arange(low - TAIL, high + TAIL + STEP, STEP))
+        lowest = 1.5 / total
+        spread = 0.5 * np.log(2 * diagonal.max() / lowest**2)  # of the spectrum's root, free of units
+        t = lowest * np.exp(np.arange(-TAIL, spread + TAIL + STEP, STEP))
         self._weights = (2 / np.pi) * STEP * t
         d = (diagonal + t[:, None] ** 2).ravel()
         e = np.tile(np.append(self._off, 0.0), len(t))[:-1]

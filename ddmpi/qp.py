@@ -19,6 +19,9 @@ class Operator(Protocol):
     def norm(self) -> float:
         """An estimate of ‖C‖₂ from below, by a few per cent at most."""
 
+    def dense(self) -> np.ndarray:
+        """C (size, size) as a dense matrix; asked for only by solvers that cannot do without."""
+
 
 @dataclass
 class QP:

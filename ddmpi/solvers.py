@@ -29,6 +29,9 @@ FRESH = 1e-11
 ON_BOUND = 1e-12
 """So near a bound, relative to the largest unknown, PETSc's TAO types leave what they mean to be on it."""
 
+STRICTER = 0.1
+"""By this the tolerance shrinks when a type of PETSc, by its own norm (bncg: Fischer's), stops too early."""
+
 
 class StiffnessSolver:
     """Solves with the stiffness A of one body; one factorization, at construction.
@@ -180,6 +183,7 @@ class QPSolver:
     term norm one), has the same stopping test and is rechecked afterwards by the same measure.
     Unknowns whose two bounds coincide are taken out, and the program is posed for the change from
     the starting point. MPRGP (the default) does both by itself and keeps the product C s on its way.
+    bqpip needs the Hessian as a dense matrix (counted as "explicit").
     """
 
     def __init__(self) -> None:
@@ -230,14 +234,19 @@ class QPSolver:
 
     def _petsc(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, purpose: str) -> QPResult:
         moving = np.flatnonzero(qp.lower < qp.upper)
-        problem = _Scaled(qp, moving, s, Cs, purpose)
-        tao = self._create(problem, self.type, tolerance)
-        tao.solve()
-        s = s.copy()
-        s[moving] = problem.unscaled(tao.getSolution().array_r, ON_BOUND)
-        Cs = np.empty_like(s)
-        qp.C.mult(s, Cs, purpose)
-        return QPResult(s, Cs, qp.residual(s, Cs), tao.getIterationNumber(), {})
+        kind, iterations = _Explicit if self.type == "bqpip" else _Scaled, 0
+        for asked in tolerance * STRICTER ** np.arange(3):
+            problem = kind(qp, moving, s, Cs, purpose)
+            tao = self._create(problem, self.type, asked)
+            tao.solve()
+            iterations += tao.getIterationNumber()
+            s = s.copy()
+            s[moving] = problem.unscaled(tao.getSolution().array_r, ON_BOUND)
+            Cs = np.empty_like(s)
+            qp.C.mult(s, Cs, purpose)
+            if qp.residual(s, Cs) <= tolerance or tao.getConvergedReason() < 0:
+                break
+        return QPResult(s, Cs, qp.residual(s, Cs), iterations, {})
 
     def _create(self, problem: _Scaled, kind: str, tolerance: float) -> PETSc.TAO:
         if self._tao is not None:
@@ -339,6 +348,38 @@ class _Scaled:
     def objective_gradient(self, tao: PETSc.TAO, X: PETSc.Vec, G: PETSc.Vec) -> float:
         self.gradient(tao, X, G)
         return self.objective(tao, X)
+
+
+class _Explicit(_Scaled):
+    """A scaled QP with a dense Hessian and finite bounds, as interior-point methods want it."""
+
+    def __init__(self, qp: QP, moving: np.ndarray, s: np.ndarray, Cs: np.ndarray, purpose: str) -> None:
+        super().__init__(qp, moving, s, Cs, purpose)
+        self._matrix = qp.C.dense()[np.ix_(moving, moving)] / self._norm
+
+    def vectors(self) -> tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]:
+        """As before, but infinite bounds give way to what no point that is better than the start exceeds."""
+        vectors = super().vectors()
+        reach = 2 * np.linalg.norm(self._start_gradient) / np.linalg.eigvalsh(self._matrix)[0]
+        for bound, sign in zip(vectors[1:], (-1.0, 1.0), strict=True):
+            finite = np.isfinite(bound.array_r)
+            bound.array[~finite] = self._start[~finite] + sign * 1.1 * reach
+        return vectors
+
+    def unscaled(self, x: np.ndarray, near: float) -> np.ndarray:
+        """As before; an interior point is moved to a bound that is nearer to it than its multiplier to zero."""
+        g = self._gradient(x)
+        lower, upper = self.qp.lower[self.moving] / self.force, self.qp.upper[self.moving] / self.force
+        x = np.where(x - lower <= g, lower, np.where(upper - x <= -g, upper, x))
+        return super().unscaled(x, near)
+
+    def hessian(self) -> PETSc.Mat:
+        H = PETSc.Mat().createDense(self._matrix.shape, array=self._matrix.copy(), comm=PETSc.COMM_SELF)
+        H.setOption(PETSc.Mat.Option.SPD, True)
+        return H
+
+    def _apply(self, x: np.ndarray) -> np.ndarray:
+        return self._matrix @ x
 
 
 def _set_type(tao: PETSc.TAO, kind: str) -> None:
