@@ -83,6 +83,8 @@ class OuterIteration:
         size = self.body.C.size
         self.lam, self.s1, self.s2 = np.zeros(size), np.zeros(size), np.zeros(size)
         self.g = np.zeros(size - self.body.interface.m)
+        with self.exchange.deferred():
+            self.body.need_norm()
         free = [np.linalg.norm(h) for h in self.exchange.swap(self.body.h, "free displacement")]
         self._scale = max(*free, float(np.linalg.norm(self.body.interface.gap)))
         self._step_size = FIRST_PRECISION * max(free) / self.precision

@@ -96,9 +96,14 @@ class Body:
         if elasticity.b.norm() > 0.0:
             self.C.free_response(elasticity.b, self.h, "load")
         self.h += displacement_trace(interface, role, elasticity.prescribed)
-        self.C.norm()
         self._set_up = self.C.count.copy()
         self.restart()
+
+    def need_norm(self) -> None:
+        """Estimate ‖C‖, which programs are scaled with; once, and counted as set-up. Collective."""
+        before = self.C.count["norm"]
+        self.C.norm()
+        self._set_up["norm"] += self.C.count["norm"] - before
 
     def restart(self) -> None:
         """Back to no contact forces; counts keep what the set-up cost."""

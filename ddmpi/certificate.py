@@ -53,8 +53,8 @@ class Certificate:
     Attributes
     ----------
     force_mismatch : ‖s_1 − s_2‖ / ‖s‖, the bodies' contact forces must cancel
-    penetration : largest overlap over the largest contact displacement
-    complementarity : Σ s_ν |gap| over Σ s_ν times the largest contact displacement, and the largest
+    penetration : largest overlap over the size of the contact displacements (see `certify`)
+    complementarity : Σ s_ν |gap| over Σ s_ν times that size, and the largest
         tension over the largest normal force; the larger of both
     friction : largest distance of s_t from the friction law, P(s_t + ρ u_t) − s_t with the projection
         P on |s_t| ≤ g, over the largest force; it sees forces beyond the bound, slip below it, and
@@ -104,7 +104,8 @@ def contact_state(interface: Interface, friction: Friction, s: np.ndarray, g: np
 
 
 def certify(interface: Interface, friction: Friction, state: ContactState, forces: tuple[np.ndarray, np.ndarray],
-            traces: tuple[np.ndarray, np.ndarray], equilibrium: tuple[float, float], load: float) -> Certificate:
+            traces: tuple[np.ndarray, np.ndarray], equilibrium: tuple[float, float], load: float,
+            yielding: float) -> Certificate:
     """Residuals of the coupled problem.
 
     Parameters
@@ -112,14 +113,18 @@ def certify(interface: Interface, friction: Friction, state: ContactState, force
     forces : contact forces s_1, s_2 (size,) as the two bodies see them (N)
     traces : contact displacements (size,) of both bodies (m)
     equilibrium : relative residual of each body
-    load : sum of the absolute nodal loads of both bodies (N); where the contact forces are below a
-        thousandth of it per node, they are compared with that instead
+    load : sum of the absolute nodal loads of both bodies (N), with which contact forces are compared
+        where there are none (all of role 2's are zero), and where they are below a millionth of it per node
+    yielding : largest contact displacement that the contact forces cause in a body (m). Displacements
+        are compared with this or with the contact displacements, whichever is smaller: a body may move
+        far without being strained, or be held back from moving far
 
     Not collective.
     """
     m, sliding = interface.m, interface.sliding
-    floor = 1e-3 * load / np.sqrt(m)
+    floor = (1e-6 if forces[1].any() else 1.0) * load / np.sqrt(m)
     U = max(np.abs(t).max(initial=0.0) for t in traces)
+    U = min(U, yielding) or max(U, yielding)
     S = max(np.abs(f).max(initial=0.0) for f in forces)
     mismatch = np.linalg.norm(forces[0] - forces[1])
     pressed = np.maximum(state.normal_force, 0.0)
@@ -128,7 +133,7 @@ def certify(interface: Interface, friction: Friction, state: ContactState, force
     law = 0.0
     if friction.law != "none" and len(sliding):
         g, st, ut = friction.slip_bound(pressed, interface), state.tangential_force[sliding], state.slip[sliding]
-        law = np.abs(np.clip(st + _ratio(S, U) * ut, -g, g) - st).max()
+        law = np.abs(np.clip(st + (_ratio(S, U) * ut if S else 0.0), -g, g) - st).max()
     return Certificate(
         force_mismatch=_ratio(mismatch, max(np.linalg.norm(forces[0]), np.linalg.norm(forces[1]), floor)),
         penetration=_ratio(np.maximum(-state.gap, 0.0).max(), U),
@@ -138,4 +143,5 @@ def certify(interface: Interface, friction: Friction, state: ContactState, force
 
 
 def _ratio(a: float, b: float) -> float:
-    return float(a / b) if b else 0.0
+    """a / b; zero if both are, infinite if only b is."""
+    return float(a / b) if b else (float("inf") if a else 0.0)

@@ -138,11 +138,11 @@ def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None
 
     import petsc4py
 
-    petsc4py.init([sys.argv[0], *petsc], comm=world)
-    from ddmpi.petsc_options import insert_options
+    from ddmpi.petsc_options import as_arguments
+
+    petsc4py.init([sys.argv[0], *as_arguments(scene.petsc), *petsc], comm=world)
     from ddmpi.run import run, verify
 
-    insert_options(scene.petsc)
     if options.command == "verify":
         verify(world, scene, options.scene)
     else:

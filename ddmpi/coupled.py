@@ -12,7 +12,7 @@ from scipy.optimize import lsq_linear
 
 from ddmpi.body import Body, Friction
 from ddmpi.errors import InputError, NotConvergedError
-from ddmpi.exchange import Exchange
+from ddmpi.exchange import Exchange, agreed
 from ddmpi.interface import Interface
 
 LARGEST = 2000
@@ -22,24 +22,28 @@ FIXED_POINT = 1e-12
 """Relative change of the slip bound at which the fixed point of Coulomb friction is reached."""
 
 
-def dense_compliance(body: Body) -> np.ndarray:
-    """C (size, size) of one body (m/N). Collective on the body. Raises InputError if it is too large."""
-    size = body.C.size
-    if size > LARGEST:
-        raise InputError(f"the coupled problem has {size} contact unknowns; by brute force {LARGEST} are the most")
-    return body.C.dense()
+def check_size(interface: Interface) -> None:
+    """InputError when the interface is too large to be solved this way."""
+    if interface.size > LARGEST:
+        raise InputError(f"the coupled problem has {interface.size} contact unknowns; by brute force {LARGEST} are "
+                         "the most")
 
 
 def solve_coupled(body: Body, friction: Friction, exchange: Exchange) -> np.ndarray:
     """The contact forces (size,) of the coupled problem (N).
 
     Collective on both bodies; both solve the same problem. Raises NotConvergedError when the fixed
-    point of Coulomb friction is not found, InputError for too large an interface.
+    point of Coulomb friction is not found, InputError for too large an interface; on both.
     """
-    C = sum(exchange.swap_objects(dense_compliance(body)))
-    d = sum(exchange.swap_objects(body.h))
+    C, h, s = np.empty((0, 0)), body.h, np.empty(0)
+    with agreed(exchange.world):
+        check_size(body.interface)
+        C = body.C.dense()
+    C, d = sum(exchange.swap_objects(C)), sum(exchange.swap_objects(h))
     d[:body.interface.m] -= body.interface.gap
-    return solve_dense(C, d, body.interface, friction)
+    with agreed(exchange.world):
+        s = solve_dense(C, d, body.interface, friction)
+    return s
 
 
 def solve_dense(C: np.ndarray, d: np.ndarray, interface: Interface, friction: Friction) -> np.ndarray:

@@ -35,6 +35,8 @@ class Elasticity:
     prescribed : (nv, 2) displacement (m) of the prescribed dofs, zero elsewhere
     lift : (2k,) forces (N) with which the prescribed displacement alone strains the free dofs, and the
         strain energy (J) of it; None where all that is prescribed is zero
+    load : sum of the absolute nodal loads (N), tractions and volume forces; where a displacement is
+        prescribed, at least a thousandth of the forces that it would take
     """
 
     A: PETSc.Mat
@@ -44,6 +46,7 @@ class Elasticity:
     free: np.ndarray
     prescribed: np.ndarray
     lift: tuple[np.ndarray, float] | None = None
+    load: float = 0.0
 
     def strain_energy(self, u: PETSc.Vec, Au: PETSc.Vec) -> float:
         """Strain energy (J per metre of depth) of the body, given u and A u. Collective."""
@@ -74,10 +77,11 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     nodes = np.flatnonzero(free.any(axis=1))
     dofs = (2 * nodes[:, None] + [0, 1]).ravel()
     loose = free.ravel()[dofs]
-    lift = None
+    lift, total = None, float(np.abs(f).sum())
     if prescribed.any():
         forces = K @ prescribed.ravel()
         f -= forces
+        total = max(total, 1e-3 * float(np.abs(forces).sum()))
         lift = (forces[dofs] * loose, 0.5 * float(prescribed.ravel() @ forces))
     A, b = K[dofs][:, dofs], f[dofs]
     if not loose.all():
@@ -85,6 +89,9 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
         A = (keep @ A @ keep + sparse.diags(np.where(loose, 0.0, K.diagonal()[dofs]))).tocsr()
         b = b * loose
     A.sort_indices()
+    if not (np.isfinite(A.data).all() and np.isfinite(b).all() and A.diagonal().min() > 0.0):
+        raise InputError(f"body.{body.name}: material, loads and lengths give numbers out of the range of "
+                         "double precision; choose other units")
 
     matrix = PETSc.Mat().createAIJWithArrays(
         A.shape, (A.indptr.astype(PETSc.IntType), A.indices.astype(PETSc.IntType), A.data), bsize=2, comm=comm)
@@ -93,7 +100,7 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     matrix.setNearNullSpace(_rigid_motions(mesh.points[nodes], free[nodes], comm))
     load = PETSc.Vec().createWithArray(b, bsize=2, comm=comm)
     load.setBlockSize(2)
-    return Elasticity(matrix, load, int(loose.sum()), nodes, free, prescribed, lift)
+    return Elasticity(matrix, load, int(loose.sum()), nodes, free, prescribed, lift, total)
 
 
 def stress(mesh: Mesh, material: Material, u: np.ndarray) -> np.ndarray:

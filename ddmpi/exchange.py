@@ -78,6 +78,8 @@ class Exchange:
         try:
             yield
         except DdmpiError as error:
+            if error.agreed:
+                raise
             self._failure = error
 
     def agree(self) -> None:

@@ -197,7 +197,8 @@ def _round_scale(scale: float) -> float:
 
 
 def _title(summary: dict) -> str:
-    return f"{summary['title']}\n" if summary["title"] else ""
+    title = summary["title"].replace("$", r"\$")  # no formula
+    return f"{title}\n" if title else ""
 
 
 def _positive(values: np.ndarray) -> np.ndarray:

@@ -18,6 +18,7 @@ Every multiplication by C_1 + C_2 is one exchange: each body multiplies with its
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -26,11 +27,14 @@ from petsc4py import PETSc
 
 from ddmpi.algorithm import Step
 from ddmpi.body import Body, Friction
+from ddmpi.errors import SolverError
 from ddmpi.exchange import Exchange
 from ddmpi.preconditioner import HalfPlaneStiffness
 from ddmpi.qp import QP
 from ddmpi.scene import Method
-from ddmpi.solvers import QPSolver
+from ddmpi.solvers import QPSolver, petsc_message, reason_name
+
+log = logging.getLogger("ddmpi")
 
 FORCING = 1e-3
 """GMRES reduces the residual of a Newton equation by this. Measured on pinched blocks: 1e-2 takes fewer
@@ -100,10 +104,17 @@ class InterfaceNewton:
     def run(self, tolerance: float) -> str:
         """Iterate until the residual of the equations is below `tolerance` times the forces.
 
-        Returns "converged", "stalled" or "max_iterations". Raises SolverError on all ranks. Collective.
+        May be called again to go on. Returns "converged", "diverged" or "max_iterations". Raises
+        SolverError on all ranks. Collective.
         """
+        if self.history:  # the forces were settled on their bounds; the gaps must follow
+            self._r = self._joint.product(self._s, "newton") - self._d
         while True:
             residual = self._relative(self._equations(self._s, self._r).residual)
+            if not np.isfinite(residual):
+                if not self.history:
+                    self._note(residual, 0.0)
+                return "diverged"
             if residual <= tolerance and not (self._start and self._d.any() and residual > 0.0):
                 if not self.history:
                     self._note(residual, 0.0)
@@ -186,7 +197,9 @@ class InterfaceNewton:
         if jump.any():
             C_change = self._joint.product(jump, "newton")
         if unknown.any():
-            y = self._solve(expand, unknown, -(self._r + C_change)[unknown])
+            y = np.zeros(int(unknown.sum()))
+            with self.exchange.deferred():
+                y = self._solve(expand, unknown, -(self._r + C_change)[unknown])
             dy = expand(y)
             change, C_change = jump + dy, C_change + self._joint.product(dy, "newton")
         length = 1.0 if self._start else self._length(change, C_change, np.linalg.norm(state.residual))
@@ -203,7 +216,7 @@ class InterfaceNewton:
         return best[1]
 
     def _solve(self, expand: Callable, unknown: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """GMRES on the unknown forces; prefix ``newton_``."""
+        """GMRES on the unknown forces; prefix ``newton_``. Raises SolverError."""
         if not right.any():
             return np.zeros_like(right)
         joint, preconditioner = self._joint, self._preconditioner
@@ -231,8 +244,18 @@ class InterfaceNewton:
         ksp.getPC().setType(PETSc.PC.Type.PYTHON)
         ksp.getPC().setPythonContext(context)
         ksp.setTolerances(rtol=FORCING, atol=0.0, max_it=KRYLOV_LIMIT)
-        ksp.setFromOptions()
-        ksp.solve(b, y)
+        try:
+            ksp.setFromOptions()
+            ksp.solve(b, y)
+        except PETSc.Error as error:
+            raise SolverError(f"the linear problem of a Newton step: {petsc_message(error)}") from None
+        reason = ksp.getConvergedReason()
+        if reason == PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT:
+            log.info("GMRES took %d iterations without reaching %.0e; its step is used as it is",
+                     ksp.getIterationNumber(), ksp.getTolerances()[0])
+        elif reason < 0:
+            raise SolverError(f"the linear problem of a Newton step failed with "
+                              f"{reason_name(PETSc.KSP.ConvergedReason, reason)}")
         solution = y.array_r.copy()
         for thing in (ksp, K, y, b):
             thing.destroy()

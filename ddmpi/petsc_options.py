@@ -1,19 +1,18 @@
-"""PETSc's options database: fill it from the scene, and ask what nobody used."""
+"""PETSc's options: those of a scene as arguments, and those that nobody used."""
 
 from __future__ import annotations
 
 import ctypes
 
-from petsc4py import PETSc
 
-
-def insert_options(table: dict[str, str | int | float | bool]) -> None:
-    """Put a scene's [petsc] table into the database; what stands there already (command line) wins."""
-    options = PETSc.Options()
+def as_arguments(table: dict[str, str | int | float | bool]) -> list[str]:
+    """A scene's [petsc] table as arguments of petsc4py.init; put before the command line's, which win."""
+    arguments = []
     for name, value in table.items():
-        name = name.lstrip("-")
-        if not options.hasName(name):
-            options.setValue(name, str(value).lower() if isinstance(value, bool) else str(value))
+        arguments.append(f"-{name.lstrip('-')}")
+        if value is not True:  # a bare option is a flag that is set
+            arguments.append("false" if value is False else str(value))
+    return arguments
 
 
 def unused_options() -> list[str]:
@@ -21,6 +20,8 @@ def unused_options() -> list[str]:
 
     petsc4py wraps PetscOptionsLeftGet in no version, so it is called through ctypes.
     """
+    from petsc4py import PETSc  # not before petsc4py.init has had the arguments
+
     library = ctypes.CDLL(PETSc.__file__)
     count = ctypes.c_int64 if PETSc.IntType().itemsize == 8 else ctypes.c_int32
     number, names, values = count(), ctypes.POINTER(ctypes.c_char_p)(), ctypes.POINTER(ctypes.c_char_p)()

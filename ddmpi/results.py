@@ -81,7 +81,7 @@ def choose_folder(wanted: str | None, scene: str) -> Path:
     if wanted is None:
         stem, k = Path("results") / Path(scene).stem, 1
         folder = stem
-        while folder.exists():
+        while not _made(folder):
             k += 1
             folder = stem.with_name(f"{stem.name}-{k}")
     else:
@@ -100,6 +100,17 @@ def choose_folder(wanted: str | None, scene: str) -> Path:
     return folder
 
 
+def _made(folder: Path) -> bool:
+    """Make a folder that must not be there yet; whether it could be made new."""
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        return False
+    except OSError as error:
+        raise InputError(f"--output {folder}: cannot be made: {error.strerror}") from None
+    return True
+
+
 class Staging:
     """A folder beside the results in which they are made; `publish` moves them into place."""
 
@@ -113,6 +124,10 @@ class Staging:
         """Rename all files into the result folder, the summary last. Raises OutputError."""
         def rename() -> list[Path]:
             names = [name for name in NAMES if (self.path / name).exists()]
+            present = [name for name in names if (self.folder / name).exists()]
+            if present:
+                raise OutputError(f"{self.folder}: another run has put its results there meanwhile "
+                                  f"({', '.join(present)}); nothing is overwritten")
             for name in sorted(names, key=lambda name: name == "summary.json"):
                 os.rename(self.path / name, self.folder / name)
             self.path.rmdir()

@@ -16,10 +16,10 @@ from petsc4py import PETSc
 
 import ddmpi
 from ddmpi.algorithm import OuterIteration, Step
-from ddmpi.coupled import solve_coupled
+from ddmpi.coupled import check_size, solve_coupled
 from ddmpi.diagnosis import diagnose
 from ddmpi.elasticity import stress, von_mises
-from ddmpi.errors import DdmpiError, InputError, NotConvergedError
+from ddmpi.errors import DdmpiError, InputError, NotConvergedError, OutputError
 from ddmpi.exchange import agreed
 from ddmpi.petsc_options import unused_options
 from ddmpi.problem import Clock, Problem, check_ranks, prepare
@@ -60,24 +60,31 @@ def run(world: MPI.Comm, scene: Scene, scene_path: str, output: str | None, figu
         folder = choose_folder(output, scene_path) if world.rank == 0 else None
     log.info("%s", scene.title or scene_path)
     try:
-        problem = prepare(world, scene, Path(scene_path).parent, clock)
-    except DdmpiError as error:
+        problem = _prepare(world, scene, scene_path, clock)
+        _log_plan(problem, figures)
+        with clock.phase("outer"):
+            answer, outer = solve(problem, scene.method, _report_step)
+        summary = _summary(problem, outer, answer)
+        _log_end(summary, answer)
+        _write(problem, folder, clock, summary, outer, answer, figures)
+    except DdmpiError:
         if folder:
-            with contextlib.suppress(OSError):  # not empty: it is not ours alone
+            with contextlib.suppress(OSError):  # there is something in it
                 folder.rmdir()
-        if isinstance(error, InputError):
-            error.args = (f"{scene_path}: {error}",)
         raise
-    _log_plan(problem, figures)
-    with clock.phase("outer"):
-        answer, outer = solve(problem, scene.method, _report_step)
-    summary = _summary(problem, outer, answer)
-    _log_end(summary, answer)
-    _write(problem, folder, clock, summary, outer, answer, figures)
     with agreed(world):
         if not answer.certified:
             raise NotConvergedError(diagnose(answer.reason, answer.stopped, answer.violations, scene.method,
                                              outer.history, answer.statuses, problem.interface, problem.friction))
+
+
+def _prepare(world: MPI.Comm, scene: Scene, scene_path: str, clock: Clock | None = None) -> Problem:
+    """`prepare`, with the scene's file named in what is wrong with it. Collective."""
+    try:
+        return prepare(world, scene, Path(scene_path).parent, clock)
+    except InputError as error:
+        error.args = (f"{scene_path}: {error}",)
+        raise
 
 
 def verify(world: MPI.Comm, scene: Scene, scene_path: str) -> None:
@@ -87,7 +94,9 @@ def verify(world: MPI.Comm, scene: Scene, scene_path: str) -> None:
     the certificate promises.
     """
     check_ranks(world, scene)
-    problem = prepare(world, scene, Path(scene_path).parent)
+    problem = _prepare(world, scene, scene_path)
+    with agreed(world):
+        check_size(problem.interface)
     _log_plan(problem, figures=False)
     answer, outer = solve(problem, scene.method, _report_step)
     exact = solve_coupled(problem.body, problem.friction, problem.exchange)
@@ -126,7 +135,8 @@ def _summary(problem: Problem, outer: OuterIteration, answer: Answer) -> dict:
         "displacement_max": finite_or_none(answer.displacement_max), "energy": [finite_or_none(e) for e in energy],
         "seconds": {}, "memory_mib": memory,
         "exchange": {"messages": outer.exchange.messages, "bytes": outer.exchange.bytes},
-        "solvers": {"body": solver, "compliance": body.C.kind, "qp": body.qp_solver.type},
+        "solvers": {"body": solver, "compliance": body.C.kind,
+                    "qp": "none" if scene.method.outer == "newton" else body.qp_solver.type},
         "hosts": hosts, "versions": versions(),
         "options": PETSc.Options().getAll(), "options_unused": unused, "scene": scene.resolved(),
     }
@@ -136,7 +146,7 @@ def _write(problem: Problem, folder: Path | None, clock: Clock, summary: dict, o
            figures: bool) -> None:
     """Write all result files; they appear together or not at all. Collective."""
     world, mesh = problem.world, problem.mesh
-    staging = Staging(folder) if folder else None
+    staging, picture_error = Staging(folder) if folder else None, None
     path = world.bcast(staging.path if staging else None)
     sizes = world.allgather((len(mesh.points), len(mesh.triangles)))
     try:
@@ -155,9 +165,7 @@ def _write(problem: Problem, folder: Path | None, clock: Clock, summary: dict, o
                     write_history(path, outer.history)
                     write_interface(path, problem.interface, answer.state)
                     write_summary(path, summary)
-                    if figures:
-                        from ddmpi.figures import draw_all
-                        draw_all(path)
+                    picture_error = _draw(path) if figures else None
         seconds = clock.largest(world)
         with agreed(world):
             if staging:
@@ -165,9 +173,24 @@ def _write(problem: Problem, folder: Path | None, clock: Clock, summary: dict, o
                 files = staging.publish()
                 log.info("results in %s: %s (%.1f s in all)", folder, ", ".join(f.name for f in files),
                          seconds["total"])
+        with agreed(world):
+            if picture_error:
+                raise picture_error
     finally:
         if staging:
             staging.discard()
+
+
+def _draw(path: Path) -> OutputError | None:
+    """Draw the pictures; what goes wrong there is told after the numbers are safe."""
+    from ddmpi.figures import draw_all
+
+    try:
+        draw_all(path)
+    except Exception as error:  # matplotlib raises what it likes
+        return OutputError(f"the pictures could not be drawn ({type(error).__name__}: {error}); the other results "
+                           "are complete")
+    return None
 
 
 def _fields(problem: Problem, answer: Answer) -> Fields:
@@ -207,10 +230,10 @@ def _log_plan(problem: Problem, figures: bool) -> None:
         left_out.append("stress (not asked for)")
     if not figures:
         left_out.append("pictures (not asked for)")
-    qp = "python (MPRGP)" if body.qp_solver.type == "python" else body.qp_solver.type
-    log.info("n = %d unknowns, m = %d contact nodes, friction: %s; A by %s, compliance %s, subproblems by TAO %s",
-             problem.n, interface.m, friction.law, body.C.solver.description, body.C.kind, qp)
-    log.info("%s; left out: %s", _describe(scene.method), ", ".join(left_out) or "nothing")
+    log.info("n = %d unknowns, m = %d contact nodes, friction: %s; A by %s, compliance %s",
+             problem.n, interface.m, friction.law, body.C.solver.description, body.C.kind)
+    qp = "" if scene.method.outer == "newton" else body.qp_solver.type.replace("python", "python (MPRGP)")
+    log.info("%s; left out: %s", _describe(scene.method, qp), ", ".join(left_out) or "nothing")
     log.info("%5s  %10s  %10s  %6s", "k", "update", "residual", "n_A")
 
 
@@ -218,10 +241,10 @@ def _report_step(step: Step) -> None:
     log.info("%5d  %10.3e  %10.3e  %6d", step.iteration, step.update, step.residual, sum(step.n_A))
 
 
-def _describe(method: Method) -> str:
+def _describe(method: Method, qp: str) -> str:
     if method.outer == "relaxation":
         return (f"published iteration: {method.algorithm} algorithm, splitting {method.splitting}, "
-                f"theta = {method.theta:g}, update below {method.tolerance:g}")
+                f"theta = {method.theta:g}, update below {method.tolerance:g}; subproblems by TAO {qp}")
     if method.outer == "anderson":
         return f"Anderson acceleration of the weighted published map, update below {method.tolerance:g}"
     return f"semi-smooth Newton, GMRES with half-plane preconditioner, residual below {method.tolerance:g}"

@@ -155,7 +155,7 @@ class Traction(_Table, kw_only=True):
 class BodySpec(_Table, kw_only=True):
     """One elastic body."""
 
-    name: Name
+    name: Annotated[str, msgspec.Meta(min_length=1, pattern=r"^[^.=]*$")]  # --set body.NAME.key=value
     mesh: MeshSpec
     material: Material
     clamp: list[Name | Clamp] = []

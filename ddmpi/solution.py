@@ -80,8 +80,7 @@ def solve(problem: Problem, method: Method, report: Callable[[Step], None] = lam
         report(step)
 
     outer = _outer(problem, method, note)
-    load = float(np.abs(problem.body.elasticity.b.array_r).sum())
-    load = float(sum(problem.world.allgather(load)))
+    load = float(sum(problem.world.allgather(problem.body.elasticity.load)))
     limit = certificate_limit(method.tolerance)
     tolerance = method.tolerance
     while True:
@@ -113,10 +112,10 @@ def _conclude(outer: OuterIteration | InterfaceNewton, stopped: str, load: float
         u, residual, energy = body.displacement()
     own = displacement_trace(interface, body.role, u)
     body.Cs = body.h - own  # the product, afresh: the iteration updates it by recurrence
-    largest = float(np.linalg.norm(u, axis=1).max())
-    both = exchange.swap(np.append(own, [residual, energy, largest]), "answer")
-    traces = tuple(vector[:-3] for vector in both)
-    (r1, e1, u1), (r2, e2, u2) = (vector[-3:] for vector in both)
+    largest, yielding = np.linalg.norm(u, axis=1).max(), np.abs(body.Cs).max()
+    both = exchange.swap(np.append(own, [residual, energy, largest, yielding]), "answer")
+    traces = tuple(vector[:-4] for vector in both)
+    (r1, e1, u1, y1), (r2, e2, u2, y2) = (vector[-4:] for vector in both)
     state = contact_state(interface, outer.friction, outer.forces, outer.g, traces)
-    certificate = certify(interface, outer.friction, state, (outer.s1, outer.s2), traces, (r1, r2), load)
+    certificate = certify(interface, outer.friction, state, (outer.s1, outer.s2), traces, (r1, r2), load, max(y1, y2))
     return Answer(stopped, u, float(max(u1, u2)), (float(e1), float(e2)), state, certificate, limit, statuses)

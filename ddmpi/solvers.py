@@ -67,7 +67,7 @@ class StiffnessSolver:
         except PETSc.Error as error:
             given = ", ".join(f"-{k} {v}" for k, v in PETSc.Options().getAll().items() if k.startswith("body_"))
             raise SolverError(f"body {name!r}: PETSc cannot set up its solver ({self.description}"
-                              f"{'; options ' + given if given else ''}): {_petsc_message(error)}") from None
+                              f"{'; options ' + given if given else ''}): {petsc_message(error)}") from None
         self._residual, self._correction = A.createVecs()
         self._first = True
 
@@ -154,7 +154,7 @@ class StiffnessSolver:
         reason = self.ksp.getConvergedReason()
         if reason < 0:
             raise SolverError(f"body {self.name!r}: {self.description} failed with "
-                              f"{_name(PETSc.KSP.ConvergedReason, reason)} after "
+                              f"{reason_name(PETSc.KSP.ConvergedReason, reason)} after "
                               f"{self.ksp.getIterationNumber()} iterations")
 
 
@@ -187,8 +187,19 @@ class QPSolver:
     """
 
     def __init__(self) -> None:
-        self.type = PETSc.Options("qp_").getString("tao_type", "python")
+        self._type = ""
         self._tao: PETSc.TAO | None = None
+
+    @property
+    def type(self) -> str:
+        """The TAO type; its option is asked for (and so counts as used) by whoever solves a program."""
+        if not self._type:
+            self._type = PETSc.Options("qp_").getString("tao_type", "python")
+        return self._type
+
+    @type.setter
+    def type(self, value: str) -> None:
+        self._type = value
 
     def solve(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, purpose: str) -> QPResult:
         """Solve `qp` from the point `s`, whose product with C is `Cs`.
@@ -276,7 +287,7 @@ class QPSolver:
         return tao
 
     def _reason(self) -> str:
-        return _name(PETSc.TAO.Reason, self._tao.getConvergedReason()) if self._tao else "nothing done"
+        return reason_name(PETSc.TAO.Reason, self._tao.getConvergedReason()) if self._tao else "nothing done"
 
 
 class _Scaled:
@@ -388,12 +399,12 @@ def _set_type(tao: PETSc.TAO, kind: str) -> None:
     try:
         tao.setType(kind)
     except PETSc.Error as error:
-        raise SolverError(f"-qp_tao_type {kind}: {_petsc_message(error)}") from None
+        raise SolverError(f"-qp_tao_type {kind}: {petsc_message(error)}") from None
     if kind.startswith("bn") and not options.hasName("tao_bnk_pc_type"):
         options.setValue("tao_bnk_pc_type", "none")
 
 
-def _name(reasons: type, value: int) -> str:
+def reason_name(reasons: type, value: int) -> str:
     """PETSc's name of a reason code."""
     names = [n for n in dir(reasons) if n.isupper() and getattr(reasons, n) == value]
     return next((n for n in names if n.startswith(("CONVERGED", "DIVERGED"))), f"reason {value}")
@@ -406,5 +417,6 @@ def _dense(A: PETSc.Mat) -> np.ndarray:
     return dense
 
 
-def _petsc_message(error: PETSc.Error) -> str:
+def petsc_message(error: PETSc.Error) -> str:
+    """The last line of what PETSc says, which is what went wrong."""
     return " ".join(str(error).split("\n")[-1].split())

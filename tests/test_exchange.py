@@ -206,7 +206,7 @@ def test_newton_moves_interface_vectors_only(comm):
         answer, _ = solve(problem, Method(outer="newton").resolved())
         assert answer.certified
         lengths = traffic.lengths
-        assert max(lengths) <= 2 * problem.interface.m + HEADER + 3  # at the end, with three sizes of the answer
+        assert max(lengths) <= 2 * problem.interface.m + HEADER + 4  # at the end, with four sizes of the answer
         assert traffic.calls == MESSAGE * problem.exchange.messages
         assert problem.exchange.bytes == WORD * sum(lengths)
 
