@@ -16,7 +16,8 @@ from ddmpi.exchange import Exchange
 from ddmpi.scene import Method
 
 FIRST_PRECISION = 0.01
-"""Inner precision of the first iteration, times max‖h_α‖: there is no earlier step to measure by."""
+"""Inner precision of the first iteration, times max‖h_α‖: there is no earlier step to measure by. Times
+‖h_1 + h_2 − gap‖ where that is smaller, as when a body is moved far to touch the other a little."""
 
 ROUNDING = 1e-13
 """No inner solve is asked for more than this, relative to the displacements at hand."""
@@ -85,9 +86,12 @@ class OuterIteration:
         self.g = np.zeros(size - self.body.interface.m)
         with self.exchange.deferred():
             self.body.need_norm()
-        free = [np.linalg.norm(h) for h in self.exchange.swap(self.body.h, "free displacement")]
-        self._scale = max(*free, float(np.linalg.norm(self.body.interface.gap)))
-        self._step_size = FIRST_PRECISION * max(free) / self.precision
+        h1, h2 = self.exchange.swap(self.body.h, "free displacement")
+        approach = h1 + h2
+        approach[:self.body.interface.m] -= self.body.interface.gap
+        free = max(np.linalg.norm(h1), np.linalg.norm(h2))
+        self._scale = max(free, float(np.linalg.norm(self.body.interface.gap)))
+        self._step_size = FIRST_PRECISION * min(free, float(np.linalg.norm(approach))) / self.precision
 
     @property
     def forces(self) -> np.ndarray:

@@ -116,15 +116,16 @@ def certify(interface: Interface, friction: Friction, state: ContactState, force
     load : sum of the absolute nodal loads of both bodies (N), with which contact forces are compared
         where there are none (all of role 2's are zero), and where they are below a millionth of it per node
     yielding : largest contact displacement that the contact forces cause in a body (m). Displacements
-        are compared with this or with the contact displacements, whichever is smaller: a body may move
-        far without being strained, or be held back from moving far
+        are compared with this (or the overlap, if that is larger) or with the contact displacements,
+        whichever is smaller: a body may move far without being strained, or be held back from moving far
 
     Not collective.
     """
     m, sliding = interface.m, interface.sliding
     floor = (1e-6 if forces[1].any() else 1.0) * load / np.sqrt(m)
     U = max(np.abs(t).max(initial=0.0) for t in traces)
-    U = min(U, yielding) or max(U, yielding)
+    overlap = np.maximum(-state.gap, 0.0).max()
+    U = min(U, max(yielding, overlap)) or U
     S = max(np.abs(f).max(initial=0.0) for f in forces)
     mismatch = np.linalg.norm(forces[0] - forces[1])
     pressed = np.maximum(state.normal_force, 0.0)
@@ -136,7 +137,7 @@ def certify(interface: Interface, friction: Friction, state: ContactState, force
         law = np.abs(np.clip(st + (_ratio(S, U) * ut if S else 0.0), -g, g) - st).max()
     return Certificate(
         force_mismatch=_ratio(mismatch, max(np.linalg.norm(forces[0]), np.linalg.norm(forces[1]), floor)),
-        penetration=_ratio(np.maximum(-state.gap, 0.0).max(), U),
+        penetration=_ratio(overlap, U),
         complementarity=complementarity,
         friction=_ratio(law, S),
         equilibrium=float(max(equilibrium)))
