@@ -13,7 +13,8 @@ HERE = Path(__file__).parent
 HALF, DIVISIONS = 10.0, 40  # half width of the contact in mm, elements along it
 
 
-def _write(name: str, corners: list[tuple[float, float]], lines: dict[str, list[int]], contact: int, size: float) -> None:
+def _write(name: str, corners: list[tuple[float, float]], lines: dict[str, list[int]], contact: int,
+           size: float) -> None:
     gmsh.initialize([], readConfigFiles=False, interruptible=False)
     gmsh.option.setNumber("General.Terminal", 0)
     geometry = gmsh.model.geo
