@@ -23,7 +23,7 @@ from ddmpi.interface import Interface
 STEP = 1.0
 """Step of the quadrature in log t: its relative error is about 2 exp(−π²/STEP), here 1e-4."""
 
-TAIL = 5.0
+TAIL = 8.0
 """How far the quadrature goes beyond the spectrum, in log t: cuts off about exp(−TAIL)."""
 
 

@@ -217,8 +217,8 @@ def test_no_bit_depends_on_the_units(in_units, law, method, unit):
     *((law, "newton", unit) for law in ("coulomb", "tresca") for unit in (*BINARY_UNITS, *ROUNDED_UNITS)),
     ("coulomb", "published, to the end", "MPa and mm")])
 def test_units_change_rounding_only(in_units, law, method, unit):
-    """Where MPRGP decides between steps, rounding may add one here and there; the digits of the answer stay."""
-    slack, digits = (0.0, 1e-10) if method == "newton" else (0.03, SIX_DIGITS)
+    """Rounding may add a step of MPRGP or an iteration of GMRES here and there; the digits of the answer stay."""
+    slack, digits = (0.02, 1e-10) if method == "newton" else (0.03, SIX_DIGITS)
     unit = (BINARY_UNITS | ROUNDED_UNITS)[unit]
     base, other = in_units[law, method, BASE], in_units[law, method, unit]
     assert base["certified"] and other["certified"]
