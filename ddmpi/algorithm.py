@@ -19,6 +19,9 @@ FIRST_PRECISION = 0.01
 """Inner precision of the first iteration, times max‖h_α‖: there is no earlier step to measure by. Times
 ‖h_1 + h_2 − gap‖ where that is smaller, as when a body is moved far to touch the other a little."""
 
+FIXED_PRECISION = 0.1
+"""η of inner_precision = "fixed", applied to the update that is asked for at the end, from the start."""
+
 ROUNDING = 1e-13
 """No inner solve is asked for more than this, relative to the displacements at hand."""
 
@@ -78,7 +81,7 @@ class OuterIteration:
     @property
     def precision(self) -> float:
         """η: the inner solves are as precise as η times the last outer update."""
-        return self.method.inner_precision
+        return FIXED_PRECISION if self.method.inner_precision == "fixed" else self.method.inner_precision
 
     def __post_init__(self) -> None:
         size = self.body.C.size
@@ -133,7 +136,10 @@ class OuterIteration:
         """One step of the algorithm of the slides; both bodies work at the same time. Collective."""
         body, exchange, m = self.body, self.exchange, self.body.interface.m
         self.g = self.friction.slip_bound(self.s2[:m], body.interface)
-        precision = max(self.precision * self._step_size, ROUNDING * self._scale)
+        size = self._step_size
+        if self.method.inner_precision == "fixed":  # as if the last update were this one already
+            size = self.method.tolerance * (np.linalg.norm(self.lam) or self._scale)
+        precision = max(self.precision * size, ROUNDING * self._scale)
 
         with exchange.deferred():
             body.solve(self.lam, self.g, precision, self.algorithm, self._split)  # Steps 1 and 2

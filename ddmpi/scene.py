@@ -207,7 +207,7 @@ class Method(_Table, kw_only=True):
     tolerance: Annotated[float, msgspec.Meta(gt=0, lt=1)] | None = None
     max_iterations: PositiveInt = 500
     compliance: Literal["explicit", "direct", "iterative"] | None = None
-    inner_precision: Annotated[float, msgspec.Meta(gt=0, lt=1)] = 0.1
+    inner_precision: Annotated[float, msgspec.Meta(gt=0, le=1)] | Literal["fixed"] = 0.1
 
     def __post_init__(self) -> None:
         if self.outer not in (None, "relaxation") and self._published:
