@@ -93,8 +93,8 @@ class StiffnessSolver:
         pc = self.ksp.getPC()
         keeps = (schur is not None and self.direct and pc.getType() == PETSc.PC.Type.CHOLESKY
                  and pc.getFactorSolverType() == "mumps")
-        if keeps and len(schur) == self.A.size[0]:  # nothing to eliminate
-            self.schur_complement = _dense(self.A)
+        if keeps and self.A.size[0] <= 2 * len(schur):  # hardly anything to eliminate: MUMPS may fail at that
+            self.schur_complement = _dense_schur(_dense(self.A), schur)
             keeps = False
         if keeps:
             request_schur(pc, schur)
@@ -415,6 +415,11 @@ def _dense(A: PETSc.Mat) -> np.ndarray:
     dense = np.zeros(A.size)
     dense[np.repeat(np.arange(A.size[0]), np.diff(indptr)), columns] = values
     return dense
+
+
+def _dense_schur(A: np.ndarray, dofs: np.ndarray) -> np.ndarray:
+    rest = np.setdiff1d(np.arange(len(A)), dofs)
+    return A[np.ix_(dofs, dofs)] - A[np.ix_(dofs, rest)] @ np.linalg.solve(A[np.ix_(rest, rest)], A[np.ix_(rest, dofs)])
 
 
 def petsc_message(error: PETSc.Error) -> str:
