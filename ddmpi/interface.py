@@ -34,6 +34,7 @@ class Side:
     normal : (k, 2) outer unit normals, averaged over the adjacent edges with their lengths
     length : (k,) nodal lengths (m): half the adjacent contact edges
     free : (k, 2) bool, components that are not clamped
+    joined : (k − 1,) bool, whether an edge joins a node and the next one; where not, another chain begins
     """
 
     nodes: np.ndarray
@@ -41,6 +42,7 @@ class Side:
     normal: np.ndarray
     length: np.ndarray
     free: np.ndarray
+    joined: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,8 @@ class Interface:
     sliding : (mt,) the nodes that carry a tangential unknown; all m unless some are held by a clamp,
         none in a frictionless scene
     dropped : how many node pairs of the boundary carry no unknown because they are clamped
+    joined : (m − 1,) bool, whether an edge joins a node and the next one
+    held : (m,) inverse distances to the dropped neighbours, summed (1/m); zero where there are none
     """
 
     nodes: tuple[np.ndarray, np.ndarray]
@@ -67,6 +71,8 @@ class Interface:
     gap: np.ndarray
     sliding: np.ndarray
     dropped: int
+    joined: np.ndarray
+    held: np.ndarray
 
     @property
     def m(self) -> int:
@@ -94,7 +100,9 @@ def contact_side(mesh: Mesh, edges: np.ndarray, free: np.ndarray) -> Side:
         np.add.at(length, edges[:, column], lengths / 2)
         np.add.at(normal, edges[:, column], outward)
     normal = normal[nodes] / np.linalg.norm(normal[nodes], axis=1, keepdims=True)
-    return Side(nodes, mesh.points[nodes], normal, length[nodes], free[nodes])
+    size = len(mesh.points)
+    joined = np.isin(_keys(nodes[:-1], nodes[1:], size), _keys(*edges.T, size))
+    return Side(nodes, mesh.points[nodes], normal, length[nodes], free[nodes], joined)
 
 
 def pair(first: Side, second: Side, friction: bool, label: str) -> Interface:
@@ -118,7 +126,8 @@ def pair(first: Side, second: Side, friction: bool, label: str) -> Interface:
     if len(np.unique(match)) != len(match):
         raise InputError(f"{label}: the nodes of the two sides do not pair off one to one"
                          f"{_worst(first, second, match)}; their meshes must match node by node")
-    other = Side(*(getattr(second, field)[match] for field in ("nodes", "xy", "normal", "length", "free")))
+    other = Side(*(getattr(second, field)[match] for field in ("nodes", "xy", "normal", "length", "free")),
+                 first.joined)
 
     normal = first.normal - other.normal
     size = np.linalg.norm(normal, axis=1)
@@ -141,8 +150,14 @@ def pair(first: Side, second: Side, friction: bool, label: str) -> Interface:
     if len(keep) == 0:
         raise InputError(f"{label}: all nodes of the contact are clamped; there is nothing to solve")
     sliding = np.flatnonzero(~held_tangential[keep]) if friction else np.empty(0, int)
+    held = np.zeros(len(length))
+    distance = np.linalg.norm(np.diff(first.xy, axis=0), axis=1)
+    for node, neighbour in ((slice(1, None), slice(-1)), (slice(-1), slice(1, None))):
+        to_held = first.joined & held_normal[neighbour]
+        held[node][to_held] += 1.0 / distance[to_held]
+    joined = first.joined[keep[:-1]] & (np.diff(keep) == 1)
     return Interface((first.nodes[keep], other.nodes[keep]), first.xy[keep], normal[keep], tangent[keep],
-                     length[keep], gap[keep], sliding, len(length) - len(keep))
+                     length[keep], gap[keep], sliding, len(length) - len(keep), joined, held[keep])
 
 
 def trace(interface: Interface, role: int, body: Elasticity) -> PETSc.Mat:
@@ -189,6 +204,11 @@ def _worst(first: Side, second: Side, match: np.ndarray) -> str:
     k = int(np.argmax(distance))
     (x, y), (X, Y) = first.xy[k], second.xy[match[k]]
     return f" (worst: ({x:.6g}, {y:.6g}) m against ({X:.6g}, {Y:.6g}) m)"
+
+
+def _keys(a: np.ndarray, b: np.ndarray, size: int) -> np.ndarray:
+    """One number for each pair of nodes, whatever their order."""
+    return np.minimum(a, b) * size + np.maximum(a, b)
 
 
 def _outward(mesh: Mesh, edges: np.ndarray) -> np.ndarray:

@@ -2,10 +2,11 @@
 
 Two elastic half-planes pressed by the stresses σ give way by u = (2/E*) |∂|⁻¹ σ, with 1/E* the sum of
 the plane compliances (1−ν²)/E (Johnson, Contact Mechanics, 1985, ch. 2) and |∂| the square root of −d²/ds²
-along the interface; normal and tangential parts decouple when the materials are alike, and nearly so
-else. Every body looks like a half-plane to loads that vary over a few elements, which is what makes the
-compliance ill-conditioned; the few smooth modes that see the body's shape are left to the Krylov method.
-So the preconditioner needs no second factorization, knows the stiffness contrast, and costs O(m).
+along the interface, with nothing moving where a clamp holds the next node; normal and tangential parts
+decouple when the materials are alike, and nearly so else. Every body looks like a half-plane to loads that
+vary over a few elements, which is what makes the compliance ill-conditioned; the few smooth modes that see
+the body's shape are left to the Krylov method. So the preconditioner needs no second factorization, knows
+the stiffness contrast, and costs O(m).
 
 The root is taken of the discrete operator by quadrature of its integral,
     A^½ = A · (2/π) ∫₀^∞ (A + t²)⁻¹ dt,
@@ -39,14 +40,12 @@ class HalfPlaneStiffness:
     """
 
     def __init__(self, interface: Interface, modulus: float) -> None:
-        self._sliding, m = interface.sliding, interface.m
-        self._size = interface.size
+        self._sliding, self._size = interface.sliding, interface.size
         length = interface.length
         distance = np.linalg.norm(np.diff(interface.xy, axis=0), axis=1)
-        joined = distance <= 1.01 * (length[1:] + length[:-1])  # else another chain begins
-        link = np.where(joined, 1.0 / np.where(distance > 0, distance, 1.0), 0.0)
+        link = np.where(interface.joined, 1.0 / np.where(distance > 0, distance, 1.0), 0.0)
         total = length.sum()
-        diagonal = np.full(m, (1.5 / total) ** 2)  # the longest wave is about the interface itself
+        diagonal = (1.5 / total) ** 2 + interface.held / length  # the longest wave is about the interface itself
         diagonal[1:] += link / length[1:]
         diagonal[:-1] += link / length[:-1]
         self._diagonal = diagonal

@@ -10,10 +10,8 @@ inner_precision.csv (resumable) and inner_precision.md to the folder --output.
 """
 
 import argparse
-from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from experiment import LAWS, VARIANTS, Ledger, on_two_ranks, prepare_laws, progress, variant
 from mpi4py import MPI
 
@@ -30,33 +28,14 @@ KEY = ("N", "law", "algorithm", "splitting", "eta")
 COLUMNS = (*KEY, "n_A", *(f"k_{i}" for i in range(REPEATS)))
 
 
-@dataclass
-class FixedPrecision(OuterIteration):
-    """The outer iteration with all inner solves as precise as `fixed` (m)."""
-
-    fixed: float = 0.0
-    _step_size = 1.0
-
-    @property
-    def precision(self) -> float:
-        return self.fixed / self._step_size
-
-
 def run_all(problem: Problem, kind: tuple[str, str], eta: float | str) -> tuple[int, list[int]]:
     """n_A of the first run, and the outer iterations of all, 0 for one that does not converge. Collective."""
-    fixed = 0.0
-    if eta == FIXED:
-        reference = OuterIteration(*_parts(problem), variant(problem.scene, *kind, inner_precision=0.1))
-        reference.run(reference.method.tolerance)
-        fixed = 0.1 * reference.method.tolerance * float(np.linalg.norm(reference.lam))
     n_A, iterations = 0, []
     for repeat in range(REPEATS):
         theta = problem.scene.method.theta * (1 + repeat * 1e-13)
-        changes = {} if eta == FIXED else {"inner_precision": eta}
-        method = variant(problem.scene, *kind, theta=theta, max_iterations=MOST, **changes)
+        method = variant(problem.scene, *kind, theta=theta, max_iterations=MOST, inner_precision=eta)
         problem.body.restart()
-        outer = (FixedPrecision(*_parts(problem), method, fixed=fixed) if fixed
-                 else OuterIteration(*_parts(problem), method))
+        outer = OuterIteration(problem.body, problem.friction, problem.exchange, method)
         try:
             converged = outer.run(method.tolerance) == "converged"
         except SolverError as error:  # the same on both ranks, or the run has to end
@@ -67,11 +46,6 @@ def run_all(problem: Problem, kind: tuple[str, str], eta: float | str) -> tuple[
         if repeat == 0:
             n_A = sum(outer.history[-1].n_A)
     return n_A, iterations
-
-
-def _parts(problem: Problem) -> tuple:
-    problem.body.restart()
-    return problem.body, problem.friction, problem.exchange
 
 
 def page(rows: list[dict], N: int) -> str:

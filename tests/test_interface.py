@@ -111,6 +111,7 @@ def test_side_of_two_pieces_is_walked_piece_by_piece():
     boundary = contact_side(mesh, mesh.groups["top"][(x < 1.1) | (x > 2.1)], all_free(mesh))
     assert boundary.xy[:, 0] == pytest.approx([0.0, 0.5, 1.0, 2.0, 2.5, 3.0])
     assert boundary.length == pytest.approx([0.25, 0.5, 0.25, 0.25, 0.5, 0.25])
+    assert boundary.joined.tolist() == [True, True, False, True, True]
 
 
 def test_side_starts_at_the_smaller_end():
@@ -243,6 +244,16 @@ def test_clamped_nodes_drop_out():
     assert contact.length.sum() == pytest.approx(2.75)
     assert np.array_equal(contact.sliding, np.arange(6))
     assert all(len(x) == 6 for x in (*contact.nodes, contact.normal, contact.tangent, contact.gap))
+    assert contact.joined.tolist() == [True] * 5
+    assert contact.held == pytest.approx([1 / 0.5, 0, 0, 0, 0, 0])
+
+
+def test_clamped_node_in_the_middle_parts_its_neighbours():
+    upper, lower = blocks()
+    held = [clamped(mesh, lambda x, y: x == 1.5, x=True, y=True) for mesh in (upper, lower)]
+    contact = interface_of(upper, lower, True, *held)
+    assert contact.joined.tolist() == [True, True, False, True, True]
+    assert contact.held == pytest.approx([0, 0, 2, 2, 0, 0])
 
 
 @pytest.mark.parametrize("which", [0, 1])
