@@ -49,6 +49,9 @@ GAIN = 0.7
 PATIENCE = 6
 """After so many steps without a new smallest residual, a successive approximation is made."""
 
+ERROR = 10.0
+"""The forces are converged when the error estimated for them is below this times the tolerance."""
+
 KRYLOV_LIMIT = 300
 """Most GMRES iterations in one Newton step; a step that is not solved to FORCING is used as it is."""
 
@@ -87,7 +90,7 @@ class InterfaceNewton:
         self._c = 0.5 * self.modulus
         self._preconditioner = HalfPlaneStiffness(interface, self.modulus)
         self._s, self._r = np.zeros(body.C.size), -self._d
-        self._start, self._last_update = True, 0.0
+        self._start, self._error = True, 0.0
         self._joint = _Joint(body, self.exchange)
         self._stalled, self._smallest = 0, np.inf
 
@@ -102,8 +105,10 @@ class InterfaceNewton:
         return self.friction.slip_bound(np.maximum(self._s[:self._m], 0.0), self.body.interface)
 
     def run(self, tolerance: float) -> str:
-        """Iterate until the residual of the equations is below `tolerance` times the forces.
+        """Iterate until the residual of the equations is below `tolerance` times the forces, and their error too.
 
+        The residual understates the error where a body is stiffer than a half-plane (a thin incompressible
+        layer). So the error is estimated as well: what a step changed, times what it left of the residual.
         May be called again to go on. Returns "converged", "diverged" or "max_iterations". Raises
         SolverError on all ranks. Collective.
         """
@@ -115,7 +120,8 @@ class InterfaceNewton:
                 if not self.history:
                     self._note(residual, 0.0)
                 return "diverged"
-            if residual <= tolerance and not (self._start and self._d.any() and residual > 0.0):
+            if (residual <= tolerance and self._error <= ERROR * tolerance
+                    and not (self._start and self._d.any() and residual > 0.0)):
                 if not self.history:
                     self._note(residual, 0.0)
                 break
@@ -133,7 +139,9 @@ class InterfaceNewton:
             self._start = False
             after = self._relative(self._equations(self._s, self._r).residual)
             size = np.linalg.norm(self._s)
-            self._note(after, float(np.linalg.norm(self._s - before) / size) if size else 0.0)
+            update = float(np.linalg.norm(self._s - before) / size) if size else 0.0
+            self._error = update * after / residual if residual else 0.0
+            self._note(after, update)
         self._settle()
         return "converged"
 

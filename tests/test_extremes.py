@@ -223,4 +223,5 @@ def random_scene(seed: int) -> dict:
 
 @two_ranks
 def test_random_scenes(comm):
-    assert_all_certified(comm, {f"seed {seed}": random_scene(seed) for seed in range(10)})
+    """Seed 112: an incompressible layer so thin that the residual of the equations understates the error 200 times."""
+    assert_all_certified(comm, {f"seed {seed}": random_scene(seed) for seed in (*range(10), 112)})
