@@ -10,15 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sparse
 from petsc4py import PETSc
-from scipy.sparse import csgraph
-from skfem import Basis, ElementTriP1, ElementVector, FacetBasis, LinearForm, MeshTri, asm
-from skfem.models.elasticity import linear_elasticity
 
+from ddmpi.elements import ELEMENTS
 from ddmpi.errors import InputError
-from ddmpi.mesh import Mesh, boundary_group
+from ddmpi.mesh import Mesh, boundary_group, signed_double_areas, turn_outward
 from ddmpi.scene import BodySpec, Material, evaluate
+from ddmpi.stiffness import Stiffness, sum_stiffness
 
 
 @dataclass(frozen=True)
@@ -67,37 +65,30 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
 
     Collective on `comm`. Raises InputError if the clamps leave a rigid-body motion free.
     """
-    skmesh = MeshTri(np.ascontiguousarray(mesh.points.T), np.ascontiguousarray(mesh.triangles.T), validate=False)
-    element = ElementVector(ElementTriP1())
-    K = asm(linear_elasticity(*body.material.lame), Basis(skmesh, element, intorder=0)).tocsr()
-    f = _load(skmesh, mesh, body, element)
-
+    K = sum_stiffness(mesh, body.material)
+    f = _load(mesh, body)
     free, prescribed = _clamps(mesh, body)
-    _refuse_rigid_motion(mesh, free, body.name)
+    _refuse_rigid_motion(mesh, K, free, body.name)
     nodes = np.flatnonzero(free.any(axis=1))
-    dofs = (2 * nodes[:, None] + [0, 1]).ravel()
-    loose = free.ravel()[dofs]
+    loose = free[nodes]
     lift, total = None, float(np.abs(f).sum())
     if prescribed.any():
-        forces = K @ prescribed.ravel()
+        forces = K.mult(prescribed)
         f -= forces
         total = max(total, 1e-3 * float(np.abs(forces).sum()))
-        lift = (forces[dofs] * loose, 0.5 * float(prescribed.ravel() @ forces))
-    A, b = K[dofs][:, dofs], f[dofs]
-    if not loose.all():
-        keep = sparse.diags(loose.astype(float))
-        A = (keep @ A @ keep + sparse.diags(np.where(loose, 0.0, K.diagonal()[dofs]))).tocsr()
-        b = b * loose
-    A.sort_indices()
-    if not (np.isfinite(A.data).all() and np.isfinite(b).all() and A.diagonal().min() > 0.0):
+        lift = ((forces[nodes] * loose).ravel(), 0.5 * float((prescribed * forces).sum()))
+    b = (f[nodes] * loose).ravel()
+    indptr, indices, data = K.to_csr(free)
+    if not (np.isfinite(data).all() and np.isfinite(b).all() and K.diagonal[nodes][:, [0, 1], [0, 1]].min() > 0.0):
         raise InputError(f"body.{body.name}: material, loads and lengths give numbers out of the range of "
                          "double precision; choose other units")
 
     matrix = PETSc.Mat().createAIJWithArrays(
-        A.shape, (A.indptr.astype(PETSc.IntType), A.indices.astype(PETSc.IntType), A.data), bsize=2, comm=comm)
+        (len(b), len(b)), (indptr.astype(PETSc.IntType), indices.astype(PETSc.IntType, copy=False), data), bsize=2,
+        comm=comm)
     matrix.setBlockSize(2)  # the creation with arrays passes it over
     matrix.setOption(PETSc.Mat.Option.SPD, True)
-    matrix.setNearNullSpace(_rigid_motions(mesh.points[nodes], free[nodes], comm))
+    matrix.setNearNullSpace(_rigid_motions(mesh.points[nodes], loose, comm))
     load = PETSc.Vec().createWithArray(b, bsize=2, comm=comm)
     load.setBlockSize(2)
     return Elasticity(matrix, load, int(loose.sum()), nodes, free, prescribed, lift, total)
@@ -133,38 +124,24 @@ def von_mises(sigma: np.ndarray) -> np.ndarray:
     return np.sqrt(0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) + 3 * xy**2)
 
 
-def _load(skmesh: MeshTri, mesh: Mesh, body: BodySpec, element) -> np.ndarray:
-    """Load vector (2 nv,) of tractions and volume force; what is absent is not integrated."""
-    f = np.zeros(2 * len(mesh.points))
+def _load(mesh: Mesh, body: BodySpec) -> np.ndarray:
+    """Nodal loads (nv, 2) in newtons of tractions and volume force; exact, as both are affine."""
+    element = ELEMENTS[mesh.triangles.shape[1]]
+    f = np.zeros_like(mesh.points)
     for traction in body.traction:
-        edges = boundary_group(mesh, traction.on, f"body.{body.name}.traction")
-        basis = FacetBasis(skmesh, element, facets=_facets(skmesh, edges), intorder=2)
-        f += asm(_form(traction.value), basis)
+        key = f"body.{body.name}.traction"
+        sides = turn_outward(mesh, boundary_group(mesh, traction.on, key), key)
+        x, y = mesh.points[sides[:, :2]].transpose(2, 0, 1)
+        length = np.hypot(*(np.diff(c, axis=1)[:, 0] for c in (x, y)))
+        np.add.at(f, sides, np.einsum("s,la,csa->slc", length, element.side_mass, evaluate(traction.value, x, y)))
     if body.volume_force != (0.0, 0.0):
-        f += asm(_form(body.volume_force), Basis(skmesh, element, intorder=2))
+        corners = mesh.triangles[:, :3]
+        x, y = mesh.points[corners].transpose(2, 0, 1)
+        area = signed_double_areas(mesh.points, corners) / 2
+        for component, force in enumerate(evaluate(body.volume_force, x, y)):
+            parts = (area[:, None] * force) @ element.mass.T
+            f[:, component] += np.bincount(mesh.triangles.ravel(), parts.ravel(), len(f))
     return f
-
-
-def _form(value) -> LinearForm:
-    def integrand(v, w):
-        q = evaluate(value, w.x[0], w.x[1])
-        return q[0] * v[0] + q[1] * v[1]
-    return LinearForm(integrand)
-
-
-def _facets(skmesh: MeshTri, edges: np.ndarray) -> np.ndarray:
-    """Indices of skfem's boundary facets that have these end nodes."""
-    boundary = skmesh.boundary_facets()
-    size = skmesh.p.shape[1]
-    ends = np.sort(skmesh.facets[:, boundary], axis=0)
-    keys = ends[0] * size + ends[1]
-    order = np.argsort(keys)
-    wanted = np.sort(edges, axis=1)
-    wanted = wanted[:, 0] * size + wanted[:, 1]
-    place = order[np.minimum(np.searchsorted(keys, wanted, sorter=order), len(keys) - 1)]
-    if not np.array_equal(keys[place], wanted):
-        raise InputError("a named boundary group has lines that are not on the body's boundary")
-    return boundary[place]
 
 
 def _clamps(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, np.ndarray]:
@@ -180,14 +157,14 @@ def _clamps(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, np.ndarray]:
     return free, prescribed
 
 
-def _refuse_rigid_motion(mesh: Mesh, free: np.ndarray, name: str) -> None:
+def _refuse_rigid_motion(mesh: Mesh, K: Stiffness, free: np.ndarray, name: str) -> None:
     """The clamped components must determine both translations and the rotation of each connected piece."""
-    t, size = mesh.triangles, len(mesh.points)
-    links = sparse.coo_matrix((np.ones(2 * len(t), bool), (np.tile(t[:, 0], 2), t[:, 1:].T.ravel())), (size, size))
-    pieces, piece = csgraph.connected_components(links, directed=False)
+    pieces, piece = K.connected()
     for k in range(pieces):
         members = piece == k
-        x, y = ((mesh.points[members] - mesh.points[members].mean(axis=0)) / mesh.extent).T
+        centre = mesh.points[members].mean(axis=0)
+        members &= ~free.all(axis=1)
+        x, y = ((mesh.points[members] - centre) / mesh.extent).T
         modes = np.stack([np.stack([np.ones_like(x), np.zeros_like(x), -y], 1),
                           np.stack([np.zeros_like(x), np.ones_like(x), x], 1)], 1)  # (k, 2, 3)
         held = modes[~free[members]]

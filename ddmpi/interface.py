@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from ddmpi.elasticity import Elasticity
 from ddmpi.errors import InputError
-from ddmpi.mesh import Mesh
+from ddmpi.mesh import Mesh, turn_outward
 
 PAIRING_TOLERANCE = 1e-2
 """Largest tangential offset of two paired nodes, as a fraction of the nodal length."""
@@ -89,7 +89,7 @@ def contact_side(mesh: Mesh, edges: np.ndarray, free: np.ndarray) -> Side:
 
     Raises InputError when an edge does not lie on the boundary.
     """
-    edges = _outward(mesh, edges)
+    edges = turn_outward(mesh, edges, "contact.0.on")
     nodes = _order(edges, mesh.points)
     start, end = mesh.points[edges[:, 0]], mesh.points[edges[:, 1]]
     along = end - start
@@ -209,19 +209,6 @@ def _worst(first: Side, second: Side, match: np.ndarray) -> str:
 def _keys(a: np.ndarray, b: np.ndarray, size: int) -> np.ndarray:
     """One number for each pair of nodes, whatever their order."""
     return np.minimum(a, b) * size + np.maximum(a, b)
-
-
-def _outward(mesh: Mesh, edges: np.ndarray) -> np.ndarray:
-    """The edges turned so that the body lies to their left."""
-    size = len(mesh.points)
-    t = mesh.triangles
-    around = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
-    keys = around[:, 0] * size + around[:, 1]
-    forward = np.isin(edges[:, 0] * size + edges[:, 1], keys)
-    backward = np.isin(edges[:, 1] * size + edges[:, 0], keys)
-    if not (forward ^ backward).all():
-        raise InputError("contact.0.on: the group has lines that are not on the body's boundary")
-    return np.where(forward[:, None], edges, edges[:, ::-1])
 
 
 def _order(edges: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -55,6 +55,21 @@ def boundary_group(mesh: Mesh, name: str, key: str) -> np.ndarray:
     return mesh.groups[name]
 
 
+def turn_outward(mesh: Mesh, edges: np.ndarray, key: str) -> np.ndarray:
+    """The edges turned so that the body lies to their left; InputError naming `key` for one inside the body."""
+    size = len(mesh.points)
+    marked = np.zeros(size, dtype=bool)
+    marked[edges] = True
+    t = mesh.triangles[np.count_nonzero(marked[mesh.triangles], axis=1) > 1]  # all others are out of the question
+    around = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
+    keys = around[:, 0] * size + around[:, 1]
+    forward = np.isin(edges[:, 0] * size + edges[:, 1], keys)
+    backward = np.isin(edges[:, 1] * size + edges[:, 0], keys)
+    if not (forward ^ backward).all():
+        raise InputError(f"{key}: the group has lines that are not on the body's boundary")
+    return np.where(forward[:, None], edges, edges[:, ::-1])
+
+
 def generate_rectangle(spec: MeshSpec) -> Mesh:
     """A rectangle of structured triangles, diagonals from lower left to upper right, by gmsh.
 

@@ -12,6 +12,7 @@ from ddmpi.elasticity import Elasticity, assemble, stress, von_mises
 from ddmpi.errors import InputError
 from ddmpi.mesh import Mesh, generate_rectangle
 from ddmpi.scene import AffineScalar, AffineVector, BodySpec, Clamp, Material, MeshSpec, Traction
+from ddmpi.stiffness import sum_stiffness
 
 SIDES = ["left", "right", "bottom", "top"]
 STRAIN = Material(young=3.0, poisson=0.3)
@@ -107,6 +108,31 @@ def errors(divisions: int) -> tuple[float, float]:
     u = solve(assemble(mesh, body(clamp=SIDES)), asm(load, basis).reshape(-1, 2))
     field = basis.interpolate(u.ravel())
     return np.sqrt(asm(squared_error, basis, u=field)), np.sqrt(asm(squared_energy, basis, u=field))
+
+
+def distorted(mesh: Mesh) -> Mesh:
+    """The mesh with its nodes moved by up to a third of the shortest side, and numbered at random."""
+    rng = np.random.default_rng(1)
+    ends = mesh.points[mesh.triangles[:, [0, 1]]]
+    shortest = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).min()
+    points = mesh.points + shortest / 5 * rng.uniform(-1, 1, mesh.points.shape)
+    number = rng.permutation(len(points))
+    shuffled = np.empty_like(points)
+    shuffled[number] = points
+    return Mesh(shuffled, number[mesh.triangles], {name: number[edges] for name, edges in mesh.groups.items()})
+
+
+@pytest.mark.parametrize("material", [STRAIN, STRESS, Material(young=2e11, poisson=0.49)])
+def test_stiffness_is_that_of_skfem(material):
+    mesh = distorted(rectangle((7, 5)))
+    K, whole = full_stiffness(mesh, material), sum_stiffness(mesh, material)
+    indptr, indices, data = whole.to_csr(np.ones((len(mesh.points), 2), bool))
+    A = sparse.csr_matrix((data, indices, indptr))
+    assert np.all(np.diff(indices)[np.setdiff1d(np.arange(len(indices) - 1), indptr[1:-1] - 1)] > 0)
+    assert abs(A - K).max() <= 1e-14 * abs(K).max()
+    u = np.random.default_rng(2).standard_normal((len(mesh.points), 2))
+    u[::3] = 0.0
+    assert np.abs(whole.mult(u).ravel() - K @ u.ravel()).max() <= 1e-14 * abs(K).max() * np.abs(u).max()
 
 
 def test_convergence_rates():

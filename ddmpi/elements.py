@@ -1,0 +1,60 @@
+"""Straight-sided Lagrange triangles of order 1 and 2: the integrals over them, as small tables.
+
+On a straight-sided triangle the gradients of the barycentric coordinates λ_a are constant, so every
+integral is a table times the area, or the length of a side. Tables are indexed by the triangle's
+nodes: its three corners, then (order 2) the midpoints of the sides 01, 12, 20; and by the corners.
+A side has its two ends, then its midpoint.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Element:
+    """Tables of one order, with k nodes to a triangle and l to a side.
+
+    Attributes
+    ----------
+    gradients : (q, k, 3) coefficients c of ∇φ_i = Σ_a c_ia ∇λ_a at the midpoints of the sides (a
+        single point where they are constant); products of two are integrated exactly
+    mass : (k, 3) ∫ φ_i λ_a, for a triangle of area one
+    side_mass : (l, 2) ∫ φ_i λ_a, for a side of length one
+    side_weights : (l,) ∫ φ_i, all positive, for a side of length one
+    """
+
+    gradients: np.ndarray
+    mass: np.ndarray
+    side_mass: np.ndarray
+
+    @property
+    def side_weights(self) -> np.ndarray:
+        return self.side_mass.sum(axis=1)
+
+    def stiffness_weights(self) -> np.ndarray:
+        """w (k, k, 3, 3) with ∫ ∇φ_i ⊗ ∇φ_j = Σ_ab w_ijab ∇λ_a ⊗ ∇λ_b, for a triangle of area one."""
+        c = self.gradients
+        return np.einsum("qia,qjb->ijab", c, c) / len(c)
+
+
+def _quadratic_gradients() -> np.ndarray:
+    """φ_a = λ_a (2 λ_a − 1) at the corners, φ_ab = 4 λ_a λ_b at the midpoints."""
+    c = np.zeros((3, 6, 3))
+    for point, at in enumerate(np.array([[1, 1, 0], [0, 1, 1], [1, 0, 1]]) / 2):
+        for a in range(3):
+            b = (a + 1) % 3
+            c[point, a, a] = 4 * at[a] - 1
+            c[point, 3 + a, a], c[point, 3 + a, b] = 4 * at[b], 4 * at[a]
+    return c
+
+
+ELEMENTS = {
+    3: Element(np.eye(3)[None], (np.ones((3, 3)) + np.eye(3)) / 12, np.array([[2, 1], [1, 2]]) / 6),
+    6: Element(_quadratic_gradients(),
+               np.array([[2, -1, -1], [-1, 2, -1], [-1, -1, 2], [8, 8, 4], [4, 8, 8], [8, 4, 8]]) / 60,
+               np.array([[1, 0], [0, 1], [2, 2]]) / 6),
+}
+"""By the number of nodes of a triangle."""
