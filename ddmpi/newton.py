@@ -10,8 +10,9 @@ Newton step is the primal–dual active set step: guess from the projections whi
 stick, and solve the linear problem that results, by GMRES preconditioned with the stiffness of a
 half-plane. Since r is linear in s, the residual of the equations is known along the whole step without a
 further multiplication, and the step is as long as makes it smallest: this stops the active sets from
-cycling. Where even that gets nowhere, a successive approximation with the slip bound frozen, a quadratic
-program that MPRGP always solves, moves the iterate.
+cycling. Where even that gets nowhere, successive approximations move the iterate: quadratic programs with
+the slip bound frozen, which MPRGP always solves; one at first, and twice as many every time that Newton's
+steps get nowhere again.
 
 Every multiplication by C_1 + C_2 is one exchange: each body multiplies with its own compliance.
 """
@@ -47,7 +48,10 @@ GAIN = 0.7
 """The full step is taken when it reduces the residual to this or less."""
 
 PATIENCE = 6
-"""After so many steps without a new smallest residual, a successive approximation is made."""
+"""After so many steps without a new smallest residual, successive approximations are made."""
+
+LEAST_RELAXATION = 0.02
+"""The slip bound is relaxed by this or more from one successive approximation to the next."""
 
 ERROR = 10.0
 """The forces are converged when the error estimated for them is below this times the tolerance."""
@@ -93,6 +97,7 @@ class InterfaceNewton:
         self._start, self._error = True, 0.0
         self._joint = _Joint(body, self.exchange)
         self._stalled, self._smallest = 0, np.inf
+        self._rescues, self._approximation = 0, _Approximation(0, np.empty(0))
 
     @property
     def forces(self) -> np.ndarray:
@@ -132,8 +137,11 @@ class InterfaceNewton:
             self._smallest = min(self._smallest, residual)
             before = self._s
             if self._stalled >= PATIENCE:
-                self._approximate_successively(residual)
+                self._approximation = _Approximation(2**self._rescues, self.g)
+                self._rescues += 1
                 self._stalled, self._smallest = 0, np.inf
+            if self._approximation.left:
+                self._approximate(residual)
             else:
                 self._newton_step()
             self._start = False
@@ -269,13 +277,12 @@ class InterfaceNewton:
             thing.destroy()
         return solution
 
-    def _approximate_successively(self, residual: float) -> None:
-        """Freeze the slip bound and solve the quadratic program that is left."""
-        m, size = self._m, self.body.C.size
-        g = self.g
+    def _approximate(self, residual: float) -> None:
+        """One successive approximation: solve the quadratic program that is left with the slip bound frozen."""
+        m, size, frozen = self._m, self.body.C.size, self._approximation
         lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
         lower[:m] = 0.0
-        lower[m:], upper[m:] = -g, g
+        lower[m:], upper[m:] = -frozen.g, frozen.g
         qp = QP(self._joint, self._d, lower, upper)
         precision = max(0.1 * residual, 1e-10) * self._size() / self._c
         start = qp.project(self._s)
@@ -285,6 +292,26 @@ class InterfaceNewton:
             start, Cs = result.s, result.Cs
         self.exchange.swap(np.zeros(1), "approximation made")
         self._s, self._r = start, Cs - self._d
+        frozen.advance(self.g)
+
+
+@dataclass
+class _Approximation:
+    """Successive approximations of the slip bound: how many are left to make, and the bound g (mt,) of the next."""
+
+    left: int
+    g: np.ndarray
+    relaxation: float = 1.0
+    last: float = np.inf
+
+    def advance(self, g: np.ndarray) -> None:
+        """Move the bound towards that of the forces found with it; the less, the less they settle."""
+        size = float(np.linalg.norm(g - self.g))
+        if size > 0.9 * self.last:
+            self.relaxation = max(0.7 * self.relaxation, LEAST_RELAXATION)
+        self.g = self.g + self.relaxation * (g - self.g)
+        self.last = size
+        self.left -= 1
 
 
 @dataclass
