@@ -215,7 +215,7 @@ def versions() -> dict[str, str]:
 
 
 def _log_plan(problem: Problem, figures: bool) -> None:
-    """Say what is solved, how, and what is left out because the scene does not need it."""
+    """Say what is solved, how, and what is left out because the scene does not need it. Collective."""
     scene, body, interface, friction = problem.scene, problem.body, problem.interface, problem.friction
     left_out = []
     if friction.law == "none":
@@ -226,6 +226,9 @@ def _log_plan(problem: Problem, figures: bool) -> None:
         left_out.append(f"{interface.dropped} contact nodes (clamped)")
     if not interface.gap.any():
         left_out.append("initial gap (all nodes touch)")
+    loaded = problem.world.allgather(body.elasticity.b.norm() > 0.0)
+    left_out += [f"loads of {spec.name} (there are none)" for spec, acts in zip(scene.body, loaded, strict=True)
+                 if not acts]
     if not scene.output.stress:
         left_out.append("stress (not asked for)")
     if not figures:

@@ -375,11 +375,14 @@ def _explain(message: str, data: dict) -> str:
         return f"{full}: unknown key{_nearest(unknown[1], fields)} (valid here: {', '.join(fields)})"
     if missing:
         return f"{'.'.join([*named, missing[1]])}: this key is required and missing"
-    allowed = [a for a in get_args(kind) if isinstance(a, str)] if kind is not None else []
+    kinds = [kind, *get_args(kind)]  # a Literal, or one in a union
+    allowed = [a for k in kinds if get_origin(k) is Literal for a in get_args(k)]
     if not allowed and parts and parts[-1] == "law":
         allowed = ["coulomb", "tresca", "none"]
     if "Invalid" in problem and allowed:
-        return f"{key}: {here!r} is not valid; expected one of {', '.join(allowed)}{_nearest(str(here), allowed)}"
+        number = "a number or " * (float in kinds)
+        return (f"{key}: {here!r} is not valid; expected {number}one of {', '.join(allowed)}"
+                f"{_nearest(str(here), allowed)}")
     got = f" (got {here!r})" if parts and not isinstance(here, dict | list) else ""
     problem = problem.replace("object", "a table").replace("array", "a list")
     return (f"{key}: " if key else "") + problem[:1].lower() + problem[1:].replace("`", "") + got
@@ -403,9 +406,6 @@ def _member(kind: Any, part: str, here: Any) -> Any:
         kind = inner[0] if inner else None
     options = [o for o in (get_args(kind) if not isinstance(kind, type) else ())
                if isinstance(o, type) and issubclass(o, msgspec.Struct)]
-    literals = [o for o in get_args(kind) if get_origin(o) is Literal]
-    if literals:  # Literal | None
-        return literals[0]
     if options and isinstance(here, dict):
         tagged = [o for o in options if o.__struct_config__.tag == here.get("law", object())]
         return (tagged or options)[0]

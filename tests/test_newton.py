@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scenes import pinched_blocks, prepare_scene, run_python, to_toml, write_scene
+from scenes import pinched_blocks, prepare_scene, run_command, run_python, to_toml, write_scene
 
 two_ranks = pytest.mark.mpi(ranks=2, timeout=120, unit="s")
 MODULUS = 3e11
@@ -381,6 +381,21 @@ def test_published_parameters_are_refused_elsewhere(outer, named):
 
     with pytest.raises(InputError, match=rf"method: {next(iter(named))} belong.*relaxation.*not to \"{outer}\""):
         resolved(outer=outer, **named)
+
+
+# What is said
+
+def test_the_plan_says_what_is_left_out(tmp_path):
+    scene = pinched_blocks(6, "none") | {"output": {"stress": False, "figures": False}}
+    scene["body"][1]["traction"] = []
+    done = run_command(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results")
+    assert done.code == 0, done.output
+    left_out = next(line for line in done.stdout.splitlines() if "left out: " in line).partition("left out: ")[2]
+    assert left_out.split(", ") == [
+        "tangential unknowns (no friction)", "1 contact nodes (clamped)", "initial gap (all nodes touch)",
+        "loads of lower (there are none)", "stress (not asked for)", "pictures (not asked for)"]
+    assert "semi-smooth Newton, GMRES with half-plane preconditioner" in done.stdout
+    assert "compliance explicit" in done.stdout
 
 
 # The command that checks

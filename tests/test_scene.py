@@ -107,6 +107,8 @@ REFUSED = {
     "no iterations": (["method.max_iterations=0"], ["method.max_iterations: expected int >= 1", "got 0"]),
     "inner precision": (["method.inner_precision=-0.1"],
                         ["method.inner_precision: expected float > 0", "-0.1"]),
+    "inner precision in words": (["method.inner_precision=fix"],
+                                 ["method.inner_precision: 'fix' is not valid; expected a number or one of fixed"]),
     "negative young": (["body.upper.material.young=-1"],
                        ["body.upper.material.young: expected float > 0", "-1"]),
     "incompressible": (["body.upper.material.poisson=0.5"],
