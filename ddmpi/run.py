@@ -20,6 +20,7 @@ from ddmpi.coupled import check_size, solve_coupled
 from ddmpi.diagnosis import diagnose
 from ddmpi.elasticity import stress, von_mises
 from ddmpi.errors import DdmpiError, InputError, NotConvergedError, OutputError
+from ddmpi.estimate import ErrorEstimate, estimate_error, relative_error
 from ddmpi.exchange import agreed
 from ddmpi.petsc_options import unused_options
 from ddmpi.problem import Clock, Problem, check_ranks, prepare
@@ -64,7 +65,9 @@ def run(world: MPI.Comm, scene: Scene, scene_path: str, output: str | None, figu
         _log_plan(problem, figures)
         with clock.phase("outer"):
             answer, outer = solve(problem, scene.method, _report_step)
-        summary = _summary(problem, outer, answer)
+        with clock.phase("estimate"):
+            estimate = estimate_error(problem.mesh, problem.spec.material, answer.displacement)
+        summary = _summary(problem, outer, answer, estimate)
         _log_end(summary, answer)
         _write(problem, folder, clock, summary, outer, answer, figures)
     except DdmpiError:
@@ -109,7 +112,7 @@ def verify(world: MPI.Comm, scene: Scene, scene_path: str) -> None:
                                     f"by {distance:.1e}; {answer.limit:.0e} is the limit")
 
 
-def _summary(problem: Problem, outer: OuterIteration, answer: Answer) -> dict:
+def _summary(problem: Problem, outer: OuterIteration, answer: Answer, estimate: ErrorEstimate) -> dict:
     """All of summary.json but the times. Collective; bodies in the order of the scene."""
     world, scene, body, order = problem.world, problem.scene, problem.body, problem.order
     counts = world.allgather(dict(body.C.count))
@@ -121,6 +124,8 @@ def _summary(problem: Problem, outer: OuterIteration, answer: Answer) -> dict:
     by_body = [sum(count.values()) for count in counts]
     n_A, m, state = sum(by_body), problem.interface.m, answer.state
     energy = [answer.energy[order.index(rank)] for rank in range(world.size)]
+    errors, sizes = zip(*world.allgather((estimate.total, estimate.energy)), strict=True)
+    everything = sum(sizes) + sum(errors)
     return {
         "title": scene.title, "converged": answer.certified, "reason": answer.reason,
         "outer": scene.method.outer, "algorithm": scene.method.algorithm or scene.method.outer,
@@ -132,6 +137,9 @@ def _summary(problem: Problem, outer: OuterIteration, answer: Answer) -> dict:
                     **{status: state.count(status) for status in ("open", "slip", "stick")}},
         "certificate": {name: finite_or_none(value) for name, value in asdict(answer.certificate).items()},
         "certificate_limit": answer.limit,
+        "discretization_error": {
+            "energy_norm": finite_or_none(relative_error(sum(errors), sum(sizes))),
+            "by_body": [finite_or_none(relative_error(error, everything - error)) for error in errors]},
         "displacement_max": finite_or_none(answer.displacement_max), "energy": [finite_or_none(e) for e in energy],
         "seconds": {}, "memory_mib": memory,
         "exchange": {"messages": outer.exchange.messages, "bytes": outer.exchange.bytes},
@@ -260,5 +268,8 @@ def _log_end(summary: dict, answer: Answer) -> None:
              contact["open"], contact["slip"], contact["stick"])
     log.info("certificate (limit %.0e): %s", answer.limit,
              ", ".join(f"{name.replace('_', ' ')} {value:.1e}" for name, value in asdict(answer.certificate).items()))
+    error = summary["discretization_error"]["energy_norm"]
+    if error is not None:
+        log.info("estimated discretization error: %.2g of the energy norm", error)
     if summary["options_unused"]:
         log.warning("PETSc options that nothing used: %s", ", ".join(summary["options_unused"]))
