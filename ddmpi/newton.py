@@ -71,7 +71,10 @@ class InterfaceNewton:
     s1, s2, forces : the one vector of contact forces (N), under the names of the outer iteration
     g : (mt,) slip bound (N)
     history : all steps; `residual` is that of the equations over the forces
+    checkpoint : called before every step, when STATE and the body's are whole
     """
+
+    STATE = ("_s", "_r", "_start", "_settled", "_error", "_stalled", "_smallest", "history")
 
     body: Body
     friction: Friction
@@ -80,6 +83,7 @@ class InterfaceNewton:
     modulus: float
     report: Callable[[Step], None] = lambda step: None
     history: list[Step] = field(default_factory=list)
+    checkpoint: Callable[[], None] = lambda: None
 
     def __post_init__(self) -> None:
         body, interface = self.body, self.body.interface
@@ -90,7 +94,7 @@ class InterfaceNewton:
         self._c = 0.5 * self.modulus
         self._preconditioner = HalfPlaneStiffness(interface, self.modulus)
         self._s, self._r = np.zeros(body.C.size), -self._d
-        self._start, self._error = True, 0.0
+        self._start, self._settled, self._error = True, False, 0.0
         self._joint = _Joint(body, self.exchange)
         self._stalled, self._smallest = 0, np.inf
 
@@ -110,11 +114,13 @@ class InterfaceNewton:
         The residual understates the error where a body is stiffer than a half-plane (a thin incompressible
         layer). So the error is estimated as well: what a step changed, times what it left of the residual.
         May be called again to go on. Returns "converged", "diverged" or "max_iterations". Raises
-        SolverError on all ranks. Collective.
+        SolverError on all ranks, and InterruptionError when a signal came to one of them. Collective.
         """
-        if self.history:  # the forces were settled on their bounds; the gaps must follow
+        if self._settled:  # the forces were moved onto their bounds; the gaps must follow
             self._r = self._joint.product(self._s, "newton") - self._d
+            self._settled = False
         while True:
+            self.checkpoint()
             residual = self._relative(self._equations(self._s, self._r).residual)
             if not np.isfinite(residual):
                 if not self.history:
@@ -154,6 +160,7 @@ class InterfaceNewton:
         s[m:] = np.where(state.slip != 0, state.slip * g, np.clip(s[m:], -g, g))
         self._s = s
         self.body.s = s
+        self._settled = True
 
     def _note(self, residual: float, update: float) -> None:
         n1, n2 = self.exchange.swap(np.array([float(self.body.C.count.total())]), "count")
@@ -319,4 +326,7 @@ class _Joint:
 
     def norm(self) -> float:
         """‖C_1‖ + ‖C_2‖, an estimate of the norm of the sum."""
-        return float(sum(n[0] for n in self.exchange.swap(np.array([self.body.C.norm()]), "norm")))
+        own = np.zeros(1)
+        with self.exchange.deferred():
+            own[0] = self.body.C.norm()
+        return float(sum(n[0] for n in self.exchange.swap(own, "norm")))
