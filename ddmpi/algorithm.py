@@ -61,7 +61,10 @@ class OuterIteration:
     s1, s2 : (size,) contact forces (N) as role 1 and role 2 see them
     g : (mt,) slip bound (N) of the last iteration
     history : all steps
+    checkpoint : called before every iteration, when STATE and the body's are whole
     """
+
+    STATE = ("lam", "s1", "s2", "g", "_step_size", "history")
 
     body: Body
     friction: Friction
@@ -69,6 +72,7 @@ class OuterIteration:
     method: Method
     report: Callable[[Step], None] = lambda step: None
     history: list[Step] = field(default_factory=list)
+    checkpoint: Callable[[], None] = lambda: None
 
     @property
     def algorithm(self) -> str:
@@ -115,9 +119,11 @@ class OuterIteration:
         -------
         "converged", "diverged" or "max_iterations"
 
-        Raises SolverError on all ranks when an inner solve of either body fails. Collective.
+        Raises SolverError on all ranks when an inner solve of either body fails, InterruptionError when a
+        signal came to one of them. Collective.
         """
         while len(self.history) < self.method.max_iterations:
+            self.checkpoint()
             step = self.iterate()
             self.history.append(step)
             self.report(step)

@@ -37,6 +37,8 @@ class AndersonIteration(OuterIteration):
     weights : shares of role 1's and role 2's body in the sum of their moduli; they add up to one
     """
 
+    STATE = (*OuterIteration.STATE, "_lams", "_residuals", "_smallest")
+
     weights: tuple[float, float] = (0.5, 0.5)
     algorithm = "original"
     splitting = "none"

@@ -84,6 +84,8 @@ class Body:
     Construction factors A and is collective on the body's communicator.
     """
 
+    STATE = ("s", "Cs", "steps")
+
     def __init__(self, name: str, role: int, interface: Interface, elasticity: Elasticity,
                  compliance: str | None = None) -> None:
         self.name, self.role, self.interface, self.elasticity = name, role, interface, elasticity

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 EPILOG = """exit codes: 0 certified answer, 2 bad input, 3 not converged, 4 a solver failed,
-5 results could not be written, 1 anything else.
+5 results could not be written, 6 interrupted by SIGTERM or SIGUSR1 (--restart goes on), 1 anything else.
 
 Everything that starts with one dash is a PETSc option: -body_ksp_type cg -body_pc_type gamg for the
 solves with a body's stiffness, -qp_tao_type gpcg for the contact subproblems, -log_view for times."""
@@ -48,6 +48,8 @@ def build_parser() -> argparse.ArgumentParser:
     run = commands.add_parser("run", help="solve a scene, on as many ranks as it has bodies",
                               parents=[scene], **formats)
     run.add_argument("--output", metavar="DIR", help="folder for the results (default: a new one in results/)")
+    run.add_argument("--restart", metavar="DIR", help="go on from the checkpoint of an interrupted run in DIR, with "
+                     "the same scene and options; results go there too unless --output says otherwise")
     run.add_argument("--no-figures", action="store_true", help="draw no pictures")
     commands.add_parser("verify", help="solve a small scene twice, also as the coupled problem by brute force, "
                         "and compare", parents=[scene], **formats)
@@ -91,7 +93,7 @@ def main(arguments: list[str] | None = None) -> None:
     except BaseException as error:
         # One rank may be alone with this, so no rank may wait for it: end them all.
         if isinstance(error, DdmpiError):
-            print(f"ddmpi: error: {error}", file=sys.stderr, flush=True)
+            print(f"ddmpi: {error.kind}: {error}", file=sys.stderr, flush=True)
             world.Abort(error.exit_code)
         text = "".join(traceback.format_exception(error))
         print(f"ddmpi: internal error on rank {world.rank}:\n{text}", file=sys.stderr, flush=True)
@@ -118,7 +120,7 @@ def _main(world: MPI.Comm, own: list[str], petsc: list[str]) -> int:
         if not error.agreed and world.size > 1:
             raise
         if world.rank == 0:
-            print(f"ddmpi: error: {error}", file=sys.stderr, flush=True)
+            print(f"ddmpi: {error.kind}: {error}", file=sys.stderr, flush=True)
         traceback.clear_frames(error.__traceback__)
         return error.exit_code
     finally:
@@ -141,12 +143,15 @@ def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None
     from ddmpi.petsc_options import as_arguments
 
     petsc4py.init([sys.argv[0], *as_arguments(scene.petsc), *petsc], comm=world)
+    from ddmpi import interrupt
     from ddmpi.run import run, verify
 
+    interrupt.listen()
     if options.command == "verify":
         verify(world, scene, options.scene)
     else:
-        run(world, scene, options.scene, options.output, figures=scene.output.figures and not options.no_figures)
+        run(world, scene, options.scene, options.output, figures=scene.output.figures and not options.no_figures,
+            restart=options.restart)
 
 
 def _configure_logging(world: MPI.Comm, quiet: bool) -> None:

@@ -9,6 +9,7 @@ import scipy.sparse as sparse
 from petsc4py import PETSc
 from scipy.linalg import lapack
 
+from ddmpi import interrupt
 from ddmpi.errors import SolverError
 from ddmpi.mprgp import estimate_norm
 from ddmpi.solvers import StiffnessSolver
@@ -42,6 +43,8 @@ class Compliance:
     Construction factors A. Collective on the body's communicator. Raises SolverError.
     """
 
+    STATE = ("count", "_norm")
+
     def __init__(self, A: PETSc.Mat, B: PETSc.Mat, name: str, kind: str | None = None) -> None:
         self.B, self.size = B, B.size[0]
         indptr, columns, values = B.getValuesCSR()
@@ -63,7 +66,11 @@ class Compliance:
             self._dense = self._by_blocks(trace)
 
     def mult(self, x: np.ndarray, y: np.ndarray, purpose: str) -> None:
-        """y ← C x (metres from newtons); both (size,). Collective on the body's communicator."""
+        """y ← C x (metres from newtons); both (size,). Collective on the body's communicator.
+
+        Raises SolverError, and InterruptionError when a signal came to this rank.
+        """
+        interrupt.check()
         if not x.any():
             y[:] = 0.0
         elif self._dense is not None:
@@ -78,12 +85,14 @@ class Compliance:
         if self._dense is not None:
             return self._dense
         if self._columns is None:
+            counted = self.count["explicit"]
             C, unit = np.empty((self.size, self.size)), np.zeros(self.size)
             for k in range(self.size):
                 unit[k] = 1.0
                 self.mult(unit, C[k], "explicit")
                 unit[k] = 0.0
             self._columns = (C + C.T) / 2
+            self.count["explicit"] = counted or self.count["explicit"]  # a run that is continued has counted them
         return self._columns
 
     def _by_blocks(self, trace: sparse.csr_matrix) -> np.ndarray:

@@ -23,6 +23,8 @@ LARGE_FRICTION = 1.0
 class StatusLog:
     """Which nodes are open, slip or stick in the last iterations."""
 
+    STATE = ("recent",)
+
     recent: deque = field(default_factory=lambda: deque(maxlen=LOOK_BACK))
 
     def record(self, interface: Interface, s: np.ndarray, g: np.ndarray) -> None:

@@ -4,11 +4,13 @@
 class DdmpiError(Exception):
     """Base of all errors whose message is meant for the user and needs no traceback.
 
-    ``agreed`` says that all ranks raise this error, so that the run can end in an orderly way.
+    ``agreed`` says that all ranks raise this error, so that the run can end in an orderly way; the message
+    begins with its ``kind``.
     """
 
     exit_code = 1
     agreed = False
+    kind = "error"
 
 
 class InputError(DdmpiError):
@@ -33,3 +35,21 @@ class OutputError(DdmpiError):
     """Results could not be written."""
 
     exit_code = 5
+
+
+class InterruptionError(DdmpiError):
+    """A signal asked the run to end; what it had computed is in a checkpoint.
+
+    Parameters
+    ----------
+    signal : its name
+    """
+
+    exit_code = 6
+
+    def __init__(self, signal: str) -> None:
+        super().__init__("before the first iteration; there was nothing to save")
+        self.kind = f"interrupted by {signal}"
+
+    def __reduce__(self) -> tuple:
+        return type(self), ("",), self.__dict__ | {"args": self.args}

@@ -7,20 +7,24 @@ from __future__ import annotations
 
 import contextlib
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from mpi4py import MPI
 
+from ddmpi import interrupt
 from ddmpi.errors import DdmpiError, SolverError
 
 _INTERFACE = 11
+
+FAILED, DUE = 1, 2
+"""Bits of a message's first word: the sender has met an error; it wants a checkpoint to be written."""
 
 
 class Exchange:
     """Talks across one interface, between the roots of two bodies.
 
-    Every message starts with two words: whether the sender is well, so that an error on one rank reaches
+    Every message starts with two words: how the sender is, so that an error or a signal on one rank reaches
     the other at the next exchange instead of leaving it waiting; and what the message is about, so that
     ranks whose iterations came to different ends (on unlike processors, say) notice it.
 
@@ -33,21 +37,28 @@ class Exchange:
     Attributes
     ----------
     messages, bytes : sent so far by this rank through `swap`
+    wants_checkpoint : asked at every `swap`
+    checkpoint_due : whether one of the two ranks wanted a checkpoint so far; the same on both
     """
+
+    STATE = ("messages", "bytes")
 
     def __init__(self, world: MPI.Comm, partner: int, role: int) -> None:
         self.world, self.partner, self.role = world, partner, role
         self.messages = self.bytes = 0
+        self.wants_checkpoint: Callable[[], bool] = lambda: False
+        self.checkpoint_due = False
         self._failure: DdmpiError | None = None
 
     def swap(self, mine: np.ndarray, about: str) -> tuple[np.ndarray, np.ndarray]:
         """Exchange equally long vectors `about` the same thing; returns (role 1's, role 2's).
 
-        Collective over both bodies. Raises the error of either side on both, and SolverError when the
-        two sides are about different things.
+        Collective over both bodies. Raises the error of either side on both, InterruptionError when a signal
+        came to one of them, and SolverError when the two sides are about different things.
         """
+        self._failure = self._failure or interrupt.interruption()
         send = np.empty(len(mine) + 2)
-        send[0] = self._failure is not None
+        send[0] = FAILED * (self._failure is not None) + DUE * self.wants_checkpoint()
         send[1] = zlib.crc32(about.encode())
         send[2:] = mine
         sending = self.world.Isend(send, self.partner, _INTERFACE)
@@ -62,7 +73,9 @@ class Exchange:
         if lost:
             self._failure = self._failure or SolverError(
                 f"the two ranks are at different points of the iteration, one at {about!r}; the processors may differ")
-        if send[0] or receive[0] or lost:
+        flags = int(send[0]) | int(receive[0])
+        self.checkpoint_due |= bool(flags & DUE)
+        if flags & FAILED or lost:
             self.agree()
         theirs = receive[2:]
         return (mine, theirs) if self.role == 1 else (theirs, mine)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ddmpi import interrupt
 from ddmpi.errors import InputError
 from ddmpi.scene import BodySpec, MeshSpec
 
@@ -80,6 +81,7 @@ def generate_rectangle(spec: MeshSpec) -> Mesh:
     (x0, y0), (width, height), (nx, ny) = spec.origin, spec.size, spec.divisions
     # gmsh snaps what is closer than its own absolute tolerance, so it meshes the unit square.
     gmsh.initialize([], readConfigFiles=False, interruptible=False)
+    interrupt.listen_again()
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         geometry = gmsh.model.geo
@@ -100,6 +102,7 @@ def generate_rectangle(spec: MeshSpec) -> Mesh:
                   for name, line in zip(("bottom", "right", "top", "left"), lines, strict=True)}
     finally:
         gmsh.finalize()
+        interrupt.listen_again()
     grid = np.rint(points * (nx, ny))  # exact multiples, so that both sides of an interface agree
     points = np.array([x0, y0]) + grid / (nx, ny) * (width, height)
     return Mesh(points, triangles, groups)

@@ -75,7 +75,11 @@ class InterfaceNewton:
     s1, s2, forces : the one vector of contact forces (N), under the names of the outer iteration
     g : (mt,) slip bound (N)
     history : all steps; `residual` is that of the equations over the forces
+    checkpoint : called before every step, when STATE and the body's are whole
     """
+
+    STATE = ("_s", "_r", "_start", "_settled", "_error", "_stalled", "_smallest", "_rescues", "_frozen",
+             "_bound", "_relaxation", "_bound_change", "history")
 
     body: Body
     friction: Friction
@@ -84,6 +88,7 @@ class InterfaceNewton:
     modulus: float
     report: Callable[[Step], None] = lambda step: None
     history: list[Step] = field(default_factory=list)
+    checkpoint: Callable[[], None] = lambda: None
 
     def __post_init__(self) -> None:
         body, interface = self.body, self.body.interface
@@ -94,10 +99,11 @@ class InterfaceNewton:
         self._c = 0.5 * self.modulus
         self._preconditioner = HalfPlaneStiffness(interface, self.modulus)
         self._s, self._r = np.zeros(body.C.size), -self._d
-        self._start, self._error = True, 0.0
+        self._start, self._settled, self._error = True, False, 0.0
         self._joint = _Joint(body, self.exchange)
         self._stalled, self._smallest = 0, np.inf
-        self._rescues, self._approximation = 0, _Approximation(0, np.empty(0))
+        self._rescues, self._frozen = 0, 0  # rescues so far; approximations left to make in this one
+        self._bound, self._relaxation, self._bound_change = np.empty(0), 1.0, np.inf
 
     @property
     def forces(self) -> np.ndarray:
@@ -115,11 +121,13 @@ class InterfaceNewton:
         The residual understates the error where a body is stiffer than a half-plane (a thin incompressible
         layer). So the error is estimated as well: what a step changed, times what it left of the residual.
         May be called again to go on. Returns "converged", "diverged" or "max_iterations". Raises
-        SolverError on all ranks. Collective.
+        SolverError on all ranks, and InterruptionError when a signal came to one of them. Collective.
         """
-        if self.history:  # the forces were settled on their bounds; the gaps must follow
+        if self._settled:  # the forces were moved onto their bounds; the gaps must follow
             self._r = self._joint.product(self._s, "newton") - self._d
+            self._settled = False
         while True:
+            self.checkpoint()
             residual = self._relative(self._equations(self._s, self._r).residual)
             if not np.isfinite(residual):
                 if not self.history:
@@ -137,10 +145,10 @@ class InterfaceNewton:
             self._smallest = min(self._smallest, residual)
             before = self._s
             if self._stalled >= PATIENCE:
-                self._approximation = _Approximation(2**self._rescues, self.g)
+                self._frozen, self._bound, self._relaxation, self._bound_change = 2**self._rescues, self.g, 1.0, np.inf
                 self._rescues += 1
                 self._stalled, self._smallest = 0, np.inf
-            if self._approximation.left:
+            if self._frozen:
                 self._approximate(residual)
             else:
                 self._newton_step()
@@ -162,6 +170,7 @@ class InterfaceNewton:
         s[m:] = np.where(state.slip != 0, state.slip * g, np.clip(s[m:], -g, g))
         self._s = s
         self.body.s = s
+        self._settled = True
 
     def _note(self, residual: float, update: float) -> None:
         n1, n2 = self.exchange.swap(np.array([float(self.body.C.count.total())]), "count")
@@ -279,10 +288,10 @@ class InterfaceNewton:
 
     def _approximate(self, residual: float) -> None:
         """One successive approximation: solve the quadratic program that is left with the slip bound frozen."""
-        m, size, frozen = self._m, self.body.C.size, self._approximation
+        m, size, g = self._m, self.body.C.size, self._bound
         lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
         lower[:m] = 0.0
-        lower[m:], upper[m:] = -frozen.g, frozen.g
+        lower[m:], upper[m:] = -g, g
         qp = QP(self._joint, self._d, lower, upper)
         precision = max(0.1 * residual, 1e-10) * self._size() / self._c
         start = qp.project(self._s)
@@ -292,26 +301,12 @@ class InterfaceNewton:
             start, Cs = result.s, result.Cs
         self.exchange.swap(np.zeros(1), "approximation made")
         self._s, self._r = start, Cs - self._d
-        frozen.advance(self.g)
-
-
-@dataclass
-class _Approximation:
-    """Successive approximations of the slip bound: how many are left to make, and the bound g (mt,) of the next."""
-
-    left: int
-    g: np.ndarray
-    relaxation: float = 1.0
-    last: float = np.inf
-
-    def advance(self, g: np.ndarray) -> None:
-        """Move the bound towards that of the forces found with it; the less, the less they settle."""
-        size = float(np.linalg.norm(g - self.g))
-        if size > 0.9 * self.last:
-            self.relaxation = max(0.7 * self.relaxation, LEAST_RELAXATION)
-        self.g = self.g + self.relaxation * (g - self.g)
-        self.last = size
-        self.left -= 1
+        change = self.g - g  # the less the bound settles, the less of it is taken
+        size = float(np.linalg.norm(change))
+        if size > 0.9 * self._bound_change:
+            self._relaxation = max(0.7 * self._relaxation, LEAST_RELAXATION)
+        self._bound, self._bound_change = g + self._relaxation * change, size
+        self._frozen -= 1
 
 
 @dataclass
@@ -346,4 +341,7 @@ class _Joint:
 
     def norm(self) -> float:
         """‖C_1‖ + ‖C_2‖, an estimate of the norm of the sum."""
-        return float(sum(n[0] for n in self.exchange.swap(np.array([self.body.C.norm()]), "norm")))
+        own = np.zeros(1)
+        with self.exchange.deferred():
+            own[0] = self.body.C.norm()
+        return float(sum(n[0] for n in self.exchange.swap(own, "norm")))

@@ -11,6 +11,7 @@ from pathlib import Path
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from ddmpi import interrupt
 from ddmpi.body import Body, Friction, friction_at
 from ddmpi.elasticity import assemble
 from ddmpi.errors import InputError
@@ -78,7 +79,7 @@ def prepare(world: MPI.Comm, scene: Scene, folder: Path = Path("."), clock: Cloc
 
     Raises
     ------
-    InputError, SolverError
+    InputError, SolverError, InterruptionError
         the same on all ranks. Collective.
     """
     clock = clock or Clock()
@@ -96,16 +97,19 @@ def prepare(world: MPI.Comm, scene: Scene, folder: Path = Path("."), clock: Cloc
     with clock.phase("mesh"), agreed(world):
         mesh = build_mesh(spec, folder)
         edges = boundary_group(mesh, sides[role - 1][1], "contact.0.on")
+        interrupt.check()
     with clock.phase("assemble"):
         with agreed(world):
             elasticity = assemble(mesh, spec)
             side = contact_side(mesh, edges, elasticity.free)
+            interrupt.check()
         both = exchange.swap_objects(side)
         with agreed(world):
             interface = pair(*both, friction=not isinstance(contact.friction, NoFriction), label="contact.0")
     friction = friction_at(contact.friction, interface)
     with clock.phase("factor"), agreed(world):
         body = Body(spec.name, role, interface, elasticity, scene.method.compliance)
+        interrupt.check()
     return Problem(world, scene, spec, mesh, interface, friction, body, exchange, world.allreduce(elasticity.n), order)
 
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from ddmpi.algorithm import Step
 from ddmpi.certificate import ContactState
+from ddmpi.checkpoint import NAME as CHECKPOINT
 from ddmpi.errors import InputError, OutputError
 from ddmpi.interface import Interface
 
@@ -72,12 +73,14 @@ class Fields:
     von_mises: np.ndarray | None = None
 
 
-def choose_folder(wanted: str | None, scene: str) -> Path:
-    """The folder for the results: `wanted`, or the first free one of results/SCENE, results/SCENE-2, …
+def choose_folder(wanted: str | None, restart: str | None, scene: str) -> Path:
+    """The folder for the results: `wanted`, that of the run to go on from, or the first free one of
+    results/SCENE, results/SCENE-2, …
 
-    Raises InputError where results stand already or nothing can be written. Not collective; creates
-    the folder.
+    Raises InputError where results or another run's checkpoint stand already or nothing can be written.
+    Not collective; creates the folder.
     """
+    wanted = wanted or restart
     if wanted is None:
         stem, k = Path("results") / Path(scene).stem, 1
         folder = stem
@@ -90,6 +93,9 @@ def choose_folder(wanted: str | None, scene: str) -> Path:
         if present:
             raise InputError(f"--output {folder}: there are results already ({', '.join(present)}); "
                              "nothing is overwritten, so name another folder or remove them")
+        if (folder / CHECKPOINT).exists() and not (restart and folder.samefile(restart)):
+            raise InputError(f"--output {folder}: there is the checkpoint of a run that was not completed; go on "
+                             f"from it with --restart {folder}, name another folder, or remove {CHECKPOINT}")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         probe = folder / f".writable-{os.getpid()}"

@@ -16,6 +16,7 @@ from petsc4py import PETSc
 
 import ddmpi
 from ddmpi.algorithm import OuterIteration, Step
+from ddmpi.checkpoint import Checkpoints, continue_from, identify
 from ddmpi.coupled import check_size, solve_coupled
 from ddmpi.diagnosis import diagnose
 from ddmpi.elasticity import stress, von_mises
@@ -40,36 +41,43 @@ from ddmpi.solution import Answer, solve
 
 log = logging.getLogger("ddmpi")
 
-def run(world: MPI.Comm, scene: Scene, scene_path: str, output: str | None, figures: bool) -> None:
+def run(world: MPI.Comm, scene: Scene, scene_path: str, output: str | None, figures: bool,
+        restart: str | None = None) -> None:
     """Solve `scene` and write its results. Collective on `world`.
 
     Parameters
     ----------
     scene_path : the scene's file; mesh files are looked for beside it first
-    output : folder for the results, or None for a new one under results/
+    output : folder for the results, or None for that of `restart` or a new one under results/
     figures : whether pictures are drawn
+    restart : folder with the checkpoint to go on from, or None
 
     Raises
     ------
-    InputError, SolverError, NotConvergedError, OutputError
-        the same on all ranks. After NotConvergedError the results are there, marked as not converged.
+    InputError, SolverError, NotConvergedError, OutputError, InterruptionError
+        the same on all ranks. After NotConvergedError the results are there, marked as not converged; after
+        the last two a checkpoint is, as far as one could be written.
     """
     clock = Clock()
     check_ranks(world, scene)
     folder = None
     with agreed(world):
-        folder = choose_folder(output, scene_path) if world.rank == 0 else None
+        folder = choose_folder(output, restart, scene_path) if world.rank == 0 else None
     log.info("%s", scene.title or scene_path)
     try:
+        identity = identify(scene, PETSc.Options().getAll(), versions())
+        state = continue_from(world, restart, identity) if restart else None
         problem = _prepare(world, scene, scene_path, clock)
         _log_plan(problem, figures)
-        with clock.phase("outer"):
-            answer, outer = solve(problem, scene.method, _report_step)
-        with clock.phase("estimate"):
-            estimate = estimate_error(problem.mesh, problem.spec.material, answer.displacement)
-        summary = _summary(problem, outer, answer, estimate)
-        _log_end(summary, answer)
-        _write(problem, folder, clock, summary, outer, answer, figures)
+        checkpoints = Checkpoints(problem, folder, identity, clock, state)
+        with checkpoints.kept():
+            with clock.phase("outer"):
+                answer, outer = solve(problem, scene.method, _report_step, checkpoints)
+            with clock.phase("estimate"):
+                estimate = estimate_error(problem.mesh, problem.spec.material, answer.displacement)
+            summary = _summary(problem, outer, answer, estimate)
+            _log_end(summary, answer)
+            _write(problem, folder, clock, summary, outer, answer, figures, checkpoints)
     except DdmpiError:
         if folder:
             with contextlib.suppress(OSError):  # there is something in it
@@ -151,8 +159,8 @@ def _summary(problem: Problem, outer: OuterIteration, answer: Answer, estimate: 
 
 
 def _write(problem: Problem, folder: Path | None, clock: Clock, summary: dict, outer: OuterIteration, answer: Answer,
-           figures: bool) -> None:
-    """Write all result files; they appear together or not at all. Collective."""
+           figures: bool, checkpoints: Checkpoints) -> None:
+    """Write all result files; they appear together or not at all, and the checkpoint goes. Collective."""
     world, mesh = problem.world, problem.mesh
     staging, picture_error = Staging(folder) if folder else None, None
     path = world.bcast(staging.path if staging else None)
@@ -181,6 +189,7 @@ def _write(problem: Problem, folder: Path | None, clock: Clock, summary: dict, o
                 files = staging.publish()
                 log.info("results in %s: %s (%.1f s in all)", folder, ", ".join(f.name for f in files),
                          seconds["total"])
+        checkpoints.remove()
         with agreed(world):
             if picture_error:
                 raise picture_error

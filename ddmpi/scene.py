@@ -238,6 +238,16 @@ class Output(_Table, kw_only=True):
     stress_unit: str = "Pa"
 
 
+class Checkpoint(_Table, kw_only=True):
+    """When the state of the iteration is written besides at a signal; zero: never for this reason.
+
+    ``seconds`` since the last time, ``iterations``: every so many.
+    """
+
+    seconds: NonNegative = 600.0
+    iterations: Annotated[int, msgspec.Meta(ge=0)] = 0
+
+
 class Scene(_Table, kw_only=True):
     """A whole scene; `resolved` gives it back as plain data with all defaults filled in."""
 
@@ -246,6 +256,7 @@ class Scene(_Table, kw_only=True):
     contact: list[ContactSpec]
     method: Method = Method()
     output: Output = Output()
+    checkpoint: Checkpoint = Checkpoint()
     petsc: dict[str, str | int | float | bool] = {}
 
     def __post_init__(self) -> None:

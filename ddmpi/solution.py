@@ -11,6 +11,7 @@ import numpy as np
 from ddmpi.algorithm import OuterIteration, Step
 from ddmpi.anderson import AndersonIteration
 from ddmpi.certificate import Certificate, ContactState, certificate_limit, certify, contact_state
+from ddmpi.checkpoint import Checkpoints
 from ddmpi.diagnosis import StatusLog
 from ddmpi.interface import displacement_trace
 from ddmpi.newton import InterfaceNewton
@@ -65,12 +66,21 @@ class Answer:
                 "max_iterations": "not converged: method.max_iterations is reached"}[self.stopped]
 
 
+@dataclass
+class _Goal:
+    """What the iteration is run to, for the time being."""
+
+    STATE = ("tolerance",)
+
+    tolerance: float
+
+
 def solve(problem: Problem, method: Method, report: Callable[[Step], None] = lambda step: None,
-          ) -> tuple[Answer, OuterIteration | InterfaceNewton]:
-    """Solve `problem` by `method`, from zero.
+          checkpoints: Checkpoints | None = None) -> tuple[Answer, OuterIteration | InterfaceNewton]:
+    """Solve `problem` by `method`, from zero or from what `checkpoints` holds.
 
     Where the iteration stops by its criterion but the certificate fails, it goes on with a tighter
-    one. Collective. Raises SolverError, the same on all ranks.
+    one. Collective. Raises SolverError, and InterruptionError when a signal came; the same on all ranks.
     """
     problem.body.restart()
     statuses = StatusLog()
@@ -82,14 +92,17 @@ def solve(problem: Problem, method: Method, report: Callable[[Step], None] = lam
     outer = _outer(problem, method, note)
     load = float(sum(problem.world.allgather(problem.body.elasticity.load)))
     limit = certificate_limit(method.tolerance)
-    tolerance = method.tolerance
+    goal = _Goal(method.tolerance)
+    if checkpoints:
+        checkpoints.follow(outer=outer, statuses=statuses, goal=goal)
     while True:
-        stopped = outer.run(tolerance)
+        stopped = outer.run(goal.tolerance)
         answer = _conclude(outer, stopped, load, limit, statuses)
-        if stopped != "converged" or answer.certified or tolerance < np.finfo(float).eps:
+        if stopped != "converged" or answer.certified or goal.tolerance < np.finfo(float).eps:
             return answer, outer
-        tolerance *= TIGHTER
-        log.info("the certificate fails (%s); going on to an update of %.0e", ", ".join(answer.violations), tolerance)
+        goal.tolerance *= TIGHTER
+        log.info("the certificate fails (%s); going on to an update of %.0e", ", ".join(answer.violations),
+                 goal.tolerance)
 
 
 def _outer(problem: Problem, method: Method, report: Callable[[Step], None]) -> OuterIteration | InterfaceNewton:

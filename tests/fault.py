@@ -1,26 +1,79 @@
 """The command with a fault: ``mpirun -n 2 python fault.py FAULTS ARGUMENTS``.
 
-FAULTS is a JSON list of [rank, target, call, error, folder, more arguments]: on that rank the call-th
-and every later call of the function or method `target`, as in ``ddmpi.problem.assemble``, raises
-`error`, the name of a builtin exception or of one in `ddmpi.errors`. The command runs once for each,
-with the arguments and ``--output folder``; a line after it names the exit codes of the ranks. The first
-run that aborts ends it all.
+FAULTS is a JSON list of [rank, target, call, fault, folder, more arguments]: on that rank the function or
+method `target`, as in ``ddmpi.problem.assemble``, has the `fault` from its call-th call on. A fault is
+
+* the name of an exception, a builtin one, one in `ddmpi.errors` or ``PETSc.Error``: every call raises it;
+* the name of a signal, SIGTERM or SIGKILL, say: the process sends it to itself, once;
+* ``nan``, ``singular``: every call spoils what it computes;
+* ``full``: no file can grow any more; ``gone``: the folder of the results is no longer there; once.
+
+The command runs once for each, with the arguments and ``--output folder``; a line after it names the exit
+codes of the ranks. The first run that aborts ends it all.
 """
 
 import builtins
 import importlib
 import itertools
 import json
+import os
+import resource
+import shutil
+import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+import numpy as np
 
 MESSAGE = "injected by a test"
 END = "=== exit codes:"
 
 
+def exception(fault: str) -> Exception | None:
+    from petsc4py import PETSc
+
+    from ddmpi import errors
+
+    if fault == "PETSc.Error":
+        return PETSc.Error(77)
+    kind = getattr(errors, fault, None) or getattr(builtins, fault, None)
+    return kind(MESSAGE) if kind else None
+
+
+def fill_with_nan(value: object) -> object:
+    """Not a number wherever there is one; arrays and PETSc's vectors and matrices in place."""
+    if isinstance(value, np.ndarray) and value.dtype.kind == "f":
+        value[...] = np.nan
+    elif isinstance(value, float):
+        return float("nan")
+    elif isinstance(value, tuple):
+        return tuple(fill_with_nan(entry) for entry in value)
+    elif hasattr(value, "A") and hasattr(value, "b"):  # ddmpi.elasticity.Elasticity
+        value.A.scale(float("nan"))
+    elif type(value).__name__ == "Vec":
+        value.set(float("nan"))
+    return value
+
+
+def make_singular(elasticity: object) -> object:
+    """Nothing holds the first degree of freedom."""
+    elasticity.A.zeroRowsColumns([0], diag=0.0)
+    return elasticity
+
+
+def act(fault: str, folder: str) -> None:
+    """What happens once, before the call."""
+    if hasattr(signal, fault):
+        os.kill(os.getpid(), getattr(signal, fault))
+    elif fault == "full":
+        resource.setrlimit(resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
+    elif fault == "gone":
+        shutil.rmtree(folder)
+
+
 @contextmanager
-def injected(target: str, call: int, error: type[BaseException], here: bool) -> Iterator[None]:
+def injected(target: str, call: int, fault: str, folder: str, here: bool) -> Iterator[None]:
     """Replace the target on all ranks, since to import it starts PETSc, which is collective; it fails `here`."""
     *path, name = target.split(".")
     owner = importlib.import_module(".".join(path[:2]))
@@ -29,9 +82,21 @@ def injected(target: str, call: int, error: type[BaseException], here: bool) -> 
     original, calls = getattr(owner, name), itertools.count(1)
 
     def faulty(*arguments, **options):
-        if here and next(calls) >= call:
-            raise error(MESSAGE)
-        return original(*arguments, **options)
+        number = next(calls) if here else 0
+        if number == call:
+            act(fault, folder)
+        if number < call or not number:
+            return original(*arguments, **options)
+        error = exception(fault)
+        if error:
+            raise error
+        result = original(*arguments, **options)
+        if fault == "nan":
+            outputs = (arguments[2:], result) if result is None else (result,)  # (self, in, out, …), or returned
+            result = [fill_with_nan(value) for value in outputs][-1]
+        elif fault == "singular":
+            result = make_singular(result)
+        return result
 
     setattr(owner, name, faulty)
     yield
@@ -41,17 +106,17 @@ def injected(target: str, call: int, error: type[BaseException], here: bool) -> 
 def main() -> None:
     from mpi4py import MPI
 
-    from ddmpi import cli, errors
+    from ddmpi import cli, interrupt
 
     world = MPI.COMM_WORLD
-    for rank, target, call, name, folder, more in json.loads(sys.argv[1]):
-        error = getattr(errors, name, None) or getattr(builtins, name)
+    for rank, target, call, fault, folder, more in json.loads(sys.argv[1]):
         code = None
-        with injected(target, call, error, here=world.rank == rank):
+        with injected(target, call, fault, folder, here=world.rank == rank):
             try:
                 cli.main([*sys.argv[2:], "--output", folder, *more])
             except SystemExit as end:
                 code = end.code
+        interrupt._received.clear()
         codes = world.gather(code)
         if world.rank == 0:
             sys.stdout.flush()

@@ -9,13 +9,13 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "ddmpi"
 
-ORDER = ["errors", "scene", "mesh", "elements", "stiffness", "elasticity", "estimate", "interface", "qp",
-         "mprgp", "schur", "solvers", "compliance", "preconditioner", "body", "exchange", "coupled",
-         "algorithm", "anderson", "newton", "certificate", "diagnosis", "petsc_options", "problem",
-         "solution", "results", "figures", "run", "cli", "__main__"]
+ORDER = ["errors", "interrupt", "scene", "mesh", "elements", "stiffness", "elasticity", "estimate",
+         "interface", "qp", "mprgp", "schur", "solvers", "compliance", "preconditioner", "body", "exchange",
+         "coupled", "algorithm", "anderson", "newton", "certificate", "diagnosis", "petsc_options", "problem",
+         "checkpoint", "solution", "results", "figures", "run", "cli", "__main__"]
 """From the bottom to the top: a module imports only modules to its left."""
 
-MAY_IMPORT_MPI = {"exchange", "problem", "results", "run", "cli", "__main__"}
+MAY_IMPORT_MPI = {"exchange", "problem", "checkpoint", "results", "run", "cli", "__main__"}
 """`exchange`, and the rooms that compose a run around a communicator; the serial work knows no MPI."""
 
 MODULES = sorted(path.stem for path in PACKAGE.glob("*.py") if path.stem != "__init__")

@@ -1,0 +1,324 @@
+"""Checkpoints: the state of a run between two iterations, and the file from which it is continued.
+
+Before every iteration each rank notes what its objects carry from one iteration to the next; they say so
+themselves, by a tuple STATE of attribute names. So there is always a whole state of one and the same
+iteration on both ranks, whatever ends the next one. It is written when enough time or iterations have
+passed, when a signal ends the run, and when results cannot be written: rank 0 gathers both parts, which are
+vectors of the size of the interface, into one HDF5 file, under a temporary name that is then renamed.
+
+The file begins with a digest of what follows (in HDF5's user block), so that damage is noticed before HDF5
+sees it. It holds the scene, options and versions of its run; a run continues only its like, because only
+then are the iterates those of the run that was not interrupted.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import hashlib
+import io
+import json
+import logging
+import os
+import re
+import time
+from collections import deque
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from ddmpi.algorithm import Step
+from ddmpi.errors import InputError, InterruptionError, OutputError
+from ddmpi.exchange import agreed
+from ddmpi.problem import Clock, Problem
+from ddmpi.scene import Scene
+
+log = logging.getLogger("ddmpi")
+
+NAME = "checkpoint.h5"
+
+FORMAT = b"ddmpi checkpoint 1 sha256 "
+BLOCK = 512
+"""Size of HDF5's user block, its smallest; FORMAT and the digest of the rest stand in it."""
+
+MAY_DIFFER = ("title", "output", "checkpoint", "petsc", "method.max_iterations")
+"""Keys of a scene that no iterate depends on; [petsc] is compared as the options it sets."""
+
+ONLY_TALK = r"(^|_)(view|monitor|log|info|reason|left|table|malloc|memory|help|version|citations|statistics)(_|$)"
+"""PETSc options that print, and change no number."""
+
+
+def identify(scene: Scene, options: dict[str, str], versions: dict[str, str]) -> dict[str, dict]:
+    """What must be the same for a run to be continued: the scene, PETSc options, versions. Not collective."""
+    def kept(key: str) -> bool:
+        return not any(key == other or key.startswith(f"{other}.") for other in MAY_DIFFER)
+
+    sources = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        sources.update(path.name.encode() + b"\0" + path.read_bytes())
+    found = {"scene": {key: value for key, value in _flat(scene.resolved()) if kept(key)},
+             "PETSc options": {key: value for key, value in options.items() if not re.search(ONLY_TALK, key)},
+             "versions": {name: versions[name] for name in ("ddmpi", "petsc", "numpy", "scipy")}
+             | {"ddmpi's sources": sources.hexdigest()[:16]}}
+    return json.loads(json.dumps(found))  # as it comes out of a file
+
+
+def continue_from(world: MPI.Comm, folder: str, identity: dict[str, dict]) -> dict[str, Any]:
+    """The own part of the state in the checkpoint of `folder`. Collective.
+
+    Raises InputError, on all ranks, when there is none, when it is damaged, or made by another run than
+    one of this `identity`.
+    """
+    states = None
+    with agreed(world):
+        if world.rank == 0:
+            path = Path(folder) / NAME
+            theirs, states = read(path)
+            _refuse_other(path, identity, theirs)
+            if len(states) != world.size:
+                raise InputError(f"{path}: holds {len(states)} bodies, not {world.size}")
+    return world.scatter(states)
+
+
+class Checkpoints:
+    """The checkpoints of one run.
+
+    Parameters
+    ----------
+    problem : what is solved
+    folder : of the results, on rank 0; None on the others
+    identity : as `identify` gives it
+    clock : times the writing
+    state : of this rank, to go on from; None to begin at the beginning
+    """
+
+    def __init__(self, problem: Problem, folder: Path | None, identity: dict[str, dict], clock: Clock,
+                 state: dict[str, Any] | None = None) -> None:
+        self.problem, self.folder, self.identity, self.clock = problem, folder, identity, clock
+        self.spec = problem.scene.checkpoint
+        self._parts: dict[str, object] = {}
+        self._begin, self._now = state, None
+        self._written = -1
+        self._last = time.monotonic()
+        self._needed = True
+        if folder:
+            import h5py  # noqa: F401  a signal may leave a second, and to load it takes a part of that
+
+    def follow(self, **parts: object) -> None:
+        """Keep the state of `parts` from now on, and put them into the state to go on from. Collective.
+
+        One of them is ``outer``, the iteration. Raises InputError on all ranks when the meshes are others.
+        """
+        exchange = self.problem.exchange
+        self._parts = parts | {"body": self.problem.body, "compliance": self.problem.body.C, "exchange": exchange}
+        if self._begin:
+            with agreed(self.problem.world):
+                self._restore()
+            log.info("continuing after iteration %d", self._iteration)
+            self._written = self._iteration
+        parts["outer"].checkpoint = self._keep
+        exchange.wants_checkpoint = self._time_has_come
+
+    @property
+    def _iteration(self) -> int:
+        return len(self._parts["outer"].history)
+
+    def _time_has_come(self) -> bool:
+        return bool(self.folder and self.spec.seconds and time.monotonic() - self._last >= self.spec.seconds)
+
+    def _keep(self) -> None:
+        """Note the state, and write it when it is due. Collective."""
+        exchange, k = self.problem.exchange, self._iteration
+        self._now = {f"{name}.{attribute}": copy.copy(getattr(part, attribute))
+                     for name, part in self._parts.items() for attribute in part.STATE}
+        self._now["mesh"], self._now["free displacement"] = self._mesh(), self.problem.body.h
+        by_number = self.spec.iterations > 0 and k > 0 and k % self.spec.iterations == 0
+        if k != self._written and (exchange.checkpoint_due or by_number):
+            try:
+                self._write()
+            except OutputError as error:  # on rank 0 alone; the run is worth more than its checkpoint
+                log.warning("%s; going on without", error)
+        exchange.checkpoint_due = False
+
+    @contextlib.contextmanager
+    def kept(self) -> Iterator[None]:
+        """What ends the block, a signal or results that cannot be written, leaves a checkpoint. Collective."""
+        try:
+            yield
+        except (InterruptionError, OutputError) as error:
+            if not (error.agreed and self._now and self._needed):
+                raise
+            by_signal = isinstance(error, InterruptionError)
+            try:
+                with agreed(self.problem.world):
+                    self._write()
+            except OutputError as failure:
+                failure.args = (f"{error.kind if by_signal else error}; {failure}",)
+                raise failure from None
+            folder, k = self.problem.world.bcast(str(self.folder)), len(self._now["outer.history"])
+            error.args = (f"{'' if by_signal else f'{error}; '}the state after iteration {k} is kept, "
+                          f"--restart {folder} goes on from there",)
+            raise
+
+    def remove(self) -> None:
+        """Remove the file: the results are there. Not collective, but to be called on all ranks."""
+        self._needed = False
+        if self.folder:
+            try:
+                (self.folder / NAME).unlink(missing_ok=True)
+            except OSError as error:
+                log.warning("%s could not be removed: %s", self.folder / NAME, error.strerror)
+
+    def _write(self) -> None:
+        """Gather and write the noted state. Collective; raises OutputError on rank 0 alone."""
+        with self.clock.phase("checkpoint"):
+            states = self.problem.world.gather(self._now)
+            self._last = time.monotonic()
+            if self.folder:
+                steps = {len(state["outer.history"]) for state in states}
+                assert len(steps) == 1, "the ranks' states are of different iterations"
+                write(self.folder / NAME, self.identity, states)
+            self._written = len(self._now["outer.history"])
+
+    def _restore(self) -> None:
+        state, body = self._begin, self.problem.body
+        if state["mesh"] != self._mesh():
+            raise InputError(f"the checkpoint is of another mesh of body {body.name!r}")
+        if not np.array_equal(state["free displacement"], body.h):
+            log.warning("this machine rounds differently from the one of the checkpoint: the answer is the same, "
+                        "the last digits on the way to it are not")
+        for name, part in self._parts.items():
+            for attribute in part.STATE:
+                setattr(part, attribute, _like(getattr(part, attribute), state[f"{name}.{attribute}"]))
+
+    def _mesh(self) -> str:
+        digest = hashlib.sha256()
+        mesh, interface = self.problem.mesh, self.problem.interface
+        for array in (mesh.points, mesh.triangles, interface.xy, interface.gap):
+            digest.update(np.ascontiguousarray(array).tobytes())
+        return digest.hexdigest()
+
+
+def _like(now: Any, value: Any) -> Any:
+    """A value out of a file, as an object of the kind that stands there now."""
+    if isinstance(now, deque):
+        return deque(value, now.maxlen)
+    return value if isinstance(now, np.ndarray) else type(now)(value)
+
+
+# The file
+
+
+def write(path: Path, identity: dict[str, dict], states: list[dict[str, Any]]) -> None:
+    """Write the ranks' states, so that `path` holds the old or the new file, whole. Raises OutputError.
+
+    Lists of steps and of arrays become arrays, all else that is no array becomes JSON. Not collective.
+    """
+    import h5py
+
+    image = io.BytesIO()
+    with h5py.File(image, "w", userblock_size=BLOCK) as file:
+        file["identity"] = json.dumps(identity)
+        for rank, state in enumerate(states):
+            group = file.create_group(f"rank {rank}")
+            for name, value in state.items():
+                group[name] = _stored(value)
+    data = image.getbuffer()
+    head = FORMAT + hashlib.sha256(data[BLOCK:]).hexdigest().encode() + b"\n"
+    temporary = path.with_name(f".unfinished-{os.getpid()}-{path.name}")
+    try:
+        with open(temporary, "wb") as file:
+            file.write(head.ljust(BLOCK, b"\0"))
+            file.write(data[BLOCK:])
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)  # the new name, too, outlives a power cut
+        finally:
+            os.close(folder)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise OutputError(f"the checkpoint could not be written: {path}: {error.strerror}") from None
+
+
+def read(path: Path) -> tuple[dict[str, dict], list[dict[str, Any]]]:
+    """Identity and states that `write` wrote. Not collective.
+
+    Raises InputError when the file is not there, not whole, or no checkpoint.
+    """
+    import h5py
+
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"--restart {path.parent}: there is no {path.name}, so nothing to go on from") from None
+    except OSError as error:
+        raise InputError(f"--restart {path.parent}: {path} cannot be read: {error.strerror}") from None
+    if not data.startswith(FORMAT):
+        raise InputError(f"{path}: not a checkpoint of this version of ddmpi")
+    digest = hashlib.sha256(data[BLOCK:]).hexdigest().encode()
+    if data[:BLOCK] != (FORMAT + digest + b"\n").ljust(BLOCK, b"\0"):
+        raise InputError(f"{path}: damaged; it is not what was written")
+    with h5py.File(io.BytesIO(data), "r") as file:
+        identity = json.loads(file["identity"].asstr()[()])
+        states = [{name: _loaded(name, entry) for name, entry in file[f"rank {rank}"].items()}
+                  for rank in range(len(file) - 1)]
+    return identity, states
+
+
+def _stored(value: Any) -> np.ndarray | str:
+    if isinstance(value, list | deque):
+        value = np.array([[s.iteration, s.update, s.residual, s.inner_precision, *s.n_A] if isinstance(s, Step) else s
+                          for s in value])
+    return value if isinstance(value, np.ndarray) else json.dumps(value)
+
+
+def _loaded(name: str, entry: Any) -> Any:
+    import h5py
+
+    if h5py.check_string_dtype(entry.dtype):
+        return json.loads(entry.asstr()[()])
+    value = entry[()]
+    if name == "outer.history":
+        return [Step(int(k), float(update), float(residual), float(precision), (int(n1), int(n2)))
+                for k, update, residual, precision, n1, n2 in value]
+    return value
+
+
+# Is it the same run?
+
+
+def _refuse_other(path: Path, ours: dict[str, dict], theirs: dict[str, dict]) -> None:
+    """InputError, saying what differs, unless the checkpoint is of a run like this one."""
+    for what in ("versions", "scene", "PETSc options"):
+        differing = [f"{key} is {_word(ours[what], key)} here, {_word(theirs[what], key)} there"
+                     for key in sorted(ours[what].keys() | theirs[what].keys())
+                     if ours[what].get(key) != theirs[what].get(key)]
+        if differing:
+            more = f", and {len(differing) - 3} more" if len(differing) > 3 else ""
+            raise InputError(f"{path}: is of a run with other {what}: {'; '.join(differing[:3])}{more}; "
+                             "only the same run can be continued")
+
+
+def _word(table: dict, key: str) -> str:
+    return repr(table[key]) if key in table else "not set"
+
+
+def _flat(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    """The leaves of nested tables with their keys as after ``--set``."""
+    entries = None
+    if isinstance(value, dict):
+        entries = value.items()
+    elif isinstance(value, list | tuple) and value and isinstance(value[0], dict):
+        entries = ((entry.get("name", str(k)), entry) for k, entry in enumerate(value))
+    if entries is None:
+        yield key, value
+    else:
+        for name, entry in entries:
+            yield from _flat(entry, f"{key}.{name}" if key else name)
