@@ -95,7 +95,7 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
 
 
 def stress(mesh: Mesh, material: Material, u: np.ndarray) -> np.ndarray:
-    """Stress of each triangle, constant on it.
+    """Stress of each triangle: its mean, which is that at the centroid.
 
     Parameters
     ----------
@@ -107,7 +107,9 @@ def stress(mesh: Mesh, material: Material, u: np.ndarray) -> np.ndarray:
     """
     p, t = mesh.points, mesh.triangles
     e1, e2 = p[t[:, 1]] - p[t[:, 0]], p[t[:, 2]] - p[t[:, 0]]
-    d1, d2 = u[t[:, 1]] - u[t[:, 0]], u[t[:, 2]] - u[t[:, 0]]
+    mean = ELEMENTS[t.shape[1]].gradients.mean(axis=0)  # of the gradients of the shape functions
+    v = [sum(c * u[t[:, i]] for i, c in enumerate(mean[:, a]) if c) for a in range(3)]
+    d1, d2 = v[1] - v[0], v[2] - v[0]  # ∇u = Σ_a v_a ∇λ_a
     area2 = (e1[:, 0] * e2[:, 1] - e1[:, 1] * e2[:, 0])[:, None]
     du_dx = (d1 * e2[:, 1:] - d2 * e1[:, 1:]) / area2
     du_dy = (d2 * e1[:, :1] - d1 * e2[:, :1]) / area2

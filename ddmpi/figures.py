@@ -54,7 +54,9 @@ def draw_bodies(fields: dict[str, np.ndarray], summary: dict):
     """Deformed bodies with von Mises stress (displacement where there is no stress); a figure."""
     import matplotlib.pyplot as plt
 
-    points, u, cells = fields["points"][:, :2], fields["displacement"][:, :2], fields["cells"]
+    points, u = fields["points"][:, :2], fields["displacement"][:, :2]
+    cells, owner = _linear_triangles(fields["cells"])
+    bodies = fields["body"][owner]
     length_unit, stress_unit = _units(summary)
     width, height = np.ptp(points, axis=0)
     largest = np.linalg.norm(u, axis=1).max()
@@ -66,11 +68,11 @@ def draw_bodies(fields: dict[str, np.ndarray], summary: dict):
     horizontal = box[0] > 1.4 * box[1]
     size = (8.6, 1.4 + 8.0 * box[1] / box[0]) if horizontal else (1.8 + 6.2 * box[0] / box[1], 6.4)
     figure, axes = plt.subplots(figsize=(min(max(size[0], 4.8), 10), min(max(size[1], 3.0), 8)))
-    for body in np.unique(fields["body"]):
-        for edge in _outline(cells[fields["body"] == body]):
+    for body in np.unique(bodies):
+        for edge in _outline(cells[bodies == body]):
             axes.plot(*original[edge].T, color="#9aa0a8", linewidth=0.7, zorder=1)
     if "von_mises" in fields:
-        values = _at_nodes(fields["von_mises"], points, cells)
+        values = _at_nodes(fields["von_mises"][owner], points, cells)
         factor, value_unit = _scaled_unit(values.max(), stress_unit)
         values /= factor
         top = np.percentile(values, 99.5)  # corners are singular; they must not wash the rest out
@@ -82,8 +84,8 @@ def draw_bodies(fields: dict[str, np.ndarray], summary: dict):
         image = axes.tripcolor(*at.T, cells, np.linalg.norm(u, axis=1) / factor, shading="gouraud", cmap="viridis",
                                rasterized=True, zorder=2)
         label, extend = f"displacement ({value_unit})", "neither"
-    for body in np.unique(fields["body"]):
-        for edge in _outline(cells[fields["body"] == body]):
+    for body in np.unique(bodies):
+        for edge in _outline(cells[bodies == body]):
             axes.plot(*at[edge].T, color="black", linewidth=0.6, zorder=3)
     figure.colorbar(image, ax=axes, label=label, extend=extend, shrink=0.85,
                     orientation="horizontal" if horizontal else "vertical", aspect=40 if horizontal else 25)
@@ -231,6 +233,12 @@ def _shade(axes, position: np.ndarray, status: np.ndarray) -> list[str]:
     return [zone for zone in ZONES if (status == zone).any()]
 
 
+def _linear_triangles(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cells (nt, 3 or 6) as triangles between neighbouring nodes, with the cell that each is part of."""
+    parts = [[0, 1, 2]] if cells.shape[1] == 3 else [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]
+    return cells[:, parts].reshape(-1, 3), np.repeat(np.arange(len(cells)), len(parts))
+
+
 def _at_nodes(values: np.ndarray, points: np.ndarray, cells: np.ndarray) -> np.ndarray:
     """Averages over the triangles around each node, weighted with their areas."""
     (ax, ay), (bx, by) = ((points[cells[:, i]] - points[cells[:, 0]]).T for i in (1, 2))
@@ -242,8 +250,8 @@ def _at_nodes(values: np.ndarray, points: np.ndarray, cells: np.ndarray) -> np.n
 def _outline(cells: np.ndarray) -> list[np.ndarray]:
     """Closed boundary polygons of a set of triangles, as arrays of nodes."""
     edges = np.concatenate([cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [2, 0]]])
-    key = np.sort(edges, axis=1)
-    _, index, count = np.unique(key, axis=0, return_index=True, return_counts=True)
+    key = edges.min(axis=1) * (edges.max() + 1) + edges.max(axis=1)
+    _, index, count = np.unique(key, return_index=True, return_counts=True)
     follow = dict(edges[index[count == 1]].tolist())
     loops = []
     while follow:

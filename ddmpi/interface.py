@@ -13,14 +13,15 @@ from petsc4py import PETSc
 from scipy.spatial import cKDTree
 
 from ddmpi.elasticity import Elasticity
+from ddmpi.elements import ELEMENTS
 from ddmpi.errors import InputError
-from ddmpi.mesh import Mesh, turn_outward
+from ddmpi.mesh import Mesh, segments, turn_outward
 
 PAIRING_TOLERANCE = 1e-2
-"""Largest tangential offset of two paired nodes, as a fraction of the nodal length."""
+"""Largest tangential offset of two paired nodes, as a fraction of the distance to their neighbours."""
 
 ROUNDING = 1e-9
-"""Gaps below this fraction of the nodal length are rounding of the mesh, and count as zero."""
+"""Gaps below this fraction of the distance to the neighbours are rounding of the mesh, and count as zero."""
 
 
 @dataclass(frozen=True)
@@ -32,9 +33,11 @@ class Side:
     nodes : (k,) mesh node numbers
     xy : (k, 2) positions (m)
     normal : (k, 2) outer unit normals, averaged over the adjacent edges with their lengths
-    length : (k,) nodal lengths (m): half the adjacent contact edges
+    length : (k,) nodal lengths (m): the integral of the node's shape function along the boundary, so that
+        a constant stress times them gives its nodal forces. Half the adjacent edges in order 1; in order 2
+        two thirds of its edge for a middle, a sixth of the adjacent edges for a corner
     free : (k, 2) bool, components that are not clamped
-    joined : (k − 1,) bool, whether an edge joins a node and the next one; where not, another chain begins
+    joined : (k − 1,) bool, whether a node and the next one are neighbours; where not, another chain begins
     """
 
     nodes: np.ndarray
@@ -59,7 +62,7 @@ class Interface:
     sliding : (mt,) the nodes that carry a tangential unknown; all m unless some are held by a clamp,
         none in a frictionless scene
     dropped : how many node pairs of the boundary carry no unknown because they are clamped
-    joined : (m − 1,) bool, whether an edge joins a node and the next one
+    joined : (m − 1,) bool, whether a node and the next one are neighbours
     held : (m,) inverse distances to the dropped neighbours, summed (1/m); zero where there are none
     """
 
@@ -85,23 +88,23 @@ class Interface:
 
 
 def contact_side(mesh: Mesh, edges: np.ndarray, free: np.ndarray) -> Side:
-    """The contact boundary made of `edges` (k, 2), ordered from its first end. Not collective.
+    """The contact boundary made of `edges` (k, 2 or 3), ordered from its first end. Not collective.
 
     Raises InputError when an edge does not lie on the boundary.
     """
     edges = turn_outward(mesh, edges, "contact.0.on")
-    nodes = _order(edges, mesh.points)
-    start, end = mesh.points[edges[:, 0]], mesh.points[edges[:, 1]]
-    along = end - start
+    neighbours = segments(edges)
+    nodes = _order(neighbours, mesh.points)
+    along = mesh.points[edges[:, 1]] - mesh.points[edges[:, 0]]
     lengths = np.linalg.norm(along, axis=1)
     outward = np.column_stack([along[:, 1], -along[:, 0]])  # the body lies to the left of an edge
     length, normal = np.zeros(len(mesh.points)), np.zeros_like(mesh.points)
-    for column in (0, 1):
-        np.add.at(length, edges[:, column], lengths / 2)
+    for column, weight in enumerate(ELEMENTS[mesh.triangles.shape[1]].side_weights):
+        np.add.at(length, edges[:, column], weight * lengths)
         np.add.at(normal, edges[:, column], outward)
     normal = normal[nodes] / np.linalg.norm(normal[nodes], axis=1, keepdims=True)
     size = len(mesh.points)
-    joined = np.isin(_keys(nodes[:-1], nodes[1:], size), _keys(*edges.T, size))
+    joined = np.isin(_keys(nodes[:-1], nodes[1:], size), _keys(*neighbours.T, size))
     return Side(nodes, mesh.points[nodes], normal, length[nodes], free[nodes], joined)
 
 
@@ -137,13 +140,17 @@ def pair(first: Side, second: Side, friction: bool, label: str) -> Interface:
         raise InputError(f"{label}: near ({x:.6g}, {y:.6g}) m the two boundaries do not face each other")
     normal /= size[:, None]
     tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
+    distance = np.linalg.norm(np.diff(first.xy, axis=0), axis=1)
+    spacing = np.zeros(len(length))
+    spacing[1:] += np.where(first.joined, distance / 2, 0.0)
+    spacing[:-1] += np.where(first.joined, distance / 2, 0.0)
     offset = other.xy - first.xy
     gap = np.einsum("ij,ij->i", offset, normal)
     aside = np.abs(np.einsum("ij,ij->i", offset, tangent))
-    if (aside > PAIRING_TOLERANCE * length).any():
+    if (aside > PAIRING_TOLERANCE * spacing).any():
         raise InputError(f"{label}: the nodes of the two sides do not lie opposite each other"
                          f"{_worst(first, second, match)}; their meshes must match node by node")
-    gap[np.abs(gap) <= ROUNDING * length] = 0.0
+    gap[np.abs(gap) <= ROUNDING * spacing] = 0.0
 
     held_normal, held_tangential = _held(normal, first.free & other.free), _held(tangent, first.free & other.free)
     keep = np.flatnonzero(~held_normal)
@@ -151,7 +158,6 @@ def pair(first: Side, second: Side, friction: bool, label: str) -> Interface:
         raise InputError(f"{label}: all nodes of the contact are clamped; there is nothing to solve")
     sliding = np.flatnonzero(~held_tangential[keep]) if friction else np.empty(0, int)
     held = np.zeros(len(length))
-    distance = np.linalg.norm(np.diff(first.xy, axis=0), axis=1)
     for node, neighbour in ((slice(1, None), slice(-1)), (slice(-1), slice(1, None))):
         to_held = first.joined & held_normal[neighbour]
         held[node][to_held] += 1.0 / distance[to_held]
@@ -211,10 +217,10 @@ def _keys(a: np.ndarray, b: np.ndarray, size: int) -> np.ndarray:
     return np.minimum(a, b) * size + np.maximum(a, b)
 
 
-def _order(edges: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Nodes of a set of edges, walked chain by chain; each chain starts at its end with the smaller x, y."""
+def _order(pairs: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Nodes of pairs of neighbours, walked chain by chain; each chain starts at its end with the smaller x, y."""
     neighbours: dict[int, list[int]] = {}
-    for a, b in edges.tolist():
+    for a, b in pairs.tolist():
         neighbours.setdefault(a, []).append(b)
         neighbours.setdefault(b, []).append(a)
     ranked = sorted(neighbours, key=lambda node: (len(neighbours[node]) != 1, *points[node]))

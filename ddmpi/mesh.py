@@ -1,4 +1,8 @@
-"""The mesh of one body: nodes, triangles and named boundary groups, from gmsh or through meshio."""
+"""The mesh of one body: nodes, triangles and named boundary groups, from gmsh or through meshio.
+
+Triangles have straight sides. Those of order 2 have a node on the middle of each side besides, which
+`raise_order` puts there; all else is the same for both orders.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +15,12 @@ from ddmpi import interrupt
 from ddmpi.errors import InputError
 from ddmpi.scene import BodySpec, MeshSpec
 
+TRIANGLES, LINES = ("triangle", "triangle6"), ("line", "line3")
+"""The element types of meshio that are read; those of second order must have straight sides."""
+
+STRAIGHT = 1e-6
+"""How far the middle node of a straight side may be off its place, as a fraction of the side."""
+
 
 @dataclass(frozen=True)
 class Mesh:
@@ -19,8 +29,10 @@ class Mesh:
     Attributes
     ----------
     points : (nv, 2) float, metres
-    triangles : (nt, 3) int, counter-clockwise
-    groups : name → (k, 2) int, the boundary edges of each physical group
+    triangles : (nt, 3) int, corners counter-clockwise; of order 2 (nt, 6), then the middles of the sides
+        01, 12, 20
+    groups : name → (k, 2) int, the boundary edges of each physical group by their ends; of order 2
+        (k, 3), then their middles
     """
 
     points: np.ndarray
@@ -41,6 +53,8 @@ def build_mesh(body: BodySpec, folder: Path = Path(".")) -> Mesh:
     """
     spec = body.mesh
     mesh = generate_rectangle(spec) if spec.file is None else read_mesh(_locate(body, folder), body.name)
+    if spec.order == 2:
+        mesh = raise_order(mesh, f"body.{body.name}.mesh")
     for key, names in (("clamp", [c.on for c in body.clamps]), ("traction", [t.on for t in body.traction])):
         for name in names:
             boundary_group(mesh, name, f"body.{body.name}.{key}")
@@ -48,7 +62,7 @@ def build_mesh(body: BodySpec, folder: Path = Path(".")) -> Mesh:
 
 
 def boundary_group(mesh: Mesh, name: str, key: str) -> np.ndarray:
-    """Edges (k, 2) of the group `name`; InputError naming `key` if the mesh has no such group."""
+    """Edges (k, 2 or 3) of the group `name`; InputError naming `key` if the mesh has no such group."""
     if name not in mesh.groups:
         raise InputError(f"{key}: the mesh has no boundary group {name!r}; it has {', '.join(sorted(mesh.groups))}")
     if len(mesh.groups[name]) == 0:
@@ -68,7 +82,35 @@ def turn_outward(mesh: Mesh, edges: np.ndarray, key: str) -> np.ndarray:
     backward = np.isin(edges[:, 1] * size + edges[:, 0], keys)
     if not (forward ^ backward).all():
         raise InputError(f"{key}: the group has lines that are not on the body's boundary")
-    return np.where(forward[:, None], edges, edges[:, ::-1])
+    return np.where(forward[:, None], edges, edges[:, [1, 0, *range(2, edges.shape[1])]])
+
+
+def segments(edges: np.ndarray) -> np.ndarray:
+    """Pairs (·, 2) of neighbouring nodes on edges (k, 2 or 3), in the edges' direction."""
+    walk = np.column_stack([edges[:, 0], edges[:, 2:], edges[:, 1]])
+    return np.concatenate([walk[:, i:i + 2] for i in range(walk.shape[1] - 1)])
+
+
+def raise_order(mesh: Mesh, key: str) -> Mesh:
+    """The mesh of order 2 that has the corners of `mesh`, of order 1, as its first nodes.
+
+    Not collective. Raises InputError naming `key` where a group has lines that are no sides of triangles.
+    """
+    size = len(mesh.points)
+
+    def keys(edges: np.ndarray) -> np.ndarray:
+        return edges.min(axis=-1) * size + edges.max(axis=-1)
+
+    sides, number = np.unique(keys(mesh.triangles[:, [[0, 1], [1, 2], [2, 0]]]), return_inverse=True)
+    groups = {}
+    for name, edges in mesh.groups.items():
+        place = np.minimum(np.searchsorted(sides, keys(edges)), len(sides) - 1)
+        if not np.array_equal(sides[place], keys(edges)):
+            raise InputError(f"{key}: the boundary group {name!r} has lines that are not sides of triangles")
+        groups[name] = np.column_stack([edges, size + place])
+    ends = np.divmod(sides, size)
+    points = np.concatenate([mesh.points, (mesh.points[ends[0]] + mesh.points[ends[1]]) / 2])
+    return Mesh(points, np.column_stack([mesh.triangles, size + number.reshape(-1, 3)]), groups)
 
 
 def generate_rectangle(spec: MeshSpec) -> Mesh:
@@ -109,8 +151,9 @@ def generate_rectangle(spec: MeshSpec) -> Mesh:
 
 
 def read_mesh(path: Path, body: str) -> Mesh:
-    """Read first-order triangles and boundary lines with physical groups from a gmsh file.
+    """Read triangles and boundary lines with physical groups from a gmsh file, as a mesh of order 1.
 
+    Of second-order elements, which must have straight sides, the corners are taken.
     Not collective. Raises InputError for a file that cannot be read, has other elements, has no
     named boundary groups, or is degenerate.
     """
@@ -122,11 +165,11 @@ def read_mesh(path: Path, body: str) -> Mesh:
     except Exception as error:  # meshio raises many kinds, some of them bare
         raise InputError(f"{key}: {path} is not a gmsh mesh that meshio can read "
                          f"({type(error).__name__}: {error})") from None
-    other = sorted({c.type for c in raw.cells} - {"triangle", "line", "vertex"})
+    other = sorted({c.type for c in raw.cells} - {*TRIANGLES, *LINES, "vertex"})
     if other:
         raise InputError(f"{key}: {path} has elements of type {', '.join(other)}; "
-                         "first-order triangles and boundary lines are what is needed")
-    triangles = raw.cells_dict.get("triangle", np.empty((0, 3), int)).astype(np.int64)
+                         "triangles and boundary lines of first or second order are what is needed")
+    triangles = np.concatenate([_corners(raw, kind, 3, f"{key}: {path}") for kind in TRIANGLES])
     # version 2 files repeat an element for each physical group that it is in
     triangles = triangles[np.sort(np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)[1])]
     if len(triangles) == 0:
@@ -140,23 +183,40 @@ def read_mesh(path: Path, body: str) -> Mesh:
     if not tags:
         raise InputError(f"{key}: {path} has no named physical groups of lines; "
                          "clamps, tractions and contact refer to boundaries by such names")
-    lines = raw.cells_dict.get("line", np.empty((0, 2), int)).astype(np.int64)
-    physical = raw.cell_data_dict.get("gmsh:physical", {}).get("line", np.empty(0, int))
     sets = raw.cell_sets_dict  # of version 4 files, where an element may be in several groups
-    members = {name: sets[name].get("line", []) if name in sets else np.flatnonzero(physical == tag)
-               for tag, name in tags.items()}
+    groups = {name: [] for name in tags.values()}
+    for kind in LINES:
+        lines = _corners(raw, kind, 2, f"{key}: {path}")
+        physical = raw.cell_data_dict.get("gmsh:physical", {}).get(kind, np.empty(0, int))
+        for tag, name in tags.items():
+            chosen = sets[name].get(kind, []) if name in sets else np.flatnonzero(physical == tag)
+            groups[name].append(lines[chosen])
 
     used, renumbered = np.unique(triangles, return_inverse=True)
     number = np.full(len(points), -1)
     number[used] = np.arange(len(used))
-    points, triangles, lines = points[used], renumbered.reshape(-1, 3), number[lines]
-    if (lines < 0).any():
+    points, triangles = points[used], renumbered.reshape(-1, 3)
+    groups = {name: number[np.concatenate(lines)] for name, lines in groups.items()}
+    if any((lines < 0).any() for lines in groups.values()):
         raise InputError(f"{key}: {path} has boundary lines that belong to no triangle")
     doubled = signed_double_areas(points, triangles)
     if np.abs(doubled).min() <= 1e-14 * np.abs(doubled).max():
         raise InputError(f"{key}: {path} has triangles without area")
     triangles[doubled < 0] = triangles[doubled < 0][:, [0, 2, 1]]
-    return Mesh(points, triangles, {name: lines[chosen] for name, chosen in members.items()})
+    return Mesh(points, triangles, groups)
+
+
+def _corners(raw, kind: str, corners: int, label: str) -> np.ndarray:
+    """The corners (k, 3) or ends (k, 2) of the elements of a kind; InputError where their sides are curved."""
+    nodes = raw.cells_dict.get(kind, np.empty((0, corners), int)).astype(np.int64)
+    for i, middle in enumerate(nodes.T[corners:]):
+        start, end = raw.points[nodes[:, i]], raw.points[nodes[:, (i + 1) % corners]]
+        off = np.linalg.norm(raw.points[middle] - (start + end) / 2, axis=1)
+        if (off > STRAIGHT * np.linalg.norm(end - start, axis=1)).any():
+            x, y = start[np.argmax(off)][:2]
+            raise InputError(f"{label} has curved elements, as at ({x:.6g}, {y:.6g}); sides must be straight, with "
+                             "the further nodes on their middles")
+    return nodes[:, :corners]
 
 
 def signed_double_areas(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:

@@ -38,8 +38,8 @@ XDMF = """<?xml version="1.0"?>
       <Geometry GeometryType="XYZ">
         <DataItem DataType="Float" Precision="8" Format="HDF" Dimensions="{nv} 3">result.h5:/points</DataItem>
       </Geometry>
-      <Topology TopologyType="Triangle" NumberOfElements="{nt}" NodesPerElement="3">
-        <DataItem DataType="Int" Precision="8" Format="HDF" Dimensions="{nt} 3">result.h5:/cells</DataItem>
+      <Topology TopologyType="{topology}" NumberOfElements="{nt}" NodesPerElement="{k}">
+        <DataItem DataType="Int" Precision="8" Format="HDF" Dimensions="{nt} {k}">result.h5:/cells</DataItem>
       </Topology>
     </Grid>
     <Grid Name="steps" GridType="Collection" CollectionType="Temporal">
@@ -55,6 +55,7 @@ XDMF = """<?xml version="1.0"?>
 ATTRIBUTE = """        <Attribute Name="{name}" AttributeType="{kind}" Center="{center}">
           <DataItem DataType="{type}" Precision="8" Format="HDF" Dimensions="{dimensions}">result.h5:/{name}</DataItem>
         </Attribute>"""
+TOPOLOGY = {3: "Triangle", 6: "Triangle_6"}
 KIND = {1: "Scalar", 3: "Vector", 6: "Tensor6"}
 
 
@@ -62,7 +63,7 @@ KIND = {1: "Scalar", 3: "Vector", 6: "Tensor6"}
 class Fields:
     """Fields of one body; stress and von Mises are None where no one asked for them.
 
-    points (nv, 2) m, triangles (nt, 3), displacement (nv, 2) m, stress (nt, 4) as
+    points (nv, 2) m, triangles (nt, 3 or 6), displacement (nv, 2) m, stress (nt, 4) as
     `elasticity.stress` and von_mises (nt,) in Pa.
     """
 
@@ -180,14 +181,15 @@ def write_xdmf(path: Path) -> None:
 
     def write() -> None:
         with h5py.File(path / "result.h5", "r") as file:
-            nv, nt = len(file["points"]), len(file["cells"])
+            nv, (nt, k) = len(file["points"]), file["cells"].shape
             attributes = [ATTRIBUTE.format(
                 name=name, kind=KIND[data.shape[1] if data.ndim > 1 else 1],
                 center="Node" if name == "displacement" else "Cell",
                 type="Int" if data.dtype.kind == "i" else "Float",
                 dimensions=" ".join(str(d) for d in data.shape))
                 for name, data in file.items() if name not in ("points", "cells")]
-        (path / "result.xdmf").write_text(XDMF.format(nv=nv, nt=nt, attributes="\n".join(attributes)))
+        (path / "result.xdmf").write_text(XDMF.format(
+            nv=nv, nt=nt, k=k, topology=TOPOLOGY[k], attributes="\n".join(attributes)))
     _guarded(write)
 
 

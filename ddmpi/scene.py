@@ -92,13 +92,18 @@ class Profile(_Table, kw_only=True):
 
 
 class MeshSpec(_Table, kw_only=True):
-    """Either a generated shape (``shape, origin, size, divisions``) or a gmsh ``file``."""
+    """Either a generated shape (``shape, origin, size, divisions``) or a gmsh ``file``.
+
+    ``order`` is that of the displacement: 1, linear triangles, or 2, straight-sided quadratic ones, with a
+    further node on the middle of each side.
+    """
 
     shape: Literal["rectangle"] | None = None
     origin: Point = (0.0, 0.0)
     size: tuple[Positive, Positive] | None = None
     divisions: tuple[PositiveInt, PositiveInt] | None = None
     file: str | None = None
+    order: Literal[1, 2] = 1
 
     def __post_init__(self) -> None:
         if (self.shape is None) == (self.file is None):
@@ -276,6 +281,9 @@ class Scene(_Table, kw_only=True):
         planes = {b.material.plane for b in self.body}
         if len(planes) > 1:
             raise ValueError("one body is in plane strain and the other in plane stress; they cannot touch")
+        if len({b.mesh.order for b in self.body}) > 1:
+            raise ValueError("the two bodies have mesh.order 1 and 2; forces at their common nodes would mean "
+                             "different pressures, so give both the same")
 
     def resolved(self) -> dict:
         return msgspec.to_builtins(self)
