@@ -9,7 +9,8 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "ddmpi"
 
-ORDER = ["errors", "scene", "mesh", "elements", "stiffness", "elasticity", "interface", "qp", "mprgp", "schur",
+ORDER = ["errors", "scene", "mesh", "elements", "stiffness", "elasticity", "interface",
+         "petsc_versions", "qp", "mprgp", "schur",
          "solvers", "compliance", "preconditioner", "body", "exchange", "coupled", "algorithm", "anderson", "newton",
          "certificate", "diagnosis", "petsc_options", "problem", "solution", "results", "figures", "run",
          "cli", "__main__"]
