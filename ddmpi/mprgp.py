@@ -20,6 +20,7 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.linalg import eigh_tridiagonal
 
+from ddmpi.petsc_versions import TaoReason
 from ddmpi.qp import projected_gradient
 
 PROPORTION = 1.0
@@ -69,13 +70,13 @@ class MPRGP:
             pg = projected_gradient(g, x, lower, upper)
             residual = np.linalg.norm(pg)
             if not np.isfinite(residual):
-                reason = PETSc.TAO.Reason.DIVERGED_NAN
+                reason = TaoReason.DIVERGED_NAN
                 break
             if residual <= tolerance:
-                reason = PETSc.TAO.Reason.CONVERGED_GATOL
+                reason = TaoReason.CONVERGED_GATOL
                 break
             if iteration >= limit:
-                reason = PETSc.TAO.Reason.DIVERGED_MAXITS
+                reason = TaoReason.DIVERGED_MAXITS
                 break
             iteration += 1
             inside = (x > lower) & (x < upper)
@@ -90,7 +91,7 @@ class MPRGP:
                 Hp = multiply(p).copy()  # the next product takes its place
                 curvature = p @ Hp
                 if not curvature > 0.0:  # underflow, or not a number
-                    reason = PETSc.TAO.Reason.DIVERGED_NAN
+                    reason = TaoReason.DIVERGED_NAN
                     break
                 norm = max(norm, curvature / (p @ p))
                 step = (g @ p) / curvature

@@ -30,6 +30,7 @@ from ddmpi.algorithm import Step
 from ddmpi.body import Body, Friction
 from ddmpi.errors import SolverError
 from ddmpi.exchange import Exchange
+from ddmpi.petsc_versions import call_solver
 from ddmpi.preconditioner import HalfPlaneStiffness
 from ddmpi.qp import QP
 from ddmpi.scene import Method
@@ -271,7 +272,7 @@ class InterfaceNewton:
         ksp.setTolerances(rtol=FORCING, atol=0.0, max_it=KRYLOV_LIMIT)
         try:
             ksp.setFromOptions()
-            ksp.solve(b, y)
+            call_solver(ksp.solve, b, y)
         except PETSc.Error as error:
             raise SolverError(f"the linear problem of a Newton step: {petsc_message(error)}") from None
         reason = ksp.getConvergedReason()

@@ -10,6 +10,7 @@ from petsc4py import PETSc
 
 from ddmpi.errors import SolverError
 from ddmpi.mprgp import MPRGP
+from ddmpi.petsc_versions import TaoReason, call_solver
 from ddmpi.qp import QP, QPResult
 from ddmpi.schur import request_schur, schur_complement
 
@@ -234,7 +235,7 @@ class QPSolver:
     def _mprgp(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, purpose: str) -> QPResult:
         problem = _Scaled(qp, np.arange(qp.C.size), s, Cs, purpose)
         tao = self._create(problem, "python", tolerance)
-        tao.solve()
+        call_solver(tao.solve)
         x, g = tao.getSolution().array_r, tao.getGradient()[0].array_r
         s = problem.unscaled(x, 0.0)
         Cs = problem.displacement * g + qp.d
@@ -249,7 +250,7 @@ class QPSolver:
         for asked in tolerance * STRICTER ** np.arange(3):
             problem = kind(qp, moving, s, Cs, purpose)
             tao = self._create(problem, self.type, asked)
-            tao.solve()
+            call_solver(tao.solve)
             iterations += tao.getIterationNumber()
             s = s.copy()
             s[moving] = problem.unscaled(tao.getSolution().array_r, ON_BOUND)
@@ -287,7 +288,7 @@ class QPSolver:
         return tao
 
     def _reason(self) -> str:
-        return reason_name(PETSc.TAO.Reason, self._tao.getConvergedReason()) if self._tao else "nothing done"
+        return reason_name(TaoReason, self._tao.getConvergedReason()) if self._tao else "nothing done"
 
 
 class _Scaled:

@@ -134,6 +134,9 @@ export PYTHONPATH="$ROOT${PYTHONPATH:+:$PYTHONPATH}"
 export OMP_NUM_THREADS=${OMP_NUM_THREADS:-1}
 # Two ranks also where there is one core; Open MPI 4 and 5.
 export OMPI_MCA_rmaps_base_oversubscribe=1 PRTE_MCA_rmaps_default_mapping_policy=:oversubscribe
+# Open MPI 5 by default asks the routing table which addresses reach each other, finds that none reaches a
+# rank on the same machine, and says so on stderr, though ranks there talk through memory anyway.
+export OMPI_MCA_reachable=${OMPI_MCA_reachable:-weighted}
 # Open MPI 4 can leave out its own words on a run that ends with an error; 5 has no such option.
 MPIRUN=mpirun
 case "$(mpirun --version 2>/dev/null)" in *"(Open MPI) 4."*) MPIRUN="mpirun --quiet" ;; esac

@@ -331,6 +331,7 @@ def clean_environment() -> dict[str, str]:
                    if not key.startswith(("OMPI_", "PMIX_", "PRTE_", "PMI_", "ORTE_", "OPAL_", "PYTEST_"))}
     environment |= {"OMPI_MCA_rmaps_base_oversubscribe": "1", "OMPI_MCA_odls_base_sigkill_timeout": "0",
                     "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+                    "OMPI_MCA_reachable": "weighted",
                     "OMP_NUM_THREADS": "1", "MPLBACKEND": "agg", "PYTHONUNBUFFERED": "1"}
     environment["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
     if os.getuid() == 0:
@@ -341,7 +342,10 @@ def clean_environment() -> dict[str, str]:
 
 def run_python(arguments: list[str], ranks: int = 2, limit: float = 30.0, folder: Path | None = None,
                cwd: Path | None = None) -> Run:
-    """``mpirun -n RANKS python ARGUMENTS``; an AssertionError when it has not ended after `limit` seconds."""
+    """``mpirun -n RANKS python ARGUMENTS``; an AssertionError when it has not ended after `limit` seconds.
+
+    Open MPI 5 ends what it says about a run that failed with a zero byte, which is taken out.
+    """
     command = [*os.environ.get("MPIRUN", "mpirun").split(), "-n", str(ranks), sys.executable, *arguments]
     with subprocess.Popen(command, env=clean_environment(), cwd=cwd, text=True, encoding="utf-8",
                           stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
@@ -355,7 +359,7 @@ def run_python(arguments: list[str], ranks: int = 2, limit: float = 30.0, folder
                 child.kill()
                 stdout, stderr = child.communicate()
             raise AssertionError(f"still running after {limit} s: {' '.join(command)}\n{stdout}{stderr}") from None
-    return Run(child.returncode, stdout, stderr, folder)
+    return Run(child.returncode, stdout, stderr.replace("\0", ""), folder)
 
 
 def run_command(scene: Path | str, folder: Path, *arguments: str, ranks: int = 2, limit: float = 30.0,

@@ -10,9 +10,9 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[1] / "ddmpi"
 
 ORDER = ["errors", "interrupt", "scene", "mesh", "elements", "stiffness", "elasticity", "estimate",
-         "interface", "qp", "mprgp", "schur", "solvers", "compliance", "preconditioner", "body", "exchange",
-         "coupled", "algorithm", "anderson", "newton", "certificate", "diagnosis", "petsc_options", "problem",
-         "checkpoint", "solution", "results", "figures", "run", "cli", "__main__"]
+         "interface", "petsc_versions", "qp", "mprgp", "schur", "solvers", "compliance", "preconditioner",
+         "body", "exchange", "coupled", "algorithm", "anderson", "newton", "certificate", "diagnosis",
+         "petsc_options", "problem", "checkpoint", "solution", "results", "figures", "run", "cli", "__main__"]
 """From the bottom to the top: a module imports only modules to its left."""
 
 MAY_IMPORT_MPI = {"exchange", "problem", "checkpoint", "results", "run", "cli", "__main__"}
