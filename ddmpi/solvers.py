@@ -160,20 +160,22 @@ class StiffnessSolver:
 
 def best_cholesky(A: PETSc.Mat) -> str:
     """The best Cholesky factorization that this PETSc offers for A."""
-    for package in ("mumps", "cholmod"):
-        pc = PETSc.PC().create(A.comm)
-        try:
-            pc.setOperators(A)
-            pc.setType(PETSc.PC.Type.CHOLESKY)
-            pc.setFactorSolverType(package)
-            pc.setFactorSetUpSolverType()
-        except PETSc.Error:
-            continue
-        else:
-            return package
-        finally:
-            pc.destroy()
-    return "petsc"
+    return next((package for package in ("mumps", "cholmod") if offers_cholesky(A, package)), "petsc")
+
+
+def offers_cholesky(A: PETSc.Mat, package: str) -> bool:
+    """Whether this PETSc has a Cholesky factorization of that package for A."""
+    pc = PETSc.PC().create(A.comm)
+    try:
+        pc.setOperators(A)
+        pc.setType(PETSc.PC.Type.CHOLESKY)
+        pc.setFactorSolverType(package)
+        pc.setFactorSetUpSolverType()
+    except PETSc.Error:
+        return False
+    finally:
+        pc.destroy()
+    return True
 
 
 class QPSolver:
