@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from ddmpi.cases import Case
 from ddmpi.errors import DdmpiError, InputError, NotConvergedError, OutputError
@@ -174,6 +175,7 @@ def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions) ->
             traceback.clear_frames(error.__traceback__)  # they hold PETSc's objects
             log.error("ddmpi: error: %s", error)
     gc.collect()  # what refers to itself in a circle, such as solvers and their contexts
+    PETSc.garbage_cleanup()  # PETSc 3.18 keeps what Python has let go of
     own.Free()
     with agreed(world):
         if world.rank == 0:
