@@ -6,13 +6,13 @@ import argparse
 import contextlib
 import gc
 import io
-import logging
 import re
 import sys
 import traceback
+from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from ddmpi import __version__
+from ddmpi import __version__, logs
 from ddmpi.errors import DdmpiError, InputError
 
 if TYPE_CHECKING:
@@ -23,6 +23,10 @@ EPILOG = """exit codes: 0 certified answer, 2 bad input, 3 not converged, 4 a so
 
 Everything that starts with one dash is a PETSc option: -body_ksp_type cg -body_pc_type gamg for the
 solves with a body's stiffness, -qp_tao_type gpcg for the contact subproblems, -log_view for times."""
+
+
+REPEATED = ("--set=", "--vary=")
+"""Arguments that may be followed by several KEY=VALUE."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -44,6 +48,8 @@ def build_parser() -> argparse.ArgumentParser:
     scene.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
                        help="override any key of the scene, as in body.upper.material.young=1e9")
     scene.add_argument("--quiet", action="store_true", help="say nothing but errors")
+    scene.add_argument("--log", metavar="FILE", help="append everything that is said to FILE, with time stamps, also "
+                       "what --quiet keeps off the screen")
     formats = {"epilog": EPILOG, "formatter_class": argparse.RawDescriptionHelpFormatter, "allow_abbrev": False}
     run = commands.add_parser("run", help="solve a scene, on as many ranks as it has bodies",
                               parents=[scene], **formats)
@@ -53,15 +59,38 @@ def build_parser() -> argparse.ArgumentParser:
     run.add_argument("--no-figures", action="store_true", help="draw no pictures")
     commands.add_parser("verify", help="solve a small scene twice, also as the coupled problem by brute force, "
                         "and compare", parents=[scene], **formats)
+    _add_sweep(commands, scene, formats)
     figures = commands.add_parser("figures", help="draw the pictures of saved results anew", allow_abbrev=False)
     figures.add_argument("folder", metavar="DIR")
+    plot = commands.add_parser("sweep-plot", help="draw a result of a sweep against a parameter", allow_abbrev=False)
+    plot.add_argument("folder", metavar="DIR", help="folder of the sweep")
+    plot.add_argument("plots", nargs="+", metavar="RESULT:KEY", help="two columns of its table, as in n_A:theta")
+    commands.add_parser("info", help="print versions and which solvers are there", allow_abbrev=False)
     return parser
+
+
+def _add_sweep(commands: argparse._SubParsersAction, scene: argparse.ArgumentParser, formats: dict) -> None:
+    sweep = commands.add_parser("sweep", help="run a scene for all combinations of some values",
+                                parents=[scene], **formats)
+    sweep.add_argument("--vary", action="append", default=[], metavar="KEY=VALUES",
+                       help="values of a key of the scene: first:last:number, the same with :log at the end, or "
+                       "value,value,…; KEY,KEY=VALUES vary together")
+    sweep.add_argument("--output", metavar="DIR", required=True,
+                       help="folder of the sweep; cases that are finished there are not run again")
+    sweep.add_argument("--index", metavar="I", help="run case number I only, or as I/N every N-th case from I on "
+                       "(of a job array: --index $SLURM_ARRAY_TASK_ID)")
+    only = sweep.add_mutually_exclusive_group()
+    only.add_argument("--list", action="store_true", help="run nothing, list the cases and how they ended")
+    only.add_argument("--gather", action="store_true", help="run nothing, write the table of what is there")
+    sweep.add_argument("--plot", action="append", default=[], metavar="RESULT:KEY",
+                       help="draw one column of the table against another, as in n_A:theta")
+    sweep.add_argument("--figures", action="store_true", help="draw the pictures of every case")
 
 
 def split_arguments(arguments: list[str]) -> tuple[list[str], list[str]]:
     """Our own arguments, and PETSc's: those with one dash and a letter, each with its value.
 
-    One ``--set`` may be followed by several KEY=VALUE.
+    One ``--set`` or ``--vary`` may be followed by several KEY=VALUE.
     """
     own, petsc = [], []
     i = 0
@@ -71,11 +100,11 @@ def split_arguments(arguments: list[str]) -> tuple[list[str], list[str]]:
             if i + 1 < len(arguments) and not re.match(r"--?[A-Za-z]", arguments[i + 1]):
                 i += 1
                 petsc.append(arguments[i])
-        elif "=" in arguments[i] and own and own[-1].startswith("--set="):
-            own.append(f"--set={arguments[i]}")
-        elif arguments[i] == "--set" and i + 1 < len(arguments):
+        elif "=" in arguments[i] and own and own[-1].startswith(REPEATED):
+            own.append(f"{own[-1].partition('=')[0]}={arguments[i]}")
+        elif f"{arguments[i]}=" in REPEATED and i + 1 < len(arguments):
             i += 1
-            own.append(f"--set={arguments[i]}")
+            own.append(f"{arguments[i - 1]}={arguments[i]}")
         else:
             own.append(arguments[i])
         i += 1
@@ -93,16 +122,17 @@ def main(arguments: list[str] | None = None) -> None:
     except BaseException as error:
         # One rank may be alone with this, so no rank may wait for it: end them all.
         if isinstance(error, DdmpiError):
-            print(f"ddmpi: {error.kind}: {error}", file=sys.stderr, flush=True)
+            logs.tell_error(f"ddmpi: {error.kind}: {error}")
             world.Abort(error.exit_code)
         text = "".join(traceback.format_exception(error))
-        print(f"ddmpi: internal error on rank {world.rank}:\n{text}", file=sys.stderr, flush=True)
+        logs.tell_error(f"ddmpi: internal error on rank {world.rank}:\n{text}")
         world.Abort(1)
     sys.exit(code)
 
 
 def _main(world: MPI.Comm, own: list[str], petsc: list[str]) -> int:
     from ddmpi.exchange import agreed
+    from ddmpi.provenance import command, whereabouts
 
     try:
         with agreed(world), contextlib.redirect_stdout(sys.stdout if world.rank == 0 else io.StringIO()):
@@ -110,17 +140,15 @@ def _main(world: MPI.Comm, own: list[str], petsc: list[str]) -> int:
                 options = build_parser().parse_args(own)
             except SystemExit as end:  # --help and --version
                 return end.code
-        _configure_logging(world, getattr(options, "quiet", False))
-        if options.command == "figures":
-            from ddmpi.figures import draw_all
-            draw_all(options.folder)
-        else:
-            _run(world, options, petsc)
+        with agreed(world):
+            logs.configure(world.rank, getattr(options, "quiet", False), getattr(options, "log", None),
+                           f"ddmpi {__version__} on {whereabouts()}: {command()}")
+        COMMANDS[options.command](world, options, petsc)
     except DdmpiError as error:
         if not error.agreed and world.size > 1:
             raise
         if world.rank == 0:
-            print(f"ddmpi: {error.kind}: {error}", file=sys.stderr, flush=True)
+            logs.tell_error(f"ddmpi: {error.kind}: {error}")
         traceback.clear_frames(error.__traceback__)
         return error.exit_code
     finally:
@@ -130,19 +158,12 @@ def _main(world: MPI.Comm, own: list[str], petsc: list[str]) -> int:
 
 def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
     from ddmpi.exchange import agreed
-    from ddmpi.scene import read_scene, read_text
+    from ddmpi.scene import read_scene
 
-    with agreed(world):
-        text = read_text(options.scene) if world.rank == 0 else None
-    text = world.bcast(text)
+    text = _scene_text(world, options)
     with agreed(world):
         scene = read_scene(options.scene, text, options.set)
-
-    import petsc4py
-
-    from ddmpi.petsc_options import as_arguments
-
-    petsc4py.init([sys.argv[0], *as_arguments(scene.petsc), *petsc], comm=world)
+    _init_petsc(world, scene.petsc, petsc)
     from ddmpi import interrupt
     from ddmpi.run import run, verify
 
@@ -154,13 +175,68 @@ def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None
             restart=options.restart)
 
 
-def _configure_logging(world: MPI.Comm, quiet: bool) -> None:
-    """A handler on rank 0 only; other ranks are silent."""
-    logger = logging.getLogger("ddmpi")
-    logger.propagate = False
-    handler: logging.Handler = logging.NullHandler()
+def _sweep(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
+    from ddmpi.cases import build_cases, choose
+    from ddmpi.exchange import agreed
+
+    text = _scene_text(world, options)
+    with agreed(world):
+        cases = build_cases(options.scene, text, options.set, options.vary)
+        chosen = choose(cases, options.index)
+    tables = [case.scene.petsc for case in cases]
+    _init_petsc(world, {name: value for name, value in tables[0].items()
+                        if all(table.get(name) == value for table in tables)}, petsc)
+    from ddmpi import interrupt
+    from ddmpi.sweep import Sweep, gather_sweep, list_cases, run_sweep
+
+    interrupt.listen()
+    sweep = Sweep(options.scene, Path(options.output), cases, chosen, petsc, options.figures, options.plot)
+    if options.list:
+        if world.rank == 0:
+            list_cases(sweep)
+    else:
+        (gather_sweep if options.gather else run_sweep)(world, sweep)
+
+
+def _draw(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
+    from ddmpi.exchange import agreed
+    from ddmpi.figures import draw_all
+    from ddmpi.sweep_figures import draw_plots
+
+    with agreed(world):
+        if world.rank == 0:
+            if options.command == "figures":
+                draw_all(options.folder)
+            else:
+                for path in draw_plots(Path(options.folder), options.plots):
+                    print(path)
+
+
+def _info(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
+    _init_petsc(world, {}, petsc)
+    from ddmpi.info import describe_installation
+
     if world.rank == 0:
-        handler = logging.StreamHandler(sys.stdout)
-        handler.setFormatter(logging.Formatter("%(message)s"))
-    logger.handlers = [handler]
-    logger.setLevel(logging.ERROR if quiet or world.rank else logging.INFO)
+        print(describe_installation(), end="")
+
+
+COMMANDS = {"run": _run, "verify": _run, "sweep": _sweep, "figures": _draw, "sweep-plot": _draw, "info": _info}
+
+
+def _scene_text(world: MPI.Comm, options: argparse.Namespace) -> str:
+    """The scene as rank 0 reads it. Collective."""
+    from ddmpi.exchange import agreed
+    from ddmpi.scene import read_text
+
+    with agreed(world):
+        text = read_text(options.scene) if world.rank == 0 else None
+    return world.bcast(text)
+
+
+def _init_petsc(world: MPI.Comm, table: dict, petsc: list[str]) -> None:
+    """Start PETSc with a scene's options and those of the command line, which win. Collective."""
+    import petsc4py
+
+    from ddmpi.petsc_options import as_arguments
+
+    petsc4py.init([sys.argv[0], *as_arguments(table), *petsc], comm=world)

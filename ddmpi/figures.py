@@ -41,13 +41,20 @@ def draw_all(folder: str | Path) -> list[Path]:
                              ("contact.png", draw_contact(interface, summary)),
                              ("convergence.png", draw_convergence(history, summary))):
             try:
-                figure.savefig(folder / name)
+                figure.savefig(folder / name, metadata=identity(summary))
             except OSError as error:
                 raise OutputError(f"{folder / name}: cannot be written: {error.strerror}") from None
             finally:
                 plt.close(figure)
             drawn.append(folder / name)
     return drawn
+
+
+def identity(summary: dict) -> dict[str, str]:
+    """Metadata of a picture (PNG text chunks) that lead back to its run. Not collective."""
+    version = summary.get("versions", {}).get("ddmpi", "of unknown version")
+    told = [f"run {summary['run']}: {summary['command']}, in {summary['working_folder']}"] if "run" in summary else []
+    return {"Title": summary["title"], "Software": f"ddmpi {version}", "Description": "".join(told) or "unknown run"}
 
 
 def draw_bodies(fields: dict[str, np.ndarray], summary: dict):

@@ -52,7 +52,7 @@ def build_mesh(body: BodySpec, folder: Path = Path(".")) -> Mesh:
     current directory. Not collective. Raises InputError.
     """
     spec = body.mesh
-    mesh = generate_rectangle(spec) if spec.file is None else read_mesh(_locate(body, folder), body.name)
+    mesh = generate_rectangle(spec) if spec.file is None else read_mesh(locate_mesh(body, folder), body.name)
     if spec.order == 2:
         mesh = raise_order(mesh, f"body.{body.name}.mesh")
     for key, names in (("clamp", [c.on for c in body.clamps]), ("traction", [t.on for t in body.traction])):
@@ -225,7 +225,8 @@ def signed_double_areas(points: np.ndarray, triangles: np.ndarray) -> np.ndarray
     return (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
 
 
-def _locate(body: BodySpec, folder: Path) -> Path:
+def locate_mesh(body: BodySpec, folder: Path) -> Path:
+    """The mesh file of `body`, looked for in `folder`, then in the current one. Raises InputError."""
     name = Path(body.mesh.file)
     places = [name] if name.is_absolute() else [folder / name, name]
     for place in places:

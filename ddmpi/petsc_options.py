@@ -8,11 +8,46 @@ import ctypes
 def as_arguments(table: dict[str, str | int | float | bool]) -> list[str]:
     """A scene's [petsc] table as arguments of petsc4py.init; put before the command line's, which win."""
     arguments = []
-    for name, value in table.items():
-        arguments.append(f"-{name.lstrip('-')}")
-        if value is not True:  # a bare option is a flag that is set
-            arguments.append("false" if value is False else str(value))
+    for name, value in _plain(table).items():
+        arguments += [f"-{name}"] if value is None else [f"-{name}", value]
     return arguments
+
+
+def _plain(table: dict[str, str | int | float | bool]) -> dict[str, str | None]:
+    """Names without a dash and values as PETSc reads them; a bare option is a flag that is set."""
+    return {name.lstrip("-"): None if value is True else "false" if value is False else str(value)
+            for name, value in table.items()}
+
+
+class RunOptions:
+    """PETSc's options for several runs of one process: each sees its scene's and the command line's, and
+    nothing that an earlier run has set or used.
+
+    To be made after petsc4py.init. Not collective; all ranks do the same.
+    """
+
+    def __init__(self) -> None:
+        from petsc4py import PETSc
+
+        self._options = PETSc.Options()
+        self._given = self._options.getAll()
+        self._consumed = set(self._given) - set(unused_options())  # by PetscInitialize, and so used
+
+    def use(self, table: dict[str, str | int | float | bool]) -> None:
+        """Options from now on: those of the scene's [petsc] `table`, and those given to petsc4py.init, which win."""
+        self.reset()
+        for name, value in _plain(table).items():
+            if name not in self._given:
+                self._options.setValue(name, value)
+
+    def reset(self) -> None:
+        """Back to those given to petsc4py.init, as fresh as they were then."""
+        for name in self._options.getAll():
+            self._options.delValue(name)
+        for name, value in self._given.items():
+            self._options.setValue(name, value)
+            if name in self._consumed:
+                self._options.hasName(name)  # PETSc notes that it was asked for
 
 
 def unused_options() -> list[str]:

@@ -5,16 +5,13 @@ from __future__ import annotations
 import contextlib
 import logging
 import resource
-import sys
 from dataclasses import asdict
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-import ddmpi
 from ddmpi.algorithm import OuterIteration, Step
 from ddmpi.checkpoint import Checkpoints, continue_from, identify
 from ddmpi.coupled import check_size, solve_coupled
@@ -25,6 +22,7 @@ from ddmpi.estimate import ErrorEstimate, estimate_error, relative_error
 from ddmpi.exchange import agreed
 from ddmpi.petsc_options import unused_options
 from ddmpi.problem import Clock, Problem, check_ranks, prepare
+from ddmpi.provenance import provenance, versions
 from ddmpi.results import (
     Fields,
     Staging,
@@ -75,7 +73,7 @@ def run(world: MPI.Comm, scene: Scene, scene_path: str, output: str | None, figu
                 answer, outer = solve(problem, scene.method, _report_step, checkpoints)
             with clock.phase("estimate"):
                 estimate = estimate_error(problem.mesh, problem.spec.material, answer.displacement)
-            summary = _summary(problem, outer, answer, estimate)
+            summary = _summary(problem, outer, answer, estimate) | provenance(world, clock.started)
             _log_end(summary, answer)
             _write(problem, folder, clock, summary, outer, answer, figures, checkpoints)
     except DdmpiError:
@@ -124,7 +122,6 @@ def _summary(problem: Problem, outer: OuterIteration, answer: Answer, estimate: 
     """All of summary.json but the times. Collective; bodies in the order of the scene."""
     world, scene, body, order = problem.world, problem.scene, problem.body, problem.order
     counts = world.allgather(dict(body.C.count))
-    hosts = world.allgather(MPI.Get_processor_name())
     memory = world.allgather(round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1))
     solver = world.allgather(body.C.solver.description)
     steps = world.allgather(body.steps)
@@ -153,7 +150,6 @@ def _summary(problem: Problem, outer: OuterIteration, answer: Answer, estimate: 
         "exchange": {"messages": outer.exchange.messages, "bytes": outer.exchange.bytes},
         "solvers": {"body": solver, "compliance": body.C.kind,
                     "qp": "none" if scene.method.outer == "newton" else body.qp_solver.type},
-        "hosts": hosts, "versions": versions(),
         "options": PETSc.Options().getAll(), "options_unused": unused, "scene": scene.resolved(),
     }
 
@@ -216,19 +212,6 @@ def _fields(problem: Problem, answer: Answer) -> Fields:
         return Fields(mesh.points, mesh.triangles, answer.displacement)
     sigma = stress(mesh, problem.spec.material, answer.displacement)
     return Fields(mesh.points, mesh.triangles, answer.displacement, sigma, von_mises(sigma))
-
-
-def versions() -> dict[str, str]:
-    """Versions of what a result depends on."""
-    found = {"ddmpi": ddmpi.__version__, "python": sys.version.split()[0],
-             "petsc": ".".join(str(v) for v in PETSc.Sys.getVersion()),
-             "mpi": MPI.Get_library_version().split("\n")[0].split(",")[0].strip("\0 ")}
-    for name in ("petsc4py", "mpi4py", "numpy", "scipy", "scikit-fem", "gmsh", "meshio", "h5py"):
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:  # Debian's petsc4py carries no metadata
-            found[name] = getattr(sys.modules.get(name), "__version__", "unknown")
-    return found
 
 
 def _log_plan(problem: Problem, figures: bool) -> None:

@@ -275,7 +275,7 @@ class Scene(_Table, kw_only=True):
         for name in self.contact[0].bodies:
             if name not in names:
                 raise ValueError(f"contact.0.bodies names {name!r}, but the bodies are {', '.join(names)}"
-                                 f"{_nearest(name, names)}")
+                                 f"{nearest(name, names)}")
         if self.contact[0].bodies[0] == self.contact[0].bodies[1]:
             raise ValueError("contact.0.bodies names one body twice; contact is between two bodies")
         planes = {b.material.plane for b in self.body}
@@ -337,10 +337,7 @@ def _override(data: dict, setting: str) -> None:
     key, separator, value = setting.partition("=")
     if not separator or not key:
         raise InputError(f"--set {setting}: expected KEY=VALUE, as in method.theta=0.3")
-    try:
-        value = tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
-        value = value.strip()
+    value = parse_value(value)
     *parents, last = key.strip().split(".")
     table: Any = data
     for depth, part in enumerate(parents):
@@ -353,6 +350,14 @@ def _override(data: dict, setting: str) -> None:
         table[last] = value
 
 
+def parse_value(text: str) -> Any:
+    """What stands after KEY= on the command line: a TOML value, or else a plain string."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text.strip()
+
+
 def _index(table: list, part: str, key: str) -> int:
     """Position in an array of tables, by number or by the entry's name."""
     names = [entry["name"] for entry in table if isinstance(entry, dict) and "name" in entry]
@@ -361,10 +366,11 @@ def _index(table: list, part: str, key: str) -> int:
     if part.isdecimal() and int(part) < len(table):
         return int(part)
     known = names or [f"0 to {len(table) - 1}" if table else "none, the list is empty"]
-    raise InputError(f"--set {key}: there is no entry {part!r}; there are {', '.join(known)}{_nearest(part, names)}")
+    raise InputError(f"--set {key}: there is no entry {part!r}; there are {', '.join(known)}{nearest(part, names)}")
 
 
-def _nearest(word: str, words: list[str]) -> str:
+def nearest(word: str, words: list[str]) -> str:
+    """The end of a message that proposes the most similar of `words`; empty where none is similar."""
     close = difflib.get_close_matches(word, words, n=1, cutoff=0.5)
     return f"; did you mean {close[0]!r}?" if close else ""
 
@@ -391,7 +397,7 @@ def _explain(message: str, data: dict) -> str:
     if unknown:
         fields = _fields(kind)
         full = ".".join([*named, unknown[1]])
-        return f"{full}: unknown key{_nearest(unknown[1], fields)} (valid here: {', '.join(fields)})"
+        return f"{full}: unknown key{nearest(unknown[1], fields)} (valid here: {', '.join(fields)})"
     if missing:
         return f"{'.'.join([*named, missing[1]])}: this key is required and missing"
     kinds = [kind, *get_args(kind)]  # a Literal, or one in a union
@@ -401,7 +407,7 @@ def _explain(message: str, data: dict) -> str:
     if "Invalid" in problem and allowed:
         number = "a number or " * (float in kinds)
         return (f"{key}: {here!r} is not valid; expected {number}one of {', '.join(allowed)}"
-                f"{_nearest(str(here), allowed)}")
+                f"{nearest(str(here), allowed)}")
     got = f" (got {here!r})" if parts and not isinstance(here, dict | list) else ""
     problem = problem.replace("object", "a table").replace("array", "a list")
     return (f"{key}: " if key else "") + problem[:1].lower() + problem[1:].replace("`", "") + got

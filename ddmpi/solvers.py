@@ -161,20 +161,22 @@ class StiffnessSolver:
 
 def best_cholesky(A: PETSc.Mat) -> str:
     """The best Cholesky factorization that this PETSc offers for A."""
-    for package in ("mumps", "cholmod"):
-        pc = PETSc.PC().create(A.comm)
-        try:
-            pc.setOperators(A)
-            pc.setType(PETSc.PC.Type.CHOLESKY)
-            pc.setFactorSolverType(package)
-            pc.setFactorSetUpSolverType()
-        except PETSc.Error:
-            continue
-        else:
-            return package
-        finally:
-            pc.destroy()
-    return "petsc"
+    return next((package for package in ("mumps", "cholmod") if offers_cholesky(A, package)), "petsc")
+
+
+def offers_cholesky(A: PETSc.Mat, package: str) -> bool:
+    """Whether this PETSc has a Cholesky factorization of that package for A."""
+    pc = PETSc.PC().create(A.comm)
+    try:
+        pc.setOperators(A)
+        pc.setType(PETSc.PC.Type.CHOLESKY)
+        pc.setFactorSolverType(package)
+        pc.setFactorSetUpSolverType()
+    except PETSc.Error:
+        return False
+    finally:
+        pc.destroy()
+    return True
 
 
 class QPSolver:
@@ -222,14 +224,17 @@ class QPSolver:
         if qp.residual(start, Cs) <= tolerance:
             return QPResult(start, Cs, qp.residual(start, Cs), 0, {})
         bounded = np.isfinite(qp.lower).any() or np.isfinite(qp.upper).any()
-        if self.type == "python" or not bounded:
-            result = self._mprgp(qp, start, Cs, tolerance, purpose)
-        else:
-            result = self._petsc(qp, start, Cs, tolerance, purpose)
-        if not result.residual <= 1.01 * tolerance:
-            raise SolverError(f"subproblem for {purpose}: TAO type {self.type} ended with {self._reason()} after "
-                              f"{result.iterations} iterations; projected gradient {result.residual:.2e} m, "
-                              f"needed {tolerance:.2e} m")
+        try:
+            if self.type == "python" or not bounded:
+                result = self._mprgp(qp, start, Cs, tolerance, purpose)
+            else:
+                result = self._petsc(qp, start, Cs, tolerance, purpose)
+            if not result.residual <= 1.01 * tolerance:
+                raise SolverError(f"subproblem for {purpose}: TAO type {self.type} ended with {self._reason()} after "
+                                  f"{result.iterations} iterations; projected gradient {result.residual:.2e} m, "
+                                  f"needed {tolerance:.2e} m")
+        finally:
+            self._release()
         return result
 
     def _mprgp(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, purpose: str) -> QPResult:
@@ -261,8 +266,7 @@ class QPSolver:
         return QPResult(s, Cs, qp.residual(s, Cs), iterations, {})
 
     def _create(self, problem: _Scaled, kind: str, tolerance: float) -> PETSc.TAO:
-        if self._tao is not None:
-            self._tao.destroy()
+        self._release()
         tao = self._tao = PETSc.TAO().create(PETSc.COMM_SELF)
         tao.setOptionsPrefix("qp_")
         if kind == "python":
@@ -286,6 +290,12 @@ class QPSolver:
         if kind in ("gpcg", "tron") and not PETSc.Options("qp_").hasName("pc_type"):
             tao.getKSP().getPC().setType(PETSc.PC.Type.NONE)  # the Hessian is a shell
         return tao
+
+    def _release(self) -> None:
+        """Let the TAO go at once: it holds the body's matrices, and would hold them for ever in PETSc 3.18."""
+        if self._tao is not None:
+            self._tao.destroy()
+            self._tao = None
 
     def _reason(self) -> str:
         return reason_name(TaoReason, self._tao.getConvergedReason()) if self._tao else "nothing done"

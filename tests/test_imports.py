@@ -9,13 +9,14 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "ddmpi"
 
-ORDER = ["errors", "interrupt", "scene", "mesh", "elements", "stiffness", "elasticity", "estimate",
-         "interface", "petsc_versions", "qp", "mprgp", "schur", "solvers", "compliance", "preconditioner",
-         "body", "exchange", "coupled", "algorithm", "anderson", "newton", "certificate", "diagnosis",
-         "petsc_options", "problem", "checkpoint", "solution", "results", "figures", "run", "cli", "__main__"]
+ORDER = ["errors", "interrupt", "logs", "provenance", "scene", "cases", "mesh", "elements",
+         "stiffness", "elasticity", "estimate", "interface", "petsc_versions", "qp", "mprgp", "schur",
+         "solvers", "compliance", "preconditioner", "body", "exchange", "coupled", "algorithm", "anderson",
+         "newton", "certificate", "diagnosis", "petsc_options", "problem", "checkpoint", "solution",
+         "results", "figures", "sweep_table", "sweep_figures", "info", "run", "sweep", "cli", "__main__"]
 """From the bottom to the top: a module imports only modules to its left."""
 
-MAY_IMPORT_MPI = {"exchange", "problem", "checkpoint", "results", "run", "cli", "__main__"}
+MAY_IMPORT_MPI = {"exchange", "problem", "checkpoint", "provenance", "results", "run", "sweep", "cli", "__main__"}
 """`exchange`, and the rooms that compose a run around a communicator; the serial work knows no MPI."""
 
 MODULES = sorted(path.stem for path in PACKAGE.glob("*.py") if path.stem != "__init__")

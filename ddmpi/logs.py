@@ -1,0 +1,110 @@
+"""Where the story of a run goes: the screen, and a file with time stamps; rank 0 tells it."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from ddmpi.errors import InputError, OutputError
+
+_logger = logging.getLogger("ddmpi")
+_file: Path | None = None
+
+
+class _LogFile(logging.FileHandler):
+    """Appends lines with time stamps (UTC). Where the file can no longer be written, says so once and goes on:
+    a log is not worth a run."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, encoding="utf-8")
+        self.setFormatter(_Stamped())
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        error = sys.exc_info()[1]
+        self.setLevel(logging.CRITICAL + 1)
+        print(f"ddmpi: warning: the log {self.baseFilename} cannot be written any more ({error}); the run goes on",
+              file=sys.stderr, flush=True)
+
+
+class _Stamped(logging.Formatter):
+    """A stamp before every line, also of a message that has several."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        stamp = utc(record.created)
+        return "\n".join(f"{stamp}  {line}".rstrip() for line in super().format(record).split("\n"))
+
+
+def utc(seconds: float | None = None) -> str:
+    """A time since the epoch, or now, as ISO 8601 in UTC, to the second."""
+    return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(seconds))
+
+
+def configure(rank: int, quiet: bool = False, file: str | None = None, heading: str = "") -> None:
+    """Say everything on rank 0's screen, or nothing but errors where it is to be `quiet`; other ranks are silent.
+
+    `file` gets the same lines with time stamps, also those that `quiet` keeps off the screen, after the line
+    `heading`; what it holds already stays, so that a job that was requeued goes on with it. Not collective. Raises
+    InputError, on rank 0, where the file cannot be written.
+    """
+    global _file
+    _file = Path(file) if file else None
+    close()
+    _logger.propagate = False
+    _logger.setLevel(logging.INFO if rank == 0 else logging.ERROR)
+    if rank:
+        _logger.handlers = [logging.NullHandler()]
+        return
+    screen = logging.StreamHandler(sys.stdout)
+    screen.setFormatter(logging.Formatter("%(message)s"))
+    screen.setLevel(logging.ERROR if quiet else logging.INFO)
+    _logger.handlers = [screen]
+    if _file:
+        try:
+            _logger.addHandler(_LogFile(_file))
+        except OSError as error:
+            raise InputError(f"--log {_file}: cannot be written: {error.strerror}") from None
+        _logger.handlers[-1].handle(_record(logging.INFO, heading))
+
+
+def close() -> None:
+    """Let go of the file."""
+    for handler in _logger.handlers:
+        handler.close()
+    _logger.handlers = []
+
+
+@contextlib.contextmanager
+def diverted(path: Path | None) -> Iterator[None]:
+    """Meanwhile everything goes to the file `path` (appended to) instead; rank 0 gives one, others None.
+
+    Raises OutputError where the file cannot be opened.
+    """
+    before = _logger.handlers
+    try:
+        _logger.handlers = [_LogFile(path) if path else logging.NullHandler()]
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
+    try:
+        yield
+    finally:
+        close()
+        _logger.handlers = before
+
+
+def tell_error(message: str) -> None:
+    """Print an error on stderr and add it to the log file; by any rank, on its own."""
+    print(message, file=sys.stderr, flush=True)
+    files = [handler for handler in _logger.handlers if isinstance(handler, _LogFile)]
+    if not files and _file:  # of a rank that keeps no log
+        with contextlib.suppress(OSError):  # the message is on the screen
+            files = [_LogFile(_file)]
+    for handler in files:
+        handler.handle(_record(logging.ERROR, message))
+
+
+def _record(level: int, message: str) -> logging.LogRecord:
+    return _logger.makeRecord(_logger.name, level, "", 0, message, (), None)

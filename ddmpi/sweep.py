@@ -1,0 +1,216 @@
+"""Run the cases of a sweep one after another in one set of processes, and gather what came out.
+
+Each case has a folder of its own, written by whoever runs it; a failing case is recorded and the next
+one starts. What a dying process leaves behind is the complete results of the cases before; started
+again, the sweep goes on with those that are missing, the ones that were tried before last.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import logging
+import time
+import traceback
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ddmpi.cases import Case
+from ddmpi.errors import DdmpiError, InputError, NotConvergedError, OutputError
+from ddmpi.exchange import agreed
+from ddmpi.logs import diverted, utc
+from ddmpi.petsc_options import RunOptions
+from ddmpi.problem import check_ranks
+from ddmpi.provenance import process_seconds
+from ddmpi.run import run
+from ddmpi.sweep_figures import check_plots, draw_plots
+from ddmpi.sweep_table import gather, identify, read_outcome, record_case, refuse_others, status_of
+
+log = logging.getLogger("ddmpi")
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """What was asked for.
+
+    Attributes
+    ----------
+    scene_path : the scene's file
+    folder : of the sweep, with a folder for each case in it
+    cases : all of them
+    chosen : those to run now
+    petsc : PETSc options of the command line
+    figures : whether every case gets its pictures
+    plots : RESULT:KEY, pictures of the gathered table
+    """
+
+    scene_path: str
+    folder: Path
+    cases: list[Case]
+    chosen: list[Case]
+    petsc: list[str] = field(default_factory=list)
+    figures: bool = False
+    plots: list[str] = field(default_factory=list)
+
+    def place(self, case: Case) -> Path:
+        """The folder of a case."""
+        return self.folder / case.folder
+
+    def identity(self, case: Case) -> dict:
+        return identify(case, self.petsc, Path(self.scene_path).parent)
+
+
+def list_cases(sweep: Sweep) -> None:
+    """Print number, status and settings of the chosen cases. Not collective."""
+    for case in sweep.chosen:
+        print(f"{case.number:5d}  {read_outcome(sweep.place(case)).status:13}  {case.label}")
+
+
+def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
+    """Run the chosen cases that are not finished; gather the table where all were chosen. Collective.
+
+    Raises
+    ------
+    InputError
+        before any work: results of another sweep in the folder, a wrong number of ranks, an impossible plot
+    NotConvergedError
+        at the end, where a chosen case has no certified answer; a single case raises its own error
+    OutputError
+        where records, table or plots cannot be written
+
+    The same on all ranks.
+    """
+    start_up = process_seconds()
+    check_ranks(world, sweep.cases[0].scene)
+    fresh: list[int] = []
+    tried: list[int] = []
+    with agreed(world):
+        if world.rank == 0:
+            check_plots(sweep.plots, sweep.cases)
+            fresh, tried = _pending(sweep)
+    fresh, tried = world.bcast((fresh, tried))
+    log.info("%d cases in %s: %d to run%s, %d finished", len(sweep.chosen), sweep.folder, len(fresh) + len(tried),
+             f" ({len(tried)} of them tried before)" if tried else "", len(sweep.chosen) - len(fresh) - len(tried))
+    options, error = RunOptions(), None
+    gc.collect()
+    gc.freeze()  # what is there now stays; so that the collection after each case is quick
+    by_number = {case.number: case for case in sweep.chosen}
+    for done, number in enumerate([*fresh, *tried], 1):
+        case = by_number[number]
+        if world.bcast(world.rank == 0 and read_outcome(sweep.place(case)).finished):
+            log.info("case %d has been finished by another process meanwhile", number)
+            continue
+        start = time.perf_counter()
+        error = _run_case(world, sweep, case, options)
+        if world.rank == 0:
+            log.info("%d/%d  case %d  %s: %s, %.2f s", done, len(fresh) + len(tried), number, case.label,
+                     _describe(sweep, case, error), time.perf_counter() - start)
+    gc.unfreeze()
+    options.reset()
+    total = process_seconds()
+    log.info("start-up %.1f s of %.1f s (%.0f %%)", start_up, total, 100 * start_up / total)
+    if len(sweep.chosen) == len(sweep.cases):
+        _gather(world, sweep)
+    if error and len(sweep.chosen) == 1:
+        raise error
+    _judge(world, sweep)
+
+
+def gather_sweep(world: MPI.Comm, sweep: Sweep) -> None:
+    """Write the table of all cases and the plots without a run. Raises what `run_sweep` does. Collective."""
+    _gather(world, sweep)
+    _judge(world, sweep)
+
+
+def _gather(world: MPI.Comm, sweep: Sweep) -> None:
+    with agreed(world):
+        if world.rank == 0:
+            check_plots(sweep.plots, sweep.cases)
+            if not sweep.folder.is_dir():
+                raise OutputError(f"{sweep.folder}: there is no such folder, and so nothing to gather")
+            table, _ = gather(sweep.folder, sweep.cases)
+            log.info("table in %s", table)
+            for path in draw_plots(sweep.folder, sweep.plots):
+                log.info("plot in %s", path)
+
+
+def _pending(sweep: Sweep) -> tuple[list[int], list[int]]:
+    """Numbers of the chosen cases that were never tried, and of those that were, without results."""
+    try:
+        sweep.folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--output {sweep.folder}: cannot be made: {error.strerror}") from None
+    fresh, tried = [], []
+    for case in sweep.chosen:
+        outcome = read_outcome(sweep.place(case))
+        refuse_others(sweep.place(case), outcome, sweep.identity(case))
+        if not outcome.finished:
+            (fresh if outcome.status == "not run" else tried).append(case.number)
+    return fresh, tried
+
+
+def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions) -> DdmpiError | None:
+    """Run one case; its error, where all ranks agree on it. Collective.
+
+    Raises OutputError where the record of the case cannot be written: then there is no use in going on.
+    """
+    place, started, error = sweep.place(case), utc(), None
+    own = world.Dup()  # no message of a failing case may reach the next one
+    with contextlib.ExitStack() as stack:
+        with agreed(world):
+            if world.rank == 0:
+                _record(place, case, sweep, None, "", started)
+            stack.enter_context(diverted(place / "run.log" if world.rank == 0 else None))
+        options.use(case.scene.petsc)
+        try:
+            run(own, case.scene, sweep.scene_path, str(place), case.scene.output.figures and sweep.figures)
+        except DdmpiError as failure:
+            if not failure.agreed:
+                raise
+            error = failure
+            traceback.clear_frames(error.__traceback__)  # they hold PETSc's objects
+            log.error("ddmpi: error: %s", error)
+    gc.collect()  # what refers to itself in a circle, such as solvers and their contexts
+    PETSc.garbage_cleanup()  # PETSc 3.18 keeps what Python has let go of
+    own.Free()
+    with agreed(world):
+        if world.rank == 0:
+            code, reason = (error.exit_code, str(error).split("\n")[0]) if error else (0, "")
+            _record(place, case, sweep, code, reason, started)
+    return error
+
+
+def _record(place: Path, case: Case, sweep: Sweep, code: int | None, reason: str, started: str) -> None:
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{place}: cannot be made: {error.strerror}") from None
+    record_case(place, case, sweep.identity(case), code, reason, started)
+
+
+def _describe(sweep: Sweep, case: Case, error: DdmpiError | None) -> str:
+    """A case's end in one line."""
+    summary = read_outcome(sweep.place(case)).summary
+    said = f"{status_of(error.exit_code)}: {str(error).splitlines()[0]}" if error else "certified"
+    if not summary:
+        return said
+    unused = ", ".join(summary["options_unused"])
+    return (f"{said}, {summary['outer_iterations']} outer iterations, n_A = {summary['n_A']}"
+            f"{'; PETSc options that nothing used: ' + unused if unused else ''}")
+
+
+def _judge(world: MPI.Comm, sweep: Sweep) -> None:
+    """NotConvergedError unless all chosen cases have a certified answer. Collective."""
+    with agreed(world):
+        if world.rank == 0:
+            counts = Counter(read_outcome(sweep.place(case)).status for case in sweep.chosen)
+            certified = counts.pop("certified", 0)
+            if counts:
+                rest = ", ".join(f"{number} {status}" for status, number in counts.most_common())
+                raise NotConvergedError(f"{certified} of {len(sweep.chosen)} cases in {sweep.folder} have a certified "
+                                        f"answer; {rest}")
+            log.info("all %d cases have a certified answer", len(sweep.chosen))

@@ -1,0 +1,216 @@
+"""What a sweep leaves on disk: a record beside each case's results, and the table gathered from all.
+
+    DIR/sweep.csv              the table, a line per case
+    DIR/CASE/case.json         which case this is, when it was started, how it ended
+    DIR/CASE/run.log           what its run said
+    DIR/CASE/summary.json, …   its results
+
+A case is finished when its results are there: they are complete or absent.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import os
+import socket
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ddmpi.cases import Case
+from ddmpi.errors import InputError, OutputError
+from ddmpi.logs import utc
+from ddmpi.mesh import locate_mesh
+from ddmpi.scene import nearest
+
+TABLE = "sweep.csv"
+RECORD = "case.json"
+
+RESULTS = ("outer_iterations", "n_A", "eff", "n", "m", "contact.normal_force", "contact.tangential_force",
+           "contact.open", "contact.slip", "contact.stick", "certificate.force_mismatch", "certificate.penetration",
+           "certificate.complementarity", "certificate.friction", "certificate.equilibrium", "displacement_max",
+           "energy.0", "energy.1", "seconds.mesh", "seconds.assemble", "seconds.factor", "seconds.outer",
+           "seconds.output", "seconds.total", "memory_mib.0", "memory_mib.1")
+"""Columns of the table that come from summary.json, by their place in it."""
+
+STATUS = {0: "certified", 2: "refused", 3: "not converged", 4: "solver failed", 5: "not written"}
+"""Status by exit code; besides "not run", "unfinished" (its process died, or is still at it) and "failed"."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a case ended, as far as it did.
+
+    ``exit`` is the exit code of its run or None, ``reason`` the first line of what was said, ``summary``
+    the results or None.
+    """
+
+    status: str
+    exit: int | None = None
+    reason: str = ""
+    summary: dict | None = None
+    identity: dict | None = None
+
+    @property
+    def finished(self) -> bool:
+        return self.summary is not None
+
+
+def status_of(code: int) -> str:
+    return STATUS.get(code, "failed")
+
+
+def identify(case: Case, petsc: list[str], scene_folder: Path) -> dict:
+    """What decides the results of a case: scene, PETSc options of the command line, contents of mesh files."""
+    meshes = {}
+    for body in case.scene.body:
+        if body.mesh.file is not None:
+            try:
+                meshes[body.mesh.file] = hashlib.sha256(locate_mesh(body, scene_folder).read_bytes()).hexdigest()
+            except (InputError, OSError):
+                meshes[body.mesh.file] = "missing"  # the run will say so
+    return json.loads(json.dumps({"scene": case.scene.resolved(), "petsc": petsc, "meshes": meshes}))
+
+
+def record_case(folder: Path, case: Case, identity: dict, code: int | None = None, reason: str = "",
+                started: str | None = None) -> None:
+    """Write the record of a case, at its start without, at its end with an exit code. Raises OutputError."""
+    record = {"case": case.number, "values": case.values, "exit": code, "reason": reason,
+              "started": started or utc(), "host": socket.gethostname(), "process": os.getpid(), **identity}
+    write_atomically(folder / RECORD, json.dumps(record, indent=2, ensure_ascii=False) + "\n")
+
+
+def read_outcome(folder: Path) -> Outcome:
+    """How the case in `folder` ended, from what is on disk."""
+    try:
+        record = _read_json(folder / RECORD)
+        summary = _read_json(folder / "summary.json")
+        if record is None:
+            return Outcome("not run")
+        identity = {key: record[key] for key in ("scene", "petsc", "meshes")}
+        if summary is not None:
+            code = 0 if summary["converged"] else 3
+            return Outcome(status_of(code), code, summary["reason"], summary, identity)
+        if record["exit"] is None:
+            reason = f"started {record['started']} on {record['host']} as process {record['process']}"
+            return Outcome("unfinished", None, reason, None, identity)
+        return Outcome(status_of(record["exit"]), record["exit"], record["reason"], None, identity)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        return Outcome("unreadable", None, f"{folder}: {type(error).__name__}: {error}")
+
+
+def refuse_others(folder: Path, outcome: Outcome, identity: dict) -> None:
+    """InputError where the finished results in `folder` are not those of this `identity`."""
+    if outcome.finished and outcome.identity != identity:
+        where = _difference(outcome.identity, identity)
+        raise InputError(f"{folder}: there are results of another sweep, which differs in {where}; "
+                         "name another --output, or remove them")
+
+
+def columns(cases: list[Case]) -> list[str]:
+    """All columns of the table of these cases."""
+    return ["case", *cases[0].settings, "status", "exit", "reason", *RESULTS, "started", "folder"]
+
+
+def gather(folder: Path, cases: list[Case]) -> tuple[Path, list[dict]]:
+    """Write the table of `cases` out of what is on disk.
+
+    Returns
+    -------
+    Its path, and its rows; what is not known is None.
+
+    Raises OutputError. Not collective.
+    """
+    rows = []
+    for case in cases:
+        outcome = read_outcome(folder / case.folder)
+        summary = outcome.summary or {}
+        rows.append({"case": case.number, **case.values, "status": outcome.status, "exit": outcome.exit,
+                     "reason": outcome.reason, **{name: _at(summary, name) for name in RESULTS},
+                     "started": summary.get("started"), "folder": case.folder})
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns(cases), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)  # None is an empty field
+    path = folder / TABLE
+    write_atomically(path, text.getvalue())
+    return path, rows
+
+
+def read_table(path: Path) -> list[dict[str, Any]]:
+    """The rows of a table; numbers as numbers, empty fields as None. Raises InputError."""
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            return [{name: _number(text) for name, text in row.items()} for row in csv.DictReader(file)]
+    except (OSError, ValueError, csv.Error) as error:
+        raise InputError(f"{path}: not the table of a sweep: {error}") from None
+
+
+def find_column(word: str, names: Iterable[str]) -> str:
+    """The column called `word`, or the one that ends with it after a dot. Raises InputError."""
+    names = list(names)
+    fits = [name for name in names if name == word] or [name for name in names if name.endswith(f".{word}")]
+    if len(fits) == 1:
+        return fits[0]
+    if fits:
+        raise InputError(f"{word!r} may be {' or '.join(fits)}; say which")
+    last = {name.rpartition(".")[2]: name for name in names}
+    raise InputError(f"the table has no column {word!r}{nearest(word, [*names, *last])} "
+                     f"(columns: {', '.join(names)})")
+
+
+def write_atomically(path: Path, text: str) -> None:
+    """Write a file under another name and rename it: whoever reads it finds all or the former. Raises OutputError."""
+    temporary = path.with_name(f".{path.name}-{socket.gethostname()}-{os.getpid()}")
+    try:
+        temporary.write_text(text, encoding="utf-8")
+        os.replace(temporary, path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def _read_json(path: Path) -> dict | None:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+
+
+def _at(summary: dict, name: str) -> Any:
+    """The entry of a nested table or list by its dotted name; None where there is none."""
+    value: Any = summary
+    for part in name.split("."):
+        if isinstance(value, list):
+            value = value[int(part)] if int(part) < len(value) else None
+        else:
+            value = value.get(part) if isinstance(value, dict) else None
+    return value
+
+
+def _number(text: str | None) -> Any:
+    if not text:
+        return None
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
+
+
+def _difference(before: Any, now: Any, key: str = "") -> str:
+    """The first key whose value differs, and both values."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        for name in [*before, *(name for name in now if name not in before)]:
+            if before.get(name) != now.get(name):
+                return _difference(before.get(name), now.get(name), f"{key}.{name}".removeprefix("."))
+    if isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
+        for index, pair in enumerate(zip(before, now, strict=True)):
+            if pair[0] != pair[1]:
+                return _difference(*pair, f"{key}.{index}")
+    return f"{key.removeprefix('scene.')} ({before!r} there, {now!r} now)"
