@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.scene import Scene, parse_value, read_scene
+from ddmpi.keys import parse_value
+from ddmpi.scene import Scene, read_scene
 
 LARGEST_SWEEP = 10_000
 """Most cases of one sweep; more than that is a slip of the finger."""

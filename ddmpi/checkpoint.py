@@ -93,13 +93,14 @@ class Checkpoints:
     identity : as `identify` gives it
     clock : times the writing
     state : of this rank, to go on from; None to begin at the beginning
+    carried : further parts of the state, by name, beside those of `follow`
     """
 
     def __init__(self, problem: Problem, folder: Path | None, identity: dict[str, dict], clock: Clock,
-                 state: dict[str, Any] | None = None) -> None:
+                 state: dict[str, Any] | None = None, carried: dict[str, object] | None = None) -> None:
         self.problem, self.folder, self.identity, self.clock = problem, folder, identity, clock
         self.spec = problem.scene.checkpoint
-        self._parts: dict[str, object] = {}
+        self._parts, self._carried = {}, carried or {}
         self._begin, self._now = state, None
         self._written = -1
         self._last = time.monotonic()
@@ -113,7 +114,8 @@ class Checkpoints:
         One of them is ``outer``, the iteration. Raises InputError on all ranks when the meshes are others.
         """
         exchange = self.problem.exchange
-        self._parts = parts | {"body": self.problem.body, "compliance": self.problem.body.C, "exchange": exchange}
+        body = self.problem.body
+        self._parts = parts | self._carried | {"body": body, "compliance": body.C, "exchange": exchange}
         if self._begin:
             with agreed(self.problem.world):
                 self._restore()

@@ -10,6 +10,7 @@ iteration: that the contact problem is solved is the certificate's business.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,11 +41,18 @@ class ErrorEstimate:
     Attributes
     ----------
     squares : (nt,) squared error of each triangle, ∫ (σ* − σ_h) : C⁻¹ (σ* − σ_h) (J per metre of depth)
+    areas : (nt,) areas of the triangles (m²)
     energy : squared energy norm ∫ σ_h : C⁻¹ σ_h, twice the strain energy (J per metre of depth)
     """
 
     squares: np.ndarray
+    areas: np.ndarray
     energy: float
+
+    @property
+    def area(self) -> float:
+        """Area of the body (m²)."""
+        return float(self.areas.sum())
 
     @property
     def total(self) -> float:
@@ -56,6 +64,37 @@ def relative_error(squared_error: float, energy: float) -> float:
     """‖e‖ / ‖u‖ in the energy norm, with ‖u‖² = ‖u_h‖² + ‖e‖²; zero where nothing is strained."""
     size = squared_error + energy
     return float(np.sqrt(squared_error / size)) if size else 0.0
+
+
+@dataclass(frozen=True)
+class DiscretizationError:
+    """The estimated discretization error of all bodies together, as one rank holds it.
+
+    Attributes
+    ----------
+    relative : ‖e‖ / ‖u‖ in the energy norm of all bodies
+    by_body : each body's part of ‖e‖, over the same ‖u‖
+    own : the estimate of the rank's own body
+    mean : energy norm squared over area, of all bodies (J/m³)
+    """
+
+    relative: float
+    by_body: list[float]
+    own: ErrorEstimate
+    mean: float
+
+    def density(self) -> np.ndarray:
+        """Error of each triangle (nt,) per area over the mean energy norm per area; free of units."""
+        return np.sqrt(self.own.squares / self.own.areas / self.mean) if self.mean else np.zeros(len(self.own.areas))
+
+
+def sum_errors(bodies: Sequence[tuple[float, float, float]], own: ErrorEstimate) -> DiscretizationError:
+    """Of the squared errors, squared energy norms and areas of all bodies. Not collective."""
+    errors, energies, areas = (np.array(column) for column in zip(*bodies, strict=True))
+    size = errors.sum() + energies.sum()
+    parts = np.sqrt(errors / size) if size else np.zeros(len(errors))
+    return DiscretizationError(relative_error(errors.sum(), energies.sum()), parts.tolist(), own,
+                               float(energies.sum() / areas.sum()))
 
 
 def estimate_error(mesh: Mesh, material: Material, u: np.ndarray) -> ErrorEstimate:
@@ -72,7 +111,7 @@ def estimate_error(mesh: Mesh, material: Material, u: np.ndarray) -> ErrorEstima
         difference = _interpolate(recovered, cells, points[q]) - computed[:, q]
         squares += weight * area * _density(material, difference)
         energy += weight * float(area @ _density(material, computed[:, q]))
-    return ErrorEstimate(squares, energy)
+    return ErrorEstimate(squares, area, energy)
 
 
 def _order(triangles: np.ndarray) -> int:

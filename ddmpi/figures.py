@@ -18,7 +18,7 @@ PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "
 
 
 def draw_all(folder: str | Path) -> list[Path]:
-    """Draw bodies.png, contact.png and convergence.png in a folder of results.
+    """Draw bodies.png, contact.png, convergence.png, and error.png if it was asked for, in a folder of results.
 
     Not collective. Raises InputError where there are no results, OutputError where nothing can be
     written.
@@ -37,9 +37,11 @@ def draw_all(folder: str | Path) -> list[Path]:
         raise InputError(f"{folder}: not a complete folder of results: {error}") from None
     drawn = []
     with plt.rc_context(STYLE):
-        for name, figure in (("bodies.png", draw_bodies(fields, summary)),
-                             ("contact.png", draw_contact(interface, summary)),
-                             ("convergence.png", draw_convergence(history, summary))):
+        figures = [("bodies.png", draw_bodies(fields, summary)), ("contact.png", draw_contact(interface, summary)),
+                   ("convergence.png", draw_convergence(history, summary))]
+        if "error" in fields:
+            figures.append(("error.png", draw_error(fields, summary)))
+        for name, figure in figures:
             try:
                 figure.savefig(folder / name, metadata=identity(summary))
             except OSError as error:
@@ -72,9 +74,8 @@ def draw_bodies(fields: dict[str, np.ndarray], summary: dict):
     factor, unit = _scaled_unit(np.ptp(at), length_unit, prefixes=False)
     at, original = at / factor, points / factor
     box = np.ptp(at, axis=0)
-    horizontal = box[0] > 1.4 * box[1]
-    size = (8.6, 1.4 + 8.0 * box[1] / box[0]) if horizontal else (1.8 + 6.2 * box[0] / box[1], 6.4)
-    figure, axes = plt.subplots(figsize=(min(max(size[0], 4.8), 10), min(max(size[1], 3.0), 8)))
+    horizontal = _lies(box)
+    figure, axes = plt.subplots(figsize=_size(box))
     for body in np.unique(bodies):
         for edge in _outline(cells[bodies == body]):
             axes.plot(*original[edge].T, color="#9aa0a8", linewidth=0.7, zorder=1)
@@ -99,6 +100,31 @@ def draw_bodies(fields: dict[str, np.ndarray], summary: dict):
     axes.set(aspect="equal", xlabel=f"x ({unit})", ylabel=f"y ({unit})")
     factor, u_unit = _scaled_unit(largest, length_unit)
     axes.set_title(f"{_title(summary)}displacement × {scale:g}, largest {largest / factor:.3g} {u_unit}")
+    return figure
+
+
+def draw_error(fields: dict[str, np.ndarray], summary: dict):
+    """The estimated discretization error of each triangle; a figure."""
+    import matplotlib.pyplot as plt
+    from matplotlib.colors import LogNorm
+
+    cells, owner = _linear_triangles(fields["cells"])
+    factor, unit = _scaled_unit(np.ptp(fields["points"]), _units(summary)[0], prefixes=False)
+    at = fields["points"][:, :2] / factor
+    values = fields["error"][owner]
+    top = max(values.max(), 1e-300)
+    figure, axes = plt.subplots(figsize=_size(np.ptp(at, axis=0)))
+    image = axes.tripcolor(*at.T, cells, facecolors=np.maximum(values, 1e-3 * top), cmap="magma_r", rasterized=True,
+                           norm=LogNorm(1e-3 * top, top))
+    for body in np.unique(fields["body"]):
+        for edge in _outline(cells[fields["body"][owner] == body]):
+            axes.plot(*at[edge].T, color="black", linewidth=0.6)
+    wide = _lies(np.ptp(at, axis=0))
+    figure.colorbar(image, ax=axes, label="estimated error, over the mean (energy norm per area)", shrink=0.85,
+                    extend="min", orientation="horizontal" if wide else "vertical", aspect=40 if wide else 25)
+    axes.set(aspect="equal", xlabel=f"x ({unit})", ylabel=f"y ({unit})")
+    axes.set_title(f"{_title(summary)}estimated discretization error "
+                   f"{summary['discretization_error']['energy_norm']:.2g} of the energy norm")
     return figure
 
 
@@ -224,6 +250,17 @@ def _slip_bound(interface: dict[str, np.ndarray], summary: dict) -> np.ndarray |
         return value * interface["normal_stress"]
     largest = np.abs(interface["tangential_stress"]).max()
     return np.full(len(interface["x"]), float(value)) if value <= 3 * largest else None
+
+
+def _lies(box: np.ndarray) -> bool:
+    """Whether a box (2,) is so wide that its colour bar goes below it."""
+    return bool(box[0] > 1.4 * box[1])
+
+
+def _size(box: np.ndarray) -> tuple[float, float]:
+    """Size of a picture of bodies in a box (2,), in inches."""
+    width, height = (8.6, 1.4 + 8.0 * box[1] / box[0]) if _lies(box) else (1.8 + 6.2 * box[0] / box[1], 6.4)
+    return min(max(width, 4.8), 10), min(max(height, 3.0), 8)
 
 
 def _shade(axes, position: np.ndarray, status: np.ndarray) -> list[str]:

@@ -53,6 +53,8 @@ def build_mesh(body: BodySpec, folder: Path = Path(".")) -> Mesh:
     """
     spec = body.mesh
     mesh = generate_rectangle(spec) if spec.file is None else read_mesh(locate_mesh(body, folder), body.name)
+    for _ in range(spec.halvings):
+        mesh = halve(mesh, f"body.{body.name}.mesh")
     if spec.order == 2:
         mesh = raise_order(mesh, f"body.{body.name}.mesh")
     for key, names in (("clamp", [c.on for c in body.clamps]), ("traction", [t.on for t in body.traction])):
@@ -111,6 +113,18 @@ def raise_order(mesh: Mesh, key: str) -> Mesh:
     ends = np.divmod(sides, size)
     points = np.concatenate([mesh.points, (mesh.points[ends[0]] + mesh.points[ends[1]]) / 2])
     return Mesh(points, np.column_stack([mesh.triangles, size + number.reshape(-1, 3)]), groups)
+
+
+def halve(mesh: Mesh, key: str) -> Mesh:
+    """The mesh of order 1 with every side halved and every triangle cut in four alike.
+
+    Not collective. Raises what `raise_order` does.
+    """
+    fine = raise_order(mesh, key)
+    a, b, c, ab, bc, ca = fine.triangles.T
+    parts = np.stack([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]])
+    triangles = parts.transpose(2, 0, 1).reshape(-1, 3)
+    return Mesh(fine.points, triangles, {name: segments(edges) for name, edges in fine.groups.items()})
 
 
 def generate_rectangle(spec: MeshSpec) -> Mesh:

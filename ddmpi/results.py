@@ -23,7 +23,7 @@ from ddmpi.errors import InputError, OutputError
 from ddmpi.interface import Interface
 
 NAMES = ("result.h5", "result.xdmf", "history.csv", "interface.csv", "summary.json",
-         "bodies.png", "contact.png", "convergence.png")
+         "bodies.png", "error.png", "contact.png", "convergence.png")
 """All files of a result; the summary is renamed last, so where it is, the rest is."""
 
 HISTORY_COLUMNS = ("iteration", "update", "residual", "inner_precision", "n_A_1", "n_A_2")
@@ -61,7 +61,7 @@ KIND = {1: "Scalar", 3: "Vector", 6: "Tensor6"}
 
 @dataclass(frozen=True)
 class Fields:
-    """Fields of one body; stress and von Mises are None where no one asked for them.
+    """Fields of one body; stress, von Mises and error are None where no one asked for them.
 
     points (nv, 2) m, triangles (nt, 3 or 6), displacement (nv, 2) m, stress (nt, 4) as
     `elasticity.stress` and von_mises (nt,) in Pa.
@@ -72,6 +72,7 @@ class Fields:
     displacement: np.ndarray
     stress: np.ndarray | None = None
     von_mises: np.ndarray | None = None
+    error: np.ndarray | None = None
 
 
 def choose_folder(wanted: str | None, restart: str | None, scene: str) -> Path:
@@ -164,6 +165,8 @@ def write_fields(path: Path, fields: Fields, body: int, sizes: Sequence[tuple[in
         zero = np.zeros_like(xx)
         parts["stress"] = (np.column_stack([xx, xy, zero, yy, zero, zz]), cells)
         parts["von_mises"] = (fields.von_mises, cells)
+    if fields.error is not None:
+        parts["error"] = (fields.error, cells)
 
     def write() -> None:
         with h5py.File(path / "result.h5", "w" if body == 0 else "r+") as file:

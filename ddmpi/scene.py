@@ -6,17 +6,16 @@ would write it after ``--set``, and what would have been right.
 
 from __future__ import annotations
 
-import difflib
 import math
-import re
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
 
 from ddmpi.errors import InputError
+from ddmpi.keys import explain, nearest, override
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0)]
@@ -95,7 +94,8 @@ class MeshSpec(_Table, kw_only=True):
     """Either a generated shape (``shape, origin, size, divisions``) or a gmsh ``file``.
 
     ``order`` is that of the displacement: 1, linear triangles, or 2, straight-sided quadratic ones, with a
-    further node on the middle of each side.
+    further node on the middle of each side; left out, it is that of the other body, or that of the preset, or 1.
+    ``refine`` is how often the sides of a file's mesh are halved, or "as needed" for ``method.target_error``.
     """
 
     shape: Literal["rectangle"] | None = None
@@ -103,9 +103,21 @@ class MeshSpec(_Table, kw_only=True):
     size: tuple[Positive, Positive] | None = None
     divisions: tuple[PositiveInt, PositiveInt] | None = None
     file: str | None = None
-    order: Literal[1, 2] = 1
+    order: Literal[1, 2] | None = None
+    refine: Annotated[int, msgspec.Meta(ge=0, le=8)] | Literal["as needed"] = 0
+
+    @property
+    def halvings(self) -> int:
+        return self.refine if isinstance(self.refine, int) else 0
+
+    @property
+    def refinable(self) -> bool:
+        """Whether an accuracy target may make the mesh finer."""
+        return self.file is None or self.refine == "as needed"
 
     def __post_init__(self) -> None:
+        if self.file is None and self.refine:
+            raise ValueError("refine belongs to a file; a shape has divisions")
         if (self.shape is None) == (self.file is None):
             raise ValueError('a mesh is either { shape = "rectangle", size = …, divisions = … } '
                              'or { file = "….msh" }')
@@ -197,12 +209,23 @@ class ContactSpec(_Table, kw_only=True):
     friction: Coulomb | Tresca | NoFriction = NoFriction()
 
 
+ALGEBRAIC = 0.01
+"""The tolerance of the iteration, as a part of the discretization error that is asked for."""
+
+PRESETS = {"fast": {"order": 1, "tolerance": 1e-4},
+           "balanced": {"order": 2, "tolerance": 1e-6},
+           "accurate": {"order": 2, "tolerance": 1e-8, "target_error": 0.005}}
+"""Values of keys that a scene leaves out, by ``method.preset``; measured in docs/tradeoff.md."""
+
+
 class Method(_Table, kw_only=True):
     """How the iterations run; what is left out is chosen by `resolved`.
 
     ``outer`` is "newton" (the default, no parameter to tune), "anderson" (the published map, weighted by
     stiffness and accelerated), or "relaxation", the published iteration with fixed theta, which whoever
-    names ``algorithm``, ``splitting`` or ``theta`` asks for.
+    names ``algorithm``, ``splitting`` or ``theta`` asks for. ``target_error`` is the estimated discretization
+    error, relative in the energy norm, for which meshes are refined, up to ``max_unknowns``. ``preset`` is a name
+    for all of this, see `PRESETS`.
     """
 
     outer: Literal["newton", "anderson", "relaxation"] | None = None
@@ -211,6 +234,9 @@ class Method(_Table, kw_only=True):
     theta: Positive | None = None
     tolerance: Annotated[float, msgspec.Meta(gt=0, lt=1)] | None = None
     max_iterations: PositiveInt = 500
+    target_error: Annotated[float, msgspec.Meta(gt=0, lt=1)] | None = None
+    max_unknowns: PositiveInt = 3_000_000
+    preset: Literal["fast", "balanced", "accurate"] | None = None
     compliance: Literal["explicit", "direct", "iterative"] | None = None
     inner_precision: Annotated[float, msgspec.Meta(gt=0, le=1)] | Literal["fixed"] = 0.1
 
@@ -223,7 +249,9 @@ class Method(_Table, kw_only=True):
         return [name for name in ("algorithm", "splitting", "theta") if getattr(self, name) is not None]
 
     def resolved(self) -> Method:
-        """With all that was left out filled in."""
+        """With all that was left out filled in, but for what a preset says."""
+        if self.target_error and not self.tolerance:
+            return msgspec.structs.replace(self, tolerance=ALGEBRAIC * self.target_error).resolved()
         if self.outer != "relaxation" and not self._published:
             return msgspec.structs.replace(self, outer=self.outer or "newton", tolerance=self.tolerance or 1e-8)
         return msgspec.structs.replace(
@@ -238,6 +266,7 @@ class Output(_Table, kw_only=True):
     """
 
     stress: bool = True
+    error: bool = False
     figures: bool = True
     length_unit: str = "m"
     stress_unit: str = "Pa"
@@ -281,9 +310,21 @@ class Scene(_Table, kw_only=True):
         planes = {b.material.plane for b in self.body}
         if len(planes) > 1:
             raise ValueError("one body is in plane strain and the other in plane stress; they cannot touch")
-        if len({b.mesh.order for b in self.body}) > 1:
+        if len({b.mesh.order for b in self.body} - {None}) > 1:
             raise ValueError("the two bodies have mesh.order 1 and 2; forces at their common nodes would mean "
                              "different pressures, so give both the same")
+
+    def settled(self) -> Scene:
+        """With all that was left out filled in: what a preset says, and what follows from other keys."""
+        preset, method = PRESETS.get(self.method.preset, {}), self.method
+        order = next((b.mesh.order for b in self.body if b.mesh.order), preset.get("order", 1))
+        body = [msgspec.structs.replace(b, mesh=msgspec.structs.replace(b.mesh, order=order)) for b in self.body]
+        changes = {key: value for key, value in preset.items() if key != "order" and getattr(method, key) is None}
+        if method.target_error:
+            changes.pop("tolerance", None)  # it follows from the target
+        if not all(b.mesh.refinable for b in self.body):
+            changes.pop("target_error", None)  # a preset asks for what the meshes allow
+        return msgspec.structs.replace(self, body=body, method=msgspec.structs.replace(method, **changes).resolved())
 
     def resolved(self) -> dict:
         return msgspec.to_builtins(self)
@@ -308,13 +349,13 @@ def read_scene(path: str, text: str, settings: list[str] = ()) -> Scene:
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not valid TOML: {error}") from None
     for setting in settings:
-        _override(data, setting)
+        override(data, setting)
     try:
         scene = msgspec.convert(data, Scene)
     except msgspec.ValidationError as error:
-        raise InputError(f"{path}: {_explain(str(error), data)}") from None
+        raise InputError(f"{path}: {explain(str(error), data, Scene)}") from None
     _refuse_non_finite(path, scene.resolved())
-    return msgspec.structs.replace(scene, method=scene.method.resolved())
+    return scene.settled()
 
 
 def read_scene_file(path: str | Path, settings: list[str] = ()) -> Scene:
@@ -330,111 +371,6 @@ def read_text(path: str | Path) -> str:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise InputError(f"{path}: not a text file in UTF-8") from None
-
-
-def _override(data: dict, setting: str) -> None:
-    """Apply one ``KEY=VALUE``: the value is TOML, or else a plain string."""
-    key, separator, value = setting.partition("=")
-    if not separator or not key:
-        raise InputError(f"--set {setting}: expected KEY=VALUE, as in method.theta=0.3")
-    value = parse_value(value)
-    *parents, last = key.strip().split(".")
-    table: Any = data
-    for depth, part in enumerate(parents):
-        table = table[_index(table, part, key)] if isinstance(table, list) else table.setdefault(part, {})
-        if not isinstance(table, dict | list):
-            raise InputError(f"--set {key}: {'.'.join(parents[:depth + 1])} is a value, not a table")
-    if isinstance(table, list):
-        table[_index(table, last, key)] = value
-    else:
-        table[last] = value
-
-
-def parse_value(text: str) -> Any:
-    """What stands after KEY= on the command line: a TOML value, or else a plain string."""
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        return text.strip()
-
-
-def _index(table: list, part: str, key: str) -> int:
-    """Position in an array of tables, by number or by the entry's name."""
-    names = [entry["name"] for entry in table if isinstance(entry, dict) and "name" in entry]
-    if part in names:
-        return names.index(part)
-    if part.isdecimal() and int(part) < len(table):
-        return int(part)
-    known = names or [f"0 to {len(table) - 1}" if table else "none, the list is empty"]
-    raise InputError(f"--set {key}: there is no entry {part!r}; there are {', '.join(known)}{nearest(part, names)}")
-
-
-def nearest(word: str, words: list[str]) -> str:
-    """The end of a message that proposes the most similar of `words`; empty where none is similar."""
-    close = difflib.get_close_matches(word, words, n=1, cutoff=0.5)
-    return f"; did you mean {close[0]!r}?" if close else ""
-
-
-def _explain(message: str, data: dict) -> str:
-    """Turn msgspec's message and JSON path into a user's key and the nearest valid one."""
-    match = re.fullmatch(r"(.*?)(?: - at `(?:key in )?\$(.*)`)?", message, re.DOTALL)
-    problem, path = match[1], match[2] or ""
-    parts = re.findall(r"\w+|\.\.\.", path)
-    kind, here, named = Scene, data, []
-    for part in parts:
-        if part == "...":  # msgspec does not say which entry of a table of free names it was
-            part = next((name for name, value in here.items() if isinstance(value, dict | list)), part)
-        if isinstance(here, list) and part.isdecimal():
-            here = here[int(part)] if int(part) < len(here) else {}
-            part = (here.get("name") or part) if isinstance(here, dict) else part
-        elif isinstance(here, dict):
-            here = here.get(part, {})
-        named.append(str(part))
-        kind = _member(kind, part, here)
-    key = ".".join(named)
-    unknown = re.search(r"unknown field `(.*?)`", problem)
-    missing = re.search(r"missing required field `(.*?)`", problem)
-    if unknown:
-        fields = _fields(kind)
-        full = ".".join([*named, unknown[1]])
-        return f"{full}: unknown key{nearest(unknown[1], fields)} (valid here: {', '.join(fields)})"
-    if missing:
-        return f"{'.'.join([*named, missing[1]])}: this key is required and missing"
-    kinds = [kind, *get_args(kind)]  # a Literal, or one in a union
-    allowed = [a for k in kinds if get_origin(k) is Literal for a in get_args(k)]
-    if not allowed and parts and parts[-1] == "law":
-        allowed = ["coulomb", "tresca", "none"]
-    if "Invalid" in problem and allowed:
-        number = "a number or " * (float in kinds)
-        return (f"{key}: {here!r} is not valid; expected {number}one of {', '.join(allowed)}"
-                f"{nearest(str(here), allowed)}")
-    got = f" (got {here!r})" if parts and not isinstance(here, dict | list) else ""
-    problem = problem.replace("object", "a table").replace("array", "a list")
-    return (f"{key}: " if key else "") + problem[:1].lower() + problem[1:].replace("`", "") + got
-
-
-def _fields(kind: Any) -> list[str]:
-    if not (isinstance(kind, type) and issubclass(kind, msgspec.Struct)):
-        return []
-    tag = kind.__struct_config__.tag_field
-    return ([tag] if tag else []) + list(kind.__struct_fields__)
-
-
-def _member(kind: Any, part: str, here: Any) -> Any:
-    """The type that stands at key `part` of `kind`; for a union, the one that fits the data."""
-    if kind is None:
-        return None
-    if isinstance(kind, type) and issubclass(kind, msgspec.Struct) and part in kind.__struct_fields__:
-        kind = get_type_hints(kind)[part]
-    else:  # an entry of a list
-        inner = get_args(kind)
-        kind = inner[0] if inner else None
-    options = [o for o in (get_args(kind) if not isinstance(kind, type) else ())
-               if isinstance(o, type) and issubclass(o, msgspec.Struct)]
-    if options and isinstance(here, dict):
-        tagged = [o for o in options if o.__struct_config__.tag == here.get("law", object())]
-        return (tagged or options)[0]
-    return kind
 
 
 def _refuse_non_finite(path: str, value: Any, key: str = "") -> None:

@@ -23,9 +23,9 @@ from typing import Any
 
 from ddmpi.cases import Case
 from ddmpi.errors import InputError, OutputError
+from ddmpi.keys import nearest
 from ddmpi.logs import utc
 from ddmpi.mesh import locate_mesh
-from ddmpi.scene import nearest
 
 TABLE = "sweep.csv"
 RECORD = "case.json"

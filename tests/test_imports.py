@@ -9,11 +9,11 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "ddmpi"
 
-ORDER = ["errors", "interrupt", "logs", "provenance", "scene", "cases", "mesh", "elements",
+ORDER = ["errors", "interrupt", "logs", "provenance", "keys", "scene", "cases", "accuracy", "mesh", "elements",
          "stiffness", "elasticity", "estimate", "interface", "petsc_versions", "qp", "mprgp", "schur",
          "solvers", "compliance", "preconditioner", "body", "exchange", "coupled", "algorithm", "anderson",
          "newton", "certificate", "diagnosis", "petsc_options", "problem", "checkpoint", "solution",
-         "results", "figures", "sweep_table", "sweep_figures", "info", "run", "sweep", "cli", "__main__"]
+         "results", "figures", "sweep_table", "sweep_figures", "info", "report", "run", "sweep", "cli", "__main__"]
 """From the bottom to the top: a module imports only modules to its left."""
 
 MAY_IMPORT_MPI = {"exchange", "problem", "checkpoint", "provenance", "results", "run", "sweep", "cli", "__main__"}
