@@ -135,4 +135,4 @@ def test_bodies_too_small_for_a_patch_get_a_rough_estimate(order):
 def test_relative_error():
     assert relative_error(0.0, 0.0) == 0.0
     assert relative_error(1.0, 3.0) == 0.5
-    assert ErrorEstimate(np.array([1.0, 2.0]), 5.0).total == 3.0
+    assert ErrorEstimate(np.array([1.0, 2.0]), np.array([0.5, 0.5]), 5.0).total == 3.0
