@@ -166,6 +166,8 @@ REFUSED = {
                             ["contact.0.bodies", "'uper'", "lower", "did you mean 'upper'"]),
     "contact with itself": (['contact.0.bodies=["upper","upper"]'],
                             ["contact.0.bodies", "twice", "two bodies"]),
+    "mixed orders": (["body.upper.mesh.order=2", "body.lower.mesh.order=1"], ["mesh.order 1 and 2", "give both the same"]),
+    "order three": (["body.upper.mesh.order=3"], ["body.upper.mesh.order: 3 is not valid; expected one of 1, 2"]),
     "mixed planes": (["body.upper.material.plane=stress"], ["plane strain", "plane stress", "cannot touch"]),
     "no contact": (["contact=[]"], ["one [[contact]] table", "got 0"]),
     "no bodies": (["body=[]"], ["two [[body]] tables", "got 0"]),
