@@ -81,7 +81,7 @@ def explain(message: str, data: dict, root: type) -> str:
     if missing:
         return f"{'.'.join([*named, missing[1]])}: this key is required and missing"
     kinds = [kind, *get_args(kind)]  # a Literal, or one in a union
-    allowed = [a for k in kinds if get_origin(k) is Literal for a in get_args(k)]
+    allowed = [str(a) for k in kinds if get_origin(k) is Literal for a in get_args(k)]
     if not allowed and parts and parts[-1] == "law":
         allowed = ["coulomb", "tresca", "none"]
     if "Invalid" in problem and allowed:

@@ -77,7 +77,7 @@ class Block:
 class Stack:
     """Two blocks between a fixed floor and a ceiling that comes down by `approach` and moves by `shift`.
 
-    Nothing strains along x, so both bodies' displacements are linear in y and P1 elements are exact.
+    Nothing strains along x, so both bodies' displacements are linear in y and elements of any order are exact.
     The sides see to that in one of three ways: rollers (u_x = 0; no shift), the exact tractions, or
     the exact displacements. On n elements per side; `approach`, `shift`, `gap` in metres.
     """
@@ -93,6 +93,7 @@ class Stack:
     upper: Block = Block(**STEEL, height=0.8)
     lower: Block = Block(**BRASS, height=0.5)
     width: float = 1.2
+    order: int = 1
     corner: tuple[float, float] = (-0.3, 0.2)
 
     @property
@@ -141,7 +142,7 @@ class Stack:
     @property
     def contact_nodes(self) -> int:
         """Displacements given on the sides take the two corners out of the contact."""
-        return self.n - 1 if self.sides == "displacements" else self.n + 1
+        return self.order * self.n + (-1 if self.sides == "displacements" else 1)
 
     def field(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Constant and slope of the exact displacement: u(y) = constant + slope·y, for y in the scene's frame."""
@@ -180,7 +181,7 @@ class Stack:
                                             for on, sign in (("right", 1.0), ("left", -1.0))]}}[self.sides]
         return {"name": name, "clamp": clamp + sides.get("clamp", []), "traction": sides.get("traction", []),
                 "mesh": {"shape": "rectangle", "origin": [x, y], "size": [self.width, block.height],
-                         "divisions": [self.n, self.n]},
+                         "divisions": [self.n, self.n], "order": self.order},
                 "material": {"young": block.young, "poisson": block.poisson, "plane": self.plane}}
 
 

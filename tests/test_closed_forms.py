@@ -1,4 +1,4 @@
-"""Stacks of two blocks whose displacements are linear, so that P1 elements are exact (design, section 5).
+"""Stacks of two blocks whose displacements are linear, so that elements of any order are exact (design, section 5).
 
 All cases are solved in one child mpirun; each is a test of its own.
 """
@@ -40,6 +40,28 @@ def same_on_all_meshes() -> dict[str, Stack]:
     return cases
 
 
+def quadratic() -> dict[str, Stack]:
+    """Quadratic elements: stresses are forces over nodal lengths there, too."""
+    cases = {}
+    for n in (1, 3):
+        cases |= {
+            f"confined, touching, n={n}": confined_blocks(n, gap=0.0, order=2),
+            f"confined, gap closes, n={n}": confined_blocks(n, gap=4e-4, order=2),
+            f"confined, gap stays open, Coulomb, n={n}": confined_blocks(n, gap=1.5e-3, friction=COULOMB, order=2),
+            f"sheared, Coulomb stick, n={n}": sheared_stack(n, STICK, COULOMB, order=2),
+            f"sheared, Coulomb slip, n={n}": sheared_stack(n, SLIP, COULOMB, order=2),
+            f"sheared, Tresca stick, n={n}": sheared_stack(n, STICK, TRESCA, order=2),
+            f"sheared, Tresca slip, n={n}": sheared_stack(n, SLIP, TRESCA, order=2),
+        }
+    cases |= {
+        "plane stress, Coulomb slip": sheared_stack(2, SLIP, COULOMB, plane="stress", order=2),
+        "initial overlap, sheared": sheared_stack(2, SLIP, COULOMB, gap=-5e-4, approach=0.0, order=2),
+        "displacements on the sides, one contact node": sheared_stack(1, SLIP, COULOMB, sides="displacements", order=2),
+        "displacements on the sides, Tresca stick": sheared_stack(3, STICK, TRESCA, sides="displacements", order=2),
+    }
+    return {f"order 2, {name}": stack for name, stack in cases.items()}
+
+
 def variations() -> dict[str, Stack]:
     """One thing different at a time, on a mesh of 3 × 3 squares."""
     steel_below = {"upper": Block(**BRASS, height=0.4), "lower": Block(**STEEL, height=0.9)}
@@ -78,7 +100,7 @@ def variations() -> dict[str, Stack]:
     }
 
 
-STACKS = same_on_all_meshes() | variations()
+STACKS = same_on_all_meshes() | quadratic() | variations()
 PUBLISHED = {f"{algorithm}, {splitting}": {"algorithm": algorithm, "splitting": splitting, "theta": 0.4}
              for algorithm in ("original", "modified") for splitting in ("none", "step1", "step2", "step1+2")}
 METHODS = {"newton": {"outer": "newton"}} | PUBLISHED
@@ -129,10 +151,10 @@ def test_closed_form(solutions, name):
 
 
 def test_nodal_lengths_add_up_and_nodes_are_in_order(solutions):
-    for name in ("sheared, Coulomb slip, n=1", "sheared, Coulomb slip, n=5"):
+    for name in ("sheared, Coulomb slip, n=1", "sheared, Coulomb slip, n=5", "order 2, sheared, Coulomb slip, n=3"):
         stack, solution = STACKS[name], solutions[f"{name} [newton]"]
         assert solution["length"].sum() == pytest.approx(stack.width, rel=1e-14)
-        assert solution["xy"][:, 0] == pytest.approx(stack.corner[0] + np.linspace(0, stack.width, stack.n + 1))
+        assert solution["xy"][:, 0] == pytest.approx(stack.corner[0] + np.linspace(0, stack.width, stack.contact_nodes))
         assert solution["xy"][:, 1] == pytest.approx(stack.corner[1] + stack.lower.height + stack.gap)
 
 
@@ -147,7 +169,8 @@ def test_clamped_sides_leave_unknowns_out(solutions):
 
 def test_strain_energy_is_that_of_the_linear_field(solutions):
     """½ (p²/M + τ²/G) × area, also where the clamps do the work."""
-    for name in ("sheared, Coulomb slip, n=2", "plane stress, Tresca stick", "roles swapped, Coulomb slip"):
+    for name in ("sheared, Coulomb slip, n=2", "plane stress, Tresca stick", "roles swapped, Coulomb slip",
+                 "order 2, sheared, Coulomb slip, n=3"):
         stack, solution = STACKS[name], solutions[f"{name} [newton]"]
         order = ("upper", "lower") if stack.first == "upper" else ("lower", "upper")
         expected = [0.5 * (stack.pressure**2 / b.confined(stack.plane) + stack.shear**2 / b.shear)

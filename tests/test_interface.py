@@ -9,7 +9,7 @@ from petsc4py import PETSc
 from ddmpi.elasticity import assemble
 from ddmpi.errors import InputError
 from ddmpi.interface import Interface, Side, contact_side, displacement_trace, pair, trace
-from ddmpi.mesh import Mesh, generate_rectangle
+from ddmpi.mesh import Mesh, generate_rectangle, raise_order
 from ddmpi.scene import BodySpec, Clamp, Material, MeshSpec
 
 LABEL = "contact.0"
@@ -114,6 +114,24 @@ def test_side_of_two_pieces_is_walked_piece_by_piece():
     assert boundary.joined.tolist() == [True, True, False, True, True]
 
 
+def test_side_of_order_2_has_simpson_lengths():
+    boundary = side(raise_order(rectangle((6, 2)), "mesh"), "top")
+    assert boundary.xy[:, 0] == pytest.approx(np.linspace(0.0, 3.0, 13), rel=1e-14)
+    corner, middle = 0.5 / 6, 4 * 0.5 / 6
+    assert boundary.length == pytest.approx([corner, *[middle, 2 * corner] * 5, middle, corner], rel=1e-14)
+    assert np.array_equal(boundary.normal, np.tile([0.0, 1.0], (13, 1)))
+    assert boundary.joined.all()
+
+
+def test_side_of_order_2_around_a_corner():
+    mesh = raise_order(rectangle((3, 4), (3.0, 1.0)), "mesh")
+    boundary = contact_side(mesh, np.vstack([mesh.groups["right"], mesh.groups["bottom"]]), all_free(mesh))
+    assert boundary.xy[5:8].tolist() == [[2.5, 0.0], [3.0, 0.0], [3.0, 0.125]]
+    assert boundary.normal[5:8] == pytest.approx(np.array([[0, -1], [0.25 / np.hypot(0.25, 1.0),
+                                                                     -1 / np.hypot(0.25, 1.0)], [1, 0]]), rel=1e-14)
+    assert boundary.length[5:8] == pytest.approx([4 / 6, (1 + 0.25) / 6, 4 * 0.25 / 6], rel=1e-14)
+
+
 def test_side_starts_at_the_smaller_end():
     mesh = rectangle((2, 2), (2.0, 2.0))
     turned = Mesh(-mesh.points, mesh.triangles, mesh.groups)  # half a turn: what was right is left
@@ -196,6 +214,26 @@ def test_shifted_nodes_are_refused_with_coordinates():
     one, other = map(float, re.search(r"\((\S+), 1\) m against \((\S+), 1\) m", text).groups())
     assert one - other == pytest.approx(0.02, rel=1e-4)
     assert interface_of(*blocks(aside=0.001)).m == 7
+
+
+@pytest.mark.parametrize("group", [("bottom", "top"), ("inner", "outer")])
+def test_pairing_of_order_2_is_as_tolerant_as_for_half_the_spacing(group):
+    """A hundredth of the distance to the neighbours, though a corner's nodal length is a third of it."""
+    if group == ("bottom", "top"):
+        meshes, step = [raise_order(mesh, "mesh") for mesh in blocks()], 0.25
+    else:
+        angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+        meshes = [raise_order(mesh, "mesh") for mesh in (ring(1.0, 2.0, angles), ring(0.5, 1.0, angles))]
+        step = np.sin(np.pi / 24)  # of half an edge
+    for aside, fits in ((0.004, True), (0.011, False)):
+        upper = moved(meshes[0], (aside * step, 0.0))
+        sides = side(upper, group[0]), side(meshes[1], group[1])
+        if fits:
+            contact = pair(*sides, True, LABEL)
+            assert contact.m == len(sides[0].nodes)
+            assert (contact.length > 0).all()
+        else:
+            assert "opposite" in refused(*sides, True, LABEL)
 
 
 def test_single_shifted_node_is_named():

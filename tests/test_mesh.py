@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 
 from ddmpi.errors import InputError
-from ddmpi.mesh import Mesh, boundary_group, build_mesh, generate_rectangle, read_mesh, signed_double_areas
+from ddmpi.mesh import (
+    Mesh,
+    boundary_group,
+    build_mesh,
+    generate_rectangle,
+    raise_order,
+    read_mesh,
+    segments,
+    signed_double_areas,
+    turn_outward,
+)
 from ddmpi.scene import BodySpec, Clamp, Material, MeshSpec, Traction
 
 STEEL = Material(young=2.1e11, poisson=0.3)
@@ -59,6 +69,21 @@ def write_by_gmsh(path: Path, version: float, binary: bool = False, lines=None, 
         gmsh.write(str(path))
     finally:
         gmsh.finalize()
+    return path
+
+
+def write_quadratic_square(path: Path, moves: dict[int, tuple[float, float]] | None = None) -> Path:
+    """The square of two quadratic triangles; node 4 + i is on the middle of side i, node 8 on the diagonal."""
+    points = np.vstack([SQUARE, (SQUARE + np.roll(SQUARE, -1, axis=0)) / 2, [[0.5, 0.5]]])
+    for node, by in (moves or {}).items():
+        points[node] += by
+    lines = np.column_stack([SIDES, [4, 5, 6, 7]])
+    cells = [("line3", lines), ("triangle6", np.array([[0, 1, 2, 4, 5, 8], [0, 2, 3, 8, 6, 7]]))]
+    physical = [np.arange(1, 5), np.full(2, 9)]
+    groups = {name: np.array([i + 1, 1]) for i, name in enumerate(NAMES)}
+    mesh = meshio.Mesh(np.column_stack([points, np.zeros(len(points))]), cells, field_data=groups,
+                       cell_data={"gmsh:physical": physical, "gmsh:geometrical": physical})
+    meshio.write(path, mesh, file_format="gmsh22", binary=False)
     return path
 
 
@@ -198,6 +223,69 @@ def test_file_of_any_size_is_read(tmp_path, scale):
     assert area(mesh) == pytest.approx(scale**2, rel=1e-12, abs=0.0)
 
 
+# Order 2
+
+
+@pytest.mark.parametrize("divisions", [(1, 1), (5, 3)])
+def test_middles_of_sides_become_nodes(divisions):
+    linear = rectangle(divisions)
+    mesh = raise_order(linear, "mesh")
+    (nx, ny), corners = divisions, len(linear.points)
+    assert len(mesh.points) == (2 * nx + 1) * (2 * ny + 1)
+    assert np.array_equal(mesh.points[:corners], linear.points)
+    assert np.array_equal(mesh.triangles[:, :3], linear.triangles)
+    ends = mesh.points[linear.triangles]
+    assert np.array_equal(mesh.points[mesh.triangles[:, 3:]], (ends + np.roll(ends, -1, axis=1)) / 2)
+    assert np.array_equal(np.unique(mesh.triangles[:, 3:]), np.arange(corners, len(mesh.points)))
+    for name, edges in linear.groups.items():
+        assert np.array_equal(mesh.groups[name][:, :2], edges)
+        assert np.array_equal(mesh.points[mesh.groups[name][:, 2]], mesh.points[edges].mean(axis=1))
+
+
+def test_order_of_the_scene_is_that_of_the_mesh(tmp_path):
+    square = MeshSpec(shape="rectangle", size=(1.0, 1.0), divisions=(2, 2), order=2)
+    assert build_mesh(body_with(square, clamp=["left"])).triangles.shape == (8, 6)
+    write_square(tmp_path / "square.msh")
+    for order, nodes in ((1, 4), (2, 9)):
+        mesh = build_mesh(body_with(MeshSpec(file="square.msh", order=order)), tmp_path)
+        assert (len(mesh.points), mesh.groups["left"].shape[1]) == (nodes, order + 1)
+
+
+@pytest.mark.parametrize("version", [2.2, 4.1])
+def test_second_order_file_gives_its_corners(tmp_path, version):
+    linear = read_mesh(write_by_gmsh(tmp_path / "linear.msh", version), "upper")
+    mesh = read_mesh(write_by_gmsh(tmp_path / "quadratic.msh", version, order=2), "upper")
+    assert np.array_equal(mesh.points, linear.points)
+    assert np.array_equal(mesh.triangles, linear.triangles)
+    assert all(np.array_equal(mesh.groups[name], linear.groups[name]) for name in NAMES)
+
+
+def test_second_order_file_by_hand(tmp_path):
+    mesh = read_mesh(write_quadratic_square(tmp_path / "square.msh", {4: (1e-9, 0.0)}), "upper")
+    assert np.array_equal(mesh.points, SQUARE)
+    assert np.array_equal(mesh.triangles, HALVES)
+    assert np.array_equal(np.vstack([mesh.groups[name] for name in NAMES]), SIDES)
+
+
+def test_group_across_triangles_has_no_middles(tmp_path):
+    path = write_square(tmp_path / "square.msh", lines=[*SIDES.tolist(), [1, 3]], tags=(1, 2, 3, 4, 5),
+                        names=(*NAMES, "across"))
+    assert len(read_mesh(path, "upper").points) == 4
+    with pytest.raises(InputError, match=r"body\.upper\.mesh: .*'across' has lines that are not sides"):
+        build_mesh(body_with(MeshSpec(file=str(path), order=2)))
+
+
+def test_edges_are_turned_and_walked():
+    mesh = raise_order(rectangle((2, 1)), "mesh")
+    edges = mesh.groups["top"].copy()
+    edges[0] = edges[0][[1, 0, 2]]
+    turned = turn_outward(mesh, edges, "contact.0.on")
+    assert (np.diff(mesh.points[turned][:, :2, 0], axis=1) < 0).all()  # the body lies to the left
+    assert np.array_equal(turned[:, 2], edges[:, 2])
+    steps = mesh.points[segments(turned)]
+    assert steps[:, 1] - steps[:, 0] == pytest.approx(np.tile([-0.75, 0.0], (4, 1)))
+
+
 # Refusals
 
 
@@ -225,9 +313,21 @@ def test_quadrilaterals(tmp_path):
     assert "elements of type quad" in refused(path)
 
 
-def test_second_order_triangles(tmp_path):
-    text = refused(write_by_gmsh(tmp_path / "curved.msh", 4.1, order=2))
-    assert "elements of type line3, triangle6" in text
+def test_third_order_triangles(tmp_path):
+    text = refused(write_by_gmsh(tmp_path / "cubic.msh", 4.1, order=3))
+    assert "elements of type line4, triangle10" in text
+
+
+@pytest.mark.parametrize("moved", [4, 8])
+def test_curved_triangles(tmp_path, moved):
+    """The middle of a side on the boundary, and that of the diagonal."""
+    path = write_quadratic_square(tmp_path / "curved.msh", {moved: (0.01, 0.01)})
+    text = refused(path)
+    assert "curved elements" in text and "straight" in text
+
+
+def test_middle_that_is_off_along_its_side(tmp_path):
+    assert "curved elements" in refused(write_quadratic_square(tmp_path / "uneven.msh", {4: (0.1, 0.0)}))
 
 
 def test_no_triangles(tmp_path):

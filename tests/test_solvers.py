@@ -10,7 +10,7 @@ from ddmpi.compliance import Compliance
 from ddmpi.elasticity import Elasticity, assemble
 from ddmpi.errors import DdmpiError, SolverError
 from ddmpi.interface import contact_side, pair, trace
-from ddmpi.mesh import generate_rectangle
+from ddmpi.mesh import generate_rectangle, raise_order
 from ddmpi.scene import BodySpec, Clamp, Material, MeshSpec, Traction
 from ddmpi.solvers import StiffnessSolver, best_cholesky
 
@@ -218,10 +218,12 @@ def test_unknown_type_is_an_error_for_the_user(options, petsc_options):
 # The compliance, of a block whose bottom is the contact
 
 
-def contact_problem(divisions=(8, 4), clamp=("left",)) -> tuple[Elasticity, PETSc.Mat, np.ndarray]:
+def contact_problem(divisions=(8, 4), clamp=("left",), order=1) -> tuple[Elasticity, PETSc.Mat, np.ndarray]:
     """The upper block's problem, its trace B, and C = B A⁻¹ Bᵀ by dense algebra."""
     upper, lower = (generate_rectangle(MeshSpec(shape="rectangle", origin=(0.0, y), size=(2.0, 1.0),
                                                 divisions=divisions)) for y in (1.0, 0.0))
+    if order == 2:
+        upper, lower = (raise_order(mesh, "mesh") for mesh in (upper, lower))
     problem = assemble(upper, BodySpec(name="upper", mesh=MeshSpec(file="unused.msh"), clamp=list(clamp),
                                        material=Material(young=2e11, poisson=0.3),
                                        traction=[Traction(on="top", value=(1e6, -2e6))]))
@@ -244,11 +246,12 @@ KINDS = {"default": (None, {}, 1e-12), "explicit": ("explicit", {}, 1e-12), "dir
          "iterative": ("iterative", {}, 1e-8)}
 
 
+@pytest.mark.parametrize(("divisions", "order"), [((8, 4), 1), ((4, 2), 2)], ids=["linear", "quadratic"])
 @pytest.mark.parametrize("name", KINDS)
-def test_compliance_is_the_dense_one(name, petsc_options):
+def test_compliance_is_the_dense_one(name, divisions, order, petsc_options):
     kind, options, precision = KINDS[name]
     petsc_options(**options)
-    problem, B, C = contact_problem()
+    problem, B, C = contact_problem(divisions, order=order)
     operator = Compliance(problem.A, B, "upper", kind)
     assert operator.size == len(C) == 16
     assert operator.kind == kind or kind is None
