@@ -6,4 +6,12 @@ set -euo pipefail
 case "${1:-}" in
     "" | -*) set -- "$ROOT/configs/pinched_blocks_coulomb.toml" "$@" ;;
 esac
-exec $MPIRUN -n "${DDMPI_RANKS:-2}" "$PYTHON" -m ddmpi run "$@"
+
+# Signals are passed on, and where one has ended a rank (9: out of memory, or kill) it is said: a quiet mpirun does not.
+$MPIRUN -n "${DDMPI_RANKS:-2}" "$PYTHON" -m ddmpi run "$@" <&0 &
+child=$!
+for signal in TERM INT USR1; do trap "kill -$signal $child 2>/dev/null" "$signal"; done
+code=128
+while [ "$code" -ge 128 ] && kill -0 "$child" 2>/dev/null; do code=0; wait "$child" || code=$?; done
+[ "$code" -le 128 ] || echo "ddmpi: error: a rank was ended by signal $((code - 128)) ($(kill -l "$code"))" >&2
+exit "$code"

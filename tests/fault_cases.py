@@ -1,0 +1,238 @@
+"""Faults for every phase of a run on either rank, and the judge of how each ended.
+
+Every run writes a checkpoint after each iteration, beside the results of an earlier run. Whatever happens, it
+must end in time, by an exit code other than zero and one message, or else with the right results; what stands
+in its folder must be a whole set of results or none, and a checkpoint only if it is whole; and where one must
+be there, the run that goes on from it must end with the results of the run that had no fault.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import fault
+import h5py
+import numpy as np
+import scenes
+
+LIMIT = 30.0
+"""Seconds after which a run counts as hanging."""
+
+RESULTS = ("result.h5", "result.xdmf", "history.csv", "interface.csv", "summary.json")
+METHODS = {"newton": {}, "published": {"theta": 0.2, "tolerance": 1e-3}}
+
+PHASES = {
+    # phase: method, target, call
+    "mesh": ("newton", "ddmpi.problem.build_mesh", 1),
+    "assemble": ("newton", "ddmpi.problem.assemble", 1),
+    "factor": ("newton", "ddmpi.solvers.StiffnessSolver.__init__", 1),
+    "outer": ("newton", "ddmpi.compliance.Compliance.mult", 30),  # within GMRES, some iterations on
+    "outer, published": ("published", "ddmpi.body.Body.neumann", 5),
+    "conclude": ("newton", "ddmpi.body.Body.displacement", 1),
+    "output": ("newton", "ddmpi.run.write_fields", 1),
+}
+AFTER_ITERATIONS = ("outer", "outer, published", "conclude", "output")
+"""In these a checkpoint must be there."""
+
+KINDS = {
+    # fault: exit codes; None: any but zero, which is the operating system's or mpirun's business
+    "RuntimeError": {1},
+    "SystemExit": {1},
+    "KeyboardInterrupt": {1},
+    "SolverError": {4},
+    "SIGTERM": {6},
+    "SIGUSR1": {6},
+    "SIGKILL": None,
+    "SIGSEGV": None,
+    "full": {5},
+    "gone": {5},
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A fault at the call-th call of `target` on `rank`; without a target, a run as the arguments say.
+
+    `codes` are the exit codes that are right (None: any but zero), `whole` says that complete results are
+    right too, `kept` that without them a checkpoint must be there, `folder` names another folder than the case's own.
+    """
+
+    name: str
+    method: str = "newton"
+    rank: int = 0
+    target: str = ""
+    call: int = 1
+    fault: str = ""
+    codes: frozenset[int] | None = None
+    whole: bool = False
+    kept: bool = False
+    ranks: int = 2
+    folder: str = ""
+    more: tuple[str, ...] = ()
+
+
+def all_cases() -> list[Case]:
+    """More than a hundred."""
+    cases = []
+    for phase, (method, target, call) in PHASES.items():
+        for kind, codes in KINDS.items():
+            for rank in (0, 1):
+                after = phase in AFTER_ITERATIONS
+                over = phase == "output" and kind in ("SIGTERM", "SIGUSR1")  # the writing is finished first
+                harmless = kind == "full" and rank == 1  # rank 0 is the one that makes files grow
+                cases.append(Case(f"{phase}: {kind} on rank {rank}", method, rank, target, call, kind,
+                                  None if codes is None else frozenset(codes), whole=over or harmless,
+                                  kept=after and kind != "gone"))
+    for rank in (0, 1):
+        def numbers(name: str, target: str, call: int, kind: str, method: str = "newton", codes=(3, 4), whole=False,
+                    kept=False, rank=rank) -> None:
+            cases.append(Case(f"{name} on rank {rank}", method, rank, target, call, kind, frozenset(codes),
+                              whole=whole, kept=kept))
+        numbers("NaN in the stiffness", "ddmpi.problem.assemble", 1, "nan")
+        numbers("zero pivot", "ddmpi.problem.assemble", 1, "singular")
+        numbers("NaN from the first product", "ddmpi.compliance.Compliance.mult", 1, "nan", whole=True)
+        numbers("NaN from a product", "ddmpi.compliance.Compliance.mult", 30, "nan", whole=True)
+        numbers("NaN from a product, published", "ddmpi.compliance.Compliance.mult", 40, "nan", "published", whole=True)
+        numbers("NaN from a Neumann problem", "ddmpi.body.Body.neumann", 5, "nan", "published", whole=True)
+        numbers("NaN from a solve", "ddmpi.solvers.StiffnessSolver._solve", 1, "nan")
+        numbers("NaN from the last solve", "ddmpi.solvers.StiffnessSolver._solve", 2, "nan", whole=True)
+        numbers("NaN in the displacement", "ddmpi.body.Body.displacement", 1, "nan", whole=True)
+        numbers("an error of PETSc", "ddmpi.solvers.StiffnessSolver._set_up", 1, "PETSc.Error", codes=(4,))
+    for kind, codes in KINDS.items():  # where files are renamed, on rank 0
+        codes = None if codes is None else frozenset(codes)
+        signal = kind in ("SIGTERM", "SIGUSR1")
+        if kind not in ("full", "gone"):
+            cases.append(Case(f"writing a checkpoint: {kind}", target="ddmpi.checkpoint.os.replace", call=3, fault=kind,
+                              codes=codes, kept=True))
+        cases.append(Case(f"end of output: {kind}", target="ddmpi.run.write_summary", call=2, fault=kind, codes=codes,
+                          whole=signal, kept=kind != "gone"))
+    cases += [
+        Case("one rank", ranks=1, codes=frozenset({2})),
+        Case("three ranks", ranks=3, codes=frozenset({2})),
+        Case("folder below a file", folder="a file/results", codes=frozenset({2})),
+        Case("folder with results", folder="earlier", codes=frozenset({2})),
+        Case("no checkpoint to go on from", more=("--restart", "nowhere"), codes=frozenset({2})),
+    ]
+    return cases
+
+
+@dataclass
+class Outcome:
+    """How a case ended; `faults` are in the words of TALLY."""
+
+    case: Case
+    code: int | None
+    seconds: float
+    faults: list[str] = field(default_factory=list)
+    output: str = ""
+
+
+TALLY = ("hangs", "lost results", "half-written results", "wrong results", "exit code zero", "wrong exit code",
+         "no message", "several messages", "earlier results touched", "leftovers")
+
+
+class Ground:
+    """A folder with the scenes, the results of an earlier run, and those that runs without a fault have.
+
+    Parameters
+    ----------
+    here : an empty folder
+    """
+
+    def __init__(self, here: Path) -> None:
+        self.here, self.reference = here, {}
+        (here / "a file").write_text("not a folder")
+        for name, method in METHODS.items():
+            scene = scenes.pinched_blocks(2, **method)
+            scene |= {"checkpoint": {"iterations": 1}, "output": {"figures": False}}
+            path = scenes.write_scene(scene, here / f"{name}.toml")
+            run = scenes.run_command(path, here / ("earlier" if name == "newton" else name), limit=LIMIT)
+            assert run.code == 0 and run.files == set(RESULTS), run.output
+            self.reference[name] = contents(run.folder)
+        self.earlier = digest(here / "earlier")
+
+    def try_case(self, case: Case) -> Outcome:
+        """Run a case and judge it."""
+        folder = self.here / (case.folder or re.sub(r"\W+", "-", case.name))
+        arguments = ["run", str(self.here / f"{case.method}.toml")]
+        if case.target:
+            faults = [[case.rank, case.target, case.call, case.fault, str(folder), list(case.more)]]
+            command = [fault.__file__, json.dumps(faults), *arguments]
+        else:
+            command = ["-m", "ddmpi", *arguments, "--output", str(folder), *case.more]
+        start = time.monotonic()
+        try:
+            run = scenes.run_python(command, case.ranks, LIMIT, folder, self.here)
+        except AssertionError as late:
+            return Outcome(case, None, LIMIT, ["hangs"], str(late))
+        outcome = Outcome(case, run.code, time.monotonic() - start, output=run.output)
+        self._judge(outcome, run)
+        return outcome
+
+    def _judge(self, outcome: Outcome, run: scenes.Run) -> None:
+        case, faults = outcome.case, outcome.faults
+        ends = re.search(rf"^{fault.END} (.*)\n", run.stderr, re.MULTILINE)  # the launcher went on: an orderly end
+        codes = {int(code) for code in ends[1].split()} if ends else {run.code}
+        code = outcome.code = max(codes, key=abs)
+        there = run.files & set(RESULTS) if case.folder != "earlier" else set()
+        whole = there == set(RESULTS)
+        if len(codes) > 1:
+            faults.append("wrong exit code")
+        if there and not whole:
+            faults.append("half-written results")
+        if code == 0:
+            if not (case.whole and whole):
+                faults.append("exit code zero")
+            elif contents(run.folder) != self.reference[case.method]:
+                faults.append("wrong results")
+        else:
+            if case.codes is not None and code not in case.codes:
+                faults.append("wrong exit code")
+            if whole and (not case.whole or run.summary["converged"]):
+                faults.append("wrong results")
+            if len(messages(run)) != 1:
+                faults.append("several messages" if messages(run) else "no message")
+        if digest(self.here / "earlier") != self.earlier:
+            faults.append("earlier results touched")
+        killed = case.codes is None
+        left = {name for name in run.files if not (name in (*RESULTS, "checkpoint.h5") or killed)}
+        if left and case.folder != "earlier":
+            faults.append("leftovers")
+        if case.kept and code != 0:
+            again = scenes.run_command(self.here / f"{case.method}.toml", run.folder, "--restart", str(run.folder),
+                                       limit=LIMIT)
+            if again.code != 0 or contents(run.folder) != self.reference[case.method]:
+                faults.append("lost results")
+                outcome.output += "\nand with --restart:\n" + again.output
+            elif again.files != set(RESULTS):
+                faults.append("leftovers")
+
+
+def messages(run: scenes.Run) -> list[str]:
+    """Where a message about the end begins: ours, PETSc's about a deadly signal, or else mpirun's about it."""
+    ours = [line for line in run.output.splitlines()
+            if re.match(r"ddmpi: (error|internal error|interrupted)|\[\d\]PETSC ERROR: Caught signal", line)]
+    return ours or re.findall(r"mpirun noticed that process rank \d", run.output)
+
+
+def contents(folder: Path) -> dict:
+    """All numbers of the results, without what depends on when and how long they were computed."""
+    if not all((folder / name).exists() for name in RESULTS):
+        return {}
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    for name in ("seconds", "memory_mib", "hosts"):
+        del summary[name]
+    with h5py.File(folder / "result.h5") as file:
+        fields = {name: np.array(data).tobytes() for name, data in file.items()}
+    return {"summary": summary, "fields": fields,
+            **{name: (folder / name).read_text() for name in ("history.csv", "interface.csv", "result.xdmf")}}
+
+
+def digest(folder: Path) -> dict[str, str]:
+    """What is in the files of a folder."""
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.iterdir())}
