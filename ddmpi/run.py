@@ -174,7 +174,7 @@ def _write(problem: Problem, folder: Path | None, clock: Clock, summary: dict, o
             with agreed(world):
                 if staging:
                     write_xdmf(path)
-                    write_history(path, outer.history)
+                    write_history(path, outer.history, answer.statuses.counts)
                     write_interface(path, problem.interface, answer.state)
                     write_summary(path, summary)
                     picture_error = _draw(path) if figures else None
