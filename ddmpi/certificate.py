@@ -96,11 +96,15 @@ def contact_state(interface: Interface, friction: Friction, s: np.ndarray, g: np
     tangential[sliding], slip[sliding] = s[m:], traces[0][m:] + traces[1][m:]
     gap = interface.gap - traces[0][:m] - traces[1][:m]
     status = np.full(m, "slip" if friction.law == "none" else "stick")
-    largest = np.abs(s[m:]).max(initial=0.0)
-    on_bound = np.abs(s[m:]) >= g - ON_BOUND * np.minimum(g, largest or np.inf)
-    status[sliding[on_bound]] = "slip"
+    status[sliding[reaches_bound(s[m:], g)]] = "slip"
     status[normal <= ON_BOUND * normal.max(initial=0.0)] = "open"
     return ContactState(normal, tangential, gap, slip, np.char.strip(status))
+
+
+def reaches_bound(tangential: np.ndarray, g: np.ndarray) -> np.ndarray:
+    """Where tangential forces (mt,) are on their slip bound g (mt,), up to rounding. Not collective."""
+    largest = np.abs(tangential).max(initial=0.0)
+    return np.abs(tangential) >= g - ON_BOUND * np.minimum(g, largest or np.inf)
 
 
 def certify(interface: Interface, friction: Friction, state: ContactState, forces: tuple[np.ndarray, np.ndarray],

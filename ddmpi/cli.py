@@ -189,13 +189,15 @@ def _sweep(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> No
     from ddmpi import interrupt
     from ddmpi.sweep import Sweep, gather_sweep, list_cases, run_sweep
 
-    interrupt.listen()
     sweep = Sweep(options.scene, Path(options.output), cases, chosen, petsc, options.figures, options.plot)
     if options.list:
         if world.rank == 0:
             list_cases(sweep)
+    elif options.gather:
+        gather_sweep(world, sweep)
     else:
-        (gather_sweep if options.gather else run_sweep)(world, sweep)
+        interrupt.listen()
+        run_sweep(world, sweep)
 
 
 def _draw(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:

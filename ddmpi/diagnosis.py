@@ -9,6 +9,7 @@ import numpy as np
 
 from ddmpi.algorithm import Step
 from ddmpi.body import Friction
+from ddmpi.certificate import reaches_bound
 from ddmpi.interface import Interface
 from ddmpi.scene import Method
 
@@ -21,19 +22,24 @@ LARGE_FRICTION = 1.0
 
 @dataclass
 class StatusLog:
-    """Which nodes are open, slip or stick in the last iterations."""
+    """Which nodes are open, slip or stick in the last iterations, and how many in each."""
 
-    STATE = ("recent",)
+    STATE = ("recent", "counts")
 
     recent: deque = field(default_factory=lambda: deque(maxlen=LOOK_BACK))
+    counts: list = field(default_factory=list)
 
     def record(self, interface: Interface, s: np.ndarray, g: np.ndarray) -> None:
         """Note the status of each node under the forces s (size,) and the slip bound g (mt,)."""
         m = interface.m
         codes = np.where(s[:m] > 0.0, 1, 0)
-        slips = np.where(np.abs(s[m:]) >= g, np.sign(s[m:]), 0.0).astype(int)
+        on_bound = reaches_bound(s[m:], g)
+        slips = np.where(on_bound, np.sign(s[m:]), 0.0).astype(int)
+        closed, slipping = codes == 1, np.full(m, len(s) == m)  # without friction whatever is closed slips
+        slipping[interface.sliding] = on_bound
         codes[interface.sliding] += 10 * slips
         self.recent.append(codes)
+        self.counts.append((m - int(closed.sum()), int((closed & slipping).sum()), int((closed & ~slipping).sum())))
 
     def unsettled(self) -> np.ndarray:
         """Nodes whose status changed during the last iterations."""

@@ -26,7 +26,7 @@ NAMES = ("result.h5", "result.xdmf", "history.csv", "interface.csv", "summary.js
          "bodies.png", "error.png", "contact.png", "convergence.png")
 """All files of a result; the summary is renamed last, so where it is, the rest is."""
 
-HISTORY_COLUMNS = ("iteration", "update", "residual", "inner_precision", "n_A_1", "n_A_2")
+HISTORY_COLUMNS = ("iteration", "update", "residual", "inner_precision", "n_A_1", "n_A_2", "open", "slip", "stick")
 INTERFACE_COLUMNS = ("x", "y", "normal_force", "tangential_force", "normal_stress", "tangential_stress",
                      "gap", "slip", "status")
 
@@ -196,10 +196,14 @@ def write_xdmf(path: Path) -> None:
     _guarded(write)
 
 
-def write_history(path: Path, history: Iterable[Step]) -> None:
-    """Write history.csv, a line per outer iteration. Raises OutputError."""
+def write_history(path: Path, history: Iterable[Step], counts: Iterable[Sequence[int]]) -> None:
+    """Write history.csv, a line per outer iteration; `counts` are of open, slipping and sticking nodes.
+
+    Raises OutputError.
+    """
     _write_csv(path / "history.csv", HISTORY_COLUMNS,
-               ((s.iteration, s.update, s.residual, s.inner_precision, *s.n_A) for s in history))
+               ((s.iteration, s.update, s.residual, s.inner_precision, *s.n_A, *nodes)
+                for s, nodes in zip(history, counts, strict=True)))
 
 
 def write_interface(path: Path, interface: Interface, state: ContactState) -> None:

@@ -173,7 +173,7 @@ def _write(solved: _Solved, folder: Path | None, clock: Clock, summary: dict, fi
             with agreed(world):
                 if staging:
                     write_xdmf(path)
-                    write_history(path, solved.outer.history)
+                    write_history(path, solved.outer.history, solved.answer.statuses.counts)
                     write_interface(path, problem.interface, solved.answer.state)
                     write_summary(path, summary)
                     picture_error = _draw(path) if figures else None

@@ -2,7 +2,8 @@
 
 Each case has a folder of its own, written by whoever runs it; a failing case is recorded and the next
 one starts. What a dying process leaves behind is the complete results of the cases before; started
-again, the sweep goes on with those that are missing, the ones that were tried before last.
+again, the sweep goes on with those that are missing, the ones that failed before last. A case that was
+interrupted continues from its checkpoint.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ddmpi.cases import Case
-from ddmpi.errors import DdmpiError, InputError, NotConvergedError, OutputError
+from ddmpi.checkpoint import NAME as CHECKPOINT
+from ddmpi.errors import DdmpiError, InputError, InterruptionError, NotConvergedError, OutputError
 from ddmpi.exchange import agreed
 from ddmpi.logs import diverted, utc
 from ddmpi.petsc_options import RunOptions
@@ -28,7 +30,7 @@ from ddmpi.problem import check_ranks
 from ddmpi.provenance import process_seconds
 from ddmpi.run import run
 from ddmpi.sweep_figures import check_plots, draw_plots
-from ddmpi.sweep_table import gather, identify, read_outcome, record_case, refuse_others, status_of
+from ddmpi.sweep_table import case_identity, gather, read_outcome, record_case, refuse_others, status_of
 
 log = logging.getLogger("ddmpi")
 
@@ -61,7 +63,7 @@ class Sweep:
         return self.folder / case.folder
 
     def identity(self, case: Case) -> dict:
-        return identify(case, self.petsc, Path(self.scene_path).parent)
+        return case_identity(case, self.petsc, Path(self.scene_path).parent)
 
 
 def list_cases(sweep: Sweep) -> None:
@@ -81,6 +83,8 @@ def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
         at the end, where a chosen case has no certified answer; a single case raises its own error
     OutputError
         where records, table or plots cannot be written
+    InterruptionError
+        when a signal ends the case that is running, and the sweep with it
 
     The same on all ranks.
     """
@@ -94,7 +98,7 @@ def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
             fresh, tried = _pending(sweep)
     fresh, tried = world.bcast((fresh, tried))
     log.info("%d cases in %s: %d to run%s, %d finished", len(sweep.chosen), sweep.folder, len(fresh) + len(tried),
-             f" ({len(tried)} of them tried before)" if tried else "", len(sweep.chosen) - len(fresh) - len(tried))
+             f" ({len(tried)} of them failed before)" if tried else "", len(sweep.chosen) - len(fresh) - len(tried))
     options, error = RunOptions(), None
     gc.collect()
     gc.freeze()  # what is there now stays; so that the collection after each case is quick
@@ -109,6 +113,9 @@ def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
         if world.rank == 0:
             log.info("%d/%d  case %d  %s: %s, %.2f s", done, len(fresh) + len(tried), number, case.label,
                      _describe(sweep, case, error), time.perf_counter() - start)
+        if isinstance(error, InterruptionError):
+            log.info("the same command goes on with the sweep from here")
+            raise error
     gc.unfreeze()
     options.reset()
     total = process_seconds()
@@ -139,7 +146,7 @@ def _gather(world: MPI.Comm, sweep: Sweep) -> None:
 
 
 def _pending(sweep: Sweep) -> tuple[list[int], list[int]]:
-    """Numbers of the chosen cases that were never tried, and of those that were, without results."""
+    """Numbers of the chosen cases that were never tried or were interrupted, and of those that failed."""
     try:
         sweep.folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -149,7 +156,7 @@ def _pending(sweep: Sweep) -> tuple[list[int], list[int]]:
         outcome = read_outcome(sweep.place(case))
         refuse_others(sweep.place(case), outcome, sweep.identity(case))
         if not outcome.finished:
-            (fresh if outcome.status == "not run" else tried).append(case.number)
+            (fresh if outcome.status in ("not run", "interrupted") else tried).append(case.number)
     return fresh, tried
 
 
@@ -165,15 +172,16 @@ def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions) ->
             if world.rank == 0:
                 _record(place, case, sweep, None, "", started)
             stack.enter_context(diverted(place / "run.log" if world.rank == 0 else None))
+        restart = world.bcast(str(place) if world.rank == 0 and (place / CHECKPOINT).exists() else None)
         options.use(case.scene.petsc)
         try:
-            run(own, case.scene, sweep.scene_path, str(place), case.scene.output.figures and sweep.figures)
+            run(own, case.scene, sweep.scene_path, str(place), case.scene.output.figures and sweep.figures, restart)
         except DdmpiError as failure:
             if not failure.agreed:
                 raise
             error = failure
             traceback.clear_frames(error.__traceback__)  # they hold PETSc's objects
-            log.error("ddmpi: error: %s", error)
+            log.error("ddmpi: %s: %s", error.kind, error)
     gc.collect()  # what refers to itself in a circle, such as solvers and their contexts
     PETSc.garbage_cleanup()  # PETSc 3.18 keeps what Python has let go of
     own.Free()

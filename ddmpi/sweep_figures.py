@@ -18,9 +18,9 @@ WIDE = 30.0
 """An axis whose positive values span more than this factor is logarithmic."""
 
 LENGTHS, STRESSES = ("displacement_max", "x", "y"), ("young", "slip_bound")
-PLAIN_UNITS = {"seconds": "s", "memory_mib": "MiB", "certificate": "–", "energy": "J/m", "theta": "–", "poisson": "–",
-               "coefficient": "–", "tolerance": "–", "eff": "–", "inner_precision": "–",
-               "normal_force": "N/m", "tangential_force": "N/m"}
+PLAIN_UNITS = {"seconds": "s", "memory_mib": "MiB", "energy": "J/m", "normal_force": "N/m", "tangential_force": "N/m",
+               "certificate": "–", "discretization_error": "–", "eff": "–", "theta": "–", "poisson": "–",
+               "coefficient": "–", "tolerance": "–", "inner_precision": "–"}
 """Units by a part of a column's name; forces and energies are per metre of depth, in SI scenes."""
 
 PHYSICAL = ("contact", "displacement_max", "energy")
@@ -28,6 +28,7 @@ PHYSICAL = ("contact", "displacement_max", "energy")
 
 WORDS = {"n_A": "n$_A$", "outer_iterations": "outer iterations", "eff": "n$_A$ / 2m", "theta": "θ",
          "n": "n unknowns", "m": "m contact nodes", "displacement_max": "largest displacement",
+         "energy_norm": "discretization error in the energy norm",
          "coefficient": "friction coefficient", "young": "Young's modulus", "poisson": "Poisson's ratio"}
 
 
@@ -90,6 +91,7 @@ def draw_curves(rows: list[dict[str, Any]], result: str, key: str, summary: dict
         raise InputError(f"--plot {result}:{key}: {reason}")
     varied = _varied(rows)
     others = _independent(rows, [name for name in varied if name != key], key)
+    varied = [key, *others]
     curves: dict[tuple, list[dict]] = {}
     for row in points:
         curves.setdefault(tuple(row[name] for name in others), []).append(row)
@@ -218,4 +220,4 @@ def _label(name: str, names: list[str], summary: dict) -> str:
 def _word(name: str) -> str:
     """A column's name as it is read on an axis."""
     group, _, last = name.rpartition(".")
-    return GROUPS.get(group, "{}").format(WORDS.get(last, last.replace("_", " ")))
+    return GROUPS.get(group, f"{group}: {{}}" if group else "{}").format(WORDS.get(last, last.replace("_", " ")))

@@ -32,12 +32,13 @@ RECORD = "case.json"
 
 RESULTS = ("outer_iterations", "n_A", "eff", "n", "m", "contact.normal_force", "contact.tangential_force",
            "contact.open", "contact.slip", "contact.stick", "certificate.force_mismatch", "certificate.penetration",
-           "certificate.complementarity", "certificate.friction", "certificate.equilibrium", "displacement_max",
-           "energy.0", "energy.1", "seconds.mesh", "seconds.assemble", "seconds.factor", "seconds.outer",
-           "seconds.output", "seconds.total", "memory_mib.0", "memory_mib.1")
+           "certificate.complementarity", "certificate.friction", "certificate.equilibrium",
+           "discretization_error.energy_norm", "displacement_max", "energy.0", "energy.1", "seconds.mesh",
+           "seconds.assemble", "seconds.factor", "seconds.outer", "seconds.output", "seconds.total", "memory_mib.0",
+           "memory_mib.1")
 """Columns of the table that come from summary.json, by their place in it."""
 
-STATUS = {0: "certified", 2: "refused", 3: "not converged", 4: "solver failed", 5: "not written"}
+STATUS = {0: "certified", 2: "refused", 3: "not converged", 4: "solver failed", 5: "not written", 6: "interrupted"}
 """Status by exit code; besides "not run", "unfinished" (its process died, or is still at it) and "failed"."""
 
 
@@ -64,7 +65,7 @@ def status_of(code: int) -> str:
     return STATUS.get(code, "failed")
 
 
-def identify(case: Case, petsc: list[str], scene_folder: Path) -> dict:
+def case_identity(case: Case, petsc: list[str], scene_folder: Path) -> dict:
     """What decides the results of a case: scene, PETSc options of the command line, contents of mesh files."""
     meshes = {}
     for body in case.scene.body:

@@ -65,11 +65,11 @@ def test_imports_are_light():
     """What draws, meshes or writes is imported when it is needed; matplotlib alone takes half a second."""
     code = """
 import importlib, sys
-for module in ("cli", "run"):
+for module in ("cli", "sweep"):
     importlib.import_module("ddmpi." + module)
     print(module, *[name for name in ("gmsh", "matplotlib", "meshio", "h5py") if name in sys.modules])
 """
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60,
                            cwd=PACKAGE.parent)
     assert child.returncode == 0, child.stderr
-    assert child.stdout.splitlines() == ["cli", "run"]
+    assert child.stdout.splitlines() == ["cli", "sweep"]

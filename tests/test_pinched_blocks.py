@@ -268,6 +268,7 @@ def test_summary_has_all_keys_and_types(as_shipped):
     assert all(10 < mib < 4000 for mib in summary["memory_mib"])
     assert summary["versions"].keys() >= {"ddmpi", "python", "petsc", "petsc4py", "mpi4py", "numpy"}
     assert all(isinstance(version, str) and version for version in summary["versions"].values())
+    assert len(summary["hosts"]) == 2
 
 
 def test_summary_says_what_was_solved_and_how(exact):
@@ -317,7 +318,10 @@ def test_interface_table_obeys_the_laws_of_contact(exact):
 @pytest.mark.parametrize("name", ["N = 22, Coulomb", "N = 22, Coulomb, published iteration"])
 def test_history_has_a_line_per_outer_iteration(exact, name):
     summary, history = exact[name].summary, exact[name].table("history.csv")
-    assert list(history) == ["iteration", "update", "residual", "inner_precision", "n_A_1", "n_A_2"]
+    nodes = ("open", "slip", "stick")
+    assert list(history) == ["iteration", "update", "residual", "inner_precision", "n_A_1", "n_A_2", *nodes]
+    assert (sum(history[status] for status in nodes) == summary["m"]).all()
+    assert {status: history[status][-1] for status in nodes} == {status: summary["contact"][status] for status in nodes}
     assert history["iteration"].tolist() == list(range(1, summary["outer_iterations"] + 1))
     assert history["residual"][-1] <= summary["certificate_limit"]
     stopped_by = history["update" if "published" in name else "residual"]
