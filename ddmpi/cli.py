@@ -100,7 +100,7 @@ def split_arguments(arguments: list[str]) -> tuple[list[str], list[str]]:
             if i + 1 < len(arguments) and not re.match(r"--?[A-Za-z]", arguments[i + 1]):
                 i += 1
                 petsc.append(arguments[i])
-        elif "=" in arguments[i] and own and own[-1].startswith(REPEATED):
+        elif "=" in arguments[i] and arguments[i][0] != "-" and own and own[-1].startswith(REPEATED):
             own.append(f"{own[-1].partition('=')[0]}={arguments[i]}")
         elif f"{arguments[i]}=" in REPEATED and i + 1 < len(arguments):
             i += 1
