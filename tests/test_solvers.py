@@ -47,6 +47,19 @@ def solve(A: PETSc.Mat, f: PETSc.Vec) -> np.ndarray:
 # Direct
 
 
+@pytest.mark.skipif(best_cholesky(block().A) != "mumps", reason="this PETSc has no MUMPS")
+def test_ordering_of_mumps(petsc_options):
+    """Minimum fill (2), which leaves no option behind; who names another (0, minimum degree) gets it."""
+    def ordering() -> int:
+        return StiffnessSolver(block().A, "upper").ksp.getPC().getFactorMatrix().getMumpsInfog(7)
+
+    assert ordering() == 2
+    assert not PETSc.Options().hasName("body_mat_mumps_icntl_7")
+    petsc_options(body_mat_mumps_icntl_7=0)
+    assert ordering() == 0
+    assert PETSc.Options().getInt("body_mat_mumps_icntl_7") == 0
+
+
 def test_default_is_a_direct_cholesky_factorization():
     problem = block()
     solver = StiffnessSolver(problem.A, "upper")
