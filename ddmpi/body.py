@@ -13,6 +13,7 @@ from petsc4py import PETSc
 
 from ddmpi.compliance import Compliance
 from ddmpi.elasticity import Elasticity
+from ddmpi.events import event
 from ddmpi.interface import Interface, displacement_trace, trace
 from ddmpi.qp import QP
 from ddmpi.scene import Coulomb, NoFriction, Tresca
@@ -100,7 +101,8 @@ class Body:
         self.qp_solver = QPSolver()
         self.h = np.zeros(self.C.size)
         if elasticity.b.norm() > 0.0:
-            self.C.free_response(elasticity.b, self.h, "load")
+            with event("LoadResponse"):
+                self.C.free_response(elasticity.b, self.h, "load")
         self.h += displacement_trace(interface, role, elasticity.prescribed)
         self._set_up = self.C.count.copy()
         self.restart()
@@ -166,7 +168,8 @@ class Body:
         `relative` as for `Compliance.mult`. Collective on the body's communicator. Slides: Steps 3 and 4.
         """
         Bw = np.empty(self.C.size)
-        self.C.mult(0.5 * jump, Bw, "neumann", relative)
+        with event("NeumannSolve"):
+            self.C.mult(0.5 * jump, Bw, "neumann", relative)
         return Bw
 
     def displacement(self) -> tuple[np.ndarray, float, float]:
@@ -180,6 +183,10 @@ class Body:
 
         Collective on the body's communicator.
         """
+        with event("Displacement"):
+            return self._displacement()
+
+    def _displacement(self) -> tuple[np.ndarray, float, float]:
         A, b = self.elasticity.A, self.elasticity.b
         u, f = A.createVecs()
         self.C.B.multTranspose(PETSc.Vec().createWithArray(self.s, comm=PETSc.COMM_SELF), f)

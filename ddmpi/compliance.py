@@ -10,6 +10,7 @@ from petsc4py import PETSc
 from scipy.linalg.blas import dsymv
 
 from ddmpi import interrupt
+from ddmpi.events import event
 from ddmpi.mprgp import estimate_norm
 from ddmpi.solvers import StiffnessSolver
 
@@ -82,7 +83,8 @@ class Compliance:
         elif self.kind == "explicit" and kind is None:
             self.kind, self.reason = "direct", f"{self.solver.description} leaves no Schur complement"
         elif self.kind == "explicit":
-            self._matrix = self._by_blocks(trace)
+            with event("ComplianceForm"):
+                self._matrix = self._by_blocks(trace)
 
     def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
         """y ← C x (metres from newtons); both (size,). Collective on the body's communicator.
@@ -93,16 +95,20 @@ class Compliance:
         interrupt.check()
         if not x.any():
             y[:] = 0.0
-        elif self._matrix is None:
-            self.B.multTranspose(_vector(x), self._f)
-            self.solve(self._f, self._u, purpose, relative)
-            self.B.mult(self._u, _vector(y))
-        else:
-            self.count[purpose] += 1
-            if self._trace is None:
-                y[:] = dsymv(1.0, self._matrix, x)
+            return
+        with event("ComplianceMult"):
+            if self._matrix is None:
+                self.B.multTranspose(_vector(x), self._f)
+                self.solve(self._f, self._u, purpose, relative)
+                self.B.mult(self._u, _vector(y))
             else:
-                y[:] = self._trace @ dsymv(1.0, self._matrix, self._spread @ x)
+                self.count[purpose] += 1
+                y[:] = self._multiplied(x)
+
+    def _multiplied(self, x: np.ndarray) -> np.ndarray:
+        if self._trace is None:
+            return dsymv(1.0, self._matrix, x)
+        return self._trace @ dsymv(1.0, self._matrix, self._spread @ x)
 
     def dense(self) -> np.ndarray:
         """C (size, size) as a dense matrix (m/N); made once, by multiplications where there is none. Collective."""

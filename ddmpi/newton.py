@@ -29,6 +29,7 @@ from petsc4py import PETSc
 from ddmpi.algorithm import Step
 from ddmpi.body import Body, Friction
 from ddmpi.errors import SolverError
+from ddmpi.events import event
 from ddmpi.exchange import Exchange
 from ddmpi.petsc_versions import call_solver
 from ddmpi.preconditioner import HalfPlaneStiffness
@@ -131,6 +132,7 @@ class InterfaceNewton:
         May be called again to go on. Returns "converged", "diverged" or "max_iterations". Raises
         SolverError on all ranks, and InterruptionError when a signal came to one of them. Collective.
         """
+        self._joint.kept = KEPT * tolerance * self._size()
         if self._settled:  # the forces were moved onto their bounds; the gaps must follow
             self._r = self._joint.product(self._s, "newton") - self._d
             self._settled = False
@@ -160,7 +162,8 @@ class InterfaceNewton:
             if self._frozen:
                 self._approximate(residual)
             else:
-                self._newton_step()
+                with event("NewtonStep"):
+                    self._newton_step()
             self._start = False
             after = self._relative(self._equations(self._s, self._r).residual)
             size = np.linalg.norm(self._s)

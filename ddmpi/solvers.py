@@ -10,6 +10,7 @@ from petsc4py import PETSc
 from scipy.linalg import cho_factor, cho_solve
 
 from ddmpi.errors import SolverError
+from ddmpi.events import event
 from ddmpi.mprgp import MPRGP
 from ddmpi.petsc_versions import TaoReason, call_solver
 from ddmpi.qp import QP, QPResult
@@ -250,7 +251,8 @@ class QPSolver:
         bounded = np.isfinite(qp.lower).any() or np.isfinite(qp.upper).any()
         solve = self._mprgp if self.type == "python" or not bounded else self._petsc
         try:
-            result = solve(qp, start, Cs, tolerance, purpose, kept)
+            with event("ContactProgram"):
+                result = solve(qp, start, Cs, tolerance, purpose, kept)
             if not result.residual <= 1.01 * tolerance:
                 raise SolverError(f"subproblem for {purpose}: TAO type {self.type} ended with {self._reason()} after "
                                   f"{result.iterations} iterations; projected gradient {result.residual:.2e} m, "

@@ -9,7 +9,7 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "ddmpi"
 
-ORDER = ["errors", "memory", "interrupt", "logs", "provenance", "keys", "scene", "cases", "accuracy", "mesh",
+ORDER = ["errors", "memory", "events", "interrupt", "logs", "provenance", "keys", "scene", "cases", "accuracy", "mesh",
          "elements", "stiffness", "elasticity", "estimate", "interface", "petsc_versions", "qp", "mprgp", "schur",
          "solvers", "compliance", "preconditioner", "body", "exchange", "coupled", "algorithm", "anderson",
          "newton", "certificate", "diagnosis", "petsc_options", "problem", "checkpoint", "solution",
@@ -67,7 +67,7 @@ def test_imports_are_light():
 import importlib, sys
 for module in ("cli", "sweep"):
     importlib.import_module("ddmpi." + module)
-    print(module, *[name for name in ("gmsh", "matplotlib", "meshio", "h5py") if name in sys.modules])
+    print(module, *[name for name in ("gmsh", "matplotlib", "meshio", "h5py", "scipy.optimize") if name in sys.modules])
 """
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60,
                            cwd=PACKAGE.parent)
