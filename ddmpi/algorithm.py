@@ -22,8 +22,13 @@ FIRST_PRECISION = 0.01
 FIXED_PRECISION = 0.1
 """η of inner_precision = "fixed", applied to the update that is asked for at the end, from the start."""
 
-ROUNDING = 1e-13
-"""No inner solve is asked for more than this, relative to the displacements at hand."""
+KEPT = 1e-3
+"""Where the compliance is applied by an iterative solver: the error that a multiplication in a program may leave, as
+a share of the inner precision at the end. Programs keep their products by recurrence from one outer iteration to the
+next, so what is lost in an early one is missing in the last."""
+
+PASSING = 0.01
+"""There, the precision of a Neumann solve, as a share of η; its result only moves λ."""
 
 DIVERGED = 1e8
 """The iteration has diverged when ‖λ‖ exceeds the free contact displacements by this factor."""
@@ -98,6 +103,7 @@ class OuterIteration:
         approach[:self.body.interface.m] -= self.body.interface.gap
         free = max(np.linalg.norm(h1), np.linalg.norm(h2))
         self._scale = max(free, float(np.linalg.norm(self.body.interface.gap)))
+        self._tolerance = self.method.tolerance
         self._step_size = FIRST_PRECISION * min(free, float(np.linalg.norm(approach))) / self.precision
 
     @property
@@ -122,6 +128,7 @@ class OuterIteration:
         Raises SolverError on all ranks when an inner solve of either body fails, InterruptionError when a
         signal came to one of them. Collective.
         """
+        self._tolerance = tolerance
         while len(self.history) < self.method.max_iterations:
             self.checkpoint()
             step = self.iterate()
@@ -145,14 +152,15 @@ class OuterIteration:
         size = self._step_size
         if self.method.inner_precision == "fixed":  # as if the last update were this one already
             size = self.method.tolerance * (np.linalg.norm(self.lam) or self._scale)
-        precision = max(self.precision * size, ROUNDING * self._scale)
+        precision = max(self.precision * size, self.body.C.accuracy * self._scale)
+        kept = KEPT * self.precision * self._tolerance * float(np.linalg.norm(self.lam))
 
         with exchange.deferred():
-            body.solve(self.lam, self.g, precision, self.algorithm, self._split)  # Steps 1 and 2
+            body.solve(self.lam, self.g, precision, self.algorithm, self._split, kept)  # Steps 1 and 2
         self.s1, self.s2 = exchange.swap(body.s, "forces")
         w = np.zeros_like(self.lam)
         with exchange.deferred():
-            w = body.neumann(self.s1 - self.s2)  # Steps 3 and 4
+            w = body.neumann(self.s1 - self.s2, PASSING * self.precision)  # Steps 3 and 4
         w1, w2 = exchange.swap(np.append(w, body.C.count.total()), "neumann")
         update = self.advance(w1[:-1], w2[:-1])
         self.lam += update  # Step 5

@@ -13,6 +13,7 @@ from petsc4py import PETSc
 
 from ddmpi.compliance import Compliance
 from ddmpi.elasticity import Elasticity
+from ddmpi.events import event
 from ddmpi.interface import Interface, displacement_trace, trace
 from ddmpi.qp import QP
 from ddmpi.scene import Coulomb, NoFriction, Tresca
@@ -20,6 +21,10 @@ from ddmpi.solvers import QPSolver
 
 PURPOSE = {1: "step1", 2: "step2"}
 """Under which the multiplications of the program of a role are counted."""
+
+
+PRECISE = 1e-12
+"""Relative residual of the last solve, which the certificate looks at, where it is an iterative one."""
 
 
 def friction_role(algorithm: str) -> int:
@@ -72,7 +77,7 @@ class Body:
     name, role : the body's name and its role (1 or 2) at the interface
     interface : the paired contact nodes
     elasticity : A, b of the body
-    compliance : kind of the compliance, see `Compliance`
+    compliance, memory : kind of the compliance, and the bytes it may use, see `Compliance`
 
     Attributes
     ----------
@@ -87,16 +92,17 @@ class Body:
     STATE = ("s", "Cs", "steps")
 
     def __init__(self, name: str, role: int, interface: Interface, elasticity: Elasticity,
-                 compliance: str | None = None) -> None:
+                 compliance: str | None = None, memory: float = np.inf) -> None:
         self.name, self.role, self.interface, self.elasticity = name, role, interface, elasticity
         m = interface.m
         self.normal, self.tangential, self.whole = slice(0, m), slice(m, None), slice(None)
         self.sigma = 1.0 if role == 1 else -1.0
-        self.C = Compliance(elasticity.A, trace(interface, role, elasticity), name, compliance)
+        self.C = Compliance(elasticity.A, trace(interface, role, elasticity), name, compliance, memory)
         self.qp_solver = QPSolver()
         self.h = np.zeros(self.C.size)
         if elasticity.b.norm() > 0.0:
-            self.C.free_response(elasticity.b, self.h, "load")
+            with event("LoadResponse"):
+                self.C.free_response(elasticity.b, self.h, "load")
         self.h += displacement_trace(interface, role, elasticity.prescribed)
         self._set_up = self.C.count.copy()
         self.restart()
@@ -128,7 +134,7 @@ class Body:
         return lower, upper
 
     def solve(self, lam: np.ndarray, g: np.ndarray, tolerance: float, algorithm: str = "original",
-              split: bool = False) -> np.ndarray:
+              split: bool = False, kept: float = 0.0) -> np.ndarray:
         """Contact forces s (size,) for the contact displacement `lam` and the slip bound `g` (N).
 
         Parameters
@@ -137,6 +143,7 @@ class Body:
         algorithm : "original" or "modified"
         split : one Gauss–Seidel sweep, the normal forces with the tangential ones held and then the
             tangential ones, instead of all at once
+        kept : largest error (m) that a multiplication may leave in Cs, see `QPSolver.solve`
 
         Raises SolverError. Collective on the body's communicator. Slides: Steps 1 and 2 of (DD)_h,
         and "Further modifications".
@@ -149,19 +156,20 @@ class Body:
             held_lower, held_upper = self.s.copy(), self.s.copy()
             held_lower[block], held_upper[block] = lower[block], upper[block]
             result = self.qp_solver.solve(QP(self.C, d, held_lower, held_upper), self.s, self.Cs,
-                                          tolerance, PURPOSE[self.role])
+                                          tolerance, PURPOSE[self.role], kept)
             self.s, self.Cs = result.s, result.Cs
             for kind, number in result.steps.items():
                 self.steps[kind] = self.steps.get(kind, 0) + number
         return self.s
 
-    def neumann(self, jump: np.ndarray) -> np.ndarray:
+    def neumann(self, jump: np.ndarray, relative: float = 0.0) -> np.ndarray:
         """B w (size,) with A w = ½ Bᵀ `jump`: the displacement (m) that the force jump (N) causes.
 
-        Collective on the body's communicator. Slides: Steps 3 and 4.
+        `relative` as for `Compliance.mult`. Collective on the body's communicator. Slides: Steps 3 and 4.
         """
         Bw = np.empty(self.C.size)
-        self.C.mult(0.5 * jump, Bw, "neumann")
+        with event("NeumannSolve"):
+            self.C.mult(0.5 * jump, Bw, "neumann", relative)
         return Bw
 
     def displacement(self) -> tuple[np.ndarray, float, float]:
@@ -175,13 +183,17 @@ class Body:
 
         Collective on the body's communicator.
         """
+        with event("Displacement"):
+            return self._displacement()
+
+    def _displacement(self) -> tuple[np.ndarray, float, float]:
         A, b = self.elasticity.A, self.elasticity.b
         u, f = A.createVecs()
         self.C.B.multTranspose(PETSc.Vec().createWithArray(self.s, comm=PETSc.COMM_SELF), f)
         size = max(f.norm(), b.norm())
         f.aypx(-1.0, b)
         if f.norm() > 0.0:
-            self.C.solve(f, u, "displacement")
+            self.C.solve(f, u, "displacement", PRECISE)
         Au = u.duplicate()
         A.mult(u, Au)
         energy = self.elasticity.strain_energy(u, Au)

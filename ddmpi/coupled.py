@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
-from scipy.optimize import lsq_linear
 
 from ddmpi.body import Body, Friction
 from ddmpi.errors import InputError, NotConvergedError
@@ -73,6 +72,8 @@ def solve_dense(C: np.ndarray, d: np.ndarray, interface: Interface, friction: Fr
 
 def _bounded(C: np.ndarray, d: np.ndarray, m: int, g: np.ndarray) -> np.ndarray:
     """The QP with bounds by BVLS, scaled free of units; zero-width bounds are taken out."""
+    from scipy.optimize import lsq_linear
+
     force = np.linalg.norm(d) / np.linalg.norm(C, 2) or 1.0
     lower, upper = np.zeros(len(d)), np.full(len(d), np.inf)
     lower[m:], upper[m:] = -g / force, g / force

@@ -14,6 +14,7 @@ from mpi4py import MPI
 
 from ddmpi import interrupt
 from ddmpi.errors import DdmpiError, SolverError
+from ddmpi.events import event
 
 _INTERFACE = 11
 
@@ -61,12 +62,13 @@ class Exchange:
         send[0] = FAILED * (self._failure is not None) + DUE * self.wants_checkpoint()
         send[1] = zlib.crc32(about.encode())
         send[2:] = mine
-        sending = self.world.Isend(send, self.partner, _INTERFACE)
-        status = MPI.Status()
-        self.world.Probe(self.partner, _INTERFACE, status)
-        receive = np.empty(status.Get_count(MPI.DOUBLE))  # as long as what comes, also when it is unexpected
-        self.world.Recv(receive, self.partner, _INTERFACE)
-        sending.Wait()
+        with event("Exchange"):
+            sending = self.world.Isend(send, self.partner, _INTERFACE)
+            status = MPI.Status()
+            self.world.Probe(self.partner, _INTERFACE, status)
+            receive = np.empty(status.Get_count(MPI.DOUBLE))  # as long as what comes, also when it is unexpected
+            self.world.Recv(receive, self.partner, _INTERFACE)
+            sending.Wait()
         self.messages += 1
         self.bytes += send.nbytes
         lost = send[1] != receive[1] or len(send) != len(receive)

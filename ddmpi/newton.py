@@ -29,6 +29,7 @@ from petsc4py import PETSc
 from ddmpi.algorithm import Step
 from ddmpi.body import Body, Friction
 from ddmpi.errors import SolverError
+from ddmpi.events import event
 from ddmpi.exchange import Exchange
 from ddmpi.petsc_versions import call_solver
 from ddmpi.preconditioner import HalfPlaneStiffness
@@ -56,6 +57,13 @@ LEAST_RELAXATION = 0.02
 
 ERROR = 10.0
 """The forces are converged when the error estimated for them is below this times the tolerance."""
+
+STEERING = 0.1
+"""Where the compliance is applied by an iterative solver: a product in GMRES need only be as precise as this times
+what GMRES has left to do (Bouras and Frayssé, SIAM J. Matrix Anal. Appl. 26, 2005), since it steers, no more."""
+
+KEPT = 0.01
+"""There, the error of a product that is kept, as a share of the error asked for."""
 
 KRYLOV_LIMIT = 300
 """Most GMRES iterations in one Newton step; a step that is not solved to FORCING is used as it is."""
@@ -124,6 +132,7 @@ class InterfaceNewton:
         May be called again to go on. Returns "converged", "diverged" or "max_iterations". Raises
         SolverError on all ranks, and InterruptionError when a signal came to one of them. Collective.
         """
+        self._joint.kept = KEPT * tolerance * self._size()
         if self._settled:  # the forces were moved onto their bounds; the gaps must follow
             self._r = self._joint.product(self._s, "newton") - self._d
             self._settled = False
@@ -145,6 +154,7 @@ class InterfaceNewton:
             self._stalled = 0 if residual < self._smallest else self._stalled + 1
             self._smallest = min(self._smallest, residual)
             before = self._s
+            self._joint.kept = KEPT * tolerance * self._size()
             if self._stalled >= PATIENCE:
                 self._frozen, self._bound, self._relaxation, self._bound_change = 2**self._rescues, self.g, 1.0, np.inf
                 self._rescues += 1
@@ -152,7 +162,8 @@ class InterfaceNewton:
             if self._frozen:
                 self._approximate(residual)
             else:
-                self._newton_step()
+                with event("NewtonStep"):
+                    self._newton_step()
             self._start = False
             after = self._relative(self._equations(self._s, self._r).residual)
             size = np.linalg.norm(self._s)
@@ -246,18 +257,20 @@ class InterfaceNewton:
         if not right.any():
             return np.zeros_like(right)
         joint, preconditioner = self._joint, self._preconditioner
-        whole = np.zeros(len(unknown))
+        whole, size = np.zeros(len(unknown)), float(np.linalg.norm(right))
 
         class Restricted:
             def mult(self, _mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-                y.array[:] = joint.product(expand(x.array_r), "newton")[unknown]
+                left = (ksp.getResidualNorm() or size) / size
+                relative = STEERING * min(ksp.getTolerances()[0] / left, 1.0)
+                y.array[:] = joint.product(expand(x.array_r), "newton", relative)[unknown]
 
             def apply(self, _pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
                 whole[unknown] = x.array_r
                 y.array[:] = preconditioner.mult(whole)[unknown]
 
-        context, size = Restricted(), len(right)
-        K = PETSc.Mat().createPython((size, size), context=context, comm=PETSc.COMM_SELF)
+        context = Restricted()
+        K = PETSc.Mat().createPython((len(right), len(right)), context=context, comm=PETSc.COMM_SELF)
         K.setUp()
         b = PETSc.Vec().createWithArray(right, comm=PETSc.COMM_SELF)
         y = b.duplicate()
@@ -297,8 +310,9 @@ class InterfaceNewton:
         precision = max(0.1 * residual, 1e-10) * self._size() / self._c
         start = qp.project(self._s)
         Cs = self._joint.product(start, "approximation")
+        kept = self._joint.kept / self._c
         with self.exchange.deferred():
-            result = QPSolver().solve(qp, start, Cs, precision, "approximation")
+            result = QPSolver().solve(qp, start, Cs, precision, "approximation", kept)
             start, Cs = result.s, result.Cs
         self.exchange.swap(np.zeros(1), "approximation made")
         self._s, self._r = start, Cs - self._d
@@ -321,22 +335,30 @@ class _State:
 
 
 class _Joint:
-    """C_1 + C_2, an operator in the sense of `qp`; collective on both bodies."""
+    """C_1 + C_2, an operator in the sense of `qp`; collective on both bodies.
+
+    Attributes
+    ----------
+    kept : forces (N) that do not matter in a product that is kept
+    """
 
     def __init__(self, body: Body, exchange: Exchange) -> None:
         self.body, self.exchange, self.size = body, exchange, body.C.size
+        self.kept = 0.0
         self._own = np.empty(self.size)
 
-    def product(self, x: np.ndarray, purpose: str) -> np.ndarray:
-        """(C_1 + C_2) x, as a new vector."""
-        y = np.empty(self.size)
-        self.mult(x, y, purpose)
+    def product(self, x: np.ndarray, purpose: str, relative: float | None = None) -> np.ndarray:
+        """(C_1 + C_2) x, as a new vector, precise enough to be kept, or `relative` as for `Compliance.mult`."""
+        y, size = np.empty(self.size), np.linalg.norm(x)
+        if relative is None:
+            relative = min(self.kept / size, STEERING) if size else 0.0
+        self.mult(x, y, purpose, relative)
         return y
 
-    def mult(self, x: np.ndarray, y: np.ndarray, purpose: str) -> None:
-        """y ← (C_1 + C_2) x."""
+    def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
+        """y ← (C_1 + C_2) x; `relative` as for `Compliance.mult`."""
         with self.exchange.deferred():
-            self.body.C.mult(x, self._own, purpose)
+            self.body.C.mult(x, self._own, purpose, relative)
         first, second = self.exchange.swap(self._own, purpose)
         np.add(first, second, out=y)
 

@@ -17,6 +17,7 @@ from ddmpi.elasticity import assemble
 from ddmpi.errors import InputError
 from ddmpi.exchange import Exchange, agreed
 from ddmpi.interface import Interface, contact_side, pair
+from ddmpi.memory import free_memory
 from ddmpi.mesh import Mesh, boundary_group, build_mesh
 from ddmpi.scene import BodySpec, NoFriction, Scene
 
@@ -107,8 +108,9 @@ def prepare(world: MPI.Comm, scene: Scene, folder: Path = Path("."), clock: Cloc
         with agreed(world):
             interface = pair(*both, friction=not isinstance(contact.friction, NoFriction), label="contact.0")
     friction = friction_at(contact.friction, interface)
+    memory = free_memory() / _ranks_beside(world)
     with clock.phase("factor"), agreed(world):
-        body = Body(spec.name, role, interface, elasticity, scene.method.compliance)
+        body = Body(spec.name, role, interface, elasticity, scene.method.compliance, memory)
         interrupt.check()
     return Problem(world, scene, spec, mesh, interface, friction, body, exchange, world.allreduce(elasticity.n), order)
 
@@ -120,3 +122,12 @@ def check_ranks(world: MPI.Comm, scene: Scene) -> None:
                            f"mpirun -n {len(scene.body)} (started on {world.size})")
         error.agreed = True
         raise error
+
+
+def _ranks_beside(world: MPI.Comm) -> int:
+    """How many ranks share this machine's memory, this one counted. Collective."""
+    node = world.Split_type(MPI.COMM_TYPE_SHARED)
+    try:
+        return node.size
+    finally:
+        node.Free()

@@ -13,8 +13,9 @@ class Operator(Protocol):
 
     size: int
 
-    def mult(self, x: np.ndarray, y: np.ndarray, purpose: str) -> None:
-        """y ← C x."""
+    def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
+        """y ← C x. `relative` is the error that y may have, where C is applied by an iterative solver; zero
+        for the usual one."""
 
     def norm(self) -> float:
         """An estimate of ‖C‖₂ from below, by a few per cent at most."""

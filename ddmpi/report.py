@@ -40,8 +40,10 @@ def tell_plan(problem: Problem, figures: bool) -> None:
         left_out.append("stress (not asked for)")
     if not figures:
         left_out.append("pictures (not asked for)")
-    log.info("n = %d unknowns, m = %d contact nodes, friction: %s; A by %s, compliance %s",
-             problem.n, interface.m, friction.law, body.C.solver.description, body.C.kind)
+    log.info("n = %d unknowns, m = %d contact nodes, friction: %s", problem.n, interface.m, friction.law)
+    ways = problem.world.allgather(f"A by {body.C.solver.description}, compliance {body.C.kind} ({body.C.reason})")
+    for spec, way in zip(scene.body, ways, strict=True):
+        log.info("%s: %s", spec.name, way)
     qp = "" if scene.method.outer == "newton" else body.qp_solver.type.replace("python", "python (MPRGP)")
     log.info("%s; left out: %s", _describe(scene.method, qp), ", ".join(left_out) or "nothing")
     log.info("%5s  %10s  %10s  %6s", "k", "update", "residual", "n_A")
@@ -81,6 +83,7 @@ def summarize(problem: Problem, outer: OuterIteration | InterfaceNewton, answer:
     counts = world.allgather(dict(body.C.count))
     memory = world.allgather(round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1))
     solver = world.allgather(body.C.solver.description)
+    kinds = world.allgather(body.C.kind)
     steps = world.allgather(body.steps)
     unused = sorted(set.intersection(*map(set, world.allgather(unused_options()))))
     by_body = [sum(count.values()) for count in counts]
@@ -104,7 +107,7 @@ def summarize(problem: Problem, outer: OuterIteration | InterfaceNewton, answer:
         "displacement_max": finite_or_none(answer.displacement_max), "energy": [finite_or_none(e) for e in energy],
         "seconds": {}, "memory_mib": memory,
         "exchange": {"messages": outer.exchange.messages, "bytes": outer.exchange.bytes},
-        "solvers": {"body": solver, "compliance": body.C.kind,
+        "solvers": {"body": solver, "compliance": kinds,
                     "qp": "none" if scene.method.outer == "newton" else body.qp_solver.type},
         "options": PETSc.Options().getAll(), "options_unused": unused, "scene": scene.resolved(),
     }

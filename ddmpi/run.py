@@ -20,6 +20,7 @@ from ddmpi.diagnosis import diagnose
 from ddmpi.elasticity import stress, von_mises
 from ddmpi.errors import DdmpiError, InputError, NotConvergedError, OutputError
 from ddmpi.estimate import DiscretizationError, estimate_error, sum_errors
+from ddmpi.events import event
 from ddmpi.exchange import agreed
 from ddmpi.newton import InterfaceNewton
 from ddmpi.problem import Clock, Problem, check_ranks, prepare
@@ -113,8 +114,7 @@ def run(world: MPI.Comm, scene: Scene, scene_path: str, output: str | None, figu
 
 def _solve(problem: Problem, clock: Clock, checkpoints: Checkpoints) -> _Solved:
     """Iterate, certify, and estimate the discretization error. Collective."""
-    with clock.phase("outer"):
-        answer, outer = solve(problem, problem.scene.method, tell_step, checkpoints)
+    answer, outer = solve(problem, problem.scene.method, tell_step, checkpoints, clock)
     with clock.phase("estimate"):
         estimate = estimate_error(problem.mesh, problem.spec.material, answer.displacement)
         error = sum_errors(problem.world.allgather((estimate.total, estimate.energy, estimate.area)), estimate)
@@ -161,22 +161,25 @@ def _write(solved: _Solved, folder: Path | None, clock: Clock, summary: dict, fi
     path = world.bcast(staging.path if staging else None)
     sizes = world.allgather((len(mesh.points), len(mesh.triangles)))
     try:
+        with clock.phase("recover"), agreed(world), event("Stress"):
+            fields = _fields(solved)
         with clock.phase("output"):
             with agreed(world):
                 if staging:
                     staging.create()
-                fields = _fields(solved)
             for rank in range(world.size):
-                with agreed(world):
+                with agreed(world), event("WriteFields"):
                     if rank == world.rank:
                         write_fields(path, fields, rank, sizes)
-            with agreed(world):
+            with agreed(world), event("WriteTables"):
                 if staging:
                     write_xdmf(path)
                     write_history(path, solved.outer.history, solved.answer.statuses.counts)
                     write_interface(path, problem.interface, solved.answer.state)
                     write_summary(path, summary)
-                    picture_error = _draw(path) if figures else None
+            if figures:
+                with agreed(world), event("Figures"):
+                    picture_error = _draw(path) if staging else None
         seconds = clock.largest(world)
         with agreed(world):
             if staging:

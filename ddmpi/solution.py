@@ -13,9 +13,10 @@ from ddmpi.anderson import AndersonIteration
 from ddmpi.certificate import Certificate, ContactState, certificate_limit, certify, contact_state
 from ddmpi.checkpoint import Checkpoints
 from ddmpi.diagnosis import StatusLog
+from ddmpi.events import event
 from ddmpi.interface import displacement_trace
 from ddmpi.newton import InterfaceNewton
-from ddmpi.problem import Problem
+from ddmpi.problem import Clock, Problem
 from ddmpi.scene import Method
 
 log = logging.getLogger("ddmpi")
@@ -76,12 +77,15 @@ class _Goal:
 
 
 def solve(problem: Problem, method: Method, report: Callable[[Step], None] = lambda step: None,
-          checkpoints: Checkpoints | None = None) -> tuple[Answer, OuterIteration | InterfaceNewton]:
+          checkpoints: Checkpoints | None = None, clock: Clock | None = None,
+          ) -> tuple[Answer, OuterIteration | InterfaceNewton]:
     """Solve `problem` by `method`, from zero or from what `checkpoints` holds.
 
     Where the iteration stops by its criterion but the certificate fails, it goes on with a tighter
-    one. Collective. Raises SolverError, and InterruptionError when a signal came; the same on all ranks.
+    one. `clock` times the phases outer and recover. Collective. Raises SolverError, and InterruptionError
+    when a signal came; the same on all ranks.
     """
+    clock = clock or Clock()
     problem.body.restart()
     statuses = StatusLog()
 
@@ -89,15 +93,18 @@ def solve(problem: Problem, method: Method, report: Callable[[Step], None] = lam
         statuses.record(problem.interface, outer.forces, outer.g)
         report(step)
 
-    outer = _outer(problem, method, note)
+    with clock.phase("outer"):
+        outer = _outer(problem, method, note)
     load = float(sum(problem.world.allgather(problem.body.elasticity.load)))
     limit = certificate_limit(method.tolerance)
     goal = _Goal(method.tolerance)
     if checkpoints:
         checkpoints.follow(outer=outer, statuses=statuses, goal=goal)
     while True:
-        stopped = outer.run(goal.tolerance)
-        answer = _conclude(outer, stopped, load, limit, statuses)
+        with clock.phase("outer"):
+            stopped = outer.run(goal.tolerance)
+        with clock.phase("recover"):
+            answer = _conclude(outer, stopped, load, limit, statuses)
         if stopped != "converged" or answer.certified or goal.tolerance < np.finfo(float).eps:
             return answer, outer
         goal.tolerance *= TIGHTER
@@ -129,6 +136,8 @@ def _conclude(outer: OuterIteration | InterfaceNewton, stopped: str, load: float
     both = exchange.swap(np.append(own, [residual, energy, largest, yielding]), "answer")
     traces = tuple(vector[:-4] for vector in both)
     (r1, e1, u1, y1), (r2, e2, u2, y2) = (vector[-4:] for vector in both)
-    state = contact_state(interface, outer.friction, outer.forces, outer.g, traces)
-    certificate = certify(interface, outer.friction, state, (outer.s1, outer.s2), traces, (r1, r2), load, max(y1, y2))
+    with event("Certificate"):
+        state = contact_state(interface, outer.friction, outer.forces, outer.g, traces)
+        certificate = certify(interface, outer.friction, state, (outer.s1, outer.s2), traces, (r1, r2), load,
+                              max(y1, y2))
     return Answer(stopped, u, float(max(u1, u2)), (float(e1), float(e2)), state, certificate, limit, statuses)

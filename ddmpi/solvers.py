@@ -10,12 +10,14 @@ from contextlib import contextmanager
 
 import numpy as np
 from petsc4py import PETSc
+from scipy.linalg import cho_factor, cho_solve
 
 from ddmpi.errors import SolverError
+from ddmpi.events import event
 from ddmpi.mprgp import MPRGP
 from ddmpi.petsc_versions import TaoReason, call_solver
 from ddmpi.qp import QP, QPResult
-from ddmpi.schur import request_schur, schur_complement
+from ddmpi.schur import inverted_schur, request_schur
 
 REFINEMENTS = 3
 """How often an iterative solve whose true residual is too large is refined before it is an error."""
@@ -30,6 +32,12 @@ triangles and four times with quadratic ones. Beside a Schur complement MUMPS or
 DIRECT_RESIDUAL = 1e-6
 """A direct solve whose relative residual exceeds this has failed (a pivot was lost)."""
 
+
+USUAL, LEAST = 1e-10, 1e-13
+"""Relative residuals of an iterative solve: the usual one, and the smallest that is ever asked for."""
+
+LEAST_PRECISE = 1e-2
+"""No multiplication in a quadratic program is asked to be less precise than this, relatively."""
 
 FRESH = 1e-11
 """Below this precision, relative to the displacements, a product kept by recurrence is computed anew."""
@@ -50,12 +58,13 @@ class StiffnessSolver:
     ----------
     A : the stiffness matrix, symmetric positive definite
     name : the body's name, for messages
-    schur : dofs on which the Schur complement is wanted, if the factorization can give it
+    schur : dofs on which the inverse of the Schur complement is wanted, if the factorization can give it
     iterative : conjugate gradients with algebraic multigrid instead of a factorization
 
     Attributes
     ----------
-    schur_complement : (k, k) dense Schur complement on those dofs (N/m), or None
+    inverse : (k, k) symmetric, in the order of Fortran: A⁻¹ on those dofs (m/N), which is the inverse of the
+        Schur complement; or None. Not to be written to; it goes with the solver
 
     Raises
     ------
@@ -68,7 +77,7 @@ class StiffnessSolver:
         self.ksp = PETSc.KSP().create(A.comm)
         self.ksp.setOptionsPrefix("body_")
         self.ksp.setOperators(A)
-        self.schur_complement = None
+        self.inverse: np.ndarray | None = None
         try:
             self._configure(iterative)
             self._set_up(schur)
@@ -87,10 +96,12 @@ class StiffnessSolver:
         pc.setType(PETSc.PC.Type.GAMG if iterative else PETSc.PC.Type.CHOLESKY)
         if options.getString("pc_type", pc.getType()) == "cholesky":
             pc.setFactorSolverType(options.getString("pc_factor_mat_solver_type", best_cholesky(self.A)))
-        self.ksp.setTolerances(rtol=1e-10, atol=0.0, max_it=2000)
+        self.ksp.setTolerances(rtol=USUAL, atol=0.0, max_it=2000)
         self.ksp.setErrorIfNotConverged(False)
         self.ksp.setFromOptions()
         self.direct = self.ksp.getType() == PETSc.KSP.Type.PREONLY
+        self._adapts = not self.direct and not options.hasName("ksp_rtol")
+        self._tolerances = self.ksp.getTolerances()
         if not options.hasName("ksp_norm_type") and self.ksp.getType() in TRUE_RESIDUAL:
             self.ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
             if self.ksp.getType() == "gmres":
@@ -102,14 +113,14 @@ class StiffnessSolver:
         keeps = (schur is not None and self.direct and pc.getType() == PETSc.PC.Type.CHOLESKY
                  and pc.getFactorSolverType() == "mumps")
         if keeps and self.A.size[0] <= 2 * len(schur):  # hardly anything to eliminate: MUMPS may fail at that
-            self.schur_complement = _dense_schur(_dense(self.A), schur)
+            self.inverse = _dense_inverse(_dense(self.A), schur, self.name)
             keeps = False
         if keeps:
             request_schur(pc, schur)
         with _default_option("body_mat_mumps_icntl_7", MUMPS_ORDERING):
             self.ksp.setUp()
         if keeps:
-            self.schur_complement = schur_complement(pc, len(schur))
+            self.inverse = inverted_schur(pc, len(schur))
 
     @property
     def description(self) -> str:
@@ -118,18 +129,28 @@ class StiffnessSolver:
         kind = f"{self.ksp.getType()} + {pc.getType()}"
         return f"{kind} ({pc.getFactorSolverType()})" if pc.getType() in ("cholesky", "lu") else kind
 
-    def solve(self, f: PETSc.Vec, u: PETSc.Vec) -> None:
+    def solve(self, f: PETSc.Vec, u: PETSc.Vec, relative: float = 0.0) -> None:
         """u ← A⁻¹ f. Collective. Raises SolverError when the true residual is too large.
 
         A direct solver is checked at its first solve (the certificate checks the last one), an
         iterative one at every solve, and refined where its own norm was too kind.
+
+        Parameters
+        ----------
+        relative : an iterative solver shall stop when ‖f − A u‖ is this times ‖f‖, or USUAL times where it is
+            zero, and always where the options say when it shall (-body_ksp_rtol)
         """
+        usual, *others = self._tolerances
+        precision = usual
+        if self._adapts:
+            precision = max(relative or usual, LEAST)
+            self.ksp.setTolerances(precision, *others)
         self._solve(f, u)
         if self.direct and not self._first:
             return
         self._first = False
-        target = DIRECT_RESIDUAL if self.direct else 2 * self.ksp.getTolerances()[0]
         size = f.norm()
+        target = DIRECT_RESIDUAL if self.direct else 2 * max(precision, usual)  # below that, rounding may prevail
         for attempt in range(REFINEMENTS + 1):
             self.A.mult(u, self._residual)
             self._residual.aypx(-1.0, f)
@@ -226,13 +247,16 @@ class QPSolver:
     def type(self, value: str) -> None:
         self._type = value
 
-    def solve(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, purpose: str) -> QPResult:
+    def solve(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, purpose: str,
+              kept: float = 0.0) -> QPResult:
         """Solve `qp` from the point `s`, whose product with C is `Cs`.
 
         Parameters
         ----------
         tolerance : largest ‖projected gradient‖₂, in the unit of d (m)
         purpose : under which the multiplications are counted
+        kept : largest error, in the unit of d (m), that a multiplication may leave in the product that is
+            returned, where C is applied by an iterative solver; zero leaves it to the operator
 
         Raises
         ------
@@ -240,17 +264,17 @@ class QPSolver:
             when the precision is not reached, whatever TAO says. Collective on the body.
         """
         start = qp.project(s)
+        whole = _share(kept, max(np.linalg.norm(qp.d), np.linalg.norm(Cs)))
         if not np.array_equal(start, s):
             Cs = np.empty_like(start)
-            qp.C.mult(start, Cs, purpose)
+            qp.C.mult(start, Cs, purpose, whole)
         if qp.residual(start, Cs) <= tolerance:
             return QPResult(start, Cs, qp.residual(start, Cs), 0, {})
         bounded = np.isfinite(qp.lower).any() or np.isfinite(qp.upper).any()
+        solve = self._mprgp if self.type == "python" or not bounded else self._petsc
         try:
-            if self.type == "python" or not bounded:
-                result = self._mprgp(qp, start, Cs, tolerance, purpose)
-            else:
-                result = self._petsc(qp, start, Cs, tolerance, purpose)
+            with event("ContactProgram"):
+                result = solve(qp, start, Cs, tolerance, purpose, kept)
             if not result.residual <= 1.01 * tolerance:
                 raise SolverError(f"subproblem for {purpose}: TAO type {self.type} ended with {self._reason()} after "
                                   f"{result.iterations} iterations; projected gradient {result.residual:.2e} m, "
@@ -259,30 +283,30 @@ class QPSolver:
             self._release()
         return result
 
-    def _mprgp(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, purpose: str) -> QPResult:
-        problem = _Scaled(qp, np.arange(qp.C.size), s, Cs, purpose)
+    def _mprgp(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, purpose: str, kept: float) -> QPResult:
+        problem = _Scaled(qp, np.arange(qp.C.size), s, Cs, purpose, kept)
         tao = self._create(problem, "python", tolerance)
         call_solver(tao.solve)
         x, g = tao.getSolution().array_r, tao.getGradient()[0].array_r
         s = problem.unscaled(x, 0.0)
         Cs = problem.displacement * g + qp.d
         if tolerance < FRESH * problem.displacement:  # the recurrence may have lost what is asked for
-            qp.C.mult(s, Cs, purpose)
+            qp.C.mult(s, Cs, purpose, _share(kept, problem.displacement))
         steps = dict(tao.getPythonContext().steps)
         return QPResult(s, Cs, qp.residual(s, Cs), tao.getIterationNumber(), steps)
 
-    def _petsc(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, purpose: str) -> QPResult:
+    def _petsc(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, purpose: str, kept: float) -> QPResult:
         moving = np.flatnonzero(qp.lower < qp.upper)
         kind, iterations = _Explicit if self.type == "bqpip" else _Scaled, 0
         for asked in tolerance * STRICTER ** np.arange(3):
-            problem = kind(qp, moving, s, Cs, purpose)
+            problem = kind(qp, moving, s, Cs, purpose, kept)
             tao = self._create(problem, self.type, asked)
             call_solver(tao.solve)
             iterations += tao.getIterationNumber()
             s = s.copy()
             s[moving] = problem.unscaled(tao.getSolution().array_r, ON_BOUND)
             Cs = np.empty_like(s)
-            qp.C.mult(s, Cs, purpose)
+            qp.C.mult(s, Cs, purpose, _share(kept, problem.displacement))
             if qp.residual(s, Cs) <= tolerance or tao.getConvergedReason() < 0:
                 break
         return QPResult(s, Cs, qp.residual(s, Cs), iterations, {})
@@ -330,8 +354,9 @@ class _Scaled:
     objective and gradient at one point cost one multiplication.
     """
 
-    def __init__(self, qp: QP, moving: np.ndarray, s: np.ndarray, Cs: np.ndarray, purpose: str) -> None:
+    def __init__(self, qp: QP, moving: np.ndarray, s: np.ndarray, Cs: np.ndarray, purpose: str, kept: float) -> None:
         self.qp, self.moving, self.purpose = qp, moving, purpose
+        self._relative = _share(kept, np.linalg.norm(Cs - qp.d))  # a step changes C s by about the gradient
         norm = qp.C.norm()
         self.displacement = max(np.linalg.norm(qp.d), np.linalg.norm(Cs)) or 1.0
         self.force = self.displacement / norm
@@ -367,7 +392,7 @@ class _Scaled:
 
     def _apply(self, x: np.ndarray) -> np.ndarray:
         self._whole[self.moving] = x
-        self.qp.C.mult(self._whole, self._product, self.purpose)
+        self.qp.C.mult(self._whole, self._product, self.purpose, self._relative)
         return self._product[self.moving] / self._norm
 
     def mult(self, _mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
@@ -397,8 +422,8 @@ class _Scaled:
 class _Explicit(_Scaled):
     """A scaled QP with a dense Hessian and finite bounds, as interior-point methods want it."""
 
-    def __init__(self, qp: QP, moving: np.ndarray, s: np.ndarray, Cs: np.ndarray, purpose: str) -> None:
-        super().__init__(qp, moving, s, Cs, purpose)
+    def __init__(self, qp: QP, moving: np.ndarray, s: np.ndarray, Cs: np.ndarray, purpose: str, kept: float) -> None:
+        super().__init__(qp, moving, s, Cs, purpose, kept)
         self._matrix = qp.C.dense()[np.ix_(moving, moving)] / self._norm
 
     def vectors(self) -> tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]:
@@ -426,6 +451,11 @@ class _Explicit(_Scaled):
         return self._matrix @ x
 
 
+def _share(error: float, size: float) -> float:
+    """The relative precision of a product of this size that may have this error."""
+    return min(error / size, LEAST_PRECISE) if size else 0.0
+
+
 def _set_type(tao: PETSc.TAO, kind: str) -> None:
     """Set one of PETSc's types; the bounded Newton types must not precondition a shell Hessian."""
     options = PETSc.Options("qp_")
@@ -450,9 +480,11 @@ def _dense(A: PETSc.Mat) -> np.ndarray:
     return dense
 
 
-def _dense_schur(A: np.ndarray, dofs: np.ndarray) -> np.ndarray:
-    rest = np.setdiff1d(np.arange(len(A)), dofs)
-    return A[np.ix_(dofs, dofs)] - A[np.ix_(dofs, rest)] @ np.linalg.solve(A[np.ix_(rest, rest)], A[np.ix_(rest, dofs)])
+def _dense_inverse(A: np.ndarray, dofs: np.ndarray, name: str) -> np.ndarray:
+    try:
+        return np.asfortranarray(cho_solve(cho_factor(A), np.eye(len(A))[:, dofs])[dofs])
+    except (np.linalg.LinAlgError, ValueError) as error:  # not positive definite, not finite
+        raise SolverError(f"body {name!r}: the stiffness cannot be factored: {error}") from None
 
 
 def petsc_message(error: PETSc.Error) -> str:

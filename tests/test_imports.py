@@ -9,8 +9,8 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "ddmpi"
 
-ORDER = ["errors", "interrupt", "logs", "provenance", "keys", "scene", "cases", "accuracy", "mesh", "elements",
-         "stiffness", "elasticity", "estimate", "interface", "petsc_versions", "qp", "mprgp", "schur",
+ORDER = ["errors", "memory", "events", "interrupt", "logs", "provenance", "keys", "scene", "cases", "accuracy", "mesh",
+         "elements", "stiffness", "elasticity", "estimate", "interface", "petsc_versions", "qp", "mprgp", "schur",
          "solvers", "compliance", "preconditioner", "body", "exchange", "coupled", "algorithm", "anderson",
          "newton", "certificate", "diagnosis", "petsc_options", "problem", "checkpoint", "solution",
          "results", "figures", "sweep_table", "sweep_figures", "info", "report", "run", "sweep", "cli", "__main__"]
@@ -67,7 +67,7 @@ def test_imports_are_light():
 import importlib, sys
 for module in ("cli", "sweep"):
     importlib.import_module("ddmpi." + module)
-    print(module, *[name for name in ("gmsh", "matplotlib", "meshio", "h5py") if name in sys.modules])
+    print(module, *[name for name in ("gmsh", "matplotlib", "meshio", "h5py", "scipy.optimize") if name in sys.modules])
 """
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60,
                            cwd=PACKAGE.parent)

@@ -23,7 +23,7 @@ class Dense:
         self.count = {"program": 0, "norm": 0}
         self._norm = 0.0
 
-    def mult(self, x: np.ndarray, y: np.ndarray, purpose: str) -> None:
+    def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
         self.count[purpose] += 1
         y[:] = self.matrix @ x
 
@@ -317,7 +317,7 @@ def test_error_in_a_product_comes_through(kind, petsc_options):
     qp = program(10, "contact")
     qp.C.norm()
 
-    def broken(x, y, purpose):
+    def broken(x, y, purpose, relative=0.0):
         raise SolverError("body 'upper': the solve failed")
 
     qp.C.mult = broken
