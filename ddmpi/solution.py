@@ -15,6 +15,7 @@ from ddmpi.checkpoint import Checkpoints
 from ddmpi.diagnosis import StatusLog
 from ddmpi.interface import displacement_trace
 from ddmpi.newton import InterfaceNewton
+from ddmpi.petsc_versions import free_garbage
 from ddmpi.problem import Problem
 from ddmpi.scene import Method
 
@@ -87,6 +88,7 @@ def solve(problem: Problem, method: Method, report: Callable[[Step], None] = lam
 
     def note(step: Step) -> None:
         statuses.record(problem.interface, outer.forces, outer.g)
+        free_garbage()  # a vector for every multiplication
         report(step)
 
     outer = _outer(problem, method, note)

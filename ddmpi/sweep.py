@@ -18,7 +18,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from ddmpi.cases import Case
 from ddmpi.checkpoint import NAME as CHECKPOINT
@@ -26,6 +25,7 @@ from ddmpi.errors import DdmpiError, InputError, InterruptionError, NotConverged
 from ddmpi.exchange import agreed
 from ddmpi.logs import diverted, utc
 from ddmpi.petsc_options import RunOptions
+from ddmpi.petsc_versions import free_garbage
 from ddmpi.problem import check_ranks
 from ddmpi.provenance import process_seconds, whereabouts
 from ddmpi.run import run
@@ -187,7 +187,7 @@ def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions) ->
         if world.rank == 0:
             (place / CHECKPOINT).unlink(missing_ok=True)  # ours, which has become useless
     gc.collect()  # what refers to itself in a circle, such as solvers and their contexts
-    PETSc.garbage_cleanup()  # PETSc 3.18 keeps what Python has let go of
+    free_garbage()
     own.Free()
     with agreed(world):
         if world.rank == 0:
