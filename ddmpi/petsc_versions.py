@@ -25,3 +25,11 @@ def call_solver(solve: Callable[..., None], *arguments: object) -> None:
         while isinstance(raised, PETSc.Error) and raised.__cause__ is not None:
             raised = raised.__cause__
     raise raised  # here, where the chain that led to it is gone and holds no PETSc objects any longer
+
+
+def free_garbage() -> None:
+    """Free the PETSc objects of this process alone that Python has let go of: PETSc 3.18 keeps them till it is told.
+
+    Others, on a communicator of several ranks, are not touched. Not collective.
+    """
+    PETSc.garbage_cleanup(PETSc.COMM_SELF)

@@ -23,6 +23,7 @@ from ddmpi.estimate import DiscretizationError, estimate_error, sum_errors
 from ddmpi.events import event
 from ddmpi.exchange import agreed
 from ddmpi.newton import InterfaceNewton
+from ddmpi.petsc_versions import free_garbage
 from ddmpi.problem import Clock, Problem, check_ranks, prepare
 from ddmpi.provenance import provenance, versions
 from ddmpi.report import summarize, tell_end, tell_plan, tell_step
@@ -93,6 +94,7 @@ def run(world: MPI.Comm, scene: Scene, scene_path: str, output: str | None, figu
                     del problem, solved, state  # their memory is needed
                     checkpoints, state = None, None
                     gc.collect()
+                    free_garbage()
                     continue
                 summary = summarize(problem, solved.outer, solved.answer, solved.error, course)
                 summary |= provenance(world, clock.started)

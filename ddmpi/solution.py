@@ -16,6 +16,7 @@ from ddmpi.diagnosis import StatusLog
 from ddmpi.events import event
 from ddmpi.interface import displacement_trace
 from ddmpi.newton import InterfaceNewton
+from ddmpi.petsc_versions import free_garbage
 from ddmpi.problem import Clock, Problem
 from ddmpi.scene import Method
 
@@ -91,6 +92,7 @@ def solve(problem: Problem, method: Method, report: Callable[[Step], None] = lam
 
     def note(step: Step) -> None:
         statuses.record(problem.interface, outer.forces, outer.g)
+        free_garbage()  # a vector for every multiplication
         report(step)
 
     with clock.phase("outer"):

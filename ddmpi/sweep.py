@@ -18,7 +18,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from ddmpi.cases import Case
 from ddmpi.checkpoint import NAME as CHECKPOINT
@@ -26,8 +25,9 @@ from ddmpi.errors import DdmpiError, InputError, InterruptionError, NotConverged
 from ddmpi.exchange import agreed
 from ddmpi.logs import diverted, utc
 from ddmpi.petsc_options import RunOptions
+from ddmpi.petsc_versions import free_garbage
 from ddmpi.problem import check_ranks
-from ddmpi.provenance import process_seconds
+from ddmpi.provenance import process_seconds, whereabouts
 from ddmpi.run import run
 from ddmpi.sweep_figures import check_plots, draw_plots
 from ddmpi.sweep_table import case_identity, gather, read_outcome, record_case, refuse_others, status_of
@@ -182,14 +182,24 @@ def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions) ->
             error = failure
             traceback.clear_frames(error.__traceback__)  # they hold PETSc's objects
             log.error("ddmpi: %s: %s", error.kind, error)
+    if isinstance(error, OutputError) and world.bcast(world.rank == 0 and _done_by_another(place)):
+        error = None
+        if world.rank == 0:
+            (place / CHECKPOINT).unlink(missing_ok=True)  # ours, which has become useless
     gc.collect()  # what refers to itself in a circle, such as solvers and their contexts
-    PETSc.garbage_cleanup()  # PETSc 3.18 keeps what Python has let go of
+    free_garbage()
     own.Free()
     with agreed(world):
         if world.rank == 0:
             code, reason = (error.exit_code, str(error).split("\n")[0]) if error else (0, "")
             _record(place, case, sweep, code, reason, started)
     return error
+
+
+def _done_by_another(place: Path) -> bool:
+    """Whether another process has put the results there, certified ones, while this one was at the same case."""
+    outcome = read_outcome(place)
+    return outcome.status == "certified" and not outcome.summary["run"].endswith(f" {whereabouts()}")
 
 
 def _record(place: Path, case: Case, sweep: Sweep, code: int | None, reason: str, started: str) -> None:
