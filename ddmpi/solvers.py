@@ -48,6 +48,10 @@ ON_BOUND = 1e-12
 STRICTER = 0.1
 """By this the tolerance shrinks when a type of PETSc, by its own norm (bncg: Fischer's), stops too early."""
 
+ATTEMPTS = 3
+"""So often is a type of PETSc started on one program: again when it stopped too early, or when its line search
+failed (blmvm of 3.26, where friction bounds are tiny): from there, on the bounds exactly and without memory."""
+
 
 class StiffnessSolver:
     """Solves with the stiffness A of one body; one factorization, at construction.
@@ -298,7 +302,8 @@ class QPSolver:
     def _petsc(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, purpose: str, kept: float) -> QPResult:
         moving = np.flatnonzero(qp.lower < qp.upper)
         kind, iterations = _Explicit if self.type == "bqpip" else _Scaled, 0
-        for asked in tolerance * STRICTER ** np.arange(3):
+        asked = tolerance
+        for _ in range(ATTEMPTS):
             problem = kind(qp, moving, s, Cs, purpose, kept)
             tao = self._create(problem, self.type, asked)
             call_solver(tao.solve)
@@ -307,8 +312,11 @@ class QPSolver:
             s[moving] = problem.unscaled(tao.getSolution().array_r, ON_BOUND)
             Cs = np.empty_like(s)
             qp.C.mult(s, Cs, purpose, _share(kept, problem.displacement))
-            if qp.residual(s, Cs) <= tolerance or tao.getConvergedReason() < 0:
+            reason = tao.getConvergedReason()
+            if qp.residual(s, Cs) <= tolerance or (reason < 0 and reason != TaoReason.DIVERGED_LS_FAILURE):
                 break
+            if reason > 0:
+                asked *= STRICTER
         return QPResult(s, Cs, qp.residual(s, Cs), iterations, {})
 
     def _create(self, problem: _Scaled, kind: str, tolerance: float) -> PETSc.TAO:
