@@ -39,6 +39,12 @@ class Element:
         c = self.gradients
         return np.einsum("qia,qjb->ijab", c, c) / len(c)
 
+    def shapes(self, barycentric: np.ndarray) -> np.ndarray:
+        """The shape functions (…, k) at points given by their barycentric coordinates (…, 3)."""
+        if len(self.mass) == 3:
+            return barycentric
+        return np.concatenate([barycentric * (2 * barycentric - 1), 4 * barycentric * np.roll(barycentric, -1, -1)], -1)
+
 
 def _quadratic_gradients() -> np.ndarray:
     """φ_a = λ_a (2 λ_a − 1) at the corners, φ_ab = 4 λ_a λ_b at the midpoints."""

@@ -25,7 +25,7 @@ _SAMPLES = {1: _CENTROID, 2: _INNER}
 """Barycentric points where the stress of an element is more accurate than elsewhere, by order."""
 
 _A, _B = 0.445948490915965, 0.091576213509771
-_RULES = {1: (_INNER, np.full(3, 1 / 3)),
+QUADRATURE = {1: (_INNER, np.full(3, 1 / 3)),
           2: (np.array([np.roll([1 - 2 * a, a, a], k) for a in (_A, _B) for k in range(3)]),
               np.repeat([0.223381589678011, 0.109951743655322], 3))}
 """Quadrature (points, weights) exact to degree 2 and 4 (Dunavant 1985), by order."""
@@ -102,15 +102,15 @@ def estimate_error(mesh: Mesh, material: Material, u: np.ndarray) -> ErrorEstima
     cells = mesh.triangles
     order = _order(cells)
     area = signed_double_areas(mesh.points, cells) / 2
-    points, weights = _RULES[order]
-    computed = _stress_at(mesh, material, u, points)
-    recovered = _recover(mesh, _stress_at(mesh, material, u, _SAMPLES[order]))
+    points, weights = QUADRATURE[order]
+    computed = stress_at(mesh, material, u, points)
+    recovered = _recover(mesh, stress_at(mesh, material, u, _SAMPLES[order]))
     squares = np.zeros(len(cells))
     energy = 0.0
     for q, weight in enumerate(weights):
         difference = _interpolate(recovered, cells, points[q]) - computed[:, q]
-        squares += weight * area * _density(material, difference)
-        energy += weight * float(area @ _density(material, computed[:, q]))
+        squares += weight * area * energy_density(material, difference)
+        energy += weight * float(area @ energy_density(material, computed[:, q]))
     return ErrorEstimate(squares, area, energy)
 
 
@@ -118,7 +118,7 @@ def _order(triangles: np.ndarray) -> int:
     return {3: 1, 6: 2}[triangles.shape[1]]
 
 
-def _stress_at(mesh: Mesh, material: Material, u: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+def stress_at(mesh: Mesh, material: Material, u: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
     """σ_xx, σ_yy, σ_xy (nt, q, 3) in Pa of the displacement `u` (nv, 2) at points (q, 3) of every triangle."""
     xy, t = mesh.points, mesh.triangles
     table = ELEMENTS[t.shape[1]].gradients  # at the middles of the sides 01, 12, 20, between which it is linear
@@ -135,7 +135,7 @@ def _stress_at(mesh: Mesh, material: Material, u: np.ndarray, barycentric: np.nd
     return np.stack([trace + 2 * shear * exx, trace + 2 * shear * eyy, shear * gxy], axis=-1)
 
 
-def _density(material: Material, sigma: np.ndarray) -> np.ndarray:
+def energy_density(material: Material, sigma: np.ndarray) -> np.ndarray:
     """σ : C⁻¹ σ (J/m³) of plane stresses (k, 3): σ_xx, σ_yy, σ_xy in Pa."""
     first, shear = material.lame
     xx, yy, xy = sigma.T
@@ -227,9 +227,4 @@ def _evaluate(fit: np.ndarray, owner: np.ndarray, xy: np.ndarray, reach: np.ndar
 
 def _interpolate(values: np.ndarray, cells: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
     """Nodal values (nv, c) at one barycentric point of every element."""
-    a, b, c = barycentric
-    if cells.shape[1] == 3:
-        shape = np.array([a, b, c])
-    else:
-        shape = np.array([a * (2 * a - 1), b * (2 * b - 1), c * (2 * c - 1), 4 * a * b, 4 * b * c, 4 * c * a])
-    return np.einsum("i,tic->tc", shape, values[cells])
+    return np.einsum("i,tic->tc", ELEMENTS[cells.shape[1]].shapes(barycentric), values[cells])

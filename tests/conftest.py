@@ -1,8 +1,12 @@
 """Fixtures that several test modules share."""
 
+import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scripts"))  # what the studies share is tested, too
 
 
 @pytest.fixture
