@@ -24,6 +24,9 @@ LIMIT = 30.0
 """Seconds after which a run counts as hanging."""
 
 RESULTS = ("result.h5", "result.xdmf", "history.csv", "interface.csv", "summary.json")
+TRACES = ("seconds", "memory_mib", "hosts", "run", "started", "command", "working_folder", "slurm")
+"""What summary.json says of when, where and how fast."""
+
 METHODS = {"newton": {}, "published": {"theta": 0.2, "tolerance": 1e-3}}
 
 PHASES = {
@@ -225,7 +228,7 @@ def contents(folder: Path) -> dict:
     if not all((folder / name).exists() for name in RESULTS):
         return {}
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    for name in ("seconds", "memory_mib", "hosts"):
+    for name in TRACES:
         del summary[name]
     with h5py.File(folder / "result.h5") as file:
         fields = {name: np.array(data).tobytes() for name, data in file.items()}
