@@ -124,6 +124,20 @@ def all_cases() -> list[Case]:
     return cases
 
 
+def run_in_one_go(faults: list[tuple], *arguments: str, limit: float) -> list[scenes.Run]:
+    """The command once for each of the `faults` (see fault.py) that end in an orderly way, all in one pair of
+    processes. The codes of both ranks must be the same.
+    """
+    everything = scenes.run_python([fault.__file__, json.dumps(faults), *arguments], limit=limit)
+    assert everything.code == 0, everything.output
+    *stdout, _ = re.split(rf"^{fault.END} .*\n", everything.stdout, flags=re.MULTILINE)
+    *stderr, _ = re.split(rf"^{fault.END} .*\n", everything.stderr, flags=re.MULTILINE)
+    codes = [set(line.split()) for line in re.findall(rf"^{fault.END} (.*)\n", everything.stderr, re.MULTILINE)]
+    assert all(len(each) == 1 for each in codes), f"the ranks ended with {codes}"
+    return [scenes.Run(int(*code), *said, Path(entry[4]))
+            for code, *said, entry in zip(codes, stdout, stderr, faults, strict=True)]
+
+
 @dataclass
 class Outcome:
     """How a case ended; `faults` are in the words of TALLY."""

@@ -13,6 +13,7 @@ from pathlib import Path
 import fault
 import pytest
 import scenes
+from fault_cases import run_in_one_go
 from scenes import Run, pinched_blocks
 
 LIMIT = 30.0
