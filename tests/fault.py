@@ -69,7 +69,8 @@ def act(fault: str, folder: str) -> None:
     elif fault == "full":
         resource.setrlimit(resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
     elif fault == "gone":
-        shutil.rmtree(folder)
+        while os.path.exists(folder):  # the other rank may be writing there
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextmanager
