@@ -16,8 +16,8 @@ from ddmpi.elasticity import Elasticity
 from ddmpi.events import event
 from ddmpi.interface import Interface, displacement_trace, trace
 from ddmpi.qp import QP
+from ddmpi.qp_solvers import QPSolver
 from ddmpi.scene import Coulomb, NoFriction, Tresca
-from ddmpi.solvers import QPSolver
 
 PURPOSE = {1: "step1", 2: "step2"}
 """Under which the multiplications of the program of a role are counted."""

@@ -19,7 +19,6 @@ import hashlib
 import io
 import json
 import logging
-import os
 import re
 import time
 from collections import deque
@@ -33,6 +32,7 @@ from mpi4py import MPI
 from ddmpi.algorithm import Step
 from ddmpi.errors import InputError, InterruptionError, OutputError
 from ddmpi.exchange import agreed
+from ddmpi.files import write_atomically
 from ddmpi.problem import Clock, Problem
 from ddmpi.scene import Scene
 
@@ -119,6 +119,10 @@ class Checkpoints:
         if self._begin:
             with agreed(self.problem.world):
                 self._restore()
+            same = self._begin["compliance"] == body.C.kind and np.array_equal(self._begin["h"], body.h)
+            if not all(self.problem.world.allgather(same)):
+                log.warning("this machine computes otherwise than that of the checkpoint did (another processor, less "
+                            "memory): the answer will be as good, but not the same to the last digit")
             log.info("continuing after iteration %d", self._iteration)
             self._written = self._iteration
         parts["outer"].checkpoint = self._keep
@@ -136,7 +140,7 @@ class Checkpoints:
         exchange, k = self.problem.exchange, self._iteration
         self._now = {f"{name}.{attribute}": copy.copy(getattr(part, attribute))
                      for name, part in self._parts.items() for attribute in part.STATE}
-        self._now["mesh"], self._now["free displacement"] = self._mesh(), self.problem.body.h
+        self._now |= {"mesh": self._mesh(), "compliance": self.problem.body.C.kind, "h": self.problem.body.h}
         by_number = self.spec.iterations > 0 and k > 0 and k % self.spec.iterations == 0
         if k != self._written and (exchange.checkpoint_due or by_number):
             try:
@@ -186,12 +190,9 @@ class Checkpoints:
             self._written = len(self._now["outer.history"])
 
     def _restore(self) -> None:
-        state, body = self._begin, self.problem.body
+        state = self._begin
         if state["mesh"] != self._mesh():
-            raise InputError(f"the checkpoint is of another mesh of body {body.name!r}")
-        if not np.array_equal(state["free displacement"], body.h):
-            log.warning("this machine rounds differently from the one of the checkpoint: the answer is the same, "
-                        "the last digits on the way to it are not")
+            raise InputError(f"the checkpoint is of another mesh of body {self.problem.body.name!r}")
         for name, part in self._parts.items():
             for attribute in part.STATE:
                 setattr(part, attribute, _like(getattr(part, attribute), state[f"{name}.{attribute}"]))
@@ -228,25 +229,9 @@ def write(path: Path, identity: dict[str, dict], states: list[dict[str, Any]]) -
             group = file.create_group(f"rank {rank}")
             for name, value in state.items():
                 group[name] = _stored(value)
-    data = image.getbuffer()
-    head = FORMAT + hashlib.sha256(data[BLOCK:]).hexdigest().encode() + b"\n"
-    temporary = path.with_name(f".unfinished-{os.getpid()}-{path.name}")
-    try:
-        with open(temporary, "wb") as file:
-            file.write(head.ljust(BLOCK, b"\0"))
-            file.write(data[BLOCK:])
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)  # the new name, too, outlives a power cut
-        finally:
-            os.close(folder)
-    except OSError as error:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
-        raise OutputError(f"the checkpoint could not be written: {path}: {error.strerror}") from None
+    data = image.getvalue()[BLOCK:]
+    head = FORMAT + hashlib.sha256(data).hexdigest().encode() + b"\n"
+    write_atomically(path, head.ljust(BLOCK, b"\0") + data, durable=True)
 
 
 def read(path: Path) -> tuple[dict[str, dict], list[dict[str, Any]]]:

@@ -34,8 +34,9 @@ from ddmpi.exchange import Exchange
 from ddmpi.petsc_versions import call_solver
 from ddmpi.preconditioner import HalfPlaneStiffness
 from ddmpi.qp import QP
+from ddmpi.qp_solvers import QPSolver
 from ddmpi.scene import Method
-from ddmpi.solvers import QPSolver, petsc_message, reason_name
+from ddmpi.solvers import petsc_message, reason_name
 
 log = logging.getLogger("ddmpi")
 

@@ -20,6 +20,7 @@ from ddmpi.algorithm import Step
 from ddmpi.certificate import ContactState
 from ddmpi.checkpoint import NAME as CHECKPOINT
 from ddmpi.errors import InputError, OutputError
+from ddmpi.files import clear_unfinished, unfinished
 from ddmpi.interface import Interface
 
 NAMES = ("result.h5", "result.xdmf", "history.csv", "interface.csv", "summary.json",
@@ -80,9 +81,9 @@ def choose_folder(wanted: str | None, restart: str | None, scene: str) -> Path:
     results/SCENE, results/SCENE-2, …
 
     Raises InputError where results or another run's checkpoint stand already or nothing can be written.
-    Not collective; creates the folder.
+    Not collective; creates the folder. Removes what a run that was killed while it wrote has left.
     """
-    wanted = wanted or restart
+    wanted, torn = wanted or restart, False
     if wanted is None:
         stem, k = Path("results") / Path(scene).stem, 1
         folder = stem
@@ -92,10 +93,12 @@ def choose_folder(wanted: str | None, restart: str | None, scene: str) -> Path:
     else:
         folder = Path(wanted)
         present = [name for name in NAMES if (folder / name).exists()]
-        if present:
+        here = (folder / CHECKPOINT).exists() and restart is not None and folder.samefile(restart)
+        torn = here and "summary.json" not in present  # killed between two renames
+        if present and not torn:
             raise InputError(f"--output {folder}: there are results already ({', '.join(present)}); "
                              "nothing is overwritten, so name another folder or remove them")
-        if (folder / CHECKPOINT).exists() and not (restart and folder.samefile(restart)):
+        if (folder / CHECKPOINT).exists() and not here:
             raise InputError(f"--output {folder}: there is the checkpoint of a run that was not completed; go on "
                              f"from it with --restart {folder}, name another folder, or remove {CHECKPOINT}")
     try:
@@ -103,6 +106,10 @@ def choose_folder(wanted: str | None, restart: str | None, scene: str) -> Path:
         probe = folder / f".writable-{os.getpid()}"
         probe.touch()
         probe.unlink()
+        clear_unfinished(folder)
+        if torn:
+            for name in present:
+                (folder / name).unlink()
     except OSError as error:
         raise InputError(f"--output {folder}: cannot write there: {error.strerror}") from None
     return folder
@@ -123,7 +130,7 @@ class Staging:
     """A folder beside the results in which they are made; `publish` moves them into place."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder, self.path = folder, folder / f".unfinished-{os.getpid()}"
+        self.folder, self.path = folder, unfinished(folder / "results")
 
     def create(self) -> None:
         _guarded(lambda: self.path.mkdir())

@@ -22,7 +22,8 @@ from pathlib import Path
 from typing import Any
 
 from ddmpi.cases import Case
-from ddmpi.errors import InputError, OutputError
+from ddmpi.errors import InputError
+from ddmpi.files import write_atomically
 from ddmpi.keys import nearest
 from ddmpi.logs import utc
 from ddmpi.mesh import locate_mesh
@@ -82,7 +83,7 @@ def record_case(folder: Path, case: Case, identity: dict, code: int | None = Non
     """Write the record of a case, at its start without, at its end with an exit code. Raises OutputError."""
     record = {"case": case.number, "values": case.values, "exit": code, "reason": reason,
               "started": started or utc(), "host": socket.gethostname(), "process": os.getpid(), **identity}
-    write_atomically(folder / RECORD, json.dumps(record, indent=2, ensure_ascii=False) + "\n")
+    write_atomically(folder / RECORD, json.dumps(record, indent=2, ensure_ascii=False).encode() + b"\n")
 
 
 def read_outcome(folder: Path) -> Outcome:
@@ -138,7 +139,7 @@ def gather(folder: Path, cases: list[Case]) -> tuple[Path, list[dict]]:
     writer.writeheader()
     writer.writerows(rows)  # None is an empty field
     path = folder / TABLE
-    write_atomically(path, text.getvalue())
+    write_atomically(path, text.getvalue().encode())
     return path, rows
 
 
@@ -162,17 +163,6 @@ def find_column(word: str, names: Iterable[str]) -> str:
     last = {name.rpartition(".")[2]: name for name in names}
     raise InputError(f"the table has no column {word!r}{nearest(word, [*names, *last])} "
                      f"(columns: {', '.join(names)})")
-
-
-def write_atomically(path: Path, text: str) -> None:
-    """Write a file under another name and rename it: whoever reads it finds all or the former. Raises OutputError."""
-    temporary = path.with_name(f".{path.name}-{socket.gethostname()}-{os.getpid()}")
-    try:
-        temporary.write_text(text, encoding="utf-8")
-        os.replace(temporary, path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def _read_json(path: Path) -> dict | None:

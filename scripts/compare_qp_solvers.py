@@ -23,8 +23,8 @@ from petsc4py import PETSc
 from ddmpi.errors import SolverError
 from ddmpi.problem import Problem
 from ddmpi.qp import QP
+from ddmpi.qp_solvers import QPSolver
 from ddmpi.solution import solve
-from ddmpi.solvers import QPSolver
 
 TYPES = ("python", "gpcg", "tron", "bntr", "bncg", "blmvm", "bqpip")
 COLUMNS = ("type", "outer_iteration", "multiplications", "seconds", "problem")

@@ -8,8 +8,8 @@ method `target`, as in ``ddmpi.problem.assemble``, has the `fault` from its call
 * ``nan``, ``singular``: every call spoils what it computes;
 * ``full``: no file can grow any more; ``gone``: the folder of the results is no longer there; once.
 
-The command runs once for each, with the arguments and ``--output folder``; a line after it names the exit
-codes of the ranks. The first run that aborts ends it all.
+The command runs once for each, with the arguments and ``--output folder``; without a target just so. A line
+after it, on stdout and stderr, names the exit codes of the ranks. The first run that aborts ends it all.
 """
 
 import builtins
@@ -69,12 +69,16 @@ def act(fault: str, folder: str) -> None:
     elif fault == "full":
         resource.setrlimit(resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
     elif fault == "gone":
-        shutil.rmtree(folder)
+        while os.path.exists(folder):  # the other rank may be writing there
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextmanager
 def injected(target: str, call: int, fault: str, folder: str, here: bool) -> Iterator[None]:
     """Replace the target on all ranks, since to import it starts PETSc, which is collective; it fails `here`."""
+    if not target:
+        yield
+        return
     *path, name = target.split(".")
     owner = importlib.import_module(".".join(path[:2]))
     for part in path[2:]:
@@ -119,8 +123,8 @@ def main() -> None:
         interrupt._received.clear()
         codes = world.gather(code)
         if world.rank == 0:
-            sys.stdout.flush()
-            print(END, *codes, file=sys.stderr, flush=True)
+            for stream in (sys.stdout, sys.stderr):
+                print(END, *codes, file=stream, flush=True)
 
 
 if __name__ == "__main__":

@@ -303,7 +303,8 @@ class Run:
     @property
     def messages(self) -> list[str]:
         """The messages to the user about errors: where each begins."""
-        return [line for line in self.output.splitlines() if line.startswith(("ddmpi: error", "ddmpi: internal error"))]
+        kinds = tuple(f"ddmpi: {kind}" for kind in ("error", "internal error", "interrupted"))
+        return [line for line in self.output.splitlines() if line.startswith(kinds)]
 
     @property
     def summary(self) -> dict:

@@ -4,13 +4,11 @@ All runs are children with a time limit, several at once: most of their time the
 """
 
 import copy
-import json
 import re
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import fault
 import pytest
 import scenes
 from scenes import Run, pinched_blocks
@@ -234,82 +232,3 @@ def test_subproblem_that_cannot_reach_its_tolerance(unsuccessful):
     assert run.code == 4, run.output
     assert "DIVERGED_MAXITS" in only_message(run)
     assert run.files == set()
-
-
-# Exceptions on one rank
-
-FAULTS = {
-    # phase: target, call, more arguments
-    "mesh": ("ddmpi.problem.build_mesh", 1, ()),
-    "assemble": ("ddmpi.problem.assemble", 1, ()),
-    "factor": ("ddmpi.solvers.StiffnessSolver.__init__", 1, ()),
-    "outer": ("ddmpi.compliance.Compliance.mult", 12, ()),  # within GMRES of the Newton method
-    "outer, published": ("ddmpi.body.Body.neumann", 3, RELAXATION),
-    "output": ("ddmpi.run.write_fields", 1, ()),
-    "end of output": ("ddmpi.run.write_summary", 2, ()),  # by rank 0 alone, when all else is there
-}
-CASES = [(phase, rank) for phase in FAULTS for rank in (0, 1) if (phase, rank) != ("end of output", 1)]
-KINDS = {"SolverError": 4, "OutputError": 5}
-"""Exit codes of our own errors."""
-
-KEPT = ("outer", "outer, published", "output", "end of output")
-"""Phases in which there is a state that is kept where results cannot be written."""
-
-
-@pytest.fixture(scope="module")
-def faulty(tmp_path_factory) -> Callable[..., Run]:
-    """Runs the command with faults, each an error at (phase, rank)."""
-    here = tmp_path_factory.mktemp("faults")
-    scene = scenes.write_scene(pinched_blocks(2), here / "scene.toml")
-
-    def run(error: str, cases: list[tuple[str, int]], limit: float = LIMIT) -> Run:
-        faults = [(rank, *FAULTS[phase][:2], error, str(here / f"{phase} {rank} {error}"), FAULTS[phase][2])
-                  for phase, rank in cases]
-        return scenes.run_python([fault.__file__, json.dumps(faults), "run", str(scene), "--no-figures"],
-                                 limit=limit, folder=Path(faults[-1][-2]))
-
-    return run
-
-
-INTERNAL = [("mesh", 0), ("mesh", 1), ("assemble", 1), ("factor", 0), ("outer", 0), ("outer", 1),
-            ("outer, published", 1), ("output", 0), ("output", 1)]
-"""Where a bug would be worst; each takes an mpirun of its own."""
-
-
-@pytest.fixture(scope="module")
-def internal_errors(faulty) -> dict[tuple, Run]:
-    return run_all({case: lambda case=case: faulty("RuntimeError", [case]) for case in INTERNAL})
-
-
-@pytest.fixture(scope="module")
-def own_errors(faulty) -> dict[tuple, list[Run]]:
-    """By case, for each kind of error; they end in an orderly way, so that one child does all of a kind."""
-    parts = {case: [] for case in CASES}
-    for error in KINDS:
-        run = faulty(error, CASES, limit=2 * LIMIT)
-        ends = re.split(rf"^{fault.END} (.*)\n", run.stderr, flags=re.MULTILINE)
-        assert run.code == 0 and len(ends) == 2 * len(CASES) + 1, run.output
-        for case, stderr, codes in zip(CASES, ends[::2], ends[1::2], strict=False):
-            folder = run.folder.parent / f"{case[0]} {case[1]} {error}"
-            assert len(set(codes.split())) == 1, f"the ranks ended with {codes}"
-            parts[case].append(Run(int(codes.split()[0]), "", stderr, folder))
-    return parts
-
-
-@pytest.mark.parametrize(("phase", "rank"), INTERNAL)
-def test_internal_error_on_one_rank_ends_all(internal_errors, phase, rank):
-    run = of(internal_errors, (phase, rank))
-    assert run.code not in (0, 2, 3, 4, 5)
-    assert run.messages == [f"ddmpi: internal error on rank {rank}:"], run.output
-    assert run.output.count(f"RuntimeError: {fault.MESSAGE}") == 1
-    assert not run.files & {"result.h5", "result.xdmf", "history.csv", "interface.csv", "summary.json"}
-
-
-@pytest.mark.parametrize(("phase", "rank"), CASES)
-def test_own_error_on_one_rank_is_raised_on_all(own_errors, phase, rank):
-    for run, code in zip(own_errors[phase, rank], KINDS.values(), strict=True):
-        assert run.code == code
-        kept = code == KINDS["OutputError"] and phase in KEPT
-        rest = rf"; the state after iteration \d+ is kept, --restart {re.escape(str(run.folder))} goes on from there"
-        assert re.fullmatch(f"ddmpi: error: {fault.MESSAGE}{rest if kept else ''}", run.stderr.strip()), run.stderr
-        assert run.files == ({"checkpoint.h5"} if kept else set())  # no results, nor a folder in which they are made

@@ -9,11 +9,12 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "ddmpi"
 
-ORDER = ["errors", "memory", "events", "interrupt", "logs", "provenance", "keys", "scene", "cases", "accuracy", "mesh",
-         "elements", "stiffness", "elasticity", "estimate", "interface", "petsc_versions", "qp", "mprgp", "schur",
-         "solvers", "compliance", "preconditioner", "body", "exchange", "coupled", "algorithm", "anderson",
-         "newton", "certificate", "diagnosis", "petsc_options", "problem", "checkpoint", "solution",
-         "results", "figures", "sweep_table", "sweep_figures", "info", "report", "run", "sweep", "cli", "__main__"]
+ORDER = ["errors", "files", "memory", "events", "interrupt", "logs", "provenance", "keys", "scene", "cases",
+         "accuracy", "mesh", "elements", "stiffness", "elasticity", "estimate", "interface", "petsc_versions",
+         "qp", "mprgp", "schur", "solvers", "qp_solvers", "compliance", "preconditioner", "body", "exchange",
+         "coupled", "algorithm", "anderson", "newton", "certificate", "diagnosis", "petsc_options", "problem",
+         "checkpoint", "solution", "results", "figures", "sweep_table", "sweep_figures", "info", "report",
+         "run", "sweep", "cli", "__main__"]
 """From the bottom to the top: a module imports only modules to its left."""
 
 MAY_IMPORT_MPI = {"exchange", "problem", "checkpoint", "provenance", "results", "run", "sweep", "cli", "__main__"}

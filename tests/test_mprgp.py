@@ -12,7 +12,7 @@ from scipy.optimize import lsq_linear
 from ddmpi.errors import SolverError
 from ddmpi.mprgp import estimate_norm
 from ddmpi.qp import QP, QPResult, projected_gradient
-from ddmpi.solvers import QPSolver
+from ddmpi.qp_solvers import QPSolver
 
 
 class Dense:

@@ -1,0 +1,63 @@
+"""Files that are whole or absent: made under another name, and renamed."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import socket
+from pathlib import Path
+
+from ddmpi.errors import OutputError
+
+_MARK = ".unfinished-"
+
+
+def unfinished(path: Path) -> Path:
+    """The name under which this process makes `path`, in the same folder."""
+    return path.with_name(f"{_MARK}{socket.gethostname()}-{os.getpid()}-{path.name}")
+
+
+def clear_unfinished(folder: Path) -> None:
+    """Remove what processes of this host have left in `folder` that were killed at it. Raises OSError."""
+    mark = f"{_MARK}{socket.gethostname()}-"
+    for left in folder.glob(f"{mark}*"):
+        process = left.name.removeprefix(mark).partition("-")[0]
+        if process.isdecimal() and not _runs(int(process)):
+            shutil.rmtree(left) if left.is_dir() else left.unlink()
+
+
+def _runs(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:  # somebody else's
+        pass
+    return True
+
+
+def write_atomically(path: Path, data: bytes, durable: bool = False) -> None:
+    """Write `path` so that whoever reads it finds all of it or what was there before; raises OutputError.
+
+    `durable`: when this returns it outlives a power cut, too.
+    """
+    temporary = unfinished(path)
+    try:
+        with open(temporary, "wb") as file:
+            file.write(data)
+            if durable:
+                file.flush()
+                os.fsync(file.fileno())
+        os.replace(temporary, path)
+        if durable:
+            folder = os.open(path.parent, os.O_RDONLY)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    finally:
+        with contextlib.suppress(OSError):  # whoever removes the folder takes it along
+            temporary.unlink(missing_ok=True)
