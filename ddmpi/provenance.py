@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import resource
 import shlex
 import sys
 import time
@@ -51,6 +52,11 @@ def provenance(world: MPI.Comm, started: float) -> dict:
     return {"run": world.bcast(name), "started": world.bcast(utc(seconds)), "command": command(),
             "working_folder": os.getcwd(), "slurm": batch_job(), "hosts": world.allgather(MPI.Get_processor_name()),
             "versions": versions()}
+
+
+def peak_memory(world: MPI.Comm) -> list[float]:
+    """The most memory that each rank has held so far (MiB). Collective."""
+    return world.allgather(round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1))
 
 
 def command() -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import resource
 from dataclasses import asdict
 
 from petsc4py import PETSc
@@ -14,6 +13,7 @@ from ddmpi.estimate import DiscretizationError
 from ddmpi.newton import InterfaceNewton
 from ddmpi.petsc_options import unused_options
 from ddmpi.problem import Problem
+from ddmpi.provenance import peak_memory
 from ddmpi.results import finite_or_none
 from ddmpi.scene import Method
 from ddmpi.solution import Answer
@@ -81,7 +81,6 @@ def summarize(problem: Problem, outer: OuterIteration | InterfaceNewton, answer:
     """All of summary.json but the times. Collective; bodies in the order of the scene."""
     world, scene, body, order = problem.world, problem.scene, problem.body, problem.order
     counts = world.allgather(dict(body.C.count))
-    memory = world.allgather(round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1))
     solver = world.allgather(body.C.solver.description)
     kinds = world.allgather(body.C.kind)
     steps = world.allgather(body.steps)
@@ -105,7 +104,7 @@ def summarize(problem: Problem, outer: OuterIteration | InterfaceNewton, answer:
             "energy_norm": finite_or_none(error.relative), "by_body": [finite_or_none(e) for e in error.by_body],
             "target": scene.method.target_error, "levels": [level._asdict() for level in course.levels]},
         "displacement_max": finite_or_none(answer.displacement_max), "energy": [finite_or_none(e) for e in energy],
-        "seconds": {}, "memory_mib": memory,
+        "seconds": {}, "memory_mib": peak_memory(world),
         "exchange": {"messages": outer.exchange.messages, "bytes": outer.exchange.bytes},
         "solvers": {"body": solver, "compliance": kinds,
                     "qp": "none" if scene.method.outer == "newton" else body.qp_solver.type},

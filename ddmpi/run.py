@@ -25,7 +25,7 @@ from ddmpi.exchange import agreed
 from ddmpi.newton import InterfaceNewton
 from ddmpi.petsc_versions import free_garbage
 from ddmpi.problem import Clock, Problem, check_ranks, prepare
-from ddmpi.provenance import provenance, versions
+from ddmpi.provenance import peak_memory, provenance, versions
 from ddmpi.report import summarize, tell_end, tell_plan, tell_step
 from ddmpi.results import (
     Fields,
@@ -182,10 +182,10 @@ def _write(solved: _Solved, folder: Path | None, clock: Clock, summary: dict, fi
             if figures:
                 with agreed(world), event("Figures"):
                     picture_error = _draw(path) if staging else None
-        seconds = clock.largest(world)
+        seconds, memory = clock.largest(world), peak_memory(world)
         with agreed(world):
             if staging:
-                write_summary(path, summary | {"seconds": seconds})
+                write_summary(path, summary | {"seconds": seconds, "memory_mib": memory})
                 files = staging.publish()
                 log.info("results in %s: %s (%.1f s in all)", folder, ", ".join(f.name for f in files),
                          seconds["total"])
