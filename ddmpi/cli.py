@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import atexit
 import contextlib
 import gc
 import io
@@ -242,3 +243,6 @@ def _init_petsc(world: MPI.Comm, table: dict, petsc: list[str]) -> None:
     from ddmpi.petsc_options import as_arguments
 
     petsc4py.init([sys.argv[0], *as_arguments(table), *petsc], comm=world)
+    from ddmpi.petsc_options import silence_left
+
+    atexit.register(silence_left)

@@ -68,3 +68,15 @@ def unused_options() -> list[str]:
     library.PetscOptionsLeftRestore.argtypes = library.PetscOptionsLeftGet.argtypes
     library.PetscOptionsLeftRestore(None, *references)
     return left
+
+
+def silence_left() -> None:
+    """Keep PETSc from listing unused options when it ends, as newer versions do: they have been named by then.
+
+    Whoever sets -options_left gets the list all the same. Not collective.
+    """
+    from petsc4py import PETSc
+
+    options = PETSc.Options()
+    if not options.hasName("options_left"):
+        options.setValue("options_left", False)

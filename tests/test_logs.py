@@ -52,7 +52,7 @@ def test_a_quiet_run_is_told_in_the_log(runs, log):
 
 def test_a_log_is_continued_and_holds_the_error(runs, log):
     assert len(log) == 3 and runs["failed"].code == 3
-    error = runs["failed"].stderr.splitlines()
+    error = runs["failed"].stderr.split("\n---")[0].splitlines()  # Open MPI adds its own words
     assert error[0].startswith("ddmpi: error: ") and log[2][-len(error):] == [line.rstrip() for line in error]
 
 
@@ -128,6 +128,13 @@ def test_info(tmp_path):
 def test_info_is_said_once_on_two_ranks():
     run = scenes.run_python(["-m", "ddmpi", "info"], 2, LIMIT)
     assert run.code == 0 and len(re.findall("^petsc ", run.stdout, re.MULTILINE)) == 1
+
+
+def test_options_that_nothing_used_are_named_once(here):
+    """By us, and not by PETSc as well when it ends."""
+    run = scenes.run_command(here / "scene.toml", here / "unused", "--no-figures", "-not_an_option", "1", limit=LIMIT)
+    assert run.code == 0 and run.output.count("not_an_option") == 1
+    assert run.summary["options_unused"] == ["not_an_option"] and run.summary["options"] == {"not_an_option": "1"}
 
 
 def test_the_versions_are_those_of_what_ran(runs):
