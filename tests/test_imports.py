@@ -11,8 +11,8 @@ PACKAGE = Path(__file__).resolve().parents[1] / "ddmpi"
 
 ORDER = ["errors", "files", "memory", "events", "interrupt", "logs", "provenance", "keys", "scene", "cases",
          "accuracy", "mesh", "elements", "stiffness", "elasticity", "estimate", "interface", "petsc_versions",
-         "qp", "mprgp", "schur", "solvers", "compliance", "preconditioner", "body", "exchange", "coupled", "algorithm", "anderson",
-         "newton", "certificate", "diagnosis", "petsc_options", "problem", "checkpoint", "solution",
+         "qp", "mprgp", "schur", "solvers", "compliance", "preconditioner", "body", "exchange", "coupled", "algorithm",
+         "anderson", "newton", "certificate", "diagnosis", "petsc_options", "problem", "checkpoint", "solution",
          "results", "figures", "sweep_table", "sweep_figures", "info", "report", "run", "sweep", "cli", "__main__"]
 """From the bottom to the top: a module imports only modules to its left."""
 
