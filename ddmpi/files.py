@@ -30,11 +30,12 @@ def clear_unfinished(folder: Path) -> None:
 def _runs(process: int) -> bool:
     try:
         os.kill(process, 0)
+        state = Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0]
     except ProcessLookupError:
         return False
-    except PermissionError:  # somebody else's
-        pass
-    return True
+    except OSError:  # somebody else's, or there is no /proc
+        return True
+    return state not in "ZX"  # dead, and nobody has asked how it died
 
 
 def write_atomically(path: Path, data: bytes, durable: bool = False) -> None:

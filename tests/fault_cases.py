@@ -113,7 +113,7 @@ def all_cases() -> list[Case]:
         codes = None if codes is None else frozenset(codes)
         signal = kind in ("SIGTERM", "SIGUSR1")
         if kind not in ("full", "gone"):
-            cases.append(Case(f"writing a checkpoint: {kind}", target="ddmpi.checkpoint.os.replace", call=3, fault=kind,
+            cases.append(Case(f"writing a checkpoint: {kind}", target="ddmpi.files.os.replace", call=3, fault=kind,
                               codes=codes, kept=True))
         cases.append(Case(f"end of output: {kind}", target="ddmpi.run.write_summary", call=2, fault=kind, codes=codes,
                           whole=signal, kept=kind != "gone"))
@@ -189,7 +189,7 @@ class Ground:
             command = ["-m", "ddmpi", *arguments, "--output", str(folder), *case.more]
         start = time.monotonic()
         try:
-            run = scenes.run_python(command, case.ranks, LIMIT, folder, self.here)
+            run = scenes.run_python(command, case.ranks, LIMIT, folder, self.here, quiet=False)
         except AssertionError as late:
             return Outcome(case, None, LIMIT, ["hangs"], str(late))
         outcome = Outcome(case, run.code, time.monotonic() - start, output=run.output)
@@ -239,7 +239,7 @@ def messages(run: scenes.Run) -> list[str]:
     """Where a message about the end begins: ours, PETSc's about a deadly signal, or else mpirun's about it."""
     ours = [line for line in run.output.splitlines()
             if re.match(r"ddmpi: (error|internal error|interrupted)|\[\d\]PETSC ERROR: Caught signal", line)]
-    return ours or re.findall(r"mpirun noticed that process rank \d", run.output)
+    return ours or re.findall(r"noticed that process rank \d", run.output)
 
 
 def contents(folder: Path) -> dict:

@@ -343,12 +343,14 @@ def clean_environment() -> dict[str, str]:
 
 
 def run_python(arguments: list[str], ranks: int = 2, limit: float = 30.0, folder: Path | None = None,
-               cwd: Path | None = None) -> Run:
+               cwd: Path | None = None, quiet: bool = True) -> Run:
     """``mpirun -n RANKS python ARGUMENTS``; an AssertionError when it has not ended after `limit` seconds.
 
+    Unless `quiet`, mpirun says what it has to say of a rank that was killed, also where it is told to be quiet.
     Open MPI 5 ends what it says about a run that failed with a zero byte, which is taken out.
     """
-    command = [*os.environ.get("MPIRUN", "mpirun").split(), "-n", str(ranks), sys.executable, *arguments]
+    launcher = [word for word in os.environ.get("MPIRUN", "mpirun").split() if quiet or word != "--quiet"]
+    command = [*launcher, "-n", str(ranks), sys.executable, *arguments]
     with subprocess.Popen(command, env=clean_environment(), cwd=cwd, text=True, encoding="utf-8",
                           stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
         try:
