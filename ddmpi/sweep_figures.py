@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 from typing import Any
 
 from ddmpi.cases import Case
-from ddmpi.errors import InputError, OutputError
+from ddmpi.errors import InputError
 from ddmpi.figures import COLOURS, STYLE, identity
+from ddmpi.files import write_atomically
 from ddmpi.sweep_table import RESULTS, TABLE, columns, find_column, read_table
 
 MOST_CURVES = 12
@@ -63,13 +65,10 @@ def draw_plots(folder: Path, plots: list[str]) -> list[Path]:
         for plot in plots:
             result, key = _columns_of(plot, rows[0])
             path = folder / f"{result}-{key}.png"
-            figure = draw_curves(rows, result, key, summary)
-            try:
-                figure.savefig(path, metadata=identity(summary))
-            except OSError as error:
-                raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
-            finally:
-                plt.close(figure)
+            figure, picture = draw_curves(rows, result, key, summary), io.BytesIO()
+            figure.savefig(picture, format="png", metadata=identity(summary))
+            plt.close(figure)
+            write_atomically(path, picture.getvalue())
             drawn.append(path)
     return drawn
 
