@@ -100,7 +100,7 @@ class Checkpoints:
                  state: dict[str, Any] | None = None, carried: dict[str, object] | None = None) -> None:
         self.problem, self.folder, self.identity, self.clock = problem, folder, identity, clock
         self.spec = problem.scene.checkpoint
-        self._parts, self._carried = {}, carried or {}
+        self._parts, self._carried, self._same = {}, carried or {}, {}
         self._begin, self._now = state, None
         self._written = -1
         self._last = time.monotonic()
@@ -116,6 +116,7 @@ class Checkpoints:
         exchange = self.problem.exchange
         body = self.problem.body
         self._parts = parts | self._carried | {"body": body, "compliance": body.C, "exchange": exchange}
+        self._same = {"mesh": self._mesh(), "compliance": body.C.kind, "h": body.h}
         if self._begin:
             with agreed(self.problem.world):
                 self._restore()
@@ -140,7 +141,7 @@ class Checkpoints:
         exchange, k = self.problem.exchange, self._iteration
         self._now = {f"{name}.{attribute}": copy.copy(getattr(part, attribute))
                      for name, part in self._parts.items() for attribute in part.STATE}
-        self._now |= {"mesh": self._mesh(), "compliance": self.problem.body.C.kind, "h": self.problem.body.h}
+        self._now |= self._same
         by_number = self.spec.iterations > 0 and k > 0 and k % self.spec.iterations == 0
         if k != self._written and (exchange.checkpoint_due or by_number):
             try:
@@ -191,7 +192,7 @@ class Checkpoints:
 
     def _restore(self) -> None:
         state = self._begin
-        if state["mesh"] != self._mesh():
+        if state["mesh"] != self._same["mesh"]:
             raise InputError(f"the checkpoint is of another mesh of body {self.problem.body.name!r}")
         for name, part in self._parts.items():
             for attribute in part.STATE:

@@ -1,0 +1,108 @@
+#!/usr/bin/env bash
+"exec" "${0%/*}/on_two_ranks.sh" "$0" "$@"  # to Python, a string
+
+__doc__ = """What checkpoints cost: the share of a long run that goes into keeping and writing its state.
+
+Solves the pinched blocks with each outer method for --seconds, with a checkpoint every --every seconds,
+and adds up the time for them: copying the state before every iteration (processor time), and gathering,
+writing and fsync (time on the clock). Of the two ranks the larger sum counts. It is not compared with a
+run without checkpoints: two runs on one machine differ by more than that.
+"""
+
+import argparse
+import signal
+import tempfile
+import time
+from pathlib import Path
+
+from experiment import on_two_ranks, pinched_blocks
+from mpi4py import MPI
+from msgspec.structs import replace
+
+from ddmpi import interrupt
+from ddmpi.checkpoint import NAME, Checkpoints, identify
+from ddmpi.errors import InterruptionError
+from ddmpi.problem import Clock, prepare
+from ddmpi.provenance import versions
+from ddmpi.scene import Method
+from ddmpi.solution import solve
+
+METHODS = {
+    "relaxation": {"theta": 0.002},  # so that it has not converged when the time is up
+    "anderson": {"outer": "anderson"},
+    "newton": {"outer": "newton"},
+}
+OUT_OF_REACH = 1e-14
+"""The tolerance; a method that gets there all the same starts again."""
+
+
+class Measured(Checkpoints):
+    """Checkpoints that time themselves."""
+
+    kept = wrote = spent = 0.0
+    iterations = written = 0
+
+    def _keep(self) -> None:
+        start, before = time.process_time(), self.spent
+        super()._keep()
+        self.kept += time.process_time() - start - (self.spent - before)
+        self.iterations += 1
+
+    def _write(self) -> None:
+        start, clock = time.process_time(), time.perf_counter()
+        super()._write()
+        self.spent += time.process_time() - start
+        self.wrote += time.perf_counter() - clock
+        self.written += 1
+
+
+def measure(world: MPI.Comm, method: str, N: int, seconds: float, every: float, folder: Path) -> dict[str, float]:
+    """Iterations, checkpoints and seconds of a run that is stopped after `seconds`. Collective."""
+    scene = pinched_blocks("coulomb", N, f"checkpoint.seconds={every}")
+    scene = replace(scene, method=Method(tolerance=OUT_OF_REACH, max_iterations=10**6, **METHODS[method]).resolved())
+    interrupt._received.clear()
+    problem = prepare(world, scene)
+    checkpoints = Measured(problem, folder if world.rank == 0 else None, identify(scene, {}, versions()), Clock())
+    if world.rank == 0:
+        signal.signal(signal.SIGALRM, interrupt._note)
+        signal.setitimer(signal.ITIMER_REAL, seconds)
+    start = time.perf_counter()
+    try:
+        while True:
+            solve(problem, scene.method, checkpoints=checkpoints)
+    except InterruptionError:
+        total = time.perf_counter() - start
+    return {"m": problem.interface.m, "seconds": total, "iterations": checkpoints.iterations,
+            "written": checkpoints.written, "write": world.allreduce(checkpoints.wrote, MPI.MAX),
+            "cost": world.allreduce(checkpoints.kept + checkpoints.wrote, MPI.MAX),
+            "keep": world.allreduce(checkpoints.kept, MPI.MAX)}
+
+
+@on_two_ranks
+def main(world: MPI.Comm) -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--size", type=int, nargs="+", default=[22, 86], metavar="N")
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--every", type=float, default=10.0)
+    options = parser.parse_args()
+    folder = Path(world.bcast(tempfile.mkdtemp() if world.rank == 0 else None))
+    if world.rank == 0:
+        print(f"a checkpoint every {options.every:g} s")
+        print("method        m  seconds  iterations  µs to copy  written  ms each   KiB  share of the run")
+    for N in options.size:
+        for method in METHODS:
+            row = measure(world, method, N, options.seconds, options.every, folder)
+            if world.rank == 0:
+                size = (folder / NAME).stat().st_size / 1024 if row["written"] else 0.0
+                print(f"{method:11}{row['m']:4}{row['seconds']:9.1f}{row['iterations']:12}"
+                      f"{1e6 * row['keep'] / row['iterations']:12.0f}{row['written']:9}"
+                      f"{1e3 * row['write'] / max(row['written'], 1):9.1f}{size:6.0f}"
+                      f"{100 * row['cost'] / row['seconds']:16.3f} %", flush=True)
+            world.barrier()
+    if world.rank == 0:
+        (folder / NAME).unlink(missing_ok=True)
+        folder.rmdir()
+
+
+if __name__ == "__main__":
+    main()
