@@ -3,14 +3,54 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import shutil
 import socket
+from collections.abc import Iterator
 from pathlib import Path
 
 from ddmpi.errors import OutputError
 
 _MARK = ".unfinished-"
+
+
+class FileOfHDF5(io.FileIO):
+    """A file for h5py to write through, which tells of a full disk only when it is closed.
+
+    Told at once, HDF5 can close its objects no more, and crashes when the process ends.
+    """
+
+    _error: OSError | None = None
+
+    def write(self, data: bytes | memoryview) -> int:
+        """Take all of `data`, whether there is room or not."""
+        view = memoryview(data).cast("B")
+        done = 0
+        with self._kept():
+            while done < len(view) and not self._error:
+                done += super().write(view[done:])
+        return len(view)
+
+    def truncate(self, size: int | None = None) -> int:
+        with self._kept():
+            return super().truncate(size)
+        return self.tell() if size is None else size
+
+    def close(self) -> None:
+        """Raises the first OSError that was met."""
+        super().close()
+        error, self._error = self._error, None
+        if error:
+            raise error
+
+    @contextlib.contextmanager
+    def _kept(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            error.filename = self.name
+            self._error = self._error or error
 
 
 def unfinished(path: Path) -> Path:

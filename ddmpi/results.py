@@ -20,7 +20,7 @@ from ddmpi.algorithm import Step
 from ddmpi.certificate import ContactState
 from ddmpi.checkpoint import NAME as CHECKPOINT
 from ddmpi.errors import InputError, OutputError
-from ddmpi.files import clear_unfinished, unfinished
+from ddmpi.files import FileOfHDF5, clear_unfinished, unfinished
 from ddmpi.interface import Interface
 
 NAMES = ("result.h5", "result.xdmf", "history.csv", "interface.csv", "summary.json",
@@ -176,7 +176,8 @@ def write_fields(path: Path, fields: Fields, body: int, sizes: Sequence[tuple[in
         parts["error"] = (fields.error, cells)
 
     def write() -> None:
-        with h5py.File(path / "result.h5", "w" if body == 0 else "r+") as file:
+        mode = "w" if body == 0 else "r+"
+        with FileOfHDF5(path / "result.h5", f"{mode[0]}+") as storage, h5py.File(storage, mode) as file:
             for name, (part, start) in parts.items():
                 if body == 0:
                     total = sum(size[0 if name in ("points", "displacement") else 1] for size in sizes)

@@ -6,7 +6,8 @@ method `target`, as in ``ddmpi.problem.assemble``, has the `fault` from its call
 * the name of an exception, a builtin one, one in `ddmpi.errors` or ``PETSc.Error``: every call raises it;
 * the name of a signal, SIGTERM or SIGKILL, say: the process sends it to itself, once;
 * ``nan``, ``singular``: every call spoils what it computes;
-* ``full``: no file can grow any more; ``gone``: the folder of the results is no longer there; once.
+* ``full``: no file can grow any more, ``little room``: none beyond 6000 bytes, so that it breaks off within one;
+  ``gone``: the folder of the results is no longer there; once.
 
 The command runs once for each, with the arguments and ``--output folder``; without a target just so. A line
 after it, on stdout and stderr, names the exit codes of the ranks. The first run that aborts ends it all.
@@ -66,8 +67,8 @@ def act(fault: str, folder: str) -> None:
     """What happens once, before the call."""
     if hasattr(signal, fault):
         os.kill(os.getpid(), getattr(signal, fault))
-    elif fault == "full":
-        resource.setrlimit(resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
+    elif fault in ("full", "little room"):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (0 if fault == "full" else 6000, resource.RLIM_INFINITY))
     elif fault == "gone":
         while os.path.exists(folder):  # the other rank may be writing there
             shutil.rmtree(folder, ignore_errors=True)

@@ -53,6 +53,7 @@ KINDS = {
     "SIGKILL": None,
     "SIGSEGV": None,
     "full": {5},
+    "little room": {5},
     "gone": {5},
 }
 
@@ -90,7 +91,7 @@ def all_cases() -> list[Case]:
             for rank in (0, 1):
                 after = phase in AFTER_ITERATIONS
                 over = phase == "output" and kind in ("SIGTERM", "SIGUSR1")  # the writing is finished first
-                harmless = kind == "full" and rank == 1  # rank 0 is the one that makes files grow
+                harmless = kind in ("full", "little room") and rank == 1  # rank 0 is the one that makes files grow
                 cases.append(Case(f"{phase}: {kind} on rank {rank}", method, rank, target, call, kind,
                                   None if codes is None else frozenset(codes), whole=over or harmless,
                                   kept=after and kind != "gone"))
@@ -112,7 +113,7 @@ def all_cases() -> list[Case]:
     for kind, codes in KINDS.items():  # where files are renamed, on rank 0
         codes = None if codes is None else frozenset(codes)
         signal = kind in ("SIGTERM", "SIGUSR1")
-        if kind not in ("full", "gone"):
+        if kind not in ("full", "little room", "gone"):
             cases.append(Case(f"writing a checkpoint: {kind}", target="ddmpi.files.os.replace", call=3, fault=kind,
                               codes=codes, kept=True))
         cases.append(Case(f"end of output: {kind}", target="ddmpi.run.write_summary", call=2, fault=kind, codes=codes,
