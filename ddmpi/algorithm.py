@@ -152,7 +152,7 @@ class OuterIteration:
         size = self._step_size
         if self.method.inner_precision == "fixed":  # as if the last update were this one already
             size = self.method.tolerance * (np.linalg.norm(self.lam) or self._scale)
-        precision = max(self.precision * size, self.body.C.accuracy * self._scale)
+        precision = float(max(self.precision * size, self.body.C.accuracy * self._scale))
         kept = KEPT * self.precision * self._tolerance * float(np.linalg.norm(self.lam))
 
         with exchange.deferred():
