@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scripts"))  # what the studies share is tested, too
+sys.path.append(str(Path(__file__).resolve().parents[1] / "scripts"))  # what the studies share is tested, too
 
 
 @pytest.fixture

@@ -37,7 +37,8 @@ class Errors:
     Attributes
     ----------
     energy : energy norm of the displacement's error, both bodies, over the energy norm of the exact one
-    pressure, shear : contact pressure and tangential contact stress, in L2 along the interface
+    pressure, shear : contact pressure and tangential contact stress at the nodes, in L2 along the interface
+    side_pressure : means of the contact pressure over the elements' sides, in L2; exact are those over the same sides
     normal_force, tangential_force : resultants
     contact_end, stick_end : largest distance (m) of an end of a contact zone, of a stick zone, from its true
         place; nan where there are more or fewer ends than there should be
@@ -46,6 +47,7 @@ class Errors:
     energy: float
     pressure: float
     shear: float
+    side_pressure: float
     normal_force: float
     tangential_force: float
     contact_end: float
@@ -56,14 +58,28 @@ class Errors:
 class Contact:
     """What happens at the contact nodes, in their order: arrays (m,).
 
-    ``x`` (m) and ``length`` (m) of the nodes, ``pressure`` and ``shear`` (Pa), ``status`` open, slip or stick.
+    ``xy`` (m, 2) and ``length`` of the nodes (m), ``middle`` whether a node is the middle of a side, ``pressure`` and
+    ``shear`` (Pa), ``status`` open, slip or stick.
     """
 
-    x: np.ndarray
+    xy: np.ndarray
     length: np.ndarray
+    middle: np.ndarray
     pressure: np.ndarray
     shear: np.ndarray
     status: np.ndarray
+
+    @property
+    def x(self) -> np.ndarray:
+        return self.xy[:, 0]
+
+    def side_pressures(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """x of the middle, mean pressure (Pa) and width (m) of the elements' sides whose nodes all carry forces."""
+        x, p, k = self.x, self.pressure, np.flatnonzero(self.middle[1:-1]) + 1
+        if len(k):
+            width = np.linalg.norm(self.xy[k + 1] - self.xy[k - 1], axis=1)
+            return x[k], (p[k - 1] + 4 * p[k] + p[k + 1]) / 6, width
+        return (x[:-1] + x[1:]) / 2, (p[:-1] + p[1:]) / 2, np.linalg.norm(np.diff(self.xy, axis=0), axis=1)
 
     @property
     def normal_force(self) -> float:
@@ -84,9 +100,10 @@ class Contact:
 
 def contact_of(problem: Problem, answer: Answer) -> Contact:
     """The contact nodes of an answer. Not collective."""
-    length, state = problem.interface.length, answer.state
-    return Contact(problem.interface.xy[:, 0], length, state.normal_force / length, state.tangential_force / length,
-                   state.status)
+    interface, state = problem.interface, answer.state
+    middle = interface.nodes[problem.body.role - 1] > problem.mesh.triangles[:, :3].max()
+    return Contact(interface.xy, interface.length, middle, state.normal_force / interface.length,
+                   state.tangential_force / interface.length, state.status)
 
 
 def zone_ends(x: np.ndarray, inside: np.ndarray) -> np.ndarray:
@@ -114,6 +131,18 @@ def difference(values: np.ndarray, exact: np.ndarray, length: np.ndarray) -> flo
     """Distance of nodal `values` (m,) from the `exact` ones in L2, relatively; nan where those are zero."""
     size = np.sqrt(length @ exact**2)
     return float(np.sqrt(length @ (values - exact) ** 2) / size) if size else np.nan
+
+
+def side_difference(found: Contact, exact: Contact) -> float:
+    """Distance of the side means of the pressure from the exact ones over the same sides, in L2, relatively.
+
+    Along x; the ends of `found`'s sides are among those of `exact`'s.
+    """
+    (x, mean, width), (fine, exact_mean, fine_width) = found.side_pressures(), exact.side_pressures()
+    ends = np.append(fine - fine_width / 2, fine[-1] + fine_width[-1] / 2)
+    force = np.concatenate([[0.0], np.cumsum(exact_mean * fine_width)])
+    left, right = (np.interp(x + side * width / 2, ends, force) for side in (-1, 1))
+    return difference(mean, (right - left) / width, width)
 
 
 def relative(value: float, exact: float) -> float:
@@ -199,6 +228,7 @@ class FineSolution:
             energy=float(np.hypot(np.sqrt(distance / self.energy), self.own_error)),
             pressure=difference(along(found.pressure), exact.pressure, exact.length),
             shear=difference(along(found.shear), exact.shear, exact.length),
+            side_pressure=side_difference(found, exact),
             normal_force=relative(found.normal_force, exact.normal_force),
             tangential_force=relative(found.tangential_force, exact.tangential_force),
             contact_end=end_error(found.contact_ends, exact.contact_ends),
@@ -211,7 +241,7 @@ def solve_reference(world: MPI.Comm, scene: Scene, path: Path) -> FineSolution:
     Raises what `ddmpi.solution.solve` does, and RuntimeError for an answer without certificate; the same on all
     ranks. Collective.
     """
-    identity = json.dumps(scene.resolved(), sort_keys=True)
+    identity = json.dumps([scene.resolved(), *Contact.__dataclass_fields__], sort_keys=True)
     kept = None
     with agreed(world):
         if path.exists():
@@ -259,9 +289,11 @@ class ClosedForm:
                                                 lambda points: rings.stress(body, points)))
         found = contact_of(problem, answer)
         exact = np.full(len(found.x), rings.pressure)
+        _, means, widths = found.side_pressures()
         return Errors(
             energy=float(np.sqrt(distance / world.allreduce(rings.energy(body)))),
             pressure=difference(found.pressure, exact, found.length), shear=np.nan,
+            side_pressure=difference(means, exact[:len(means)], widths),
             normal_force=relative(found.normal_force, rings.normal_force), tangential_force=np.nan,
             contact_end=end_error(found.contact_ends, np.empty(0)), stick_end=np.nan)
 

@@ -1,4 +1,4 @@
-"""The errors that studies report (scripts/reference.py, rings.py): against known ones and known solutions."""
+"""The errors that studies report (scripts/true_errors.py, rings.py): against known ones and known solutions."""
 
 import tempfile
 from dataclasses import replace
@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scenes
-from reference import (
+from rings import INNER, OUTER, Rings
+from true_errors import (
     ClosedForm,
     Contact,
     EnergyNorm,
@@ -16,11 +17,11 @@ from reference import (
     end_error,
     interpolate,
     relative,
+    side_difference,
     solve_reference,
     stress_error,
     zone_ends,
 )
-from rings import INNER, OUTER, Rings
 
 from ddmpi.elements import ELEMENTS
 from ddmpi.errors import DdmpiError
@@ -145,12 +146,43 @@ def test_difference_and_relative():
     assert np.isnan(relative(1.0, 0.0))
 
 
-def test_resultants_of_a_contact():
-    contact = Contact(np.arange(3.0), np.array([0.5, 1.0, 0.5]), np.array([2.0, 4.0, 0.0]), np.array([1.0, -1.0, 0.0]),
-                      np.array(["stick", "slip", "open"]))
-    assert (contact.normal_force, contact.tangential_force) == (5.0, -0.5)
-    assert contact.contact_ends.tolist() == [1.5]
-    assert contact.stick_ends.tolist() == [0.5]
+def contact(x: list[float], length: list[float], middle: list[int], pressure: list[float]) -> Contact:
+    """Closed and sticking where there is pressure, but for the second node, which slips; shear is half of it."""
+    status = np.where(np.array(pressure) > 0, "stick", "open")
+    status[1] = "slip"
+    return Contact(np.column_stack([x, np.zeros(len(x))]), np.array(length), np.array(middle, bool), np.array(pressure),
+                   np.array(pressure) / -2, status)
+
+
+def test_resultants_and_zones_of_a_contact():
+    found = contact([0.0, 1.0, 2.0], [0.5, 1.0, 0.5], [0, 0, 0], [2.0, 4.0, 0.0])
+    assert (found.normal_force, found.tangential_force) == (5.0, -2.5)
+    assert found.contact_ends.tolist() == [1.5]
+    assert found.stick_ends.tolist() == [0.5]
+
+
+def test_side_means_of_the_pressure():
+    """They give the resultant; a corner that is missing (clamped) takes its side along."""
+    linear = contact([0.0, 1.0, 3.0], [0.5, 1.5, 1.0], [0, 0, 0], [2.0, 4.0, 6.0])
+    x, mean, width = linear.side_pressures()
+    assert [x.tolist(), mean.tolist(), width.tolist()] == [[0.5, 2.0], [3.0, 5.0], [1.0, 2.0]]
+    quadratic = contact([0.0, 0.5, 1.0, 1.5, 2.0], [1 / 6, 2 / 3, 1 / 3, 2 / 3, 1 / 6], [0, 1, 0, 1, 0],
+                        [7.0, 4.0, 7.0, 1.0, 1.0])
+    x, mean, width = quadratic.side_pressures()
+    assert [x.tolist(), mean.tolist(), width.tolist()] == [[0.5, 1.5], [5.0, 2.0], [1.0, 1.0]]
+    assert mean @ width == pytest.approx(quadratic.normal_force)
+    clamped = contact([0.5, 1.0, 1.5, 2.0], [2 / 3, 1 / 3, 2 / 3, 1 / 6], [1, 0, 1, 0], [4.0, 7.0, 1.0, 1.0])
+    assert clamped.side_pressures()[1].tolist() == [2.0]
+
+
+def test_side_means_are_compared_with_those_over_the_same_sides():
+    """Pairs of fine sides are the coarse ones; what swings between the fine nodes does not count."""
+    fine = contact([1.0, 2.0, 3.0, 4.0, 5.0], [0.5, 1.0, 1.0, 1.0, 0.5], [0] * 5, [2.0, 3.0, 4.0, 5.0, 6.0])
+    swinging = replace(fine, pressure=fine.pressure + np.array([1.0, -1.0, 1.0, -1.0, 1.0]))
+    coarse = contact([1.0, 3.0, 5.0], [1.0, 2.0, 1.0], [0, 0, 0], [2.0, 4.0, 6.0])
+    assert side_difference(coarse, fine) == side_difference(coarse, swinging) == 0.0
+    wrong = replace(coarse, pressure=1.1 * coarse.pressure)
+    assert side_difference(wrong, fine) == pytest.approx(0.1)
 
 
 # Against a fine solution
@@ -190,7 +222,7 @@ def test_errors_against_a_fine_solution(comm, folder):
         assert 0.75 <= estimated / found[order, N].energy <= 1.2
         spacing = 1 / (N * order)
         assert max(found[order, N].contact_end, found[order, N].stick_end) <= spacing
-    for name in ("energy", "pressure", "shear", "normal_force", "tangential_force"):
+    for name in ("energy", "pressure", "shear", "side_pressure", "normal_force", "tangential_force"):
         for order in (1, 2):
             coarse, finer = getattr(found[order, 4], name), getattr(found[order, 12], name)
             assert 0.0 < finer < 0.7 * coarse, (name, order)
@@ -204,7 +236,8 @@ def test_the_fine_solution_itself_and_a_known_distance_from_it(comm, folder):
     problem, answer = solved(comm, scene)
     errors = fine.errors(problem, answer)
     assert errors.energy == pytest.approx(fine.own_error, rel=1e-6)
-    assert max(errors.pressure, errors.shear, errors.normal_force, errors.tangential_force) <= 1e-7
+    assert max(errors.pressure, errors.side_pressure, errors.shear) <= 1e-7
+    assert max(errors.normal_force, errors.tangential_force) <= 1e-7
     assert (errors.contact_end, errors.stick_end) == (0.0, 0.0)
     assert fine.energy == pytest.approx(2 * sum(answer.energy), rel=1e-8)
 
@@ -319,3 +352,6 @@ def test_solutions_converge_to_the_closed_form(comm, folder):
     assert errors[1, 12].normal_force < 3e-3
     assert errors[2, 12].normal_force < 3e-4
     assert errors[1, 12].pressure < 0.02
+    for N in (3, 6, 12):  # the kinks at the corners show in the pressure at nodes, not in its means over sides
+        assert errors[2, N].side_pressure < 0.1 * errors[2, N].pressure
+    assert errors[2, 12].side_pressure < 1e-3

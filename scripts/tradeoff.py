@@ -1,0 +1,275 @@
+#!/usr/bin/env bash
+"exec" "${0%/*}/on_two_ranks.sh" "$0" "$@"  # to Python, a string
+
+__doc__ = """What accuracy costs: time, multiplications and memory against true errors.
+
+Two scenes, pinched blocks with Coulomb friction and two rings with a closed form (true_errors.py, rings.py), along
+axes that each vary one choice: mesh and order, tolerance, inner precision, compliance, outer method, algorithm and
+splitting. The time is that of mesh, assembly, factorization, outer iteration, displacements and error estimate, of the
+slower rank, the least of several runs where they are short; start-up and files are left out.
+
+Writes to the folder --output: tradeoff.csv (a line per case, written at once: an interrupted study goes on where it
+was), the reference solution, tradeoff_table.md and figures; with all axes done and the usual reference, page and
+figures also go to docs/.
+"""
+
+import argparse
+import ctypes
+import gc
+import time
+from collections import Counter
+from dataclasses import astuple, dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from experiment import ROOT, VARIANTS, Ledger, on_two_ranks, pinched_blocks, progress
+from mpi4py import MPI
+from rings import Rings
+from tradeoff_page import PAGE, draw, page
+from true_errors import ClosedForm, EnergyNorm, Errors, FineSolution, solve_reference
+
+from ddmpi.errors import SolverError
+from ddmpi.estimate import estimate_error, relative_error
+from ddmpi.petsc_versions import free_garbage
+from ddmpi.problem import Clock, Problem, prepare
+from ddmpi.scene import Scene
+from ddmpi.solution import Answer, solve
+
+REFERENCE = 176
+"""Squares of the reference solution, of order 2, have sides of 1/176 m; those of the others a multiple."""
+
+TIGHT, REFERENCE_TOLERANCE = 1e-12, 1e-10
+"""Tolerances of the solutions with which algebraic errors are measured, and of the reference solution."""
+
+REPEATS, ENOUGH = 7, 2.0
+"""A case is timed so many times, or until that many seconds are spent on it."""
+
+NONE = "–"
+"""Stands for a choice that a method does not have."""
+
+PHASES = ("mesh", "assemble", "factor", "outer", "recover", "estimate")
+
+
+class Case(NamedTuple):
+    """All choices of a run."""
+
+    scene: str
+    N: int
+    order: int = 1
+    method: str = "newton"
+    algorithm: str = NONE
+    splitting: str = NONE
+    theta: float | str = NONE
+    inner_precision: float | str = NONE
+    tolerance: float = 1e-8
+    compliance: str = "explicit"
+
+    @property
+    def settings(self) -> list[str]:
+        """As a user would write them after --set."""
+        chosen = {"outer": self.method, "algorithm": self.algorithm, "splitting": self.splitting, "theta": self.theta,
+                  "inner_precision": self.inner_precision, "tolerance": self.tolerance, "compliance": self.compliance}
+        words = ", ".join(f"{key} = {f'{value!r}'.replace(chr(39), chr(34))}" for key, value in chosen.items()
+                          if value != NONE)
+        return [f"method={{ {words} }}"]
+
+
+def relaxation(scene: str, N: int, order: int = 1, algorithm: str = "original", splitting: str = "none",
+               theta: float = 0.2, inner_precision: float | str = 0.1, tolerance: float = 1e-4) -> Case:
+    """The published iteration."""
+    return Case(scene, N, order, "relaxation", algorithm, splitting, theta, inner_precision, tolerance)
+
+
+def by_method(method: str, scene: str, N: int, order: int, tolerance: float) -> Case:
+    if method == "relaxation":
+        return relaxation(scene, N, order, tolerance=tolerance)
+    return Case(scene, N, order, method, tolerance=tolerance)
+
+
+METHODS = ("newton", "anderson", "relaxation")
+MESHES = {("blocks", 1): (4, 8, 11, 16, 22, 44, 88, 176), ("blocks", 2): (4, 8, 11, 16, 22, 44, 88),
+          ("rings", 1): (4, 8, 16, 32, 64, 128), ("rings", 2): (4, 8, 16, 32, 64)}
+MIDDLE = {"blocks": 44, "rings": 32}
+"""The mesh on which the choices other than the mesh are varied."""
+
+TOLERANCES = tuple(float(f"1e-{k}") for k in range(1, 11))
+
+AXES = {
+    "mesh": [Case(scene, N, order) for (scene, order), meshes in MESHES.items() for N in meshes],
+    "tolerance": [by_method(method, scene, N, order, tolerance) for scene, N in MIDDLE.items() for order in (1, 2)
+                  for method in (METHODS if order == 1 else METHODS[:1]) for tolerance in TOLERANCES],
+    "inner precision": [relaxation("blocks", MIDDLE["blocks"], inner_precision=eta, tolerance=tolerance)
+                        for tolerance in (1e-4, 1e-6) for eta in (1.0, 0.3, 0.1, 0.03, 0.01, "fixed")],
+    "compliance": [Case("blocks", N, order, compliance=kind) for order, meshes in ((1, (22, 44, 88)), (2, (22, 44)))
+                   for N in meshes for kind in ("explicit", "direct", "iterative")
+                   if kind != "iterative" or N * order <= 44],
+    "method": [by_method(method, "blocks", N, order, 1e-6) for order, N in ((1, 22), (1, 88), (2, 22))
+               for method in METHODS],
+    "variant": [relaxation("blocks", MIDDLE["blocks"], 1, *kind) for kind in VARIANTS]
+    + [relaxation("blocks", MIDDLE["blocks"], 1, *kind, theta=0.4) for kind in VARIANTS if kind[1] == "step1+2"],
+    "preset": [Case("blocks", 22, 1, tolerance=1e-4), Case("blocks", 22, 2, tolerance=1e-6), Case("blocks", 88, 2),
+               Case("rings", 16, 1, tolerance=1e-4), Case("rings", 16, 2, tolerance=1e-6), Case("rings", 16, 2)],
+}
+"""Cases by the choice that varies. Presets: what fast, balanced and accurate (to 1 %) make of meshes of N = 22, 16."""
+
+MEASURED = ("n", "m", "outcome", "iterations", "n_A", "seconds", "cpu_seconds",
+            *(f"{phase}_seconds" for phase in PHASES), "memory_mib", "runs", "estimated", "algebraic",
+            *Errors.__dataclass_fields__)
+
+
+# Runs
+
+@dataclass
+class Run:
+    """One run: what it gave on this rank, and what it took."""
+
+    problem: Problem
+    answer: Answer
+    iterations: int
+    estimated: float
+    phases: dict[str, float]
+    seconds: float
+    cpu_seconds: float
+    memory_mib: float
+
+
+def run_once(world: MPI.Comm, scene: Scene) -> Run:
+    """Solve a scene; times are those of the slower rank, CPU time and memory sums of both. Collective."""
+    gc.collect()
+    free_garbage()
+    resting = restart_peak()
+    world.Barrier()
+    cpu, clock = time.process_time(), Clock()
+    problem = prepare(world, scene, clock=clock)
+    answer, outer = solve(problem, scene.method, clock=clock)
+    with clock.phase("estimate"):
+        estimate = estimate_error(problem.mesh, problem.spec.material, answer.displacement)
+    cpu = time.process_time() - cpu
+    phases = clock.largest(world)
+    seconds = phases.pop("total")
+    estimated = relative_error(world.allreduce(estimate.total), world.allreduce(estimate.energy))
+    return Run(problem, answer, len(outer.history), estimated, phases, seconds, world.allreduce(cpu),
+               world.allreduce(resident("VmHWM") - resting))
+
+
+def restart_peak() -> float:
+    """Give back what is free, and let the peak of the resident memory begin anew (Linux); what is held now (MiB)."""
+    try:
+        ctypes.CDLL(None).malloc_trim(0)
+        Path("/proc/self/clear_refs").write_text("5")
+    except (OSError, AttributeError):
+        return np.nan
+    return resident("VmRSS")
+
+
+def resident(name: str) -> float:
+    """An entry of /proc/self/status in MiB; nan where there is none."""
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+    except OSError:
+        return np.nan
+    return next((float(line.split()[1]) / 1024 for line in lines if line.startswith(f"{name}:")), np.nan)
+
+
+class Study:
+    """Scenes, what is exact about them, and the measuring.
+
+    Parameters
+    ----------
+    folder : for meshes and the reference solution
+    reference : N of the reference solution
+    """
+
+    def __init__(self, world: MPI.Comm, folder: Path, reference: int) -> None:
+        self.world, self.folder, self.reference = world, folder, reference
+        self.rings = Rings()
+        self._exact: dict[str, FineSolution | ClosedForm] = {"rings": ClosedForm(self.rings)}
+        self._tight: tuple[tuple, np.ndarray] = (), np.empty(0)
+
+    def scene(self, case: Case) -> Scene:
+        """Collective: rank 0 writes the meshes of the rings."""
+        if case.scene == "rings":
+            if self.world.rank == 0:
+                self.rings.write_meshes(self.folder / "meshes", case.N)
+            self.world.Barrier()
+            return self.rings.scene(self.folder / "meshes", case.N, case.order, *case.settings)
+        orders = [f"body.{name}.mesh.order={case.order}" for name in ("upper", "lower")]
+        return pinched_blocks("coulomb", case.N, *orders, *case.settings)
+
+    def exact(self, scene: str) -> FineSolution | ClosedForm:
+        """What answers are compared with. Collective."""
+        if scene not in self._exact:
+            finest = Case(scene, self.reference, 2, tolerance=REFERENCE_TOLERANCE)
+            path = self.folder / f"reference_{scene}_{self.reference}.npz"
+            self._exact[scene] = solve_reference(self.world, self.scene(finest), path)
+        return self._exact[scene]
+
+    def measure(self, case: Case) -> dict:
+        """A line of the table. Collective."""
+        exact, scene = self.exact(case.scene), self.scene(case)
+        best, runs, spent = None, 0, 0.0
+        row = case._asdict() | dict.fromkeys(MEASURED, np.nan)
+        try:
+            while runs < REPEATS and spent < ENOUGH:
+                run = run_once(self.world, scene)
+                runs, spent = runs + 1, spent + run.seconds
+                if best is None or run.seconds < best.seconds:
+                    best = run
+                del run
+        except SolverError as error:  # the same on both ranks, or the study has to end
+            if not error.agreed:
+                raise
+            return row | {"outcome": f"failed: {str(error).splitlines()[0]}"}
+        answer, problem = best.answer, best.problem
+        count: Counter = problem.body.C.count
+        return row | {
+            "n": problem.n, "m": problem.interface.m, "outcome": "certified" if answer.certified else answer.reason,
+            "iterations": best.iterations, "n_A": self.world.allreduce(count.total()),
+            "seconds": best.seconds, "cpu_seconds": best.cpu_seconds,
+            **{f"{phase}_seconds": best.phases[phase] for phase in PHASES},
+            "memory_mib": best.memory_mib, "runs": runs, "estimated": best.estimated,
+            "algebraic": self._algebraic(case, problem, answer),
+            **dict(zip(Errors.__dataclass_fields__, astuple(exact.errors(problem, answer)), strict=True))}
+
+    def _algebraic(self, case: Case, problem: Problem, answer: Answer) -> float:
+        """Distance, relative in the energy norm, from the exact solution on the same mesh. Collective."""
+        mesh = case[:3]
+        if self._tight[0] != mesh:
+            scene = self.scene(Case(*mesh, tolerance=TIGHT))
+            tight, _ = solve(prepare(self.world, scene), scene.method)
+            self._tight = mesh, tight.displacement
+        norm, u = EnergyNorm(problem.mesh, problem.spec.material), self._tight[1]
+        distance, size = (self.world.allreduce(norm.squared(v)) for v in (answer.displacement - u, u))
+        return float(np.sqrt(distance / size))
+
+
+@on_two_ranks
+def main(world: MPI.Comm) -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--output", type=Path, default=Path("results/tradeoff"), metavar="DIR")
+    parser.add_argument("--axes", nargs="+", default=list(AXES), choices=AXES, metavar="AXIS",
+                        help="which of %(choices)s (default: all)")
+    parser.add_argument("--reference", type=int, default=REFERENCE, metavar="N",
+                        help="mesh of the reference solution, a multiple of all others (default: %(default)s)")
+    options = parser.parse_args()
+
+    study = Study(world, options.output, options.reference)
+    ledger = Ledger(world, options.output / "tradeoff.csv", Case._fields, Case._fields + MEASURED)
+    work = {case for axis in options.axes for case in AXES[axis] if not ledger.find(*case)}
+    work = sorted((case for case in work if case.scene == "rings" or options.reference % case.N == 0), key=str)
+    work.sort(key=lambda case: case[:3])
+    if work:
+        run_once(world, study.scene(Case("blocks", 4)))  # imports what is imported where it is used
+    for case in progress(world, work, "trade-off"):
+        ledger.add(study.measure(case))
+    if world.rank == 0:
+        complete = options.axes == list(AXES) and options.reference == REFERENCE
+        text = page(ledger.rows, AXES)
+        for folder in [options.output] + [ROOT / "docs"] * complete:
+            draw(ledger.rows, folder / "figures")
+            (folder / PAGE).write_text(text, encoding="utf-8")
+        print(f"Page and figures are in {options.output}")
+
+
+main()
