@@ -292,7 +292,8 @@ def test_an_interruption_whose_checkpoint_cannot_be_written_says_so(comm, shared
         def full(number: int) -> None:
             raise OSError(28, "No space left on device")
         monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(OutputError, match=r"^interrupted by SIGTERM; .*checkpoint.h5: No space left on device$") as e:
+    words = r"^interrupted by SIGTERM; .*checkpoint.h5: cannot be written: No space left on device$"
+    with pytest.raises(OutputError, match=words) as e:
         run(comm, pinched_blocks(2), shared)
     assert e.value.agreed
     assert listing(comm, shared) == []
