@@ -184,11 +184,11 @@ class Checkpoints:
         with self.clock.phase("checkpoint"):
             states = self.problem.world.gather(self._now)
             self._last = time.monotonic()
+            self._written = len(self._now["outer.history"])  # or tried to: both ranks must think the same of it
             if self.folder:
                 steps = {len(state["outer.history"]) for state in states}
                 assert len(steps) == 1, "the ranks' states are of different iterations"
                 write(self.folder / NAME, self.identity, states)
-            self._written = len(self._now["outer.history"])
 
     def _restore(self) -> None:
         state = self._begin

@@ -132,6 +132,7 @@ class Compliance:
         """C by solves with blocks of right-hand sides, each counted."""
         C = np.empty((self.size, self.size))
         for start in range(0, self.size, BLOCK):
+            interrupt.check()
             rows = trace[start:start + BLOCK]
             C[:, start:start + rows.shape[0]] = trace @ self.solver.solve_block(rows.T.toarray())
             self.count["explicit"] += rows.shape[0]
