@@ -176,11 +176,7 @@ def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
             terms[c] += np.bincount(vertex, p[:, a] * p[:, b], nv)
         for c, (a, b) in enumerate(itertools.product(range(k), range(3)), len(upper[0])):
             terms[c] += np.bincount(vertex, p[:, a] * stress[:, b], nv)
-    moments, sums = np.split(terms, [len(upper[0])])
-    M = np.zeros((nv, k, k))
-    M[:, upper[0], upper[1]] = M[:, upper[1], upper[0]] = moments.T
-
-    fit, owner = _fits(mesh, M, np.ascontiguousarray(sums.T).reshape(nv, k, 3))
+    fit, owner = _fits(mesh, terms[:len(upper[0])], terms[len(upper[0]):], upper)
     value = np.zeros((len(xy), 3))
     value[vertices] = _evaluate(fit, owner[vertices], xy, reach, xy[vertices], order)
     if order == 2:  # at the middle of an edge, the mean of what its two ends say
@@ -190,18 +186,24 @@ def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
     return value
 
 
-def _fits(mesh: Mesh, M: np.ndarray, sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _fits(mesh: Mesh, moments: np.ndarray, sums: np.ndarray, upper: tuple[np.ndarray, np.ndarray],
+          ) -> tuple[np.ndarray, np.ndarray]:
     """Polynomials (nv, k, 3) fitted around the vertices, and whose one each vertex uses.
 
-    A node on the boundary, which has elements on one side only, uses that of a near inner node; where there
-    is none, the mean of its elements.
+    Given, of the normal equations, the `upper` triangles of the matrices (k (k+1)/2, nv) and the right-hand
+    sides (3k, nv). A node on the boundary, which has elements on one side only, uses that of a near inner
+    node; where there is none, the mean of its elements.
     """
-    corners, nv = mesh.triangles[:, :3], len(M)
-    good = _inner(mesh, nv)
-    good[good] = np.linalg.eigvalsh(M[good])[:, 0] > 1e-8 * M[good, 0, 0]
-    fit = np.zeros_like(sums)
-    fit[good] = np.linalg.solve(M[good], sums[good])
-    fit[~good, 0] = sums[~good, 0] / np.maximum(M[~good, 0, 0], 1.0)[:, None]
+    corners, (nv, k) = mesh.triangles[:, :3], (sums.shape[1], len(sums) // 3)
+    inner = _inner(mesh, nv)
+    good, fit = np.zeros(nv, dtype=bool), np.zeros((nv, k, 3))
+    for block in _blocks(nv):
+        M, right = np.empty((len(inner[block]), k, k)), sums[:, block].T.reshape(-1, k, 3)
+        M[:, upper[0], upper[1]] = M[:, upper[1], upper[0]] = moments[:, block].T
+        solvable = inner[block] & (np.linalg.eigvalsh(M)[:, 0] > 1e-8 * M[:, 0, 0])
+        fit[block][solvable] = np.linalg.solve(M[solvable], right[solvable])
+        fit[block][~solvable, 0] = right[~solvable, 0] / np.maximum(M[~solvable, 0, 0], 1.0)[:, None]
+        good[block] = solvable
 
     owner = np.where(good, np.arange(nv), -1)
     near = corners[~good[corners].all(axis=1)]
