@@ -214,7 +214,7 @@ ALGEBRAIC = 0.01
 
 PRESETS = {"fast": {"order": 1, "tolerance": 1e-4},
            "balanced": {"order": 2, "tolerance": 1e-6},
-           "accurate": {"order": 2, "tolerance": 1e-8, "target_error": 0.005}}
+           "accurate": {"order": 2, "tolerance": 1e-8, "target_error": 0.01}}
 """Values of keys that a scene leaves out, by ``method.preset``; measured in docs/tradeoff.md."""
 
 
