@@ -24,6 +24,12 @@ which a compliance of wide spectrum ties to it, by three to twenty times that.
 ROUNDING = 1e-10
 """No certificate asks for more than this."""
 
+RESOLVED = 1e-9
+"""Contact displacements below this part of the bodies' largest displacement are lost in rounding."""
+
+LARGEST_LIMIT = 0.05
+"""No residual above this is certified, whatever the tolerance."""
+
 ON_BOUND = 1e-8
 """Relative distance to a bound below which a node counts as lying on it (exact for MPRGP)."""
 
@@ -75,7 +81,7 @@ class Certificate:
 
 def certificate_limit(tolerance: float) -> float:
     """The largest residual of a certified answer, for the tolerance asked for."""
-    return max(FACTOR * tolerance, ROUNDING)
+    return min(max(FACTOR * tolerance, ROUNDING), LARGEST_LIMIT)
 
 
 def contact_state(interface: Interface, friction: Friction, s: np.ndarray, g: np.ndarray,
@@ -109,7 +115,7 @@ def reaches_bound(tangential: np.ndarray, g: np.ndarray) -> np.ndarray:
 
 def certify(interface: Interface, friction: Friction, state: ContactState, forces: tuple[np.ndarray, np.ndarray],
             traces: tuple[np.ndarray, np.ndarray], equilibrium: tuple[float, float], load: float,
-            yielding: float) -> Certificate:
+            yielding: float, moved: float) -> Certificate:
     """Residuals of the coupled problem.
 
     Parameters
@@ -122,6 +128,7 @@ def certify(interface: Interface, friction: Friction, state: ContactState, force
     yielding : largest contact displacement that the contact forces cause in a body (m). Displacements
         are compared with this (or the overlap, if that is larger) or with the contact displacements,
         whichever is smaller: a body may move far without being strained, or be held back from moving far
+    moved : largest displacement of both bodies (m); nothing is compared with less than RESOLVED times it
 
     Not collective.
     """
@@ -129,7 +136,7 @@ def certify(interface: Interface, friction: Friction, state: ContactState, force
     floor = (1e-6 if forces[1].any() else 1.0) * load / np.sqrt(m)
     U = max(np.abs(t).max(initial=0.0) for t in traces)
     overlap = np.maximum(-state.gap, 0.0).max()
-    U = min(U, max(yielding, overlap)) or U
+    U = max(min(U, max(yielding, overlap)), RESOLVED * moved)
     S = max(np.abs(f).max(initial=0.0) for f in forces)
     mismatch = np.linalg.norm(forces[0] - forces[1])
     pressed = np.maximum(state.normal_force, 0.0)

@@ -68,6 +68,9 @@ class Compliance:
         trace = sparse.csr_matrix((values, columns, indptr), shape=B.size)
         dofs = np.unique(columns[values != 0.0])
         self.kind, self.reason = (kind, "asked for") if kind else choose_kind(A.size[0], len(dofs), memory)
+        if not len(dofs):
+            self.kind, self.reason = "direct", "clamps hold its whole contact, which does not yield: C = 0"
+        self._rigid = not len(dofs)
         self.solver = StiffnessSolver(A, name, dofs if self.kind == "explicit" else None,
                                       iterative=self.kind == "iterative")
         self.accuracy = ROUNDING if self.solver.direct else ITERATED
@@ -93,7 +96,7 @@ class Compliance:
         zero is its usual precision. Raises SolverError, and InterruptionError when a signal came to this rank.
         """
         interrupt.check()
-        if not x.any():
+        if self._rigid or not x.any():
             y[:] = 0.0
             return
         with event("ComplianceMult"):

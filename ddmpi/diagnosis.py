@@ -16,6 +16,9 @@ from ddmpi.scene import Method
 LOOK_BACK = 10
 """Over so many iterations convergence is judged."""
 
+ROUNDING = 1e-15
+"""A residual below this cannot become smaller."""
+
 LARGE_FRICTION = 1.0
 """From here on it is worth saying that a solution with Coulomb friction need not be unique."""
 
@@ -73,8 +76,13 @@ def diagnose(reason: str, stopped: str, violations: list[str], method: Method, h
     if violations:
         lines.append(f"the certificate fails: {', '.join(violations)}")
     factor = contraction(history, "residual" if newton else "update")
-    if stopped == "diverged":
+    stuck = last.update == 0.0 or last.residual <= ROUNDING
+    if stopped == "diverged" and newton:
+        lines.append("seen: a residual that is not a number; a solve with the stiffness of a body must have failed")
+    elif stopped == "diverged":
         lines.append("seen: divergence, the contact displacement grew beyond all bounds")
+    elif stuck:
+        lines.append("seen: nothing moves any more" + (", rounding is reached" if last.residual <= ROUNDING else ""))
     elif np.isfinite(factor):
         seen = ("growth" if factor > 1.02 else "no progress" if factor > 0.98 else
                 "slow convergence" if factor > 0.7 else "convergence")
@@ -88,18 +96,22 @@ def diagnose(reason: str, stopped: str, violations: list[str], method: Method, h
     largest = 0.0 if friction.coefficient is None else float(friction.coefficient.max(initial=0.0))
     if largest >= LARGE_FRICTION:
         lines.append(f"with a friction coefficient of {largest:g} a solution need not be unique, and none may be near")
-    lines.append("try: " + _advice(stopped, factor, method))
+    lines.append("try: " + _advice(stopped, factor, method, last, stuck))
     return "\n  ".join(lines)
 
 
-def _advice(stopped: str, factor: float, method: Method) -> str:
+def _advice(stopped: str, factor: float, method: Method, last: Step, stuck: bool) -> str:
+    if last.residual <= ROUNDING:
+        return "a larger method.tolerance; double precision holds no more"
     if method.outer == "relaxation":
         if stopped == "diverged" or not factor < 0.98:
             return (f"leave algorithm, splitting and theta out, the default method needs none of them; "
                     f"or a smaller method.theta than {method.theta:g}")
-        left = np.log(method.tolerance) / np.log(factor)
-        return f"method.max_iterations of {2 * left:.0f} or more; or leave theta out, the default method is faster"
+        wanted = last.iteration + 1.5 * max(np.log(method.tolerance / last.update) / np.log(factor), 1.0)
+        return f"method.max_iterations of {wanted:.0f} or more; or leave theta out, the default method is faster"
     if method.outer == "anderson":
         return "method.outer = \"newton\", the default"
+    if stuck:
+        return "a tighter -newton_ksp_rtol, or less friction to see where the trouble begins"
     return ("a larger method.max_iterations, a tighter -newton_ksp_rtol, method.outer = \"anderson\", "
             "or less friction to see where the trouble begins")

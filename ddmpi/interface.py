@@ -61,8 +61,9 @@ class Interface:
     gap : (m,) initial gap along the normal (m); negative for an initial overlap
     sliding : (mt,) the nodes that carry a tangential unknown; all m unless some are held by a clamp,
         none in a frictionless scene
-    dropped : how many node pairs of the boundary carry no unknown because they are clamped
+    dropped : how many node pairs of the boundary carry no unknown because both bodies clamp them
     joined : (m − 1,) bool, whether a node and the next one are neighbours
+    one_sided : (size,) bool, unknowns along which only one of the bodies can move
     held : (m,) inverse distances to the dropped neighbours, summed (1/m); zero where there are none
     """
 
@@ -76,6 +77,7 @@ class Interface:
     dropped: int
     joined: np.ndarray
     held: np.ndarray
+    one_sided: np.ndarray
 
     @property
     def m(self) -> int:
@@ -152,7 +154,10 @@ def pair(first: Side, second: Side, friction: bool, label: str) -> Interface:
                          f"{_worst(first, second, match)}; their meshes must match node by node")
     gap[np.abs(gap) <= ROUNDING * spacing] = 0.0
 
-    held_normal, held_tangential = _held(normal, first.free & other.free), _held(tangent, first.free & other.free)
+    sides = (first.free, other.free)
+    fast = [np.array([_held(direction, free) for free in sides]) for direction in (normal, tangent)]
+    held_normal, held_tangential = (by_body.all(axis=0) for by_body in fast)  # where one can move, they touch
+    one_sided = [by_body.any(axis=0) for by_body in fast]
     keep = np.flatnonzero(~held_normal)
     if len(keep) == 0:
         raise InputError(f"{label}: all nodes of the contact are clamped; there is nothing to solve")
@@ -163,7 +168,8 @@ def pair(first: Side, second: Side, friction: bool, label: str) -> Interface:
         held[node][to_held] += 1.0 / distance[to_held]
     joined = first.joined[keep[:-1]] & (np.diff(keep) == 1)
     return Interface((first.nodes[keep], other.nodes[keep]), first.xy[keep], normal[keep], tangent[keep],
-                     length[keep], gap[keep], sliding, len(length) - len(keep), joined, held[keep])
+                     length[keep], gap[keep], sliding, len(length) - len(keep), joined, held[keep],
+                     np.concatenate([one_sided[0][keep], one_sided[1][keep][sliding]]))
 
 
 def trace(interface: Interface, role: int, body: Elasticity) -> PETSc.Mat:
@@ -178,7 +184,7 @@ def trace(interface: Interface, role: int, body: Elasticity) -> PETSc.Mat:
     s = interface.sliding
     directions = sign * np.concatenate([interface.normal, interface.tangent[s]])
     rows = np.concatenate([nodes, nodes[s]])
-    columns = (2 * place[rows][:, None] + [0, 1]).astype(PETSc.IntType)
+    columns = (2 * np.maximum(place[rows], 0)[:, None] + [0, 1]).astype(PETSc.IntType)  # clamped: no entry anywhere
     values = np.where(body.free[rows], directions, 0.0)
     indptr = 2 * np.arange(len(rows) + 1, dtype=PETSc.IntType)
     return PETSc.Mat().createAIJWithArrays((len(rows), body.A.size[1]), (indptr, columns.ravel(), values.ravel()),

@@ -53,6 +53,9 @@ GAIN = 0.7
 PATIENCE = 6
 """After so many steps without a new smallest residual, successive approximations are made."""
 
+MOST_APPROXIMATIONS = 64
+"""Most successive approximations in a row."""
+
 LEAST_RELAXATION = 0.02
 """The slip bound is relaxed by this or more from one successive approximation to the next."""
 
@@ -157,7 +160,8 @@ class InterfaceNewton:
             before = self._s
             self._joint.kept = KEPT * tolerance * self._size()
             if self._stalled >= PATIENCE:
-                self._frozen, self._bound, self._relaxation, self._bound_change = 2**self._rescues, self.g, 1.0, np.inf
+                self._frozen = min(2**self._rescues, MOST_APPROXIMATIONS)
+                self._bound, self._relaxation, self._bound_change = self.g, 1.0, np.inf
                 self._rescues += 1
                 self._stalled, self._smallest = 0, np.inf
             if self._frozen:
@@ -308,14 +312,18 @@ class InterfaceNewton:
         lower[:m] = 0.0
         lower[m:], upper[m:] = -g, g
         qp = QP(self._joint, self._d, lower, upper)
-        precision = max(0.1 * residual, 1e-10) * self._size() / self._c
+        precision = max(0.1 ** (1 + self._rescues) * residual, 1e-10) * self._size() / self._c
         start = qp.project(self._s)
         Cs = self._joint.product(start, "approximation")
         kept = self._joint.kept / self._c
         with self.exchange.deferred():
-            result = QPSolver().solve(qp, start, Cs, precision, "approximation", kept)
+            solver = QPSolver()
+            solver.type = "python"  # the options are meant for the published iteration
+            result = solver.solve(qp, start, Cs, precision, "approximation", kept)
             start, Cs = result.s, result.Cs
         self.exchange.swap(np.zeros(1), "approximation made")
+        if np.array_equal(start, self._s):
+            self._frozen = 1  # nothing comes of more of them
         self._s, self._r = start, Cs - self._d
         change = self.g - g  # the less the bound settles, the less of it is taken
         size = float(np.linalg.norm(change))

@@ -107,6 +107,9 @@ def prepare(world: MPI.Comm, scene: Scene, folder: Path = Path("."), clock: Cloc
         both = exchange.swap_objects(side)
         with agreed(world):
             interface = pair(*both, friction=not isinstance(contact.friction, NoFriction), label="contact.0")
+            if scene.method.outer != "newton" and interface.one_sided.any():
+                raise InputError(f"method.outer = {scene.method.outer!r}: at some contact nodes a clamp holds one body "
+                                 "only, which this iteration cannot do; the default method can")
     friction = friction_at(contact.friction, interface)
     memory = free_memory() / _ranks_beside(world)
     with clock.phase("factor"), agreed(world):

@@ -37,7 +37,7 @@ def tell_plan(problem: Problem, figures: bool) -> None:
     left_out += [f"loads of {spec.name} (there are none)" for spec, acts in zip(scene.body, loaded, strict=True)
                  if not acts]
     if not scene.output.stress:
-        left_out.append("stress (not asked for)")
+        left_out.append("stress in the files (not asked for)")
     if not figures:
         left_out.append("pictures (not asked for)")
     log.info("n = %d unknowns, m = %d contact nodes, friction: %s", problem.n, interface.m, friction.law)
@@ -76,6 +76,13 @@ def tell_end(summary: dict, answer: Answer) -> None:
         log.warning("PETSc options that nothing used: %s", ", ".join(summary["options_unused"]))
 
 
+def _qp_type(problem: Problem, counts: list[dict]) -> str:
+    """The TAO type that solved programs, if one did."""
+    if problem.scene.method.outer != "newton":
+        return problem.body.qp_solver.type
+    return "python" if any(count.get("approximation") for count in counts) else "none"
+
+
 def summarize(problem: Problem, outer: OuterIteration | InterfaceNewton, answer: Answer, error: DiscretizationError,
               course: Course) -> dict:
     """All of summary.json but the times. Collective; bodies in the order of the scene."""
@@ -107,6 +114,6 @@ def summarize(problem: Problem, outer: OuterIteration | InterfaceNewton, answer:
         "seconds": {}, "memory_mib": peak_memory(world),
         "exchange": {"messages": outer.exchange.messages, "bytes": outer.exchange.bytes},
         "solvers": {"body": solver, "compliance": kinds,
-                    "qp": "none" if scene.method.outer == "newton" else body.qp_solver.type},
+                    "qp": _qp_type(problem, counts)},
         "options": PETSc.Options().getAll(), "options_unused": unused, "scene": scene.resolved(),
     }

@@ -141,5 +141,5 @@ def _conclude(outer: OuterIteration | InterfaceNewton, stopped: str, load: float
     with event("Certificate"):
         state = contact_state(interface, outer.friction, outer.forces, outer.g, traces)
         certificate = certify(interface, outer.friction, state, (outer.s1, outer.s2), traces, (r1, r2), load,
-                              max(y1, y2))
+                              max(y1, y2), max(u1, u2))
     return Answer(stopped, u, float(max(u1, u2)), (float(e1), float(e2)), state, certificate, limit, statuses)

@@ -73,6 +73,14 @@ def find(comm, made: dict):
     return problem, answer, outer, np.linalg.norm(outer.forces - exact) / (np.linalg.norm(exact) or 1.0)
 
 
+def find_answer(comm, made: dict):
+    """As `find`, without the brute force."""
+    from ddmpi.solution import solve
+
+    problem = prepare_scene(comm, made)
+    return problem, *solve(problem, problem.scene.method), None
+
+
 def assert_all_certified(comm, scenes: dict[str, dict]) -> None:
     failed = []
     for name, made in scenes.items():
@@ -168,6 +176,65 @@ def test_bodies_of_contact_nodes_only(comm):
 
     assert_all_certified(comm, {f"{sides}": scene(mesh(12, 1), clamp(*sides)) for sides in (
         ("top", "bottom"), ("top", "left"), ("left", "bottom"))})
+
+
+def clamps(upper: list, lower: list):
+    def change(first: dict, second: dict, _contact: dict) -> None:
+        for body, held in ((first, upper), (second, lower)):
+            body["clamp"] = held
+            body["traction"] = [traction for traction in body["traction"] if traction["on"] not in held]
+    return change
+
+
+@two_ranks
+def test_clamps_that_hold_one_body_only_at_contact_nodes(comm):
+    """Left of one body, right of the other; a roller; a rigid foundation, which does not yield at all."""
+    roller = [{"on": "left", "x": 0.0}, {"on": "right", "x": 0.0, "y": 0.0}]
+    cases = {"left and right": clamps(["left"], ["right"]), "right and left": clamps(["right"], ["left"]),
+             "roller": clamps(["left"], roller), "foundation": clamps(["left"], ["bottom", "top"]),
+             "foundation above": clamps(["bottom"], ["bottom"])}
+    assert_all_certified(comm, {f"{name}, {law}": scene(change, law=law) for name, change in cases.items()
+                                for law in ("coulomb", "tresca", "none")})
+    for made, dropped in ((scene(clamps(["left"], ["right"])), 0), (scene(clamps(["left"], ["bottom", "top"])), 1)):
+        problem, answer, _, _ = find(comm, made)
+        assert problem.interface.dropped == dropped
+        assert answer.state.gap.min() >= -1e-9 * answer.displacement_max
+
+
+@two_ranks
+def test_published_methods_refuse_clamps_that_hold_one_body_only(comm):
+    from ddmpi.errors import InputError
+
+    for method in ({"outer": "anderson"}, {"theta": 0.2}):
+        with pytest.raises(InputError, match="a clamp holds one body only"):
+            prepare_scene(comm, scene(clamps(["left"], ["right"])) | {"method": method})
+
+
+@two_ranks
+def test_touching_bodies_without_pressure_that_slide(comm):
+    """The upper block is moved along the lower one, by a millimetre and pressed by less than rounding."""
+    for law in ("coulomb", "none"):
+        for pressed in (0.0, -1e-15, -1e-12, -1e-10, -1e-6):
+            held = clamps([{"on": "top", "x": 1e-3, "y": pressed}], ["bottom"])
+            made = scene(held, loads({}, {}), law=law)
+            _, answer, *_ = find_answer(comm, made)
+            assert answer.certified, (law, pressed, answer.violations)
+    _, answer, _, distance = find(comm, made)  # a millionth of a metre
+    assert answer.certified and distance <= DISTANCE
+
+
+@two_ranks
+def test_a_huge_friction_coefficient_ends_in_good_order(comm):
+    """𝓕 = 100 and more, where there may be no solution: certified and right, or stopped without a claim."""
+    for seed, F in ((205, 1e2), (205, 1e4), (207, 1e3)):
+        made = random_scene(seed)
+        made["contact"][0]["friction"] = {"law": "coulomb", "coefficient": {
+            "along": "x", "points": [0.0, 1.0, 2.0, 3.0], "values": [0.0, F, F, 0.5]}}
+        made["method"]["max_iterations"] = 150
+        _, answer, outer, _ = find_answer(comm, made)
+        assert answer.certified or answer.stopped == "max_iterations"
+        updates = [step.update for step in outer.history]
+        assert sum(update == 0.0 for update in updates) <= 10, "iterations that do nothing"
 
 
 @two_ranks

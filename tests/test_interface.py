@@ -295,10 +295,14 @@ def test_clamped_node_in_the_middle_parts_its_neighbours():
 
 
 @pytest.mark.parametrize("which", [0, 1])
-def test_node_that_one_body_holds_drops_out(which):
+def test_node_that_one_body_holds_stays(which):
+    """The other body can move there, and must not move into the first."""
     meshes = blocks()
     free = [clamped(mesh, on_left, x=i == which, y=i == which) for i, mesh in enumerate(meshes)]
-    assert interface_of(*meshes, True, *free).dropped == 1
+    contact = interface_of(*meshes, True, *free)
+    assert (contact.m, contact.dropped, contact.size) == (7, 0, 14)
+    assert np.flatnonzero(contact.one_sided).tolist() == [0, 7]
+    assert not contact.held.any()
 
 
 def test_roller_across_the_normal_keeps_the_normal_unknown():
@@ -334,8 +338,8 @@ def test_frictionless_contact_has_no_tangential_unknowns():
 
 def test_contact_without_a_free_node_is_refused():
     upper, lower = blocks()
-    held = clamped(lower, lambda x, y: y == 1.0, x=True, y=True)
-    text = refused(side(upper, "bottom"), side(lower, "top", held), True, LABEL)
+    held = [clamped(mesh, lambda x, y: y == 1.0, x=True, y=True) for mesh in (upper, lower)]
+    text = refused(side(upper, "bottom", held[0]), side(lower, "top", held[1]), True, LABEL)
     assert "all nodes of the contact are clamped" in text
 
 

@@ -1,6 +1,7 @@
 """The default method: its preconditioner, what it computes and what it leaves alone, how it ends, what it says."""
 
 import math
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -28,7 +29,7 @@ def interface(x: list[float], sliding: list[int], dropped: int = 0):
     m, nodes = len(x), np.arange(len(x))
     return Interface((nodes, nodes), np.column_stack([x, np.zeros(m)]), np.tile([0.0, -1.0], (m, 1)),
                      np.tile([1.0, 0.0], (m, 1)), length, np.zeros(m), np.array(sliding, dtype=int), dropped,
-                     edges > 0.0, held)
+                     edges > 0.0, held, np.zeros(m + len(sliding), bool))
 
 
 def dense_stiffness(contact, modulus: float) -> np.ndarray:
@@ -84,7 +85,8 @@ def test_half_plane_stiffness_of_one_node():
     from ddmpi.preconditioner import HalfPlaneStiffness
 
     one = Interface((np.array([4]),) * 2, np.zeros((1, 2)), np.array([[0.0, -1.0]]), np.array([[1.0, 0.0]]),
-                    np.array([0.25]), np.zeros(1), np.array([0]), 1, np.empty(0, bool), np.array([2.0]))
+                    np.array([0.25]), np.zeros(1), np.array([0]), 1, np.empty(0, bool), np.array([2.0]),
+                    np.zeros(2, bool))
     expected = 0.5 * MODULUS * 0.25 * math.hypot(1.5 / 0.25, math.sqrt(1.0 / (0.5 * 0.25)))
     assert columns(HalfPlaneStiffness(one, MODULUS), 2) == pytest.approx(expected * np.eye(2), rel=1e-3)
 
@@ -327,7 +329,8 @@ def test_diagnosis_of_divergence():
 def test_diagnosis_of_slowness_says_how_many_iterations_it_would_take():
     text = diagnosis("max_iterations", history(0.9), theta=0.1, tolerance=1e-4)
     assert "slow convergence, a factor of 0.900" in text
-    assert f"max_iterations of {2 * math.log(1e-4) / math.log(0.9):.0f}" in text
+    wanted = 15 + 1.5 * math.log(1e-4 / history(0.9)[-1].update) / math.log(0.9)
+    assert f"max_iterations of {wanted:.0f} or more" in text
     assert "growth" in diagnosis("max_iterations", history(1.1), theta=0.1)
     assert "no progress" in diagnosis("max_iterations", history(1.0), theta=0.1)
 
@@ -396,7 +399,7 @@ def test_the_plan_says_what_is_left_out(tmp_path):
     left_out = next(line for line in done.stdout.splitlines() if "left out: " in line).partition("left out: ")[2]
     assert left_out.split(", ") == [
         "tangential unknowns (no friction)", "1 contact nodes (clamped)", "initial gap (all nodes touch)",
-        "loads of lower (there are none)", "stress (not asked for)", "pictures (not asked for)"]
+        "loads of lower (there are none)", "stress in the files (not asked for)", "pictures (not asked for)"]
     assert "semi-smooth Newton, GMRES with half-plane preconditioner" in done.stdout
     assert "compliance explicit" in done.stdout
 
@@ -410,7 +413,30 @@ def test_verify_compares_with_the_coupled_problem(tmp_path):
     assert "converged and certified; contact forces differ from those of the coupled problem by" in done.stdout
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
 
+    distance = float(re.search(r"coupled problem by (\S+),", done.stdout)[1])
+    assert distance <= 1e-6
+
     short = run_python(["-m", "ddmpi", "verify", str(scene), "--set", "method.max_iterations=2"])
     assert short.code == 3
     assert len(short.messages) == 1
     assert "coupled problem" in short.messages[0]
+
+
+@two_ranks
+def test_verify_refuses_an_answer_that_is_off(comm, monkeypatch):
+    from ddmpi import run
+    from ddmpi.errors import NotConvergedError
+    from ddmpi.scene import read_scene
+
+    exact = run.solve_coupled
+    monkeypatch.setattr(run, "solve_coupled", lambda *parts: 1.01 * exact(*parts))
+    scene = read_scene("scene.toml", to_toml(pinched_blocks(6)))
+    with pytest.raises(NotConvergedError, match=r"certified, and the contact forces differ .* by 9\.9e-03"):
+        run.verify(comm, scene, "scene.toml")
+
+
+def test_no_tolerance_makes_a_certificate_empty():
+    from ddmpi.certificate import certificate_limit
+
+    assert certificate_limit(0.5) == certificate_limit(0.01) == 0.05
+    assert certificate_limit(1e-4) == pytest.approx(5e-3)
