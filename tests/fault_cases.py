@@ -117,7 +117,7 @@ def all_cases() -> list[Case]:
             cases.append(Case(f"writing a checkpoint: {kind}", target="ddmpi.files.os.replace", call=3, fault=kind,
                               codes=codes, kept=True))
         cases.append(Case(f"end of output: {kind}", target="ddmpi.run.write_summary", call=2, fault=kind, codes=codes,
-                          whole=signal, kept=kind != "gone"))
+                          whole=signal or kind == "little room", kept=kind != "gone"))  # there is room for a summary
     cases += [
         Case("publishing: SIGKILL between two renames", target="ddmpi.results.os.rename", call=3, fault="SIGKILL",
              kept=True, torn=True),
