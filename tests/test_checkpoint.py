@@ -154,7 +154,7 @@ def test_restart_where_the_certificate_failed_and_the_tolerance_was_tightened(co
     monkeypatch.setattr(ddmpi.solution, "certificate_limit", lambda tolerance: 1e-3 * tolerance)
     monkeypatch.setattr(ddmpi.solution, "TIGHTER", 0.3)
     scene = pinched_blocks(2, outer=outer, tolerance=1e-2)
-    assert len(interrupt_everywhere(comm, scene, shared, {"newton": 13, "relaxation": 173}[outer], monkeypatch)) >= 3
+    assert len(interrupt_everywhere(comm, scene, shared, {"newton": 13, "relaxation": 97}[outer], monkeypatch)) >= 3
 
 
 @two_ranks
@@ -327,7 +327,7 @@ def test_other_rounding_is_no_reason_to_refuse(comm, shared, monkeypatch, caplog
     problem.body.h *= 1.0 + 1e-15
     answer, _ = solve(problem, problem.scene.method, checkpoints=checkpoints)
     assert answer.certified
-    assert any("rounds differently" in message for message in caplog.messages)
+    assert any("computes otherwise" in message for message in caplog.messages)
 
 
 @two_ranks
