@@ -237,10 +237,9 @@ def contact_problem(divisions=(8, 4), clamp=("left",), order=1) -> tuple[Elastic
                                                 divisions=divisions)) for y in (1.0, 0.0))
     if order == 2:
         upper, lower = (raise_order(mesh, "mesh") for mesh in (upper, lower))
-    problem = assemble(upper, BodySpec(name="upper", mesh=MeshSpec(file="unused.msh"), clamp=list(clamp),
-                                       material=Material(young=2e11, poisson=0.3),
-                                       traction=[Traction(on="top", value=(1e6, -2e6))]))
-    free = np.ones((len(lower.points), 2), bool)
+    spec = BodySpec(name="upper", mesh=MeshSpec(file="unused.msh"), clamp=list(clamp),
+                    material=Material(young=2e11, poisson=0.3), traction=[Traction(on="top", value=(1e6, -2e6))])
+    problem, free = assemble(upper, spec), assemble(lower, spec).free
     contact = pair(contact_side(upper, upper.groups["bottom"], problem.free),
                    contact_side(lower, lower.groups["top"], free), True, "contact.0")
     B = trace(contact, 1, problem)
