@@ -96,8 +96,13 @@ def diverted(path: Path | None) -> Iterator[None]:
 
 
 def tell_error(message: str) -> None:
-    """Print an error on stderr and add it to the log file; by any rank, on its own."""
-    print(message, file=sys.stderr, flush=True)
+    """Print an error on stderr and add it to the log file; by any rank, on its own.
+
+    Lines are written whole: a piece of one may come out on stdout with Open MPI 5.0, which keeps it in the
+    same place for both.
+    """
+    sys.stderr.write(f"{message}\n")
+    sys.stderr.flush()
     files = [handler for handler in _logger.handlers if isinstance(handler, _LogFile)]
     if not files and _file:  # of a rank that keeps no log
         with contextlib.suppress(OSError):  # the message is on the screen

@@ -125,7 +125,8 @@ def main() -> None:
         codes = world.gather(code)
         if world.rank == 0:
             for stream in (sys.stdout, sys.stderr):
-                print(END, *codes, file=stream, flush=True)
+                stream.write(" ".join([END, *map(str, codes)]) + "\n")  # a whole line, see ddmpi.logs.tell_error
+                stream.flush()
 
 
 if __name__ == "__main__":

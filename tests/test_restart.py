@@ -35,15 +35,16 @@ METHODS = {
 FACTOR, MULT, NEUMANN = "ddmpi.solvers.StiffnessSolver.__init__", "ddmpi.compliance.Compliance.mult", \
     "ddmpi.body.Body.neumann"
 INTERRUPTED = {
-    # name: method, signal, rank, target, call, whether there is a checkpoint then
+    # name: method, signal, rank, target, call (not the last ones: versions of PETSc differ by a few), whether there is
+    # a checkpoint then
     "mesh": ("newton", "SIGTERM", 1, "ddmpi.problem.build_mesh", 1, False),
     "factorization": ("newton", "SIGUSR1", 0, FACTOR, 1, False),
     "first step": ("newton", "SIGTERM", 0, MULT, 4, True),
-    "later step": ("newton", "SIGUSR1", 1, MULT, 40, True),
+    "later step": ("newton", "SIGUSR1", 1, MULT, 34, True),
     "certificate": ("newton", "SIGUSR1", 1, "ddmpi.body.Body.displacement", 1, True),
     "inner solve": ("published", "SIGTERM", 1, MULT, 60, True),
     "Neumann problem": ("published", "SIGUSR1", 0, NEUMANN, 9, True),
-    "anderson": ("anderson", "SIGTERM", 0, NEUMANN, 14, True),
+    "anderson": ("anderson", "SIGTERM", 0, NEUMANN, 11, True),
     "finer mesh": ("two meshes", "SIGUSR1", 0, FACTOR, 2, False),
     "iteration on the finer mesh": ("two meshes", "SIGTERM", 1, MULT, 110, True),
 }
@@ -157,7 +158,7 @@ def test_max_iterations_may_be_another_after_the_restart(from_outside):
 def refused(here, interrupted) -> dict[str, tuple[Run, bytes]]:
     """Runs that must not go on, from the checkpoint of a run that was interrupted, and this afterwards."""
     source = here / "source"
-    kind = ["ddmpi.compliance.Compliance.mult", 40, "SIGTERM", str(source), []]
+    kind = [MULT, 34, "SIGTERM", str(source), []]
     scenes.run_python([fault.__file__, json.dumps([[0, *kind]]), "run", str(here / "newton.toml")], limit=LIMIT)
     whole = (source / "checkpoint.h5").read_bytes()
 
