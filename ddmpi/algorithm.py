@@ -70,6 +70,7 @@ class OuterIteration:
     """
 
     STATE = ("lam", "s1", "s2", "g", "_step_size", "history")
+    GROWS = ("history",)
 
     body: Body
     friction: Friction
@@ -163,7 +164,7 @@ class OuterIteration:
             w = body.neumann(self.s1 - self.s2, PASSING * self.precision)  # Steps 3 and 4
         w1, w2 = exchange.swap(np.append(w, body.C.count.total()), "neumann")
         update = self.advance(w1[:-1], w2[:-1])
-        self.lam += update  # Step 5
+        self.lam = self.lam + update  # Step 5; not in place, a checkpoint may hold the former one
 
         self._step_size = float(np.linalg.norm(update))
         mismatch = _ratio(np.linalg.norm(self.s1 - self.s2), np.linalg.norm(self.s2))

@@ -1,10 +1,11 @@
 """Checkpoints: the state of a run between two iterations, and the file from which it is continued.
 
 Before every iteration each rank notes what its objects carry from one iteration to the next; they say so
-themselves, by a tuple STATE of attribute names. So there is always a whole state of one and the same
-iteration on both ranks, whatever ends the next one. It is written when enough time or iterations have
-passed, when a signal ends the run, and when results cannot be written: rank 0 gathers both parts, which are
-vectors of the size of the interface, into one HDF5 file, under a temporary name that is then renamed.
+themselves, by a tuple STATE of attribute names, and by GROWS which of these are lists that only grow. So
+there is always a whole state of one and the same iteration on both ranks, whatever ends the next one. It is
+written when enough time or iterations have passed, when a signal ends the run, and when results cannot be
+written: rank 0 gathers both parts, which are vectors of the size of the interface, into one HDF5 file, under
+a temporary name that is then renamed.
 
 The file begins with a digest of what follows (in HDF5's user block), so that damage is noticed before HDF5
 sees it. It holds the scene, options and versions of its run; a run continues only its like, because only
@@ -14,17 +15,16 @@ then are the iterates those of the run that was not interrupted.
 from __future__ import annotations
 
 import contextlib
-import copy
 import hashlib
 import io
 import json
 import logging
 import re
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -46,6 +46,9 @@ BLOCK = 512
 
 MAY_DIFFER = ("title", "output", "checkpoint", "petsc", "method.max_iterations")
 """Keys of a scene that no iterate depends on; [petsc] is compared as the options it sets."""
+
+COPIED = {list: list, dict: dict, Counter: dict, deque: deque.copy}
+"""What is changed in place, and how it is noted."""
 
 ONLY_TALK = r"(^|_)(view|monitor|log|info|reason|left|table|malloc|memory|help|version|citations|statistics)(_|$)"
 """PETSc options that print, and change no number."""
@@ -102,6 +105,8 @@ class Checkpoints:
         self.spec = problem.scene.checkpoint
         self._parts, self._carried, self._same = {}, carried or {}, {}
         self._begin, self._now = state, None
+        self._rows: dict[str, np.ndarray] = {}
+        self._noted: list[tuple[str, object, str, bool]] = []
         self._written = -1
         self._last = time.monotonic()
         self._needed = True
@@ -116,6 +121,8 @@ class Checkpoints:
         exchange = self.problem.exchange
         body = self.problem.body
         self._parts = parts | self._carried | {"body": body, "compliance": body.C, "exchange": exchange}
+        self._noted = [(f"{name}.{attribute}", part, attribute, attribute in getattr(part, "GROWS", ()))
+                       for name, part in self._parts.items() for attribute in part.STATE]
         self._same = {"mesh": self._mesh(), "compliance": body.C.kind, "h": body.h}
         if self._begin:
             with agreed(self.problem.world):
@@ -139,9 +146,15 @@ class Checkpoints:
     def _keep(self) -> None:
         """Note the state, and write it when it is due. Collective."""
         exchange, k = self.problem.exchange, self._iteration
-        self._now = {f"{name}.{attribute}": copy.copy(getattr(part, attribute))
-                     for name, part in self._parts.items() for attribute in part.STATE}
-        self._now |= self._same
+        now = {}
+        for key, part, attribute, grows in self._noted:
+            value = getattr(part, attribute)
+            if grows:
+                value = _First(value, len(value))
+            elif type(value) in COPIED:  # numbers and arrays are never changed, but replaced
+                value = COPIED[type(value)](value)
+            now[key] = value
+        self._now = now | self._same
         by_number = self.spec.iterations > 0 and k > 0 and k % self.spec.iterations == 0
         if k != self._written and (exchange.checkpoint_due or by_number):
             try:
@@ -165,7 +178,7 @@ class Checkpoints:
             except OutputError as failure:
                 failure.args = (f"{error.kind if by_signal else error}; {failure}",)
                 raise failure from None
-            folder, k = self.problem.world.bcast(str(self.folder)), len(self._now["outer.history"])
+            folder, k = self.problem.world.bcast(str(self.folder)), self._now["outer.history"].number
             error.args = (f"{'' if by_signal else f'{error}; '}the state after iteration {k} is kept, "
                           f"--restart {folder} goes on from there",)
             raise
@@ -182,21 +195,29 @@ class Checkpoints:
     def _write(self) -> None:
         """Gather and write the noted state. Collective; raises OutputError on rank 0 alone."""
         with self.clock.phase("checkpoint"):
-            states = self.problem.world.gather(self._now)
+            own = {name: self._all_rows(name, value) if isinstance(value, _First) else value
+                   for name, value in self._now.items()}
+            states = self.problem.world.gather(own)
             self._last = time.monotonic()
-            self._written = len(self._now["outer.history"])  # or tried to: both ranks must think the same of it
+            self._written = self._now["outer.history"].number  # or tried to: both ranks must think the same of it
             if self.folder:
                 steps = {len(state["outer.history"]) for state in states}
                 assert len(steps) == 1, "the ranks' states are of different iterations"
                 write(self.folder / NAME, self.identity, states)
 
+    def _all_rows(self, name: str, first: _First) -> np.ndarray:
+        """The entries as rows; those that have been written before are not made again."""
+        done = self._rows.get(name, np.empty(0))
+        new = _stored(first.entries[len(done):first.number])
+        self._rows[name] = np.concatenate([done, new]) if len(done) and len(new) else new if len(new) else done
+        return self._rows[name]
+
     def _restore(self) -> None:
         state = self._begin
         if state["mesh"] != self._same["mesh"]:
             raise InputError(f"the checkpoint is of another mesh of body {self.problem.body.name!r}")
-        for name, part in self._parts.items():
-            for attribute in part.STATE:
-                setattr(part, attribute, _like(getattr(part, attribute), state[f"{name}.{attribute}"]))
+        for key, part, attribute, _ in self._noted:
+            setattr(part, attribute, _like(getattr(part, attribute), state[key]))
 
     def _mesh(self) -> str:
         digest = hashlib.sha256()
@@ -204,6 +225,13 @@ class Checkpoints:
         for array in (mesh.points, mesh.triangles, interface.xy, interface.gap):
             digest.update(np.ascontiguousarray(array).tobytes())
         return digest.hexdigest()
+
+
+class _First(NamedTuple):
+    """The first entries of a list that only grows."""
+
+    entries: list
+    number: int
 
 
 def _like(now: Any, value: Any) -> Any:

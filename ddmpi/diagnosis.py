@@ -28,6 +28,7 @@ class StatusLog:
     """Which nodes are open, slip or stick in the last iterations, and how many in each."""
 
     STATE = ("recent", "counts")
+    GROWS = ("counts",)
 
     recent: deque = field(default_factory=lambda: deque(maxlen=LOOK_BACK))
     counts: list = field(default_factory=list)

@@ -93,6 +93,7 @@ class InterfaceNewton:
 
     STATE = ("_s", "_r", "_start", "_settled", "_error", "_stalled", "_smallest", "_rescues", "_frozen",
              "_bound", "_relaxation", "_bound_change", "history")
+    GROWS = ("history",)
 
     body: Body
     friction: Friction

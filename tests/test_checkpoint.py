@@ -181,16 +181,22 @@ def test_a_run_that_is_interrupted_again_and_again_gets_there(comm, shared, monk
 @two_ranks
 @pytest.mark.parametrize("kind", ["newton", "anderson", "relaxation"])
 def test_what_changes_between_iterations_is_in_the_state(comm, shared, kind):
-    """An attribute that an iteration changes and STATE does not name would be lost at a restart."""
+    """An attribute that an iteration changes and STATE does not name would be lost at a restart; and what is
+    noted must not change with the iteration.
+    """
     law, method, _ = KINDS[kind]
     problem, checkpoints = start(comm, pinched_blocks(2, law, **method), shared)
-    seen = []
+    seen, noted = [], []
     keep = checkpoints._keep
 
     def look() -> None:
+        if noted:
+            now, then = checkpoints._now, noted.pop()
+            assert all(_equal(then[key], _entries(now[key])) for key in then)
         seen.append({name: {key: copy.deepcopy(value) for key, value in vars(part).items() if _is_data(value)}
                      for name, part in checkpoints._parts.items()})
         keep()
+        noted.append({key: copy.deepcopy(_entries(value)) for key, value in checkpoints._now.items()})
 
     checkpoints._keep = look
     solve(problem, problem.scene.method, checkpoints=checkpoints)
@@ -199,6 +205,10 @@ def test_what_changes_between_iterations_is_in_the_state(comm, shared, kind):
     named = {(name, key) for name, part in checkpoints._parts.items() for key in part.STATE}
     assert ("outer", "history") in changed and ("compliance", "count") in changed
     assert changed <= named
+
+
+def _entries(value: object) -> object:
+    return value.entries[:value.number] if isinstance(value, checkpoint._First) else value
 
 
 def _is_data(value: object) -> bool:

@@ -13,7 +13,7 @@ import pytest
 import scenes
 from scenes import Run, pinched_blocks
 
-LIMIT = 30.0
+LIMIT = 60.0
 """Seconds after which a run counts as hanging."""
 
 AT_ONCE = 2
