@@ -14,6 +14,9 @@ STYLE = {"font.size": 10, "axes.titlesize": 11, "axes.spines.top": False, "axes.
          "legend.frameon": False, "figure.constrained_layout.use": True, "savefig.dpi": 160, "axes.axisbelow": True}
 COLOURS = {"normal": "#1b4f8f", "tangential": "#c8501e", "bound": "#7a7a7a"}
 ZONES = {"open": "#e4e7ec", "slip": "#fbe3cf", "stick": "#d3e6d3"}
+RESOLVED = 1e-6
+"""Gaps and slips below this fraction of the largest displacement are drawn as none."""
+
 PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 
 
@@ -32,12 +35,14 @@ def draw_all(folder: str | Path) -> list[Path]:
     try:
         summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
         interface, history = _read_csv(folder / "interface.csv"), _read_csv(folder / "history.csv")
+        sides = _read_csv(folder / "interface_sides.csv") if (folder / "interface_sides.csv").exists() else {}
         fields = _read_fields(folder / "result.h5")
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{folder}: not a complete folder of results: {error}") from None
     drawn = []
     with plt.rc_context(STYLE):
-        figures = [("bodies.png", draw_bodies(fields, summary)), ("contact.png", draw_contact(interface, summary)),
+        figures = [("bodies.png", draw_bodies(fields, summary)),
+                   ("contact.png", draw_contact(interface, sides, summary)),
                    ("convergence.png", draw_convergence(history, summary))]
         if "error" in fields:
             figures.append(("error.png", draw_error(fields, summary)))
@@ -128,8 +133,11 @@ def draw_error(fields: dict[str, np.ndarray], summary: dict):
     return figure
 
 
-def draw_contact(interface: dict[str, np.ndarray], summary: dict):
-    """Contact stresses, gap and slip along the interface, with zones shaded; a figure."""
+def draw_contact(interface: dict[str, np.ndarray], sides: dict[str, np.ndarray], summary: dict):
+    """Contact stresses, gap and slip along the interface, with zones shaded; a figure.
+
+    Where there are means over `sides`, they are the curve, and what stands at the nodes are dots.
+    """
     import matplotlib.pyplot as plt
     from matplotlib.patches import Patch
 
@@ -138,25 +146,35 @@ def draw_contact(interface: dict[str, np.ndarray], summary: dict):
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(xy, axis=0), axis=1))])
     straight = np.allclose(xy[:, 1], xy[0, 1], atol=1e-9 * max(arc[-1], 1e-300))
     position = xy[:, 0] if straight else arc
+    shown, place, extent = interface, position, ""
+    if sides:  # their middles are nodes
+        at = dict(zip(map(tuple, xy.tolist()), position, strict=True))
+        place = np.array([at[point] for point in zip(sides["x"].tolist(), sides["y"].tolist(), strict=True)])
+        shown, extent = sides, ",\nmean over sides"
     frictional = summary["friction"] != "none"
     figure, (stresses, motion) = plt.subplots(2, 1, sharex=True, figsize=(8.6, 6.0),
                                               gridspec_kw={"height_ratios": (3, 2)})
     factor, unit = _scaled_unit(np.abs(interface["normal_stress"]).max(), stress_unit)
     marker = {"marker": "o", "markersize": 2.5} if len(arc) <= 100 else {}
-    stresses.plot(position, interface["normal_stress"] / factor, color=COLOURS["normal"], label="normal (pressure)",
-                  **marker)
+    kinds = {"normal": "normal (pressure)"} | ({"tangential": "tangential"} if frictional else {})
+    for kind, label in kinds.items():
+        if sides:
+            stresses.plot(position, interface[f"{kind}_stress"] / factor, ".", markersize=2, alpha=0.45,
+                          color=COLOURS[kind])
+        stresses.plot(place, shown[f"{kind}_stress"] / factor, color=COLOURS[kind], label=label + extent, **marker)
     if frictional:
-        stresses.plot(position, interface["tangential_stress"] / factor, color=COLOURS["tangential"],
-                      label="tangential", **marker)
-        bound = _slip_bound(interface, summary)
+        bound = _slip_bound(shown, summary)
         if bound is not None:
             for sign in (1, -1):
-                stresses.plot(position, sign * bound / factor, color=COLOURS["bound"], linestyle="--", linewidth=1,
+                stresses.plot(place, sign * bound / factor, color=COLOURS["bound"], linestyle="--", linewidth=1,
                               label="± slip bound" if sign > 0 else None)
     stresses.axhline(0.0, color="black", linewidth=0.6)
     stresses.set_ylabel(f"contact stress ({unit})")
     largest = max(np.abs(interface["gap"]).max(), np.abs(interface["slip"]).max())
-    factor, unit = _scaled_unit(largest, length_unit)
+    visible = RESOLVED * summary["displacement_max"]
+    factor, unit = _scaled_unit(max(largest, visible), length_unit)
+    if 0 < largest < visible:  # rounding, not motion
+        motion.set_ylim(-visible / factor, visible / factor)
     motion.plot(position, interface["gap"] / factor, color=COLOURS["normal"], label="gap", **marker)
     if frictional:
         motion.plot(position, interface["slip"] / factor, color=COLOURS["tangential"], label="slip", **marker)
@@ -240,16 +258,16 @@ def _positive(values: np.ndarray) -> np.ndarray:
     return np.where(values > 0, values, np.nan)
 
 
-def _slip_bound(interface: dict[str, np.ndarray], summary: dict) -> np.ndarray | None:
-    """The bound on the tangential stress, where one number or the pressure gives it."""
+def _slip_bound(contact: dict[str, np.ndarray], summary: dict) -> np.ndarray | None:
+    """The bound on the tangential stress at nodes or sides, where one number or the pressure gives it."""
     friction = summary["scene"]["contact"][0]["friction"]
     value = friction.get("coefficient", friction.get("slip_bound"))
     if not isinstance(value, float | int):
         return None
     if friction["law"] == "coulomb":
-        return value * interface["normal_stress"]
-    largest = np.abs(interface["tangential_stress"]).max()
-    return np.full(len(interface["x"]), float(value)) if value <= 3 * largest else None
+        return value * contact["normal_stress"]
+    largest = np.abs(contact["tangential_stress"]).max()
+    return np.full(len(contact["x"]), float(value)) if value <= 3 * largest else None
 
 
 def _lies(box: np.ndarray) -> bool:

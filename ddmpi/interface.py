@@ -37,6 +37,7 @@ class Side:
         a constant stress times them gives its nodal forces. Half the adjacent edges in order 1; in order 2
         two thirds of its edge for a middle, a sixth of the adjacent edges for a corner
     free : (k, 2) bool, components that are not clamped
+    middle : (k,) bool, whether a node is the middle of an edge; none in order 1
     joined : (k − 1,) bool, whether a node and the next one are neighbours; where not, another chain begins
     """
 
@@ -45,6 +46,7 @@ class Side:
     normal: np.ndarray
     length: np.ndarray
     free: np.ndarray
+    middle: np.ndarray
     joined: np.ndarray
 
 
@@ -63,6 +65,7 @@ class Interface:
         none in a frictionless scene
     dropped : how many node pairs of the boundary carry no unknown because both bodies clamp them
     joined : (m − 1,) bool, whether a node and the next one are neighbours
+    middle : (m,) bool, whether a node is the middle of an edge; none in order 1
     one_sided : (size,) bool, unknowns along which only one of the bodies can move
     held : (m,) inverse distances to the dropped neighbours, summed (1/m); zero where there are none
     """
@@ -76,6 +79,7 @@ class Interface:
     sliding: np.ndarray
     dropped: int
     joined: np.ndarray
+    middle: np.ndarray
     held: np.ndarray
     one_sided: np.ndarray
 
@@ -87,6 +91,11 @@ class Interface:
     def size(self) -> int:
         """Length of λ and s: m normal unknowns, then the tangential ones."""
         return self.m + len(self.sliding)
+
+    @property
+    def middles(self) -> np.ndarray:
+        """(ns,) the middles of quadratic edges whose ends carry unknowns, too: k − 1 and k + 1 of k."""
+        return 1 + np.flatnonzero(self.middle[1:-1] & self.joined[:-1] & self.joined[1:])
 
 
 def contact_side(mesh: Mesh, edges: np.ndarray, free: np.ndarray) -> Side:
@@ -107,7 +116,8 @@ def contact_side(mesh: Mesh, edges: np.ndarray, free: np.ndarray) -> Side:
     normal = normal[nodes] / np.linalg.norm(normal[nodes], axis=1, keepdims=True)
     size = len(mesh.points)
     joined = np.isin(_keys(nodes[:-1], nodes[1:], size), _keys(*neighbours.T, size))
-    return Side(nodes, mesh.points[nodes], normal, length[nodes], free[nodes], joined)
+    middle = np.isin(nodes, edges[:, 2:])
+    return Side(nodes, mesh.points[nodes], normal, length[nodes], free[nodes], middle, joined)
 
 
 def pair(first: Side, second: Side, friction: bool, label: str) -> Interface:
@@ -131,7 +141,7 @@ def pair(first: Side, second: Side, friction: bool, label: str) -> Interface:
     if len(np.unique(match)) != len(match):
         raise InputError(f"{label}: the nodes of the two sides do not pair off one to one"
                          f"{_worst(first, second, match)}; their meshes must match node by node")
-    other = Side(*(getattr(second, field)[match] for field in ("nodes", "xy", "normal", "length", "free")),
+    other = Side(*(getattr(second, field)[match] for field in ("nodes", "xy", "normal", "length", "free", "middle")),
                  first.joined)
 
     normal = first.normal - other.normal
@@ -168,7 +178,7 @@ def pair(first: Side, second: Side, friction: bool, label: str) -> Interface:
         held[node][to_held] += 1.0 / distance[to_held]
     joined = first.joined[keep[:-1]] & (np.diff(keep) == 1)
     return Interface((first.nodes[keep], other.nodes[keep]), first.xy[keep], normal[keep], tangent[keep],
-                     length[keep], gap[keep], sliding, len(length) - len(keep), joined, held[keep],
+                     length[keep], gap[keep], sliding, len(length) - len(keep), joined, first.middle[keep], held[keep],
                      np.concatenate([one_sided[0][keep], one_sided[1][keep][sliding]]))
 
 

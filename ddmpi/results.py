@@ -23,13 +23,14 @@ from ddmpi.errors import InputError, OutputError
 from ddmpi.files import FileOfHDF5, clear_unfinished, unfinished
 from ddmpi.interface import Interface
 
-NAMES = ("result.h5", "result.xdmf", "history.csv", "interface.csv", "summary.json",
+NAMES = ("result.h5", "result.xdmf", "history.csv", "interface.csv", "interface_sides.csv", "summary.json",
          "bodies.png", "error.png", "contact.png", "convergence.png")
 """All files of a result; the summary is renamed last, so where it is, the rest is."""
 
 HISTORY_COLUMNS = ("iteration", "update", "residual", "inner_precision", "n_A_1", "n_A_2", "open", "slip", "stick")
 INTERFACE_COLUMNS = ("x", "y", "normal_force", "tangential_force", "normal_stress", "tangential_stress",
                      "gap", "slip", "status")
+SIDES_COLUMNS = ("x", "y", "length", "normal_stress", "tangential_stress")
 
 XDMF = """<?xml version="1.0"?>
 <!DOCTYPE Xdmf SYSTEM "Xdmf.dtd" []>
@@ -219,6 +220,26 @@ def write_interface(path: Path, interface: Interface, state: ContactState) -> No
     rows = zip(*interface.xy.T, state.normal_force, state.tangential_force, state.normal_force / interface.length,
                state.tangential_force / interface.length, state.gap, state.slip, state.status, strict=True)
     _write_csv(path / "interface.csv", INTERFACE_COLUMNS, rows)
+
+
+def write_sides(path: Path, interface: Interface, state: ContactState) -> None:
+    """Write interface_sides.csv: means of the stresses over quadratic elements' sides, by Simpson's rule.
+
+    Between corners and middles nodal stresses swing where the interface is curved or ends; their means over
+    sides do not. A line per side whose three nodes carry forces, with its middle and its length; no file in
+    order 1. Raises OutputError.
+    """
+    k = interface.middles
+    if len(k) == 0:
+        return
+
+    def mean(force: np.ndarray) -> np.ndarray:
+        stress = force / interface.length
+        return (stress[k - 1] + 4 * stress[k] + stress[k + 1]) / 6
+
+    rows = zip(*interface.xy[k].T, np.linalg.norm(interface.xy[k + 1] - interface.xy[k - 1], axis=1),
+               mean(state.normal_force), mean(state.tangential_force), strict=True)
+    _write_csv(path / "interface_sides.csv", SIDES_COLUMNS, rows)
 
 
 def write_summary(path: Path, summary: dict) -> None:

@@ -34,6 +34,7 @@ from ddmpi.results import (
     write_fields,
     write_history,
     write_interface,
+    write_sides,
     write_summary,
     write_xdmf,
 )
@@ -180,6 +181,7 @@ def _write(solved: _Solved, folder: Path | None, clock: Clock, summary: dict, fi
                     write_xdmf(path)
                     write_history(path, solved.outer.history, solved.answer.statuses.counts)
                     write_interface(path, problem.interface, solved.answer.state)
+                    write_sides(path, problem.interface, solved.answer.state)
                     write_summary(path, summary)
             if figures:
                 with agreed(world), event("Figures"):

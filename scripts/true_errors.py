@@ -101,8 +101,7 @@ class Contact:
 def contact_of(problem: Problem, answer: Answer) -> Contact:
     """The contact nodes of an answer. Not collective."""
     interface, state = problem.interface, answer.state
-    middle = interface.nodes[problem.body.role - 1] > problem.mesh.triangles[:, :3].max()
-    return Contact(interface.xy, interface.length, middle, state.normal_force / interface.length,
+    return Contact(interface.xy, interface.length, interface.middle, state.normal_force / interface.length,
                    state.tangential_force / interface.length, state.status)
 
 

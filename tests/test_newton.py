@@ -29,7 +29,7 @@ def interface(x: list[float], sliding: list[int], dropped: int = 0):
     m, nodes = len(x), np.arange(len(x))
     return Interface((nodes, nodes), np.column_stack([x, np.zeros(m)]), np.tile([0.0, -1.0], (m, 1)),
                      np.tile([1.0, 0.0], (m, 1)), length, np.zeros(m), np.array(sliding, dtype=int), dropped,
-                     edges > 0.0, held, np.zeros(m + len(sliding), bool))
+                     edges > 0.0, np.zeros(m, bool), held, np.zeros(m + len(sliding), bool))
 
 
 def dense_stiffness(contact, modulus: float) -> np.ndarray:
@@ -85,8 +85,8 @@ def test_half_plane_stiffness_of_one_node():
     from ddmpi.preconditioner import HalfPlaneStiffness
 
     one = Interface((np.array([4]),) * 2, np.zeros((1, 2)), np.array([[0.0, -1.0]]), np.array([[1.0, 0.0]]),
-                    np.array([0.25]), np.zeros(1), np.array([0]), 1, np.empty(0, bool), np.array([2.0]),
-                    np.zeros(2, bool))
+                    np.array([0.25]), np.zeros(1), np.array([0]), 1, np.empty(0, bool),
+                    np.zeros(1, bool), np.array([2.0]), np.zeros(2, bool))
     expected = 0.5 * MODULUS * 0.25 * math.hypot(1.5 / 0.25, math.sqrt(1.0 / (0.5 * 0.25)))
     assert columns(HalfPlaneStiffness(one, MODULUS), 2) == pytest.approx(expected * np.eye(2), rel=1e-3)
 

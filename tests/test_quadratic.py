@@ -9,6 +9,7 @@ import meshio
 import numpy as np
 import pytest
 import scenes
+from rings import Rings
 from scenes import pinched_blocks
 
 
@@ -124,6 +125,31 @@ def test_interface_and_pictures(done):
         pixels = matplotlib.image.imread(done.folder / name)
         drawn = (pixels[..., :3] < 0.99).any(axis=2)
         assert 0.01 < drawn.mean() < 0.99, name
+
+
+def test_means_over_sides_carry_the_force(done):
+    """All of it but the share of the first side, whose corner is clamped."""
+    sides, nodes = done.table("interface_sides.csv"), done.table("interface.csv")
+    assert np.allclose(sides["length"], 1 / 11) and len(sides["x"]) == 32
+    assert np.array_equal(sides["x"], nodes["x"][2::2])
+    for kind in ("normal", "tangential"):
+        force = nodes[f"{kind}_force"]
+        expected = force[1:].sum() - nodes[f"{kind}_stress"][1] / 66  # the first corner is half the first side's
+        assert sides["length"] @ sides[f"{kind}_stress"] == pytest.approx(expected, rel=1e-12)
+
+
+def test_means_over_sides_do_not_swing_on_a_curved_interface(folder):
+    rings = Rings()
+    rings.write_meshes(folder, 8)
+    bodies = [{"name": name, "mesh": {"file": f"rings_{name}_8.msh", "order": 2},
+               "material": {"young": rings.material(name).young, "poisson": rings.material(name).poisson},
+               "clamp": [{"on": "left", "x": 0.0}, {"on": "bottom", "y": 0.0}]} for name in ("inner", "outer")]
+    contact = {"bodies": ["inner", "outer"], "on": ["outside", "inside"], "friction": {"law": "none"}}
+    scene = scenes.write_scene({"title": "Shrink fit", "body": bodies, "contact": [contact]}, folder / "rings.toml")
+    run = scenes.run_command(scene, folder / "rings")
+    assert run.code == 0, run.output
+    nodes, sides = (run.table(name)["normal_stress"] for name in ("interface.csv", "interface_sides.csv"))
+    assert np.abs(sides / rings.pressure - 1).max() < 1e-3 < 0.03 < np.abs(nodes / rings.pressure - 1).max()
 
 
 def test_verify(folder):
