@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable
 
 from petsc4py import PETSc
@@ -15,8 +16,12 @@ def call_solver(solve: Callable[..., None], *arguments: object) -> None:
 
     petsc4py 3.18 lets it through. Later ones raise a PETSc.Error, and one more for every further level
     of PETSc between here and the callback; what was raised stands at the end of the chain of causes.
+    Python must not collect garbage while an error passes through PETSc: from Python 3.13 on it then loses
+    the error, and petsc4py crashes.
     Collective where `solve` is; raises what the callback raises, or PETSc.Error.
     """
+    collecting = gc.isenabled()
+    gc.disable()
     try:
         solve(*arguments)
         return
@@ -24,6 +29,9 @@ def call_solver(solve: Callable[..., None], *arguments: object) -> None:
         raised: BaseException = error
         while isinstance(raised, PETSc.Error) and raised.__cause__ is not None:
             raised = raised.__cause__
+    finally:
+        if collecting:
+            gc.enable()
     raise raised  # here, where the chain that led to it is gone and holds no PETSc objects any longer
 
 

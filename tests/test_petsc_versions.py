@@ -1,6 +1,8 @@
 """Errors of Python code that PETSc calls come out as they were raised, and what it has made is freed, in all
 versions."""
 
+import gc
+
 import pytest
 from petsc4py import PETSc
 
@@ -48,6 +50,21 @@ def test_error_of_a_callback_comes_out_as_it_was_raised(kind, preconditioner):
         call_solver(solver(Faulty(error), preconditioner).solve, b, b.duplicate())
     assert caught.value is error
     assert error.__context__ is None  # no PETSc.Error with the solver's frames hangs on to it
+
+
+@pytest.mark.parametrize("preconditioner", ["none", "python"])
+def test_error_of_a_callback_survives_the_garbage_collector(preconditioner):
+    """Python 3.13 collects between two steps of an error through PETSc, loses it, and petsc4py crashes."""
+    b = ones()
+    solve = solver(Faulty(ValueError("mine")), preconditioner).solve
+    thresholds = gc.get_threshold()
+    gc.set_threshold(1)
+    try:
+        with pytest.raises(ValueError, match="mine"):
+            call_solver(solve, b, b.duplicate())
+        assert gc.isenabled()
+    finally:
+        gc.set_threshold(*thresholds)
 
 
 def test_error_of_petsc_stays_one():
