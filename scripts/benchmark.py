@@ -142,7 +142,7 @@ def repeat(N: int) -> dict[str, float]:
         if child.code:
             sys.exit(child.output)
         found |= json.loads(child.stdout.splitlines()[-1])
-    return {name: round(value, 4) for name, value in found.items()}
+    return {name: round(value, 7) for name, value in found.items()}
 
 
 def best(rows: list[dict]) -> dict[int, dict]:
