@@ -23,37 +23,52 @@ RATES = (0.4, 2.0)
 """Rates that are believed."""
 
 GROWTH = 4
-"""The meshes become at most this much finer at once."""
+"""The meshes become at most this much finer at once; what takes more is done in two steps."""
 
-SAFETY = 0.95
-"""What is aimed for, as a part of the target."""
+AIM = 0.95
+"""What is aimed for, as a part of the largest estimate that will do."""
+
+CAUTION = {1: 0.8, 2: 0.9}
+"""The largest estimate that meets a target, as a part of it, by order: so much too small have estimates been
+found (docs/tradeoff.md)."""
+
+HOPELESS = 1.25
+"""Where meshes would have to be finer than the largest ones by more than this, nothing finer is tried."""
 
 
 class Level(NamedTuple):
-    """One mesh that was solved on: its refinement, unknowns n, and estimated relative error."""
+    """One mesh that was solved on: its refinement, unknowns n, estimated relative error, and dofs with the clamped
+    ones."""
 
     refinement: int
     n: int
     error: float
+    dofs: int
 
 
-def next_refinement(levels: Sequence[Level], target: float, most: int, doubling: bool) -> int | None:
+def next_refinement(levels: Sequence[Level], goal: float, most: int, doubling: bool) -> int | None:
     """How much finer than the scene's own the next meshes are; None if they would have too many unknowns.
+
+    That is also where, at the rate that was seen, the largest ones would miss the goal by far.
 
     Parameters
     ----------
-    levels : what was solved so far; the last one misses the target
-    target : relative error in the energy norm
+    levels : what was solved so far; the last one misses the goal
+    goal : estimated relative error in the energy norm
     most : largest number of unknowns
     doubling : only powers of two can be made (a given mesh is halved)
     """
     last = levels[-1]
-    rate = FIRST_RATE
+    rate, seen = FIRST_RATE, False
     if len(levels) > 1 and levels[-2].error > last.error > 0.0:
-        seen = math.log(levels[-2].error / last.error) / math.log(last.refinement / levels[-2].refinement)
-        rate = min(max(seen, RATES[0]), RATES[1])
-    wanted = last.refinement * min((last.error / (SAFETY * target)) ** (1 / rate), GROWTH)
-    largest = last.refinement * math.sqrt(most / last.n)
+        seen = True
+        rate = math.log(levels[-2].error / last.error) / math.log(last.refinement / levels[-2].refinement)
+        rate = min(max(rate, RATES[0]), RATES[1])
+    factor = (last.error / (AIM * goal)) ** (1 / rate)
+    largest = last.refinement * math.sqrt(most / last.dofs)
+    if seen and last.refinement * factor > HOPELESS * largest:
+        return None
+    wanted = last.refinement * (factor if factor <= GROWTH else min(math.sqrt(factor), GROWTH))
     if doubling:
         wanted, largest = 2 ** math.ceil(math.log2(wanted)), 2 ** math.floor(math.log2(largest))
     refinement = min(max(math.ceil(wanted - 1e-9), last.refinement + 1), math.floor(largest))
@@ -67,7 +82,7 @@ class Course:
     Parameters
     ----------
     scene : as given
-    done : (refinement, n, error) of the levels that an interrupted run has been through
+    done : (refinement, n, error, dofs) of the levels that an interrupted run has been through
     """
 
     STATE = ("done",)
@@ -84,29 +99,35 @@ class Course:
 
     @property
     def levels(self) -> list[Level]:
-        return [Level(int(refinement), int(n), float(error)) for refinement, n, error in self.done]
+        return [Level(int(refinement), int(n), float(error), int(dofs)) for refinement, n, error, dofs in self.done]
 
     @property
     def refinement(self) -> int:
         """Of the mesh that is solved on."""
         return self._refinement
 
-    def proceed(self, n: int, error: float) -> int | None:
+    @property
+    def goal(self) -> float:
+        """The largest estimate that meets the target."""
+        return CAUTION[self.scene.body[0].mesh.order] * self.scene.method.target_error
+
+    def proceed(self, n: int, error: float, dofs: int) -> int | None:
         """Note the error on the mesh; the refinement of the next one, None to stay here.
 
         Where the target is missed and no finer mesh may be made, `missed` says why.
         """
         target = self.scene.method.target_error
-        self.done.append((self._refinement, n, error))
-        if target is None or error <= target:
+        self.done.append((self._refinement, n, error, dofs))
+        if target is None or error <= self.goal:
             return None
         given = [body.name for body in self.scene.body if not body.mesh.refinable]
         following = None if given else self._next()
         if following is None:
-            reason = (f"the meshes of {' and '.join(given)} are given: allow finer ones by mesh.refine = \"as needed\""
-                      if given else f"finer meshes would exceed method.max_unknowns = {self.scene.method.max_unknowns}")
+            reason = (f"the mesh of {' and of '.join(given)} is given: allow finer ones by mesh.refine = \"as needed\""
+                      if given else
+                      f"meshes that meet it would exceed method.max_unknowns = {self.scene.method.max_unknowns}")
             self.missed = (f"certified, but the estimated discretization error of {error:.2g} misses "
-                           f"method.target_error = {target:g}; {reason}")
+                           f"method.target_error = {target:g}, which takes an estimate of {self.goal:.2g}; {reason}")
         else:
             self._refinement = following
         return following
@@ -114,7 +135,7 @@ class Course:
     def _next(self) -> int | None:
         doubling = any(body.mesh.file is not None for body in self.scene.body)
         method = self.scene.method
-        return next_refinement(self.levels, method.target_error, method.max_unknowns, doubling)
+        return next_refinement(self.levels, self.goal, method.max_unknowns, doubling)
 
 
 def refine_scene(scene: Scene, refinement: int) -> Scene:
@@ -122,6 +143,6 @@ def refine_scene(scene: Scene, refinement: int) -> Scene:
     def finer(mesh):
         if mesh.file is None:
             return replace(mesh, divisions=tuple(k * refinement for k in mesh.divisions))
-        return replace(mesh, refine=int(math.log2(refinement)))
+        return replace(mesh, refine=mesh.halvings + int(math.log2(refinement)))
 
     return replace(scene, body=[replace(body, mesh=finer(body.mesh)) for body in scene.body])

@@ -172,21 +172,20 @@ class Body:
             self.C.mult(0.5 * jump, Bw, "neumann", relative)
         return Bw
 
-    def displacement(self) -> tuple[np.ndarray, float, float]:
+    def displacement(self) -> tuple[np.ndarray, float]:
         """Displacement (nv, 2) in metres under the load and the contact forces s.
 
         Returns
         -------
         u : (nv, 2)
         residual : ‖A u + Bᵀ s − b‖ / max(‖b‖, ‖Bᵀ s‖), zero where nothing acts
-        energy : strain energy (J per metre of depth)
 
         Collective on the body's communicator.
         """
         with event("Displacement"):
             return self._displacement()
 
-    def _displacement(self) -> tuple[np.ndarray, float, float]:
+    def _displacement(self) -> tuple[np.ndarray, float]:
         A, b = self.elasticity.A, self.elasticity.b
         u, f = A.createVecs()
         self.C.B.multTranspose(PETSc.Vec().createWithArray(self.s, comm=PETSc.COMM_SELF), f)
@@ -196,6 +195,5 @@ class Body:
             self.C.solve(f, u, "displacement", PRECISE)
         Au = u.duplicate()
         A.mult(u, Au)
-        energy = self.elasticity.strain_energy(u, Au)
         Au.axpy(-1.0, f)
-        return self.elasticity.expand(u), (Au.norm() / size if size else 0.0), energy
+        return self.elasticity.expand(u), (Au.norm() / size if size else 0.0)

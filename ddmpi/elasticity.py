@@ -31,8 +31,6 @@ class Elasticity:
     nodes : (k,) the mesh nodes that A acts on
     free : (nv, 2) bool, dofs that are not prescribed
     prescribed : (nv, 2) displacement (m) of the prescribed dofs, zero elsewhere
-    lift : (2k,) forces (N) with which the prescribed displacement alone strains the free dofs, and the
-        strain energy (J) of it; None where all that is prescribed is zero
     load : sum of the absolute nodal loads (N), tractions and volume forces; where a displacement is
         prescribed, at least a thousandth of the forces that it would take
     """
@@ -43,15 +41,7 @@ class Elasticity:
     nodes: np.ndarray
     free: np.ndarray
     prescribed: np.ndarray
-    lift: tuple[np.ndarray, float] | None = None
     load: float = 0.0
-
-    def strain_energy(self, u: PETSc.Vec, Au: PETSc.Vec) -> float:
-        """Strain energy (J per metre of depth) of the body, given u and A u. Collective."""
-        energy = 0.5 * u.dot(Au)
-        if self.lift is not None:
-            energy += float(u.array_r @ self.lift[0]) + self.lift[1]
-        return energy
 
     def expand(self, u: PETSc.Vec) -> np.ndarray:
         """The displacement (nv, 2) of all nodes from the solution `u` of the reduced system (m)."""
@@ -71,12 +61,11 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     _refuse_rigid_motion(mesh, K, free, body.name)
     nodes = np.flatnonzero(free.any(axis=1))
     loose = free[nodes]
-    lift, total = None, float(np.abs(f).sum())
+    total = float(np.abs(f).sum())
     if prescribed.any():
         forces = K.mult(prescribed)
         f -= forces
         total = max(total, 1e-3 * float(np.abs(forces).sum()))
-        lift = ((forces[nodes] * loose).ravel(), 0.5 * float((prescribed * forces).sum()))
     b = (f[nodes] * loose).ravel()
     indptr, indices, data = K.to_csr(free)
     if not (np.isfinite(data).all() and np.isfinite(b).all() and K.diagonal[nodes][:, [0, 1], [0, 1]].min() > 0.0):
@@ -91,7 +80,7 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     matrix.setNearNullSpace(_rigid_motions(mesh.points[nodes], loose, comm))
     load = PETSc.Vec().createWithArray(b, bsize=2, comm=comm)
     load.setBlockSize(2)
-    return Elasticity(matrix, load, int(loose.sum()), nodes, free, prescribed, lift, total)
+    return Elasticity(matrix, load, int(loose.sum()), nodes, free, prescribed, total)
 
 
 def stress(mesh: Mesh, material: Material, u: np.ndarray) -> np.ndarray:

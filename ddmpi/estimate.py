@@ -33,6 +33,9 @@ QUADRATURE = {1: (_INNER, np.full(3, 1 / 3)),
 BLOCK = 8192
 """Triangles that are worked on at once: what comes up meanwhile stays in the processor's cache."""
 
+ROUNDING = 1e-12
+"""Relative error of a computed displacement: what strains a body no more than that is a rigid motion."""
+
 SWEEPS = 4
 """How far from a node a patch may lie that stands in for its own."""
 
@@ -101,7 +104,10 @@ def sum_errors(bodies: Sequence[tuple[float, float, float]], own: ErrorEstimate)
 
 
 def estimate_error(mesh: Mesh, material: Material, u: np.ndarray) -> ErrorEstimate:
-    """Estimate the discretization error of the displacement `u` (nv, 2) in metres. Not collective."""
+    """Estimate the discretization error of the displacement `u` (nv, 2) in metres. Not collective.
+
+    A displacement that strains the body by rounding only has no energy and no error.
+    """
     cells = mesh.triangles
     order = _order(cells)
     area = signed_double_areas(mesh.points, cells) / 2
@@ -118,6 +124,9 @@ def estimate_error(mesh: Mesh, material: Material, u: np.ndarray) -> ErrorEstima
         for weight, s, e in zip(weights, computed, difference, strict=True):
             squares[block] += weight * area[block] * energy_density(material, e)
             energy += weight * float(area[block] @ energy_density(material, s))
+    first, shear = material.lame
+    if energy <= (first + 2 * shear) * len(cells) * (ROUNDING * np.abs(u).max()) ** 2:
+        squares, energy = np.zeros(len(cells)), 0.0
     return ErrorEstimate(squares, area, energy)
 
 
@@ -192,7 +201,7 @@ def _fits(mesh: Mesh, moments: np.ndarray, sums: np.ndarray, upper: tuple[np.nda
 
     Given, of the normal equations, the `upper` triangles of the matrices (k (k+1)/2, nv) and the right-hand
     sides (3k, nv). A node on the boundary, which has elements on one side only, uses that of a near inner
-    node; where there is none, the mean of its elements.
+    node; where there is none, a linear fit to its own elements, and where these are too few, their mean.
     """
     corners, (nv, k) = mesh.triangles[:, :3], (sums.shape[1], len(sums) // 3)
     inner = _inner(mesh, nv)
@@ -200,9 +209,12 @@ def _fits(mesh: Mesh, moments: np.ndarray, sums: np.ndarray, upper: tuple[np.nda
     for block in _blocks(nv):
         M, right = np.empty((len(inner[block]), k, k)), sums[:, block].T.reshape(-1, k, 3)
         M[:, upper[0], upper[1]] = M[:, upper[1], upper[0]] = moments[:, block].T
-        solvable = inner[block] & (np.linalg.eigvalsh(M)[:, 0] > 1e-8 * M[:, 0, 0])
+        solvable = inner[block] & _well_posed(M)
         fit[block][solvable] = np.linalg.solve(M[solvable], right[solvable])
         fit[block][~solvable, 0] = right[~solvable, 0] / np.maximum(M[~solvable, 0, 0], 1.0)[:, None]
+        linear = np.flatnonzero(~solvable)
+        linear = linear[_well_posed(M[linear, :3, :3])]
+        fit[block][linear, :3] = np.linalg.solve(M[linear, :3, :3], right[linear, :3])
         good[block] = solvable
 
     owner = np.where(good, np.arange(nv), -1)
@@ -214,6 +226,11 @@ def _fits(mesh: Mesh, moments: np.ndarray, sums: np.ndarray, upper: tuple[np.nda
         open_links = links[(owner[links[:, 0]] >= 0) & (owner[links[:, 1]] < 0)]
         owner[open_links[:, 1]] = owner[open_links[:, 0]]
     return fit, np.where(owner < 0, np.arange(nv), owner)
+
+
+def _well_posed(M: np.ndarray) -> np.ndarray:
+    """Whether there are enough samples around a vertex (j,) for its normal equations (j, k, k)."""
+    return np.linalg.eigvalsh(M)[:, 0] > 1e-8 * M[:, 0, 0]
 
 
 def _inner(mesh: Mesh, nv: int) -> np.ndarray:

@@ -86,7 +86,7 @@ def _qp_type(problem: Problem, counts: list[dict]) -> str:
 def summarize(problem: Problem, outer: OuterIteration | InterfaceNewton, answer: Answer, error: DiscretizationError,
               course: Course) -> dict:
     """All of summary.json but the times. Collective; bodies in the order of the scene."""
-    world, scene, body, order = problem.world, problem.scene, problem.body, problem.order
+    world, scene, body = problem.world, problem.scene, problem.body
     counts = world.allgather(dict(body.C.count))
     solver = world.allgather(body.C.solver.description)
     kinds = world.allgather(body.C.kind)
@@ -94,7 +94,7 @@ def summarize(problem: Problem, outer: OuterIteration | InterfaceNewton, answer:
     unused = sorted(set.intersection(*map(set, world.allgather(unused_options()))))
     by_body = [sum(count.values()) for count in counts]
     n_A, m, state = sum(by_body), problem.interface.m, answer.state
-    energy = [answer.energy[order.index(rank)] for rank in range(world.size)]
+    energy = world.allgather(error.own.energy / 2)  # of the stresses: free of what moves the body without strain
     return {
         "title": scene.title, "converged": answer.certified and not course.missed,
         "reason": course.missed or answer.reason,

@@ -88,7 +88,8 @@ def run(world: MPI.Comm, scene: Scene, scene_path: str, output: str | None, figu
             checkpoints = Checkpoints(problem, folder, identity, clock, state, {"course": course})
             with checkpoints.kept():
                 solved = _solve(problem, clock, checkpoints)
-                refinement = course.proceed(problem.n, solved.error.relative) if solved.answer.certified else None
+                dofs = world.allreduce(problem.mesh.points.size)
+                refinement = course.proceed(problem.n, solved.error.relative, dofs) if solved.answer.certified else None
                 if refinement:
                     log.info("estimated discretization error %.2g, %.2g is asked for: going on with meshes %d times as "
                              "fine as given", solved.error.relative, scene.method.target_error, refinement)

@@ -35,7 +35,6 @@ class Answer:
     stopped : why the iteration ended: "converged", "diverged" or "max_iterations"
     displacement : (nv, 2) of the own body (m)
     displacement_max : of both bodies (m)
-    energy : strain energy of role 1's and role 2's body (J per metre of depth)
     state, certificate : of the interface
     limit : largest residual of a certified answer
     statuses : of the contact nodes in the last iterations
@@ -44,7 +43,6 @@ class Answer:
     stopped: str
     displacement: np.ndarray
     displacement_max: float
-    energy: tuple[float, float]
     state: ContactState
     certificate: Certificate
     limit: float
@@ -129,17 +127,17 @@ def _conclude(outer: OuterIteration | InterfaceNewton, stopped: str, load: float
               statuses: StatusLog) -> Answer:
     """Displacements, contact state and certificate of the forces at hand. Collective."""
     body, exchange, interface = outer.body, outer.exchange, outer.body.interface
-    u, residual, energy = np.zeros_like(body.elasticity.prescribed), np.nan, np.nan
+    u, residual = np.zeros_like(body.elasticity.prescribed), np.nan
     with exchange.deferred():
-        u, residual, energy = body.displacement()
+        u, residual = body.displacement()
     own = displacement_trace(interface, body.role, u)
     body.Cs = body.h - own  # the product, afresh: the iteration updates it by recurrence
     largest, yielding = np.linalg.norm(u, axis=1).max(), np.abs(body.Cs).max()
-    both = exchange.swap(np.append(own, [residual, energy, largest, yielding]), "answer")
-    traces = tuple(vector[:-4] for vector in both)
-    (r1, e1, u1, y1), (r2, e2, u2, y2) = (vector[-4:] for vector in both)
+    both = exchange.swap(np.append(own, [residual, largest, yielding]), "answer")
+    traces = tuple(vector[:-3] for vector in both)
+    (r1, u1, y1), (r2, u2, y2) = (vector[-3:] for vector in both)
     with event("Certificate"):
         state = contact_state(interface, outer.friction, outer.forces, outer.g, traces)
         certificate = certify(interface, outer.friction, state, (outer.s1, outer.s2), traces, (r1, r2), load,
                               max(y1, y2), max(u1, u2))
-    return Answer(stopped, u, float(max(u1, u2)), (float(e1), float(e2)), state, certificate, limit, statuses)
+    return Answer(stopped, u, float(max(u1, u2)), state, certificate, limit, statuses)

@@ -221,13 +221,15 @@ def prepare_scene(comm, scene: dict):
 
 def solve_scene(comm, scene: dict) -> dict:
     """Solve a scene as the command does, and gather what tests look at. Collective on `comm`, two ranks."""
+    from ddmpi.estimate import estimate_error
     from ddmpi.solution import solve
 
     problem = prepare_scene(comm, scene)
     answer, outer = solve(problem, problem.scene.method)
     interface, state = problem.interface, answer.state
+    estimate = estimate_error(problem.mesh, problem.spec.material, answer.displacement)
     bodies = comm.allgather({"name": problem.spec.name, "points": problem.mesh.points, "u": answer.displacement,
-                             "n_A": problem.body.C.count.total()})
+                             "energy": estimate.energy / 2, "n_A": problem.body.C.count.total()})
     return {"certified": answer.certified, "reason": answer.reason, "outer_iterations": len(outer.history),
             "n_A": sum(b["n_A"] for b in bodies), "n_A_by_body": {b["name"]: b["n_A"] for b in bodies},
             "n": problem.n, "m": interface.m, "sliding": interface.sliding, "dropped": interface.dropped,
@@ -235,7 +237,7 @@ def solve_scene(comm, scene: dict) -> dict:
             "normal_force": state.normal_force, "tangential_force": state.tangential_force,
             "gap": state.gap, "slip": state.slip, "status": state.status.tolist(),
             "certificate": asdict(answer.certificate), "limit": answer.limit,
-            "energy": answer.energy, "displacement_max": answer.displacement_max,
+            "energy": [bodies[rank]["energy"] for rank in problem.order], "displacement_max": answer.displacement_max,
             "body": {b["name"]: (b["points"], b["u"]) for b in bodies}}
 
 

@@ -87,7 +87,7 @@ def outcome(problem, answer, outer) -> dict:
     arrays = [outer.forces, outer.s1, outer.s2, outer.g, problem.body.s, answer.displacement, state.normal_force,
               state.tangential_force, state.gap, state.slip, *answer.statuses.recent]
     return {"arrays": [array.tobytes() for array in arrays], "status": state.status.tolist(),
-            "history": [repr(step) for step in outer.history], "stopped": answer.stopped, "energy": answer.energy,
+            "history": [repr(step) for step in outer.history], "stopped": answer.stopped,
             "certificate": answer.certificate, "counts": list(problem.body.C.count.items()),
             "steps": problem.body.steps, "messages": problem.exchange.messages, "bytes": problem.exchange.bytes}
 

@@ -333,22 +333,6 @@ def test_later_clamp_wins_where_two_meet():
     assert problem.prescribed[corner].tolist() == [[1.0, 2.0]]
 
 
-@both_orders
-@pytest.mark.parametrize("clamps", [
-    [linear_clamp(s) for s in SIDES], [linear_clamp("left"), linear_clamp("top")], ROLLERS, ["left"]],
-    ids=["all", "two sides", "rollers", "homogeneous"])
-def test_strain_energy(clamps, order):
-    """Against the energy of the whole displacement with the stiffness of the unclamped body."""
-    mesh = rectangle(order=order)
-    problem = assemble(mesh, body(clamp=clamps, volume_force=(1e-3, 2e-3)))
-    u, Au = problem.b.duplicate(), problem.b.duplicate()
-    u.array[:] = spsolve(to_scipy(problem.A).tocsc(), problem.b.array_r)
-    problem.A.mult(u, Au)
-    whole = problem.expand(u).ravel()
-    expected = 0.5 * whole @ (stiffness_of(mesh, STRAIN) @ whole)
-    assert problem.strain_energy(u, Au) == pytest.approx(expected, rel=1e-11, abs=0.0)
-
-
 LOOSE = {
     "no clamp": ([], "move|rotate"),
     "slides along x": ([Clamp(on="bottom", y=0.0)], "move along x"),
