@@ -29,6 +29,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from mpi4py import MPI
 
+from ddmpi.accuracy import Course
 from ddmpi.algorithm import Step
 from ddmpi.errors import InputError, InterruptionError, OutputError
 from ddmpi.exchange import agreed
@@ -86,6 +87,30 @@ def continue_from(world: MPI.Comm, folder: str, identity: dict[str, dict]) -> di
     return world.scatter(states)
 
 
+@contextlib.contextmanager
+def levels_kept(world: MPI.Comm, folder: Path | None, identity: dict[str, dict], course: Course,
+                restart: str | None) -> Iterator[None]:
+    """A signal in the set-up of a finer mesh leaves a checkpoint of what the coarser ones have led to. Collective.
+
+    Where the checkpoint that the run goes on from, in the folder `restart`, has that already, it says so.
+    """
+    known = len(course.done)
+    try:
+        yield
+    except InterruptionError as error:
+        if not error.agreed or error.kept:
+            raise
+        if len(course.done) > known:
+            with agreed(world):
+                if folder:
+                    write(folder / NAME, identity, [{"course.done": course.done}] * world.size)
+            told = world.bcast(str(folder))
+            error.args = (f"in the set-up of a finer mesh, which --restart {told} begins with",)
+        elif restart:
+            error.args = (f"before the first iteration; --restart {restart} goes on from where this run did",)
+        raise
+
+
 class Checkpoints:
     """The checkpoints of one run.
 
@@ -95,7 +120,7 @@ class Checkpoints:
     folder : of the results, on rank 0; None on the others
     identity : as `identify` gives it
     clock : times the writing
-    state : of this rank, to go on from; None to begin at the beginning
+    state : of this rank, to go on from; None, or one without an iteration, to begin at the beginning
     carried : further parts of the state, by name, beside those of `follow`
     """
 
@@ -104,7 +129,7 @@ class Checkpoints:
         self.problem, self.folder, self.identity, self.clock = problem, folder, identity, clock
         self.spec = problem.scene.checkpoint
         self._parts, self._carried, self._same = {}, carried or {}, {}
-        self._begin, self._now = state, None
+        self._begin, self._now = state if state and "outer.history" in state else None, None
         self._rows: dict[str, np.ndarray] = {}
         self._noted: list[tuple[str, object, str, bool]] = []
         self._written = -1
@@ -181,6 +206,7 @@ class Checkpoints:
             folder, k = self.problem.world.bcast(str(self.folder)), self._now["outer.history"].number
             error.args = (f"{'' if by_signal else f'{error}; '}the state after iteration {k} is kept, "
                           f"--restart {folder} goes on from there",)
+            error.kept = True
             raise
 
     def remove(self) -> None:

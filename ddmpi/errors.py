@@ -38,7 +38,7 @@ class OutputError(DdmpiError):
 
 
 class InterruptionError(DdmpiError):
-    """A signal asked the run to end; what it had computed is in a checkpoint.
+    """A signal asked the run to end; where it is `kept`, what it had computed is in a checkpoint.
 
     Parameters
     ----------
@@ -46,6 +46,7 @@ class InterruptionError(DdmpiError):
     """
 
     exit_code = 6
+    kept = False
 
     def __init__(self, signal: str) -> None:
         super().__init__("before the first iteration; there was nothing to save")

@@ -18,6 +18,9 @@ LEAST_PRECISE = 1e-2
 FRESH = 1e-11
 """Below this precision, relative to the displacements, a product kept by recurrence is computed anew."""
 
+ROUNDING = 8 * np.finfo(float).eps
+"""A projected gradient of this size, relative to the displacements whose difference it is, is rounding."""
+
 ON_BOUND = 1e-12
 """So near a bound, relative to the largest unknown, PETSc's TAO types leave what they mean to be on it."""
 
@@ -68,7 +71,7 @@ class QPSolver:
         Raises
         ------
         SolverError
-            when the precision is not reached, whatever TAO says. Collective on the body.
+            when neither the precision nor the limit of rounding is reached, whatever TAO says. Collective on the body.
         """
         start = qp.project(s)
         whole = _share(kept, max(np.linalg.norm(qp.d), np.linalg.norm(Cs)))
@@ -82,7 +85,8 @@ class QPSolver:
         try:
             with event("ContactProgram"):
                 result = solve(qp, start, Cs, tolerance, purpose, kept)
-            if not result.residual <= 1.01 * tolerance:
+            rounding = ROUNDING * max(np.linalg.norm(qp.d), np.linalg.norm(result.Cs))
+            if not result.residual <= max(1.01 * tolerance, rounding):
                 raise SolverError(f"subproblem for {purpose}: TAO type {self.type} ended with {self._reason()} after "
                                   f"{result.iterations} iterations; projected gradient {result.residual:.2e} m, "
                                   f"needed {tolerance:.2e} m")

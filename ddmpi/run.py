@@ -14,7 +14,7 @@ from petsc4py import PETSc
 
 from ddmpi.accuracy import Course, refine_scene
 from ddmpi.algorithm import OuterIteration
-from ddmpi.checkpoint import Checkpoints, continue_from, identify
+from ddmpi.checkpoint import Checkpoints, continue_from, identify, levels_kept
 from ddmpi.coupled import check_size, solve_coupled
 from ddmpi.diagnosis import diagnose
 from ddmpi.elasticity import stress, von_mises
@@ -81,27 +81,27 @@ def run(world: MPI.Comm, scene: Scene, scene_path: str, output: str | None, figu
         identity = identify(scene, PETSc.Options().getAll(), versions())
         state = continue_from(world, restart, identity) if restart else None
         course = Course(scene, state["course.done"] if state else [])
-        refinement = course.refinement
-        while refinement:
-            problem = _prepare(world, refine_scene(scene, refinement), scene_path, clock)
-            tell_plan(problem, figures)
-            checkpoints = Checkpoints(problem, folder, identity, clock, state, {"course": course})
-            with checkpoints.kept():
-                solved = _solve(problem, clock, checkpoints)
-                dofs = world.allreduce(problem.mesh.points.size)
-                refinement = course.proceed(problem.n, solved.error.relative, dofs) if solved.answer.certified else None
-                if refinement:
-                    log.info("estimated discretization error %.2g, %.2g is asked for: going on with meshes %d times as "
-                             "fine as given", solved.error.relative, scene.method.target_error, refinement)
-                    del problem, solved, state  # their memory is needed
-                    checkpoints, state = None, None
-                    gc.collect()
-                    free_garbage()
-                    continue
-                summary = summarize(problem, solved.outer, solved.answer, solved.error, course)
-                summary |= provenance(world, clock.started)
-                tell_end(summary, solved.answer)
-                _write(solved, folder, clock, summary, figures, checkpoints)
+        with levels_kept(world, folder, identity, course, restart):
+            refinement = course.refinement
+            if course.done:
+                log.info("continuing with meshes %d times as fine as given", refinement)
+            while refinement:
+                problem = _prepare(world, refine_scene(scene, refinement), scene_path, clock)
+                tell_plan(problem, figures)
+                checkpoints = Checkpoints(problem, folder, identity, clock, state, {"course": course})
+                with checkpoints.kept():
+                    solved = _solve(problem, clock, checkpoints)
+                    refinement = _proceed(course, solved)
+                    if refinement:
+                        del problem, solved, state  # their memory is needed
+                        checkpoints, state = None, None
+                        gc.collect()
+                        free_garbage()
+                        continue
+                    summary = summarize(problem, solved.outer, solved.answer, solved.error, course)
+                    summary |= provenance(world, clock.started)
+                    tell_end(summary, solved.answer)
+                    _write(solved, folder, clock, summary, figures, checkpoints)
     except DdmpiError:
         if folder:
             with contextlib.suppress(OSError):  # there is something in it
@@ -114,6 +114,19 @@ def run(world: MPI.Comm, scene: Scene, scene_path: str, output: str | None, figu
                                              outer.history, answer.statuses, problem.interface, problem.friction))
         if course.missed:
             raise NotConvergedError(course.missed)
+
+
+def _proceed(course: Course, solved: _Solved) -> int | None:
+    """The refinement of the meshes to go on with, None to stay with these. Collective."""
+    problem, error = solved.problem, solved.error.relative
+    dofs = problem.world.allreduce(problem.mesh.points.size)
+    if not solved.answer.certified:
+        return None
+    refinement = course.proceed(problem.n, error, dofs)
+    if refinement:
+        log.info("estimated discretization error %.2g, at most %.2g is asked for: going on with meshes %d times as "
+                 "fine as given", error, course.goal, refinement)
+    return refinement
 
 
 def _solve(problem: Problem, clock: Clock, checkpoints: Checkpoints) -> _Solved:

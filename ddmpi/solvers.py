@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cached_property
 
 import numpy as np
 from petsc4py import PETSc
@@ -26,8 +27,12 @@ DIRECT_RESIDUAL = 1e-6
 """A direct solve whose relative residual exceeds this has failed (a pivot was lost)."""
 
 
+ROUNDING = 2 * np.finfo(float).eps
+"""A residual of this part of ‖A‖ ‖u‖ is what rounding leaves of any solve, whatever ‖f‖ (backward error)."""
+
 USUAL, LEAST = 1e-10, 1e-13
 """Relative residuals of an iterative solve: the usual one, and the smallest that is ever asked for."""
+
 
 class StiffnessSolver:
     """Solves with the stiffness A of one body; one factorization, at construction.
@@ -135,28 +140,36 @@ class StiffnessSolver:
             self.A.mult(u, self._residual)
             self._residual.aypx(-1.0, f)
             residual = self._residual.norm()
-            if residual <= target * size:
+            if residual <= target * size or residual <= ROUNDING * self._norm * u.norm():
                 return
             if not np.isfinite(residual) or attempt == REFINEMENTS:
                 break
             self._solve(self._residual, self._correction)
             u.axpy(1.0, self._correction)
+        hint = "" if self.direct else "; -body_ksp_rtol sets another precision"
         raise SolverError(f"body {self.name!r}: {self.description} left a true residual of "
-                          f"{residual / size:.1e} relative to the load, {target:.0e} is needed")
+                          f"{residual / size:.1e} relative to the load, {target:.0e} is needed{hint}")
+
+    @cached_property
+    def _norm(self) -> float:
+        """‖A‖, the largest sum of a row (N/m)."""
+        return self.A.norm(PETSc.NormType.NORM_INFINITY)
 
     def solve_block(self, F: np.ndarray) -> np.ndarray:
         """A⁻¹ F for the columns of F (n, k), without a check of each. Collective."""
         right = PETSc.Mat().createDense(F.shape, array=np.asfortranarray(F), comm=self.A.comm)
         found = PETSc.Mat().createDense(F.shape, comm=self.A.comm)
         found.setUp()
-        if self.direct:
+        if self.direct and self.ksp.getPC().getType() in ("cholesky", "lu"):
             self.ksp.getPC().getFactorMatrix().matSolve(right, found)
         else:
             for k in range(F.shape[1]):
                 f, u = right.getDenseColumnVec(k, mode="r"), found.getDenseColumnVec(k, mode="w")
-                self.solve(f, u)
-                right.restoreDenseColumnVec(k, mode="r")
-                found.restoreDenseColumnVec(k, mode="w")
+                try:
+                    self.solve(f, u)
+                finally:  # a matrix cannot go while a column of it is out
+                    right.restoreDenseColumnVec(k, mode="r")
+                    found.restoreDenseColumnVec(k, mode="w")
         return found.getDenseArray().copy()
 
     def _solve(self, f: PETSc.Vec, u: PETSc.Vec) -> None:
