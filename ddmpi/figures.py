@@ -117,7 +117,7 @@ def draw_error(fields: dict[str, np.ndarray], summary: dict):
     factor, unit = _scaled_unit(np.ptp(fields["points"]), _units(summary)[0], prefixes=False)
     at = fields["points"][:, :2] / factor
     values = fields["error"][owner]
-    top = max(values.max(), 1e-300)
+    top = values.max() or 1.0
     figure, axes = plt.subplots(figsize=_size(np.ptp(at, axis=0)))
     image = axes.tripcolor(*at.T, cells, facecolors=np.maximum(values, 1e-3 * top), cmap="magma_r", rasterized=True,
                            norm=LogNorm(1e-3 * top, top))

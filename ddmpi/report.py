@@ -15,7 +15,7 @@ from ddmpi.petsc_options import unused_options
 from ddmpi.problem import Problem
 from ddmpi.provenance import peak_memory
 from ddmpi.results import finite_or_none
-from ddmpi.scene import Method
+from ddmpi.scene import PRESETS, Method, Scene
 from ddmpi.solution import Answer
 
 log = logging.getLogger("ddmpi")
@@ -40,13 +40,25 @@ def tell_plan(problem: Problem, figures: bool) -> None:
         left_out.append("stress in the files (not asked for)")
     if not figures:
         left_out.append("pictures (not asked for)")
-    log.info("n = %d unknowns, m = %d contact nodes, friction: %s", problem.n, interface.m, friction.law)
+    left_out += _target_left_out(scene)
+    log.info("n = %d unknowns (%s triangles), m = %d contact nodes, friction: %s", problem.n,
+             ("linear", "quadratic")[problem.spec.mesh.order - 1], interface.m, friction.law)
     ways = problem.world.allgather(f"A by {body.C.solver.description}, compliance {body.C.kind} ({body.C.reason})")
     for spec, way in zip(scene.body, ways, strict=True):
         log.info("%s: %s", spec.name, way)
     qp = "" if scene.method.outer == "newton" else body.qp_solver.type.replace("python", "python (MPRGP)")
     log.info("%s; left out: %s", _describe(scene.method, qp), ", ".join(left_out) or "nothing")
     log.info("%5s  %10s  %10s  %6s", "k", "update", "residual", "n_A")
+
+
+def _target_left_out(scene: Scene) -> list[str]:
+    """That a preset's target is not applied, because meshes are given."""
+    target = PRESETS.get(scene.method.preset, {}).get("target_error")
+    given = [body.name for body in scene.body if not body.mesh.refinable]
+    if not (target and given and scene.method.target_error is None):
+        return []
+    return [f'the target of {scene.method.preset}, {target:g} (the mesh of {" and of ".join(given)} is given, and not '
+            'refined unless mesh.refine = "as needed")']
 
 
 def tell_step(step: Step) -> None:
@@ -64,7 +76,7 @@ def _describe(method: Method, qp: str) -> str:
 
 def tell_end(summary: dict, answer: Answer) -> None:
     contact = summary["contact"]
-    log.info("%s after %d outer iterations, n_A = %d; contact nodes: %d open, %d slip, %d stick",
+    log.info("%s (%d outer iterations, n_A = %d); contact nodes: %d open, %d slip, %d stick",
              summary["reason"], summary["outer_iterations"], summary["n_A"],
              contact["open"], contact["slip"], contact["stick"])
     log.info("certificate (limit %.0e): %s", answer.limit,

@@ -214,7 +214,8 @@ def statement(own: dict[str, list[Row]]) -> list[str]:
     for method in METHODS:
         found = sorted((row for row in own["tolerance"] if (row["scene"], row["order"], row["method"])
                         == ("blocks", 1, method)), key=lambda row: -row["tolerance"])
-        loose = next((row for row in found if row["algebraic"] <= 0.1 * row["energy"]), None)
+        above = [k for k, row in enumerate(found) if row["algebraic"] > 0.1 * row["energy"]]
+        loose = next(iter(found[above[-1] + 1 if above else 0:]), None)
         tight = next((row for row in found if row["tolerance"] == 1e-8), None)
         if loose and tight:
             lines.append(

@@ -15,8 +15,8 @@ from ddmpi.scene import BodySpec, Clamp, Material, MeshSpec, Traction
 from ddmpi.solvers import StiffnessSolver, best_cholesky
 
 
-def block(divisions=(12, 6), young=2e11, clamp=("left",)) -> Elasticity:
-    mesh = generate_rectangle(MeshSpec(shape="rectangle", size=(2.0, 1.0), divisions=divisions))
+def block(divisions=(12, 6), young=2e11, clamp=("left",), size=(2.0, 1.0)) -> Elasticity:
+    mesh = generate_rectangle(MeshSpec(shape="rectangle", size=size, divisions=divisions))
     return assemble(mesh, BodySpec(name="upper", mesh=MeshSpec(file="unused.msh"), clamp=list(clamp),
                                    material=Material(young=young, poisson=0.3),
                                    traction=[Traction(on="top", value=(1e6, -2e6))]))
@@ -171,7 +171,26 @@ def test_large_true_residual_is_an_error(options, petsc_options):
         solver.solve(problem.b, problem.b.duplicate())
 
 
+def test_what_rounding_leaves_of_a_residual_is_no_failure():
+    """A cantilever of 3 m × 25 mm: relative to the load, no solver gets the residual below 1e-8."""
+    problem = block((240, 2), size=(3.0, 0.025))
+    A, b = to_scipy(problem.A), problem.b
+    direct = spsolve(A, b.array_r)
+    assert np.linalg.norm(b.array_r - A @ direct) > 2e-10 * b.norm()
+    u = b.duplicate()
+    StiffnessSolver(problem.A, "upper", iterative=True).solve(b, u)
+    assert np.linalg.norm(u.array_r - direct) <= 1e-5 * np.linalg.norm(direct)
+
+
 # Failures
+
+
+def test_a_block_of_solves_without_factors_is_checked(petsc_options):
+    petsc_options(body_ksp_type="preonly", body_pc_type="jacobi")
+    problem = block()
+    solver = StiffnessSolver(problem.A, "upper")
+    with pytest.raises(SolverError, match=r"'upper': preonly \+ jacobi left a true residual"):
+        solver.solve_block(np.eye(problem.b.size)[:, :3])
 
 
 def test_iteration_limit_names_the_reason(petsc_options):
