@@ -19,6 +19,10 @@ class InputError(DdmpiError):
     exit_code = 2
 
 
+class HeldError(InputError):
+    """Another run is writing into the folder that results are to go to."""
+
+
 class NotConvergedError(DdmpiError):
     """The outer iteration stopped without a certified answer."""
 
@@ -35,6 +39,10 @@ class OutputError(DdmpiError):
     """Results could not be written."""
 
     exit_code = 5
+
+
+class TakenError(OutputError):
+    """Another run has put its results into the folder meanwhile."""
 
 
 class InterruptionError(DdmpiError):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import fcntl
 import io
 import os
 import shutil
@@ -13,6 +15,60 @@ from pathlib import Path
 from ddmpi.errors import OutputError
 
 _MARK = ".unfinished-"
+
+NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EBADF, errno.EINVAL}
+"""What file systems say that have no locks on folders: NFS EBADF, Lustre without its option ENOSYS."""
+
+NO_LINKS = {errno.EPERM, errno.EACCES, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EMLINK, errno.EXDEV}
+"""What those say that have no second names for a file."""
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Meanwhile no other process can have `folder` locked.
+
+    The lock is on the folder itself and goes with the process, so that nothing is left behind. Where the file system
+    has no locks there is none. Raises BlockingIOError where another process has it, OSError where the folder cannot
+    be read.
+    """
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            if error.errno not in NO_LOCKS:
+                raise
+        if not os.path.samestat(os.fstat(descriptor), os.stat(folder)):  # removed, and made anew
+            raise BlockingIOError(errno.EAGAIN, "another process is at it", str(folder))
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def is_locked(folder: Path) -> bool:
+    """Whether another process has `folder` locked, if it is there."""
+    try:
+        with locked(folder):
+            return False
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+
+
+def link_new(source: Path, target: Path) -> None:
+    """Give the file `source` the name `target`, too; where there can be one name only, instead.
+
+    Raises FileExistsError where `target` is there: nothing is overwritten, whoever else is at it.
+    """
+    try:
+        os.link(source, target)
+    except OSError as error:
+        if error.errno not in NO_LINKS:
+            raise
+        if os.path.lexists(target):
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target)) from None
+        os.rename(source, target)
 
 
 class FileOfHDF5(io.FileIO):
@@ -56,6 +112,11 @@ class FileOfHDF5(io.FileIO):
 def unfinished(path: Path) -> Path:
     """The name under which this process makes `path`, in the same folder."""
     return path.with_name(f"{_MARK}{socket.gethostname()}-{os.getpid()}-{path.name}")
+
+
+def publishing(folder: Path) -> list[str]:
+    """What of results that are being put into `folder` there is, by whomever. Raises OSError."""
+    return sorted(path.name for path in folder.glob(f"{_MARK}*-results"))
 
 
 def clear_unfinished(folder: Path) -> None:

@@ -6,6 +6,8 @@ Triangles have straight sides. Those of order 2 have a node on the middle of eac
 
 from __future__ import annotations
 
+import os
+import stat
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -243,7 +245,14 @@ def locate_mesh(body: BodySpec, folder: Path) -> Path:
     """The mesh file of `body`, looked for in `folder`, then in the current one. Raises InputError."""
     name = Path(body.mesh.file)
     places = [name] if name.is_absolute() else [folder / name, name]
+    tried = []
     for place in places:
-        if place.is_file():
-            return place
-    raise InputError(f"body.{body.name}.mesh.file: there is no file {' nor '.join(str(p) for p in places)}")
+        try:
+            if stat.S_ISREG(os.stat(place).st_mode):
+                return place
+            tried.append(str(place))
+        except FileNotFoundError:
+            tried.append(str(place))
+        except (OSError, ValueError) as error:  # a folder that may not be searched, a zero byte
+            tried.append(f"{place} ({getattr(error, 'strerror', error)})")
+    raise InputError(f"body.{body.name}.mesh.file: there is no file {' nor '.join(tried)}")

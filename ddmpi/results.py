@@ -1,4 +1,4 @@
-"""Result files: complete or absent. They are written under temporary names and renamed at the end.
+"""Result files: complete or absent. They are written under temporary names and get their own at the end.
 
 Each body's ranks write their own part of the fields, in turn, so that nothing of the size of a body
 crosses ranks.
@@ -6,11 +6,12 @@ crosses ranks.
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
 import os
 import shutil
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,13 +20,13 @@ import numpy as np
 from ddmpi.algorithm import Step
 from ddmpi.certificate import ContactState
 from ddmpi.checkpoint import NAME as CHECKPOINT
-from ddmpi.errors import InputError, OutputError
-from ddmpi.files import FileOfHDF5, clear_unfinished, unfinished
+from ddmpi.errors import HeldError, InputError, OutputError, TakenError
+from ddmpi.files import FileOfHDF5, clear_unfinished, link_new, locked, publishing, unfinished
 from ddmpi.interface import Interface
 
 NAMES = ("result.h5", "result.xdmf", "history.csv", "interface.csv", "interface_sides.csv", "summary.json",
          "bodies.png", "error.png", "contact.png", "convergence.png")
-"""All files of a result; the summary is renamed last, so where it is, the rest is."""
+"""All files of a result; the summary comes last, so where it is, the rest is."""
 
 HISTORY_COLUMNS = ("iteration", "update", "residual", "inner_precision", "n_A_1", "n_A_2", "open", "slip", "stick")
 INTERFACE_COLUMNS = ("x", "y", "normal_force", "tangential_force", "normal_stress", "tangential_stress",
@@ -77,54 +78,84 @@ class Fields:
     error: np.ndarray | None = None
 
 
-def choose_folder(wanted: str | None, restart: str | None, scene: str) -> Path:
+@contextlib.contextmanager
+def choose_folder(wanted: str | None, restart: str | None, scene: str) -> Iterator[Path]:
     """The folder for the results: `wanted`, that of the run to go on from, or the first free one of
-    results/SCENE, results/SCENE-2, …
+    results/SCENE, results/SCENE-2, …; meanwhile no other run can have it.
 
-    Raises InputError where results or another run's checkpoint stand already or nothing can be written.
-    Not collective; creates the folder. Removes what a run that was killed while it wrote has left.
+    Raises InputError where results or another run's checkpoint stand already or nothing can be written, HeldError
+    where another run is at it. Not collective; creates the folder, and removes it at the end if nothing is in it.
+    Removes what a run that was killed while it wrote has left.
     """
-    wanted, torn = wanted or restart, False
-    if wanted is None:
-        stem, k = Path("results") / Path(scene).stem, 1
-        folder = stem
-        while not _made(folder):
-            k += 1
-            folder = stem.with_name(f"{stem.name}-{k}")
-    else:
-        folder = Path(wanted)
-        present = [name for name in NAMES if (folder / name).exists()]
-        here = (folder / CHECKPOINT).exists() and restart is not None and folder.samefile(restart)
-        torn = here and "summary.json" not in present  # killed between two renames
-        if present and not torn:
-            raise InputError(f"--output {folder}: there are results already ({', '.join(present)}); "
-                             "nothing is overwritten, so name another folder or remove them")
-        if (folder / CHECKPOINT).exists() and not here:
-            raise InputError(f"--output {folder}: there is the checkpoint of a run that was not completed; go on "
-                             f"from it with --restart {folder}, name another folder, or remove {CHECKPOINT}")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / f".writable-{os.getpid()}"
-        probe.touch()
-        probe.unlink()
-        clear_unfinished(folder)
-        if torn:
-            for name in present:
+    with contextlib.ExitStack() as held:
+        if wanted is None and restart is None:
+            stem, k = Path("results") / Path(scene).stem, 1
+            folder = stem
+            while not _take(folder, held, new=True):
+                k += 1
+                folder = stem.with_name(f"{stem.name}-{k}")
+        else:
+            folder = Path(restart if wanted is None else wanted)
+            if not _take(folder, held):
+                raise HeldError(f"--output {folder}: another run is writing there; wait for its end, or name another "
+                                "folder")
+        torn = _refuse_taken(folder, restart)
+        try:
+            probe = folder / f".writable-{os.getpid()}"
+            probe.touch()
+            probe.unlink()
+            clear_unfinished(folder)
+            if torn and publishing(folder):  # no lock tells whether it still runs
+                raise HeldError(f"--output {folder}: another run is writing there; if it was killed on another host, "
+                                f"remove {', '.join(publishing(folder))}")
+            for name in torn:
                 (folder / name).unlink()
-    except OSError as error:
-        raise InputError(f"--output {folder}: cannot write there: {error.strerror}") from None
-    return folder
+        except OSError as error:
+            raise InputError(f"--output {folder}: cannot write there: {error.strerror}") from None
+        yield folder
 
 
-def _made(folder: Path) -> bool:
-    """Make a folder that must not be there yet; whether it could be made new."""
+def _take(folder: Path, held: contextlib.ExitStack, new: bool = False) -> bool:
+    """Make the folder and lock it as long as `held` lasts; whether no other run has it, nor, as a `new` one, had it."""
     try:
         folder.mkdir(parents=True)
-    except FileExistsError:
+        made = True
+    except OSError as error:
+        if new and isinstance(error, FileExistsError):
+            return False
+        if not os.path.isdir(folder):
+            raise InputError(f"--output {folder}: cannot be made: {error.strerror}") from None
+        made = False
+    try:
+        held.enter_context(locked(folder))
+    except BlockingIOError:
         return False
     except OSError as error:
-        raise InputError(f"--output {folder}: cannot be made: {error.strerror}") from None
+        raise InputError(f"--output {folder}: cannot write there: {error.strerror}") from None
+    if made:
+        held.callback(_remove_empty, folder)
     return True
+
+
+def _remove_empty(folder: Path) -> None:
+    with contextlib.suppress(OSError):  # there is something in it
+        folder.rmdir()
+
+
+def _refuse_taken(folder: Path, restart: str | None) -> list[str]:
+    """InputError where results or a checkpoint are in the way; names of files of a run that was killed between two
+    of their appearances.
+    """
+    present = [name for name in NAMES if os.path.lexists(folder / name)]
+    checkpoint = os.path.lexists(folder / CHECKPOINT)
+    here = checkpoint and restart is not None and os.path.exists(restart) and os.path.samefile(folder, restart)
+    if present and not (here and "summary.json" not in present):
+        raise InputError(f"--output {folder}: there are results already ({', '.join(present)}); "
+                         "nothing is overwritten, so name another folder or remove them")
+    if checkpoint and not here:
+        raise InputError(f"--output {folder}: there is the checkpoint of a run that was not completed; go on "
+                         f"from it with --restart {folder}, name another folder, or remove {CHECKPOINT}")
+    return present
 
 
 class Staging:
@@ -134,21 +165,31 @@ class Staging:
         self.folder, self.path = folder, unfinished(folder / "results")
 
     def create(self) -> None:
-        _guarded(lambda: self.path.mkdir())
+        _guarded(self.path.mkdir, self.path)
 
     def publish(self) -> list[Path]:
-        """Rename all files into the result folder, the summary last. Raises OutputError."""
-        def rename() -> list[Path]:
+        """Give all files their names in the result folder, the summary last, over no file that is there.
+
+        Raises TakenError where one is, OutputError; then none of ours is there.
+        """
+        def link() -> list[Path]:
             names = [name for name in NAMES if (self.path / name).exists()]
-            present = [name for name in names if (self.folder / name).exists()]
-            if present:
-                raise OutputError(f"{self.folder}: another run has put its results there meanwhile "
-                                  f"({', '.join(present)}); nothing is overwritten")
-            for name in sorted(names, key=lambda name: name == "summary.json"):
-                os.rename(self.path / name, self.folder / name)
-            self.path.rmdir()
+            done: list[Path] = []
+            try:
+                for name in sorted(names, key=lambda name: name == "summary.json"):
+                    link_new(self.path / name, self.folder / name)
+                    done.append(self.folder / name)
+            except OSError as error:
+                for path in done:
+                    path.unlink(missing_ok=True)
+                if isinstance(error, FileExistsError):
+                    raise TakenError(f"{self.folder}: another run has put its results there meanwhile ({name}); "
+                                     "nothing is overwritten") from None
+                raise
             return [self.folder / name for name in names]
-        return _guarded(rename)
+        files = _guarded(link, self.folder)
+        self.discard()
+        return files
 
     def discard(self) -> None:
         """Remove what was made so far."""
@@ -184,7 +225,7 @@ def write_fields(path: Path, fields: Fields, body: int, sizes: Sequence[tuple[in
                     total = sum(size[0 if name in ("points", "displacement") else 1] for size in sizes)
                     file.create_dataset(name, (total, *part.shape[1:]), dtype=part.dtype)
                 file[name][start:start + len(part)] = part
-    _guarded(write)
+    _guarded(write, path / "result.h5")
 
 
 def write_xdmf(path: Path) -> None:
@@ -202,7 +243,7 @@ def write_xdmf(path: Path) -> None:
                 for name, data in file.items() if name not in ("points", "cells")]
         (path / "result.xdmf").write_text(XDMF.format(
             nv=nv, nt=nt, k=k, topology=TOPOLOGY[k], attributes="\n".join(attributes)))
-    _guarded(write)
+    _guarded(write, path / "result.xdmf")
 
 
 def write_history(path: Path, history: Iterable[Step], counts: Iterable[Sequence[int]]) -> None:
@@ -245,7 +286,7 @@ def write_sides(path: Path, interface: Interface, state: ContactState) -> None:
 def write_summary(path: Path, summary: dict) -> None:
     """Write summary.json. Raises OutputError."""
     text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False, default=_plain) + "\n"
-    _guarded(lambda: (path / "summary.json").write_text(text, encoding="utf-8"))
+    _guarded(lambda: (path / "summary.json").write_text(text, encoding="utf-8"), path / "summary.json")
 
 
 def finite_or_none(value: float) -> float | None:
@@ -259,16 +300,16 @@ def _write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence]) -> 
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(columns)
             writer.writerows([repr(float(v)) if isinstance(v, float | np.floating) else v for v in row] for row in rows)
-    _guarded(write)
+    _guarded(write, path)
 
 
-def _guarded(action):
-    """Run a file operation; what the system refuses is an OutputError."""
+def _guarded(action: Callable, path: Path):
+    """Run a file operation on `path`; what the system refuses is an OutputError."""
     try:
         return action()
     except OSError as error:
-        name = f"{error.filename}: " if error.filename else ""
-        raise OutputError(f"results could not be written: {name}{error.strerror or error}") from None
+        raise OutputError(f"results could not be written: {error.filename or path}: "
+                          f"{error.strerror or error}") from None
 
 
 def _padded(array: np.ndarray) -> np.ndarray:

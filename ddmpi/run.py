@@ -18,7 +18,7 @@ from ddmpi.checkpoint import Checkpoints, continue_from, identify, levels_kept
 from ddmpi.coupled import check_size, solve_coupled
 from ddmpi.diagnosis import diagnose
 from ddmpi.elasticity import stress, von_mises
-from ddmpi.errors import DdmpiError, InputError, NotConvergedError, OutputError
+from ddmpi.errors import InputError, NotConvergedError, OutputError
 from ddmpi.estimate import DiscretizationError, estimate_error, sum_errors
 from ddmpi.events import event
 from ddmpi.exchange import agreed
@@ -73,11 +73,12 @@ def run(world: MPI.Comm, scene: Scene, scene_path: str, output: str | None, figu
     """
     clock = Clock()
     check_ranks(world, scene)
-    folder = None
+    folder, held = None, contextlib.ExitStack()
     with agreed(world):
-        folder = choose_folder(output, restart, scene_path) if world.rank == 0 else None
+        if world.rank == 0:
+            folder = held.enter_context(choose_folder(output, restart, scene_path))
     log.info("%s", scene.title or scene_path)
-    try:
+    with held:
         identity = identify(scene, PETSc.Options().getAll(), versions())
         state = continue_from(world, restart, identity) if restart else None
         course = Course(scene, state["course.done"] if state else [])
@@ -102,11 +103,6 @@ def run(world: MPI.Comm, scene: Scene, scene_path: str, output: str | None, figu
                     summary |= provenance(world, clock.started)
                     tell_end(summary, solved.answer)
                     _write(solved, folder, clock, summary, figures, checkpoints)
-    except DdmpiError:
-        if folder:
-            with contextlib.suppress(OSError):  # there is something in it
-                folder.rmdir()
-        raise
     with agreed(world):
         if not solved.answer.certified:
             answer, outer = solved.answer, solved.outer

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import itertools
 import logging
 import time
 import traceback
@@ -19,10 +20,12 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from ddmpi import interrupt
 from ddmpi.cases import Case
 from ddmpi.checkpoint import NAME as CHECKPOINT
-from ddmpi.errors import DdmpiError, InputError, InterruptionError, NotConvergedError, OutputError
+from ddmpi.errors import DdmpiError, HeldError, InputError, InterruptionError, NotConvergedError, OutputError
 from ddmpi.exchange import agreed
+from ddmpi.files import is_locked
 from ddmpi.logs import diverted, utc
 from ddmpi.petsc_options import RunOptions
 from ddmpi.petsc_versions import free_garbage
@@ -103,15 +106,25 @@ def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
     gc.collect()
     gc.freeze()  # what is there now stays; so that the collection after each case is quick
     by_number = {case.number: case for case in sweep.chosen}
-    for done, number in enumerate([*fresh, *tried], 1):
+    order, held, done = [*fresh, *tried], [], 0
+    for turn, number in enumerate(itertools.chain(order, held)):  # `held` grows meanwhile
         case = by_number[number]
-        if world.bcast(world.rank == 0 and read_outcome(sweep.place(case)).finished):
+        with agreed(world):
+            state = _look(sweep.place(case), wait=turn >= len(order)) if world.rank == 0 else ""
+        state = world.bcast(state)
+        start = time.perf_counter()
+        failure = None if state else _run_case(world, sweep, case, options)
+        if state == "held" or isinstance(failure, HeldError):
+            log.info("case %d is being run by another process; it comes last", number)
+            held.append(number)
+            continue
+        done += 1
+        if state == "finished":
             log.info("case %d has been finished by another process meanwhile", number)
             continue
-        start = time.perf_counter()
-        error = _run_case(world, sweep, case, options)
+        error = failure
         if world.rank == 0:
-            log.info("%d/%d  case %d  %s: %s, %.2f s", done, len(fresh) + len(tried), number, case.label,
+            log.info("%d/%d  case %d  %s: %s, %.2f s", done, len(order), number, case.label,
                      _describe(sweep, case, error), time.perf_counter() - start)
         if isinstance(error, InterruptionError):
             log.info("the same command goes on with the sweep from here")
@@ -125,6 +138,17 @@ def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
     if error and len(sweep.chosen) == 1:
         raise error
     _judge(world, sweep)
+
+
+def _look(place: Path, wait: bool) -> str:
+    """Whether another process has "finished" the case or has it "held", or else ""; after its end, with `wait`.
+
+    Raises the InterruptionError that is due. Not collective.
+    """
+    while (held := is_locked(place)) and wait:
+        interrupt.check()
+        time.sleep(0.2)
+    return "held" if held else "finished" if read_outcome(place).finished else ""
 
 
 def gather_sweep(world: MPI.Comm, sweep: Sweep) -> None:
@@ -189,6 +213,8 @@ def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions) ->
     gc.collect()  # what refers to itself in a circle, such as solvers and their contexts
     free_garbage()
     own.Free()
+    if isinstance(error, HeldError):
+        return error  # the record is the other's
     with agreed(world):
         if world.rank == 0:
             code, reason = (error.exit_code, str(error).split("\n")[0]) if error else (0, "")

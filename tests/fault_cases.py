@@ -64,7 +64,7 @@ class Case:
 
     `codes` are the exit codes that are right (None: any but zero), `whole` says that complete results are
     right too, `kept` that without them a checkpoint must be there, `torn` that the run is killed between the
-    renames of its results, when all may be there but the summary, which says that they are results. `folder`
+    appearances of its results, when all may be there but the summary, which says that they are results. `folder`
     names another folder than the case's own.
     """
 
@@ -119,7 +119,7 @@ def all_cases() -> list[Case]:
         cases.append(Case(f"end of output: {kind}", target="ddmpi.run.write_summary", call=2, fault=kind, codes=codes,
                           whole=signal or kind == "little room", kept=kind != "gone"))  # there is room for a summary
     cases += [
-        Case("publishing: SIGKILL between two renames", target="ddmpi.results.os.rename", call=3, fault="SIGKILL",
+        Case("publishing: SIGKILL between two files", target="ddmpi.files.os.link", call=3, fault="SIGKILL",
              kept=True, torn=True),
         Case("one rank", ranks=1, codes=frozenset({2})),
         Case("three ranks", ranks=3, codes=frozenset({2})),

@@ -18,7 +18,7 @@ SHORT = [
     "mesh: RuntimeError on rank 1", "assemble: SIGKILL on rank 0", "factor: SIGSEGV on rank 1",
     "outer: RuntimeError on rank 0", "outer: SIGKILL on rank 1", "outer, published: KeyboardInterrupt on rank 1",
     "conclude: full on rank 0", "output: RuntimeError on rank 1", "output: SIGKILL on rank 0", "output: gone on rank 0",
-    "writing a checkpoint: SIGKILL", "publishing: SIGKILL between two renames", "NaN in the stiffness on rank 1",
+    "writing a checkpoint: SIGKILL", "publishing: SIGKILL between two files", "NaN in the stiffness on rank 1",
     "zero pivot on rank 0", "NaN from a product on rank 1", "an error of PETSc on rank 1",
 ]
 

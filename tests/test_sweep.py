@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import time
 from pathlib import Path
 
 import fault
@@ -11,6 +12,7 @@ import scenes
 from scenes import Run, pinched_blocks
 
 from ddmpi.errors import InputError
+from ddmpi.files import locked
 from ddmpi.sweep_table import RESULTS, find_column, read_table
 
 LIMIT = 60.0
@@ -183,6 +185,36 @@ def test_tasks_of_an_array_share_a_folder(small, tmp_path):
     gathered = run_sweep(small, tmp_path / "out", *arguments, "--gather", ranks=1)
     assert gathered.code == 0, gathered.output
     assert [row["status"] for row in rows(gathered)] == ["certified"] * 4
+
+
+@pytest.mark.parametrize("ends", [True, False])
+def test_a_case_that_another_process_has_comes_last(small, tmp_path, ends):
+    """It is run when the other lets go of it without results; or else a signal ends the waiting."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    arguments = ["--vary", f"{COEFFICIENT}=0.1:0.2:2", "--set", "output.figures=false"]
+    one, two = (tmp_path / "out" / f"{COEFFICIENT}={value}" for value in (0.1, 0.2))
+    one.mkdir(parents=True)
+    with ThreadPoolExecutor() as pool:
+        with locked(one):
+            if ends:
+                sweep = pool.submit(run_sweep, small, tmp_path / "out", *arguments)
+            else:
+                faults = [(0, "ddmpi.sweep.time.sleep", 1, "SIGTERM", str(tmp_path / "out"), [])]
+                sweep = pool.submit(scenes.run_python, [fault.__file__, json.dumps(faults), "sweep", str(small),
+                                                        *arguments], limit=LIMIT, folder=tmp_path / "out")
+            end = time.monotonic() + LIMIT
+            while not (two / "summary.json").exists() and time.monotonic() < end:
+                time.sleep(0.05)
+            assert not (one / "case.json").exists()
+            if not ends:
+                sweep.result()
+        run = sweep.result()
+    assert "case 0 is being run by another process; it comes last" in run.stdout, run.output
+    if ends:
+        assert run.code == 0 and re.findall(r"\d/2  case (\d)", run.stdout) == ["1", "0"], run.output
+    else:
+        assert f"{fault.END} 6 6" in run.stderr and len(run.messages) == 1 and not (one / "summary.json").exists()
 
 
 def test_who_comes_second_keeps_the_results_of_the_first(small, tmp_path):
