@@ -19,6 +19,7 @@ import hashlib
 import io
 import json
 import logging
+import os
 import re
 import time
 from collections import Counter, deque
@@ -31,7 +32,7 @@ from mpi4py import MPI
 
 from ddmpi.accuracy import Course
 from ddmpi.algorithm import Step
-from ddmpi.errors import InputError, InterruptionError, OutputError
+from ddmpi.errors import InputError, InterruptionError, OutputError, TakenError
 from ddmpi.exchange import agreed
 from ddmpi.files import write_atomically
 from ddmpi.problem import Clock, Problem
@@ -196,16 +197,19 @@ class Checkpoints:
         except (InterruptionError, OutputError) as error:
             if not (error.agreed and self._now and self._needed):
                 raise
-            by_signal = isinstance(error, InterruptionError)
+            by_signal, world = isinstance(error, InterruptionError), self.problem.world
+            folder = world.bcast(str(self.folder))
             try:
-                with agreed(self.problem.world):
+                with agreed(world):
                     self._write()
             except OutputError as failure:
-                failure.args = (f"{error.kind if by_signal else error}; {failure}",)
+                former = world.bcast(self.folder and os.path.exists(self.folder / NAME))
+                failure.args = (f"{error.kind if by_signal else error}; {failure}"
+                                + (f"; --restart {folder} goes on from the checkpoint before" if former else ""),)
                 raise failure from None
-            folder, k = self.problem.world.bcast(str(self.folder)), self._now["outer.history"].number
+            k, elsewhere = self._now["outer.history"].number, " --output OTHER" if isinstance(error, TakenError) else ""
             error.args = (f"{'' if by_signal else f'{error}; '}the state after iteration {k} is kept, "
-                          f"--restart {folder} goes on from there",)
+                          f"--restart {folder}{elsewhere} goes on from there",)
             error.kept = True
             raise
 

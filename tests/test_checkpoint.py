@@ -23,7 +23,7 @@ import ddmpi.solution
 from ddmpi import checkpoint, interrupt
 from ddmpi.checkpoint import Checkpoints, continue_from, identify
 from ddmpi.compliance import Compliance
-from ddmpi.errors import InputError, InterruptionError, OutputError
+from ddmpi.errors import InputError, InterruptionError, OutputError, TakenError
 from ddmpi.problem import Clock
 from ddmpi.scene import read_scene
 from ddmpi.solution import solve
@@ -296,28 +296,33 @@ def test_a_run_goes_on_without_a_checkpoint_that_cannot_be_written(comm, shared,
 
 
 @two_ranks
-def test_an_interruption_whose_checkpoint_cannot_be_written_says_so(comm, shared, monkeypatch):
+@pytest.mark.parametrize("former", [True, False])
+def test_an_interruption_whose_checkpoint_cannot_be_written_says_so(comm, shared, monkeypatch, former):
     note_signal_at(monkeypatch, 20)
     if comm.rank == 0:
+        if former:
+            (shared / checkpoint.NAME).write_text("a periodic one")
         def full(number: int) -> None:
             raise OSError(28, "No space left on device")
         monkeypatch.setattr(os, "fsync", full)
-    words = r"^interrupted by SIGTERM; .*checkpoint.h5: cannot be written: No space left on device$"
+    words = r"^interrupted by SIGTERM; .*checkpoint.h5: cannot be written: No space left on device"
+    words += f"; --restart {shared} goes on from the checkpoint before$" if former else "$"
     with pytest.raises(OutputError, match=words) as e:
         run(comm, pinched_blocks(2), shared)
     assert e.value.agreed
-    assert listing(comm, shared) == []
+    assert listing(comm, shared) == [checkpoint.NAME] * former
 
 
 @two_ranks
-def test_results_that_cannot_be_written_leave_a_checkpoint(comm, shared, monkeypatch):
+@pytest.mark.parametrize(("kind", "more"), [(OutputError, ""), (TakenError, " --output OTHER")])
+def test_results_that_cannot_be_written_leave_a_checkpoint(comm, shared, monkeypatch, kind, more):
     scene = pinched_blocks(2)
     reference = run(comm, scene, shared)
     problem, checkpoints = start(comm, scene, shared)
-    with pytest.raises(OutputError, match=r"^the disk is full; the state after iteration \d+ is kept"), \
-            checkpoints.kept():
+    words = rf"^the disk is full; the state after iteration \d+ is kept, --restart {shared}{more} goes on from there$"
+    with pytest.raises(OutputError, match=words), checkpoints.kept():
         solve(problem, problem.scene.method, checkpoints=checkpoints)
-        error = OutputError("the disk is full")
+        error = kind("the disk is full")
         error.agreed = True
         raise error
     assert run(comm, scene, shared, restart=True) == reference
