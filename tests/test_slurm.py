@@ -18,6 +18,8 @@ import pytest
 import scenes
 from scenes import pinched_blocks
 
+from ddmpi.results import write_summary
+
 SLURM = scenes.ROOT / "scripts" / "slurm"
 LIMIT = 120.0
 COEFFICIENT = "contact.0.friction.coefficient"
@@ -199,6 +201,9 @@ ENDS = {
     "trap 'exit 6' USR1": ("USR1", 6, True),
     "trap 'exit 3' USR1": ("USR1", 3, False),  # it had ended otherwise just then
     "trap 'exit 6' USR1 #": ("TERM", 6, False),  # cancelled; it gets SIGUSR1 all the same
+    "trap - USR1": ("USR1", 138, True),  # it did not listen yet
+    "mkdir out; touch out/summary.json": ("USR1", 138, False),  # nor any more
+    "trap - USR1 #": ("TERM", 138, False),
 }
 
 
@@ -216,7 +221,7 @@ def test_signals_are_handed_on(tmp_path, command):
         "PATH": f"{tmp_path}:{os.environ['PATH']}", "ROOT": str(tmp_path), "SLURM_SUBMIT_DIR": str(tmp_path),
         "SLURM_JOB_ID": "7", "SLURM_JOB_NODELIST": "n"}
     waits = f"{command}\ntouch ready; while :; do sleep 0.05; done"
-    script = f'set -euo pipefail; . "{SLURM}/job.sh"; attend bash -c "$1"; requeue_or_exit'
+    script = f'set -euo pipefail; . "{SLURM}/job.sh"; output=out; attend bash -c "$1"; requeue_or_exit'
     with subprocess.Popen(["bash", "-c", script, "bash", waits], env=environment, cwd=tmp_path, text=True,
                           stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as job:
         end = time.monotonic() + 20
@@ -227,6 +232,47 @@ def test_signals_are_handed_on(tmp_path, command):
     assert job.returncode == code, said
     calls = tmp_path / "scontrol.calls"
     assert (calls.read_text() if calls.exists() else "") == ("requeue 7\n" if requeued else "")
+
+
+def start_job(here: Path, *arguments: str, **environment: str) -> tuple[subprocess.CompletedProcess, list[str]]:
+    """run.sbatch with a launcher that notes its arguments and ends with exit code 9; and these."""
+    (here / "scripts" / "slurm").mkdir(parents=True)
+    (here / "scripts" / "setup.sh").write_text("MPIRUN=./mpirun PYTHON=python\n")
+    shutil.copy(SLURM / "job.sh", here / "scripts" / "slurm")
+    (here / "mpirun").write_text("#!/bin/sh\nprintf '%s\\n' \"$@\" >calls\nexit 9\n")
+    (here / "mpirun").chmod(0o755)
+    environment |= {"DDMPI_ROOT": str(here), "SLURM_SUBMIT_DIR": str(here), "SLURM_JOB_ID": "7",
+                    "SLURM_JOB_NODELIST": "n"}
+    job = subprocess.run(["bash", SLURM / "run.sbatch", "scene.toml", *arguments], capture_output=True, text=True,
+                         env=scenes.clean_environment() | environment, timeout=20)
+    calls = here / "calls"
+    return job, calls.read_text().split("\n")[:-1] if calls.exists() else []
+
+
+RESULTS = {
+    # what the folder holds, whether this is a later start of the job: exit code, whether ddmpi is started
+    ("", True): (9, True),
+    ("ours", False): (9, True),
+    ("ours", True): (0, False),
+    ("ours, not converged", True): (3, False),
+    ("another's", True): (9, True),
+}
+
+
+@pytest.mark.parametrize(("holds", "again"), RESULTS)
+def test_results_end_a_job_only_if_it_is_the_one_that_made_them(tmp_path, holds, again):
+    """Else it is ddmpi's business, which has exit code 9 here."""
+    if holds:
+        write_summary(tmp_path, {"title": 'a\n  "converged": true', "converged": holds != "ours, not converged",
+                                 "slurm": {"job_id": "7" if holds.startswith("ours") else "70"}})
+    environment = {"SLURM_RESTART_COUNT": "1"} if again else {}
+    job, started = start_job(tmp_path, "--output", str(tmp_path), **environment)
+    assert (job.returncode, bool(started)) == RESULTS[holds, again], job.stdout + job.stderr
+
+
+def test_an_empty_output_is_not_taken_for_none(tmp_path):
+    _, started = start_job(tmp_path, "--output", "")
+    assert started == ["-n", "2", "python", "-m", "ddmpi", "run", "scene.toml", "--output", ""]
 
 
 def test_a_job_does_not_go_back_for_ever(tmp_path):

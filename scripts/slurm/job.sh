@@ -37,10 +37,17 @@ attend() {
     trap - USR1 TERM
 }
 
-# Exit code 6 says: interrupted, to be continued. Slurm requeues preempted jobs by itself, and a cancelled one is not
-# to come back.
+# Exit code 6 says: interrupted, to be continued; so is what the signal itself has ended, before Python could listen to
+# it, unless `output`, where it is set, holds results. Slurm requeues preempted jobs by itself, and a cancelled one is
+# not to come back.
 requeue_or_exit() {
-    if [ "$code" = 6 ] && [ "$warned" = time ] && [ "${SLURM_RESTART_COUNT:-0}" -lt "${DDMPI_REQUEUES:-50}" ]; then
+    local again=""
+    if [ "$code" = 6 ]; then
+        again=yes
+    elif [ "$code" -gt 128 ] && ! [ -e "${output:-/nowhere}/summary.json" ]; then
+        again=yes
+    fi
+    if [ -n "$again" ] && [ "$warned" = time ] && [ "${SLURM_RESTART_COUNT:-0}" -lt "${DDMPI_REQUEUES:-50}" ]; then
         echo "the time is up: back into the queue, to go on from here"
         scontrol requeue "$SLURM_JOB_ID" || echo "Slurm does not requeue this job; submit it again to go on" >&2
     fi
