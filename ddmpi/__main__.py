@@ -1,6 +1,10 @@
 """``python -m ddmpi``: the same as the console script ``ddmpi``."""
 
-from ddmpi.cli import main
-
 if __name__ == "__main__":
+    from ddmpi import interrupt
+
+    interrupt.listen()  # before what takes longer to import
+
+    from ddmpi.cli import main
+
     main()

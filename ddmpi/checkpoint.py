@@ -34,13 +34,12 @@ from ddmpi.accuracy import Course
 from ddmpi.algorithm import Step
 from ddmpi.errors import InputError, InterruptionError, OutputError, TakenError
 from ddmpi.exchange import agreed
+from ddmpi.files import CHECKPOINT as NAME
 from ddmpi.files import write_atomically
 from ddmpi.problem import Clock, Problem
 from ddmpi.scene import Scene
 
 log = logging.getLogger("ddmpi")
-
-NAME = "checkpoint.h5"
 
 FORMAT = b"ddmpi checkpoint 1 sha256 "
 BLOCK = 512

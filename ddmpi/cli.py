@@ -7,14 +7,16 @@ import atexit
 import contextlib
 import gc
 import io
+import os
 import re
 import sys
 import traceback
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from ddmpi import __version__, logs
-from ddmpi.errors import DdmpiError, InputError
+from ddmpi import __version__, interrupt, logs
+from ddmpi.errors import DdmpiError, InputError, OutputError
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -37,6 +39,12 @@ class _Parser(argparse.ArgumentParser):
         raise InputError(f"{message}\n{self.format_usage().strip()}")
 
 
+def _named(word: str) -> str:
+    if not word:
+        raise argparse.ArgumentTypeError("an empty name (a variable of the shell that is not set?)")
+    return word
+
+
 def build_parser() -> argparse.ArgumentParser:
     """The parser of everything that is not a PETSc option."""
     parser = _Parser(
@@ -49,22 +57,23 @@ def build_parser() -> argparse.ArgumentParser:
     scene.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
                        help="override any key of the scene, as in body.upper.material.young=1e9")
     scene.add_argument("--quiet", action="store_true", help="say nothing but errors")
-    scene.add_argument("--log", metavar="FILE", help="append everything that is said to FILE, with time stamps, also "
-                       "what --quiet keeps off the screen")
+    scene.add_argument("--log", type=_named, metavar="FILE", help="append everything that is said to FILE, with time "
+                       "stamps, also what --quiet keeps off the screen")
     formats = {"epilog": EPILOG, "formatter_class": argparse.RawDescriptionHelpFormatter, "allow_abbrev": False}
     run = commands.add_parser("run", help="solve a scene, on as many ranks as it has bodies",
                               parents=[scene], **formats)
-    run.add_argument("--output", metavar="DIR", help="folder for the results (default: a new one in results/)")
-    run.add_argument("--restart", metavar="DIR", help="go on from the checkpoint of an interrupted run in DIR, with "
-                     "the same scene and options; results go there too unless --output says otherwise")
+    run.add_argument("--output", type=_named, metavar="DIR",
+                     help="folder for the results (default: a new one in results/)")
+    run.add_argument("--restart", type=_named, metavar="DIR", help="go on from the checkpoint of an interrupted run in "
+                     "DIR, with the same scene and options; results go there too unless --output says otherwise")
     run.add_argument("--no-figures", action="store_true", help="draw no pictures")
     commands.add_parser("verify", help="solve a small scene twice, also as the coupled problem by brute force, "
                         "and compare", parents=[scene], **formats)
     _add_sweep(commands, scene, formats)
     figures = commands.add_parser("figures", help="draw the pictures of saved results anew", allow_abbrev=False)
-    figures.add_argument("folder", metavar="DIR")
+    figures.add_argument("folder", type=_named, metavar="DIR")
     plot = commands.add_parser("sweep-plot", help="draw a result of a sweep against a parameter", allow_abbrev=False)
-    plot.add_argument("folder", metavar="DIR", help="folder of the sweep")
+    plot.add_argument("folder", type=_named, metavar="DIR", help="folder of the sweep")
     plot.add_argument("plots", nargs="+", metavar="RESULT:KEY", help="two columns of its table, as in n_A:theta")
     commands.add_parser("info", help="print versions and which solvers are there", allow_abbrev=False)
     return parser
@@ -76,7 +85,7 @@ def _add_sweep(commands: argparse._SubParsersAction, scene: argparse.ArgumentPar
     sweep.add_argument("--vary", action="append", default=[], metavar="KEY=VALUES",
                        help="values of a key of the scene: first:last:number, the same with :log at the end, or "
                        "value,value,…; KEY,KEY=VALUES vary together")
-    sweep.add_argument("--output", metavar="DIR", required=True,
+    sweep.add_argument("--output", type=_named, metavar="DIR", required=True,
                        help="folder of the sweep; cases that are finished there are not run again")
     sweep.add_argument("--index", metavar="I", help="run case number I only, or as I/N every N-th case from I on "
                        "(of a job array: --index $SLURM_ARRAY_TASK_ID)")
@@ -114,6 +123,7 @@ def split_arguments(arguments: list[str]) -> tuple[list[str], list[str]]:
 
 def main(arguments: list[str] | None = None) -> None:
     """Entry point of ``python -m ddmpi`` and ``ddmpi``; ends the process with the exit code."""
+    interrupt.listen()
     own, petsc = split_arguments(sys.argv[1:] if arguments is None else arguments)
     from mpi4py import MPI
 
@@ -128,6 +138,7 @@ def main(arguments: list[str] | None = None) -> None:
         text = "".join(traceback.format_exception(error))
         logs.tell_error(f"ddmpi: internal error on rank {world.rank}:\n{text}")
         world.Abort(1)
+    interrupt.ignore()
     sys.exit(code)
 
 
@@ -136,14 +147,18 @@ def _main(world: MPI.Comm, own: list[str], petsc: list[str]) -> int:
     from ddmpi.provenance import command, whereabouts
 
     try:
-        with agreed(world), contextlib.redirect_stdout(sys.stdout if world.rank == 0 else io.StringIO()):
+        with agreed(world), _printing(world):
             try:
                 options = build_parser().parse_args(own)
             except SystemExit as end:  # --help and --version
                 return end.code
         with agreed(world):
-            logs.configure(world.rank, getattr(options, "quiet", False), getattr(options, "log", None),
+            file = getattr(options, "log", None)
+            if file and os.path.realpath(file) == os.path.realpath(options.scene):
+                raise InputError(f"--log {file}: is the scene")
+            logs.configure(world.rank, getattr(options, "quiet", False), file,
                            f"ddmpi {__version__} on {whereabouts()}: {command()}")
+            interrupt.check()
         COMMANDS[options.command](world, options, petsc)
     except DdmpiError as error:
         if not error.agreed and world.size > 1:
@@ -157,6 +172,21 @@ def _main(world: MPI.Comm, own: list[str], petsc: list[str]) -> int:
     return 0
 
 
+@contextlib.contextmanager
+def _printing(world: MPI.Comm) -> Iterator[None]:
+    """What is printed meanwhile comes out at its end, on rank 0 alone. Not collective. Raises OutputError, there."""
+    text = io.StringIO()
+    with contextlib.redirect_stdout(text):
+        yield
+    if world.rank == 0:
+        try:
+            sys.stdout.write(text.getvalue())
+            sys.stdout.flush()
+        except OSError as error:
+            logs.leave_stdout()
+            raise OutputError(f"what was asked for could not be printed: {error.strerror}") from None
+
+
 def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
     from ddmpi.exchange import agreed
     from ddmpi.scene import read_scene
@@ -165,7 +195,6 @@ def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None
     with agreed(world):
         scene = read_scene(options.scene, text, options.set)
     _init_petsc(world, scene.petsc, petsc)
-    from ddmpi import interrupt
     from ddmpi.run import run, verify
 
     interrupt.listen()
@@ -187,14 +216,15 @@ def _sweep(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> No
     tables = [case.scene.petsc for case in cases]
     _init_petsc(world, {name: value for name, value in tables[0].items()
                         if all(table.get(name) == value for table in tables)}, petsc)
-    from ddmpi import interrupt
     from ddmpi.sweep import Sweep, gather_sweep, list_cases, run_sweep
 
     sweep = Sweep(options.scene, Path(options.output), cases, chosen, petsc, options.figures, options.plot)
     if options.list:
-        if world.rank == 0:
+        interrupt.leave()
+        with agreed(world), _printing(world):
             list_cases(sweep)
     elif options.gather:
+        interrupt.leave()
         gather_sweep(world, sweep)
     else:
         interrupt.listen()
@@ -202,11 +232,12 @@ def _sweep(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> No
 
 
 def _draw(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
+    interrupt.leave()
     from ddmpi.exchange import agreed
     from ddmpi.figures import draw_all
     from ddmpi.sweep_figures import draw_plots
 
-    with agreed(world):
+    with agreed(world), _printing(world):
         if world.rank == 0:
             if options.command == "figures":
                 draw_all(options.folder)
@@ -216,11 +247,14 @@ def _draw(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> Non
 
 
 def _info(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
+    interrupt.leave()
     _init_petsc(world, {}, petsc)
+    from ddmpi.exchange import agreed
     from ddmpi.info import describe_installation
 
-    if world.rank == 0:
-        print(describe_installation(), end="")
+    with agreed(world), _printing(world):
+        if world.rank == 0:
+            print(describe_installation(), end="")
 
 
 COMMANDS = {"run": _run, "verify": _run, "sweep": _sweep, "figures": _draw, "sweep-plot": _draw, "info": _info}

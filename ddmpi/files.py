@@ -14,6 +14,16 @@ from pathlib import Path
 
 from ddmpi.errors import OutputError
 
+RESULTS = ("result.h5", "result.xdmf", "history.csv", "interface.csv", "interface_sides.csv", "summary.json",
+           "bodies.png", "error.png", "contact.png", "convergence.png")
+"""All files of a result; the summary comes last, so where it is, the rest is."""
+
+CHECKPOINT, TABLE, RECORD = "checkpoint.h5", "sweep.csv", "case.json"
+"""The state of a run that was not completed, the table of a sweep, the record of one of its cases."""
+
+RESERVED = frozenset({*RESULTS, CHECKPOINT, TABLE, RECORD})
+"""Names that mean something in a folder of results."""
+
 _MARK = ".unfinished-"
 
 NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EBADF, errno.EINVAL}

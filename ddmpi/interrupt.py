@@ -1,7 +1,8 @@
 """Signals that ask a run to end in good order: SIGTERM and SIGUSR1, as batch systems send them.
 
-The handler only takes note. The run looks at the note where it can stop: between the phases of the set-up,
-at every multiplication by a compliance and at every exchange, where the other rank learns of it too.
+The handler only takes note. The run looks at the note where it can stop: when the arguments have been read,
+between the phases of the set-up, at every multiplication by a compliance and at every exchange, where the other
+rank learns of it too.
 """
 
 from __future__ import annotations
@@ -14,16 +15,33 @@ from ddmpi.errors import InterruptionError
 SIGNALS = (signal.SIGTERM, signal.SIGUSR1)
 
 _received: list[str] = []
-_handlers: dict[int, Callable] = {}
+_handlers: dict[int, Callable | signal.Handlers] = {}
 
 
 def listen() -> None:
     """From now on the signals are noted, where they would end the process.
 
-    To be called after PETSc's initialisation, which with some MPIs takes SIGTERM for itself; in the main
-    thread. Not collective.
+    To be called at once, and again after PETSc's initialisation, which with some MPIs takes SIGTERM for itself; in
+    the main thread. Not collective.
     """
-    _handlers.update(dict.fromkeys(SIGNALS, _note))
+    _handle(_note)
+
+
+def leave() -> None:
+    """From now on the signals end the process: it has nothing to lose. Not collective."""
+    _handle(signal.SIG_DFL)
+
+
+def ignore() -> None:
+    """From now on the signals come too late, also while the interpreter ends, which takes a note of nothing any more.
+
+    Not collective.
+    """
+    _handle(signal.SIG_IGN)
+
+
+def _handle(handler: Callable | signal.Handlers) -> None:
+    _handlers.update(dict.fromkeys(SIGNALS, handler))
     listen_again()
 
 

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import os
+import re
 import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 from ddmpi.errors import InputError, OutputError
+from ddmpi.files import RESERVED
 
 _logger = logging.getLogger("ddmpi")
 _file: Path | None = None
@@ -24,10 +27,29 @@ class _LogFile(logging.FileHandler):
         self.setFormatter(_Stamped())
 
     def handleError(self, record: logging.LogRecord) -> None:
+        self._give_up(sys.exc_info()[1])
+
+    def close(self) -> None:
+        """Raises nothing: what could not be written is tried once more here."""
+        try:
+            super().close()
+        except OSError as error:
+            self._give_up(error)
+
+    def _give_up(self, error: BaseException | None) -> None:
+        if self.level <= logging.CRITICAL:
+            self.setLevel(logging.CRITICAL + 1)
+            _warn(f"the log {self.baseFilename} cannot be written any more ({error}); the run goes on")
+
+
+class _Screen(logging.StreamHandler):
+    """Prints lines as they are. Where that is no longer possible (a file on a full disk), says so once and goes on."""
+
+    def handleError(self, record: logging.LogRecord) -> None:
         error = sys.exc_info()[1]
         self.setLevel(logging.CRITICAL + 1)
-        print(f"ddmpi: warning: the log {self.baseFilename} cannot be written any more ({error}); the run goes on",
-              file=sys.stderr, flush=True)
+        leave_stdout()
+        _warn(f"what the run says cannot be printed any more ({error}); the run goes on")
 
 
 class _Stamped(logging.Formatter):
@@ -36,6 +58,18 @@ class _Stamped(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         stamp = utc(record.created)
         return "\n".join(f"{stamp}  {line}".rstrip() for line in super().format(record).split("\n"))
+
+
+def leave_stdout() -> None:
+    """Print nothing any more; what waits in the buffer would be tried, and told of, again when the process ends."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
+    os.close(nowhere)
+
+
+def _warn(message: str) -> None:
+    with contextlib.suppress(OSError):  # there is nowhere left to say it
+        print(f"ddmpi: warning: {message}", file=sys.stderr, flush=True)
 
 
 def utc(seconds: float | None = None) -> str:
@@ -47,8 +81,9 @@ def configure(rank: int, quiet: bool = False, file: str | None = None, heading: 
     """Say everything on rank 0's screen, or nothing but errors where it is to be `quiet`; other ranks are silent.
 
     `file` gets the same lines with time stamps, also those that `quiet` keeps off the screen, after the line
-    `heading`; what it holds already stays, so that a job that was requeued goes on with it. Not collective. Raises
-    InputError, on rank 0, where the file cannot be written.
+    `heading`, "ddmpi VERSION on …"; the log that it holds already stays, so that a job that was requeued goes on with
+    it. Its folder is made. Not collective. Raises InputError, on rank 0, where the file cannot be written, holds
+    something else, or has the name of a file of results.
     """
     global _file
     _file = Path(file) if file else None
@@ -58,16 +93,29 @@ def configure(rank: int, quiet: bool = False, file: str | None = None, heading: 
     if rank:
         _logger.handlers = [logging.NullHandler()]
         return
-    screen = logging.StreamHandler(sys.stdout)
+    screen = _Screen(sys.stdout)
     screen.setFormatter(logging.Formatter("%(message)s"))
     screen.setLevel(logging.ERROR if quiet else logging.INFO)
     _logger.handlers = [screen]
     if _file:
         try:
+            _refuse_other(_file)
+            _file.parent.mkdir(parents=True, exist_ok=True)
             _logger.addHandler(_LogFile(_file))
         except OSError as error:
             raise InputError(f"--log {_file}: cannot be written: {error.strerror}") from None
         _logger.handlers[-1].handle(_record(logging.INFO, heading))
+
+
+def _refuse_other(file: Path) -> None:
+    """InputError where to append to `file` would spoil something. Raises OSError."""
+    if file.name in RESERVED:
+        raise InputError(f"--log {file}: a file of that name is part of the results; name another one")
+    if os.path.isfile(file):  # and no device
+        with open(file, "rb") as former:
+            line = former.readline(200)
+        if line and not re.match(rb"[\d-]{10}T[\d:]{8}Z  ddmpi \S+ on ", line):
+            raise InputError(f"--log {file}: is there already, and no log of ddmpi; name another file, or remove it")
 
 
 def close() -> None:
@@ -101,8 +149,9 @@ def tell_error(message: str) -> None:
     Lines are written whole: a piece of one may come out on stdout with Open MPI 5.0, which keeps it in the
     same place for both.
     """
-    sys.stderr.write(f"{message}\n")
-    sys.stderr.flush()
+    with contextlib.suppress(OSError):  # the exit code says it, too
+        sys.stderr.write(f"{message}\n")
+        sys.stderr.flush()
     files = [handler for handler in _logger.handlers if isinstance(handler, _LogFile)]
     if not files and _file:  # of a rank that keeps no log
         with contextlib.suppress(OSError):  # the message is on the screen

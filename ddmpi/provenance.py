@@ -67,7 +67,8 @@ def command() -> str:
 def whereabouts() -> str:
     """Host, process and batch job, in a few words."""
     job = batch_job()
-    number = f"{job['array_job_id']}_{job['array_task_id']}" if "array_task_id" in job else job.get("job_id")
+    in_array = {"array_job_id", "array_task_id"} <= job.keys()
+    number = f"{job['array_job_id']}_{job['array_task_id']}" if in_array else job.get("job_id")
     return f"{MPI.Get_processor_name()} {os.getpid()}" + (f" job {number}" if number else "")
 
 

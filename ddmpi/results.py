@@ -19,14 +19,10 @@ import numpy as np
 
 from ddmpi.algorithm import Step
 from ddmpi.certificate import ContactState
-from ddmpi.checkpoint import NAME as CHECKPOINT
 from ddmpi.errors import HeldError, InputError, OutputError, TakenError
-from ddmpi.files import FileOfHDF5, clear_unfinished, link_new, locked, publishing, unfinished
+from ddmpi.files import CHECKPOINT, FileOfHDF5, clear_unfinished, link_new, locked, publishing, unfinished
+from ddmpi.files import RESULTS as NAMES
 from ddmpi.interface import Interface
-
-NAMES = ("result.h5", "result.xdmf", "history.csv", "interface.csv", "interface_sides.csv", "summary.json",
-         "bodies.png", "error.png", "contact.png", "convergence.png")
-"""All files of a result; the summary comes last, so where it is, the rest is."""
 
 HISTORY_COLUMNS = ("iteration", "update", "residual", "inner_precision", "n_A_1", "n_A_2", "open", "slip", "stick")
 INTERFACE_COLUMNS = ("x", "y", "normal_force", "tangential_force", "normal_stress", "tangential_stress",

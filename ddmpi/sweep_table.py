@@ -23,13 +23,10 @@ from typing import Any
 
 from ddmpi.cases import Case
 from ddmpi.errors import InputError
-from ddmpi.files import write_atomically
+from ddmpi.files import RECORD, TABLE, write_atomically
 from ddmpi.keys import nearest
 from ddmpi.logs import utc
 from ddmpi.mesh import locate_mesh
-
-TABLE = "sweep.csv"
-RECORD = "case.json"
 
 RESULTS = ("outer_iterations", "n_A", "eff", "n", "m", "contact.normal_force", "contact.tangential_force",
            "contact.open", "contact.slip", "contact.stick", "certificate.force_mismatch", "certificate.penetration",

@@ -3,16 +3,21 @@
 A selection of what scripts/fault_injection.py tries, which has every fault in every phase on either rank.
 """
 
+import os
+import subprocess
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import fault
 import pytest
 import scenes
-from fault_cases import Ground, Outcome, all_cases, run_in_one_go
+from fault_cases import RESULTS, Ground, Outcome, all_cases, run_in_one_go
 from scenes import Run, pinched_blocks
 
 LIMIT = 60.0
 RELAXATION = ("--set", "method.outer=relaxation")
+WHOLE = set(RESULTS)
 
 SHORT = [
     "mesh: RuntimeError on rank 1", "assemble: SIGKILL on rank 0", "factor: SIGSEGV on rank 1",
@@ -82,3 +87,60 @@ def test_own_error_on_one_rank_is_raised_on_all(own_errors, phase, rank):
         assert run.stderr.strip() == run.messages[0]
         assert (f"--restart {run.folder} goes on" in run.messages[0]) == kept
         assert run.files == ({"checkpoint.h5"} if kept else set())  # nor a folder in which results are made
+
+
+# A disk that is full
+
+
+@pytest.fixture
+def small_disk(tmp_path) -> Iterator[Path]:
+    """A file system of 300 KiB."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=300k", "tmpfs", str(place)], capture_output=True,
+                             text=True)
+    if mounted.returncode:
+        pytest.skip(f"a small file system cannot be mounted here: {mounted.stderr.strip()}")
+    yield place
+    subprocess.run(["umount", "--lazy", str(place)], check=True)
+
+
+def fill(disk: Path, leave: int) -> None:
+    """Leave that many pages."""
+    room = os.statvfs(disk)
+    (disk / "filler").write_bytes(bytes((room.f_bavail - leave) * room.f_frsize))
+
+
+@pytest.mark.parametrize("leave", [1, 3, 6, 12])  # 1 and 3: the disk is full when a case begins to tell its log
+def test_a_sweep_on_a_full_disk_ends_in_good_order(small_disk, tmp_path, leave):
+    """And when there is room again, the same command goes on."""
+    scene = scenes.write_scene(pinched_blocks(2), tmp_path / "scene.toml")
+    fill(small_disk, leave)
+    sweep = ["-m", "ddmpi", "sweep", str(scene), "--vary", "contact.0.friction.coefficient=0.1:0.4:2", "--output",
+             str(small_disk / "out"), "--set", "output.figures=false"]
+    run = scenes.run_python(sweep, limit=LIMIT)
+    assert run.code in (3, 5), run.output
+    assert len(run.messages) == 1 and "Traceback" not in run.output
+    for folder in (small_disk / "out").glob("*/"):
+        there = {path.name for path in folder.iterdir()}
+        assert there >= WHOLE if "summary.json" in there else not there & WHOLE, there
+    (small_disk / "filler").unlink()
+    again = scenes.run_python(sweep, limit=LIMIT)
+    assert again.code == 0, again.output
+
+
+@pytest.mark.parametrize("leave", [0, 2, 5])
+def test_a_run_on_a_full_disk_ends_in_good_order(small_disk, tmp_path, leave):
+    scene = scenes.write_scene(pinched_blocks(4), tmp_path / "scene.toml")
+    folder = small_disk / "out"
+    folder.mkdir()
+    fill(small_disk, leave)
+    run = scenes.run_command(scene, folder, "--no-figures", "--log", str(small_disk / "run.log"), limit=LIMIT)
+    assert run.code == 5 and len(run.messages) == 1 and "Traceback" not in run.output, run.output
+    assert "No space left on device" in run.messages[0] and str(folder) in run.messages[0]
+    assert run.files <= {"checkpoint.h5"}
+    (small_disk / "filler").unlink()
+    (small_disk / "run.log").unlink(missing_ok=True)
+    again = scenes.run_command(scene, folder, "--no-figures", *(["--restart", str(folder)] if run.files else []),
+                               limit=LIMIT)
+    assert again.code == 0 and again.files == WHOLE, again.output

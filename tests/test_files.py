@@ -20,7 +20,7 @@ import scenes
 from ddmpi.checkpoint import NAME as CHECKPOINT
 from ddmpi.errors import HeldError, InputError, OutputError, TakenError
 from ddmpi.files import clear_unfinished, locked, unfinished, write_atomically
-from ddmpi.results import Staging, choose_folder
+from ddmpi.results import Staging, choose_folder, write_summary
 
 HOST = socket.gethostname()
 
@@ -49,6 +49,16 @@ def test_a_file_that_cannot_be_written_leaves_the_former_one(tmp_path, monkeypat
         write_atomically(path, b"new", durable=True)
     assert path.read_bytes() == b"former"
     assert names(tmp_path) == {"file"}
+
+
+def test_an_error_of_writing_names_the_file(tmp_path, monkeypatch):
+    """Also where the system does not: only what opens a file knows its name."""
+    def full(*arguments, **options):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(OutputError, match=rf"^results could not be written: {tmp_path}/summary.json: No space left"):
+        write_summary(tmp_path, {})
 
 
 def test_hdf5_on_a_full_disk_ends_with_the_error_of_the_system(tmp_path):

@@ -1,11 +1,15 @@
 """What a run says and where; and that results and pictures lead back to their run."""
 
 import re
+import subprocess
+import sys
 
 import pytest
 import scenes
 from PIL import Image
 from scenes import Run, pinched_blocks
+
+from ddmpi.errors import InputError
 
 LIMIT = 60.0
 STAMP = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ"
@@ -63,13 +67,63 @@ def test_the_first_line_says_where_and_what(log):
 
 
 def test_a_log_that_cannot_be_written_is_refused_at_once(here, tmp_path):
+    (tmp_path / "no").write_text("not a folder")
     run = scenes.run_command(here / "scene.toml", tmp_path / "out", "--log", str(tmp_path / "no" / "x.log"),
                              limit=LIMIT)
     assert run.code == 2 and "--log" in run.messages[0]
     assert not run.folder.exists()
 
 
-def test_a_log_that_fills_the_disk_does_not_stop_the_run(tmp_path, capsys, monkeypatch):
+def test_a_log_may_be_in_the_new_folder_of_the_results(here, tmp_path):
+    folder = tmp_path / "new" / "out"
+    run = scenes.run_command(here / "scene.toml", folder, "--log", str(folder / "run.log"), "--no-figures", limit=LIMIT)
+    assert run.code == 0, run.output
+    assert run.files == {"run.log", "result.h5", "result.xdmf", "history.csv", "interface.csv", "summary.json"}
+    assert "converged and certified" in (folder / "run.log").read_text()
+
+
+@pytest.mark.parametrize(("name", "holds", "word"), [
+    ("scene.toml", None, "is the scene"), ("history.csv", "iteration,update\n", "part of the results"),
+    ("notes.txt", "iteration,update\n", "no log of ddmpi"), ("checkpoint.h5", None, "part of the results"),
+    ("case.json", None, "part of the results"), ("sweep.csv", None, "part of the results")])
+def test_a_log_is_not_added_to_something_else(tmp_path, monkeypatch, name, holds, word):
+    from mpi4py import MPI
+
+    from ddmpi import cli, interrupt
+
+    monkeypatch.chdir(tmp_path)
+    if holds:
+        (tmp_path / name).write_text(holds)
+    said = []
+    monkeypatch.setattr(cli.logs, "tell_error", said.append)
+    try:
+        assert cli._main(MPI.COMM_SELF, ["run", "scene.toml", "--log", f"../{tmp_path.name}/{name}"], []) == 2
+    finally:
+        interrupt._handlers.clear()
+        cli.logs.configure(0)
+    assert len(said) == 1 and word in said[0]
+    assert [path.read_text() for path in tmp_path.iterdir()] == [holds] * bool(holds)
+
+
+def test_the_names_of_all_files_are_reserved():
+    from ddmpi import checkpoint, results, sweep_table
+    from ddmpi.files import RESERVED
+
+    assert {*results.NAMES, checkpoint.NAME, sweep_table.TABLE, sweep_table.RECORD} == RESERVED
+
+
+@pytest.mark.parametrize("arguments", [
+    ["run", "s.toml", "--output", ""], ["run", "s.toml", "--restart="], ["run", "s.toml", "--log", ""],
+    ["sweep", "s.toml", "--output", ""], ["figures", ""], ["sweep-plot", "", "n_A:theta"]])
+def test_empty_names_are_refused(arguments):
+    from ddmpi.cli import build_parser
+
+    with pytest.raises(InputError, match="an empty name"):
+        build_parser().parse_args(arguments)
+
+
+@pytest.mark.parametrize("when", ["write", "flush", "close"])
+def test_a_log_that_fills_the_disk_does_not_stop_the_run(tmp_path, capsys, monkeypatch, when):
     import logging
 
     from ddmpi import logs
@@ -78,12 +132,13 @@ def test_a_log_that_fills_the_disk_does_not_stop_the_run(tmp_path, capsys, monke
     try:
         handler = logging.getLogger("ddmpi").handlers[1]
 
-        def full(_text: str) -> None:
+        def full(*_text: str) -> None:
             raise OSError(28, "No space left on device")
 
-        monkeypatch.setattr(handler.stream, "write", full, raising=False)
+        monkeypatch.setattr(handler.stream, when, full, raising=False)
         logging.getLogger("ddmpi").info("one")
         logging.getLogger("ddmpi").info("two")
+        logs.close()
     finally:
         logs.configure(0)
     assert capsys.readouterr().err.count("No space left on device") == 1
@@ -114,6 +169,36 @@ def test_a_batch_job_is_named(here, tmp_path, monkeypatch):
 
     assert batch_job() == {"job_id": "12", "array_job_id": "10", "array_task_id": "2", "nodes": "n1"}
     assert whereabouts().endswith(" job 10_2")
+    monkeypatch.delenv("SLURM_ARRAY_JOB_ID")  # as in a shell that kept the task's number only
+    assert whereabouts().endswith(" job 12")
+
+
+@pytest.mark.parametrize("arguments", ["info", "--version", "run --help"])
+def test_what_cannot_be_printed_is_told(arguments):
+    """Without mpirun, which prints what its ranks say."""
+    for unbuffered in ("", "1"):
+        with open("/dev/full", "w") as full:
+            child = subprocess.run([sys.executable, "-m", "ddmpi", *arguments.split()], stdout=full, text=True,
+                                   stderr=subprocess.PIPE, timeout=LIMIT,
+                                   env=scenes.clean_environment() | {"PYTHONUNBUFFERED": unbuffered})
+        assert child.returncode == 5
+        assert child.stderr == "ddmpi: error: what was asked for could not be printed: No space left on device\n"
+
+
+def test_a_run_whose_words_cannot_be_printed_goes_on():
+    """A screen that is a file on a full disk."""
+    code = """
+import logging
+from ddmpi import logs
+logs.configure(0)
+for k in range(3):
+    logging.getLogger("ddmpi").info("line %d", k)
+"""
+    with open("/dev/full", "w") as full:
+        child = subprocess.run([sys.executable, "-c", code], stdout=full, stderr=subprocess.PIPE, text=True,
+                               timeout=LIMIT, env=scenes.clean_environment() | {"PYTHONUNBUFFERED": ""})
+    assert child.returncode == 0
+    assert child.stderr.count("\n") == 1 and "No space left on device" in child.stderr
 
 
 def test_info(tmp_path):

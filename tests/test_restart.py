@@ -151,6 +151,60 @@ def test_max_iterations_may_be_another_after_the_restart(from_outside):
     assert more.files == FILES
 
 
+START = """
+import os, signal, sys
+
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == {name!r}:
+            sys.meta_path.remove(self)
+            os.kill(os.getpid(), signal.{number})
+
+sys.meta_path.insert(0, Finder())
+"""
+END = """
+import os, signal
+
+class Last:
+    def __del__(self, kill=os.kill, process=os.getpid(), number=signal.{number}):
+        kill(process, number)
+
+last = Last()
+"""
+
+
+def run_with(hook: str, here: Path, monkeypatch, *arguments: str, ranks: int = 2) -> Run:
+    """The command in a Python that runs `hook` when it starts."""
+    folder = here / "hook"
+    folder.mkdir()
+    (folder / "sitecustomize.py").write_text(hook)
+    monkeypatch.setenv("PYTHONPATH", str(folder))
+    return scenes.run_python(["-m", "ddmpi", *arguments], ranks, LIMIT, here / "out")
+
+
+@pytest.mark.parametrize("number", ["SIGUSR1", "SIGTERM"])
+@pytest.mark.parametrize("name", ["ddmpi.cli", "mpi4py", "petsc4py"])
+def test_a_signal_while_the_program_is_loaded(here, tmp_path, monkeypatch, name, number):
+    run = run_with(START.format(name=name, number=number), tmp_path, monkeypatch, "run", str(here / "newton.toml"),
+                   "--output", str(tmp_path / "out"))
+    assert run.code == 6, run.output
+    assert only_message(run) == f"ddmpi: interrupted by {number}: before the first iteration; there was nothing to save"
+    assert not run.folder.exists()
+
+
+@pytest.mark.parametrize("number", ["SIGUSR1", "SIGTERM"])
+def test_a_signal_after_the_results_comes_too_late(here, tmp_path, monkeypatch, number):
+    """While the interpreter ends: it has taken its own handlers away then."""
+    run = run_with(END.format(number=number), tmp_path, monkeypatch, "run", str(here / "newton.toml"), "--no-figures",
+                   "--output", str(tmp_path / "out"))
+    assert (run.code, run.stderr, run.files) == (0, "", FILES)
+
+
+def test_what_has_nothing_to_save_is_ended_by_a_signal(tmp_path, monkeypatch):
+    run = run_with(START.format(name="ddmpi.info", number="SIGTERM"), tmp_path, monkeypatch, "info", ranks=1)
+    assert run.code not in range(7) and run.messages == []
+
+
 # Refused
 
 
