@@ -9,6 +9,7 @@ import gc
 import io
 import os
 import re
+import signal
 import sys
 import traceback
 from collections.abc import Iterator
@@ -179,9 +180,12 @@ def _printing(world: MPI.Comm) -> Iterator[None]:
     with contextlib.redirect_stdout(text):
         yield
     if world.rank == 0:
+        signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # of which PETSc makes an uproar
         try:
             sys.stdout.write(text.getvalue())
             sys.stdout.flush()
+        except BrokenPipeError:  # whoever reads has seen enough
+            logs.leave_stdout()
         except OSError as error:
             logs.leave_stdout()
             raise OutputError(f"what was asked for could not be printed: {error.strerror}") from None

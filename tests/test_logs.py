@@ -1,5 +1,6 @@
 """What a run says and where; and that results and pictures lead back to their run."""
 
+import os
 import re
 import subprocess
 import sys
@@ -183,6 +184,17 @@ def test_what_cannot_be_printed_is_told(arguments):
                                    env=scenes.clean_environment() | {"PYTHONUNBUFFERED": unbuffered})
         assert child.returncode == 5
         assert child.stderr == "ddmpi: error: what was asked for could not be printed: No space left on device\n"
+
+
+@pytest.mark.parametrize("arguments", ["info", "--help"])
+def test_whoever_reads_may_have_seen_enough(arguments):
+    """As with `| head -1`."""
+    reads, writes = os.pipe()
+    os.close(reads)
+    with open(writes, "w") as closed:
+        child = subprocess.run([sys.executable, "-m", "ddmpi", arguments], stdout=closed, stderr=subprocess.PIPE,
+                               text=True, timeout=LIMIT, env=scenes.clean_environment())
+    assert (child.returncode, child.stderr) == (0, "")
 
 
 def test_a_run_whose_words_cannot_be_printed_goes_on():
