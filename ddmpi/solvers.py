@@ -28,7 +28,8 @@ DIRECT_RESIDUAL = 1e-6
 
 
 ROUNDING = 2 * np.finfo(float).eps
-"""A residual of this part of ‖A‖ ‖u‖ is what rounding leaves of any solve, whatever ‖f‖ (backward error)."""
+"""A residual of this part of ‖A‖ ‖u‖ is what rounding leaves of any solve, whatever ‖f‖ (backward error): no
+failure of an iterative one, as long as a direct solve would not have failed, either."""
 
 USUAL, LEAST = 1e-10, 1e-13
 """Relative residuals of an iterative solve: the usual one, and the smallest that is ever asked for."""
@@ -140,7 +141,9 @@ class StiffnessSolver:
             self.A.mult(u, self._residual)
             self._residual.aypx(-1.0, f)
             residual = self._residual.norm()
-            if residual <= target * size or residual <= ROUNDING * self._norm * u.norm():
+            if residual <= target * size:
+                return
+            if residual <= min(ROUNDING * self._norm * u.norm(), DIRECT_RESIDUAL * size):
                 return
             if not np.isfinite(residual) or attempt == REFINEMENTS:
                 break

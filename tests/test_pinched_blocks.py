@@ -397,7 +397,7 @@ def test_options_that_nothing_used_are_reported(small):
 
 def test_what_is_printed(as_shipped, small):
     """Progress once, by one rank; nothing at all with --quiet; no message about errors."""
-    assert as_shipped.stdout.count("converged and certified after") == 1
+    assert as_shipped.stdout.count("converged and certified (") == 1
     assert as_shipped.stdout.startswith("Pinched steel blocks, Coulomb friction\n")
     assert as_shipped.stderr == ""
     assert small["small"].output == ""
