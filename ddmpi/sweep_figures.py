@@ -22,7 +22,7 @@ MOST_CURVES = 12
 WIDE = 30.0
 """An axis whose positive values span more than this factor is logarithmic."""
 
-SPREAD = 8.0
+SPREAD = 20.0
 """Below this factor values of a key stay on a linear axis, whatever their spacing."""
 
 LENGTHS, STRESSES = ("displacement_max", "x", "y"), ("young", "slip_bound")

@@ -425,7 +425,8 @@ def test_words_stand_beside_each_other():
 
 
 @pytest.mark.parametrize(("values", "scale"), [
-    ([1.0, 10.0, 100.0], "log"), ([1, 100], "log"), ([1, 20], "linear"), ([2, 6, 20], "log"), ([1, 2, 4], "linear"),
+    ([1.0, 10.0, 100.0], "log"), ([1, 100], "log"), ([1, 20], "linear"), ([2, 9, 50], "log"),
+    ([0.1, 0.2, 0.4, 0.9], "linear"),
     ([0.01, 0.34, 0.67, 1.0], "linear"), ([0, 1, 100], "linear"), ([-1, 1, 100], "linear")])
 def test_an_axis_on_which_values_stand_evenly(values, scale):
     axes = draw(table(**{"a.young": values}, n_A=list(range(1, len(values) + 1))), "n_A", "a.young")
