@@ -6,13 +6,15 @@ import hashlib
 import itertools
 import math
 import re
+import tomllib
+from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.keys import parse_value
+from ddmpi.keys import normalise, override, parse_value
 from ddmpi.scene import Scene, read_scene
 
 LARGEST_SWEEP = 10_000
@@ -90,9 +92,16 @@ def parse_axis(text: str) -> Axis:
     values = _spaced(pieces, text) if len(pieces) > 1 and _is_number(pieces[0]) else _split(right, ",")
     if not all(values):
         raise InputError(f"--vary {text}: a value is missing; expected {_RANGE}")
-    twice = {value for value in values if values.count(value) > 1}
-    if twice:
-        raise InputError(f"--vary {text}: gives {', '.join(sorted(twice))} more than once")
+    first: dict[Hashable, str] = {}
+    for value in values:
+        meant = parse_value(value)
+        if isinstance(meant, str) and any(key.startswith("petsc.") for key in keys):
+            meant = parse_value(meant)  # to PETSc "200" and 200 are the same
+        meaning = _meaning(meant)
+        if meaning in first:
+            other = f" (as {first[meaning]}, too)" if first[meaning] != value else ""
+            raise InputError(f"--vary {text}: gives {value} more than once{other}")
+        first[meaning] = value
     return Axis(keys, tuple(values))
 
 
@@ -107,15 +116,20 @@ def build_cases(path: str, text: str, settings: list[str], varied: list[str]) ->
     Raises
     ------
     InputError
-        naming key and value that are not valid. Not collective: the same on every rank.
+        naming key and value that are not valid, or that are no value of their case because another --vary
+        overrides it, and cases that would share a folder. Not collective: the same on every rank.
     """
     if not varied:
         raise InputError(f"a sweep needs --vary {_RANGE}")
     axes = tuple(parse_axis(each) for each in varied)
-    keys = [key for axis in axes for key in axis.keys]
-    twice = {key for key in keys if keys.count(key) > 1}
-    if twice:
-        raise InputError(f"--vary: {', '.join(sorted(twice))} is varied more than once")
+    data = _raw(text, settings)
+    spellings: dict[str, list[str]] = {}
+    for key in (key for axis in axes for key in axis.keys):
+        spellings.setdefault(normalise(data, key), []).append(key)
+    for keys in spellings.values():
+        if len(keys) > 1:
+            what = "are the same key" if len(set(keys)) > 1 else "is varied more than once"
+            raise InputError(f"--vary: {' and '.join(dict.fromkeys(keys))} {what}")
     number = math.prod(len(axis.values) for axis in axes)
     if number > LARGEST_SWEEP:
         raise InputError(f"--vary: these are {number} cases; {LARGEST_SWEEP} is the limit of one sweep")
@@ -123,6 +137,13 @@ def build_cases(path: str, text: str, settings: list[str], varied: list[str]) ->
     for k, values in enumerate(itertools.product(*(axis.values for axis in axes))):
         chosen = {key: value for axis, value in zip(axes, values, strict=True) for key in axis.keys}
         cases.append(Case(k, chosen, axes, _read(path, text, settings, chosen)))
+        _check_values(cases[-1])
+    places: dict[str, Case] = {}
+    for case in cases:
+        other = places.setdefault(case.folder, case)
+        if other is not case:
+            raise InputError(f"--vary: the cases {other.label} and {case.label} would have the same folder, "
+                             f"{case.folder}")
     return cases
 
 
@@ -137,11 +158,63 @@ def choose(cases: list[Case], index: str | None) -> list[Case]:
     if not match:
         raise InputError(f"--index {index}: expected a case's number, or I/N for every N-th case from I on")
     first, step = int(match[1]), match[2]
+    if step is not None and int(step) == 0:
+        raise InputError(f"--index {index}: there must be at least one share, as in 0/1")
     if step is not None and not first < int(step):
-        raise InputError(f"--index {index}: the shares of {step} are 0/{step} to {max(int(step) - 1, 0)}/{step}")
+        raise InputError(f"--index {index}: the shares of {step} are 0/{step} to {int(step) - 1}/{step}")
     if step is None and first >= len(cases):
         raise InputError(f"--index {index}: there are {len(cases)} cases, 0 to {len(cases) - 1}")
     return cases[first::int(step)] if step else [cases[first]]
+
+
+def _raw(text: str, settings: list[str]) -> dict:
+    """The scene's data before anything is varied; empty where it is not valid, which `read_scene` says better."""
+    try:
+        data = tomllib.loads(text)
+        for setting in settings:
+            override(data, setting)
+    except (tomllib.TOMLDecodeError, InputError):
+        return {}
+    return data
+
+
+def _meaning(value: Any) -> Hashable:
+    """The same for values that are the same, however they are written."""
+    if isinstance(value, list):
+        return tuple(map(_meaning, value))
+    if isinstance(value, dict):
+        return frozenset((key, _meaning(entry)) for key, entry in value.items())
+    return (bool, value) if isinstance(value, bool) else value  # True == 1
+
+
+def _check_values(case: Case) -> None:
+    """InputError unless each varied value stands in the case's scene."""
+    scene = case.scene.resolved()
+    scene["petsc"] = _undashed(scene["petsc"])
+    for key, value in case.values.items():
+        one, there = normalise(scene, key), scene
+        try:
+            for part in one.split("."):
+                there = there[int(part)] if isinstance(there, list | tuple) else there[part]
+        except (LookupError, TypeError, ValueError):
+            there = None
+        if not _stands(_undashed(value) if one == "petsc" else value, there):
+            raise InputError(f"--vary {key}={case.settings[key]}: comes to nothing, another --vary makes it {there!r}")
+
+
+def _undashed(options: dict[str, Any]) -> dict[str, Any]:
+    """PETSc's options by the names that `normalise` gives them."""
+    return {name.lstrip("-").lower(): value for name, value in options.items()}
+
+
+def _stands(value: Any, there: Any) -> bool:
+    """Whether what was asked for is what is there; a table may have further entries."""
+    if isinstance(value, dict):
+        return isinstance(there, dict) and all(name in there and _stands(entry, there[name])
+                                               for name, entry in value.items())
+    if isinstance(value, list):
+        return isinstance(there, list | tuple) and len(value) == len(there) and all(map(_stands, value, there))
+    return value == there
 
 
 def _read(path: str, text: str, settings: list[str], chosen: dict[str, str]) -> Scene:

@@ -30,6 +30,25 @@ def override(data: dict, setting: str) -> None:
         table[last] = value
 
 
+def normalise(data: dict, key: str) -> str:
+    """The one spelling of a key of `data`: entries of lists by number, PETSc's options without dash or capitals.
+
+    From where it leads to nothing, it stays as it is.
+    """
+    table, parts = data, []
+    for part in key.strip().split("."):
+        if isinstance(table, list):
+            try:
+                part = str(_index(table, part, key))
+            except InputError:  # whoever sets it says so
+                table = None
+        elif parts == ["petsc"]:
+            part = part.lstrip("-").lower()
+        parts.append(part)
+        table = table[int(part)] if isinstance(table, list) else table.get(part) if isinstance(table, dict) else None
+    return ".".join(parts)
+
+
 def parse_value(text: str) -> Any:
     """What stands after KEY= on the command line: a TOML value, or else a plain string."""
     try:

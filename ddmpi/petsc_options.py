@@ -33,11 +33,18 @@ class RunOptions:
         self._given = self._options.getAll()
         self._consumed = set(self._given) - set(unused_options())  # by PetscInitialize, and so used
 
+    def overrides(self, table: dict[str, str | int | float | bool]) -> dict[str, str | None]:
+        """Those of `table` that were given to petsc4py.init, or found by it, with other values, and these values."""
+        given = {name.lower(): value for name, value in self._given.items()}  # as PETSc, which minds no capitals
+        return {name: given[name.lower()] for name, value in _plain(table).items()
+                if name.lower() in given and given[name.lower()] != value}
+
     def use(self, table: dict[str, str | int | float | bool]) -> None:
         """Options from now on: those of the scene's [petsc] `table`, and those given to petsc4py.init, which win."""
         self.reset()
+        given = {name.lower() for name in self._given}
         for name, value in _plain(table).items():
-            if name not in self._given:
+            if name.lower() not in given:
                 self._options.setValue(name, value)
 
     def reset(self) -> None:

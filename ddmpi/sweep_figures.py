@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import io
+import itertools
 import json
+import math
+import statistics
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +22,17 @@ MOST_CURVES = 12
 WIDE = 30.0
 """An axis whose positive values span more than this factor is logarithmic."""
 
+SPREAD = 20.0
+"""Below this factor values of a key stay on a linear axis, whatever their spacing."""
+
 LENGTHS, STRESSES = ("displacement_max", "x", "y"), ("young", "slip_bound")
 PLAIN_UNITS = {"seconds": "s", "memory_mib": "MiB", "energy": "J/m", "normal_force": "N/m", "tangential_force": "N/m",
                "certificate": "–", "discretization_error": "–", "eff": "–", "theta": "–", "poisson": "–",
                "coefficient": "–", "tolerance": "–", "inner_precision": "–"}
 """Units by a part of a column's name; forces and energies are per metre of depth, in SI scenes."""
+
+TEXTS = ("status", "reason", "started", "folder")
+"""Columns that hold no numbers."""
 
 PHYSICAL = ("contact", "displacement_max", "energy")
 """Results, by the first part of their column, that mean nothing without a certificate."""
@@ -39,9 +48,18 @@ GROUPS = {"seconds": "{} time", "certificate": "certificate: {}", "contact": "co
 
 
 def check_plots(plots: list[str], cases: list[Case]) -> None:
-    """InputError unless every RESULT:KEY names two columns of the table of these cases. Not collective."""
+    """InputError unless every RESULT:KEY names two columns of the table of these cases that can be drawn.
+
+    How many curves there are is known beforehand where the key is a varied one. Not collective.
+    """
     for plot in plots:
-        _columns_of(plot, columns(cases))
+        result, key = _columns_of(plot, columns(cases))
+        if result in TEXTS:
+            raise InputError(f"--plot {result}:{key}: {result} is not a number")
+        if key in cases[0].settings:
+            rows = [{name: str(value) for name, value in case.values.items()} for case in cases]
+            others = _independent(rows, [name for name in rows[0] if name != key], key)
+            _refuse_many(len({tuple(row[name] for name in others) for row in rows}), result, key, others)
 
 
 def draw_plots(folder: Path, plots: list[str]) -> list[Path]:
@@ -94,9 +112,9 @@ def draw_curves(rows: list[dict[str, Any]], result: str, key: str, summary: dict
     curves: dict[tuple, list[dict]] = {}
     for row in points:
         curves.setdefault(tuple(row[name] for name in others), []).append(row)
-    if len(curves) > MOST_CURVES:
-        raise InputError(f"--plot {result}:{key}: that would be {len(curves)} curves, one for each combination of "
-                         f"{', '.join(others)}; {MOST_CURVES} is the limit")
+    _refuse_many(len(curves), result, key, others)
+    told = [_tell_all([combination[k] for combination in curves]) for k in range(len(others))]
+    curves = {combination: curves[combination] for combination in sorted(curves, key=_order)}
     figure, axes = plt.subplots(figsize=(7.2 if len(curves) == 1 else 8.6, 4.6))
     words, handles = _words(points, key), []
     for k, (combination, own) in enumerate(curves.items()):
@@ -110,14 +128,15 @@ def draw_curves(rows: list[dict[str, Any]], result: str, key: str, summary: dict
         hollow = [(x, y) for x, y, status in own if status != "certified"]
         if hollow:
             axes.plot(*zip(*hollow, strict=True), **line | {"linestyle": "none"}, markerfacecolor="white")
-        handles.append(Line2D([], [], label=", ".join(map(_told, combination)), **line))
+        handles.append(Line2D([], [], label=", ".join(
+            texts[value] for texts, value in zip(told, combination, strict=True)), **line))
     if len(curves) > 1:
-        axes.legend(handles=handles, title=", ".join(_label(name, varied, summary) for name in others),
+        axes.legend(handles=handles, title=", ".join(_label(name, varied, summary, rows) for name in others),
                     loc="upper left", bbox_to_anchor=(1.0, 1.0), alignment="left")
     if words:
         axes.set_xticks(range(len(words)), words, rotation=0 if sum(map(len, words)) < 60 else 30)
         axes.set_xlim(-0.5, len(words) - 0.5)
-    elif _is_wide([row[key] for row in points]):
+    elif _is_geometric([row[key] for row in points]):
         axes.set_xscale("log")
     values = [row[result] for row in points]
     if _is_wide(values):
@@ -125,7 +144,7 @@ def draw_curves(rows: list[dict[str, Any]], result: str, key: str, summary: dict
     elif 0 <= min(values) < 0.5 * max(values):
         axes.set_ylim(0, 1.06 * max(values))
     axes.grid(True, which="major", color="#e3e3e3")
-    axes.set(xlabel=_label(key, varied, summary), ylabel=_label(result, list(rows[0]), summary))
+    axes.set(xlabel=_label(key, varied, summary, rows), ylabel=_label(result, list(rows[0]), summary, rows))
     hollow = sum(row["status"] != "certified" for row in points)
     notes = [f"{len(points)} cases", *([f"{hollow} of them not certified (hollow)"] if hollow else []),
              *([f"{len(rows) - len(points)} without a certified answer left out"] if len(points) < len(rows) else [])]
@@ -189,8 +208,43 @@ def _is_wide(values: list) -> bool:
     return all(isinstance(v, int | float) and v > 0 for v in values) and max(values) > WIDE * min(values)
 
 
-def _told(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
+def _is_geometric(values: list) -> bool:
+    """Whether positive numbers stand more evenly on a logarithmic axis; fewer than three, if they are far apart."""
+    distinct = sorted(set(values))
+    if len(distinct) < 3 or not 0 < SPREAD * distinct[0] < distinct[-1]:
+        return _is_wide(values)
+
+    def unevenness(places: list[float]) -> float:
+        gaps = [b - a for a, b in itertools.pairwise(places)]
+        return statistics.pstdev(gaps) / statistics.mean(gaps)
+    return unevenness([math.log(value) for value in distinct]) < unevenness(distinct)
+
+
+def _order(combination: tuple) -> tuple:
+    """Sorts combinations of values: numbers by size, and all else in the order of the table, behind them."""
+    return tuple(value if isinstance(value, int | float) else math.inf for value in combination)
+
+
+def _tell_all(values: list) -> dict[Any, str]:
+    """Each value in words; numbers all with as many digits as they need, and with or without powers of ten."""
+    numbers = [float(value) for value in values if isinstance(value, int | float)]
+    sizes = [abs(value) for value in numbers if value]
+    powers = bool(sizes) and not 1e-3 <= min(sizes) <= max(sizes) < 1e5
+    return {value: _tell(float(value), powers) if isinstance(value, int | float) else str(value) for value in values}
+
+
+def _tell(value: float, powers: bool) -> str:
+    if not (powers and value):
+        return f"{value:.12g}"
+    mantissa, power = f"{value:.11e}".split("e")
+    factor = mantissa.rstrip("0").rstrip(".") + r" \times "
+    return f"${'' if float(mantissa) == 1 else factor}10^{{{int(power)}}}$"
+
+
+def _refuse_many(number: int, result: str, key: str, others: list[str]) -> None:
+    if number > MOST_CURVES:
+        raise InputError(f"--plot {result}:{key}: that would be {number} curves, one for each combination of "
+                         f"{', '.join(others)}; {MOST_CURVES} is the limit")
 
 
 def _short(name: str, names: list[str]) -> str:
@@ -203,7 +257,8 @@ def _short(name: str, names: list[str]) -> str:
     return name
 
 
-def _label(name: str, names: list[str], summary: dict) -> str:
+def _label(name: str, names: list[str], summary: dict, rows: list[dict[str, Any]]) -> str:
+    """A column's name and unit; keys of bodies with the name of the body, or of all that they vary in alike."""
     parts = name.split(".")
     output = summary["scene"]["output"]
     units = PLAIN_UNITS if (output["length_unit"], output["stress_unit"]) == ("m", "Pa") else {
@@ -213,7 +268,15 @@ def _label(name: str, names: list[str], summary: dict) -> str:
         found = [output["stress_unit"]]
     elif parts[-1] in LENGTHS:
         found = [output["length_unit"]]
-    return _word(name if name in RESULTS else _short(name, names)) + (f" ({found[0]})" if found else "")
+    unit = f" ({found[0]})" if found else ""
+    if parts[0] == "body" and len(parts) > 2:
+        bodies = [body["name"] for body in summary["scene"]["body"]]
+        alike = [key.split(".")[1] for key in _varied(rows) if key.startswith("body.")
+                 and key.split(".")[2:] == parts[2:] and all(row[key] == row[name] for row in rows)]
+        whose = ", ".join(bodies[int(part)] if part not in bodies else part for part in alike).replace("$", r"\$")
+        tails = {".".join(other.split(".")[2:]) for other in names if other.startswith("body.")}
+        return f"{whose}: {_word(_short('.'.join(parts[2:]), list(tails)))}{unit}"
+    return _word(name if name in RESULTS else _short(name, names)) + unit
 
 
 def _word(name: str) -> str:

@@ -5,12 +5,15 @@
     DIR/CASE/run.log           what its run said
     DIR/CASE/summary.json, …   its results
 
-A case is finished when its results are there: they are complete or absent.
+A case is finished when its results are there: they are complete or absent. The record comes first, and is of who
+came first: nobody runs, overwrites or gathers a case whose record is of another sweep, or gone.
 """
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import functools
 import hashlib
 import io
 import json
@@ -22,8 +25,8 @@ from pathlib import Path
 from typing import Any
 
 from ddmpi.cases import Case
-from ddmpi.errors import InputError
-from ddmpi.files import RECORD, TABLE, write_atomically
+from ddmpi.errors import InputError, OutputError
+from ddmpi.files import RECORD, TABLE, link_new, unfinished, write_atomically
 from ddmpi.keys import nearest
 from ddmpi.logs import utc
 from ddmpi.mesh import locate_mesh
@@ -37,7 +40,8 @@ RESULTS = ("outer_iterations", "n_A", "eff", "n", "m", "contact.normal_force", "
 """Columns of the table that come from summary.json, by their place in it."""
 
 STATUS = {0: "certified", 2: "refused", 3: "not converged", 4: "solver failed", 5: "not written", 6: "interrupted"}
-"""Status by exit code; besides "not run", "unfinished" (its process died, or is still at it) and "failed"."""
+"""Status by exit code; besides "not run", "unfinished" (its process died, or is still at it), "failed", "unreadable"
+and "unrecorded" (there are results, but no record)."""
 
 
 @dataclass(frozen=True)
@@ -69,18 +73,52 @@ def case_identity(case: Case, petsc: list[str], scene_folder: Path) -> dict:
     for body in case.scene.body:
         if body.mesh.file is not None:
             try:
-                meshes[body.mesh.file] = hashlib.sha256(locate_mesh(body, scene_folder).read_bytes()).hexdigest()
+                path = locate_mesh(body, scene_folder)
+                state = path.stat()
+                meshes[body.mesh.file] = _digest(path, state.st_mtime_ns, state.st_size)
             except (InputError, OSError):
                 meshes[body.mesh.file] = "missing"  # the run will say so
     return json.loads(json.dumps({"scene": case.scene.resolved(), "petsc": petsc, "meshes": meshes}))
 
 
+@functools.cache
+def _digest(path: Path, changed: int, size: int) -> str:
+    """Of a file's contents, which are read again when the file has changed."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
 def record_case(folder: Path, case: Case, identity: dict, code: int | None = None, reason: str = "",
                 started: str | None = None) -> None:
-    """Write the record of a case, at its start without, at its end with an exit code. Raises OutputError."""
+    """Write the record of a case, at its start without, at its end with an exit code.
+
+    Raises InputError where the case in `folder` is one of another sweep, whoever comes first; OutputError.
+    """
     record = {"case": case.number, "values": case.values, "exit": code, "reason": reason,
               "started": started or utc(), "host": socket.gethostname(), "process": os.getpid(), **identity}
-    write_atomically(folder / RECORD, json.dumps(record, indent=2, ensure_ascii=False).encode() + b"\n")
+    data = json.dumps(record, indent=2, ensure_ascii=False).encode() + b"\n"
+    outcome = read_outcome(folder)
+    refuse_others(folder, outcome, identity)
+    if outcome.identity is None:
+        if _write_first(folder / RECORD, data):
+            return
+        refuse_others(folder, read_outcome(folder), identity)
+    write_atomically(folder / RECORD, data)
+
+
+def _write_first(path: Path, data: bytes) -> bool:
+    """Write `path` unless it is there; whether it was not. Raises OutputError."""
+    made = unfinished(path)
+    try:
+        made.write_bytes(data)
+        link_new(made, path)
+    except FileExistsError:
+        return False
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    finally:
+        with contextlib.suppress(OSError):  # whoever removes the folder takes it along
+            made.unlink(missing_ok=True)
+    return True
 
 
 def read_outcome(folder: Path) -> Outcome:
@@ -89,7 +127,8 @@ def read_outcome(folder: Path) -> Outcome:
         record = _read_json(folder / RECORD)
         summary = _read_json(folder / "summary.json")
         if record is None:
-            return Outcome("not run")
+            return Outcome("not run") if summary is None else Outcome(
+                "unrecorded", None, f"there are results, but no {RECORD} that says of which sweep")
         identity = {key: record[key] for key in ("scene", "petsc", "meshes")}
         if summary is not None:
             code = 0 if summary["converged"] else 3
@@ -102,17 +141,52 @@ def read_outcome(folder: Path) -> Outcome:
         return Outcome("unreadable", None, f"{folder}: {type(error).__name__}: {error}")
 
 
+def foreign(outcome: Outcome, identity: dict) -> str:
+    """What makes a case one of another sweep than that of `identity`, in words; nothing where it is none."""
+    if outcome.status == "unrecorded":
+        return outcome.reason
+    if outcome.identity is None:
+        return ""
+    theirs, ours = outcome.identity, identity
+    if outcome.summary and theirs == ours:
+        theirs, ours = (_without_refinement(scene) for scene in (outcome.summary["scene"], identity["scene"]))
+    what = "results" if outcome.finished else "a case"
+    return "" if theirs == ours else f"{what} of another sweep, which differs in {_difference(theirs, ours)}"
+
+
 def refuse_others(folder: Path, outcome: Outcome, identity: dict) -> None:
-    """InputError where the finished results in `folder` are not those of this `identity`."""
-    if outcome.finished and outcome.identity != identity:
-        where = _difference(outcome.identity, identity)
-        raise InputError(f"{folder}: there are results of another sweep, which differs in {where}; "
-                         "name another --output, or remove them")
+    """InputError where the case in `folder` is not that of this `identity`, or what is there cannot be read."""
+    if outcome.status == "unreadable":
+        raise InputError(f"{outcome.reason}; name another --output, or remove it")
+    what = foreign(outcome, identity)
+    if what:
+        raise InputError(f"{folder}: {what}; name another --output, or remove it")
+
+
+def _without_refinement(scene: dict) -> dict:
+    """A scene without what a run changes in it for ``method.target_error``."""
+    left = {"refine", *(["divisions"] if scene["method"]["target_error"] else [])}
+    return scene | {"body": [body | {"mesh": {key: value for key, value in body["mesh"].items() if key not in left}}
+                             for body in scene["body"]]}
 
 
 def columns(cases: list[Case]) -> list[str]:
     """All columns of the table of these cases."""
     return ["case", *cases[0].settings, "status", "exit", "reason", *RESULTS, "started", "folder"]
+
+
+def check_table(folder: Path, cases: list[Case]) -> None:
+    """InputError where the table in `folder` has cases that are not among `cases`, and would lose them."""
+    path = folder / TABLE
+    if not os.path.lexists(path):
+        return
+    ours = {case.folder for case in cases}
+    lost = [row.get("folder") for row in read_table(path)
+            if row.get("folder") not in ours and row.get("status") != "not run"]
+    if lost:
+        raise InputError(f"{path}: is the table of a sweep with {len(lost)} cases that this one has not, {lost[0]} for "
+                         "one; vary over their values, too (what is finished is not run again), name another "
+                         "--output, or move the table away")
 
 
 def gather(folder: Path, cases: list[Case]) -> tuple[Path, list[dict]]:
@@ -122,8 +196,12 @@ def gather(folder: Path, cases: list[Case]) -> tuple[Path, list[dict]]:
     -------
     Its path, and its rows; what is not known is None.
 
-    Raises OutputError. Not collective.
+    Raises OutputError, also where a table that is there would lose cases. Not collective.
     """
+    try:
+        check_table(folder, cases)
+    except InputError as error:
+        raise OutputError(str(error)) from None
     rows = []
     for case in cases:
         outcome = read_outcome(folder / case.folder)

@@ -1,5 +1,7 @@
 """The cases of a sweep: what --vary means, and what it refuses before anything runs. No MPI."""
 
+from types import SimpleNamespace
+
 import pytest
 import scenes
 
@@ -40,6 +42,10 @@ MALFORMED = {
     "k=1:2": "first:last:number", "k=1:2:3:4": "first:last:number", "k=1:x:3": "'x' is not a number",
     "k=1:2:1": "two or more", "k=1:2:2.5": "'2.5'", "k=-1:1:3:log": "positive", "k=1:1:3": "the same",
     "k=1,2,1": "1 more than once", "k=1:2:100000": "limit",
+    "k=0.1,0.10": "0.10 more than once (as 0.1, too)", "k=1:1.0:2": "the same",
+    "k=1e3,2,1_000.0": "1_000.0 more than once",
+    'petsc.k="200",200': "200 more than once", "petsc.k=1e-8,'1e-08'": "more than once",
+    "k=[6,2],[6, 2]": "more than once", 'k={a=1,b=2},{b=2.0, a=1}': "more than once", 'k="a",a': "more than once",
 }
 
 
@@ -79,10 +85,30 @@ def test_an_error_of_the_scene_itself_does_not_blame_vary():
 @pytest.mark.parametrize(("varied", "word"), [
     (("method.theta=0.1,0.2", "method.theta=0.3"), "method.theta is varied more than once"),
     (("method.theta=0.1:1:1000", "contact.0.friction.coefficient=0:1:1000"), "1000000 cases"),
-    ((), "--vary")])
+    ((), "--vary"),
+    # one key in two spellings
+    (("body.0.material.young=1e9,2e9", "body.upper.material.young=3e9"),
+     "body.0.material.young and body.upper.material.young are the same key"),
+    (("body.0.material.young,body.upper.material.young=1e9,2e9",), "are the same key"),
+    (("contact.0.friction.coefficient=0.1", "contact.00.friction.coefficient=0.2"), "are the same key"),
+    (("petsc.qp_tao_max_it=1", "petsc.-QP_tao_max_it=2"), "are the same key"),
+    # one in a table that comes later
+    (("contact.0.friction.coefficient=0.1,0.2", 'contact.0.friction={law="coulomb", coefficient=0.3},{law="none"}'),
+     "--vary contact.0.friction.coefficient=0.1: comes to nothing, another --vary makes it 0.3"),
+    (("petsc.a=1", "petsc={a=2}"), "--vary petsc.a=1: comes to nothing")])
 def test_refused_as_a_whole(varied, word):
     with pytest.raises(InputError, match=word):
         build(*varied)
+
+
+def test_a_table_and_then_an_entry_of_it():
+    cases = build('petsc={-a=1},{a=2, b=3}', "petsc.c=true,false", "body.0.material={young=1e9, poisson=0}")
+    assert [case.scene.petsc for case in cases] == [{"-a": 1, "c": True}, {"-a": 1, "c": False},
+                                                    {"a": 2, "b": 3, "c": True}, {"a": 2, "b": 3, "c": False}]
+
+
+def test_true_is_not_one():
+    assert len(build("petsc.a=true,1")) == 2
 
 
 def test_all_combinations_the_last_key_fastest():
@@ -115,6 +141,13 @@ def test_folders_tell_cases_apart_and_stay_when_the_sweep_grows():
         case.folder for case in few if tuple(case.values.values()) == (0.2, "a_b"))
 
 
+def test_cases_that_would_share_a_folder(monkeypatch):
+    """Names that are cut are told apart by a short digest, which two cases of many may have in common."""
+    monkeypatch.setattr("hashlib.sha256", lambda data: SimpleNamespace(hexdigest=lambda: "0" * 64))
+    with pytest.raises(InputError, match=r"title=x+0 and title=x+1 would have the same folder, title=x+-00000000"):
+        build(f"title={'x' * 200}0,{'x' * 200}1")
+
+
 def test_readable_folder():
     case = build("method.theta=0.1", "body.upper.mesh.divisions,body.lower.mesh.divisions=[6,2]")[0]
     assert case.folder == "method.theta=0.1,body.upper.mesh.divisions=6x2"
@@ -127,7 +160,7 @@ def test_index(index, numbers):
     assert [case.number for case in choose(cases, index)] == list(numbers)
 
 
-@pytest.mark.parametrize("index", ["7", "-1", "x", "3/3", "1/0", "1/2/3", "1.5", "²"])
+@pytest.mark.parametrize("index", ["7", "-1", "x", "3/3", "1/0", "0/0", "1/2/3", "1.5", "²"])
 def test_index_out_of_range(index):
     with pytest.raises(InputError, match=f"--index {index}"):
         choose(build("method.theta=0.1:0.7:7"), index)

@@ -284,3 +284,34 @@ def test_a_job_does_not_go_back_for_ever(tmp_path):
     script = f'. "{SLURM}/job.sh"; code=6; warned=time; scontrol() {{ echo called; }}; requeue_or_exit'
     job = subprocess.run(["bash", "-c", script], env=environment, capture_output=True, text=True, timeout=20)
     assert job.returncode == 6 and "called" not in job.stdout
+
+
+def start_task(root: Path, **variables: int) -> subprocess.CompletedProcess:
+    """sweep.sbatch as a task of an array, up to the command that it would launch."""
+    (root / "scripts" / "slurm").mkdir(parents=True)
+    (root / "scripts" / "slurm" / "job.sh").write_text('launch() { echo "$@"; }\nrequeue_or_exit() { :; }\n')
+    environment = scenes.clean_environment() | {"DDMPI_ROOT": str(root)} | {
+        f"SLURM_ARRAY_TASK_{name}": str(value) for name, value in variables.items()}
+    return subprocess.run(["bash", SLURM / "sweep.sbatch", "s.toml", "--output", "D"], env=environment,
+                          capture_output=True, text=True, timeout=20)
+
+
+ARRAYS = {
+    # --array: (its tasks, the step that Slurm tells)
+    "0-9": (range(10), 1), "1-2": (range(1, 3), 1), "3-11:4": (range(3, 12, 4), 4), "7": ([7], 1),
+    "1,2,7": ([1, 2, 7], 1), "0,2,4": ([0, 2, 4], 1), "0-6:2,7": ([0, 2, 4, 6, 7], 2), "0-4:2,1": ([0, 1, 2, 4], 2),
+}
+
+
+@pytest.mark.parametrize("array", ARRAYS)
+def test_tasks_of_an_array_have_each_a_share_or_are_refused(tmp_path, array):
+    tasks, step = ARRAYS[array]
+    runs = [start_task(tmp_path / str(task), ID=task, MIN=min(tasks), MAX=max(tasks), STEP=step, COUNT=len(tasks))
+            for task in tasks]
+    if "," in array:
+        for run in runs:
+            assert run.returncode == 2 and run.stdout == ""
+            assert f"the {len(tasks)} tasks" in run.stderr and f"--array=0-{len(tasks) - 1}" in run.stderr
+    else:
+        assert [run.stdout for run in runs] == [f"-m ddmpi sweep s.toml --output D --index {k}/{len(tasks)}\n"
+                                                for k in range(len(tasks))], runs[0].stderr

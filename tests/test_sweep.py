@@ -44,6 +44,7 @@ def small(tmp_path_factory) -> Path:
 MIXED = ["--set", "petsc.body_ksp_type=cg", "petsc.body_pc_type=none",
          "--vary", "body.upper.mesh.divisions=[7,2],[6,2]", "petsc.body_ksp_max_it=3,1000",
          "method.max_iterations=1,500"]
+GIVEN = ["-body_ksp_norm_type", "unpreconditioned", "-not_an_option", "7"]
 EXPECTED = ["refused"] * 4 + ["solver failed"] * 2 + ["not converged", "certified"]
 EXITS = {"refused": "2", "solver failed": "4", "not converged": "3", "certified": "0"}
 
@@ -51,8 +52,7 @@ EXITS = {"refused": "2", "solver failed": "4", "not converged": "3", "certified"
 @pytest.fixture(scope="module")
 def mixed(small, tmp_path_factory) -> Run:
     folder = tmp_path_factory.mktemp("mixed") / "sweep"
-    return run_sweep(small, folder, *MIXED, "--plot", "n_A:method.max_iterations", "-body_ksp_norm_type",
-                     "unpreconditioned", "-not_an_option", "7")
+    return run_sweep(small, folder, *MIXED, "--plot", "n_A:method.max_iterations", *GIVEN)
 
 
 def test_failing_cases_do_not_stop_the_others(mixed):
@@ -111,7 +111,7 @@ def test_again_only_what_has_no_results(mixed, small):
     """Runs after the tests above have looked at the first table."""
     before = {path: stamp(path) for path in mixed.folder.glob("*/summary.json")}
     assert len(before) == 2
-    again = run_sweep(small, mixed.folder, *MIXED, "-body_ksp_norm_type", "unpreconditioned", "-not_an_option", "7")
+    again = run_sweep(small, mixed.folder, *MIXED, *GIVEN)
     assert again.code == 3
     assert "6 to run (6 of them failed before), 2 finished" in again.stdout
     assert {path: stamp(path) for path in mixed.folder.glob("*/summary.json")} == before
@@ -119,7 +119,7 @@ def test_again_only_what_has_no_results(mixed, small):
 
 
 def test_list(mixed, small):
-    run = run_sweep(small, mixed.folder, *MIXED, "--list", ranks=1)
+    run = run_sweep(small, mixed.folder, *MIXED, *GIVEN, "--list", ranks=1)
     assert run.code == 0 and run.stderr == ""
     assert [line.split()[0] for line in run.stdout.splitlines()] == list("01234567")
     for line, status in zip(run.stdout.splitlines(), EXPECTED, strict=True):
@@ -131,8 +131,7 @@ def test_list(mixed, small):
     (["-body_ksp_rtol", "1e-3"], ["petsc"])])
 def test_results_of_another_sweep_are_refused(mixed, small, change, words):
     before = {path: stamp(path) for path in mixed.folder.rglob("*")}
-    run = run_sweep(small, mixed.folder, *MIXED, "-body_ksp_norm_type", "unpreconditioned", "-not_an_option", "7",
-                    *change)
+    run = run_sweep(small, mixed.folder, *MIXED, *GIVEN, *change)
     assert run.code == 2
     assert len(run.messages) == 1 and all(word in run.messages[0] for word in [*words, "another --output"])
     assert {path: stamp(path) for path in mixed.folder.rglob("*")} == before
@@ -359,7 +358,8 @@ def table(**columns) -> list[dict]:
             | {name: values[k] for name, values in columns.items() if "." not in name} for k in range(length)]
 
 
-SUMMARY = {"title": "t", "scene": {"output": {"length_unit": "mm", "stress_unit": "MPa"}}}
+SUMMARY = {"title": "t", "scene": {"output": {"length_unit": "mm", "stress_unit": "MPa"},
+                                   "body": [{"name": "tyre"}, {"name": "road"}]}}
 
 
 def draw(rows: list[dict], result: str, key: str):
@@ -390,6 +390,26 @@ def test_keys_of_one_name_are_told_apart():
     assert axes.get_legend().get_title().get_text() == "b: Young's modulus (MPa)"
 
 
+def test_the_name_of_the_body_stands_on_the_axis():
+    """Also where the key has its number; both where both vary alike."""
+    rows = table(**{"body.0.material.young": [1, 2, 1, 2], "body.tyre.mesh.divisions": ["a", "a", "b", "b"],
+                    "body.road.mesh.divisions": ["a", "a", "b", "b"]})
+    axes = draw(rows, "n_A", "body.0.material.young")
+    assert axes.get_xlabel() == "tyre: Young's modulus (MPa)"
+    assert axes.get_legend().get_title().get_text() == "tyre, road: divisions"
+
+
+@pytest.mark.parametrize(("values", "words"), [
+    ([2e11, 20000000000, 2e9], [r"$2 \times 10^{9}$", r"$2 \times 10^{10}$", r"$2 \times 10^{11}$"]),
+    ([1000, 2.5e3, 30000], ["1000", "2500", "30000"]), ([0.5, 0, 1], ["0", "0.5", "1"]),
+    ([1e-8, 0.1], ["$10^{-8}$", "$10^{-1}$"]), ([1234567, 1234568], [r"$1.234567 \times 10^{6}$",
+                                                                      r"$1.234568 \times 10^{6}$"])])
+def test_numbers_of_a_legend(values, words):
+    """In one way, with all their digits, by size."""
+    rows = table(**{"method.theta": [0.1] * len(values), "k.v": values}, n_A=[1] * len(values))
+    assert [line.get_label() for line in draw(rows, "n_A", "method.theta").get_legend().get_lines()] == words
+
+
 def test_forces_without_certificate_are_left_out():
     rows = table(**{"method.theta": [0.1, 0.2, 0.3], "contact.normal_force": [1.0, 1.1, 1e15]},
                  status=["certified", "certified", "not converged"])
@@ -404,10 +424,13 @@ def test_words_stand_beside_each_other():
     assert [label.get_text() for label in axes.get_xticklabels()] == ["step2", "none"]
 
 
-def test_logarithmic_axes():
-    rows = table(**{"a.young": [1.0, 10.0, 100.0]}, n_A=[1, 2, 3])
-    axes = draw(rows, "n_A", "a.young")
-    assert (axes.get_xscale(), axes.get_yscale()) == ("log", "linear")
+@pytest.mark.parametrize(("values", "scale"), [
+    ([1.0, 10.0, 100.0], "log"), ([1, 100], "log"), ([1, 20], "linear"), ([2, 9, 50], "log"),
+    ([0.1, 0.2, 0.4, 0.9], "linear"),
+    ([0.01, 0.34, 0.67, 1.0], "linear"), ([0, 1, 100], "linear"), ([-1, 1, 100], "linear")])
+def test_an_axis_on_which_values_stand_evenly(values, scale):
+    axes = draw(table(**{"a.young": values}, n_A=list(range(1, len(values) + 1))), "n_A", "a.young")
+    assert (axes.get_xscale(), axes.get_yscale()) == (scale, "linear")
 
 
 @pytest.mark.parametrize(("columns", "result", "word"), [
