@@ -1,12 +1,13 @@
-"""A run with every fault in every phase on either rank, and the tally of how they ended.
+#!/usr/bin/env bash
+"exec" "bash" "-c" '. "${0%/*}/setup.sh"; exec "$PYTHON" "$0" "$@"' "$0" "$@"  # to Python, a string
 
-    python scripts/fault_injection.py [WORDS ...]
+__doc__ = """A run with every fault in every phase on either rank, and the tally of how they ended.
+
+    scripts/fault_injection.py [WORDS ...]
 
 With words, only the cases whose names have them all. Exit code 1 if one of them ended as it must not.
 What is tried, and what must hold afterwards, is in tests/fault_cases.py.
 """
-
-from __future__ import annotations
 
 import collections
 import sys
