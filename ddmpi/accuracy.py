@@ -33,7 +33,7 @@ CAUTION = {1: 0.8, 2: 0.9}
 found (docs/tradeoff.md)."""
 
 HOPELESS = 1.25
-"""Where meshes would have to be finer than the largest ones by more than this, nothing finer is tried."""
+"""Where meshes would have to be finer than the largest ones by more than this, the last steps are not made."""
 
 
 class Level(NamedTuple):
@@ -49,7 +49,8 @@ class Level(NamedTuple):
 def next_refinement(levels: Sequence[Level], goal: float, most: int, doubling: bool) -> int | None:
     """How much finer than the scene's own the next meshes are; None if they would have too many unknowns.
 
-    That is also where, at the rate that was seen, the largest ones would miss the goal by far.
+    That is also so where the next step would be one of the last, and at the rate that was seen the largest meshes
+    would miss the goal by far.
 
     Parameters
     ----------
@@ -66,8 +67,10 @@ def next_refinement(levels: Sequence[Level], goal: float, most: int, doubling: b
         rate = min(max(rate, RATES[0]), RATES[1])
     factor = (last.error / (AIM * goal)) ** (1 / rate)
     largest = last.refinement * math.sqrt(most / last.dofs)
-    if seen and last.refinement * factor > HOPELESS * largest:
-        return None
+    if seen and GROWTH * last.refinement > largest:
+        least = (last.error / goal) ** (1 / max(rate, FIRST_RATE))  # coarse meshes hide their rate
+        if last.refinement * least > HOPELESS * largest:
+            return None
     wanted = last.refinement * (factor if factor <= GROWTH else min(math.sqrt(factor), GROWTH))
     if doubling:
         wanted, largest = 2 ** math.ceil(math.log2(wanted)), 2 ** math.floor(math.log2(largest))
@@ -125,7 +128,8 @@ class Course:
         if following is None:
             reason = (f"the mesh of {' and of '.join(given)} is given: allow finer ones by mesh.refine = \"as needed\""
                       if given else
-                      f"meshes that meet it would exceed method.max_unknowns = {self.scene.method.max_unknowns}")
+                      "meshes that meet it would probably exceed method.max_unknowns = "
+                      f"{self.scene.method.max_unknowns}")
             self.missed = (f"certified, but the estimated discretization error of {error:.2g} misses "
                            f"method.target_error = {target:g}, which takes an estimate of {self.goal:.2g}; {reason}")
         else:

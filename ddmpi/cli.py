@@ -136,6 +136,9 @@ def main(arguments: list[str] | None = None) -> None:
         if isinstance(error, DdmpiError):
             logs.tell_error(f"ddmpi: {error.kind}: {error}")
             world.Abort(error.exit_code)
+        if isinstance(error, KeyboardInterrupt) and world.size == 1:
+            logs.tell_error("ddmpi: interrupted")
+            sys.exit(130)
         text = "".join(traceback.format_exception(error))
         logs.tell_error(f"ddmpi: internal error on rank {world.rank}:\n{text}")
         world.Abort(1)
@@ -160,6 +163,7 @@ def _main(world: MPI.Comm, own: list[str], petsc: list[str]) -> int:
             logs.configure(world.rank, getattr(options, "quiet", False), file,
                            f"ddmpi {__version__} on {whereabouts()}: {command()}")
             interrupt.check()
+        logs.accept(file)
         COMMANDS[options.command](world, options, petsc)
     except DdmpiError as error:
         if not error.agreed and world.size > 1:

@@ -83,10 +83,9 @@ def configure(rank: int, quiet: bool = False, file: str | None = None, heading: 
     `file` gets the same lines with time stamps, also those that `quiet` keeps off the screen, after the line
     `heading`, "ddmpi VERSION on …"; the log that it holds already stays, so that a job that was requeued goes on with
     it. Its folder is made. Not collective. Raises InputError, on rank 0, where the file cannot be written, holds
-    something else, or has the name of a file of results.
+    something else, or has the name of a file of results. When no rank has refused it, `accept` the file.
     """
-    global _file
-    _file = Path(file) if file else None
+    accept(None)
     close()
     _logger.propagate = False
     _logger.setLevel(logging.INFO if rank == 0 else logging.ERROR)
@@ -97,14 +96,21 @@ def configure(rank: int, quiet: bool = False, file: str | None = None, heading: 
     screen.setFormatter(logging.Formatter("%(message)s"))
     screen.setLevel(logging.ERROR if quiet else logging.INFO)
     _logger.handlers = [screen]
-    if _file:
+    if file:
+        path = Path(file)
         try:
-            _refuse_other(_file)
-            _file.parent.mkdir(parents=True, exist_ok=True)
-            _logger.addHandler(_LogFile(_file))
+            _refuse_other(path)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            _logger.addHandler(_LogFile(path))
         except OSError as error:
-            raise InputError(f"--log {_file}: cannot be written: {error.strerror}") from None
+            raise InputError(f"--log {file}: cannot be written: {error.strerror}") from None
         _logger.handlers[-1].handle(_record(logging.INFO, heading))
+
+
+def accept(file: str | None) -> None:
+    """From now on this rank, too, adds its errors to the log `file`, if there is one. Not collective."""
+    global _file
+    _file = Path(file) if file else None
 
 
 def _refuse_other(file: Path) -> None:

@@ -81,7 +81,8 @@ class Sweep:
 
 
 def list_cases(sweep: Sweep) -> None:
-    """Print number, status and settings of the chosen cases. Not collective."""
+    """Print number, status and settings of the chosen cases. Not collective. Raises InputError as `run_sweep` would."""
+    _check_options(sweep.cases, RunOptions())
     for case in sweep.chosen:
         outcome = read_outcome(sweep.place(case))
         status = "another sweep" if foreign(outcome, sweep.identity(case)) else outcome.status
@@ -318,7 +319,8 @@ def _record(place: Path, case: Case, sweep: Sweep, code: int | None, reason: str
 def _describe(sweep: Sweep, case: Case, error: DdmpiError | None) -> str:
     """A case's end in one line."""
     summary = read_outcome(sweep.place(case)).summary
-    said = f"{status_of(error.exit_code)}: {str(error).splitlines()[0]}" if error else "certified"
+    status, told = status_of(error.exit_code if error else 0), str(error).splitlines()[0] if error else ""
+    said = told if told.startswith(status) else f"{status}: {told}" if told else status
     if not summary:
         return said
     unused = ", ".join(summary["options_unused"])

@@ -85,9 +85,9 @@ def test_a_log_may_be_in_the_new_folder_of_the_results(here, tmp_path):
 
 @pytest.mark.parametrize(("name", "holds", "word"), [
     ("scene.toml", None, "is the scene"), ("history.csv", "iteration,update\n", "part of the results"),
-    ("notes.txt", "iteration,update\n", "no log of ddmpi"), ("checkpoint.h5", None, "part of the results"),
+    ("notes.txt", "iteration,update\n", "no log of ddmpi"), ("checkpoint.h5", "made before", "part of the results"),
     ("case.json", None, "part of the results"), ("sweep.csv", None, "part of the results")])
-def test_a_log_is_not_added_to_something_else(tmp_path, monkeypatch, name, holds, word):
+def test_a_log_is_not_added_to_something_else(tmp_path, monkeypatch, capsys, name, holds, word):
     from mpi4py import MPI
 
     from ddmpi import cli, interrupt
@@ -95,13 +95,12 @@ def test_a_log_is_not_added_to_something_else(tmp_path, monkeypatch, name, holds
     monkeypatch.chdir(tmp_path)
     if holds:
         (tmp_path / name).write_text(holds)
-    said = []
-    monkeypatch.setattr(cli.logs, "tell_error", said.append)
     try:
         assert cli._main(MPI.COMM_SELF, ["run", "scene.toml", "--log", f"../{tmp_path.name}/{name}"], []) == 2
     finally:
         interrupt._handlers.clear()
         cli.logs.configure(0)
+    said = capsys.readouterr().err.splitlines()
     assert len(said) == 1 and word in said[0]
     assert [path.read_text() for path in tmp_path.iterdir()] == [holds] * bool(holds)
 
