@@ -25,6 +25,7 @@ from mpi4py import MPI
 from ddmpi.coupled import solve_coupled
 from ddmpi.diagnosis import diagnose
 from ddmpi.errors import DdmpiError, NotConvergedError
+from ddmpi.estimate import estimate_error
 from ddmpi.problem import Problem, prepare
 from ddmpi.scene import Scene, read_scene_file
 from ddmpi.solution import solve
@@ -195,9 +196,10 @@ def run(world: MPI.Comm, scene: Scene, compare: bool) -> Found:
         outcome = diagnose(answer.reason, answer.stopped, answer.violations, scene.method, outer.history,
                            answer.statuses, problem.interface, problem.friction).replace("\n", ";")
     at = int(np.argmax(problem.mesh.points.sum(axis=1)))
+    own = estimate_error(problem.mesh, problem.spec.material, answer.displacement).energy / 2
     found = Found(outcome, problem.n, problem.interface.m, len(outer.history),
                   world.allgather(problem.body.C.count.copy()),
-                  max(dataclasses.asdict(answer.certificate).values()), energy=sum(answer.energy),
+                  max(dataclasses.asdict(answer.certificate).values()), energy=world.allreduce(own),
                   tangential_force=float(answer.state.tangential_force.sum()),
                   corner_x=world.bcast(float(answer.displacement[at, 0]), root=0))
     if compare and problem.interface.size <= LARGEST_COUPLED:
@@ -375,4 +377,5 @@ def main(world: MPI.Comm) -> None:
         print(text)
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -9,7 +9,7 @@ import copy
 
 import numpy as np
 import pytest
-from scenes import pinched_blocks, prepare_scene
+from scenes import pinched_blocks, prepare_scene, to_toml
 
 N = 6
 TOLERANCE, DISTANCE = 1e-8, 1e-6
@@ -252,6 +252,17 @@ def test_bodies_that_nothing_holds_or_that_are_too_slender_are_refused_with_the_
             prepare_scene(comm, scene(change))
     with pytest.raises(SolverError, match=r"body '(upper|lower)'.*true residual"):
         find(comm, scene(mesh(66, 6, 3.0, 0.003)))  # a cantilever whose stiffness is singular to the last digits
+
+
+@two_ranks
+def test_the_table_of_extremes_is_made_of_runs(comm):
+    import extremes
+
+    from ddmpi.scene import read_scene
+
+    found = extremes.run(comm, read_scene("scene of a test", to_toml(pinched_blocks(6))), compare=True)
+    assert found.outcome == "certified" and found.distance <= 1e-6
+    assert found.energy == pytest.approx(3.6e4, rel=0.1)  # J per metre; 38866 at N = 22
 
 
 def random_scene(seed: int) -> dict:
