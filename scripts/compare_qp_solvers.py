@@ -49,10 +49,10 @@ class Recorder(QPSolver):
     def __post_init__(self) -> None:
         super().__init__()
 
-    def solve(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, purpose: str):
+    def solve(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, purpose: str, kept: float = 0.0):
         self.programs.append(Recorded(QP(qp.C, qp.d.copy(), qp.lower.copy(), qp.upper.copy()), s.copy(), Cs.copy(),
                                       tolerance))
-        return super().solve(qp, s, Cs, tolerance, purpose)
+        return super().solve(qp, s, Cs, tolerance, purpose, kept)
 
 
 def record(problem: Problem) -> list[Recorded]:
