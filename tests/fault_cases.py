@@ -20,7 +20,7 @@ import h5py
 import numpy as np
 import scenes
 
-LIMIT = 120.0
+LIMIT = 60.0
 """Seconds after which a run counts as hanging; on a machine with nothing else to do it takes two or three."""
 
 RESULTS = ("result.h5", "result.xdmf", "history.csv", "interface.csv", "summary.json")
