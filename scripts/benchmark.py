@@ -32,12 +32,13 @@ from experiment import ROOT, Ledger, progress
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ddmpi.elasticity import assemble
-from ddmpi.mesh import build_mesh
-from ddmpi.problem import Clock, prepare
-from ddmpi.provenance import versions
-from ddmpi.scene import read_scene_file
-from ddmpi.solution import solve
+from ddmpi.body.elasticity import assemble
+from ddmpi.coupling.assembly import prepare
+from ddmpi.mesh.build import build_mesh
+from ddmpi.run.solve import solve
+from ddmpi.scene.reader import read_scene_file
+from ddmpi.system.clock import Clock
+from ddmpi.system.provenance import versions
 
 sys.path.insert(0, str(ROOT / "tests"))
 

@@ -19,13 +19,14 @@ from experiment import on_two_ranks, pinched_blocks
 from mpi4py import MPI
 from msgspec.structs import replace
 
-from ddmpi import interrupt
-from ddmpi.checkpoint import NAME, Checkpoints, identify
+from ddmpi.coupling.assembly import prepare
 from ddmpi.errors import InterruptionError
-from ddmpi.problem import Clock, prepare
-from ddmpi.provenance import versions
-from ddmpi.scene import Method
-from ddmpi.solution import solve
+from ddmpi.run.checkpoint import CHECKPOINT, Checkpoints, identify
+from ddmpi.run.solve import solve
+from ddmpi.scene.method import Method
+from ddmpi.system import interrupt
+from ddmpi.system.clock import Clock
+from ddmpi.system.provenance import versions
 
 METHODS = {
     "relaxation": {"theta": 0.002},  # so that it has not converged when the time is up
@@ -93,14 +94,14 @@ def main(world: MPI.Comm) -> None:
         for method in METHODS:
             row = measure(world, method, N, options.seconds, options.every, folder)
             if world.rank == 0:
-                size = (folder / NAME).stat().st_size / 1024 if row["written"] else 0.0
+                size = (folder / CHECKPOINT).stat().st_size / 1024 if row["written"] else 0.0
                 print(f"{method:11}{row['m']:4}{row['seconds']:9.1f}{row['iterations']:12}"
                       f"{1e6 * row['keep'] / row['iterations']:12.0f}{row['written']:9}"
                       f"{1e3 * row['write'] / max(row['written'], 1):9.1f}{size:6.0f}"
                       f"{100 * row['cost'] / row['seconds']:16.3f} %", flush=True)
             world.barrier()
     if world.rank == 0:
-        (folder / NAME).unlink(missing_ok=True)
+        (folder / CHECKPOINT).unlink(missing_ok=True)
         folder.rmdir()
 
 

@@ -20,11 +20,11 @@ from experiment import LAWS, on_two_ranks, prepare_laws, variant
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from ddmpi.coupling.assembly import Problem
 from ddmpi.errors import SolverError
-from ddmpi.problem import Problem
-from ddmpi.qp import QP
-from ddmpi.qp_solvers import QPSolver
-from ddmpi.solution import solve
+from ddmpi.qp.program import QP
+from ddmpi.qp.tao import QPSolver
+from ddmpi.run.solve import solve
 
 TYPES = ("python", "gpcg", "tron", "bntr", "bncg", "blmvm", "bqpip")
 COLUMNS = ("type", "outer_iteration", "multiplications", "seconds", "problem")

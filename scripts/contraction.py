@@ -13,10 +13,10 @@ import msgspec
 import numpy as np
 import scipy.linalg
 
-from ddmpi.body import friction_role
-from ddmpi.problem import Problem
-from ddmpi.scene import Method
-from ddmpi.solution import solve
+from ddmpi.coupling.assembly import Problem
+from ddmpi.interface.law import friction_role
+from ddmpi.run.solve import solve
+from ddmpi.scene.method import Method
 
 ON_BOUND = 1e-7
 """Relative distance to a bound below which a force counts as lying on it."""

@@ -20,9 +20,11 @@ from pathlib import Path
 import msgspec
 from mpi4py import MPI
 
-from ddmpi.body import friction_at
-from ddmpi.problem import Problem, prepare
-from ddmpi.scene import Method, Scene, read_scene_file
+from ddmpi.coupling.assembly import Problem, prepare
+from ddmpi.interface.law import friction_at
+from ddmpi.scene.method import Method
+from ddmpi.scene.reader import read_scene_file
+from ddmpi.scene.scene import Scene
 
 ROOT = Path(__file__).resolve().parents[1]
 LAWS = ("tresca", "coulomb")

@@ -22,13 +22,14 @@ import numpy as np
 from experiment import ROOT, Ledger, on_two_ranks, progress
 from mpi4py import MPI
 
-from ddmpi.coupled import solve_coupled
-from ddmpi.diagnosis import diagnose
+from ddmpi.body.estimate import estimate_error
+from ddmpi.coupling.assembly import Problem, prepare
 from ddmpi.errors import DdmpiError, NotConvergedError
-from ddmpi.estimate import estimate_error
-from ddmpi.problem import Problem, prepare
-from ddmpi.scene import Scene, read_scene_file
-from ddmpi.solution import solve
+from ddmpi.judge.brute_force import solve_coupled
+from ddmpi.judge.diagnosis import diagnose
+from ddmpi.run.solve import solve
+from ddmpi.scene.reader import read_scene_file
+from ddmpi.scene.scene import Scene
 
 SCENE = ROOT / "configs" / "pinched_blocks.toml"
 PAGE = "robustness_table.md"

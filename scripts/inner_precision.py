@@ -15,9 +15,9 @@ from pathlib import Path
 from experiment import LAWS, VARIANTS, Ledger, on_two_ranks, prepare_laws, progress, variant
 from mpi4py import MPI
 
-from ddmpi.algorithm import OuterIteration
+from ddmpi.coupling.assembly import Problem
 from ddmpi.errors import SolverError
-from ddmpi.problem import Problem
+from ddmpi.methods.published import OuterIteration
 
 ETAS = (1.0, 0.3, 0.1, 0.05, 0.03, 0.02, 0.01, 0.001)
 FIXED = "fixed"

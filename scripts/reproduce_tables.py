@@ -33,8 +33,8 @@ from experiment import (
 )
 from mpi4py import MPI
 
-from ddmpi.problem import Problem
-from ddmpi.solution import solve
+from ddmpi.coupling.assembly import Problem
+from ddmpi.run.solve import solve
 
 THETA, TOLERANCE = 0.2, 1e-4
 PURPOSES = ("explicit", "norm", "load", "step1", "step2", "neumann", "displacement")
@@ -149,7 +149,7 @@ def draw(rows: list[dict], folder: Path) -> None:
     matplotlib.use("agg")
     import matplotlib.pyplot as plt
 
-    from ddmpi.figures import STYLE
+    from ddmpi.results.pictures import STYLE
 
     colour = {"original": "#1b4f8f", "modified": "#c8501e"}
     folder.mkdir(parents=True, exist_ok=True)

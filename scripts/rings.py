@@ -16,7 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ddmpi.scene import Material, Scene, read_scene
+from ddmpi.scene.bodies import Material
+from ddmpi.scene.reader import read_scene
+from ddmpi.scene.scene import Scene
 
 INNER, OUTER = "inner", "outer"
 STEEL, BRONZE = Material(young=2.1e11, poisson=0.3), Material(young=1.1e11, poisson=0.34)

@@ -28,9 +28,9 @@ from experiment import (
 )
 from mpi4py import MPI
 
+from ddmpi.coupling.assembly import Problem
 from ddmpi.errors import SolverError
-from ddmpi.problem import Problem
-from ddmpi.solution import solve
+from ddmpi.run.solve import solve
 
 THETAS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2)
 MOST = 200
@@ -190,7 +190,7 @@ def draw(runs: list[dict], limit_rows: list[dict], folder: Path) -> None:
     import matplotlib.pyplot as plt
     from matplotlib.lines import Line2D
 
-    from ddmpi.figures import STYLE
+    from ddmpi.results.pictures import STYLE
 
     folder.mkdir(parents=True, exist_ok=True)
     sizes = sorted({r["N"] for r in runs})

@@ -29,12 +29,13 @@ from rings import Rings
 from tradeoff_page import PAGE, draw, page
 from true_errors import ClosedForm, EnergyNorm, Errors, FineSolution, solve_reference
 
+from ddmpi.body.estimate import estimate_error, relative_error
+from ddmpi.coupling.assembly import Problem, prepare
 from ddmpi.errors import SolverError
-from ddmpi.estimate import estimate_error, relative_error
-from ddmpi.petsc_versions import free_garbage
-from ddmpi.problem import Clock, Problem, prepare
-from ddmpi.scene import Scene
-from ddmpi.solution import Answer, solve
+from ddmpi.petsc.versions import free_garbage
+from ddmpi.run.solve import Answer, solve
+from ddmpi.scene.scene import Scene
+from ddmpi.system.clock import Clock
 
 REFERENCE = 176
 """Squares of the reference solution, of order 2, have sides of 1/176 m; those of the others a multiple."""

@@ -295,7 +295,7 @@ def draw(rows: list[Row], folder: Path) -> None:
     matplotlib.use("agg")
     import matplotlib.pyplot as plt
 
-    from ddmpi.figures import STYLE
+    from ddmpi.results.pictures import STYLE
 
     folder.mkdir(parents=True, exist_ok=True)
     with plt.rc_context(STYLE):

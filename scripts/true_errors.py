@@ -16,14 +16,15 @@ import scipy.sparse as sparse
 from mpi4py import MPI
 from rings import Rings
 
-from ddmpi.elements import ELEMENTS
-from ddmpi.estimate import QUADRATURE, energy_density, estimate_error, relative_error, stress_at
-from ddmpi.exchange import agreed
-from ddmpi.mesh import Mesh, signed_double_areas
-from ddmpi.problem import Problem, prepare
-from ddmpi.scene import Material, MeshSpec, Scene
-from ddmpi.solution import Answer, solve
-from ddmpi.stiffness import sum_stiffness
+from ddmpi.body.estimate import QUADRATURE, energy_density, estimate_error, relative_error, stress_at
+from ddmpi.body.stiffness import sum_stiffness
+from ddmpi.coupling.assembly import Problem, prepare
+from ddmpi.mesh.elements import ELEMENTS
+from ddmpi.mesh.mesh import Mesh, signed_double_areas
+from ddmpi.run.solve import Answer, solve
+from ddmpi.scene.bodies import Material, MeshSpec
+from ddmpi.scene.scene import Scene
+from ddmpi.system.agreement import agreed
 
 SHORT = 0.01
 """Zones shorter than this part of the interface are a matter of single nodes, as at a singular corner, and are not
@@ -237,7 +238,7 @@ class FineSolution:
 def solve_reference(world: MPI.Comm, scene: Scene, path: Path) -> FineSolution:
     """The solution of `scene`, which is kept in the file `path`, npz, and read from there the next time.
 
-    Raises what `ddmpi.solution.solve` does, and RuntimeError for an answer without certificate; the same on all
+    Raises what `ddmpi.run.solve.solve` does, and RuntimeError for an answer without certificate; the same on all
     ranks. Collective.
     """
     identity = json.dumps([scene.resolved(), *Contact.__dataclass_fields__], sort_keys=True)

@@ -1,7 +1,7 @@
 """The command with a fault: ``mpirun -n 2 python fault.py FAULTS ARGUMENTS``.
 
 FAULTS is a JSON list of [rank, target, call, fault, folder, more arguments]: on that rank the function or
-method `target`, as in ``ddmpi.problem.assemble``, has the `fault` from its call-th call on. A fault is
+method `target`, as in ``ddmpi.coupling.assembly.assemble``, has the `fault` from its call-th call on. A fault is
 
 * the name of an exception, a builtin one, one in `ddmpi.errors` or ``PETSc.Error``: every call raises it;
 * the name of a signal, SIGTERM or SIGKILL, say: the process sends it to itself, once;
@@ -50,7 +50,7 @@ def fill_with_nan(value: object) -> object:
         return float("nan")
     elif isinstance(value, tuple):
         return tuple(fill_with_nan(entry) for entry in value)
-    elif hasattr(value, "A") and hasattr(value, "b"):  # ddmpi.elasticity.Elasticity
+    elif hasattr(value, "A") and hasattr(value, "b"):  # ddmpi.body.elasticity.Elasticity
         value.A.scale(float("nan"))
     elif type(value).__name__ == "Vec":
         value.set(float("nan"))
@@ -111,7 +111,8 @@ def injected(target: str, call: int, fault: str, folder: str, here: bool) -> Ite
 def main() -> None:
     from mpi4py import MPI
 
-    from ddmpi import cli, interrupt
+    from ddmpi.cli import main as cli
+    from ddmpi.system import interrupt
 
     world = MPI.COMM_WORLD
     for rank, target, call, fault, folder, more in json.loads(sys.argv[1]):
@@ -125,7 +126,7 @@ def main() -> None:
         codes = world.gather(code)
         if world.rank == 0:
             for stream in (sys.stdout, sys.stderr):
-                stream.write(" ".join([END, *map(str, codes)]) + "\n")  # a whole line, see ddmpi.logs.tell_error
+                stream.write(" ".join([END, *map(str, codes)]) + "\n")  # a whole line, see ddmpi.system.logs.tell_error
                 stream.flush()
 
 

@@ -31,13 +31,13 @@ METHODS = {"newton": {}, "published": {"theta": 0.2, "tolerance": 1e-3}}
 
 PHASES = {
     # phase: method, target, call
-    "mesh": ("newton", "ddmpi.problem.build_mesh", 1),
-    "assemble": ("newton", "ddmpi.problem.assemble", 1),
-    "factor": ("newton", "ddmpi.solvers.StiffnessSolver.__init__", 1),
-    "outer": ("newton", "ddmpi.compliance.Compliance.mult", 30),  # within GMRES, some iterations on
-    "outer, published": ("published", "ddmpi.body.Body.neumann", 5),
-    "conclude": ("newton", "ddmpi.body.Body.displacement", 1),
-    "output": ("newton", "ddmpi.run.write_fields", 1),
+    "mesh": ("newton", "ddmpi.coupling.assembly.build_mesh", 1),
+    "assemble": ("newton", "ddmpi.coupling.assembly.assemble", 1),
+    "factor": ("newton", "ddmpi.body.solver.StiffnessSolver.__init__", 1),
+    "outer": ("newton", "ddmpi.body.compliance.Compliance.mult", 30),  # within GMRES, some iterations on
+    "outer, published": ("published", "ddmpi.coupling.member.Body.neumann", 5),
+    "conclude": ("newton", "ddmpi.coupling.member.Body.displacement", 1),
+    "output": ("newton", "ddmpi.run.run.write_fields", 1),
 }
 AFTER_ITERATIONS = ("outer", "outer, published", "conclude", "output")
 """In these a checkpoint must be there."""
@@ -100,26 +100,28 @@ def all_cases() -> list[Case]:
                     kept=False, rank=rank) -> None:
             cases.append(Case(f"{name} on rank {rank}", method, rank, target, call, kind, frozenset(codes),
                               whole=whole, kept=kept))
-        numbers("NaN in the stiffness", "ddmpi.problem.assemble", 1, "nan")
-        numbers("zero pivot", "ddmpi.problem.assemble", 1, "singular")
-        numbers("NaN from the first product", "ddmpi.compliance.Compliance.mult", 1, "nan", whole=True)
-        numbers("NaN from a product", "ddmpi.compliance.Compliance.mult", 30, "nan", whole=True)
-        numbers("NaN from a product, published", "ddmpi.compliance.Compliance.mult", 40, "nan", "published", whole=True)
-        numbers("NaN from a Neumann problem", "ddmpi.body.Body.neumann", 5, "nan", "published", whole=True)
-        numbers("NaN from a solve", "ddmpi.solvers.StiffnessSolver._solve", 1, "nan")
-        numbers("NaN from the last solve", "ddmpi.solvers.StiffnessSolver._solve", 2, "nan", whole=True)
-        numbers("NaN in the displacement", "ddmpi.body.Body.displacement", 1, "nan", whole=True)
-        numbers("an error of PETSc", "ddmpi.solvers.StiffnessSolver._set_up", 1, "PETSc.Error", codes=(4,))
+        numbers("NaN in the stiffness", "ddmpi.coupling.assembly.assemble", 1, "nan")
+        numbers("zero pivot", "ddmpi.coupling.assembly.assemble", 1, "singular")
+        numbers("NaN from the first product", "ddmpi.body.compliance.Compliance.mult", 1, "nan", whole=True)
+        numbers("NaN from a product", "ddmpi.body.compliance.Compliance.mult", 30, "nan", whole=True)
+        numbers("NaN from a product, published", "ddmpi.body.compliance.Compliance.mult", 40, "nan", "published",
+                whole=True)
+        numbers("NaN from a Neumann problem", "ddmpi.coupling.member.Body.neumann", 5, "nan", "published", whole=True)
+        numbers("NaN from a solve", "ddmpi.body.solver.StiffnessSolver._solve", 1, "nan")
+        numbers("NaN from the last solve", "ddmpi.body.solver.StiffnessSolver._solve", 2, "nan", whole=True)
+        numbers("NaN in the displacement", "ddmpi.coupling.member.Body.displacement", 1, "nan", whole=True)
+        numbers("an error of PETSc", "ddmpi.body.solver.StiffnessSolver._set_up", 1, "PETSc.Error", codes=(4,))
     for kind, codes in KINDS.items():  # where files are renamed, on rank 0
         codes = None if codes is None else frozenset(codes)
         signal = kind in ("SIGTERM", "SIGUSR1")
         if kind not in ("full", "little room", "gone"):
-            cases.append(Case(f"writing a checkpoint: {kind}", target="ddmpi.files.os.replace", call=3, fault=kind,
-                              codes=codes, kept=True))
-        cases.append(Case(f"end of output: {kind}", target="ddmpi.run.write_summary", call=2, fault=kind, codes=codes,
-                          whole=signal or kind == "little room", kept=kind != "gone"))  # there is room for a summary
+            cases.append(Case(f"writing a checkpoint: {kind}", target="ddmpi.system.files.os.replace", call=3,
+                              fault=kind, codes=codes, kept=True))
+        cases.append(Case(f"end of output: {kind}", target="ddmpi.run.run.write_summary", call=2, fault=kind,
+                          codes=codes, kept=kind != "gone",
+                          whole=signal or kind == "little room"))  # a summary still fits
     cases += [
-        Case("publishing: SIGKILL between two files", target="ddmpi.files.os.link", call=3, fault="SIGKILL",
+        Case("publishing: SIGKILL between two files", target="ddmpi.system.files.os.link", call=3, fault="SIGKILL",
              kept=True, torn=True),
         Case("one rank", ranks=1, codes=frozenset({2})),
         Case("three ranks", ranks=3, codes=frozenset({2})),

@@ -14,8 +14,9 @@ import time
 def main() -> None:
     from mpi4py import MPI
 
-    from ddmpi import cli, interrupt
-    from ddmpi.body import Body
+    from ddmpi.cli import main as cli
+    from ddmpi.coupling.member import Body
+    from ddmpi.system import interrupt
 
     original, calls = Body.neumann, itertools.count(1)
 

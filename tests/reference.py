@@ -5,8 +5,8 @@ import scipy.sparse as sparse
 from skfem import Basis, ElementTriP1, ElementTriP2, ElementVector, MeshTri, asm
 from skfem.models.elasticity import linear_elasticity
 
-from ddmpi.mesh import Mesh
-from ddmpi.scene import Material
+from ddmpi.mesh.mesh import Mesh
+from ddmpi.scene.bodies import Material
 
 
 def basis_of(mesh: Mesh, intorder: int = 4) -> tuple[Basis, np.ndarray]:

@@ -212,17 +212,17 @@ def _toml(value: object) -> str:
 
 
 def prepare_scene(comm, scene: dict):
-    """The `ddmpi.problem.Problem` of a scene. Collective on `comm`, two ranks."""
-    from ddmpi.problem import prepare
-    from ddmpi.scene import read_scene
+    """The `ddmpi.coupling.assembly.Problem` of a scene. Collective on `comm`, two ranks."""
+    from ddmpi.coupling.assembly import prepare
+    from ddmpi.scene.reader import read_scene
 
     return prepare(comm, read_scene("scene of a test", to_toml(scene)))
 
 
 def solve_scene(comm, scene: dict) -> dict:
     """Solve a scene as the command does, and gather what tests look at. Collective on `comm`, two ranks."""
-    from ddmpi.estimate import estimate_error
-    from ddmpi.solution import solve
+    from ddmpi.body.estimate import estimate_error
+    from ddmpi.run.solve import solve
 
     problem = prepare_scene(comm, scene)
     answer, outer = solve(problem, problem.scene.method)

@@ -1,4 +1,4 @@
-"""Imports go one way, one module talks between bodies, and the command starts without heavy libraries."""
+"""Rooms import in one direction only, and the command starts without heavy libraries."""
 
 import ast
 import subprocess
@@ -9,22 +9,27 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "ddmpi"
 
-ORDER = ["errors", "files", "memory", "events", "interrupt", "logs", "provenance", "keys", "scene", "cases",
-         "accuracy", "mesh", "elements", "stiffness", "elasticity", "estimate", "interface", "petsc_versions",
-         "qp", "mprgp", "schur", "solvers", "qp_solvers", "compliance", "preconditioner", "body", "exchange",
-         "coupled", "algorithm", "anderson", "newton", "certificate", "diagnosis", "petsc_options", "problem",
-         "checkpoint", "solution", "results", "figures", "sweep_table", "sweep_figures", "info", "report",
-         "run", "sweep", "cli", "__main__"]
-"""From the bottom to the top: a module imports only modules to its left."""
+ROOMS = ["errors", "petsc", "system", "scene", "mesh", "body", "interface", "qp", "coupling", "methods", "judge",
+         "results", "run", "sweep", "cli"]
+"""From the bottom to the top: a room imports only itself and rooms to its left."""
 
-MAY_IMPORT_MPI = {"exchange", "problem", "checkpoint", "provenance", "results", "run", "sweep", "cli", "__main__"}
-"""`exchange`, and the rooms that compose a run around a communicator; the serial work knows no MPI."""
+ENTRANCES = {"__init__", "__main__", "mprgp"}
+"""Modules outside the rooms: the package, ``python -m ddmpi``, and a name that stands in users' options."""
 
-MODULES = sorted(path.stem for path in PACKAGE.glob("*.py") if path.stem != "__init__")
+NEVERS = [("interface", "mpi4py", set()), ("interface", "petsc4py", {"trace"}),
+          ("body", "ddmpi.interface", set()), ("methods", "ddmpi.body", set()),
+          ("scene", "petsc4py", set()), ("mesh", "petsc4py", set()), ("qp", "mpi4py", set())]
+"""A room, what it never imports, and which of its modules may."""
+
+MODULES = sorted(path.relative_to(PACKAGE).with_suffix("").as_posix() for path in PACKAGE.rglob("*.py"))
+
+
+def room_of(module: str) -> str:
+    return module.split("/")[0]
 
 
 def imported(module: str) -> set[str]:
-    """Full names of all that a module imports, anywhere in it."""
+    """Full names of everything that a module imports, anywhere in it."""
     names = set()
     for node in ast.walk(ast.parse((PACKAGE / f"{module}.py").read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -35,42 +40,67 @@ def imported(module: str) -> set[str]:
     return names
 
 
-def siblings(module: str) -> set[str]:
-    """The modules of the package that a module imports."""
+def imported_rooms(module: str) -> set[str]:
     parts = [name.split(".") for name in imported(module)]
-    return {part[1] for part in parts if part[0] == "ddmpi" and len(part) > 1 and part[1] in MODULES}
+    return {part[1] for part in parts if part[0] == "ddmpi" and len(part) > 1} & set(ROOMS)
 
 
-def test_every_module_has_its_place():
-    assert set(MODULES) == set(ORDER) & set(MODULES), "add the new module to ORDER, at its place"
-    assert len(ORDER) == len(set(ORDER))
+def test_all_rooms_are_looked_at():
+    """The test reads every module of the package, those in rooms as well."""
+    assert {room_of(module) for module in MODULES} == {*ROOMS, *ENTRANCES}
+    assert len(MODULES) > 50
 
 
-@pytest.mark.parametrize("module", MODULES)
+@pytest.mark.parametrize("module", [m for m in MODULES if room_of(m) not in ENTRANCES])
 def test_imports_go_one_way(module):
-    below = set(ORDER[:ORDER.index(module)])
-    assert siblings(module) <= below, f"{module} imports {sorted(siblings(module) - below)} from above"
-
-
-def test_the_package_itself_imports_nothing():
-    assert imported("__init__") == set()
+    """A module imports only from its own room and from rooms below it."""
+    allowed = set(ROOMS[:ROOMS.index(room_of(module)) + 1])
+    assert imported_rooms(module) <= allowed, f"{module} imports {sorted(imported_rooms(module) - allowed)} from above"
 
 
 @pytest.mark.parametrize("module", MODULES)
-def test_only_exchange_and_those_who_compose_know_mpi(module):
-    if any(name.split(".")[0] == "mpi4py" for name in imported(module)):
-        assert module in MAY_IMPORT_MPI
+def test_no_circles(module):
+    """Modules of one room do not import each other in a circle."""
+    def below(name: str) -> set[str]:
+        found = {"/".join(other.split(".")[1:]) for other in imported(name) if other.startswith("ddmpi.")}
+        return {m for m in MODULES if m in found or any(f.startswith(f"{m}/") for f in found)} - {name}
+
+    seen, todo = set(), [module]
+    while todo:
+        for name in below(todo.pop()) - seen:
+            assert name != module, f"{module} imports itself through others"
+            seen.add(name)
+            todo.append(name)
+
+
+@pytest.mark.parametrize("room, never, but", NEVERS)
+def test_nevers(room, never, but):
+    """A room stays free of what it must not know."""
+    modules = [m for m in MODULES if room_of(m) == room]
+    assert modules
+    for module in modules:
+        if module.split("/")[-1] not in but:
+            assert not any(f"{name}.".startswith(f"{never}.") for name in imported(module)), f"{module}: {never}"
+
+
+@pytest.mark.parametrize("room", [room for room in ROOMS if room != "errors"])
+def test_rooms_are_small(room):
+    """A room holds at most eight modules, each of them at most 400 lines."""
+    modules = [path for path in (PACKAGE / room).glob("*.py") if path.stem != "__init__"]
+    assert 0 < len(modules) <= 8
+    for path in modules:
+        assert len(path.read_text(encoding="utf-8").splitlines()) <= 400, path
 
 
 def test_imports_are_light():
     """What draws, meshes or writes is imported when it is needed; matplotlib alone takes half a second."""
     code = """
 import importlib, sys
-for module in ("cli", "sweep"):
+for module in ("cli.main", "sweep.sweep"):
     importlib.import_module("ddmpi." + module)
     print(module, *[name for name in ("gmsh", "matplotlib", "meshio", "h5py", "scipy.optimize") if name in sys.modules])
 """
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60,
                            cwd=PACKAGE.parent)
     assert child.returncode == 0, child.stderr
-    assert child.stdout.splitlines() == ["cli", "sweep"]
+    assert child.stdout.splitlines() == ["cli.main", "sweep.sweep"]

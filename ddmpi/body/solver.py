@@ -1,0 +1,232 @@
+"""How systems with a body's stiffness are solved: a KSP; prefix ``body_``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cached_property
+
+import numpy as np
+from petsc4py import PETSc
+from scipy.linalg import cho_factor, cho_solve
+
+from ddmpi.errors import SolverError
+from ddmpi.petsc.messages import petsc_message, reason_name
+from ddmpi.petsc.schur import inverted_schur, request_schur
+
+REFINEMENTS = 3
+"""How often an iterative solve whose true residual is too large is refined before it is an error."""
+
+TRUE_RESIDUAL = ("cg", "fcg", "pipecg", "gmres", "fgmres", "bcgs", "cr")
+"""KSP types that can test the unpreconditioned residual; for others the check after the solve decides."""
+
+MUMPS_ORDERING = 2
+"""Approximate minimum fill. MUMPS's own choice without METIS, PORD, took 1.3 to 2 times as long with linear
+triangles and four times with quadratic ones. Beside a Schur complement MUMPS orders by itself."""
+
+DIRECT_RESIDUAL = 1e-6
+"""A direct solve whose relative residual exceeds this has failed (a pivot was lost)."""
+
+ROUNDING = 2 * np.finfo(float).eps
+"""A residual of this part of ‖A‖ ‖u‖ is what rounding leaves of any solve, whatever ‖f‖ (backward error): no
+failure of an iterative one, as long as a direct solve would not have failed, either."""
+
+USUAL, LEAST = 1e-10, 1e-13
+"""Relative residuals of an iterative solve: the usual one, and the smallest that is ever asked for."""
+
+
+class StiffnessSolver:
+    """Solves with the stiffness A of one body; one factorization, at construction.
+
+    Default: MUMPS Cholesky; where PETSc has no MUMPS, CHOLMOD, else PETSc's own.
+
+    Parameters
+    ----------
+    A : the stiffness matrix, symmetric positive definite
+    name : the body's name, for messages
+    schur : dofs on which the inverse of the Schur complement is wanted, if the factorization can give it
+    iterative : conjugate gradients with algebraic multigrid instead of a factorization
+
+    Attributes
+    ----------
+    inverse : (k, k) symmetric, in the order of Fortran: A⁻¹ on those dofs (m/N), which is the inverse of the
+        Schur complement; or None. Not to be written to; it goes with the solver
+
+    Raises
+    ------
+    SolverError
+        when the factorization fails. Collective on A's communicator.
+    """
+
+    def __init__(self, A: PETSc.Mat, name: str, schur: np.ndarray | None = None, iterative: bool = False) -> None:
+        self.A, self.name = A, name
+        self.ksp = PETSc.KSP().create(A.comm)
+        self.ksp.setOptionsPrefix("body_")
+        self.ksp.setOperators(A)
+        self.inverse: np.ndarray | None = None
+        try:
+            self._configure(iterative)
+            self._set_up(schur)
+        except PETSc.Error as error:
+            given = ", ".join(f"-{k} {v}" for k, v in PETSc.Options().getAll().items() if k.startswith("body_"))
+            raise SolverError(f"body {name!r}: PETSc cannot set up its solver ({self.description}"
+                              f"{'; options ' + given if given else ''}): {petsc_message(error)}") from None
+        self._residual, self._correction = A.createVecs()
+        self._first = True
+
+    def _configure(self, iterative: bool) -> None:
+        """Defaults in code, then the options; then what follows from both."""
+        options = PETSc.Options("body_")
+        self.ksp.setType(PETSc.KSP.Type.CG if iterative else PETSc.KSP.Type.PREONLY)
+        pc = self.ksp.getPC()
+        pc.setType(PETSc.PC.Type.GAMG if iterative else PETSc.PC.Type.CHOLESKY)
+        if options.getString("pc_type", pc.getType()) == "cholesky":
+            pc.setFactorSolverType(options.getString("pc_factor_mat_solver_type", best_cholesky(self.A)))
+        self.ksp.setTolerances(rtol=USUAL, atol=0.0, max_it=2000)
+        self.ksp.setErrorIfNotConverged(False)
+        self.ksp.setFromOptions()
+        self.direct = self.ksp.getType() == PETSc.KSP.Type.PREONLY
+        self._adapts = not self.direct and not options.hasName("ksp_rtol")
+        self._tolerances = self.ksp.getTolerances()
+        if not options.hasName("ksp_norm_type") and self.ksp.getType() in TRUE_RESIDUAL:
+            self.ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+            if self.ksp.getType() == "gmres":
+                self.ksp.setPCSide(PETSc.PC.Side.RIGHT)
+
+    def _set_up(self, schur: np.ndarray | None) -> None:
+        """Factor, and keep the Schur complement where MUMPS gives it."""
+        pc = self.ksp.getPC()
+        keeps = (schur is not None and self.direct and pc.getType() == PETSc.PC.Type.CHOLESKY
+                 and pc.getFactorSolverType() == "mumps")
+        if keeps and self.A.size[0] <= 2 * len(schur):  # hardly anything to eliminate: MUMPS may fail at that
+            self.inverse = _dense_inverse(_dense(self.A), schur, self.name)
+            keeps = False
+        if keeps:
+            request_schur(pc, schur)
+        with _default_option("body_mat_mumps_icntl_7", MUMPS_ORDERING):
+            self.ksp.setUp()
+        if keeps:
+            self.inverse = inverted_schur(pc, len(schur))
+
+    @property
+    def description(self) -> str:
+        """Type of KSP, PC and factorization, for logs and results."""
+        pc = self.ksp.getPC()
+        kind = f"{self.ksp.getType()} + {pc.getType()}"
+        return f"{kind} ({pc.getFactorSolverType()})" if pc.getType() in ("cholesky", "lu") else kind
+
+    def solve(self, f: PETSc.Vec, u: PETSc.Vec, relative: float = 0.0) -> None:
+        """u ← A⁻¹ f. Collective. Raises SolverError when the true residual is too large.
+
+        A direct solver is checked at its first solve (the certificate checks the last one), an
+        iterative one at every solve, and refined where its own norm was too kind.
+
+        Parameters
+        ----------
+        relative : an iterative solver shall stop when ‖f − A u‖ is this times ‖f‖, or USUAL times where it is
+            zero, and always where the options say when it shall (-body_ksp_rtol)
+        """
+        usual, *others = self._tolerances
+        precision = usual
+        if self._adapts:
+            precision = max(relative or usual, LEAST)
+            self.ksp.setTolerances(precision, *others)
+        self._solve(f, u)
+        if self.direct and not self._first:
+            return
+        self._first = False
+        size = f.norm()
+        target = DIRECT_RESIDUAL if self.direct else 2 * max(precision, usual)  # below that, rounding may prevail
+        for attempt in range(REFINEMENTS + 1):
+            self.A.mult(u, self._residual)
+            self._residual.aypx(-1.0, f)
+            residual = self._residual.norm()
+            if residual <= target * size:
+                return
+            if residual <= min(ROUNDING * self._norm * u.norm(), DIRECT_RESIDUAL * size):
+                return
+            if not np.isfinite(residual) or attempt == REFINEMENTS:
+                break
+            self._solve(self._residual, self._correction)
+            u.axpy(1.0, self._correction)
+        hint = "" if self.direct else "; -body_ksp_rtol sets another precision"
+        raise SolverError(f"body {self.name!r}: {self.description} left a true residual of "
+                          f"{residual / size:.1e} relative to the load, {target:.0e} is needed{hint}")
+
+    @cached_property
+    def _norm(self) -> float:
+        """‖A‖, the largest sum of a row (N/m)."""
+        return self.A.norm(PETSc.NormType.NORM_INFINITY)
+
+    def solve_block(self, F: np.ndarray) -> np.ndarray:
+        """A⁻¹ F for the columns of F (n, k), without a check of each. Collective."""
+        right = PETSc.Mat().createDense(F.shape, array=np.asfortranarray(F), comm=self.A.comm)
+        found = PETSc.Mat().createDense(F.shape, comm=self.A.comm)
+        found.setUp()
+        if self.direct and self.ksp.getPC().getType() in ("cholesky", "lu"):
+            self.ksp.getPC().getFactorMatrix().matSolve(right, found)
+        else:
+            for k in range(F.shape[1]):
+                f, u = right.getDenseColumnVec(k, mode="r"), found.getDenseColumnVec(k, mode="w")
+                try:
+                    self.solve(f, u)
+                finally:  # a matrix cannot go while a column of it is out
+                    right.restoreDenseColumnVec(k, mode="r")
+                    found.restoreDenseColumnVec(k, mode="w")
+        return found.getDenseArray().copy()
+
+    def _solve(self, f: PETSc.Vec, u: PETSc.Vec) -> None:
+        self.ksp.solve(f, u)
+        reason = self.ksp.getConvergedReason()
+        if reason < 0:
+            raise SolverError(f"body {self.name!r}: {self.description} failed with "
+                              f"{reason_name(PETSc.KSP.ConvergedReason, reason)} after "
+                              f"{self.ksp.getIterationNumber()} iterations")
+
+
+@contextmanager
+def _default_option(name: str, value: int) -> Iterator[None]:
+    """An option that PETSc finds meanwhile, where no one has set it; for what has no call in all versions."""
+    options = PETSc.Options()
+    given = options.hasName(name)
+    if not given:
+        options.setValue(name, value)
+    try:
+        yield
+    finally:
+        if not given:
+            options.delValue(name)
+
+
+def best_cholesky(A: PETSc.Mat) -> str:
+    """The best Cholesky factorization that this PETSc offers for A."""
+    return next((package for package in ("mumps", "cholmod") if offers_cholesky(A, package)), "petsc")
+
+
+def offers_cholesky(A: PETSc.Mat, package: str) -> bool:
+    """Whether this PETSc has a Cholesky factorization of that package for A."""
+    pc = PETSc.PC().create(A.comm)
+    try:
+        pc.setOperators(A)
+        pc.setType(PETSc.PC.Type.CHOLESKY)
+        pc.setFactorSolverType(package)
+        pc.setFactorSetUpSolverType()
+    except PETSc.Error:
+        return False
+    finally:
+        pc.destroy()
+    return True
+
+
+def _dense(A: PETSc.Mat) -> np.ndarray:
+    indptr, columns, values = A.getValuesCSR()
+    dense = np.zeros(A.size)
+    dense[np.repeat(np.arange(A.size[0]), np.diff(indptr)), columns] = values
+    return dense
+
+
+def _dense_inverse(A: np.ndarray, dofs: np.ndarray, name: str) -> np.ndarray:
+    try:
+        return np.asfortranarray(cho_solve(cho_factor(A), np.eye(len(A))[:, dofs])[dofs])
+    except (np.linalg.LinAlgError, ValueError) as error:  # not positive definite, not finite
+        raise SolverError(f"body {name!r}: the stiffness cannot be factored: {error}") from None

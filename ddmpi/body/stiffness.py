@@ -1,0 +1,164 @@
+"""The stiffness of one body in blocks of two, summed over its triangles without an intermediate matrix.
+
+An element's blocks follow from the gradients of the corner coordinates by the tables of `elements`.
+A pair of nodes is stored once, the lower node first, as K is symmetric; sums go straight to their place,
+and the rows of the matrix come out sorted. Every step costs time in proportion to the mesh.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sparse
+from scipy.sparse import csgraph
+
+from ddmpi.mesh.elements import ELEMENTS
+from ddmpi.mesh.mesh import Mesh
+from ddmpi.scene.bodies import Material
+
+CHUNK = 4096
+"""Triangles that are worked on at a time, so that what belongs to them stays in the cache."""
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """K of a body whose dofs are all free, by pairs of nodes.
+
+    Attributes
+    ----------
+    first, second : (ne,) nodes of the pairs that share a triangle, first < second, in lexical order
+    upper : (ne, 2, 2) the block of row `first` and column `second` (N/m per metre of depth)
+    diagonal : (nv, 2, 2) the blocks of the nodes themselves
+    """
+
+    first: np.ndarray
+    second: np.ndarray
+    upper: np.ndarray
+    diagonal: np.ndarray
+
+    def mult(self, u: np.ndarray) -> np.ndarray:
+        """K u (nv, 2) in newtons; cheap where few nodes move."""
+        moves = u.any(axis=1)
+        y = np.zeros_like(u)
+        y[moves] = np.einsum("nij,nj->ni", self.diagonal[moves], u[moves])
+        pairs = np.flatnonzero(moves[self.first] | moves[self.second])
+        a, b, block = self.first[pairs], self.second[pairs], self.upper[pairs]
+        np.add.at(y, a, np.einsum("nij,nj->ni", block, u[b]))
+        np.add.at(y, b, np.einsum("nji,nj->ni", block, u[a]))
+        return y
+
+    def connected(self) -> tuple[int, np.ndarray]:
+        """How many pieces the body has, and the number of the piece (nv,) that each node is in."""
+        size = len(self.diagonal)
+        indptr = np.concatenate([[0], np.cumsum(np.bincount(self.first, minlength=size))])
+        links = sparse.csr_matrix((np.ones(len(self.first)), self.second, indptr), (size, size))
+        return csgraph.connected_components(links, directed=False)
+
+    def to_csr(self, free: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The rows and columns of the nodes with a free component, as sorted CSR arrays.
+
+        Parameters
+        ----------
+        free : (nv, 2) bool; a component that is held beside a free one is decoupled and keeps its own
+            diagonal entry
+
+        Returns
+        -------
+        indptr, indices, data of the (2k, 2k) matrix, nodes numbered in their order
+        """
+        kept = free.any(axis=1)
+        loose = free[kept]
+        place = np.cumsum(kept, dtype=np.int32) - np.int32(1)
+        size = len(loose)
+        inside = kept[self.first] & kept[self.second]
+        a, b = place[self.first[inside]], place[self.second[inside]]
+        upper, diagonal = self.upper[inside], self.diagonal[kept]
+        if not loose.all():
+            upper *= loose[a][:, :, None] & loose[b][:, None, :]
+            diagonal *= (loose[:, :, None] & loose[:, None, :]) | np.eye(2, dtype=bool)
+
+        after, before = np.bincount(a, minlength=size), np.bincount(b, minlength=size)
+        count = before + 1 + after
+        start = np.concatenate([[0], np.cumsum(count)])
+        columns = np.empty(2 * start[-1], dtype=np.int32)  # of pairs of entries
+        data = np.empty((len(columns), 2))
+
+        def put(rows: np.ndarray, rank: np.ndarray, column: np.ndarray, blocks: np.ndarray) -> None:
+            at = 2 * start[rows] + rank
+            for i in (0, 1):
+                columns[at] = column
+                data[at] = blocks[:, i]
+                at += count[rows]
+
+        everyone = np.arange(size)
+        put(everyone, before, everyone, diagonal)
+        numbers = np.arange(len(a))
+        put(a, before[a] + 1 + numbers - (np.cumsum(after) - after)[a], b, upper)
+        lower = sort_stably(b, size)
+        row = b[lower]
+        put(row, numbers - (np.cumsum(before) - before)[row], a[lower], upper[lower].swapaxes(1, 2))
+        indptr = np.append(np.column_stack([4 * start[:-1], 4 * start[:-1] + 2 * count]).ravel(), 4 * start[-1])
+        return indptr, (2 * columns[:, None] + np.array([0, 1], np.int32)).ravel(), data.ravel()
+
+
+def sum_stiffness(mesh: Mesh, material: Material) -> Stiffness:
+    """The stiffness of a body of this mesh and material. Not collective."""
+    weights = ELEMENTS[mesh.triangles.shape[1]].stiffness_weights()
+    k, size, nodes = len(weights), len(mesh.points), mesh.triangles
+    i, j = np.array([(i, i) for i in range(k)]
+                    + [(i, j) for i in range(k) for j in range(i + 1, k) if weights[i, j].any()]).T
+    own, pairs = slice(k), slice(k, None)
+    xx, yy, xy, yx = _element_entries(mesh, material, weights[i, j])
+
+    one, two = nodes[:, i[pairs]].T.ravel(), nodes[:, j[pairs]].T.ravel()
+    turned = one > two
+    low, high = np.where(turned, two, one), np.where(turned, one, two)
+    order = sort_stably(high, size)
+    order = order[sort_stably(low[order], size)]
+    low, high = low[order], high[order]
+    new = np.concatenate([[True], (low[1:] != low[:-1]) | (high[1:] != high[:-1])])
+    first, second = low[new], high[new]
+    pair = np.empty(len(order), dtype=np.int64)
+    pair[order] = np.cumsum(new) - 1
+
+    diagonal, upper = np.empty((size, 2, 2)), np.empty((len(first), 2, 2))
+    node = nodes[:, i[own]].T.ravel()
+    for (r, c), entries in {(0, 0): xx, (1, 1): yy, (0, 1): xy}.items():
+        diagonal[:, r, c] = diagonal[:, c, r] = np.bincount(node, entries[own].ravel(), size)
+    xy, yx = xy[pairs].ravel(), yx[pairs].ravel()
+    for (r, c), entries in {(0, 0): xx[pairs].ravel(), (1, 1): yy[pairs].ravel(),
+                            (0, 1): np.where(turned, yx, xy), (1, 0): np.where(turned, xy, yx)}.items():
+        upper[:, r, c] = np.bincount(pair, entries, len(first))
+    return Stiffness(first, second, upper, diagonal)
+
+
+def _element_entries(mesh: Mesh, material: Material, weights: np.ndarray) -> np.ndarray:
+    """Entries xx, yy, xy, yx of the blocks of p pairs of nodes in all triangles, (4, p, nt).
+
+    The blocks are `weights` (p, 3, 3) times those of the corners a, b as a linear triangle has them,
+    |T| (λ g_a g_bᵀ + μ g_b g_aᵀ + μ (g_a · g_b) I) with g_a = ∇λ_a.
+    """
+    first, shear = material.lame
+    weights = weights.reshape(-1, 9)
+    used = np.flatnonzero(weights.any(axis=0))
+    one, two = np.divmod(used, 3)
+    weights = weights[:, used]
+    entries = np.empty((4, len(weights), len(mesh.triangles)))
+    for start in range(0, len(mesh.triangles), CHUNK):
+        part = slice(start, start + CHUNK)
+        corners = mesh.points[mesh.triangles[part, :3].T].transpose(2, 0, 1)  # (2, 3, chunk)
+        side = corners[:, [2, 0, 1]] - corners[:, [1, 2, 0]]  # opposite each corner
+        doubled = side[0, 0] * side[1, 1] - side[1, 0] * side[0, 1]
+        x, y = np.stack([-side[1], side[0]]) / np.sqrt(2 * doubled)  # ∇λ √|T|
+        xx, yy, xy, yx = x[one] * x[two], y[one] * y[two], x[one] * y[two], y[one] * x[two]
+        for entry, block in zip(entries, ((first + 2 * shear) * xx + shear * yy, (first + 2 * shear) * yy + shear * xx,
+                                          first * xy + shear * yx, first * yx + shear * xy), strict=True):
+            entry[:, part] = weights @ block
+    return entries
+
+
+def sort_stably(keys: np.ndarray, size: int) -> np.ndarray:
+    """The permutation that sorts integers in [0, size) and keeps the order of equals, in linear time."""
+    table = sparse.csr_matrix((np.zeros(len(keys), bool), keys, np.arange(len(keys) + 1)), (len(keys), size))
+    return table.tocsc().indices

@@ -1,0 +1,113 @@
+"""The arguments of the command line."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from typing import TYPE_CHECKING, NoReturn
+
+from ddmpi import __version__
+from ddmpi.errors import InputError
+
+if TYPE_CHECKING:
+    pass
+
+
+
+EPILOG = """exit codes: 0 certified answer, 2 bad input, 3 not converged, 4 a solver failed,
+5 results could not be written, 6 interrupted by SIGTERM or SIGUSR1 (--restart goes on), 1 anything else.
+
+Everything that starts with one dash is a PETSc option: -body_ksp_type cg -body_pc_type gamg for the
+solves with a body's stiffness, -qp_tao_type gpcg for the contact subproblems, -log_view for times."""
+
+REPEATED = ("--set=", "--vary=")
+"""Arguments that may be followed by several KEY=VALUE."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Raises InputError instead of printing on every rank."""
+
+    def error(self, message: str) -> NoReturn:
+        raise InputError(f"{message}\n{self.format_usage().strip()}")
+
+
+def _named(word: str) -> str:
+    if not word:
+        raise argparse.ArgumentTypeError("an empty name (a variable of the shell that is not set?)")
+    return word
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser of everything that is not a PETSc option."""
+    parser = _Parser(
+        prog="ddmpi", description="Contact of elastic bodies with friction, by domain decomposition on MPI.",
+        epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False)
+    parser.add_argument("--version", action="version", version=f"ddmpi {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    scene = argparse.ArgumentParser(add_help=False)
+    scene.add_argument("scene", metavar="SCENE.toml")
+    scene.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
+                       help="override any key of the scene, as in body.upper.material.young=1e9")
+    scene.add_argument("--quiet", action="store_true", help="say nothing but errors")
+    scene.add_argument("--log", type=_named, metavar="FILE", help="append everything that is said to FILE, with time "
+                       "stamps, also what --quiet keeps off the screen")
+    formats = {"epilog": EPILOG, "formatter_class": argparse.RawDescriptionHelpFormatter, "allow_abbrev": False}
+    run = commands.add_parser("run", help="solve a scene, on as many ranks as it has bodies",
+                              parents=[scene], **formats)
+    run.add_argument("--output", type=_named, metavar="DIR",
+                     help="folder for the results (default: a new one in results/)")
+    run.add_argument("--restart", type=_named, metavar="DIR", help="go on from the checkpoint of an interrupted run in "
+                     "DIR, with the same scene and options; results go there too unless --output says otherwise")
+    run.add_argument("--no-figures", action="store_true", help="draw no pictures")
+    commands.add_parser("verify", help="solve a small scene twice, also as the coupled problem by brute force, "
+                        "and compare", parents=[scene], **formats)
+    _add_sweep(commands, scene, formats)
+    figures = commands.add_parser("figures", help="draw the pictures of saved results anew", allow_abbrev=False)
+    figures.add_argument("folder", type=_named, metavar="DIR")
+    plot = commands.add_parser("sweep-plot", help="draw a result of a sweep against a parameter", allow_abbrev=False)
+    plot.add_argument("folder", type=_named, metavar="DIR", help="folder of the sweep")
+    plot.add_argument("plots", nargs="+", metavar="RESULT:KEY", help="two columns of its table, as in n_A:theta")
+    commands.add_parser("info", help="print versions and which solvers are there", allow_abbrev=False)
+    return parser
+
+
+def _add_sweep(commands: argparse._SubParsersAction, scene: argparse.ArgumentParser, formats: dict) -> None:
+    sweep = commands.add_parser("sweep", help="run a scene for all combinations of some values",
+                                parents=[scene], **formats)
+    sweep.add_argument("--vary", action="append", default=[], metavar="KEY=VALUES",
+                       help="values of a key of the scene: first:last:number, the same with :log at the end, or "
+                       "value,value,…; KEY,KEY=VALUES vary together")
+    sweep.add_argument("--output", type=_named, metavar="DIR", required=True,
+                       help="folder of the sweep; cases that are finished there are not run again")
+    sweep.add_argument("--index", metavar="I", help="run case number I only, or as I/N every N-th case from I on "
+                       "(of a job array: --index $SLURM_ARRAY_TASK_ID)")
+    only = sweep.add_mutually_exclusive_group()
+    only.add_argument("--list", action="store_true", help="run nothing, list the cases and how they ended")
+    only.add_argument("--gather", action="store_true", help="run nothing, write the table of what is there")
+    sweep.add_argument("--plot", action="append", default=[], metavar="RESULT:KEY",
+                       help="draw one column of the table against another, as in n_A:theta")
+    sweep.add_argument("--figures", action="store_true", help="draw the pictures of every case")
+
+
+def split_arguments(arguments: list[str]) -> tuple[list[str], list[str]]:
+    """Our own arguments, and PETSc's: those with one dash and a letter, each with its value.
+
+    One ``--set`` or ``--vary`` may be followed by several KEY=VALUE.
+    """
+    own, petsc = [], []
+    i = 0
+    while i < len(arguments):
+        if re.match(r"-[A-Za-z]", arguments[i]) and arguments[i] != "-h":
+            petsc.append(arguments[i])
+            if i + 1 < len(arguments) and not re.match(r"--?[A-Za-z]", arguments[i + 1]):
+                i += 1
+                petsc.append(arguments[i])
+        elif "=" in arguments[i] and arguments[i][0] != "-" and own and own[-1].startswith(REPEATED):
+            own.append(f"{own[-1].partition('=')[0]}={arguments[i]}")
+        elif f"{arguments[i]}=" in REPEATED and i + 1 < len(arguments):
+            i += 1
+            own.append(f"{arguments[i - 1]}={arguments[i]}")
+        else:
+            own.append(arguments[i])
+        i += 1
+    return own, petsc

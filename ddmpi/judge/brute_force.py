@@ -1,0 +1,128 @@
+"""The coupled problem by brute force, as a check: both compliances dense, in one process.
+
+Shares nothing with the iterations: a Tresca problem is one bounded least-squares problem, solved by
+scipy's BVLS (an exact active-set method); a Coulomb problem a fixed point of such.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+
+from ddmpi.coupling.exchange import Exchange
+from ddmpi.coupling.member import Body
+from ddmpi.errors import InputError, NotConvergedError
+from ddmpi.interface.interface import Interface
+from ddmpi.interface.law import Friction
+from ddmpi.qp.program import projected_gradient
+from ddmpi.system.agreement import agreed
+
+LARGEST = 2000
+"""Most contact unknowns that are solved this way; BVLS is cubic in them, and worse."""
+
+PRECISE, USABLE, ROUNDS = 1e-12, 1e-6, 3
+"""Projected gradient, of normal and of tangential unknowns by themselves, over the displacements there, below which
+a program is solved, and below which it will do; and how often the problem that is left is solved to get there."""
+
+FIXED_POINT = 1e-12
+"""Relative change of the slip bound at which the fixed point of Coulomb friction is reached."""
+
+
+def check_size(interface: Interface) -> None:
+    """InputError when the interface is too large to be solved this way."""
+    if interface.size > LARGEST:
+        raise InputError(f"the coupled problem has {interface.size} contact unknowns; by brute force {LARGEST} are "
+                         "the most")
+
+
+def solve_coupled(body: Body, friction: Friction, exchange: Exchange) -> np.ndarray:
+    """The contact forces (size,) of the coupled problem (N).
+
+    Collective on both bodies; both solve the same problem. Raises NotConvergedError when the fixed
+    point of Coulomb friction is not found, InputError for too large an interface; on both.
+    """
+    C, h, s = np.empty((0, 0)), body.h, np.empty(0)
+    with agreed(exchange.world):
+        check_size(body.interface)
+        C = body.C.dense()
+    C, d = sum(exchange.swap_objects(C)), sum(exchange.swap_objects(h))
+    d[:body.interface.m] -= body.interface.gap
+    with agreed(exchange.world):
+        s = solve_dense(C, d, body.interface, friction)
+    return s
+
+
+def solve_dense(C: np.ndarray, d: np.ndarray, interface: Interface, friction: Friction) -> np.ndarray:
+    """min ½ sᵀCs − sᵀd with s_ν ≥ 0, |s_t| ≤ g, and g = 𝓕 s_ν at the solution for Coulomb friction.
+
+    C (size, size), d (size,). Not collective.
+    """
+    m = interface.m
+    if friction.law != "coulomb":
+        return _checked(C, d, m, friction.bound, _bounded(C, d, m, friction.bound))
+    g, s = np.zeros(len(interface.sliding)), np.zeros(len(d))
+    relaxation, last = 1.0, np.inf
+    for _ in range(500):
+        s = _bounded(C, d, m, g)
+        change = friction.slip_bound(s[:m], interface) - g
+        size = np.linalg.norm(change)
+        if size <= FIXED_POINT * np.linalg.norm(s):
+            return _checked(C, d, m, g, s)
+        if size > 0.9 * last:
+            relaxation = max(0.7 * relaxation, 0.02)
+        last = size
+        g = g + relaxation * change
+    raise NotConvergedError("brute force: the successive approximations of the slip bound do not converge "
+                            f"(last change {size / np.linalg.norm(s):.1e}); for a large friction coefficient "
+                            "a solution need not be unique")
+
+
+def _bounded(C: np.ndarray, d: np.ndarray, m: int, g: np.ndarray) -> np.ndarray:
+    """The QP with bounds |s_t| ≤ g.
+
+    BVLS judges by the cost as a whole, which may hide one kind of unknown behind the other. So the problem
+    that is left is solved again, in its own scale.
+    """
+    lower, upper, s = np.zeros(len(d)), np.full(len(d), np.inf), np.zeros(len(d))
+    lower[m:], upper[m:] = -g, g
+    for _ in range(ROUNDS):
+        change, bound = _least_squares(C, d - C @ s, lower - s, upper - s)
+        s = np.where(bound < 0, lower, np.where(bound > 0, upper, s + change))  # exactly on them
+        if _error(C, d, m, g, s) <= PRECISE:
+            break
+    return s
+
+
+def _error(C: np.ndarray, d: np.ndarray, m: int, g: np.ndarray, s: np.ndarray) -> float:
+    """Projected gradient over the displacements at hand, of normal or tangential unknowns, the larger."""
+    lower, upper = np.append(np.zeros(m), -g), np.append(np.full(m, np.inf), g)
+    left, size = projected_gradient(C @ s - d, s, lower, upper), np.abs(C) @ np.abs(s) + np.abs(d)
+    return max(np.linalg.norm(left[part]) / (np.linalg.norm(size[part]) or 1.0) for part in (slice(m), slice(m, None)))
+
+
+def _checked(C: np.ndarray, d: np.ndarray, m: int, g: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """`s`, if it solves the program well enough to check something by it; else NotConvergedError."""
+    error = _error(C, d, m, g, s)
+    if error > USABLE:
+        raise NotConvergedError(f"brute force leaves a gradient of {error:.0e}, relatively: rounding hides the normal "
+                                "or the tangential part of the answer, and nothing can be checked by it")
+    return s
+
+
+def _least_squares(C: np.ndarray, d: np.ndarray, lower: np.ndarray, upper: np.ndarray,
+                   ) -> tuple[np.ndarray, np.ndarray]:
+    """min ½ sᵀCs − sᵀd within bounds by BVLS, scaled free of units; s, and where it is on a bound: −1, 0, 1."""
+    from scipy.optimize import lsq_linear
+
+    force = np.linalg.norm(d) / np.linalg.norm(C, 2) or 1.0
+    lower, upper = lower / force, upper / force
+    moving = upper > lower
+    scale = 1.0 / np.sqrt(np.diag(C)[moving])
+    K = scale[:, None] * C[np.ix_(moving, moving)] * scale
+    U = cholesky(K)
+    right = solve_triangular(U, scale * d[moving] / force, trans="T")
+    bounds = (lower[moving] / scale, upper[moving] / scale)
+    found = lsq_linear(U, right, bounds, method="bvls", tol=1e-15, max_iter=20 * len(d))
+    s, bound = np.zeros(len(d)), np.ones(len(d), int)
+    s[moving], bound[moving] = scale * found.x, found.active_mask
+    return force * s, bound

@@ -1,0 +1,118 @@
+"""What to tell the user of a run that did not end with a certified answer."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ddmpi.interface.interface import Interface
+from ddmpi.interface.law import Friction
+from ddmpi.interface.state import reaches_bound
+from ddmpi.methods.outer import Step
+from ddmpi.scene.method import Method
+
+LOOK_BACK = 10
+"""Over so many iterations convergence is judged."""
+
+ROUNDING = 1e-15
+"""A residual below this cannot become smaller."""
+
+LARGE_FRICTION = 1.0
+"""From here on it is worth saying that a solution with Coulomb friction need not be unique."""
+
+
+@dataclass
+class StatusLog:
+    """Which nodes are open, slip or stick in the last iterations, and how many in each."""
+
+    STATE = ("recent", "counts")
+    GROWS = ("counts",)
+
+    recent: deque = field(default_factory=lambda: deque(maxlen=LOOK_BACK))
+    counts: list = field(default_factory=list)
+
+    def record(self, interface: Interface, s: np.ndarray, g: np.ndarray) -> None:
+        """Note the status of each node under the forces s (size,) and the slip bound g (mt,)."""
+        m = interface.m
+        codes = np.where(s[:m] > 0.0, 1, 0)
+        on_bound = reaches_bound(s[m:], g)
+        slips = np.where(on_bound, np.sign(s[m:]), 0.0).astype(int)
+        closed, slipping = codes == 1, np.full(m, len(s) == m)  # without friction whatever is closed slips
+        slipping[interface.sliding] = on_bound
+        codes[interface.sliding] += 10 * slips
+        self.recent.append(codes)
+        self.counts.append((m - int(closed.sum()), int((closed & slipping).sum()), int((closed & ~slipping).sum())))
+
+    def unsettled(self) -> np.ndarray:
+        """Nodes whose status changed during the last iterations."""
+        if len(self.recent) < 2:
+            return np.empty(0, int)
+        codes = np.array(self.recent)
+        return np.flatnonzero((codes != codes[-1]).any(axis=0))
+
+    def cycles(self) -> bool:
+        """Whether the last status has been there before, with another one between."""
+        codes = list(self.recent)
+        same = [k for k, c in enumerate(codes[:-1]) if np.array_equal(c, codes[-1])]
+        return bool(same) and any(not np.array_equal(c, codes[-1]) for c in codes[same[-1]:])
+
+
+def contraction(history: list[Step], quantity: str = "update") -> float:
+    """The factor by which `quantity` shrank per iteration, lately (geometric mean); nan if unknown."""
+    values = np.array([getattr(step, quantity) for step in history[-LOOK_BACK - 1:]])
+    if len(values) < 3 or not (np.isfinite(values) & (values > 0)).all():
+        return float("nan")
+    return float(np.exp(np.polyfit(np.arange(len(values)), np.log(values), 1)[0]))
+
+
+def diagnose(reason: str, stopped: str, violations: list[str], method: Method, history: list[Step], log: StatusLog,
+             interface: Interface, friction: Friction) -> str:
+    """One message: how the run ended, what was seen, what to try. Not collective."""
+    last = history[-1]
+    newton = method.outer == "newton"
+    lines = [f"{reason} (iteration {last.iteration}, update {last.update:.1e}, residual {last.residual:.1e}, "
+             f"asked for {method.tolerance:.0e})"]
+    if violations:
+        lines.append(f"the certificate fails: {', '.join(violations)}")
+    factor = contraction(history, "residual" if newton else "update")
+    stuck = last.update == 0.0 or last.residual <= ROUNDING
+    if stopped == "diverged" and newton:
+        lines.append("seen: a residual that is not a number; a solve with the stiffness of a body must have failed")
+    elif stopped == "diverged":
+        lines.append("seen: divergence, the contact displacement grew beyond all bounds")
+    elif stuck:
+        lines.append("seen: nothing moves any more" + (", rounding is reached" if last.residual <= ROUNDING else ""))
+    elif np.isfinite(factor):
+        seen = ("growth" if factor > 1.02 else "no progress" if factor > 0.98 else
+                "slow convergence" if factor > 0.7 else "convergence")
+        lines.append(f"seen: {seen}, a factor of {factor:.3f} per iteration over the last "
+                     f"{min(LOOK_BACK, len(history) - 1)}")
+    nodes = log.unsettled()
+    if len(nodes):
+        places = ", ".join(f"({x:.4g}, {y:.4g})" for x, y in interface.xy[nodes[:4]])
+        lines.append(f"{len(nodes)} of {interface.m} nodes changed between open, slip and stick"
+                     f"{' in a cycle' if log.cycles() else ''}, at {places}{' …' if len(nodes) > 4 else ''}")
+    largest = 0.0 if friction.coefficient is None else float(friction.coefficient.max(initial=0.0))
+    if largest >= LARGE_FRICTION:
+        lines.append(f"with a friction coefficient of {largest:g} a solution need not be unique, and none may be near")
+    lines.append("try: " + _advice(stopped, factor, method, last, stuck))
+    return "\n  ".join(lines)
+
+
+def _advice(stopped: str, factor: float, method: Method, last: Step, stuck: bool) -> str:
+    if last.residual <= ROUNDING:
+        return "a larger method.tolerance; double precision holds no more"
+    if method.outer == "relaxation":
+        if stopped == "diverged" or not factor < 0.98:
+            return (f"leave algorithm, splitting and theta out, the default method needs none of them; "
+                    f"or a smaller method.theta than {method.theta:g}")
+        wanted = last.iteration + 1.5 * max(np.log(method.tolerance / last.update) / np.log(factor), 1.0)
+        return f"method.max_iterations of {wanted:.0f} or more; or leave theta out, the default method is faster"
+    if method.outer == "anderson":
+        return "method.outer = \"newton\", the default"
+    if stuck:
+        return "a tighter -newton_ksp_rtol, or less friction to see where the trouble begins"
+    return ("a larger method.max_iterations, a tighter -newton_ksp_rtol, method.outer = \"anderson\", "
+            "or less friction to see where the trouble begins")

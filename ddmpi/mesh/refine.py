@@ -1,0 +1,42 @@
+"""Finer meshes, and meshes of order 2."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ddmpi.errors import InputError
+from ddmpi.mesh.mesh import Mesh, segments
+
+
+def raise_order(mesh: Mesh, key: str) -> Mesh:
+    """The mesh of order 2 that has the corners of `mesh`, of order 1, as its first nodes.
+
+    Not collective. Raises InputError naming `key` where a group has lines that are no sides of triangles.
+    """
+    size = len(mesh.points)
+
+    def keys(edges: np.ndarray) -> np.ndarray:
+        return edges.min(axis=-1) * size + edges.max(axis=-1)
+
+    sides, number = np.unique(keys(mesh.triangles[:, [[0, 1], [1, 2], [2, 0]]]), return_inverse=True)
+    groups = {}
+    for name, edges in mesh.groups.items():
+        place = np.minimum(np.searchsorted(sides, keys(edges)), len(sides) - 1)
+        if not np.array_equal(sides[place], keys(edges)):
+            raise InputError(f"{key}: the boundary group {name!r} has lines that are not sides of triangles")
+        groups[name] = np.column_stack([edges, size + place])
+    ends = np.divmod(sides, size)
+    points = np.concatenate([mesh.points, (mesh.points[ends[0]] + mesh.points[ends[1]]) / 2])
+    return Mesh(points, np.column_stack([mesh.triangles, size + number.reshape(-1, 3)]), groups)
+
+
+def halve(mesh: Mesh, key: str) -> Mesh:
+    """The mesh of order 1 with every side halved and every triangle cut in four alike.
+
+    Not collective. Raises what `raise_order` does.
+    """
+    fine = raise_order(mesh, key)
+    a, b, c, ab, bc, ca = fine.triangles.T
+    parts = np.stack([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]])
+    triangles = parts.transpose(2, 0, 1).reshape(-1, 3)
+    return Mesh(fine.points, triangles, {name: segments(edges) for name, edges in fine.groups.items()})

@@ -1,0 +1,113 @@
+"""Types of one body: mesh, material, clamps and loads."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import msgspec
+
+from ddmpi.scene.values import AffineScalar, AffineVector, Name, Point, Positive, PositiveInt, Table
+
+
+class MeshSpec(Table, kw_only=True):
+    """Either a generated shape (``shape, origin, size, divisions``) or a gmsh ``file``.
+
+    ``order`` is that of the displacement: 1, linear triangles, or 2, straight-sided quadratic ones, with a
+    further node on the middle of each side; left out, it is that of the other body, or that of the preset, or 1.
+    ``refine`` is how often the sides of a file's mesh are halved, or "as needed" for ``method.target_error``.
+    """
+
+    shape: Literal["rectangle"] | None = None
+    origin: Point = (0.0, 0.0)
+    size: tuple[Positive, Positive] | None = None
+    divisions: tuple[PositiveInt, PositiveInt] | None = None
+    file: str | None = None
+    order: Literal[1, 2] | None = None
+    refine: Annotated[int, msgspec.Meta(ge=0, le=8)] | Literal["as needed"] = 0
+
+    @property
+    def halvings(self) -> int:
+        return self.refine if isinstance(self.refine, int) else 0
+
+    @property
+    def refinable(self) -> bool:
+        """Whether an accuracy target may make the mesh finer."""
+        return self.file is None or self.refine == "as needed"
+
+    def __post_init__(self) -> None:
+        if self.file is None and self.refine:
+            raise ValueError("refine belongs to a file; a shape has divisions")
+        if (self.shape is None) == (self.file is None):
+            raise ValueError('a mesh is either { shape = "rectangle", size = …, divisions = … } '
+                             'or { file = "….msh" }')
+        if self.shape is not None and (self.size is None or self.divisions is None):
+            raise ValueError("a rectangle needs size = [width, height] and divisions = [nx, ny]")
+        if self.file is not None and (self.size or self.divisions or self.origin != (0.0, 0.0)):
+            raise ValueError("origin, size and divisions belong to a shape, not to a file")
+
+
+LOCKING = 0.48
+"""Poisson's ratio up to which estimates below 0.3 have been found right within a fifth for linear triangles."""
+
+
+class Material(Table, kw_only=True):
+    """Isotropic linear elasticity; ``young`` in Pa."""
+
+    young: Positive
+    poisson: Annotated[float, msgspec.Meta(gt=-1, lt=0.5)]
+    plane: Literal["strain", "stress"] = "strain"
+
+    @property
+    def lame(self) -> tuple[float, float]:
+        """First Lamé constant and shear modulus (Pa) of the plane problem."""
+        E, nu = self.young, self.poisson
+        shear = E / (2 * (1 + nu))
+        first = E * nu / ((1 + nu) * (1 - 2 * nu))
+        if self.plane == "stress":
+            first = E * nu / (1 - nu**2)
+        return first, shear
+
+    @property
+    def locks(self) -> bool:
+        """Whether linear triangles are so much too stiff for it that estimates of their error mean nothing."""
+        return self.plane == "strain" and self.poisson > LOCKING
+
+    @property
+    def plane_modulus(self) -> float:
+        """E / (1 − ν²) in plane strain, E in plane stress (Pa)."""
+        return self.young / (1 - self.poisson**2) if self.plane == "strain" else self.young
+
+
+class Clamp(Table, kw_only=True):
+    """Prescribed displacement (m) on a boundary group; a component that is left out stays free."""
+
+    on: Name
+    x: float | AffineScalar | None = None
+    y: float | AffineScalar | None = None
+
+    def __post_init__(self) -> None:
+        if self.x is None and self.y is None:
+            raise ValueError("a clamp prescribes x, y or both (write the bare group name to fix both)")
+
+
+class Traction(Table, kw_only=True):
+    """Surface traction (Pa) on a boundary group."""
+
+    on: Name
+    value: Point | AffineVector
+
+
+class BodySpec(Table, kw_only=True):
+    """One elastic body."""
+
+    name: Annotated[str, msgspec.Meta(min_length=1, pattern=r"^[^.=]*$")]  # --set body.NAME.key=value
+    mesh: MeshSpec
+    material: Material
+    clamp: list[Name | Clamp] = []
+    traction: list[Traction] = []
+    volume_force: Point | AffineVector = (0.0, 0.0)
+
+    @property
+    def clamps(self) -> list[Clamp]:
+        """All clamps in the long form; a bare group name fixes both components."""
+        return [Clamp(on=c, x=0.0, y=0.0) if isinstance(c, str) else c for c in self.clamp]

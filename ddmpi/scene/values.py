@@ -1,0 +1,84 @@
+"""Types of values: numbers with limits, affine functions of the coordinates, profiles along an interface."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+
+Positive = Annotated[float, msgspec.Meta(gt=0)]
+
+NonNegative = Annotated[float, msgspec.Meta(ge=0)]
+
+PositiveInt = Annotated[int, msgspec.Meta(ge=1)]
+
+Name = Annotated[str, msgspec.Meta(min_length=1)]
+
+Point = tuple[float, float]
+
+
+class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A TOML table in which unknown keys are errors."""
+
+
+class AffineVector(Table, kw_only=True):
+    """A vector that is linear in the coordinates: ``constant + x_slope * x + y_slope * y``."""
+
+    constant: Point = (0.0, 0.0)
+    x_slope: Point = (0.0, 0.0)
+    y_slope: Point = (0.0, 0.0)
+
+
+class AffineScalar(Table, kw_only=True):
+    """A number that is linear in the coordinates: ``constant + x_slope * x + y_slope * y``."""
+
+    constant: float = 0.0
+    x_slope: float = 0.0
+    y_slope: float = 0.0
+
+
+def evaluate(value: Any, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Evaluate a constant or affine scalar or vector at points.
+
+    Parameters
+    ----------
+    value : float, pair of floats, AffineScalar or AffineVector
+    x, y : arrays of one shape (metres)
+
+    Returns
+    -------
+    Array of that shape for a scalar, ``(2, *shape)`` for a vector; units of `value`.
+    """
+    if not isinstance(value, AffineVector | AffineScalar):
+        value = AffineVector(constant=value) if isinstance(value, tuple) else AffineScalar(constant=value)
+    terms = [np.multiply.outer(np.asarray(c), f) for c, f in
+             ((value.constant, np.ones_like(x)), (value.x_slope, x), (value.y_slope, y))]
+    return sum(terms)
+
+
+class Profile(Table, kw_only=True):
+    """A number that varies along the interface, linear between points; a repeated point is a jump.
+
+    ``along`` is a coordinate or the arc length from the first contact node, ``points`` its values in
+    ascending order. Beyond the ends the end values hold.
+    """
+
+    along: Literal["x", "y", "arc"] = "x"
+    points: list[float]
+    values: list[NonNegative]
+
+    def __post_init__(self) -> None:
+        if len(self.points) != len(self.values) or not self.points:
+            raise ValueError(f"points and values must be equally many, at least one; "
+                             f"got {len(self.points)} points and {len(self.values)} values")
+        if any(b < a for a, b in zip(self.points, self.points[1:], strict=False)):
+            raise ValueError("points must ascend (equal neighbours make a jump)")
+
+    def at(self, xy: np.ndarray) -> np.ndarray:
+        """Values (m,) at the contact nodes `xy` (m, 2), ordered along the interface, in metres."""
+        if self.along == "arc":
+            position = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(xy, axis=0), axis=1))])
+        else:
+            position = xy[:, "xy".index(self.along)]
+        return np.interp(position, self.points, self.values)

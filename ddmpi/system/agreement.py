@@ -1,0 +1,29 @@
+"""Agreement of all ranks on errors: an error that one rank meets is raised on all."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+
+from mpi4py import MPI
+
+from ddmpi.errors import DdmpiError
+
+
+def agree(world: MPI.Comm, error: DdmpiError | None) -> None:
+    """Raise the first rank's error, if there is one, on all ranks. Collective."""
+    for found in world.allgather(error):
+        if found is not None:
+            found.agreed = True
+            raise found
+
+
+@contextlib.contextmanager
+def agreed(world: MPI.Comm) -> Iterator[None]:
+    """Run local work; afterwards all ranks raise the first error that any of them met. Collective."""
+    error = None
+    try:
+        yield
+    except DdmpiError as failure:
+        error = failure
+    agree(world, error)

@@ -1,0 +1,32 @@
+"""Seconds by phase of a run."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+
+@dataclass
+class Clock:
+    """Seconds by phase; each phase is also a PETSc log stage, for -log_view."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+    started: float = field(default_factory=time.perf_counter)
+
+    @contextmanager
+    def phase(self, name: str) -> Iterator[None]:
+        start = time.perf_counter()
+        with PETSc.Log.Stage(name):
+            yield
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+
+    def largest(self, world: MPI.Comm) -> dict[str, float]:
+        """The slowest rank's seconds of each phase, and of the whole. Collective."""
+        own = self.seconds | {"total": time.perf_counter() - self.started}
+        everyone = world.allgather(own)
+        return {name: round(max(each[name] for each in everyone), 6) for name in own}

@@ -1,0 +1,89 @@
+"""Where a result comes from: versions, host, time, command, and the job of a batch system."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import resource
+import shlex
+import sys
+import time
+from importlib import metadata
+
+from mpi4py import MPI
+
+import ddmpi
+from ddmpi.system.logs import utc
+
+_started = time.time()  # of the import, which is good enough where /proc does not say better
+
+SLURM = {"job_id": "SLURM_JOB_ID", "job_name": "SLURM_JOB_NAME", "array_job_id": "SLURM_ARRAY_JOB_ID",
+         "array_task_id": "SLURM_ARRAY_TASK_ID", "restarts": "SLURM_RESTART_COUNT", "cluster": "SLURM_CLUSTER_NAME",
+         "nodes": "SLURM_JOB_NODELIST"}
+"""What a batch job says of itself in the environment."""
+
+
+def versions() -> dict[str, str]:
+    """Versions of what a result depends on. After petsc4py.init: importing PETSc starts it."""
+    from petsc4py import PETSc
+
+    found = {"ddmpi": ddmpi.__version__, "python": sys.version.split()[0],
+             "petsc": ".".join(str(v) for v in PETSc.Sys.getVersion()),
+             "mpi": MPI.Get_library_version().split("\n")[0].split(",")[0].strip("\0 ")}
+    for name in ("petsc4py", "mpi4py", "numpy", "scipy", "gmsh", "meshio", "h5py"):
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:  # Debian's petsc4py and h5py carry no metadata
+            try:
+                found[name] = getattr(importlib.import_module(name), "__version__", "unknown")
+            except ImportError:
+                found[name] = "not there"
+    return found
+
+
+def provenance(world: MPI.Comm, started: float) -> dict:
+    """What traces a result back to its run: its name, start, command, folder, batch job, hosts and versions.
+
+    `started` is the run's start on the clock of time.perf_counter. The name of the run, "run", is made of the start
+    (UTC), host and process number of rank 0, and the batch job, if there is one. Collective on `world`.
+    """
+    seconds = time.time() - (time.perf_counter() - started)
+    name = f"{utc(seconds)[:-1]}.{int(seconds % 1 * 1000):03d}Z {whereabouts()}"
+    return {"run": world.bcast(name), "started": world.bcast(utc(seconds)), "command": command(),
+            "working_folder": os.getcwd(), "slurm": batch_job(), "hosts": world.allgather(MPI.Get_processor_name()),
+            "versions": versions()}
+
+
+def peak_memory(world: MPI.Comm) -> list[float]:
+    """The most memory that each rank has held so far (MiB). Collective."""
+    return world.allgather(round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1))
+
+
+def command() -> str:
+    """The command line, as it would be typed."""
+    return shlex.join(["ddmpi", *sys.argv[1:]])
+
+
+def whereabouts() -> str:
+    """Host, process and batch job, in a few words."""
+    job = batch_job()
+    in_array = {"array_job_id", "array_task_id"} <= job.keys()
+    number = f"{job['array_job_id']}_{job['array_task_id']}" if in_array else job.get("job_id")
+    return f"{MPI.Get_processor_name()} {os.getpid()}" + (f" job {number}" if number else "")
+
+
+def batch_job() -> dict[str, str]:
+    """What Slurm says of the job; empty without one."""
+    if "SLURM_JOB_ID" not in os.environ:
+        return {}
+    return {name: os.environ[variable] for name, variable in SLURM.items() if variable in os.environ}
+
+
+def process_seconds() -> float:
+    """Seconds since this process was started; without /proc, since this module was imported."""
+    try:
+        with open("/proc/self/stat", encoding="ascii") as file:
+            ticks = int(file.read().rpartition(")")[2].split()[19])
+        return time.clock_gettime(time.CLOCK_BOOTTIME) - ticks / os.sysconf("SC_CLK_TCK")
+    except (OSError, AttributeError):
+        return time.time() - _started

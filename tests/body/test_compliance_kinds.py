@@ -1,0 +1,157 @@
+"""The kinds of contact compliance in whole runs: one answer, one count; who chooses them, and how precise they are."""
+
+import numpy as np
+import pytest
+import scenes
+from scenes import pinched_blocks, prepare_scene
+
+from ddmpi.body.compliance import FACTORS, FACTORS_WITH_SCHUR, LARGEST_RATIO, MARGIN, choose_kind
+from ddmpi.run.solve import solve
+from ddmpi.system.memory import free_memory
+
+GIB = 2.0**30
+METHODS = {"newton": {}, "anderson": {"outer": "anderson", "tolerance": 1e-6}, "relaxation": {"theta": 0.2}}
+
+
+def solved(comm, method: dict) -> tuple:
+    """Answer and outer iteration of pinched blocks, certified; with the CG iterations that it took."""
+    problem = prepare_scene(comm, pinched_blocks(6, **method))
+    solver, taken = problem.body.C.solver, [0]
+    once = solver._solve
+
+    def counted(f, u):
+        once(f, u)
+        taken[0] += solver.ksp.getIterationNumber()
+
+    solver._solve = counted
+    answer, outer = solve(problem, problem.scene.method)
+    assert answer.certified
+    return problem, answer, outer, taken[0]
+
+
+@pytest.mark.mpi(ranks=2, timeout=120, unit="s")
+@pytest.mark.parametrize("name", METHODS)
+def test_kinds_take_the_same_steps(comm, name):
+    """The same iterates to the accuracy asked for, and multiplications counted alike, whatever computes them."""
+    first = None
+    for kind in ("explicit", "direct", "iterative"):
+        problem, answer, outer, _ = solved(comm, METHODS[name] | {"compliance": kind})
+        assert problem.body.C.kind == kind
+        assert problem.body.C.reason == "asked for"
+        if first is None:
+            first, history, count = outer.forces, outer.history, problem.body.C.count.total()
+        assert np.linalg.norm(outer.forces - first) <= 10 * problem.scene.method.tolerance * np.linalg.norm(first)
+        exact = kind == "direct" and name != "anderson"  # which magnifies rounding
+        assert abs(len(outer.history) - len(history)) <= (0 if exact else 3)
+        assert abs(problem.body.C.count.total() - count) <= (0.02 if exact else 0.2) * count
+        assert answer.state.status.tolist() == problem.world.bcast(answer.state.status.tolist())
+
+
+@pytest.mark.mpi(ranks=2, timeout=120, unit="s")
+@pytest.mark.parametrize("name", ["newton", "relaxation"])
+def test_iterative_solves_follow_the_precision_that_is_needed(comm, name, petsc_options):
+    """Fewer CG iterations than with all solves as precise as the last; a precision that is given is kept."""
+    method = METHODS[name] | {"compliance": "iterative"}
+    taken = solved(comm, method)[3]
+    petsc_options(body_ksp_rtol=1e-10)
+    fixed = solved(comm, method)[3]
+    assert taken < 0.85 * fixed
+
+
+@pytest.mark.mpi(ranks=2, timeout=60, unit="s")
+def test_explicit_without_mumps_takes_blocks_of_solves(comm, petsc_options):
+    exact = solved(comm, {"compliance": "explicit"})[2].forces
+    for package in ("petsc", "cholmod"):
+        petsc_options(body_pc_factor_mat_solver_type=package)
+        problem, _, outer, _ = solved(comm, {"compliance": "explicit"})
+        assert problem.body.C.count["explicit"] == problem.body.C.size
+        assert np.linalg.norm(outer.forces - exact) <= 1e-8 * np.linalg.norm(exact)
+        problem = solved(comm, {})[0]
+        assert problem.body.C.kind == "direct"
+        assert package in problem.body.C.reason
+
+
+# The choice
+
+
+def test_kind_is_chosen_from_sizes():
+    assert choose_kind(100_000, 500, np.inf)[0] == "explicit"
+    thin = int((LARGEST_RATIO * 100_000) ** (1 / 3))
+    assert choose_kind(100_000, thin, np.inf)[0] == "explicit"
+    kind, reason = choose_kind(100_000, thin + 10, np.inf)
+    assert kind == "direct"
+    assert f"{thin + 10} contact dofs" in reason
+
+
+def test_kind_is_chosen_from_memory():
+    n, k = 1_000_000, 2000
+    direct = MARGIN * FACTORS * n * np.log2(n)
+    explicit = MARGIN * (FACTORS_WITH_SCHUR * n * np.log2(n) + 8 * k**2)
+    assert choose_kind(n, k, 1.01 * explicit)[0] == "explicit"
+    kind, reason = choose_kind(n, k, 0.99 * explicit)
+    assert kind == "direct"
+    assert "GiB" in reason
+    assert choose_kind(n, k, 1.01 * direct)[0] == "direct"
+    kind, reason = choose_kind(n, k, 0.99 * direct)
+    assert kind == "iterative"
+    assert "are free" in reason
+
+
+@pytest.mark.parametrize("n", [0, 1, 2])
+def test_kind_of_next_to_nothing(n):
+    assert choose_kind(n, n, np.inf)[0] == "explicit"
+
+
+@pytest.mark.mpi(ranks=2, timeout=60, unit="s")
+def test_memory_decides_in_a_run(comm, monkeypatch):
+    """On one rank only: bodies of unlike kinds work together."""
+    import ddmpi.coupling.assembly
+
+    if comm.rank == 1:
+        monkeypatch.setattr(ddmpi.coupling.assembly, "free_memory", lambda: 1e4)
+    problem, answer, _, _ = solved(comm, {})
+    assert problem.body.C.kind == ("explicit", "iterative")[comm.rank]
+    assert answer.certified
+
+
+def test_plan_says_what_was_chosen_and_why(tmp_path):
+    scene = scenes.write_scene(pinched_blocks(6), tmp_path / "scene.toml")
+    run = scenes.run_command(scene, tmp_path / "out", "--no-figures")
+    assert run.code == 0, run.output
+    assert "compliance explicit (a dense matrix of" in run.stdout
+    assert run.summary["solvers"]["compliance"] == ["explicit", "explicit"]
+    run = scenes.run_command(scene, tmp_path / "direct", "--no-figures", "--set", "method.compliance=direct")
+    assert "compliance direct (asked for)" in run.stdout
+
+
+# Memory
+
+
+def machine(folder, available: int | None = None, groups: dict[str, str] | None = None, process: str = ""):
+    """A file system that says so."""
+    (folder / "proc/self").mkdir(parents=True)
+    if available is not None:
+        (folder / "proc/meminfo").write_text(f"MemTotal: 99 kB\nMemAvailable:   {available} kB\n")
+    (folder / "proc/self/cgroup").write_text(process)
+    for path, limit in (groups or {}).items():
+        file = folder / "sys/fs/cgroup" / path
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(limit + "\n")
+    return folder
+
+
+def test_free_memory_of_this_machine():
+    assert 2**20 < free_memory() < np.inf
+
+
+def test_free_memory_is_unknown(tmp_path):
+    assert free_memory(tmp_path) == np.inf
+    assert free_memory(machine(tmp_path / "no limit", None, {"memory.max": "max"}, "0::/\n")) == np.inf
+
+
+def test_free_memory_within_control_groups(tmp_path):
+    assert free_memory(machine(tmp_path / "1", 2048)) == 2048 * 1024
+    second = {"job/step/memory.max": "max", "job/memory.max": "1000000"}
+    assert free_memory(machine(tmp_path / "2", 2048, second, "0::/job/step\n")) == 1e6
+    first = {"memory/job/memory.limit_in_bytes": "500000", "memory/memory.limit_in_bytes": "9223372036854771712"}
+    assert free_memory(machine(tmp_path / "3", 2048, first, "8:pids:/job\n4:memory:/job\n0::/\n")) == 5e5

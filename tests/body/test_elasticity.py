@@ -1,0 +1,388 @@
+"""One elastic body: its stiffness, exact linear and quadratic fields, loads, clamps."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sparse
+from petsc4py import PETSc
+from reference import load_of, stiffness_of
+from scipy.sparse.linalg import spsolve
+from skfem import LinearForm
+
+from ddmpi.body.elasticity import Elasticity, assemble
+from ddmpi.body.stiffness import sum_stiffness
+from ddmpi.body.stress import stress, von_mises
+from ddmpi.errors import InputError
+from ddmpi.mesh.build import generate_rectangle
+from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.refine import raise_order
+from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
+from ddmpi.scene.values import AffineScalar, AffineVector
+
+SIDES = ["left", "right", "bottom", "top"]
+STRAIN = Material(young=3.0, poisson=0.3)
+STRESS = Material(young=3.0, poisson=0.3, plane="stress")
+
+
+both_orders = pytest.mark.parametrize("order", [1, 2])
+
+
+def rectangle(divisions=(6, 4), size=(3.0, 2.0), origin=(1.0, -0.5), order=1) -> Mesh:
+    mesh = generate_rectangle(MeshSpec(shape="rectangle", origin=origin, size=size, divisions=divisions))
+    return raise_order(mesh, "mesh") if order == 2 else mesh
+
+
+def body(material=STRAIN, **rest) -> BodySpec:
+    return BodySpec(name="block", mesh=MeshSpec(file="unused.msh"), material=material, **rest)
+
+
+def to_scipy(A: PETSc.Mat) -> sparse.csr_matrix:
+    indptr, indices, data = A.getValuesCSR()
+    return sparse.csr_matrix((data, indices, indptr), shape=A.size)
+
+
+def solve(problem: Elasticity) -> np.ndarray:
+    """Displacement (nv, 2)."""
+    u = problem.b.duplicate()
+    u.array[:] = spsolve(to_scipy(problem.A).tocsc(), problem.b.array_r)
+    return problem.expand(u)
+
+
+def distorted(mesh: Mesh) -> Mesh:
+    """The mesh with its nodes moved by up to a third of the shortest side, and numbered at random."""
+    rng = np.random.default_rng(1)
+    ends = mesh.points[mesh.triangles[:, [0, 1]]]
+    shortest = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).min()
+    points = mesh.points + shortest / 5 * rng.uniform(-1, 1, mesh.points.shape)
+    number = rng.permutation(len(points))
+    shuffled = np.empty_like(points)
+    shuffled[number] = points
+    return Mesh(shuffled, number[mesh.triangles], {name: number[edges] for name, edges in mesh.groups.items()})
+
+
+@both_orders
+@pytest.mark.parametrize("material", [STRAIN, STRESS, Material(young=2e11, poisson=0.49)])
+def test_stiffness_is_that_of_skfem(material, order):
+    mesh = distorted(rectangle((7, 5)))
+    if order == 2:
+        mesh = raise_order(mesh, "mesh")
+    K, whole = stiffness_of(mesh, material), sum_stiffness(mesh, material)
+    indptr, indices, data = whole.to_csr(np.ones((len(mesh.points), 2), bool))
+    A = sparse.csr_matrix((data, indices, indptr))
+    assert np.all(np.diff(indices)[np.setdiff1d(np.arange(len(indices) - 1), indptr[1:-1] - 1)] > 0)
+    assert abs(A - K).max() <= 1e-14 * abs(K).max()
+    u = np.random.default_rng(2).standard_normal((len(mesh.points), 2))
+    u[::3] = 0.0
+    assert np.abs(whole.mult(u).ravel() - K @ u.ravel()).max() <= 1e-14 * abs(K).max() * np.abs(u).max()
+
+
+# Linear fields are exact
+
+GRADIENT = np.array([[1e-3, -4e-4], [7e-4, 5e-4]])
+SHIFT = np.array([2e-3, -1e-3])
+
+
+def linear(points: np.ndarray) -> np.ndarray:
+    return SHIFT + points @ GRADIENT.T
+
+
+def linear_clamp(group: str) -> Clamp:
+    x, y = (AffineScalar(constant=SHIFT[i], x_slope=GRADIENT[i, 0], y_slope=GRADIENT[i, 1]) for i in (0, 1))
+    return Clamp(on=group, x=x, y=y)
+
+
+def linear_stress(material: Material) -> np.ndarray:
+    """Hooke's law in the form ε = ((1 + ν) σ − ν tr σ) / E, inverted for the plane problem."""
+    E, nu = material.young, material.poisson
+    exx, eyy, exy = GRADIENT[0, 0], GRADIENT[1, 1], (GRADIENT[0, 1] + GRADIENT[1, 0]) / 2
+    if material.plane == "stress":
+        compliance = np.array([[1, -nu], [-nu, 1]]) / E
+    else:
+        compliance = np.array([[1 - nu**2, -nu * (1 + nu)], [-nu * (1 + nu), 1 - nu**2]]) / E
+    sxx, syy = np.linalg.solve(compliance, [exx, eyy])
+    szz = 0.0 if material.plane == "stress" else nu * (sxx + syy)
+    return np.array([sxx, syy, szz, E / (1 + nu) * exy])
+
+
+@both_orders
+@pytest.mark.parametrize("material", [STRAIN, STRESS], ids=["strain", "stress"])
+def test_patch_with_prescribed_boundary(material, order):
+    mesh = rectangle(order=order)
+    u = solve(assemble(mesh, body(material, clamp=[linear_clamp(s) for s in SIDES])))
+    assert np.abs(u - linear(mesh.points)).max() <= 1e-12 * np.abs(u).max()
+
+
+@both_orders
+@pytest.mark.parametrize("material", [STRAIN, STRESS], ids=["strain", "stress"])
+def test_patch_with_tractions(material, order):
+    mesh = rectangle(order=order)
+    sxx, syy, _, sxy = linear_stress(material)
+    tractions = [Traction(on="right", value=(sxx, sxy)), Traction(on="top", value=(sxy, syy)),
+                 Traction(on="bottom", value=(-sxy, -syy))]
+    u = solve(assemble(mesh, body(material, clamp=[linear_clamp("left")], traction=tractions)))
+    assert np.abs(u - linear(mesh.points)).max() <= 1e-12 * np.abs(u).max()
+
+
+@both_orders
+@pytest.mark.parametrize("scale", [1e-9, 1e6])
+def test_patch_of_any_size_and_stiffness(scale, order):
+    mesh = rectangle(size=(3.0 * scale, 2.0 * scale), origin=(0.0, 0.0), order=order)
+    material = Material(young=2e11, poisson=0.3)
+    clamps = [Clamp(on="left", x=0.0, y=0.0), Clamp(on="bottom", y=0.0)]
+    sigma = 1e6
+    traction = [Traction(on="right", value=(sigma, 0.0))]
+    u = solve(assemble(mesh, body(material, clamp=[Clamp(on="left", x=0.0), *clamps[1:]], traction=traction)))
+    strain = sigma * (1 - 0.3**2) / 2e11
+    expected = mesh.points * [strain, -strain * 0.3 / 0.7]
+    assert np.abs(u - expected).max() <= 1e-12 * np.abs(expected).max()
+
+
+@both_orders
+@pytest.mark.parametrize("material", [STRAIN, STRESS], ids=["strain", "stress"])
+def test_stress_of_a_linear_field(material, order):
+    mesh = rectangle(order=order)
+    sigma = stress(mesh, material, linear(mesh.points))
+    assert sigma.shape == (len(mesh.triangles), 4)
+    expected = linear_stress(material)
+    assert np.abs(sigma - expected).max() <= 1e-12 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("material", [STRAIN, STRESS], ids=["strain", "stress"])
+def test_quadratic_field_is_exact_with_quadratic_elements(material):
+    """u = (a x y, b y²): the stress is linear, the volume force constant."""
+    mesh, (first, shear) = rectangle(order=2), material.lame
+    a, b = 1e-3, -2e-3
+
+    def sigma(x, y):
+        exx, eyy, gxy = a * y, 2 * b * y, a * x
+        trace = first * (exx + eyy)
+        szz = trace if material.plane == "strain" else 0 * x
+        return np.array([trace + 2 * shear * exx, trace + 2 * shear * eyy, szz, shear * gxy])
+
+    def traction(group: str, pick: list[int], sign: float) -> Traction:
+        """σ n on a side, from its values at three points."""
+        constant, x, y = (sign * sigma(*map(np.float64, at))[pick] for at in ((0, 0), (1, 0), (0, 1)))
+        return Traction(on=group, value=AffineVector(constant=tuple(constant), x_slope=tuple(x - constant),
+                                                     y_slope=tuple(y - constant)))
+
+    bottom = mesh.points[:, 1].min()
+    spec = body(material, volume_force=(0.0, -(first + shear) * a - 2 * b * (first + 2 * shear)),
+                clamp=[Clamp(on="bottom", x=AffineScalar(x_slope=a * bottom), y=b * bottom**2)],
+                traction=[traction("right", [0, 3], 1.0), traction("left", [0, 3], -1.0),
+                          traction("top", [3, 1], 1.0)])
+    u = solve(assemble(mesh, spec))
+    x, y = mesh.points.T
+    expected = np.column_stack([a * x * y, b * y**2])
+    assert np.abs(u - expected).max() <= 1e-12 * np.abs(expected).max()
+    centroids = sigma(*mesh.points[mesh.triangles[:, :3]].mean(axis=1).T).T
+    assert np.abs(stress(mesh, material, u) - centroids).max() <= 1e-11 * np.abs(centroids).max()
+
+
+def test_stress_belongs_to_the_triangle():
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+    mesh = Mesh(points, np.array([[0, 1, 2], [1, 3, 2]]), {})
+    u = np.zeros((4, 2))
+    u[3] = [1.0, 0.0]
+    first, shear = STRAIN.lame
+    assert np.array_equal(stress(mesh, STRAIN, u)[0], np.zeros(4))
+    assert stress(mesh, STRAIN, u)[1] == pytest.approx([first + 2 * shear, first, first, shear], rel=1e-14)
+
+
+def test_von_mises():
+    cases = np.array([[5.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, -2.0],
+                      [3.0, 3.0, 3.0, 0.0], [4.0, -1.0, 2.0, 1.5]])
+    deviator = np.array([4.0, -1.0, 2.0]) - 5 / 3
+    general = np.sqrt(1.5 * (deviator @ deviator + 2 * 1.5**2))
+    assert von_mises(cases) == pytest.approx([5.0, 2.0 * np.sqrt(3), 0.0, general], rel=1e-14)
+
+
+# Loads. With the virtual displacement w = (x − x_left) e_i, which is in the space and vanishes on the
+# clamp, b·w is the integral of load times w.
+
+
+@both_orders
+@pytest.mark.parametrize("component", [0, 1])
+@pytest.mark.parametrize(("rest", "expected"), [
+    # block [1, 4] × [−0.5, 1.5], r = x − 1
+    ({"volume_force": (2.0, -3.0)}, (2.0 * 9, -3.0 * 9)),
+    ({"volume_force": AffineVector(constant=(1.0, 0.0), x_slope=(2.0, 0.0), y_slope=(0.0, 4.0))},
+     (9.0 + 2.0 * (9.0 + 18.0), 4.0 * 9.0 * 0.5)),
+    ({"traction": [Traction(on="right", value=(2.0, -3.0))]}, (2.0 * 6, -3.0 * 6)),
+    ({"traction": [Traction(on="top", value=(2.0, -3.0)), Traction(on="bottom", value=(1.0, 0.0))]},
+     (3.0 * 4.5, -3.0 * 4.5)),
+    ({"traction": [Traction(on="top", value=AffineVector(constant=(1.0, 0.0), x_slope=(0.0, 2.0)))]},
+     (4.5, 2.0 * (4.5 + 9.0))),
+    ({"traction": [Traction(on="right", value=AffineVector(y_slope=(6.0, 0.0), constant=(0.0, 1.0)))]},
+     (6.0 * 3.0 * 1.0, 6.0)),
+    ({"traction": [Traction(on="right", value=(1.0, 0.0)), Traction(on="right", value=(1.0, 5.0))],
+      "volume_force": (0.0, 1.0)}, (12.0, 39.0)),
+], ids=["volume", "affine volume", "right", "top and bottom", "affine top", "affine right", "sum"])
+def test_load_is_the_integral(rest, expected, component, order):
+    mesh = rectangle(order=order)
+    problem = assemble(mesh, body(clamp=["left"], **rest))
+    w = np.zeros((len(problem.nodes), 2))
+    w[:, component] = mesh.points[problem.nodes, 0] - 1.0
+    assert problem.b.array_r @ w.ravel() == pytest.approx(expected[component], rel=1e-13)
+
+
+def test_total_load():
+    mesh = rectangle()
+    traction = [Traction(on="right", value=(2.0, -3.0))]
+    b = assemble(mesh, body(clamp=["left"], traction=traction)).b.array_r.reshape(-1, 2)
+    assert b.sum(axis=0) == pytest.approx([4.0, -6.0], rel=1e-14)
+
+
+def test_traction_inside_the_body_is_refused():
+    mesh = rectangle((2, 1), (2.0, 1.0), (0.0, 0.0))
+    middle = np.flatnonzero(mesh.points[:, 0] == 1.0)
+    inside = Mesh(mesh.points, mesh.triangles, {**mesh.groups, "middle": middle[None, :]})
+    with pytest.raises(InputError, match="not on the body's boundary"):
+        assemble(inside, body(clamp=["left"], traction=[Traction(on="middle", value=(1.0, 0.0))]))
+
+
+# Clamps
+
+ROLLERS = [Clamp(on="left", x=2e-3), Clamp(on="bottom", y=AffineScalar(constant=1e-3, x_slope=-1e-4))]
+CLAMPS = {"full": ["left"], "rollers": ROLLERS, "roller and full": ["left", Clamp(on="right", y=-1e-3)],
+          "all around": [*SIDES]}
+
+
+@both_orders
+@pytest.mark.parametrize("clamps", CLAMPS.values(), ids=CLAMPS)
+def test_clamps_against_elimination_by_scipy(clamps, order):
+    mesh = rectangle(order=order)
+    load = {"traction": [Traction(on="top", value=(0.01, -0.02))], "volume_force": (0.03, 0.01)}
+    spec = body(clamp=clamps, **load)
+    problem = assemble(mesh, spec)
+
+    K = stiffness_of(mesh, STRAIN)
+    held = np.zeros((len(mesh.points), 2), bool)
+    given = np.zeros((len(mesh.points), 2))
+    for clamp in spec.clamps:
+        nodes = np.unique(mesh.groups[clamp.on])
+        for i, value in enumerate((clamp.x, clamp.y)):
+            if value is not None:
+                held[nodes, i] = True
+                affine = isinstance(value, AffineScalar)
+                given[nodes, i] = value.constant + value.x_slope * mesh.points[nodes, 0] if affine else value
+    f = load_of(mesh, LinearForm(lambda v, w: 0.03 * v[0] + 0.01 * v[1]))
+    shares = [1 / 2, 1 / 2] if order == 1 else [1 / 6, 1 / 6, 4 / 6]
+    for edge in mesh.groups["top"]:
+        length = np.linalg.norm(mesh.points[edge[1]] - mesh.points[edge[0]])
+        f[2 * edge] += 0.01 * length * np.array(shares)
+        f[2 * edge + 1] += -0.02 * length * np.array(shares)
+    u, free = given.ravel().copy(), ~held.ravel()
+    u[free] = spsolve(K[free][:, free].tocsc(), (f - K @ u)[free])
+
+    assert np.array_equal(problem.free, ~held)
+    assert np.array_equal(problem.prescribed, given)
+    assert problem.n == free.sum()
+    assert np.array_equal(problem.nodes, np.flatnonzero(~held.all(axis=1)))
+    assert np.abs(solve(problem).ravel() - u).max() <= 1e-11 * np.abs(u).max()
+
+
+@both_orders
+@pytest.mark.parametrize("clamps", CLAMPS.values(), ids=CLAMPS)
+def test_matrix_is_symmetric_positive_definite_with_blocks_of_two(clamps, order):
+    problem = assemble(rectangle(order=order), body(clamp=clamps))
+    assert problem.A.getBlockSize() == 2
+    assert problem.b.getBlockSize() == 2
+    assert problem.A.size == (2 * len(problem.nodes), 2 * len(problem.nodes))
+    A = to_scipy(problem.A).toarray()
+    assert np.abs(A - A.T).max() <= 1e-15 * np.abs(A).max()
+    eigenvalues = np.linalg.eigvalsh(A)
+    assert eigenvalues[0] > 1e-3 * eigenvalues[-1] / len(A)
+
+
+@both_orders
+@pytest.mark.parametrize("clamps", [["left"], ROLLERS], ids=["full", "rollers"])
+def test_near_null_space_holds_the_rigid_motions(clamps, order):
+    mesh = rectangle((8, 6), order=order)
+    problem = assemble(mesh, body(clamp=clamps))
+    modes = np.column_stack([v.array_r for v in problem.A.getNearNullSpace().getVecs()])
+    assert np.abs(modes.T @ modes - np.eye(3)).max() <= 1e-13
+
+    x, y = mesh.points[problem.nodes].T
+    rigid = np.stack([np.column_stack(m) for m in ((1 + 0 * x, 0 * x), (0 * x, 1 + 0 * x), (-y, x))])
+    rigid = (rigid * problem.free[problem.nodes]).reshape(3, -1).T
+    assert np.abs(rigid - modes @ (modes.T @ rigid)).max() <= 1e-12 * np.abs(rigid).max()
+
+    held = np.zeros(len(mesh.points), bool)
+    held[~problem.free.all(axis=1)] = True
+    near = np.zeros_like(held)
+    near[mesh.triangles[held[mesh.triangles].any(axis=1)]] = True
+    interior = ~near[problem.nodes]
+    assert interior.sum() > 20
+    forces = (to_scipy(problem.A) @ modes).reshape(-1, 2, 3)
+    assert np.abs(forces[interior]).max() <= 1e-13 * np.abs(to_scipy(problem.A)).max()
+    assert np.abs(forces[~interior]).max() > 1e-3
+
+
+def test_expand_puts_everything_in_its_place():
+    mesh = rectangle((2, 2))
+    problem = assemble(mesh, body(clamp=["left", Clamp(on="right", y=5.0)]))
+    u = problem.b.duplicate()
+    u.array[:] = 100 + np.arange(u.size)
+    full = problem.expand(u)
+    x = mesh.points[:, 0]
+    assert np.all(full[x == 1.0] == 0.0)
+    assert np.all(full[x == 4.0, 1] == 5.0)
+    free = problem.free[problem.nodes].ravel()
+    assert np.array_equal(full[problem.free], u.array_r[free])
+
+
+def test_later_clamp_wins_where_two_meet():
+    mesh = rectangle((2, 2))
+    problem = assemble(mesh, body(clamp=["left", Clamp(on="top", x=1.0, y=2.0)]))
+    corner = np.flatnonzero((mesh.points == [1.0, 1.5]).all(axis=1))
+    assert problem.prescribed[corner].tolist() == [[1.0, 2.0]]
+
+
+LOOSE = {
+    "no clamp": ([], "move|rotate"),
+    "slides along x": ([Clamp(on="bottom", y=0.0)], "move along x"),
+    "slides along x between": ([Clamp(on="bottom", y=0.0), Clamp(on="top", y=0.0)], "move along x"),
+    "slides along y": ([Clamp(on="left", x=0.0), Clamp(on="right", x=1e-3)], "move along y"),
+    "turns about a corner": ([Clamp(on="bottom", x=0.0), Clamp(on="left", y=0.0)], "rotate"),
+}
+
+
+@pytest.mark.parametrize("geometry", [
+    {}, {"order": 2}, {"divisions": (1, 1)}, {"divisions": (1, 1), "order": 2},
+    {"divisions": (30, 7), "size": (1e-9, 1e-9), "origin": (0.0, 0.0)},
+    {"size": (1e6, 1e6), "origin": (-5e6, 0.0)}, {"size": (1.0, 1.0), "origin": (1e5, 1e5)},
+    {"divisions": (40, 2), "size": (100.0, 1.0)}],
+    ids=["plain", "order 2", "coarse", "coarse, order 2", "nano", "huge", "far", "slender"])
+@pytest.mark.parametrize("case", LOOSE)
+def test_loose_body_is_refused(case, geometry):
+    clamps, motion = LOOSE[case]
+    with pytest.raises(InputError, match=rf"body\.block\.clamp: .* not held: it can still ({motion})"):
+        assemble(rectangle(**geometry), body(clamp=clamps))
+
+
+@pytest.mark.parametrize("geometry", [
+    {}, {"divisions": (1, 1)}, {"divisions": (1, 1), "order": 2}, {"size": (1e-9, 1e-9), "origin": (0.0, 0.0)},
+    {"size": (1.0, 1.0), "origin": (1e5, 1e5)}, {"divisions": (40, 2), "size": (100.0, 1.0)}],
+    ids=["plain", "coarse", "coarse, order 2", "nano", "far", "slender"])
+@pytest.mark.parametrize("clamps", [["left"], [Clamp(on="left", x=0.0), Clamp(on="bottom", y=0.0)],
+                                    [Clamp(on="left", x=0.0, y=0.0)]])
+def test_held_body_is_accepted(clamps, geometry):
+    problem = assemble(rectangle(**geometry), body(clamp=clamps))
+    assert problem.n == problem.free.sum() > 0
+
+
+def test_piece_that_no_clamp_holds_is_refused():
+    """Two separate squares in one mesh, only one of them clamped."""
+    square = rectangle((2, 2), (1.0, 1.0), (0.0, 0.0))
+    count = len(square.points)
+    both = Mesh(np.vstack([square.points, square.points + np.array([3.0, 0.0])]),
+                np.vstack([square.triangles, square.triangles + count]), square.groups)
+    with pytest.raises(InputError, match=r"body\.block\.clamp"):
+        assemble(both, body(clamp=["left"]))
+
+
+def test_load_and_clamp_name_absent_groups():
+    mesh = rectangle()
+    with pytest.raises(InputError, match=r"body\.block\.clamp: .*'lft'"):
+        assemble(mesh, body(clamp=["lft"]))
+    with pytest.raises(InputError, match=r"body\.block\.traction: .*'rigt'"):
+        assemble(mesh, body(clamp=["left"], traction=[Traction(on="rigt", value=(1.0, 0.0))]))

@@ -1,0 +1,164 @@
+"""The estimated discretization error against the true one, and what it must not see."""
+
+import numpy as np
+import pytest
+
+from ddmpi.body.estimate import ErrorEstimate, estimate_error, relative_error
+from ddmpi.body.stiffness import sum_stiffness
+from ddmpi.mesh.build import generate_rectangle
+from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.refine import raise_order
+from ddmpi.scene.bodies import Material, MeshSpec
+
+STEEL = Material(young=2e11, poisson=0.3)
+ORDERS = pytest.mark.parametrize("order", [1, 2])
+
+
+def rectangle(N: int, order: int, distorted: bool = False, scale: float = 1.0) -> Mesh:
+    mesh = generate_rectangle(MeshSpec(shape="rectangle", size=(3.0, 1.0), divisions=(3 * N, N)))
+    points = mesh.points.copy()
+    if distorted:
+        inner = (points > 1e-9).all(axis=1) & (points < np.array([3.0, 1.0]) - 1e-9).all(axis=1)
+        points[inner] += np.random.default_rng(1).uniform(-0.2 / N, 0.2 / N, (inner.sum(), 2))
+    mesh = Mesh(scale * points, mesh.triangles, mesh.groups)
+    return mesh if order == 1 else raise_order(mesh, "mesh")
+
+
+def wave(points: np.ndarray) -> np.ndarray:
+    """A smooth displacement (m)."""
+    x, y = points.T
+    return 1e-3 * np.column_stack([np.sin(1.3 * x + 0.5 * y), 2 * np.cos(0.7 * x - 1.1 * y)])
+
+
+def wave_stress(points: np.ndarray, material: Material) -> np.ndarray:
+    x, y = points.T
+    first, shear = material.lame
+    c, s = np.cos(1.3 * x + 0.5 * y), np.sin(0.7 * x - 1.1 * y)
+    exx, eyy, gxy = 1.3e-3 * c, 2.2e-3 * s, 0.5e-3 * c - 1.4e-3 * s
+    return np.stack([first * (exx + eyy) + 2 * shear * exx, first * (exx + eyy) + 2 * shear * eyy, shear * gxy])
+
+
+def true_error(mesh: Mesh, material: Material) -> tuple[float, float]:
+    """Squared energy norms of the error of the interpolated wave and of itself.
+
+    Each triangle's polynomial is found anew from its nodes; 25 points integrate over a triangle.
+    """
+    first, shear = material.lame
+    nodes = mesh.points[mesh.triangles]
+    corners = nodes[:, :3]
+    centre = corners.mean(axis=1, keepdims=True)
+    quadratic = nodes.shape[1] == 6
+
+    def monomials(z):
+        x, y = z[..., 0], z[..., 1]
+        one, zero = np.ones_like(x), np.zeros_like(x)
+        p = [one, x, y] + quadratic * [x * x, x * y, y * y]
+        px = [zero, one, zero] + quadratic * [2 * x, y, zero]
+        py = [zero, zero, one] + quadratic * [zero, x, 2 * y]
+        return (np.stack(q, axis=-1) for q in (p, px, py))
+
+    size = np.abs(nodes - centre).max()
+    coefficients = np.linalg.solve(next(monomials((nodes - centre) / size)), wave(mesh.points)[mesh.triangles])
+    t, w = np.polynomial.legendre.leggauss(5)
+    a, b = np.meshgrid((1 + t) / 2, (1 + t) / 2, indexing="ij")
+    weight = (np.outer(w, w) / 4 * (1 - a)).ravel()  # Duffy's map of the square to the triangle
+    a, b = a.ravel(), (b * (1 - a)).ravel()
+    at = np.einsum("qi,tid->tqd", np.column_stack([1 - a - b, a, b]), corners)
+    _, px, py = monomials((at - centre) / size)
+    ux, uy = px @ coefficients / size, py @ coefficients / size
+    trace = first * (ux[..., 0] + uy[..., 1])
+    found = np.stack([trace + 2 * shear * ux[..., 0], trace + 2 * shear * uy[..., 1],
+                      shear * (uy[..., 0] + ux[..., 1])])
+    error = found - wave_stress(at.reshape(-1, 2), material).reshape(found.shape)
+    edges = corners[:, 1:] - corners[:, :1]
+    doubled = np.abs(edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0])
+
+    def squared(s):
+        return float(doubled @ ((s[0]**2 + s[1]**2 + 2 * s[2]**2 - first / (2 * (first + shear)) * (s[0] + s[1])**2)
+                                / (2 * shear)) @ weight)
+    return squared(error), squared(found)
+
+
+@ORDERS
+@pytest.mark.parametrize("distorted", [False, True])
+def test_effectivity_tends_to_one(order, distorted):
+    effectivities = []
+    for N in (4, 8, 16):
+        mesh = rectangle(N, order, distorted)
+        estimate = estimate_error(mesh, STEEL, wave(mesh.points))
+        error, energy = true_error(mesh, STEEL)
+        assert estimate.energy == pytest.approx(energy, rel=1e-3)
+        assert estimate.squares.shape == (len(mesh.triangles),)
+        assert estimate.total == pytest.approx(estimate.squares.sum())
+        effectivities.append(np.sqrt(estimate.total / error))
+    assert effectivities[-1] == pytest.approx(1.0, abs=0.1), effectivities
+
+
+@ORDERS
+def test_what_the_elements_hold_exactly_has_no_error(order):
+    mesh = rectangle(6, order, distorted=True)
+    x, y = mesh.points.T
+    u = np.column_stack([2 * x - y + 1, x + 3 * y]) if order == 1 else np.column_stack([x * y - y * y, x * x + 3 * y])
+    estimate = estimate_error(mesh, STEEL, u)
+    assert estimate.total <= 1e-20 * estimate.energy
+    at_rest = estimate_error(mesh, STEEL, np.zeros_like(u))
+    assert relative_error(at_rest.total, at_rest.energy) == 0.0
+
+
+@ORDERS
+@pytest.mark.parametrize(("length", "young"), [(1e-9, 1.0), (1e3, 1e-6), (1.0, 1e9)])
+def test_units_do_not_matter(order, length, young):
+    u = wave(rectangle(5, order, True).points)
+    usual, other = (estimate_error(rectangle(5, order, True, scale), material, scale * u) for scale, material in (
+        (1.0, STEEL), (length, Material(young=2e11 * young, poisson=0.3))))
+    assert relative_error(other.total, other.energy) == pytest.approx(relative_error(usual.total, usual.energy))
+    assert other.squares == pytest.approx(usual.squares * young * length**2, rel=1e-6)
+
+
+@pytest.mark.parametrize("material", [Material(young=1.0, poisson=0.0), Material(young=1.0, poisson=0.4999),
+                                      Material(young=1.0, poisson=0.3, plane="stress")], ids=str)
+def test_energy_is_twice_the_strain_energy(material):
+    """Of a pull along x by 0.001 and nothing else: σ_xx = (λ + 2μ) 0.001."""
+    mesh = rectangle(3, 1)
+    estimate = estimate_error(mesh, material, np.column_stack([1e-3 * mesh.points[:, 0], np.zeros(len(mesh.points))]))
+    first, shear = material.lame
+    assert estimate.energy == pytest.approx(3.0 * (first + 2 * shear) * 1e-6, rel=1e-10)
+
+
+@ORDERS
+def test_energy_is_that_of_the_stiffness(order):
+    mesh = rectangle(5, order, distorted=True)
+    u = wave(mesh.points)
+    expected = float((u * sum_stiffness(mesh, STEEL).mult(u)).sum())
+    assert estimate_error(mesh, STEEL, u).energy == pytest.approx(expected, rel=1e-11)
+
+
+@ORDERS
+def test_a_rigid_motion_has_neither_energy_nor_error(order):
+    """But for rounding, which a solve with a stiffness adds to; a strain of a millionth of it counts."""
+    mesh = rectangle(6, order, distorted=True)
+    rigid = 0.1 + 0.01 * mesh.points @ [[0.0, 1.0], [-1.0, 0.0]]
+    rounded = rigid * (1 + 1e-13 * np.random.default_rng(0).uniform(-1, 1, rigid.shape))
+    estimate = estimate_error(mesh, STEEL, rounded)
+    assert (estimate.energy, estimate.total) == (0.0, 0.0)
+    strained = estimate_error(mesh, STEEL, rigid + 1e-7 * wave(mesh.points))
+    assert strained.energy == pytest.approx(1e-14 * estimate_error(mesh, STEEL, wave(mesh.points)).energy, rel=1e-3)
+
+
+@ORDERS
+@pytest.mark.parametrize("divisions", [(6, 1), (48, 1), (1, 1)], ids=str)
+def test_bodies_without_inner_vertices_get_a_rough_estimate(order, divisions):
+    """The elements around a vertex of the boundary stand in."""
+    size = (3.0, 18.0 / divisions[0] * divisions[1]) if divisions[0] > 1 else (1.0, 1.0)
+    mesh = generate_rectangle(MeshSpec(shape="rectangle", size=size, divisions=divisions))
+    mesh = mesh if order == 1 else raise_order(mesh, "mesh")
+    estimate = estimate_error(mesh, STEEL, wave(mesh.points))
+    error, energy = true_error(mesh, STEEL)
+    effectivity = relative_error(estimate.total, estimate.energy) / relative_error(error, energy)
+    assert 0.5 <= effectivity <= 2.0
+
+
+def test_relative_error():
+    assert relative_error(0.0, 0.0) == 0.0
+    assert relative_error(1.0, 3.0) == 0.5
+    assert ErrorEstimate(np.array([1.0, 2.0]), np.array([0.5, 0.5]), 5.0).total == 3.0

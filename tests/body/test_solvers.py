@@ -1,0 +1,384 @@
+"""Solves with a stiffness matrix, direct and iterative, what fails and how; the contact compliance."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sparse
+from petsc4py import PETSc
+from scipy.sparse.linalg import spsolve
+
+from ddmpi.body.compliance import Compliance
+from ddmpi.body.elasticity import Elasticity, assemble
+from ddmpi.body.solver import StiffnessSolver, best_cholesky
+from ddmpi.errors import DdmpiError, SolverError
+from ddmpi.interface.matching import pair
+from ddmpi.interface.side import contact_side
+from ddmpi.interface.trace import trace
+from ddmpi.mesh.build import generate_rectangle
+from ddmpi.mesh.refine import raise_order
+from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
+
+
+def block(divisions=(12, 6), young=2e11, clamp=("left",), size=(2.0, 1.0)) -> Elasticity:
+    mesh = generate_rectangle(MeshSpec(shape="rectangle", size=size, divisions=divisions))
+    return assemble(mesh, BodySpec(name="upper", mesh=MeshSpec(file="unused.msh"), clamp=list(clamp),
+                                   material=Material(young=young, poisson=0.3),
+                                   traction=[Traction(on="top", value=(1e6, -2e6))]))
+
+
+def to_scipy(A: PETSc.Mat) -> sparse.csc_matrix:
+    indptr, indices, data = A.getValuesCSR()
+    return sparse.csr_matrix((data, indices, indptr), shape=A.size).tocsc()
+
+
+def from_dense(matrix) -> PETSc.Mat:
+    rows = sparse.csr_matrix(np.asarray(matrix, float))
+    A = PETSc.Mat().createAIJ(rows.shape, csr=(rows.indptr, rows.indices, rows.data), comm=PETSc.COMM_SELF)
+    A.setOption(PETSc.Mat.Option.SPD, True)
+    return A
+
+
+def vector(values) -> PETSc.Vec:
+    return PETSc.Vec().createWithArray(np.array(values, float), comm=PETSc.COMM_SELF)
+
+
+def solve(A: PETSc.Mat, f: PETSc.Vec) -> np.ndarray:
+    u = f.duplicate()
+    StiffnessSolver(A, "upper").solve(f, u)
+    return u.array_r.copy()
+
+
+# Direct
+
+
+@pytest.mark.skipif(best_cholesky(block().A) != "mumps", reason="this PETSc has no MUMPS")
+def test_ordering_of_mumps(petsc_options):
+    """Minimum fill (2), which leaves no option behind; who names another (0, minimum degree) gets it."""
+    def ordering() -> int:
+        return StiffnessSolver(block().A, "upper").ksp.getPC().getFactorMatrix().getMumpsInfog(7)
+
+    assert ordering() == 2
+    assert not PETSc.Options().hasName("body_mat_mumps_icntl_7")
+    petsc_options(body_mat_mumps_icntl_7=0)
+    assert ordering() == 0
+    assert PETSc.Options().getInt("body_mat_mumps_icntl_7") == 0
+
+
+def test_default_is_a_direct_cholesky_factorization():
+    problem = block()
+    solver = StiffnessSolver(problem.A, "upper")
+    assert solver.direct
+    assert solver.description == f"preonly + cholesky ({best_cholesky(problem.A)})"
+    u = problem.b.duplicate()
+    expected = spsolve(to_scipy(problem.A), problem.b.array_r)
+    for factor in (1.0, -2.0):  # the second solve uses the same factorization
+        f = problem.b.copy()
+        f.scale(factor)
+        solver.solve(f, u)
+        assert np.linalg.norm(u.array_r - factor * expected) <= 1e-12 * np.linalg.norm(expected)
+
+
+@pytest.mark.parametrize("clamps", [["left"], [Clamp(on="left", x=1e-3), Clamp(on="bottom", y=0.0)]])
+@pytest.mark.parametrize("young", [1e-6, 1.0, 1e12])
+def test_direct_solution_in_any_units(young, clamps):
+    problem = block(young=young, clamp=clamps)
+    expected = spsolve(to_scipy(problem.A), problem.b.array_r)
+    assert np.linalg.norm(solve(problem.A, problem.b) - expected) <= 1e-11 * np.linalg.norm(expected)
+
+
+def test_best_cholesky_factors():
+    problem = block()
+    package = best_cholesky(problem.A)
+    assert package in ("mumps", "cholmod", "petsc")
+    factor = PETSc.PC().create(PETSc.COMM_SELF)
+    factor.setOperators(problem.A)
+    factor.setType("cholesky")
+    factor.setFactorSolverType(package)
+    factor.setUp()
+    assert factor.getFactorMatrix().getType() is not None
+
+
+@pytest.mark.parametrize("package", ["mumps", "cholmod", "petsc"])
+def test_factorization_can_be_chosen(package, petsc_options):
+    petsc_options(body_pc_factor_mat_solver_type=package)
+    problem = block()
+    assert package in StiffnessSolver(problem.A, "upper").description
+    expected = spsolve(to_scipy(problem.A), problem.b.array_r)
+    assert np.linalg.norm(solve(problem.A, problem.b) - expected) <= 1e-11 * np.linalg.norm(expected)
+
+
+def test_zero_load_gives_zero():
+    problem = block()
+    assert np.array_equal(solve(problem.A, vector(np.zeros(problem.b.size))), np.zeros(problem.b.size))
+
+
+# Iterative
+
+ITERATIVE = {
+    "cg + gamg": {"body_ksp_type": "cg", "body_pc_type": "gamg"},
+    "cg + jacobi": {"body_ksp_type": "cg", "body_pc_type": "jacobi"},
+    "cg + icc": {"body_ksp_type": "cg", "body_pc_type": "icc"},
+    "gmres + jacobi": {"body_ksp_type": "gmres", "body_pc_type": "jacobi", "body_ksp_gmres_restart": 200},
+    "minres + jacobi": {"body_ksp_type": "minres", "body_pc_type": "jacobi"},
+    "fcg + jacobi": {"body_ksp_type": "fcg", "body_pc_type": "jacobi"},
+    "cg + cholesky": {"body_ksp_type": "cg"},
+}
+
+
+@pytest.mark.parametrize("options", ITERATIVE.values(), ids=ITERATIVE)
+def test_iterative_solution_is_the_direct_one(options, petsc_options):
+    problem = block()
+    direct = solve(problem.A, problem.b)
+    petsc_options(**options)
+    solver = StiffnessSolver(problem.A, "upper")
+    assert not solver.direct
+    assert solver.description.startswith(options["body_ksp_type"])
+    u = problem.b.duplicate()
+    for _ in range(2):  # every solve is checked, not only the first
+        u.set(0.0)
+        solver.solve(problem.b, u)
+        residual = np.linalg.norm(problem.b.array_r - to_scipy(problem.A) @ u.array_r)
+        assert residual <= 2e-10 * problem.b.norm()
+        assert np.linalg.norm(u.array_r - direct) <= 1e-7 * np.linalg.norm(direct)
+    assert solver.ksp.getIterationNumber() < 500
+
+
+def test_multigrid_uses_the_rigid_motions(petsc_options):
+    """With them the number of iterations hardly grows with the mesh."""
+    petsc_options(**ITERATIVE["cg + gamg"])
+    iterations = []
+    for divisions in ((20, 10), (80, 40)):
+        problem = block(divisions)
+        solver = StiffnessSolver(problem.A, "upper")
+        solver.solve(problem.b, problem.b.duplicate())
+        iterations.append(solver.ksp.getIterationNumber())
+    assert iterations[1] <= 1.6 * iterations[0]
+    assert iterations[1] < 30
+
+
+def test_precision_asked_for_is_that_of_the_true_residual(petsc_options):
+    """A kind norm of the method's own is found out, and the solution refined."""
+    problem = block((24, 12))
+    petsc_options(**ITERATIVE["cg + gamg"], body_ksp_norm_type="preconditioned", body_ksp_rtol=1e-6)
+    u = vector(solve(problem.A, problem.b))
+    assert np.linalg.norm(problem.b.array_r - to_scipy(problem.A) @ u.array_r) <= 2e-6 * problem.b.norm()
+
+
+@pytest.mark.parametrize("options", [{}, ITERATIVE["cg + gamg"]], ids=["direct", "iterative"])
+def test_large_true_residual_is_an_error(options, petsc_options):
+    petsc_options(**options)
+    problem, softer = block(), block(young=1e11)
+    solver = StiffnessSolver(problem.A, "upper")
+    solver.A = softer.A  # what is solved is not what is checked
+    softer.A.scale(4.0)
+    with pytest.raises(SolverError, match=r"body 'upper': .* left a true residual of .* is needed"):
+        solver.solve(problem.b, problem.b.duplicate())
+
+
+def test_what_rounding_leaves_of_a_residual_is_no_failure():
+    """A cantilever of 3 m × 25 mm: relative to the load, no solver gets the residual below 1e-8."""
+    problem = block((240, 2), size=(3.0, 0.025))
+    A, b = to_scipy(problem.A), problem.b
+    direct = spsolve(A, b.array_r)
+    assert np.linalg.norm(b.array_r - A @ direct) > 2e-10 * b.norm()
+    u = b.duplicate()
+    StiffnessSolver(problem.A, "upper", iterative=True).solve(b, u)
+    assert np.linalg.norm(u.array_r - direct) <= 1e-5 * np.linalg.norm(direct)
+
+
+# Failures
+
+
+def test_a_block_of_solves_without_factors_is_checked(petsc_options):
+    petsc_options(body_ksp_type="preonly", body_pc_type="jacobi")
+    problem = block()
+    solver = StiffnessSolver(problem.A, "upper")
+    with pytest.raises(SolverError, match=r"'upper': preonly \+ jacobi left a true residual"):
+        solver.solve_block(np.eye(problem.b.size)[:, :3])
+
+
+def test_iteration_limit_names_the_reason(petsc_options):
+    petsc_options(body_ksp_type="cg", body_pc_type="jacobi", body_ksp_max_it=1)
+    problem = block()
+    solver = StiffnessSolver(problem.A, "upper")
+    with pytest.raises(SolverError, match=r"'upper': cg \+ jacobi failed.* DIVERGED_\w+ after 1 iter"):
+        solver.solve(problem.b, problem.b.duplicate())
+
+
+SINGULAR = {
+    "zero row": np.diag([1.0, 0.0, 2.0, 3.0]),
+    "zero": np.zeros((3, 3)),
+    "rank one": np.ones((3, 3)),
+    "floating chain": np.diag([1.0, 2, 2, 1]) - np.eye(4, k=1) - np.eye(4, k=-1),
+    "not a number": np.diag([1.0, np.nan, 2.0]),
+    "infinite": np.diag([1.0, np.inf, 2.0]),
+}
+
+
+@pytest.mark.parametrize("package", ["", "mumps", "cholmod", "petsc"])
+@pytest.mark.parametrize("case", SINGULAR)
+def test_singular_matrix_is_an_error(case, package, petsc_options):
+    if package:
+        petsc_options(body_pc_factor_mat_solver_type=package)
+    matrix = SINGULAR[case]
+    with pytest.raises(SolverError, match="body 'upper'"):
+        solve(from_dense(matrix), vector(1.0 + np.arange(len(matrix))))
+
+
+def test_singular_matrix_with_an_iterative_solver_is_an_error(petsc_options):
+    petsc_options(body_ksp_type="cg", body_pc_type="jacobi", body_ksp_max_it=100)
+    with pytest.raises(SolverError, match="body 'upper'"):
+        solve(from_dense(SINGULAR["floating chain"]), vector([1.0, 2.0, 3.0, 4.0]))
+
+
+@pytest.mark.parametrize("options", [{}, ITERATIVE["cg + jacobi"]], ids=["direct", "iterative"])
+def test_load_that_is_no_number_is_an_error(options, petsc_options):
+    petsc_options(**options)
+    problem = block()
+    f = problem.b.copy()
+    f.array[3] = np.nan
+    with pytest.raises(SolverError, match="body 'upper'"):
+        solve(problem.A, f)
+
+
+@pytest.mark.parametrize("options", [
+    {"body_ksp_type": "cgg"}, {"body_pc_type": "gmag"}, {"body_pc_factor_mat_solver_type": "mump"}],
+    ids=["ksp", "pc", "package"])
+def test_unknown_type_is_an_error_for_the_user(options, petsc_options):
+    petsc_options(**options)
+    problem = block()
+    with pytest.raises(DdmpiError, match=next(iter(options.values()))):
+        solve(problem.A, problem.b)
+
+
+# The compliance, of a block whose bottom is the contact
+
+
+def contact_problem(divisions=(8, 4), clamp=("left",), order=1) -> tuple[Elasticity, PETSc.Mat, np.ndarray]:
+    """The upper block's problem, its trace B, and C = B A⁻¹ Bᵀ by dense algebra."""
+    upper, lower = (generate_rectangle(MeshSpec(shape="rectangle", origin=(0.0, y), size=(2.0, 1.0),
+                                                divisions=divisions)) for y in (1.0, 0.0))
+    if order == 2:
+        upper, lower = (raise_order(mesh, "mesh") for mesh in (upper, lower))
+    spec = BodySpec(name="upper", mesh=MeshSpec(file="unused.msh"), clamp=list(clamp),
+                    material=Material(young=2e11, poisson=0.3), traction=[Traction(on="top", value=(1e6, -2e6))])
+    problem, free = assemble(upper, spec), assemble(lower, spec).free
+    contact = pair(contact_side(upper, upper.groups["bottom"], problem.free),
+                   contact_side(lower, lower.groups["top"], free), True, "contact.0")
+    B = trace(contact, 1, problem)
+    dense = to_dense(B)
+    return problem, B, dense @ np.linalg.solve(to_scipy(problem.A).toarray(), dense.T)
+
+
+def to_dense(B: PETSc.Mat) -> np.ndarray:
+    indptr, indices, data = B.getValuesCSR()
+    return sparse.csr_matrix((data, indices, indptr), shape=B.size).toarray()
+
+
+KINDS = {"default": (None, {}, 1e-12), "explicit": ("explicit", {}, 1e-12), "direct": ("direct", {}, 1e-12),
+         "explicit by solves": ("explicit", {"body_pc_factor_mat_solver_type": "cholmod"}, 1e-12),
+         "explicit by multigrid": ("explicit", ITERATIVE["cg + gamg"], 1e-8),
+         "iterative": ("iterative", {}, 1e-8)}
+
+
+@pytest.mark.parametrize(("divisions", "order"), [((8, 4), 1), ((4, 2), 2)], ids=["linear", "quadratic"])
+@pytest.mark.parametrize("name", KINDS)
+def test_compliance_is_the_dense_one(name, divisions, order, petsc_options):
+    kind, options, precision = KINDS[name]
+    petsc_options(**options)
+    problem, B, C = contact_problem(divisions, order=order)
+    operator = Compliance(problem.A, B, "upper", kind)
+    assert operator.size == len(C) == 16
+    assert operator.kind == kind or kind is None
+    product, columns = np.empty(16), np.empty((16, 16))
+    for i, unit in enumerate(np.eye(16)):
+        operator.mult(unit, product, "step1")
+        columns[:, i] = product
+    assert np.abs(columns - C).max() <= precision * np.abs(C).max()
+    assert np.abs(operator.dense() - C).max() <= precision * np.abs(C).max()
+    assert operator.count["step1"] == 16
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_compliance_counts_by_purpose(name, petsc_options):
+    kind, options, precision = KINDS[name]
+    petsc_options(**options)
+    problem, B, _ = contact_problem()
+    operator = Compliance(problem.A, B, "upper", kind)
+    before = operator.count.copy()
+    y = np.full(16, np.nan)
+    operator.mult(np.ones(16), y, "step1")
+    operator.mult(np.ones(16), y, "step1")
+    operator.mult(np.ones(16), y, "neumann")
+    assert operator.count - before == {"step1": 2, "neumann": 1}
+    operator.mult(np.zeros(16), y, "step1")  # zero costs nothing
+    assert np.array_equal(y, np.zeros(16))
+    operator.free_response(problem.b, y, "load")
+    assert operator.count - before == {"step1": 2, "neumann": 1, "load": 1}
+    expected = to_dense(B) @ spsolve(to_scipy(problem.A), problem.b.array_r)
+    assert np.linalg.norm(y - expected) <= precision * np.linalg.norm(expected)
+
+
+@pytest.mark.parametrize("kind", ["explicit", "direct"])
+def test_compliance_norm_is_estimated_once(kind):
+    problem, B, C = contact_problem()
+    operator = Compliance(problem.A, B, "upper", kind)
+    true = np.linalg.norm(C, 2)
+    assert 0.97 * true <= operator.norm() <= true * (1 + 1e-10)
+    count = operator.count["norm"]
+    assert 0 < count <= 30
+    operator.norm()
+    assert operator.count["norm"] == count
+
+
+@pytest.mark.parametrize("kind", ["explicit", "direct"])
+def test_compliance_works_on_part_of_a_vector(kind):
+    problem, B, C = contact_problem()
+    operator = Compliance(problem.A, B, "upper", kind)
+    x, y = np.arange(40.0), np.zeros(40)
+    operator.mult(x[10:26], y[20:36], "step1")
+    assert np.linalg.norm(y[20:36] - C @ x[10:26]) <= 1e-12 * np.linalg.norm(y)
+    assert not y[:20].any()
+    assert not y[36:].any()
+
+
+@pytest.mark.parametrize("kind", ["explicit", "direct"])
+@pytest.mark.parametrize("divisions", [(1, 1), (3, 1)])
+def test_compliance_where_all_free_nodes_touch(divisions, kind):
+    """Nothing is left to condense: the Schur complement is the whole stiffness."""
+    problem, B, C = contact_problem(divisions, ["top"])
+    operator = Compliance(problem.A, B, "upper", kind)
+    assert np.abs(operator.dense() - C).max() <= 1e-12 * np.abs(C).max()
+
+
+def test_schur_complement_and_full_solves_with_one_factorization():
+    problem = block()
+    A = to_scipy(problem.A).toarray()
+    size = len(A)
+    chosen = np.sort(np.random.default_rng(2).permutation(size)[:20])
+    solver = StiffnessSolver(problem.A, "upper", schur=chosen)
+    if best_cholesky(problem.A) == "mumps":
+        other = np.setdiff1d(np.arange(size), chosen)
+        mixed = A[np.ix_(other, chosen)]
+        schur = A[np.ix_(chosen, chosen)] - mixed.T @ np.linalg.solve(A[np.ix_(other, other)], mixed)
+        expected = np.linalg.inv(schur)
+        assert np.abs(solver.inverse - expected).max() <= 1e-12 * np.abs(expected).max()
+        assert np.array_equal(solver.inverse, solver.inverse.T)
+    u = problem.b.duplicate()
+    solver.solve(problem.b, u)
+    expected = np.linalg.solve(A, problem.b.array_r)
+    assert np.linalg.norm(u.array_r - expected) <= 1e-12 * np.linalg.norm(expected)
+
+
+@pytest.mark.parametrize("iterative", [False, True])
+def test_block_of_right_hand_sides(iterative):
+    problem = block()
+    F = np.random.default_rng(3).normal(size=(problem.b.size, 5))
+    found = StiffnessSolver(problem.A, "upper", iterative=iterative).solve_block(F)
+    expected = np.linalg.solve(to_scipy(problem.A).toarray(), F)
+    assert np.abs(found - expected).max() <= (1e-8 if iterative else 1e-12) * np.abs(expected).max()
+
+
+def test_solver_asked_to_iterate_uses_multigrid():
+    solver = StiffnessSolver(block().A, "upper", iterative=True)
+    assert not solver.direct
+    assert solver.description == "cg + gamg"

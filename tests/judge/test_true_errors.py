@@ -1,0 +1,360 @@
+"""The errors that studies report (scripts/true_errors.py, rings.py): against known ones and known solutions."""
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scenes
+from rings import INNER, OUTER, Rings
+from true_errors import (
+    ClosedForm,
+    Contact,
+    EnergyNorm,
+    contact_of,
+    difference,
+    end_error,
+    interpolate,
+    relative,
+    side_difference,
+    solve_reference,
+    stress_error,
+    zone_ends,
+)
+
+from ddmpi.body.estimate import estimate_error, relative_error
+from ddmpi.coupling.assembly import prepare
+from ddmpi.errors import DdmpiError
+from ddmpi.mesh.build import generate_rectangle
+from ddmpi.mesh.elements import ELEMENTS
+from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.refine import raise_order
+from ddmpi.run.solve import solve
+from ddmpi.scene.bodies import Material, MeshSpec
+
+STEEL = Material(young=2e11, poisson=0.3)
+ORDERS = pytest.mark.parametrize("order", [1, 2])
+two_ranks = pytest.mark.mpi(ranks=2, timeout=60, unit="s")
+
+
+def rectangle(factor: int, order: int) -> tuple[Mesh, MeshSpec]:
+    spec = MeshSpec(shape="rectangle", origin=(1.0, -0.5), size=(3.0, 0.7), divisions=(4 * factor, 3 * factor),
+                    order=order)
+    mesh = generate_rectangle(spec)
+    return (mesh if order == 1 else raise_order(mesh, "mesh")), spec
+
+
+def polynomial(points: np.ndarray, order: int) -> np.ndarray:
+    x, y = points.T
+    linear = np.column_stack([1 + 2 * x - y, 3 * x + 0.5 * y])
+    return linear if order == 1 else linear + np.column_stack([x * x - 3 * x * y, y * y + x * y])
+
+
+# Displacements on another mesh
+
+@ORDERS
+def test_interpolation_reproduces_what_the_elements_hold(order):
+    mesh, spec = rectangle(1, order)
+    inside = np.array([1.0, -0.5]) + np.random.default_rng(3).uniform(0, 1, (200, 2)) * (3.0, 0.7)
+    for points in (mesh.points, inside, rectangle(5, 2)[0].points):
+        u = interpolate(mesh, spec, polynomial(mesh.points, order), points)
+        assert np.abs(u - polynomial(points, order)).max() <= 1e-12
+
+
+@ORDERS
+def test_a_finer_mesh_holds_the_coarse_displacement(order):
+    """Its energy is the same there; not so on a finer mesh of lower order, or one that is no multiple."""
+    mesh, spec = rectangle(2, order)
+    u = np.random.default_rng(7).normal(size=mesh.points.shape)
+    energy = EnergyNorm(mesh, STEEL).squared(u)
+
+    def energy_on(factor: int, fine_order: int) -> float:
+        fine, _ = rectangle(factor, fine_order)
+        return EnergyNorm(fine, STEEL).squared(interpolate(mesh, spec, u, fine.points))
+
+    for factor in (2, 4, 6):
+        assert energy_on(factor, 2) == pytest.approx(energy, rel=1e-12)
+    assert energy_on(3, order) != pytest.approx(energy, rel=1e-3)
+    if order == 2:
+        assert energy_on(6, 1) != pytest.approx(energy, rel=1e-3)
+
+
+def test_energy_norm_of_a_known_strain():
+    """ε_xx = 0.001 and γ_xy = 0.002 on 3 m × 0.7 m: (λ + 2μ) 1e-6 + μ 4e-6 per area."""
+    mesh, _ = rectangle(1, 2)
+    x, y = mesh.points.T
+    first, shear = STEEL.lame
+    u = np.column_stack([1e-3 * x + 2e-3 * y + 5.0, np.full_like(x, -2.0)])
+    assert EnergyNorm(mesh, STEEL).squared(u) == pytest.approx(2.1 * ((first + 2 * shear) + 4 * shear) * 1e-6, rel=1e-6)
+
+
+@ORDERS
+def test_shape_functions(order):
+    mesh, _ = rectangle(1, order)
+    element = ELEMENTS[mesh.triangles.shape[1]]
+    nodes = np.concatenate([np.eye(3), np.array([[1, 1, 0], [0, 1, 1], [1, 0, 1]]) / 2])[:(3, 6)[order - 1]]
+    assert np.array_equal(element.shapes(nodes), np.eye(len(nodes)))
+    assert element.shapes(np.full((4, 5, 3), 1 / 3)).sum(axis=-1) == pytest.approx(1.0)
+
+
+def test_stress_error_of_a_known_difference():
+    """The exact stress is the computed one but for 2e6 Pa of shear, whose energy is τ²/μ per area."""
+    mesh, _ = rectangle(2, 1)
+    u = 1e-4 * np.column_stack([mesh.points[:, 0], -mesh.points[:, 1]])
+    shear = STEEL.lame[1]
+    normal = 2 * shear * 1e-4
+    for added, expected in ((0.0, 0.0), (2e6, 2.1 * (2e6) ** 2 / shear)):
+        found = stress_error(mesh, STEEL, u, lambda points, added=added: np.broadcast_to(
+            [normal, -normal, added], (*points.shape[:-1], 3)))
+        assert found == pytest.approx(expected, rel=1e-9, abs=1e-12 * 2.1 * normal**2 / shear)
+
+
+# Along the interface
+
+def test_zone_ends():
+    x = np.linspace(0.0, 1.0, 11)
+    inside = np.array([False, True, True, True, False, False, False, True, True, True, True])
+    assert zone_ends(x, inside) == pytest.approx([0.05, 0.35, 0.65])
+    assert zone_ends(x[::-1], inside) == pytest.approx([0.95, 0.65, 0.35])
+    assert zone_ends(x, ~inside) == pytest.approx([0.05, 0.35, 0.65])
+    for everything in (True, False):
+        assert len(zone_ends(x, np.full(11, everything))) == 0
+
+
+def test_zones_of_single_nodes_on_a_fine_mesh_are_passed_over():
+    x = np.linspace(0.0, 3.0, 1001)
+    inside = (x > 1.0) & (x < 2.0)
+    for single in (0, 1, 400, 500, 700, 999, 1000):
+        noisy = inside.copy()
+        noisy[single] = ~noisy[single]
+        assert zone_ends(x, noisy) == pytest.approx([1.0, 2.0], abs=2e-3), single
+    noisy = inside.copy()
+    noisy[335:341:2] = ~noisy[335:341:2]  # the end itself frays
+    assert zone_ends(x, noisy) == pytest.approx([1.0, 2.0], abs=0.02)
+
+
+def test_end_error():
+    assert end_error(np.array([1.0, 2.0]), np.array([1.1, 1.95])) == pytest.approx(0.1)
+    assert end_error(np.empty(0), np.empty(0)) == 0.0
+    assert np.isnan(end_error(np.array([1.0]), np.empty(0)))
+
+
+def test_difference_and_relative():
+    length = np.array([0.5, 1.0, 0.5])
+    assert difference(np.array([1.0, 1.0, 3.0]), np.ones(3), length) == pytest.approx(1.0)
+    assert np.isnan(difference(np.ones(3), np.zeros(3), length))
+    assert relative(-1.5, -1.0) == 0.5
+    assert np.isnan(relative(1.0, 0.0))
+
+
+def contact(x: list[float], length: list[float], middle: list[int], pressure: list[float]) -> Contact:
+    """Closed and sticking where there is pressure, but for the second node, which slips; shear is half of it."""
+    status = np.where(np.array(pressure) > 0, "stick", "open")
+    status[1] = "slip"
+    return Contact(np.column_stack([x, np.zeros(len(x))]), np.array(length), np.array(middle, bool), np.array(pressure),
+                   np.array(pressure) / -2, status)
+
+
+def test_resultants_and_zones_of_a_contact():
+    found = contact([0.0, 1.0, 2.0], [0.5, 1.0, 0.5], [0, 0, 0], [2.0, 4.0, 0.0])
+    assert (found.normal_force, found.tangential_force) == (5.0, -2.5)
+    assert found.contact_ends.tolist() == [1.5]
+    assert found.stick_ends.tolist() == [0.5]
+
+
+def test_side_means_of_the_pressure():
+    """They give the resultant; a corner that is missing (clamped) takes its side along."""
+    linear = contact([0.0, 1.0, 3.0], [0.5, 1.5, 1.0], [0, 0, 0], [2.0, 4.0, 6.0])
+    x, mean, width = linear.side_pressures()
+    assert [x.tolist(), mean.tolist(), width.tolist()] == [[0.5, 2.0], [3.0, 5.0], [1.0, 2.0]]
+    quadratic = contact([0.0, 0.5, 1.0, 1.5, 2.0], [1 / 6, 2 / 3, 1 / 3, 2 / 3, 1 / 6], [0, 1, 0, 1, 0],
+                        [7.0, 4.0, 7.0, 1.0, 1.0])
+    x, mean, width = quadratic.side_pressures()
+    assert [x.tolist(), mean.tolist(), width.tolist()] == [[0.5, 1.5], [5.0, 2.0], [1.0, 1.0]]
+    assert mean @ width == pytest.approx(quadratic.normal_force)
+    clamped = contact([0.5, 1.0, 1.5, 2.0], [2 / 3, 1 / 3, 2 / 3, 1 / 6], [1, 0, 1, 0], [4.0, 7.0, 1.0, 1.0])
+    assert clamped.side_pressures()[1].tolist() == [2.0]
+
+
+def test_side_means_are_compared_with_those_over_the_same_sides():
+    """Pairs of fine sides are the coarse ones; what swings between the fine nodes does not count."""
+    fine = contact([1.0, 2.0, 3.0, 4.0, 5.0], [0.5, 1.0, 1.0, 1.0, 0.5], [0] * 5, [2.0, 3.0, 4.0, 5.0, 6.0])
+    swinging = replace(fine, pressure=fine.pressure + np.array([1.0, -1.0, 1.0, -1.0, 1.0]))
+    coarse = contact([1.0, 3.0, 5.0], [1.0, 2.0, 1.0], [0, 0, 0], [2.0, 4.0, 6.0])
+    assert side_difference(coarse, fine) == side_difference(coarse, swinging) == 0.0
+    wrong = replace(coarse, pressure=1.1 * coarse.pressure)
+    assert side_difference(wrong, fine) == pytest.approx(0.1)
+
+
+# Against a fine solution
+
+def blocks(N: int, order: int):
+    from ddmpi.scene.reader import read_scene
+
+    scene = scenes.pinched_blocks(N, tolerance=1e-10)
+    for body in scene["body"]:
+        body["mesh"]["order"] = order
+    return read_scene("scene of a test", scenes.to_toml(scene))
+
+
+def solved(comm, scene):
+    problem = prepare(comm, scene)
+    return problem, solve(problem, scene.method)[0]
+
+
+@pytest.fixture
+def folder(comm):
+    """A temporary folder for both ranks."""
+    with tempfile.TemporaryDirectory() as made:
+        yield Path(comm.bcast(made))
+        comm.Barrier()
+
+
+@two_ranks
+def test_errors_against_a_fine_solution(comm, folder):
+    fine = solve_reference(comm, blocks(24, 2), folder / "fine.npz")
+    assert 0.01 < fine.own_error < 0.04
+    found = {}
+    for order, N in ((1, 4), (1, 12), (2, 4), (2, 12)):
+        problem, answer = solved(comm, blocks(N, order))
+        found[order, N] = fine.errors(problem, answer)
+        estimate = estimate_error(problem.mesh, problem.spec.material, answer.displacement)
+        estimated = relative_error(comm.allreduce(estimate.total), comm.allreduce(estimate.energy))
+        assert 0.75 <= estimated / found[order, N].energy <= 1.2
+        spacing = 1 / (N * order)
+        assert max(found[order, N].contact_end, found[order, N].stick_end) <= spacing
+    for name in ("energy", "pressure", "shear", "side_pressure", "normal_force", "tangential_force"):
+        for order in (1, 2):
+            coarse, finer = getattr(found[order, 4], name), getattr(found[order, 12], name)
+            assert 0.0 < finer < 0.7 * coarse, (name, order)
+        assert getattr(found[2, 4], name) < getattr(found[1, 4], name), name
+
+
+@two_ranks
+def test_the_fine_solution_itself_and_a_known_distance_from_it(comm, folder):
+    scene = blocks(8, 2)
+    fine = solve_reference(comm, scene, folder / "fine.npz")
+    problem, answer = solved(comm, scene)
+    errors = fine.errors(problem, answer)
+    assert errors.energy == pytest.approx(fine.own_error, rel=1e-6)
+    assert max(errors.pressure, errors.side_pressure, errors.shear) <= 1e-7
+    assert max(errors.normal_force, errors.tangential_force) <= 1e-7
+    assert (errors.contact_end, errors.stick_end) == (0.0, 0.0)
+    own = estimate_error(problem.mesh, problem.spec.material, answer.displacement).energy
+    assert fine.energy == pytest.approx(comm.allreduce(own), rel=1e-8)
+
+    stretched = answer.displacement + 1e-5 * problem.mesh.points * [1, 0]
+    first, shear = problem.spec.material.lame
+    distance = fine.errors(problem, replace(answer, displacement=stretched)).energy
+    added = 2 * 3.0 * (first + 2 * shear) * 1e-10
+    assert (distance**2 - fine.own_error**2) * fine.energy == pytest.approx(added, rel=1e-6)
+
+    state = replace(answer.state, normal_force=1.01 * answer.state.normal_force)
+    errors = fine.errors(problem, replace(answer, state=state))
+    assert [errors.pressure, errors.normal_force] == pytest.approx([0.01, 0.01], rel=1e-6)
+
+
+@two_ranks
+def test_the_fine_solution_is_kept_and_only_used_for_its_own_scene(comm, folder):
+    path = folder / "deep" / "fine.npz"
+    first = solve_reference(comm, blocks(4, 1), path)
+    written = path.stat().st_mtime_ns
+    again = solve_reference(comm, blocks(4, 1), path)
+    assert path.stat().st_mtime_ns == written
+    assert np.array_equal(first.u, again.u)
+    assert (first.energy, first.own_error) == (again.energy, again.own_error)
+    other = solve_reference(comm, blocks(5, 1), path)
+    assert path.stat().st_mtime_ns != written
+    assert len(other.u) > len(first.u)
+    assert [entry.name for entry in path.parent.iterdir()] == ["fine.npz"]
+
+
+@two_ranks
+def test_a_reference_without_certificate_is_refused(comm, folder):
+    from ddmpi.scene.reader import read_scene
+
+    scene = scenes.pinched_blocks(4, tolerance=1e-10, theta=0.2, max_iterations=3)
+    with pytest.raises((RuntimeError, DdmpiError), match="max_iterations"):
+        solve_reference(comm, read_scene("scene of a test", scenes.to_toml(scene)), folder / "fine.npz")
+    assert not (folder / "fine.npz").exists()
+
+
+# Against the closed form of two rings
+
+RINGS = Rings(a=0.4, b=1.0, c=1.7, overlap=1e-6)
+
+
+def at(radius: float, angle: float) -> tuple[np.ndarray, np.ndarray]:
+    """A point (1, 2) and the direction (2,) of the radius there."""
+    outward = np.array([np.cos(angle), np.sin(angle)])
+    return radius * outward[None], outward
+
+
+def traction(body: str, radius: float, angle: float) -> np.ndarray:
+    """σ n (2,) with n along the radius."""
+    point, n = at(radius, angle)
+    xx, yy, xy = RINGS.stress(body, point)[0]
+    return np.array([[xx, xy], [xy, yy]]) @ n
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, 1.3, np.pi / 2])
+def test_closed_form_of_the_rings_holds_at_all_boundaries(angle):
+    p, (_, n) = RINGS.pressure, at(1.0, angle)
+    for body in (INNER, OUTER):
+        assert traction(body, RINGS.b, angle) == pytest.approx(-p * n, abs=1e-9 * p)
+    assert np.abs(traction(INNER, RINGS.a, angle)).max() <= 1e-9 * p
+    assert np.abs(traction(OUTER, RINGS.c, angle)).max() <= 1e-9 * p
+    jump = RINGS.displacement(OUTER, at(RINGS.b, angle)[0]) - RINGS.displacement(INNER, at(RINGS.b, angle)[0])
+    assert jump[0] == pytest.approx(RINGS.overlap * n, abs=1e-9 * RINGS.overlap)
+
+
+def test_stress_of_the_rings_is_that_of_their_displacement():
+    step = 1e-5
+    for body, radius in ((INNER, 0.7), (OUTER, 1.4)):
+        first, shear = RINGS.material(body).lame
+        point, _ = at(radius, 0.9)
+        (uxx, uyx), (uxy, uyy) = ((RINGS.displacement(body, point + e) - RINGS.displacement(body, point - e))[0]
+                                  / (2 * step) for e in step * np.eye(2))
+        trace = first * (uxx + uyy)
+        expected = [trace + 2 * shear * uxx, trace + 2 * shear * uyy, shear * (uxy + uyx)]
+        assert RINGS.stress(body, point)[0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_pressure_and_energy_of_the_rings():
+    """Equal materials, plane strain: p = E' δ (b²−a²)(c²−b²) / (2 b³ (c²−a²)); all of the overlap's work is strain."""
+    steel = Rings(0.4, 1.0, 1.7, 1e-6, STEEL, STEEL)
+    a2, b2, c2 = 0.16, 1.0, 1.7**2
+    assert steel.pressure == pytest.approx(STEEL.plane_modulus * 1e-6 * (b2 - a2) * (c2 - b2) / (2 * (c2 - a2)))
+    assert RINGS.normal_force == pytest.approx(RINGS.pressure * np.pi / 2)
+    assert RINGS.energy(INNER) > 0.0 < RINGS.energy(OUTER)
+    assert RINGS.energy(INNER) + RINGS.energy(OUTER) == pytest.approx(RINGS.normal_force * RINGS.overlap)
+
+
+@two_ranks
+def test_solutions_converge_to_the_closed_form(comm, folder):
+    """Order 1 at rate 1; order 2 at rate 1.5, because straight sides cut the corners of the circle."""
+    exact, errors = ClosedForm(RINGS), {}
+    for N in (3, 6, 12):
+        if comm.rank == 0:
+            RINGS.write_meshes(folder, N)
+        comm.Barrier()
+        for order in (1, 2):
+            problem, answer = solved(comm, RINGS.scene(folder, N, order, "method.tolerance=1e-10"))
+            assert problem.interface.gap == pytest.approx(-RINGS.overlap, rel=1e-2)
+            assert answer.certified
+            errors[order, N] = exact.errors(problem, answer)
+            assert errors[order, N].contact_end == 0.0
+            assert contact_of(problem, answer).normal_force == pytest.approx(
+                RINGS.normal_force, rel=1.01 * errors[order, N].normal_force)
+    for order, expected in ((1, 1.0), (2, 1.5)):
+        energy = [errors[order, N].energy for N in (3, 6, 12)]
+        assert np.log2(energy[0] / energy[1]) == pytest.approx(expected, abs=0.2), energy
+        assert np.log2(energy[1] / energy[2]) == pytest.approx(expected, abs=0.15), energy
+    assert errors[2, 12].energy < 0.1 * errors[1, 12].energy
+    assert errors[1, 12].normal_force < 3e-3
+    assert errors[2, 12].normal_force < 3e-4
+    assert errors[1, 12].pressure < 0.02
+    for N in (3, 6, 12):  # the kinks at the corners show in the pressure at nodes, not in its means over sides
+        assert errors[2, N].side_pressure < 0.1 * errors[2, N].pressure
+    assert errors[2, 12].side_pressure < 1e-3

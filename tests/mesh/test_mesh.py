@@ -1,0 +1,396 @@
+"""Meshes: generated rectangles, gmsh files in both formats, and what is refused."""
+
+from pathlib import Path
+
+import gmsh
+import meshio
+import numpy as np
+import pytest
+
+from ddmpi.errors import InputError
+from ddmpi.mesh.build import build_mesh, generate_rectangle
+from ddmpi.mesh.mesh import Mesh, boundary_group, segments, signed_double_areas, turn_outward
+from ddmpi.mesh.read import read_mesh
+from ddmpi.mesh.refine import raise_order
+from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
+
+STEEL = Material(young=2.1e11, poisson=0.3)
+SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+HALVES = np.array([[0, 1, 2], [0, 2, 3]])
+SIDES = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
+NAMES = ("bottom", "right", "top", "left")
+
+
+def rectangle(divisions, size=(3.0, 1.0), origin=(0.0, 0.0)) -> Mesh:
+    return generate_rectangle(MeshSpec(shape="rectangle", origin=origin, size=size, divisions=divisions))
+
+
+def write_square(path: Path, *, points=SQUARE, triangles=HALVES, lines=SIDES, tags=(1, 2, 3, 4), names=NAMES,
+                 extra=()) -> Path:
+    """A hand-made mesh in format 2.2; line i carries the physical tag ``tags[i]``, name i the tag i + 1."""
+    cells = [("line", np.asarray(lines)), ("triangle", np.asarray(triangles)), *extra]
+    physical = [np.array(tags, int)] + [np.full(len(block), 9) for _, block in cells[1:]]
+    groups = {name: np.array([i + 1, 1]) for i, name in enumerate(names)} | {"volume": np.array([9, 2])}
+    if points.shape[1] == 2:
+        points = np.column_stack([points, np.zeros(len(points))])
+    mesh = meshio.Mesh(points, cells, cell_data={"gmsh:physical": physical, "gmsh:geometrical": physical},
+                       field_data=groups)
+    meshio.write(path, mesh, file_format="gmsh22", binary=False)
+    return path
+
+
+def write_by_gmsh(path: Path, version: float, binary: bool = False, lines=None, surfaces=("volume",),
+                  order: int = 1) -> Path:
+    """The unit square as gmsh meshes and saves it; `lines` are named groups of the numbers of its sides."""
+    lines = lines or {name: [i] for i, name in enumerate(NAMES)}
+    gmsh.initialize([], readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        geometry = gmsh.model.geo
+        corners = [geometry.addPoint(x, y, 0.0, 0.4) for x, y in SQUARE]
+        sides = [geometry.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
+        surface = geometry.addPlaneSurface([geometry.addCurveLoop(sides)])
+        geometry.synchronize()
+        for name, members in lines.items():
+            gmsh.model.addPhysicalGroup(1, [sides[i] for i in members], name=name)
+        for name in surfaces:
+            gmsh.model.addPhysicalGroup(2, [surface], name=name)
+        gmsh.model.mesh.generate(2)
+        gmsh.model.mesh.setOrder(order)
+        gmsh.option.setNumber("Mesh.MshFileVersion", version)
+        gmsh.option.setNumber("Mesh.Binary", binary)
+        gmsh.write(str(path))
+    finally:
+        gmsh.finalize()
+    return path
+
+
+def write_quadratic_square(path: Path, moves: dict[int, tuple[float, float]] | None = None) -> Path:
+    """The square of two quadratic triangles; node 4 + i is on the middle of side i, node 8 on the diagonal."""
+    points = np.vstack([SQUARE, (SQUARE + np.roll(SQUARE, -1, axis=0)) / 2, [[0.5, 0.5]]])
+    for node, by in (moves or {}).items():
+        points[node] += by
+    lines = np.column_stack([SIDES, [4, 5, 6, 7]])
+    cells = [("line3", lines), ("triangle6", np.array([[0, 1, 2, 4, 5, 8], [0, 2, 3, 8, 6, 7]]))]
+    physical = [np.arange(1, 5), np.full(2, 9)]
+    groups = {name: np.array([i + 1, 1]) for i, name in enumerate(NAMES)}
+    mesh = meshio.Mesh(np.column_stack([points, np.zeros(len(points))]), cells, field_data=groups,
+                       cell_data={"gmsh:physical": physical, "gmsh:geometrical": physical})
+    meshio.write(path, mesh, file_format="gmsh22", binary=False)
+    return path
+
+
+def area(mesh: Mesh) -> float:
+    return float(signed_double_areas(mesh.points, mesh.triangles).sum() / 2)
+
+
+def length(mesh: Mesh, group: str) -> float:
+    ends = mesh.points[mesh.groups[group]]
+    return float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum())
+
+
+def refused(path: Path) -> str:
+    with pytest.raises(InputError) as error:
+        read_mesh(path, "upper")
+    text = str(error.value)
+    assert text.startswith("body.upper.mesh.file: ")
+    assert path.name in text
+    return text
+
+
+def body_with(mesh: MeshSpec, **rest) -> BodySpec:
+    return BodySpec(name="upper", mesh=mesh, material=STEEL, **rest)
+
+
+# Rectangles
+
+
+@pytest.mark.parametrize("divisions", [(1, 1), (1, 3), (4, 1), (6, 2), (66, 22)])
+def test_rectangle_has_the_right_counts(divisions):
+    nx, ny = divisions
+    mesh = rectangle(divisions)
+    assert mesh.points.shape == ((nx + 1) * (ny + 1), 2)
+    assert mesh.triangles.shape == (2 * nx * ny, 3)
+    assert {name: len(edges) for name, edges in mesh.groups.items()} == \
+        {"bottom": nx, "top": nx, "left": ny, "right": ny}
+    assert np.array_equal(np.unique(mesh.triangles), np.arange(len(mesh.points)))
+
+
+@pytest.mark.parametrize(("size", "origin"), [
+    ((3.0, 1.0), (0.0, 1.0)), ((1e-9, 2e-9), (0.0, 0.0)), ((1e6, 5e5), (-2e6, 3.0)),
+    ((1e-9, 1e6), (1e-9, -5e5)), ((1.0, 1.0), (1e6, -1e6))])
+def test_rectangle_keeps_size_and_origin(size, origin):
+    mesh = rectangle((5, 4), size, origin)
+    corner, (width, height) = np.array(origin), size
+    assert mesh.points.min(axis=0) == pytest.approx(corner, rel=1e-15, abs=0.0)
+    assert mesh.points.max(axis=0) == pytest.approx(corner + size, rel=1e-15, abs=0.0)
+    rounding = (np.abs(mesh.points).max(axis=0) / size).max()  # what the offset costs
+    assert rounding < 1e7
+    assert area(mesh) == pytest.approx(width * height, rel=1e-14 * (1 + rounding), abs=0.0)
+    assert signed_double_areas(mesh.points, mesh.triangles) == \
+        pytest.approx(np.full(40, width * height / 20), rel=1e-14 * (1 + rounding), abs=0.0)
+    assert mesh.extent == pytest.approx(np.hypot(*size), rel=1e-9, abs=0.0)
+
+
+def test_rectangle_groups_lie_on_their_sides():
+    mesh = rectangle((5, 4), (3.0, 2.0), (1.0, -1.0))
+    for name, component, value in (("left", 0, 1.0), ("right", 0, 4.0), ("bottom", 1, -1.0), ("top", 1, 1.0)):
+        assert np.all(mesh.points[mesh.groups[name], component] == value)
+        assert length(mesh, name) == pytest.approx(2.0 if component == 0 else 3.0, rel=1e-14, abs=0.0)
+
+
+@pytest.mark.parametrize("divisions", [(1, 1), (6, 2)])
+def test_rectangle_diagonals_run_from_lower_left_to_upper_right(divisions):
+    mesh = rectangle(divisions)
+    step = np.array([3.0, 1.0]) / divisions
+    corners = mesh.points[mesh.triangles]
+    edges = (np.roll(corners, -1, axis=1) - corners) / step
+    diagonal = edges[np.all(np.abs(edges) > 0.5, axis=2)]
+    assert len(diagonal) == len(mesh.triangles)
+    assert np.prod(diagonal, axis=1) == pytest.approx(np.ones(len(diagonal)), rel=1e-12, abs=0.0)
+
+
+def test_rectangles_above_each_other_share_coordinates_exactly():
+    lower, upper = rectangle((37, 5), (3.0, 1.0), (0.1, 0.0)), rectangle((37, 3), (3.0, 0.7), (0.1, 1.0))
+    x_lower, x_upper = (np.sort(m.points[np.unique(m.groups[name]), 0])
+                        for m, name in ((lower, "top"), (upper, "bottom")))
+    assert np.array_equal(x_lower, x_upper)
+
+
+# Files
+
+
+@pytest.mark.parametrize("binary", [False, True])
+@pytest.mark.parametrize("version", [2.2, 4.1])
+def test_gmsh_file_is_read(tmp_path, version, binary):
+    mesh = read_mesh(write_by_gmsh(tmp_path / "square.msh", version, binary), "upper")
+    assert area(mesh) == pytest.approx(1.0, rel=1e-13, abs=0.0)
+    assert np.all(signed_double_areas(mesh.points, mesh.triangles) > 0)
+    assert set(mesh.groups) == set(NAMES)
+    for name, component, value in (("left", 0, 0.0), ("right", 0, 1.0), ("bottom", 1, 0.0), ("top", 1, 1.0)):
+        assert np.all(mesh.points[mesh.groups[name], component] == value)
+        assert length(mesh, name) == pytest.approx(1.0, rel=1e-13, abs=0.0)
+
+
+@pytest.mark.parametrize("version", [2.2, 4.1])
+def test_line_in_two_groups_counts_in_both(tmp_path, version):
+    lines = {"bottom": [0], "left": [3], "lower corner": [0, 3], "rim": [0, 1, 2, 3]}
+    mesh = read_mesh(write_by_gmsh(tmp_path / "square.msh", version, lines=lines), "upper")
+    assert {name: round(length(mesh, name), 12) for name in mesh.groups} == \
+        {"bottom": 1.0, "left": 1.0, "lower corner": 2.0, "rim": 4.0}
+
+
+@pytest.mark.parametrize("version", [2.2, 4.1])
+def test_surface_in_two_groups_counts_once(tmp_path, version):
+    path = write_by_gmsh(tmp_path / "square.msh", version, surfaces=("volume", "steel"))
+    assert area(read_mesh(path, "upper")) == pytest.approx(1.0, rel=1e-13, abs=0.0)
+
+
+def test_hand_made_file_is_read(tmp_path):
+    mesh = read_mesh(write_square(tmp_path / "square.msh", tags=(1, 1, 2, 3), names=NAMES[:3]), "upper")
+    assert np.array_equal(mesh.points, SQUARE)
+    assert np.array_equal(mesh.triangles, HALVES)
+    assert {name: edges.tolist() for name, edges in mesh.groups.items()} == \
+        {"bottom": [[0, 1], [1, 2]], "right": [[2, 3]], "top": [[3, 0]]}
+
+
+def test_clockwise_triangles_are_turned(tmp_path):
+    mesh = read_mesh(write_square(tmp_path / "square.msh", triangles=[[0, 2, 1], [0, 2, 3]]), "upper")
+    assert signed_double_areas(mesh.points, mesh.triangles) == pytest.approx([1.0, 1.0])
+    assert [sorted(t) for t in mesh.triangles.tolist()] == HALVES.tolist()
+
+
+def test_unused_points_are_dropped(tmp_path):
+    points = np.vstack([[[7.0, 7.0]], SQUARE[:2], [[8.0, 8.0]], SQUARE[2:], [[9.0, 9.0]]])
+    number = np.array([1, 2, 4, 5])
+    mesh = read_mesh(write_square(tmp_path / "square.msh", points=points, triangles=number[HALVES],
+                                  lines=number[SIDES]), "upper")
+    assert np.array_equal(mesh.points, SQUARE)
+    assert np.array_equal(mesh.triangles, HALVES)
+    assert np.array_equal(np.vstack([mesh.groups[name] for name in NAMES]), SIDES)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e6])
+def test_file_of_any_size_is_read(tmp_path, scale):
+    mesh = read_mesh(write_square(tmp_path / "square.msh", points=scale * (SQUARE + 3.0)), "upper")
+    assert area(mesh) == pytest.approx(scale**2, rel=1e-12, abs=0.0)
+
+
+# Order 2
+
+
+@pytest.mark.parametrize("divisions", [(1, 1), (5, 3)])
+def test_middles_of_sides_become_nodes(divisions):
+    linear = rectangle(divisions)
+    mesh = raise_order(linear, "mesh")
+    (nx, ny), corners = divisions, len(linear.points)
+    assert len(mesh.points) == (2 * nx + 1) * (2 * ny + 1)
+    assert np.array_equal(mesh.points[:corners], linear.points)
+    assert np.array_equal(mesh.triangles[:, :3], linear.triangles)
+    ends = mesh.points[linear.triangles]
+    assert np.array_equal(mesh.points[mesh.triangles[:, 3:]], (ends + np.roll(ends, -1, axis=1)) / 2)
+    assert np.array_equal(np.unique(mesh.triangles[:, 3:]), np.arange(corners, len(mesh.points)))
+    for name, edges in linear.groups.items():
+        assert np.array_equal(mesh.groups[name][:, :2], edges)
+        assert np.array_equal(mesh.points[mesh.groups[name][:, 2]], mesh.points[edges].mean(axis=1))
+
+
+def test_order_of_the_scene_is_that_of_the_mesh(tmp_path):
+    square = MeshSpec(shape="rectangle", size=(1.0, 1.0), divisions=(2, 2), order=2)
+    assert build_mesh(body_with(square, clamp=["left"])).triangles.shape == (8, 6)
+    write_square(tmp_path / "square.msh")
+    for order, nodes in ((1, 4), (2, 9)):
+        mesh = build_mesh(body_with(MeshSpec(file="square.msh", order=order)), tmp_path)
+        assert (len(mesh.points), mesh.groups["left"].shape[1]) == (nodes, order + 1)
+
+
+@pytest.mark.parametrize("version", [2.2, 4.1])
+def test_second_order_file_gives_its_corners(tmp_path, version):
+    linear = read_mesh(write_by_gmsh(tmp_path / "linear.msh", version), "upper")
+    mesh = read_mesh(write_by_gmsh(tmp_path / "quadratic.msh", version, order=2), "upper")
+    assert np.array_equal(mesh.points, linear.points)
+    assert np.array_equal(mesh.triangles, linear.triangles)
+    assert all(np.array_equal(mesh.groups[name], linear.groups[name]) for name in NAMES)
+
+
+def test_second_order_file_by_hand(tmp_path):
+    mesh = read_mesh(write_quadratic_square(tmp_path / "square.msh", {4: (1e-9, 0.0)}), "upper")
+    assert np.array_equal(mesh.points, SQUARE)
+    assert np.array_equal(mesh.triangles, HALVES)
+    assert np.array_equal(np.vstack([mesh.groups[name] for name in NAMES]), SIDES)
+
+
+def test_group_across_triangles_has_no_middles(tmp_path):
+    path = write_square(tmp_path / "square.msh", lines=[*SIDES.tolist(), [1, 3]], tags=(1, 2, 3, 4, 5),
+                        names=(*NAMES, "across"))
+    assert len(read_mesh(path, "upper").points) == 4
+    with pytest.raises(InputError, match=r"body\.upper\.mesh: .*'across' has lines that are not sides"):
+        build_mesh(body_with(MeshSpec(file=str(path), order=2)))
+
+
+def test_edges_are_turned_and_walked():
+    mesh = raise_order(rectangle((2, 1)), "mesh")
+    edges = mesh.groups["top"].copy()
+    edges[0] = edges[0][[1, 0, 2]]
+    turned = turn_outward(mesh, edges, "contact.0.on")
+    assert (np.diff(mesh.points[turned][:, :2, 0], axis=1) < 0).all()  # the body lies to the left
+    assert np.array_equal(turned[:, 2], edges[:, 2])
+    steps = mesh.points[segments(turned)]
+    assert steps[:, 1] - steps[:, 0] == pytest.approx(np.tile([-0.75, 0.0], (4, 1)))
+
+
+# Refusals
+
+
+def test_file_that_is_not_there(tmp_path):
+    with pytest.raises(InputError, match=r"body\.upper\.mesh\.file: there is no file .*absent\.msh"):
+        build_mesh(body_with(MeshSpec(file="absent.msh")), tmp_path)
+
+
+@pytest.mark.parametrize("content", ["", "not a mesh\n", "$MeshFormat\n9.9 0 8\n$EndMeshFormat\n"])
+def test_file_that_is_not_a_mesh(tmp_path, content):
+    path = tmp_path / "notes.msh"
+    path.write_text(content)
+    assert "is not a gmsh mesh" in refused(path)
+
+
+@pytest.mark.parametrize("version", [2.2, 4.1])
+def test_truncated_file(tmp_path, version):
+    path = write_by_gmsh(tmp_path / "square.msh", version)
+    path.write_text(path.read_text()[:-400])
+    refused(path)
+
+
+def test_quadrilaterals(tmp_path):
+    path = write_square(tmp_path / "quads.msh", extra=[("quad", np.array([[0, 1, 2, 3]]))])
+    assert "elements of type quad" in refused(path)
+
+
+def test_third_order_triangles(tmp_path):
+    text = refused(write_by_gmsh(tmp_path / "cubic.msh", 4.1, order=3))
+    assert "elements of type line4, triangle10" in text
+
+
+@pytest.mark.parametrize("moved", [4, 8])
+def test_curved_triangles(tmp_path, moved):
+    """The middle of a side on the boundary, and that of the diagonal."""
+    path = write_quadratic_square(tmp_path / "curved.msh", {moved: (0.01, 0.01)})
+    text = refused(path)
+    assert "curved elements" in text and "straight" in text
+
+
+def test_middle_that_is_off_along_its_side(tmp_path):
+    assert "curved elements" in refused(write_quadratic_square(tmp_path / "uneven.msh", {4: (0.1, 0.0)}))
+
+
+def test_no_triangles(tmp_path):
+    path = write_square(tmp_path / "lines.msh", triangles=np.empty((0, 3), int))
+    assert "has no triangles" in refused(path)
+
+
+def test_no_named_boundaries(tmp_path):
+    assert "no named physical groups of lines" in refused(write_square(tmp_path / "square.msh", names=()))
+
+
+def test_triangle_without_area(tmp_path):
+    points = np.vstack([SQUARE, [[0.5, 0.0]]])
+    path = write_square(tmp_path / "flat.msh", points=points, triangles=[[0, 1, 2], [0, 2, 3], [0, 4, 1]])
+    assert "triangles without area" in refused(path)
+
+
+def test_coordinates_that_are_no_numbers(tmp_path):
+    points = SQUARE.copy()
+    points[2, 0] = np.nan
+    refused(write_square(tmp_path / "nan.msh", points=points))
+
+
+def test_mesh_in_space(tmp_path):
+    points = np.column_stack([SQUARE, [0.0, 0.1, 0.0, 0.0]])
+    assert "is not plane" in refused(write_square(tmp_path / "space.msh", points=points))
+
+
+def test_line_without_triangle(tmp_path):
+    points = np.vstack([SQUARE, [[2.0, 2.0]]])
+    path = write_square(tmp_path / "square.msh", points=points, lines=[[0, 1], [1, 2], [2, 3], [3, 4]])
+    assert "belong to no triangle" in refused(path)
+
+
+@pytest.mark.parametrize(("rest", "key"), [
+    ({"clamp": ["botom"]}, "clamp"),
+    ({"clamp": ["left", Clamp(on="botom", x=0.0)]}, "clamp"),
+    ({"traction": [Traction(on="botom", value=(1.0, 0.0))]}, "traction")])
+def test_group_that_the_mesh_does_not_have(tmp_path, rest, key):
+    write_square(tmp_path / "square.msh")
+    for spec in (MeshSpec(file="square.msh"), MeshSpec(shape="rectangle", size=(1.0, 1.0), divisions=(1, 1))):
+        with pytest.raises(InputError) as error:
+            build_mesh(body_with(spec, **rest), tmp_path)
+        assert str(error.value).startswith(f"body.upper.{key}: the mesh has no boundary group 'botom'")
+        assert "bottom, left, right, top" in str(error.value)
+
+
+def test_group_without_lines(tmp_path):
+    """A name that gmsh kept but whose lines it did not save must not clamp or load nothing in silence."""
+    write_square(tmp_path / "square.msh", tags=(1, 1, 1, 1))
+    with pytest.raises(InputError, match="right"):
+        build_mesh(body_with(MeshSpec(file="square.msh"), clamp=["right"]), tmp_path)
+
+
+def test_boundary_group():
+    mesh = rectangle((2, 1))
+    assert boundary_group(mesh, "left", "body.upper.clamp") is mesh.groups["left"]
+    with pytest.raises(InputError, match=r"contact\.0\.on: the mesh has no boundary group 'lft'"):
+        boundary_group(mesh, "lft", "contact.0.on")
+
+
+def test_file_is_looked_for_next_to_the_scene_first(tmp_path, monkeypatch):
+    near, here = tmp_path / "near", tmp_path / "here"
+    near.mkdir()
+    here.mkdir()
+    write_square(near / "square.msh")
+    write_square(here / "square.msh", points=2 * SQUARE)
+    write_square(here / "other.msh", points=3 * SQUARE)
+    monkeypatch.chdir(here)
+    assert build_mesh(body_with(MeshSpec(file="square.msh")), near).extent == pytest.approx(np.sqrt(2))
+    assert build_mesh(body_with(MeshSpec(file="other.msh")), near).extent == pytest.approx(3 * np.sqrt(2))
+    absolute = str(here / "square.msh")
+    assert build_mesh(body_with(MeshSpec(file=absolute)), near).extent == pytest.approx(2 * np.sqrt(2))

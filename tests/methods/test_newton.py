@@ -1,0 +1,442 @@
+"""The default method: its preconditioner, what it computes and what it leaves alone, how it ends, what it says."""
+
+import math
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scenes import pinched_blocks, prepare_scene, run_command, run_python, to_toml, write_scene
+
+two_ranks = pytest.mark.mpi(ranks=2, timeout=120, unit="s")
+MODULUS = 3e11
+
+
+# The preconditioner
+
+def interface(x: list[float], sliding: list[int], dropped: int = 0):
+    """Contact nodes along y = 0 at `x`; nodes more than twice as far apart as others belong to two chains."""
+    from ddmpi.interface.interface import Interface
+
+    x = np.array(x)
+    steps = np.diff(x)
+    edges = np.where(steps < 2.0 * np.median(steps), steps, 0.0)
+    length = 0.5 * (np.append(edges, 0.0) + np.insert(edges, 0, 0.0))
+    held = np.zeros(len(x))
+    if dropped:  # the first node's neighbour is clamped
+        length[0] += 0.5 * edges[0]
+        held[0] = 1.0 / edges[0]
+    m, nodes = len(x), np.arange(len(x))
+    return Interface((nodes, nodes), np.column_stack([x, np.zeros(m)]), np.tile([0.0, -1.0], (m, 1)),
+                     np.tile([1.0, 0.0], (m, 1)), length, np.zeros(m), np.array(sliding, dtype=int), dropped,
+                     edges > 0.0, np.zeros(m, bool), held, np.zeros(m + len(sliding), bool))
+
+
+def dense_stiffness(contact, modulus: float) -> np.ndarray:
+    """(E*/2) L^½ (L^-½ K L^-½ + (1.5/total)²)^½ L^½ for each kind of unknown, the root by eigenvectors.
+
+    K is the stiffness of a chain of springs 1/distance, the neighbour that was dropped held fast; L the diagonal of
+    nodal lengths.
+    """
+    x, length, m = contact.xy[:, 0], contact.length, contact.m
+    K = np.zeros((m, m))
+    for k, distance in enumerate(np.diff(x)):
+        if distance < 1.01 * (length[k] + length[k + 1]):
+            K[k:k + 2, k:k + 2] += np.array([[1.0, -1.0], [-1.0, 1.0]]) / distance
+    if contact.dropped:
+        K[0, 0] += 1.0 / (x[1] - x[0])
+    A = K / np.sqrt(np.outer(length, length)) + (1.5 / length.sum()) ** 2 * np.eye(m)
+    values, vectors = np.linalg.eigh(A)
+    block = 0.5 * modulus * np.sqrt(np.outer(length, length)) * ((vectors * np.sqrt(values)) @ vectors.T)
+    P = np.zeros((contact.size, contact.size))
+    P[:m, :m] = block
+    P[m:, m:] = block[np.ix_(contact.sliding, contact.sliding)]
+    return P
+
+
+def columns(operator, size: int) -> np.ndarray:
+    return np.column_stack([operator.mult(unit) for unit in np.eye(size)])
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e6])
+@pytest.mark.parametrize(("x", "sliding", "dropped"), [
+    (np.linspace(0, 3, 40), range(40), 0),
+    (np.linspace(0, 3, 40)[1:], range(39), 1),
+    (np.linspace(0, 3, 25), [*range(3, 12), *range(15, 25)], 0),
+    (np.linspace(0, 3, 25), [], 0),
+    (np.linspace(0, 1, 30) ** 1.5, range(30), 0),
+    ([*np.linspace(0, 1, 12), *np.linspace(2, 3, 12)], range(24), 0),
+    ([0.0, 1.0], [0, 1], 0),
+], ids=["even", "first node dropped", "some slide", "no friction", "graded", "two chains", "two nodes"])
+def test_half_plane_stiffness_is_the_square_root(x, sliding, dropped, scale):
+    from ddmpi.methods.half_plane import HalfPlaneStiffness
+
+    contact = interface([scale * value for value in x], list(sliding), dropped)
+    P, expected = columns(HalfPlaneStiffness(contact, MODULUS), contact.size), dense_stiffness(contact, MODULUS)
+    assert np.linalg.norm(P - expected, 2) <= 1e-3 * np.linalg.norm(expected, 2)
+    assert np.linalg.norm(np.linalg.solve(expected, P) - np.eye(contact.size), 2) <= 1e-3
+    assert np.abs(P - P.T).max() <= 1e-12 * np.abs(P).max()
+    assert np.linalg.eigvalsh((P + P.T) / 2).min() > 0.0
+
+
+def test_half_plane_stiffness_of_one_node():
+    """Its only neighbour, 0.5 m away, is clamped."""
+    from ddmpi.interface.interface import Interface
+    from ddmpi.methods.half_plane import HalfPlaneStiffness
+
+    one = Interface((np.array([4]),) * 2, np.zeros((1, 2)), np.array([[0.0, -1.0]]), np.array([[1.0, 0.0]]),
+                    np.array([0.25]), np.zeros(1), np.array([0]), 1, np.empty(0, bool),
+                    np.zeros(1, bool), np.array([2.0]), np.zeros(2, bool))
+    expected = 0.5 * MODULUS * 0.25 * math.hypot(1.5 / 0.25, math.sqrt(1.0 / (0.5 * 0.25)))
+    assert columns(HalfPlaneStiffness(one, MODULUS), 2) == pytest.approx(expected * np.eye(2), rel=1e-3)
+
+
+def joint_compliance(problem) -> np.ndarray:
+    return sum(problem.exchange.swap_objects(problem.body.C.dense()))
+
+
+def star_modulus(scene) -> float:
+    return 1.0 / sum(1.0 / body.material.plane_modulus for body in scene.body)
+
+
+@two_ranks
+@pytest.mark.parametrize("order", [1, 2])
+def test_preconditioned_compliance_is_well_conditioned_at_every_h_and_contrast(comm, order):
+    from ddmpi.methods.half_plane import HalfPlaneStiffness
+
+    for contrast in (1.0, 1e4):
+        conditions = []
+        for N in (6, 12, 24):
+            scene = pinched_blocks(N // order)
+            scene["body"][0]["material"]["young"] *= contrast
+            for body in scene["body"]:
+                body["mesh"]["order"] = order
+            problem = prepare_scene(comm, scene)
+            C, P = joint_compliance(problem), HalfPlaneStiffness(problem.interface, star_modulus(problem.scene))
+            values = np.linalg.eigvals(np.column_stack([P.mult(column) for column in C.T]))
+            assert np.abs(values.imag).max() <= 1e-9 * np.abs(values).max()
+            conditions.append(values.real.max() / values.real.min())
+        assert max(conditions) < 1.2 * min(conditions), conditions  # that of C alone grows four times
+        assert conditions[-1] < 0.05 * np.linalg.cond(C)
+
+
+# The methods
+
+def solve(problem, **method):
+    from ddmpi.run.solve import solve
+    from ddmpi.scene.method import Method
+
+    return solve(problem, Method(**method).resolved())
+
+
+def distance(problem, outer) -> float:
+    """Of the contact forces from those of the coupled problem. Collective."""
+    from ddmpi.judge.brute_force import solve_coupled
+
+    exact = solve_coupled(problem.body, problem.friction, problem.exchange)
+    return float(np.linalg.norm(outer.forces - exact) / np.linalg.norm(exact))
+
+
+def multiplications(comm, problem) -> dict[str, int]:
+    """By purpose, of both bodies. Collective."""
+    return dict(sum(comm.allgather(problem.body.C.count), start=type(problem.body.C.count)()))
+
+
+@two_ranks
+def test_all_methods_reach_the_coupled_problem(comm):
+    for law in ("coulomb", "tresca", "none"):
+        for method in ({}, {"outer": "newton", "tolerance": 1e-11}, {"outer": "anderson"},
+                       {"theta": 0.25, "tolerance": 1e-10}):
+            problem = prepare_scene(comm, pinched_blocks(6, law, **method))
+            answer, outer = solve(problem, **method)
+            assert answer.certified, (law, method, answer.reason)
+            assert distance(problem, outer) <= 1e-6, (law, method)
+
+
+@two_ranks
+def test_units_change_neither_digits_nor_counts(comm):
+    for law in ("coulomb", "tresca"):
+        problem = prepare_scene(comm, pinched_blocks(6, law))
+        _, usual = solve(problem)
+        n_A = multiplications(comm, problem)
+        for length, stress in ((1.0, 1e-9), (1.0, 1e9), (1e-9, 1.0), (1e9, 1.0), (1e9, 1e-9), (1e-3, 1e-6)):
+            problem = prepare_scene(comm, pinched_blocks(6, law, length, stress))
+            answer, outer = solve(problem)
+            assert answer.certified, (law, length, stress, answer.violations)
+            assert len(outer.history) == len(usual.history), (law, length, stress)
+            # GMRES ends at a threshold, where rounding may decide over one iteration of one step
+            total = sum(multiplications(comm, problem).values())
+            assert abs(total - sum(n_A.values())) <= 0.02 * total, (law, length, stress)
+            forces = outer.forces / (length * stress)
+            assert forces == pytest.approx(usual.forces, rel=1e-9, abs=1e-9 * np.abs(usual.forces).max())
+
+
+@two_ranks
+def test_only_what_the_scene_requires_is_multiplied(comm):
+    """Without friction m unknowns, vectors of that length across, and fewer products; without loads none at all."""
+    with_friction = prepare_scene(comm, pinched_blocks(6))
+    _, outer = solve(with_friction)
+    m = with_friction.interface.m
+    assert len(outer.forces) == with_friction.body.C.size == 2 * m
+    usual = multiplications(comm, with_friction)
+    assert set(usual) <= {"load", "newton", "displacement"}
+    assert (usual["load"], usual["displacement"]) == (2, 2)
+
+    frictionless = prepare_scene(comm, pinched_blocks(6, "none"))
+    before = frictionless.exchange.messages, frictionless.exchange.bytes
+    _, outer = solve(frictionless)
+    messages, sent = (a - b for a, b in zip((frictionless.exchange.messages, frictionless.exchange.bytes), before,
+                                            strict=True))
+    assert len(outer.forces) == frictionless.body.C.size == m
+    assert len(frictionless.interface.sliding) == 0
+    assert multiplications(comm, frictionless)["newton"] < usual["newton"]
+    assert sent <= 8 * messages * (m + 6)
+
+    scene = pinched_blocks(6)
+    for body in scene["body"]:
+        body["traction"] = []
+    unloaded = prepare_scene(comm, scene)
+    answer, outer = solve(unloaded)
+    assert answer.certified
+    assert not outer.forces.any()
+    assert multiplications(comm, unloaded) == {}
+
+
+@two_ranks
+def test_stiffness_contrast_costs_at_most_a_factor_of_two(comm):
+    counts = {}
+    for contrast in (1e-4, 1.0, 1e4):
+        scene = pinched_blocks(12)
+        scene["body"][0]["material"]["young"] *= contrast
+        problem = prepare_scene(comm, scene)
+        answer, _ = solve(problem)
+        assert answer.certified
+        counts[contrast] = sum(multiplications(comm, problem).values())
+    assert max(counts.values()) <= 2 * min(counts.values()), counts
+
+
+@two_ranks
+def test_the_fallback_alone_finds_the_same_answer(comm, monkeypatch):
+    """Newton steps are never given a chance: successive approximations have to do it."""
+    for law in ("coulomb", "tresca", "none"):
+        problem = prepare_scene(comm, pinched_blocks(6, law))
+        _, usual = solve(problem)
+        with monkeypatch.context() as patch:
+            patch.setattr("ddmpi.methods.newton.PATIENCE", 0)
+            answer, outer = solve(problem)
+        assert answer.certified, (law, answer.reason)
+        assert multiplications(comm, problem)["approximation"] > 0
+        assert outer.forces == pytest.approx(usual.forces, rel=1e-5, abs=1e-6 * np.abs(usual.forces).max())
+
+
+@two_ranks
+def test_too_few_iterations_are_no_answer(comm):
+    from ddmpi.judge.diagnosis import diagnose
+
+    problem = prepare_scene(comm, pinched_blocks(6))
+    for method in ({"outer": "newton"}, {"outer": "anderson"}, {"theta": 0.2}):
+        answer, outer = solve(problem, max_iterations=2, **method)
+        assert answer.stopped == "max_iterations"
+        assert len(outer.history) == 2
+        assert not answer.certified
+        assert "max_iterations" in answer.reason
+        text = diagnose(answer.reason, answer.stopped, answer.violations, outer.method, outer.history,
+                        answer.statuses, problem.interface, problem.friction)
+        assert "iteration 2" in text
+        assert "try: " in text
+
+
+@two_ranks
+def test_a_theta_too_large_diverges_and_is_told_from_running_out(comm):
+    scene = pinched_blocks(6)
+    scene["body"][0]["material"]["young"] *= 1e3
+    answer, outer = solve(prepare_scene(comm, scene), theta=1.0)
+    assert answer.stopped == "diverged"
+    assert len(outer.history) < 100
+
+
+# What is said of a run that fails
+
+def contact(m: int, sliding: list[int] | None = None):
+    return SimpleNamespace(m=m, sliding=np.arange(m) if sliding is None else np.array(sliding),
+                           xy=np.column_stack([np.arange(m), np.ones(m)]))
+
+
+def recorded(*statuses: str):
+    """A log of iterations with a letter per node: open, stick, slip to the right or left."""
+    from ddmpi.judge.diagnosis import StatusLog
+
+    log = StatusLog()
+    for letters in statuses:
+        normal = np.array([0.0 if letter == "o" else 2.0 for letter in letters])
+        tangential = np.array([{"o": 0.0, "s": 0.1, "r": 1.0, "l": -1.0}[letter] for letter in letters])
+        log.record(contact(len(letters)), np.concatenate([normal, tangential]), 0.5 * normal)
+    return log
+
+
+@pytest.mark.parametrize(("statuses", "cycles", "unsettled"), [
+    ([], False, []), (["osr"], False, []), (["osr", "osr", "osr"], False, []), (["ooo", "osr", "osr"], False, [1, 2]),
+    (["osr", "osl", "osr"], True, [2]), (["osr", "ssr", "srr", "osr"], True, [0, 1]),
+    (["osr", "srr", "rrr"], False, [0, 1]), (["oos", *["osr"] * 10], False, []),
+], ids=["nothing", "one", "settled", "settled later", "two-cycle", "three-cycle", "moving on", "long settled"])
+def test_status_log(statuses, cycles, unsettled):
+    log = recorded(*statuses)
+    assert log.cycles() is cycles
+    assert log.unsettled().tolist() == unsettled
+
+
+def history(factor: float, length: int = 15, first: float = 1.0):
+    from ddmpi.methods.outer import Step
+
+    return [Step(k + 1, first * factor**k, first * factor**(2 * k), 0.0, (0, 0)) for k in range(length)]
+
+
+def test_contraction_factor():
+    from ddmpi.judge.diagnosis import contraction
+
+    for factor in (0.3, 0.9, 1.0, 1.5):
+        assert contraction(history(factor)) == pytest.approx(factor)
+        assert contraction(history(factor), "residual") == pytest.approx(factor**2)
+    assert contraction([*history(0.1), *history(0.8, 11)]) == pytest.approx(0.8)  # the latest count
+    random = np.random.default_rng(0)
+    noisy = [type(step)(step.iteration, step.update * float(random.uniform(0.8, 1.25)), 0.0, 0.0, (0, 0))
+             for step in history(0.5)]
+    assert contraction(noisy) == pytest.approx(0.5, rel=0.1)
+    assert math.isnan(contraction(history(0.5, 2)))
+    assert math.isnan(contraction(history(0.0, 5)))
+    assert math.isnan(contraction(history(1.0, 5, math.inf)))
+
+
+def diagnosis(stopped: str, steps: list, coefficient: float = 0.3, statuses=(), violations=(), **method) -> str:
+    from ddmpi.interface.law import Friction
+    from ddmpi.judge.diagnosis import diagnose
+    from ddmpi.scene.method import Method
+
+    log = recorded(*statuses)
+    nodes = len(statuses[0]) if statuses else 3
+    return diagnose("the reason", stopped, list(violations), Method(**method).resolved(), steps, log, contact(nodes),
+                    Friction("coulomb", coefficient=np.full(nodes, coefficient)))
+
+
+def test_diagnosis_of_divergence():
+    text = diagnosis("diverged", history(2.0), theta=0.9)
+    assert text.startswith("the reason (iteration 15, update 1.6e+04")
+    assert "divergence" in text
+    assert "smaller method.theta than 0.9" in text
+    assert "default method" in text
+
+
+def test_diagnosis_of_slowness_says_how_many_iterations_it_would_take():
+    text = diagnosis("max_iterations", history(0.9), theta=0.1, tolerance=1e-4)
+    assert "slow convergence, a factor of 0.900" in text
+    wanted = 15 + 1.5 * math.log(1e-4 / history(0.9)[-1].update) / math.log(0.9)
+    assert f"max_iterations of {wanted:.0f} or more" in text
+    assert "growth" in diagnosis("max_iterations", history(1.1), theta=0.1)
+    assert "no progress" in diagnosis("max_iterations", history(1.0), theta=0.1)
+
+
+def test_diagnosis_of_cycling_names_the_nodes():
+    text = diagnosis("max_iterations", history(1.0), statuses=["osr", "osl", "osr"])
+    assert "1 of 3 nodes changed between open, slip and stick in a cycle, at (2, 1)" in text
+    assert "anderson" in text
+    assert "changed" not in diagnosis("max_iterations", history(1.0), statuses=["osr", "osr"])
+
+
+def test_diagnosis_mentions_uniqueness_for_large_friction_only():
+    assert "need not be unique" in diagnosis("max_iterations", history(1.0), coefficient=1.0)
+    assert "coefficient of 10 " in diagnosis("max_iterations", history(1.0), coefficient=10.0)
+    assert "unique" not in diagnosis("max_iterations", history(1.0), coefficient=0.3)
+
+
+def test_diagnosis_names_what_the_certificate_finds():
+    assert "the certificate fails: penetration 1e-3" in diagnosis("converged", history(0.1),
+                                                                   violations=["penetration 1e-3"])
+
+
+# Which method
+
+def resolved(**method):
+    from ddmpi.scene.reader import read_scene
+
+    return read_scene("a scene", to_toml(pinched_blocks(6, **method))).method
+
+
+@pytest.mark.parametrize("named", [{}, {"tolerance": 1e-6}, {"max_iterations": 50}, {"compliance": "direct"}])
+def test_a_method_without_published_parameters_is_the_default(named):
+    method = resolved(**named)
+    assert method.outer == "newton"
+    assert (method.algorithm, method.splitting, method.theta) == (None, None, None)
+    assert method.tolerance == named.get("tolerance", 1e-8)
+
+
+@pytest.mark.parametrize("named", [{"theta": 0.3}, {"algorithm": "modified"}, {"splitting": "step1"},
+                                   {"outer": "relaxation"}, {"outer": "relaxation", "theta": 0.4}])
+def test_whoever_names_a_published_parameter_gets_the_published_iteration(named):
+    method = resolved(**named)
+    assert method.outer == "relaxation"
+    assert method.theta == named.get("theta", 0.2)
+    assert method.algorithm == named.get("algorithm", "original")
+    assert method.splitting == named.get("splitting", "none")
+    assert method.tolerance == 1e-4
+
+
+@pytest.mark.parametrize("outer", ["newton", "anderson"])
+@pytest.mark.parametrize("named", [{"theta": 0.3}, {"algorithm": "modified"}, {"splitting": "step1"}])
+def test_published_parameters_are_refused_elsewhere(outer, named):
+    from ddmpi.errors import InputError
+
+    with pytest.raises(InputError, match=rf"method: {next(iter(named))} belong.*relaxation.*not to \"{outer}\""):
+        resolved(outer=outer, **named)
+
+
+# What is said
+
+def test_the_plan_says_what_is_left_out(tmp_path):
+    scene = pinched_blocks(6, "none") | {"output": {"stress": False, "figures": False}}
+    scene["body"][1]["traction"] = []
+    done = run_command(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results")
+    assert done.code == 0, done.output
+    left_out = next(line for line in done.stdout.splitlines() if "left out: " in line).partition("left out: ")[2]
+    assert left_out.split(", ") == [
+        "tangential unknowns (no friction)", "1 contact nodes (clamped)", "initial gap (all nodes touch)",
+        "loads of lower (there are none)", "stress in the files (not asked for)", "pictures (not asked for)"]
+    assert "semi-smooth Newton, GMRES with half-plane preconditioner" in done.stdout
+    assert "compliance explicit" in done.stdout
+
+
+# The command that checks
+
+def test_verify_compares_with_the_coupled_problem(tmp_path):
+    scene = write_scene(pinched_blocks(6), tmp_path / "scene.toml")
+    done = run_python(["-m", "ddmpi", "verify", str(scene)])
+    assert done.code == 0, done.output
+    assert "converged and certified; contact forces differ from those of the coupled problem by" in done.stdout
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
+
+    distance = float(re.search(r"coupled problem by (\S+),", done.stdout)[1])
+    assert distance <= 1e-6
+
+    short = run_python(["-m", "ddmpi", "verify", str(scene), "--set", "method.max_iterations=2"])
+    assert short.code == 3
+    assert len(short.messages) == 1
+    assert "coupled problem" in short.messages[0]
+
+
+@two_ranks
+def test_verify_refuses_an_answer_that_is_off(comm, monkeypatch):
+    from ddmpi.errors import NotConvergedError
+    from ddmpi.run import run
+    from ddmpi.scene.reader import read_scene
+
+    exact = run.solve_coupled
+    monkeypatch.setattr(run, "solve_coupled", lambda *parts: 1.01 * exact(*parts))
+    scene = read_scene("scene.toml", to_toml(pinched_blocks(6)))
+    with pytest.raises(NotConvergedError, match=r"certified, and the contact forces differ .* by 9\.9e-03"):
+        run.verify(comm, scene, "scene.toml")
+
+
+def test_no_tolerance_makes_a_certificate_empty():
+    from ddmpi.judge.certificate import certificate_limit
+
+    assert certificate_limit(0.5) == certificate_limit(0.01) == 0.05
+    assert certificate_limit(1e-4) == pytest.approx(5e-3)

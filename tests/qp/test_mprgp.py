@@ -1,0 +1,438 @@
+"""Quadratic programs with bounds: MPRGP and PETSc's types against exact solutions; products are counted."""
+
+import itertools
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from ddmpi.errors import SolverError
+from ddmpi.petsc.lanczos import estimate_norm
+from ddmpi.qp.program import QP, QPResult, projected_gradient
+from ddmpi.qp.tao import ROUNDING, QPSolver
+
+
+class Dense:
+    """A dense operator that counts its products, as `Compliance` does."""
+
+    def __init__(self, matrix: np.ndarray) -> None:
+        self.matrix, self.size = matrix, len(matrix)
+        self.count = {"program": 0, "norm": 0}
+        self._norm = 0.0
+
+    def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
+        self.count[purpose] += 1
+        y[:] = self.matrix @ x
+
+    def norm(self) -> float:
+        if not self._norm:
+            self._norm = estimate_norm(lambda x, y: self.mult(x, y, "norm"), self.size)
+        return self._norm
+
+
+def random_matrix(n: int, condition: float, seed: int) -> np.ndarray:
+    """Symmetric, eigenvalues from 1 down to 1/condition."""
+    Q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(n, n)))
+    matrix = (Q * np.logspace(0, -np.log10(condition), n)) @ Q.T
+    return (matrix + matrix.T) / 2
+
+
+def bounds(kind: str, free: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of which the unconstrained minimum `free` violates many, but not all."""
+    n, rng = len(free), np.random.default_rng(seed)
+    lower, upper = np.full(n, -np.inf), np.full(n, np.inf)
+    size = np.median(np.abs(free))
+    if kind in ("lower", "contact", "mixed"):
+        lower[:n // 2 if kind != "lower" else n] = 0.0
+    if kind == "upper":
+        upper[:] = 0.3 * size
+    if kind in ("box", "zero width", "shifted box"):
+        upper[:] = size * rng.uniform(0.2, 1.5, n)
+        lower[:] = -size * rng.uniform(0.2, 1.5, n)
+    if kind in ("contact", "mixed"):
+        upper[n // 2:] = size * rng.uniform(0.2, 1.5, n - n // 2)
+        lower[n // 2:] = -upper[n // 2:]
+    if kind == "mixed":
+        lower[::5], upper[::5] = -np.inf, np.inf
+        lower[1::5] = upper[1::5] = 0.4 * size
+    if kind == "zero width":
+        upper[::3] = lower[::3] = 0.1 * size
+    if kind == "shifted box":
+        lower, upper = lower + 3 * size, upper + 3 * size
+    return lower, upper
+
+
+KINDS = ["none", "lower", "upper", "box", "contact", "mixed", "zero width", "shifted box"]
+
+
+def program(n: int, kind: str, condition: float = 100.0, norm: float = 1.0, linear: float = 1.0,
+            seed: int = 0) -> QP:
+    matrix = random_matrix(n, condition, seed)
+    d = np.random.default_rng(seed + 1).normal(size=n)
+    lower, upper = bounds(kind, np.linalg.solve(matrix, d), seed + 2)
+    return QP(Dense(norm * matrix), linear * d, lower * (linear / norm), upper * (linear / norm))
+
+
+def exact(qp: QP) -> np.ndarray:
+    """By scipy's active set method for ‖Lᵀ s − L⁻¹ d‖, C = L Lᵀ, free of units, without what is given."""
+    norm, size = np.linalg.norm(qp.C.matrix, 2), np.linalg.norm(qp.d)
+    C, d = qp.C.matrix / norm, qp.d / size
+    lower, upper = qp.lower * (norm / size), qp.upper * (norm / size)
+    move = lower < upper
+    s = np.where(move, 0.0, lower)
+    if move.any():
+        L = np.linalg.cholesky(C[np.ix_(move, move)])
+        b = np.linalg.solve(L, (d - C @ s)[move])
+        limits = lower[move], upper[move]
+        s[move] = lsq_linear(L.T, b, limits, method="bvls", tol=1e-15, max_iter=1000).x
+    return s * (size / norm)
+
+
+def enumerated(qp: QP) -> np.ndarray:
+    """The point that satisfies the optimality conditions, by trying all sets of active bounds."""
+    n = qp.C.size
+    for state in itertools.product((-1, 0, 1), repeat=n):
+        state = np.array(state)
+        s = np.where(state < 0, qp.lower, np.where(state > 0, qp.upper, 0.0))
+        if not np.isfinite(s).all():
+            continue
+        free = state == 0
+        s[free] = np.linalg.solve(qp.C.matrix[np.ix_(free, free)], (qp.d - qp.C.matrix @ s)[free])
+        g = qp.C.matrix @ s - qp.d
+        inside = (s >= qp.lower).all() and (s <= qp.upper).all()
+        if inside and (g[state < 0] >= 0).all() and (g[state > 0] <= 0).all():
+            return s
+    raise AssertionError("no set of active bounds is optimal")
+
+
+def solve(qp: QP, tolerance: float, start: np.ndarray | None = None) -> QPResult:
+    start = np.zeros(qp.C.size) if start is None else start
+    return QPSolver().solve(qp, start, qp.C.matrix @ start, tolerance, "program")
+
+
+def check(qp: QP, result: QPResult, tolerance: float) -> None:
+    """Feasible exactly; residual and product as reported; optimal by a gradient computed anew."""
+    s, C = result.s, qp.C.matrix
+    assert np.all(s >= qp.lower)
+    assert np.all(s <= qp.upper)
+    rounding = 1e-13 * (np.linalg.norm(C, 2) * np.linalg.norm(s) + np.linalg.norm(qp.d))
+    assert np.linalg.norm(C @ s - result.Cs) <= rounding
+    true_residual = np.linalg.norm(projected_gradient(C @ s - qp.d, s, qp.lower, qp.upper))
+    assert result.residual <= 1.01 * tolerance
+    assert true_residual <= 1.01 * tolerance + rounding
+
+
+@pytest.mark.parametrize("n", [1, 2, 7, 40])
+@pytest.mark.parametrize("kind", KINDS)
+def test_random_programs(kind, n):
+    for seed in (0, 10, 20):
+        qp = program(n, kind, seed=seed)
+        tolerance = 1e-10 * np.linalg.norm(qp.d)
+        result = solve(qp, tolerance)
+        check(qp, result, tolerance)
+        reference = exact(qp)
+        assert np.linalg.norm(result.s - reference) <= 1e-8 * np.linalg.norm(reference)
+
+
+@pytest.mark.parametrize("kind", ["lower", "box", "contact"])
+def test_small_programs_against_enumeration(kind):
+    for seed in range(5):
+        qp = program(5, kind, condition=30.0, seed=100 + seed)
+        tolerance = 1e-12 * np.linalg.norm(qp.d)
+        result = solve(qp, tolerance)
+        check(qp, result, tolerance)
+        reference = enumerated(qp)
+        assert result.s == pytest.approx(reference, rel=1e-9, abs=1e-10 * np.abs(reference).max())
+        on_bound = (reference == qp.lower) | (reference == qp.upper)
+        assert on_bound.any()
+        assert np.array_equal(result.s[on_bound], reference[on_bound])
+
+
+@pytest.mark.parametrize(("norm", "linear"), [
+    (1e-12, 1e-4), (1e-12, 1e4), (1e12, 1.0), (1e12, 1e-9), (1.0, 1e-15)])
+@pytest.mark.parametrize("kind", ["none", "lower", "contact", "mixed"])
+def test_units_do_not_matter(kind, norm, linear):
+    plain, scaled = program(20, kind), program(20, kind, norm=norm, linear=linear)
+    expected = solve(plain, 1e-9)
+    tolerance = 1e-9 * linear
+    result = solve(scaled, tolerance)
+    check(scaled, result, tolerance)
+    assert np.linalg.norm(result.s * (norm / linear) - expected.s) <= 1e-6 * np.linalg.norm(expected.s)
+    # the same path, but for a step that rounding decides
+    assert abs(scaled.C.count["program"] - plain.C.count["program"]) <= 2
+
+
+@pytest.mark.parametrize("norm", [1e-12, 1.0, 1e12])
+@pytest.mark.parametrize("kind", ["lower", "box", "contact", "mixed"])
+def test_bad_condition(kind, norm):
+    """Here a projected conjugate gradient step does not always descend, and its substitute is needed."""
+    for n, seed in ((10, 0), (10, 4), (10, 5), (10, 12), (25, 6), (25, 13)):
+        qp = program(n, kind, condition=1e6, norm=norm, seed=seed)
+        tolerance = 1e-8 * np.linalg.norm(qp.d)
+        result = solve(qp, tolerance)
+        check(qp, result, tolerance)
+        error, size = np.linalg.norm(result.s - exact(qp)), np.linalg.norm(result.s)
+        # at most the residual over the smallest eigenvalue
+        assert error <= 1.1e6 * tolerance / np.linalg.norm(qp.C.matrix, 2) + 1e-9 * size
+        assert error <= 1e-4 * size
+
+
+@pytest.mark.parametrize("kind", ["lower", "box", "contact"])
+def test_substitute_of_an_expansion_descends_at_once(kind):
+    """With a fixed step below 2/‖C‖ theory promises descent: no expansion needs a fourth product."""
+    substitutes = 0
+    for n, seed in itertools.product((10, 25), range(8)):
+        qp = program(n, kind, condition=1e6, seed=seed)
+        qp.C._norm = np.linalg.norm(qp.C.matrix, 2)
+        steps = solve(qp, 1e-8 * np.linalg.norm(qp.d)).steps
+        least = steps["cg"] + steps["proportioning"] + 2 * steps["expansion"]
+        assert least <= qp.C.count["program"] <= least + steps["expansion"]
+        substitutes += qp.C.count["program"] - least
+    assert substitutes > 0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_product_is_a_step_of_the_solver(kind):
+    """A step costs one product; an expansion two, or three where the projected step did not descend."""
+    qp = program(40, kind)
+    result = solve(qp, 1e-7)
+    steps = result.steps
+    assert sum(steps.values()) == result.iterations > 0
+    least = steps["cg"] + steps["proportioning"] + 2 * steps["expansion"]
+    assert least <= qp.C.count["program"] <= least + steps["expansion"]
+    if kind == "none":
+        assert steps["expansion"] == steps["proportioning"] == 0
+    else:
+        assert steps["expansion"] > 0
+
+
+def test_start_that_is_good_enough_costs_nothing():
+    qp = program(20, "contact")
+    s = solve(qp, 1e-10).s
+    before = dict(qp.C.count)
+    again = solve(qp, 1e-9, s)
+    assert qp.C.count == before
+    assert (again.iterations, again.steps) == (0, {})
+    assert np.array_equal(again.s, s)
+
+
+def test_warm_start_is_cheaper_and_start_outside_costs_one_product():
+    qp = program(40, "contact")
+    cold = solve(qp, 1e-10)
+    cost = qp.C.count["program"]
+    qp.d *= 1 + 1e-6
+    solve(qp, 1e-10, cold.s)
+    assert qp.C.count["program"] - cost < 0.7 * cost
+
+    outside = np.where(np.isfinite(qp.lower), qp.lower, 0.0) - 1.0
+    before = qp.C.count["program"]
+    result = solve(qp, 1e6, outside)
+    assert qp.C.count["program"] - before == 1
+    assert result.iterations == 0
+    check(qp, result, 1e6)
+
+
+@pytest.mark.parametrize("start", ["zero", "random", "upper"])
+def test_answer_does_not_depend_on_the_start(start):
+    qp = program(20, "shifted box")
+    rng = np.random.default_rng(5)
+    s = {"zero": np.zeros(20), "random": 10 * rng.normal(size=20), "upper": qp.upper.copy()}[start]
+    result = solve(qp, 1e-11, s)
+    check(qp, result, 1e-11)
+    assert np.linalg.norm(result.s - exact(qp)) <= 1e-8 * np.linalg.norm(result.s)
+
+
+def test_all_given():
+    qp = program(6, "box")
+    qp.lower[:] = qp.upper
+    result = solve(qp, 1e-14)
+    assert np.array_equal(result.s, qp.upper)
+    assert result.residual == 0.0
+
+
+def test_zero_load_keeps_zero_forces():
+    qp = program(6, "lower")
+    qp.d[:] = 0.0
+    result = solve(qp, 0.0)
+    assert np.array_equal(result.s, np.zeros(6))
+    assert qp.C.count["program"] == 0
+
+
+@pytest.mark.parametrize("n", [1, 5, 20])
+def test_without_bounds_it_is_conjugate_gradients(n):
+    qp = program(n, "none", condition=10.0)
+    result = solve(qp, 1e-8 * np.linalg.norm(qp.d))
+    assert result.iterations <= n + 2
+    assert qp.C.count["program"] == result.iterations
+    assert np.linalg.norm(result.s - np.linalg.solve(qp.C.matrix, qp.d)) <= 1e-7 * np.linalg.norm(result.s)
+
+
+def test_conjugate_gradients_end_after_as_many_steps_as_eigenvalues():
+    Q, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(30, 30)))
+    matrix = (Q * np.repeat([1.0, 0.5, 0.1], 10)) @ Q.T
+    qp = QP(Dense((matrix + matrix.T) / 2), np.ones(30), np.full(30, -np.inf), np.full(30, np.inf))
+    assert solve(qp, 1e-8).iterations == 3
+
+
+@pytest.mark.parametrize("kind", ["none", "lower", "contact", "zero width"])
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_zero_tolerance_is_reached_to_rounding_or_not_at_all(kind):
+    qp = program(20, kind)
+    for error in (0.0, 1e-12):  # of the products, which no solver can make good
+        qp.C.mult = noisy(qp.C, error)
+        try:
+            s = solve(qp, 0.0).s
+        except SolverError as failure:
+            assert "subproblem for program" in str(failure) and "needed 0.00e+00 m" in str(failure)
+            continue
+        assert error == 0.0
+        true = np.linalg.norm(projected_gradient(qp.C.matrix @ s - qp.d, s, qp.lower, qp.upper))
+        assert true <= 2 * ROUNDING * max(np.linalg.norm(qp.d), np.linalg.norm(qp.C.matrix @ s))
+
+
+def noisy(C: Dense, error: float):
+    random = np.random.default_rng(5)
+
+    def mult(x, y, purpose, relative=0.0):
+        y[:] = C.matrix @ x
+        y += error * np.linalg.norm(y) * random.standard_normal(len(y))
+    return mult
+
+
+@pytest.mark.parametrize("kind", ["none", "upper", "box", "contact"])
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_precision_near_rounding_is_real_or_refused(kind):
+    """The gradient that follows by recurrence goes to zero; the true one stops at rounding errors."""
+    qp = program(40, kind, condition=1e6)
+    tolerance = 1e-14 * np.linalg.norm(qp.d)
+    try:
+        s = solve(qp, tolerance).s
+    except SolverError:
+        return
+    true = np.linalg.norm(projected_gradient(qp.C.matrix @ s - qp.d, s, qp.lower, qp.upper))
+    assert true <= 2 * tolerance
+
+
+def test_iteration_limit_from_the_options(petsc_options):
+    petsc_options(qp_tao_max_it=2)
+    with pytest.raises(SolverError, match="DIVERGED_MAXITS after 2 iterations"):
+        solve(program(20, "contact"), 1e-10)
+
+
+def test_not_a_number_is_an_error():
+    qp = program(10, "contact")
+    qp.C.matrix[3, 4] = np.nan
+    with pytest.raises(SolverError):
+        QPSolver().solve(QP(qp.C, qp.d, qp.lower, qp.upper), np.zeros(10), np.zeros(10), 1e-10, "program")
+
+
+@pytest.mark.parametrize("kind", ["python", "bntr"])
+def test_error_in_a_product_comes_through(kind, petsc_options):
+    petsc_options(qp_tao_type=kind)
+    qp = program(10, "contact")
+    qp.C.norm()
+
+    def broken(x, y, purpose, relative=0.0):
+        raise SolverError("body 'upper': the solve failed")
+
+    qp.C.mult = broken
+    with pytest.raises(SolverError, match="body 'upper': the solve failed"):
+        solve(qp, 1e-10)
+
+
+# The norm
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1.0, 1e12])
+@pytest.mark.parametrize(("n", "condition"), [(1, 1.0), (2, 10.0), (40, 10.0), (40, 1e6), (300, 1e3)])
+def test_estimate_norm_is_a_little_too_small(n, condition, scale):
+    operator = Dense(scale * random_matrix(n, condition, seed=n))
+    estimate = operator.norm()
+    assert 0.95 * scale <= estimate <= scale * (1 + 1e-12)
+    assert operator.count["norm"] <= 30
+
+
+def test_estimate_norm_where_the_softest_mode_is_orthogonal_to_the_start():
+    """A ring: a constant pressure meets 1, the ovalising mode 3."""
+    angle = 2 * np.pi * np.arange(48) / 48
+    matrix = 0.01 * np.eye(48) + 1 / 48
+    for k in range(2, 12):
+        for wave in (np.cos(k * angle), np.sin(k * angle)):
+            matrix += 3 * (2 / k) ** 2 * np.outer(wave, wave) / (wave @ wave)
+    assert 0.95 * 3.01 <= Dense(matrix).norm() <= 3.01 * (1 + 1e-12)
+
+
+def test_estimate_norm_of_a_discrete_compliance():
+    """A logarithmic kernel, as the compliance of a half-plane has it."""
+    x = (np.arange(100) + 0.5) / 100
+    matrix = -np.log(np.abs(x[:, None] - x) + 0.005) / 1e12
+    true = np.linalg.norm(matrix, 2)
+    assert 0.97 * true <= Dense(matrix).norm() <= true * (1 + 1e-12)
+
+
+# PETSc's types
+
+TYPES = {
+    "gpcg": {"qp_tao_type": "gpcg"},
+    "gpcg, no preconditioner": {"qp_tao_type": "gpcg", "qp_pc_type": "none"},
+    "tron": {"qp_tao_type": "tron"},
+    "tron, no preconditioner": {"qp_tao_type": "tron", "qp_pc_type": "none"},
+    "bntr": {"qp_tao_type": "bntr"},
+    "bntr, no preconditioner": {"qp_tao_type": "bntr", "qp_tao_bnk_pc_type": "none"},
+    "blmvm": {"qp_tao_type": "blmvm"},
+}
+
+
+@pytest.mark.parametrize("kind", ["lower", "box", "contact", "mixed", "zero width"])
+@pytest.mark.parametrize("name", TYPES)
+def test_types_of_petsc_reach_the_same_answer(name, kind, petsc_options):
+    petsc_options(**TYPES[name])
+    for norm in (1.0, 1e-12):
+        qp = program(20, kind, norm=norm, linear=1e-3)
+        tolerance = 1e-8 * np.linalg.norm(qp.d)
+        result = solve(qp, tolerance)
+        check(qp, result, tolerance)
+        reference = exact(qp)
+        assert np.linalg.norm(result.s - reference) <= 1e-5 * np.linalg.norm(reference)
+
+
+@pytest.mark.parametrize("kind", ["python", "bntr"])
+def test_what_lies_on_a_bound_lies_there_exactly(kind, petsc_options):
+    """Also where scaling there and back would leave it a rounding error away."""
+    petsc_options(qp_tao_type=kind)
+    for seed in range(5):
+        qp = program(10, "shifted box", norm=0.7e-11, linear=1.3e-4, seed=seed)
+        result = solve(qp, 1e-10 * np.linalg.norm(qp.d))
+        s = exact(qp)
+        held = np.minimum(np.abs(s - qp.lower), np.abs(s - qp.upper)) <= 1e-12 * np.abs(s).max()
+        assert held.any()
+        assert np.all((result.s == qp.lower) | (result.s == qp.upper) | ~held)
+
+
+def test_program_without_bounds_with_a_type_of_petsc():
+    """As role 1 of the original algorithm has it; in a child, because a crash would end all tests."""
+    code = """
+import numpy as np
+from petsc4py import PETSc
+import test_mprgp as t
+options = PETSc.Options()
+options["qp_pc_type"] = options["qp_tao_bnk_pc_type"] = "none"
+for kind in ("gpcg", "tron", "bntr"):
+    options["qp_tao_type"] = kind
+    qp = t.program(20, "none")
+    result = t.solve(qp, 1e-9)
+    t.check(qp, result, 1e-9)
+    assert np.linalg.norm(result.s - np.linalg.solve(qp.C.matrix, qp.d)) < 1e-6 * np.linalg.norm(result.s)
+"""
+    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60,
+                           cwd=Path(__file__).parent)
+    assert child.returncode == 0, child.stderr[-2000:]
+
+
+def test_unknown_type_is_a_solver_error(petsc_options):
+    petsc_options(qp_tao_type="gpgc")
+    with pytest.raises(SolverError, match="gpgc"):
+        solve(program(10, "contact"), 1e-9)

@@ -1,0 +1,80 @@
+"""All TAO types that know bounds, on random programs and in a real run: one stopping test, one answer."""
+
+import numpy as np
+import pytest
+from scenes import pinched_blocks, prepare_scene
+from test_mprgp import Dense, check, exact, program, solve
+
+TYPES = ("python", "gpcg", "tron", "bntr", "bntl", "bnls", "bncg", "bqnls", "blmvm", "bqpip")
+
+
+class Explicit(Dense):
+    """A dense operator that gives its matrix away."""
+
+    def dense(self) -> np.ndarray:
+        self.count["explicit"] = 1
+        return self.matrix
+
+
+@pytest.mark.parametrize("kind", ["none", "lower", "upper", "box", "contact", "mixed", "zero width", "shifted box"])
+@pytest.mark.parametrize("name", TYPES)
+def test_types_reach_the_same_answer(name, kind, petsc_options):
+    petsc_options(qp_tao_type=name)
+    for seed, norm, linear in ((0, 1.0, 1.0), (1, 1e-12, 1e-4), (2, 1e6, 1e7)):
+        qp = program(20, kind, norm=norm, linear=linear, seed=seed)
+        qp.C = Explicit(qp.C.matrix)
+        tolerance = 1e-8 * np.linalg.norm(qp.d)
+        result = solve(qp, tolerance)
+        check(qp, result, tolerance)
+        reference = exact(qp)
+        assert np.linalg.norm(result.s - reference) <= 1e-5 * np.linalg.norm(reference)
+        assert ("explicit" in qp.C.count) == (name == "bqpip" and kind != "none")
+
+
+@pytest.mark.parametrize("name", TYPES)
+def test_warm_start_and_start_at_the_answer(name, petsc_options):
+    petsc_options(qp_tao_type=name)
+    qp = program(20, "contact")
+    qp.C = Explicit(qp.C.matrix)
+    loose = solve(qp, 1e-2 * np.linalg.norm(qp.d))
+    tolerance = 1e-9 * np.linalg.norm(qp.d)
+    result = solve(qp, tolerance, loose.s)
+    check(qp, result, tolerance)
+    again = solve(qp, tolerance, result.s)
+    assert again.iterations == 0
+    assert np.array_equal(again.s, result.s)
+
+
+@pytest.mark.mpi(ranks=2, timeout=120, unit="s")
+def test_types_give_the_same_run(comm):
+    """Role 1 has no bounds in the original algorithm; splitting holds half of the forces."""
+    from ddmpi.run.solve import solve as solve_problem
+    from ddmpi.scene.method import Method
+
+    for law, algorithm, splitting in (("coulomb", "original", "none"), ("tresca", "modified", "step1+2")):
+        problem = prepare_scene(comm, pinched_blocks(6, law))
+        method = Method(outer="relaxation", algorithm=algorithm, splitting=splitting, theta=0.2, tolerance=1e-6)
+        found = {}
+        for name in TYPES:
+            problem.body.qp_solver.type = name
+            answer, outer = solve_problem(problem, method)
+            assert answer.certified, (name, answer.reason)
+            found[name] = len(outer.history), outer.forces
+        k, forces = found["python"]
+        for name in TYPES:
+            assert found[name][0] == pytest.approx(k, rel=0.2), name
+            assert np.linalg.norm(found[name][1] - forces) <= 1e-4 * np.linalg.norm(forces), name
+
+
+@pytest.mark.mpi(ranks=2, timeout=60, unit="s")
+def test_dense_matrix_is_made_once_and_counted(comm):
+    problem = prepare_scene(comm, pinched_blocks(6, compliance="direct"))
+    C = problem.body.C
+    matrix = C.dense()
+    assert C.count["explicit"] == C.size
+    assert C.dense() is matrix
+    assert C.count["explicit"] == C.size
+    x, y = np.linspace(-1.0, 1.0, C.size), np.empty(C.size)
+    C.mult(x, y, "test")
+    assert C.count["test"] == 1
+    assert np.linalg.norm(matrix @ x - y) <= 1e-12 * np.linalg.norm(y)

@@ -1,0 +1,524 @@
+"""Checkpoints in process: every state is whole, and a run that goes on from one is the run that was not interrupted."""
+
+import contextlib
+import copy
+import itertools
+import logging
+import os
+import shutil
+import signal
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import scenes
+from mpi4py import MPI
+from scenes import pinched_blocks
+
+import ddmpi
+import ddmpi.methods.newton
+import ddmpi.run.solve
+from ddmpi.body.compliance import Compliance
+from ddmpi.errors import InputError, InterruptionError, OutputError, TakenError
+from ddmpi.run import checkpoint
+from ddmpi.run.checkpoint import Checkpoints, continue_from, identify
+from ddmpi.run.solve import solve
+from ddmpi.scene.reader import read_scene
+from ddmpi.system import interrupt
+from ddmpi.system.clock import Clock
+
+two_ranks = pytest.mark.mpi(ranks=2, timeout=60, unit="s")
+
+VERSIONS = {name: "1" for name in ("ddmpi", "petsc", "numpy", "scipy")}
+
+MULT = Compliance.mult
+RELAXATION = {"theta": 0.2, "tolerance": 1e-3}
+KINDS = {
+    # name: friction law, method, every which multiplication is interrupted
+    "newton": ("coulomb", {}, 7),
+    "newton, Tresca": ("tresca", {"compliance": "direct"}, 11),
+    "newton, no friction": ("none", {"compliance": "iterative"}, 5),
+    "anderson": ("coulomb", {"outer": "anderson", "tolerance": 1e-6}, 37),
+    "relaxation": ("coulomb", RELAXATION, 29),
+    "relaxation, split": ("tresca", RELAXATION | {"algorithm": "modified", "splitting": "step1+2"}, 23),
+    "relaxation, fixed inner precision": ("none", RELAXATION | {"inner_precision": "fixed"}, 13),
+    "relaxation, multigrid": ("coulomb", RELAXATION | {"compliance": "iterative"}, 37),
+}
+
+
+@pytest.fixture(autouse=True)
+def no_signal_yet(monkeypatch):
+    monkeypatch.setattr(interrupt, "_received", [])
+
+
+@pytest.fixture
+def shared(comm) -> Iterator[Path]:
+    """A folder that both ranks know."""
+    folder = comm.bcast(tempfile.mkdtemp() if comm.rank == 0 else None)
+    yield Path(folder)
+    if comm.rank == 0:
+        shutil.rmtree(folder)
+
+
+def note_signal_at(monkeypatch, number: int | None) -> None:
+    """As if SIGTERM came just before the number-th multiplication by this rank's compliance from now on."""
+    calls = itertools.count(1)
+
+    def mult(self, *arguments):
+        if next(calls) == number:
+            interrupt._note(signal.SIGTERM, None)
+        return MULT(self, *arguments)
+
+    monkeypatch.setattr(Compliance, "mult", mult)
+
+
+def start(comm, scene: dict, folder: Path, restart: bool = False) -> tuple:
+    """The problem and its checkpoints, as `ddmpi.run.run` makes them."""
+    problem = scenes.prepare_scene(comm, scene)
+    identity = identify(problem.scene, {}, VERSIONS)
+    state = continue_from(comm, str(folder), identity) if restart else None
+    return problem, Checkpoints(problem, folder if comm.rank == 0 else None, identity, Clock(), state)
+
+
+def outcome(problem, answer, outer) -> dict:
+    """All that must be the same, to the last bit."""
+    state = answer.state
+    arrays = [outer.forces, outer.s1, outer.s2, outer.g, problem.body.s, answer.displacement, state.normal_force,
+              state.tangential_force, state.gap, state.slip, *answer.statuses.recent]
+    return {"arrays": [array.tobytes() for array in arrays], "status": state.status.tolist(),
+            "history": [repr(step) for step in outer.history], "stopped": answer.stopped,
+            "certificate": answer.certificate, "counts": list(problem.body.C.count.items()),
+            "steps": problem.body.steps, "messages": problem.exchange.messages, "bytes": problem.exchange.bytes}
+
+
+def run(comm, scene: dict, folder: Path, restart: bool = False) -> dict:
+    problem, checkpoints = start(comm, scene, folder, restart)
+    with checkpoints.kept():
+        answer, outer = solve(problem, problem.scene.method, checkpoints=checkpoints)
+    checkpoints.remove()
+    assert not there(comm, folder)
+    return outcome(problem, answer, outer)
+
+
+def listing(comm, folder: Path) -> list[str]:
+    """The names in a folder, as rank 0 sees them, which does the writing."""
+    return comm.bcast([path.name for path in folder.iterdir()] if comm.rank == 0 else None)
+
+
+def there(comm, folder: Path) -> bool:
+    return checkpoint.CHECKPOINT in listing(comm, folder)
+
+
+def interrupt_everywhere(comm, scene: dict, folder: Path, stride: int, monkeypatch) -> set[int]:
+    """Interrupt a run at every stride-th multiplication, on either rank in turn, and go on; the iterations met."""
+    note_signal_at(monkeypatch, None)
+    reference = run(comm, scene, folder)
+    met, number = set(), 1
+    while True:
+        interrupt._received.clear()
+        note_signal_at(monkeypatch, number if comm.rank == number % 2 else None)
+        try:
+            result = run(comm, scene, folder)
+        except InterruptionError as error:
+            assert error.agreed and error.kind == "interrupted by SIGTERM"
+            if there(comm, folder):
+                met.add(int(str(error).split("iteration ")[1].split()[0]))
+                interrupt._received.clear()
+                assert run(comm, scene, folder, restart=True) == reference
+            else:
+                assert "nothing to save" in str(error)
+        else:  # it was over before the signal came
+            assert result == reference
+            return met
+        number += stride
+
+
+@two_ranks
+@pytest.mark.parametrize("kind", KINDS)
+def test_restart_gives_the_same_bits(comm, shared, monkeypatch, kind):
+    law, method, stride = KINDS[kind]
+    met = interrupt_everywhere(comm, pinched_blocks(2, law, **method), shared, stride, monkeypatch)
+    assert len(met) >= 3
+
+
+@two_ranks
+def test_restart_within_successive_approximations(comm, shared, monkeypatch):
+    monkeypatch.setattr(ddmpi.methods.newton, "PATIENCE", 0)
+    assert len(interrupt_everywhere(comm, pinched_blocks(4), shared, 23, monkeypatch)) >= 3
+
+
+@two_ranks
+@pytest.mark.parametrize("outer", ["newton", "relaxation"])
+def test_restart_where_the_certificate_failed_and_the_tolerance_was_tightened(comm, shared, monkeypatch, outer):
+    monkeypatch.setattr(ddmpi.run.solve, "certificate_limit", lambda tolerance: 1e-3 * tolerance)
+    monkeypatch.setattr(ddmpi.run.solve, "TIGHTER", 0.3)
+    scene = pinched_blocks(2, outer=outer, tolerance=1e-2)
+    assert len(interrupt_everywhere(comm, scene, shared, {"newton": 13, "relaxation": 97}[outer], monkeypatch)) >= 3
+
+
+@two_ranks
+def test_restart_of_a_solver_that_wants_a_dense_matrix(comm, shared, monkeypatch, petsc_options):
+    petsc_options(qp_tao_type="bqpip")
+    scene = pinched_blocks(2, theta=0.3, tolerance=0.02, compliance="direct")
+    assert len(interrupt_everywhere(comm, scene, shared, 4, monkeypatch)) >= 3
+
+
+@two_ranks
+def test_a_run_that_is_interrupted_again_and_again_gets_there(comm, shared, monkeypatch):
+    scene = pinched_blocks(2, **RELAXATION)
+    reference, runs = run(comm, scene, shared), 0
+    while True:
+        interrupt._received.clear()
+        note_signal_at(monkeypatch, 35)
+        with contextlib.suppress(InterruptionError):
+            assert run(comm, scene, shared, restart=runs > 0) == reference
+            break
+        runs += 1
+    assert runs >= 4
+
+
+@two_ranks
+@pytest.mark.parametrize("kind", ["newton", "anderson", "relaxation"])
+def test_what_changes_between_iterations_is_in_the_state(comm, shared, kind):
+    """An attribute that an iteration changes and STATE does not name would be lost at a restart; and what is
+    noted must not change with the iteration.
+    """
+    law, method, _ = KINDS[kind]
+    problem, checkpoints = start(comm, pinched_blocks(2, law, **method), shared)
+    seen, noted = [], []
+    keep = checkpoints._keep
+
+    def look() -> None:
+        if noted:
+            now, then = checkpoints._now, noted.pop()
+            assert all(_equal(then[key], _entries(now[key])) for key in then)
+        seen.append({name: {key: copy.deepcopy(value) for key, value in vars(part).items() if _is_data(value)}
+                     for name, part in checkpoints._parts.items()})
+        keep()
+        noted.append({key: copy.deepcopy(_entries(value)) for key, value in checkpoints._now.items()})
+
+    checkpoints._keep = look
+    solve(problem, problem.scene.method, checkpoints=checkpoints)
+    changed = {(name, key) for before, after in itertools.pairwise(seen[1:]) for name in after
+               for key, value in after[name].items() if not _equal(before[name].get(key), value)}
+    named = {(name, key) for name, part in checkpoints._parts.items() for key in part.STATE}
+    assert ("outer", "history") in changed and ("compliance", "count") in changed
+    assert changed <= named
+
+
+def _entries(value: object) -> object:
+    return value.entries[:value.number] if isinstance(value, checkpoint._First) else value
+
+
+def _is_data(value: object) -> bool:
+    if isinstance(value, list):
+        return all(map(_is_data, value))
+    return isinstance(value, bool | int | float | str | np.ndarray | dict | ddmpi.methods.outer.Step) or (
+        type(value).__name__ == "deque")
+
+
+def _equal(one: object, other: object) -> bool:
+    if isinstance(one, np.ndarray) or (isinstance(one, list) and one and isinstance(one[0], np.ndarray)):
+        return np.array_equal(one, other)
+    if type(one).__name__ == "deque":
+        return np.array_equal(np.array(one), np.array(other))
+    return one == other
+
+
+# When they are written
+
+
+def count_writes(monkeypatch) -> list[int]:
+    """Iterations of the checkpoints that this rank writes from now on."""
+    written, write = [], checkpoint.write
+
+    def noted(path, identity, states):
+        written.append(len(states[0]["outer.history"]))
+        write(path, identity, states)
+
+    monkeypatch.setattr(checkpoint, "write", noted)
+    return written
+
+
+@two_ranks
+def test_every_so_many_iterations(comm, shared, monkeypatch):
+    written = count_writes(monkeypatch)
+    scene = pinched_blocks(2, **RELAXATION)
+    scene["checkpoint"] = {"seconds": 0, "iterations": 4}
+    result = run(comm, scene, shared)
+    assert written == (list(range(4, len(result["history"]), 4)) if comm.rank == 0 else [])
+
+
+@two_ranks
+def test_every_so_many_seconds_by_the_clock_of_rank_0(comm, shared, monkeypatch):
+    """The other rank's clock stands still; it learns of the time by the exchange, with no message more."""
+    scene = pinched_blocks(2, **RELAXATION)
+    quiet = run(comm, scene, shared)
+    written, ticks = count_writes(monkeypatch), iter(range(10**9))
+    monkeypatch.setattr(checkpoint.time, "monotonic", lambda: next(ticks) if comm.rank == 0 else 0)
+    scene["checkpoint"] = {"seconds": 10}  # two exchanges an iteration, and a tick each
+    result = run(comm, scene, shared)
+    assert result == quiet
+    if comm.rank == 0:
+        assert set(np.diff(written)) <= {5, 6}
+        assert len(written) >= 2
+    else:
+        assert written == []
+
+
+@two_ranks
+def test_none_by_default_in_a_short_run(comm, shared, monkeypatch):
+    written = count_writes(monkeypatch)
+    run(comm, pinched_blocks(2), shared)
+    assert written == []
+
+
+@two_ranks
+def test_a_run_goes_on_without_a_checkpoint_that_cannot_be_written(comm, shared, monkeypatch, caplog):
+    """Also where it comes to the same iteration twice, since the certificate has failed."""
+    monkeypatch.setattr(logging.getLogger("ddmpi"), "propagate", True)
+    monkeypatch.setattr(ddmpi.run.solve, "certificate_limit", lambda tolerance: 1e-3 * tolerance)
+    scene = pinched_blocks(2, tolerance=1e-3)
+    reference = run(comm, scene, shared)
+    caplog.clear()
+    scene["checkpoint"] = {"iterations": 1}
+
+    def full(number: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    assert run(comm, scene, shared) == reference
+    assert listing(comm, shared) == []
+    if comm.rank == 0:
+        assert all("No space left on device" in message for message in caplog.messages)
+        assert len(caplog.messages) == len(reference["history"])
+
+
+@two_ranks
+@pytest.mark.parametrize("former", [True, False])
+def test_an_interruption_whose_checkpoint_cannot_be_written_says_so(comm, shared, monkeypatch, former):
+    note_signal_at(monkeypatch, 20)
+    if comm.rank == 0:
+        if former:
+            (shared / checkpoint.CHECKPOINT).write_text("a periodic one")
+        def full(number: int) -> None:
+            raise OSError(28, "No space left on device")
+        monkeypatch.setattr(os, "fsync", full)
+    words = r"^interrupted by SIGTERM; .*checkpoint.h5: cannot be written: No space left on device"
+    words += f"; --restart {shared} goes on from the checkpoint before$" if former else "$"
+    with pytest.raises(OutputError, match=words) as e:
+        run(comm, pinched_blocks(2), shared)
+    assert e.value.agreed
+    assert listing(comm, shared) == [checkpoint.CHECKPOINT] * former
+
+
+@two_ranks
+@pytest.mark.parametrize(("kind", "more"), [(OutputError, ""), (TakenError, " --output OTHER")])
+def test_results_that_cannot_be_written_leave_a_checkpoint(comm, shared, monkeypatch, kind, more):
+    scene = pinched_blocks(2)
+    reference = run(comm, scene, shared)
+    problem, checkpoints = start(comm, scene, shared)
+    words = rf"^the disk is full; the state after iteration \d+ is kept, --restart {shared}{more} goes on from there$"
+    with pytest.raises(OutputError, match=words), checkpoints.kept():
+        solve(problem, problem.scene.method, checkpoints=checkpoints)
+        error = kind("the disk is full")
+        error.agreed = True
+        raise error
+    assert run(comm, scene, shared, restart=True) == reference
+
+
+@two_ranks
+def test_other_rounding_is_no_reason_to_refuse(comm, shared, monkeypatch, caplog):
+    """On another kind of processor the last digits differ; the answer must be as good."""
+    monkeypatch.setattr(logging.getLogger("ddmpi"), "propagate", True)
+    scene = pinched_blocks(2, **RELAXATION)
+    note_signal_at(monkeypatch, 60)
+    with pytest.raises(InterruptionError):
+        run(comm, scene, shared)
+    note_signal_at(monkeypatch, None)
+    interrupt._received.clear()
+    problem, checkpoints = start(comm, scene, shared, restart=True)
+    problem.body.h *= 1.0 + 1e-15
+    answer, _ = solve(problem, problem.scene.method, checkpoints=checkpoints)
+    assert answer.certified
+    assert any("computes otherwise" in message for message in caplog.messages)
+
+
+@two_ranks
+def test_another_mesh_is_refused_on_both_ranks(comm, shared, monkeypatch):
+    """The scene names a mesh file; what is in the file may have changed."""
+    note_signal_at(monkeypatch, 20)
+    with pytest.raises(InterruptionError):
+        run(comm, pinched_blocks(2), shared)
+    interrupt._received.clear()
+    problem, checkpoints = start(comm, pinched_blocks(2), shared, restart=True)
+    if comm.rank == 1:
+        problem.mesh.points[0] += 1e-12
+    with pytest.raises(InputError, match="another mesh of body 'lower'"):
+        solve(problem, problem.scene.method, checkpoints=checkpoints)
+
+
+# What is refused
+
+
+def a_checkpoint(folder: Path, options: dict | None = None) -> Path:
+    """A file with a made-up state of one rank."""
+    identity = identify(read_scene("x.toml", scenes.to_toml(pinched_blocks(2))), options or {}, VERSIONS)
+    state = {"outer.lam": np.arange(6.0), "outer.history": [], "goal.tolerance": 1e-8}
+    checkpoint.write(folder / checkpoint.CHECKPOINT, identity, [state])
+    return folder / checkpoint.CHECKPOINT
+
+
+def accept(folder: Path, scene: dict | None = None, options: dict | None = None, versions: dict = VERSIONS) -> dict:
+    identity = identify(read_scene("x.toml", scenes.to_toml(scene or pinched_blocks(2))), options or {}, versions)
+    return continue_from(MPI.COMM_SELF, str(folder), identity)
+
+
+def test_a_file_gives_back_what_was_written(tmp_path):
+    from collections import Counter, deque
+
+    from ddmpi.methods.outer import Step
+
+    steps = [Step(1, 1.0, np.inf, 1e-300, (3, 4)), Step(2, 0.1, 0.3, 2.0 / 3.0, (2**40, 5))]
+    state = {"outer.history": steps, "a": np.array([np.nan, -0.0, 5e-324]), "b": np.float64(np.inf), "c": True,
+             "d": Counter({"z": 3, "a": 1}), "e": deque([np.arange(3), np.arange(3)], maxlen=10), "f": [], "g": "text"}
+    checkpoint.write(tmp_path / "c.h5", {"scene": {"a": 1}}, [state, {"a": np.empty(0)}])
+    identity, (first, second) = checkpoint.read(tmp_path / "c.h5")
+    assert identity == {"scene": {"a": 1}}
+    assert first["outer.history"] == steps
+    assert first["a"].tobytes() == state["a"].tobytes()
+    assert first["b"] == np.inf and first["c"] is True and first["g"] == "text"
+    assert list(first["d"].items()) == [("z", 3), ("a", 1)]
+    assert np.array_equal(first["e"], [[0, 1, 2]] * 2) and len(first["f"]) == 0
+    assert second["a"].shape == (0,)
+    assert [path.name for path in tmp_path.iterdir()] == ["c.h5"]
+    with h5py.File(tmp_path / "c.h5") as file:  # a plain HDF5 file for other programs
+        assert file["rank 0/a"].shape == (3,)
+
+
+def test_what_is_not_there_or_no_checkpoint_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"there is no checkpoint\.h5"):
+        accept(tmp_path)
+    with pytest.raises(InputError, match=r"there is no checkpoint\.h5"):
+        accept(tmp_path / "nowhere")
+    for content in (b"", b"something else", b"\x89HDF\r\n\x1a\n" + bytes(1000)):
+        (tmp_path / checkpoint.CHECKPOINT).write_bytes(content)
+        with pytest.raises(InputError, match="not a checkpoint"):
+            accept(tmp_path)
+
+
+def test_every_damaged_byte_is_noticed(tmp_path):
+    path = a_checkpoint(tmp_path)
+    whole = path.read_bytes()
+    identity = checkpoint.read(path)[0]
+    assert accept(tmp_path)["outer.lam"].tolist() == list(range(6))
+    rng = np.random.default_rng(0)
+    for place in [*range(0, 560), *rng.integers(560, len(whole), 300)]:
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << rng.integers(8)
+        path.write_bytes(damaged)
+        with pytest.raises(InputError, match=r"damaged|not a checkpoint"):
+            continue_from(MPI.COMM_SELF, str(tmp_path), identity)
+    for length in [0, 1, 511, 512, 513, len(whole) // 2, len(whole) - 1]:
+        path.write_bytes(whole[:length])
+        with pytest.raises(InputError, match=r"damaged|not a checkpoint"):
+            continue_from(MPI.COMM_SELF, str(tmp_path), identity)
+    path.write_bytes(whole + b"\0")
+    with pytest.raises(InputError, match="damaged"):
+        accept(tmp_path)
+
+
+def other(**entries) -> dict:
+    return pinched_blocks(2) | entries
+
+
+def changed_body(**entries) -> dict:
+    scene = pinched_blocks(2)
+    scene["body"][1] |= entries
+    return scene
+
+
+OTHERS = {
+    # what differs: (scene, options, versions, words of the message)
+    "material": (changed_body(material={"young": 1e9, "poisson": 0.277}), {}, {},
+                 "body.lower.material.young is 1000000000.0 here, 211900000000.0 there"),
+    "load": (changed_body(traction=[]), {}, {}, "body.lower.traction"),
+    "method": (pinched_blocks(2, theta=0.3), {}, {}, "method.outer is 'relaxation' here, 'newton' there"),
+    "tolerance": (pinched_blocks(2, tolerance=1e-6), {}, {}, "method.tolerance is 1e-06 here, 1e-08 there"),
+    "law": (pinched_blocks(2, "tresca"), {}, {}, "contact.0.friction.law"),
+    "option": (None, {"newton_ksp_rtol": "1e-6"}, {}, "newton_ksp_rtol is '1e-6' here, not set there"),
+    "petsc": (None, {}, {"petsc": "3.22.0"}, "petsc is '3.22.0' here, '1' there"),
+    "ddmpi": (None, {}, {"ddmpi": "9.9"}, "ddmpi is '9.9' here"),
+}
+
+
+@pytest.mark.parametrize("what", OTHERS)
+def test_another_run_is_refused_with_the_reason(tmp_path, what):
+    scene, options, versions, words = OTHERS[what]
+    path = a_checkpoint(tmp_path)
+    with pytest.raises(InputError) as error:
+        accept(tmp_path, scene, options, VERSIONS | versions)
+    assert str(path) in str(error.value) and words in str(error.value)
+
+
+def test_other_sources_are_refused(tmp_path, monkeypatch):
+    a_checkpoint(tmp_path)
+    (tmp_path / "package" / "methods").mkdir(parents=True)
+    (tmp_path / "package" / "methods" / "newton.py").write_text("changed")
+    monkeypatch.setattr(ddmpi, "__file__", str(tmp_path / "package" / "__init__.py"))
+    with pytest.raises(InputError, match="other versions: ddmpi's sources is"):
+        accept(tmp_path)
+
+
+def test_what_changes_no_iterate_may_differ(tmp_path):
+    a_checkpoint(tmp_path, options={"log_view": None, "newton_ksp_monitor": None})
+    scene = other(title="another", output={"figures": False}, checkpoint={"seconds": 1},
+                  method={"max_iterations": 7})
+    assert accept(tmp_path, scene, {"body_ksp_view": None, "newton_ksp_converged_reason": None})
+
+
+def test_a_checkpoint_of_more_bodies_is_refused(tmp_path):
+    identity = identify(read_scene("x.toml", scenes.to_toml(pinched_blocks(2))), {}, VERSIONS)
+    checkpoint.write(tmp_path / checkpoint.CHECKPOINT, identity, [{}, {}, {}])
+    with pytest.raises(InputError, match="holds 3 bodies, not 1"):
+        accept(tmp_path)
+
+
+# Signals
+
+
+def test_signals_are_noted_and_not_deadly():
+    before = {number: signal.getsignal(number) for number in interrupt.SIGNALS}
+    try:
+        interrupt.check()
+        interrupt.listen()
+        os.kill(os.getpid(), signal.SIGUSR1)
+        os.kill(os.getpid(), signal.SIGTERM)
+        with pytest.raises(InterruptionError) as error:
+            interrupt.check()
+        assert error.value.kind == "interrupted by SIGUSR1"
+    finally:
+        interrupt._handlers.clear()
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def test_signals_are_heard_after_gmsh(monkeypatch):
+    """The PETSc within gmsh sets the handler of SIGTERM back."""
+    from ddmpi.mesh.build import generate_rectangle
+    from ddmpi.scene.bodies import MeshSpec
+
+    before = {number: signal.getsignal(number) for number in interrupt.SIGNALS}
+    try:
+        interrupt.listen()
+        generate_rectangle(MeshSpec(shape="rectangle", size=(1.0, 1.0), divisions=(2, 2)))
+        for number in interrupt.SIGNALS:
+            os.kill(os.getpid(), number)
+        assert sorted(interrupt._received) == ["SIGTERM", "SIGUSR1"]
+    finally:
+        interrupt._handlers.clear()
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,146 @@
+"""Errors, signals, broken numbers and full disks on one rank: the whole run ends in time, with one message.
+
+A selection of what scripts/fault_injection.py tries, which has every fault in every phase on either rank.
+"""
+
+import os
+import subprocess
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import fault
+import pytest
+import scenes
+from fault_cases import RESULTS, Ground, Outcome, all_cases, run_in_one_go
+from scenes import Run, pinched_blocks
+
+LIMIT = 60.0
+RELAXATION = ("--set", "method.outer=relaxation")
+WHOLE = set(RESULTS)
+
+SHORT = [
+    "mesh: RuntimeError on rank 1", "assemble: SIGKILL on rank 0", "factor: SIGSEGV on rank 1",
+    "outer: RuntimeError on rank 0", "outer: SIGKILL on rank 1", "outer, published: KeyboardInterrupt on rank 1",
+    "conclude: full on rank 0", "output: RuntimeError on rank 1", "output: SIGKILL on rank 0", "output: gone on rank 0",
+    "writing a checkpoint: SIGKILL", "publishing: SIGKILL between two files", "NaN in the stiffness on rank 1",
+    "zero pivot on rank 0", "NaN from a product on rank 1", "an error of PETSc on rank 1",
+]
+
+
+@pytest.fixture(scope="module")
+def outcomes(tmp_path_factory) -> dict[str, Outcome]:
+    cases = {case.name: case for case in all_cases()}
+    ground = Ground(tmp_path_factory.mktemp("faults"))
+    with ThreadPoolExecutor(2) as pool:
+        return dict(zip(SHORT, pool.map(ground.try_case, [cases[name] for name in SHORT]), strict=True))
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_the_run_ends_and_nothing_is_lost(outcomes, name):
+    outcome = outcomes[name]
+    assert not outcome.faults, outcome.output
+
+
+def test_there_are_more_than_a_hundred_cases_and_each_once():
+    names = [case.name for case in all_cases()]
+    assert len(names) > 100
+    assert len(set(names)) == len(names)
+    assert set(SHORT) <= set(names)
+
+
+# Our own errors
+
+PHASES = {
+    # phase: target, call, more arguments
+    "mesh": ("ddmpi.coupling.assembly.build_mesh", 1, ()),
+    "assemble": ("ddmpi.coupling.assembly.assemble", 1, ()),
+    "factor": ("ddmpi.body.solver.StiffnessSolver.__init__", 1, ()),
+    "outer": ("ddmpi.body.compliance.Compliance.mult", 12, ()),  # within GMRES of the Newton method
+    "outer, published": ("ddmpi.coupling.member.Body.neumann", 3, RELAXATION),
+    "output": ("ddmpi.run.run.write_fields", 1, ()),
+    "end of output": ("ddmpi.run.run.write_summary", 2, ()),  # by rank 0 alone, when all else is there
+}
+CASES = [(phase, rank) for phase in PHASES for rank in (0, 1) if (phase, rank) != ("end of output", 1)]
+KINDS = {"SolverError": 4, "OutputError": 5}
+"""Exit codes of our own errors."""
+
+
+@pytest.fixture(scope="module")
+def own_errors(tmp_path_factory) -> dict[tuple, list[Run]]:
+    """By case, for each kind of error; they end in an orderly way, so that one child does all of a kind."""
+    here = tmp_path_factory.mktemp("own errors")
+    scene = scenes.write_scene(pinched_blocks(2), here / "scene.toml")
+    runs = [run_in_one_go([(rank, *PHASES[phase][:2], error, str(here / f"{phase} {rank} {error}"), PHASES[phase][2])
+                           for phase, rank in CASES], "run", str(scene), "--no-figures", limit=2 * LIMIT)
+            for error in KINDS]
+    return dict(zip(CASES, map(list, zip(*runs, strict=True)), strict=True))
+
+
+@pytest.mark.parametrize(("phase", "rank"), CASES)
+def test_own_error_on_one_rank_is_raised_on_all(own_errors, phase, rank):
+    for run, (error, code) in zip(own_errors[phase, rank], KINDS.items(), strict=True):
+        kept = error == "OutputError" and phase not in ("mesh", "assemble", "factor")
+        assert run.code == code
+        assert len(run.messages) == 1
+        assert run.messages[0].startswith(f"ddmpi: error: {fault.MESSAGE}")
+        assert run.stderr.strip() == run.messages[0]
+        assert (f"--restart {run.folder} goes on" in run.messages[0]) == kept
+        assert run.files == ({"checkpoint.h5"} if kept else set())  # nor a folder in which results are made
+
+
+# A disk that is full
+
+
+@pytest.fixture
+def small_disk(tmp_path) -> Iterator[Path]:
+    """A file system of 300 KiB."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=300k", "tmpfs", str(place)], capture_output=True,
+                             text=True)
+    if mounted.returncode:
+        pytest.skip(f"a small file system cannot be mounted here: {mounted.stderr.strip()}")
+    yield place
+    subprocess.run(["umount", "--lazy", str(place)], check=True)
+
+
+def fill(disk: Path, leave: int) -> None:
+    """Leave that many pages."""
+    room = os.statvfs(disk)
+    (disk / "filler").write_bytes(bytes((room.f_bavail - leave) * room.f_frsize))
+
+
+@pytest.mark.parametrize("leave", [1, 3, 6, 12])  # 1 and 3: the disk is full when a case begins to tell its log
+def test_a_sweep_on_a_full_disk_ends_in_good_order(small_disk, tmp_path, leave):
+    """And when there is room again, the same command goes on."""
+    scene = scenes.write_scene(pinched_blocks(2), tmp_path / "scene.toml")
+    fill(small_disk, leave)
+    sweep = ["-m", "ddmpi", "sweep", str(scene), "--vary", "contact.0.friction.coefficient=0.1:0.4:2", "--output",
+             str(small_disk / "out"), "--set", "output.figures=false"]
+    run = scenes.run_python(sweep, limit=LIMIT)
+    assert run.code in (3, 5), run.output
+    assert len(run.messages) == 1 and "Traceback" not in run.output
+    for folder in (small_disk / "out").glob("*/"):
+        there = {path.name for path in folder.iterdir()}
+        assert there >= WHOLE if "summary.json" in there else not there & WHOLE, there
+    (small_disk / "filler").unlink()
+    again = scenes.run_python(sweep, limit=LIMIT)
+    assert again.code == 0, again.output
+
+
+@pytest.mark.parametrize("leave", [0, 2, 5])
+def test_a_run_on_a_full_disk_ends_in_good_order(small_disk, tmp_path, leave):
+    scene = scenes.write_scene(pinched_blocks(4), tmp_path / "scene.toml")
+    folder = small_disk / "out"
+    folder.mkdir()
+    fill(small_disk, leave)
+    run = scenes.run_command(scene, folder, "--no-figures", "--log", str(small_disk / "run.log"), limit=LIMIT)
+    assert run.code == 5 and len(run.messages) == 1 and "Traceback" not in run.output, run.output
+    assert "No space left on device" in run.messages[0] and str(folder) in run.messages[0]
+    assert run.files <= {"checkpoint.h5"}
+    (small_disk / "filler").unlink()
+    (small_disk / "run.log").unlink(missing_ok=True)
+    again = scenes.run_command(scene, folder, "--no-figures", *(["--restart", str(folder)] if run.files else []),
+                               limit=LIMIT)
+    assert again.code == 0 and again.files == WHOLE, again.output

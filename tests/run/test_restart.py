@@ -1,0 +1,365 @@
+"""The command: interrupted by a signal in every phase, gone on with --restart, and refused where it must be.
+
+Also what the results may depend on: not on the run, nor the folder, nor the order of bodies and ranks.
+"""
+
+import copy
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import fault
+import h5py
+import numpy as np
+import pytest
+import scenes
+from fault_cases import RESULTS, contents, run_in_one_go
+from scenes import Run, pinched_blocks
+from test_failures import of, only_message, run_all
+
+LIMIT = 60.0
+FILES = set(RESULTS)
+
+METHODS = {
+    "newton": pinched_blocks(2),
+    "published": pinched_blocks(2, theta=0.2, tolerance=1e-3),
+    "anderson": pinched_blocks(2, "tresca", outer="anderson", tolerance=1e-5),
+    "two meshes": pinched_blocks(2, target_error=0.17),
+}
+FACTOR, MULT, NEUMANN = "ddmpi.body.solver.StiffnessSolver.__init__", "ddmpi.body.compliance.Compliance.mult", \
+    "ddmpi.coupling.member.Body.neumann"
+INTERRUPTED = {
+    # name: method, signal, rank, target, call (not the last ones: versions of PETSc differ by a few), whether there is
+    # a checkpoint then
+    "mesh": ("newton", "SIGTERM", 1, "ddmpi.coupling.assembly.build_mesh", 1, False),
+    "factorization": ("newton", "SIGUSR1", 0, FACTOR, 1, False),
+    "first step": ("newton", "SIGTERM", 0, MULT, 4, True),
+    "later step": ("newton", "SIGUSR1", 1, MULT, 34, True),
+    "certificate": ("newton", "SIGUSR1", 1, "ddmpi.coupling.member.Body.displacement", 1, True),
+    "inner solve": ("published", "SIGTERM", 1, MULT, 60, True),
+    "Neumann problem": ("published", "SIGUSR1", 0, NEUMANN, 9, True),
+    "anderson": ("anderson", "SIGTERM", 0, NEUMANN, 11, True),
+    "finer mesh": ("two meshes", "SIGUSR1", 0, FACTOR, 2, True),
+    "iteration on the finer mesh": ("two meshes", "SIGTERM", 1, MULT, 110, True),
+}
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("restart")
+    for name, scene in METHODS.items():
+        scenes.write_scene(scene, folder / f"{name}.toml")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def undisturbed(here) -> dict[str, Run]:
+    runs = run_in_one_go([(0, "", 0, "", str(here / f"undisturbed {name}"), [str(here / f"{name}.toml")])
+                          for name in METHODS], "run", "--no-figures", limit=LIMIT)
+    return dict(zip(METHODS, runs, strict=True))
+
+
+@pytest.fixture(scope="module")
+def interrupted(here) -> dict[str, Run]:
+    """By name, the runs that a signal ended."""
+    runs = run_in_one_go([(rank, target, call, number, str(here / name), [str(here / f"{method}.toml")])
+                          for name, (method, number, rank, target, call, _) in INTERRUPTED.items()],
+                         "run", "--no-figures", limit=2 * LIMIT)
+    return dict(zip(INTERRUPTED, runs, strict=True))
+
+
+@pytest.fixture(scope="module")
+def files_then(interrupted) -> dict[str, set[str]]:
+    """What these have left, before others go on from it."""
+    return {name: run.files for name, run in interrupted.items()}
+
+
+@pytest.fixture(scope="module")
+def continued(here, interrupted, files_then) -> dict[str, Run]:
+    """By name, the runs that go on from a checkpoint."""
+    names = [name for name, row in INTERRUPTED.items() if row[5]]
+    runs = run_in_one_go([(0, "", 0, "", str(here / name),
+                           [str(here / f"{INTERRUPTED[name][0]}.toml"), "--restart", str(here / name)])
+                          for name in names], "run", "--no-figures", limit=2 * LIMIT)
+    return dict(zip(names, runs, strict=True))
+
+
+@pytest.mark.parametrize("name", INTERRUPTED)
+def test_a_signal_ends_the_run_with_its_own_exit_code_and_one_message(interrupted, files_then, name):
+    run = interrupted[name]
+    number, kept = INTERRUPTED[name][1], INTERRUPTED[name][5]
+    assert run.code == 6, run.output
+    message = only_message(run)
+    assert message.startswith(f"ddmpi: interrupted by {number}: ")
+    assert (f"--restart {run.folder}" in message) == kept
+    assert kept or "nothing to save" in message
+    assert files_then[name] == ({"checkpoint.h5"} if kept else set())
+
+
+@pytest.mark.parametrize("name", [name for name in INTERRUPTED if INTERRUPTED[name][5]])
+def test_restart_ends_with_the_results_of_the_run_that_was_not_interrupted(continued, undisturbed, name):
+    run = continued[name]
+    assert run.code == 0, run.output
+    assert ("continuing with meshes" if name == "finer mesh" else "continuing after iteration") in run.stdout
+    assert run.files == FILES  # and no checkpoint any more
+    assert contents(run.folder) == contents(undisturbed[INTERRUPTED[name][0]].folder)
+
+
+@pytest.fixture(scope="module")
+def from_outside(here) -> dict[str, tuple[Run, Run]]:
+    """A run on more unknowns than it could solve in time, ended by a signal to mpirun, which passes it on."""
+    scene = scenes.write_scene(pinched_blocks(12, theta=0.01, tolerance=1e-9, max_iterations=10**6),
+                               here / "endless.toml")
+
+    def job() -> tuple[Run, Run]:
+        folder = here / "from outside"
+        command = [*os.environ.get("MPIRUN", "mpirun").split(), "-n", "2", sys.executable, "-m", "ddmpi", "run",
+                   str(scene), "--output", str(folder), "--set", "checkpoint.iterations=5"]
+        with subprocess.Popen(command, env=scenes.clean_environment(), text=True, stdin=subprocess.DEVNULL,
+                              stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
+            end = time.monotonic() + LIMIT
+            while not (folder / "checkpoint.h5").exists() and time.monotonic() < end:
+                time.sleep(0.1)
+            child.send_signal(signal.SIGUSR1)
+            stdout, stderr = child.communicate(timeout=LIMIT)
+        run = Run(child.returncode, stdout, stderr, folder)
+        k = int(re.search(r"after iteration (\d+)", run.stderr)[1])
+        more = scenes.run_command(scene, folder, "--restart", str(folder), "--set", f"method.max_iterations={k + 2}",
+                                  "--no-figures", limit=LIMIT)
+        return run, more
+
+    return run_all({"run": job})
+
+
+def test_a_signal_to_mpirun_is_heard(from_outside):
+    run, _ = of(from_outside, "run")
+    assert run.code == 6
+    assert only_message(run).startswith("ddmpi: interrupted by SIGUSR1: ")
+
+
+def test_max_iterations_may_be_another_after_the_restart(from_outside):
+    run, more = of(from_outside, "run")
+    k = int(re.search(r"after iteration (\d+)", run.stderr)[1])
+    assert more.code == 3
+    assert more.summary["outer_iterations"] == k + 2
+    assert more.files == FILES
+
+
+START = """
+import os, signal, sys
+
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == {name!r}:
+            sys.meta_path.remove(self)
+            os.kill(os.getpid(), signal.{number})
+
+sys.meta_path.insert(0, Finder())
+"""
+END = """
+import os, signal
+
+class Last:
+    def __del__(self, kill=os.kill, process=os.getpid(), number=signal.{number}):
+        kill(process, number)
+
+last = Last()
+"""
+
+
+def run_with(hook: str, here: Path, monkeypatch, *arguments: str, ranks: int = 2) -> Run:
+    """The command in a Python that runs `hook` when it starts."""
+    folder = here / "hook"
+    folder.mkdir()
+    (folder / "sitecustomize.py").write_text(hook)
+    monkeypatch.setenv("PYTHONPATH", str(folder))
+    return scenes.run_python(["-m", "ddmpi", *arguments], ranks, LIMIT, here / "out")
+
+
+@pytest.mark.parametrize("number", ["SIGUSR1", "SIGTERM"])
+@pytest.mark.parametrize("name", ["ddmpi.cli.main", "mpi4py", "petsc4py"])
+def test_a_signal_while_the_program_is_loaded(here, tmp_path, monkeypatch, name, number):
+    run = run_with(START.format(name=name, number=number), tmp_path, monkeypatch, "run", str(here / "newton.toml"),
+                   "--output", str(tmp_path / "out"))
+    assert run.code == 6, run.output
+    assert only_message(run) == f"ddmpi: interrupted by {number}: before the first iteration; there was nothing to save"
+    assert not run.folder.exists()
+
+
+@pytest.mark.parametrize("number", ["SIGUSR1", "SIGTERM"])
+def test_a_signal_after_the_results_comes_too_late(here, tmp_path, monkeypatch, number):
+    """While the interpreter ends: it has taken its own handlers away then."""
+    run = run_with(END.format(number=number), tmp_path, monkeypatch, "run", str(here / "newton.toml"), "--no-figures",
+                   "--output", str(tmp_path / "out"))
+    assert (run.code, run.stderr, run.files) == (0, "", FILES)
+
+
+def test_what_has_nothing_to_save_is_ended_by_a_signal(tmp_path, monkeypatch):
+    run = run_with(START.format(name="ddmpi.cli.info", number="SIGTERM"), tmp_path, monkeypatch, "info", ranks=1)
+    assert run.code not in range(7) and run.messages == []
+
+
+# Refused
+
+
+@pytest.fixture(scope="module")
+def refused(here, interrupted) -> dict[str, tuple[Run, bytes]]:
+    """Runs that must not go on, from the checkpoint of a run that was interrupted, and this afterwards."""
+    source = here / "source"
+    kind = [MULT, 34, "SIGTERM", str(source), []]
+    scenes.run_python([fault.__file__, json.dumps([[0, *kind]]), "run", str(here / "newton.toml")], limit=LIMIT)
+    whole = (source / "checkpoint.h5").read_bytes()
+
+    def job(name: str, *arguments: str, data: bytes = whole, restart: bool = True) -> Callable[[], tuple]:
+        folder = here / f"refused {name}"
+        folder.mkdir()
+        (folder / "checkpoint.h5").write_bytes(data)
+        more = ["--restart", str(folder)] if restart else ["--output", str(folder)]
+
+        def run() -> tuple[Run, bytes]:
+            run = scenes.run_python(["-m", "ddmpi", "run", str(here / "newton.toml"), *more, *arguments],
+                                    limit=LIMIT, folder=folder)
+            return run, (folder / "checkpoint.h5").read_bytes() == data
+        return run
+
+    return run_all({
+        "another scene": job("another scene", "--set", "body.upper.material.young=1e11"),
+        "another option": job("another option", "-newton_ksp_rtol", "1e-6"),
+        "a damaged file": job("a damaged file", data=whole[:-100] + bytes(100)),
+        "no restart": job("no restart", restart=False),
+        "nothing there": lambda: (scenes.run_command(here / "newton.toml", here / "new", "--restart",
+                                                     str(here / "nowhere"), limit=LIMIT), True),
+    })
+
+
+REASONS = {
+    "another scene": ["checkpoint.h5", "body.upper.material.young is 100000000000.0 here, 211900000000.0 there"],
+    "another option": ["checkpoint.h5", "newton_ksp_rtol is '1e-6' here, not set there"],
+    "a damaged file": ["checkpoint.h5: damaged"],
+    "no restart": ["there is the checkpoint of a run that was not completed", "--restart"],
+    "nothing there": ["nowhere", "there is no checkpoint.h5"],
+}
+
+
+@pytest.mark.parametrize("name", REASONS)
+def test_what_is_not_the_same_run_is_refused_with_the_reason(refused, name):
+    run, untouched = of(refused, name)
+    assert run.code == 2, run.output
+    message = only_message(run)
+    for words in REASONS[name]:
+        assert words in message
+    assert untouched
+    assert run.files == (set() if name == "nothing there" else {"checkpoint.h5"})
+
+
+# The same answer everywhere
+
+
+def bodies_swapped(scene: dict) -> dict:
+    """The other [[body]] table first: the bodies change ranks."""
+    return scene | {"body": scene["body"][::-1]}
+
+
+def roles_swapped(scene: dict) -> dict:
+    contact = copy.deepcopy(scene["contact"][0])
+    return scene | {"contact": [contact | {"bodies": contact["bodies"][::-1], "on": contact["on"][::-1]}]}
+
+
+SAME = {"newton": pinched_blocks(6), "published": pinched_blocks(4, theta=0.2, tolerance=1e-4),
+        "stack": scenes.sheared_stack(4, 1e-4, {"law": "coulomb", "coefficient": 0.3}).scene()}
+
+
+@pytest.fixture(scope="module")
+def repeated(here) -> dict[tuple[str, str], Run]:
+    """Each scene twice, the second time elsewhere; and with bodies and roles swapped."""
+    variants = {(name, what): vary(scene) for name, scene in SAME.items()
+                for what, vary in {"first": dict, "again": dict, "bodies swapped": bodies_swapped,
+                                   "roles swapped": roles_swapped}.items()}
+    for (name, what), scene in variants.items():
+        (here / f"{name} {what}").mkdir()
+        scenes.write_scene(scene, here / f"{name} {what}" / "scene.toml")
+
+    def job(names: list[tuple[str, str]], cwd: Path) -> list[Run]:
+        return run_in_one_go([(0, "", 0, "", str(here / " ".join(name) / "out"), [
+            os.path.relpath(here / " ".join(name) / "scene.toml", cwd),
+            *([] if name in (("newton", "first"), ("newton", "again")) else ["--no-figures"])]) for name in names],
+            "run", limit=2 * LIMIT, cwd=cwd)
+
+    there = [name for name in variants if name[1] == "again"]
+    rest = [name for name in variants if name[1] != "again"]
+    runs = run_all({"there": lambda: job(there, here / "newton again"), "here": lambda: job(rest, here)})
+    return dict(zip([*there, *rest], [*of(runs, "there"), *of(runs, "here")], strict=True))
+
+
+def fields(run: Run) -> dict[str, np.ndarray]:
+    with h5py.File(run.folder / "result.h5") as file:
+        return {name: np.array(data) for name, data in file.items()}
+
+
+@pytest.mark.parametrize("name", SAME)
+def test_a_run_repeats_bit_for_bit(repeated, name):
+    """In another folder, from another working folder, with the scene named otherwise."""
+    first, again = repeated[name, "first"], repeated[name, "again"]
+    assert first.code == again.code == 0, first.output + again.output
+    assert contents(first.folder) == contents(again.folder)
+
+
+def test_pictures_repeat_pixel_for_pixel(repeated):
+    """Beside the pixels they carry the name of their run."""
+    from matplotlib.image import imread
+
+    first, again = (repeated["newton", what].folder for what in ("first", "again"))
+    pictures = sorted(path.name for path in first.glob("*.png"))
+    assert len(pictures) >= 3
+    for picture in pictures:
+        assert np.array_equal(imread(first / picture), imread(again / picture)), picture
+
+
+@pytest.mark.parametrize("name", SAME)
+def test_bodies_that_change_ranks_change_nothing_but_their_order(repeated, name):
+    first, swapped = repeated[name, "first"], repeated[name, "bodies swapped"]
+    for file in ("history.csv", "interface.csv"):
+        assert (first.folder / file).read_bytes() == (swapped.folder / file).read_bytes()
+    one, other = contents(first.folder)["summary"], contents(swapped.folder)["summary"]
+    for by_body in ("n_A_by_body", "n_A_by_purpose", "energy", "inner_steps"):
+        assert one.pop(by_body) == other.pop(by_body)[::-1]
+    for each in (one, other):
+        each["solvers"].pop("body")
+        each["discretization_error"]["by_body"].sort()
+        each["scene"]["body"].sort(key=lambda body: body["name"])
+    assert one == other
+    was, now = fields(first), fields(swapped)
+    for field in ("displacement", "stress", "von_mises", "points"):
+        part = was[field]
+        cut = np.searchsorted(was["body"], 1) if len(part) == len(was["body"]) else was["cells"][was["body"] == 1].min()
+        assert np.array_equal(np.concatenate([part[cut:], part[:cut]]), now[field])
+
+
+@pytest.mark.parametrize("name", ["newton", "stack"])
+def test_swapped_roles_change_nothing_in_newtons_method(repeated, name):
+    """Both bodies carry the same forces there, and directions turn twice."""
+    first, swapped = repeated[name, "first"], repeated[name, "roles swapped"]
+    assert swapped.code == 0, swapped.output
+    assert (first.folder / "interface.csv").read_bytes() == (swapped.folder / "interface.csv").read_bytes()
+    was, now = fields(first), fields(swapped)
+    assert all(np.array_equal(was[field], now[field]) for field in was)
+    assert [row.split(",")[:4] for row in (first.folder / "history.csv").read_text().splitlines()] == \
+        [row.split(",")[:4] for row in (swapped.folder / "history.csv").read_text().splitlines()]
+
+
+def test_swapped_roles_change_the_published_answer_by_no_more_than_its_certificate_allows(repeated):
+    """The other body has the bounds then, so that the iterates are others."""
+    first, swapped = repeated["published", "first"], repeated["published", "roles swapped"]
+    assert swapped.code == 0, swapped.output
+    one, other = first.table("interface.csv"), swapped.table("interface.csv")
+    limit = first.summary["certificate_limit"]
+    for column in ("x", "y", "normal_force", "tangential_force", "normal_stress", "tangential_stress"):
+        assert np.abs(one[column] - other[column]).max() <= limit * np.abs(one[column]).max(), column
+    was, now = fields(first)["displacement"], fields(swapped)["displacement"]
+    assert np.abs(was - now).max() <= limit * np.abs(was).max()

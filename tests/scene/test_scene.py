@@ -1,0 +1,395 @@
+"""The scene: what is refused and in which words, overrides, defaults, profiles and affine loads."""
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from ddmpi.errors import InputError
+from ddmpi.scene.bodies import Clamp, Material
+from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
+from ddmpi.scene.reader import read_scene, read_scene_file
+from ddmpi.scene.scene import Scene
+from ddmpi.scene.values import AffineScalar, AffineVector, Profile, evaluate
+
+ROOT = Path(__file__).resolve().parents[2]
+
+TEXT = """
+title = "two blocks"
+
+[[body]]
+name = "upper"
+mesh = { shape = "rectangle", origin = [0.0, 1.0], size = [3.0, 1.0], divisions = [6, 2] }
+material = { young = 2e11, poisson = 0.3 }
+clamp = ["left", { on = "right", x = 1e-3 }]
+traction = [{ on = "top", value = [0.0, -6.0e7] }]
+
+[[body]]
+name = "lower"
+mesh = { file = "lower.msh" }
+material = { young = 1e11, poisson = 0.25 }
+clamp = [{ on = "bottom", x = 0.0, y = { constant = 1e-4, x_slope = 2e-4 } }]
+volume_force = [0.0, -7.8e4]
+
+[[contact]]
+bodies = ["upper", "lower"]
+on = ["bottom", "top"]
+friction = { law = "coulomb", coefficient = 0.3 }
+
+[method]
+theta = 0.25
+
+[petsc]
+body_ksp_rtol = 1e-9
+"""
+
+WITHOUT_METHOD = TEXT.replace("[method]\ntheta = 0.25\n", "")
+
+
+def scene(*settings: str, text: str = TEXT) -> Scene:
+    return read_scene("case.toml", text, list(settings))
+
+
+def message(*settings: str, text: str = TEXT) -> str:
+    with pytest.raises(InputError) as error:
+        scene(*settings, text=text)
+    assert error.value.exit_code == 2
+    return str(error.value)
+
+
+PROFILE = "contact.0.friction.coefficient"
+
+REFUSED = {
+    # unknown keys, at several depths, with the nearest valid one
+    "unknown top": (["titel=x"], ["titel: unknown key", "did you mean 'title'", "petsc"]),
+    "unknown table": (["contakt=[]"], ["contakt: unknown key", "did you mean 'contact'"]),
+    "unknown method": (["method.tehta=1"], ["method.tehta: unknown key", "did you mean 'theta'"]),
+    "unknown output": (["output.stres=true"], ["output.stres: unknown key", "did you mean 'stress'"]),
+    "unknown body": (["body.lower.clmap=[]"], ["body.lower.clmap: unknown key", "did you mean 'clamp'"]),
+    "unknown material": (["body.lower.material.yuong=1"],
+                         ["body.lower.material.yuong: unknown key", "did you mean 'young'"]),
+    "unknown mesh": (["body.upper.mesh.orign=[0,0]"], ["body.upper.mesh.orign", "did you mean 'origin'"]),
+    "unknown traction": (["body.upper.traction.0.valeu=[1,2]"],
+                         ["body.upper.traction.0.valeu: unknown key", "did you mean 'value'"]),
+    "unknown clamp": (['body.upper.clamp.1={on="left", z=0.0}'],
+                      ["body.upper.clamp.1.z: unknown key", "valid here: on, x, y"]),
+    "unknown affine": (["body.upper.traction.0.value={constnat=[1,2]}"],
+                       ["body.upper.traction.0.value.constnat: unknown key", "did you mean 'constant'"]),
+    "unknown friction": (["contact.0.friction.coeficient=0.1"],
+                         ["contact.0.friction.coeficient: unknown key", "did you mean 'coefficient'"]),
+    "unknown profile": ([PROFILE + "={point=[0],values=[1]}"],
+                        [PROFILE + ".point: unknown key", "did you mean 'points'"]),
+    # wrong types
+    "string for number": (["method.theta=fast"], ["method.theta: expected float", "'fast'"]),
+    "float for integer": (["method.max_iterations=1.5"], ["method.max_iterations: expected int", "1.5"]),
+    "bool for number": (["body.upper.material.young=true"],
+                        ["body.upper.material.young: expected float", "bool"]),
+    "number for string": (["title=3"], ["title: expected str", "3"]),
+    "number for table": (["method=3"], ["method: ", "3"]),
+    "number for list": (["body=3"], ["body: ", "3"]),
+    "string for list": (["body.upper.clamp=left"], ["body.upper.clamp: expected ", "got str", "'left'"]),
+    "short pair": (["body.upper.traction.0.value=[1.0]"], ["body.upper.traction.0.value: ", "length 2", "1"]),
+    "long pair": (["body.upper.mesh.divisions=[2,2,2]"], ["body.upper.mesh.divisions: ", "length 2", "3"]),
+    "table in petsc": (["petsc.qp_tao_type={a=1}"], ["petsc.qp_tao_type: ", "expected", "str"]),
+    # out of range
+    "zero theta": (["method.theta=0"], ["method.theta: expected float > 0", "got 0"]),
+    "tolerance one": (["method.tolerance=1.0"], ["method.tolerance: expected float < 1", "got 1.0"]),
+    "no iterations": (["method.max_iterations=0"], ["method.max_iterations: expected int >= 1", "got 0"]),
+    "inner precision": (["method.inner_precision=-0.1"],
+                        ["method.inner_precision: expected float > 0", "-0.1"]),
+    "inner precision in words": (["method.inner_precision=fix"],
+                                 ["method.inner_precision: 'fix' is not valid; expected a number or one of fixed"]),
+    "negative young": (["body.upper.material.young=-1"],
+                       ["body.upper.material.young: expected float > 0", "-1"]),
+    "incompressible": (["body.upper.material.poisson=0.5"],
+                       ["body.upper.material.poisson: expected float < 0.5", "got 0.5"]),
+    "poisson -1": (["body.upper.material.poisson=-1"], ["body.upper.material.poisson: expected float > -1"]),
+    "negative size": (["body.upper.mesh.size=[1.0, -1.0]"],
+                      ["body.upper.mesh.size.1: expected float > 0", "-1.0"]),
+    "zero divisions": (["body.upper.mesh.divisions.0=0"], ["body.upper.mesh.divisions.0: expected int >= 1"]),
+    "negative coefficient": ([PROFILE + "=-0.3"], [PROFILE + ": expected float >= 0", "-0.3"]),
+    "negative in profile": ([PROFILE + "={points=[0,1],values=[1,-2]}"],
+                            [PROFILE + ".values.1: ", ">= 0", "-2"]),
+    "empty body name": (['body.0.name=""'], ["body.0.name: ", "length >= 1"]),
+    "huge integer": (["body.upper.material.young=1" + 400 * "0"],
+                     ["body.upper.material.young", "out of range"]),
+    # words that are not in the list
+    "bad plane": (["body.upper.material.plane=stres"],
+                  ["body.upper.material.plane: 'stres' is not valid; expected one of strain, stress",
+                   "did you mean 'stress'"]),
+    "bad shape": (["body.upper.mesh.shape=circle"],
+                  ["body.upper.mesh.shape: 'circle'", "expected one of rectangle"]),
+    "bad algorithm": (["method.algorithm=orignal"],
+                      ["method.algorithm: 'orignal'", "expected one of", "did you mean 'original'"]),
+    "bad along": ([PROFILE + "={along='z',points=[0],values=[1]}"], [PROFILE + ".along: 'z'", "x, y, arc"]),
+    # friction laws
+    "bad law": (["contact.0.friction.law=coulom"],
+                ["contact.0.friction.law: 'coulom' is not valid; expected one of coulomb, tresca, none",
+                 "did you mean 'coulomb'"]),
+    "law missing": (["contact.0.friction={coefficient=0.3}"],
+                    ["contact.0.friction.law: ", "required and missing"]),
+    "law is no table": (["contact.0.friction=none"], ["contact.0.friction: ", "'none'"]),
+    "key of another law": (["contact.0.friction.law=tresca"],
+                           ["contact.0.friction.coefficient: unknown key", "valid here: law, slip_bound"]),
+    "bound missing": (['contact.0.friction={law="tresca"}'],
+                      ["contact.0.friction.slip_bound: ", "required and missing"]),
+    "coefficient missing": (['contact.0.friction={law="coulomb"}'],
+                            ["contact.0.friction.coefficient: ", "required and missing"]),
+    # profiles
+    "unequal profile": ([PROFILE + "={points=[0,1],values=[1]}"],
+                        [PROFILE + ": points and values must be equally many", "2 points and 1 values"]),
+    "empty profile": ([PROFILE + "={points=[],values=[]}"], [PROFILE + ": ", "at least one"]),
+    "descending profile": ([PROFILE + "={points=[0,2,1],values=[1,1,1]}"],
+                           [PROFILE + ": points must ascend"]),
+    # numbers that are none
+    "nan": (["method.theta=nan"], ["method.theta: ", "got nan"]),
+    "inf": (["method.theta=inf"], ["method.theta: must be a finite number (got inf)"]),
+    "overflow": (["body.lower.material.young=1e400"], ["body.lower.material.young: must be a finite number"]),
+    "inf in vector": (["body.upper.traction.0.value=[0.0,-inf]"],
+                      ["body.upper.traction.0.value.1: must be a finite number (got -inf)"]),
+    "nan in profile": ([PROFILE + "={points=[0.0,nan],values=[1,1]}"],
+                       [PROFILE + ".points.1: must be a finite"]),
+    "nan in petsc": (["petsc.body_ksp_rtol=nan"], ["petsc.body_ksp_rtol: must be a finite number"]),
+    # what does not fit together
+    "same names": (["body.upper.name=lower"], ["both called 'lower'", "different names"]),
+    "stranger in contact": (['contact.0.bodies=["uper","lower"]'],
+                            ["contact.0.bodies", "'uper'", "lower", "did you mean 'upper'"]),
+    "contact with itself": (['contact.0.bodies=["upper","upper"]'],
+                            ["contact.0.bodies", "twice", "two bodies"]),
+    "mixed orders": (["body.upper.mesh.order=2", "body.lower.mesh.order=1"],
+                     ["mesh.order 1 and 2", "give both the same"]),
+    "order three": (["body.upper.mesh.order=3"], ["body.upper.mesh.order: 3 is not valid; expected one of 1, 2"]),
+    "mixed planes": (["body.upper.material.plane=stress"], ["plane strain", "plane stress", "cannot touch"]),
+    "no contact": (["contact=[]"], ["one [[contact]] table", "got 0"]),
+    "no bodies": (["body=[]"], ["two [[body]] tables", "got 0"]),
+    "shape and file": (["body.lower.mesh.shape=rectangle"],
+                       ["body.lower.mesh: a mesh is either", "rectangle", "file"]),
+    "neither shape nor file": (["body.lower.mesh={}"],
+                               ["body.lower.mesh: a mesh is either", "rectangle", "file"]),
+    "file with size": (["body.lower.mesh.size=[1,1]"], ["body.lower.mesh: ", "belong to a shape"]),
+    "shape without size": (['body.upper.mesh={shape="rectangle",divisions=[1,1]}'],
+                           ["body.upper.mesh: a rectangle needs size"]),
+    "clamp of nothing": (['body.upper.clamp=[{on="left"}]'],
+                         ["body.upper.clamp.0: ", "prescribes x, y or both"]),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refusal_names_file_key_and_remedy(case):
+    settings, fragments = REFUSED[case]
+    text = message(*settings)
+    assert text.startswith("case.toml: ")
+    for fragment in fragments:
+        assert fragment in text
+    assert "\n" not in text
+
+
+BAD_SETTINGS = {
+    "no equals sign": ("method.theta", ["--set method.theta", "KEY=VALUE", "method.theta=0.3"]),
+    "no key": ("=3", ["--set =3", "KEY=VALUE"]),
+    "unknown body": ("body.uper.material.young=1",
+                     ["--set body.uper.material.young", "'uper'", "upper, lower", "did you mean 'upper'"]),
+    "body out of range": ("body.2.material.young=1", ["--set body.2.material.young", "'2'", "upper, lower"]),
+    "negative index": ("contact.-1.on=[]", ["--set contact.-1.on", "'-1'"]),
+    "contact out of range": ("contact.1.friction.coefficient=1", ["contact.1.friction", "'1'", "0 to 0"]),
+    "not a digit to Python": ("contact.².on=[]", ["--set contact.².on", "'²'", "0 to 0"]),
+    "traction out of range": ("body.lower.volume_force.2=1.0",
+                              ["body.lower.volume_force.2", "'2'", "0 to 1"]),
+    "through a number": ("method.theta.x=1",
+                         ["--set method.theta.x", "method.theta is a value, not a table"]),
+    "through a string": ("title.x.y=1", ["--set title.x.y", "title is a value, not a table"]),
+    "through an entry": ("body.upper.clamp.0.x=1.0",
+                         ["--set body.upper.clamp.0.x", "is a value, not a table"]),
+}
+
+
+@pytest.mark.parametrize("case", BAD_SETTINGS)
+def test_bad_setting_is_refused(case):
+    setting, fragments = BAD_SETTINGS[case]
+    text = message(setting)
+    for fragment in fragments:
+        assert fragment in text
+
+
+@pytest.mark.parametrize(("removed", "key"), [
+    ('name = "upper"\n', "body.0.name"),
+    ("material = { young = 1e11, poisson = 0.25 }\n", "body.lower.material"),
+    ("young = 2e11, ", "body.upper.material.young"),
+    ('mesh = { file = "lower.msh" }\n', "body.lower.mesh"),
+    ('on = "top", ', "body.upper.traction.0.on"),
+    ('bodies = ["upper", "lower"]\n', "contact.0.bodies"),
+    ('on = ["bottom", "top"]\n', "contact.0.on"),
+])
+def test_missing_key_is_named(removed, key):
+    assert removed in TEXT
+    assert message(text=TEXT.replace(removed, "", 1)) == f"case.toml: {key}: this key is required and missing"
+
+
+def test_missing_tables_are_named():
+    assert message(text="") == "case.toml: body: this key is required and missing"
+    without_contact = TEXT.replace("[[contact]]", "[other]", 1)
+    assert "other: unknown key" in message(text=without_contact)
+
+
+def test_third_body_is_refused():
+    third = '[[body]]\nname = "third"\nmesh = { file = "x.msh" }\nmaterial = { young = 1.0, poisson = 0.0 }\n'
+    assert "two [[body]] tables; got 3" in message(text=TEXT + third)
+
+
+@pytest.mark.parametrize("text", ["title = ", "[[body]", 'title = "a"\ntitle = "b"', "x = 1\n[x]"])
+def test_invalid_toml_is_refused(text):
+    assert message(text=text).startswith("case.toml: not valid TOML: ")
+
+
+def test_unreadable_files_are_refused(tmp_path):
+    with pytest.raises(InputError, match=r"absent\.toml: cannot be read: No such file"):
+        read_scene_file(tmp_path / "absent.toml")
+    with pytest.raises(InputError, match="cannot be read: Is a directory"):
+        read_scene_file(tmp_path)
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match=r"binary\.toml: not a text file in UTF-8"):
+        read_scene_file(binary)
+
+
+def test_overrides_reach_every_part():
+    changed = scene(
+        "body.upper.material.young=1e9", "body.1.material.poisson=0.1", "body.upper.mesh.divisions=[12, 4]",
+        "body.upper.mesh.size.0=4.0", "body.upper.traction.0.value=[1.0, 2.0]", "body.upper.clamp.0=top",
+        "contact.0.friction.coefficient=0.5", 'contact.0.on=["a", "b"]', "method.theta = 0.3",
+        "method.max_iterations=7", "petsc.qp_tao_type=gpcg", "petsc.body_ksp_max_it=3", "petsc.log_view=true",
+        "output.stress=false", "title=a new = title")
+    upper, lower = changed.body
+    assert (upper.material.young, lower.material.poisson) == (1e9, 0.1)
+    assert (upper.mesh.divisions, upper.mesh.size) == ((12, 4), (4.0, 1.0))
+    assert upper.traction[0].value == (1.0, 2.0)
+    assert upper.clamp[0] == "top"
+    assert changed.contact[0].friction == Coulomb(coefficient=0.5)
+    assert changed.contact[0].on == ("a", "b")
+    assert (changed.method.theta, changed.method.max_iterations) == (0.3, 7)
+    assert changed.petsc == {"body_ksp_rtol": 1e-9, "body_ksp_max_it": 3, "qp_tao_type": "gpcg",
+                             "log_view": True}
+    assert not changed.output.stress
+    assert changed.title == "a new = title"
+
+
+def test_overrides_apply_in_order_and_make_absent_tables():
+    assert scene("method.theta=0.3", "method.theta=0.4").method.theta == 0.4
+    assert scene('contact.0.friction={law="tresca"}', "contact.0.friction.slip_bound=5").contact[0].friction \
+        == Tresca(slip_bound=5.0)
+    bare = TEXT.replace("[method]\ntheta = 0.25\n", "").replace("[petsc]\nbody_ksp_rtol = 1e-9\n", "")
+    changed = scene("method.tolerance=1e-6", "petsc.a=1", text=bare)
+    assert (changed.method.tolerance, changed.method.max_iterations, changed.petsc) == (1e-6, 500, {"a": 1})
+
+
+def test_overrides_do_not_leak_into_the_next_scene():
+    scene("body.upper.material.young=1.0", "petsc.x=1")
+    again = scene()
+    assert again.body[0].material.young == 2e11
+    assert again.petsc == {"body_ksp_rtol": 1e-9}
+
+
+@pytest.mark.parametrize("settings", [
+    [], ['contact.0.friction={law="none"}'],
+    ['contact.0.friction={law="tresca", slip_bound={along="arc", points=[0, 1, 1], values=[1, 2, 3]}}'],
+    ["body.lower.volume_force={constant=[1.0, 2.0], y_slope=[0.0, 3.0]}"]])
+def test_resolved_scene_round_trips(settings):
+    for original in (scene(*settings), scene(*settings, text=WITHOUT_METHOD)):
+        check_round_trip(original)
+
+
+def check_round_trip(original: Scene) -> None:
+    data = original.resolved()
+    assert msgspec.convert(data, Scene) == original
+    assert msgspec.json.decode(msgspec.json.encode(data), type=Scene) == original
+
+
+def test_resolved_scene_has_all_defaults():
+    data = scene().resolved()
+    method = data["method"]
+    assert (method["outer"], method["algorithm"], method["splitting"]) == ("relaxation", "original", "none")
+    assert (method["theta"], method["tolerance"], method["max_iterations"]) == (0.25, 1e-4, 500)
+    assert data["contact"][0]["friction"] == {"law": "coulomb", "coefficient": 0.3}
+    assert data["body"][0]["material"] == {"young": 2e11, "poisson": 0.3, "plane": "strain"}
+    assert data["body"][1]["traction"] == []
+
+
+def test_method_without_parameters_by_default():
+    method = scene(text=WITHOUT_METHOD).method
+    assert (method.outer, method.tolerance) == ("newton", 1e-8)
+    assert (method.algorithm, method.splitting, method.theta) == (None, None, None)
+    assert scene("method.outer=newton", "method.tolerance=1e-5", text=WITHOUT_METHOD).method.tolerance == 1e-5
+
+
+@pytest.mark.parametrize("setting", [
+    "method.outer=relaxation", "method.theta=0.2", "method.algorithm=original", "method.splitting=none"])
+def test_any_parameter_of_the_published_iteration_asks_for_it(setting):
+    method = scene(setting, text=WITHOUT_METHOD).method
+    assert (method.outer, method.algorithm, method.splitting) == ("relaxation", "original", "none")
+    assert (method.theta, method.tolerance) == (0.2, 1e-4)
+
+
+def test_parameters_of_the_published_iteration_do_not_go_with_newton():
+    text = message("method.outer=newton", "method.splitting=step1")
+    assert text.startswith("case.toml: method: splitting, theta belong to outer")
+
+
+def test_friction_defaults_to_none():
+    text = TEXT.replace('friction = { law = "coulomb", coefficient = 0.3 }', "")
+    assert scene(text=text).contact[0].friction == NoFriction()
+
+
+def test_scene_is_frozen():
+    with pytest.raises(AttributeError):
+        scene().method.theta = 1.0
+
+
+def test_clamps_in_long_form():
+    upper, lower = scene().body
+    assert upper.clamps == [Clamp(on="left", x=0.0, y=0.0), Clamp(on="right", x=1e-3)]
+    assert upper.clamps[1].y is None
+    assert lower.clamps == [Clamp(on="bottom", x=0.0, y=AffineScalar(constant=1e-4, x_slope=2e-4))]
+
+
+def test_lame_constants():
+    strain = Material(young=2.6, poisson=0.3)
+    assert strain.lame == pytest.approx((2.6 * 0.3 / (1.3 * 0.4), 1.0), rel=1e-15)
+    stress = Material(young=2.6, poisson=0.3, plane="stress")
+    assert stress.lame == pytest.approx((2.6 * 0.3 / 0.91, 1.0), rel=1e-15)
+
+
+def test_evaluate_keeps_shape():
+    x, y = np.arange(6.0).reshape(2, 3), np.ones((2, 3))
+    assert np.array_equal(evaluate(2.5, x, y), np.full((2, 3), 2.5))
+    assert np.array_equal(evaluate((1.0, -2.0), x, y), np.stack([np.ones((2, 3)), np.full((2, 3), -2.0)]))
+    assert np.array_equal(evaluate(AffineScalar(constant=1.0, x_slope=2.0, y_slope=3.0), x, y), 4 + 2 * x)
+    vector = evaluate(AffineVector(constant=(1.0, 0.0), x_slope=(0.0, 2.0), y_slope=(5.0, 0.0)), x, y)
+    assert np.array_equal(vector, np.stack([np.full((2, 3), 6.0), 2 * x]))
+
+
+def test_profile_is_linear_between_points_with_jumps_and_constant_ends():
+    xy = np.array([[-1.0, 7.0], [0.5, 7.0], [0.99, 7.0], [1.01, 7.0], [9.0, 7.0]])
+    profile = Profile(along="x", points=[0.0, 1.0, 1.0, 2.0], values=[0.0, 2.0, 10.0, 10.0])
+    assert profile.at(xy) == pytest.approx([0.0, 1.0, 1.98, 10.0, 10.0])
+    assert Profile(along="y", points=[6.0, 8.0], values=[0.0, 1.0]).at(xy) == pytest.approx([0.5] * 5)
+
+
+def test_profile_along_the_arc():
+    xy = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 5.0]])
+    profile = Profile(along="arc", points=[0.0, 10.0], values=[0.0, 1.0])
+    assert profile.at(xy) == pytest.approx([0.0, 0.5, 0.6])
+
+
+SHIPPED = sorted(path.name for path in (ROOT / "configs").glob("*.toml"))
+
+
+def test_scenes_are_shipped():
+    assert {f"pinched_blocks_{law}.toml" for law in ("coulomb", "tresca", "frictionless")} <= set(SHIPPED)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_scene_is_valid(name):
+    shipped = read_scene_file(ROOT / "configs" / name)
+    assert shipped.title
+    assert msgspec.convert(shipped.resolved(), Scene) == shipped

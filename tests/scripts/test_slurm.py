@@ -1,0 +1,317 @@
+"""The batch scripts on a real Slurm: a cluster of one node, started and stopped by scripts/slurm/local_cluster.sh.
+
+All jobs are submitted at once; each test waits for its own.
+"""
+
+import csv
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+import scenes
+from scenes import pinched_blocks
+
+from ddmpi.results.tables import write_summary
+
+SLURM = scenes.ROOT / "scripts" / "slurm"
+LIMIT = 120.0
+COEFFICIENT = "contact.0.friction.coefficient"
+
+CONTROL = """#!/bin/sh
+echo "$@" >>"$0.calls"
+"""
+
+
+@dataclass
+class Cluster:
+    """How to talk to the cluster; jobs by name."""
+
+    environment: dict[str, str]
+    folder: Path
+    jobs: dict[str, str]
+
+    def submit(self, name: str, script: str, *arguments: str, options: tuple[str, ...] = (), **environment: str) -> str:
+        command = ["sbatch", "--parsable", f"--output={self.folder}/{name}-%a.out", *options, str(SLURM / script),
+                   *arguments]
+        self.jobs[name] = self.ask(*command, **environment).strip()
+        return self.jobs[name]
+
+    def ask(self, *command: str, **environment: str) -> str:
+        done = subprocess.run(command, env=self.environment | environment, cwd=scenes.ROOT, capture_output=True,
+                              text=True, timeout=30)
+        assert done.returncode == 0, f"{command}: {done.stderr}"
+        return done.stdout
+
+    def wait(self, name: str) -> list[dict[str, str]]:
+        """What Slurm knows of the job, or of each task of an array, once it has ended."""
+        end = time.monotonic() + LIMIT
+        while True:
+            text = self.ask("scontrol", "show", "job", "--oneliner", self.jobs[name])
+            tasks = [dict(re.findall(r"(\w+)=(\S*)", line)) for line in text.splitlines() if line]
+            if all(task["JobState"] in ("COMPLETED", "FAILED", "CANCELLED", "TIMEOUT") for task in tasks):
+                return tasks
+            assert time.monotonic() < end, f"{name}: {text}\n{self.said(name)}"
+            time.sleep(0.2)
+
+    def said(self, name: str) -> str:
+        """What the job and its tasks have printed."""
+        return "\n".join(path.read_text() for path in sorted(self.folder.glob(f"{name}-*.out")))
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    places = os.environ["PATH"] + ":/usr/sbin:/sbin"
+    missing = [name for name in ("munged", "slurmctld", "slurmd", "sbatch") if not shutil.which(name, path=places)]
+    if missing:
+        pytest.skip(f"no Slurm here ({', '.join(missing)} not found); on Debian, as root: "
+                    "apt-get install --no-install-recommends slurm-wlm munge libpmix-dev")
+    folder = tmp_path_factory.mktemp("slurm")
+    environment = scenes.clean_environment() | {"DDMPI_SLURM": str(folder / "cluster"), "DDMPI_PYTHON": sys.executable}
+    environment = {name: value for name, value in environment.items() if not name.startswith("SLURM_")}
+    for name in ("MPIRUN", "PYTHON"):
+        environment.pop(name, None)
+    started = subprocess.run([SLURM / "local_cluster.sh", "start"], env=environment, capture_output=True, text=True,
+                             timeout=60)
+    assert started.returncode == 0, started.stderr
+    environment["SLURM_CONF"] = re.fullmatch(r"export SLURM_CONF='(.*)'\n", started.stdout)[1]
+    yield Cluster(environment, folder, {})
+    subprocess.run([SLURM / "local_cluster.sh", "stop"], env=environment, check=True, timeout=60)
+    after = subprocess.run([SLURM / "local_cluster.sh", "status"], env=environment, capture_output=True, text=True,
+                           timeout=10)
+    assert after.returncode == 1 and "does not run" in after.stdout
+
+
+@pytest.fixture(scope="module")
+def jobs(cluster) -> Cluster:
+    """The cluster with everything submitted."""
+    here = cluster.folder
+    small = str(scenes.write_scene(pinched_blocks(2), here / "small.toml"))
+    long = str(scenes.write_scene(pinched_blocks(2, outer="relaxation"), here / "long.toml"))
+    python = here / "python"
+    python.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{scenes.ROOT}/tests/preempted.py" "$@"\n')
+    python.chmod(0o755)
+    cluster.submit("preempted", "run.sbatch", long, "--no-figures", "--output", str(here / "preempted"),
+                   DDMPI_PYTHON=str(python))
+    cluster.submit("mpirun", "run.sbatch", small, f"--output={here / 'mpirun'}", "--no-figures")
+    cluster.submit("srun", "run.sbatch", small, "--output", str(here / "srun"), "--no-figures", DDMPI_LAUNCH="srun")
+    cluster.submit("bad", "run.sbatch", small, "--output", str(here / "bad"), "--set", "method.thetta=1")
+    sweep = [small, "--vary", f"{COEFFICIENT}=0.1:0.5:5", "--output", str(here / "sweep")]
+    array = cluster.submit("array", "sweep.sbatch", *sweep, options=("--array=1-2",))
+    cluster.submit("gather", "sweep.sbatch", *sweep, "--plot", "n_A:coefficient",
+                   options=(f"--dependency=afterany:{array}",))
+    cluster.submit("tables", "tables.sbatch", "--sizes", "6", "--laws", "tresca", "--output", str(here / "tables"))
+    return cluster
+
+
+def test_the_scripts_are_bash():
+    for path in SLURM.iterdir():
+        subprocess.run(["bash", "-n", path], check=True, timeout=10)
+
+
+@pytest.mark.slurm
+@pytest.mark.parametrize("launch", ["mpirun", "srun"])
+def test_run(jobs, launch):
+    job, = jobs.wait(launch)
+    assert (job["JobState"], job["ExitCode"]) == ("COMPLETED", "0:0"), jobs.said(launch)
+    summary = json.loads((jobs.folder / launch / "summary.json").read_text())
+    assert summary["converged"] and summary["ranks"] == 2
+    assert summary["slurm"]["job_id"] == jobs.jobs[launch] and summary["run"].endswith(f" job {jobs.jobs[launch]}")
+    assert "converged and certified" in jobs.said(launch)
+
+
+@pytest.mark.slurm
+def test_both_launchers_give_the_same_answer(jobs):
+    for launch in ("mpirun", "srun"):
+        jobs.wait(launch)
+    for name in ("interface.csv", "history.csv"):
+        assert (jobs.folder / "mpirun" / name).read_bytes() == (jobs.folder / "srun" / name).read_bytes()
+
+
+@pytest.mark.slurm
+def test_the_exit_code_reaches_slurm(jobs):
+    job, = jobs.wait("bad")
+    assert (job["JobState"], job["ExitCode"]) == ("FAILED", "2:0")
+    assert jobs.said("bad").count("ddmpi: error:") == 1 and not (jobs.folder / "bad").exists()
+
+
+@pytest.mark.slurm
+def test_array(jobs):
+    tasks = jobs.wait("array")
+    assert [task["JobState"] for task in tasks] == ["COMPLETED"] * 2, jobs.said("array")
+    assert jobs.said("array").count("certified, ") == 5
+    summaries = [json.loads(path.read_text()) for path in (jobs.folder / "sweep").glob("*/summary.json")]
+    assert sorted(summary["slurm"]["array_task_id"] for summary in summaries) == ["1", "1", "1", "2", "2"]
+
+
+@pytest.mark.slurm
+def test_the_job_after_the_array_gathers(jobs):
+    job, = jobs.wait("gather")
+    assert (job["JobState"], job["ExitCode"]) == ("COMPLETED", "0:0"), jobs.said("gather")
+    assert "0 to run, 5 finished" in jobs.said("gather")
+    with open(jobs.folder / "sweep" / "sweep.csv", newline="") as file:
+        assert [row["status"] for row in csv.DictReader(file)] == ["certified"] * 5
+    assert (jobs.folder / "sweep" / f"n_A-{COEFFICIENT}.png").stat().st_size > 0
+
+
+@pytest.mark.slurm
+def test_a_job_whose_time_is_up_goes_back_and_continues(jobs, tmp_path):
+    job, = jobs.wait("preempted")
+    said = jobs.said("preempted")
+    assert (job["JobState"], job["ExitCode"], job["Restarts"]) == ("COMPLETED", "0:0", "1"), said
+    assert "interrupted by SIGUSR1" in said and "back into the queue" in said
+    assert said.index("start number 2") < said.index("continuing after iteration") < said.index("converged and")
+    whole = scenes.run_command(jobs.folder / "long.toml", tmp_path / "whole", "--no-figures", limit=LIMIT)
+    assert whole.code == 0, whole.output
+    for name in ("interface.csv", "history.csv"):
+        assert (jobs.folder / "preempted" / name).read_bytes() == (whole.folder / name).read_bytes()
+    assert not (jobs.folder / "preempted" / "checkpoint.h5").exists()
+
+
+@pytest.mark.slurm
+def test_tables(jobs):
+    job, = jobs.wait("tables")
+    assert (job["JobState"], job["ExitCode"]) == ("COMPLETED", "0:0"), jobs.said("tables")
+    with open(jobs.folder / "tables" / "tables.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 8 and all(row["certified"] == "True" for row in rows)
+
+
+@pytest.mark.slurm
+def test_a_second_cluster_in_the_same_folder_is_refused(cluster):
+    again = subprocess.run([SLURM / "local_cluster.sh", "start"], env=cluster.environment, capture_output=True,
+                           text=True, timeout=30)
+    assert again.returncode == 1 and "running already" in again.stderr
+    status = subprocess.run([SLURM / "local_cluster.sh", "status"], env=cluster.environment, capture_output=True,
+                            text=True, timeout=30)
+    assert status.returncode == 0 and status.stdout.startswith("running")
+
+
+# What needs no Slurm: the script that all of them source, with a scontrol that takes notes
+
+
+ENDS = {
+    # what the command does: (signal, exit code of the job, requeued)
+    "trap 'exit 6' USR1": ("USR1", 6, True),
+    "trap 'exit 3' USR1": ("USR1", 3, False),  # it had ended otherwise just then
+    "trap 'exit 6' USR1 #": ("TERM", 6, False),  # cancelled; it gets SIGUSR1 all the same
+    "trap - USR1": ("USR1", 138, True),  # it did not listen yet
+    "mkdir out; touch out/summary.json": ("USR1", 138, False),  # nor any more
+    "trap - USR1 #": ("TERM", 138, False),
+}
+
+
+@pytest.mark.parametrize("command", ENDS)
+def test_signals_are_handed_on(tmp_path, command):
+    import signal
+
+    name, code, requeued = ENDS[command]
+    control = tmp_path / "scontrol"
+    control.write_text(CONTROL)
+    control.chmod(0o755)
+    (tmp_path / "scripts").mkdir()
+    (tmp_path / "scripts" / "setup.sh").write_text("")
+    environment = scenes.clean_environment() | {
+        "PATH": f"{tmp_path}:{os.environ['PATH']}", "ROOT": str(tmp_path), "SLURM_SUBMIT_DIR": str(tmp_path),
+        "SLURM_JOB_ID": "7", "SLURM_JOB_NODELIST": "n"}
+    waits = f"{command}\ntouch ready; while :; do sleep 0.05; done"
+    script = f'set -euo pipefail; . "{SLURM}/job.sh"; output=out; attend bash -c "$1"; requeue_or_exit'
+    with subprocess.Popen(["bash", "-c", script, "bash", waits], env=environment, cwd=tmp_path, text=True,
+                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as job:
+        end = time.monotonic() + 20
+        while not (tmp_path / "ready").exists() and time.monotonic() < end:
+            time.sleep(0.02)
+        job.send_signal(getattr(signal, f"SIG{name}"))
+        said, _ = job.communicate(timeout=20)
+    assert job.returncode == code, said
+    calls = tmp_path / "scontrol.calls"
+    assert (calls.read_text() if calls.exists() else "") == ("requeue 7\n" if requeued else "")
+
+
+def start_job(here: Path, *arguments: str, **environment: str) -> tuple[subprocess.CompletedProcess, list[str]]:
+    """run.sbatch with a launcher that notes its arguments and ends with exit code 9; and these."""
+    (here / "scripts" / "slurm").mkdir(parents=True)
+    (here / "scripts" / "setup.sh").write_text("MPIRUN=./mpirun PYTHON=python\n")
+    shutil.copy(SLURM / "job.sh", here / "scripts" / "slurm")
+    (here / "mpirun").write_text("#!/bin/sh\nprintf '%s\\n' \"$@\" >calls\nexit 9\n")
+    (here / "mpirun").chmod(0o755)
+    environment |= {"DDMPI_ROOT": str(here), "SLURM_SUBMIT_DIR": str(here), "SLURM_JOB_ID": "7",
+                    "SLURM_JOB_NODELIST": "n"}
+    job = subprocess.run(["bash", SLURM / "run.sbatch", "scene.toml", *arguments], capture_output=True, text=True,
+                         env=scenes.clean_environment() | environment, timeout=20)
+    calls = here / "calls"
+    return job, calls.read_text().split("\n")[:-1] if calls.exists() else []
+
+
+RESULTS = {
+    # what the folder holds, whether this is a later start of the job: exit code, whether ddmpi is started
+    ("", True): (9, True),
+    ("ours", False): (9, True),
+    ("ours", True): (0, False),
+    ("ours, not converged", True): (3, False),
+    ("another's", True): (9, True),
+}
+
+
+@pytest.mark.parametrize(("holds", "again"), RESULTS)
+def test_results_end_a_job_only_if_it_is_the_one_that_made_them(tmp_path, holds, again):
+    """Else it is ddmpi's business, which has exit code 9 here."""
+    if holds:
+        write_summary(tmp_path, {"title": 'a\n  "converged": true', "converged": holds != "ours, not converged",
+                                 "slurm": {"job_id": "7" if holds.startswith("ours") else "70"}})
+    environment = {"SLURM_RESTART_COUNT": "1"} if again else {}
+    job, started = start_job(tmp_path, "--output", str(tmp_path), **environment)
+    assert (job.returncode, bool(started)) == RESULTS[holds, again], job.stdout + job.stderr
+
+
+def test_an_empty_output_is_not_taken_for_none(tmp_path):
+    _, started = start_job(tmp_path, "--output", "")
+    assert started == ["-n", "2", "python", "-m", "ddmpi", "run", "scene.toml", "--output", ""]
+
+
+def test_a_job_does_not_go_back_for_ever(tmp_path):
+    (tmp_path / "scripts").mkdir()
+    (tmp_path / "scripts" / "setup.sh").write_text("")
+    environment = scenes.clean_environment() | {
+        "ROOT": str(tmp_path), "SLURM_SUBMIT_DIR": str(tmp_path), "SLURM_JOB_ID": "7", "SLURM_JOB_NODELIST": "n",
+        "SLURM_RESTART_COUNT": "3", "DDMPI_REQUEUES": "3"}
+    script = f'. "{SLURM}/job.sh"; code=6; warned=time; scontrol() {{ echo called; }}; requeue_or_exit'
+    job = subprocess.run(["bash", "-c", script], env=environment, capture_output=True, text=True, timeout=20)
+    assert job.returncode == 6 and "called" not in job.stdout
+
+
+def start_task(root: Path, **variables: int) -> subprocess.CompletedProcess:
+    """sweep.sbatch as a task of an array, up to the command that it would launch."""
+    (root / "scripts" / "slurm").mkdir(parents=True)
+    (root / "scripts" / "slurm" / "job.sh").write_text('launch() { echo "$@"; }\nrequeue_or_exit() { :; }\n')
+    environment = scenes.clean_environment() | {"DDMPI_ROOT": str(root)} | {
+        f"SLURM_ARRAY_TASK_{name}": str(value) for name, value in variables.items()}
+    return subprocess.run(["bash", SLURM / "sweep.sbatch", "s.toml", "--output", "D"], env=environment,
+                          capture_output=True, text=True, timeout=20)
+
+
+ARRAYS = {
+    # --array: (its tasks, the step that Slurm tells)
+    "0-9": (range(10), 1), "1-2": (range(1, 3), 1), "3-11:4": (range(3, 12, 4), 4), "7": ([7], 1),
+    "1,2,7": ([1, 2, 7], 1), "0,2,4": ([0, 2, 4], 1), "0-6:2,7": ([0, 2, 4, 6, 7], 2), "0-4:2,1": ([0, 1, 2, 4], 2),
+}
+
+
+@pytest.mark.parametrize("array", ARRAYS)
+def test_tasks_of_an_array_have_each_a_share_or_are_refused(tmp_path, array):
+    tasks, step = ARRAYS[array]
+    runs = [start_task(tmp_path / str(task), ID=task, MIN=min(tasks), MAX=max(tasks), STEP=step, COUNT=len(tasks))
+            for task in tasks]
+    if "," in array:
+        for run in runs:
+            assert run.returncode == 2 and run.stdout == ""
+            assert f"the {len(tasks)} tasks" in run.stderr and f"--array=0-{len(tasks) - 1}" in run.stderr
+    else:
+        assert [run.stdout for run in runs] == [f"-m ddmpi sweep s.toml --output D --index {k}/{len(tasks)}\n"
+                                                for k in range(len(tasks))], runs[0].stderr

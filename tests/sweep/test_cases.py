@@ -1,0 +1,172 @@
+"""The cases of a sweep: what --vary means, and what it refuses before anything runs. No MPI."""
+
+from types import SimpleNamespace
+
+import pytest
+import scenes
+
+from ddmpi.errors import InputError
+from ddmpi.sweep.cases import build_cases, choose, parse_axis
+
+TEXT = scenes.to_toml(scenes.pinched_blocks(2, outer="relaxation"))
+
+
+def build(*varied: str, settings: tuple[str, ...] = ()) -> list:
+    return build_cases("scene.toml", TEXT, list(settings), list(varied))
+
+
+VALUES = {
+    "method.theta=0.1:0.5:5": ["0.1", "0.2", "0.3", "0.4", "0.5"],
+    "method.theta=0:1:3": ["0", "0.5", "1"],
+    "method.max_iterations=10:40:4": ["10", "20", "30", "40"],
+    "method.max_iterations=1:1000:4:log": ["1", "10", "100", "1000"],
+    "body.upper.material.young=1e9:1e12:4:log": ["1e9", "10000000000", "100000000000", "1e12"],
+    "k=-1:1:3": ["-1", "0", "1"],
+    "k=1:0:2": ["1", "0"],
+    "k=none, step1": ["none", "step1"],
+    "k=[66,22],[132, 44]": ["[66,22]", "[132, 44]"],
+    'k="a,b",c': ['"a,b"', "c"],
+    'k={law="none"},{law="tresca", slip_bound=1e7}': ['{law="none"}', '{law="tresca", slip_bound=1e7}'],
+    "k=meshes/a:b.msh": ["meshes/a:b.msh"],
+    "k=true": ["true"],
+}
+
+
+@pytest.mark.parametrize("text", VALUES)
+def test_values(text):
+    assert list(parse_axis(text).values) == VALUES[text]
+
+
+MALFORMED = {
+    "method.theta": "KEY=", "=1,2": "KEY=", "a,=3": "KEY=", "k=": "a value is missing", "k=1,,2": "a value is missing",
+    "k=1:2": "first:last:number", "k=1:2:3:4": "first:last:number", "k=1:x:3": "'x' is not a number",
+    "k=1:2:1": "two or more", "k=1:2:2.5": "'2.5'", "k=-1:1:3:log": "positive", "k=1:1:3": "the same",
+    "k=1,2,1": "1 more than once", "k=1:2:100000": "limit",
+    "k=0.1,0.10": "0.10 more than once (as 0.1, too)", "k=1:1.0:2": "the same",
+    "k=1e3,2,1_000.0": "1_000.0 more than once",
+    'petsc.k="200",200': "200 more than once", "petsc.k=1e-8,'1e-08'": "more than once",
+    "k=[6,2],[6, 2]": "more than once", 'k={a=1,b=2},{b=2.0, a=1}': "more than once", 'k="a",a': "more than once",
+}
+
+
+@pytest.mark.parametrize("text", MALFORMED)
+def test_malformed(text):
+    with pytest.raises(InputError) as caught:
+        parse_axis(text)
+    assert f"--vary {text}: " in str(caught.value) and MALFORMED[text] in str(caught.value)
+
+
+REFUSED = {
+    # what is wrong: (--vary, what the message must name)
+    "key": ("method.thetta=0.1,0.2", ["--vary method.thetta=0.1", "scene.toml", "unknown key", "'theta'"]),
+    "table": ("methd.theta=0.1", ["unknown key", "'method'"]),
+    "body": ("body.uper.material.young=1e9,2e9", ["--vary body.uper.material.young=1e9", "'uper'", "'upper'"]),
+    "value": ("method.theta=0.1,-1", ["--vary method.theta=-1", "method.theta", "> 0"]),
+    "word": ("method.splitting=none,stp1", ["--vary method.splitting=stp1", "'step1'"]),
+    "not an integer": ("method.max_iterations=1:10:3", ["--vary method.max_iterations=5.5", "method.max_iterations"]),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused(name):
+    varied, words = REFUSED[name]
+    with pytest.raises(InputError) as caught:
+        build(varied)
+    for word in words:
+        assert word in str(caught.value)
+    assert "--set" not in str(caught.value)
+
+
+def test_an_error_of_the_scene_itself_does_not_blame_vary():
+    with pytest.raises(InputError, match=r"^scene\.toml: method\.foo: unknown key"):
+        build("method.theta=0.1,0.2", settings=("method.foo=1",))
+
+
+@pytest.mark.parametrize(("varied", "word"), [
+    (("method.theta=0.1,0.2", "method.theta=0.3"), "method.theta is varied more than once"),
+    (("method.theta=0.1:1:1000", "contact.0.friction.coefficient=0:1:1000"), "1000000 cases"),
+    ((), "--vary"),
+    # one key in two spellings
+    (("body.0.material.young=1e9,2e9", "body.upper.material.young=3e9"),
+     "body.0.material.young and body.upper.material.young are the same key"),
+    (("body.0.material.young,body.upper.material.young=1e9,2e9",), "are the same key"),
+    (("contact.0.friction.coefficient=0.1", "contact.00.friction.coefficient=0.2"), "are the same key"),
+    (("petsc.qp_tao_max_it=1", "petsc.-QP_tao_max_it=2"), "are the same key"),
+    # one in a table that comes later
+    (("contact.0.friction.coefficient=0.1,0.2", 'contact.0.friction={law="coulomb", coefficient=0.3},{law="none"}'),
+     "--vary contact.0.friction.coefficient=0.1: comes to nothing, another --vary makes it 0.3"),
+    (("petsc.a=1", "petsc={a=2}"), "--vary petsc.a=1: comes to nothing")])
+def test_refused_as_a_whole(varied, word):
+    with pytest.raises(InputError, match=word):
+        build(*varied)
+
+
+def test_a_table_and_then_an_entry_of_it():
+    cases = build('petsc={-a=1},{a=2, b=3}', "petsc.c=true,false", "body.0.material={young=1e9, poisson=0}")
+    assert [case.scene.petsc for case in cases] == [{"-a": 1, "c": True}, {"-a": 1, "c": False},
+                                                    {"a": 2, "b": 3, "c": True}, {"a": 2, "b": 3, "c": False}]
+
+
+def test_true_is_not_one():
+    assert len(build("petsc.a=true,1")) == 2
+
+
+def test_all_combinations_the_last_key_fastest():
+    cases = build("contact.0.friction.coefficient=0.1,0.2", "method.theta=0.1:0.3:3")
+    assert [case.number for case in cases] == list(range(6))
+    assert [tuple(case.values.values()) for case in cases] == [(f, t) for f in (0.1, 0.2) for t in (0.1, 0.2, 0.3)]
+    assert [(case.scene.contact[0].friction.coefficient, case.scene.method.theta) for case in cases] == [
+        tuple(case.values.values()) for case in cases]
+
+
+def test_keys_that_vary_together():
+    cases = build("body.upper.mesh.divisions,body.lower.mesh.divisions=[6,2],[12,4]")
+    assert [[body.mesh.divisions for body in case.scene.body] for case in cases] == [[(6, 2)] * 2, [(12, 4)] * 2]
+
+
+def test_integers_stay_integers_and_settings_come_first():
+    case = build("method.max_iterations=3:5:3", settings=("method.max_iterations=7", "method.theta=0.5"))[1]
+    assert case.scene.method.max_iterations == 4 and isinstance(case.values["method.max_iterations"], int)
+    assert case.scene.method.theta == 0.5
+
+
+def test_folders_tell_cases_apart_and_stay_when_the_sweep_grows():
+    long = [f'"{"x" * 200}{k}"' for k in range(2)]
+    few = build("method.theta=0.1,0.2", f"title=a b,a_b,[a b],{','.join(long)}")
+    folders = [case.folder for case in few]
+    assert len(set(folders)) == len(few)
+    for folder in folders:
+        assert all(c.isascii() and (c.isalnum() or c in ".,=+-_") for c in folder) and len(folder) < 200
+    assert build("method.theta=0.1,0.2,0.3", "title=a_b,c")[2].folder == next(
+        case.folder for case in few if tuple(case.values.values()) == (0.2, "a_b"))
+
+
+def test_cases_that_would_share_a_folder(monkeypatch):
+    """Names that are cut are told apart by a short digest, which two cases of many may have in common."""
+    monkeypatch.setattr("hashlib.sha256", lambda data: SimpleNamespace(hexdigest=lambda: "0" * 64))
+    with pytest.raises(InputError, match=r"title=x+0 and title=x+1 would have the same folder, title=x+-00000000"):
+        build(f"title={'x' * 200}0,{'x' * 200}1")
+
+
+def test_readable_folder():
+    case = build("method.theta=0.1", "body.upper.mesh.divisions,body.lower.mesh.divisions=[6,2]")[0]
+    assert case.folder == "method.theta=0.1,body.upper.mesh.divisions=6x2"
+
+
+@pytest.mark.parametrize(("index", "numbers"), [(None, range(7)), ("0", [0]), ("6", [6]), ("1/3", [1, 4]),
+                                                ("0/1", range(7)), ("8/9", [])])
+def test_index(index, numbers):
+    cases = build("method.theta=0.1:0.7:7")
+    assert [case.number for case in choose(cases, index)] == list(numbers)
+
+
+@pytest.mark.parametrize("index", ["7", "-1", "x", "3/3", "1/0", "0/0", "1/2/3", "1.5", "²"])
+def test_index_out_of_range(index):
+    with pytest.raises(InputError, match=f"--index {index}"):
+        choose(build("method.theta=0.1:0.7:7"), index)
+
+
+def test_shares_cover_everything_once():
+    cases = build("method.theta=0.1:0.7:7")
+    shared = [case.number for k in range(3) for case in choose(cases, f"{k}/3")]
+    assert sorted(shared) == list(range(7))

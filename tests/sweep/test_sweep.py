@@ -1,0 +1,461 @@
+"""Sweeps: every case as if it had run alone, whatever happens to the others; and the table and plots of them."""
+
+import csv
+import json
+import re
+import time
+from pathlib import Path
+
+import fault
+import pytest
+import scenes
+from scenes import Run, pinched_blocks
+
+from ddmpi.errors import InputError
+from ddmpi.sweep.table import RESULTS, find_column, read_table
+from ddmpi.system.files import locked
+
+LIMIT = 60.0
+COEFFICIENT = "contact.0.friction.coefficient"
+
+
+def run_sweep(scene: Path, folder: Path, *arguments: str, ranks: int = 2) -> Run:
+    return scenes.run_python(["-m", "ddmpi", "sweep", str(scene), "--output", str(folder), *arguments], ranks, LIMIT,
+                             folder)
+
+
+def rows(run: Run) -> list[dict[str, str]]:
+    with open(run.folder / "sweep.csv", newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def stamp(path: Path) -> tuple[int, int]:
+    """Changes whenever a file is written anew."""
+    return path.stat().st_ino, path.stat().st_mtime_ns
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory) -> Path:
+    return scenes.write_scene(pinched_blocks(2), tmp_path_factory.mktemp("scene") / "scene.toml")
+
+
+# One sweep in which cases end in every way
+
+MIXED = ["--set", "petsc.body_ksp_type=cg", "petsc.body_pc_type=none",
+         "--vary", "body.upper.mesh.divisions=[7,2],[6,2]", "petsc.body_ksp_max_it=3,1000",
+         "method.max_iterations=1,500"]
+GIVEN = ["-body_ksp_norm_type", "unpreconditioned", "-not_an_option", "7"]
+EXPECTED = ["refused"] * 4 + ["solver failed"] * 2 + ["not converged", "certified"]
+EXITS = {"refused": "2", "solver failed": "4", "not converged": "3", "certified": "0"}
+
+
+@pytest.fixture(scope="module")
+def mixed(small, tmp_path_factory) -> Run:
+    folder = tmp_path_factory.mktemp("mixed") / "sweep"
+    return run_sweep(small, folder, *MIXED, "--plot", "n_A:method.max_iterations", *GIVEN)
+
+
+def test_failing_cases_do_not_stop_the_others(mixed):
+    assert mixed.code == 3, mixed.output
+    assert [row["status"] for row in rows(mixed)] == EXPECTED
+    assert [row["exit"] for row in rows(mixed)] == [EXITS[status] for status in EXPECTED]
+    assert mixed.messages == [f"ddmpi: error: 1 of 8 cases in {mixed.folder} have a certified answer; 4 refused, "
+                              "2 solver failed, 1 not converged"]
+
+
+def test_reasons_stand_in_the_table(mixed):
+    reasons = [row["reason"] for row in rows(mixed)]
+    assert "contact.0" in reasons[0] and "DIVERGED_MAX_IT" in reasons[4]
+    assert "max_iterations" in reasons[6] and reasons[7] == "converged and certified"
+
+
+def test_a_line_for_each_case_on_the_screen(mixed):
+    lines = [line for line in mixed.stdout.splitlines() if re.match(r"\d/8  case ", line)]
+    assert [line.partition("  case ")[2][0] for line in lines] == list("01234567")
+    for line, status in zip(lines, EXPECTED, strict=True):
+        assert f": {status}" in line
+    assert "PETSc options that nothing used: not_an_option, " in lines[7]
+
+
+def test_the_story_of_a_case_is_in_its_folder(mixed):
+    log = (mixed.folder / rows(mixed)[6]["folder"] / "run.log").read_text()
+    assert "n = " in log and "ddmpi: error: not converged" in log
+
+
+def test_table_repeats_the_summaries(mixed):
+    for row in rows(mixed)[6:]:
+        summary = json.loads((mixed.folder / row["folder"] / "summary.json").read_text())
+        for name in RESULTS:
+            value = summary
+            for part in name.split("."):
+                value = value[int(part)] if isinstance(value, list) else value[part]
+            assert float(row[name]) == value, name
+    assert all(row[name] == "" for row in rows(mixed)[:6] for name in RESULTS)
+
+
+def test_as_if_it_had_run_alone(mixed, small, tmp_path):
+    """The same numbers to the last bit as the command makes, after six failures in the same processes."""
+    alone = scenes.run_command(small, tmp_path / "alone", *MIXED[:3], "petsc.body_ksp_max_it=1000", "--no-figures",
+                               "-body_ksp_norm_type", "unpreconditioned", limit=LIMIT)
+    assert alone.code == 0, alone.output
+    swept = mixed.folder / rows(mixed)[7]["folder"]
+    for name in ("interface.csv", "history.csv"):
+        assert (swept / name).read_bytes() == (alone.folder / name).read_bytes()
+    summary = json.loads((swept / "summary.json").read_text())
+    assert {name: value for name, value in summary["options"].items() if name != "not_an_option"} == \
+        alone.summary["options"]
+    assert summary["options_unused"] == ["not_an_option"]
+
+
+def test_again_only_what_has_no_results(mixed, small):
+    """Runs after the tests above have looked at the first table."""
+    before = {path: stamp(path) for path in mixed.folder.glob("*/summary.json")}
+    assert len(before) == 2
+    again = run_sweep(small, mixed.folder, *MIXED, *GIVEN)
+    assert again.code == 3
+    assert "6 to run (6 of them failed before), 2 finished" in again.stdout
+    assert {path: stamp(path) for path in mixed.folder.glob("*/summary.json")} == before
+    assert [row["status"] for row in rows(again)] == EXPECTED
+
+
+def test_list(mixed, small):
+    run = run_sweep(small, mixed.folder, *MIXED, *GIVEN, "--list", ranks=1)
+    assert run.code == 0 and run.stderr == ""
+    assert [line.split()[0] for line in run.stdout.splitlines()] == list("01234567")
+    for line, status in zip(run.stdout.splitlines(), EXPECTED, strict=True):
+        assert status in line
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    (["--set", "body.upper.material.poisson=0.1"], ["body.0.material.poisson", "0.277", "0.1"]),
+    (["-body_ksp_rtol", "1e-3"], ["petsc"])])
+def test_results_of_another_sweep_are_refused(mixed, small, change, words):
+    before = {path: stamp(path) for path in mixed.folder.rglob("*")}
+    run = run_sweep(small, mixed.folder, *MIXED, *GIVEN, *change)
+    assert run.code == 2
+    assert len(run.messages) == 1 and all(word in run.messages[0] for word in [*words, "another --output"])
+    assert {path: stamp(path) for path in mixed.folder.rglob("*")} == before
+
+
+def test_a_changed_mesh_file_is_another_sweep(tmp_path):
+    """The scene's text is the same; what the file holds is not."""
+    for name in ("punch_base.msh", "punch_block.msh"):
+        (tmp_path / name).write_bytes((scenes.ROOT / "meshes" / name).read_bytes())
+    text = (scenes.ROOT / "configs" / "punch.toml").read_text()
+    scene = tmp_path / "scene.toml"
+    scene.write_text(re.sub(r'file = "[^"]*/', 'file = "', text))
+    assert run_sweep(scene, tmp_path / "out", "--vary", f"{COEFFICIENT}=0.3", "--quiet").code == 0
+    with open(tmp_path / "punch_block.msh", "a") as file:
+        file.write("\n")
+    run = run_sweep(scene, tmp_path / "out", "--vary", f"{COEFFICIENT}=0.3", "--quiet")
+    assert run.code == 2 and "punch_block.msh" in run.messages[0]
+
+
+# Refused before any work
+
+
+@pytest.mark.parametrize(("arguments", "ranks", "words"), [
+    (["--vary", "method.thetta=0.1,0.2"], 2, ["--vary method.thetta=0.1", "'theta'"]),
+    (["--vary", f"{COEFFICIENT}=0.1:0.3:3", "--index", "3"], 1, ["--index 3", "0 to 2"]),
+    (["--vary", f"{COEFFICIENT}=0.1:0.3:3", "--plot", "n_B:coefficient"], 2, ["--plot n_B:coefficient", "'n_A'"]),
+    (["--vary", f"{COEFFICIENT}=0.1:0.3:3", "--plot", "n_A"], 2, ["RESULT:KEY"]),
+    (["--vary", f"{COEFFICIENT}=0.1:0.3:3"], 1, ["mpirun -n 2"])])
+def test_bad_input(small, tmp_path, arguments, ranks, words):
+    run = run_sweep(small, tmp_path / "out", *arguments, ranks=ranks)
+    assert run.code == 2
+    assert len(run.messages) == 1 and all(word in run.output for word in words)
+    assert not run.folder.exists()
+
+
+# Arrays, crashes, signals
+
+
+def test_tasks_of_an_array_share_a_folder(small, tmp_path):
+    """Case 3 is wanted twice: whoever comes second finds the results of the first."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    arguments = ["--vary", f"{COEFFICIENT}=0.1:0.4:4"]
+    with ThreadPoolExecutor() as pool:
+        tasks = [pool.submit(run_sweep, small, tmp_path / "out", *arguments, "--index", index)
+                 for index in ("0/2", "1/2", "3")]
+        runs = [task.result() for task in tasks]
+    assert [run.code for run in runs] == [0, 0, 0], "".join(run.output for run in runs)
+    assert not (tmp_path / "out" / "sweep.csv").exists()
+    gathered = run_sweep(small, tmp_path / "out", *arguments, "--gather", ranks=1)
+    assert gathered.code == 0, gathered.output
+    assert [row["status"] for row in rows(gathered)] == ["certified"] * 4
+
+
+@pytest.mark.parametrize("ends", [True, False])
+def test_a_case_that_another_process_has_comes_last(small, tmp_path, ends):
+    """It is run when the other lets go of it without results; or else a signal ends the waiting."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    arguments = ["--vary", f"{COEFFICIENT}=0.1:0.2:2", "--set", "output.figures=false"]
+    one, two = (tmp_path / "out" / f"{COEFFICIENT}={value}" for value in (0.1, 0.2))
+    one.mkdir(parents=True)
+    with ThreadPoolExecutor() as pool:
+        with locked(one):
+            if ends:
+                sweep = pool.submit(run_sweep, small, tmp_path / "out", *arguments)
+            else:
+                faults = [(0, "ddmpi.sweep.sweep.time.sleep", 1, "SIGTERM", str(tmp_path / "out"), [])]
+                sweep = pool.submit(scenes.run_python, [fault.__file__, json.dumps(faults), "sweep", str(small),
+                                                        *arguments], limit=LIMIT, folder=tmp_path / "out")
+            end = time.monotonic() + LIMIT
+            while not (two / "summary.json").exists() and time.monotonic() < end:
+                time.sleep(0.05)
+            assert not (one / "case.json").exists()
+            if not ends:
+                sweep.result()
+        run = sweep.result()
+    assert "case 0 is being run by another process; it comes last" in run.stdout, run.output
+    if ends:
+        assert run.code == 0 and re.findall(r"\d/2  case (\d)", run.stdout) == ["1", "0"], run.output
+    else:
+        assert f"{fault.END} 6 6" in run.stderr and len(run.messages) == 1 and not (one / "summary.json").exists()
+
+
+def test_who_comes_second_keeps_the_results_of_the_first(small, tmp_path):
+    """Both processes have started the case, and the other's results appear before ours are written."""
+    arguments = ["--vary", f"{COEFFICIENT}=0.1", "--set", "output.figures=false"]
+    first = run_sweep(small, tmp_path / "first", *arguments)
+    place = tmp_path / "out" / rows(first)[0]["folder"]
+    hook = tmp_path / "second.py"
+    hook.write_text(f"""
+import shutil, sys
+from pathlib import Path
+from ddmpi.cli import main as cli
+from ddmpi.results import folder as results
+original = results.Staging.publish
+def publish(self):
+    for source in Path({str(tmp_path / "first" / place.name)!r}).iterdir():
+        if source.name in results.NAMES:
+            shutil.copy(source, self.folder)
+    return original(self)
+results.Staging.publish = publish
+cli.main(sys.argv[1:])
+""")
+    run = scenes.run_python([str(hook), "sweep", str(small), *arguments, "--output", str(tmp_path / "out")],
+                            limit=LIMIT, folder=tmp_path / "out")
+    assert run.code == 0, run.output
+    other = tmp_path / "first" / place.name
+    assert (place / "summary.json").read_bytes() == (other / "summary.json").read_bytes()
+    assert {path.name for path in place.iterdir()} == {path.name for path in other.iterdir()}
+
+
+def test_gathering_what_is_not_complete(small, tmp_path):
+    arguments = ["--vary", f"{COEFFICIENT}=0.1:0.4:4"]
+    one = run_sweep(small, tmp_path / "out", *arguments, "--index", "2")
+    assert one.code == 0, one.output
+    gathered = run_sweep(small, tmp_path / "out", *arguments, "--gather", ranks=1)
+    assert gathered.code == 3
+    assert [row["status"] for row in rows(gathered)] == ["not run", "not run", "certified", "not run"]
+
+
+def test_a_single_case_ends_with_its_own_exit_code(small, tmp_path):
+    run = run_sweep(small, tmp_path / "out", "--vary", "body.upper.mesh.divisions=[7,2],[6,2]", "--index", "0")
+    assert run.code == 2
+    assert len(run.messages) == 1 and "contact.0" in run.messages[0]
+
+
+def inject(small: Path, folder: Path, target: str, call: int, what: str, *arguments: str) -> Run:
+    faults = [(1, target, call, what, str(folder), [])]
+    return scenes.run_python([fault.__file__, json.dumps(faults), "sweep", str(small), *arguments], limit=LIMIT,
+                             folder=folder)
+
+
+def test_a_crash_costs_one_case(small, tmp_path):
+    """The second of four dies with its processes; a new start takes the untried ones first, then all is there."""
+    arguments = ["--vary", f"{COEFFICIENT}=0.1:0.4:4"]
+    crash = inject(small, tmp_path / "out", "ddmpi.coupling.assembly.build_mesh", 2, "SIGKILL", *arguments)
+    assert crash.code not in (0, 2, 3, 4, 5, 6)
+    done = list(crash.folder.glob("*/summary.json"))
+    assert [path.parent.name for path in done] == [f"{COEFFICIENT}=0.1"]
+    before = stamp(done[0])
+    assert "unfinished" in run_sweep(small, crash.folder, *arguments, "--list", ranks=1).stdout
+    again = run_sweep(small, crash.folder, *arguments)
+    assert again.code == 0, again.output
+    assert re.findall(r"\d/3  case (\d)", again.stdout) == ["2", "3", "1"]
+    assert stamp(done[0]) == before
+
+
+def test_a_signal_ends_the_sweep_and_the_next_start_continues_the_case(small, tmp_path):
+    arguments = ["--set", "method.outer=relaxation", "--vary", f"{COEFFICIENT}=0.1:0.3:3"]
+    whole = run_sweep(small, tmp_path / "whole", *arguments)
+    assert whole.code == 0, whole.output
+    # in the middle of the second case: every case has the same calls or more
+    neumann = int(rows(whole)[0]["outer_iterations"]) + 5
+    run = scenes.run_python([fault.__file__, json.dumps([(1, "ddmpi.coupling.member.Body.neumann", neumann, "SIGUSR1",
+                                                          str(tmp_path / "out"), [])]), "sweep", str(small),
+                             *arguments], limit=LIMIT, folder=tmp_path / "out")
+    assert f"{fault.END} 6 6" in run.stderr, run.output
+    assert "interrupted by SIGUSR1" in run.stderr
+    assert {path.name for path in run.folder.glob("*/checkpoint.h5")} == {"checkpoint.h5"}
+    listed = run_sweep(small, run.folder, *arguments, "--list", ranks=1).stdout
+    assert [line.split()[1] for line in listed.splitlines()] == ["certified", "interrupted", "not"]
+    again = run_sweep(small, run.folder, *arguments)
+    assert again.code == 0, again.output
+    case = rows(again)[1]["folder"]
+    assert "continuing after iteration" in (run.folder / case / "run.log").read_text()
+    for row in rows(again):
+        for name in ("interface.csv", "history.csv"):
+            assert (run.folder / row["folder"] / name).read_bytes() == \
+                (whole.folder / row["folder"] / name).read_bytes()
+
+
+def test_memory_does_not_grow(tmp_path):
+    """A body of N = 6 with its factors and solvers takes a quarter of a mebibyte, so that these would take three."""
+    scene = scenes.write_scene(pinched_blocks(6, outer="relaxation", tolerance=1e-2), tmp_path / "scene.toml")
+    run = run_sweep(scene, tmp_path / "out", "--vary", f"{COEFFICIENT}=0.1:0.5:20")
+    assert run.code == 0, run.output
+    for rank in (0, 1):
+        peak = [float(row[f"memory_mib.{rank}"]) for row in rows(run)]
+        assert peak[-1] - peak[7] < 1.0
+
+
+# PETSc's options
+
+
+def test_options_do_not_leak_from_case_to_case(petsc_options):
+    from petsc4py import PETSc
+
+    from ddmpi.petsc.options import RunOptions, unused_options
+
+    petsc_options(given=1, asked="yes")
+    PETSc.Options().hasName("asked")  # as PetscInitialize does with its own
+    database = PETSc.Options()
+    options, outside = RunOptions(), database.getAll()
+    options.use({"own": 2, "given": 3, "flag": True, "-dash": False})
+    assert database.getAll() == outside | {"own": "2", "flag": None, "dash": "false"}  # the command line wins
+    assert database.getString("own") == "2" and "own" not in unused_options()
+    database.setValue("set_by_a_solver", 1)
+    options.use({"own": 4})
+    assert database.getAll() == outside | {"own": "4"}
+    assert {"own", "given"} <= set(unused_options()) and "asked" not in unused_options()
+    options.reset()
+    assert database.getAll() == outside
+
+
+# Table and plots
+
+
+def test_find_column():
+    names = ["case", "contact.0.friction.coefficient", "n_A", "certificate.friction", "seconds.total", "method.theta"]
+    assert find_column("theta", names) == "method.theta"
+    assert find_column("n_A", names) == "n_A"
+    assert find_column("certificate.friction", names) == "certificate.friction"
+    with pytest.raises(InputError, match=r"'thetta'.*'theta'"):
+        find_column("thetta", names)
+    with pytest.raises(InputError, match=r"upper\.young or lower\.young"):
+        find_column("young", ["upper.young", "lower.young"])
+
+
+def table(**columns) -> list[dict]:
+    """Rows as `read_table` gives them."""
+    fixed = {"status": "certified", "exit": 0, "reason": "", "n_A": 5, "folder": ""}
+    length = len(next(iter(columns.values())))
+    return [{"case": k} | {name: values[k] for name, values in columns.items() if "." in name} | fixed
+            | {name: values[k] for name, values in columns.items() if "." not in name} for k in range(length)]
+
+
+SUMMARY = {"title": "t", "scene": {"output": {"length_unit": "mm", "stress_unit": "MPa"},
+                                   "body": [{"name": "tyre"}, {"name": "road"}]}}
+
+
+def draw(rows: list[dict], result: str, key: str):
+    import matplotlib
+
+    matplotlib.use("agg")
+    from ddmpi.sweep.plots import draw_curves
+
+    return draw_curves(rows, result, key, SUMMARY).axes[0]
+
+
+def test_curves():
+    """A curve for each value of the other key; keys that vary together count once; hollow where not certified."""
+    rows = table(**{"a.young": [1, 2, 1, 2], "b.young": [1, 2, 1, 2], "method.theta": [0.1, 0.1, 0.2, 0.2]},
+                 n_A=[10, 20, 30, 40], status=["certified"] * 3 + ["not converged"])
+    axes = draw(rows, "n_A", "a.young")
+    assert [line.get_label() for line in axes.get_legend().get_lines()] == ["0.1", "0.2"]
+    assert [list(zip(*line.get_data(), strict=True)) for line in axes.lines] == [[(1, 10), (2, 20)], [(1, 30)],
+                                                                                 [(2, 40)]]
+    assert axes.lines[2].get_markerfacecolor() == "white" and axes.lines[0].get_markerfacecolor() != "white"
+    assert "4 cases, 1 of them not certified (hollow)" in axes.get_title()
+    assert axes.get_xlabel() == "Young's modulus (MPa)"
+
+
+def test_keys_of_one_name_are_told_apart():
+    axes = draw(table(**{"a.young": [1, 2, 1, 2], "b.young": [1, 1, 2, 2]}), "n_A", "a.young")
+    assert axes.get_xlabel() == "a: Young's modulus (MPa)"
+    assert axes.get_legend().get_title().get_text() == "b: Young's modulus (MPa)"
+
+
+def test_the_name_of_the_body_stands_on_the_axis():
+    """Also where the key has its number; both where both vary alike."""
+    rows = table(**{"body.0.material.young": [1, 2, 1, 2], "body.tyre.mesh.divisions": ["a", "a", "b", "b"],
+                    "body.road.mesh.divisions": ["a", "a", "b", "b"]})
+    axes = draw(rows, "n_A", "body.0.material.young")
+    assert axes.get_xlabel() == "tyre: Young's modulus (MPa)"
+    assert axes.get_legend().get_title().get_text() == "tyre, road: divisions"
+
+
+@pytest.mark.parametrize(("values", "words"), [
+    ([2e11, 20000000000, 2e9], [r"$2 \times 10^{9}$", r"$2 \times 10^{10}$", r"$2 \times 10^{11}$"]),
+    ([1000, 2.5e3, 30000], ["1000", "2500", "30000"]), ([0.5, 0, 1], ["0", "0.5", "1"]),
+    ([1e-8, 0.1], ["$10^{-8}$", "$10^{-1}$"]), ([1234567, 1234568], [r"$1.234567 \times 10^{6}$",
+                                                                      r"$1.234568 \times 10^{6}$"])])
+def test_numbers_of_a_legend(values, words):
+    """In one way, with all their digits, by size."""
+    rows = table(**{"method.theta": [0.1] * len(values), "k.v": values}, n_A=[1] * len(values))
+    assert [line.get_label() for line in draw(rows, "n_A", "method.theta").get_legend().get_lines()] == words
+
+
+def test_forces_without_certificate_are_left_out():
+    rows = table(**{"method.theta": [0.1, 0.2, 0.3], "contact.normal_force": [1.0, 1.1, 1e15]},
+                 status=["certified", "certified", "not converged"])
+    axes = draw(rows, "contact.normal_force", "method.theta")
+    assert len(axes.lines) == 1 and list(axes.lines[0].get_ydata()) == [1.0, 1.1]
+    assert "1 without a certified answer left out" in axes.get_title()
+
+
+def test_words_stand_beside_each_other():
+    rows = table(**{"method.splitting": ["step2", "none"]}, n_A=[1, 2])
+    axes = draw(rows, "n_A", "method.splitting")
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["step2", "none"]
+
+
+@pytest.mark.parametrize(("values", "scale"), [
+    ([1.0, 10.0, 100.0], "log"), ([1, 100], "log"), ([1, 20], "linear"), ([2, 9, 50], "log"),
+    ([0.1, 0.2, 0.4, 0.9], "linear"),
+    ([0.01, 0.34, 0.67, 1.0], "linear"), ([0, 1, 100], "linear"), ([-1, 1, 100], "linear")])
+def test_an_axis_on_which_values_stand_evenly(values, scale):
+    axes = draw(table(**{"a.young": values}, n_A=list(range(1, len(values) + 1))), "n_A", "a.young")
+    assert (axes.get_xscale(), axes.get_yscale()) == (scale, "linear")
+
+
+@pytest.mark.parametrize(("columns", "result", "word"), [
+    ({"method.theta": [1, 2], "status": ["refused"] * 2, "n_A": [None, None]}, "n_A", "no case has both"),
+    ({"method.theta": [1, 2], "status": ["certified"] * 2}, "status", "not a number"),
+    ({"method.theta": [0] * 13, "a.x": list(range(13)), "n_A": [1] * 13}, "n_A", "13 curves")])
+def test_plots_that_cannot_be_drawn(columns, result, word):
+    with pytest.raises(InputError, match=word):
+        draw(table(**columns), result, "method.theta")
+
+
+def test_plot_from_the_table(mixed):
+    from PIL import Image
+
+    path = mixed.folder / "n_A-method.max_iterations.png"
+    with Image.open(path) as picture:
+        assert "ddmpi sweep" in picture.text["Description"]
+    path.unlink()
+    run = scenes.run_python(["-m", "ddmpi", "sweep-plot", str(mixed.folder), "n_A:max_iterations"], 1, LIMIT)
+    assert run.code == 0, run.output
+    assert run.stdout.strip() == str(path) and path.exists()
+    assert read_table(mixed.folder / "sweep.csv")[7]["n_A"] == int(rows(mixed)[7]["n_A"])
+
+
+def test_plot_without_a_table(tmp_path):
+    run = scenes.run_python(["-m", "ddmpi", "sweep-plot", str(tmp_path), "n_A:theta"], 1, LIMIT)
+    assert run.code == 2 and "sweep.csv" in run.messages[0]

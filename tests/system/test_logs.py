@@ -1,0 +1,244 @@
+"""What a run says and where; and that results and pictures lead back to their run."""
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+import scenes
+from PIL import Image
+from scenes import Run, pinched_blocks
+
+from ddmpi.errors import InputError
+
+LIMIT = 60.0
+STAMP = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ"
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory):
+    """A folder with a scene in which three runs have told the same log."""
+    folder = tmp_path_factory.mktemp("logs")
+    scenes.write_scene(pinched_blocks(2), folder / "scene.toml")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def runs(here) -> dict[str, Run]:
+    def run(name: str, *arguments: str) -> Run:
+        return scenes.run_command("scene.toml", here / name, "--log", "the.log", *arguments, limit=LIMIT, cwd=here)
+
+    return {"said": run("said"), "quiet": run("quiet", "--quiet", "--no-figures"),
+            "failed": run("failed", "--quiet", "--no-figures", "--set", "method.max_iterations=1")}
+
+
+@pytest.fixture(scope="module")
+def log(here, runs) -> list[list[str]]:
+    """The lines of the log, without stamps, for each run."""
+    parts: list[list[str]] = []
+    for line in (here / "the.log").read_text().splitlines():
+        assert re.match(rf"{STAMP}(  |$)", line), line
+        text = line[22:]
+        if text.startswith("ddmpi 0"):
+            parts.append([])
+        parts[-1].append(text)
+    return parts
+
+
+def test_the_log_has_what_the_screen_has(runs, log):
+    assert log[0][1:] == [line.rstrip() for line in runs["said"].stdout.splitlines()]
+
+
+def test_a_quiet_run_is_told_in_the_log(runs, log):
+    assert runs["quiet"].code == 0 and runs["quiet"].output == ""
+    assert any(line.startswith("converged and certified") for line in log[1])
+
+
+def test_a_log_is_continued_and_holds_the_error(runs, log):
+    assert len(log) == 3 and runs["failed"].code == 3
+    error = runs["failed"].stderr.split("\n---")[0].splitlines()  # Open MPI adds its own words
+    assert error[0].startswith("ddmpi: error: ") and log[2][-len(error):] == [line.rstrip() for line in error]
+
+
+def test_the_first_line_says_where_and_what(log):
+    for name, part in zip(("said", "quiet", "failed"), log, strict=True):
+        assert re.match(r"ddmpi \d+\.\d+\.\d+ on \S+ \d+: ddmpi run scene\.toml", part[0])
+        assert name in part[0]
+
+
+def test_a_log_that_cannot_be_written_is_refused_at_once(here, tmp_path):
+    (tmp_path / "no").write_text("not a folder")
+    run = scenes.run_command(here / "scene.toml", tmp_path / "out", "--log", str(tmp_path / "no" / "x.log"),
+                             limit=LIMIT)
+    assert run.code == 2 and "--log" in run.messages[0]
+    assert not run.folder.exists()
+
+
+def test_a_log_may_be_in_the_new_folder_of_the_results(here, tmp_path):
+    folder = tmp_path / "new" / "out"
+    run = scenes.run_command(here / "scene.toml", folder, "--log", str(folder / "run.log"), "--no-figures", limit=LIMIT)
+    assert run.code == 0, run.output
+    assert run.files == {"run.log", "result.h5", "result.xdmf", "history.csv", "interface.csv", "summary.json"}
+    assert "converged and certified" in (folder / "run.log").read_text()
+
+
+@pytest.mark.parametrize(("name", "holds", "word"), [
+    ("scene.toml", None, "is the scene"), ("history.csv", "iteration,update\n", "part of the results"),
+    ("notes.txt", "iteration,update\n", "no log of ddmpi"), ("checkpoint.h5", "made before", "part of the results"),
+    ("case.json", None, "part of the results"), ("sweep.csv", None, "part of the results")])
+def test_a_log_is_not_added_to_something_else(tmp_path, monkeypatch, capsys, name, holds, word):
+    from mpi4py import MPI
+
+    from ddmpi.cli import main as cli
+    from ddmpi.system import interrupt
+
+    monkeypatch.chdir(tmp_path)
+    if holds:
+        (tmp_path / name).write_text(holds)
+    try:
+        assert cli._main(MPI.COMM_SELF, ["run", "scene.toml", "--log", f"../{tmp_path.name}/{name}"], []) == 2
+    finally:
+        interrupt._handlers.clear()
+        cli.logs.configure(0)
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1 and word in said[0]
+    assert [path.read_text() for path in tmp_path.iterdir()] == [holds] * bool(holds)
+
+
+def test_the_names_of_all_files_are_reserved():
+    from ddmpi.results import folder as results
+    from ddmpi.run import checkpoint
+    from ddmpi.sweep import table as sweep_table
+    from ddmpi.system.files import RESERVED
+
+    assert {*results.NAMES, checkpoint.NAME, sweep_table.TABLE, sweep_table.RECORD} == RESERVED
+
+
+@pytest.mark.parametrize("arguments", [
+    ["run", "s.toml", "--output", ""], ["run", "s.toml", "--restart="], ["run", "s.toml", "--log", ""],
+    ["sweep", "s.toml", "--output", ""], ["figures", ""], ["sweep-plot", "", "n_A:theta"]])
+def test_empty_names_are_refused(arguments):
+    from ddmpi.cli.arguments import build_parser
+
+    with pytest.raises(InputError, match="an empty name"):
+        build_parser().parse_args(arguments)
+
+
+@pytest.mark.parametrize("when", ["write", "flush", "close"])
+def test_a_log_that_fills_the_disk_does_not_stop_the_run(tmp_path, capsys, monkeypatch, when):
+    import logging
+
+    from ddmpi.system import logs
+
+    logs.configure(0, quiet=True, file=str(tmp_path / "x.log"), heading="h")
+    try:
+        handler = logging.getLogger("ddmpi").handlers[1]
+
+        def full(*_text: str) -> None:
+            raise OSError(28, "No space left on device")
+
+        monkeypatch.setattr(handler.stream, when, full, raising=False)
+        logging.getLogger("ddmpi").info("one")
+        logging.getLogger("ddmpi").info("two")
+        logs.close()
+    finally:
+        logs.configure(0)
+    assert capsys.readouterr().err.count("No space left on device") == 1
+
+
+def test_results_lead_back_to_their_run(runs):
+    summary = runs["said"].summary
+    assert re.fullmatch(rf"{STAMP[:-1]}\.\d{{3}}Z \S+ \d+", summary["run"])
+    assert re.fullmatch(STAMP, summary["started"])
+    assert summary["command"].startswith("ddmpi run scene.toml --output ") and summary["slurm"] == {}
+    assert summary["working_folder"] == str(runs["said"].folder.parent)
+    assert summary["run"] != runs["quiet"].summary["run"]
+
+
+@pytest.mark.parametrize("name", ["bodies.png", "contact.png", "convergence.png"])
+def test_pictures_lead_back_to_their_run(runs, name):
+    summary = runs["said"].summary
+    with Image.open(runs["said"].folder / name) as picture:
+        assert picture.text["Title"] == summary["title"]
+        assert picture.text["Description"] == (f"run {summary['run']}: {summary['command']}, "
+                                               f"in {summary['working_folder']}")
+
+
+def test_a_batch_job_is_named(here, tmp_path, monkeypatch):
+    for name, value in {"JOB_ID": "12", "ARRAY_JOB_ID": "10", "ARRAY_TASK_ID": "2", "JOB_NODELIST": "n1"}.items():
+        monkeypatch.setenv(f"SLURM_{name}", value)
+    from ddmpi.system.provenance import batch_job, whereabouts
+
+    assert batch_job() == {"job_id": "12", "array_job_id": "10", "array_task_id": "2", "nodes": "n1"}
+    assert whereabouts().endswith(" job 10_2")
+    monkeypatch.delenv("SLURM_ARRAY_JOB_ID")  # as in a shell that kept the task's number only
+    assert whereabouts().endswith(" job 12")
+
+
+@pytest.mark.parametrize("arguments", ["info", "--version", "run --help"])
+def test_what_cannot_be_printed_is_told(arguments):
+    """Without mpirun, which prints what its ranks say."""
+    for unbuffered in ("", "1"):
+        with open("/dev/full", "w") as full:
+            child = subprocess.run([sys.executable, "-m", "ddmpi", *arguments.split()], stdout=full, text=True,
+                                   stderr=subprocess.PIPE, timeout=LIMIT,
+                                   env=scenes.clean_environment() | {"PYTHONUNBUFFERED": unbuffered})
+        assert child.returncode == 5
+        assert child.stderr == "ddmpi: error: what was asked for could not be printed: No space left on device\n"
+
+
+@pytest.mark.parametrize("arguments", ["info", "--help"])
+def test_whoever_reads_may_have_seen_enough(arguments):
+    """As with `| head -1`."""
+    reads, writes = os.pipe()
+    os.close(reads)
+    with open(writes, "w") as closed:
+        child = subprocess.run([sys.executable, "-m", "ddmpi", arguments], stdout=closed, stderr=subprocess.PIPE,
+                               text=True, timeout=LIMIT, env=scenes.clean_environment())
+    assert (child.returncode, child.stderr) == (0, "")
+
+
+def test_a_run_whose_words_cannot_be_printed_goes_on():
+    """A screen that is a file on a full disk."""
+    code = """
+import logging
+from ddmpi import logs
+logs.configure(0)
+for k in range(3):
+    logging.getLogger("ddmpi").info("line %d", k)
+"""
+    with open("/dev/full", "w") as full:
+        child = subprocess.run([sys.executable, "-c", code], stdout=full, stderr=subprocess.PIPE, text=True,
+                               timeout=LIMIT, env=scenes.clean_environment() | {"PYTHONUNBUFFERED": ""})
+    assert child.returncode == 0
+    assert child.stderr.count("\n") == 1 and "No space left on device" in child.stderr
+
+
+def test_info(tmp_path):
+    run = scenes.run_python(["-m", "ddmpi", "info"], 1, LIMIT, cwd=tmp_path)
+    assert run.code == 0 and run.stderr == ""
+    lines = dict(re.split(r" {2,}", line, maxsplit=1) for line in run.stdout.splitlines())
+    assert lines.keys() >= {"ddmpi", "petsc", "mpi", "gmsh", "BLAS", "HDF5", "Cholesky factorizations", "machine"}
+    assert "petsc" in lines["Cholesky factorizations"] and "MPRGP" in lines["contact programs (TAO)"]
+    assert all(lines.values()) and list(tmp_path.iterdir()) == []
+
+
+def test_info_is_said_once_on_two_ranks():
+    run = scenes.run_python(["-m", "ddmpi", "info"], 2, LIMIT)
+    assert run.code == 0 and len(re.findall("^petsc ", run.stdout, re.MULTILINE)) == 1
+
+
+def test_options_that_nothing_used_are_named_once(here):
+    """By us, and not by PETSc as well when it ends."""
+    run = scenes.run_command(here / "scene.toml", here / "unused", "--no-figures", "-not_an_option", "1", limit=LIMIT)
+    assert run.code == 0 and run.output.count("not_an_option") == 1
+    assert run.summary["options_unused"] == ["not_an_option"] and run.summary["options"] == {"not_an_option": "1"}
+
+
+def test_the_versions_are_those_of_what_ran(runs):
+    import numpy
+
+    versions = runs["said"].summary["versions"]
+    assert versions["numpy"] == numpy.__version__
+    assert "unknown" not in versions.values() and "not there" not in versions.values()
