@@ -1,8 +1,8 @@
-"""Makes punch_block.msh and punch_base.msh: a tapered block upon a base, matching at the contact.
+"""Make punch_block.msh and punch_base.msh: a tapered block on a base, with matching nodes at the contact.
 
     python meshes/punch.py
 
-Millimetres. Named groups: top, contact, sides of the block; contact, bottom, free, sides of the base.
+Lengths in millimetres. Groups of the block: contact, right, top, left; of the base: bottom, right, free, contact, left.
 """
 
 from pathlib import Path

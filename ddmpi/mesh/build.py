@@ -1,4 +1,4 @@
-"""The mesh of a body as its scene asks for it: generated or read, refined, of the order that is wanted."""
+"""The mesh of a body as its scene asks for it: generated or read, refined, and raised to the order."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.mesh import Mesh, boundary_group
+from ddmpi.mesh.boundary import boundary_group
+from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.read import read_mesh
 from ddmpi.mesh.refine import halve, raise_order
 from ddmpi.scene.bodies import BodySpec, MeshSpec
-from ddmpi.system import interrupt
 
 
 def build_mesh(body: BodySpec, folder: Path = Path(".")) -> Mesh:
-    """Generate or read the mesh of `body` and check that it has the groups the body names.
+    """Generate or read the mesh of `body` and check that it has the groups that the body names.
 
-    `folder` is where relative mesh files are looked for first (the scene's own folder), before the
-    current directory. Not collective. Raises InputError.
+    Relative mesh files are looked for in `folder` (the scene's own) first, then in the current directory.
+    Not collective. Raises InputError.
     """
     spec = body.mesh
     mesh = generate_rectangle(spec) if spec.file is None else read_mesh(locate_mesh(body, folder), body.name)
@@ -35,45 +35,31 @@ def build_mesh(body: BodySpec, folder: Path = Path(".")) -> Mesh:
 
 
 def generate_rectangle(spec: MeshSpec) -> Mesh:
-    """A rectangle of structured triangles, diagonals from lower left to upper right, by gmsh.
+    """A rectangle of structured triangles, diagonals from lower left to upper right.
 
-    Groups: ``left``, ``right``, ``bottom``, ``top``. Not collective.
+    Groups ``bottom``, ``right``, ``top``, ``left``. Corners come first, then the other nodes of the sides,
+    both counter-clockwise, then the inner nodes by columns: the numbers that gmsh gives a transfinite surface.
+    The ordering inside MUMPS depends on them. Not collective.
     """
-    import gmsh
-
-    (x0, y0), (width, height), (nx, ny) = spec.origin, spec.size, spec.divisions
-    # gmsh snaps what is closer than its own absolute tolerance, so it meshes the unit square.
-    gmsh.initialize([], readConfigFiles=False, interruptible=False)
-    interrupt.listen_again()
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        geometry = gmsh.model.geo
-        corners = [geometry.addPoint(x, y, 0.0) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
-        lines = [geometry.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
-        surface = geometry.addPlaneSurface([geometry.addCurveLoop(lines)])
-        for line, divisions in zip(lines, (nx, ny, nx, ny), strict=True):
-            geometry.mesh.setTransfiniteCurve(line, divisions + 1)
-        geometry.mesh.setTransfiniteSurface(surface, "Right")
-        geometry.synchronize()
-        gmsh.model.mesh.generate(2)
-        tags, coordinates, _ = gmsh.model.mesh.getNodes()
-        number = np.empty(int(tags.max()) + 1, dtype=np.int64)
-        number[tags.astype(np.int64)] = np.arange(len(tags))
-        points = coordinates.reshape(-1, 3)[:, :2]
-        triangles = number[gmsh.model.mesh.getElementsByType(2)[1].astype(np.int64)].reshape(-1, 3)
-        groups = {name: number[gmsh.model.mesh.getElementsByType(1, line)[1].astype(np.int64)].reshape(-1, 2)
-                  for name, line in zip(("bottom", "right", "top", "left"), lines, strict=True)}
-    finally:
-        gmsh.finalize()
-        interrupt.listen_again()
-    grid = np.rint(points * (nx, ny))  # exact multiples, so that both sides of an interface agree
-    points = np.array([x0, y0]) + grid / (nx, ny) * (width, height)
+    assert spec.divisions and spec.size  # of a shape, the scene has seen to it
+    nx, ny = spec.divisions
+    grid = np.arange((nx + 1) * (ny + 1)).reshape(nx + 1, ny + 1)
+    sides = (grid[:, 0], grid[-1], grid[::-1, -1], grid[0, ::-1])
+    order = np.concatenate([[s[0] for s in sides], *(s[1:-1] for s in sides), grid[1:-1, 1:-1].ravel()])
+    # exact multiples, so that both sides of an interface agree
+    points = np.array(spec.origin) + np.column_stack(np.divmod(order, ny + 1)) / (nx, ny) * spec.size
+    number = np.empty_like(order)
+    number[order] = np.arange(len(order))
+    a, b, c, d = number[grid[:-1, :-1]], number[grid[1:, :-1]], number[grid[1:, 1:]], number[grid[:-1, 1:]]
+    triangles = np.stack([a, b, c, c, d, a], axis=-1).reshape(-1, 3)
+    groups = {name: number[np.column_stack([side[:-1], side[1:]])]
+              for name, side in zip(("bottom", "right", "top", "left"), sides, strict=True)}
     return Mesh(points, triangles, groups)
 
 
 def locate_mesh(body: BodySpec, folder: Path) -> Path:
-    """The mesh file of `body`, looked for in `folder`, then in the current one. Raises InputError."""
-    name = Path(body.mesh.file)
+    """The mesh file of `body`, looked for in `folder`, then in the current directory. Raises InputError."""
+    name = Path(str(body.mesh.file))
     places = [name] if name.is_absolute() else [folder / name, name]
     tried = []
     for place in places:
@@ -83,6 +69,6 @@ def locate_mesh(body: BodySpec, folder: Path) -> Path:
             tried.append(str(place))
         except FileNotFoundError:
             tried.append(str(place))
-        except (OSError, ValueError) as error:  # a folder that may not be searched, a zero byte
+        except (OSError, ValueError) as error:  # a folder without permission, a zero byte in the name
             tried.append(f"{place} ({getattr(error, 'strerror', error)})")
     raise InputError(f"body.{body.name}.mesh.file: there is no file {' nor '.join(tried)}")

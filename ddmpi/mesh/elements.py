@@ -1,9 +1,9 @@
-"""Straight-sided Lagrange triangles of order 1 and 2: the integrals over them, as small tables.
+"""Straight-sided Lagrange triangles of order 1 and 2: integrals over them as small tables.
 
-On a straight-sided triangle the gradients of the barycentric coordinates λ_a are constant, so every
-integral is a table times the area, or the length of a side. Tables are indexed by the triangle's
-nodes: its three corners, then (order 2) the midpoints of the sides 01, 12, 20; and by the corners.
-A side has its two ends, then its midpoint.
+On a straight-sided triangle the gradients of the barycentric coordinates λ_a are constant. Every
+integral is therefore a table times the area, or times the length of a side. Tables are indexed by the
+triangle's nodes (three corners, then in order 2 the midpoints of the sides 01, 12, 20) and by its corners.
+The nodes of a side are its two ends, then its midpoint.
 """
 
 from __future__ import annotations

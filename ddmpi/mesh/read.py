@@ -1,79 +1,138 @@
-"""Mesh files, through meshio."""
+"""Mesh files: read through meshio, and where it cannot read them, converted by gmsh first."""
 
 from __future__ import annotations
 
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.mesh import Mesh, signed_double_areas
+from ddmpi.system import interrupt
 
 TRIANGLES, LINES = ("triangle", "triangle6"), ("line", "line3")
-"""The element types of meshio that are read; those of second order must have straight sides."""
+"""The element types, in meshio's words, that are read; those of second order must have straight sides."""
 
 STRAIGHT = 1e-6
-"""How far the middle node of a straight side may be off its place, as a fraction of the side."""
+"""How far the middle node of a straight side may lie from the side's midpoint, as a fraction of the side."""
+
+PLANE = 1e-9
+"""How far the z coordinates of a plane mesh may differ, as a fraction of its extent."""
+
+FLAT = 1e-14
+"""A triangle has no area if it is smaller than this fraction of the largest one."""
 
 
 def read_mesh(path: Path, body: str) -> Mesh:
-    """Read triangles and boundary lines with physical groups from a gmsh file, as a mesh of order 1.
+    """Read triangles and boundary lines with physical groups from a mesh file, as a mesh of order 1.
 
-    Of second-order elements, which must have straight sides, the corners are taken.
-    Not collective. Raises InputError for a file that cannot be read, has other elements, has no
-    named boundary groups, or is degenerate.
+    Second-order elements must have straight sides; only their corners are kept. In formats without names of
+    groups (MSH 1.0) a group is called by its number. Not collective. Raises InputError for a file that neither
+    meshio nor gmsh can read, that has other elements or no named boundary groups, or that is degenerate.
     """
-    import meshio
-
-    key = f"body.{body}.mesh.file"
-    try:
-        raw = meshio.gmsh.read(path)
-    except Exception as error:  # meshio raises many kinds, some of them bare
-        raise InputError(f"{key}: {path} is not a gmsh mesh that meshio can read "
-                         f"({type(error).__name__}: {error})") from None
+    label = f"body.{body}.mesh.file: {path}"
+    raw = _load(path, label)
     other = sorted({c.type for c in raw.cells} - {*TRIANGLES, *LINES, "vertex"})
     if other:
-        raise InputError(f"{key}: {path} has elements of type {', '.join(other)}; "
-                         "triangles and boundary lines of first or second order are what is needed")
-    triangles = np.concatenate([_corners(raw, kind, 3, f"{key}: {path}") for kind in TRIANGLES])
-    # version 2 files repeat an element for each physical group that it is in
-    triangles = triangles[np.sort(np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)[1])]
+        raise InputError(f"{label} has elements of type {', '.join(other)}; "
+                         "only triangles and boundary lines of first or second order are supported")
+    triangles = _distinct(np.concatenate([_corners(raw, kind, 3, label) for kind in TRIANGLES]))
     if len(triangles) == 0:
-        raise InputError(f"{key}: {path} has no triangles (gmsh saves only elements in physical groups)")
+        raise InputError(f"{label} has no triangles (gmsh saves only elements in physical groups)")
     if not np.isfinite(raw.points).all():
-        raise InputError(f"{key}: {path} has coordinates that are not numbers")
-    if np.ptp(raw.points[:, 2]) > 1e-9 * np.ptp(raw.points):
-        raise InputError(f"{key}: {path} is not plane (its z coordinates differ)")
-    points = np.asarray(raw.points[:, :2], float)
-    tags = {int(tag): name for name, (tag, dimension) in raw.field_data.items() if dimension == 1}
-    if not tags:
-        raise InputError(f"{key}: {path} has no named physical groups of lines; "
-                         "clamps, tractions and contact refer to boundaries by such names")
-    sets = raw.cell_sets_dict  # of version 4 files, where an element may be in several groups
-    groups = {name: [] for name in tags.values()}
-    for kind in LINES:
-        lines = _corners(raw, kind, 2, f"{key}: {path}")
-        physical = raw.cell_data_dict.get("gmsh:physical", {}).get(kind, np.empty(0, int))
-        for tag, name in tags.items():
-            chosen = sets[name].get(kind, []) if name in sets else np.flatnonzero(physical == tag)
-            groups[name].append(lines[chosen])
+        raise InputError(f"{label} has coordinates that are not numbers")
+    if np.ptp(raw.points[:, 2]) > PLANE * np.ptp(raw.points):
+        raise InputError(f"{label} is not plane (its z coordinates differ)")
+    groups = _line_groups(raw, label)
 
     used, renumbered = np.unique(triangles, return_inverse=True)
-    number = np.full(len(points), -1)
+    number = np.full(len(raw.points), -1)
     number[used] = np.arange(len(used))
-    points, triangles = points[used], renumbered.reshape(-1, 3)
-    groups = {name: number[np.concatenate(lines)] for name, lines in groups.items()}
+    points, triangles = np.asarray(raw.points[used, :2], float), renumbered.reshape(-1, 3)
+    groups = {name: number[lines] for name, lines in groups.items()}
     if any((lines < 0).any() for lines in groups.values()):
-        raise InputError(f"{key}: {path} has boundary lines that belong to no triangle")
+        raise InputError(f"{label} has boundary lines that belong to no triangle")
     doubled = signed_double_areas(points, triangles)
-    if np.abs(doubled).min() <= 1e-14 * np.abs(doubled).max():
-        raise InputError(f"{key}: {path} has triangles without area")
+    if np.abs(doubled).min() <= FLAT * np.abs(doubled).max():
+        raise InputError(f"{label} has triangles without area")
     triangles[doubled < 0] = triangles[doubled < 0][:, [0, 2, 1]]
     return Mesh(points, triangles, groups)
 
 
+def _load(path: Path, label: str):
+    """The file as a mesh of meshio. Raises InputError where neither meshio nor gmsh can read it."""
+    import meshio
+
+    try:
+        return meshio.gmsh.read(path)
+    except Exception as error:  # meshio raises many kinds, some of them without a message
+        refusal = f"meshio: {type(error).__name__} {error}"
+    with tempfile.TemporaryDirectory() as folder:
+        converted = Path(folder) / "converted.msh"
+        try:
+            _convert(path, converted)
+            return meshio.gmsh.read(converted)
+        except Exception as error:  # gmsh raises bare ones; meshio refuses a file without elements
+            raise InputError(f"{label} is not a mesh that meshio or gmsh can read "
+                             f"({refusal}; gmsh: {error})") from None
+
+
+def _convert(path: Path, target: Path) -> None:
+    """Write any mesh file that gmsh reads (MSH 1.0 and 4.0, among others) in MSH 4.1, binary and thus exact."""
+    with gmsh_session() as gmsh:
+        gmsh.open(str(path))
+        for dimension, tag in gmsh.model.getPhysicalGroups(1):
+            if not gmsh.model.getPhysicalName(dimension, tag):
+                gmsh.model.setPhysicalName(dimension, tag, str(tag))
+        for option, value in (("MshFileVersion", 4.1), ("Binary", 1), ("SaveAll", 1)):
+            gmsh.option.setNumber(f"Mesh.{option}", value)
+        gmsh.write(str(target))
+
+
+@contextmanager
+def gmsh_session() -> Iterator:
+    """The module gmsh, initialized and silent, for a ``with`` statement; then it is finalized. Not collective.
+
+    The PETSc within gmsh takes the signals for itself; our handlers are put back.
+    """
+    import gmsh
+
+    gmsh.initialize([], readConfigFiles=False, interruptible=False)
+    interrupt.listen_again()
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        yield gmsh
+    finally:
+        gmsh.finalize()
+        interrupt.listen_again()
+
+
+def _line_groups(raw, label: str) -> dict[str, np.ndarray]:
+    """The lines (k, 2) of each named physical group of lines. Raises InputError where none is named."""
+    tags = {int(tag): name for name, (tag, dimension) in raw.field_data.items() if dimension == 1}
+    if not tags:
+        raise InputError(f"{label} has no named physical groups of lines; "
+                         "clamps, tractions and contacts refer to boundaries by such names")
+    sets = raw.cell_sets_dict  # of version 4 files, where an element may be in several groups
+    groups: dict[str, list[np.ndarray]] = {name: [] for name in tags.values()}
+    for kind in LINES:
+        lines = _corners(raw, kind, 2, label)
+        physical = raw.cell_data_dict.get("gmsh:physical", {}).get(kind, np.empty(0, int))
+        for tag, name in tags.items():
+            groups[name].append(lines[sets[name].get(kind, []) if name in sets else np.flatnonzero(physical == tag)])
+    return {name: _distinct(np.concatenate(lines)) for name, lines in groups.items()}
+
+
+def _distinct(elements: np.ndarray) -> np.ndarray:
+    """Each element once, in the given order: up to version 2 a file repeats it for each group that it is in."""
+    return elements[np.sort(np.unique(np.sort(elements, axis=1), axis=0, return_index=True)[1])]
+
+
 def _corners(raw, kind: str, corners: int, label: str) -> np.ndarray:
-    """The corners (k, 3) or ends (k, 2) of the elements of a kind; InputError where their sides are curved."""
+    """The corners (k, 3) or ends (k, 2) of the elements of one type. Raises InputError where sides are curved."""
     nodes = raw.cells_dict.get(kind, np.empty((0, corners), int)).astype(np.int64)
     for i, middle in enumerate(nodes.T[corners:]):
         start, end = raw.points[nodes[:, i]], raw.points[nodes[:, (i + 1) % corners]]
@@ -81,5 +140,5 @@ def _corners(raw, kind: str, corners: int, label: str) -> np.ndarray:
         if (off > STRAIGHT * np.linalg.norm(end - start, axis=1)).any():
             x, y = start[np.argmax(off)][:2]
             raise InputError(f"{label} has curved elements, as at ({x:.6g}, {y:.6g}); sides must be straight, with "
-                             "the further nodes on their middles")
+                             "the middle nodes on their midpoints")
     return nodes[:, :corners]

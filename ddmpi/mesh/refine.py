@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.mesh import Mesh, segments
+from ddmpi.mesh.boundary import segments
+from ddmpi.mesh.mesh import Mesh
 
 
 def raise_order(mesh: Mesh, key: str) -> Mesh:
-    """The mesh of order 2 that has the corners of `mesh`, of order 1, as its first nodes.
+    """The mesh of order 2 whose first nodes are those of `mesh`, which has order 1.
 
-    Not collective. Raises InputError naming `key` where a group has lines that are no sides of triangles.
+    Not collective. Raises InputError, naming `key`, where lines of a group are not sides of triangles.
     """
     size = len(mesh.points)
 
@@ -31,9 +32,9 @@ def raise_order(mesh: Mesh, key: str) -> Mesh:
 
 
 def halve(mesh: Mesh, key: str) -> Mesh:
-    """The mesh of order 1 with every side halved and every triangle cut in four alike.
+    """The mesh of order 1 with every side halved and every triangle cut into four similar ones.
 
-    Not collective. Raises what `raise_order` does.
+    Not collective. Raises InputError as `raise_order` does.
     """
     fine = raise_order(mesh, key)
     a, b, c, ab, bc, ca = fine.triangles.T

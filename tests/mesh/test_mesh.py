@@ -1,5 +1,7 @@
-"""Meshes: generated rectangles, gmsh files in both formats, and what is refused."""
+"""Meshes: generated rectangles, mesh files of all versions, and what is refused."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import gmsh
@@ -8,8 +10,9 @@ import numpy as np
 import pytest
 
 from ddmpi.errors import InputError
+from ddmpi.mesh.boundary import boundary_group, segments, turn_outward
 from ddmpi.mesh.build import build_mesh, generate_rectangle
-from ddmpi.mesh.mesh import Mesh, boundary_group, segments, signed_double_areas, turn_outward
+from ddmpi.mesh.mesh import Mesh, signed_double_areas
 from ddmpi.mesh.read import read_mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
@@ -150,6 +153,34 @@ def test_rectangle_diagonals_run_from_lower_left_to_upper_right(divisions):
     assert np.prod(diagonal, axis=1) == pytest.approx(np.ones(len(diagonal)), rel=1e-12, abs=0.0)
 
 
+@pytest.mark.parametrize("divisions", [(1, 1), (1, 3), (3, 1), (2, 2), (66, 22)])
+def test_rectangle_is_numbered_as_gmsh_does(divisions):
+    """Nodes, triangles and lines of a rectangle have the numbers of gmsh's transfinite surface."""
+    gmsh.initialize([], readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        geometry = gmsh.model.geo
+        corners = [geometry.addPoint(x, y, 0.0) for x, y in SQUARE]
+        sides = [geometry.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
+        surface = geometry.addPlaneSurface([geometry.addCurveLoop(sides)])
+        for side, parts in zip(sides, 2 * divisions, strict=True):
+            geometry.mesh.setTransfiniteCurve(side, parts + 1)
+        geometry.mesh.setTransfiniteSurface(surface, "Right")
+        geometry.synchronize()
+        gmsh.model.mesh.generate(2)
+        tags, points, _ = gmsh.model.mesh.getNodes()
+        triangles = gmsh.model.mesh.getElementsByType(2)[1].reshape(-1, 3)
+        lines = [gmsh.model.mesh.getElementsByType(1, side)[1].reshape(-1, 2) for side in sides]
+    finally:
+        gmsh.finalize()
+    mesh = rectangle(divisions, (1.0, 1.0))
+    assert np.array_equal(tags, np.arange(1, len(tags) + 1))
+    assert mesh.points == pytest.approx(points.reshape(-1, 3)[:, :2], rel=0.0, abs=1e-10)
+    assert np.array_equal(mesh.triangles + 1, triangles)
+    for name, expected in zip(NAMES, lines, strict=True):
+        assert np.array_equal(mesh.groups[name] + 1, expected)
+
+
 def test_rectangles_above_each_other_share_coordinates_exactly():
     lower, upper = rectangle((37, 5), (3.0, 1.0), (0.1, 0.0)), rectangle((37, 3), (3.0, 0.7), (0.1, 1.0))
     x_lower, x_upper = (np.sort(m.points[np.unique(m.groups[name]), 0])
@@ -184,6 +215,59 @@ def test_line_in_two_groups_counts_in_both(tmp_path, version):
 def test_surface_in_two_groups_counts_once(tmp_path, version):
     path = write_by_gmsh(tmp_path / "square.msh", version, surfaces=("volume", "steel"))
     assert area(read_mesh(path, "upper")) == pytest.approx(1.0, rel=1e-13, abs=0.0)
+
+
+OLD = {"1.0": dict(zip(NAMES, "1234", strict=True)), "4.0": dict(zip(NAMES, NAMES, strict=True))}
+"""Versions that meshio cannot read, with the names that the groups have in them: MSH 1.0 keeps only numbers."""
+
+
+@pytest.mark.parametrize("version", OLD)
+def test_old_file_is_read_through_gmsh(tmp_path, version):
+    """A file of an old version gives the same mesh as one of MSH 4.1."""
+    path = write_by_gmsh(tmp_path / "old.msh", float(version))
+    with pytest.raises(Exception):  # noqa: B017
+        meshio.gmsh.read(path)
+    old = read_mesh(path, "upper")
+    new = read_mesh(write_by_gmsh(tmp_path / "new.msh", 4.1), "upper")
+    assert np.array_equal(old.points[old.triangles], new.points[new.triangles])
+    assert set(old.groups) == set(OLD[version].values())
+    for name, number in OLD[version].items():
+        assert np.array_equal(old.points[old.groups[number]], new.points[new.groups[name]])
+
+
+@pytest.mark.parametrize("version", OLD)
+def test_line_in_two_groups_of_an_old_file_counts_once_in_each(tmp_path, version):
+    """Old versions repeat a line for each of its groups; a traction on such a group acts once."""
+    lines = {"bottom": [0], "lower corner": [0, 3], "rim": [0, 1, 2, 3]}
+    mesh = read_mesh(write_by_gmsh(tmp_path / "old.msh", float(version), lines=lines), "upper")
+    assert sorted(round(length(mesh, name), 12) for name in mesh.groups) == [1.0, 2.0, 4.0]
+
+
+@pytest.mark.parametrize("version", OLD)
+@pytest.mark.parametrize("cut", [40, 400])
+def test_truncated_old_file(tmp_path, version, cut):
+    """An old file that is cut short is refused; the message gives its name, and gmsh's reason."""
+    path = write_by_gmsh(tmp_path / "old.msh", float(version))
+    path.write_text(path.read_text()[:-cut])
+    text = refused(path)
+    assert "is not a mesh that meshio or gmsh can read" in text and "gmsh: " in text
+
+
+def test_signals_are_heard_after_gmsh(tmp_path):
+    """Signals are noted after gmsh has read a file, though the PETSc within gmsh resets the handler of SIGTERM."""
+    path = write_by_gmsh(tmp_path / "old.msh", 4.0)
+    code = """
+import os, pathlib, sys
+from ddmpi.mesh.read import read_mesh
+from ddmpi.system import interrupt
+interrupt.listen()
+read_mesh(pathlib.Path(sys.argv[1]), "upper")
+for number in interrupt.SIGNALS:
+    os.kill(os.getpid(), number)
+print(*sorted(interrupt._received))
+"""
+    child = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True, timeout=60)
+    assert (child.returncode, child.stdout) == (0, "SIGTERM SIGUSR1\n"), child.stderr
 
 
 def test_hand_made_file_is_read(tmp_path):
@@ -223,6 +307,7 @@ def test_file_of_any_size_is_read(tmp_path, scale):
 def test_middles_of_sides_become_nodes(divisions):
     linear = rectangle(divisions)
     mesh = raise_order(linear, "mesh")
+    assert (linear.order, mesh.order, mesh.dimension) == (1, 2, 2)
     (nx, ny), corners = divisions, len(linear.points)
     assert len(mesh.points) == (2 * nx + 1) * (2 * ny + 1)
     assert np.array_equal(mesh.points[:corners], linear.points)
@@ -291,7 +376,7 @@ def test_file_that_is_not_there(tmp_path):
 def test_file_that_is_not_a_mesh(tmp_path, content):
     path = tmp_path / "notes.msh"
     path.write_text(content)
-    assert "is not a gmsh mesh" in refused(path)
+    assert "is not a mesh that meshio or gmsh can read" in refused(path)
 
 
 @pytest.mark.parametrize("version", [2.2, 4.1])

@@ -1,0 +1,38 @@
+"""Edges on the boundary of a mesh: groups by name, their direction, their pieces between nodes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ddmpi.errors import InputError
+from ddmpi.mesh.mesh import Mesh
+
+
+def boundary_group(mesh: Mesh, name: str, key: str) -> np.ndarray:
+    """Edges (k, 2 or 3) of the group `name`. Raises InputError, naming `key`, if the mesh has no such group."""
+    if name not in mesh.groups:
+        raise InputError(f"{key}: the mesh has no boundary group {name!r}; it has {', '.join(sorted(mesh.groups))}")
+    if len(mesh.groups[name]) == 0:
+        raise InputError(f"{key}: the boundary group {name!r} of the mesh has a name, but no lines")
+    return mesh.groups[name]
+
+
+def turn_outward(mesh: Mesh, edges: np.ndarray, key: str) -> np.ndarray:
+    """The edges, turned so that the body lies to their left. Raises InputError, naming `key`, for an inner edge."""
+    size = len(mesh.points)
+    marked = np.zeros(size, dtype=bool)
+    marked[edges] = True
+    t = mesh.triangles[np.count_nonzero(marked[mesh.triangles], axis=1) > 1]  # no other triangle has such an edge
+    around = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
+    keys = around[:, 0] * size + around[:, 1]
+    forward = np.isin(edges[:, 0] * size + edges[:, 1], keys)
+    backward = np.isin(edges[:, 1] * size + edges[:, 0], keys)
+    if not (forward ^ backward).all():
+        raise InputError(f"{key}: the group has lines that are not on the body's boundary")
+    return np.where(forward[:, None], edges, edges[:, [1, 0, *range(2, edges.shape[1])]])
+
+
+def segments(edges: np.ndarray) -> np.ndarray:
+    """Pairs (·, 2) of neighbouring nodes on edges (k, 2 or 3), in the edges' direction."""
+    walk = np.column_stack([edges[:, 0], edges[:, 2:], edges[:, 1]])
+    return np.concatenate([walk[:, i:i + 2] for i in range(walk.shape[1] - 1)])
