@@ -1,8 +1,8 @@
-"""Plane linear elasticity of one body: stiffness A, load b, clamped dofs eliminated; stress on request.
+"""Plane linear elasticity of one body: stiffness A and load b, with clamped dofs eliminated.
 
 Nodes carry two dofs each, interleaved (x of node i is dof 2i). A node with both components clamped
-is taken out of the system. A node with one clamped component stays, that component decoupled with
-its own diagonal entry, so that the block size of A is two everywhere (GAMG needs that).
+is taken out of the system. A node with one clamped component stays; that component is decoupled and keeps
+its own diagonal entry, so that the block size of A is two everywhere, as GAMG needs it.
 """
 
 from __future__ import annotations
@@ -12,13 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from petsc4py import PETSc
 
-from ddmpi.body.rigid import _refuse_rigid_motion, _rigid_motions
+from ddmpi.body.rigid import near_null_space, refuse_rigid_motion
 from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.errors import InputError
-from ddmpi.mesh.elements import ELEMENTS
-from ddmpi.mesh.mesh import Mesh, boundary_group, signed_double_areas, turn_outward
+from ddmpi.mesh.boundary import boundary_group, turn_outward
+from ddmpi.mesh.mesh import Mesh, signed_double_areas
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.values import evaluate
+
+PRESCRIBED_SHARE = 1e-3
+"""Prescribed displacements count as a load of this fraction of the forces K u that they take by themselves."""
 
 
 @dataclass(frozen=True)
@@ -29,12 +32,13 @@ class Elasticity:
     ----------
     A : PETSc AIJ matrix (2k, 2k), symmetric positive definite, block size 2 (N/m per metre of depth)
     b : PETSc vector (2k,) (N per metre of depth)
-    n : number of free dofs; differs from 2k by the components that are clamped alone
+    n : number of free dofs: 2k less the clamped components of nodes that stay
     nodes : (k,) the mesh nodes that A acts on
     free : (nv, 2) bool, dofs that are not prescribed
     prescribed : (nv, 2) displacement (m) of the prescribed dofs, zero elsewhere
-    load : sum of the absolute nodal loads (N), tractions and volume forces; where a displacement is
-        prescribed, at least a thousandth of the forces that it would take
+    load : sum of the absolute nodal loads (N), tractions and volume forces; where displacements are
+        prescribed, at least PRESCRIBED_SHARE of the forces that these take
+    resultant : (2,) sum of the loads (N), those on clamped nodes too
     """
 
     A: PETSc.Mat
@@ -43,7 +47,8 @@ class Elasticity:
     nodes: np.ndarray
     free: np.ndarray
     prescribed: np.ndarray
-    load: float = 0.0
+    load: float
+    resultant: np.ndarray
 
     def expand(self, u: PETSc.Vec) -> np.ndarray:
         """The displacement (nv, 2) of all nodes from the solution `u` of the reduced system (m)."""
@@ -60,14 +65,14 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     K = sum_stiffness(mesh, body.material)
     f = _load(mesh, body)
     free, prescribed = _clamps(mesh, body)
-    _refuse_rigid_motion(mesh, K, free, body.name)
+    refuse_rigid_motion(mesh, K, free, body.name)
     nodes = np.flatnonzero(free.any(axis=1))
     loose = free[nodes]
-    total = float(np.abs(f).sum())
+    total, resultant = float(np.abs(f).sum()), f.sum(axis=0)
     if prescribed.any():
         forces = K.mult(prescribed)
         f -= forces
-        total = max(total, 1e-3 * float(np.abs(forces).sum()))
+        total = max(total, PRESCRIBED_SHARE * float(np.abs(forces).sum()))
     b = (f[nodes] * loose).ravel()
     indptr, indices, data = K.to_csr(free)
     if not (np.isfinite(data).all() and np.isfinite(b).all() and K.diagonal[nodes][:, [0, 1], [0, 1]].min() > 0.0):
@@ -77,17 +82,17 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     matrix = PETSc.Mat().createAIJWithArrays(
         (len(b), len(b)), (indptr.astype(PETSc.IntType), indices.astype(PETSc.IntType, copy=False), data), bsize=2,
         comm=comm)
-    matrix.setBlockSize(2)  # the creation with arrays passes it over
+    matrix.setBlockSize(2)  # createAIJWithArrays ignores its bsize
     matrix.setOption(PETSc.Mat.Option.SPD, True)
-    matrix.setNearNullSpace(_rigid_motions(mesh.points[nodes], loose, comm))
+    matrix.setNearNullSpace(near_null_space(mesh.points[nodes], loose, comm))
     load = PETSc.Vec().createWithArray(b, bsize=2, comm=comm)
     load.setBlockSize(2)
-    return Elasticity(matrix, load, int(loose.sum()), nodes, free, prescribed, total)
+    return Elasticity(matrix, load, int(loose.sum()), nodes, free, prescribed, total, resultant)
 
 
 def _load(mesh: Mesh, body: BodySpec) -> np.ndarray:
     """Nodal loads (nv, 2) in newtons of tractions and volume force; exact, as both are affine."""
-    element = ELEMENTS[mesh.triangles.shape[1]]
+    element = mesh.element
     f = np.zeros_like(mesh.points)
     for traction in body.traction:
         key = f"body.{body.name}.traction"

@@ -2,9 +2,9 @@
 
 The stress of a finite element solution jumps from element to element. Around every node a polynomial of
 the degree of the displacement is fitted to it (superconvergent patch recovery; Zienkiewicz and Zhu, Int. J.
-Numer. Meth. Engng. 33, 1992); the recovered stress is continuous and more accurate, so its distance from
-the computed one, in the norm of the complementary energy, estimates the error. It sees the mesh, not the
-iteration: that the contact problem is solved is the certificate's business.
+Numer. Meth. Engng. 33, 1992). The recovered stress is continuous and more accurate, so its distance from
+the computed one, in the norm of the complementary energy, estimates the error of the mesh. The certificate,
+not the estimate, says how well the contact problem is solved.
 """
 
 from __future__ import annotations
@@ -15,32 +15,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ddmpi.mesh.elements import ELEMENTS
+from ddmpi.body.stress import CENTROID, blocks, energy_density, stress_at
 from ddmpi.mesh.mesh import Mesh, signed_double_areas
 from ddmpi.scene.bodies import Material
 
-_CENTROID = np.array([[1.0, 1.0, 1.0]]) / 3
-
 _INNER = (np.ones((3, 3)) + 3 * np.eye(3)) / 6
 
-_SAMPLES = {1: _CENTROID, 2: _INNER}
+_SAMPLES = {1: CENTROID, 2: _INNER}
 """Barycentric points where the stress of an element is more accurate than elsewhere, by order."""
 
 _A, _B = 0.445948490915965, 0.091576213509771
 
 QUADRATURE = {1: (_INNER, np.full(3, 1 / 3)),
-          2: (np.array([np.roll([1 - 2 * a, a, a], k) for a in (_A, _B) for k in range(3)]),
-              np.repeat([0.223381589678011, 0.109951743655322], 3))}
+              2: (np.array([np.roll([1 - 2 * a, a, a], k) for a in (_A, _B) for k in range(3)]),
+                  np.repeat([0.223381589678011, 0.109951743655322], 3))}
 """Quadrature (points, weights) exact to degree 2 and 4 (Dunavant 1985), by order."""
 
-BLOCK = 8192
-"""Triangles that are worked on at once: what comes up meanwhile stays in the processor's cache."""
+UNSTRAINED = 1e-12
+"""Relative error of a computed displacement. A displacement with smaller strains counts as a rigid motion."""
 
-ROUNDING = 1e-12
-"""Relative error of a computed displacement: what strains a body no more than that is a rigid motion."""
+SOLVABLE = 1e-8
+"""Smallest eigenvalue of a patch's normal equations, relative to its number of samples, for which a fit is made."""
 
-SWEEPS = 4
-"""How far from a node a patch may lie that stands in for its own."""
+REACH = 4
+"""How many edges from a node the patch may lie whose fit the node borrows."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +96,7 @@ class DiscretizationError:
 
 
 def sum_errors(bodies: Sequence[tuple[float, float, float]], own: ErrorEstimate) -> DiscretizationError:
-    """Of the squared errors, squared energy norms and areas of all bodies. Not collective."""
+    """Sum the squared errors, squared energy norms and areas of all bodies. Not collective."""
     errors, energies, areas = (np.array(column) for column in zip(*bodies, strict=True))
     size = errors.sum() + energies.sum()
     parts = np.sqrt(errors / size) if size else np.zeros(len(errors))
@@ -109,70 +107,32 @@ def sum_errors(bodies: Sequence[tuple[float, float, float]], own: ErrorEstimate)
 def estimate_error(mesh: Mesh, material: Material, u: np.ndarray) -> ErrorEstimate:
     """Estimate the discretization error of the displacement `u` (nv, 2) in metres. Not collective.
 
-    A displacement that strains the body by rounding only has no energy and no error.
+    Energy and error are zero where only rounding strains the body.
     """
-    cells = mesh.triangles
-    order = _order(cells)
+    cells, order = mesh.triangles, mesh.order
     area = signed_double_areas(mesh.points, cells) / 2
     points, weights = QUADRATURE[order]
     sampled = stress_at(mesh, material, u, _SAMPLES[order])
     between = np.ones((len(points), 1)) if order == 1 else 2 * points - 1 / 3  # constant, or linear between samples
-    shapes = ELEMENTS[cells.shape[1]].shapes(points)
+    shapes = mesh.element.shapes(points)
     recovered = _recover(mesh, sampled)
     squares = np.zeros(len(cells))
     energy = 0.0
-    for block in _blocks(len(cells)):
+    for block in blocks(len(cells)):
         computed = np.einsum("qs,tsc->qtc", between, sampled[block])
         difference = np.einsum("qi,tic->qtc", shapes, recovered[cells[block]]) - computed
         for weight, s, e in zip(weights, computed, difference, strict=True):
             squares[block] += weight * area[block] * energy_density(material, e)
             energy += weight * float(area[block] @ energy_density(material, s))
     first, shear = material.lame
-    if energy <= (first + 2 * shear) * len(cells) * (ROUNDING * np.abs(u).max()) ** 2:
+    if energy <= (first + 2 * shear) * len(cells) * (UNSTRAINED * np.abs(u).max()) ** 2:
         squares, energy = np.zeros(len(cells)), 0.0
     return ErrorEstimate(squares, area, energy)
 
 
-def _blocks(number: int) -> list[slice]:
-    return [slice(start, start + BLOCK) for start in range(0, number, BLOCK)]
-
-
-def _order(triangles: np.ndarray) -> int:
-    return {3: 1, 6: 2}[triangles.shape[1]]
-
-
-def stress_at(mesh: Mesh, material: Material, u: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
-    """σ_xx, σ_yy, σ_xy (nt, q, 3) in Pa of the displacement `u` (nv, 2) at points (q, 3) of every triangle."""
-    table = ELEMENTS[mesh.triangles.shape[1]].gradients  # at the middles of the sides 01, 12, 20; linear between them
-    weights = 1.0 - 2.0 * barycentric[:, [2, 0, 1]] if len(table) == 3 else np.ones((len(barycentric), 1))
-    table = np.einsum("qs,sia->qia", weights, table)
-    first, shear = material.lame
-    sigma = np.empty((len(mesh.triangles), len(barycentric), 3))
-    for block in _blocks(len(sigma)):
-        t = mesh.triangles[block]
-        a, b, c = mesh.points[t[:, :3]].transpose(1, 2, 0)
-        (x1, y1), (x2, y2) = (b - a)[:, None], (c - a)[:, None]
-        doubled = x1 * y2 - x2 * y1
-        v = np.einsum("qia,tic->acqt", table, u[t], optimize=True)  # ∇u = Σ_a v_a ∇λ_a
-        d1, d2 = (v[1] - v[0]) / doubled, (v[2] - v[0]) / doubled
-        exx, eyy = d1[0] * y2 - d2[0] * y1, d2[1] * x1 - d1[1] * x2
-        gxy = d2[0] * x1 - d1[0] * x2 + d1[1] * y2 - d2[1] * y1
-        trace = first * (exx + eyy)
-        sigma[block] = np.stack([trace + 2 * shear * exx, trace + 2 * shear * eyy, shear * gxy]).T
-    return sigma
-
-
-def energy_density(material: Material, sigma: np.ndarray) -> np.ndarray:
-    """σ : C⁻¹ σ (J/m³) of plane stresses (k, 3): σ_xx, σ_yy, σ_xy in Pa."""
-    first, shear = material.lame
-    xx, yy, xy = sigma.T
-    return (xx**2 + yy**2 + 2 * xy**2 - first / (2 * (first + shear)) * (xx + yy) ** 2) / (2 * shear)
-
-
 def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
     """The recovered stress (nv, 3) at all nodes from that at the samples (nt, q, 3), in Pa."""
-    cells, xy = mesh.triangles, mesh.points
-    order = _order(cells)
+    cells, xy, order = mesh.triangles, mesh.points, mesh.order
     corners, k = cells[:, :3], (3, 6)[order - 1]
     vertices = np.flatnonzero(np.bincount(corners.ravel()))
     nv = int(vertices[-1]) + 1
@@ -191,7 +151,7 @@ def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
     fit, owner = _fits(mesh, terms[:len(upper[0])], terms[len(upper[0]):], upper)
     value = np.zeros((len(xy), 3))
     value[vertices] = _evaluate(fit, owner[vertices], xy, reach, xy[vertices], order)
-    if order == 2:  # at the middle of an edge, the mean of what its two ends say
+    if order == 2:  # at the middle of an edge, the mean of the fits of its two ends
         for i in range(3):
             ends, middle = cells[:, [i, (i + 1) % 3]], cells[:, 3 + i]
             value[middle] = 0.5 * sum(_evaluate(fit, owner[ends[:, e]], xy, reach, xy[middle], order) for e in (0, 1))
@@ -200,16 +160,16 @@ def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
 
 def _fits(mesh: Mesh, moments: np.ndarray, sums: np.ndarray, upper: tuple[np.ndarray, np.ndarray],
           ) -> tuple[np.ndarray, np.ndarray]:
-    """Polynomials (nv, k, 3) fitted around the vertices, and whose one each vertex uses.
+    """Polynomials (nv, k, 3) fitted around the vertices, and for each vertex the number of the one that it uses.
 
-    Given, of the normal equations, the `upper` triangles of the matrices (k (k+1)/2, nv) and the right-hand
-    sides (3k, nv). A node on the boundary, which has elements on one side only, uses that of a near inner
-    node; where there is none, a linear fit to its own elements, and where these are too few, their mean.
+    The normal equations are given by the `upper` triangles of their matrices (k (k+1)/2, nv) and their
+    right-hand sides (3k, nv). A boundary node, with elements on one side only, uses the polynomial of a near
+    inner node. If none is near, it uses a linear fit to its own elements; if these are too few, their mean.
     """
     corners, (nv, k) = mesh.triangles[:, :3], (sums.shape[1], len(sums) // 3)
     inner = _inner(mesh, nv)
     good, fit = np.zeros(nv, dtype=bool), np.zeros((nv, k, 3))
-    for block in _blocks(nv):
+    for block in blocks(nv):
         M, right = np.empty((len(inner[block]), k, k)), sums[:, block].T.reshape(-1, k, 3)
         M[:, upper[0], upper[1]] = M[:, upper[1], upper[0]] = moments[:, block].T
         solvable = inner[block] & _well_posed(M)
@@ -225,7 +185,7 @@ def _fits(mesh: Mesh, moments: np.ndarray, sums: np.ndarray, upper: tuple[np.nda
     links = np.concatenate([near[:, pair] for pair in ([0, 1], [1, 2], [2, 0], [1, 0], [2, 1], [0, 2])])
     distance = np.linalg.norm(mesh.points[links[:, 0]] - mesh.points[links[:, 1]], axis=1)
     links = links[np.argsort(-distance, kind="stable")]  # the nearest one is assigned last
-    for _ in range(SWEEPS):
+    for _ in range(REACH):
         open_links = links[(owner[links[:, 0]] >= 0) & (owner[links[:, 1]] < 0)]
         owner[open_links[:, 1]] = owner[open_links[:, 0]]
     return fit, np.where(owner < 0, np.arange(nv), owner)
@@ -233,7 +193,7 @@ def _fits(mesh: Mesh, moments: np.ndarray, sums: np.ndarray, upper: tuple[np.nda
 
 def _well_posed(M: np.ndarray) -> np.ndarray:
     """Whether there are enough samples around a vertex (j,) for its normal equations (j, k, k)."""
-    return np.linalg.eigvalsh(M)[:, 0] > 1e-8 * M[:, 0, 0]
+    return np.linalg.eigvalsh(M)[:, 0] > SOLVABLE * M[:, 0, 0]
 
 
 def _inner(mesh: Mesh, nv: int) -> np.ndarray:

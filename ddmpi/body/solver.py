@@ -1,12 +1,11 @@
-"""How systems with a body's stiffness are solved: a KSP; prefix ``body_``."""
+"""Solves with a body's stiffness by a KSP; options prefix ``body_``."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cached_property
 
 import numpy as np
+import scipy.sparse as sparse
 from petsc4py import PETSc
 from scipy.linalg import cho_factor, cho_solve
 
@@ -15,42 +14,43 @@ from ddmpi.petsc.messages import petsc_message, reason_name
 from ddmpi.petsc.schur import inverted_schur, request_schur
 
 REFINEMENTS = 3
-"""How often an iterative solve whose true residual is too large is refined before it is an error."""
+"""An iterative solve with too large a true residual is refined this often; then it is an error."""
 
 TRUE_RESIDUAL = ("cg", "fcg", "pipecg", "gmres", "fgmres", "bcgs", "cr")
-"""KSP types that can test the unpreconditioned residual; for others the check after the solve decides."""
+"""KSP types that can test the unpreconditioned residual; for the others the check after the solve decides."""
 
 MUMPS_ORDERING = 2
 """Approximate minimum fill. MUMPS's own choice without METIS, PORD, took 1.3 to 2 times as long with linear
-triangles and four times with quadratic ones. Beside a Schur complement MUMPS orders by itself."""
+triangles and four times as long with quadratic ones. With a Schur complement MUMPS uses its own ordering."""
 
 DIRECT_RESIDUAL = 1e-6
 """A direct solve whose relative residual exceeds this has failed (a pivot was lost)."""
 
-ROUNDING = 2 * np.finfo(float).eps
-"""A residual of this part of ‖A‖ ‖u‖ is what rounding leaves of any solve, whatever ‖f‖ (backward error): no
-failure of an iterative one, as long as a direct solve would not have failed, either."""
+BACKWARD_ERROR = 2 * np.finfo(float).eps
+"""Backward error of a solve in double precision. An iterative solve whose residual is below this times ‖A‖ ‖u‖ is
+accepted even if it misses its tolerance, because a direct solve would do no better."""
 
 USUAL, LEAST = 1e-10, 1e-13
 """Relative residuals of an iterative solve: the usual one, and the smallest that is ever asked for."""
 
 
 class StiffnessSolver:
-    """Solves with the stiffness A of one body; one factorization, at construction.
+    """Solves with the stiffness A of one body; a factorization is made once, at construction.
 
-    Default: MUMPS Cholesky; where PETSc has no MUMPS, CHOLMOD, else PETSc's own.
+    The default is MUMPS Cholesky; without MUMPS, CHOLMOD; without that, PETSc's own.
 
     Parameters
     ----------
     A : the stiffness matrix, symmetric positive definite
     name : the body's name, for messages
-    schur : dofs on which the inverse of the Schur complement is wanted, if the factorization can give it
+    schur : dofs on which the inverse of the Schur complement is wanted; only MUMPS gives it
     iterative : conjugate gradients with algebraic multigrid instead of a factorization
 
     Attributes
     ----------
-    inverse : (k, k) symmetric, in the order of Fortran: A⁻¹ on those dofs (m/N), which is the inverse of the
-        Schur complement; or None. Not to be written to; it goes with the solver
+    direct : whether solves are by a factorization alone
+    inverse : (k, k) A⁻¹ on the dofs `schur` (m/N), which is the inverse of the Schur complement: symmetric,
+        Fortran order; or None. Read only, and valid only as long as the solver exists
 
     Raises
     ------
@@ -75,7 +75,7 @@ class StiffnessSolver:
         self._first = True
 
     def _configure(self, iterative: bool) -> None:
-        """Defaults in code, then the options; then what follows from both."""
+        """Set defaults, then the user's options, then what follows from both."""
         options = PETSc.Options("body_")
         self.ksp.setType(PETSc.KSP.Type.CG if iterative else PETSc.KSP.Type.PREONLY)
         pc = self.ksp.getPC()
@@ -94,18 +94,24 @@ class StiffnessSolver:
                 self.ksp.setPCSide(PETSc.PC.Side.RIGHT)
 
     def _set_up(self, schur: np.ndarray | None) -> None:
-        """Factor, and keep the Schur complement where MUMPS gives it."""
+        """Factor, and keep the inverse of the Schur complement if MUMPS gives it."""
         pc = self.ksp.getPC()
-        keeps = (schur is not None and self.direct and pc.getType() == PETSc.PC.Type.CHOLESKY
-                 and pc.getFactorSolverType() == "mumps")
-        if keeps and self.A.size[0] <= 2 * len(schur):  # hardly anything to eliminate: MUMPS may fail at that
-            self.inverse = _dense_inverse(_dense(self.A), schur, self.name)
-            keeps = False
-        if keeps:
+        if not (self.direct and pc.getType() == PETSc.PC.Type.CHOLESKY and pc.getFactorSolverType() == "mumps"):
+            schur = None
+        if schur is not None and self.A.size[0] <= 2 * len(schur):  # little to eliminate, where MUMPS may fail
+            self.inverse, schur = _dense_inverse(self.A, schur, self.name), None
+        if schur is not None:
             request_schur(pc, schur)
-        with _default_option("body_mat_mumps_icntl_7", MUMPS_ORDERING):
+        options, name = PETSc.Options(), "body_mat_mumps_icntl_7"  # for an option that not all versions have a call for
+        default = not options.hasName(name)
+        if default:
+            options.setValue(name, MUMPS_ORDERING)
+        try:
             self.ksp.setUp()
-        if keeps:
+        finally:
+            if default:
+                options.delValue(name)
+        if schur is not None:
             self.inverse = inverted_schur(pc, len(schur))
 
     @property
@@ -118,13 +124,13 @@ class StiffnessSolver:
     def solve(self, f: PETSc.Vec, u: PETSc.Vec, relative: float = 0.0) -> None:
         """u ← A⁻¹ f. Collective. Raises SolverError when the true residual is too large.
 
-        A direct solver is checked at its first solve (the certificate checks the last one), an
-        iterative one at every solve, and refined where its own norm was too kind.
+        A direct solver is checked at its first solve (the certificate checks the last one). An iterative
+        solver is checked at every solve, and refined if its own norm stopped it too early.
 
         Parameters
         ----------
-        relative : an iterative solver shall stop when ‖f − A u‖ is this times ‖f‖, or USUAL times where it is
-            zero, and always where the options say when it shall (-body_ksp_rtol)
+        relative : ‖f − A u‖ / ‖f‖ at which an iterative solver stops; zero stands for USUAL. The option
+            -body_ksp_rtol takes precedence
         """
         usual, *others = self._tolerances
         precision = usual
@@ -136,14 +142,13 @@ class StiffnessSolver:
             return
         self._first = False
         size = f.norm()
-        target = DIRECT_RESIDUAL if self.direct else 2 * max(precision, usual)  # below that, rounding may prevail
+        target = DIRECT_RESIDUAL if self.direct else 2 * max(precision, usual)  # with room for rounding
         for attempt in range(REFINEMENTS + 1):
             self.A.mult(u, self._residual)
             self._residual.aypx(-1.0, f)
             residual = self._residual.norm()
-            if residual <= target * size:
-                return
-            if residual <= min(ROUNDING * self._norm * u.norm(), DIRECT_RESIDUAL * size):
+            if residual <= target * size or residual <= min(BACKWARD_ERROR * self._norm * u.norm(),
+                                                            DIRECT_RESIDUAL * size):
                 return
             if not np.isfinite(residual) or attempt == REFINEMENTS:
                 break
@@ -159,21 +164,19 @@ class StiffnessSolver:
         return self.A.norm(PETSc.NormType.NORM_INFINITY)
 
     def solve_block(self, F: np.ndarray) -> np.ndarray:
-        """A⁻¹ F for the columns of F (n, k), without a check of each. Collective."""
-        right = PETSc.Mat().createDense(F.shape, array=np.asfortranarray(F), comm=self.A.comm)
-        found = PETSc.Mat().createDense(F.shape, comm=self.A.comm)
-        found.setUp()
+        """A⁻¹ F for the columns of F (n, k); with a factorization the residuals are not checked. Collective."""
         if self.direct and self.ksp.getPC().getType() in ("cholesky", "lu"):
+            right = PETSc.Mat().createDense(F.shape, array=np.asfortranarray(F), comm=self.A.comm)
+            found = PETSc.Mat().createDense(F.shape, comm=self.A.comm)
+            found.setUp()
             self.ksp.getPC().getFactorMatrix().matSolve(right, found)
-        else:
-            for k in range(F.shape[1]):
-                f, u = right.getDenseColumnVec(k, mode="r"), found.getDenseColumnVec(k, mode="w")
-                try:
-                    self.solve(f, u)
-                finally:  # a matrix cannot go while a column of it is out
-                    right.restoreDenseColumnVec(k, mode="r")
-                    found.restoreDenseColumnVec(k, mode="w")
-        return found.getDenseArray().copy()
+            return found.getDenseArray().copy()
+        U, (f, u) = np.empty(F.shape), self.A.createVecs()
+        for k in range(F.shape[1]):
+            f.array[:] = F[:, k]
+            self.solve(f, u)
+            U[:, k] = u.array_r
+        return U
 
     def _solve(self, f: PETSc.Vec, u: PETSc.Vec) -> None:
         self.ksp.solve(f, u)
@@ -184,27 +187,13 @@ class StiffnessSolver:
                               f"{self.ksp.getIterationNumber()} iterations")
 
 
-@contextmanager
-def _default_option(name: str, value: int) -> Iterator[None]:
-    """An option that PETSc finds meanwhile, where no one has set it; for what has no call in all versions."""
-    options = PETSc.Options()
-    given = options.hasName(name)
-    if not given:
-        options.setValue(name, value)
-    try:
-        yield
-    finally:
-        if not given:
-            options.delValue(name)
-
-
 def best_cholesky(A: PETSc.Mat) -> str:
-    """The best Cholesky factorization that this PETSc offers for A."""
+    """Name of the best package for a Cholesky factorization of A that this PETSc has."""
     return next((package for package in ("mumps", "cholmod") if offers_cholesky(A, package)), "petsc")
 
 
 def offers_cholesky(A: PETSc.Mat, package: str) -> bool:
-    """Whether this PETSc has a Cholesky factorization of that package for A."""
+    """Whether this PETSc has a Cholesky factorization of A by `package`."""
     pc = PETSc.PC().create(A.comm)
     try:
         pc.setOperators(A)
@@ -218,15 +207,11 @@ def offers_cholesky(A: PETSc.Mat, package: str) -> bool:
     return True
 
 
-def _dense(A: PETSc.Mat) -> np.ndarray:
+def _dense_inverse(A: PETSc.Mat, dofs: np.ndarray, name: str) -> np.ndarray:
+    """A⁻¹ on `dofs` by dense algebra."""
     indptr, columns, values = A.getValuesCSR()
-    dense = np.zeros(A.size)
-    dense[np.repeat(np.arange(A.size[0]), np.diff(indptr)), columns] = values
-    return dense
-
-
-def _dense_inverse(A: np.ndarray, dofs: np.ndarray, name: str) -> np.ndarray:
+    dense = sparse.csr_matrix((values, columns, indptr), A.size).toarray()
     try:
-        return np.asfortranarray(cho_solve(cho_factor(A), np.eye(len(A))[:, dofs])[dofs])
+        return np.asfortranarray(cho_solve(cho_factor(dense), np.eye(len(dense))[:, dofs])[dofs])
     except (np.linalg.LinAlgError, ValueError) as error:  # not positive definite, not finite
         raise SolverError(f"body {name!r}: the stiffness cannot be factored: {error}") from None

@@ -1,8 +1,8 @@
-"""The stiffness of one body in blocks of two, summed over its triangles without an intermediate matrix.
+"""The stiffness of one body in 2 × 2 blocks, summed over its triangles without an intermediate matrix.
 
-An element's blocks follow from the gradients of the corner coordinates by the tables of `elements`.
-A pair of nodes is stored once, the lower node first, as K is symmetric; sums go straight to their place,
-and the rows of the matrix come out sorted. Every step costs time in proportion to the mesh.
+The blocks of an element follow from the gradients of its barycentric coordinates by the tables of `elements`.
+As K is symmetric, a pair of nodes is stored once, the lower node first. Sums go straight to their places,
+and the rows of the matrix come out sorted. Every step takes time in proportion to the mesh.
 """
 
 from __future__ import annotations
@@ -13,17 +13,16 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
-from ddmpi.mesh.elements import ELEMENTS
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Material
 
 CHUNK = 4096
-"""Triangles that are worked on at a time, so that what belongs to them stays in the cache."""
+"""Triangles that are worked on at a time, so that their data stay in the processor's cache."""
 
 
 @dataclass(frozen=True)
 class Stiffness:
-    """K of a body whose dofs are all free, by pairs of nodes.
+    """K of a body with all dofs free, by pairs of nodes.
 
     Attributes
     ----------
@@ -38,7 +37,7 @@ class Stiffness:
     diagonal: np.ndarray
 
     def mult(self, u: np.ndarray) -> np.ndarray:
-        """K u (nv, 2) in newtons; cheap where few nodes move."""
+        """K u (nv, 2) in newtons; cheap if few nodes move."""
         moves = u.any(axis=1)
         y = np.zeros_like(u)
         y[moves] = np.einsum("nij,nj->ni", self.diagonal[moves], u[moves])
@@ -49,7 +48,7 @@ class Stiffness:
         return y
 
     def connected(self) -> tuple[int, np.ndarray]:
-        """How many pieces the body has, and the number of the piece (nv,) that each node is in."""
+        """The number of connected pieces of the body, and for each node (nv,) the number of its piece."""
         size = len(self.diagonal)
         indptr = np.concatenate([[0], np.cumsum(np.bincount(self.first, minlength=size))])
         links = sparse.csr_matrix((np.ones(len(self.first)), self.second, indptr), (size, size))
@@ -60,20 +59,19 @@ class Stiffness:
 
         Parameters
         ----------
-        free : (nv, 2) bool; a component that is held beside a free one is decoupled and keeps its own
-            diagonal entry
+        free : (nv, 2) bool; if one component of a node is held, it is decoupled and keeps its diagonal entry
 
         Returns
         -------
         indptr, indices, data of the (2k, 2k) matrix, nodes numbered in their order
         """
-        kept = free.any(axis=1)
-        loose = free[kept]
-        place = np.cumsum(kept, dtype=np.int32) - np.int32(1)
+        stays = free.any(axis=1)
+        loose = free[stays]
+        place = np.cumsum(stays, dtype=np.int32) - np.int32(1)
         size = len(loose)
-        inside = kept[self.first] & kept[self.second]
+        inside = stays[self.first] & stays[self.second]
         a, b = place[self.first[inside]], place[self.second[inside]]
-        upper, diagonal = self.upper[inside], self.diagonal[kept]
+        upper, diagonal = self.upper[inside], self.diagonal[stays]
         if not loose.all():
             upper *= loose[a][:, :, None] & loose[b][:, None, :]
             diagonal *= (loose[:, :, None] & loose[:, None, :]) | np.eye(2, dtype=bool)
@@ -81,7 +79,7 @@ class Stiffness:
         after, before = np.bincount(a, minlength=size), np.bincount(b, minlength=size)
         count = before + 1 + after
         start = np.concatenate([[0], np.cumsum(count)])
-        columns = np.empty(2 * start[-1], dtype=np.int32)  # of pairs of entries
+        columns = np.empty(2 * start[-1], dtype=np.int32)  # one for each two entries
         data = np.empty((len(columns), 2))
 
         def put(rows: np.ndarray, rank: np.ndarray, column: np.ndarray, blocks: np.ndarray) -> None:
@@ -91,8 +89,8 @@ class Stiffness:
                 data[at] = blocks[:, i]
                 at += count[rows]
 
-        everyone = np.arange(size)
-        put(everyone, before, everyone, diagonal)
+        nodes = np.arange(size)
+        put(nodes, before, nodes, diagonal)
         numbers = np.arange(len(a))
         put(a, before[a] + 1 + numbers - (np.cumsum(after) - after)[a], b, upper)
         lower = sort_stably(b, size)
@@ -104,7 +102,7 @@ class Stiffness:
 
 def sum_stiffness(mesh: Mesh, material: Material) -> Stiffness:
     """The stiffness of a body of this mesh and material. Not collective."""
-    weights = ELEMENTS[mesh.triangles.shape[1]].stiffness_weights()
+    weights = mesh.element.stiffness_weights()
     k, size, nodes = len(weights), len(mesh.points), mesh.triangles
     i, j = np.array([(i, i) for i in range(k)]
                     + [(i, j) for i in range(k) for j in range(i + 1, k) if weights[i, j].any()]).T

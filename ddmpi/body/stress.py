@@ -1,16 +1,21 @@
-"""Stress of a computed displacement."""
+"""Stress of a computed displacement, and the energy in it."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ddmpi.mesh.elements import ELEMENTS
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Material
 
+CENTROID = np.array([[1.0, 1.0, 1.0]]) / 3
+"""Barycentric coordinates of the point where the stress of a triangle is its mean."""
+
+BLOCK = 8192
+"""Triangles, or nodes, that are worked on at once, so that intermediate results stay in the processor's cache."""
+
 
 def stress(mesh: Mesh, material: Material, u: np.ndarray) -> np.ndarray:
-    """Stress of each triangle: its mean, which is that at the centroid.
+    """Mean stress of each triangle.
 
     Parameters
     ----------
@@ -20,22 +25,56 @@ def stress(mesh: Mesh, material: Material, u: np.ndarray) -> np.ndarray:
     -------
     (nt, 4) array of σ_xx, σ_yy, σ_zz, σ_xy in Pa; σ_zz is zero in plane stress. Not collective.
     """
-    p, t = mesh.points, mesh.triangles
-    e1, e2 = p[t[:, 1]] - p[t[:, 0]], p[t[:, 2]] - p[t[:, 0]]
-    mean = ELEMENTS[t.shape[1]].gradients.mean(axis=0)  # of the gradients of the shape functions
-    v = [sum(c * u[t[:, i]] for i, c in enumerate(mean[:, a]) if c) for a in range(3)]
-    d1, d2 = v[1] - v[0], v[2] - v[0]  # ∇u = Σ_a v_a ∇λ_a
-    area2 = (e1[:, 0] * e2[:, 1] - e1[:, 1] * e2[:, 0])[:, None]
-    du_dx = (d1 * e2[:, 1:] - d2 * e1[:, 1:]) / area2
-    du_dy = (d2 * e1[:, :1] - d1 * e2[:, :1]) / area2
-    first, shear = material.lame
-    exx, eyy, gxy = du_dx[:, 0], du_dy[:, 1], du_dy[:, 0] + du_dx[:, 1]
-    trace = first * (exx + eyy)
-    szz = trace if material.plane == "strain" else np.zeros_like(trace)
-    return np.column_stack([trace + 2 * shear * exx, trace + 2 * shear * eyy, szz, shear * gxy])
+    xx, yy, xy = stress_at(mesh, material, u, CENTROID)[:, 0].T
+    zz = material.poisson * (xx + yy) if material.plane == "strain" else np.zeros_like(xx)
+    return np.column_stack([xx, yy, zz, xy])
 
 
 def von_mises(sigma: np.ndarray) -> np.ndarray:
     """Von Mises stress (nt,) in Pa from `stress`."""
     xx, yy, zz, xy = sigma.T
     return np.sqrt(0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) + 3 * xy**2)
+
+
+def stress_at(mesh: Mesh, material: Material, u: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+    """Stress at the same points of every triangle.
+
+    Parameters
+    ----------
+    u : (nv, 2) displacement (m)
+    barycentric : (q, 3) coordinates of the points
+
+    Returns
+    -------
+    (nt, q, 3) array of σ_xx, σ_yy, σ_xy in Pa. Not collective.
+    """
+    table = mesh.element.gradients  # constant, or at the middles of the sides 01, 12, 20 and linear between them
+    weights = 1.0 - 2.0 * barycentric[:, [2, 0, 1]] if len(table) == 3 else np.ones((len(barycentric), 1))
+    table = np.einsum("qs,sia->qai", weights, table)
+    table = (table[:, 1:] - table[:, :1]).reshape(-1, table.shape[2])  # by λ_1 and λ_2; λ_0 = 1 − λ_1 − λ_2
+    first, shear = material.lame
+    sigma = np.empty((len(mesh.triangles), len(barycentric), 3))
+    for block in blocks(len(sigma)):
+        t = mesh.triangles[block].T
+        a, b, c = mesh.points[t[:3]].swapaxes(1, 2)
+        (x1, y1), (x2, y2) = b - a, c - a
+        slopes = (table @ u.T[:, t]).reshape(2, len(barycentric), 2, -1) / (x1 * y2 - x2 * y1)
+        (u1, u2), (v1, v2) = slopes.swapaxes(1, 2)
+        exx, eyy = u1 * y2 - u2 * y1, v2 * x1 - v1 * x2
+        gxy = u2 * x1 - u1 * x2 + v1 * y2 - v2 * y1
+        trace = first * (exx + eyy)
+        for k, component in enumerate((trace + 2 * shear * exx, trace + 2 * shear * eyy, shear * gxy)):
+            sigma[block, :, k] = component.T
+    return sigma
+
+
+def energy_density(material: Material, sigma: np.ndarray) -> np.ndarray:
+    """σ : C⁻¹ σ (J/m³) of plane stresses (k, 3): σ_xx, σ_yy, σ_xy in Pa."""
+    first, shear = material.lame
+    xx, yy, xy = sigma.T
+    return (xx**2 + yy**2 + 2 * xy**2 - first / (2 * (first + shear)) * (xx + yy) ** 2) / (2 * shear)
+
+
+def blocks(number: int) -> list[slice]:
+    """Slices of BLOCK numbers each that cover range(number)."""
+    return [slice(start, start + BLOCK) for start in range(0, number, BLOCK)]

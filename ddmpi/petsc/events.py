@@ -1,4 +1,4 @@
-"""What -log_view calls our steps: PETSc log events, beside the stages that `problem.Clock` makes of the phases."""
+"""PETSc log events for our steps, which -log_view shows beside the stages that `system.clock` makes of the phases."""
 
 from __future__ import annotations
 
@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from petsc4py import PETSc
 
-
-
-NAMES = ("LoadResponse", "ComplianceForm", "ComplianceMult", "Exchange", "NewtonStep", "ContactProgram",
+NAMES = ("LoadResponse", "ComplianceForm", "ComplianceMult", "Exchange", "NewtonStep", "ContactQP",
          "NeumannSolve", "Displacement", "Certificate", "Stress", "WriteFields", "WriteTables", "Figures")
-"""In the order in which they are registered: PETSc wants the same on all ranks."""
+"""In the order of registration, which must be the same on all ranks."""
 
 
 def event(name: str) -> PETSc.Log.Event:
-    """The log event `name`, for a ``with`` statement. Not collective; PETSc is initialised by the first."""
+    """The log event `name`, for a ``with`` statement. The first call initializes PETSc. Not collective."""
     return _registered()[name]
 
 

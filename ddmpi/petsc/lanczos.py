@@ -7,12 +7,19 @@ from scipy.linalg import eigh_tridiagonal
 
 
 def estimate_norm(mult, size: int, change: float = 1e-2, limit: int = 30) -> float:
-    """‖H‖₂ of a symmetric positive definite H by the Lanczos method, from below.
+    """Estimate ‖H‖₂ of a symmetric positive definite H by the Lanczos method, from below.
 
-    `mult(x, y)` does y ← H x. Stops when the estimate changes by less than `change`, relatively.
+    Parameters
+    ----------
+    mult : mult(x, y) does y ← H x for (size,) arrays
+    change : relative change of the estimate at which it stops
+    limit : largest number of multiplications
+
+    Collective where `mult` is. Returns NaN if a product is not finite.
     """
-    v = 1.0 + 0.3 * np.random.default_rng(0).standard_normal(size)  # deterministic, and in no eigenspace
-    basis, diagonal, off = [v / np.linalg.norm(v)], [], []
+    v = 1.0 + 0.3 * np.random.default_rng(0).standard_normal(size)  # the same in every run, and in no eigenspace
+    basis, diagonal = [v / np.linalg.norm(v)], []
+    off: list[float] = []
     y = np.empty(size)
     norm = 0.0
     for _ in range(min(limit, size)):
@@ -27,6 +34,6 @@ def estimate_norm(mult, size: int, change: float = 1e-2, limit: int = 30) -> flo
         left = np.linalg.norm(r)
         if abs(norm - previous) <= change * norm or left <= 1e-14 * norm:
             break
-        off.append(left)
+        off.append(float(left))
         basis.append(r / left)
     return float(norm)

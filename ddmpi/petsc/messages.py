@@ -12,5 +12,5 @@ def reason_name(reasons: type, value: int) -> str:
 
 
 def petsc_message(error: PETSc.Error) -> str:
-    """The last line of what PETSc says, which is what went wrong."""
+    """The last line of PETSc's message, which says what went wrong."""
     return " ".join(str(error).split("\n")[-1].split())

@@ -1,4 +1,4 @@
-"""PETSc's options: those of a scene as arguments, and those that nobody used."""
+"""PETSc's options: a scene's options as arguments, and the names of unused ones."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import ctypes
 
 
 def as_arguments(table: dict[str, str | int | float | bool]) -> list[str]:
-    """A scene's [petsc] table as arguments of petsc4py.init; put before the command line's, which win."""
+    """A scene's [petsc] table as arguments of petsc4py.init, to be put before the command line's, which win."""
     arguments = []
     for name, value in _plain(table).items():
         arguments += [f"-{name}"] if value is None else [f"-{name}", value]
@@ -14,16 +14,16 @@ def as_arguments(table: dict[str, str | int | float | bool]) -> list[str]:
 
 
 def _plain(table: dict[str, str | int | float | bool]) -> dict[str, str | None]:
-    """Names without a dash and values as PETSc reads them; a bare option is a flag that is set."""
+    """Names without a dash, and values as PETSc reads them; true becomes an option without a value."""
     return {name.lstrip("-"): None if value is True else "false" if value is False else str(value)
             for name, value in table.items()}
 
 
 class RunOptions:
-    """PETSc's options for several runs of one process: each sees its scene's and the command line's, and
-    nothing that an earlier run has set or used.
+    """PETSc's options for several runs of one process.
 
-    To be made after petsc4py.init. Not collective; all ranks do the same.
+    Each run sees the options of its scene and of the command line, and nothing that an earlier run has set or used. To
+    be made after petsc4py.init. Not collective, but all ranks must do the same.
     """
 
     def __init__(self) -> None:
@@ -31,16 +31,16 @@ class RunOptions:
 
         self._options = PETSc.Options()
         self._given = self._options.getAll()
-        self._consumed = set(self._given) - set(unused_options())  # by PetscInitialize, and so used
+        self._consumed = set(self._given) - set(unused_options())  # PetscInitialize has used these
 
     def overrides(self, table: dict[str, str | int | float | bool]) -> dict[str, str | None]:
-        """Those of `table` that were given to petsc4py.init, or found by it, with other values, and these values."""
-        given = {name.lower(): value for name, value in self._given.items()}  # as PETSc, which minds no capitals
+        """Options of `table` that petsc4py.init was given, or has found, with another value; and that value."""
+        given = {name.lower(): value for name, value in self._given.items()}  # PETSc ignores case
         return {name: given[name.lower()] for name, value in _plain(table).items()
                 if name.lower() in given and given[name.lower()] != value}
 
     def use(self, table: dict[str, str | int | float | bool]) -> None:
-        """Options from now on: those of the scene's [petsc] `table`, and those given to petsc4py.init, which win."""
+        """Set the options of the scene's [petsc] `table`, and those given to petsc4py.init, which win."""
         self.reset()
         given = {name.lower() for name in self._given}
         for name, value in _plain(table).items():
@@ -48,7 +48,7 @@ class RunOptions:
                 self._options.setValue(name, value)
 
     def reset(self) -> None:
-        """Back to those given to petsc4py.init, as fresh as they were then."""
+        """Go back to the options given to petsc4py.init, used only as far as they were then."""
         for name in self._options.getAll():
             self._options.delValue(name)
         for name, value in self._given.items():
@@ -60,9 +60,9 @@ class RunOptions:
 def unused_options() -> list[str]:
     """Names of options that no object has asked for so far. Not collective.
 
-    petsc4py wraps PetscOptionsLeftGet in no version, so it is called through ctypes.
+    No version of petsc4py wraps PetscOptionsLeftGet, so it is called through ctypes.
     """
-    from petsc4py import PETSc  # not before petsc4py.init has had the arguments
+    from petsc4py import PETSc  # only after petsc4py.init, which takes the arguments
 
     library = ctypes.CDLL(PETSc.__file__)
     count = ctypes.c_int64 if PETSc.IntType().itemsize == 8 else ctypes.c_int32
@@ -78,9 +78,9 @@ def unused_options() -> list[str]:
 
 
 def silence_left() -> None:
-    """Keep PETSc from listing unused options when it ends, as newer versions do: they have been named by then.
+    """Keep newer versions of PETSc from listing unused options at their end: the run has reported them by then.
 
-    Whoever sets -options_left gets the list all the same. Not collective.
+    A user's own -options_left still prints the list. Not collective.
     """
     from petsc4py import PETSc
 

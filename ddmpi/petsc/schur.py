@@ -1,7 +1,7 @@
-"""The Schur complement that MUMPS leaves beside its factors, which petsc4py wraps in no version.
+"""The Schur complement that MUMPS can leave beside its factors (ICNTL(19)).
 
-PETSc: MatFactorSetSchurIS, MatFactorInvertSchurComplement, MatFactorGetSchurComplement (MUMPS ICNTL(19));
-called through ctypes.
+No version of petsc4py wraps PETSc's MatFactorSetSchurIS, MatFactorInvertSchurComplement and
+MatFactorGetSchurComplement, so they are called through ctypes.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ _POINTER = ctypes.c_void_p
 
 
 def request_schur(pc: PETSc.PC, dofs: np.ndarray) -> None:
-    """Make the coming factorization keep the Schur complement on `dofs` (ascending, unique).
+    """Make the next factorization keep the Schur complement on `dofs` (ascending, unique).
 
-    The PC must have its factor solver type and not be set up. Serial matrices only.
+    The PC must have its factor solver type, and must not be set up yet. Serial matrices only.
     """
     pc.setFactorSetUpSolverType()
     index = PETSc.IS().createGeneral(dofs.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
@@ -27,9 +27,9 @@ def request_schur(pc: PETSc.PC, dofs: np.ndarray) -> None:
 def inverted_schur(pc: PETSc.PC, size: int) -> np.ndarray:
     """The inverse (size, size) of the Schur complement, after the factorization.
 
-    It is inverted where it lies, in PETSc's memory: there is one copy of it, which full solves with the
-    factors use as well. The array must not be written to, nor used after the PC has gone. Raises
-    PETSc.Error where the Schur complement is not positive definite.
+    It is inverted in place, in PETSc's memory: full solves with the factors use the same copy. The array
+    is read only, and valid only as long as the PC exists. Raises PETSc.Error if the Schur complement is
+    not positive definite.
     """
     factor, schur, status, data = _POINTER(pc.getFactorMatrix().handle), _POINTER(), ctypes.c_int(), _POINTER()
     _call("MatFactorInvertSchurComplement", factor)
@@ -39,7 +39,7 @@ def inverted_schur(pc: PETSc.PC, size: int) -> np.ndarray:
     array.flags.writeable = False
     _call("MatDenseRestoreArrayRead", schur, ctypes.byref(data))
     _call("MatFactorRestoreSchurComplement", factor, ctypes.byref(schur), status)
-    return array.T  # symmetric; so it is in the order of Fortran, as BLAS wants it
+    return array.T  # symmetric; the transpose has the Fortran order that BLAS needs
 
 
 def _call(name: str, *arguments: object) -> None:

@@ -1,4 +1,4 @@
-"""Where petsc4py differs from version to version (3.18 to 3.26 and after), in one place."""
+"""Differences between the versions of petsc4py (3.18 to 3.26 and later), in one place."""
 
 from __future__ import annotations
 
@@ -8,17 +8,16 @@ from collections.abc import Callable
 from petsc4py import PETSc
 
 TaoReason = PETSc.TAO.ConvergedReason if hasattr(PETSc.TAO, "ConvergedReason") else PETSc.TAO.Reason
-"""Why a TAO ended; renamed after 3.22."""
+"""Why a TAO ended; petsc4py renamed it after 3.22."""
 
 
 def call_solver(solve: Callable[..., None], *arguments: object) -> None:
-    """Call a PETSc solver that calls back into Python; an error of the callback comes out as it was raised.
+    """Call a PETSc solver that calls back into Python, and raise an error of the callback unchanged.
 
-    petsc4py 3.18 lets it through. Later ones raise a PETSc.Error, and one more for every further level
-    of PETSc between here and the callback; what was raised stands at the end of the chain of causes.
-    Python must not collect garbage while an error passes through PETSc: from Python 3.13 on it then loses
-    the error, and petsc4py crashes.
-    Collective where `solve` is; raises what the callback raises, or PETSc.Error.
+    petsc4py 3.18 does so by itself. Later versions raise a PETSc.Error for every level of PETSc between here
+    and the callback; the original error ends the chain of causes. Python must not collect garbage while an
+    error passes through PETSc: from Python 3.13 on the error would be lost, and petsc4py would crash.
+    Collective where `solve` is. Raises what the callback raises, or PETSc.Error.
     """
     collecting = gc.isenabled()
     gc.disable()
@@ -32,12 +31,12 @@ def call_solver(solve: Callable[..., None], *arguments: object) -> None:
     finally:
         if collecting:
             gc.enable()
-    raise raised  # here, where the chain that led to it is gone and holds no PETSc objects any longer
+    raise raised  # outside the handler: the chain of errors, which holds PETSc objects, is gone
 
 
 def free_garbage() -> None:
-    """Free the PETSc objects of this process alone that Python has let go of: PETSc 3.18 keeps them till it is told.
+    """Free this process's own PETSc objects that Python has released; PETSc 3.18 does so only when told.
 
-    Others, on a communicator of several ranks, are not touched. Not collective.
+    Objects on communicators of several ranks are not touched. Not collective.
     """
     PETSc.garbage_cleanup(PETSc.COMM_SELF)

@@ -9,6 +9,7 @@ from scipy.sparse.linalg import spsolve
 from skfem import LinearForm
 
 from ddmpi.body.elasticity import Elasticity, assemble
+from ddmpi.body.rigid import free_motions, rigid_motions
 from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.body.stress import stress, von_mises
 from ddmpi.errors import InputError
@@ -378,6 +379,28 @@ def test_piece_that_no_clamp_holds_is_refused():
                 np.vstack([square.triangles, square.triangles + count]), square.groups)
     with pytest.raises(InputError, match=r"body\.block\.clamp"):
         assemble(both, body(clamp=["left"]))
+
+
+@pytest.mark.parametrize(("held", "number"), [
+    ([], 3), ([("bottom", 1)], 1), ([("bottom", 0)], 2), ([("bottom", 0), ("left", 1)], 1),
+    ([("bottom", 1), ("left", 0)], 0), ([("left", 0), ("left", 1)], 0)])
+def test_free_motions_are_those_that_the_clamps_allow(held, number):
+    """The rigid motions of a body strain nothing, and those that its clamps leave free are found.
+
+    Sides that are fixed along themselves let the body turn about the corner between them.
+    """
+    mesh = rectangle()
+    motions = rigid_motions(mesh.points, mesh.points.mean(axis=0), mesh.extent)
+    K = sum_stiffness(mesh, STRAIN)
+    for motion in motions.transpose(2, 0, 1):
+        assert np.abs(K.mult(motion)).max() <= 1e-14 * np.abs(K.diagonal).max()
+    free = np.ones_like(mesh.points, dtype=bool)
+    for group, component in held:
+        free[np.unique(mesh.groups[group]), component] = False
+    found = free_motions(motions, free)
+    assert found.shape == (3, number)
+    assert found.T @ found == pytest.approx(np.eye(number), abs=1e-14)
+    assert np.abs((motions @ found)[~free]).max(initial=0.0) <= 1e-8
 
 
 def test_load_and_clamp_name_absent_groups():

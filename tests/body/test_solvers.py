@@ -1,5 +1,7 @@
 """Solves with a stiffness matrix, direct and iterative, what fails and how; the contact compliance."""
 
+import json
+
 import numpy as np
 import pytest
 import scipy.sparse as sparse
@@ -16,6 +18,7 @@ from ddmpi.interface.trace import trace
 from ddmpi.mesh.build import generate_rectangle
 from ddmpi.mesh.refine import raise_order
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
+from ddmpi.scene.contacts import Coulomb
 
 
 def block(divisions=(12, 6), young=2e11, clamp=("left",), size=(2.0, 1.0)) -> Elasticity:
@@ -253,7 +256,7 @@ def test_unknown_type_is_an_error_for_the_user(options, petsc_options):
 # The compliance, of a block whose bottom is the contact
 
 
-def contact_problem(divisions=(8, 4), clamp=("left",), order=1) -> tuple[Elasticity, PETSc.Mat, np.ndarray]:
+def contact_problem(divisions=(8, 4), clamp=("left",), order=1) -> tuple[Elasticity, sparse.csr_matrix, np.ndarray]:
     """The upper block's problem, its trace B, and C = B A⁻¹ Bᵀ by dense algebra."""
     upper, lower = (generate_rectangle(MeshSpec(shape="rectangle", origin=(0.0, y), size=(2.0, 1.0),
                                                 divisions=divisions)) for y in (1.0, 0.0))
@@ -262,16 +265,11 @@ def contact_problem(divisions=(8, 4), clamp=("left",), order=1) -> tuple[Elastic
     spec = BodySpec(name="upper", mesh=MeshSpec(file="unused.msh"), clamp=list(clamp),
                     material=Material(young=2e11, poisson=0.3), traction=[Traction(on="top", value=(1e6, -2e6))])
     problem, free = assemble(upper, spec), assemble(lower, spec).free
-    contact = pair(contact_side(upper, upper.groups["bottom"], problem.free),
-                   contact_side(lower, lower.groups["top"], free), True, "contact.0")
-    B = trace(contact, 1, problem)
-    dense = to_dense(B)
+    sides = [contact_side(upper, upper.groups["bottom"], problem.free, "upper", 2e11, "contact.upper-lower.on"),
+             contact_side(lower, lower.groups["top"], free, "lower", 2e11, "contact.upper-lower.on")]
+    B = trace(pair(*sides, Coulomb(coefficient=0.3), "upper-lower"), 0, problem)
+    dense = B.toarray()
     return problem, B, dense @ np.linalg.solve(to_scipy(problem.A).toarray(), dense.T)
-
-
-def to_dense(B: PETSc.Mat) -> np.ndarray:
-    indptr, indices, data = B.getValuesCSR()
-    return sparse.csr_matrix((data, indices, indptr), shape=B.size).toarray()
 
 
 KINDS = {"default": (None, {}, 1e-12), "explicit": ("explicit", {}, 1e-12), "direct": ("direct", {}, 1e-12),
@@ -314,7 +312,7 @@ def test_compliance_counts_by_purpose(name, petsc_options):
     assert np.array_equal(y, np.zeros(16))
     operator.free_response(problem.b, y, "load")
     assert operator.count - before == {"step1": 2, "neumann": 1, "load": 1}
-    expected = to_dense(B) @ spsolve(to_scipy(problem.A), problem.b.array_r)
+    expected = B @ spsolve(to_scipy(problem.A), problem.b.array_r)
     assert np.linalg.norm(y - expected) <= precision * np.linalg.norm(expected)
 
 
@@ -328,6 +326,20 @@ def test_compliance_norm_is_estimated_once(kind):
     assert 0 < count <= 30
     operator.norm()
     assert operator.count["norm"] == count
+
+
+def test_restored_compliance_goes_on_counting():
+    """A compliance that is restored from plain values has the counts and the norm of the old one, at no cost."""
+    problem, B, _ = contact_problem()
+    old, new = (Compliance(problem.A, B, "upper", "direct") for _ in range(2))
+    y = np.empty(16)
+    old.mult(np.ones(16), y, "step1")
+    norm = old.norm()
+    new.restore(json.loads(json.dumps(old.state())))
+    assert new.norm() == norm
+    assert new.count == old.count
+    new.mult(np.ones(16), y, "step1")
+    assert new.count - old.count == {"step1": 1}  # no shared counter
 
 
 @pytest.mark.parametrize("kind", ["explicit", "direct"])
