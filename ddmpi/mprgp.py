@@ -1,4 +1,4 @@
-"""Our TAO type under its old name, which stands in users' options: ``-tao_python_type ddmpi.mprgp.MPRGP``."""
+"""Our TAO type under the name in users' options: ``-tao_python_type ddmpi.mprgp.MPRGP``."""
 
 from ddmpi.qp.mprgp import MPRGP
 

@@ -1,17 +1,17 @@
 """MPRGP: modified proportioning with reduced gradient projections, as a TAO type in Python.
 
 Dostál, Schöberl: Minimizing quadratic functions over non-negative vectors with the rate of
-convergence and finite termination, Comput. Optim. Appl. 30 (2005) 23–43; here for bounds on both
-sides. Without bounds it is the conjugate gradient method.
+convergence and finite termination, Comput. Optim. Appl. 30 (2005) 23–43; here for any constraint set
+with the methods of `box.Box`. Without constraints it is the conjugate gradient method.
 
-What differs from the paper:
+Differences from the paper:
 
-* a step to the boundary in the direction of the conjugate gradient is first tried as a *projected
-  conjugate gradient step* and kept when it lowers the objective; only else the projected gradient
-  step of fixed length is taken;
-* the proportioning step is clipped at the opposite bound;
+* an expansion, where the conjugate gradient step leaves the set, first tries the *projected conjugate
+  gradient step* and keeps it if it lowers the objective; otherwise it takes the projected gradient step
+  of fixed length;
+* the proportioning step ends at the opposite bound;
 * the gradient follows the iterates by recurrence: every step costs one multiplication by the
-  Hessian, an expansion two.
+  Hessian, an expansion two or three.
 """
 
 from __future__ import annotations
@@ -21,39 +21,44 @@ from petsc4py import PETSc
 
 from ddmpi.petsc.lanczos import estimate_norm
 from ddmpi.petsc.versions import TaoReason
-from ddmpi.qp.program import projected_gradient
+from ddmpi.qp.box import Box
 
 PROPORTION = 1.0
 """Γ of the paper: a step frees indices when the chopped gradient exceeds Γ times the free one."""
 
 STEP = 1.9
-"""Fixed step times ‖H‖; below 2, because ‖H‖ is estimated from below."""
+"""Fixed step times ‖H‖; descent needs less than 2, and ‖H‖ is estimated from below."""
 
 
 class MPRGP:
     """``-tao_type python -tao_python_type ddmpi.mprgp.MPRGP``.
 
-    The Hessian must be a PETSc matrix; where its Python context has ``norm()``, that estimate of
-    ‖H‖₂ is used, else Lanczos steps supply one. The solution lies within the bounds exactly,
-    and the TAO's gradient vector holds the gradient there. Stops at ‖projected gradient‖ ≤ gatol.
+    The Hessian must be a PETSc matrix. If its Python context has ``norm()``, that estimate of ‖H‖₂ is
+    used; otherwise Lanczos steps make one. The solution satisfies the constraints exactly, and the TAO's
+    gradient vector holds the gradient there. Stops at ‖projected gradient‖ ≤ gatol.
+
+    Parameters
+    ----------
+    constraints : the set of feasible points; None stands for the variable bounds of the TAO
 
     Attributes
     ----------
-    steps : how often each kind of step was taken in the last solve
+    steps : number of steps of each kind in the last solve
     """
 
-    def __init__(self) -> None:
+    def __init__(self, constraints: Box | None = None) -> None:
+        self.constraints = constraints
         self.steps = {"cg": 0, "expansion": 0, "proportioning": 0}
 
     def solve(self, tao: PETSc.TAO) -> None:
         """Called by TAOSolve. Collective on the TAO's communicator."""
-        X, (L, U) = tao.getSolution(), tao.getVariableBounds()
+        X = tao.getSolution()
+        feasible = self.constraints or Box(*(bound.array_r for bound in tao.getVariableBounds()))
         H = tao.getHessian()[0]
         tolerance = tao.getTolerances()[0]
         limit = tao.getMaximumIterations()
         P, HP = X.duplicate(), X.duplicate()
-        lower, upper = L.array_r, U.array_r
-        X.array[:] = np.clip(X.array_r, lower, upper)
+        X.array[:] = feasible.project(X.array_r)
         G = tao.getGradient()[0]
         tao.computeGradient(X, G)
         self.steps = dict.fromkeys(self.steps, 0)
@@ -65,10 +70,10 @@ class MPRGP:
             return HP.array_r
 
         x, g = X.array, G.array
-        iteration, restart, p = 0, True, None
+        iteration, restart, p = 0, True, np.empty(0)
         while True:
-            pg = projected_gradient(g, x, lower, upper)
-            residual = np.linalg.norm(pg)
+            free, chopped = feasible.split(g, x)
+            residual = np.linalg.norm(free + chopped)
             if not np.isfinite(residual):
                 reason = TaoReason.DIVERGED_NAN
                 break
@@ -79,70 +84,58 @@ class MPRGP:
                 reason = TaoReason.DIVERGED_MAXITS
                 break
             iteration += 1
-            inside = (x > lower) & (x < upper)
-            free = np.where(inside, g, 0.0)
-            chopped = np.where(inside, 0.0, pg)
-            fixed_step = STEP / norm
-            reduced = np.clip(free, (x - upper) / fixed_step, (x - lower) / fixed_step)
-
-            if chopped @ chopped <= PROPORTION**2 * (reduced @ free):
+            if chopped @ chopped <= PROPORTION**2 * (feasible.reduced(free, x, STEP / norm) @ free):
                 if restart:
                     p, restart = free, False
-                Hp = multiply(p).copy()  # the next product takes its place
+                Hp = multiply(p).copy()  # the next product overwrites it
                 curvature = p @ Hp
                 if not curvature > 0.0:  # underflow, or not a number
                     reason = TaoReason.DIVERGED_NAN
                     break
                 norm = max(norm, curvature / (p @ p))
                 step = (g @ p) / curvature
-                longest = _longest(x, p, lower, upper)
+                longest = feasible.longest_step(x, p)
                 if step <= longest:
                     self.steps["cg"] += 1
                     x -= step * p
                     g -= step * Hp
-                    np.clip(x, lower, upper, out=x)  # rounding in the last bit
-                    free = np.where((x > lower) & (x < upper), g, 0.0)
+                    x[:] = feasible.project(x)  # rounding in the last bit
+                    free = feasible.split(g, x)[0]
                     p = free - ((free @ Hp) / curvature) * p
                     continue
                 self.steps["expansion"] += 1
                 restart = True
-                change = np.clip(x - step * p, lower, upper) - x
+                change = feasible.project(x - step * p) - x
                 H_change = multiply(change)
                 if change @ g + 0.5 * (change @ H_change) >= 0.0:
                     half_x, half_g = x - longest * p, g - longest * Hp
-                    half_free = np.where((half_x > lower) & (half_x < upper), half_g, 0.0)
+                    half_free = feasible.split(half_g, half_x)[0]
                     while True:
-                        change = np.clip(half_x - STEP / norm * half_free, lower, upper) - x
+                        change = feasible.project(half_x - STEP / norm * half_free) - x
                         H_change = multiply(change)
                         if not change @ g + 0.5 * (change @ H_change) > 0.0:
                             break
-                        norm *= 2.0  # its estimate, from below, was too small
+                        norm *= 2.0  # the estimate, from below, was too small
             else:
                 self.steps["proportioning"] += 1
                 restart = True
                 H_chopped = multiply(chopped)
                 norm = max(norm, (chopped @ H_chopped) / (chopped @ chopped))
-                step = min((g @ chopped) / (chopped @ H_chopped), _longest(x, chopped, lower, upper))
+                step = min((g @ chopped) / (chopped @ H_chopped), feasible.longest_step(x, chopped))
                 change, H_change = -step * chopped, step * -H_chopped
             x += change
             g += H_change
-            np.clip(x, lower, upper, out=x)
+            x[:] = feasible.project(x)
         tao.setIterationNumber(iteration)
         tao.setConvergedReason(reason)
         P.destroy()
         HP.destroy()
 
 
-def _longest(x: np.ndarray, p: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> float:
-    """The longest step t for which x − t p stays within the bounds."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        room = np.where(p > 0, (x - lower) / p, np.where(p < 0, (x - upper) / p, np.inf))
-    return float(room.min())
-
-
 def _norm(H: PETSc.Mat, like: PETSc.Vec) -> float:
+    """‖H‖₂ from below, as the context of H knows it or by Lanczos steps on vectors `like` this one."""
     context = H.getPythonContext() if H.getType() == PETSc.Mat.Type.PYTHON else None
-    if hasattr(context, "norm"):
+    if context is not None and hasattr(context, "norm"):
         return context.norm()
     v, w = like.duplicate(), like.duplicate()
 

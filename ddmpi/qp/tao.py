@@ -1,6 +1,9 @@
-"""How quadratic programs are solved: a TAO type on one, by default our MPRGP; prefix ``qp_``."""
+"""How a QP is solved: by a TAO type, our MPRGP by default; options prefix ``qp_``."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 from petsc4py import PETSc
@@ -11,81 +14,81 @@ from ddmpi.petsc.messages import petsc_message, reason_name
 from ddmpi.petsc.versions import TaoReason, call_solver
 from ddmpi.qp.mprgp import MPRGP
 from ddmpi.qp.program import QP, QPResult
+from ddmpi.system.numbers import norm
 
 LEAST_PRECISE = 1e-2
-"""No multiplication in a quadratic program is asked to be less precise than this, relatively."""
+"""Largest relative error that a multiplication may be allowed."""
 
 FRESH = 1e-11
-"""Below this precision, relative to the displacements, a product kept by recurrence is computed anew."""
+"""Tolerance, relative to the displacements, below which a product that MPRGP updated is computed afresh."""
 
-ROUNDING = 8 * np.finfo(float).eps
-"""A projected gradient of this size, relative to the displacements whose difference it is, is rounding."""
+GRADIENT_ROUNDING = float(8 * np.finfo(float).eps)
+"""A projected gradient below this is rounding, relative to the displacements whose difference it is."""
 
 ON_BOUND = 1e-12
-"""So near a bound, relative to the largest unknown, PETSc's TAO types leave what they mean to be on it."""
+"""An unknown of PETSc's TAO types this near a bound, relative to the largest unknown, is meant to be on it."""
 
 STRICTER = 0.1
-"""By this the tolerance shrinks when a type of PETSc, by its own norm (bncg: Fischer's), stops too early."""
+"""Factor on the tolerance when one of PETSc's types stops too early by its own norm (bncg: Fischer's)."""
 
 ATTEMPTS = 3
-"""So often is a type of PETSc started on one program: again when it stopped too early, or when its line search
-failed (blmvm of 3.26, where friction bounds are tiny): from there, on the bounds exactly and without memory."""
+"""One of PETSc's types is started this often on one QP: again if it stopped too early or its line search failed
+(blmvm of 3.26 with tiny friction bounds), from the last point, moved exactly onto its bounds, and without memory."""
+
+
+Product = Callable[[np.ndarray, float], np.ndarray]
+"""C x, counted, from x and the size (m) to which its error is relative."""
 
 
 class QPSolver:
-    """Solves quadratic programs with one TAO type; prefix ``qp_``.
+    """Solves QPs with one TAO type; options prefix ``qp_``.
 
-    Every type sees the same problem, scaled free of units (the Hessian has norm one, the linear
-    term norm one), has the same stopping test and is rechecked afterwards by the same measure.
-    Unknowns whose two bounds coincide are taken out, and the program is posed for the change from
-    the starting point. MPRGP (the default) does both by itself and keeps the product C s on its way.
-    bqpip needs the Hessian as a dense matrix (counted as "explicit").
+    Every type gets the same problem, scaled free of units (Hessian and linear term have norm one), and the
+    same stopping test, which is checked again afterwards. For PETSc's types, unknowns whose two bounds
+    coincide are taken out, and the QP is posed for the change from the starting point. MPRGP needs neither,
+    and updates the product C s on its way. bqpip needs a dense Hessian (counted as "explicit").
     """
 
     def __init__(self) -> None:
-        self._type = ""
         self._tao: PETSc.TAO | None = None
 
-    @property
+    @cached_property
     def type(self) -> str:
-        """The TAO type; its option is asked for (and so counts as used) by whoever solves a program."""
-        if not self._type:
-            self._type = PETSc.Options("qp_").getString("tao_type", "python")
-        return self._type
-
-    @type.setter
-    def type(self, value: str) -> None:
-        self._type = value
+        """The TAO type; can be set. Until then, reading it reads its option, which then counts as used."""
+        return PETSc.Options("qp_").getString("tao_type", "python")
 
     def solve(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, purpose: str,
-              kept: float = 0.0) -> QPResult:
+              product_error: float = 0.0) -> QPResult:
         """Solve `qp` from the point `s`, whose product with C is `Cs`.
 
         Parameters
         ----------
         tolerance : largest ‖projected gradient‖₂, in the unit of d (m)
-        purpose : under which the multiplications are counted
-        kept : largest error, in the unit of d (m), that a multiplication may leave in the product that is
-            returned, where C is applied by an iterative solver; zero leaves it to the operator
+        purpose : the multiplications are counted under this name
+        product_error : largest error, in the unit of d (m), that an iterative solver may leave in the
+            returned product; zero leaves it to the operator
 
         Raises
         ------
         SolverError
-            when neither the precision nor the limit of rounding is reached, whatever TAO says. Collective on the body.
+            when neither the tolerance nor the limit of rounding is reached, whatever TAO reports. Collective on the
+            body.
         """
-        start = qp.project(s)
-        whole = _share(kept, max(np.linalg.norm(qp.d), np.linalg.norm(Cs)))
+        def multiply(x: np.ndarray, size: float) -> np.ndarray:
+            product = np.empty_like(x)
+            qp.C.mult(x, product, purpose, min(product_error / size, LEAST_PRECISE) if size else 0.0)
+            return product
+
+        start = qp.constraints.project(s)
         if not np.array_equal(start, s):
-            Cs = np.empty_like(start)
-            qp.C.mult(start, Cs, purpose, whole)
+            Cs = multiply(start, max(norm(qp.d), norm(Cs)))
         if qp.residual(start, Cs) <= tolerance:
             return QPResult(start, Cs, qp.residual(start, Cs), 0, {})
-        bounded = np.isfinite(qp.lower).any() or np.isfinite(qp.upper).any()
-        solve = self._mprgp if self.type == "python" or not bounded else self._petsc
+        solve = self._mprgp if self.type == "python" or not qp.constraints.bounded else self._petsc
         try:
-            with event("ContactProgram"):
-                result = solve(qp, start, Cs, tolerance, purpose, kept)
-            rounding = ROUNDING * max(np.linalg.norm(qp.d), np.linalg.norm(result.Cs))
+            with event("ContactQP"):
+                result = solve(qp, start, Cs, tolerance, multiply)
+            rounding = GRADIENT_ROUNDING * max(norm(qp.d), norm(result.Cs))
             if not result.residual <= max(1.01 * tolerance, rounding):
                 raise SolverError(f"subproblem for {purpose}: TAO type {self.type} ended with {self._reason()} after "
                                   f"{result.iterations} iterations; projected gradient {result.residual:.2e} m, "
@@ -94,31 +97,28 @@ class QPSolver:
             self._release()
         return result
 
-    def _mprgp(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, purpose: str, kept: float) -> QPResult:
-        problem = _Scaled(qp, np.arange(qp.C.size), s, Cs, purpose, kept)
+    def _mprgp(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, multiply: Product) -> QPResult:
+        problem = _Scaled(qp, np.arange(qp.C.size), s, Cs, multiply)
         tao = self._create(problem, "python", tolerance)
         call_solver(tao.solve)
         x, g = tao.getSolution().array_r, tao.getGradient()[0].array_r
         s = problem.unscaled(x, 0.0)
         Cs = problem.displacement * g + qp.d
-        if tolerance < FRESH * problem.displacement:  # the recurrence may have lost what is asked for
-            qp.C.mult(s, Cs, purpose, _share(kept, problem.displacement))
+        if tolerance < FRESH * problem.displacement:  # the recurrence may have lost it
+            Cs = multiply(s, problem.displacement)
         steps = dict(tao.getPythonContext().steps)
         return QPResult(s, Cs, qp.residual(s, Cs), tao.getIterationNumber(), steps)
 
-    def _petsc(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, purpose: str, kept: float) -> QPResult:
-        moving = np.flatnonzero(qp.lower < qp.upper)
-        kind, iterations = _Explicit if self.type == "bqpip" else _Scaled, 0
-        asked = tolerance
+    def _petsc(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, multiply: Product) -> QPResult:
+        moving, asked, iterations = qp.constraints.moving, tolerance, 0
         for _ in range(ATTEMPTS):
-            problem = kind(qp, moving, s, Cs, purpose, kept)
+            problem = (_Explicit if self.type == "bqpip" else _Scaled)(qp, moving, s, Cs, multiply)
             tao = self._create(problem, self.type, asked)
             call_solver(tao.solve)
             iterations += tao.getIterationNumber()
             s = s.copy()
             s[moving] = problem.unscaled(tao.getSolution().array_r, ON_BOUND)
-            Cs = np.empty_like(s)
-            qp.C.mult(s, Cs, purpose, _share(kept, problem.displacement))
+            Cs = multiply(s, problem.displacement)
             reason = tao.getConvergedReason()
             if qp.residual(s, Cs) <= tolerance or (reason < 0 and reason != TaoReason.DIVERGED_LS_FAILURE):
                 break
@@ -132,7 +132,7 @@ class QPSolver:
         tao.setOptionsPrefix("qp_")
         if kind == "python":
             tao.setType(PETSc.TAO.Type.PYTHON)
-            tao.setPythonContext(MPRGP())
+            tao.setPythonContext(MPRGP(problem.constraints))
         else:
             _set_type(tao, kind)
         x, lower, upper = problem.vectors()
@@ -146,14 +146,14 @@ class QPSolver:
         tao.setHessian(lambda *_: None, H)
         tao.setMaximumIterations(20 * len(problem.moving) + 200)
         tao.setTolerances(gatol=tolerance / problem.displacement, grtol=0.0, gttol=0.0)
-        if kind == self.type:  # else the options are meant for another type
+        if kind == self.type:  # otherwise the options are meant for another type
             tao.setFromOptions()
         if kind in ("gpcg", "tron") and not PETSc.Options("qp_").hasName("pc_type"):
             tao.getKSP().getPC().setType(PETSc.PC.Type.NONE)  # the Hessian is a shell
         return tao
 
     def _release(self) -> None:
-        """Let the TAO go at once: it holds the body's matrices, and would hold them for ever in PETSc 3.18."""
+        """Destroy the TAO at once: it holds the body's matrices, and PETSc 3.18 would never free them."""
         if self._tao is not None:
             self._tao.destroy()
             self._tao = None
@@ -163,36 +163,34 @@ class QPSolver:
 
 
 class _Scaled:
-    """A QP in scaled unknowns x = s/force on the indices `moving`, with unit Hessian and linear term.
+    """A QP in scaled unknowns x = s/force on the indices `moving`; Hessian and linear term have norm one.
 
-    The Hessian is applied through the whole operator; the product at the last point is kept, so that
+    The Hessian is applied through the whole operator. The product at the last point is stored, so that
     objective and gradient at one point cost one multiplication.
     """
 
-    def __init__(self, qp: QP, moving: np.ndarray, s: np.ndarray, Cs: np.ndarray, purpose: str, kept: float) -> None:
-        self.qp, self.moving, self.purpose = qp, moving, purpose
-        self._relative = _share(kept, np.linalg.norm(Cs - qp.d))  # a step changes C s by about the gradient
-        norm = qp.C.norm()
-        self.displacement = max(np.linalg.norm(qp.d), np.linalg.norm(Cs)) or 1.0
-        self.force = self.displacement / norm
-        self._norm = norm
-        self._whole, self._product = np.zeros(qp.C.size), np.empty(qp.C.size)
-        # gradient = H x − d̂ with d̂ so that it is right at the start, whose product is known
+    def __init__(self, qp: QP, moving: np.ndarray, s: np.ndarray, Cs: np.ndarray, multiply: Product) -> None:
+        self.moving, self._multiply, self._whole = moving, multiply, np.zeros(qp.C.size)
+        self._change = norm(Cs - qp.d)  # a step changes C s by about the gradient
+        self._norm = qp.C.norm()
+        self.displacement = max(norm(qp.d), norm(Cs)) or 1.0
+        self.force = self.displacement / self._norm
+        self._own = qp.constraints.restricted(moving)
+        self.constraints = self._own.scaled(self.force)
+        # the gradient at x is that at the start, whose product is known, plus H (x − start)
         self._start = s[moving] / self.force
         self._start_gradient = (Cs - qp.d)[moving] / self.displacement
         self._at, self._g = self._start.copy(), self._start_gradient
 
     def vectors(self) -> tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]:
-        arrays = (self._start.copy(), self.qp.lower[self.moving] / self.force, self.qp.upper[self.moving] / self.force)
-        return tuple(PETSc.Vec().createWithArray(a, comm=PETSc.COMM_SELF) for a in arrays)
+        """The starting point, the lower and the upper bounds."""
+        arrays = (self._start.copy(), self.constraints.lower.copy(), self.constraints.upper.copy())
+        x, lower, upper = (PETSc.Vec().createWithArray(a, comm=PETSc.COMM_SELF) for a in arrays)
+        return x, lower, upper
 
     def unscaled(self, x: np.ndarray, near: float) -> np.ndarray:
-        """Forces (N) from scaled unknowns; what is as `near` a bound lies on it, exactly."""
-        lower, upper = self.qp.lower[self.moving], self.qp.upper[self.moving]
-        s = np.clip(self.force * x, lower, upper)
-        size = near * max(np.abs(x).max(initial=0.0), 1e-300)
-        s = np.where(x <= lower / self.force + size, lower, s)
-        return np.where(x >= upper / self.force - size, upper, s)
+        """Forces (N) from scaled unknowns; moved to bounds that are `near`, relative to the largest unknown."""
+        return self._own.unscaled(x, self.force, near * max(np.abs(x).max(initial=0.0), 1e-300))
 
     def hessian(self) -> PETSc.Mat:
         k = len(self.moving)
@@ -207,8 +205,7 @@ class _Scaled:
 
     def _apply(self, x: np.ndarray) -> np.ndarray:
         self._whole[self.moving] = x
-        self.qp.C.mult(self._whole, self._product, self.purpose, self._relative)
-        return self._product[self.moving] / self._norm
+        return self._multiply(self._whole, self._change)[self.moving] / self._norm
 
     def mult(self, _mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         y.array[:] = self._apply(x.array_r)
@@ -235,25 +232,24 @@ class _Scaled:
 
 
 class _Explicit(_Scaled):
-    """A scaled QP with a dense Hessian and finite bounds, as interior-point methods want it."""
+    """A scaled QP with a dense Hessian and finite bounds, as interior-point methods need it."""
 
-    def __init__(self, qp: QP, moving: np.ndarray, s: np.ndarray, Cs: np.ndarray, purpose: str, kept: float) -> None:
-        super().__init__(qp, moving, s, Cs, purpose, kept)
+    def __init__(self, qp: QP, moving: np.ndarray, s: np.ndarray, Cs: np.ndarray, multiply: Product) -> None:
+        super().__init__(qp, moving, s, Cs, multiply)
         self._matrix = qp.C.dense()[np.ix_(moving, moving)] / self._norm
 
     def vectors(self) -> tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]:
-        """As before, but infinite bounds give way to what no point that is better than the start exceeds."""
+        """As before, but instead of infinite bounds those that no point better than the start exceeds."""
         vectors = super().vectors()
-        reach = 2 * np.linalg.norm(self._start_gradient) / np.linalg.eigvalsh(self._matrix)[0]
+        reach = 2 * norm(self._start_gradient) / np.linalg.eigvalsh(self._matrix)[0]
         for bound, sign in zip(vectors[1:], (-1.0, 1.0), strict=True):
             finite = np.isfinite(bound.array_r)
             bound.array[~finite] = self._start[~finite] + sign * 1.1 * reach
         return vectors
 
     def unscaled(self, x: np.ndarray, near: float) -> np.ndarray:
-        """As before; an interior point is moved to a bound that is nearer to it than its multiplier to zero."""
-        g = self._gradient(x)
-        lower, upper = self.qp.lower[self.moving] / self.force, self.qp.upper[self.moving] / self.force
+        """As before; an unknown that is nearer to its bound than its multiplier to zero is moved there."""
+        g, lower, upper = self._gradient(x), self.constraints.lower, self.constraints.upper
         x = np.where(x - lower <= g, lower, np.where(upper - x <= -g, upper, x))
         return super().unscaled(x, near)
 
@@ -266,13 +262,8 @@ class _Explicit(_Scaled):
         return self._matrix @ x
 
 
-def _share(error: float, size: float) -> float:
-    """The relative precision of a product of this size that may have this error."""
-    return min(error / size, LEAST_PRECISE) if size else 0.0
-
-
 def _set_type(tao: PETSc.TAO, kind: str) -> None:
-    """Set one of PETSc's types; the bounded Newton types must not precondition a shell Hessian."""
+    """Set one of PETSc's types; its bounded Newton types must not precondition a shell Hessian."""
     options = PETSc.Options("qp_")
     try:
         tao.setType(kind)

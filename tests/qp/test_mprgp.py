@@ -11,8 +11,9 @@ from scipy.optimize import lsq_linear
 
 from ddmpi.errors import SolverError
 from ddmpi.petsc.lanczos import estimate_norm
-from ddmpi.qp.program import QP, QPResult, projected_gradient
-from ddmpi.qp.tao import ROUNDING, QPSolver
+from ddmpi.qp.box import Box
+from ddmpi.qp.program import QP, QPResult
+from ddmpi.qp.tao import GRADIENT_ROUNDING, QPSolver
 
 
 class Dense:
@@ -73,14 +74,14 @@ def program(n: int, kind: str, condition: float = 100.0, norm: float = 1.0, line
     matrix = random_matrix(n, condition, seed)
     d = np.random.default_rng(seed + 1).normal(size=n)
     lower, upper = bounds(kind, np.linalg.solve(matrix, d), seed + 2)
-    return QP(Dense(norm * matrix), linear * d, lower * (linear / norm), upper * (linear / norm))
+    return QP(Dense(norm * matrix), linear * d, Box(lower * (linear / norm), upper * (linear / norm)))
 
 
 def exact(qp: QP) -> np.ndarray:
     """By scipy's active set method for ‖Lᵀ s − L⁻¹ d‖, C = L Lᵀ, free of units, without what is given."""
     norm, size = np.linalg.norm(qp.C.matrix, 2), np.linalg.norm(qp.d)
     C, d = qp.C.matrix / norm, qp.d / size
-    lower, upper = qp.lower * (norm / size), qp.upper * (norm / size)
+    lower, upper = qp.constraints.lower * (norm / size), qp.constraints.upper * (norm / size)
     move = lower < upper
     s = np.where(move, 0.0, lower)
     if move.any():
@@ -96,13 +97,13 @@ def enumerated(qp: QP) -> np.ndarray:
     n = qp.C.size
     for state in itertools.product((-1, 0, 1), repeat=n):
         state = np.array(state)
-        s = np.where(state < 0, qp.lower, np.where(state > 0, qp.upper, 0.0))
+        s = np.where(state < 0, qp.constraints.lower, np.where(state > 0, qp.constraints.upper, 0.0))
         if not np.isfinite(s).all():
             continue
         free = state == 0
         s[free] = np.linalg.solve(qp.C.matrix[np.ix_(free, free)], (qp.d - qp.C.matrix @ s)[free])
         g = qp.C.matrix @ s - qp.d
-        inside = (s >= qp.lower).all() and (s <= qp.upper).all()
+        inside = (s >= qp.constraints.lower).all() and (s <= qp.constraints.upper).all()
         if inside and (g[state < 0] >= 0).all() and (g[state > 0] <= 0).all():
             return s
     raise AssertionError("no set of active bounds is optimal")
@@ -116,11 +117,11 @@ def solve(qp: QP, tolerance: float, start: np.ndarray | None = None) -> QPResult
 def check(qp: QP, result: QPResult, tolerance: float) -> None:
     """Feasible exactly; residual and product as reported; optimal by a gradient computed anew."""
     s, C = result.s, qp.C.matrix
-    assert np.all(s >= qp.lower)
-    assert np.all(s <= qp.upper)
+    assert np.all(s >= qp.constraints.lower)
+    assert np.all(s <= qp.constraints.upper)
     rounding = 1e-13 * (np.linalg.norm(C, 2) * np.linalg.norm(s) + np.linalg.norm(qp.d))
     assert np.linalg.norm(C @ s - result.Cs) <= rounding
-    true_residual = np.linalg.norm(projected_gradient(C @ s - qp.d, s, qp.lower, qp.upper))
+    true_residual = np.linalg.norm(qp.constraints.projected_gradient(C @ s - qp.d, s))
     assert result.residual <= 1.01 * tolerance
     assert true_residual <= 1.01 * tolerance + rounding
 
@@ -146,7 +147,7 @@ def test_small_programs_against_enumeration(kind):
         check(qp, result, tolerance)
         reference = enumerated(qp)
         assert result.s == pytest.approx(reference, rel=1e-9, abs=1e-10 * np.abs(reference).max())
-        on_bound = (reference == qp.lower) | (reference == qp.upper)
+        on_bound = (reference == qp.constraints.lower) | (reference == qp.constraints.upper)
         assert on_bound.any()
         assert np.array_equal(result.s[on_bound], reference[on_bound])
 
@@ -227,7 +228,7 @@ def test_warm_start_is_cheaper_and_start_outside_costs_one_product():
     solve(qp, 1e-10, cold.s)
     assert qp.C.count["program"] - cost < 0.7 * cost
 
-    outside = np.where(np.isfinite(qp.lower), qp.lower, 0.0) - 1.0
+    outside = np.where(np.isfinite(qp.constraints.lower), qp.constraints.lower, 0.0) - 1.0
     before = qp.C.count["program"]
     result = solve(qp, 1e6, outside)
     assert qp.C.count["program"] - before == 1
@@ -239,7 +240,7 @@ def test_warm_start_is_cheaper_and_start_outside_costs_one_product():
 def test_answer_does_not_depend_on_the_start(start):
     qp = program(20, "shifted box")
     rng = np.random.default_rng(5)
-    s = {"zero": np.zeros(20), "random": 10 * rng.normal(size=20), "upper": qp.upper.copy()}[start]
+    s = {"zero": np.zeros(20), "random": 10 * rng.normal(size=20), "upper": qp.constraints.upper.copy()}[start]
     result = solve(qp, 1e-11, s)
     check(qp, result, 1e-11)
     assert np.linalg.norm(result.s - exact(qp)) <= 1e-8 * np.linalg.norm(result.s)
@@ -247,9 +248,9 @@ def test_answer_does_not_depend_on_the_start(start):
 
 def test_all_given():
     qp = program(6, "box")
-    qp.lower[:] = qp.upper
+    qp.constraints.lower[:] = qp.constraints.upper
     result = solve(qp, 1e-14)
-    assert np.array_equal(result.s, qp.upper)
+    assert np.array_equal(result.s, qp.constraints.upper)
     assert result.residual == 0.0
 
 
@@ -273,7 +274,7 @@ def test_without_bounds_it_is_conjugate_gradients(n):
 def test_conjugate_gradients_end_after_as_many_steps_as_eigenvalues():
     Q, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(30, 30)))
     matrix = (Q * np.repeat([1.0, 0.5, 0.1], 10)) @ Q.T
-    qp = QP(Dense((matrix + matrix.T) / 2), np.ones(30), np.full(30, -np.inf), np.full(30, np.inf))
+    qp = QP(Dense((matrix + matrix.T) / 2), np.ones(30), Box(np.full(30, -np.inf), np.full(30, np.inf)))
     assert solve(qp, 1e-8).iterations == 3
 
 
@@ -289,8 +290,8 @@ def test_zero_tolerance_is_reached_to_rounding_or_not_at_all(kind):
             assert "subproblem for program" in str(failure) and "needed 0.00e+00 m" in str(failure)
             continue
         assert error == 0.0
-        true = np.linalg.norm(projected_gradient(qp.C.matrix @ s - qp.d, s, qp.lower, qp.upper))
-        assert true <= 2 * ROUNDING * max(np.linalg.norm(qp.d), np.linalg.norm(qp.C.matrix @ s))
+        true = np.linalg.norm(qp.constraints.projected_gradient(qp.C.matrix @ s - qp.d, s))
+        assert true <= 2 * GRADIENT_ROUNDING * max(np.linalg.norm(qp.d), np.linalg.norm(qp.C.matrix @ s))
 
 
 def noisy(C: Dense, error: float):
@@ -312,7 +313,7 @@ def test_precision_near_rounding_is_real_or_refused(kind):
         s = solve(qp, tolerance).s
     except SolverError:
         return
-    true = np.linalg.norm(projected_gradient(qp.C.matrix @ s - qp.d, s, qp.lower, qp.upper))
+    true = np.linalg.norm(qp.constraints.projected_gradient(qp.C.matrix @ s - qp.d, s))
     assert true <= 2 * tolerance
 
 
@@ -326,7 +327,7 @@ def test_not_a_number_is_an_error():
     qp = program(10, "contact")
     qp.C.matrix[3, 4] = np.nan
     with pytest.raises(SolverError):
-        QPSolver().solve(QP(qp.C, qp.d, qp.lower, qp.upper), np.zeros(10), np.zeros(10), 1e-10, "program")
+        QPSolver().solve(qp, np.zeros(10), np.zeros(10), 1e-10, "program")
 
 
 @pytest.mark.parametrize("kind", ["python", "bntr"])
@@ -407,9 +408,9 @@ def test_what_lies_on_a_bound_lies_there_exactly(kind, petsc_options):
         qp = program(10, "shifted box", norm=0.7e-11, linear=1.3e-4, seed=seed)
         result = solve(qp, 1e-10 * np.linalg.norm(qp.d))
         s = exact(qp)
-        held = np.minimum(np.abs(s - qp.lower), np.abs(s - qp.upper)) <= 1e-12 * np.abs(s).max()
+        held = np.minimum(np.abs(s - qp.constraints.lower), np.abs(s - qp.constraints.upper)) <= 1e-12 * np.abs(s).max()
         assert held.any()
-        assert np.all((result.s == qp.lower) | (result.s == qp.upper) | ~held)
+        assert np.all((result.s == qp.constraints.lower) | (result.s == qp.constraints.upper) | ~held)
 
 
 def test_program_without_bounds_with_a_type_of_petsc():

@@ -46,20 +46,20 @@ def test_warm_start_and_start_at_the_answer(name, petsc_options):
 
 
 @pytest.mark.mpi(ranks=2, timeout=120, unit="s")
-def test_types_give_the_same_run(comm):
+def test_types_give_the_same_run(comm, petsc_options):
     """Role 1 has no bounds in the original algorithm; splitting holds half of the forces."""
-    from ddmpi.run.solve import solve as solve_problem
+    from ddmpi.run.solve import solve
     from ddmpi.scene.method import Method
 
     for law, algorithm, splitting in (("coulomb", "original", "none"), ("tresca", "modified", "step1+2")):
-        problem = prepare_scene(comm, pinched_blocks(6, law))
+        assembly = prepare_scene(comm, pinched_blocks(6, law))
         method = Method(outer="relaxation", algorithm=algorithm, splitting=splitting, theta=0.2, tolerance=1e-6)
         found = {}
         for name in TYPES:
-            problem.body.qp_solver.type = name
-            answer, outer = solve_problem(problem, method)
+            petsc_options(qp_tao_type=name)
+            answer = solve(assembly, method)
             assert answer.certified, (name, answer.reason)
-            found[name] = len(outer.history), outer.forces
+            found[name] = len(answer.outer.history), answer.outer.forces
         k, forces = found["python"]
         for name in TYPES:
             assert found[name][0] == pytest.approx(k, rel=0.2), name
@@ -68,8 +68,7 @@ def test_types_give_the_same_run(comm):
 
 @pytest.mark.mpi(ranks=2, timeout=60, unit="s")
 def test_dense_matrix_is_made_once_and_counted(comm):
-    problem = prepare_scene(comm, pinched_blocks(6, compliance="direct"))
-    C = problem.body.C
+    C = prepare_scene(comm, pinched_blocks(6, compliance="direct")).member.C
     matrix = C.dense()
     assert C.count["explicit"] == C.size
     assert C.dense() is matrix

@@ -1,0 +1,70 @@
+"""Bounds as a constraint set: all that a solver asks of the set of feasible points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass
+class Box:
+    """The points x with lower ≤ x ≤ upper.
+
+    Gradients are those of the function that is minimized, so steps go along their negatives.
+
+    Attributes
+    ----------
+    lower, upper : (size,) infinite for no bound, equal where x is given
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+
+    @property
+    def bounded(self) -> bool:
+        """Whether any bound is finite."""
+        return bool(np.isfinite(self.lower).any() or np.isfinite(self.upper).any())
+
+    @property
+    def moving(self) -> np.ndarray:
+        """Indices of the components that are not given."""
+        return np.flatnonzero(self.lower < self.upper)
+
+    def project(self, x: np.ndarray) -> np.ndarray:
+        """The feasible point nearest to x."""
+        return np.clip(x, self.lower, self.upper)
+
+    def projected_gradient(self, g: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """The part of the gradient g that the bounds do not hold at x: the free plus the chopped gradient."""
+        p = np.where(x <= self.lower, np.minimum(g, 0.0), g)
+        return np.where(x >= self.upper, np.maximum(p, 0.0), p)
+
+    def split(self, g: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The free gradient, of components between their bounds, and the chopped one, which leads off a bound."""
+        inside = (x > self.lower) & (x < self.upper)
+        return np.where(inside, g, 0.0), np.where(inside, 0.0, self.projected_gradient(g, x))
+
+    def reduced(self, free: np.ndarray, x: np.ndarray, step: float) -> np.ndarray:
+        """The free gradient, cut so that x − step · reduced is feasible."""
+        return np.clip(free, (x - self.upper) / step, (x - self.lower) / step)
+
+    def longest_step(self, x: np.ndarray, p: np.ndarray) -> float:
+        """The largest t for which x − t p is feasible."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            room = np.where(p > 0, (x - self.lower) / p, np.where(p < 0, (x - self.upper) / p, np.inf))
+        return float(room.min())
+
+    def restricted(self, indices: np.ndarray) -> Box:
+        """The box of the components `indices`."""
+        return Box(self.lower[indices], self.upper[indices])
+
+    def scaled(self, unit: float) -> Box:
+        """The box of x / unit."""
+        return Box(self.lower / unit, self.upper / unit)
+
+    def unscaled(self, x: np.ndarray, unit: float, near: float) -> np.ndarray:
+        """The point unit · x of this box from x in the scaled one; within `near` of a bound it lies on it, exactly."""
+        scaled, point = self.scaled(unit), self.project(unit * x)
+        point = np.where(x <= scaled.lower + near, self.lower, point)
+        return np.where(x >= scaled.upper - near, self.upper, point)
