@@ -6,27 +6,28 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from ddmpi.scene.values import AffineScalar, AffineVector, Name, Point, Positive, PositiveInt, Table
+from ddmpi.scene.values import AffineScalar, AffineVector, Count, Group, Name, Number, Point, Positive, Table, settle
 
 
-class MeshSpec(Table, kw_only=True):
+class MeshSpec(Table, frozen=True, kw_only=True):
     """Either a generated shape (``shape, origin, size, divisions``) or a gmsh ``file``.
 
-    ``order`` is that of the displacement: 1, linear triangles, or 2, straight-sided quadratic ones, with a
-    further node on the middle of each side; left out, it is that of the other body, or that of the preset, or 1.
+    ``order`` 1 means linear triangles; 2 means straight-sided quadratic triangles, with a further node in the
+    middle of each side. Left out, the order follows another body that names one, then the preset; otherwise it is 1.
     ``refine`` is how often the sides of a file's mesh are halved, or "as needed" for ``method.target_error``.
     """
 
     shape: Literal["rectangle"] | None = None
     origin: Point = (0.0, 0.0)
     size: tuple[Positive, Positive] | None = None
-    divisions: tuple[PositiveInt, PositiveInt] | None = None
+    divisions: tuple[Count, Count] | None = None
     file: str | None = None
     order: Literal[1, 2] | None = None
     refine: Annotated[int, msgspec.Meta(ge=0, le=8)] | Literal["as needed"] = 0
 
     @property
     def halvings(self) -> int:
+        """How often the sides of the file's mesh are halved."""
         return self.refine if isinstance(self.refine, int) else 0
 
     @property
@@ -36,7 +37,7 @@ class MeshSpec(Table, kw_only=True):
 
     def __post_init__(self) -> None:
         if self.file is None and self.refine:
-            raise ValueError("refine belongs to a file; a shape has divisions")
+            raise ValueError("refine belongs to a file; for a shape, raise divisions")
         if (self.shape is None) == (self.file is None):
             raise ValueError('a mesh is either { shape = "rectangle", size = …, divisions = … } '
                              'or { file = "….msh" }')
@@ -46,11 +47,18 @@ class MeshSpec(Table, kw_only=True):
             raise ValueError("origin, size and divisions belong to a shape, not to a file")
 
 
+class SettledMesh(MeshSpec, frozen=True, kw_only=True):
+    """A mesh of known order; a shape has no ``file``, a file no ``shape``, ``size`` and ``divisions``."""
+
+    order: Literal[1, 2]
+
+
 LOCKING = 0.48
-"""Poisson's ratio up to which estimates below 0.3 have been found right within a fifth for linear triangles."""
+"""Largest Poisson's ratio at which the error estimate of linear triangles can be trusted: measured values below 0.3
+are right to within a fifth."""
 
 
-class Material(Table, kw_only=True):
+class Material(Table, frozen=True, kw_only=True):
     """Isotropic linear elasticity; ``young`` in Pa."""
 
     young: Positive
@@ -69,7 +77,7 @@ class Material(Table, kw_only=True):
 
     @property
     def locks(self) -> bool:
-        """Whether linear triangles are so much too stiff for it that estimates of their error mean nothing."""
+        """Whether linear triangles are so much too stiff for this material that error estimates mean nothing."""
         return self.plane == "strain" and self.poisson > LOCKING
 
     @property
@@ -78,32 +86,32 @@ class Material(Table, kw_only=True):
         return self.young / (1 - self.poisson**2) if self.plane == "strain" else self.young
 
 
-class Clamp(Table, kw_only=True):
+class Clamp(Table, frozen=True, kw_only=True):
     """Prescribed displacement (m) on a boundary group; a component that is left out stays free."""
 
-    on: Name
-    x: float | AffineScalar | None = None
-    y: float | AffineScalar | None = None
+    on: Group
+    x: Number | AffineScalar | None = None
+    y: Number | AffineScalar | None = None
 
     def __post_init__(self) -> None:
         if self.x is None and self.y is None:
-            raise ValueError("a clamp prescribes x, y or both (write the bare group name to fix both)")
+            raise ValueError(f'a clamp prescribes x, y or both; to fix both, write clamp = ["{self.on}"]')
 
 
-class Traction(Table, kw_only=True):
+class Traction(Table, frozen=True, kw_only=True):
     """Surface traction (Pa) on a boundary group."""
 
-    on: Name
+    on: Group
     value: Point | AffineVector
 
 
-class BodySpec(Table, kw_only=True):
+class BodySpec(Table, frozen=True, kw_only=True):
     """One elastic body."""
 
-    name: Annotated[str, msgspec.Meta(min_length=1, pattern=r"^[^.=]*$")]  # --set body.NAME.key=value
+    name: Name
     mesh: MeshSpec
     material: Material
-    clamp: list[Name | Clamp] = []
+    clamp: list[Group | Clamp] = []
     traction: list[Traction] = []
     volume_force: Point | AffineVector = (0.0, 0.0)
 
@@ -111,3 +119,13 @@ class BodySpec(Table, kw_only=True):
     def clamps(self) -> list[Clamp]:
         """All clamps in the long form; a bare group name fixes both components."""
         return [Clamp(on=c, x=0.0, y=0.0) if isinstance(c, str) else c for c in self.clamp]
+
+    def settled(self, order: Literal[1, 2]) -> SettledBody:
+        """This body with elements of `order`."""
+        return settle(self, SettledBody, mesh=settle(self.mesh, SettledMesh, order=order))
+
+
+class SettledBody(BodySpec, frozen=True, kw_only=True):
+    """One elastic body without optional keys."""
+
+    mesh: SettledMesh

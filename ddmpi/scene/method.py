@@ -2,39 +2,43 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
-from ddmpi.scene.values import NonNegative, Positive, PositiveInt, Table
+from ddmpi.scene.values import Count, NonNegative, Positive, Table, settle
 
 ALGEBRAIC = 0.01
-"""The tolerance of the iteration, as a part of the discretization error that is asked for."""
+"""Tolerance of the outer iteration as a part of ``target_error``."""
 
-PRESETS = {"fast": {"order": 1, "tolerance": 1e-4},
+PRESETS: dict[str, dict[str, Any]] = {"fast": {"order": 1, "tolerance": 1e-4},
            "balanced": {"order": 2, "tolerance": 1e-6},
            "accurate": {"order": 2, "tolerance": 1e-8, "target_error": 0.01}}
 """Values of keys that a scene leaves out, by ``method.preset``; measured in docs/tradeoff.md."""
 
+Tolerance = Annotated[float, msgspec.Meta(gt=0, lt=1)]
+Algorithm = Literal["original", "modified"]
+Splitting = Literal["none", "step1", "step2", "step1+2"]
 
-class Method(Table, kw_only=True):
-    """How the iterations run; what is left out is chosen by `resolved`.
+
+class Method(Table, frozen=True, kw_only=True):
+    """How the iterations run.
 
     ``outer`` is "newton" (the default, no parameter to tune), "anderson" (the published map, weighted by
-    stiffness and accelerated), or "relaxation", the published iteration with fixed theta, which whoever
-    names ``algorithm``, ``splitting`` or ``theta`` asks for. ``target_error`` is the estimated discretization
-    error, relative in the energy norm, for which meshes are refined, up to ``max_unknowns``; at most 0.3, since
-    estimates on coarser meshes mean little. ``preset`` is a name for all of this, see `PRESETS`.
+    stiffness and accelerated), or "relaxation", the published iteration with fixed theta. A scene that names
+    ``algorithm``, ``splitting`` or ``theta`` means "relaxation". ``target_error`` is the estimated discretization
+    error, relative in the energy norm; meshes are refined until they meet it, up to ``max_unknowns``. It is at
+    most 0.3, because estimates on coarser meshes mean little. ``preset`` fills in several keys, see `PRESETS`.
     """
 
     outer: Literal["newton", "anderson", "relaxation"] | None = None
-    algorithm: Literal["original", "modified"] | None = None
-    splitting: Literal["none", "step1", "step2", "step1+2"] | None = None
+    algorithm: Algorithm | None = None
+    splitting: Splitting | None = None
     theta: Positive | None = None
-    tolerance: Annotated[float, msgspec.Meta(gt=0, lt=1)] | None = None
-    max_iterations: PositiveInt = 500
+    tolerance: Tolerance | None = None
+    max_iterations: Count = 500
     target_error: Annotated[float, msgspec.Meta(gt=0, le=0.3)] | None = None
-    max_unknowns: PositiveInt = 3_000_000
+    max_unknowns: Count = 3_000_000
     preset: Literal["fast", "balanced", "accurate"] | None = None
     compliance: Literal["explicit", "direct", "iterative"] | None = None
     inner_precision: Annotated[float, msgspec.Meta(gt=0, le=1)] | Literal["fixed"] = 0.1
@@ -47,22 +51,47 @@ class Method(Table, kw_only=True):
     def _published(self) -> list[str]:
         return [name for name in ("algorithm", "splitting", "theta") if getattr(self, name) is not None]
 
-    def resolved(self) -> Method:
-        """With all that was left out filled in, but for what a preset says."""
-        enough = ALGEBRAIC * self.target_error if self.target_error else None
-        if self.outer != "relaxation" and not self._published:
-            return msgspec.structs.replace(self, outer=self.outer or "newton",
-                                           tolerance=self.tolerance or enough or 1e-8)
-        theta = self.theta or 0.2  # the error that is left is about the last update over theta
-        return msgspec.structs.replace(
-            self, outer="relaxation", algorithm=self.algorithm or "original", splitting=self.splitting or "none",
-            theta=theta, tolerance=self.tolerance or (min(theta, 1.0) * enough if enough else 1e-4))
+    def settled(self, refinable: bool = True) -> SettledMethod:
+        """With everything filled in; a preset asks for a ``target_error`` only if the meshes are `refinable`."""
+        preset = PRESETS.get(self.preset or "", {})
+        target = self.target_error or (preset.get("target_error") if refinable else None)
+        published, theta = self.outer == "relaxation" or bool(self._published), self.theta or 0.2
+        enough = ALGEBRAIC * target if target else None
+        if enough and published:  # the remaining error is about the last update over theta
+            enough *= min(theta, 1.0)
+        tolerances = [value for value in (preset.get("tolerance"), enough) if value]
+        values = {"target_error": target,
+                  "tolerance": self.tolerance or min(tolerances, default=1e-4 if published else 1e-8)}
+        if not published:
+            return settle(self, SettledMethod, outer=self.outer or "newton", **values)
+        return settle(self, Published, outer="relaxation", algorithm=self.algorithm or "original",
+                      splitting=self.splitting or "none", theta=theta, **values)
 
 
-class Output(Table, kw_only=True):
-    """What is written besides the interface: nothing is computed that nobody asked for.
+class SettledMethod(Method, frozen=True, kw_only=True):
+    """A method without optional keys.
 
-    The units only label pictures, for scenes in MPa and mm, say: any consistent set gives the same.
+    None means: no ``target_error`` is asked for; there is no ``preset``; the ``compliance`` of each body is chosen
+    from its size. ``algorithm``, ``splitting`` and ``theta`` are None but for `Published`.
+    """
+
+    outer: Literal["newton", "anderson", "relaxation"]
+    tolerance: Tolerance
+
+
+class Published(SettledMethod, frozen=True, kw_only=True):
+    """The published iteration, outer = "relaxation"."""
+
+    outer: Literal["relaxation"]
+    algorithm: Algorithm
+    splitting: Splitting
+    theta: Positive
+
+
+class Output(Table, frozen=True, kw_only=True):
+    """Which fields and pictures are written beside the tables; the others are not computed.
+
+    The units only label pictures: any consistent set of units gives the same results.
     """
 
     stress: bool = True
@@ -72,10 +101,10 @@ class Output(Table, kw_only=True):
     stress_unit: str = "Pa"
 
 
-class Checkpoint(Table, kw_only=True):
-    """When the state of the iteration is written besides at a signal; zero: never for this reason.
+class Checkpoint(Table, frozen=True, kw_only=True):
+    """How often the state of the iteration is written, apart from signals; zero means never.
 
-    ``seconds`` since the last time, ``iterations``: every so many.
+    A checkpoint is due ``seconds`` after the last one, and after every multiple of ``iterations``.
     """
 
     seconds: NonNegative = 600.0

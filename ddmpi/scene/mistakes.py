@@ -1,77 +1,99 @@
-"""Words for mistakes in a scene: the key as a user writes it, and the nearest valid one."""
+"""Words for mistakes in a scene: the key as a user writes it, and what would have been right."""
 
 from __future__ import annotations
 
 import difflib
+import math
 import re
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from collections.abc import Sequence
+from typing import Any
 
-import msgspec
+from msgspec import inspect
+
+from ddmpi.scene.contacts import default_name
 
 
 def nearest(word: str, words: list[str]) -> str:
-    """The end of a message that proposes the most similar of `words`; empty where none is similar."""
+    """The end of a message that proposes the most similar of `words`; empty if none is similar."""
     close = difflib.get_close_matches(word, words, n=1, cutoff=0.5)
     return f"; did you mean {close[0]!r}?" if close else ""
 
 
+def name_of(entry: Any) -> str | None:
+    """The name that keys may use for an entry of a list in a scene's data; None if it has no name."""
+    name, bodies = (entry.get("name"), entry.get("bodies")) if isinstance(entry, dict) else (None, None)
+    if name is None and isinstance(bodies, list) and all(isinstance(body, str) for body in bodies):
+        name = default_name(bodies)
+    return name if isinstance(name, str) and name else None
+
+
 def explain(message: str, data: dict, root: type) -> str:
-    """Turn msgspec's message and JSON path into a user's key of `root`'s data, and the nearest valid one."""
-    match = re.fullmatch(r"(.*?)(?: - at `(?:key in )?\$(.*)`)?", message, re.DOTALL)
-    problem, path = match[1], match[2] or ""
-    parts = re.findall(r"\w+|\.\.\.", path)
-    kind, here, named = root, data, []
+    """Reword msgspec's `message` about `data` as a `root`: the user's key, and what would have been right."""
+    problem, _, path = message.partition(" - at `$")
+    named, here, kinds = _locate(re.findall(r"\w+|\.\.\.", path), data, root)
+    if found := re.search(r"(missing required|unknown) field `(.*?)`", problem):
+        key = ".".join([*named, found[2]])
+        if found[1] != "unknown":
+            return f"{key}: this key is required and missing"
+        fields = [name for kind in kinds if isinstance(kind, inspect.StructType)
+                  for name in (kind.tag_field, *(field.name for field in kind.fields)) if name]
+        return f"{key}: unknown key{nearest(found[2], fields)} (valid here: {', '.join(fields)})"
+    key = ".".join(named) + ": " * bool(named)
+    allowed = [str(value) for kind in kinds if isinstance(kind, inspect.LiteralType) for value in kind.values]
+    if problem.startswith("Invalid") and allowed:
+        number = "a number or " * any(isinstance(kind, inspect.IntType | inspect.FloatType) for kind in kinds)
+        return f"{key}{here!r} is not valid; expected {number}one of {', '.join(allowed)}{nearest(str(here), allowed)}"
+    if isinstance(here, float) and not math.isfinite(here):
+        problem = "must be a finite number"
+    if "matching regex" in problem:  # only names have a pattern
+        problem = "a name has no '.', '=', '/' or blank"
+    if not isinstance(here, dict | list):
+        problem = re.sub(r", got `.*?`$", "", problem) + f" (got {here!r})"
+    problem = re.sub(r"`(.*?)`", lambda kind: kind[1].replace("object", "a table").replace("array", "a list")
+                     .replace(" | null", "").replace("|", "or"), problem)
+    return key + problem[:1].lower() + problem[1:] + _remedy(named, kinds, here)
+
+
+def _locate(parts: list[str], data: dict, root: type) -> tuple[list[str], Any, list[inspect.Type]]:
+    """What stands at a path in `data`: the key, entries of lists by name; the value; the types that it may have."""
+    named, here, kinds = [], data, [inspect.type_info(root)]
     for part in parts:
-        if part == "...":  # msgspec does not say which entry of a table of free names it was
-            part = next((name for name, value in here.items() if isinstance(value, dict | list)), part)
-        if isinstance(here, list) and part.isdecimal():
-            here = here[int(part)] if int(part) < len(here) else {}
-            part = (here.get("name") or part) if isinstance(here, dict) else part
-        elif isinstance(here, dict):
-            here = here.get(part, {})
-        named.append(str(part))
-        kind = _member(kind, part, here)
-    key = ".".join(named)
-    unknown = re.search(r"unknown field `(.*?)`", problem)
-    missing = re.search(r"missing required field `(.*?)`", problem)
-    if unknown:
-        fields = _fields(kind)
-        full = ".".join([*named, unknown[1]])
-        return f"{full}: unknown key{nearest(unknown[1], fields)} (valid here: {', '.join(fields)})"
-    if missing:
-        return f"{'.'.join([*named, missing[1]])}: this key is required and missing"
-    kinds = [kind, *get_args(kind)]  # a Literal, or one in a union
-    allowed = [str(a) for k in kinds if get_origin(k) is Literal for a in get_args(k)]
-    if not allowed and parts and parts[-1] == "law":
-        allowed = ["coulomb", "tresca", "none"]
-    if "Invalid" in problem and allowed:
-        number = "a number or " * (float in kinds)
-        return (f"{key}: {here!r} is not valid; expected {number}one of {', '.join(allowed)}"
-                f"{nearest(str(here), allowed)}")
-    got = f" (got {here!r})" if parts and not isinstance(here, dict | list) else ""
-    problem = problem.replace("object", "a table").replace("array", "a list")
-    return (f"{key}: " if key else "") + problem[:1].lower() + problem[1:].replace("`", "") + got
+        if part == "...":  # in a table of free names, msgspec does not say which one
+            part = next(name for name, value in here.items() if not isinstance(value, str | int | float)
+                        or (isinstance(value, float) and not math.isfinite(value)))
+        kinds = [inner for kind in kinds for inner in _inside(kind, part)]
+        in_list, here = isinstance(here, list), here[int(part) if isinstance(here, list) else part]
+        named.append((in_list and name_of(here)) or part)
+        if isinstance(here, dict):  # its tag, as in law = "coulomb", tells unions apart
+            kinds = [kind for kind in kinds if isinstance(kind, inspect.StructType) and kind.tag
+                     and kind.tag == here.get(kind.tag_field)] or kinds
+    return named, here, kinds
 
 
-def _fields(kind: Any) -> list[str]:
-    if not (isinstance(kind, type) and issubclass(kind, msgspec.Struct)):
-        return []
-    tag = kind.__struct_config__.tag_field
-    return ([tag] if tag else []) + list(kind.__struct_fields__)
+def _inside(kind: inspect.Type, part: str) -> list[inspect.Type]:
+    """The types that may stand at key `part` of a `kind`."""
+    inner: Sequence[inspect.Type]
+    match kind:
+        case inspect.StructType(tag_field=field, tag=tag) if field == part:
+            inner = [inspect.LiteralType((tag,))]
+        case inspect.StructType(fields=fields):
+            inner = [field.type for field in fields if field.name == part]
+        case inspect.TupleType(item_types=items):
+            inner = [items[int(part)]]
+        case inspect.ListType(item_type=item) | inspect.DictType(value_type=item):
+            inner = [item]
+        case _:
+            inner = []
+    return [one for each in inner for one in (each.types if isinstance(each, inspect.UnionType) else (each,))]
 
 
-def _member(kind: Any, part: str, here: Any) -> Any:
-    """The type that stands at key `part` of `kind`; for a union, the one that fits the data."""
-    if kind is None:
-        return None
-    if isinstance(kind, type) and issubclass(kind, msgspec.Struct) and part in kind.__struct_fields__:
-        kind = get_type_hints(kind)[part]
-    else:  # an entry of a list
-        inner = get_args(kind)
-        kind = inner[0] if inner else None
-    options = [o for o in (get_args(kind) if not isinstance(kind, type) else ())
-               if isinstance(o, type) and issubclass(o, msgspec.Struct)]
-    if options and isinstance(here, dict):
-        tagged = [o for o in options if o.__struct_config__.tag == here.get("law", object())]
-        return (tagged or options)[0]
-    return kind
+def _remedy(named: list[str], kinds: list[inspect.Type], here: Any) -> str:
+    """The end of a message that shows how to write `here`, if it only lacks brackets or braces."""
+    for kind in kinds:
+        if isinstance(kind, inspect.StructType) and kind.tag and kind.tag == here:
+            return f'; write {named[-1]} = {{ {kind.tag_field} = "{here}" }}'
+        wanted = inspect.StrType if isinstance(here, str) else inspect.StructType if isinstance(here, dict) else ()
+        if isinstance(kind, inspect.ListType) and any(isinstance(item, wanted) for item in _inside(kind, "0")):
+            inner = f'"{here}"' if isinstance(here, str) else "{ … }"
+            return f"; write {named[-1]} = [{inner}]" if named[1:] else f"; write [[{named[0]}]]"
+    return ""

@@ -1,22 +1,21 @@
-"""Reading a scene: TOML text and ``--set`` to checked types, or one InputError with file and key."""
+"""Reading a scene: TOML text and ``--set`` to a settled scene, or one InputError with file and key."""
 
 from __future__ import annotations
 
-import math
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from ddmpi.errors import InputError
 from ddmpi.scene.keys import override
 from ddmpi.scene.mistakes import explain
-from ddmpi.scene.scene import Scene
+from ddmpi.scene.scene import Scene, Settled
 
 
-def read_scene(path: str, text: str, settings: list[str] = ()) -> Scene:
-    """Build a scene from TOML text and ``KEY=VALUE`` overrides.
+def read_scene(path: str, text: str, settings: Sequence[str] = ()) -> Settled:
+    """Check a scene of TOML text and ``KEY=VALUE`` settings, and fill in what it leaves out.
 
     Parameters
     ----------
@@ -36,17 +35,14 @@ def read_scene(path: str, text: str, settings: list[str] = ()) -> Scene:
     for setting in settings:
         override(data, setting)
     try:
-        scene = msgspec.convert(data, Scene)
+        return msgspec.convert(data, Scene).settled()
     except msgspec.ValidationError as error:
         raise InputError(f"{path}: {explain(str(error), data, Scene)}") from None
-    _refuse_non_finite(path, scene.resolved())
-    try:
-        return scene.settled()
     except ValueError as error:
         raise InputError(f"{path}: {error}") from None
 
 
-def read_scene_file(path: str | Path, settings: list[str] = ()) -> Scene:
+def read_scene_file(path: str | Path, settings: Sequence[str] = ()) -> Settled:
     """`read_scene` on a file. Not collective."""
     return read_scene(str(path), read_text(path), settings)
 
@@ -59,16 +55,3 @@ def read_text(path: str | Path) -> str:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise InputError(f"{path}: not a text file in UTF-8") from None
-
-
-def _refuse_non_finite(path: str, value: Any, key: str = "") -> None:
-    """TOML knows nan and inf; no key of a scene does."""
-    if isinstance(value, dict):
-        for name, entry in value.items():
-            _refuse_non_finite(path, entry, f"{key}.{name}" if key else name)
-    elif isinstance(value, list | tuple):
-        for index, entry in enumerate(value):
-            label = entry["name"] if isinstance(entry, dict) and "name" in entry else index
-            _refuse_non_finite(path, entry, f"{key}.{label}")
-    elif isinstance(value, float) and not math.isfinite(value):
-        raise InputError(f"{path}: {key}: must be a finite number (got {value})")

@@ -1,74 +1,92 @@
-"""The scene: bodies, materials, loads, contact and method, as frozen data read from TOML.
+"""The scene: bodies, contacts and method, as the user asks for them and with everything filled in.
 
-Validation is msgspec's; what is added here is that a message names the file, the key as a user
-would write it after ``--set``, and what would have been right.
+`Scene` is the frozen data of a TOML file, and checks what does not fit together. `Settled` is what all other rooms
+work with.
 """
 
 from __future__ import annotations
 
+from collections import Counter
+from typing import Annotated
+
 import msgspec
 
-from ddmpi.scene.bodies import BodySpec
-from ddmpi.scene.contacts import ContactSpec
-from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output
+from ddmpi.scene.bodies import BodySpec, SettledBody
+from ddmpi.scene.contacts import ContactSpec, SettledContact
+from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod
 from ddmpi.scene.mistakes import nearest
-from ddmpi.scene.values import Table
+from ddmpi.scene.values import Number, Table, settle
+
+PETScOptions = dict[str, str | int | Number | bool]
 
 
-class Scene(Table, kw_only=True):
-    """A whole scene; `resolved` gives it back as plain data with all defaults filled in."""
+class Scene(Table, frozen=True, kw_only=True):
+    """A whole scene as a user writes it."""
 
     title: str = ""
-    body: list[BodySpec]
+    body: Annotated[list[BodySpec], msgspec.Meta(min_length=1)]
     contact: list[ContactSpec]
     method: Method = Method()
     output: Output = Output()
     checkpoint: Checkpoint = Checkpoint()
-    petsc: dict[str, str | int | float | bool] = {}
+    petsc: PETScOptions = {}
 
     def __post_init__(self) -> None:
-        names = [b.name for b in self.body]
-        if len(names) != 2:
-            raise ValueError(f"a scene has two [[body]] tables; got {len(names)}")
-        if names[0] == names[1]:
-            raise ValueError(f"the two bodies are both called {names[0]!r}; give them different names")
-        if len(self.contact) != 1:
-            raise ValueError(f"a scene has one [[contact]] table; got {len(self.contact)}")
-        for name in self.contact[0].bodies:
-            if name not in names:
-                raise ValueError(f"contact.0.bodies names {name!r}, but the bodies are {', '.join(names)}"
-                                 f"{nearest(name, names)}")
-        if self.contact[0].bodies[0] == self.contact[0].bodies[1]:
-            raise ValueError("contact.0.bodies names one body twice; contact is between two bodies")
-        planes = {b.material.plane for b in self.body}
-        if len(planes) > 1:
-            raise ValueError("one body is in plane strain and the other in plane stress; they cannot touch")
-        if len({b.mesh.order for b in self.body} - {None}) > 1:
-            raise ValueError("the two bodies have mesh.order 1 and 2; forces at their common nodes would mean "
-                             "different pressures, so give both the same")
+        bodies = {body.name: body for body in self.body}
+        contacts = [contact.settled() for contact in self.contact]
+        for key, entries in ("body", self.body), ("contact", contacts):
+            for name, number in Counter(entry.name for entry in entries).items():
+                if number > 1:
+                    raise ValueError(f'{key}.{name}: {number} [[{key}]] tables have this name; give each name = "…" of '
+                                     "its own")
+        for contact in contacts:
+            key = f"contact.{contact.name}.bodies"
+            for name in contact.bodies:
+                if name not in bodies:
+                    raise ValueError(f"{key}: there is no body {name!r}{nearest(name, list(bodies))} "
+                                     f"(bodies: {', '.join(bodies)})")
+            first, second = (bodies[name] for name in contact.bodies)
+            if first is second:
+                raise ValueError(f"{key}: names {first.name!r} twice; a contact is between two bodies")
+            planes = first.material.plane, second.material.plane
+            if planes[0] != planes[1]:
+                raise ValueError(f"{key}: {first.name!r} is in plane {planes[0]} and {second.name!r} in plane "
+                                 f"{planes[1]}; they cannot touch, so give both the same material.plane")
+        if len({body.mesh.order for body in self.body} - {None}) > 1:
+            raise ValueError("bodies have mesh.order 1 and 2; forces at their common nodes would mean different "
+                             "pressures, so give all bodies the same")
+        if (len(self.body), len(self.contact)) != (2, 1):  # no rule of scenes, but what the other rooms can do yet
+            raise ValueError(f"this version solves two bodies with one contact; got {len(self.body)} [[body]] and "
+                             f"{len(self.contact)} [[contact]]")
 
-    def settled(self) -> Scene:
-        """With all that was left out filled in: what a preset says, and what follows from other keys.
+    def settled(self) -> Settled:
+        """The scene with everything filled in that was left out.
 
-        Raises ValueError where an accuracy is asked for that the elements named cannot be trusted with.
+        Raises ValueError if ``method.target_error`` is asked of elements whose error estimate cannot be trusted.
         """
-        preset, method = PRESETS.get(self.method.preset, {}), self.method
-        changes = {key: value for key, value in preset.items() if key != "order" and getattr(method, key) is None}
-        if not all(b.mesh.refinable for b in self.body):
-            changes.pop("target_error", None)  # a preset asks for what the meshes allow
-        target = changes.get("target_error", method.target_error)
-        if target and "tolerance" in changes:  # at least as tight as the target takes
-            by_target = msgspec.structs.replace(method, target_error=target).resolved().tolerance
-            changes["tolerance"] = min(changes["tolerance"], by_target)
-        locking = [b for b in self.body if target and b.material.locks]
-        named = next((b.mesh.order for b in self.body if b.mesh.order), None)
+        method = self.method.settled(refinable=all(body.mesh.refinable for body in self.body))
+        locking = [body for body in self.body if method.target_error and body.material.locks]
+        named = next((body.mesh.order for body in self.body if body.mesh.order), None)
         if locking and named == 1:
             raise ValueError(f"body.{locking[0].name}: linear triangles lock at nu = {locking[0].material.poisson:g}; "
                              "estimates of their error cannot be trusted, and no method.target_error can be met; leave "
                              "mesh.order out or set it to 2")
-        order = named or (2 if locking else preset.get("order", 1))
-        body = [msgspec.structs.replace(b, mesh=msgspec.structs.replace(b.mesh, order=order)) for b in self.body]
-        return msgspec.structs.replace(self, body=body, method=msgspec.structs.replace(method, **changes).resolved())
+        order = named or (2 if locking else PRESETS.get(method.preset or "", {}).get("order", 1))
+        return settle(self, Settled, method=method, body=[body.settled(order) for body in self.body],
+                      contact=[contact.settled() for contact in self.contact])
+
+
+class Settled(Table, frozen=True, kw_only=True):
+    """A whole scene without optional keys: everything that was left out is filled in."""
+
+    title: str
+    body: list[SettledBody]
+    contact: list[SettledContact]
+    method: SettledMethod
+    output: Output
+    checkpoint: Checkpoint
+    petsc: PETScOptions
 
     def resolved(self) -> dict:
+        """The scene as plain data. Written as TOML without the keys that are None, it is read as this scene again."""
         return msgspec.to_builtins(self)

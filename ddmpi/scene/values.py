@@ -1,28 +1,42 @@
-"""Types of values: numbers with limits, affine functions of the coordinates, profiles along an interface."""
+"""Types of values: names, numbers with limits, affine functions of the coordinates, profiles along an interface."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+import sys
+from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 import numpy as np
 
-Positive = Annotated[float, msgspec.Meta(gt=0)]
+LARGEST = sys.float_info.max
+"""Bounds numbers, because TOML has inf and nan, too."""
 
-NonNegative = Annotated[float, msgspec.Meta(ge=0)]
+Number = Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, msgspec.Meta(gt=0, le=LARGEST)]
+NonNegative = Annotated[float, msgspec.Meta(ge=0, le=LARGEST)]
+Count = Annotated[int, msgspec.Meta(ge=1)]
+Point = tuple[Number, Number]
 
-PositiveInt = Annotated[int, msgspec.Meta(ge=1)]
+Group = Annotated[str, msgspec.Meta(min_length=1)]
+"""Name of a boundary group of a mesh."""
 
-Name = Annotated[str, msgspec.Meta(min_length=1)]
-
-Point = tuple[float, float]
+Name = Annotated[str, msgspec.Meta(min_length=1, pattern=r"^[^.=/\s]*\Z")]
+"""Name of a body or contact; it is a part of keys (``--set body.NAME.key=value``) and of file names."""
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A TOML table in which unknown keys are errors."""
 
 
-class AffineVector(Table, kw_only=True):
+AnyTable = TypeVar("AnyTable", bound=Table)
+
+
+def settle(table: Table, kind: type[AnyTable], **values: Any) -> AnyTable:
+    """`table` as a `kind`, its counterpart without optional keys, with `values` for what was left out."""
+    return kind(**msgspec.structs.asdict(table) | values)
+
+
+class AffineVector(Table, frozen=True, kw_only=True):
     """A vector that is linear in the coordinates: ``constant + x_slope * x + y_slope * y``."""
 
     constant: Point = (0.0, 0.0)
@@ -30,12 +44,12 @@ class AffineVector(Table, kw_only=True):
     y_slope: Point = (0.0, 0.0)
 
 
-class AffineScalar(Table, kw_only=True):
+class AffineScalar(Table, frozen=True, kw_only=True):
     """A number that is linear in the coordinates: ``constant + x_slope * x + y_slope * y``."""
 
-    constant: float = 0.0
-    x_slope: float = 0.0
-    y_slope: float = 0.0
+    constant: Number = 0.0
+    x_slope: Number = 0.0
+    y_slope: Number = 0.0
 
 
 def evaluate(value: Any, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -44,28 +58,28 @@ def evaluate(value: Any, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     value : float, pair of floats, AffineScalar or AffineVector
-    x, y : arrays of one shape (metres)
+    x, y : arrays of the same shape (metres)
 
     Returns
     -------
-    Array of that shape for a scalar, ``(2, *shape)`` for a vector; units of `value`.
+    An array of that shape for a scalar, ``(2, *shape)`` for a vector; units of `value`.
     """
     if not isinstance(value, AffineVector | AffineScalar):
         value = AffineVector(constant=value) if isinstance(value, tuple) else AffineScalar(constant=value)
     terms = [np.multiply.outer(np.asarray(c), f) for c, f in
              ((value.constant, np.ones_like(x)), (value.x_slope, x), (value.y_slope, y))]
-    return sum(terms)
+    return terms[0] + terms[1] + terms[2]
 
 
-class Profile(Table, kw_only=True):
+class Profile(Table, frozen=True, kw_only=True):
     """A number that varies along the interface, linear between points; a repeated point is a jump.
 
-    ``along`` is a coordinate or the arc length from the first contact node, ``points`` its values in
-    ascending order. Beyond the ends the end values hold.
+    ``along`` is a coordinate or the arc length from the first contact node; ``points`` are values of it in
+    ascending order. Beyond its ends the profile is constant.
     """
 
     along: Literal["x", "y", "arc"] = "x"
-    points: list[float]
+    points: list[Number]
     values: list[NonNegative]
 
     def __post_init__(self) -> None:
@@ -73,7 +87,7 @@ class Profile(Table, kw_only=True):
             raise ValueError(f"points and values must be equally many, at least one; "
                              f"got {len(self.points)} points and {len(self.values)} values")
         if any(b < a for a, b in zip(self.points, self.points[1:], strict=False)):
-            raise ValueError("points must ascend (equal neighbours make a jump)")
+            raise ValueError("points must ascend (a repeated point is a jump)")
 
     def at(self, xy: np.ndarray) -> np.ndarray:
         """Values (m,) at the contact nodes `xy` (m, 2), ordered along the interface, in metres."""
