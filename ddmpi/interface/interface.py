@@ -1,7 +1,6 @@
-"""The interface of two bodies: paired contact nodes, normals, nodal lengths, initial gap, traces.
+"""The interface of two bodies: contact nodes, directions, gaps, and how each side's nodes move them.
 
-Serial work on the two sides' boundary nodes; who sends which side to whom is `exchange`'s business.
-Both sides compute the same pairing from the same data, so nothing more has to be agreed on.
+Serial work on plain arrays. Every rank that holds the interface computes the same one from the same sides.
 """
 
 from __future__ import annotations
@@ -9,35 +8,47 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sparse
+
+from ddmpi.interface.law import Law
 
 
 @dataclass(frozen=True)
 class Interface:
-    """Contact node pairs in role order; index 0 is role 1's side, index 1 role 2's.
+    """Where two bodies meet. The first of its two sides defines the directions.
+
+    A vector of the interface has `size` entries: m along the normals, then d − 1 along the tangents of each of the
+    mt nodes that slide.
 
     Attributes
     ----------
-    nodes : pair of (m,) mesh node numbers
-    xy : (m, 2) positions on role 1's side (m)
-    normal, tangent : (m, 2) of role 1's body; ν² = −ν¹, t² = −t¹
-    length : (m,) nodal lengths (m)
+    name : of the contact
+    bodies : names of the first and the second body
+    xy : (m, d) positions of the contact nodes on the first side (m)
+    frame : (m, d, d) unit vectors of the first body: outer normal, then tangents; the second body's are opposite
+    area : (m,) nodal lengths, in three dimensions areas, of what faces the other side (m)
     gap : (m,) initial gap along the normal (m); negative for an initial overlap
-    sliding : (mt,) the nodes that carry a tangential unknown; all m unless some are held by a clamp,
-        none in a frictionless scene
-    dropped : how many node pairs of the boundary carry no unknown because both bodies clamp them
+    nodes : of each side (k,), numbers in its body's mesh
+    transfer : of each side (m, k), sparse: a contact node moves as the rows say that the side's nodes move
+    law : of contact and friction at these nodes
+    modulus : E* (Pa), 1/E* being the sum of both bodies' (1 − ν²)/E
+    dropped : how many node pairs carry no unknown because clamps hold both bodies
     joined : (m − 1,) bool, whether a node and the next one are neighbours
     middle : (m,) bool, whether a node is the middle of an edge; none in order 1
-    one_sided : (size,) bool, unknowns along which only one of the bodies can move
     held : (m,) inverse distances to the dropped neighbours, summed (1/m); zero where there are none
+    one_sided : (size,) bool, unknowns along which only one of the bodies can move
     """
 
-    nodes: tuple[np.ndarray, np.ndarray]
+    name: str
+    bodies: tuple[str, str]
     xy: np.ndarray
-    normal: np.ndarray
-    tangent: np.ndarray
-    length: np.ndarray
+    frame: np.ndarray
+    area: np.ndarray
     gap: np.ndarray
-    sliding: np.ndarray
+    nodes: tuple[np.ndarray, np.ndarray]
+    transfer: tuple[sparse.csr_matrix, sparse.csr_matrix]
+    law: Law
+    modulus: float
     dropped: int
     joined: np.ndarray
     middle: np.ndarray
@@ -46,14 +57,37 @@ class Interface:
 
     @property
     def m(self) -> int:
-        return len(self.length)
+        return len(self.area)
+
+    @property
+    def dimension(self) -> int:
+        return self.xy.shape[1]
 
     @property
     def size(self) -> int:
-        """Length of λ and s: m normal unknowns, then the tangential ones."""
-        return self.m + len(self.sliding)
+        """Length of λ and s."""
+        return self.law.size
+
+    @property
+    def sliding(self) -> np.ndarray:
+        """(mt,) the nodes that carry tangential unknowns: none without friction, else all that no clamp holds."""
+        return self.law.sliding
+
+    @property
+    def normal(self) -> np.ndarray:
+        """(m, d) outer normals of the first body."""
+        return self.frame[:, 0]
+
+    @property
+    def directions(self) -> np.ndarray:
+        """(size, d) unit vectors of the first body along which the unknowns count."""
+        return np.concatenate([self.normal, self.frame[self.sliding, 1:].reshape(-1, self.dimension)])
 
     @property
     def middles(self) -> np.ndarray:
         """(ns,) the middles of quadratic edges whose ends carry unknowns, too: k − 1 and k + 1 of k."""
         return 1 + np.flatnonzero(self.middle[1:-1] & self.joined[:-1] & self.joined[1:])
+
+    def side(self, body: str) -> int:
+        """0 where `body` is the first body, 1 where it is the second."""
+        return self.bodies.index(body)

@@ -1,52 +1,296 @@
-"""The friction law of an interface."""
+"""The contact and friction laws of interfaces, on plain arrays.
+
+A law says which forces s of an interface fit its gaps r. With q = s − c r they obey it exactly when
+
+    s_ν = max(0, q_ν),        s_t = P(q_t),  P the projection on |s_t| ≤ g,        g = g(max(0, q_ν))
+
+(Alart and Curnier, Comput. Methods Appl. Mech. Engrg. 92, 1991). A vector of an interface holds m normal
+entries and then, for each of the mt nodes that slide, its d − 1 tangential entries. A new friction law is a
+subclass of `Law` with `slip_bound` and `slope`, and a line in `law_of`.
+"""
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ddmpi.interface.interface import Interface
+from ddmpi.qp.box import Box
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
 
-
-def friction_role(algorithm: str) -> int:
-    """The role whose program bounds the tangential forces."""
-    return 2 if algorithm == "original" else 1
+ON_BOUND = 1e-8
+"""Relative distance to its slip bound below which a tangential force counts as lying on it."""
 
 
-@dataclass(frozen=True)
-class Friction:
-    """The friction law at the nodes that slide.
+@dataclass
+class ActiveSet:
+    """What the projection of a point q = s − c r finds at each node.
 
     Attributes
     ----------
-    law : "coulomb", "tresca" or "none"
-    coefficient : (mt,) Coulomb coefficient, or None
-    bound : (mt,) Tresca slip bound times nodal length (N), or None
+    pressure : (m,) projected normal forces (N)
+    closed : (m,) bool, nodes under pressure
+    slip : (mt, d − 1) direction of the tangential force where it lies on its bound, zero where the node sticks
+    bound : (mt,) slip bound (N)
     """
 
-    law: str
-    coefficient: np.ndarray | None = None
-    bound: np.ndarray | None = None
+    pressure: np.ndarray
+    closed: np.ndarray
+    slip: np.ndarray
+    bound: np.ndarray
 
-    def slip_bound(self, normal_force: np.ndarray, interface: Interface) -> np.ndarray:
-        """g (mt,) in newtons, given the normal forces (m,)."""
-        if self.law == "coulomb":
-            return self.coefficient * normal_force[interface.sliding]
+    def close(self) -> None:
+        """Make all nodes closed and sticking: the guess where nothing is known."""
+        self.closed[:] = True
+        self.slip[:] = 0.0
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """The forces x = E y + given that an active set implies, y being the unknown ones.
+
+    Attributes
+    ----------
+    unknown : (size,) bool
+    rows, source : (k,) entries of tangential forces, and of the normal forces that they follow
+    coupling : (k,) change of the first with the second
+    given : (size,) forces that are known (N)
+    """
+
+    unknown: np.ndarray
+    rows: np.ndarray
+    source: np.ndarray
+    coupling: np.ndarray
+    given: np.ndarray
+
+    def expand(self, y: np.ndarray) -> np.ndarray:
+        """E y (size,): all forces that follow from the unknown ones."""
+        x = np.zeros(len(self.unknown))
+        x[self.unknown] = y
+        x[self.rows] += self.coupling * x[self.source]
+        return x
+
+
+@dataclass(frozen=True)
+class Law:
+    """Unilateral contact without friction; the base of all laws with friction.
+
+    Attributes
+    ----------
+    m : contact nodes
+    sliding : (mt,) the nodes that carry tangential forces
+    components : d − 1, tangential components of a node
+    """
+
+    name = "none"
+
+    m: int
+    sliding: np.ndarray
+    components: int
+
+    @property
+    def size(self) -> int:
+        return self.m + len(self.sliding) * self.components
+
+    @property
+    def largest_slope(self) -> float:
+        """The largest change of a slip bound with the normal force: the friction coefficient."""
+        return float(self.slope(np.zeros(self.m)).max(initial=0.0))
+
+    def slip_bound(self, pressure: np.ndarray) -> np.ndarray:
+        """g (mt,) in newtons for the normal forces `pressure` (m,), which are not negative."""
+        return np.zeros(len(self.sliding))
+
+    def slope(self, pressure: np.ndarray) -> np.ndarray:
+        """dg/ds_ν (mt,) at the normal forces (m,)."""
+        return np.zeros(len(self.sliding))
+
+    def split(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Views of the normal (m,) and the tangential part (mt, d − 1) of a vector (size,)."""
+        return s[:self.m], s[self.m:].reshape(len(self.sliding), self.components)
+
+    def project(self, q: np.ndarray) -> np.ndarray:
+        """The forces (size,) that the law assigns to q = s − c r."""
+        normal, tangential = self.split(q)
+        pressure = np.maximum(normal, 0.0)
+        return np.concatenate([pressure, shorten(tangential, self.slip_bound(pressure)).ravel()])
+
+    def active_set(self, q: np.ndarray) -> ActiveSet:
+        """Which nodes are closed and which slip at q = s − c r (size,)."""
+        normal, tangential = self.split(q)
+        pressure = np.maximum(normal, 0.0)
+        bound = self.slip_bound(pressure)
+        slips = magnitude(tangential) >= bound
+        return ActiveSet(pressure, normal > 0.0, np.where(slips[:, None], direction(tangential), 0.0), bound)
+
+    def linearise(self, active: ActiveSet) -> Linearised:
+        """The forces that an active set implies: zero where open, free where sticking, on the bound where slipping."""
+        slips = active.slip.any(axis=1)
+        unknown = np.concatenate([active.closed, np.repeat(~slips, self.components)])
+        slope = self.slope(active.pressure)
+        given = np.zeros(self.size)
+        given[self.m:] = (active.slip * (active.bound - slope * active.pressure[self.sliding])[:, None]).ravel()
+        rows = np.arange(self.m, self.size)
+        return Linearised(unknown, rows, np.repeat(self.sliding, self.components),
+                          (active.slip * slope[:, None]).ravel(), given)
+
+    def settle(self, s: np.ndarray, active: ActiveSet) -> np.ndarray:
+        """The forces (size,) next to s that obey all bounds exactly, given which nodes are closed and slip."""
+        normal, tangential = self.split(s)
+        normal = np.where(active.closed, np.maximum(normal, 0.0), 0.0)
+        g = self.slip_bound(normal)
+        tangential = np.where(active.slip.any(axis=1)[:, None], active.slip * g[:, None], shorten(tangential, g))
+        return np.concatenate([normal, tangential.ravel()])
+
+    def bound_at(self, s: np.ndarray) -> np.ndarray:
+        """The slip bound (mt,) under the forces s (size,), tension taken as no pressure."""
+        return self.slip_bound(np.maximum(s[:self.m], 0.0))
+
+    def frozen(self, bound: np.ndarray) -> Box:
+        """The forces that are allowed while the slip bound stays `bound` (mt,)."""
+        limit = np.repeat(bound, self.components)
+        return Box(np.concatenate([np.zeros(self.m), -limit]), np.concatenate([np.full(self.m, np.inf), limit]))
+
+    def reaches_bound(self, s: np.ndarray, bound: np.ndarray) -> np.ndarray:
+        """Nodes (mt,) whose tangential force lies on the slip bound (mt,), up to rounding."""
+        size = magnitude(self.split(s)[1])
+        return size >= bound - ON_BOUND * np.minimum(bound, size.max(initial=0.0) or np.inf)
+
+    def violation(self, s: np.ndarray, slip: np.ndarray, stiffness: float) -> float:
+        """Largest |P(s_t + ρ u_t) − s_t| (N): forces beyond the bound, slip below it, slip in a wrong direction.
+
+        Parameters
+        ----------
+        s : (size,) forces (N)
+        slip : (mt, d − 1) relative tangential displacement u_t (m)
+        stiffness : ρ (N/m)
+        """
+        tangential = self.split(s)[1]
+        return float(magnitude(shorten(tangential + stiffness * slip, self.bound_at(s)) - tangential).max(initial=0.0))
+
+
+@dataclass(frozen=True)
+class CoulombLaw(Law):
+    """g = 𝓕 s_ν, with the coefficient 𝓕 (mt,) at the nodes that slide."""
+
+    name = "coulomb"
+
+    coefficient: np.ndarray
+
+    def slip_bound(self, pressure: np.ndarray) -> np.ndarray:
+        return self.coefficient * pressure[self.sliding]
+
+    def slope(self, pressure: np.ndarray) -> np.ndarray:
+        return self.coefficient
+
+
+@dataclass(frozen=True)
+class TrescaLaw(Law):
+    """A given bound (mt,) in newtons, which holds whether a node is open or not, as in the paper."""
+
+    name = "tresca"
+
+    bound: np.ndarray
+
+    def slip_bound(self, pressure: np.ndarray) -> np.ndarray:
         return self.bound
 
 
-def friction_at(law: Coulomb | Tresca | NoFriction, interface: Interface) -> Friction:
-    """Evaluate the law of the scene at the contact nodes. Not collective."""
-    s = interface.sliding
+def law_of(friction: Coulomb | Tresca | NoFriction, xy: np.ndarray, area: np.ndarray, sliding: np.ndarray) -> Law:
+    """The law that a scene asks for, evaluated at the contact nodes. Not collective.
+
+    Parameters
+    ----------
+    xy : (m, d) positions (m)
+    area : (m,) nodal lengths or areas, with which a slip-bound stress becomes a force
+    sliding : (mt,) the nodes that carry tangential forces
+    """
+    shape = len(area), sliding, xy.shape[1] - 1
 
     def values(value) -> np.ndarray:
-        at_nodes = np.full(interface.m, value) if isinstance(value, float | int) else value.at(interface.xy)
-        return at_nodes[s].astype(float)
+        at_nodes = np.full(len(area), value) if isinstance(value, float | int) else value.at(xy)
+        return at_nodes[sliding].astype(float)
 
-    if isinstance(law, Coulomb):
-        return Friction("coulomb", coefficient=values(law.coefficient))
-    if isinstance(law, Tresca):
-        return Friction("tresca", bound=values(law.slip_bound) * interface.length[s])
-    return Friction("none", bound=np.empty(0))
+    if isinstance(friction, Coulomb):
+        return CoulombLaw(*shape, values(friction.coefficient))
+    if isinstance(friction, Tresca):
+        return TrescaLaw(*shape, values(friction.slip_bound) * area[sliding])
+    return Law(*shape)
+
+
+class Laws:
+    """The laws of several interfaces as one, on vectors that hold one interface's part after the other.
+
+    Parameters
+    ----------
+    laws : in the order of the parts
+    """
+
+    def __init__(self, laws: Sequence[Law]) -> None:
+        self.laws = tuple(laws)
+        self.size = sum(law.size for law in self.laws)
+        self._parts = _slices([law.size for law in self.laws])
+        self._bounds = _slices([len(law.sliding) for law in self.laws])
+
+    @property
+    def largest_slope(self) -> float:
+        return max(law.largest_slope for law in self.laws)
+
+    def project(self, q: np.ndarray) -> np.ndarray:
+        """The forces (size,) that the laws assign to q = s − c r."""
+        return np.concatenate([law.project(q[part]) for law, part in zip(self.laws, self._parts, strict=True)])
+
+    def active_sets(self, q: np.ndarray) -> list[ActiveSet]:
+        """Which nodes are closed and which slip at q = s − c r (size,)."""
+        return [law.active_set(q[part]) for law, part in zip(self.laws, self._parts, strict=True)]
+
+    def linearise(self, active: list[ActiveSet]) -> Linearised:
+        parts = [law.linearise(each) for law, each in zip(self.laws, active, strict=True)]
+        return Linearised(np.concatenate([part.unknown for part in parts]),
+                          np.concatenate([part.rows + at.start for part, at in zip(parts, self._parts, strict=True)]),
+                          np.concatenate([part.source + at.start for part, at in zip(parts, self._parts, strict=True)]),
+                          np.concatenate([part.coupling for part in parts]),
+                          np.concatenate([part.given for part in parts]))
+
+    def settle(self, s: np.ndarray, active: list[ActiveSet]) -> np.ndarray:
+        """The forces (size,) next to s that obey all bounds exactly."""
+        return np.concatenate([law.settle(s[part], each)
+                               for law, part, each in zip(self.laws, self._parts, active, strict=True)])
+
+    def bound_at(self, s: np.ndarray) -> np.ndarray:
+        """The slip bounds of all sliding nodes under the forces s (size,), in newtons."""
+        return np.concatenate([law.bound_at(s[part]) for law, part in zip(self.laws, self._parts, strict=True)])
+
+    def frozen(self, bound: np.ndarray) -> Box:
+        """The forces that are allowed while the slip bounds of all sliding nodes stay `bound`."""
+        boxes = [law.frozen(bound[part]) for law, part in zip(self.laws, self._bounds, strict=True)]
+        return Box(np.concatenate([box.lower for box in boxes]), np.concatenate([box.upper for box in boxes]))
+
+
+def magnitude(vectors: np.ndarray) -> np.ndarray:
+    """|v| (k,) of vectors (k, c)."""
+    return np.abs(vectors[:, 0]) if vectors.shape[1] == 1 else np.linalg.norm(vectors, axis=1)
+
+
+def direction(vectors: np.ndarray) -> np.ndarray:
+    """v / |v| (k, c); the first axis where v is zero."""
+    if vectors.shape[1] == 1:
+        return np.where(vectors >= 0.0, 1.0, -1.0)
+    size = magnitude(vectors)[:, None]
+    first = np.eye(1, vectors.shape[1])
+    return np.where(size > 0.0, vectors / np.where(size > 0.0, size, 1.0), first)
+
+
+def shorten(vectors: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """The nearest vectors (k, c) that are no longer than the limits (k,)."""
+    if vectors.shape[1] == 1:
+        return np.clip(vectors, -limit[:, None], limit[:, None])
+    size = magnitude(vectors)
+    return vectors * np.where(size > limit, limit / np.where(size > 0.0, size, 1.0), 1.0)[:, None]
+
+
+def _slices(sizes: Sequence[int]) -> list[slice]:
+    ends = np.cumsum([0, *sizes])
+    return [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ddmpi.mesh.boundary import segments, turn_outward
 from ddmpi.mesh.elements import ELEMENTS
-from ddmpi.mesh.mesh import Mesh, segments, turn_outward
+from ddmpi.mesh.mesh import Mesh
 
 
 @dataclass(frozen=True)
@@ -16,10 +17,12 @@ class Side:
 
     Attributes
     ----------
+    body : name of the body
+    modulus : plane modulus E/(1 − ν²) of the body (Pa)
     nodes : (k,) mesh node numbers
     xy : (k, 2) positions (m)
     normal : (k, 2) outer unit normals, averaged over the adjacent edges with their lengths
-    length : (k,) nodal lengths (m): the integral of the node's shape function along the boundary, so that
+    area : (k,) nodal lengths (m): the integral of the node's shape function along the boundary, so that
         a constant stress times them gives its nodal forces. Half the adjacent edges in order 1; in order 2
         two thirds of its edge for a middle, a sixth of the adjacent edges for a corner
     free : (k, 2) bool, components that are not clamped
@@ -27,21 +30,23 @@ class Side:
     joined : (k − 1,) bool, whether a node and the next one are neighbours; where not, another chain begins
     """
 
+    body: str
+    modulus: float
     nodes: np.ndarray
     xy: np.ndarray
     normal: np.ndarray
-    length: np.ndarray
+    area: np.ndarray
     free: np.ndarray
     middle: np.ndarray
     joined: np.ndarray
 
 
-def contact_side(mesh: Mesh, edges: np.ndarray, free: np.ndarray) -> Side:
+def contact_side(mesh: Mesh, edges: np.ndarray, free: np.ndarray, body: str, modulus: float, key: str) -> Side:
     """The contact boundary made of `edges` (k, 2 or 3), ordered from its first end. Not collective.
 
-    Raises InputError when an edge does not lie on the boundary.
+    Raises InputError naming `key` when an edge does not lie on the boundary.
     """
-    edges = turn_outward(mesh, edges, "contact.0.on")
+    edges = turn_outward(mesh, edges, key)
     neighbours = segments(edges)
     nodes = _order(neighbours, mesh.points)
     along = mesh.points[edges[:, 1]] - mesh.points[edges[:, 0]]
@@ -53,9 +58,9 @@ def contact_side(mesh: Mesh, edges: np.ndarray, free: np.ndarray) -> Side:
         np.add.at(normal, edges[:, column], outward)
     normal = normal[nodes] / np.linalg.norm(normal[nodes], axis=1, keepdims=True)
     size = len(mesh.points)
-    joined = np.isin(_keys(nodes[:-1], nodes[1:], size), _keys(*neighbours.T, size))
+    joined = np.isin(_keys(nodes[:-1], nodes[1:], size), _keys(neighbours[:, 0], neighbours[:, 1], size))
     middle = np.isin(nodes, edges[:, 2:])
-    return Side(nodes, mesh.points[nodes], normal, length[nodes], free[nodes], middle, joined)
+    return Side(body, modulus, nodes, mesh.points[nodes], normal, length[nodes], free[nodes], middle, joined)
 
 
 def _keys(a: np.ndarray, b: np.ndarray, size: int) -> np.ndarray:
@@ -70,9 +75,10 @@ def _order(pairs: np.ndarray, points: np.ndarray) -> np.ndarray:
         neighbours.setdefault(a, []).append(b)
         neighbours.setdefault(b, []).append(a)
     ranked = sorted(neighbours, key=lambda node: (len(neighbours[node]) != 1, *points[node]))
-    ordered, seen = [], set()
-    for start in ranked:
-        node = start
+    ordered: list[int] = []
+    seen: set[int] = set()
+    node: int | None
+    for node in ranked:
         while node is not None and node not in seen:
             seen.add(node)
             ordered.append(node)

@@ -3,38 +3,40 @@
 from __future__ import annotations
 
 import numpy as np
-from petsc4py import PETSc
+import scipy.sparse as sparse
 
 from ddmpi.body.elasticity import Elasticity
 from ddmpi.interface.interface import Interface
 
 
-def trace(interface: Interface, role: int, body: Elasticity) -> PETSc.Mat:
-    """B = [N; T] of the body in `role` (1 or 2) as a PETSc matrix (m + mt, columns of A).
+def trace(interface: Interface, side: int, body: Elasticity) -> sparse.csr_matrix:
+    """B = [N; T] of the body on `side` (0 or 1): (size, columns of A). Not collective.
 
-    Collective on A's communicator. Components that are clamped have no entry; what they contribute
-    to the trace is constant, and `displacement_trace` of the prescribed displacement gives it.
+    Clamped components have no entry; their contribution to the trace is constant, and `displacement_trace` of the
+    prescribed displacement gives it.
     """
-    sign, nodes = _role(interface, role)
-    place = np.full(len(body.free), -1, dtype=PETSc.IntType)
+    d, rows = interface.dimension, _rows(interface, side).tocoo()
+    nodes = interface.nodes[side][rows.col]
+    place = np.full(len(body.free), -1)
     place[body.nodes] = np.arange(len(body.nodes))
-    s = interface.sliding
-    directions = sign * np.concatenate([interface.normal, interface.tangent[s]])
-    rows = np.concatenate([nodes, nodes[s]])
-    columns = (2 * np.maximum(place[rows], 0)[:, None] + [0, 1]).astype(PETSc.IntType)  # clamped: no entry anywhere
-    values = np.where(body.free[rows], directions, 0.0)
-    indptr = 2 * np.arange(len(rows) + 1, dtype=PETSc.IntType)
-    return PETSc.Mat().createAIJWithArrays((len(rows), body.A.size[1]), (indptr, columns.ravel(), values.ravel()),
-                                           comm=body.A.comm)
+    values = _sign(side) * rows.data[:, None] * interface.directions[rows.row]
+    entry = body.free[nodes] & (values != 0.0)
+    columns = d * place[nodes][:, None] + np.arange(d)
+    row = np.repeat(rows.row[:, None], d, axis=1)
+    return sparse.csr_matrix((values[entry], (row[entry], columns[entry])), (interface.size, body.A.size[1]))
 
 
-def displacement_trace(interface: Interface, role: int, u: np.ndarray) -> np.ndarray:
-    """[N; T] u (m + mt,) in metres, of a displacement (nv, 2) of all nodes. Not collective."""
-    sign, nodes = _role(interface, role)
-    s = interface.sliding
-    return sign * np.concatenate([np.einsum("ij,ij->i", u[nodes], interface.normal),
-                                  np.einsum("ij,ij->i", u[nodes[s]], interface.tangent[s])])
+def displacement_trace(interface: Interface, side: int, u: np.ndarray) -> np.ndarray:
+    """B u (size,) in metres, of a displacement (nv, d) of all nodes of the body on `side`. Not collective."""
+    moved = _rows(interface, side) @ u[interface.nodes[side]]
+    return _sign(side) * np.einsum("ij,ij->i", moved, interface.directions)
 
 
-def _role(interface: Interface, role: int) -> tuple[int, np.ndarray]:
-    return (1 if role == 1 else -1), interface.nodes[role - 1]
+def _rows(interface: Interface, side: int) -> sparse.csr_matrix:
+    """The transfer to the nodes of a side, a row for each unknown."""
+    transfer = interface.transfer[side]
+    return sparse.vstack([transfer, transfer[np.repeat(interface.sliding, interface.dimension - 1)]], format="csr")
+
+
+def _sign(side: int) -> float:
+    return 1.0 if side == 0 else -1.0
