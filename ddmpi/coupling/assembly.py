@@ -1,4 +1,4 @@
-"""From a scene to what one rank solves: mesh, matrices, interface, friction and body."""
+"""From a scene to what one rank solves: mesh, matrices, interfaces, and its body among the others."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from mpi4py import MPI
 
 from ddmpi.body.elasticity import assemble
 from ddmpi.coupling.exchange import Exchange
-from ddmpi.coupling.member import Body
-from ddmpi.coupling.ranks import _ranks_beside, check_ranks
+from ddmpi.coupling.joint import Joint
+from ddmpi.coupling.member import Member
+from ddmpi.coupling.ranks import check_ranks, ranks_beside
+from ddmpi.coupling.space import Space
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import Interface
-from ddmpi.interface.law import Friction, friction_at
 from ddmpi.interface.matching import pair
 from ddmpi.interface.side import contact_side
+from ddmpi.mesh.boundary import boundary_group
 from ddmpi.mesh.build import build_mesh
-from ddmpi.mesh.mesh import Mesh, boundary_group
-from ddmpi.scene.bodies import BodySpec
-from ddmpi.scene.contacts import NoFriction
-from ddmpi.scene.scene import Scene
+from ddmpi.mesh.mesh import Mesh
+from ddmpi.scene.bodies import SettledBody
+from ddmpi.scene.scene import Settled
 from ddmpi.system import interrupt
 from ddmpi.system.agreement import agreed
 from ddmpi.system.clock import Clock
@@ -28,32 +28,34 @@ from ddmpi.system.memory import free_memory
 
 
 @dataclass(frozen=True)
-class Problem:
+class Assembly:
     """A scene, discretised and factored, as one rank holds it.
 
     Attributes
     ----------
     world : communicator of all bodies
-    spec, mesh, body : of the rank's own body
-    interface, friction : of the contact; the same on both sides
-    exchange : to the other body
+    scene : what was asked for
+    spec, mesh, member : of the rank's own body
+    space : the layout of the interfaces' vectors, with the interfaces
+    exchange : with the other body
     n : free dofs of all bodies
-    order : the ranks of role 1 and role 2
     """
 
     world: MPI.Comm
-    scene: Scene
-    spec: BodySpec
+    scene: Settled
+    spec: SettledBody
     mesh: Mesh
-    interface: Interface
-    friction: Friction
-    body: Body
+    member: Member
+    space: Space
     exchange: Exchange
     n: int
-    order: tuple[int, int]
+
+    def joint(self) -> Joint:
+        """The operator of all bodies together. Collective."""
+        return Joint(self.member, self.exchange, self.space)
 
 
-def prepare(world: MPI.Comm, scene: Scene, folder: Path = Path("."), clock: Clock | None = None) -> Problem:
+def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Clock | None = None) -> Assembly:
     """Mesh, assemble, pair and factor.
 
     Parameters
@@ -69,34 +71,29 @@ def prepare(world: MPI.Comm, scene: Scene, folder: Path = Path("."), clock: Cloc
     """
     clock = clock or Clock()
     check_ranks(world, scene)
-    contact = scene.contact[0]
+    spec, contact = scene.body[world.rank], scene.contact[0]
     names = [body.name for body in scene.body]
-    sides = list(zip(contact.bodies, contact.on, strict=True))
-    if scene.method.outer == "anderson":  # the stiffer body takes role 1; forces and slip read the same
-        sides.sort(key=lambda side: -scene.body[names.index(side[0])].material.plane_modulus)
-    order = tuple(names.index(name) for name, _ in sides)
-    role = order.index(world.rank) + 1
-    spec = scene.body[world.rank]
-    exchange = Exchange(world, partner=order[2 - role], role=role)
+    own = contact.bodies.index(spec.name)
+    exchange = Exchange(world, names.index(contact.bodies[1 - own]), own == 0)
+    key = f"contact.{contact.name}.on"
 
     with clock.phase("mesh"), agreed(world):
         mesh = build_mesh(spec, folder)
-        edges = boundary_group(mesh, sides[role - 1][1], "contact.0.on")
+        edges = boundary_group(mesh, contact.on[own], key)
         interrupt.check()
     with clock.phase("assemble"):
         with agreed(world):
             elasticity = assemble(mesh, spec)
-            side = contact_side(mesh, edges, elasticity.free)
+            side = contact_side(mesh, edges, elasticity.free, spec.name, spec.material.plane_modulus, key)
             interrupt.check()
-        both = exchange.swap_objects(side)
+        sides = exchange.swap_objects(side)
         with agreed(world):
-            interface = pair(*both, friction=not isinstance(contact.friction, NoFriction), label="contact.0")
+            interface = pair(sides[0], sides[1], contact.friction, contact.name)
             if scene.method.outer != "newton" and interface.one_sided.any():
                 raise InputError(f"method.outer = {scene.method.outer!r}: at some contact nodes a clamp holds one body "
                                  "only, which this iteration cannot do; the default method can")
-    friction = friction_at(contact.friction, interface)
-    memory = free_memory() / _ranks_beside(world)
+    memory = free_memory() / ranks_beside(world)
     with clock.phase("factor"), agreed(world):
-        body = Body(spec.name, role, interface, elasticity, scene.method.compliance, memory)
+        member = Member(spec.name, elasticity, [interface], scene.method.compliance, memory)
         interrupt.check()
-    return Problem(world, scene, spec, mesh, interface, friction, body, exchange, world.allreduce(elasticity.n), order)
+    return Assembly(world, scene, spec, mesh, member, Space([interface]), exchange, world.allreduce(elasticity.n))

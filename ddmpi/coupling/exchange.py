@@ -34,7 +34,7 @@ class Exchange:
     ----------
     world : communicator of all bodies
     partner : rank of the other body's root in `world`
-    role : 1 or 2, of this body at the interface
+    first : whether this rank's body is the first of the interface
 
     Attributes
     ----------
@@ -43,17 +43,15 @@ class Exchange:
     checkpoint_due : whether one of the two ranks wanted a checkpoint so far; the same on both
     """
 
-    STATE = ("messages", "bytes")
-
-    def __init__(self, world: MPI.Comm, partner: int, role: int) -> None:
-        self.world, self.partner, self.role = world, partner, role
+    def __init__(self, world: MPI.Comm, partner: int, first: bool) -> None:
+        self.world, self.partner, self.first = world, partner, first
         self.messages = self.bytes = 0
         self.wants_checkpoint: Callable[[], bool] = lambda: False
         self.checkpoint_due = False
         self._failure: DdmpiError | None = None
 
     def swap(self, mine: np.ndarray, about: str) -> tuple[np.ndarray, np.ndarray]:
-        """Exchange equally long vectors `about` the same thing; returns (role 1's, role 2's).
+        """Exchange equally long vectors `about` the same thing; returns (the first body's, the second body's).
 
         Collective over both bodies. Raises the error of either side on both, InterruptionError when a signal
         came to one of them, and SolverError when the two sides are about different things.
@@ -81,12 +79,23 @@ class Exchange:
         if flags & FAILED or lost:
             self.agree()
         theirs = receive[2:]
-        return (mine, theirs) if self.role == 1 else (theirs, mine)
+        return (mine, theirs) if self.first else (theirs, mine)
+
+    def total(self, mine: np.ndarray, about: str) -> np.ndarray:
+        """The sum of both bodies' vectors, the same bits on both ranks; otherwise as `swap`."""
+        first, second = self.swap(mine, about)
+        return first + second
 
     def swap_objects(self, mine: object) -> tuple:
         """As `swap`, for small objects during set-up and output; not counted."""
         theirs = self.world.sendrecv(mine, self.partner, _INTERFACE + 1, None, self.partner, _INTERFACE + 1)
-        return (mine, theirs) if self.role == 1 else (theirs, mine)
+        return (mine, theirs) if self.first else (theirs, mine)
+
+    def state(self) -> dict[str, int]:
+        return {"messages": self.messages, "bytes": self.bytes}
+
+    def restore(self, state: dict[str, int]) -> None:
+        self.messages, self.bytes = int(state["messages"]), int(state["bytes"])
 
     @contextlib.contextmanager
     def deferred(self) -> Iterator[None]:

@@ -1,7 +1,7 @@
 """An accuracy target: how fine the meshes must be for the estimated discretization error to meet it.
 
-All meshes of a scene are refined by one whole number, so that the two sides of a contact go on matching.
-Which one follows from the errors of the meshes before: ‖e‖ ∝ refinement^(−rate).
+All meshes of a scene are refined by the same whole number, so that the two sides of a contact go on matching.
+The number follows from the errors on the meshes before: ‖e‖ ∝ refinement^(−rate).
 """
 
 from __future__ import annotations
@@ -9,36 +9,35 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
-from ddmpi.scene.scene import Scene
+from ddmpi.scene.scene import Settled
 
 FIRST_RATE = 0.75
-"""Rate of convergence that is expected before two meshes have shown it: corners of clamps and ends of contacts
-hold both orders back."""
+"""Rate of convergence expected until two meshes have shown theirs: corners of clamps and ends of contacts hold
+both orders back."""
 
 RATES = (0.4, 2.0)
-"""Rates that are believed."""
+"""Limits of a rate that is believed."""
 
 GROWTH = 4
-"""The meshes become at most this much finer at once; what takes more is done in two steps."""
+"""Largest refinement in one step; a larger one is done in two."""
 
 AIM = 0.95
-"""What is aimed for, as a part of the largest estimate that will do."""
+"""The error that a step aims for, as a part of the goal."""
 
 CAUTION = {1: 0.8, 2: 0.9}
-"""The largest estimate that meets a target, as a part of it, by order: so much too small have estimates been
-found (docs/tradeoff.md)."""
+"""The largest estimate that meets a target, as a part of it, by order. True errors were at most larger than the
+estimate by the inverse (docs/tradeoff.md)."""
 
 HOPELESS = 1.25
-"""Where meshes would have to be finer than the largest ones by more than this, the last steps are not made."""
+"""If the goal takes meshes finer than the largest ones by more than this factor, the last steps are not made."""
 
 
 class Level(NamedTuple):
-    """One mesh that was solved on: its refinement, unknowns n, estimated relative error, and dofs with the clamped
-    ones."""
+    """A mesh that was solved on: refinement, unknowns n, estimated relative error, dofs including clamped ones."""
 
     refinement: int
     n: int
@@ -47,17 +46,17 @@ class Level(NamedTuple):
 
 
 def next_refinement(levels: Sequence[Level], goal: float, most: int, doubling: bool) -> int | None:
-    """How much finer than the scene's own the next meshes are; None if they would have too many unknowns.
+    """How much finer than the scene's own the next meshes are.
 
-    That is also so where the next step would be one of the last, and at the rate that was seen the largest meshes
-    would miss the goal by far.
+    None if they would have too many unknowns, or if the next step would be one of the last and the largest meshes
+    would miss the goal by far at the rate seen so far.
 
     Parameters
     ----------
-    levels : what was solved so far; the last one misses the goal
+    levels : the meshes solved on so far; the last one misses the goal
     goal : estimated relative error in the energy norm
     most : largest number of unknowns
-    doubling : only powers of two can be made (a given mesh is halved)
+    doubling : whether only powers of two can be made (a mesh from a file is halved)
     """
     last = levels[-1]
     rate, seen = FIRST_RATE, False
@@ -79,71 +78,72 @@ def next_refinement(levels: Sequence[Level], goal: float, most: int, doubling: b
 
 
 @dataclass
-class Course:
-    """The meshes that a run goes through.
+class MeshLadder:
+    """The finer and finer meshes that a run solves on until its target is met.
 
     Parameters
     ----------
-    scene : as given
-    done : (refinement, n, error, dofs) of the levels that an interrupted run has been through
+    scene : with the meshes as given
+    done : (refinement, n, error, dofs) of the levels that an interrupted run has finished
+
+    Attributes
+    ----------
+    refinement : of the mesh to solve on now
+    missed : why no finer mesh may be made although the target is missed; empty otherwise
     """
 
-    STATE = ("done",)
-
-    scene: Scene
+    scene: Settled
     done: list = field(default_factory=list)
     missed: str = ""
+    refinement: int = field(init=False)
 
     def __post_init__(self) -> None:
-        self.done = list(self.done)
-        self._refinement = 1
-        if self.done:
-            self._refinement = self._next() or 1
+        self.restore({"done": self.done})
+
+    def state(self) -> dict[str, Any]:
+        """The state of an interrupted run, in plain numbers."""
+        return {"done": [list(level) for level in self.levels]}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from `state`."""
+        self.done = list(state["done"])
+        self.refinement = (self.done and self._next()) or 1
 
     @property
     def levels(self) -> list[Level]:
         return [Level(int(refinement), int(n), float(error), int(dofs)) for refinement, n, error, dofs in self.done]
 
     @property
-    def refinement(self) -> int:
-        """Of the mesh that is solved on."""
-        return self._refinement
-
-    @property
     def goal(self) -> float:
         """The largest estimate that meets the target."""
-        return CAUTION[self.scene.body[0].mesh.order] * self.scene.method.target_error
+        target = self.scene.method.target_error
+        return CAUTION[self.scene.body[0].mesh.order] * target if target else math.inf
 
     def proceed(self, n: int, error: float, dofs: int) -> int | None:
-        """Note the error on the mesh; the refinement of the next one, None to stay here.
-
-        Where the target is missed and no finer mesh may be made, `missed` says why.
-        """
-        target = self.scene.method.target_error
-        self.done.append((self._refinement, n, error, dofs))
-        if target is None or error <= self.goal:
+        """Note the `error` on this mesh; return the refinement of the next one, or None to stay with this one."""
+        method = self.scene.method
+        self.done.append((self.refinement, n, error, dofs))
+        if method.target_error is None or error <= self.goal:
             return None
         given = [body.name for body in self.scene.body if not body.mesh.refinable]
         following = None if given else self._next()
-        if following is None:
-            reason = (f"the mesh of {' and of '.join(given)} is given: allow finer ones by mesh.refine = \"as needed\""
-                      if given else
-                      "meshes that meet it would probably exceed method.max_unknowns = "
-                      f"{self.scene.method.max_unknowns}")
-            self.missed = (f"certified, but the estimated discretization error of {error:.2g} misses "
-                           f"method.target_error = {target:g}, which takes an estimate of {self.goal:.2g}; {reason}")
-        else:
-            self._refinement = following
-        return following
+        if following:
+            self.refinement = following
+            return following
+        reason = (f"the mesh of {' and of '.join(given)} is given: allow finer ones by mesh.refine = \"as needed\""
+                  if given else
+                  f"meshes that meet it would probably exceed method.max_unknowns = {method.max_unknowns}")
+        self.missed = (f"certified, but the estimated discretization error of {error:.2g} misses method.target_error = "
+                       f"{method.target_error:g}, which takes an estimate of {self.goal:.2g}; {reason}")
+        return None
 
     def _next(self) -> int | None:
         doubling = any(body.mesh.file is not None for body in self.scene.body)
-        method = self.scene.method
-        return next_refinement(self.levels, self.goal, method.max_unknowns, doubling)
+        return next_refinement(self.levels, self.goal, self.scene.method.max_unknowns, doubling)
 
 
-def refine_scene(scene: Scene, refinement: int) -> Scene:
-    """The scene with its generated meshes `refinement` times finer and those of files halved as often as that takes."""
+def refine_scene(scene: Settled, refinement: int) -> Settled:
+    """The scene with shapes meshed `refinement` times finer, and meshes of files halved log2(`refinement`) times."""
     def finer(mesh):
         if mesh.file is None:
             return replace(mesh, divisions=tuple(k * refinement for k in mesh.divisions))

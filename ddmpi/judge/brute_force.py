@@ -9,13 +9,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-from ddmpi.coupling.exchange import Exchange
-from ddmpi.coupling.member import Body
+from ddmpi.coupling.assembly import Assembly
+from ddmpi.coupling.space import Space
 from ddmpi.errors import InputError, NotConvergedError
-from ddmpi.interface.interface import Interface
-from ddmpi.interface.law import Friction
-from ddmpi.qp.program import projected_gradient
+from ddmpi.interface.law import Law
+from ddmpi.qp.box import Box
 from ddmpi.system.agreement import agreed
+from ddmpi.system.numbers import norm
 
 LARGEST = 2000
 """Most contact unknowns that are solved this way; BVLS is cubic in them, and worse."""
@@ -28,44 +28,43 @@ FIXED_POINT = 1e-12
 """Relative change of the slip bound at which the fixed point of Coulomb friction is reached."""
 
 
-def check_size(interface: Interface) -> None:
-    """InputError when the interface is too large to be solved this way."""
-    if interface.size > LARGEST:
-        raise InputError(f"the coupled problem has {interface.size} contact unknowns; by brute force {LARGEST} are "
+def check_size(space: Space) -> None:
+    """InputError when the interfaces are too large to be solved this way."""
+    if space.size > LARGEST:
+        raise InputError(f"the coupled problem has {space.size} contact unknowns; by brute force {LARGEST} are "
                          "the most")
 
 
-def solve_coupled(body: Body, friction: Friction, exchange: Exchange) -> np.ndarray:
+def solve_coupled(assembly: Assembly) -> np.ndarray:
     """The contact forces (size,) of the coupled problem (N).
 
     Collective on both bodies; both solve the same problem. Raises NotConvergedError when the fixed
     point of Coulomb friction is not found, InputError for too large an interface; on both.
     """
-    C, h, s = np.empty((0, 0)), body.h, np.empty(0)
-    with agreed(exchange.world):
-        check_size(body.interface)
-        C = body.C.dense()
-    C, d = sum(exchange.swap_objects(C)), sum(exchange.swap_objects(h))
-    d[:body.interface.m] -= body.interface.gap
-    with agreed(exchange.world):
-        s = solve_dense(C, d, body.interface, friction)
+    s = np.empty(0)
+    with agreed(assembly.world):
+        check_size(assembly.space)
+    joint = assembly.joint()
+    C = joint.dense()
+    with agreed(assembly.world):
+        s = solve_dense(C, joint.d, assembly.space.laws.laws[0])
     return s
 
 
-def solve_dense(C: np.ndarray, d: np.ndarray, interface: Interface, friction: Friction) -> np.ndarray:
+def solve_dense(C: np.ndarray, d: np.ndarray, law: Law) -> np.ndarray:
     """min ½ sᵀCs − sᵀd with s_ν ≥ 0, |s_t| ≤ g, and g = 𝓕 s_ν at the solution for Coulomb friction.
 
     C (size, size), d (size,). Not collective.
     """
-    m = interface.m
-    if friction.law != "coulomb":
-        return _checked(C, d, m, friction.bound, _bounded(C, d, m, friction.bound))
-    g, s = np.zeros(len(interface.sliding)), np.zeros(len(d))
+    m, s = law.m, np.zeros(len(d))
+    g = law.bound_at(s)
+    if not law.largest_slope:  # the bound does not follow the normal forces
+        return _checked(C, d, m, g, _bounded(C, d, m, g))
     relaxation, last = 1.0, np.inf
     for _ in range(500):
         s = _bounded(C, d, m, g)
-        change = friction.slip_bound(s[:m], interface) - g
-        size = np.linalg.norm(change)
+        change = law.bound_at(s) - g
+        size = norm(change)
         if size <= FIXED_POINT * np.linalg.norm(s):
             return _checked(C, d, m, g, s)
         if size > 0.9 * last:
@@ -95,9 +94,10 @@ def _bounded(C: np.ndarray, d: np.ndarray, m: int, g: np.ndarray) -> np.ndarray:
 
 def _error(C: np.ndarray, d: np.ndarray, m: int, g: np.ndarray, s: np.ndarray) -> float:
     """Projected gradient over the displacements at hand, of normal or tangential unknowns, the larger."""
-    lower, upper = np.append(np.zeros(m), -g), np.append(np.full(m, np.inf), g)
-    left, size = projected_gradient(C @ s - d, s, lower, upper), np.abs(C) @ np.abs(s) + np.abs(d)
-    return max(np.linalg.norm(left[part]) / (np.linalg.norm(size[part]) or 1.0) for part in (slice(m), slice(m, None)))
+    box = Box(np.append(np.zeros(m), -g), np.append(np.full(m, np.inf), g))
+    left, size = box.projected_gradient(C @ s - d, s), np.abs(C) @ np.abs(s) + np.abs(d)
+    parts = slice(m), slice(m, None)
+    return max(norm(left[part]) / (norm(size[part]) or 1.0) for part in parts)
 
 
 def _checked(C: np.ndarray, d: np.ndarray, m: int, g: np.ndarray, s: np.ndarray) -> np.ndarray:

@@ -3,58 +3,74 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-from ddmpi.interface.interface import Interface
-from ddmpi.interface.law import Friction
-from ddmpi.interface.state import reaches_bound
+from ddmpi.coupling.space import Space
 from ddmpi.methods.outer import Step
-from ddmpi.scene.method import Method
+from ddmpi.scene.method import SettledMethod
 
 LOOK_BACK = 10
 """Over so many iterations convergence is judged."""
 
-ROUNDING = 1e-15
+SMALLEST = 1e-15
 """A residual below this cannot become smaller."""
 
 LARGE_FRICTION = 1.0
 """From here on it is worth saying that a solution with Coulomb friction need not be unique."""
 
 
-@dataclass
 class StatusLog:
-    """Which nodes are open, slip or stick in the last iterations, and how many in each."""
+    """Which nodes are open, slip or stick: their number in each iteration, and every node's status in the last ones.
 
-    STATE = ("recent", "counts")
-    GROWS = ("counts",)
+    Attributes
+    ----------
+    counts : open, slipping and sticking nodes of all contacts, by iteration
+    """
 
-    recent: deque = field(default_factory=lambda: deque(maxlen=LOOK_BACK))
-    counts: list = field(default_factory=list)
+    def __init__(self, space: Space) -> None:
+        self._space = space
+        self.counts: list[tuple[int, int, int]] = []
+        self._recent: deque[np.ndarray] = deque(maxlen=LOOK_BACK)
 
-    def record(self, interface: Interface, s: np.ndarray, g: np.ndarray) -> None:
-        """Note the status of each node under the forces s (size,) and the slip bound g (mt,)."""
-        m = interface.m
-        codes = np.where(s[:m] > 0.0, 1, 0)
-        on_bound = reaches_bound(s[m:], g)
-        slips = np.where(on_bound, np.sign(s[m:]), 0.0).astype(int)
-        closed, slipping = codes == 1, np.full(m, len(s) == m)  # without friction whatever is closed slips
-        slipping[interface.sliding] = on_bound
-        codes[interface.sliding] += 10 * slips
-        self.recent.append(codes)
-        self.counts.append((m - int(closed.sum()), int((closed & slipping).sum()), int((closed & ~slipping).sum())))
+    def record(self, s: np.ndarray, bound: np.ndarray) -> None:
+        """Note the status of each node under the forces s (size,) and the slip bounds of all sliding nodes (N)."""
+        codes, counts, start = [], np.zeros(3, int), 0
+        for interface, part in self._space.each():
+            own, law = s[part], interface.law
+            stop = start + len(interface.sliding)
+            closed = own[:interface.m] > 0.0
+            on_bound = law.reaches_bound(own, bound[start:stop])
+            slipping = np.full(interface.m, not len(interface.sliding))  # without friction all closed nodes slip
+            slipping[interface.sliding] = on_bound
+            code = closed.astype(int)
+            towards = np.sign(law.split(own)[1]).astype(int) @ 3 ** np.arange(law.components)
+            code[interface.sliding] += 10 * np.where(on_bound, towards, 0)
+            codes.append(code)
+            counts += (~closed).sum(), (closed & slipping).sum(), (closed & ~slipping).sum()
+            start = stop
+        self._recent.append(np.concatenate(codes))
+        opened, slips, sticks = counts.tolist()
+        self.counts.append((opened, slips, sticks))
+
+    def state(self) -> dict[str, Any]:
+        return {"recent": list(self._recent), "counts": list(self.counts)}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        self._recent = deque(state["recent"], LOOK_BACK)
+        self.counts = [(int(opened), int(slips), int(sticks)) for opened, slips, sticks in state["counts"]]
 
     def unsettled(self) -> np.ndarray:
         """Nodes whose status changed during the last iterations."""
-        if len(self.recent) < 2:
+        if len(self._recent) < 2:
             return np.empty(0, int)
-        codes = np.array(self.recent)
+        codes = np.array(self._recent)
         return np.flatnonzero((codes != codes[-1]).any(axis=0))
 
     def cycles(self) -> bool:
         """Whether the last status has been there before, with another one between."""
-        codes = list(self.recent)
+        codes = list(self._recent)
         same = [k for k, c in enumerate(codes[:-1]) if np.array_equal(c, codes[-1])]
         return bool(same) and any(not np.array_equal(c, codes[-1]) for c in codes[same[-1]:])
 
@@ -67,8 +83,8 @@ def contraction(history: list[Step], quantity: str = "update") -> float:
     return float(np.exp(np.polyfit(np.arange(len(values)), np.log(values), 1)[0]))
 
 
-def diagnose(reason: str, stopped: str, violations: list[str], method: Method, history: list[Step], log: StatusLog,
-             interface: Interface, friction: Friction) -> str:
+def diagnose(reason: str, stopped: str, violations: list[str], method: SettledMethod, history: list[Step],
+             log: StatusLog, space: Space) -> str:
     """One message: how the run ended, what was seen, what to try. Not collective."""
     last = history[-1]
     newton = method.outer == "newton"
@@ -77,13 +93,13 @@ def diagnose(reason: str, stopped: str, violations: list[str], method: Method, h
     if violations:
         lines.append(f"the certificate fails: {', '.join(violations)}")
     factor = contraction(history, "residual" if newton else "update")
-    stuck = last.update == 0.0 or last.residual <= ROUNDING
+    stuck = last.update == 0.0 or last.residual <= SMALLEST
     if stopped == "diverged" and newton:
         lines.append("seen: a residual that is not a number; a solve with the stiffness of a body must have failed")
     elif stopped == "diverged":
         lines.append("seen: divergence, the contact displacement grew beyond all bounds")
     elif stuck:
-        lines.append("seen: nothing moves any more" + (", rounding is reached" if last.residual <= ROUNDING else ""))
+        lines.append("seen: nothing moves any more" + (", rounding is reached" if last.residual <= SMALLEST else ""))
     elif np.isfinite(factor):
         seen = ("growth" if factor > 1.02 else "no progress" if factor > 0.98 else
                 "slow convergence" if factor > 0.7 else "convergence")
@@ -91,18 +107,19 @@ def diagnose(reason: str, stopped: str, violations: list[str], method: Method, h
                      f"{min(LOOK_BACK, len(history) - 1)}")
     nodes = log.unsettled()
     if len(nodes):
-        places = ", ".join(f"({x:.4g}, {y:.4g})" for x, y in interface.xy[nodes[:4]])
-        lines.append(f"{len(nodes)} of {interface.m} nodes changed between open, slip and stick"
+        xy = np.concatenate([interface.xy for interface in space.interfaces])
+        places = ", ".join(f"({x:.4g}, {y:.4g})" for x, y in xy[nodes[:4]])
+        lines.append(f"{len(nodes)} of {space.m} nodes changed between open, slip and stick"
                      f"{' in a cycle' if log.cycles() else ''}, at {places}{' …' if len(nodes) > 4 else ''}")
-    largest = 0.0 if friction.coefficient is None else float(friction.coefficient.max(initial=0.0))
+    largest = space.laws.largest_slope
     if largest >= LARGE_FRICTION:
         lines.append(f"with a friction coefficient of {largest:g} a solution need not be unique, and none may be near")
     lines.append("try: " + _advice(stopped, factor, method, last, stuck))
     return "\n  ".join(lines)
 
 
-def _advice(stopped: str, factor: float, method: Method, last: Step, stuck: bool) -> str:
-    if last.residual <= ROUNDING:
+def _advice(stopped: str, factor: float, method: SettledMethod, last: Step, stuck: bool) -> str:
+    if last.residual <= SMALLEST:
         return "a larger method.tolerance; double precision holds no more"
     if method.outer == "relaxation":
         if stopped == "diverged" or not factor < 0.98:

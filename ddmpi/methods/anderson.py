@@ -2,18 +2,22 @@
 
 The map of the slides, λ ↦ λ + θ (B_1 w_1 + B_2 w_2), crawls or diverges when the bodies differ in
 stiffness. Two cures: each body's Neumann displacement is weighted with the square of its share of the
-stiffness (weighted Neumann–Neumann), and the stiffer body takes role 1 (the caller's business). Anderson
-acceleration (Anderson 1965; Walker and Ni, SIAM J. Numer. Anal. 49, 2011) makes the relaxation harmless.
+stiffness (weighted Neumann–Neumann), and the stiffer body takes role 1. Anderson acceleration
+ (Anderson 1965; Walker and Ni, SIAM J. Numer. Anal. 49, 2011) makes the relaxation harmless.
 It needs inner solves that are more precise than the published rule asks for.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from ddmpi.methods.published import OuterIteration
+from ddmpi.coupling.assembly import Assembly
+from ddmpi.methods.outer import Report, no_report
+from ddmpi.methods.published import PublishedIteration
+from ddmpi.scene.method import SettledMethod
+from ddmpi.system.numbers import norm
 
 DEPTH = 10
 """How many earlier steps are remembered."""
@@ -28,33 +32,32 @@ GROWTH = 2.0
 """The memory is dropped when the residual exceeds the smallest so far by this factor."""
 
 
-@dataclass
-class AndersonIteration(OuterIteration):
-    """As `OuterIteration`, for the original algorithm without splitting.
+class AndersonIteration(PublishedIteration):
+    """As `PublishedIteration`, for the original algorithm without splitting.
 
-    Parameters
-    ----------
-    weights : shares of role 1's and role 2's body in the sum of their moduli; they add up to one
+    The weights are the bodies' shares in the sum of their plane moduli.
     """
 
-    STATE = (*OuterIteration.STATE, "_lams", "_residuals", "_smallest")
-
-    weights: tuple[float, float] = (0.5, 0.5)
     algorithm = "original"
     splitting = "none"
     precision = PRECISION
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def __init__(self, assembly: Assembly, method: SettledMethod, report: Report = no_report) -> None:
+        (interface,) = assembly.space.interfaces
+        materials = {body.name: body.material for body in assembly.scene.body}
+        moduli = [materials[name].plane_modulus for name in interface.bodies]
+        lead = int(moduli[1] > moduli[0])
+        super().__init__(assembly, method, report, lead)
+        self._weights = moduli[lead] / sum(moduli), moduli[1 - lead] / sum(moduli)
         self._lams: list[np.ndarray] = []
         self._residuals: list[np.ndarray] = []
         self._smallest = np.inf
 
     def advance(self, w1: np.ndarray, w2: np.ndarray) -> np.ndarray:
         """The accelerated update of λ (m)."""
-        a1, a2 = self.weights
+        a1, a2 = self._weights
         f = 4.0 * (a1**2 * w1 + a2**2 * w2)
-        size = np.linalg.norm(f)
+        size = norm(f)
         if size > GROWTH * self._smallest:
             self._lams, self._residuals, self._smallest = [], [], np.inf
         self._smallest = min(self._smallest, size)
@@ -67,3 +70,12 @@ class AndersonIteration(OuterIteration):
         F = np.diff(np.array(self._residuals), axis=0).T
         gamma = np.linalg.lstsq(F, f, rcond=1e-12)[0]
         return MIXING * f - (X + MIXING * F) @ gamma
+
+    def state(self) -> dict[str, Any]:
+        return super().state() | {"lams": list(self._lams), "residuals": list(self._residuals),
+                                  "smallest": self._smallest}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        super().restore(state)
+        self._lams, self._residuals = list(state["lams"]), list(state["residuals"])
+        self._smallest = float(state["smallest"])

@@ -19,6 +19,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import lapack
 
+from ddmpi.coupling.space import Space
 from ddmpi.interface.interface import Interface
 
 STEP = 1.0
@@ -29,19 +30,25 @@ TAIL = 8.0
 
 
 class HalfPlaneStiffness:
-    """P ≈ (C_1 + C_2)⁻¹ (N/m) on the contact unknowns [normal; tangential].
+    """P ≈ C⁻¹ (N/m): a block for each interface, which knows nothing of the others. Not collective."""
 
-    Parameters
-    ----------
-    interface : the contact nodes
-    modulus : E* (Pa)
+    def __init__(self, space: Space) -> None:
+        self._blocks = [(part, _Block(interface)) for interface, part in space.each()]
 
-    Not collective.
-    """
+    def mult(self, x: np.ndarray) -> np.ndarray:
+        """P x (size,) in newtons, of x (size,) in metres."""
+        y = np.empty_like(x)
+        for part, block in self._blocks:
+            y[part] = block.mult(x[part])
+        return y
 
-    def __init__(self, interface: Interface, modulus: float) -> None:
-        self._sliding, self._size = interface.sliding, interface.size
-        length = interface.length
+
+class _Block:
+    """The half-plane's stiffness on one interface, normal and tangential parts apart."""
+
+    def __init__(self, interface: Interface) -> None:
+        self._sliding, self._law = interface.sliding, interface.law
+        length = interface.area
         distance = np.linalg.norm(np.diff(interface.xy, axis=0), axis=1)
         link = np.where(interface.joined, 1.0 / np.where(distance > 0, distance, 1.0), 0.0)
         total = length.sum()
@@ -51,7 +58,7 @@ class HalfPlaneStiffness:
         self._diagonal = diagonal
         self._off = -link / np.sqrt(length[1:] * length[:-1])
         self._root = np.sqrt(length)
-        self._scale = 0.5 * modulus
+        self._scale = 0.5 * interface.modulus
 
         lowest = 1.5 / total
         spread = 0.5 * np.log(2 * diagonal.max() / lowest**2)  # of the spectrum's root, free of units
@@ -64,14 +71,14 @@ class HalfPlaneStiffness:
             raise ValueError("the shifted interface operators are not positive definite")
 
     def mult(self, x: np.ndarray) -> np.ndarray:
-        """P x (size,) in newtons, of x (size,) in metres."""
-        y = np.empty(self._size)
-        m = len(self._root)
-        y[:m] = self._apply(x[:m])
-        if self._size > m:
-            spread = np.zeros(m)
-            spread[self._sliding] = x[m:]
-            y[m:] = self._apply(spread)[self._sliding]
+        y = np.empty_like(x)
+        (normal, tangential), (to_normal, to_tangential) = self._law.split(x), self._law.split(y)
+        to_normal[:] = self._apply(normal)
+        if len(self._sliding):
+            for component in range(self._law.components):
+                spread = np.zeros(len(self._root))
+                spread[self._sliding] = tangential[:, component]
+                to_tangential[:, component] = self._apply(spread)[self._sliding]
         return y
 
     def _apply(self, x: np.ndarray) -> np.ndarray:

@@ -22,8 +22,8 @@ MESSAGE = ["Isend", "Probe", "Recv"]
 
 
 def exchange_on(comm, first: int = 0) -> Exchange:
-    """An exchange in which rank `first` takes role 1."""
-    return Exchange(comm, partner=1 - comm.rank, role=1 if comm.rank == first else 2)
+    """An exchange in which the body of rank `first` is the interface's first."""
+    return Exchange(comm, partner=1 - comm.rank, first=comm.rank == first)
 
 
 class Traffic:
@@ -48,7 +48,7 @@ class Traffic:
 
 
 @two_ranks
-def test_swap_returns_role_1_before_role_2(comm):
+def test_swap_returns_the_first_bodys_vector_first(comm):
     for first in (0, 1):
         exchange = exchange_on(comm, first)
         mine = np.array([comm.rank, 10.5, -np.inf])
@@ -60,8 +60,8 @@ def test_swap_returns_role_1_before_role_2(comm):
         rng = np.random.default_rng(comm.rank)
         own = rng.standard_normal(1000)
         pair = exchange.swap(own, "test")
-        for role, vector in enumerate(pair, start=1):
-            rank = first if role == 1 else 1 - first
+        for place, vector in enumerate(pair):
+            rank = first if place == 0 else 1 - first
             assert np.array_equal(vector, np.random.default_rng(rank).standard_normal(1000))
 
         assert [len(vector) for vector in exchange.swap(np.empty(0), "test")] == [0, 0]
@@ -159,11 +159,11 @@ def test_ranks_at_different_points_notice_it_whatever_they_send(comm):
 
 
 def iterations_of(comm, scene: dict):
-    """The prepared problem of a published iteration, and the iteration at its first step."""
-    from ddmpi.methods.published import OuterIteration
+    """The assembly of a published iteration, and the iteration at its first step."""
+    from ddmpi.methods.published import PublishedIteration
 
-    problem = scenes.prepare_scene(comm, scene)
-    return problem, OuterIteration(problem.body, problem.friction, problem.exchange, problem.scene.method)
+    assembly = scenes.prepare_scene(comm, scene)
+    return assembly, PublishedIteration(assembly, assembly.scene.method)
 
 
 def taller(stack: Stack, rows: int) -> dict:
@@ -179,15 +179,15 @@ def test_an_iteration_moves_interface_vectors_only(comm):
     """Two messages: the forces; the contact displacements and a count of multiplications. Whatever n is."""
     stack, sizes, moved = Stack(6, {"law": "coulomb", "coefficient": 0.3}, shift=1e-3), [], []
     for rows in (2, 24):
-        problem, outer = iterations_of(comm, taller(stack, rows))
-        traffic = problem.exchange.world = Traffic(comm)
+        assembly, outer = iterations_of(comm, taller(stack, rows))
+        traffic = assembly.exchange.world = Traffic(comm)
         for _ in range(4):
-            messages, moved_before = problem.exchange.messages, problem.exchange.bytes
+            messages, moved_before = assembly.exchange.messages, assembly.exchange.bytes
             outer.iterate()
-            assert problem.exchange.messages - messages == 2
-            moved.append(problem.exchange.bytes - moved_before)
+            assert assembly.exchange.messages - messages == 2
+            moved.append(assembly.exchange.bytes - moved_before)
         assert traffic.calls == MESSAGE * 8
-        sizes.append((problem.interface.m, problem.n))
+        sizes.append((assembly.space.interfaces[0].m, assembly.n))
     (m, n), (other_m, other_n) = sizes
     assert m == other_m == 7
     assert other_n == 12 * n
@@ -202,14 +202,14 @@ def test_newton_moves_interface_vectors_only(comm):
 
     stack = Stack(6, {"law": "coulomb", "coefficient": 0.3}, shift=1e-3)
     for rows in (2, 24):
-        problem = scenes.prepare_scene(comm, taller(stack, rows))
-        traffic = problem.exchange.world = Traffic(comm)
-        answer, _ = solve(problem, Method(outer="newton").resolved())
+        assembly = scenes.prepare_scene(comm, taller(stack, rows))
+        traffic = assembly.exchange.world = Traffic(comm)
+        answer = solve(assembly, Method(outer="newton").settled())
         assert answer.certified
         lengths = traffic.lengths
-        assert max(lengths) <= 2 * problem.interface.m + HEADER + 4  # at the end, with four sizes of the answer
-        assert traffic.calls == MESSAGE * problem.exchange.messages
-        assert problem.exchange.bytes == WORD * sum(lengths)
+        assert max(lengths) == assembly.space.size + HEADER
+        assert traffic.calls == MESSAGE * assembly.exchange.messages
+        assert assembly.exchange.bytes == WORD * sum(lengths)
 
 
 @two_ranks
@@ -218,7 +218,7 @@ def test_both_ranks_hold_the_same_contact_displacement(comm):
     _, outer = iterations_of(comm, stack.scene(outer="relaxation"))
     for _ in range(3):
         outer.iterate()
-        for values in (outer.lam, outer.s1, outer.s2, outer.g):
+        for values in (outer.lam, outer.s1, outer.s2, outer.bound):
             mine, theirs = comm.allgather(values)
             assert np.array_equal(mine, theirs)
 
@@ -232,7 +232,7 @@ def test_solver_error_of_one_body_is_raised_on_both(comm, monkeypatch):
         raise SolverError("the lower body gives up")
 
     if comm.rank == 1:
-        monkeypatch.setattr(outer.body, "neumann", fail)
+        monkeypatch.setattr(outer.subproblem, "neumann", fail)
     with pytest.raises(SolverError, match=r"^the lower body gives up$"):
         outer.run(1e-10)
     assert len(outer.history) == 0  # the failed step is no step

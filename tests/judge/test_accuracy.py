@@ -1,5 +1,6 @@
 """The accuracy target: how fine the meshes become, when a run stops, and what it says when it cannot get there."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from scenes import pinched_blocks, prepare_scene, run_command, to_toml, write_scene
 
 from ddmpi.errors import InputError
-from ddmpi.judge.accuracy import GROWTH, Course, Level, next_refinement, refine_scene
+from ddmpi.judge.accuracy import GROWTH, Level, MeshLadder, next_refinement, refine_scene
 from ddmpi.mesh.read import read_mesh
 from ddmpi.mesh.refine import halve
 from ddmpi.scene.method import PRESETS
@@ -34,6 +35,7 @@ def test_the_rate_that_was_seen_leads_to_the_target(rate):
 
 
 def test_limits_of_refinement():
+    """The next meshes are finer, but not by more than the greatest step and the most unknowns allow."""
     far = [Level(1, 900, 0.5, 1000)]
     assert next_refinement(far, 1e-4, 10**9, doubling=False) == GROWTH
     assert next_refinement(far, 0.4999, 10**9, doubling=False) == 2  # finer in any case
@@ -56,6 +58,7 @@ def test_what_takes_more_than_the_greatest_step_is_done_in_two():
 
 
 def test_what_is_out_of_reach_by_far_is_not_tried():
+    """Where even the largest meshes would miss the target by far, the last steps are spared."""
     levels = [Level(1, 1000, 0.8, 1000), Level(2, 4000, 0.4, 4000)]
     assert next_refinement(levels, 0.15, 36_000, doubling=False) == 6
     assert next_refinement(levels, 0.15, 30_000, doubling=False) == 5  # tried: the rate may be better
@@ -69,6 +72,7 @@ def test_coarse_meshes_do_not_condemn_a_target():
 
 
 def test_refined_scene_has_finer_meshes_and_nothing_else():
+    """Refinement changes the meshes of a scene and nothing else."""
     scene = scene_of(pinched_blocks(6))
     fine = refine_scene(scene, 3)
     assert [body.mesh.divisions for body in fine.body] == [(54, 18)] * 2
@@ -77,6 +81,7 @@ def test_refined_scene_has_finer_meshes_and_nothing_else():
 
 
 def test_halved_mesh(tmp_path):
+    """Halved meshes have the same shape, groups and orientation."""
     mesh = read_mesh("meshes/punch_base.msh", "base")
     fine = halve(halve(mesh, "mesh"), "mesh")
     assert len(fine.triangles) == 16 * len(mesh.triangles)
@@ -97,23 +102,28 @@ def test_halved_mesh(tmp_path):
 
 # When it stops
 
-def test_course_of_an_interrupted_run_goes_on_where_it_was():
+def test_ladder_of_an_interrupted_run_goes_on_where_it_was():
+    """A run that is interrupted on a finer mesh goes on with that mesh."""
     scene = scene_of(pinched_blocks(6), "method.target_error=0.01")
-    course = Course(scene)
-    second = course.proceed(1000, 0.1, 1100)
-    third = course.proceed(1000 * second**2, 0.02, 1100 * second**2)
-    again = Course(scene, [list(level) for level in course.levels])
-    assert (again.refinement, again.levels) == (third, course.levels)
-    assert course.proceed(10**6, 0.0079, 10**6) is None
-    assert not course.missed
+    ladder = MeshLadder(scene)
+    second = ladder.proceed(1000, 0.1, 1100)
+    third = ladder.proceed(1000 * second**2, 0.02, 1100 * second**2)
+    again = MeshLadder(scene)
+    again.restore(json.loads(json.dumps(ladder.state())))
+    for other in (again, MeshLadder(scene, np.array(ladder.done))):  # as it comes out of a file
+        assert (other.refinement, other.levels) == (third, ladder.levels)
+    again.proceed(10**6, 0.0079, 10**6)
+    assert len(again.levels) == 3 and len(ladder.levels) == 2
+    assert ladder.proceed(10**6, 0.0079, 10**6) is None
+    assert not ladder.missed
 
 
 def test_an_estimate_meets_a_target_with_some_caution():
     """Those of linear triangles have been found a fifth too small, those of quadratic ones a tenth."""
     for order, good, bad in ((1, 0.079, 0.081), (2, 0.089, 0.091)):
         settings = ["method.target_error=0.1", *(f"body.{k}.mesh.order={order}" for k in (0, 1))]
-        assert Course(scene_of(pinched_blocks(6), *settings)).proceed(1000, good, 1000) is None
-        assert Course(scene_of(pinched_blocks(6), *settings)).proceed(1000, bad, 1000) > 1
+        assert MeshLadder(scene_of(pinched_blocks(6), *settings)).proceed(1000, good, 1000) is None
+        assert MeshLadder(scene_of(pinched_blocks(6), *settings)).proceed(1000, bad, 1000) > 1
 
 
 def test_no_target_for_linear_triangles_that_lock():
@@ -135,12 +145,14 @@ def test_the_published_iteration_stops_later_for_a_target():
 
 
 def test_without_a_target_there_is_one_mesh():
-    course = Course(scene_of(pinched_blocks(6)))
-    assert course.proceed(1000, 0.5, 1000) is None
-    assert not course.missed
+    """A run without a target stays with the meshes as given."""
+    ladder = MeshLadder(scene_of(pinched_blocks(6)))
+    assert ladder.proceed(1000, 0.5, 1000) is None
+    assert not ladder.missed
 
 
 def test_the_tolerance_follows_the_target_unless_it_is_named():
+    """The iteration stops at a hundredth of the target."""
     bare = pinched_blocks(6) | {"method": {}}
     assert scene_of(bare, "method.target_error=0.02").method.tolerance == pytest.approx(2e-4)
     assert scene_of(bare, "method.target_error=0.02", "method.tolerance=1e-6").method.tolerance == 1e-6
@@ -148,6 +160,7 @@ def test_the_tolerance_follows_the_target_unless_it_is_named():
 
 
 def test_presets_fill_in_what_is_left_out():
+    """A preset fills in order, tolerance and target, but no key that the scene names."""
     bare = pinched_blocks(6) | {"method": {}}
     for name, preset in PRESETS.items():
         scene = scene_of(bare, f"method.preset={name}")
@@ -161,6 +174,7 @@ def test_presets_fill_in_what_is_left_out():
 
 
 def test_a_preset_asks_no_target_of_meshes_that_are_given():
+    """A preset asks for a target only if all meshes may be refined."""
     text = Path(PUNCH).read_text(encoding="utf-8")
     assert read_scene(PUNCH, text, ["method.preset=accurate"]).method.target_error is None
     both = [f'body.{k}.mesh.refine="as needed"' for k in (0, 1)]
@@ -170,6 +184,7 @@ def test_a_preset_asks_no_target_of_meshes_that_are_given():
 # Runs
 
 def test_target_is_met_and_told(tmp_path):
+    """A run with a target refines until the estimate meets it, and reports every mesh."""
     scene = pinched_blocks(6) | {"method": {"target_error": 0.06}, "output": {"error": True, "figures": True}}
     done = run_command(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results")
     assert done.code == 0, done.output
@@ -185,6 +200,7 @@ def test_target_is_met_and_told(tmp_path):
 
 
 def test_target_out_of_reach_is_an_error_with_results(tmp_path):
+    """A run that cannot meet its target ends with code 3, the reason, and results."""
     for k, (settings, reason) in enumerate({
             ("method.target_error=0.02", "method.max_unknowns=5000"): "method.max_unknowns = 5000",
             ("method.target_error=1e-9", "method.max_unknowns=500"): "method.max_unknowns = 500"}.items()):
@@ -199,6 +215,7 @@ def test_target_out_of_reach_is_an_error_with_results(tmp_path):
 
 
 def test_given_meshes_are_refined_on_request_only(tmp_path):
+    """Meshes of files are refined only with mesh.refine = "as needed"."""
     given = run_command(PUNCH, tmp_path / "given", "--set", "method.target_error=0.07", "output.figures=false")
     assert given.code == 3
     assert 'mesh.refine = "as needed"' in given.messages[0]
@@ -222,12 +239,12 @@ def test_the_iteration_leaves_a_small_part_of_the_discretization_error(comm):
     from ddmpi.run.solve import solve
 
     made = pinched_blocks(12) | {"method": {"target_error": 0.1}}
-    problem = prepare_scene(comm, made)
-    answer, _ = solve(problem, problem.scene.method)
+    assembly = prepare_scene(comm, made)
+    answer = solve(assembly, assembly.scene.method)
     assert answer.certified
-    estimate = estimate_error(problem.mesh, problem.spec.material, answer.displacement)
+    estimate = estimate_error(assembly.mesh, assembly.spec.material, answer.displacement)
     total, energy = comm.allreduce(estimate.total), comm.allreduce(estimate.energy)
-    exact, _ = solve(problem, scene_of(pinched_blocks(12), "method.tolerance=1e-12").method)
+    exact = solve(assembly, scene_of(pinched_blocks(12), "method.tolerance=1e-12").method)
     difference = answer.displacement - exact.displacement
-    left = comm.allreduce(estimate_error(problem.mesh, problem.spec.material, difference).energy)
+    left = comm.allreduce(estimate_error(assembly.mesh, assembly.spec.material, difference).energy)
     assert 0.0 < relative_error(left, energy) <= 0.1 * relative_error(total, energy)

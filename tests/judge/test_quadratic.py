@@ -89,9 +89,8 @@ def test_nearer_to_the_limit_than_linear_triangles_with_as_many_unknowns(solutio
 
 
 def test_xdmf_reads_back(done):
-    with meshio.xdmf.TimeSeriesReader(done.folder / "result.xdmf") as reader:
-        points, cells = reader.read_points_cells()
-        _, point_data, cell_data = reader.read_data(0)
+    mesh = meshio.read(done.folder / "result.xdmf")
+    points, cells, point_data, cell_data = mesh.points, mesh.cells, mesh.point_data, mesh.cell_data
     assert [block.type for block in cells] == ["triangle6"]
     triangles = cells[0].data
     assert triangles.shape == (4 * 33 * 11, 6)
@@ -116,7 +115,7 @@ def test_stress_in_the_file_carries_the_loads(done):
 
 
 def test_interface_and_pictures(done):
-    table = done.table("interface.csv")
+    table = done.table("contact_upper-lower.csv")
     assert np.allclose(np.diff(table["x"]), 1 / 22)
     share = table["normal_force"] / np.where(table["normal_stress"] > 0, table["normal_stress"], np.inf)
     closed = table["status"] != "open"
@@ -129,7 +128,7 @@ def test_interface_and_pictures(done):
 
 def test_means_over_sides_carry_the_force(done):
     """All of it but the share of the first side, whose corner is clamped."""
-    sides, nodes = done.table("interface_sides.csv"), done.table("interface.csv")
+    sides, nodes = done.table("contact_upper-lower_sides.csv"), done.table("contact_upper-lower.csv")
     assert np.allclose(sides["length"], 1 / 11) and len(sides["x"]) == 32
     assert np.array_equal(sides["x"], nodes["x"][2::2])
     for kind in ("normal", "tangential"):
@@ -148,7 +147,7 @@ def test_means_over_sides_do_not_swing_on_a_curved_interface(folder):
     scene = scenes.write_scene({"title": "Shrink fit", "body": bodies, "contact": [contact]}, folder / "rings.toml")
     run = scenes.run_command(scene, folder / "rings")
     assert run.code == 0, run.output
-    nodes, sides = (run.table(name)["normal_stress"] for name in ("interface.csv", "interface_sides.csv"))
+    nodes, sides = (run.table(f"contact_inner-outer{end}.csv")["normal_stress"] for end in ("", "_sides"))
     assert np.abs(sides / rings.pressure - 1).max() < 1e-3 < 0.03 < np.abs(nodes / rings.pressure - 1).max()
 
 

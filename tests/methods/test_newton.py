@@ -2,11 +2,20 @@
 
 import math
 import re
-from types import SimpleNamespace
+from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.linalg
+import scipy.sparse as sparse
 from scenes import pinched_blocks, prepare_scene, run_command, run_python, to_toml, write_scene
+
+from ddmpi.coupling.space import Space
+from ddmpi.interface.interface import Interface
+from ddmpi.interface.law import CoulombLaw
+from ddmpi.judge.diagnosis import StatusLog
+from ddmpi.methods.half_plane import HalfPlaneStiffness
 
 two_ranks = pytest.mark.mpi(ranks=2, timeout=120, unit="s")
 MODULUS = 3e11
@@ -14,22 +23,25 @@ MODULUS = 3e11
 
 # The preconditioner
 
-def interface(x: list[float], sliding: list[int], dropped: int = 0):
+def interface(x, sliding: list[int], dropped: int = 0, area=None, joined=None, held=None) -> Interface:
     """Contact nodes along y = 0 at `x`; nodes more than twice as far apart as others belong to two chains."""
-    from ddmpi.interface.interface import Interface
-
-    x = np.array(x)
+    x, sliding = np.array(x), np.array(sliding, dtype=int)
     steps = np.diff(x)
-    edges = np.where(steps < 2.0 * np.median(steps), steps, 0.0)
-    length = 0.5 * (np.append(edges, 0.0) + np.insert(edges, 0, 0.0))
-    held = np.zeros(len(x))
-    if dropped:  # the first node's neighbour is clamped
-        length[0] += 0.5 * edges[0]
-        held[0] = 1.0 / edges[0]
+    edges = np.where(steps < 2.0 * np.median(steps), steps, 0.0) if area is None else steps
+    if area is None:
+        area = 0.5 * (np.append(edges, 0.0) + np.insert(edges, 0, 0.0))
+        held = np.zeros(len(x))
+        if dropped:  # the first node's neighbour is clamped
+            area[0] += 0.5 * edges[0]
+            held[0] = 1.0 / edges[0]
     m, nodes = len(x), np.arange(len(x))
-    return Interface((nodes, nodes), np.column_stack([x, np.zeros(m)]), np.tile([0.0, -1.0], (m, 1)),
-                     np.tile([1.0, 0.0], (m, 1)), length, np.zeros(m), np.array(sliding, dtype=int), dropped,
-                     edges > 0.0, np.zeros(m, bool), held, np.zeros(m + len(sliding), bool))
+    alone = sparse.identity(m, format="csr")
+    return Interface(
+        name="upper-lower", bodies=("upper", "lower"), xy=np.column_stack([x, np.zeros(m)]),
+        frame=np.tile([[0.0, -1.0], [1.0, 0.0]], (m, 1, 1)), area=area, gap=np.zeros(m), nodes=(nodes, nodes),
+        transfer=(alone, alone), law=CoulombLaw(m, sliding, 1, np.full(len(sliding), 0.3)), modulus=MODULUS,
+        dropped=dropped, joined=edges > 0.0, middle=np.zeros(m, bool), held=held,
+        one_sided=np.zeros(m + len(sliding), bool))
 
 
 def dense_stiffness(contact, modulus: float) -> np.ndarray:
@@ -38,7 +50,7 @@ def dense_stiffness(contact, modulus: float) -> np.ndarray:
     K is the stiffness of a chain of springs 1/distance, the neighbour that was dropped held fast; L the diagonal of
     nodal lengths.
     """
-    x, length, m = contact.xy[:, 0], contact.length, contact.m
+    x, length, m = contact.xy[:, 0], contact.area, contact.m
     K = np.zeros((m, m))
     for k, distance in enumerate(np.diff(x)):
         if distance < 1.01 * (length[k] + length[k + 1]):
@@ -69,10 +81,8 @@ def columns(operator, size: int) -> np.ndarray:
     ([0.0, 1.0], [0, 1], 0),
 ], ids=["even", "first node dropped", "some slide", "no friction", "graded", "two chains", "two nodes"])
 def test_half_plane_stiffness_is_the_square_root(x, sliding, dropped, scale):
-    from ddmpi.methods.half_plane import HalfPlaneStiffness
-
     contact = interface([scale * value for value in x], list(sliding), dropped)
-    P, expected = columns(HalfPlaneStiffness(contact, MODULUS), contact.size), dense_stiffness(contact, MODULUS)
+    P, expected = columns(HalfPlaneStiffness(Space([contact])), contact.size), dense_stiffness(contact, MODULUS)
     assert np.linalg.norm(P - expected, 2) <= 1e-3 * np.linalg.norm(expected, 2)
     assert np.linalg.norm(np.linalg.solve(expected, P) - np.eye(contact.size), 2) <= 1e-3
     assert np.abs(P - P.T).max() <= 1e-12 * np.abs(P).max()
@@ -81,29 +91,26 @@ def test_half_plane_stiffness_is_the_square_root(x, sliding, dropped, scale):
 
 def test_half_plane_stiffness_of_one_node():
     """Its only neighbour, 0.5 m away, is clamped."""
-    from ddmpi.interface.interface import Interface
-    from ddmpi.methods.half_plane import HalfPlaneStiffness
-
-    one = Interface((np.array([4]),) * 2, np.zeros((1, 2)), np.array([[0.0, -1.0]]), np.array([[1.0, 0.0]]),
-                    np.array([0.25]), np.zeros(1), np.array([0]), 1, np.empty(0, bool),
-                    np.zeros(1, bool), np.array([2.0]), np.zeros(2, bool))
+    one = interface([0.0], [0], 1, area=np.array([0.25]), held=np.array([2.0]))
     expected = 0.5 * MODULUS * 0.25 * math.hypot(1.5 / 0.25, math.sqrt(1.0 / (0.5 * 0.25)))
-    assert columns(HalfPlaneStiffness(one, MODULUS), 2) == pytest.approx(expected * np.eye(2), rel=1e-3)
+    assert columns(HalfPlaneStiffness(Space([one])), 2) == pytest.approx(expected * np.eye(2), rel=1e-3)
 
 
-def joint_compliance(problem) -> np.ndarray:
-    return sum(problem.exchange.swap_objects(problem.body.C.dense()))
+def test_interfaces_do_not_see_each_other_in_the_preconditioner():
+    """The preconditioner of two interfaces has their two blocks on its diagonal and nothing beside them."""
+    one, two = interface(np.linspace(0, 3, 5), range(5)), interface(np.linspace(0, 1, 4), [1, 2])
+    both = columns(HalfPlaneStiffness(Space([one, replace(two, name="other")])), one.size + two.size)
+    parts = [columns(HalfPlaneStiffness(Space([each])), each.size) for each in (one, two)]
+    assert np.array_equal(both, scipy.linalg.block_diag(*parts))
 
 
-def star_modulus(scene) -> float:
-    return 1.0 / sum(1.0 / body.material.plane_modulus for body in scene.body)
+def joint_compliance(assembly) -> np.ndarray:
+    return sum(assembly.exchange.swap_objects(assembly.member.C.dense()))
 
 
 @two_ranks
 @pytest.mark.parametrize("order", [1, 2])
 def test_preconditioned_compliance_is_well_conditioned_at_every_h_and_contrast(comm, order):
-    from ddmpi.methods.half_plane import HalfPlaneStiffness
-
     for contrast in (1.0, 1e4):
         conditions = []
         for N in (6, 12, 24):
@@ -111,8 +118,8 @@ def test_preconditioned_compliance_is_well_conditioned_at_every_h_and_contrast(c
             scene["body"][0]["material"]["young"] *= contrast
             for body in scene["body"]:
                 body["mesh"]["order"] = order
-            problem = prepare_scene(comm, scene)
-            C, P = joint_compliance(problem), HalfPlaneStiffness(problem.interface, star_modulus(problem.scene))
+            assembly = prepare_scene(comm, scene)
+            C, P = joint_compliance(assembly), HalfPlaneStiffness(assembly.space)
             values = np.linalg.eigvals(np.column_stack([P.mult(column) for column in C.T]))
             assert np.abs(values.imag).max() <= 1e-9 * np.abs(values).max()
             conditions.append(values.real.max() / values.real.min())
@@ -122,24 +129,24 @@ def test_preconditioned_compliance_is_well_conditioned_at_every_h_and_contrast(c
 
 # The methods
 
-def solve(problem, **method):
+def solve(assembly, **method):
     from ddmpi.run.solve import solve
     from ddmpi.scene.method import Method
 
-    return solve(problem, Method(**method).resolved())
+    return solve(assembly, Method(**method).settled())
 
 
-def distance(problem, outer) -> float:
+def distance(assembly, outer) -> float:
     """Of the contact forces from those of the coupled problem. Collective."""
     from ddmpi.judge.brute_force import solve_coupled
 
-    exact = solve_coupled(problem.body, problem.friction, problem.exchange)
+    exact = solve_coupled(assembly)
     return float(np.linalg.norm(outer.forces - exact) / np.linalg.norm(exact))
 
 
-def multiplications(comm, problem) -> dict[str, int]:
+def multiplications(comm, assembly) -> dict[str, int]:
     """By purpose, of both bodies. Collective."""
-    return dict(sum(comm.allgather(problem.body.C.count), start=type(problem.body.C.count)()))
+    return dict(sum(comm.allgather(assembly.member.C.count), start=Counter()))
 
 
 @two_ranks
@@ -147,25 +154,27 @@ def test_all_methods_reach_the_coupled_problem(comm):
     for law in ("coulomb", "tresca", "none"):
         for method in ({}, {"outer": "newton", "tolerance": 1e-11}, {"outer": "anderson"},
                        {"theta": 0.25, "tolerance": 1e-10}):
-            problem = prepare_scene(comm, pinched_blocks(6, law, **method))
-            answer, outer = solve(problem, **method)
+            assembly = prepare_scene(comm, pinched_blocks(6, law, **method))
+            answer = solve(assembly, **method)
+            outer = answer.outer
             assert answer.certified, (law, method, answer.reason)
-            assert distance(problem, outer) <= 1e-6, (law, method)
+            assert distance(assembly, outer) <= 1e-6, (law, method)
 
 
 @two_ranks
 def test_units_change_neither_digits_nor_counts(comm):
     for law in ("coulomb", "tresca"):
-        problem = prepare_scene(comm, pinched_blocks(6, law))
-        _, usual = solve(problem)
-        n_A = multiplications(comm, problem)
+        assembly = prepare_scene(comm, pinched_blocks(6, law))
+        usual = solve(assembly).outer
+        n_A = multiplications(comm, assembly)
         for length, stress in ((1.0, 1e-9), (1.0, 1e9), (1e-9, 1.0), (1e9, 1.0), (1e9, 1e-9), (1e-3, 1e-6)):
-            problem = prepare_scene(comm, pinched_blocks(6, law, length, stress))
-            answer, outer = solve(problem)
+            assembly = prepare_scene(comm, pinched_blocks(6, law, length, stress))
+            answer = solve(assembly)
+            outer = answer.outer
             assert answer.certified, (law, length, stress, answer.violations)
             assert len(outer.history) == len(usual.history), (law, length, stress)
             # GMRES ends at a threshold, where rounding may decide over one iteration of one step
-            total = sum(multiplications(comm, problem).values())
+            total = sum(multiplications(comm, assembly).values())
             assert abs(total - sum(n_A.values())) <= 0.02 * total, (law, length, stress)
             forces = outer.forces / (length * stress)
             assert forces == pytest.approx(usual.forces, rel=1e-9, abs=1e-9 * np.abs(usual.forces).max())
@@ -175,20 +184,20 @@ def test_units_change_neither_digits_nor_counts(comm):
 def test_only_what_the_scene_requires_is_multiplied(comm):
     """Without friction m unknowns, vectors of that length across, and fewer products; without loads none at all."""
     with_friction = prepare_scene(comm, pinched_blocks(6))
-    _, outer = solve(with_friction)
-    m = with_friction.interface.m
-    assert len(outer.forces) == with_friction.body.C.size == 2 * m
+    outer = solve(with_friction).outer
+    m = with_friction.space.m
+    assert len(outer.forces) == with_friction.member.C.size == 2 * m
     usual = multiplications(comm, with_friction)
     assert set(usual) <= {"load", "newton", "displacement"}
     assert (usual["load"], usual["displacement"]) == (2, 2)
 
     frictionless = prepare_scene(comm, pinched_blocks(6, "none"))
     before = frictionless.exchange.messages, frictionless.exchange.bytes
-    _, outer = solve(frictionless)
+    outer = solve(frictionless).outer
     messages, sent = (a - b for a, b in zip((frictionless.exchange.messages, frictionless.exchange.bytes), before,
                                             strict=True))
-    assert len(outer.forces) == frictionless.body.C.size == m
-    assert len(frictionless.interface.sliding) == 0
+    assert len(outer.forces) == frictionless.member.C.size == m
+    assert len(frictionless.space.interfaces[0].sliding) == 0
     assert multiplications(comm, frictionless)["newton"] < usual["newton"]
     assert sent <= 8 * messages * (m + 6)
 
@@ -196,7 +205,8 @@ def test_only_what_the_scene_requires_is_multiplied(comm):
     for body in scene["body"]:
         body["traction"] = []
     unloaded = prepare_scene(comm, scene)
-    answer, outer = solve(unloaded)
+    answer = solve(unloaded)
+    outer = answer.outer
     assert answer.certified
     assert not outer.forces.any()
     assert multiplications(comm, unloaded) == {}
@@ -208,10 +218,10 @@ def test_stiffness_contrast_costs_at_most_a_factor_of_two(comm):
     for contrast in (1e-4, 1.0, 1e4):
         scene = pinched_blocks(12)
         scene["body"][0]["material"]["young"] *= contrast
-        problem = prepare_scene(comm, scene)
-        answer, _ = solve(problem)
+        assembly = prepare_scene(comm, scene)
+        answer = solve(assembly)
         assert answer.certified
-        counts[contrast] = sum(multiplications(comm, problem).values())
+        counts[contrast] = sum(multiplications(comm, assembly).values())
     assert max(counts.values()) <= 2 * min(counts.values()), counts
 
 
@@ -219,29 +229,32 @@ def test_stiffness_contrast_costs_at_most_a_factor_of_two(comm):
 def test_the_fallback_alone_finds_the_same_answer(comm, monkeypatch):
     """Newton steps are never given a chance: successive approximations have to do it."""
     for law in ("coulomb", "tresca", "none"):
-        problem = prepare_scene(comm, pinched_blocks(6, law))
-        _, usual = solve(problem)
+        assembly = prepare_scene(comm, pinched_blocks(6, law))
+        usual = solve(assembly).outer
         with monkeypatch.context() as patch:
             patch.setattr("ddmpi.methods.newton.PATIENCE", 0)
-            answer, outer = solve(problem)
+            answer = solve(assembly)
+            outer = answer.outer
         assert answer.certified, (law, answer.reason)
-        assert multiplications(comm, problem)["approximation"] > 0
+        assert multiplications(comm, assembly)["approximation"] > 0
         assert outer.forces == pytest.approx(usual.forces, rel=1e-5, abs=1e-6 * np.abs(usual.forces).max())
 
 
 @two_ranks
 def test_too_few_iterations_are_no_answer(comm):
     from ddmpi.judge.diagnosis import diagnose
+    from ddmpi.scene.method import Method
 
-    problem = prepare_scene(comm, pinched_blocks(6))
+    assembly = prepare_scene(comm, pinched_blocks(6))
     for method in ({"outer": "newton"}, {"outer": "anderson"}, {"theta": 0.2}):
-        answer, outer = solve(problem, max_iterations=2, **method)
+        answer = solve(assembly, max_iterations=2, **method)
+        outer = answer.outer
         assert answer.stopped == "max_iterations"
         assert len(outer.history) == 2
         assert not answer.certified
         assert "max_iterations" in answer.reason
-        text = diagnose(answer.reason, answer.stopped, answer.violations, outer.method, outer.history,
-                        answer.statuses, problem.interface, problem.friction)
+        text = diagnose(answer.reason, answer.stopped, answer.violations, Method(**method).settled(), outer.history,
+                        answer.statuses, assembly.space)
         assert "iteration 2" in text
         assert "try: " in text
 
@@ -250,27 +263,28 @@ def test_too_few_iterations_are_no_answer(comm):
 def test_a_theta_too_large_diverges_and_is_told_from_running_out(comm):
     scene = pinched_blocks(6)
     scene["body"][0]["material"]["young"] *= 1e3
-    answer, outer = solve(prepare_scene(comm, scene), theta=1.0)
+    answer = solve(prepare_scene(comm, scene), theta=1.0)
+    outer = answer.outer
     assert answer.stopped == "diverged"
     assert len(outer.history) < 100
 
 
 # What is said of a run that fails
 
-def contact(m: int, sliding: list[int] | None = None):
-    return SimpleNamespace(m=m, sliding=np.arange(m) if sliding is None else np.array(sliding),
-                           xy=np.column_stack([np.arange(m), np.ones(m)]))
+def line(m: int, coefficient: float = 0.5) -> Space:
+    """One interface of m nodes at (0, 1), (1, 1), …"""
+    contact = interface(np.arange(float(m)), range(m), area=np.ones(m), held=np.zeros(m))
+    law = replace(contact.law, coefficient=np.full(m, coefficient))
+    return Space([replace(contact, xy=contact.xy + np.array([0.0, 1.0]), law=law)])
 
 
-def recorded(*statuses: str):
+def recorded(*statuses: str) -> StatusLog:
     """A log of iterations with a letter per node: open, stick, slip to the right or left."""
-    from ddmpi.judge.diagnosis import StatusLog
-
-    log = StatusLog()
+    log = StatusLog(line(len(statuses[0]) if statuses else 3))
     for letters in statuses:
         normal = np.array([0.0 if letter == "o" else 2.0 for letter in letters])
         tangential = np.array([{"o": 0.0, "s": 0.1, "r": 1.0, "l": -1.0}[letter] for letter in letters])
-        log.record(contact(len(letters)), np.concatenate([normal, tangential]), 0.5 * normal)
+        log.record(np.concatenate([normal, tangential]), 0.5 * normal)
     return log
 
 
@@ -288,7 +302,7 @@ def test_status_log(statuses, cycles, unsettled):
 def history(factor: float, length: int = 15, first: float = 1.0):
     from ddmpi.methods.outer import Step
 
-    return [Step(k + 1, first * factor**k, first * factor**(2 * k), 0.0, (0, 0)) for k in range(length)]
+    return [Step(k + 1, first * factor**k, first * factor**(2 * k), 0.0, 0) for k in range(length)]
 
 
 def test_contraction_factor():
@@ -299,7 +313,7 @@ def test_contraction_factor():
         assert contraction(history(factor), "residual") == pytest.approx(factor**2)
     assert contraction([*history(0.1), *history(0.8, 11)]) == pytest.approx(0.8)  # the latest count
     random = np.random.default_rng(0)
-    noisy = [type(step)(step.iteration, step.update * float(random.uniform(0.8, 1.25)), 0.0, 0.0, (0, 0))
+    noisy = [type(step)(step.iteration, step.update * float(random.uniform(0.8, 1.25)), 0.0, 0.0, 0)
              for step in history(0.5)]
     assert contraction(noisy) == pytest.approx(0.5, rel=0.1)
     assert math.isnan(contraction(history(0.5, 2)))
@@ -308,14 +322,12 @@ def test_contraction_factor():
 
 
 def diagnosis(stopped: str, steps: list, coefficient: float = 0.3, statuses=(), violations=(), **method) -> str:
-    from ddmpi.interface.law import Friction
     from ddmpi.judge.diagnosis import diagnose
     from ddmpi.scene.method import Method
 
-    log = recorded(*statuses)
     nodes = len(statuses[0]) if statuses else 3
-    return diagnose("the reason", stopped, list(violations), Method(**method).resolved(), steps, log, contact(nodes),
-                    Friction("coulomb", coefficient=np.full(nodes, coefficient)))
+    return diagnose("the reason", stopped, list(violations), Method(**method).settled(), steps, recorded(*statuses),
+                    line(nodes, coefficient))
 
 
 def test_diagnosis_of_divergence():
@@ -425,14 +437,14 @@ def test_verify_compares_with_the_coupled_problem(tmp_path):
 @two_ranks
 def test_verify_refuses_an_answer_that_is_off(comm, monkeypatch):
     from ddmpi.errors import NotConvergedError
-    from ddmpi.run import run
+    from ddmpi.run import verify
     from ddmpi.scene.reader import read_scene
 
-    exact = run.solve_coupled
-    monkeypatch.setattr(run, "solve_coupled", lambda *parts: 1.01 * exact(*parts))
+    exact = verify.solve_coupled
+    monkeypatch.setattr(verify, "solve_coupled", lambda *parts: 1.01 * exact(*parts))
     scene = read_scene("scene.toml", to_toml(pinched_blocks(6)))
     with pytest.raises(NotConvergedError, match=r"certified, and the contact forces differ .* by 9\.9e-03"):
-        run.verify(comm, scene, "scene.toml")
+        verify.verify(comm, scene, "scene.toml")
 
 
 def test_no_tolerance_makes_a_certificate_empty():
