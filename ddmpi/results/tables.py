@@ -1,91 +1,97 @@
-"""Tables and the summary: history.csv, interface.csv, summary.json."""
+"""The tables of a run: contact_NAME.csv, contact_NAME_sides.csv, history.csv and steps.csv."""
 
 from __future__ import annotations
 
 import contextlib
 import csv
-import json
-import os
-import shutil
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+
 import numpy as np
-from ddmpi.methods.outer import Step
+
+from ddmpi.errors import OutputError
 from ddmpi.interface.state import ContactState
-from ddmpi.errors import HeldError, InputError, OutputError, TakenError
-from ddmpi.system.files import CHECKPOINT, FileOfHDF5, clear_unfinished, link_new, locked, publishing, unfinished
-from ddmpi.system.files import RESULTS as NAMES
-from ddmpi.interface.interface import Interface
-from ddmpi.results.folder import _guarded
+
+CONTACT = ("x", "y", "nx", "ny", "length", "normal_force", "tangential_force", "normal_stress", "tangential_stress",
+           "gap", "slip", "slip_total", "status")
+
+SIDES = ("x", "y", "length", "normal_stress", "tangential_stress")
+
+HISTORY = ("step", "iteration", "update", "residual", "inner_precision", "n_A", "open", "slip", "stick")
+
+STEPS = ("time", "contact", "force_x", "force_y", "moment", "normal_force", "tangential_force", "open", "slip",
+         "stick", "dissipated")
 
 
-HISTORY_COLUMNS = ("iteration", "update", "residual", "inner_precision", "n_A_1", "n_A_2", "open", "slip", "stick")
+def write_contact(path: Path, name: str, state: ContactState, slip_total: np.ndarray | None = None) -> None:
+    """Write contact_NAME.csv into the folder `path`: one line per contact node, ordered along the contact.
 
-INTERFACE_COLUMNS = ("x", "y", "normal_force", "tangential_force", "normal_stress", "tangential_stress",
-                     "gap", "slip", "status")
+    Parameters
+    ----------
+    name : of the contact
+    slip_total : (m, 1) slip summed over all load steps (m); by default that of `state`, the only step
 
-SIDES_COLUMNS = ("x", "y", "length", "normal_stress", "tangential_stress")
-
-
-def write_history(path: Path, history: Iterable[Step], counts: Iterable[Sequence[int]]) -> None:
-    """Write history.csv, a line per outer iteration; `counts` are of open, slipping and sticking nodes.
-
-    Raises OutputError.
+    Directions are those of the first body. Not collective. Raises OutputError.
     """
-    _write_csv(path / "history.csv", HISTORY_COLUMNS,
-               ((s.iteration, s.update, s.residual, s.inner_precision, *s.n_A, *nodes)
-                for s, nodes in zip(history, counts, strict=True)))
+    interface, total = state.interface, state.slip if slip_total is None else slip_total
+    columns = (*interface.xy.T, *interface.normal.T, interface.area, state.normal_force, state.tangential_force.ravel(),
+               state.pressure, state.shear.ravel(), state.gap, state.slip.ravel(), total.ravel(), state.status)
+    _write_csv(path / f"contact_{name}.csv", CONTACT, zip(*columns, strict=True))
 
 
-def write_interface(path: Path, interface: Interface, state: ContactState) -> None:
-    """Write interface.csv, a line per contact node, ordered along the interface. Raises OutputError."""
-    rows = zip(*interface.xy.T, state.normal_force, state.tangential_force, state.normal_force / interface.length,
-               state.tangential_force / interface.length, state.gap, state.slip, state.status, strict=True)
-    _write_csv(path / "interface.csv", INTERFACE_COLUMNS, rows)
+def write_sides(path: Path, name: str, state: ContactState) -> None:
+    """Write contact_NAME_sides.csv into the folder `path`: mean stresses over the sides of quadratic elements.
 
-
-def write_sides(path: Path, interface: Interface, state: ContactState) -> None:
-    """Write interface_sides.csv: means of the stresses over quadratic elements' sides, by Simpson's rule.
-
-    Between corners and middles nodal stresses swing where the interface is curved or ends; their means over
-    sides do not. A line per side whose three nodes carry forces, with its middle and its length; no file in
-    order 1. Raises OutputError.
+    Nodal stresses oscillate between corners and middles where a contact is curved or ends; their means over sides,
+    by Simpson's rule, do not. A line holds the middle of a side and its length; sides with a node that carries no
+    force are left out. Linear elements have no such file. Not collective. Raises OutputError.
     """
-    k = interface.middles
+    interface, k = state.interface, state.interface.middles
     if len(k) == 0:
         return
-
-    def mean(force: np.ndarray) -> np.ndarray:
-        stress = force / interface.length
-        return (stress[k - 1] + 4 * stress[k] + stress[k + 1]) / 6
-
-    rows = zip(*interface.xy[k].T, np.linalg.norm(interface.xy[k + 1] - interface.xy[k - 1], axis=1),
-               mean(state.normal_force), mean(state.tangential_force), strict=True)
-    _write_csv(path / "interface_sides.csv", SIDES_COLUMNS, rows)
+    length = np.linalg.norm(interface.xy[k + 1] - interface.xy[k - 1], axis=1)
+    means = ((stress[k - 1] + 4 * stress[k] + stress[k + 1]) / 6 for stress in (state.pressure, state.shear.ravel()))
+    _write_csv(path / f"contact_{name}_sides.csv", SIDES, zip(*interface.xy[k].T, length, *means, strict=True))
 
 
-def write_summary(path: Path, summary: dict) -> None:
-    """Write summary.json. Raises OutputError."""
-    text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False, default=_plain) + "\n"
-    _guarded(lambda: (path / "summary.json").write_text(text, encoding="utf-8"), path / "summary.json")
+def write_history(path: Path, rows: Iterable[Sequence]) -> None:
+    """Write history.csv into the folder `path`: one line per outer iteration.
+
+    A row has the load step, the fields of `methods.outer.Step`, and the numbers of open, slipping and sticking nodes
+    of all contacts. Not collective. Raises OutputError.
+    """
+    _write_csv(path / "history.csv", HISTORY, rows)
 
 
-def finite_or_none(value: float) -> float | None:
-    """JSON has no NaN and no infinity; null says that there is no number."""
-    return float(value) if np.isfinite(value) else None
+def write_steps(path: Path, steps: Iterable[dict]) -> None:
+    """Write steps.csv into the folder `path`: one line per load step and contact.
+
+    `steps` is the entry of that name in the summary (`summary.summarize`). Not collective. Raises OutputError.
+    """
+    _write_csv(path / "steps.csv", STEPS, (
+        (step["time"], name, *contact["force"], *(contact[column] for column in STEPS[4:]))
+        for step in steps for name, contact in step["contacts"].items()))
+
+
+@contextlib.contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """A context in which `path` is written: an error of the system becomes an OutputError that names the file."""
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"results could not be written: {error.filename or path}: "
+                          f"{error.strerror or error}") from None
 
 
 def _write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence]) -> None:
-    def write() -> None:
-        with open(path, "w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(columns)
-            writer.writerows([repr(float(v)) if isinstance(v, float | np.floating) else v for v in row] for row in rows)
-    _guarded(write, path)
+    with writing(path), open(path, "w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows([_cell(value) for value in row] for row in rows)
 
 
-def _plain(value: object) -> object:
-    if isinstance(value, np.generic):
-        return value.item()
-    raise TypeError(f"{type(value).__name__} does not belong into a summary")
+def _cell(value: object) -> object:
+    """The value with all its digits; what the summary calls null is nan."""
+    if value is None:
+        return "nan"
+    return repr(float(value)) if isinstance(value, float | np.floating) else value

@@ -1,29 +1,25 @@
-"""Files are whole or absent; what a killed run has left the next one clears away; scripts that were interrupted."""
+"""Results are whole or absent; nothing is overwritten; a killed run's leavings do no harm; interrupted scripts."""
 
-import contextlib
-import errno
-import fcntl
 import os
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 import scenes
 
-from ddmpi.errors import HeldError, InputError, OutputError, TakenError
-from ddmpi.results.folder import Staging, choose_folder
-from ddmpi.results.tables import write_summary
-from ddmpi.run.checkpoint import CHECKPOINT
-from ddmpi.system.files import clear_unfinished, locked, unfinished, write_atomically
+from ddmpi.errors import InputError, OutputError, TakenError
+from ddmpi.results.folder import MOVED, Staging, choose_folder, running
+from ddmpi.results.summary import write_summary
+from ddmpi.system import logs
+from ddmpi.system.files import CHECKPOINT, RECORD, UNFINISHED, write_atomically
+from ddmpi.system.provenance import whereabouts
 
-HOST = socket.gethostname()
+HOST = whereabouts().split()[0]
 
 
 def names(folder: Path) -> set[str]:
@@ -82,21 +78,46 @@ except OSError as error:
     assert child.stderr == ""
 
 
-def test_only_what_dead_processes_of_this_host_have_left_is_cleared_away(tmp_path):
-    dead = subprocess.Popen([sys.executable, "-c", ""])
-    zombie = subprocess.Popen([sys.executable, "-c", ""])
-    dead.wait()
-    os.waitid(os.P_PID, zombie.pid, os.WEXITED | os.WNOWAIT)  # dead, but still there
-    for left in (f".unfinished-{HOST}-{dead.pid}-results", f".unfinished-{HOST}-{zombie.pid}-results"):
-        (tmp_path / left).mkdir()
-        (tmp_path / left / "result.h5").write_text("half")
-    (tmp_path / f".unfinished-{HOST}-{dead.pid}-checkpoint.h5").write_text("half")
-    stay = {unfinished(tmp_path / "results").name, f".unfinished-elsewhere-{dead.pid}-results", "result.h5"}
-    for name in stay:
-        (tmp_path / name).write_text("somebody's")
-    clear_unfinished(tmp_path)
-    zombie.wait()
-    assert names(tmp_path) == stay
+# The folder of a run
+
+
+def dead_process() -> int:
+    """One that its parent has not asked for its exit code, as where nobody takes over from a killed mpirun."""
+    child = subprocess.Popen([sys.executable, "-c", ""])
+    os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)
+    dead.append(child)
+    return child.pid
+
+
+dead: list[subprocess.Popen] = []
+
+
+def fill(claim: Path, moved: bool = False) -> Path:
+    """What a run has left that was killed while it wrote its results, or while it moved them."""
+    claim.mkdir(parents=True)
+    for name in ("history.csv", "summary.json"):
+        (claim / name).write_text("half")
+    if moved:
+        (claim / MOVED).write_text("result.h5\nhistory.csv\nsummary.json")
+        (claim.parents[1] / "result.h5").write_text("moved already")
+    return claim
+
+
+@pytest.mark.parametrize("moved", [False, True])
+@pytest.mark.parametrize("restart", [False, True])
+def test_what_a_killed_run_has_left_goes(tmp_path, moved, restart):
+    """A run or a restart removes what a killed run has left, also results that it had moved, and nothing else."""
+    fill(tmp_path / UNFINISHED / f"{HOST} {dead_process()}", moved)
+    (tmp_path / ".unfinished-elsewhere-1-checkpoint.h5").write_text("half")
+    (tmp_path / ".hidden").write_text("the user's")
+    if restart:
+        fill(tmp_path / UNFINISHED / "elsewhere 7")
+        (tmp_path / CHECKPOINT).write_text("precious")
+        (tmp_path / "notes").write_text("the user's")
+        assert chosen(None, tmp_path) == tmp_path
+    else:
+        assert chosen(tmp_path) == tmp_path
+    assert names(tmp_path) == ({".hidden", CHECKPOINT, "notes"} if restart else {".hidden"})
 
 
 def test_a_checkpoint_is_not_written_over(tmp_path):
@@ -112,65 +133,90 @@ def test_a_checkpoint_is_not_written_over(tmp_path):
     assert chosen(None, tmp_path) == tmp_path
     assert chosen(other, tmp_path) == other
     assert (tmp_path / CHECKPOINT).read_text() == "precious"
-
-
-def test_results_without_a_summary_are_those_of_a_run_that_was_killed_while_it_renamed_them(tmp_path):
-    (tmp_path / "result.h5").write_text("renamed already")
-    with pytest.raises(InputError, match="there are results already"):
-        chosen(None, tmp_path)  # whose, nobody knows
-    (tmp_path / CHECKPOINT).write_text("precious")
-    assert chosen(None, tmp_path) == tmp_path
-    assert names(tmp_path) == {CHECKPOINT}
-    for name in ("result.h5", "summary.json"):
-        (tmp_path / name).write_text("whole")
+    (tmp_path / "summary.json").write_text("whole")
     with pytest.raises(InputError, match="there are results already"):
         chosen(None, tmp_path)
-    assert names(tmp_path) == {CHECKPOINT, "result.h5", "summary.json"}
 
 
-# Two runs in one folder
+def test_a_folder_that_holds_anything_is_refused(tmp_path):
+    """A run makes its folder or finds it empty, but for its own log and the record of its sweep."""
+    for name in (RECORD, "notes"):
+        (tmp_path / name).write_text("")
+    logs.configure(0, quiet=True, file=str(tmp_path / "run.log"), heading="ddmpi 0 on h 1: ddmpi run")
+    try:
+        with pytest.raises(InputError, match=rf"--output {tmp_path}: is not empty \(it holds notes\)"):
+            chosen(tmp_path)
+        (tmp_path / "notes").unlink()
+        assert chosen(tmp_path) == tmp_path
+    finally:
+        logs.configure(0)
+    with pytest.raises(InputError, match=r"it holds run\.log"):
+        chosen(tmp_path)
+    assert names(tmp_path) == {RECORD, "run.log"}
 
 
-LOCKS = [None, errno.EBADF, errno.ENOSYS]
-"""What flock says of a folder: yes; no, with NFS; no, with Lustre."""
+@pytest.mark.parametrize("restart", [False, True])
+def test_two_runs_do_not_have_one_folder(tmp_path, restart):
+    """A folder in which a run is at work, or may be on another host, is refused, with what to remove."""
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as other:
+        claim = fill(tmp_path / UNFINISHED / f"{HOST} {other.pid}", moved=True)
+        if restart:
+            (tmp_path / CHECKPOINT).write_text("precious")
+        before = names(tmp_path)
+        assert running(tmp_path) == f"{HOST} {other.pid}"
+        with pytest.raises(InputError, match=rf"at work there \({HOST} {other.pid}\).*remove {claim.parent}"):
+            chosen(None if restart else tmp_path, tmp_path if restart else None)
+        assert names(tmp_path) == before
+        other.communicate()
+    assert running(tmp_path) == ""
+    chosen(None if restart else tmp_path, tmp_path if restart else None)
 
 
-@pytest.fixture(params=LOCKS)
-def locks(request, monkeypatch) -> bool:
-    """Whether the file system has locks, with and without."""
-    def refuse(*arguments):
-        raise OSError(request.param, os.strerror(request.param))
-
-    if request.param:
-        monkeypatch.setattr(fcntl, "flock", refuse)
-    return request.param is None
-
-
-def test_two_runs_do_not_have_one_folder(tmp_path):
-    (tmp_path / CHECKPOINT).write_text("precious")
-    for wanted, restart in ((tmp_path, None), (None, tmp_path)):
-        with choose_folder(None, str(tmp_path), "scene.toml"), pytest.raises(HeldError, match="another run is writing"):
-            chosen(wanted, restart)
-    assert chosen(None, tmp_path) == tmp_path
-    assert names(tmp_path) == {CHECKPOINT}
+def test_a_run_on_another_host(tmp_path, monkeypatch):
+    """It counts as running, unless it is of the same batch job, or of a sweep, whose processes have their own cases."""
+    claim = tmp_path / UNFINISHED / "elsewhere 7 job 12"
+    claim.mkdir(parents=True)
+    with pytest.raises(InputError, match=r"another run is at work there .elsewhere 7 job 12"):
+        chosen(tmp_path)
+    assert running(tmp_path) == ""
+    monkeypatch.setenv("SLURM_JOB_ID", "12")
+    assert chosen(tmp_path) == tmp_path and not claim.exists()
+    monkeypatch.delenv("SLURM_JOB_ID")
+    claim.mkdir(parents=True)
+    (tmp_path / RECORD).write_text("")
+    assert chosen(tmp_path) == tmp_path and not claim.exists()
 
 
-def test_the_files_of_a_run_that_is_publishing_stay(tmp_path, locks):
-    """It has put some of them there when another run wants to go on from the same checkpoint."""
-    (tmp_path / CHECKPOINT).write_text("precious")
-    with choose_folder(None, str(tmp_path), "scene.toml") as folder:
-        staging = Staging(folder)
-        staging.create()
-        (folder / "result.h5").write_text("the first of several")
-        with pytest.raises(HeldError, match="another run is writing there" + ("" if locks else ".*killed on another")):
-            chosen(None, tmp_path)
-        assert (folder / "result.h5").exists()
-    staging.discard()
-    assert chosen(None, tmp_path) == tmp_path
-    assert names(tmp_path) == {CHECKPOINT}
+def test_runs_that_start_at_once_do_not_share_a_folder(tmp_path):
+    """Of several that name one folder one gets it."""
+    code = """
+import sys
+from ddmpi.errors import InputError
+from ddmpi.results.folder import choose_folder
+print("ready", flush=True)
+input()
+try:
+    with choose_folder(sys.argv[1], None, "scene.toml"):
+        print("mine", flush=True)
+        input()
+except InputError as error:
+    print(error, flush=True)
+"""
+    runs = [subprocess.Popen([sys.executable, "-c", code, str(tmp_path / "out")], stdin=subprocess.PIPE, text=True,
+                             stdout=subprocess.PIPE, env=scenes.clean_environment()) for _ in range(4)]
+    for run in runs:
+        assert run.stdout.readline() == "ready\n"
+    for run in runs:
+        run.stdin.write("\n")
+        run.stdin.flush()
+    said = [run.stdout.readline() for run in runs]
+    for run, line in zip(runs, said, strict=True):  # PETSc would die of writing to one that has ended
+        run.communicate("\n" if line == "mine\n" else None, timeout=20)
+    assert said.count("mine\n") == 1, said
+    assert all("another run is at work there" in line for line in said if line != "mine\n"), said
 
 
-def test_without_a_name_the_first_folder_that_nobody_has(tmp_path, monkeypatch, locks):
+def test_without_a_name_the_first_new_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with choose_folder(None, None, "a/scene.toml") as one, choose_folder(None, None, "b/scene.toml") as two:
         assert [str(one), str(two)] == ["results/scene", "results/scene-2"]
@@ -178,88 +224,64 @@ def test_without_a_name_the_first_folder_that_nobody_has(tmp_path, monkeypatch, 
     assert names(tmp_path / "results") == {"scene-2"}
 
 
-def test_a_new_folder_that_another_run_has_taken_at_once_is_left_to_it(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    mkdir = Path.mkdir
-    with contextlib.ExitStack() as other:
-        def overtaken(path, *arguments, **options):
-            mkdir(path, *arguments, **options)
-            if path == Path("results/scene"):
-                other.enter_context(locked(path))
-
-        monkeypatch.setattr(Path, "mkdir", overtaken)
-        assert str(chosen()) == "results/scene-2"
-
-
-def test_a_folder_is_removed_by_whom_it_was_made(tmp_path):
+def test_a_folder_is_removed_by_the_run_that_made_it(tmp_path):
     mine, theirs = tmp_path / "mine", tmp_path / "theirs"
     theirs.mkdir()
     assert [chosen(mine), chosen(theirs)] == [mine, theirs]
     assert names(tmp_path) == {"theirs"}
 
 
-@pytest.mark.parametrize("links", [True, False])
-@pytest.mark.parametrize("in_the_way", ["result.h5", "history.csv", "summary.json"])
-def test_publishing_overwrites_nothing(tmp_path, monkeypatch, links, in_the_way):
-    def refuse(*arguments):
-        raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
-
-    if not links:
-        monkeypatch.setattr(os, "link", refuse)
-    (tmp_path / in_the_way).write_text("another's")
-    staging = Staging(tmp_path)
-    staging.create()
-    files = ("result.h5", "history.csv", "summary.json")
-    for name in files:
+def staged(folder: Path) -> Staging:
+    staging = Staging(folder)
+    with pytest.raises(OutputError, match=r"results could not be written: .*No such file"):
+        staging.create()
+    staging.path.mkdir(parents=True)
+    for name in ("summary.json", "what nobody has heard of.csv", "bodies.png"):
         (staging.path / name).write_text("ours")
-    with pytest.raises(TakenError, match=in_the_way):
+    return staging
+
+
+def test_what_is_written_is_published(tmp_path):
+    """No list of names decides: every file appears, the summary last."""
+    staging = staged(tmp_path)
+    assert [path.name for path in staging.publish()] == ["bodies.png", "what nobody has heard of.csv", "summary.json"]
+    assert names(tmp_path) == {"bodies.png", "what nobody has heard of.csv", "summary.json"}
+
+
+@pytest.mark.parametrize("in_the_way", ["bodies.png", "summary.json"])
+def test_publishing_overwrites_nothing(tmp_path, in_the_way):
+    (tmp_path / in_the_way).write_text("another's")
+    staging = staged(tmp_path)
+    with pytest.raises(TakenError, match=f"{in_the_way}: is there already"):
         staging.publish()
     staging.discard()
     assert names(tmp_path) == {in_the_way} and (tmp_path / in_the_way).read_text() == "another's"
-    (tmp_path / in_the_way).unlink()
-    staging.create()
-    for name in files:
-        (staging.path / name).write_text("ours")
-    assert [path.name for path in staging.publish()] == ["result.h5", "history.csv", "summary.json"]
-    assert names(tmp_path) == set(files)
 
 
-@pytest.mark.parametrize("command", ["--restart", "--output"])
-def test_a_run_that_is_publishing_is_left_alone(tmp_path, command):
-    """The command, while another one has put some of its results there; this one ends with all of them."""
-    scene = scenes.write_scene(scenes.pinched_blocks(2), tmp_path / "scene.toml")
-    folder, at_it, go_on = tmp_path / "out", tmp_path / "at it", tmp_path / "go on"
-    hook = tmp_path / "slow.py"
-    hook.write_text(f"""
-import sys, time
-from pathlib import Path
-from ddmpi.cli import main as cli
-from ddmpi.results import folder as results
-original = results.link_new
-def link_new(source, target):
-    original(source, target)
-    Path({str(at_it)!r}).touch()
-    while not Path({str(go_on)!r}).exists():
-        time.sleep(0.05)
-results.link_new = link_new
-cli.main(sys.argv[1:])
-""")
-    with ThreadPoolExecutor() as pool:
-        first = pool.submit(scenes.run_python, [str(hook), "run", str(scene), "--output", str(folder), "--no-figures",
-                                                "--set", "checkpoint.iterations=1"], limit=120.0, folder=folder)
-        end = time.monotonic() + 60
-        while not at_it.exists() and time.monotonic() < end:
-            time.sleep(0.05)
-        before = names(folder)
-        second = scenes.run_python(["-m", "ddmpi", "run", str(scene), command, str(folder), "--no-figures"], limit=60.0)
-        after = names(folder)
-        go_on.touch()
-        run = first.result()
-    assert second.code == 2 and len(second.messages) == 1, second.output
-    assert "another run is writing there" in second.messages[0]
-    assert before == after and {"result.h5", CHECKPOINT} < after and "summary.json" not in after
-    assert run.code == 0, run.output
-    assert run.files == {"result.h5", "result.xdmf", "history.csv", "interface.csv", "summary.json"}
+def test_publishing_that_fails_leaves_nothing(tmp_path, monkeypatch):
+    rename = os.rename
+
+    def fails(source, target):
+        if target.name == "summary.json":
+            raise OSError(5, "Input/output error")
+        rename(source, target)
+
+    monkeypatch.setattr(os, "rename", fails)
+    staging = staged(tmp_path)
+    with pytest.raises(OutputError, match=r"results could not be written: .*Input/output error"):
+        staging.publish()
+    staging.discard()
+    assert names(tmp_path) == set()
+
+
+def test_a_full_disk_at_the_start_is_an_error_of_writing(tmp_path, monkeypatch):
+    def full(*arguments, **options):
+        raise OSError(28, "No space left on device")
+
+    (tmp_path / "out").mkdir()
+    monkeypatch.setattr(Path, "mkdir", lambda path, **options: full() if UNFINISHED in str(path) else os.mkdir(path))
+    with pytest.raises(OutputError, match=f"{tmp_path}/out: cannot write there: No space left"):
+        chosen(tmp_path / "out")
 
 
 # Folders and files that may not be reached

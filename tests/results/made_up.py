@@ -1,0 +1,120 @@
+"""Results of runs that never were: blocks and contacts with plausible fields, written by the writers of results/."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ddmpi.body.stress import stress, von_mises
+from ddmpi.interface.interface import Interface
+from ddmpi.interface.matching import pair
+from ddmpi.interface.side import contact_side
+from ddmpi.interface.state import ContactState
+from ddmpi.mesh.build import generate_rectangle
+from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.refine import raise_order
+from ddmpi.results.fields import Fields, write_fields, write_xdmf
+from ddmpi.results.summary import BodyResult, ContactResult, RunResult, summarize, write_summary
+from ddmpi.results.tables import write_contact, write_history, write_sides, write_steps
+from ddmpi.scene.bodies import Material, MeshSpec
+from ddmpi.scene.contacts import Coulomb, NoFriction
+
+STEEL = Material(young=2.119e11, poisson=0.277)
+
+COULOMB = Coulomb(coefficient=0.3)
+
+STACK = {"upper": (0.0, 1.0), "lower": (0.0, 0.0)}
+"""Two blocks of 3 m × 1 m, one upon the other, by their lower left corners."""
+
+ROW = {"left": (0.0, 0.0), "middle": (3.0, 0.0), "right": (6.0, 0.0)}
+"""Three such blocks side by side."""
+
+CONTACTS = {"stack": {"upper-lower": ("bottom", "top")},
+            "row": {"left-middle": ("right", "left"), "middle-right": ("right", "left")}}
+
+
+def block(origin=(0.0, 0.0), divisions=(24, 8), order: int = 1) -> Mesh:
+    mesh = generate_rectangle(MeshSpec(shape="rectangle", origin=origin, size=(3.0, 1.0), divisions=divisions))
+    return raise_order(mesh, "mesh") if order == 2 else mesh
+
+
+def interface(name: str, first: Mesh, second: Mesh, on: tuple[str, str], friction=COULOMB) -> Interface:
+    """Of two meshes without clamps."""
+    sides = [contact_side(mesh, mesh.groups[group], np.ones((len(mesh.points), 2), bool), body,
+                          STEEL.plane_modulus, group)
+             for mesh, group, body in zip((first, second), on, name.split("-"), strict=True)]
+    return pair(*sides, friction, name)
+
+
+def state(interface: Interface, pressure: float = 5e7) -> ContactState:
+    """A pressure that ends before the contact does; the first third slips backwards, the last one forwards."""
+    t = np.linspace(0.0, 1.0, interface.m)
+    p = pressure * np.sqrt(np.maximum(0.0, 1.0 - (1.2 * t) ** 4))
+    frictional = interface.law.name != "none"
+    shear = 0.3 * p * np.clip(6.0 * (t - 0.5), -1.0, 1.0) * frictional
+    slip = 1e-4 * np.sign(t - 0.5) * np.maximum(np.abs(t - 0.5) - 1 / 6, 0.0) * frictional
+    status = np.where(p == 0.0, "open", np.where((slip != 0.0) | (not frictional), "slip", "stick"))
+    return ContactState(interface, p * interface.area, (shear * interface.area)[:, None],
+                        np.where(p == 0.0, 2e-4 * (t - 1 / 1.2), 0.0), slip[:, None], status)
+
+
+def fields(mesh: Mesh, error: bool = False, stresses: bool = True) -> Fields:
+    """Of a block that is pressed together and bent."""
+    x, y = mesh.points.T
+    u = 1e-5 * np.column_stack([-0.3 * x * (3 * y - 2), -2.0 * y * (1 + np.sin(x)) + x**2])
+    sigma = stress(mesh, STEEL, u) if stresses else None
+    return Fields(mesh.points, mesh.triangles, u, sigma, von_mises(sigma) if stresses else None,
+                  np.exp(-mesh.points[mesh.triangles[:, :3]].mean(axis=1)[:, 0]) if error else None)
+
+
+def scene(contacts: list[str], friction=COULOMB, title: str = "Made up") -> dict:
+    """What the results need of a resolved scene."""
+    law = {"law": "none"} if isinstance(friction, NoFriction) else {"law": "coulomb",
+                                                                   "coefficient": friction.coefficient}
+    return {"title": title, "method": {"outer": "newton", "tolerance": 1e-8},
+            "output": {"length_unit": "m", "stress_unit": "Pa"},
+            "contact": [{"name": name, "friction": law} for name in contacts]}
+
+
+def body(name: str, **changes) -> BodyResult:
+    values = {"n": 432, "ranks": [0], "held": True, "displacement_max": 1e-4, "von_mises_max": 8e7, "energy": 12.0,
+              "reaction": (1.0, -2.0), "discretization_error": 0.05, "equilibrium": 1e-15,
+              "n_A_by_purpose": {"newton": 90, "recover": 10}, "inner_steps": {}, "solver": "preonly, cholesky (mumps)",
+              "compliance": "explicit", "memory_mib": 120.5}
+    return BodyResult(name=name, **values | changes)
+
+
+def run(**changes) -> RunResult:
+    values = {"converged": True, "reason": "converged and certified", "order": 1, "ranks": 2, "outer_iterations": 9,
+              "inner_iterations": 70, "certificate_limit": 5e-7, "energy_norm": 0.07, "levels": [],
+              "exchange": {"messages": 30, "bytes": 4000}, "qp": "none", "options": {}, "options_unused": []}
+    return RunResult(**values | changes)
+
+
+def certificate(**changes) -> dict[str, float]:
+    return {"force_mismatch": 0.0, "penetration": 1e-12, "complementarity": 2e-12, "friction": 3e-12} | changes
+
+
+def results(folder: Path, kind: str = "stack", order: int = 1, friction=COULOMB, error: bool = False,
+            stresses: bool = True, divisions=(24, 8), title: str = "Made up") -> dict:
+    """All files of a run of two blocks, one upon the other ("stack"), or of three side by side ("row"); its summary."""
+    meshes = {name: block(origin, divisions, order)
+              for name, origin in {"stack": STACK, "row": ROW}[kind].items()}
+    states = [state(interface(name, *(meshes[body] for body in name.split("-")), on, friction))
+              for name, on in CONTACTS[kind].items()]
+    parts = [fields(mesh, error, stresses) for mesh in meshes.values()]
+    summary = summarize(scene(list(CONTACTS[kind]), friction, title), run(order=order),
+                        [body(name, displacement_max=np.linalg.norm(part.displacement, axis=1).max())
+                         for name, part in zip(meshes, parts, strict=True)],
+                        [ContactResult(each, certificate()) for each in states])
+    sizes = [(len(mesh.points), len(mesh.triangles)) for mesh in meshes.values()]
+    for number, part in enumerate(parts):
+        write_fields(folder, part, number, sizes)
+    write_xdmf(folder)
+    for each in states:
+        write_contact(folder, each.interface.name, each)
+        write_sides(folder, each.interface.name, each)
+    counts = [sum(each.count(status) for each in states) for status in ("open", "slip", "stick")]
+    write_history(folder, [(1, k, 3.0 * 10.0**-k, 10.0**-k, 1e-3, 20 * k, *counts) for k in range(1, 10)])
+    write_steps(folder, summary["steps"])
+    write_summary(folder, summary)
+    return summary

@@ -1,0 +1,160 @@
+"""summary.json in format 2, and the results read back."""
+
+import dataclasses
+import json
+
+import made_up
+import numpy as np
+import pytest
+
+from ddmpi.errors import InputError
+from ddmpi.results.reader import read_results
+from ddmpi.results.summary import ContactResult, summarize, write_summary
+
+TOP = {"format", "title", "converged", "reason", "outer", "order", "n", "m", "ranks", "outer_iterations",
+       "inner_iterations", "n_A", "bodies", "contacts", "certificate", "steps", "discretization_error",
+       "displacement_max", "warnings", "seconds", "exchange", "options", "scene",
+       "algorithm", "splitting", "friction", "eff", "certificate_limit", "solvers", "options_unused"}
+
+BODY = {"n", "ranks", "n_A", "held", "displacement_max", "von_mises_max", "energy", "reaction", "discretization_error",
+        "compliance", "memory_mib", "n_A_by_purpose", "inner_steps", "solver", "certificate"}
+
+STEP = {"force", "moment", "normal_force", "tangential_force", "open", "slip", "stick", "dissipated"}
+
+CONTACT = STEP | {"m", "pairing", "slave", "friction", "pressure_max", "certificate"}
+
+
+def row() -> list[ContactResult]:
+    """Both contacts of three blocks side by side."""
+    blocks = {name: made_up.block(origin) for name, origin in made_up.ROW.items()}
+    return [ContactResult(made_up.state(made_up.interface(name, *(blocks[body] for body in name.split("-")), on)),
+                          made_up.certificate()) for name, on in made_up.CONTACTS["row"].items()]
+
+
+def summary_of(contacts: list[ContactResult], run=None, **of_the_first_body) -> dict:
+    bodies = [made_up.body(name, **(of_the_first_body if name == "left" else {})) for name in made_up.ROW]
+    names = [contact.state.interface.name for contact in contacts]
+    return summarize(made_up.scene(names), run or made_up.run(), bodies, contacts)
+
+
+def test_everything_has_a_name():
+    """A summary has the keys of format 2, bodies and contacts by name, and no list by number of a body."""
+    summary = summary_of(row())
+    assert summary["format"] == 2 and set(summary) == TOP
+    assert list(summary["bodies"]) == ["left", "middle", "right"]
+    assert list(summary["contacts"]) == ["left-middle", "middle-right"]
+    assert all(set(body) == BODY for body in summary["bodies"].values())
+    for contact in summary["contacts"].values():
+        assert set(contact) == CONTACT
+        assert (contact["pairing"], contact["slave"], contact["friction"]) == ("nodes", None, "coulomb")
+    assert set(summary["certificate"]) == {"force_mismatch", "penetration", "complementarity", "friction",
+                                           "equilibrium"}
+    (step,) = summary["steps"]
+    assert set(step) == {"time", "outer_iterations", "contacts"} and step["time"] == 1.0
+    assert step["contacts"] == {name: {key: contact[key] for key in STEP}
+                                for name, contact in summary["contacts"].items()}
+    assert summary["warnings"] == []
+
+
+def test_sums_are_those_of_all_bodies_and_contacts():
+    """n, m, n_A and the largest displacement belong to the whole scene."""
+    summary = summary_of(row(), n=1000, displacement_max=0.5, n_A_by_purpose={"newton": 7})
+    assert (summary["n"], summary["m"], summary["n_A"]) == (1000 + 2 * 432, 18, 7 + 2 * 100)
+    assert summary["bodies"]["left"]["n_A"] == 7
+    assert summary["eff"] == summary["n_A"] / (2 * 18)
+    assert summary["displacement_max"] == 0.5
+
+
+def test_resultants_are_those_of_the_nodes():
+    """force acts on the first body, moment about the origin, the other sums count along the nodes' own directions."""
+    result = row()[1]  # at x = 6, pressed along the x axis
+    p, q = result.state.normal_force, result.state.tangential_force[:, 0]
+    y = result.state.interface.xy[:, 1]
+    contact = summary_of([result])["contacts"]["middle-right"]
+    assert contact["force"] == pytest.approx([-p.sum(), -q.sum()], rel=1e-14)
+    assert contact["moment"] == pytest.approx((6.0 * -q + y * p).sum(), rel=1e-14)
+    assert (contact["normal_force"], contact["tangential_force"]) == pytest.approx((p.sum(), q.sum()), rel=1e-14)
+    assert contact["pressure_max"] == pytest.approx(5e7)
+    assert (contact["open"], contact["slip"], contact["stick"]) == (2, 4, 3)
+
+
+def test_only_nodes_that_move_dissipate():
+    """dissipated is positive where nodes slip with friction; errors of sticking nodes do not enter."""
+    result = row()[0]
+    state = result.state
+    work = state.tangential_force[:, 0] * state.slip[:, 0]
+    assert result.dissipated == pytest.approx(work.sum(), rel=1e-14) and result.dissipated > 0.0
+    wrong = np.where((state.status == "stick")[:, None], -np.sign(state.tangential_force), 0.0)
+    noisy = ContactResult(dataclasses.replace(state, slip=state.slip + wrong), {})
+    assert noisy.dissipated == result.dissipated
+
+
+def test_the_worst_residual_is_at_the_top():
+    """Each residual at the top is the largest of all contacts or bodies, whichever they are."""
+    first, second = row()
+    first = dataclasses.replace(first, certificate=made_up.certificate(penetration=0.5))
+    second = dataclasses.replace(second, certificate=made_up.certificate(friction=0.25))
+    summary = summary_of([first, second], equilibrium=0.125)
+    assert summary["certificate"] == {"force_mismatch": 0.0, "penetration": 0.5, "complementarity": 2e-12,
+                                      "friction": 0.25, "equilibrium": 0.125}
+    assert summary["contacts"]["left-middle"]["certificate"]["penetration"] == 0.5
+    assert summary["bodies"]["left"]["certificate"] == {"equilibrium": 0.125}
+
+
+def test_numbers_that_are_not_finite_are_null(tmp_path):
+    """A diverged run has a summary, too; a residual that is no number is the worst."""
+    first, second = row()
+    second = dataclasses.replace(second, certificate=made_up.certificate(penetration=np.nan, friction=np.inf))
+    summary = summary_of([first, second], run=made_up.run(energy_norm=np.nan), reaction=np.array([np.inf, 1.0]))
+    write_summary(tmp_path, summary)
+    read = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert read == summary
+    assert read["certificate"]["penetration"] is read["certificate"]["friction"] is None
+    assert read["discretization_error"]["energy_norm"] is None
+    assert read["bodies"]["left"]["reaction"] == [None, 1.0]
+
+
+def test_laws_of_contacts_may_differ():
+    """Each contact names its law of friction; the top names all that there are."""
+    blocks = [made_up.block(origin) for origin in made_up.ROW.values()]
+    plain = made_up.interface("left-middle", *blocks[:2], ("right", "left"), made_up.NoFriction())
+    summary = summary_of([ContactResult(made_up.state(plain), made_up.certificate()), row()[1]])
+    assert summary["friction"] == "none, coulomb"
+    assert [contact["friction"] for contact in summary["contacts"].values()] == ["none", "coulomb"]
+    assert summary["contacts"]["left-middle"]["dissipated"] == 0.0
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_results_are_read_back(tmp_path, order):
+    """read_results finds every table by the names in the summary, and the fields."""
+    summary = made_up.results(tmp_path, "row", order)
+    results = read_results(tmp_path)
+    assert results.summary == summary
+    assert list(results.contacts) == ["left-middle", "middle-right"]
+    assert list(results.sides) == ([] if order == 1 else list(results.contacts))
+    for name, table in results.contacts.items():
+        assert table["normal_force"].sum() == summary["contacts"][name]["normal_force"]
+        assert (table["status"] == "stick").sum() == summary["contacts"][name]["stick"]
+    assert results.history["iteration"].tolist() == list(range(1, 10))
+    assert results.steps["contact"].tolist() == list(results.contacts)
+    assert results.steps["dissipated"].tolist() == [c["dissipated"] for c in summary["contacts"].values()]
+    assert np.unique(results.fields["body"]).tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize("missing", ["summary.json", "contact_upper-lower.csv", "history.csv", "steps.csv",
+                                     "result.h5"])
+def test_incomplete_results_are_refused(tmp_path, missing):
+    """Where a file is missing, read_results raises an InputError that names it."""
+    made_up.results(tmp_path)
+    (tmp_path / missing).unlink()
+    with pytest.raises(InputError, match=rf"not a complete folder of results: .*{missing}"):
+        read_results(tmp_path)
+
+
+def test_results_of_another_format_are_refused(tmp_path):
+    """Results that an earlier version wrote, without a number of the format, are named as such."""
+    summary = made_up.results(tmp_path)
+    del summary["format"]
+    write_summary(tmp_path, summary)
+    with pytest.raises(InputError, match="results in format 1; this version reads format 2"):
+        read_results(tmp_path)
