@@ -19,10 +19,6 @@ class InputError(DdmpiError):
     exit_code = 2
 
 
-class HeldError(InputError):
-    """Another run is writing into the folder that results are to go to."""
-
-
 class NotConvergedError(DdmpiError):
     """The outer iteration stopped without a certified answer."""
 
@@ -42,7 +38,7 @@ class OutputError(DdmpiError):
 
 
 class TakenError(OutputError):
-    """Another run has put its results into the folder meanwhile."""
+    """A file stands where a result is to go."""
 
 
 class InterruptionError(DdmpiError):

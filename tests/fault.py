@@ -81,8 +81,8 @@ def injected(target: str, call: int, fault: str, folder: str, here: bool) -> Ite
         yield
         return
     *path, name = target.split(".")
-    owner = importlib.import_module(".".join(path[:2]))
-    for part in path[2:]:
+    owner = importlib.import_module(".".join(path[:3]))
+    for part in path[3:]:
         owner = getattr(owner, part)
     original, calls = getattr(owner, name), itertools.count(1)
 
@@ -126,7 +126,7 @@ def main() -> None:
         codes = world.gather(code)
         if world.rank == 0:
             for stream in (sys.stdout, sys.stderr):
-                stream.write(" ".join([END, *map(str, codes)]) + "\n")  # a whole line, see ddmpi.system.logs.tell_error
+                stream.write(" ".join([END, *map(str, codes)]) + "\n")  # whole lines, see ddmpi.system.logs
                 stream.flush()
 
 

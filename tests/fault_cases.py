@@ -23,8 +23,8 @@ import scenes
 LIMIT = 60.0
 """Seconds after which a run counts as hanging; on a machine with nothing else to do it takes two or three."""
 
-RESULTS = ("result.h5", "result.xdmf", "history.csv", "interface.csv", "summary.json")
-TRACES = ("seconds", "memory_mib", "hosts", "run", "started", "command", "working_folder", "slurm")
+RESULTS = scenes.DATA
+TRACES = ("seconds", "hosts", "run", "started", "command", "working_folder", "slurm")
 """What summary.json says of when, where and how fast."""
 
 METHODS = {"newton": {}, "published": {"theta": 0.2, "tolerance": 1e-3}}
@@ -35,8 +35,8 @@ PHASES = {
     "assemble": ("newton", "ddmpi.coupling.assembly.assemble", 1),
     "factor": ("newton", "ddmpi.body.solver.StiffnessSolver.__init__", 1),
     "outer": ("newton", "ddmpi.body.compliance.Compliance.mult", 30),  # within GMRES, some iterations on
-    "outer, published": ("published", "ddmpi.coupling.member.Body.neumann", 5),
-    "conclude": ("newton", "ddmpi.coupling.member.Body.displacement", 1),
+    "outer, published": ("published", "ddmpi.methods.subproblem.Subproblem.neumann", 5),
+    "conclude": ("newton", "ddmpi.coupling.member.Member.displacement", 1),
     "output": ("newton", "ddmpi.run.run.write_fields", 1),
 }
 AFTER_ITERATIONS = ("outer", "outer, published", "conclude", "output")
@@ -106,10 +106,11 @@ def all_cases() -> list[Case]:
         numbers("NaN from a product", "ddmpi.body.compliance.Compliance.mult", 30, "nan", whole=True)
         numbers("NaN from a product, published", "ddmpi.body.compliance.Compliance.mult", 40, "nan", "published",
                 whole=True)
-        numbers("NaN from a Neumann problem", "ddmpi.coupling.member.Body.neumann", 5, "nan", "published", whole=True)
+        numbers("NaN from a Neumann problem", "ddmpi.methods.subproblem.Subproblem.neumann", 5, "nan", "published",
+                whole=True)
         numbers("NaN from a solve", "ddmpi.body.solver.StiffnessSolver._solve", 1, "nan")
         numbers("NaN from the last solve", "ddmpi.body.solver.StiffnessSolver._solve", 2, "nan", whole=True)
-        numbers("NaN in the displacement", "ddmpi.coupling.member.Body.displacement", 1, "nan", whole=True)
+        numbers("NaN in the displacement", "ddmpi.coupling.member.Member.displacement", 1, "nan", whole=True)
         numbers("an error of PETSc", "ddmpi.body.solver.StiffnessSolver._set_up", 1, "PETSc.Error", codes=(4,))
     for kind, codes in KINDS.items():  # where files are renamed, on rank 0
         codes = None if codes is None else frozenset(codes)
@@ -121,7 +122,7 @@ def all_cases() -> list[Case]:
                           codes=codes, kept=kind != "gone",
                           whole=signal or kind == "little room"))  # a summary still fits
     cases += [
-        Case("publishing: SIGKILL between two files", target="ddmpi.system.files.os.link", call=3, fault="SIGKILL",
+        Case("publishing: SIGKILL between two files", target="ddmpi.system.files.os.rename", call=3, fault="SIGKILL",
              kept=True, torn=True),
         Case("one rank", ranks=1, codes=frozenset({2})),
         Case("three ranks", ranks=3, codes=frozenset({2})),
@@ -234,7 +235,7 @@ class Ground:
             if again.code != 0 or contents(run.folder) != self.reference[case.method]:
                 faults.append("lost results")
                 outcome.output += "\nand with --restart:\n" + again.output
-            elif again.files != set(RESULTS):
+            elif again.files != RESULTS:
                 faults.append("leftovers")
 
 
@@ -252,10 +253,12 @@ def contents(folder: Path) -> dict:
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     for name in TRACES:
         del summary[name]
+    for body in summary["bodies"].values():
+        del body["memory_mib"]
     with h5py.File(folder / "result.h5") as file:
         fields = {name: np.array(data).tobytes() for name, data in file.items()}
     return {"summary": summary, "fields": fields,
-            **{name: (folder / name).read_text() for name in ("history.csv", "interface.csv", "result.xdmf")}}
+            **{name: (folder / name).read_text() for name in RESULTS - {"result.h5", "summary.json"}}}
 
 
 def digest(folder: Path) -> dict[str, str]:

@@ -15,10 +15,10 @@ def main() -> None:
     from mpi4py import MPI
 
     from ddmpi.cli import main as cli
-    from ddmpi.coupling.member import Body
+    from ddmpi.methods.subproblem import Subproblem
     from ddmpi.system import interrupt
 
-    original, calls = Body.neumann, itertools.count(1)
+    original, calls = Subproblem.neumann, itertools.count(1)
 
     def neumann(*arguments):
         if next(calls) == 10 and MPI.COMM_WORLD.rank == 0 and "SLURM_RESTART_COUNT" not in os.environ:
@@ -28,7 +28,7 @@ def main() -> None:
                 time.sleep(0.01)
         return original(*arguments)
 
-    Body.neumann = neumann
+    Subproblem.neumann = neumann
     cli.main(sys.argv[3:])
 
 

@@ -14,12 +14,15 @@ import os
 import pickle
 import subprocess
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 ROOT = Path(__file__).resolve().parent.parent
+DATA = {"result.h5", "result.xdmf", "history.csv", "steps.csv", "contact_upper-lower.csv", "summary.json"}
+"""Files of a run of `pinched_blocks`, or of a `Stack`, without pictures."""
+
 STEEL = {"young": 2.1e11, "poisson": 0.3}
 BRASS = {"young": 1.0e11, "poisson": 0.35}
 CORK = {"young": 1.6e11, "poisson": 0.0}
@@ -212,7 +215,7 @@ def _toml(value: object) -> str:
 
 
 def prepare_scene(comm, scene: dict):
-    """The `ddmpi.coupling.assembly.Problem` of a scene. Collective on `comm`, two ranks."""
+    """The `ddmpi.coupling.assembly.Assembly` of a scene. Collective on `comm`, two ranks."""
     from ddmpi.coupling.assembly import prepare
     from ddmpi.scene.reader import read_scene
 
@@ -224,20 +227,23 @@ def solve_scene(comm, scene: dict) -> dict:
     from ddmpi.body.estimate import estimate_error
     from ddmpi.run.solve import solve
 
-    problem = prepare_scene(comm, scene)
-    answer, outer = solve(problem, problem.scene.method)
-    interface, state = problem.interface, answer.state
-    estimate = estimate_error(problem.mesh, problem.spec.material, answer.displacement)
-    bodies = comm.allgather({"name": problem.spec.name, "points": problem.mesh.points, "u": answer.displacement,
-                             "energy": estimate.energy / 2, "n_A": problem.body.C.count.total()})
-    return {"certified": answer.certified, "reason": answer.reason, "outer_iterations": len(outer.history),
+    assembly = prepare_scene(comm, scene)
+    solution = solve(assembly, assembly.scene.method)
+    (interface,), (state,) = assembly.space.interfaces, solution.contacts.values()
+    estimate = estimate_error(assembly.mesh, assembly.spec.material, solution.displacement)
+    bodies = comm.allgather({"name": assembly.spec.name, "points": assembly.mesh.points, "u": solution.displacement,
+                             "energy": estimate.energy / 2, "n_A": assembly.member.C.count.total()})
+    energies = {b["name"]: b["energy"] for b in bodies}
+    return {"certified": solution.certified, "reason": solution.reason,
+            "outer_iterations": len(solution.outer.history),
             "n_A": sum(b["n_A"] for b in bodies), "n_A_by_body": {b["name"]: b["n_A"] for b in bodies},
-            "n": problem.n, "m": interface.m, "sliding": interface.sliding, "dropped": interface.dropped,
-            "xy": interface.xy, "length": interface.length,
-            "normal_force": state.normal_force, "tangential_force": state.tangential_force,
-            "gap": state.gap, "slip": state.slip, "status": state.status.tolist(),
-            "certificate": asdict(answer.certificate), "limit": answer.limit,
-            "energy": [bodies[rank]["energy"] for rank in problem.order], "displacement_max": answer.displacement_max,
+            "n": assembly.n, "m": interface.m, "sliding": interface.sliding, "dropped": interface.dropped,
+            "xy": interface.xy, "length": interface.area,
+            "normal_force": state.normal_force, "tangential_force": state.tangential_force[:, 0],
+            "gap": state.gap, "slip": state.slip[:, 0], "status": state.status.tolist(),
+            "certificate": {kind: value for kind, (value, _) in solution.certificate.worst().items()},
+            "limit": solution.limit, "energy": [energies[name] for name in interface.bodies],
+            "displacement_max": max(solution.displacement_max.values()),
             "body": {b["name"]: (b["points"], b["u"]) for b in bodies}}
 
 
@@ -318,11 +324,11 @@ class Run:
         return {path.name for path in self.folder.iterdir()} if self.folder.is_dir() else set()
 
     def table(self, name: str) -> dict[str, np.ndarray]:
-        """The columns of history.csv or interface.csv, in their order."""
+        """The columns of a CSV file of results, in their order."""
         with open(self.folder / name, newline="", encoding="utf-8") as file:
             header, *rows = csv.reader(file)
         columns = zip(*rows, strict=True)
-        return {key: np.array(column) if key == "status" else np.array(column, float)
+        return {key: np.array(column) if key in ("status", "contact") else np.array(column, float)
                 for key, column in zip(header, columns, strict=True)}
 
 

@@ -13,40 +13,41 @@ from petsc4py import PETSc
 
 from ddmpi.body.estimate import DiscretizationError, estimate_error, sum_errors
 from ddmpi.body.stress import stress, von_mises
-from ddmpi.coupling.assembly import Problem, prepare
+from ddmpi.coupling.assembly import Assembly, prepare
 from ddmpi.coupling.ranks import check_ranks
 from ddmpi.errors import InputError, NotConvergedError, OutputError
-from ddmpi.judge.accuracy import Course, refine_scene
+from ddmpi.judge.accuracy import MeshLadder, refine_scene
 from ddmpi.judge.diagnosis import diagnose
-from ddmpi.methods.newton import InterfaceNewton
-from ddmpi.methods.published import OuterIteration
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.results.fields import Fields, write_fields, write_xdmf
 from ddmpi.results.folder import Staging, choose_folder
-from ddmpi.results.tables import write_history, write_interface, write_sides, write_summary
+from ddmpi.results.summary import write_summary
+from ddmpi.results.tables import write_contact, write_history, write_sides, write_steps
 from ddmpi.run.checkpoint import Checkpoints, continue_from, identify, levels_kept
-from ddmpi.run.report import summarize, tell_end, tell_plan, tell_step
-from ddmpi.run.solve import Answer, solve
-from ddmpi.scene.scene import Scene
+from ddmpi.run.gather import gather_summary
+from ddmpi.run.report import log_end, log_plan, log_step
+from ddmpi.run.solve import Solution, solve
+from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agreed
 from ddmpi.system.clock import Clock
-from ddmpi.system.provenance import peak_memory, provenance, versions
+from ddmpi.system.provenance import versions
 
 log = logging.getLogger("ddmpi")
 
 
 @dataclass(frozen=True)
-class _Solved:
+class Solved:
     """A scene on one mesh, solved, as one rank holds it."""
 
-    problem: Problem
-    answer: Answer
-    outer: OuterIteration | InterfaceNewton
+    assembly: Assembly
+    solution: Solution
     error: DiscretizationError
+    fields: Fields
+    summary: dict
 
 
-def run(world: MPI.Comm, scene: Scene, scene_path: str, output: str | None, figures: bool,
+def run(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool,
         restart: str | None = None) -> None:
     """Solve `scene` and write its results. Collective on `world`.
 
@@ -71,62 +72,82 @@ def run(world: MPI.Comm, scene: Scene, scene_path: str, output: str | None, figu
             folder = held.enter_context(choose_folder(output, restart, scene_path))
     log.info("%s", scene.title or scene_path)
     with held:
-        identity = identify(scene, PETSc.Options().getAll(), versions())
-        state = continue_from(world, restart, identity) if restart else None
-        course = Course(scene, state["course.done"] if state else [])
-        with levels_kept(world, folder, identity, course, restart):
-            refinement = course.refinement
-            if course.done:
-                log.info("continuing with meshes %d times as fine as given", refinement)
-            while refinement:
-                problem = _prepare(world, refine_scene(scene, refinement), scene_path, clock)
-                tell_plan(problem, figures)
-                checkpoints = Checkpoints(problem, folder, identity, clock, state, {"course": course})
-                with checkpoints.kept():
-                    solved = _solve(problem, clock, checkpoints)
-                    refinement = _proceed(course, solved)
-                    if refinement:
-                        del problem, solved, state  # their memory is needed
-                        checkpoints, state = None, None
-                        gc.collect()
-                        free_garbage()
-                        continue
-                    summary = summarize(problem, solved.outer, solved.answer, solved.error, course)
-                    summary |= provenance(world, clock.started)
-                    tell_end(summary, solved.answer)
-                    _write(solved, folder, clock, summary, figures, checkpoints)
+        solved, ladder = compute(world, scene, scene_path, clock, folder, figures, restart)
     with agreed(world):
-        if not solved.answer.certified:
-            answer, outer = solved.answer, solved.outer
-            raise NotConvergedError(diagnose(answer.reason, answer.stopped, answer.violations, scene.method,
-                                             outer.history, answer.statuses, problem.interface, problem.friction))
-        if course.missed:
-            raise NotConvergedError(course.missed)
+        if not solved.solution.certified:
+            solution, outer = solved.solution, solved.solution.outer
+            raise NotConvergedError(diagnose(solution.reason, solution.stopped, solution.violations, scene.method,
+                                             outer.history, solution.statuses, solved.assembly.space))
+        if ladder.missed:
+            raise NotConvergedError(ladder.missed)
 
 
-def _proceed(course: Course, solved: _Solved) -> int | None:
-    """The refinement of the meshes to go on with, None to stay with these. Collective."""
-    problem, error = solved.problem, solved.error.relative
-    dofs = problem.world.allreduce(problem.mesh.points.size)
-    if not solved.answer.certified:
-        return None
-    refinement = course.proceed(problem.n, error, dofs)
+def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, folder: Path | None = None,
+            figures: bool = False, restart: str | None = None, write: bool = True) -> tuple[Solved, MeshLadder]:
+    """Solve `scene` on the meshes that its accuracy target takes, and write the results of the last one. Collective.
+
+    Parameters
+    ----------
+    folder : of the results and checkpoints, on rank 0; None on the others
+    write : whether results and checkpoints are wanted
+
+    Other parameters and what is raised as for `run`.
+    """
+    identity = identify(scene, PETSc.Options().getAll(), versions())
+    state = continue_from(world, restart, identity) if restart else None
+    ladder = MeshLadder(scene, state["ladder"]["done"] if state else [])
+    with levels_kept(world, folder, identity, ladder, restart):
+        if ladder.done:
+            log.info("continuing with meshes %d times as fine as given", ladder.refinement)
+        while True:
+            assembly = prepare_scene(world, refine_scene(scene, ladder.refinement), scene_path, clock)
+            log_plan(assembly, figures)
+            checkpoints = Checkpoints(assembly, folder, identity, clock, state, {"ladder": ladder}) if write else None
+            with checkpoints.kept() if checkpoints else contextlib.nullcontext():
+                solution = solve(assembly, assembly.scene.method, log_step, checkpoints, clock)
+                error = _estimate(assembly, solution, clock)
+                if not _refine(ladder, assembly, solution, error):
+                    solved = _finish(assembly, solution, error, ladder, clock)
+                    if checkpoints:
+                        _write(solved, folder, clock, figures, checkpoints)
+                    return solved, ladder
+            del assembly, solution, error, checkpoints  # their memory is needed
+            state = None
+            gc.collect()
+            free_garbage()
+
+
+def _refine(ladder: MeshLadder, assembly: Assembly, solution: Solution, error: DiscretizationError) -> bool:
+    """Whether to go on with finer meshes. Collective."""
+    dofs = assembly.world.allreduce(assembly.mesh.points.size)
+    refinement = ladder.proceed(assembly.n, error.relative, dofs) if solution.certified else None
     if refinement:
         log.info("estimated discretization error %.2g, at most %.2g is asked for: going on with meshes %d times as "
-                 "fine as given", error, course.goal, refinement)
-    return refinement
+                 "fine as given", error.relative, ladder.goal, refinement)
+    return bool(refinement)
 
 
-def _solve(problem: Problem, clock: Clock, checkpoints: Checkpoints) -> _Solved:
-    """Iterate, certify, and estimate the discretization error. Collective."""
-    answer, outer = solve(problem, problem.scene.method, tell_step, checkpoints, clock)
+def _estimate(assembly: Assembly, solution: Solution, clock: Clock) -> DiscretizationError:
+    """The discretization error of all bodies. Collective."""
     with clock.phase("estimate"):
-        estimate = estimate_error(problem.mesh, problem.spec.material, answer.displacement)
-        error = sum_errors(problem.world.allgather((estimate.total, estimate.energy, estimate.area)), estimate)
-    return _Solved(problem, answer, outer, error)
+        estimate = estimate_error(assembly.mesh, assembly.spec.material, solution.displacement)
+        return sum_errors(assembly.world.allgather((estimate.total, estimate.energy, estimate.area)), estimate)
 
 
-def _prepare(world: MPI.Comm, scene: Scene, scene_path: str, clock: Clock | None = None) -> Problem:
+def _finish(assembly: Assembly, solution: Solution, error: DiscretizationError, ladder: MeshLadder,
+            clock: Clock) -> Solved:
+    """The fields that are asked for, and the summary. Collective."""
+    with clock.phase("recover"), agreed(assembly.world), event("Stress"):
+        mesh, u, output = assembly.mesh, solution.displacement, assembly.scene.output
+        sigma = stress(mesh, assembly.spec.material, u) if output.stress else None
+        fields = Fields(mesh.points, mesh.triangles, u, sigma, von_mises(sigma) if sigma is not None else None,
+                        error.density() if output.error else None)
+    summary = gather_summary(assembly, solution, error, fields, ladder, clock.started)
+    log_end(summary, solution)
+    return Solved(assembly, solution, error, fields, summary)
+
+
+def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock | None = None) -> Assembly:
     """`prepare`, with the scene's file named in what is wrong with it. Collective."""
     try:
         return prepare(world, scene, Path(scene_path).parent, clock)
@@ -135,17 +156,13 @@ def _prepare(world: MPI.Comm, scene: Scene, scene_path: str, clock: Clock | None
         raise
 
 
-def _write(solved: _Solved, folder: Path | None, clock: Clock, summary: dict, figures: bool,
-           checkpoints: Checkpoints) -> None:
+def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, checkpoints: Checkpoints) -> None:
     """Write all result files; they appear together or not at all, and the checkpoint goes. Collective."""
-    problem = solved.problem
-    world, mesh = problem.world, problem.mesh
+    world, mesh, summary = solved.assembly.world, solved.assembly.mesh, solved.summary
     staging, picture_error = Staging(folder) if folder else None, None
     path = world.bcast(staging.path if staging else None)
     sizes = world.allgather((len(mesh.points), len(mesh.triangles)))
     try:
-        with clock.phase("recover"), agreed(world), event("Stress"):
-            fields = _fields(solved)
         with clock.phase("output"):
             with agreed(world):
                 if staging:
@@ -153,21 +170,19 @@ def _write(solved: _Solved, folder: Path | None, clock: Clock, summary: dict, fi
             for rank in range(world.size):
                 with agreed(world), event("WriteFields"):
                     if rank == world.rank:
-                        write_fields(path, fields, rank, sizes)
+                        write_fields(path, solved.fields, rank, sizes)
             with agreed(world), event("WriteTables"):
                 if staging:
                     write_xdmf(path)
-                    write_history(path, solved.outer.history, solved.answer.statuses.counts)
-                    write_interface(path, problem.interface, solved.answer.state)
-                    write_sides(path, problem.interface, solved.answer.state)
+                    _write_tables(path, solved)
                     write_summary(path, summary)
             if figures:
                 with agreed(world), event("Figures"):
                     picture_error = _draw(path) if staging else None
-        seconds, memory = clock.largest(world), peak_memory(world)
+        seconds = clock.largest(world)
         with agreed(world):
             if staging:
-                write_summary(path, summary | {"seconds": seconds, "memory_mib": memory})
+                write_summary(path, summary | {"seconds": seconds})
                 files = staging.publish()
                 log.info("results in %s: %s (%.1f s in all)", folder, ", ".join(f.name for f in files),
                          seconds["total"])
@@ -180,8 +195,18 @@ def _write(solved: _Solved, folder: Path | None, clock: Clock, summary: dict, fi
             staging.discard()
 
 
+def _write_tables(path: Path, solved: Solved) -> None:
+    solution = solved.solution
+    write_history(path, [(1, *step, *counts) for step, counts in
+                         zip(solution.outer.history, solution.statuses.counts, strict=True)])
+    for name, state in solution.contacts.items():
+        write_contact(path, name, state)
+        write_sides(path, name, state)
+    write_steps(path, solved.summary["steps"])
+
+
 def _draw(path: Path) -> OutputError | None:
-    """Draw the pictures; what goes wrong there is told after the numbers are safe."""
+    """Draw the pictures; an error there is reported after the numbers are safe."""
     from ddmpi.results.pictures import draw_all
 
     try:
@@ -190,11 +215,3 @@ def _draw(path: Path) -> OutputError | None:
         return OutputError(f"the pictures could not be drawn ({type(error).__name__}: {error}); the other results "
                            "are complete")
     return None
-
-
-def _fields(solved: _Solved) -> Fields:
-    """What is asked for of the own body; the rest is not computed."""
-    mesh, u, output = solved.problem.mesh, solved.answer.displacement, solved.problem.scene.output
-    sigma = stress(mesh, solved.problem.spec.material, u) if output.stress else None
-    return Fields(mesh.points, mesh.triangles, u, sigma, von_mises(sigma) if output.stress else None,
-                  solved.error.density() if output.error else None)

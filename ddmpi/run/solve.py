@@ -1,26 +1,25 @@
-"""Solve a prepared problem: iterate, certify, and go on where the certificate fails."""
+"""Solve a prepared assembly: iterate, certify, and go on where the certificate fails."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from ddmpi.coupling.assembly import Problem
+from ddmpi.coupling.assembly import Assembly
 from ddmpi.interface.state import ContactState, contact_state
-from ddmpi.interface.trace import displacement_trace
-from ddmpi.judge.certificate import Certificate, certificate_limit, certify
+from ddmpi.judge.certificate import Certificate, certificate_limit, contact_residuals
 from ddmpi.judge.diagnosis import StatusLog
 from ddmpi.methods.anderson import AndersonIteration
-from ddmpi.methods.newton import InterfaceNewton
-from ddmpi.methods.outer import Step
-from ddmpi.methods.published import OuterIteration
+from ddmpi.methods.newton import Newton
+from ddmpi.methods.outer import Outer, Report, Step, no_report
+from ddmpi.methods.published import PublishedIteration
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.run.checkpoint import Checkpoints
-from ddmpi.scene.method import Method
+from ddmpi.scene.method import SettledMethod
 from ddmpi.system.clock import Clock
 
 log = logging.getLogger("ddmpi")
@@ -30,25 +29,28 @@ TIGHTER = 0.1
 
 
 @dataclass(frozen=True)
-class Answer:
-    """The end of a run on one rank.
+class Solution:
+    """The end of an iteration, as one rank holds it.
 
     Attributes
     ----------
     stopped : why the iteration ended: "converged", "diverged" or "max_iterations"
-    displacement : (nv, 2) of the own body (m)
-    displacement_max : of both bodies (m)
-    state, certificate : of the interface
+    displacement : (nv, d) of the rank's own body (m)
+    displacement_max : largest displacement by body (m)
+    contacts : state by contact
+    certificate : of all contacts and bodies
     limit : largest residual of a certified answer
+    outer : the iteration, which can go on
     statuses : of the contact nodes in the last iterations
     """
 
     stopped: str
     displacement: np.ndarray
-    displacement_max: float
-    state: ContactState
+    displacement_max: dict[str, float]
+    contacts: dict[str, ContactState]
     certificate: Certificate
     limit: float
+    outer: Outer
     statuses: StatusLog
 
     @property
@@ -62,7 +64,7 @@ class Answer:
 
     @property
     def reason(self) -> str:
-        """Why the run ended, in words."""
+        """Why the iteration ended, in words."""
         if self.certified:
             return "converged and certified"
         return {"converged": "the iteration stopped, but its certificate fails", "diverged": "diverged",
@@ -71,76 +73,86 @@ class Answer:
 
 @dataclass
 class _Goal:
-    """What the iteration is run to, for the time being."""
-
-    STATE = ("tolerance",)
+    """The tolerance that the iteration runs to at present."""
 
     tolerance: float
 
+    def state(self) -> dict[str, Any]:
+        return {"tolerance": self.tolerance}
 
-def solve(problem: Problem, method: Method, report: Callable[[Step], None] = lambda step: None,
-          checkpoints: Checkpoints | None = None, clock: Clock | None = None,
-          ) -> tuple[Answer, OuterIteration | InterfaceNewton]:
-    """Solve `problem` by `method`, from zero or from what `checkpoints` holds.
+    def restore(self, state: dict[str, Any]) -> None:
+        self.tolerance = float(state["tolerance"])
+
+
+def solve(assembly: Assembly, method: SettledMethod, report: Report = no_report,
+          checkpoints: Checkpoints | None = None, clock: Clock | None = None) -> Solution:
+    """Solve `assembly` by `method`, from zero or from what `checkpoints` holds.
 
     Where the iteration stops by its criterion but the certificate fails, it goes on with a tighter
     one. `clock` times the phases outer and recover. Collective. Raises SolverError, and InterruptionError
     when a signal came; the same on all ranks.
     """
     clock = clock or Clock()
-    problem.body.restart()
-    statuses = StatusLog()
+    assembly.member.restart()
+    statuses = StatusLog(assembly.space)
 
     def note(step: Step) -> None:
-        statuses.record(problem.interface, outer.forces, outer.g)
+        statuses.record(outer.forces, outer.bound)
         free_garbage()  # a vector for every multiplication
         report(step)
 
     with clock.phase("outer"):
-        outer = _outer(problem, method, note)
-    load = float(sum(problem.world.allgather(problem.body.elasticity.load)))
-    limit = certificate_limit(method.tolerance)
-    goal = _Goal(method.tolerance)
+        outer = choose_outer(assembly, method, note)
+    limit, goal = certificate_limit(method.tolerance), _Goal(method.tolerance)
     if checkpoints:
         checkpoints.follow(outer=outer, statuses=statuses, goal=goal)
     while True:
         with clock.phase("outer"):
             stopped = outer.run(goal.tolerance)
         with clock.phase("recover"):
-            answer = _conclude(outer, stopped, load, limit, statuses)
-        if stopped != "converged" or answer.certified or goal.tolerance < np.finfo(float).eps:
-            return answer, outer
+            solution = _conclude(assembly, outer, stopped, limit, statuses)
+        if stopped != "converged" or solution.certified or goal.tolerance < np.finfo(float).eps:
+            return solution
         goal.tolerance *= TIGHTER
-        log.info("the certificate fails (%s); going on to an update of %.0e", ", ".join(answer.violations),
+        log.info("the certificate fails (%s); going on to an update of %.0e", ", ".join(solution.violations),
                  goal.tolerance)
 
 
-def _outer(problem: Problem, method: Method, report: Callable[[Step], None]) -> OuterIteration | InterfaceNewton:
-    """The outer method that was asked for."""
-    parts = problem.body, problem.friction, problem.exchange, method
-    moduli = [problem.scene.body[rank].material.plane_modulus for rank in problem.order]
+def choose_outer(assembly: Assembly, method: SettledMethod, report: Report = no_report) -> Outer:
+    """The outer method that was asked for. Collective."""
     if method.outer == "relaxation":
-        return OuterIteration(*parts, report)
+        return PublishedIteration(assembly, method, report)
     if method.outer == "anderson":
-        return AndersonIteration(*parts, report, weights=tuple(E / sum(moduli) for E in moduli))
-    return InterfaceNewton(*parts, 1.0 / sum(1.0 / E for E in moduli), report)
+        return AndersonIteration(assembly, method, report)
+    return Newton(assembly.joint(), method.max_iterations, report)
 
 
-def _conclude(outer: OuterIteration | InterfaceNewton, stopped: str, load: float, limit: float,
-              statuses: StatusLog) -> Answer:
-    """Displacements, contact state and certificate of the forces at hand. Collective."""
-    body, exchange, interface = outer.body, outer.exchange, outer.body.interface
-    u, residual = np.zeros_like(body.elasticity.prescribed), np.nan
+def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, statuses: StatusLog) -> Solution:
+    """Displacements, contact states and certificate of the forces at hand. Collective."""
+    member, exchange, space = assembly.member, assembly.exchange, assembly.space
+    u, residual = np.zeros_like(member.elasticity.prescribed), np.nan
     with exchange.deferred():
-        u, residual = body.displacement()
-    own = displacement_trace(interface, body.role, u)
-    body.Cs = body.h - own  # the product, afresh: the iteration updates it by recurrence
-    largest, yielding = np.linalg.norm(u, axis=1).max(), np.abs(body.Cs).max()
-    both = exchange.swap(np.append(own, [residual, largest, yielding]), "answer")
-    traces = tuple(vector[:-3] for vector in both)
-    (r1, u1, y1), (r2, u2, y2) = (vector[-3:] for vector in both)
+        u, residual = member.displacement(outer.own_forces)
+    own = member.trace(u)
+    outer.refresh(own)
+    both = exchange.swap(own, "answer")
+    numbers = {"equilibrium": residual, "moved": float(np.linalg.norm(u, axis=1).max()),
+               "yielding": float(np.abs(member.h - own).max()), "load": member.elasticity.load}
+    bodies = dict(assembly.world.allgather((member.name, numbers)))
+    load = float(sum(body["load"] for body in bodies.values()))
+    moved = max(body["moved"] for body in bodies.values())
+    contacts, residuals, start = {}, {}, 0
+    forces, mismatch, bound = outer.forces, outer.mismatch, outer.bound
     with event("Certificate"):
-        state = contact_state(interface, outer.friction, outer.forces, outer.g, traces)
-        certificate = certify(interface, outer.friction, state, (outer.s1, outer.s2), traces, (r1, r2), load,
-                              max(y1, y2), max(u1, u2))
-    return Answer(stopped, u, float(max(u1, u2)), state, certificate, limit, statuses)
+        for interface, part in space.each():
+            stop = start + len(interface.sliding)
+            traces = both[0][part], both[1][part]
+            state = contact_state(interface, forces[part], bound[start:stop], traces[0] + traces[1])
+            yielding = max(bodies[name]["yielding"] for name in interface.bodies)
+            residuals[interface.name] = contact_residuals(state, forces[part], mismatch[part], traces, load, yielding,
+                                                          moved)
+            contacts[interface.name], start = state, stop
+    names = [body.name for body in assembly.scene.body]
+    certificate = Certificate(residuals, {name: bodies[name]["equilibrium"] for name in names})
+    return Solution(stopped, u, {name: bodies[name]["moved"] for name in names}, contacts, certificate, limit, outer,
+                    statuses)

@@ -67,10 +67,10 @@ ON_SCENE = {
     "not TOML": ("title = \n", [], ["scene.toml", "line 1"]),
     "boundary that is not there": (changed(0, clamp=["lfet"]), [], ["scene.toml", "body.upper.clamp", "lfet", "left"]),
     "contact boundary that is not there": (changed(), ["--set", 'contact.0.on=["bottom", "topp"]'],
-                                           ["scene.toml", "contact.0.on", "topp"]),
+                                           ["scene.toml", "contact.upper-lower.on", "topp"]),
     "body that is not held": (changed(1, clamp=[{"on": "left", "x": 0.0}]), [], ["scene.toml", "body.lower.clamp"]),
     "meshes that do not match": (changed(), ["--set", "body.upper.mesh.divisions=[7, 2]"],
-                                 ["scene.toml", "contact.0", "8 and 7"]),
+                                 ["scene.toml", "contact.upper-lower", "8 and 7"]),
 }
 
 
@@ -198,7 +198,7 @@ def test_unsuccessful_runs_leave_results_that_say_so(unsuccessful, name):
     message, summary = only_message(run), run.summary
     assert summary["converged"] is False
     assert summary["reason"] in message
-    assert run.files == {"result.h5", "result.xdmf", "history.csv", "interface.csv", "summary.json"}
+    assert run.files == scenes.DATA
     assert len(run.table("history.csv")["iteration"]) == summary["outer_iterations"]
     residuals = [residual for residual in summary["certificate"].values() if residual is not None]
     assert any(residual > summary["certificate_limit"] for residual in residuals)

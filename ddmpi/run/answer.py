@@ -1,0 +1,111 @@
+"""The Python interface: a scene solved from a program, and what the answer holds."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from ddmpi.coupling.ranks import check_ranks
+from ddmpi.interface.state import ContactState
+from ddmpi.run.run import Solved, compute
+from ddmpi.scene.reader import read_scene, read_text
+from ddmpi.system.agreement import agreed
+from ddmpi.system.clock import Clock
+
+
+@dataclass(frozen=True)
+class BodyAnswer:
+    """The fields of one body.
+
+    Attributes
+    ----------
+    points : (nv, 2) nodes (m)
+    triangles : (nt, 3 or 6) nodes of the triangles
+    displacement : (nv, 2) in metres
+    stress : (nt, 4) σ_xx, σ_yy, σ_zz, σ_xy in Pa, or None where the scene asks for no stress
+    von_mises : (nt,) in Pa, or None
+    """
+
+    points: np.ndarray
+    triangles: np.ndarray
+    displacement: np.ndarray
+    stress: np.ndarray | None
+    von_mises: np.ndarray | None
+
+
+@dataclass(frozen=True)
+class Answer:
+    """An answer as one rank holds it.
+
+    Attributes
+    ----------
+    summary : what a run writes as summary.json; the same on all ranks
+    contacts : state by contact: normal_force, pressure, shear, gap, slip, status, force, …; the same on all ranks
+    bodies : fields of the bodies that live on this rank, by name
+    solved : everything else that was computed, for studies of the method; not a stable interface
+    """
+
+    summary: dict[str, Any]
+    contacts: Mapping[str, ContactState]
+    bodies: Mapping[str, BodyAnswer]
+    solved: Solved
+
+    @property
+    def certified(self) -> bool:
+        """Whether the certificate and, if the scene asks for one, the accuracy target are met."""
+        return self.summary["converged"]
+
+    @property
+    def reason(self) -> str:
+        """How the run ended, in words."""
+        return self.summary["reason"]
+
+
+def solve(scene: str | Path, comm: MPI.Comm | None = None, overrides: Mapping[str, Any] | None = None) -> Answer:
+    """Solve a scene; nothing is written.
+
+    Parameters
+    ----------
+    scene : a scene's file, or its text where it has several lines
+    comm : as many ranks as the scene has bodies; MPI.COMM_WORLD if left out
+    overrides : values by key, as after ``--set``: ``{"contact.upper-lower.friction.coefficient": 0.5}``
+
+    Returns
+    -------
+    An answer, also where it is not certified: look at ``answer.certified``.
+
+    Raises
+    ------
+    InputError, SolverError, InterruptionError
+        the same on all ranks. Collective on `comm`.
+    """
+    world = MPI.COMM_WORLD if comm is None else comm
+    path, text = ("scene", str(scene)) if "\n" in str(scene) else (str(scene), None)
+    with agreed(world):
+        if text is None and world.rank == 0:
+            text = read_text(path)
+    text = world.bcast(text)
+    with agreed(world):
+        settled = read_scene(path, text, [f"{key}={_toml(value)}" for key, value in (overrides or {}).items()])
+    check_ranks(world, settled)
+    clock = Clock()
+    solved, _ = compute(world, settled, path, clock, write=False)
+    fields, solution = solved.fields, solved.solution
+    own = BodyAnswer(fields.points, fields.triangles, fields.displacement, fields.stress, fields.von_mises)
+    summary = solved.summary | {"seconds": clock.largest(world)}
+    return Answer(summary, solution.contacts, {solved.assembly.spec.name: own}, solved)
+
+
+def _toml(value: Any) -> str:
+    """The value as TOML has it on one line."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{json.dumps(key)} = {_toml(entry)}" for key, entry in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return json.dumps(value)
