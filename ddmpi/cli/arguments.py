@@ -4,15 +4,10 @@ from __future__ import annotations
 
 import argparse
 import re
-from typing import TYPE_CHECKING, NoReturn
+from typing import Any, NoReturn
 
 from ddmpi import __version__
 from ddmpi.errors import InputError
-
-if TYPE_CHECKING:
-    pass
-
-
 
 EPILOG = """exit codes: 0 certified answer, 2 bad input, 3 not converged, 4 a solver failed,
 5 results could not be written, 6 interrupted by SIGTERM or SIGUSR1 (--restart goes on), 1 anything else.
@@ -44,14 +39,15 @@ def build_parser() -> argparse.ArgumentParser:
         epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False)
     parser.add_argument("--version", action="version", version=f"ddmpi {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    scene = argparse.ArgumentParser(add_help=False)
+    scene = _Parser(add_help=False)
     scene.add_argument("scene", metavar="SCENE.toml")
     scene.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
                        help="override any key of the scene, as in body.upper.material.young=1e9")
-    scene.add_argument("--quiet", action="store_true", help="say nothing but errors")
-    scene.add_argument("--log", type=_named, metavar="FILE", help="append everything that is said to FILE, with time "
-                       "stamps, also what --quiet keeps off the screen")
-    formats = {"epilog": EPILOG, "formatter_class": argparse.RawDescriptionHelpFormatter, "allow_abbrev": False}
+    scene.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    scene.add_argument("--log", type=_named, metavar="FILE", help="append all messages to FILE, with time stamps, "
+                       "also those that --quiet keeps off the screen")
+    formats: dict[str, Any] = {"epilog": EPILOG, "formatter_class": argparse.RawDescriptionHelpFormatter,
+                               "allow_abbrev": False}
     run = commands.add_parser("run", help="solve a scene, on as many ranks as it has bodies",
                               parents=[scene], **formats)
     run.add_argument("--output", type=_named, metavar="DIR",
@@ -71,7 +67,7 @@ def build_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _add_sweep(commands: argparse._SubParsersAction, scene: argparse.ArgumentParser, formats: dict) -> None:
+def _add_sweep(commands: argparse._SubParsersAction, scene: _Parser, formats: dict[str, Any]) -> None:
     sweep = commands.add_parser("sweep", help="run a scene for all combinations of some values",
                                 parents=[scene], **formats)
     sweep.add_argument("--vary", action="append", default=[], metavar="KEY=VALUES",
@@ -94,7 +90,8 @@ def split_arguments(arguments: list[str]) -> tuple[list[str], list[str]]:
 
     One ``--set`` or ``--vary`` may be followed by several KEY=VALUE.
     """
-    own, petsc = [], []
+    own: list[str] = []
+    petsc: list[str] = []
     i = 0
     while i < len(arguments):
         if re.match(r"-[A-Za-z]", arguments[i]) and arguments[i] != "-h":

@@ -16,7 +16,7 @@ CHOLESKY = ("mumps", "cholmod", "mkl_pardiso", "petsc")
 PRECONDITIONERS = ("gamg", "hypre", "ml", "bddc")
 
 QP_TYPES = ("gpcg", "tron", "blmvm", "bncg", "bnls", "bntr", "bntl", "bqnls", "bqnktr", "bqpip", "pdipm")
-"""PETSc's types for programs with bounds; ours, MPRGP, is always there."""
+"""PETSc's types for QPs with bounds; ours, MPRGP, is always there."""
 
 
 def describe_installation() -> str:
@@ -31,7 +31,8 @@ def describe_installation() -> str:
         "HDF5": _hdf5(),
         "Cholesky factorizations": _listed(CHOLESKY, _cholesky_packages()),
         "multigrid and others": _listed(PRECONDITIONERS, [name for name in PRECONDITIONERS if _has_type("PC", name)]),
-        "contact programs (TAO)": "python (MPRGP), " + _listed(QP_TYPES, [n for n in QP_TYPES if _has_type("TAO", n)]),
+        "contact subproblems (TAO)":
+            "python (MPRGP), " + _listed(QP_TYPES, [name for name in QP_TYPES if _has_type("TAO", name)]),
         "machine": f"{platform.node()}, {platform.system()} {platform.machine()}, {cores} cores for this process, "
                    f"OMP_NUM_THREADS {os.environ.get('OMP_NUM_THREADS', 'not set (1 is best)')}",
         "Slurm job": ", ".join(f"{name} {value}" for name, value in job.items()) or "none",
@@ -67,7 +68,7 @@ def _has_type(kind: str, name: str) -> bool:
 
 
 def _gmsh(version: str) -> str:
-    """The wheel can be there without the X libraries that it wants."""
+    """The version; gmsh may be installed without the X libraries that it needs."""
     try:
         import gmsh  # noqa: F401
     except (ImportError, OSError) as error:
@@ -85,7 +86,7 @@ def _hdf5() -> str:
 
 
 def _blas() -> list[str]:
-    """The BLAS libraries that are loaded; nothing where the system does not tell."""
+    """The BLAS libraries that are loaded; nothing where the system does not list them."""
     try:
         with open("/proc/self/maps", encoding="utf-8") as file:
             paths = {line.split()[-1] for line in file if "/" in line}

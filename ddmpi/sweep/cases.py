@@ -7,7 +7,6 @@ import itertools
 import math
 import re
 import tomllib
-from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,10 +15,10 @@ import numpy as np
 from ddmpi.errors import InputError
 from ddmpi.scene.keys import normalise, override, parse_value
 from ddmpi.scene.reader import read_scene
-from ddmpi.scene.scene import Scene
+from ddmpi.scene.scene import Settled
 
 LARGEST_SWEEP = 10_000
-"""Most cases of one sweep; more than that is a slip of the finger."""
+"""Most cases of one sweep; more than that is a typing error."""
 
 LONGEST_NAME = 150
 """Longest name of a case's folder before it is cut (file systems allow 255 bytes)."""
@@ -49,7 +48,7 @@ class Case:
     number: int
     settings: dict[str, str]
     axes: tuple[Axis, ...]
-    scene: Scene
+    scene: Settled
 
     @property
     def values(self) -> dict[str, Any]:
@@ -93,16 +92,13 @@ def parse_axis(text: str) -> Axis:
     values = _spaced(pieces, text) if len(pieces) > 1 and _is_number(pieces[0]) else _split(right, ",")
     if not all(values):
         raise InputError(f"--vary {text}: a value is missing; expected {_RANGE}")
-    first: dict[Hashable, str] = {}
+    first: dict[str, str] = {}
     for value in values:
-        meant = parse_value(value)
-        if isinstance(meant, str) and any(key.startswith("petsc.") for key in keys):
-            meant = parse_value(meant)  # to PETSc "200" and 200 are the same
-        meaning = _meaning(meant)
-        if meaning in first:
-            other = f" (as {first[meaning]}, too)" if first[meaning] != value else ""
-            raise InputError(f"--vary {text}: gives {value} more than once{other}")
-        first[meaning] = value
+        other = first.get(_meaning(value))
+        if other is not None:
+            raise InputError(f"--vary {text}: gives {value} more than once"
+                             f"{f' (as {other}, too)' * (other != value)}")
+        first[_meaning(value)] = value
     return Axis(keys, tuple(values))
 
 
@@ -117,35 +113,25 @@ def build_cases(path: str, text: str, settings: list[str], varied: list[str]) ->
     Raises
     ------
     InputError
-        naming key and value that are not valid, or that are no value of their case because another --vary
-        overrides it, and cases that would share a folder. Not collective: the same on every rank.
+        naming a key or value that is not valid, a key that is varied twice, one that another --vary overrides, and
+        cases that would share a folder. Not collective: the same on every rank.
     """
     if not varied:
         raise InputError(f"a sweep needs --vary {_RANGE}")
     axes = tuple(parse_axis(each) for each in varied)
-    data = _raw(text, settings)
-    spellings: dict[str, list[str]] = {}
-    for key in (key for axis in axes for key in axis.keys):
-        spellings.setdefault(normalise(data, key), []).append(key)
-    for keys in spellings.values():
-        if len(keys) > 1:
-            what = "are the same key" if len(set(keys)) > 1 else "is varied more than once"
-            raise InputError(f"--vary: {' and '.join(dict.fromkeys(keys))} {what}")
+    _refuse_overridden(base_scene(text, settings), [key for axis in axes for key in axis.keys])
     number = math.prod(len(axis.values) for axis in axes)
     if number > LARGEST_SWEEP:
         raise InputError(f"--vary: these are {number} cases; {LARGEST_SWEEP} is the limit of one sweep")
-    cases = []
+    places: dict[str, Case] = {}
     for k, values in enumerate(itertools.product(*(axis.values for axis in axes))):
         chosen = {key: value for axis, value in zip(axes, values, strict=True) for key in axis.keys}
-        cases.append(Case(k, chosen, axes, _read(path, text, settings, chosen)))
-        _check_values(cases[-1])
-    places: dict[str, Case] = {}
-    for case in cases:
+        case = Case(k, chosen, axes, _read(path, text, settings, chosen))
         other = places.setdefault(case.folder, case)
         if other is not case:
             raise InputError(f"--vary: the cases {other.label} and {case.label} would have the same folder, "
                              f"{case.folder}")
-    return cases
+    return list(places.values())
 
 
 def choose(cases: list[Case], index: str | None) -> list[Case]:
@@ -158,18 +144,15 @@ def choose(cases: list[Case], index: str | None) -> list[Case]:
     match = re.fullmatch(r"(\d+)(?:/(\d+))?", index, re.ASCII)
     if not match:
         raise InputError(f"--index {index}: expected a case's number, or I/N for every N-th case from I on")
-    first, step = int(match[1]), match[2]
-    if step is not None and int(step) == 0:
-        raise InputError(f"--index {index}: there must be at least one share, as in 0/1")
-    if step is not None and not first < int(step):
-        raise InputError(f"--index {index}: the shares of {step} are 0/{step} to {int(step) - 1}/{step}")
-    if step is None and first >= len(cases):
-        raise InputError(f"--index {index}: there are {len(cases)} cases, 0 to {len(cases) - 1}")
-    return cases[first::int(step)] if step else [cases[first]]
+    first, step = int(match[1]), int(match[2] or len(cases))
+    if first >= step:
+        raise InputError(f"--index {index}: there are {step} {'shares' if match[2] else 'cases'}, numbered from 0 "
+                         f"to {step - 1}")
+    return cases[first::step]
 
 
-def _raw(text: str, settings: list[str]) -> dict:
-    """The scene's data before anything is varied; empty where it is not valid, which `read_scene` says better."""
+def base_scene(text: str, settings: list[str]) -> dict:
+    """The scene's data before anything is varied; empty where it is not valid, which `read_scene` reports better."""
     try:
         data = tomllib.loads(text)
         for setting in settings:
@@ -179,46 +162,28 @@ def _raw(text: str, settings: list[str]) -> dict:
     return data
 
 
-def _meaning(value: Any) -> Hashable:
-    """The same for values that are the same, however they are written."""
-    if isinstance(value, list):
-        return tuple(map(_meaning, value))
-    if isinstance(value, dict):
-        return frozenset((key, _meaning(entry)) for key, entry in value.items())
-    return (bool, value) if isinstance(value, bool) else value  # True == 1
+def _refuse_overridden(data: dict, keys: list[str]) -> None:
+    """InputError where two `keys` of the scene `data` are the same, or a later one is a table with an earlier one."""
+    before: dict[str, str] = {}
+    for key in keys:
+        one = normalise(data, key)
+        for other, spelling in before.items():
+            if other == one:
+                raise InputError(f"--vary: {key} is varied more than once" if key == spelling else
+                                 f"--vary: {spelling} and {key} are the same key")
+            if other.startswith(f"{one}."):
+                raise InputError(f"--vary {spelling}: would be overridden by --vary {key}, which comes later; exchange "
+                                 "the two")
+        before[one] = key
 
 
-def _check_values(case: Case) -> None:
-    """InputError unless each varied value stands in the case's scene."""
-    scene = case.scene.resolved()
-    scene["petsc"] = _undashed(scene["petsc"])
-    for key, value in case.values.items():
-        one, there = normalise(scene, key), scene
-        try:
-            for part in one.split("."):
-                there = there[int(part)] if isinstance(there, list | tuple) else there[part]
-        except (LookupError, TypeError, ValueError):
-            there = None
-        if not _stands(_undashed(value) if one == "petsc" else value, there):
-            raise InputError(f"--vary {key}={case.settings[key]}: comes to nothing, another --vary makes it {there!r}")
+def _meaning(text: str) -> str:
+    """The same for values that are the same number, however they are written."""
+    value = parse_value(text)
+    return repr(float(value)) if type(value) in (int, float) else repr(value)
 
 
-def _undashed(options: dict[str, Any]) -> dict[str, Any]:
-    """PETSc's options by the names that `normalise` gives them."""
-    return {name.lstrip("-").lower(): value for name, value in options.items()}
-
-
-def _stands(value: Any, there: Any) -> bool:
-    """Whether what was asked for is what is there; a table may have further entries."""
-    if isinstance(value, dict):
-        return isinstance(there, dict) and all(name in there and _stands(entry, there[name])
-                                               for name, entry in value.items())
-    if isinstance(value, list):
-        return isinstance(there, list | tuple) and len(value) == len(there) and all(map(_stands, value, there))
-    return value == there
-
-
-def _read(path: str, text: str, settings: list[str], chosen: dict[str, str]) -> Scene:
+def _read(path: str, text: str, settings: list[str], chosen: dict[str, str]) -> Settled:
     """The scene of one case; an error names the --vary that made it, unless the scene itself is wrong."""
     try:
         return read_scene(path, text, [*settings, *(f"{key}={value}" for key, value in chosen.items())])
@@ -257,23 +222,16 @@ def _spaced(pieces: list[str], text: str) -> list[str]:
 
 def _is_number(text: str) -> bool:
     value = parse_value(text)
-    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
+    return type(value) in (int, float) and math.isfinite(value)
 
 
 def _split(text: str, at: str) -> list[str]:
     """Split where no bracket, brace or quotation mark is open."""
-    parts, depth, quote = [""], 0, ""
-    for character in text:
-        if quote:
-            quote = "" if character == quote else quote
-        elif character in "'\"":
-            quote = character
-        elif character in "[{":
-            depth += 1
-        elif character in "]}":
-            depth -= 1
-        if character == at and not quote and depth == 0:
+    parts, depth = [""], 0
+    for piece in re.findall(r"'[^']*'?|\"[^\"]*\"?|.", text, re.DOTALL):
+        depth += (piece in "[{") - (piece in "]}")
+        if piece == at and depth == 0:
             parts.append("")
         else:
-            parts[-1] += character
+            parts[-1] += piece
     return [part.strip() for part in parts]

@@ -1,16 +1,14 @@
-"""Run the cases of a sweep one after another in one set of processes, and gather what came out.
+"""Run the cases of a sweep one after another in one set of processes, and gather the results.
 
-Each case has a folder of its own, written by whoever runs it; a failing case is recorded and the next
-one starts. What a dying process leaves behind is the complete results of the cases before; started
-again, the sweep goes on with those that are missing, the ones that failed before last. A case that was
-interrupted continues from its checkpoint.
+A case that fails is recorded, and the next one starts. Results are written case by case, so that processes that die
+lose only the case that is running. Started again, the sweep goes on with the cases that have no results, those that
+failed before last. An interrupted case continues from its checkpoint.
 """
 
 from __future__ import annotations
 
 import contextlib
 import gc
-import itertools
 import logging
 import os
 import time
@@ -22,28 +20,27 @@ from pathlib import Path
 from mpi4py import MPI
 
 from ddmpi.coupling.ranks import check_ranks
-from ddmpi.errors import DdmpiError, HeldError, InputError, InterruptionError, NotConvergedError, OutputError
+from ddmpi.errors import DdmpiError, InputError, InterruptionError, NotConvergedError, OutputError
 from ddmpi.petsc.options import RunOptions
 from ddmpi.petsc.versions import free_garbage
+from ddmpi.results.folder import running
 from ddmpi.run.run import run
 from ddmpi.sweep.cases import Case
 from ddmpi.sweep.plots import check_plots, draw_plots
 from ddmpi.sweep.table import (
-    Outcome,
-    case_identity,
+    check_sweep,
     check_table,
-    foreign,
+    claim_sweep,
     gather,
+    identify,
     read_outcome,
     record_case,
-    refuse_others,
     status_of,
 )
-from ddmpi.system import interrupt
 from ddmpi.system.agreement import agreed
-from ddmpi.system.files import CHECKPOINT, is_locked
+from ddmpi.system.files import CHECKPOINT
 from ddmpi.system.logs import diverted, utc
-from ddmpi.system.provenance import process_seconds, whereabouts
+from ddmpi.system.provenance import process_seconds
 
 log = logging.getLogger("ddmpi")
 
@@ -55,6 +52,7 @@ class Sweep:
     Attributes
     ----------
     scene_path : the scene's file
+    scene : its data, before anything is varied
     folder : of the sweep, with a folder for each case in it
     cases : all of them
     chosen : those to run now
@@ -64,6 +62,7 @@ class Sweep:
     """
 
     scene_path: str
+    scene: dict
     folder: Path
     cases: list[Case]
     chosen: list[Case]
@@ -75,19 +74,18 @@ class Sweep:
         """The folder of a case."""
         return self.folder / case.folder
 
-    def identity(self, case: Case) -> dict:
-        return case_identity(case, self.petsc, Path(self.scene_path).parent)
+    @property
+    def identity(self) -> dict:
+        return identify(self.scene, self.petsc, self.cases, Path(self.scene_path).parent)
 
 
 def list_cases(sweep: Sweep) -> None:
-    """Print number, status and settings of the chosen cases. Not collective. Raises InputError as `run_sweep` would."""
+    """Print number, status and settings of the chosen cases. Not collective. Raises InputError as `run_sweep` does."""
     _check_options(sweep.cases, RunOptions())
+    if sweep.folder.exists():
+        check_sweep(sweep.folder, sweep.identity)
     for case in sweep.chosen:
-        outcome = read_outcome(sweep.place(case))
-        status = "another sweep" if foreign(outcome, sweep.identity(case)) else outcome.status
-        print(f"{case.number:5d}  {status:13}  {case.label}")
-    if not sweep.chosen:
-        print(_no_case(sweep))
+        print(f"{case.number:5d}  {read_outcome(sweep.place(case)).status:13}  {case.label}")
 
 
 def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
@@ -96,8 +94,8 @@ def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
     Raises
     ------
     InputError
-        before any work: cases of another sweep in the folder or its table, a wrong number of ranks, an impossible
-        plot, varied PETSc options that are also given; later, when another sweep comes into the folder meanwhile
+        before any work: another sweep's folder, a table that would lose cases, a wrong number of ranks, an impossible
+        plot, varied PETSc options that are also given
     NotConvergedError
         at the end, where a chosen case has no certified answer; a single case raises its own error
     OutputError
@@ -110,40 +108,32 @@ def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
     """
     start_up = process_seconds()
     check_ranks(world, sweep.cases[0].scene)
-    fresh: list[int] = []
-    tried: list[int] = []
-    options, error = RunOptions(), None
+    options, error, failed = RunOptions(), None, 0
+    order: list[int] = []
     with agreed(world):
         _check_options(sweep.cases, options)
         if world.rank == 0:
             check_plots(sweep.plots, sweep.cases)
-            fresh, tried = _pending(sweep)
-    fresh, tried = world.bcast((fresh, tried))
-    log.info("%d cases in %s: %d to run%s, %d finished", len(sweep.chosen), sweep.folder, len(fresh) + len(tried),
-             f" ({len(tried)} of them failed before)" if tried else "", len(sweep.chosen) - len(fresh) - len(tried))
+            check_table(sweep.folder, sweep.cases)
+            claim_sweep(sweep.folder, sweep.identity, sweep.cases)
+            order, failed = _pending(sweep)
+    order, failed = world.bcast((order, failed))
+    log.info("%d cases in %s: %d to run%s, %d finished", len(sweep.chosen), sweep.folder, len(order),
+             f" ({failed} of them failed before)" if failed else "", len(sweep.chosen) - len(order))
     gc.collect()
-    gc.freeze()  # what is there now stays; so that the collection after each case is quick
-    by_number = {case.number: case for case in sweep.chosen}
-    order, held, done = [*fresh, *tried], [], 0
-    for turn, number in enumerate(itertools.chain(order, held)):  # `held` grows meanwhile
-        case = by_number[number]
+    gc.freeze()  # the objects made so far stay, so the collection after each case need not look at them
+    for done, number in enumerate(order, 1):
+        case, taken, start = sweep.cases[number], "", time.perf_counter()
         with agreed(world):
-            state = _look(sweep, case, wait=turn >= len(order)) if world.rank == 0 else ""
-        state = world.bcast(state)
-        start = time.perf_counter()
-        failure = None if state else _run_case(world, sweep, case, options)
-        if state == "held" or isinstance(failure, HeldError):
-            log.info("case %d is being run by another process; it comes last", number)
-            held.append(number)
+            if world.rank == 0:
+                taken = _taken(sweep.place(case))
+        if world.bcast(taken):
+            log.info("%d/%d  case %d  %s", done, len(order), number, taken)
             continue
-        done += 1
-        if state == "finished":
-            log.info("case %d has been finished by another process meanwhile", number)
-            continue
-        error = failure
+        error = _run_case(world, sweep, case, options)
         if world.rank == 0:
             log.info("%d/%d  case %d  %s: %s, %.2f s", done, len(order), number, case.label,
-                     _describe(sweep, case, error), time.perf_counter() - start)
+                     _describe(sweep.place(case), error), time.perf_counter() - start)
         if isinstance(error, InterruptionError):
             log.info("the same command goes on with the sweep from here")
             raise error
@@ -159,18 +149,6 @@ def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
     _judge(world, sweep, unwritten)
 
 
-def _look(sweep: Sweep, case: Case, wait: bool) -> str:
-    """Whether another process has "finished" the case or has it "held", or else ""; after its end, with `wait`.
-
-    Raises InputError where it is a case of another sweep, the InterruptionError that is due. Not collective.
-    """
-    while (held := is_locked(sweep.place(case))) and wait:
-        interrupt.check()
-        time.sleep(0.2)
-    finished = _outcome(sweep, case).finished
-    return "held" if held else "finished" if finished else ""
-
-
 def gather_sweep(world: MPI.Comm, sweep: Sweep) -> None:
     """Write the table of all cases and the plots without a run. Raises what `run_sweep` does. Collective."""
     options = RunOptions()
@@ -178,101 +156,57 @@ def gather_sweep(world: MPI.Comm, sweep: Sweep) -> None:
         _check_options(sweep.cases, options)
         if world.rank == 0:
             check_plots(sweep.plots, sweep.cases)
-            try:
-                os.scandir(sweep.folder).close()
-            except OSError as error:
-                raise InputError(f"--output {sweep.folder}: nothing to gather there: {error.strerror}") from None
+            check_sweep(sweep.folder, sweep.identity)
             check_table(sweep.folder, sweep.cases)
     _judge(world, sweep, _gather(world, sweep))
 
 
-def _gather(world: MPI.Comm, sweep: Sweep) -> OutputError | None:
-    """Write table and plots; why they could not all be written, on rank 0.
-
-    Raises InputError, on all ranks, where a case is one of another sweep. Collective.
-    """
-    with agreed(world):
-        if world.rank == 0:
-            for case in sweep.cases:
-                what = foreign(read_outcome(sweep.place(case)), sweep.identity(case))
-                if what:
-                    raise InputError(f"{sweep.place(case)}: {what}")
-            try:
-                table, _ = gather(sweep.folder, sweep.cases)
-            except OutputError as error:
-                return error
-            log.info("table in %s", table)
-            return _draw(sweep)
-    return None
-
-
-def _draw(sweep: Sweep) -> OutputError | None:
-    """Draw the plots that can be drawn; why one could not be written. Not collective."""
-    failure = None
-    for plot in sweep.plots:
-        try:
-            for path in draw_plots(sweep.folder, [plot]):
-                log.info("plot in %s", path)
-        except InputError as error:
-            log.warning("not drawn: %s", error)
-        except OutputError as error:
-            failure = failure or error
-        except Exception as error:  # matplotlib raises what it likes
-            failure = failure or OutputError(f"--plot {plot}: could not be drawn ({type(error).__name__}: {error})")
-    return failure
-
-
 def _check_options(cases: list[Case], options: RunOptions) -> None:
-    """InputError where a varied PETSc option is given otherwise, too, which would win. Not collective."""
+    """InputError where a varied PETSc option is also given otherwise, which would win. Not collective."""
     for case in cases:
-        varied: dict = {}
-        for key, value in case.values.items():
-            table, _, name = key.strip().partition(".")
-            if table == "petsc":
-                varied |= {name: value} if name else value
-        winning = options.overrides(varied)
-        if winning:
-            name, value = next(iter(winning.items()))
+        varied = {key.partition(".")[2]: value for key, value in case.values.items() if key.startswith("petsc.")}
+        for name, value in options.overrides(varied | case.values.get("petsc", {})).items():
             raise InputError(f"--vary petsc.{name}: -{name}{'' if value is None else f' {value}'} on the command line "
                              "or in PETSC_OPTIONS would win in every case; leave one of the two away")
 
 
-def _pending(sweep: Sweep) -> tuple[list[int], list[int]]:
-    """Numbers of the chosen cases that were never tried or were interrupted, and of those that failed."""
-    try:
-        sweep.folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"--output {sweep.folder}: cannot be made: {error.strerror}") from None
-    check_table(sweep.folder, sweep.cases)
-    fresh, tried = [], []
+def _pending(sweep: Sweep) -> tuple[list[int], int]:
+    """Numbers of the chosen cases without results, those that failed last, and how many failed. Raises InputError."""
+    fresh: list[int] = []
+    failed: list[int] = []
     for case in sweep.chosen:
-        outcome = _outcome(sweep, case)
+        outcome = read_outcome(sweep.place(case))
         if not outcome.finished:
-            (fresh if outcome.status in ("not run", "interrupted") else tried).append(case.number)
-    return fresh, tried
+            (fresh if outcome.status in ("not run", "interrupted") else failed).append(case.number)
+    return [*fresh, *failed], len(failed)
 
 
-def _outcome(sweep: Sweep, case: Case) -> Outcome:
-    """How the case ended so far; InputError where what is there is not of this sweep. Not collective."""
-    outcome = read_outcome(sweep.place(case))
-    refuse_others(sweep.place(case), outcome, sweep.identity(case))
-    return outcome
+def _taken(place: Path) -> str:
+    """What another process has made of a case since this one started, in words; nothing where it is free."""
+    if read_outcome(place).finished:
+        return "has been finished by another process"
+    owner = running(place)
+    return f"is left to another process ({owner})" if owner else ""
 
 
 def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions) -> DdmpiError | None:
     """Run one case; its error, where all ranks agree on it. Collective.
 
-    Raises OutputError where the record of the case cannot be written, InputError where another sweep has come first:
-    then there is no use in going on.
+    Raises OutputError where folder or record of the case cannot be written.
     """
-    place, started, error = sweep.place(case), utc(), None
+    place, started, error, restart = sweep.place(case), utc(), None, None
     own = world.Dup()  # no message of a failing case may reach the next one
     with contextlib.ExitStack() as stack:
         with agreed(world):
             if world.rank == 0:
-                _record(place, case, sweep, None, "", started)
+                try:
+                    place.mkdir(exist_ok=True)
+                except OSError as failure:
+                    raise OutputError(f"{place}: cannot be made: {failure.strerror}") from None
+                record_case(place, case, None, "", started)
+                restart = str(place) if os.path.exists(place / CHECKPOINT) else None
             stack.enter_context(diverted(place / "run.log" if world.rank == 0 else None))
-        restart = world.bcast(str(place) if world.rank == 0 and os.path.exists(place / CHECKPOINT) else None)
+        restart = world.bcast(restart)
         options.use(case.scene.petsc)
         try:
             run(own, case.scene, sweep.scene_path, str(place), case.scene.output.figures and sweep.figures, restart)
@@ -284,47 +218,54 @@ def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions) ->
                 error.args = (f"{error}; to begin the case anew, remove the checkpoint",)
             traceback.clear_frames(error.__traceback__)  # they hold PETSc's objects
             log.error("ddmpi: %s: %s", error.kind, error)
-    if isinstance(error, OutputError) and world.bcast(world.rank == 0 and _done_by_another(sweep, case)):
-        error = None
-        if world.rank == 0:
-            (place / CHECKPOINT).unlink(missing_ok=True)  # ours, which has become useless
-    gc.collect()  # what refers to itself in a circle, such as solvers and their contexts
+    gc.collect()  # objects that refer to each other in a circle, such as solvers and their contexts
     free_garbage()
     own.Free()
-    if isinstance(error, HeldError):
-        return error  # the record is the other's
     with agreed(world):
         if world.rank == 0:
             code, reason = (error.exit_code, str(error).split("\n")[0]) if error else (0, "")
-            _record(place, case, sweep, code, reason, started)
+            record_case(place, case, code, reason, started)
     return error
 
 
-def _done_by_another(sweep: Sweep, case: Case) -> bool:
-    """Whether another process of this sweep has put certified results there, while this one was at the same case."""
-    outcome = read_outcome(sweep.place(case))
-    return (outcome.status == "certified" and not foreign(outcome, sweep.identity(case))
-            and not outcome.summary["run"].endswith(f" {whereabouts()}"))
-
-
-def _record(place: Path, case: Case, sweep: Sweep, code: int | None, reason: str, started: str) -> None:
-    try:
-        place.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{place}: cannot be made: {error.strerror}") from None
-    record_case(place, case, sweep.identity(case), code, reason, started)
-
-
-def _describe(sweep: Sweep, case: Case, error: DdmpiError | None) -> str:
+def _describe(place: Path, error: DdmpiError | None) -> str:
     """A case's end in one line."""
-    summary = read_outcome(sweep.place(case)).summary
-    status, told = status_of(error.exit_code if error else 0), str(error).splitlines()[0] if error else ""
-    said = told if told.startswith(status) else f"{status}: {told}" if told else status
+    summary = read_outcome(place).summary
+    status, message = status_of(error.exit_code if error else 0), str(error).splitlines()[0] if error else ""
+    end = message if message.startswith(status) else f"{status}: {message}" if message else status
     if not summary:
-        return said
+        return end
     unused = ", ".join(summary["options_unused"])
-    return (f"{said}, {summary['outer_iterations']} outer iterations, n_A = {summary['n_A']}"
+    return (f"{end}, {summary['outer_iterations']} outer iterations, n_A = {summary['n_A']}"
             f"{'; PETSc options that nothing used: ' + unused if unused else ''}")
+
+
+def _gather(world: MPI.Comm, sweep: Sweep) -> OutputError | None:
+    """Write table and plots; on rank 0 the error where one of them could not be written. Collective."""
+    failure = None
+    with agreed(world):
+        if world.rank == 0:
+            try:
+                log.info("table in %s", gather(sweep.folder, sweep.cases))
+                for plot in sweep.plots:
+                    failure = _draw(sweep, plot) or failure
+            except OutputError as error:
+                failure = error
+    return failure
+
+
+def _draw(sweep: Sweep, plot: str) -> OutputError | None:
+    """Draw a plot if it can be drawn; the error where it could not be written. Not collective."""
+    try:
+        for path in draw_plots(sweep.folder, [plot]):
+            log.info("plot in %s", path)
+    except InputError as error:
+        log.warning("not drawn: %s", error)
+    except OutputError as error:
+        return error
+    except Exception as error:  # matplotlib raises what it likes
+        return OutputError(f"--plot {plot}: could not be drawn ({type(error).__name__}: {error})")
+    return None
 
 
 def _judge(world: MPI.Comm, sweep: Sweep, failure: OutputError | None) -> None:
@@ -335,14 +276,10 @@ def _judge(world: MPI.Comm, sweep: Sweep, failure: OutputError | None) -> None:
             certified = counts.pop("certified", 0)
             rest = ", ".join(f"{number} {status}" for status, number in counts.most_common())
             verdict = (f"{certified} of {len(sweep.chosen)} cases in {sweep.folder} have a certified answer; {rest}"
-                       if rest else _no_case(sweep) or f"all {certified} cases have a certified answer")
+                       if rest else f"all {certified} cases have a certified answer" if sweep.chosen else
+                       f"none of the {len(sweep.cases)} cases falls to this share; nothing to do")
             if failure:
                 raise OutputError(f"{failure}; {verdict}")
             if rest:
                 raise NotConvergedError(verdict)
             log.info("%s", verdict)
-
-
-def _no_case(sweep: Sweep) -> str:
-    """That nothing was to be done, if so."""
-    return "" if sweep.chosen else f"none of the {len(sweep.cases)} cases falls to this share; nothing to do"

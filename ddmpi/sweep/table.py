@@ -1,24 +1,25 @@
-"""What a sweep leaves on disk: a record beside each case's results, and the table gathered from all.
+"""What a sweep leaves on disk, besides its plots.
 
+    DIR/sweep.json             what the sweep is: scene, PETSc options, digests of mesh files
     DIR/sweep.csv              the table, a line per case
-    DIR/CASE/case.json         which case this is, when it was started, how it ended
-    DIR/CASE/run.log           what its run said
+    DIR/CASE/case.json         the record of a case: its values, when it was started, how it ended
+    DIR/CASE/run.log           the messages of its run
     DIR/CASE/summary.json, …   its results
 
-A case is finished when its results are there: they are complete or absent. The record comes first, and is of who
-came first: nobody runs, overwrites or gathers a case whose record is of another sweep, or gone.
+The first process of a sweep writes sweep.json. Every other one, at the same time or later, compares it with its own
+and refuses to work in the folder of another sweep. A case is finished when its results are there.
 """
 
 from __future__ import annotations
 
 import contextlib
 import csv
-import functools
 import hashlib
 import io
 import json
 import os
 import socket
+import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,35 +29,33 @@ from ddmpi.errors import InputError, OutputError
 from ddmpi.mesh.build import locate_mesh
 from ddmpi.scene.mistakes import nearest
 from ddmpi.sweep.cases import Case
-from ddmpi.system.files import RECORD, TABLE, link_new, unfinished, write_atomically
-from ddmpi.system.logs import utc
+from ddmpi.system.files import RECORD, SUMMARY, SWEEP, TABLE, write_atomically
 
-RESULTS = ("outer_iterations", "n_A", "eff", "n", "m", "contact.normal_force", "contact.tangential_force",
-           "contact.open", "contact.slip", "contact.stick", "certificate.force_mismatch", "certificate.penetration",
-           "certificate.complementarity", "certificate.friction", "certificate.equilibrium",
-           "discretization_error.energy_norm", "displacement_max", "energy.0", "energy.1", "seconds.mesh",
-           "seconds.assemble", "seconds.factor", "seconds.outer", "seconds.output", "seconds.total", "memory_mib.0",
-           "memory_mib.1")
-"""Columns of the table that come from summary.json, by their place in it."""
+RESULTS = ("outer_iterations", "inner_iterations", "n_A", "eff", "n", "m", "displacement_max")
+"""Columns of the table that are numbers of summary.json."""
+
+GROUPS = ("contacts", "certificate", "discretization_error", "bodies", "seconds")
+"""Tables of summary.json all of whose numbers have columns."""
 
 STATUS = {0: "certified", 2: "refused", 3: "not converged", 4: "solver failed", 5: "not written", 6: "interrupted"}
-"""Status by exit code; besides "not run", "unfinished" (its process died, or is still at it), "failed", "unreadable"
-and "unrecorded" (there are results, but no record)."""
+"""Status by exit code; besides "not run", "unfinished" (its process has ended early, or is still at work), "failed"."""
+
+PATIENCE = 5.0
+"""Seconds to wait for a sweep.json that another process is just writing."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a case ended, as far as it did.
+    """How a case has ended, as far as it has.
 
-    ``exit`` is the exit code of its run or None, ``reason`` the first line of what was said, ``summary``
-    the results or None.
+    ``exit`` is the exit code of its run or None, ``reason`` the first line of its message, ``summary`` the results or
+    None.
     """
 
     status: str
     exit: int | None = None
     reason: str = ""
     summary: dict | None = None
-    identity: dict | None = None
 
     @property
     def finished(self) -> bool:
@@ -67,155 +66,130 @@ def status_of(code: int) -> str:
     return STATUS.get(code, "failed")
 
 
-def case_identity(case: Case, petsc: list[str], scene_folder: Path) -> dict:
-    """What decides the results of a case: scene, PETSc options of the command line, contents of mesh files."""
-    meshes = {}
-    for body in case.scene.body:
-        if body.mesh.file is not None:
-            try:
-                path = locate_mesh(body, scene_folder)
-                state = path.stat()
-                meshes[body.mesh.file] = _digest(path, state.st_mtime_ns, state.st_size)
-            except (InputError, OSError):
-                meshes[body.mesh.file] = "missing"  # the run will say so
-    return json.loads(json.dumps({"scene": case.scene.resolved(), "petsc": petsc, "meshes": meshes}))
+def identify(scene: dict, petsc: list[str], cases: list[Case], scene_folder: Path) -> dict:
+    """What a sweep is, but for its --vary: the data of the scene, PETSc options of the command line, mesh files.
 
-
-@functools.cache
-def _digest(path: Path, changed: int, size: int) -> str:
-    """Of a file's contents, which are read again when the file has changed."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def record_case(folder: Path, case: Case, identity: dict, code: int | None = None, reason: str = "",
-                started: str | None = None) -> None:
-    """Write the record of a case, at its start without, at its end with an exit code.
-
-    Raises InputError where the case in `folder` is one of another sweep, whoever comes first; OutputError.
+    A mesh file that cannot be read is left to the runs of its cases. Not collective.
     """
-    record = {"case": case.number, "values": case.values, "exit": code, "reason": reason,
-              "started": started or utc(), "host": socket.gethostname(), "process": os.getpid(), **identity}
-    data = json.dumps(record, indent=2, ensure_ascii=False).encode() + b"\n"
-    outcome = read_outcome(folder)
-    refuse_others(folder, outcome, identity)
-    if outcome.identity is None:
-        if _write_first(folder / RECORD, data):
-            return
-        refuse_others(folder, read_outcome(folder), identity)
-    write_atomically(folder / RECORD, data)
+    meshes = {}
+    for body in {body.mesh.file: body for case in cases for body in case.scene.body if body.mesh.file}.values():
+        with contextlib.suppress(InputError, OSError):
+            meshes[body.mesh.file] = hashlib.sha256(locate_mesh(body, scene_folder).read_bytes()).hexdigest()
+    return {"scene": scene, "PETSc options": petsc, "mesh files": meshes}
 
 
-def _write_first(path: Path, data: bytes) -> bool:
-    """Write `path` unless it is there; whether it was not. Raises OutputError."""
-    made = unfinished(path)
+def claim_sweep(folder: Path, identity: dict, cases: list[Case]) -> None:
+    """Make `folder` that of the sweep with this identity, or see that it is. Not collective.
+
+    Raises InputError where it is the folder of another sweep, or cannot be made; OutputError where sweep.json cannot be
+    written.
+    """
+    path = folder / SWEEP
     try:
-        made.write_bytes(data)
-        link_new(made, path)
-    except FileExistsError:
-        return False
+        folder.mkdir(parents=True, exist_ok=True)
+        taken = next((case.folder for case in cases if os.path.lexists(folder / case.folder)), None)
     except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
-    finally:
-        with contextlib.suppress(OSError):  # whoever removes the folder takes it along
-            made.unlink(missing_ok=True)
-    return True
+        raise InputError(f"--output {folder}: cannot be made: {error.strerror}") from None
+    if not taken:
+        try:
+            with open(path, "x", encoding="utf-8") as file:
+                json.dump(identity, file, indent=2, ensure_ascii=False)
+            return
+        except FileExistsError:
+            pass
+        except OSError as error:
+            path.unlink(missing_ok=True)
+            raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
+    check_sweep(folder, identity)
+
+
+def check_sweep(folder: Path, identity: dict) -> None:
+    """InputError unless `folder` is that of the sweep with this identity, saying what differs first. Not collective.
+
+    Mesh files count that both have: more values of a sweep may bring more of them.
+    """
+    path, end = folder / SWEEP, time.monotonic() + PATIENCE
+    while (theirs := _read_json(path, unfinished=time.monotonic() < end)) == {}:
+        time.sleep(0.1)
+    if theirs is None:
+        raise InputError(f"--output {folder}: there is no {SWEEP}, so it is not the folder of a sweep; name another")
+    ours = json.loads(json.dumps(identity))
+    for meshes, others in ((theirs["mesh files"], ours["mesh files"]), (ours["mesh files"], theirs["mesh files"])):
+        for name in meshes.keys() - others.keys():
+            del meshes[name]
+    if theirs != ours:
+        raise InputError(f"--output {folder}: belongs to another sweep, which differs in {_difference(theirs, ours)}; "
+                         "name another folder, or remove this one")
+
+
+def record_case(folder: Path, case: Case, code: int | None, reason: str, started: str) -> None:
+    """Write the record of a case: at its start with None, at its end with the exit code. Raises OutputError."""
+    record = {"case": case.number, "values": case.values, "exit": code, "reason": reason, "started": started,
+              "host": socket.gethostname(), "process": os.getpid()}
+    write_atomically(folder / RECORD, json.dumps(record, indent=2, ensure_ascii=False).encode() + b"\n")
 
 
 def read_outcome(folder: Path) -> Outcome:
-    """How the case in `folder` ended, from what is on disk."""
-    try:
-        record = _read_json(folder / RECORD)
-        summary = _read_json(folder / "summary.json")
-        if record is None:
-            return Outcome("not run") if summary is None else Outcome(
-                "unrecorded", None, f"there are results, but no {RECORD} that says of which sweep")
-        identity = {key: record[key] for key in ("scene", "petsc", "meshes")}
-        if summary is not None:
-            code = 0 if summary["converged"] else 3
-            return Outcome(status_of(code), code, summary["reason"], summary, identity)
-        if record["exit"] is None:
-            reason = f"started {record['started']} on {record['host']} as process {record['process']}"
-            return Outcome("unfinished", None, reason, None, identity)
-        return Outcome(status_of(record["exit"]), record["exit"], record["reason"], None, identity)
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        return Outcome("unreadable", None, f"{folder}: {type(error).__name__}: {error}")
+    """How the case in `folder` has ended, from what is on disk. Raises InputError where that cannot be read."""
+    summary = _read_json(folder / SUMMARY)
+    if summary is not None:
+        code = 0 if summary["converged"] else 3
+        return Outcome(status_of(code), code, summary["reason"], summary)
+    record = _read_json(folder / RECORD)
+    if record is None:
+        return Outcome("not run")
+    if record["exit"] is None:
+        return Outcome("unfinished", None, f"started {record['started']} on {record['host']} as process "
+                                           f"{record['process']}")
+    return Outcome(status_of(record["exit"]), record["exit"], record["reason"])
 
 
-def foreign(outcome: Outcome, identity: dict) -> str:
-    """What makes a case one of another sweep than that of `identity`, in words; nothing where it is none."""
-    if outcome.status == "unrecorded":
-        return outcome.reason
-    if outcome.identity is None:
-        return ""
-    theirs, ours = outcome.identity, identity
-    if outcome.summary and theirs == ours:
-        theirs, ours = (_without_refinement(scene) for scene in (outcome.summary["scene"], identity["scene"]))
-    what = "results" if outcome.finished else "a case"
-    return "" if theirs == ours else f"{what} of another sweep, which differs in {_difference(theirs, ours)}"
+def columns(cases: list[Case], summaries: Iterable[dict] = ()) -> list[str]:
+    """All columns of the table of these cases, which have these results."""
+    found = dict.fromkeys([*RESULTS, *(name for summary in summaries for name in numbers(summary))])
+    return ["case", *cases[0].settings, "status", "exit", "reason", *found, "started", "folder"]
 
 
-def refuse_others(folder: Path, outcome: Outcome, identity: dict) -> None:
-    """InputError where the case in `folder` is not that of this `identity`, or what is there cannot be read."""
-    if outcome.status == "unreadable":
-        raise InputError(f"{outcome.reason}; name another --output, or remove it")
-    what = foreign(outcome, identity)
-    if what:
-        raise InputError(f"{folder}: {what}; name another --output, or remove it")
+def numbers(summary: dict) -> dict[str, float]:
+    """The numbers of a summary that have columns, by their dotted names; those of a vector end with .x, .y, .z."""
+    found: dict[str, float] = {}
+    for name in (*RESULTS, *GROUPS):
+        found |= _flat(summary.get(name), name)
+    return found
 
 
-def _without_refinement(scene: dict) -> dict:
-    """A scene without what a run changes in it for ``method.target_error``."""
-    left = {"refine", *(["divisions"] if scene["method"]["target_error"] else [])}
-    return scene | {"body": [body | {"mesh": {key: value for key, value in body["mesh"].items() if key not in left}}
-                             for body in scene["body"]]}
-
-
-def columns(cases: list[Case]) -> list[str]:
-    """All columns of the table of these cases."""
-    return ["case", *cases[0].settings, "status", "exit", "reason", *RESULTS, "started", "folder"]
+def _flat(value: Any, name: str) -> dict[str, float]:
+    if isinstance(value, list) and len(value) <= 3 and all(isinstance(entry, float) for entry in value):
+        value = dict(zip("xyz", value, strict=False))
+    if isinstance(value, dict):
+        return {key: number for part, entry in value.items() for key, number in _flat(entry, f"{name}.{part}").items()}
+    return {name: value} if type(value) in (int, float) else {}
 
 
 def check_table(folder: Path, cases: list[Case]) -> None:
     """InputError where the table in `folder` has cases that are not among `cases`, and would lose them."""
-    path = folder / TABLE
-    if not os.path.lexists(path):
-        return
-    ours = {case.folder for case in cases}
-    lost = [row.get("folder") for row in read_table(path)
+    path, ours = folder / TABLE, {case.folder for case in cases}
+    lost = [row.get("folder") for row in (read_table(path) if os.path.lexists(path) else ())
             if row.get("folder") not in ours and row.get("status") != "not run"]
     if lost:
-        raise InputError(f"{path}: is the table of a sweep with {len(lost)} cases that this one has not, {lost[0]} for "
-                         "one; vary over their values, too (what is finished is not run again), name another "
-                         "--output, or move the table away")
+        raise InputError(f"{path}: has {len(lost)} cases that this sweep has not, {lost[0]} for one; vary over their "
+                         "values, too (what is finished is not run again), or move the table away")
 
 
-def gather(folder: Path, cases: list[Case]) -> tuple[Path, list[dict]]:
-    """Write the table of `cases` out of what is on disk.
-
-    Returns
-    -------
-    Its path, and its rows; what is not known is None.
-
-    Raises OutputError, also where a table that is there would lose cases. Not collective.
-    """
-    try:
-        check_table(folder, cases)
-    except InputError as error:
-        raise OutputError(str(error)) from None
-    rows = []
-    for case in cases:
-        outcome = read_outcome(folder / case.folder)
-        summary = outcome.summary or {}
-        rows.append({"case": case.number, **case.values, "status": outcome.status, "exit": outcome.exit,
-                     "reason": outcome.reason, **{name: _at(summary, name) for name in RESULTS},
-                     "started": summary.get("started"), "folder": case.folder})
+def gather(folder: Path, cases: list[Case]) -> Path:
+    """Write the table of `cases` out of what is on disk; its path. Raises OutputError, InputError. Not collective."""
+    outcomes = [read_outcome(folder / case.folder) for case in cases]
     text = io.StringIO()
-    writer = csv.DictWriter(text, columns(cases), lineterminator="\n")
+    names = columns(cases, [outcome.summary for outcome in outcomes if outcome.summary])
+    writer = csv.DictWriter(text, names, lineterminator="\n")
     writer.writeheader()
-    writer.writerows(rows)  # None is an empty field
-    path = folder / TABLE
-    write_atomically(path, text.getvalue().encode())
-    return path, rows
+    for case, outcome in zip(cases, outcomes, strict=True):  # what is missing is an empty field
+        summary = outcome.summary or {}
+        writer.writerow({"case": case.number, **case.values, "status": outcome.status, "exit": outcome.exit,
+                         "reason": outcome.reason, **numbers(summary), "started": summary.get("started"),
+                         "folder": case.folder})
+    write_atomically(folder / TABLE, text.getvalue().encode())
+    return folder / TABLE
 
 
 def read_table(path: Path) -> list[dict[str, Any]]:
@@ -240,33 +214,23 @@ def find_column(word: str, names: Iterable[str]) -> str:
                      f"(columns: {', '.join(names)})")
 
 
-def _read_json(path: Path) -> dict | None:
+def _read_json(path: Path, unfinished: bool = False) -> dict | None:
+    """A table in a file; None where there is no file, {} where it is only being written and may be `unfinished`."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         return None
-
-
-def _at(summary: dict, name: str) -> Any:
-    """The entry of a nested table or list by its dotted name; None where there is none."""
-    value: Any = summary
-    for part in name.split("."):
-        if isinstance(value, list):
-            value = value[int(part)] if int(part) < len(value) else None
-        else:
-            value = value.get(part) if isinstance(value, dict) else None
-    return value
+    except (OSError, ValueError) as error:
+        if unfinished and isinstance(error, ValueError):
+            return {}
+        raise InputError(f"{path}: cannot be read ({error}); remove it, or name another --output") from None
 
 
 def _number(text: str | None) -> Any:
-    if not text:
-        return None
     for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return text
+        with contextlib.suppress(ValueError):
+            return kind(text or "")
+    return text or None
 
 
 def _difference(before: Any, now: Any, key: str = "") -> str:

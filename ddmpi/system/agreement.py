@@ -11,7 +11,7 @@ from ddmpi.errors import DdmpiError
 
 
 def agree(world: MPI.Comm, error: DdmpiError | None) -> None:
-    """Raise the first rank's error, if there is one, on all ranks. Collective."""
+    """Raise the first error that a rank has, if any has one, on all ranks. Collective."""
     for found in world.allgather(error):
         if found is not None:
             found.agreed = True

@@ -13,7 +13,7 @@ from petsc4py import PETSc
 
 @dataclass
 class Clock:
-    """Seconds by phase; each phase is also a PETSc log stage, for -log_view."""
+    """Seconds by phase. Each phase is also a PETSc log stage, for -log_view."""
 
     seconds: dict[str, float] = field(default_factory=dict)
     started: float = field(default_factory=time.perf_counter)
@@ -26,7 +26,7 @@ class Clock:
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
 
     def largest(self, world: MPI.Comm) -> dict[str, float]:
-        """The slowest rank's seconds of each phase, and of the whole. Collective."""
+        """Seconds of each phase and in total, of the slowest rank in each. Collective."""
         own = self.seconds | {"total": time.perf_counter() - self.started}
         everyone = world.allgather(own)
         return {name: round(max(each[name] for each in everyone), 6) for name in own}

@@ -1,8 +1,7 @@
 """Signals that ask a run to end in good order: SIGTERM and SIGUSR1, as batch systems send them.
 
-The handler only takes note. The run looks at the note where it can stop: when the arguments have been read,
-between the phases of the set-up, at every multiplication by a compliance and at every exchange, where the other
-rank learns of it too.
+The handler only notes the signal. The run looks at the note where it can stop: after reading the arguments, between the
+phases of the set-up, at every multiplication by a compliance, and at every exchange, where other ranks learn of it too.
 """
 
 from __future__ import annotations
@@ -20,24 +19,21 @@ _handlers: dict[int, Callable | signal.Handlers] = {}
 
 
 def listen() -> None:
-    """From now on the signals are noted, where they would end the process.
+    """From now on signals are noted; they do not end the process.
 
-    To be called at once, and again after PETSc's initialisation, which with some MPIs takes SIGTERM for itself; in
-    the main thread. Not collective.
+    To be called when the process starts, and again after PETSc's initialisation, which with some MPIs installs its own
+    handler of SIGTERM; in the main thread. Not collective.
     """
     _handle(_note)
 
 
 def leave() -> None:
-    """From now on the signals end the process: it has nothing to lose. Not collective."""
+    """From now on signals end the process, which has nothing to lose. Not collective."""
     _handle(signal.SIG_DFL)
 
 
 def ignore() -> None:
-    """From now on the signals come too late, also while the interpreter ends, which takes a note of nothing any more.
-
-    Not collective.
-    """
+    """From now on signals do nothing: the results are there. Not collective."""
     _handle(signal.SIG_IGN)
 
 
@@ -47,7 +43,7 @@ def _handle(handler: Callable | signal.Handlers) -> None:
 
 
 def listen_again() -> None:
-    """Put our handlers back, if there are any, after a library that has its own (the PETSc within gmsh)."""
+    """Install our handlers again after a library has installed its own (the PETSc within gmsh). Not collective."""
     for number, handler in _handlers.items():
         signal.signal(number, handler)
 
@@ -57,12 +53,12 @@ def _note(number: int, _frame: object) -> None:
 
 
 def interruption() -> InterruptionError | None:
-    """The error that is due because a signal came to this process, or None. Not collective."""
+    """The error to raise where this process has received a signal, or None. Not collective."""
     return InterruptionError(_received[0]) if _received else None
 
 
 def check() -> None:
-    """Raise the InterruptionError that is due, if there is one, on this rank alone. Not collective."""
+    """Raise InterruptionError, on this rank alone, where this process has received a signal. Not collective."""
     error = interruption()
     if error:
         raise error

@@ -15,16 +15,16 @@ from mpi4py import MPI
 import ddmpi
 from ddmpi.system.logs import utc
 
-_started = time.time()  # of the import, which is good enough where /proc does not say better
+_started = time.time()  # of the import, for systems without /proc
 
 SLURM = {"job_id": "SLURM_JOB_ID", "job_name": "SLURM_JOB_NAME", "array_job_id": "SLURM_ARRAY_JOB_ID",
          "array_task_id": "SLURM_ARRAY_TASK_ID", "restarts": "SLURM_RESTART_COUNT", "cluster": "SLURM_CLUSTER_NAME",
          "nodes": "SLURM_JOB_NODELIST"}
-"""What a batch job says of itself in the environment."""
+"""Environment variables in which Slurm describes the job."""
 
 
 def versions() -> dict[str, str]:
-    """Versions of what a result depends on. After petsc4py.init: importing PETSc starts it."""
+    """Versions of the software that a result depends on. After petsc4py.init only: importing PETSc starts it."""
     from petsc4py import PETSc
 
     found = {"ddmpi": ddmpi.__version__, "python": sys.version.split()[0],
@@ -42,10 +42,10 @@ def versions() -> dict[str, str]:
 
 
 def provenance(world: MPI.Comm, started: float) -> dict:
-    """What traces a result back to its run: its name, start, command, folder, batch job, hosts and versions.
+    """What leads from a result back to its run: the run's name, start, command, folder, batch job, hosts and versions.
 
-    `started` is the run's start on the clock of time.perf_counter. The name of the run, "run", is made of the start
-    (UTC), host and process number of rank 0, and the batch job, if there is one. Collective on `world`.
+    `started` is the run's start by time.perf_counter. The name of the run, "run", is made of the start (UTC), host and
+    process number of rank 0, and the batch job, if there is one. Collective on `world`.
     """
     seconds = time.time() - (time.perf_counter() - started)
     name = f"{utc(seconds)[:-1]}.{int(seconds % 1 * 1000):03d}Z {whereabouts()}"
@@ -65,7 +65,7 @@ def command() -> str:
 
 
 def whereabouts() -> str:
-    """Host, process and batch job, in a few words."""
+    """Host, process and batch job: "HOST PROCESS" or "HOST PROCESS job NUMBER"."""
     job = batch_job()
     in_array = {"array_job_id", "array_task_id"} <= job.keys()
     number = f"{job['array_job_id']}_{job['array_task_id']}" if in_array else job.get("job_id")
@@ -73,7 +73,7 @@ def whereabouts() -> str:
 
 
 def batch_job() -> dict[str, str]:
-    """What Slurm says of the job; empty without one."""
+    """The batch job as Slurm describes it; empty without one."""
     if "SLURM_JOB_ID" not in os.environ:
         return {}
     return {name: os.environ[variable] for name, variable in SLURM.items() if variable in os.environ}

@@ -44,8 +44,7 @@ MALFORMED = {
     "k=1,2,1": "1 more than once", "k=1:2:100000": "limit",
     "k=0.1,0.10": "0.10 more than once (as 0.1, too)", "k=1:1.0:2": "the same",
     "k=1e3,2,1_000.0": "1_000.0 more than once",
-    'petsc.k="200",200': "200 more than once", "petsc.k=1e-8,'1e-08'": "more than once",
-    "k=[6,2],[6, 2]": "more than once", 'k={a=1,b=2},{b=2.0, a=1}': "more than once", 'k="a",a': "more than once",
+    "k=[6,2],[6, 2]": "more than once", 'k="a",a': "more than once",
 }
 
 
@@ -94,8 +93,8 @@ def test_an_error_of_the_scene_itself_does_not_blame_vary():
     (("petsc.qp_tao_max_it=1", "petsc.-QP_tao_max_it=2"), "are the same key"),
     # one in a table that comes later
     (("contact.0.friction.coefficient=0.1,0.2", 'contact.0.friction={law="coulomb", coefficient=0.3},{law="none"}'),
-     "--vary contact.0.friction.coefficient=0.1: comes to nothing, another --vary makes it 0.3"),
-    (("petsc.a=1", "petsc={a=2}"), "--vary petsc.a=1: comes to nothing")])
+     "--vary contact.0.friction.coefficient: would be overridden by --vary contact.0.friction, which comes later"),
+    (("petsc.a=1", "petsc={a=2}"), "--vary petsc.a: would be overridden by --vary petsc")])
 def test_refused_as_a_whole(varied, word):
     with pytest.raises(InputError, match=word):
         build(*varied)

@@ -3,7 +3,7 @@
 import csv
 import json
 import re
-import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import fault
@@ -12,8 +12,9 @@ import scenes
 from scenes import Run, pinched_blocks
 
 from ddmpi.errors import InputError
-from ddmpi.sweep.table import RESULTS, find_column, read_table
-from ddmpi.system.files import locked
+from ddmpi.sweep.table import find_column, numbers, read_table
+from ddmpi.system.files import UNFINISHED
+from ddmpi.system.provenance import whereabouts
 
 LIMIT = 60.0
 COEFFICIENT = "contact.0.friction.coefficient"
@@ -65,7 +66,7 @@ def test_failing_cases_do_not_stop_the_others(mixed):
 
 def test_reasons_stand_in_the_table(mixed):
     reasons = [row["reason"] for row in rows(mixed)]
-    assert "contact.0" in reasons[0] and "DIVERGED_MAX_IT" in reasons[4]
+    assert "contact.upper-lower" in reasons[0] and "DIVERGED_MAX_IT" in reasons[4]
     assert "max_iterations" in reasons[6] and reasons[7] == "converged and certified"
 
 
@@ -84,13 +85,10 @@ def test_the_story_of_a_case_is_in_its_folder(mixed):
 
 def test_table_repeats_the_summaries(mixed):
     for row in rows(mixed)[6:]:
-        summary = json.loads((mixed.folder / row["folder"] / "summary.json").read_text())
-        for name in RESULTS:
-            value = summary
-            for part in name.split("."):
-                value = value[int(part)] if isinstance(value, list) else value[part]
-            assert float(row[name]) == value, name
-    assert all(row[name] == "" for row in rows(mixed)[:6] for name in RESULTS)
+        found = numbers(json.loads((mixed.folder / row["folder"] / "summary.json").read_text()))
+        assert {"n_A", "certificate.friction", "seconds.total"} <= found.keys()
+        assert {name: float(row[name]) for name in found} == found
+    assert all(row[name] == "" for row in rows(mixed)[:6] for name in found)
 
 
 def test_as_if_it_had_run_alone(mixed, small, tmp_path):
@@ -99,7 +97,7 @@ def test_as_if_it_had_run_alone(mixed, small, tmp_path):
                                "-body_ksp_norm_type", "unpreconditioned", limit=LIMIT)
     assert alone.code == 0, alone.output
     swept = mixed.folder / rows(mixed)[7]["folder"]
-    for name in ("interface.csv", "history.csv"):
+    for name in ("contact_upper-lower.csv", "history.csv"):
         assert (swept / name).read_bytes() == (alone.folder / name).read_bytes()
     summary = json.loads((swept / "summary.json").read_text())
     assert {name: value for name, value in summary["options"].items() if name != "not_an_option"} == \
@@ -127,13 +125,14 @@ def test_list(mixed, small):
 
 
 @pytest.mark.parametrize(("change", "words"), [
-    (["--set", "body.upper.material.poisson=0.1"], ["body.0.material.poisson", "0.277", "0.1"]),
-    (["-body_ksp_rtol", "1e-3"], ["petsc"])])
-def test_results_of_another_sweep_are_refused(mixed, small, change, words):
+    (["--set", "body.upper.material.poisson=0.1"], ["body.0.material.poisson (0.277 there, 0.1 now)"]),
+    (["-body_ksp_rtol", "1e-3"], ["PETSc options"]), (["--set", "method.theta=0.1", "--list"], ["method"]),
+    (["--set", "method.theta=0.1", "--gather"], ["method"])])
+def test_another_sweep_is_refused(mixed, small, change, words):
     before = {path: stamp(path) for path in mixed.folder.rglob("*")}
     run = run_sweep(small, mixed.folder, *MIXED, *GIVEN, *change)
     assert run.code == 2
-    assert len(run.messages) == 1 and all(word in run.messages[0] for word in [*words, "another --output"])
+    assert len(run.messages) == 1 and all(word in run.messages[0] for word in [*words, "belongs to another sweep"])
     assert {path: stamp(path) for path in mixed.folder.rglob("*")} == before
 
 
@@ -157,7 +156,7 @@ def test_a_changed_mesh_file_is_another_sweep(tmp_path):
 @pytest.mark.parametrize(("arguments", "ranks", "words"), [
     (["--vary", "method.thetta=0.1,0.2"], 2, ["--vary method.thetta=0.1", "'theta'"]),
     (["--vary", f"{COEFFICIENT}=0.1:0.3:3", "--index", "3"], 1, ["--index 3", "0 to 2"]),
-    (["--vary", f"{COEFFICIENT}=0.1:0.3:3", "--plot", "n_B:coefficient"], 2, ["--plot n_B:coefficient", "'n_A'"]),
+    (["--vary", f"{COEFFICIENT}=0.1:0.3:3", "--plot", "n_A:coeficient"], 2, ["--plot n_A:coef", "'coefficient'"]),
     (["--vary", f"{COEFFICIENT}=0.1:0.3:3", "--plot", "n_A"], 2, ["RESULT:KEY"]),
     (["--vary", f"{COEFFICIENT}=0.1:0.3:3"], 1, ["mpirun -n 2"])])
 def test_bad_input(small, tmp_path, arguments, ranks, words):
@@ -171,13 +170,11 @@ def test_bad_input(small, tmp_path, arguments, ranks, words):
 
 
 def test_tasks_of_an_array_share_a_folder(small, tmp_path):
-    """Case 3 is wanted twice: whoever comes second finds the results of the first."""
-    from concurrent.futures import ThreadPoolExecutor
-
+    """Tasks that start at once run disjoint cases of one sweep in one folder."""
     arguments = ["--vary", f"{COEFFICIENT}=0.1:0.4:4"]
     with ThreadPoolExecutor() as pool:
         tasks = [pool.submit(run_sweep, small, tmp_path / "out", *arguments, "--index", index)
-                 for index in ("0/2", "1/2", "3")]
+                 for index in ("0/3", "1/3", "2/3")]
         runs = [task.result() for task in tasks]
     assert [run.code for run in runs] == [0, 0, 0], "".join(run.output for run in runs)
     assert not (tmp_path / "out" / "sweep.csv").exists()
@@ -186,62 +183,18 @@ def test_tasks_of_an_array_share_a_folder(small, tmp_path):
     assert [row["status"] for row in rows(gathered)] == ["certified"] * 4
 
 
-@pytest.mark.parametrize("ends", [True, False])
-def test_a_case_that_another_process_has_comes_last(small, tmp_path, ends):
-    """It is run when the other lets go of it without results; or else a signal ends the waiting."""
-    from concurrent.futures import ThreadPoolExecutor
-
+def test_a_case_that_another_process_runs_is_left_to_it(small, tmp_path):
+    """The sweep goes on with the next case, and says at the end that one has no results."""
     arguments = ["--vary", f"{COEFFICIENT}=0.1:0.2:2", "--set", "output.figures=false"]
-    one, two = (tmp_path / "out" / f"{COEFFICIENT}={value}" for value in (0.1, 0.2))
-    one.mkdir(parents=True)
-    with ThreadPoolExecutor() as pool:
-        with locked(one):
-            if ends:
-                sweep = pool.submit(run_sweep, small, tmp_path / "out", *arguments)
-            else:
-                faults = [(0, "ddmpi.sweep.sweep.time.sleep", 1, "SIGTERM", str(tmp_path / "out"), [])]
-                sweep = pool.submit(scenes.run_python, [fault.__file__, json.dumps(faults), "sweep", str(small),
-                                                        *arguments], limit=LIMIT, folder=tmp_path / "out")
-            end = time.monotonic() + LIMIT
-            while not (two / "summary.json").exists() and time.monotonic() < end:
-                time.sleep(0.05)
-            assert not (one / "case.json").exists()
-            if not ends:
-                sweep.result()
-        run = sweep.result()
-    assert "case 0 is being run by another process; it comes last" in run.stdout, run.output
-    if ends:
-        assert run.code == 0 and re.findall(r"\d/2  case (\d)", run.stdout) == ["1", "0"], run.output
-    else:
-        assert f"{fault.END} 6 6" in run.stderr and len(run.messages) == 1 and not (one / "summary.json").exists()
-
-
-def test_who_comes_second_keeps_the_results_of_the_first(small, tmp_path):
-    """Both processes have started the case, and the other's results appear before ours are written."""
-    arguments = ["--vary", f"{COEFFICIENT}=0.1", "--set", "output.figures=false"]
-    first = run_sweep(small, tmp_path / "first", *arguments)
-    place = tmp_path / "out" / rows(first)[0]["folder"]
-    hook = tmp_path / "second.py"
-    hook.write_text(f"""
-import shutil, sys
-from pathlib import Path
-from ddmpi.cli import main as cli
-from ddmpi.results import folder as results
-original = results.Staging.publish
-def publish(self):
-    for source in Path({str(tmp_path / "first" / place.name)!r}).iterdir():
-        if source.name in results.NAMES:
-            shutil.copy(source, self.folder)
-    return original(self)
-results.Staging.publish = publish
-cli.main(sys.argv[1:])
-""")
-    run = scenes.run_python([str(hook), "sweep", str(small), *arguments, "--output", str(tmp_path / "out")],
-                            limit=LIMIT, folder=tmp_path / "out")
-    assert run.code == 0, run.output
-    other = tmp_path / "first" / place.name
-    assert (place / "summary.json").read_bytes() == (other / "summary.json").read_bytes()
-    assert {path.name for path in place.iterdir()} == {path.name for path in other.iterdir()}
+    assert run_sweep(small, tmp_path / "out", *arguments, "--index", "1").code == 0
+    place = tmp_path / "out" / f"{COEFFICIENT}=0.1"
+    claim = place / UNFINISHED / whereabouts()  # this process lives
+    claim.mkdir(parents=True)
+    run = run_sweep(small, tmp_path / "out", *arguments)
+    assert run.code == 3 and "1 of 2 cases" in run.messages[0], run.output
+    assert f"is left to another process ({whereabouts()})" in run.stdout and list(place.iterdir()) == [claim.parent]
+    claim.rmdir()
+    assert run_sweep(small, tmp_path / "out", *arguments).code == 0
 
 
 def test_gathering_what_is_not_complete(small, tmp_path):
@@ -256,7 +209,7 @@ def test_gathering_what_is_not_complete(small, tmp_path):
 def test_a_single_case_ends_with_its_own_exit_code(small, tmp_path):
     run = run_sweep(small, tmp_path / "out", "--vary", "body.upper.mesh.divisions=[7,2],[6,2]", "--index", "0")
     assert run.code == 2
-    assert len(run.messages) == 1 and "contact.0" in run.messages[0]
+    assert len(run.messages) == 1 and "contact.upper-lower" in run.messages[0]
 
 
 def inject(small: Path, folder: Path, target: str, call: int, what: str, *arguments: str) -> Run:
@@ -286,9 +239,9 @@ def test_a_signal_ends_the_sweep_and_the_next_start_continues_the_case(small, tm
     assert whole.code == 0, whole.output
     # in the middle of the second case: every case has the same calls or more
     neumann = int(rows(whole)[0]["outer_iterations"]) + 5
-    run = scenes.run_python([fault.__file__, json.dumps([(1, "ddmpi.coupling.member.Body.neumann", neumann, "SIGUSR1",
-                                                          str(tmp_path / "out"), [])]), "sweep", str(small),
-                             *arguments], limit=LIMIT, folder=tmp_path / "out")
+    faults = [(1, "ddmpi.methods.subproblem.Subproblem.neumann", neumann, "SIGUSR1", str(tmp_path / "out"), [])]
+    run = scenes.run_python([fault.__file__, json.dumps(faults), "sweep", str(small), *arguments], limit=LIMIT,
+                            folder=tmp_path / "out")
     assert f"{fault.END} 6 6" in run.stderr, run.output
     assert "interrupted by SIGUSR1" in run.stderr
     assert {path.name for path in run.folder.glob("*/checkpoint.h5")} == {"checkpoint.h5"}
@@ -299,9 +252,15 @@ def test_a_signal_ends_the_sweep_and_the_next_start_continues_the_case(small, tm
     case = rows(again)[1]["folder"]
     assert "continuing after iteration" in (run.folder / case / "run.log").read_text()
     for row in rows(again):
-        for name in ("interface.csv", "history.csv"):
+        for name in ("contact_upper-lower.csv", "history.csv"):
             assert (run.folder / row["folder"] / name).read_bytes() == \
                 (whole.folder / row["folder"] / name).read_bytes()
+
+
+def peaks(run: Run, row: dict) -> list[float]:
+    """The most memory of each rank (MiB)."""
+    summary = json.loads((run.folder / row["folder"] / "summary.json").read_text())
+    return [body["memory_mib"] for body in summary["bodies"].values()]
 
 
 def test_memory_does_not_grow(tmp_path):
@@ -310,7 +269,7 @@ def test_memory_does_not_grow(tmp_path):
     run = run_sweep(scene, tmp_path / "out", "--vary", f"{COEFFICIENT}=0.1:0.5:20")
     assert run.code == 0, run.output
     for rank in (0, 1):
-        peak = [float(row[f"memory_mib.{rank}"]) for row in rows(run)]
+        peak = [peaks(run, row)[rank] for row in rows(run)]
         assert peak[-1] - peak[7] < 1.0
 
 
@@ -341,10 +300,11 @@ def test_options_do_not_leak_from_case_to_case(petsc_options):
 
 
 def test_find_column():
-    names = ["case", "contact.0.friction.coefficient", "n_A", "certificate.friction", "seconds.total", "method.theta"]
+    """A unique ending of a column's name will do."""
+    names = ["case", "contact.0.friction.coefficient", "n_A", "contacts.a-b.n_A", "seconds.total", "method.theta"]
     assert find_column("theta", names) == "method.theta"
     assert find_column("n_A", names) == "n_A"
-    assert find_column("certificate.friction", names) == "certificate.friction"
+    assert find_column("a-b.n_A", names) == "contacts.a-b.n_A"
     with pytest.raises(InputError, match=r"'thetta'.*'theta'"):
         find_column("thetta", names)
     with pytest.raises(InputError, match=r"upper\.young or lower\.young"):
@@ -359,8 +319,7 @@ def table(**columns) -> list[dict]:
             | {name: values[k] for name, values in columns.items() if "." not in name} for k in range(length)]
 
 
-SUMMARY = {"title": "t", "scene": {"output": {"length_unit": "mm", "stress_unit": "MPa"},
-                                   "body": [{"name": "tyre"}, {"name": "road"}]}}
+SUMMARY = {"title": "t", "scene": {"output": {"length_unit": "mm", "stress_unit": "MPa"}}}
 
 
 def draw(rows: list[dict], result: str, key: str):
@@ -372,15 +331,20 @@ def draw(rows: list[dict], result: str, key: str):
     return draw_curves(rows, result, key, SUMMARY).axes[0]
 
 
+def drawn(axes) -> list:
+    """The lines with points; those of the legend have none."""
+    return [line for line in axes.lines if len(line.get_xdata())]
+
+
 def test_curves():
     """A curve for each value of the other key; keys that vary together count once; hollow where not certified."""
     rows = table(**{"a.young": [1, 2, 1, 2], "b.young": [1, 2, 1, 2], "method.theta": [0.1, 0.1, 0.2, 0.2]},
                  n_A=[10, 20, 30, 40], status=["certified"] * 3 + ["not converged"])
     axes = draw(rows, "n_A", "a.young")
     assert [line.get_label() for line in axes.get_legend().get_lines()] == ["0.1", "0.2"]
-    assert [list(zip(*line.get_data(), strict=True)) for line in axes.lines] == [[(1, 10), (2, 20)], [(1, 30)],
-                                                                                 [(2, 40)]]
-    assert axes.lines[2].get_markerfacecolor() == "white" and axes.lines[0].get_markerfacecolor() != "white"
+    lines = drawn(axes)
+    assert [list(zip(*line.get_data(), strict=True)) for line in lines] == [[(1, 10), (2, 20)], [(1, 30)], [(2, 40)]]
+    assert lines[2].get_markerfacecolor() == "white" and lines[0].get_markerfacecolor() != "white"
     assert "4 cases, 1 of them not certified (hollow)" in axes.get_title()
     assert axes.get_xlabel() == "Young's modulus (MPa)"
 
@@ -391,32 +355,32 @@ def test_keys_of_one_name_are_told_apart():
     assert axes.get_legend().get_title().get_text() == "b: Young's modulus (MPa)"
 
 
-def test_the_name_of_the_body_stands_on_the_axis():
-    """Also where the key has its number; both where both vary alike."""
-    rows = table(**{"body.0.material.young": [1, 2, 1, 2], "body.tyre.mesh.divisions": ["a", "a", "b", "b"],
-                    "body.road.mesh.divisions": ["a", "a", "b", "b"]})
-    axes = draw(rows, "n_A", "body.0.material.young")
-    assert axes.get_xlabel() == "tyre: Young's modulus (MPa)"
-    assert axes.get_legend().get_title().get_text() == "tyre, road: divisions"
+@pytest.mark.parametrize(("result", "label"), [
+    ("contacts.tyre-road.normal_force", "normal force"), ("bodies.tyre.energy", "tyre: energy"),
+    ("bodies.tyre.von_mises_max", "tyre: von_mises_max (MPa)"), ("displacement_max", "largest displacement (mm)"),
+    ("seconds.total", "seconds: total (s)"), ("contacts.tyre-road.force.x", "x")])
+def test_labels(result, label):
+    """A name as far as it is needed, with its unit; forces have none where lengths are not in metres."""
+    others = ["bodies.tyre.energy", "bodies.road.energy", "bodies.tyre.von_mises_max", "bodies.road.von_mises_max"]
+    rows = [row | dict.fromkeys([*others, result], 1.0) for row in table(**{"method.theta": [1, 2]})]
+    assert draw(rows, result, "method.theta").get_ylabel() == label
 
 
-@pytest.mark.parametrize(("values", "words"), [
-    ([2e11, 20000000000, 2e9], [r"$2 \times 10^{9}$", r"$2 \times 10^{10}$", r"$2 \times 10^{11}$"]),
-    ([1000, 2.5e3, 30000], ["1000", "2500", "30000"]), ([0.5, 0, 1], ["0", "0.5", "1"]),
-    ([1e-8, 0.1], ["$10^{-8}$", "$10^{-1}$"]), ([1234567, 1234568], [r"$1.234567 \times 10^{6}$",
-                                                                      r"$1.234568 \times 10^{6}$"])])
-def test_numbers_of_a_legend(values, words):
-    """In one way, with all their digits, by size."""
-    rows = table(**{"method.theta": [0.1] * len(values), "k.v": values}, n_A=[1] * len(values))
-    assert [line.get_label() for line in draw(rows, "n_A", "method.theta").get_legend().get_lines()] == words
+def test_curves_of_numbers_stand_by_size():
+    rows = table(**{"method.theta": [0.1] * 3, "k.v": [2e11, 20000000000, 2e9]}, n_A=[1] * 3)
+    axes = draw(rows, "n_A", "method.theta")
+    assert [line.get_label() for line in axes.get_legend().get_lines()] == ["2e+09", "2e+10", "2e+11"]
 
 
-def test_forces_without_certificate_are_left_out():
-    rows = table(**{"method.theta": [0.1, 0.2, 0.3], "contact.normal_force": [1.0, 1.1, 1e15]},
-                 status=["certified", "certified", "not converged"])
-    axes = draw(rows, "contact.normal_force", "method.theta")
-    assert len(axes.lines) == 1 and list(axes.lines[0].get_ydata()) == [1.0, 1.1]
+def test_results_that_mean_nothing_without_a_certificate_are_left_out():
+    """Forces, displacements and energies; not counts, times and the certificate itself."""
+    results = {"contacts.a-b.normal_force": [1.0, 1.1, 1e15], "contacts.a-b.certificate.friction": [1.0, 1.1, 1e15]}
+    rows = table(**{"method.theta": [0.1, 0.2, 0.3]}, status=["certified", "certified", "not converged"])
+    rows = [row | {name: values[k] for name, values in results.items()} for k, row in enumerate(rows)]
+    axes = draw(rows, "contacts.a-b.normal_force", "method.theta")
+    assert [list(line.get_ydata()) for line in drawn(axes)] == [[1.0, 1.1]]
     assert "1 without a certified answer left out" in axes.get_title()
+    assert len(drawn(draw(rows, "contacts.a-b.certificate.friction", "method.theta"))) == 2
 
 
 def test_words_stand_beside_each_other():

@@ -1,7 +1,6 @@
-"""Whose cases are in a folder: nobody gets another sweep's results for his own, and nobody's are lost."""
+"""Whose cases are in a folder: no sweep takes another one's results for its own, and none are lost."""
 
 import json
-import os
 import re
 import shutil
 import subprocess
@@ -14,10 +13,11 @@ import scenes
 from scenes import pinched_blocks
 from test_sweep import COEFFICIENT, LIMIT, inject, rows, run_sweep, stamp
 
-from ddmpi.errors import InputError, OutputError
+from ddmpi.errors import InputError
 from ddmpi.sweep import table as sweep_table
 from ddmpi.sweep.cases import build_cases
-from ddmpi.sweep.table import RECORD, case_identity, check_table, gather, read_outcome, record_case
+from ddmpi.sweep.table import check_sweep, check_table, claim_sweep, columns, gather, identify, numbers, record_case
+from ddmpi.system.files import RECORD, SWEEP
 
 OTHER = ["--set", "body.upper.material.young=2e9"]
 TWO = ["--vary", f"{COEFFICIENT}=0.1,0.2"]
@@ -25,10 +25,6 @@ TWO = ["--vary", f"{COEFFICIENT}=0.1,0.2"]
 
 def build(*varied: str, settings: tuple[str, ...] = ()) -> list:
     return build_cases("scene.toml", scenes.to_toml(pinched_blocks(2)), list(settings), list(varied))
-
-
-def identity(case) -> dict:
-    return case_identity(case, [], Path("."))
 
 
 @pytest.fixture(scope="module")
@@ -57,112 +53,68 @@ def whole(folder: Path) -> dict[Path, tuple[int, int]]:
 
 
 def test_two_sweeps_at_once(small, tmp_path):
-    """One of them is refused, or both are; every case that is there is of one and the same sweep, and says so."""
+    """Whichever comes second is refused, saying what differs; all cases are of the first."""
     arguments = ["--vary", f"{COEFFICIENT}=0.1:0.5:6", "--set", "output.figures=false"]
     with ThreadPoolExecutor() as pool:
         runs = [task.result() for task in [pool.submit(run_sweep, small, tmp_path / "out", *arguments, *more)
                                            for more in ([], OTHER)]]
-    codes = [run.code for run in runs]
-    assert 2 in codes and set(codes) <= {0, 2}, "".join(run.output for run in runs)
+    assert {run.code for run in runs} == {0, 2}, "".join(run.output for run in runs)
     for run in runs:
         if run.code == 2:
             assert len(run.messages) == 1 and "body.0.material.young" in run.messages[0]
-    places = [path.parent for path in (tmp_path / "out").glob("*/summary.json")]
-    assert len(places) == 6 or codes == [2, 2]
-    for place in places:
-        record, summary = (json.loads((place / name).read_text()) for name in (RECORD, "summary.json"))
-        assert record["scene"] == summary["scene"] and record["exit"] == 0
+    identity = json.loads((tmp_path / "out" / SWEEP).read_text())
+    summaries = [json.loads(path.read_text()) for path in (tmp_path / "out").glob("*/summary.json")]
+    assert len(summaries) == 6
+    assert {summary["scene"]["body"][0]["material"]["young"] for summary in summaries} == \
+        {identity["scene"]["body"][0]["material"]["young"]}
 
 
-MEANWHILE = """
-import json, shutil, sys
-from pathlib import Path
-from ddmpi.cli import main as cli
-from ddmpi.sweep import sweep
-original = sweep._run_case
-def run_case(world, plan, case, options):
-    result = original(world, plan, case, options)
-    place = plan.folder / {place!r}
-    if world.rank == 0 and not place.exists():
-        shutil.copytree({source!r}, place)
-    world.barrier()
-    return result
-sweep._run_case = run_case
-cli.main(sys.argv[1:])
-"""
+def test_a_folder_is_of_the_sweep_that_comes_first(tmp_path):
+    """Also while its process is still writing what it is; a torn sweep.json is to be removed by hand."""
+    cases, one, other = build("method.max_iterations=7"), {"scene": {"a": 1}}, {"scene": {"a": 2}}
+    rest = {"PETSc options": [], "mesh files": {}}
+    claim_sweep(tmp_path, one | rest, cases)
+    claim_sweep(tmp_path, one | rest, cases)
+    with pytest.raises(InputError, match=r"belongs to another sweep, which differs in a \(1 there, 2 now\)"):
+        claim_sweep(tmp_path, other | rest, cases)
+    (tmp_path / SWEEP).write_text("{")
+    with ThreadPoolExecutor() as pool:
+        waiting = pool.submit(check_sweep, tmp_path, one | rest)
+        (tmp_path / SWEEP).write_text(json.dumps(one | rest))
+        assert waiting.result() is None
 
 
-@pytest.mark.parametrize("left", ["results", "record"])
-def test_another_sweep_comes_meanwhile(finished, small, tmp_path, left):
-    """While the first case runs the other sweep puts the second there, with results or only just started."""
-    source = copied(finished, tmp_path) / rows(finished)[1]["folder"]
-    if left == "record":
-        for path in source.iterdir():
-            if path.name != RECORD:
-                path.unlink()
-    hook = tmp_path / "hook.py"
-    hook.write_text(MEANWHILE.format(place=source.name, source=str(source)))
-    run = scenes.run_python([str(hook), "sweep", str(small), *TWO, *OTHER, "--output", str(tmp_path / "ours")],
-                            limit=LIMIT)
-    assert run.code == 2, run.output
-    assert len(run.messages) == 1 and "body.0.material.young" in run.messages[0] and source.name in run.messages[0]
-    assert (tmp_path / "ours" / source.name / RECORD).read_bytes() == (source / RECORD).read_bytes()
-    assert not (tmp_path / "ours" / "sweep.csv").exists()
-
-
-@pytest.mark.parametrize("links", [True, False])
-def test_a_record_is_of_who_comes_first(tmp_path, monkeypatch, links):
-    """Also where both have seen that there is none, and where the file system has no links."""
-    if not links:
-        def refuse(*arguments):
-            raise PermissionError(1, "no links here")
-        monkeypatch.setattr(os, "link", refuse)
-    ours, = build("method.max_iterations=7")
-    other, = build("method.max_iterations=7", settings=("method.tolerance=1e-3",))
-    place = tmp_path / ours.folder
-    place.mkdir()
-    seen, original = [], sweep_table.read_outcome
-
-    def read(folder):
-        outcome = original(folder)
-        if not seen:
-            seen.append(folder)
-            record_case(folder, other, identity(other))
-        return outcome
-    monkeypatch.setattr(sweep_table, "read_outcome", read)
-    with pytest.raises(InputError, match=r"a case of another sweep, which differs in method\.tolerance"):
-        record_case(place, ours, identity(ours))
-    record_case(place, other, identity(other), 3, "no", "then")
-    outcome = original(place)
-    assert (outcome.identity, outcome.exit) == (identity(other), 3)
-    assert [path.name for path in place.iterdir()] == [RECORD]
+def test_a_torn_identity_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(sweep_table, "PATIENCE", 0.2)
+    (tmp_path / SWEEP).write_text("{")
+    with pytest.raises(InputError, match=rf"{tmp_path}/{SWEEP}: cannot be read .*remove it"):
+        check_sweep(tmp_path, {})
 
 
 # What an earlier sweep has left
 
 
-@pytest.mark.parametrize("arguments", [[], ["--gather"], ["--index", "1"]])
-def test_results_without_a_record_are_nobodys(finished, small, tmp_path, arguments):
+@pytest.mark.parametrize("arguments", [[], ["--gather"], ["--list"], ["--index", "1"]])
+def test_cases_of_no_sweep_are_refused(finished, small, tmp_path, arguments):
+    """Without sweep.json nothing says whose they are."""
     folder = copied(finished, tmp_path)
-    place = folder / rows(finished)[1]["folder"]
-    (place / RECORD).unlink()
+    (folder / SWEEP).unlink()
     before = whole(folder)
     run = run_sweep(small, folder, *TWO, *arguments)
     assert run.code == 2 and len(run.messages) == 1, run.output
-    assert str(place) in run.messages[0] and f"no {RECORD}" in run.messages[0]
+    assert str(folder) in run.messages[0] and f"no {SWEEP}" in run.messages[0]
     assert whole(folder) == before
 
 
-@pytest.mark.parametrize("arguments", [[], ["--gather"]])
-def test_results_that_are_not_those_of_their_record(finished, small, tmp_path, arguments):
-    """As two sweeps at once had left them."""
+def test_a_sweep_grows(finished, small, tmp_path):
+    """By more values, and by another key once its table is out of the way."""
     folder = copied(finished, tmp_path)
-    summary = folder / rows(finished)[0]["folder"] / "summary.json"
-    changed = json.loads(summary.read_text())
-    changed["scene"]["body"][1]["material"]["young"] = 2e9
-    summary.write_text(json.dumps(changed))
-    run = run_sweep(small, folder, *TWO, *arguments)
-    assert run.code == 2 and "body.1.material.young (2000000000.0 there, 211900000000.0 now)" in run.messages[0]
+    grown = run_sweep(small, folder, "--vary", f"{COEFFICIENT}=0.1,0.15,0.2")
+    assert grown.code == 0 and "1 to run, 2 finished" in grown.stdout, grown.output
+    assert [row["status"] for row in rows(grown)] == ["certified"] * 3
+    (folder / "sweep.csv").unlink()
+    more = run_sweep(small, folder, "--vary", f"{COEFFICIENT}=0.1", "--vary", "method.max_iterations=400")
+    assert more.code == 0 and "1 to run" in more.stdout, more.output
 
 
 def test_meshes_that_a_target_has_refined_are_the_sweeps_own(tmp_path):
@@ -176,22 +128,11 @@ def test_meshes_that_a_target_has_refined_are_the_sweeps_own(tmp_path):
     assert again.code == 0 and "0 to run, 1 finished" in again.stdout
 
 
-@pytest.mark.parametrize("arguments", [["--gather"], ["--list"]])
-def test_nothing_of_another_sweep_is_gathered_or_listed(finished, small, arguments):
-    before = whole(finished.folder)
-    run = run_sweep(small, finished.folder, *TWO, *OTHER, *arguments, ranks=1)
-    if arguments == ["--list"]:
-        assert run.code == 0 and run.stdout.count("another sweep") == 2 and "certified" not in run.stdout
-    else:
-        assert run.code == 2 and "body.0.material.young" in run.messages[0]
-    assert whole(finished.folder) == before
-
-
 @pytest.fixture(scope="module")
 def interrupted(small, tmp_path_factory) -> Path:
     """A folder with a checkpoint of the first of two cases."""
     folder = tmp_path_factory.mktemp("interrupted") / "out"
-    run = inject(small, folder, "ddmpi.coupling.member.Body.neumann", 3, "SIGUSR1", "--set",
+    run = inject(small, folder, "ddmpi.methods.subproblem.Subproblem.neumann", 3, "SIGUSR1", "--set",
                  "method.outer=relaxation", *TWO)
     assert "interrupted by SIGUSR1" in run.stderr, run.output
     assert [path.name for path in folder.glob("*/checkpoint.h5")] == ["checkpoint.h5"]
@@ -202,29 +143,60 @@ def test_an_interrupted_case_of_another_sweep_is_refused(interrupted, small):
     before = whole(interrupted)
     run = run_sweep(small, interrupted, "--set", "method.outer=relaxation", "method.theta=0.15", *TWO)
     assert run.code == 2 and len(run.messages) == 1
-    assert "a case of another sweep, which differs in method.theta (0.2 there, 0.15 now)" in run.messages[0]
+    assert "belongs to another sweep, which differs in method.theta (None there, 0.15 now)" in run.messages[0]
     assert whole(interrupted) == before
 
 
-def test_after_an_update_the_message_says_what_to_remove(interrupted, small, tmp_path):
+def test_after_an_update_the_interrupted_case_goes_on(interrupted, small, tmp_path):
+    """An update does not cost the work of an interrupted case; its log says that the versions differ."""
     folder = tmp_path / "out"
     shutil.copytree(interrupted, folder)
     hook = tmp_path / "hook.py"
-    hook.write_text("import sys\nfrom ddmpi.cli import main as cli\nfrom ddmpi.system import provenance\nprovenance.ddmpi.__version__ = '9.9'\n"
-                    "cli.main(sys.argv[1:])\n")
+    hook.write_text("import sys\nfrom ddmpi.cli import main as cli\nfrom ddmpi.system import provenance\n"
+                    "provenance.ddmpi.__version__ = '9.9'\ncli.main(sys.argv[1:])\n")
     arguments = ["sweep", str(small), "--set", "method.outer=relaxation", *TWO, "--output", str(folder)]
     run = scenes.run_python([str(hook), *arguments], limit=LIMIT, folder=folder)
-    assert run.code == 3, run.output
-    assert [row["status"] for row in rows(run)] == ["refused", "certified"]
-    checkpoint, = folder.glob("*/checkpoint.h5")
-    for part in (str(checkpoint), "ddmpi is '9.9' here", "remove the checkpoint"):
-        assert part in rows(run)[0]["reason"]
-    checkpoint.unlink()
-    again = scenes.run_python([str(hook), *arguments], limit=LIMIT, folder=folder)
-    assert again.code == 0, again.output
+    assert run.code == 0, run.output
+    log = (folder / rows(run)[0]["folder"] / "run.log").read_text()
+    assert "ddmpi is '9.9' here" in log and "continuing after iteration" in log
 
 
 # The table
+
+
+SUMMARY = {
+    "format": 2, "title": "t", "converged": True, "reason": "", "order": 1, "n": 12, "m": 3, "ranks": 2,
+    "outer_iterations": 4, "inner_iterations": 7, "n_A": 20, "eff": 3.5, "displacement_max": 1e-4, "started": "then",
+    "bodies": {name: {"n": 6, "ranks": [0, 1, 2, 3], "held": True, "energy": energy, "reaction": [1.0, 2.0],
+                      "memory_mib": 80} for name, energy in {"a": 1.5, "b": 2, "c": 3}.items()},
+    "contacts": {name: {"m": 3, "pairing": "nodes", "slave": None, "normal_force": 5.0, "force": [0.5, 0.25], "open": 1,
+                        "certificate": {"friction": 1e-9}} for name in ("a-b", "b-c")},
+    "certificate": {"friction": 1e-9, "equilibrium": 1e-10}, "steps": [{"time": 1.0}], "warnings": [],
+    "discretization_error": {"energy_norm": None, "levels": [{"n": 1}, {"n": 2}]}, "seconds": {"total": 1.0}}
+
+
+def test_columns_follow_from_the_summaries(tmp_path):
+    """Numbers of every body and contact by name, however many; no texts, flags and histories."""
+    cases = build("method.max_iterations=7,8,9")
+    results = [SUMMARY, SUMMARY | {"contacts": {"a-b": SUMMARY["contacts"]["a-b"] | {"dissipated": 3.0}}}]
+    for case, summary in zip(cases, results, strict=False):
+        (tmp_path / case.folder).mkdir()
+        (tmp_path / case.folder / "summary.json").write_text(json.dumps(summary))
+    table = sweep_table.read_table(gather(tmp_path, cases))
+    names = list(table[0])
+    assert names == columns(cases, results)
+    assert names[:12] == ["case", "method.max_iterations", "status", "exit", "reason", "outer_iterations",
+                          "inner_iterations", "n_A", "eff", "n", "m", "displacement_max"]
+    body = [f"bodies.{name}.{entry}" for name in "abc"
+            for entry in ("n", "energy", "reaction.x", "reaction.y", "memory_mib")]
+    contact = [f"contacts.{name}.{entry}" for name in ("a-b", "b-c")
+               for entry in ("m", "normal_force", "force.x", "force.y", "open", "certificate.friction")]
+    rest = ["certificate.friction", "certificate.equilibrium", "seconds.total", "started", "folder"]
+    assert sorted(names[12:]) == sorted([*body, *contact, *rest, "contacts.a-b.dissipated"])
+    assert [row["bodies.c.energy"] for row in table] == [3, 3, None]
+    assert [row["contacts.b-c.force.x"] for row in table] == [0.5, None, None]
+    assert [row["contacts.a-b.dissipated"] for row in table] == [None, 3.0, None]
+    assert numbers(SUMMARY)["contacts.a-b.certificate.friction"] == 1e-9
 
 
 def written(folder: Path, cases: list, finished_numbers: set[int]) -> None:
@@ -232,7 +204,7 @@ def written(folder: Path, cases: list, finished_numbers: set[int]) -> None:
     for case in cases:
         if case.number in finished_numbers:
             (folder / case.folder).mkdir(exist_ok=True)
-            record_case(folder / case.folder, case, identity(case), 3, "no")
+            record_case(folder / case.folder, case, 3, "no", "then")
     gather(folder, cases)
 
 
@@ -247,8 +219,6 @@ def test_a_table_loses_no_case(tmp_path):
                                                                              "method.max_iterations=7,8,9")):
         with pytest.raises(InputError, match=r"sweep\.csv: .*max_iterations=[79]"):
             check_table(tmp_path, cases)
-        with pytest.raises(OutputError, match=r"sweep\.csv: "):
-            gather(tmp_path, cases)
     assert (tmp_path / "sweep.csv").read_bytes() == before
 
 
@@ -354,26 +324,24 @@ def test_a_folder_one_may_not_search(small, tmp_path, arguments, ranks):
 # Mesh files
 
 
-def test_a_mesh_file_is_read_once(monkeypatch, tmp_path):
+def test_mesh_files_are_part_of_a_sweep(tmp_path):
+    """Those that both sweeps have: more cases may bring more of them."""
     for name in ("punch_base.msh", "punch_block.msh"):
         shutil.copy(scenes.ROOT / "meshes" / name, tmp_path)
     text = re.sub(r'file = "[^"]*/', 'file = "', (scenes.ROOT / "configs" / "punch.toml").read_text())
-    cases = build_cases("scene.toml", text, [], [f"{COEFFICIENT}=0.1:0.5:5"])
-    read, original = [], Path.read_bytes
-    monkeypatch.setattr(Path, "read_bytes", lambda path: read.append(path.name) or original(path))
-    first = [case_identity(case, [], tmp_path)["meshes"] for case in cases]
-    assert sorted(read) == ["punch_base.msh", "punch_block.msh"] and all(each == first[0] for each in first)
-    with open(tmp_path / "punch_block.msh", "a") as file:
+    cases = build_cases("scene.toml", text, [], [f"{COEFFICIENT}=0.1"])
+    first = identify({}, [], cases, tmp_path)
+    assert first["mesh files"].keys() == {"punch_base.msh", "punch_block.msh"}
+    claim_sweep(tmp_path / "out", {**first, "mesh files": {"punch_base.msh": first["mesh files"]["punch_base.msh"]}},
+                cases)
+    check_sweep(tmp_path / "out", first)
+    with open(tmp_path / "punch_base.msh", "a") as file:
         file.write("\n")
-    changed = case_identity(cases[0], [], tmp_path)["meshes"]
-    assert sorted(read) == ["punch_base.msh", "punch_block.msh", "punch_block.msh"]
-    assert {name for name in changed if changed[name] != first[0][name]} == {"punch_block.msh"}
+    with pytest.raises(InputError, match=r"differs in mesh files\.punch_base\.msh"):
+        check_sweep(tmp_path / "out", identify({}, [], cases, tmp_path))
 
 
-def test_what_cannot_be_read_is_not_run_over(tmp_path):
-    case, = build("method.max_iterations=7")
+def test_a_record_that_cannot_be_read_is_named(tmp_path):
     (tmp_path / RECORD).write_text("{")
-    assert read_outcome(tmp_path).status == "unreadable"
-    with pytest.raises(InputError, match=re.escape(str(tmp_path))):
-        record_case(tmp_path, case, identity(case))
-    assert (tmp_path / RECORD).read_text() == "{"
+    with pytest.raises(InputError, match=re.escape(f"{tmp_path / RECORD}: cannot be read")):
+        sweep_table.read_outcome(tmp_path)
