@@ -9,12 +9,12 @@ each mesh, several times over, on two ranks:
   run      the command, without pictures: its time from start to end, its phases, its peak memory
   pair     the same phases and then, in the same two processes and at the same time in both, a plain MUMPS Cholesky
            factorization (no Schur complement) and a solve with the body's stiffness: in the ordering that MUMPS
-           chooses, and in the one of least fill, which the program takes where it needs no Schur complement
+           chooses, and in that of least fill, which the program uses where it needs no Schur complement
   plain    two processes that mesh, assemble, factor and solve, and do nothing else: their peak memory
 
-The smallest time of all repetitions counts, the largest memory. Writes to the folder --output benchmark.csv (a line
-per repetition, written at once: an interrupted one goes on where it was) and benchmark_table.md, which with all
-meshes done also goes to docs/.
+The smallest time and the largest memory of all repetitions count. Writes to the folder --output benchmark.csv (a line
+per repetition, written at once, so that an interrupted study continues) and benchmark_table.md; once all meshes are
+done, the table is also written to docs/.
 """
 
 import argparse
@@ -28,7 +28,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from experiment import ROOT, Ledger, progress
+from experiment import ROOT, Ledger, Row, arguments, publish, table
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -60,8 +60,9 @@ ORDERINGS = {"chosen": 7, "least_fill": 2}
 
 PHASES = ("mesh", "assemble", "factor", "outer", "recover", "estimate", "output")
 PLAIN = tuple(f"{ordering}_{step}" for ordering in ORDERINGS for step in ("factor", "solve"))
-COLUMNS = ("N", "repetition", "n", "m", "iterations", "n_A", "whole", *PHASES, "memory", "pair_assemble",
-           "pair_factor", "pair_outer", *PLAIN, *(f"{ordering}_memory" for ordering in ORDERINGS))
+KEY = ("N", "repetition")
+MEASURED = ("n", "m", "iterations", "n_A", "whole", *PHASES, "memory", "pair_assemble", "pair_factor", "pair_outer",
+            *PLAIN, *(f"{ordering}_memory" for ordering in ORDERINGS))
 
 
 # Two processes that measure
@@ -93,13 +94,13 @@ def factor_and_solve(world: MPI.Comm, A: PETSc.Mat, b: PETSc.Vec, ordering: str)
 
 def measure_pair(world: MPI.Comm, N: int) -> dict[str, float]:
     scene, clock = read_scene_file(SCENE, divisions(N)), Clock()
-    problem = prepare(world, scene, clock=clock)
-    answer, _ = solve(problem, scene.method, clock=clock)
-    if not answer.certified:
-        raise RuntimeError(answer.reason)
+    assembly = prepare(world, scene, clock=clock)
+    solution = solve(assembly, scene.method, clock=clock)
+    if not solution.certified:
+        raise RuntimeError(solution.reason)
     found = {f"pair_{phase}": value for phase, value in clock.largest(world).items()
              if phase in ("assemble", "factor", "outer")}
-    A, b = problem.body.elasticity.A, problem.body.elasticity.b
+    A, b = assembly.member.elasticity.A, assembly.member.elasticity.b
     for ordering in ORDERINGS:
         found |= dict(zip((f"{ordering}_factor", f"{ordering}_solve"), factor_and_solve(world, A, b, ordering),
                           strict=True))
@@ -115,7 +116,7 @@ def measure_plain(world: MPI.Comm, N: int, ordering: str) -> dict[str, float]:
 
 
 def measure(what: str, N: int, *more: str) -> None:
-    """The main of the two processes; rank 0 prints what was found, as JSON."""
+    """What the two processes do; rank 0 prints the result as JSON."""
     world = MPI.COMM_WORLD
     found = {"pair": measure_pair, "plain": measure_plain}[what](world, N, *more)
     gc.collect()
@@ -123,7 +124,7 @@ def measure(what: str, N: int, *more: str) -> None:
         print(json.dumps(found))
 
 
-# The one that starts them
+# The process that starts them
 
 def repeat(N: int) -> dict[str, float]:
     """All measurements of one repetition."""
@@ -136,7 +137,7 @@ def repeat(N: int) -> dict[str, float]:
             sys.exit(run.output)
         summary = run.summary
     found = {"n": summary["n"], "m": summary["m"], "iterations": summary["outer_iterations"], "n_A": summary["n_A"],
-             "whole": whole, "memory": max(summary["memory_mib"])}
+             "whole": whole, "memory": max(body["memory_mib"] for body in summary["bodies"].values())}
     found |= {phase: summary["seconds"][phase] for phase in PHASES}
     for what in (["pair", N], *(["plain", N, ordering] for ordering in ORDERINGS)):
         child = run_python(["-m", "mpi4py", __file__, "--measure", *map(str, what)], limit=LIMIT)
@@ -146,30 +147,25 @@ def repeat(N: int) -> dict[str, float]:
     return {name: round(value, 7) for name, value in found.items()}
 
 
-def best(rows: list[dict]) -> dict[int, dict]:
+def best(rows: list[Row]) -> dict[int, dict]:
     """By N: the smallest times and the largest memory of all repetitions."""
     found = {}
     for N in sorted({row["N"] for row in rows}):
         same = [row for row in rows if row["N"] == N]
-        found[N] = {name: (max if "memory" in name else min)(row[name] for row in same) for name in COLUMNS}
+        found[N] = {name: (max if "memory" in name else min)(row[name] for row in same) for name in (*KEY, *MEASURED)}
         found[N]["repetitions"] = len(same)
     return found
 
 
 # Tables
 
-def table(header: list[str], rows: list[list[str]]) -> list[str]:
-    return [f"| {' | '.join(header)} |", "|---" * len(header) + "|", *(f"| {' | '.join(row)} |" for row in rows), ""]
-
-
 def seconds(value: float) -> str:
     return f"{value:.3f}" if value < 1 else f"{value:.2f}"
 
 
 def times_table(found: dict[int, dict]) -> list[str]:
-    rows = [[str(N), f"{row['n']:,}", str(row["iterations"]), str(row["n_A"]),
-             *(seconds(row[phase]) for phase in PHASES), seconds(row["whole"]), f"{row['memory']:.0f}"]
-            for N, row in found.items()]
+    rows = [[N, f"{row['n']:,}", row["iterations"], row["n_A"], *(seconds(row[phase]) for phase in PHASES),
+             seconds(row["whole"]), f"{row['memory']:.0f}"] for N, row in found.items()]
     return ["## Where the time goes", "",
             "Seconds of the slower rank; `whole` is the command from start to end, start-up of Python and MPI "
             "included. `factor` has the Schur complement, its inverse and the load's displacement, `recover` the "
@@ -182,7 +178,7 @@ def ratios_table(found: dict[int, dict]) -> list[str]:
     rows = []
     for N, row in found.items():
         whole = row["pair_factor"] + row["pair_outer"]
-        cells = [str(N), seconds(row["pair_factor"]), seconds(row["pair_outer"])]
+        cells = [N, seconds(row["pair_factor"]), seconds(row["pair_outer"])]
         for ordering in ORDERINGS:
             plain = row[f"{ordering}_factor"] + row[f"{ordering}_solve"]
             cells += [f"{seconds(row[f'{ordering}_factor'])} + {seconds(row[f'{ordering}_solve'])}",
@@ -212,7 +208,7 @@ def growth_table(found: dict[int, dict]) -> list[str]:
             *table([name.replace("_", " ") for name in names], [[f"{slope:.2f}" for slope in slopes]])]
 
 
-def page(rows: list[dict]) -> str:
+def page(rows: list[Row]) -> str:
     found, have = best(rows), versions()
     with open("/proc/cpuinfo", encoding="utf-8") as file:
         processor = next((line.split(":")[1].strip() for line in file if line.startswith("model name")),
@@ -227,26 +223,21 @@ def page(rows: list[dict]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--output", type=Path, default=Path("results/benchmark"), metavar="DIR")
+    parser = arguments(__doc__, "benchmark")
     parser.add_argument("--sizes", nargs="+", type=int, default=list(SIZES), metavar="N", help="default: %(default)s")
     parser.add_argument("--repeats", type=int, metavar="R", help="default: 2 to 5, by size")
-    parser.add_argument("--measure", nargs="+", help=argparse.SUPPRESS)  # what the children are told
+    parser.add_argument("--measure", nargs="+", help=argparse.SUPPRESS)  # for the processes that measure
     options = parser.parse_args()
     if options.measure:
         what, N, *more = options.measure
         measure(what, int(N), *more)
         return
 
-    world = MPI.COMM_WORLD
-    ledger = Ledger(world, options.output / "benchmark.csv", ("N", "repetition"), COLUMNS)
-    work = [(N, k) for N in options.sizes for k in range(options.repeats or SIZES.get(N, 2))
-            if not ledger.find(N, k)]
-    for N, k in progress(world, work, "benchmark"):
-        ledger.add({"N": N, "repetition": k} | repeat(N))
-    text = page(ledger.rows)
-    for folder in [options.output] + [ROOT / "docs"] * (set(SIZES) <= {row["N"] for row in ledger.rows}):
-        (folder / PAGE).write_text(text, encoding="utf-8")
+    ledger = Ledger(MPI.COMM_WORLD, options.output / "benchmark.csv", KEY, MEASURED)
+    rows = ledger.fill([(N, k) for N in options.sizes for k in range(options.repeats or SIZES.get(N, 2))],
+                       lambda N, _: repeat(N))
+    text = page(rows)
+    publish(PAGE, text, options.output, set(SIZES) <= {row["N"] for row in rows})
     print(text)
 
 

@@ -1,118 +1,109 @@
 #!/usr/bin/env bash
 "exec" "${0%/*}/on_two_ranks.sh" "$0" "$@"  # to Python, a string
 
-__doc__ = """What each TAO type costs on the quadratic programs of a real run.
+__doc__ = """What each TAO type costs on the QPs of a real run.
 
-Records the programs of role 2 (contact and friction) in a run of the original algorithm: linear term,
-bounds, starting point, tolerance. Solves each with every type and prints multiplications by the
-inverse stiffness and time; a type that fails is shown with the reason. Writes qp_solvers.md and
-qp_solvers.csv to the folder --output.
+Records the QPs of role 2 (contact and friction) in a run of the original algorithm. Solves each with every
+type and prints multiplications by the inverse stiffness and time; where a type fails, the page says why.
+Writes qp_solvers.md and qp_solvers.csv to the folder --output.
 """
 
-import argparse
 import csv
 import time
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections.abc import Callable
 
-import numpy as np
-from experiment import LAWS, on_two_ranks, prepare_laws, variant
+from experiment import LAWS, Row, arguments, on_two_ranks, pinched_blocks, publish, table, variant, where
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ddmpi.coupling.assembly import Problem
+from ddmpi.coupling.assembly import Assembly, prepare
 from ddmpi.errors import SolverError
-from ddmpi.qp.program import QP
+from ddmpi.methods.published import PublishedIteration
+from ddmpi.qp.program import QPResult
 from ddmpi.qp.tao import QPSolver
-from ddmpi.run.solve import solve
 
 TYPES = ("python", "gpcg", "tron", "bntr", "bncg", "blmvm", "bqpip")
-COLUMNS = ("type", "outer_iteration", "multiplications", "seconds", "problem")
+COLUMNS = ("type", "outer_iteration", "multiplications", "seconds", "failure")
 
 
-@dataclass(frozen=True)
-class Recorded:
-    """A program with its starting point s, the product C s and the tolerance (m)."""
-
-    qp: QP
-    s: np.ndarray
-    Cs: np.ndarray
-    tolerance: float
-
-
-@dataclass
 class Recorder(QPSolver):
-    """Solves, and keeps what it was given."""
+    """Solves QPs, and keeps with what arguments `solve` was called."""
 
-    programs: list[Recorded] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
+    def __init__(self) -> None:
         super().__init__()
+        self.calls: list[tuple] = []
 
-    def solve(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, purpose: str, kept: float = 0.0):
-        self.programs.append(Recorded(QP(qp.C, qp.d.copy(), qp.lower.copy(), qp.upper.copy()), s.copy(), Cs.copy(),
-                                      tolerance))
-        return super().solve(qp, s, Cs, tolerance, purpose, kept)
-
-
-def record(problem: Problem) -> list[Recorded]:
-    """The programs of this rank's body in a run. Collective."""
-    problem.body.qp_solver = recorder = Recorder()
-    solve(problem, variant(problem.scene, "original", "none"))
-    return recorder.programs
+    def solve(self, *call) -> QPResult:
+        self.calls.append(call)
+        return super().solve(*call)
 
 
-def compare(problem: Problem, programs: list[Recorded], types: list[str]) -> list[dict]:
-    """Every program by every type; the dense matrix of bqpip is a line of its own, iteration 0."""
-    rows, count = [], problem.body.C.count
+def record(assembly: Assembly) -> tuple[list[tuple], int]:
+    """The QPs of this rank's body in a run, as arguments of `QPSolver.solve`, and its role. Collective."""
+    method = variant(assembly.scene, "original", "none")
+    outer = PublishedIteration(assembly, method)
+    outer.subproblem.solver = recorder = Recorder()
+    ended = outer.run(method.tolerance)
+    if ended != "converged":
+        raise RuntimeError(f"the run to record ended with: {ended}")
+    return recorder.calls, outer.subproblem.role
 
-    def add(kind: str, iteration: int, action) -> None:
+
+def compare(assembly: Assembly, calls: list[tuple], types: list[str]) -> list[Row]:
+    """Every QP by every type; making the dense matrix of bqpip is a row of its own, iteration 0."""
+    rows, count = [], assembly.member.C.count
+
+    def add(kind: str, iteration: int, action: Callable[[], object]) -> None:
         count.clear()
-        start, trouble = time.perf_counter(), ""
+        start, failure = time.perf_counter(), ""
         try:
             action()
         except SolverError as error:
-            trouble = str(error)
+            failure = str(error)
         except PETSc.Error as error:
-            trouble = " ".join(str(error).split()[-20:])
-        rows.append(dict(zip(COLUMNS, (kind, iteration, count.total(), round(time.perf_counter() - start, 5), trouble),
-                             strict=True)))
+            failure = " ".join(str(error).split()[-20:])
+        seconds = round(time.perf_counter() - start, 5)
+        rows.append(dict(zip(COLUMNS, (kind, iteration, count.total(), seconds, failure), strict=True)))
 
     for kind in types:
         solver = QPSolver()
         solver.type = kind
         if kind == "bqpip":
-            add(kind, 0, problem.body.C.dense)
-        for iteration, p in enumerate(programs, 1):
-            add(kind, iteration, lambda p=p, solver=solver: solver.solve(p.qp, p.s, p.Cs, p.tolerance, "program"))
+            add(kind, 0, assembly.member.C.dense)
+        for iteration, call in enumerate(calls, 1):
+            add(kind, iteration, lambda call=call, solver=solver: solver.solve(*call))
     return rows
 
 
-def page(rows: list[dict], shown: list[int], N: int, law: str) -> str:
+def page(rows: list[Row], N: int, law: str) -> str:
     """The table, as Markdown."""
     types = list(dict.fromkeys(row["type"] for row in rows))
     number = max(row["outer_iteration"] for row in rows)
-    lines = [f"Programs of role 2, original algorithm, {law.capitalize()} friction, N = {N} ({number} programs). "
+    whole = {kind: [row for row in where(rows, type=kind) if row["outer_iteration"]] for kind in types}
+
+    def line(k: int) -> list[str]:
+        return [_cell(where(rows, type=kind, outer_iteration=k)) for kind in types]
+
+    lines = [f"QPs of role 2, original algorithm, {law.capitalize()} friction, N = {N} ({number} QPs). "
              "Multiplications by A⁻¹ (milliseconds), each multiplication a solve with the factored stiffness; "
              "`python` is MPRGP.", "",
-             "| outer iteration | " + " | ".join(types) + " |", "|---" * (len(types) + 1) + "|"]
-    at = {(row["type"], row["outer_iteration"]): row for row in rows}
-    lines += [f"| {k} | " + " | ".join(_cell([at[kind, k]]) for kind in types) + " |" for k in shown]
-    whole = {kind: [at[kind, k] for k in range(1, number + 1)] for kind in types}
-    lines.append(f"| all {number} | " + " | ".join(f"**{_cell(whole[kind])}**" for kind in types) + " |")
-    once = [_cell([at[kind, 0]]) if (kind, 0) in at else "–" for kind in types]
-    lines.append("| once, for the dense matrix | " + " | ".join(once) + " |")
-    lost = {kind: [row for row in whole[kind] if row["problem"]] for kind in types}
-    lines += ["", *(f"- {kind} failed on {len(own)} of {number}, first: {own[0]['problem']}"
-                    for kind, own in lost.items() if own)]
-    if not any(lost.values()):
-        lines.append("No type failed on any program.")
+             *table(["outer iteration", *types], [
+                 *([k, *line(k)] for k in (1, 2, 5, 10, 20, 30, 40) if k <= number),
+                 [f"all {number}", *(f"**{_cell(whole[kind])}**" for kind in types)],
+                 ["once, for the dense matrix", *line(0)]])]
+    failed = {kind: [row for row in own if row["failure"]] for kind, own in whole.items()}
+    lines += [f"- {kind} failed on {len(own)} of {number}, first: {own[0]['failure']}"
+              for kind, own in failed.items() if own]
+    if not any(failed.values()):
+        lines.append("No type failed on any QP.")
     return "\n".join([*lines, ""])
 
 
-def _cell(rows: list[dict]) -> str:
+def _cell(rows: list[Row]) -> str:
     """Sums over `rows`, or that something failed."""
-    failed = sum(bool(row["problem"]) for row in rows)
+    if not rows:
+        return "–"
+    failed = sum(bool(row["failure"]) for row in rows)
     text = f"{sum(row['multiplications'] for row in rows)} ({1e3 * sum(row['seconds'] for row in rows):.0f})"
     if failed:
         return f"failed ({text})" if len(rows) == 1 else f"{failed} failed ({text})"
@@ -121,26 +112,23 @@ def _cell(rows: list[dict]) -> str:
 
 @on_two_ranks
 def main(world: MPI.Comm) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--output", type=Path, default=Path("results/qp_solvers"), metavar="DIR")
+    parser = arguments(__doc__, "qp_solvers")
     parser.add_argument("--size", type=int, default=22, metavar="N", help="mesh (default: %(default)s)")
     parser.add_argument("--law", default="coulomb", choices=LAWS)
     parser.add_argument("--types", nargs="+", default=TYPES, metavar="TYPE", help="TAO types (default: %(default)s)")
     options = parser.parse_args()
 
-    problem = prepare_laws(world, options.size, [options.law], ["method.compliance=direct"])[options.law]
-    programs = record(problem)
-    rows = world.bcast(compare(problem, programs, options.types) if problem.body.role == 2 else None,
-                       problem.order[1])
+    assembly = prepare(world, pinched_blocks(options.law, options.size, "method.compliance=direct"))
+    calls, role = record(assembly)
+    (rows,) = filter(None, world.allgather(compare(assembly, calls, options.types) if role == 2 else None))
     if world.rank == 0:
         options.output.mkdir(parents=True, exist_ok=True)
         with open(options.output / "qp_solvers.csv", "w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, COLUMNS)
             writer.writeheader()
             writer.writerows(rows)
-        shown = [k for k in (1, 2, 5, 10, 20, 30, 40) if k <= len(programs)]
-        text = page(rows, shown, options.size, options.law)
-        (options.output / "qp_solvers.md").write_text(text, encoding="utf-8")
+        text = page(rows, options.size, options.law)
+        publish("qp_solvers.md", text, options.output, complete=False)
         print(text)
 
 

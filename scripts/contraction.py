@@ -1,22 +1,23 @@
 """The outer iteration linearised at the solution, as a dense matrix.
 
-Near the solution the contact nodes keep their state, each body's program is a linear system on its
-free forces, and one outer iteration is a linear map. Its spectral radius is the factor by which the
-error shrinks per iteration in the end, exactly, for every variant and every theta.
+Near the solution the contact nodes keep their status, each body's QP is a linear system for its free
+forces, and one outer iteration is a linear map. Its spectral radius is the exact factor by which the
+error shrinks per iteration in the end, for every variant and every theta.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import msgspec
 import numpy as np
 import scipy.linalg
 
-from ddmpi.coupling.assembly import Problem
-from ddmpi.interface.law import friction_role
-from ddmpi.run.solve import solve
-from ddmpi.scene.method import Method
+from ddmpi.coupling.assembly import Assembly
+from ddmpi.methods.newton import Newton
+from ddmpi.methods.subproblem import friction_role
+
+TOLERANCE, MOST = 1e-10, 500
+"""Of the solution at which the iteration is linearised: relative residual, and most steps."""
 
 ON_BOUND = 1e-7
 """Relative distance to a bound below which a force counts as lying on it."""
@@ -24,7 +25,7 @@ ON_BOUND = 1e-7
 
 @dataclass(frozen=True)
 class Linearisation:
-    """What the map needs; `size` = m normal and m tangential unknowns.
+    """What the map depends on; `size` = m normal and m tangential unknowns.
 
     Attributes
     ----------
@@ -48,8 +49,8 @@ class Linearisation:
     def response(self, algorithm: str, splitting: str) -> tuple[np.ndarray, np.ndarray]:
         """The map for all theta: the new state is (P + θ Q) times the old one.
 
-        The state is λ and whatever of the last forces enters the next iteration: s_2ν where it sets the
-        slip bound, s_αt where the program of α is split. Returns P and Q (k, k).
+        The state is λ and the part of the last forces that enters the next iteration: s_2ν where it sets the
+        slip bound, s_αt where the QP of α is split. Returns P and Q (k, k).
         """
         m = len(self.pressed)
         parts = {"lam": 2 * m}
@@ -70,7 +71,7 @@ class Linearisation:
         return P, Q
 
     def _forces(self, role: int, algorithm: str, split: bool, unit: dict, bound: np.ndarray) -> np.ndarray:
-        """How the forces (2m, k) that solve the program of `role` follow the state."""
+        """How the forces (2m, k) that solve the QP of `role` follow the state."""
         m, C = len(self.pressed), self.C[role - 1]
         d = -unit["lam"] if role == 1 else unit["lam"]
         s = np.zeros_like(d)
@@ -89,20 +90,19 @@ class Linearisation:
         return s
 
 
-def linearise(problem: Problem) -> Linearisation:
-    """Solve `problem` exactly and linearise there. Collective; all m nodes must be able to slide."""
-    body, m = problem.body, problem.interface.m
-    method = Method(outer="newton", tolerance=1e-10)
-    _, outer = solve(problem, msgspec.structs.replace(method))
-    s = outer.forces
-    normal, tangential = s[:m], s[m:]
-    g = problem.friction.slip_bound(np.maximum(normal, 0.0), problem.interface)
+def linearise(assembly: Assembly) -> Linearisation:
+    """Solve `assembly` exactly and linearise there. Collective; all m nodes must be able to slide."""
+    newton, (interface,) = Newton(assembly.joint(), MOST), assembly.space.interfaces
+    ended = newton.run(TOLERANCE)
+    if ended != "converged":
+        raise RuntimeError(f"the solution at which to linearise: {ended}")
+    m, law = interface.m, interface.law
+    normal, tangential = newton.forces[:m], newton.forces[m:]
+    g = newton.bound
     sticking = np.abs(tangential) < g - ON_BOUND * g.max()
-    slip = np.zeros(m)
-    if problem.friction.law == "coulomb":
-        slip = np.where(sticking, 0.0, np.sign(tangential) * problem.friction.coefficient)
-    return Linearisation(problem.exchange.swap_objects(body.C.dense()), normal > ON_BOUND * normal.max(), sticking,
-                         slip)
+    slip = np.where(sticking, 0.0, np.sign(tangential) * law.slope(normal))
+    return Linearisation(assembly.exchange.swap_objects(assembly.member.C.dense()),
+                         normal > ON_BOUND * normal.max(), sticking, slip)
 
 
 def dominant(P: np.ndarray, Q: np.ndarray, theta: float) -> complex:

@@ -1,5 +1,4 @@
-"""What the scripts beside this one share: the paper's scene and variants, a table that outlives
-interruptions, a progress bar.
+"""What the studies share: the paper's scene and variants, tables that outlive interruptions, pages and figures.
 
 The paper: J. Haslinger, R. Kučera, T. Sassi, J. Riton, "A Domain Decomposition Algorithm for Contact
 Problems with Coulomb's Friction", slides, International Symposium on Modern Mathematics and
@@ -8,23 +7,25 @@ Mechanics, Olomouc, June 23-27, 2014.
 
 from __future__ import annotations
 
+import argparse
 import csv
 import dataclasses
 import functools
 import gc
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import msgspec
 from mpi4py import MPI
 
-from ddmpi.coupling.assembly import Problem, prepare
-from ddmpi.interface.law import friction_at
-from ddmpi.scene.method import Method
+from ddmpi.coupling.assembly import Assembly, prepare
+from ddmpi.coupling.space import Space
+from ddmpi.interface.law import law_of
+from ddmpi.scene.method import SettledMethod
 from ddmpi.scene.reader import read_scene_file
-from ddmpi.scene.scene import Scene
+from ddmpi.scene.scene import Settled
 
 ROOT = Path(__file__).resolve().parents[1]
 LAWS = ("tresca", "coulomb")
@@ -38,8 +39,12 @@ INNER_PRECISION = 0.02
 """η of all runs unless they study it. At the program's default of 0.1, which is cheaper, rounding errors
 decide in some variants in which iteration the update falls below the tolerance (inner_precision.py)."""
 
+Row = dict
 
-def pinched_blocks(law: str, N: int, *settings: str) -> Scene:
+
+# Scenes and variants
+
+def pinched_blocks(law: str, N: int, *settings: str) -> Settled:
     """The scene of configs/ with squares of side 1/N, and other `settings` (KEY=VALUE)."""
     divisions = f"mesh.divisions=[{3 * N}, {N}]"
     return read_scene_file(ROOT / "configs" / f"pinched_blocks_{law}.toml",
@@ -47,65 +52,102 @@ def pinched_blocks(law: str, N: int, *settings: str) -> Scene:
 
 
 def prepare_laws(world: MPI.Comm, N: int, laws: Iterable[str] = LAWS,
-                 settings: Iterable[str] = ()) -> dict[str, Problem]:
-    """The problems of several friction laws on one mesh, factored once. Collective."""
+                 settings: Iterable[str] = ()) -> dict[str, Assembly]:
+    """The assemblies of several friction laws on one mesh, factored once. Collective."""
     scenes = {law: pinched_blocks(law, N, *settings) for law in laws}
     first = prepare(world, next(iter(scenes.values())))
-    return {law: dataclasses.replace(first, scene=scene,
-                                     friction=friction_at(scene.contact[0].friction, first.interface))
-            for law, scene in scenes.items()}
+    (interface,) = first.space.interfaces
+
+    def with_law(scene: Settled) -> Assembly:
+        law = law_of(scene.contact[0].friction, interface.xy, interface.area, interface.sliding)
+        return dataclasses.replace(first, scene=scene, space=Space([dataclasses.replace(interface, law=law)]))
+
+    return {law: with_law(scene) for law, scene in scenes.items()}
 
 
-def variant(scene: Scene, algorithm: str, splitting: str, **changes) -> Method:
+def one_mesh(world: MPI.Comm, laws: Iterable[str] = LAWS,
+             settings: Iterable[str] = ()) -> Callable[[str, int], Assembly]:
+    """A function of law and N that returns their assembly and holds only the last mesh in memory; it is collective."""
+    held: dict[int, dict[str, Assembly]] = {}
+
+    def assembly(law: str, N: int) -> Assembly:
+        if N not in held:
+            held.clear()
+            held[N] = prepare_laws(world, N, laws, settings)
+        return held[N][law]
+
+    return assembly
+
+
+def variant(scene: Settled, algorithm: str, splitting: str, **changes) -> SettledMethod:
     """The scene's method with another variant of the published iteration, and other `changes`."""
     return msgspec.structs.replace(scene.method, outer="relaxation", algorithm=algorithm, splitting=splitting,
                                    **{"inner_precision": INNER_PRECISION} | changes)
 
 
+# Tables that outlive interruptions
+
 class Ledger:
-    """Rows in a CSV file, each written as soon as it is known; a new start finds and keeps them.
+    """Rows in a CSV file, each written as soon as it is known; a study that is started again keeps them.
 
     All ranks hold the same rows; rank 0 writes.
 
     Parameters
     ----------
     path : the file
-    key : the columns that tell rows apart
-    columns : all columns
+    key : the first columns, which tell rows apart
+    others : the other columns
     """
 
-    def __init__(self, world: MPI.Comm, path: Path, key: tuple[str, ...], columns: tuple[str, ...]) -> None:
-        self.world, self.path, self.key, self.columns = world, path, key, columns
-        self.rows: list[dict] = []
+    def __init__(self, world: MPI.Comm, path: Path, key: tuple[str, ...], others: tuple[str, ...]) -> None:
+        self.world, self.path, self.key, self.columns = world, path, key, (*key, *others)
+        self.rows: list[Row] = []
         error = None
         if world.rank == 0:
             path.parent.mkdir(parents=True, exist_ok=True)
             if path.exists():
                 with open(path, newline="", encoding="utf-8") as file:
                     header, *lines = list(csv.reader(file)) or [[]]
-                if tuple(header) != columns:
+                if tuple(header) != self.columns:
                     error = f"{path} has other columns than this script writes; move it away"
-                complete = [line for line in lines if len(line) == len(columns)]  # the last one may be torn
-                self.rows = [dict(zip(columns, map(_value, line), strict=True)) for line in complete]
+                complete = [line for line in lines if len(line) == len(self.columns)]  # the last one may be torn
+                self.rows = [dict(zip(self.columns, map(_value, line), strict=True)) for line in complete]
         error = world.bcast(error)
         if error:
             sys.exit(error if world.rank == 0 else 1)
         self.rows = world.bcast(self.rows)
         if world.rank == 0:
             with open(path, "w", newline="", encoding="utf-8") as file:
-                writer = csv.DictWriter(file, columns)
+                writer = csv.DictWriter(file, self.columns)
                 writer.writeheader()
                 writer.writerows(self.rows)
 
-    def find(self, *key) -> dict | None:
-        """The row with this key, or None."""
-        return next((row for row in self.rows if tuple(row[name] for name in self.key) == key), None)
+    def fill(self, keys: Iterable[tuple], measure: Callable[..., Row]) -> list[Row]:
+        """Add a row for every key that has none, with a progress bar on stderr; returns all rows. Collective.
 
-    def add(self, row: dict) -> None:
-        self.rows.append(row)
-        if self.world.rank == 0:
-            with open(self.path, "a", newline="", encoding="utf-8") as file:
-                csv.DictWriter(file, self.columns).writerow(row)
+        ``measure(*key)`` returns the entries of the other columns; entries that are no columns are left out.
+        """
+        known = {tuple(row[name] for name in self.key) for row in self.rows}
+        for key in self._progress([key for key in keys if tuple(key) not in known]):
+            found = measure(*key) | dict(zip(self.key, key, strict=True))
+            row = {name: found[name] for name in self.columns}
+            self.rows.append(row)
+            if self.world.rank == 0:
+                with open(self.path, "a", newline="", encoding="utf-8") as file:
+                    csv.DictWriter(file, self.columns).writerow(row)
+        return self.rows
+
+    def _progress(self, work: list[tuple]) -> Iterator[tuple]:
+        start = time.perf_counter()
+        for done, item in enumerate([*work, None]):
+            if self.world.rank == 0 and work:
+                spent = time.perf_counter() - start
+                left = f", {spent / done * (len(work) - done):.0f} s left" if 0 < done < len(work) else ""
+                bar, words = "#" * (30 * done // len(work)), " ".join(map(str, item or ()))
+                print(f"\r{self.path.stem} [{bar:30}] {done}/{len(work)}  {spent:.0f} s{left}  {words:40.40}",
+                      end="" if item else "\n", file=sys.stderr, flush=True)
+            if item:
+                yield item
 
 
 def _value(text: str) -> int | float | bool | str:
@@ -119,24 +161,59 @@ def _value(text: str) -> int | float | bool | str:
     return text
 
 
-def progress(world: MPI.Comm, work: list, label: str = "") -> Iterator:
-    """Iterate over `work`, with a bar on rank 0's stderr."""
-    start = time.perf_counter()
-    for done, item in enumerate([*work, None]):
-        if world.rank == 0 and work:
-            spent = time.perf_counter() - start
-            left = f", {spent / done * (len(work) - done):.0f} s left" if 0 < done < len(work) else ""
-            bar = "#" * (30 * done // len(work))
-            what = " ".join(map(str, item)) if isinstance(item, tuple) else ""
-            print(f"\r{label} [{bar:30}] {done}/{len(work)}  {spent:.0f} s{left}  {what:40.40}",
-                  end="\n" if item is None else "", file=sys.stderr, flush=True)
-        if item is not None:
-            yield item
+def where(rows: Iterable[Row], **values) -> list[Row]:
+    """The rows that have these values."""
+    return [row for row in rows if all(row[name] == value for name, value in values.items())]
 
 
-def on_two_ranks(main):
-    """Decorator for a script's main(world): refuses other numbers of ranks, and lets PETSc's objects
-    go before PETSc."""
+# Pages and figures
+
+def table(header: Iterable, rows: Iterable[Iterable]) -> list[str]:
+    """A table as lines of Markdown, with an empty one after it."""
+    header = list(header)
+    return [_line(header), "|---" * len(header) + "|", *map(_line, rows), ""]
+
+
+def _line(cells: Iterable) -> str:
+    return f"| {' | '.join(map(str, cells))} |"
+
+
+def publish(name: str, text: str, folder: Path, complete: bool, draw: Callable[[Path], None] | None = None) -> None:
+    """Write a page to `folder`, and to docs/ if the study is complete; `draw` draws its figures beside it."""
+    for place in [folder, ROOT / "docs"] if complete else [folder]:
+        (place / name).write_text(text, encoding="utf-8")
+        if draw:
+            draw(place / "figures")
+
+
+def save_figures(folder: Path, figures: dict[str, Callable]) -> None:
+    """Draw and write figures, by name, in the style of the program's pictures."""
+    import matplotlib
+
+    matplotlib.use("agg")
+    import matplotlib.pyplot as plt
+
+    from ddmpi.results.pictures import STYLE
+
+    folder.mkdir(parents=True, exist_ok=True)
+    with plt.rc_context(STYLE | {"axes.grid": True, "axes.grid.which": "major", "grid.color": "#e3e3e3"}):
+        for name, draw in figures.items():
+            figure = draw()
+            figure.savefig(folder / f"{name}.png", bbox_inches="tight")
+            plt.close(figure)
+
+
+# Commands
+
+def arguments(description: str, name: str) -> argparse.ArgumentParser:
+    """A parser with the option --output, by default results/NAME."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--output", type=Path, default=Path("results") / name, metavar="DIR")
+    return parser
+
+
+def on_two_ranks(main: Callable[[MPI.Comm], None]) -> Callable[[], None]:
+    """Decorator for a script's main(world) that refuses other numbers of ranks and frees PETSc's objects at the end."""
     @functools.wraps(main)
     def guarded() -> None:
         world = MPI.COMM_WORLD

@@ -3,84 +3,94 @@
 
 __doc__ = """What the adaptive inner precision saves, and what it costs in reliability.
 
-The inner solves of outer iteration k are as precise as eta times the last outer update. Runs with
-several eta, and with one fixed precision, the one that eta = 0.1 would end with. Each run is repeated
-with theta changed in the thirteenth digit: where k changes with it, rounding errors decide. Writes
-inner_precision.csv (resumable) and inner_precision.md to the folder --output.
+The inner solves of outer iteration k are as precise as eta times the last outer update. Runs with several eta,
+and with one fixed precision, which eta = 0.1 would reach at the end. Each run is repeated with theta changed in
+the thirteenth digit: where k changes with it, rounding errors decide. Writes inner_precision.csv (a line per
+case, written at once, so that an interrupted study continues) and inner_precision.md to the folder --output.
 """
 
-import argparse
-from pathlib import Path
-
-from experiment import LAWS, VARIANTS, Ledger, on_two_ranks, prepare_laws, progress, variant
+from experiment import (
+    LAWS,
+    VARIANTS,
+    Ledger,
+    Row,
+    arguments,
+    on_two_ranks,
+    one_mesh,
+    publish,
+    table,
+    variant,
+    where,
+)
 from mpi4py import MPI
 
-from ddmpi.coupling.assembly import Problem
+from ddmpi.coupling.assembly import Assembly
 from ddmpi.errors import SolverError
-from ddmpi.methods.published import OuterIteration
+from ddmpi.methods.published import PublishedIteration
 
-ETAS = (1.0, 0.3, 0.1, 0.05, 0.03, 0.02, 0.01, 0.001)
 FIXED = "fixed"
+ETAS = (1.0, 0.3, 0.1, 0.05, 0.03, 0.02, 0.01, 0.001, FIXED)
+USUAL = 0.1
+"""The program's default, with which the others are compared."""
+
 REPEATS = 6
 SHOWN = (("original", "none"), ("original", "step1+2"))
 MOST = 200
 KEY = ("N", "law", "algorithm", "splitting", "eta")
-COLUMNS = (*KEY, "n_A", *(f"k_{i}" for i in range(REPEATS)))
 
 
-def run_all(problem: Problem, kind: tuple[str, str], eta: float | str) -> tuple[int, list[int]]:
+def run_all(assembly: Assembly, algorithm: str, splitting: str, eta: float | str, repeats: int) -> Row:
     """n_A of the first run, and the outer iterations of all, 0 for one that does not converge. Collective."""
-    n_A, iterations = 0, []
-    for repeat in range(REPEATS):
-        theta = problem.scene.method.theta * (1 + repeat * 1e-13)
-        method = variant(problem.scene, *kind, theta=theta, max_iterations=MOST, inner_precision=eta)
-        problem.body.restart()
-        outer = OuterIteration(problem.body, problem.friction, problem.exchange, method)
+    row = {}
+    for repeat in range(repeats):
+        theta = assembly.scene.method.theta * (1 + repeat * 1e-13)
+        method = variant(assembly.scene, algorithm, splitting, theta=theta, max_iterations=MOST, inner_precision=eta)
+        assembly.member.restart()
+        outer = PublishedIteration(assembly, method)
         try:
             converged = outer.run(method.tolerance) == "converged"
-        except SolverError as error:  # the same on both ranks, or the run has to end
+        except SolverError as error:  # the same on both ranks, or the study has to end
             if not error.agreed:
                 raise
             converged = False
-        iterations.append(len(outer.history) if converged else 0)
+        row[f"k_{repeat}"] = len(outer.history) if converged else 0
         if repeat == 0:
-            n_A = sum(outer.history[-1].n_A)
-    return n_A, iterations
+            row["n_A"] = outer.history[-1].n_A
+    return row
 
 
-def page(rows: list[dict], N: int) -> str:
+def page(rows: list[Row], N: int) -> str:
     """The two tables, as Markdown."""
-    etas = [*ETAS, FIXED]
-    row_of = {(r["law"], r["algorithm"], r["splitting"], r["eta"]): r for r in rows if r["N"] == N}
+    rows = where(rows, N=N)
+    etas = [eta for eta in ETAS if where(rows, eta=eta)]
+    shown = [(law, *kind) for law in LAWS if where(rows, law=law) for kind in SHOWN]
+    repeats = len(_iterations(rows[0]))
 
-    def k(row: dict) -> list[int]:
-        return [row[f"k_{i}"] for i in range(REPEATS)]
+    def cell(eta: float | str, law: str, algorithm: str, splitting: str) -> str:
+        (row,) = where(rows, eta=eta, law=law, algorithm=algorithm, splitting=splitting)
+        return f"{_words(_iterations(row))} · {row['n_A']}"
 
-    cases = [(law, *kind) for law in LAWS for kind in SHOWN]
-    lines = [f"N = {N}, θ = 0.2, tolerance 1e-4. k (range over {REPEATS} runs whose θ differs in the thirteenth digit, "
-             "where they differ) · n_A of the first run.", "",
-             "| η | " + " | ".join(f"{law}, {a}, {'no splitting' if s == 'none' else s}" for law, a, s in cases) + " |",
-             "|---" * (len(cases) + 1) + "|"]
-    for eta in etas:
-        cells = []
-        for case in cases:
-            row = row_of[(*case, eta)]
-            found = k(row)
-            cells.append(f"{_words(found)} · {row['n_A']}")
-        lines.append(f"| {_label(eta)} | " + " | ".join(cells) + " |")
-    lines += ["", "All sixteen variants together: multiplications relative to η = 0.1 (sum over the variants), in how "
-              "many variants k depends on rounding errors, and by how much at most (half the range over its middle).",
-              "", "| η | n_A | variants whose k depends on rounding | largest spread | runs that do not converge |",
-              "|---|---|---|---|---|"]
-    everything = [(law, *kind) for law in LAWS for kind in VARIANTS]
-    base = sum(row_of[(*case, 0.1)]["n_A"] for case in everything)
-    for eta in etas:
-        ks = [k(row_of[(*case, eta)]) for case in everything]
-        spread = max((max(v) - min(v)) / (max(v) + min(v)) for v in ks if min(v) > 0)
-        n_A = sum(row_of[(*case, eta)]["n_A"] for case in everything)
-        lines.append(f"| {_label(eta)} | {n_A / base:.2f} | {sum(max(v) > min(v) for v in ks)} of {len(ks)} "
-                     f"| ±{spread:.0%} | {sum(v.count(0) for v in ks)} of {len(ks) * REPEATS} |")
-    return "\n".join([*lines, ""])
+    def together(eta: float | str) -> list[str]:
+        own = where(rows, eta=eta)
+        ks = [_iterations(row) for row in own]
+        cost, base = (sum(row["n_A"] for row in some) for some in (own, where(rows, eta=USUAL)))
+        spread = max((max(k) - min(k)) / (max(k) + min(k)) for k in ks if min(k) > 0)
+        return [_label(eta), f"{cost / base:.2f}", f"{sum(max(k) > min(k) for k in ks)} of {len(ks)}",
+                f"±{spread:.0%}", f"{sum(k.count(0) for k in ks)} of {len(ks) * repeats}"]
+
+    header = [f"{law}, {a}, {'no splitting' if s == 'none' else s}" for law, a, s in shown]
+    return "\n".join([
+        f"N = {N}, θ = 0.2, tolerance 1e-4. k (range over {repeats} runs whose θ differs in the thirteenth digit, "
+        "where they differ) · n_A of the first run.", "",
+        *table(["η", *header], ([_label(eta), *(cell(eta, *case) for case in shown)] for eta in etas)),
+        "All variants together: multiplications relative to η = 0.1 (sum over the variants), in how "
+        "many variants k depends on rounding errors, and by how much at most (half the range over its middle).", "",
+        *table(["η", "n_A", "variants whose k depends on rounding", "largest spread", "runs that do not converge"],
+               map(together, etas))])
+
+
+def _iterations(row: Row) -> list[int]:
+    return [value for name, value in row.items() if name.startswith("k_")]
 
 
 def _label(eta: float | str) -> str:
@@ -95,21 +105,23 @@ def _words(k: list[int]) -> str:
 
 @on_two_ranks
 def main(world: MPI.Comm) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--output", type=Path, default=Path("results/inner_precision"), metavar="DIR")
+    parser = arguments(__doc__, "inner_precision")
     parser.add_argument("--size", type=int, default=22, metavar="N", help="mesh (default: %(default)s)")
+    parser.add_argument("--laws", nargs="+", default=LAWS, choices=LAWS, metavar="LAW")
+    parser.add_argument("--etas", nargs="+", default=ETAS, metavar="ETA", type=lambda eta: eta if eta == FIXED else
+                        float(eta), help=f"{USUAL} is solved in any case (default: %(default)s)")
+    parser.add_argument("--repeats", type=int, default=REPEATS, metavar="R", help="default: %(default)s")
     options = parser.parse_args()
 
-    ledger = Ledger(world, options.output / "inner_precision.csv", KEY, COLUMNS)
-    work = [(options.size, law, *kind, eta) for law in LAWS for kind in VARIANTS for eta in (*ETAS, FIXED)
-            if not ledger.find(options.size, law, *kind, eta)]
-    problems = prepare_laws(world, options.size) if work else {}
-    for N, law, algorithm, splitting, eta in progress(world, work, "inner precision"):
-        n_A, iterations = run_all(problems[law], (algorithm, splitting), eta)
-        ledger.add(dict(zip(COLUMNS, (N, law, algorithm, splitting, eta, n_A, *iterations), strict=True)))
+    assembly = one_mesh(world, options.laws)
+    measured = "n_A", *(f"k_{i}" for i in range(options.repeats))
+    rows = Ledger(world, options.output / "inner_precision.csv", KEY, measured).fill(
+        [(options.size, law, *kind, eta) for law in options.laws for kind in VARIANTS for eta in ETAS
+         if eta in (USUAL, *options.etas)],
+        lambda N, law, *case: run_all(assembly(law, N), *case, options.repeats))
     if world.rank == 0:
-        text = page(ledger.rows, options.size)
-        (options.output / "inner_precision.md").write_text(text, encoding="utf-8")
+        text = page(rows, options.size)
+        publish("inner_precision.md", text, options.output, complete=False)
         print(text)
 
 

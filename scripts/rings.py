@@ -18,7 +18,7 @@ import numpy as np
 
 from ddmpi.scene.bodies import Material
 from ddmpi.scene.reader import read_scene
-from ddmpi.scene.scene import Scene
+from ddmpi.scene.scene import Settled
 
 INNER, OUTER = "inner", "outer"
 STEEL, BRONZE = Material(young=2.1e11, poisson=0.3), Material(young=1.1e11, poisson=0.34)
@@ -28,7 +28,7 @@ STEEL, BRONZE = Material(young=2.1e11, poisson=0.3), Material(young=1.1e11, pois
 class Rings:
     """Radii (m), overlap (m; so small against them that linear theory is exact) and materials.
 
-    The defaults are a bronze ring around a hollow steel shaft.
+    By default a bronze ring around a hollow steel shaft.
     """
 
     a: float = 0.5
@@ -84,7 +84,7 @@ class Rings:
         moved = float((self.displacement(body, self.b * normal) @ normal.T)[0, 0])
         return (-1.0 if body == INNER else 1.0) * self.normal_force * moved
 
-    def scene(self, folder: Path, N: int, order: int, *settings: str) -> Scene:
+    def scene(self, folder: Path, N: int, order: int, *settings: str) -> Settled:
         """The frictionless scene; other `settings` are KEY=VALUE. The meshes are those of `write_meshes`."""
         def body(name: str) -> str:
             material = self.material(name)

@@ -8,37 +8,36 @@ axes that each vary one choice: mesh and order, tolerance, inner precision, comp
 splitting. The time is that of mesh, assembly, factorization, outer iteration, displacements and error estimate, of the
 slower rank, the least of several runs where they are short; start-up and files are left out.
 
-Writes to the folder --output: tradeoff.csv (a line per case, written at once: an interrupted study goes on where it
-was), the reference solution, tradeoff_table.md and figures; with all axes done and the usual reference, page and
-figures also go to docs/.
+Writes to the folder --output: tradeoff.csv (a line per case, written at once, so that an interrupted study continues),
+tradeoff_table.md and figures; once all axes are done with the usual reference, page and figures are also written to
+docs/.
 """
 
-import argparse
 import ctypes
+import functools
 import gc
 import time
-from collections import Counter
-from dataclasses import astuple, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from experiment import ROOT, VARIANTS, Ledger, on_two_ranks, pinched_blocks, progress
+from experiment import VARIANTS, Ledger, Row, arguments, on_two_ranks, pinched_blocks, publish
 from mpi4py import MPI
 from rings import Rings
 from tradeoff_page import PAGE, draw, page
-from true_errors import ClosedForm, EnergyNorm, Errors, FineSolution, solve_reference
+from true_errors import ClosedForm, Errors, FineSolution, energy, solve_reference
 
 from ddmpi.body.estimate import estimate_error, relative_error
-from ddmpi.coupling.assembly import Problem, prepare
+from ddmpi.coupling.assembly import Assembly, prepare
 from ddmpi.errors import SolverError
 from ddmpi.petsc.versions import free_garbage
-from ddmpi.run.solve import Answer, solve
-from ddmpi.scene.scene import Scene
+from ddmpi.run.solve import Solution, solve
+from ddmpi.scene.scene import Settled
 from ddmpi.system.clock import Clock
 
 REFERENCE = 176
-"""Squares of the reference solution, of order 2, have sides of 1/176 m; those of the others a multiple."""
+"""Squares of the reference solution, of order 2, have sides of 1/176 m; all others have a multiple of that."""
 
 TIGHT, REFERENCE_TOLERANCE = 1e-12, 1e-10
 """Tolerances of the solutions with which algebraic errors are measured, and of the reference solution."""
@@ -47,7 +46,7 @@ REPEATS, ENOUGH = 7, 2.0
 """A case is timed so many times, or until that many seconds are spent on it."""
 
 NONE = "–"
-"""Stands for a choice that a method does not have."""
+"""The value of a choice that a method does not have."""
 
 PHASES = ("mesh", "assemble", "factor", "outer", "recover", "estimate")
 
@@ -121,41 +120,28 @@ MEASURED = ("n", "m", "outcome", "iterations", "n_A", "seconds", "cpu_seconds",
 
 # Runs
 
-@dataclass
-class Run:
-    """One run: what it gave on this rank, and what it took."""
-
-    problem: Problem
-    answer: Answer
-    iterations: int
-    estimated: float
-    phases: dict[str, float]
-    seconds: float
-    cpu_seconds: float
-    memory_mib: float
-
-
-def run_once(world: MPI.Comm, scene: Scene) -> Run:
-    """Solve a scene; times are those of the slower rank, CPU time and memory sums of both. Collective."""
+def run_once(world: MPI.Comm, scene: Settled) -> tuple[Row, Assembly, Solution]:
+    """Solve a scene; the row has times of the slower rank, CPU time and memory as sums of both. Collective."""
     gc.collect()
     free_garbage()
     resting = restart_peak()
     world.Barrier()
     cpu, clock = time.process_time(), Clock()
-    problem = prepare(world, scene, clock=clock)
-    answer, outer = solve(problem, scene.method, clock=clock)
+    assembly = prepare(world, scene, clock=clock)
+    solution = solve(assembly, scene.method, clock=clock)
     with clock.phase("estimate"):
-        estimate = estimate_error(problem.mesh, problem.spec.material, answer.displacement)
+        estimate = estimate_error(assembly.mesh, assembly.spec.material, solution.displacement)
     cpu = time.process_time() - cpu
-    phases = clock.largest(world)
-    seconds = phases.pop("total")
-    estimated = relative_error(world.allreduce(estimate.total), world.allreduce(estimate.energy))
-    return Run(problem, answer, len(outer.history), estimated, phases, seconds, world.allreduce(cpu),
-               world.allreduce(resident("VmHWM") - resting))
+    seconds = clock.largest(world)
+    row = {f"{phase}_seconds": seconds[phase] for phase in PHASES} | {
+        "seconds": seconds["total"], "cpu_seconds": world.allreduce(cpu),
+        "memory_mib": world.allreduce(resident("VmHWM") - resting),
+        "estimated": relative_error(world.allreduce(estimate.total), world.allreduce(estimate.energy))}
+    return row, assembly, solution
 
 
 def restart_peak() -> float:
-    """Give back what is free, and let the peak of the resident memory begin anew (Linux); what is held now (MiB)."""
+    """Free unused memory and reset the peak of the resident memory (Linux); returns what is held now (MiB)."""
     try:
         ctypes.CDLL(None).malloc_trim(0)
         Path("/proc/self/clear_refs").write_text("5")
@@ -174,21 +160,20 @@ def resident(name: str) -> float:
 
 
 class Study:
-    """Scenes, what is exact about them, and the measuring.
+    """The scenes, their exact solutions, and the measurements.
 
     Parameters
     ----------
-    folder : for meshes and the reference solution
+    folder : for the meshes of the rings
     reference : N of the reference solution
     """
 
     def __init__(self, world: MPI.Comm, folder: Path, reference: int) -> None:
         self.world, self.folder, self.reference = world, folder, reference
         self.rings = Rings()
-        self._exact: dict[str, FineSolution | ClosedForm] = {"rings": ClosedForm(self.rings)}
         self._tight: tuple[tuple, np.ndarray] = (), np.empty(0)
 
-    def scene(self, case: Case) -> Scene:
+    def scene(self, case: Case) -> Settled:
         """Collective: rank 0 writes the meshes of the rings."""
         if case.scene == "rings":
             if self.world.rank == 0:
@@ -198,78 +183,64 @@ class Study:
         orders = [f"body.{name}.mesh.order={case.order}" for name in ("upper", "lower")]
         return pinched_blocks("coulomb", case.N, *orders, *case.settings)
 
-    def exact(self, scene: str) -> FineSolution | ClosedForm:
-        """What answers are compared with. Collective."""
-        if scene not in self._exact:
-            finest = Case(scene, self.reference, 2, tolerance=REFERENCE_TOLERANCE)
-            path = self.folder / f"reference_{scene}_{self.reference}.npz"
-            self._exact[scene] = solve_reference(self.world, self.scene(finest), path)
-        return self._exact[scene]
+    @functools.cached_property
+    def fine(self) -> FineSolution:
+        """The reference solution of the blocks. Collective."""
+        return solve_reference(self.world, self.scene(Case("blocks", self.reference, 2, tolerance=REFERENCE_TOLERANCE)))
 
-    def measure(self, case: Case) -> dict:
+    def measure(self, case: Case) -> Row:
         """A line of the table. Collective."""
-        exact, scene = self.exact(case.scene), self.scene(case)
+        exact, scene = ClosedForm(self.rings) if case.scene == "rings" else self.fine, self.scene(case)
         best, runs, spent = None, 0, 0.0
-        row = case._asdict() | dict.fromkeys(MEASURED, np.nan)
         try:
             while runs < REPEATS and spent < ENOUGH:
                 run = run_once(self.world, scene)
-                runs, spent = runs + 1, spent + run.seconds
-                if best is None or run.seconds < best.seconds:
+                runs, spent = runs + 1, spent + run[0]["seconds"]
+                if best is None or run[0]["seconds"] < best[0]["seconds"]:
                     best = run
                 del run
         except SolverError as error:  # the same on both ranks, or the study has to end
             if not error.agreed:
                 raise
-            return row | {"outcome": f"failed: {str(error).splitlines()[0]}"}
-        answer, problem = best.answer, best.problem
-        count: Counter = problem.body.C.count
-        return row | {
-            "n": problem.n, "m": problem.interface.m, "outcome": "certified" if answer.certified else answer.reason,
-            "iterations": best.iterations, "n_A": self.world.allreduce(count.total()),
-            "seconds": best.seconds, "cpu_seconds": best.cpu_seconds,
-            **{f"{phase}_seconds": best.phases[phase] for phase in PHASES},
-            "memory_mib": best.memory_mib, "runs": runs, "estimated": best.estimated,
-            "algebraic": self._algebraic(case, problem, answer),
-            **dict(zip(Errors.__dataclass_fields__, astuple(exact.errors(problem, answer)), strict=True))}
+            return dict.fromkeys(MEASURED, np.nan) | {"outcome": f"failed: {str(error).splitlines()[0]}"}
+        row, assembly, solution = best
+        return row | asdict(exact.errors(assembly, solution)) | {
+            "n": assembly.n, "m": assembly.space.m, "outcome": "certified" if solution.certified else solution.reason,
+            "iterations": len(solution.outer.history), "n_A": self.world.allreduce(assembly.member.C.count.total()),
+            "runs": runs, "algebraic": self._algebraic(case, assembly, solution)}
 
-    def _algebraic(self, case: Case, problem: Problem, answer: Answer) -> float:
+    def _algebraic(self, case: Case, assembly: Assembly, solution: Solution) -> float:
         """Distance, relative in the energy norm, from the exact solution on the same mesh. Collective."""
         mesh = case[:3]
         if self._tight[0] != mesh:
             scene = self.scene(Case(*mesh, tolerance=TIGHT))
-            tight, _ = solve(prepare(self.world, scene), scene.method)
-            self._tight = mesh, tight.displacement
-        norm, u = EnergyNorm(problem.mesh, problem.spec.material), self._tight[1]
-        distance, size = (self.world.allreduce(norm.squared(v)) for v in (answer.displacement - u, u))
+            self._tight = mesh, solve(prepare(self.world, scene), scene.method).displacement
+        u = self._tight[1]
+        distance, size = (self.world.allreduce(energy(assembly.mesh, assembly.spec.material, v))
+                          for v in (solution.displacement - u, u))
         return float(np.sqrt(distance / size))
 
 
 @on_two_ranks
 def main(world: MPI.Comm) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--output", type=Path, default=Path("results/tradeoff"), metavar="DIR")
+    parser = arguments(__doc__, "tradeoff")
     parser.add_argument("--axes", nargs="+", default=list(AXES), choices=AXES, metavar="AXIS",
                         help="which of %(choices)s (default: all)")
     parser.add_argument("--reference", type=int, default=REFERENCE, metavar="N",
-                        help="mesh of the reference solution, a multiple of all others (default: %(default)s)")
+                        help="mesh of the reference solution; cases on finer meshes, and blocks on meshes of which it "
+                             "is no multiple, are left out (default: %(default)s)")
     options = parser.parse_args()
 
     study = Study(world, options.output, options.reference)
-    ledger = Ledger(world, options.output / "tradeoff.csv", Case._fields, Case._fields + MEASURED)
-    work = {case for axis in options.axes for case in AXES[axis] if not ledger.find(*case)}
-    work = sorted((case for case in work if case.scene == "rings" or options.reference % case.N == 0), key=str)
-    work.sort(key=lambda case: case[:3])
-    if work:
-        run_once(world, study.scene(Case("blocks", 4)))  # imports what is imported where it is used
-    for case in progress(world, work, "trade-off"):
-        ledger.add(study.measure(case))
+    finest = options.reference
+    cases = {case for axis in options.axes for case in AXES[axis]
+             if finest >= case.N and (case.scene == "rings" or finest % case.N == 0)}
+    run_once(world, study.scene(Case("blocks", 4)))  # imports what is imported where it is used
+    ledger = Ledger(world, options.output / "tradeoff.csv", Case._fields, MEASURED)
+    rows = ledger.fill(sorted(cases, key=lambda case: (case[:3], str(case))), lambda *case: study.measure(Case(*case)))
     if world.rank == 0:
         complete = options.axes == list(AXES) and options.reference == REFERENCE
-        text = page(ledger.rows, AXES)
-        for folder in [options.output] + [ROOT / "docs"] * complete:
-            draw(ledger.rows, folder / "figures")
-            (folder / PAGE).write_text(text, encoding="utf-8")
+        publish(PAGE, page(rows, AXES), options.output, complete, functools.partial(draw, rows, AXES))
         print(f"Page and figures are in {options.output}")
 
 

@@ -1,45 +1,40 @@
-"""How far is an answer from the exact one? Errors that users mean, against what is taken for exact.
+"""How far is an answer from the exact one? The errors that users mean.
 
-Two scenes have such: pinched blocks, by a solution on a fine mesh that holds those on the coarser ones, and two
-rings (rings.py), by a closed form. Both give the same `Errors`.
+Two scenes have an exact solution: pinched blocks, by a solution on a fine mesh that holds those on the coarser ones,
+and two rings (rings.py), by a closed form. Both give the same `Errors`.
 """
 
 from __future__ import annotations
 
-import json
-import os
+from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-import scipy.sparse as sparse
 from mpi4py import MPI
 from rings import Rings
 
-from ddmpi.body.estimate import QUADRATURE, energy_density, estimate_error, relative_error, stress_at
-from ddmpi.body.stiffness import sum_stiffness
-from ddmpi.coupling.assembly import Problem, prepare
+from ddmpi.body.estimate import QUADRATURE, estimate_error, relative_error
+from ddmpi.body.stress import energy_density, stress_at
+from ddmpi.coupling.assembly import Assembly, prepare
 from ddmpi.mesh.elements import ELEMENTS
 from ddmpi.mesh.mesh import Mesh, signed_double_areas
-from ddmpi.run.solve import Answer, solve
+from ddmpi.run.solve import Solution, solve
 from ddmpi.scene.bodies import Material, MeshSpec
-from ddmpi.scene.scene import Scene
-from ddmpi.system.agreement import agreed
+from ddmpi.scene.scene import Settled
 
 SHORT = 0.01
-"""Zones shorter than this part of the interface are a matter of single nodes, as at a singular corner, and are not
-counted."""
+"""Zones shorter than this part of the interface consist of single nodes, as at a singular corner, and do not count."""
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of an answer, relative but for the last two; nan where there is nothing to compare.
+    """Errors of a solution, relative except for the last two; nan where there is nothing to compare.
 
     Attributes
     ----------
     energy : energy norm of the displacement's error, both bodies, over the energy norm of the exact one
     pressure, shear : contact pressure and tangential contact stress at the nodes, in L2 along the interface
-    side_pressure : means of the contact pressure over the elements' sides, in L2; exact are those over the same sides
+    side_pressure : means of the contact pressure over the elements' sides, in L2
     normal_force, tangential_force : resultants
     contact_end, stick_end : largest distance (m) of an end of a contact zone, of a stick zone, from its true
         place; nan where there are more or fewer ends than there should be
@@ -57,10 +52,15 @@ class Errors:
 
 @dataclass(frozen=True)
 class Contact:
-    """What happens at the contact nodes, in their order: arrays (m,).
+    """What happens at the contact nodes, in their order.
 
-    ``xy`` (m, 2) and ``length`` of the nodes (m), ``middle`` whether a node is the middle of a side, ``pressure`` and
-    ``shear`` (Pa), ``status`` open, slip or stick.
+    Attributes
+    ----------
+    xy : (m, 2) positions (m)
+    length : (m,) nodal lengths (m)
+    middle : (m,) bool, whether a node is the middle of a side
+    pressure, shear : (m,) in Pa
+    status : (m,) "open", "slip" or "stick"
     """
 
     xy: np.ndarray
@@ -99,17 +99,17 @@ class Contact:
         return zone_ends(self.x, self.status == "stick")
 
 
-def contact_of(problem: Problem, answer: Answer) -> Contact:
-    """The contact nodes of an answer. Not collective."""
-    interface, state = problem.interface, answer.state
-    return Contact(interface.xy, interface.length, interface.middle, state.normal_force / interface.length,
-                   state.tangential_force / interface.length, state.status)
+def contact_of(solution: Solution) -> Contact:
+    """The contact nodes of a solution with one contact. Not collective."""
+    (state,) = solution.contacts.values()
+    interface = state.interface
+    return Contact(interface.xy, interface.area, interface.middle, state.pressure, state.shear[:, 0], state.status)
 
 
 def zone_ends(x: np.ndarray, inside: np.ndarray) -> np.ndarray:
     """Where zones begin and end: halfway between neighbours x (m,) of which one is `inside` (m,) and one is not.
 
-    Zones, and breaks in them, of less than SHORT are passed over, the shortest first.
+    Zones, and breaks in them, of less than SHORT are left out, the shortest first.
     """
     change = np.flatnonzero(inside[1:] != inside[:-1])
     bounds = [x[0], *((x[change] + x[change + 1]) / 2), x[-1]]
@@ -169,27 +169,10 @@ def interpolate(mesh: Mesh, spec: MeshSpec, u: np.ndarray, points: np.ndarray) -
     triangle[find(corners.mean(axis=1))] = np.arange(len(corners))
     owner = triangle[find(points)]
     a, b, c = corners[owner].swapaxes(0, 1)
-
-    def area(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> np.ndarray:
-        return (q[:, 0] - p[:, 0]) * (r[:, 1] - p[:, 1]) - (r[:, 0] - p[:, 0]) * (q[:, 1] - p[:, 1])
-
-    barycentric = np.stack([area(points, b, c), area(a, points, c), area(a, b, points)], axis=1)
-    barycentric /= area(a, b, c)[:, None]
+    second, third = np.linalg.solve(np.stack([b - a, c - a], axis=2), (points - a)[:, :, None])[..., 0].T
+    barycentric = np.column_stack([1 - second - third, second, third])
     shapes = ELEMENTS[mesh.triangles.shape[1]].shapes(barycentric)
     return np.einsum("ki,kic->kc", shapes, u[mesh.triangles[owner]])
-
-
-class EnergyNorm:
-    """The energy norm of displacements of one body's mesh, by its stiffness."""
-
-    def __init__(self, mesh: Mesh, material: Material) -> None:
-        size = 2 * len(mesh.points)
-        indptr, indices, data = sum_stiffness(mesh, material).to_csr(np.ones_like(mesh.points, dtype=bool))
-        self._K = sparse.csr_matrix((data, indices, indptr), (size, size))
-
-    def squared(self, u: np.ndarray) -> float:
-        """uᵀ K u (J per metre of depth) of a displacement (nv, 2)."""
-        return float(u.ravel() @ (self._K @ u.ravel()))
 
 
 @dataclass(frozen=True)
@@ -198,34 +181,34 @@ class FineSolution:
 
     Attributes
     ----------
-    mesh, u, norm : of the own body
-    contact : of both
-    energy : squared energy norm of both bodies (J per metre of depth)
-    own_error : its own error, estimated, relative in the energy norm
+    mesh, material, u : of the own body
+    contact : of both bodies
+    size : squared energy norm of both bodies (J per metre of depth)
+    own_error : estimated error of this solution, relative in the energy norm
 
     A mesh whose divisions are a whole multiple of a coarser one's, with an order at least as high, holds the
-    coarser one's solutions exactly. The error of the fine solution is orthogonal to its distance from them (but
+    coarser one's solutions exactly. The error of the fine solution is orthogonal to its distance from them (except
     for what the contact conditions change), so both squares add up to that of the error of the coarse one.
     """
 
     mesh: Mesh
+    material: Material
     u: np.ndarray
-    norm: EnergyNorm
     contact: Contact
-    energy: float
+    size: float
     own_error: float
 
-    def errors(self, problem: Problem, answer: Answer) -> Errors:
-        """Of an answer to the same scene on a coarser mesh. Collective."""
-        coarse = interpolate(problem.mesh, problem.spec.mesh, answer.displacement, self.mesh.points)
-        distance = problem.world.allreduce(self.norm.squared(self.u - coarse))
-        found, exact = contact_of(problem, answer), self.contact
+    def errors(self, assembly: Assembly, solution: Solution) -> Errors:
+        """Of a solution of the same scene on a coarser mesh. Collective."""
+        coarse = interpolate(assembly.mesh, assembly.spec.mesh, solution.displacement, self.mesh.points)
+        distance = assembly.world.allreduce(energy(self.mesh, self.material, self.u - coarse))
+        found, exact = contact_of(solution), self.contact
 
         def along(values: np.ndarray) -> np.ndarray:
             return np.interp(exact.x, found.x, values)
 
         return Errors(
-            energy=float(np.hypot(np.sqrt(distance / self.energy), self.own_error)),
+            energy=float(np.hypot(np.sqrt(distance / self.size), self.own_error)),
             pressure=difference(along(found.pressure), exact.pressure, exact.length),
             shear=difference(along(found.shear), exact.shear, exact.length),
             side_pressure=side_difference(found, exact),
@@ -235,45 +218,20 @@ class FineSolution:
             stick_end=end_error(found.stick_ends, exact.stick_ends))
 
 
-def solve_reference(world: MPI.Comm, scene: Scene, path: Path) -> FineSolution:
-    """The solution of `scene`, which is kept in the file `path`, npz, and read from there the next time.
+def solve_reference(world: MPI.Comm, scene: Settled) -> FineSolution:
+    """The solution of `scene`.
 
-    Raises what `ddmpi.run.solve.solve` does, and RuntimeError for an answer without certificate; the same on all
-    ranks. Collective.
+    Raises the errors of `ddmpi.run.solve.solve`, and RuntimeError for a solution that is not certified; the same on
+    all ranks. Collective.
     """
-    identity = json.dumps([scene.resolved(), *Contact.__dataclass_fields__], sort_keys=True)
-    kept = None
-    with agreed(world):
-        if path.exists():
-            with np.load(path) as file:
-                kept = dict(file) if str(file["identity"]) == identity else None
-    if not all(world.allgather(kept is not None)):
-        kept = _solve(world, scene) | {"identity": identity}
-        with agreed(world):
-            if world.rank == 0:
-                path.parent.mkdir(parents=True, exist_ok=True)
-                unfinished = path.with_suffix(".unfinished.npz")
-                np.savez(unfinished, **kept)
-                os.replace(unfinished, path)
-    spec = scene.body[world.rank]
-    mesh = Mesh(kept[f"points_{world.rank}"], kept[f"triangles_{world.rank}"], {})
-    norm, u = EnergyNorm(mesh, spec.material), kept[f"u_{world.rank}"]
-    contact = Contact(*(kept[name] for name in Contact.__dataclass_fields__))
-    return FineSolution(mesh, u, norm, contact, world.allreduce(norm.squared(u)), float(kept["own_error"]))
-
-
-def _solve(world: MPI.Comm, scene: Scene) -> dict[str, np.ndarray]:
-    problem = prepare(world, scene)
-    answer, _ = solve(problem, scene.method)
-    with agreed(world):
-        if not answer.certified:
-            raise RuntimeError(f"the reference solution: {answer.reason}")
-    mesh = problem.mesh
-    estimate = estimate_error(mesh, problem.spec.material, answer.displacement)
-    found = {"own_error": np.array(relative_error(world.allreduce(estimate.total), world.allreduce(estimate.energy)))}
-    for rank, arrays in enumerate(world.allgather((mesh.points, mesh.triangles, answer.displacement))):
-        found |= {f"{name}_{rank}": array for name, array in zip(("points", "triangles", "u"), arrays, strict=True)}
-    return found | vars(contact_of(problem, answer))
+    assembly = prepare(world, scene)
+    solution = solve(assembly, scene.method)
+    if not solution.certified:
+        raise RuntimeError(f"the reference solution: {solution.reason}")
+    mesh, material, u = assembly.mesh, assembly.spec.material, solution.displacement
+    estimate = estimate_error(mesh, material, u)
+    error, size = world.allreduce(estimate.total), world.allreduce(estimate.energy)
+    return FineSolution(mesh, material, u, contact_of(solution), size, relative_error(error, size))
 
 
 @dataclass(frozen=True)
@@ -282,12 +240,12 @@ class ClosedForm:
 
     rings: Rings
 
-    def errors(self, problem: Problem, answer: Answer) -> Errors:
-        """Of an answer to the scene of the rings, whose straight sides cut corners of the true domain. Collective."""
-        rings, world, body = self.rings, problem.world, problem.spec.name
-        distance = world.allreduce(stress_error(problem.mesh, problem.spec.material, answer.displacement,
+    def errors(self, assembly: Assembly, solution: Solution) -> Errors:
+        """Of a solution on meshes of the rings, whose straight sides cut corners of the true domain. Collective."""
+        rings, world, body = self.rings, assembly.world, assembly.spec.name
+        distance = world.allreduce(stress_error(assembly.mesh, assembly.spec.material, solution.displacement,
                                                 lambda points: rings.stress(body, points)))
-        found = contact_of(problem, answer)
+        found = contact_of(solution)
         exact = np.full(len(found.x), rings.pressure)
         _, means, widths = found.side_pressures()
         return Errors(
@@ -298,7 +256,12 @@ class ClosedForm:
             contact_end=end_error(found.contact_ends, np.empty(0)), stick_end=np.nan)
 
 
-def stress_error(mesh: Mesh, material: Material, u: np.ndarray, stress) -> float:
+def energy(mesh: Mesh, material: Material, u: np.ndarray) -> float:
+    """Squared energy norm (J per metre of depth) of the displacement `u` (nv, 2) of a body. Not collective."""
+    return stress_error(mesh, material, u, lambda points: 0.0)
+
+
+def stress_error(mesh: Mesh, material: Material, u: np.ndarray, stress: Callable[[np.ndarray], np.ndarray]) -> float:
     """Squared energy norm (J per metre of depth) of the error of `u` (nv, 2), whose exact stress is known.
 
     ``stress(points)`` gives σ_xx, σ_yy, σ_xy (…, 3) in Pa at points (…, 2). By quadrature; not collective.

@@ -1,4 +1,4 @@
-"""scripts/benchmark.py: what it measures, what it makes of it, and that it goes on where it was."""
+"""scripts/benchmark.py: what it measures, what its tables say, and that an interrupted study continues."""
 
 import csv
 import subprocess
@@ -25,7 +25,8 @@ def rows(folder: Path) -> list[dict[str, float]]:
         return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
 
 
-def test_benchmark_measures_and_goes_on(tmp_path):
+def test_benchmark_measures_and_continues(tmp_path):
+    """A row has all times and memories; a second start keeps it and measures what is missing."""
     page = start(tmp_path, "4", "--repeats", "1")
     (row,) = rows(tmp_path)
     assert (row["N"], row["n"], row["m"]) == (4, 12 * 4 * 5, 12)
@@ -42,7 +43,8 @@ def test_benchmark_measures_and_goes_on(tmp_path):
 
 
 def test_benchmark_takes_the_best_and_fits_growth():
-    made = [{name: 1.0 for name in benchmark.COLUMNS} | {
+    """The tables show the smallest time, the largest memory, and the exponent of growth."""
+    made = [{name: 1.0 for name in benchmark.MEASURED} | {
         "N": N, "repetition": k, "n": N**2, "iterations": 9, "n_A": 99,
         "factor": N**3 * (1 + k), "memory": 100.0 * N**2 + k} for N in (86, 140, 200) for k in (0, 1)]
     found = benchmark.best(made)

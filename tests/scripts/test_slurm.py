@@ -18,7 +18,7 @@ import pytest
 import scenes
 from scenes import pinched_blocks
 
-from ddmpi.results.tables import write_summary
+from ddmpi.results.summary import write_summary
 
 SLURM = scenes.ROOT / "scripts" / "slurm"
 LIMIT = 120.0
@@ -130,7 +130,7 @@ def test_run(jobs, launch):
 def test_both_launchers_give_the_same_answer(jobs):
     for launch in ("mpirun", "srun"):
         jobs.wait(launch)
-    for name in ("interface.csv", "history.csv"):
+    for name in ("contact_upper-lower.csv", "history.csv"):
         assert (jobs.folder / "mpirun" / name).read_bytes() == (jobs.folder / "srun" / name).read_bytes()
 
 
@@ -169,7 +169,7 @@ def test_a_job_whose_time_is_up_goes_back_and_continues(jobs, tmp_path):
     assert said.index("start number 2") < said.index("continuing after iteration") < said.index("converged and")
     whole = scenes.run_command(jobs.folder / "long.toml", tmp_path / "whole", "--no-figures", limit=LIMIT)
     assert whole.code == 0, whole.output
-    for name in ("interface.csv", "history.csv"):
+    for name in ("contact_upper-lower.csv", "history.csv"):
         assert (jobs.folder / "preempted" / name).read_bytes() == (whole.folder / name).read_bytes()
     assert not (jobs.folder / "preempted" / "checkpoint.h5").exists()
 

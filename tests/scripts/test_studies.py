@@ -1,26 +1,73 @@
-"""The quick ones of the studies' scripts, on tiny meshes: that they still fit the program that they measure."""
+"""Every script of a study is started, in its smallest form."""
 
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from experiment import Ledger
+from mpi4py import MPI
 from scenes import clean_environment
 
 ROOT = Path(__file__).resolve().parents[2]
 STUDIES = {
-    "compare_qp_solvers": (["--size", "6", "--types", "python", "bntr"], "No type failed on any program."),
-    "reproduce_tables": (["--sizes", "6", "--laws", "tresca"], "step1+2"),
+    # script: arguments; words of what it prints and of its pages; numbers of tables and figures
+    "checkpoint_cost": ("--size 6 --seconds 0.5 --every 0.1", ("anderson", "newton", "share of the run"), 0, 0),
+    "compare_qp_solvers": ("--size 6 --types python bntr", ("No type failed on any QP.",), 1, 0),
+    "extremes": ("--tables numbers --most 22",
+                 ("| 1 | 13 · 200 | ±0% |", "| 1 | 22 | 1 + 1 | 0 + 0 | 98 + 98 |"), 1, 0),
+    "inner_precision": ("--size 6 --laws tresca --etas 0.1 --repeats 1", ("| 0.1 | 1.00 | 0 of 8 |",), 1, 0),
+    "reproduce_tables": ("--sizes 6 --laws tresca",
+                         ("| 504 \\| 18 | 36 · ", "8 of them converged and certified"), 1, 2),
+    "theta_sensitivity": ("--sizes 4 --limit-sizes 4 --thetas 0.2 --precision 0.4",
+                          ("original, without splitting: 0.2;", "The smallest eigenvalue is 2.000"), 2, 2),
+    "tradeoff": ("--axes mesh --reference 4", ("| 4 | 240 | ", "| 4 | 864 | "), 1, 2),
 }
+
+
+def start(folder: Path, name: str, *arguments: str) -> subprocess.CompletedProcess:
+    return subprocess.run([ROOT / f"scripts/{name}.py", *arguments], text=True, capture_output=True, timeout=200,
+                          cwd=folder, env=clean_environment() | {"DDMPI_PYTHON": sys.executable})
 
 
 @pytest.mark.parametrize("name", STUDIES)
 def test_study(tmp_path, name):
-    arguments, word = STUDIES[name]
-    done = subprocess.run([ROOT / f"scripts/{name}.py", "--output", tmp_path / "out", *arguments], text=True,
-                          capture_output=True, timeout=200, cwd=tmp_path,
-                          env=clean_environment() | {"DDMPI_PYTHON": sys.executable})
+    """A study ends without an error and writes its tables, pages and figures."""
+    arguments, words, tables, figures = STUDIES[name]
+    output = tmp_path / "out"
+    done = start(tmp_path, name, *arguments.split(), *(["--output", str(output)] if tables else []))
     assert done.returncode == 0, done.stdout + done.stderr
-    written = "".join(path.read_text(encoding="utf-8") for path in (tmp_path / "out").glob("*.md"))
-    assert word in written
-    assert any((tmp_path / "out").glob("*.csv"))
+    written = done.stdout + "".join(path.read_text(encoding="utf-8") for path in output.glob("*.md"))
+    for word in words:
+        assert word in written
+    assert len(list(output.glob("*.csv"))) == tables
+    assert len(list(output.glob("figures/*.png"))) == figures
+
+
+def test_fault_injection_names_no_case(tmp_path):
+    """Words that no fault's name has end the script with a message; tests/run/test_faults.py tries some faults."""
+    done = start(tmp_path, "fault_injection", "no", "such", "fault")
+    assert done.returncode == 1
+    assert "no case has all these words in its name" in done.stderr
+
+
+def test_a_ledger_keeps_whole_rows_and_fills_in_the_others(tmp_path):
+    """An interrupted study continues: whole rows stay, a torn last one and missing ones are measured."""
+    path, asked = tmp_path / "made.csv", []
+
+    def measure(law: str, N: int) -> dict:
+        asked.append((law, N))
+        return {"n_A": 10 * N, "certified": True, "more": "is left out"}
+
+    def fill() -> list[dict]:
+        ledger = Ledger(MPI.COMM_SELF, path, ("law", "N"), ("n_A", "certified"))
+        return ledger.fill([("tresca", 2), ("tresca", 4), ("coulomb", 2)], measure)
+
+    rows = fill()
+    assert rows[1] == {"law": "tresca", "N": 4, "n_A": 40, "certified": True}
+    assert fill() == rows
+    path.write_text(path.read_text()[:-8])
+    assert fill() == rows
+    assert asked == [("tresca", 2), ("tresca", 4), ("coulomb", 2), ("coulomb", 2)]
+    with pytest.raises(SystemExit, match="other columns"):
+        Ledger(MPI.COMM_SELF, path, ("law", "N"), ("n_A",))
