@@ -20,4 +20,5 @@ install_slurm() {
 case "$*" in "" | *slurm*) install_slurm ;; esac
 export MPLBACKEND=agg
 "$PYTHON" -m ruff check .
+"$PYTHON" -m mypy
 exec "$PYTHON" -m pytest "$@"

@@ -9,7 +9,7 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "ddmpi"
 
-ROOMS = ["errors", "petsc", "system", "scene", "mesh", "body", "interface", "qp", "coupling", "methods", "judge",
+ROOMS = ["errors", "petsc", "system", "scene", "mesh", "body", "qp", "interface", "coupling", "methods", "judge",
          "results", "run", "sweep", "cli"]
 """From the bottom to the top: a room imports only itself and rooms to its left."""
 
