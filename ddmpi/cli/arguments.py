@@ -15,8 +15,7 @@ EPILOG = """exit codes: 0 certified answer, 2 bad input, 3 not converged, 4 a so
 Everything that starts with one dash is a PETSc option: -body_ksp_type cg -body_pc_type gamg for the
 solves with a body's stiffness, -qp_tao_type gpcg for the contact subproblems, -log_view for times."""
 
-REPEATED = ("--set=", "--vary=")
-"""Arguments that may be followed by several KEY=VALUE."""
+REPEATED = ("--set=", "--vary=")  # they may be followed by several KEY=VALUE
 
 
 class _Parser(argparse.ArgumentParser):
@@ -92,19 +91,17 @@ def split_arguments(arguments: list[str]) -> tuple[list[str], list[str]]:
     """
     own: list[str] = []
     petsc: list[str] = []
-    i = 0
-    while i < len(arguments):
-        if re.match(r"-[A-Za-z]", arguments[i]) and arguments[i] != "-h":
-            petsc.append(arguments[i])
-            if i + 1 < len(arguments) and not re.match(r"--?[A-Za-z]", arguments[i + 1]):
-                i += 1
-                petsc.append(arguments[i])
-        elif "=" in arguments[i] and arguments[i][0] != "-" and own and own[-1].startswith(REPEATED):
-            own.append(f"{own[-1].partition('=')[0]}={arguments[i]}")
-        elif f"{arguments[i]}=" in REPEATED and i + 1 < len(arguments):
-            i += 1
-            own.append(f"{arguments[i - 1]}={arguments[i]}")
+    words = list(arguments)
+    while words:
+        word = words.pop(0)
+        if re.match(r"-[A-Za-z]", word) and word != "-h":
+            petsc.append(word)
+            if words and not re.match(r"--?[A-Za-z]", words[0]):
+                petsc.append(words.pop(0))
+        elif f"{word}=" in REPEATED and words:
+            own.append(f"{word}={words.pop(0)}")
+        elif "=" in word and word[0] != "-" and own and own[-1].startswith(REPEATED):
+            own.append(f"{own[-1].partition('=')[0]}={word}")
         else:
-            own.append(arguments[i])
-        i += 1
+            own.append(word)
     return own, petsc

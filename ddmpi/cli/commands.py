@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from ddmpi.errors import OutputError
 from ddmpi.system import interrupt, logs
-from ddmpi.system.agreement import agreed
+from ddmpi.system.agreement import agreed, from_first
 
 if TYPE_CHECKING:
     import argparse
@@ -22,11 +22,10 @@ if TYPE_CHECKING:
 
 
 def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
-    from ddmpi.scene.reader import read_scene
+    from ddmpi.mesh.build import order_of_files
+    from ddmpi.scene.reader import read_scene_file
 
-    text = _scene_text(world, options)
-    with agreed(world):
-        scene = read_scene(options.scene, text, options.set)
+    scene = from_first(world, lambda: read_scene_file(options.scene, options.set, order_of_files(options.scene)))
     _init_petsc(world, scene.petsc, petsc)
     from ddmpi.run.run import run
     from ddmpi.run.verify import verify
@@ -40,26 +39,25 @@ def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None
 
 
 def _sweep(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
-    from ddmpi.sweep.cases import base_scene, build_cases, choose
+    from ddmpi.mesh.build import order_of_files
+    from ddmpi.scene.reader import read_data, read_text
+    from ddmpi.sweep.cases import build_cases, choose
 
-    text = _scene_text(world, options)
+    text = from_first(world, lambda: read_text(options.scene))
+    cases = from_first(world, lambda: build_cases(options.scene, text, options.set, options.vary,
+                                                  order_of_files(options.scene)))
     with agreed(world):
-        cases = build_cases(options.scene, text, options.set, options.vary)
+        data = read_data(options.scene, text, options.set)
         chosen = choose(cases, options.index)
-    tables = [case.scene.petsc for case in cases]
-    _init_petsc(world, {name: value for name, value in tables[0].items()
-                        if all(table.get(name) == value for table in tables)}, petsc)
+    _init_petsc(world, {}, petsc)
     from ddmpi.sweep.sweep import Sweep, gather_sweep, list_cases, run_sweep
 
-    sweep = Sweep(options.scene, base_scene(text, options.set), Path(options.output), cases, chosen, petsc,
-                  options.figures, options.plot)
-    if options.list:
+    sweep = Sweep(options.scene, data, Path(options.output), cases, chosen, petsc, options.figures, options.plot)
+    if options.list or options.gather:
         interrupt.leave()
         with agreed(world), printing(world):
-            list_cases(sweep)
-    elif options.gather:
-        interrupt.leave()
-        gather_sweep(world, sweep)
+            if world.rank == 0:
+                (list_cases if options.list else gather_sweep)(sweep)
     else:
         interrupt.listen()
         run_sweep(world, sweep)
@@ -68,15 +66,15 @@ def _sweep(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> No
 def _draw(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
     interrupt.leave()
     from ddmpi.results.pictures import draw_all
-    from ddmpi.sweep.plots import draw_plots
+    from ddmpi.sweep.plots import draw_plot
 
     with agreed(world), printing(world):
         if world.rank == 0:
             if options.command == "figures":
                 draw_all(options.folder)
             else:
-                for path in draw_plots(Path(options.folder), options.plots):
-                    print(path)
+                for plot in options.plots:
+                    print(draw_plot(Path(options.folder), plot))
 
 
 def _info(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
@@ -108,15 +106,6 @@ def printing(world: MPI.Comm) -> Iterator[None]:
         except OSError as error:
             logs.leave_stdout()
             raise OutputError(f"what was asked for could not be printed: {error.strerror}") from None
-
-
-def _scene_text(world: MPI.Comm, options: argparse.Namespace) -> str:
-    """The scene as rank 0 reads it. Collective."""
-    from ddmpi.scene.reader import read_text
-
-    with agreed(world):
-        text = read_text(options.scene) if world.rank == 0 else None
-    return world.bcast(text)
 
 
 def _init_petsc(world: MPI.Comm, table: dict, petsc: list[str]) -> None:

@@ -52,11 +52,9 @@ def _main(world: MPI.Comm, own: list[str], petsc: list[str]) -> int:
             except SystemExit as end:  # --help and --version
                 return int(end.code or 0)
         with agreed(world):
-            file = getattr(options, "log", None)
-            logs.configure(world.rank, getattr(options, "quiet", False), file,
+            logs.configure(world.rank, getattr(options, "quiet", False), getattr(options, "log", None),
                            f"ddmpi {__version__} on {whereabouts()}: {command()}")
             interrupt.check()
-        logs.accept(file)
         COMMANDS[options.command](world, options, petsc)
     except DdmpiError as error:
         if not error.agreed and world.size > 1:

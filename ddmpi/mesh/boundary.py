@@ -6,12 +6,14 @@ import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.mesh import Mesh
+from ddmpi.scene.mistakes import nearest
 
 
 def boundary_group(mesh: Mesh, name: str, key: str) -> np.ndarray:
     """Edges (k, 2 or 3) of the group `name`. Raises InputError, naming `key`, if the mesh has no such group."""
     if name not in mesh.groups:
-        raise InputError(f"{key}: the mesh has no boundary group {name!r}; it has {', '.join(sorted(mesh.groups))}")
+        raise InputError(f"{key}: the mesh has no boundary group {name!r}{nearest(name, list(mesh.groups))}; it has "
+                         f"{', '.join(sorted(mesh.groups))}")
     if len(mesh.groups[name]) == 0:
         raise InputError(f"{key}: the boundary group {name!r} of the mesh has a name, but no lines")
     return mesh.groups[name]

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import stat
+from collections.abc import Callable
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.mesh.read import read_mesh
+from ddmpi.mesh.read import file_order, read_mesh
 from ddmpi.mesh.refine import halve, raise_order
 from ddmpi.scene.bodies import BodySpec, MeshSpec
 
@@ -32,6 +35,15 @@ def build_mesh(body: BodySpec, folder: Path = Path(".")) -> Mesh:
         for name in names:
             boundary_group(mesh, name, f"body.{body.name}.{key}")
     return mesh
+
+
+def order_of_files(scene_path: str | Path) -> Callable[[BodySpec], Literal[1, 2]]:
+    """The function that `read_scene` asks for the order of a body's mesh file. It reads each file once.
+
+    Not collective. The function raises InputError.
+    """
+    order = functools.cache(file_order)
+    return lambda body: order(locate_mesh(body, Path(scene_path).parent), body.name)
 
 
 def generate_rectangle(spec: MeshSpec) -> Mesh:

@@ -6,6 +6,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -38,10 +39,12 @@ def read_mesh(path: Path, body: str) -> Mesh:
     other = sorted({c.type for c in raw.cells} - {*TRIANGLES, *LINES, "vertex"})
     if other:
         raise InputError(f"{label} has elements of type {', '.join(other)}; "
-                         "only triangles and boundary lines of first or second order are supported")
+                         "only triangles and boundary lines of first or second order are supported (gmsh makes "
+                         "triangles where neither Recombine nor Mesh.RecombineAll asks for others)")
     triangles = _distinct(np.concatenate([_corners(raw, kind, 3, label) for kind in TRIANGLES]))
     if len(triangles) == 0:
-        raise InputError(f"{label} has no triangles (gmsh saves only elements in physical groups)")
+        raise InputError(f"{label} has no triangles; gmsh saves only elements in physical groups: "
+                         'Physical Surface("body") = {1};')
     if not np.isfinite(raw.points).all():
         raise InputError(f"{label} has coordinates that are not numbers")
     if np.ptp(raw.points[:, 2]) > PLANE * np.ptp(raw.points):
@@ -60,6 +63,12 @@ def read_mesh(path: Path, body: str) -> Mesh:
         raise InputError(f"{label} has triangles without area")
     triangles[doubled < 0] = triangles[doubled < 0][:, [0, 2, 1]]
     return Mesh(points, triangles, groups)
+
+
+def file_order(path: Path, body: str) -> Literal[1, 2]:
+    """The order of the triangles in a mesh file: 2 if they have middle nodes. Not collective. Raises InputError."""
+    raw = _load(path, f"body.{body}.mesh.file: {path}")
+    return 2 if any(cells.type == TRIANGLES[1] for cells in raw.cells) else 1
 
 
 def _load(path: Path, label: str):
@@ -115,7 +124,8 @@ def _line_groups(raw, label: str) -> dict[str, np.ndarray]:
     tags = {int(tag): name for name, (tag, dimension) in raw.field_data.items() if dimension == 1}
     if not tags:
         raise InputError(f"{label} has no named physical groups of lines; "
-                         "clamps, tractions and contacts refer to boundaries by such names")
+                         "clamps, tractions and contacts refer to boundaries by such names: "
+                         'Physical Curve("left") = {4};')
     sets = raw.cell_sets_dict  # of version 4 files, where an element may be in several groups
     groups: dict[str, list[np.ndarray]] = {name: [] for name in tags.values()}
     for kind in LINES:
@@ -140,5 +150,5 @@ def _corners(raw, kind: str, corners: int, label: str) -> np.ndarray:
         if (off > STRAIGHT * np.linalg.norm(end - start, axis=1)).any():
             x, y = start[np.argmax(off)][:2]
             raise InputError(f"{label} has curved elements, as at ({x:.6g}, {y:.6g}); sides must be straight, with "
-                             "the middle nodes on their midpoints")
+                             "the middle nodes on their midpoints: Mesh.SecondOrderLinear = 1; in gmsh")
     return nodes[:, :corners]

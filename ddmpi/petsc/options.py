@@ -7,10 +7,8 @@ import ctypes
 
 def as_arguments(table: dict[str, str | int | float | bool]) -> list[str]:
     """A scene's [petsc] table as arguments of petsc4py.init, to be put before the command line's, which win."""
-    arguments = []
-    for name, value in _plain(table).items():
-        arguments += [f"-{name}"] if value is None else [f"-{name}", value]
-    return arguments
+    pairs = ((f"-{name}", value) for name, value in _plain(table).items())
+    return [word for pair in pairs for word in pair if word is not None]
 
 
 def _plain(table: dict[str, str | int | float | bool]) -> dict[str, str | None]:
@@ -20,10 +18,9 @@ def _plain(table: dict[str, str | int | float | bool]) -> dict[str, str | None]:
 
 
 class RunOptions:
-    """PETSc's options for several runs of one process.
+    """PETSc's options for several runs of one process: each sees those of its scene and of the command line.
 
-    Each run sees the options of its scene and of the command line, and nothing that an earlier run has set or used. To
-    be made after petsc4py.init. Not collective, but all ranks must do the same.
+    To be made after petsc4py.init. Not collective, but all ranks must do the same.
     """
 
     def __init__(self) -> None:
@@ -31,40 +28,28 @@ class RunOptions:
 
         self._options = PETSc.Options()
         self._given = self._options.getAll()
-        self._consumed = set(self._given) - set(unused_options())  # PetscInitialize has used these
+        self._used = set(self._given) - set(unused_options())  # by PetscInitialize
 
-    def overrides(self, table: dict[str, str | int | float | bool]) -> dict[str, str | None]:
-        """Options of `table` that petsc4py.init was given, or has found, with another value; and that value."""
-        given = {name.lower(): value for name, value in self._given.items()}  # PETSc ignores case
-        return {name: given[name.lower()] for name, value in _plain(table).items()
-                if name.lower() in given and given[name.lower()] != value}
+    def given(self, name: str) -> bool:
+        """Whether petsc4py.init was given this option, or has found it; PETSc ignores case."""
+        return name.lstrip("-").lower() in {known.lower() for known in self._given}
 
     def use(self, table: dict[str, str | int | float | bool]) -> None:
         """Set the options of the scene's [petsc] `table`, and those given to petsc4py.init, which win."""
-        self.reset()
-        given = {name.lower() for name in self._given}
-        for name, value in _plain(table).items():
-            if name.lower() not in given:
-                self._options.setValue(name, value)
-
-    def reset(self) -> None:
-        """Go back to the options given to petsc4py.init, used only as far as they were then."""
         for name in self._options.getAll():
             self._options.delValue(name)
-        for name, value in self._given.items():
+        own = {name: value for name, value in _plain(table).items() if not self.given(name)}
+        for name, value in (own | self._given).items():
             self._options.setValue(name, value)
-            if name in self._consumed:
+            if name in self._used:
                 self._options.hasName(name)  # PETSc notes that it was asked for
 
 
 def unused_options() -> list[str]:
-    """Names of options that no object has asked for so far. Not collective.
-
-    No version of petsc4py wraps PetscOptionsLeftGet, so it is called through ctypes.
-    """
+    """Names of options that no object has asked for so far. Not collective."""
     from petsc4py import PETSc  # only after petsc4py.init, which takes the arguments
 
-    library = ctypes.CDLL(PETSc.__file__)
+    library = ctypes.CDLL(PETSc.__file__)  # petsc4py does not wrap PetscOptionsLeftGet
     count = ctypes.c_int64 if PETSc.IntType().itemsize == 8 else ctypes.c_int32
     number, names, values = count(), ctypes.POINTER(ctypes.c_char_p)(), ctypes.POINTER(ctypes.c_char_p)()
     library.PetscOptionsLeftGet.argtypes = [ctypes.c_void_p] + [ctypes.c_void_p] * 3
@@ -78,10 +63,7 @@ def unused_options() -> list[str]:
 
 
 def silence_left() -> None:
-    """Keep newer versions of PETSc from listing unused options at their end: the run has reported them by then.
-
-    A user's own -options_left still prints the list. Not collective.
-    """
+    """Keep PETSc from listing unused options at its end, unless the user asks for it: the run has reported them."""
     from petsc4py import PETSc
 
     options = PETSc.Options()

@@ -91,8 +91,8 @@ class QPSolver:
             rounding = GRADIENT_ROUNDING * max(norm(qp.d), norm(result.Cs))
             if not result.residual <= max(1.01 * tolerance, rounding):
                 raise SolverError(f"subproblem for {purpose}: TAO type {self.type} ended with {self._reason()} after "
-                                  f"{result.iterations} iterations; projected gradient {result.residual:.2e} m, "
-                                  f"needed {tolerance:.2e} m")
+                                  f"{result.iterations} iterations; projected gradient {result.residual:.2e}, "
+                                  f"needed {tolerance:.2e}")
         finally:
             self._release()
         return result

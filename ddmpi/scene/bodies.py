@@ -13,7 +13,8 @@ class MeshSpec(Table, frozen=True, kw_only=True):
     """Either a generated shape (``shape, origin, size, divisions``) or a gmsh ``file``.
 
     ``order`` 1 means linear triangles; 2 means straight-sided quadratic triangles, with a further node in the
-    middle of each side. Left out, the order follows another body that names one, then the preset; otherwise it is 1.
+    middle of each side. Left out, the order follows another body that names one, then the preset, then the files;
+    otherwise it is 1.
     ``refine`` is how often the sides of a file's mesh are halved, or "as needed" for ``method.target_error``.
     """
 
@@ -129,3 +130,9 @@ class SettledBody(BodySpec, frozen=True, kw_only=True):
     """One elastic body without optional keys."""
 
     mesh: SettledMesh
+
+    @property
+    def locking(self) -> str:
+        """Why the discretization error of this body cannot be estimated; empty if it can."""
+        return (f"{self.name}: no estimate: linear triangles lock at nu = {self.material.poisson:g}; mesh.order = 2 "
+                "would be right") if self.mesh.order == 1 and self.material.locks else ""

@@ -22,7 +22,7 @@ class NoFriction(Table, frozen=True, kw_only=True, tag_field="law", tag="none"):
 
 
 class ContactSpec(Table, frozen=True, kw_only=True):
-    """Two boundary groups that may touch; the first body takes role 1."""
+    """Two boundary groups that may touch; normals and forces of the results are the first body's."""
 
     name: Name | None = None
     bodies: tuple[Name, Name]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Iterator
 from typing import Any
 
 from ddmpi.errors import InputError
@@ -23,32 +24,34 @@ def override(data: dict, setting: str) -> None:
     table[_index(table, last, key) if isinstance(table, list) else last] = parse_value(value)
 
 
-def normalise(data: dict, key: str) -> str:
-    """The one spelling of a key of `data`: entries of lists by number, PETSc options lower case without a dash.
-
-    Parts of the key that `data` does not have stay as they are.
-    """
-    table: Any = data
-    parts: list[str] = []
-    for part in key.strip().split("."):
-        if isinstance(table, list):
-            try:
-                part = str(_index(table, part, key))
-            except InputError:  # `override` reports it
-                table = None
-        elif parts == ["petsc"]:
-            part = part.lstrip("-").lower()
-        parts.append(part)
-        table = table[int(part)] if isinstance(table, list) else table.get(part) if isinstance(table, dict) else None
-    return ".".join(parts)
-
-
 def parse_value(text: str) -> Any:
     """The meaning of the text after ``KEY=``: a TOML value, or else a plain string."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         return text.strip()
+
+
+def flatten(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    """The leaves of nested tables, each with its key."""
+    if isinstance(value, list | tuple) and value and all(isinstance(entry, dict) for entry in value):
+        value = {name_of(entry) or str(k): entry for k, entry in enumerate(value)}
+    if isinstance(value, dict):
+        for name, entry in value.items():
+            yield from flatten(entry, f"{key}.{name}" if key else name)
+    else:
+        yield key, value
+
+
+def differences(ours: dict, theirs: dict) -> str:
+    """How two nested tables differ, in words: the first three keys with both values. Empty where they are the same."""
+    def word(table: dict, key: str) -> str:
+        return repr(table[key]) if key in table else "not set"
+
+    here, there = dict(flatten(ours)), dict(flatten(theirs))
+    differing = [key for key in here | there if here.get(key) != there.get(key)]
+    words = [f"{key} is {word(here, key)} here, {word(there, key)} there" for key in differing[:3]]
+    return "; ".join(words) + (f", and {len(differing) - 3} more" if len(differing) > 3 else "")
 
 
 def _index(table: list, part: str, key: str) -> int:

@@ -91,7 +91,8 @@ class Published(SettledMethod, frozen=True, kw_only=True):
 class Output(Table, frozen=True, kw_only=True):
     """Which fields and pictures are written beside the tables; the others are not computed.
 
-    The units only label pictures: any consistent set of units gives the same results.
+    The units only label pictures and the summary: any consistent set of units gives the same results.
+    ``magnification`` is the factor by which bodies.png enlarges displacements and gaps; left out, it is chosen.
     """
 
     stress: bool = True
@@ -99,6 +100,7 @@ class Output(Table, frozen=True, kw_only=True):
     figures: bool = True
     length_unit: str = "m"
     stress_unit: str = "Pa"
+    magnification: Positive | None = None
 
 
 class Checkpoint(Table, frozen=True, kw_only=True):

@@ -46,7 +46,7 @@ def explain(message: str, data: dict, root: type) -> str:
     if isinstance(here, float) and not math.isfinite(here):
         problem = "must be a finite number"
     if "matching regex" in problem:  # only names have a pattern
-        problem = "a name has no '.', '=', '/' or blank"
+        problem = "a name has no '.', '=', '/', blank or control character"
     if not isinstance(here, dict | list):
         problem = re.sub(r", got `.*?`$", "", problem) + f" (got {here!r})"
     problem = re.sub(r"`(.*?)`", lambda kind: kind[1].replace("object", "a table").replace("array", "a list")

@@ -11,10 +11,21 @@ import msgspec
 from ddmpi.errors import InputError
 from ddmpi.scene.keys import override
 from ddmpi.scene.mistakes import explain
-from ddmpi.scene.scene import Scene, Settled
+from ddmpi.scene.scene import FileOrder, Scene, Settled
 
 
-def read_scene(path: str, text: str, settings: Sequence[str] = ()) -> Settled:
+def read_data(path: str, text: str, settings: Sequence[str] = ()) -> dict:
+    """The data of TOML `text` with ``KEY=VALUE`` settings, not yet checked; parameters and errors of `read_scene`."""
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not valid TOML: {error}") from None
+    for setting in settings:
+        override(data, setting)
+    return data
+
+
+def read_scene(path: str, text: str, settings: Sequence[str] = (), file_order: FileOrder | None = None) -> Settled:
     """Check a scene of TOML text and ``KEY=VALUE`` settings, and fill in what it leaves out.
 
     Parameters
@@ -22,29 +33,22 @@ def read_scene(path: str, text: str, settings: Sequence[str] = ()) -> Settled:
     path : the file's name, for messages only
     text : its contents
     settings : as after ``--set``; applied in order, before validation
+    file_order : gives the order of a body's mesh file; without it, files count as linear
 
-    Raises
-    ------
-    InputError
-        naming file and key. Not collective: the same input raises the same error on every rank.
+    Raises InputError, the same on every rank, that names file and key. Not collective.
     """
+    data = read_data(path, text, settings)
     try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not valid TOML: {error}") from None
-    for setting in settings:
-        override(data, setting)
-    try:
-        return msgspec.convert(data, Scene).settled()
+        return msgspec.convert(data, Scene).settled(file_order)
     except msgspec.ValidationError as error:
         raise InputError(f"{path}: {explain(str(error), data, Scene)}") from None
-    except ValueError as error:
+    except (ValueError, InputError) as error:
         raise InputError(f"{path}: {error}") from None
 
 
-def read_scene_file(path: str | Path, settings: Sequence[str] = ()) -> Settled:
+def read_scene_file(path: str | Path, settings: Sequence[str] = (), file_order: FileOrder | None = None) -> Settled:
     """`read_scene` on a file. Not collective."""
-    return read_scene(str(path), read_text(path), settings)
+    return read_scene(str(path), read_text(path), settings, file_order)
 
 
 def read_text(path: str | Path) -> str:

@@ -7,7 +7,8 @@ work with.
 from __future__ import annotations
 
 from collections import Counter
-from typing import Annotated
+from collections.abc import Callable
+from typing import Annotated, Literal
 
 import msgspec
 
@@ -16,6 +17,9 @@ from ddmpi.scene.contacts import ContactSpec, SettledContact
 from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod
 from ddmpi.scene.mistakes import nearest
 from ddmpi.scene.values import Number, Table, settle
+
+FileOrder = Callable[[BodySpec], Literal[1, 2]]
+"""Gives the order of the elements in the mesh file of a body; raises InputError."""
 
 PETScOptions = dict[str, str | int | Number | bool]
 
@@ -59,10 +63,14 @@ class Scene(Table, frozen=True, kw_only=True):
             raise ValueError(f"this version solves two bodies with one contact; got {len(self.body)} [[body]] and "
                              f"{len(self.contact)} [[contact]]")
 
-    def settled(self) -> Settled:
+    def settled(self, file_order: FileOrder | None = None) -> Settled:
         """The scene with everything filled in that was left out.
 
-        Raises ValueError if ``method.target_error`` is asked of elements whose error estimate cannot be trusted.
+        The order of the elements is that of a body that names one, else 2 for a ``target_error`` where linear triangles
+        lock, else the preset's, else what `file_order` says of the mesh files, else 1.
+
+        Raises ValueError if ``method.target_error`` is asked of elements whose error estimate cannot be trusted, and
+        if mesh files differ in order; and what `file_order` raises.
         """
         method = self.method.settled(refinable=all(body.mesh.refinable for body in self.body))
         locking = [body for body in self.body if method.target_error and body.material.locks]
@@ -71,9 +79,20 @@ class Scene(Table, frozen=True, kw_only=True):
             raise ValueError(f"body.{locking[0].name}: linear triangles lock at nu = {locking[0].material.poisson:g}; "
                              "estimates of their error cannot be trusted, and no method.target_error can be met; leave "
                              "mesh.order out or set it to 2")
-        order = named or (2 if locking else PRESETS.get(method.preset or "", {}).get("order", 1))
+        order = named or (2 if locking else PRESETS.get(method.preset or "", {}).get("order"))
+        if not order:
+            order = self._order_of_files(file_order) if file_order else 1
         return settle(self, Settled, method=method, body=[body.settled(order) for body in self.body],
                       contact=[contact.settled() for contact in self.contact])
+
+    def _order_of_files(self, file_order: FileOrder) -> Literal[1, 2]:
+        """The order that all mesh files have; 1 if there are none. Raises ValueError if they differ."""
+        found = {f"body.{body.name}.mesh.file = {body.mesh.file}": file_order(body)
+                 for body in self.body if body.mesh.file is not None}
+        if len(set(found.values())) > 1:
+            each = ", ".join(f"{key} is of order {order}" for key, order in found.items())
+            raise ValueError(f"{each}; say which one to use by mesh.order = 1 or 2")
+        return next(iter(found.values()), 1)
 
 
 class Settled(Table, frozen=True, kw_only=True):

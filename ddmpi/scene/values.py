@@ -20,7 +20,7 @@ Point = tuple[Number, Number]
 Group = Annotated[str, msgspec.Meta(min_length=1)]
 """Name of a boundary group of a mesh."""
 
-Name = Annotated[str, msgspec.Meta(min_length=1, pattern=r"^[^.=/\s]*\Z")]
+Name = Annotated[str, msgspec.Meta(min_length=1, max_length=100, pattern=r"^[^.=/\s\x00-\x1f\x7f]*\Z")]
 """Name of a body or contact; it is a part of keys (``--set body.NAME.key=value``) and of file names."""
 
 
@@ -89,10 +89,12 @@ class Profile(Table, frozen=True, kw_only=True):
         if any(b < a for a, b in zip(self.points, self.points[1:], strict=False)):
             raise ValueError("points must ascend (a repeated point is a jump)")
 
-    def at(self, xy: np.ndarray) -> np.ndarray:
-        """Values (m,) at the contact nodes `xy` (m, 2), ordered along the interface, in metres."""
+    def position(self, xy: np.ndarray) -> np.ndarray:
+        """Where on the profile (m,) the contact nodes `xy` (m, 2) lie, which are ordered along the interface."""
         if self.along == "arc":
-            position = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(xy, axis=0), axis=1))])
-        else:
-            position = xy[:, "xy".index(self.along)]
-        return np.interp(position, self.points, self.values)
+            return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(xy, axis=0), axis=1))])
+        return xy[:, "xy".index(self.along)]
+
+    def at(self, xy: np.ndarray) -> np.ndarray:
+        """Values (m,) at the contact nodes `xy` (m, 2)."""
+        return np.interp(self.position(xy), self.points, self.values)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import TypeVar
 
 from mpi4py import MPI
 
 from ddmpi.errors import DdmpiError
+
+T = TypeVar("T")
 
 
 def agree(world: MPI.Comm, error: DdmpiError | None) -> None:
@@ -27,3 +30,12 @@ def agreed(world: MPI.Comm) -> Iterator[None]:
     except DdmpiError as failure:
         error = failure
     agree(world, error)
+
+
+def from_first(world: MPI.Comm, work: Callable[[], T]) -> T:
+    """What `work` returns on rank 0, where alone it is called, on all ranks; so is an error. Collective."""
+    result = None
+    with agreed(world):
+        if world.rank == 0:
+            result = work()
+    return world.bcast(result)

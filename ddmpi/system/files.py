@@ -23,10 +23,7 @@ UNFINISHED = ".unfinished"
 
 
 class FileOfHDF5(io.FileIO):
-    """A file for h5py to write through; it raises the error of a full disk only when it is closed.
-
-    HDF5 that meets this error earlier cannot close its objects any more, and crashes when the process ends.
-    """
+    """A file for h5py. It raises the error of a full disk only when it is closed: earlier, HDF5 would crash."""
 
     _error: OSError | None = None
 

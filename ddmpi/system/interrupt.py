@@ -1,7 +1,7 @@
 """Signals that ask a run to end in good order: SIGTERM and SIGUSR1, as batch systems send them.
 
-The handler only notes the signal. The run looks at the note where it can stop: after reading the arguments, between the
-phases of the set-up, at every multiplication by a compliance, and at every exchange, where other ranks learn of it too.
+The handler only notes the signal. The run looks at the note between the phases of the set-up, at every multiplication
+by a compliance, and at every exchange, where other ranks learn of it too.
 """
 
 from __future__ import annotations
@@ -19,10 +19,9 @@ _handlers: dict[int, Callable | signal.Handlers] = {}
 
 
 def listen() -> None:
-    """From now on signals are noted; they do not end the process.
+    """From now on signals are noted; they do not end the process. Not collective.
 
-    To be called when the process starts, and again after PETSc's initialisation, which with some MPIs installs its own
-    handler of SIGTERM; in the main thread. Not collective.
+    To be called when the process starts, and again after PETSc's initialisation, which may install its own handler.
     """
     _handle(_note)
 

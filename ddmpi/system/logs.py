@@ -15,8 +15,6 @@ from ddmpi.errors import InputError, OutputError
 
 _logger = logging.getLogger("ddmpi")
 
-_file: Path | None = None
-
 
 class _LogFile(logging.FileHandler):
     """Appends messages, each line with a time stamp (UTC)."""
@@ -62,23 +60,24 @@ def utc(seconds: float | None = None) -> str:
 
 
 def configure(rank: int, quiet: bool = False, file: str | None = None, heading: str = "") -> None:
-    """Print messages on rank 0's screen, with `quiet` only errors; other ranks are silent.
+    """Print messages on rank 0's screen, warnings on stderr; with `quiet` only these; other ranks are silent.
 
-    On rank 0 `file` gets the line `heading`, "ddmpi VERSION on …", and then the same messages with time stamps, also
-    those that `quiet` keeps off the screen. A log that is there already is continued; the folder of a new one is made.
-    When no rank has refused the file, call `accept`. Not collective. Raises InputError, on rank 0, where the file
-    cannot be written or holds something else than a log.
+    The log `file` gets the line `heading`, "ddmpi VERSION on …", and then the same messages with time stamps, also
+    those that `quiet` keeps off the screen, and the errors that other ranks report. A log that is there already is
+    continued. Not collective. Raises InputError, on rank 0, where the file cannot be written or is no log.
     """
-    accept(None)
     close()
     _logger.propagate = False
-    _logger.setLevel(logging.INFO if rank == 0 else logging.ERROR)
+    _logger.setLevel(logging.CRITICAL + 1 if rank else logging.INFO)
     if rank:
-        _logger.handlers = [logging.NullHandler()]
+        _logger.handlers = [_LogFile(file, encoding="utf-8", delay=True)] if file else []
         return
-    screen = _Screen(sys.stdout)
+    screen, warnings = _Screen(sys.stdout), _Screen(sys.stderr)
     screen.setLevel(logging.ERROR if quiet else logging.INFO)
-    _logger.handlers = [screen]
+    screen.addFilter(lambda record: record.levelno < logging.WARNING)
+    warnings.setLevel(logging.WARNING)
+    warnings.setFormatter(logging.Formatter("ddmpi: warning: %(message)s"))
+    _logger.handlers = [screen, warnings]
     if file:
         try:
             former = Path(file).read_bytes() if os.path.isfile(file) else b""  # and no device
@@ -88,13 +87,7 @@ def configure(rank: int, quiet: bool = False, file: str | None = None, heading: 
             _logger.addHandler(log := _LogFile(file, encoding="utf-8"))
         except OSError as error:
             raise InputError(f"--log {file}: cannot be written: {error.strerror}") from None
-        log.handle(_record(logging.INFO, heading))
-
-
-def accept(file: str | None) -> None:
-    """From now on this rank, too, appends its errors to the log `file`, if there is one. Not collective."""
-    global _file
-    _file = Path(file) if file else None
+        log.handle(logging.makeLogRecord({"msg": heading}))
 
 
 def close() -> None:
@@ -111,42 +104,30 @@ def is_open(path: Path) -> bool:
 
 @contextlib.contextmanager
 def diverted(path: Path | None) -> Iterator[None]:
-    """Within the block, append all messages to the file `path` instead; on other ranks than 0 `path` is None.
-
-    Raises OutputError where the file cannot be opened.
-    """
+    """Within the block, append all messages to the file `path` instead, if there is one. Raises OutputError."""
     before = _logger.handlers
     try:
-        _logger.handlers = [_LogFile(path, encoding="utf-8") if path else logging.NullHandler()]
+        if path:
+            _logger.handlers = [_LogFile(path, encoding="utf-8")]
     except OSError as error:
         raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
     try:
         yield
     finally:
-        close()
-        _logger.handlers = before
+        if path:
+            close()
+            _logger.handlers = before
 
 
 def report_error(message: str) -> None:
-    """Print an error on stderr and append it to the log; any rank may do so on its own.
-
-    Lines are written whole: Open MPI 5.0 keeps pieces of lines of both streams in one place, so that a piece for stderr
-    may come out on stdout.
-    """
+    """Print an error on stderr and append it to the log; any rank may do so on its own."""
     with contextlib.suppress(OSError):  # the exit code says it, too
-        sys.stderr.write(f"{message}\n")
+        sys.stderr.write(f"{message}\n")  # a whole line: Open MPI 5.0 mixes pieces of lines of both streams
         sys.stderr.flush()
-    files = _log_files()
-    if not files and _file:  # a rank that keeps no log
+    for handler in _log_files():
         with contextlib.suppress(OSError):  # the message is on the screen
-            files = [_LogFile(_file, encoding="utf-8")]
-    for handler in files:
-        handler.handle(_record(logging.ERROR, message))
+            handler.handle(logging.makeLogRecord({"msg": message}))
 
 
 def _log_files() -> list[_LogFile]:
     return [handler for handler in _logger.handlers if isinstance(handler, _LogFile)]
-
-
-def _record(level: int, message: str) -> logging.LogRecord:
-    return _logger.makeRecord(_logger.name, level, "", 0, message, (), None)

@@ -15,8 +15,6 @@ from mpi4py import MPI
 import ddmpi
 from ddmpi.system.logs import utc
 
-_started = time.time()  # of the import, for systems without /proc
-
 SLURM = {"job_id": "SLURM_JOB_ID", "job_name": "SLURM_JOB_NAME", "array_job_id": "SLURM_ARRAY_JOB_ID",
          "array_task_id": "SLURM_ARRAY_TASK_ID", "restarts": "SLURM_RESTART_COUNT", "cluster": "SLURM_CLUSTER_NAME",
          "nodes": "SLURM_JOB_NODELIST"}
@@ -44,8 +42,7 @@ def versions() -> dict[str, str]:
 def provenance(world: MPI.Comm, started: float) -> dict:
     """What leads from a result back to its run: the run's name, start, command, folder, batch job, hosts and versions.
 
-    `started` is the run's start by time.perf_counter. The name of the run, "run", is made of the start (UTC), host and
-    process number of rank 0, and the batch job, if there is one. Collective on `world`.
+    `started` is the run's start by time.perf_counter; "run" names start, host, process and job of rank 0. Collective.
     """
     seconds = time.time() - (time.perf_counter() - started)
     name = f"{utc(seconds)[:-1]}.{int(seconds % 1 * 1000):03d}Z {whereabouts()}"
@@ -77,13 +74,3 @@ def batch_job() -> dict[str, str]:
     if "SLURM_JOB_ID" not in os.environ:
         return {}
     return {name: os.environ[variable] for name, variable in SLURM.items() if variable in os.environ}
-
-
-def process_seconds() -> float:
-    """Seconds since this process was started; without /proc, since this module was imported."""
-    try:
-        with open("/proc/self/stat", encoding="ascii") as file:
-            ticks = int(file.read().rpartition(")")[2].split()[19])
-        return time.clock_gettime(time.CLOCK_BOOTTIME) - ticks / os.sysconf("SC_CLK_TCK")
-    except (OSError, AttributeError):
-        return time.time() - _started
