@@ -8,13 +8,23 @@ solves with its own stiffness, and exchanges only interface vectors with its nei
 `ddmpi.run.answer.solve` has the details.
 """
 
-from typing import Any
+from __future__ import annotations
 
-__version__ = "0.1.0"
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from mpi4py import MPI
+
+    from ddmpi.run.answer import Answer
+
+__version__ = "0.2.0"
 
 
-def solve(*arguments: Any, **named: Any) -> Any:
+def solve(scene: str | Path, comm: MPI.Comm | None = None, overrides: Mapping[str, Any] | None = None) -> Answer:
     """Solve a scene; see `ddmpi.run.answer.solve`. Collective."""
     from ddmpi.run.answer import solve  # not before it is needed: MPI and PETSc start with it
 
-    return solve(*arguments, **named)
+    return solve(scene, comm, overrides)

@@ -12,13 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from petsc4py import PETSc
 
+from ddmpi.body.loads import clamp_nodes, lost_loads, nodal_loads
 from ddmpi.body.rigid import near_null_space, refuse_rigid_motion
 from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.errors import InputError
-from ddmpi.mesh.boundary import boundary_group, turn_outward
-from ddmpi.mesh.mesh import Mesh, signed_double_areas
+from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec
-from ddmpi.scene.values import evaluate
 
 PRESCRIBED_SHARE = 1e-3
 """Prescribed displacements count as a load of this fraction of the forces K u that they take by themselves."""
@@ -39,6 +38,7 @@ class Elasticity:
     load : sum of the absolute nodal loads (N), tractions and volume forces; where displacements are
         prescribed, at least PRESCRIBED_SHARE of the forces that these take
     resultant : (2,) sum of the loads (N), those on clamped nodes too
+    warnings : loads that come to nothing, or are given twice
     """
 
     A: PETSc.Mat
@@ -49,6 +49,7 @@ class Elasticity:
     prescribed: np.ndarray
     load: float
     resultant: np.ndarray
+    warnings: list[str]
 
     def expand(self, u: PETSc.Vec) -> np.ndarray:
         """The displacement (nv, 2) of all nodes from the solution `u` of the reduced system (m)."""
@@ -60,11 +61,11 @@ class Elasticity:
 def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     """Assemble stiffness and load of `body` and eliminate its clamped dofs symmetrically.
 
-    Collective on `comm`. Raises InputError if the clamps leave a rigid-body motion free.
+    Collective on `comm`. Raises InputError if the clamps leave a rigid-body motion free or contradict each other.
     """
     K = sum_stiffness(mesh, body.material)
-    f = _load(mesh, body)
-    free, prescribed = _clamps(mesh, body)
+    f = nodal_loads(mesh, body)
+    free, prescribed = clamp_nodes(mesh, body)
     refuse_rigid_motion(mesh, K, free, body.name)
     nodes = np.flatnonzero(free.any(axis=1))
     loose = free[nodes]
@@ -87,37 +88,5 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     matrix.setNearNullSpace(near_null_space(mesh.points[nodes], loose, comm))
     load = PETSc.Vec().createWithArray(b, bsize=2, comm=comm)
     load.setBlockSize(2)
-    return Elasticity(matrix, load, int(loose.sum()), nodes, free, prescribed, total, resultant)
-
-
-def _load(mesh: Mesh, body: BodySpec) -> np.ndarray:
-    """Nodal loads (nv, 2) in newtons of tractions and volume force; exact, as both are affine."""
-    element = mesh.element
-    f = np.zeros_like(mesh.points)
-    for traction in body.traction:
-        key = f"body.{body.name}.traction"
-        sides = turn_outward(mesh, boundary_group(mesh, traction.on, key), key)
-        x, y = mesh.points[sides[:, :2]].transpose(2, 0, 1)
-        length = np.hypot(*(np.diff(c, axis=1)[:, 0] for c in (x, y)))
-        np.add.at(f, sides, np.einsum("s,la,csa->slc", length, element.side_mass, evaluate(traction.value, x, y)))
-    if body.volume_force != (0.0, 0.0):
-        corners = mesh.triangles[:, :3]
-        x, y = mesh.points[corners].transpose(2, 0, 1)
-        area = signed_double_areas(mesh.points, corners) / 2
-        for component, force in enumerate(evaluate(body.volume_force, x, y)):
-            parts = (area[:, None] * force) @ element.mass.T
-            f[:, component] += np.bincount(mesh.triangles.ravel(), parts.ravel(), len(f))
-    return f
-
-
-def _clamps(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, np.ndarray]:
-    free = np.ones((len(mesh.points), 2), dtype=bool)
-    prescribed = np.zeros((len(mesh.points), 2))
-    for clamp in body.clamps:
-        nodes = np.unique(boundary_group(mesh, clamp.on, f"body.{body.name}.clamp"))
-        x, y = mesh.points[nodes].T
-        for component, value in enumerate((clamp.x, clamp.y)):
-            if value is not None:
-                free[nodes, component] = False
-                prescribed[nodes, component] = evaluate(value, x, y)
-    return free, prescribed
+    return Elasticity(matrix, load, int(loose.sum()), nodes, free, prescribed, total, resultant,
+                      lost_loads(mesh, body, free))

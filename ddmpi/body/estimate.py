@@ -79,8 +79,8 @@ class DiscretizationError:
 
     Attributes
     ----------
-    relative : ‖e‖ / ‖u‖ in the energy norm of all bodies
-    by_body : each body's part of ‖e‖, over the same ‖u‖
+    relative : ‖e‖ / ‖u‖ in the energy norm of all bodies; nan if one of them has no estimate
+    by_body : each body's part of ‖e‖, over the same ‖u‖; nan as well
     own : the estimate of the rank's own body
     mean : energy norm squared over area, of all bodies (J/m³)
     """
@@ -90,8 +90,10 @@ class DiscretizationError:
     own: ErrorEstimate
     mean: float
 
-    def density(self) -> np.ndarray:
-        """Error of each triangle (nt,) per area over the mean energy norm per area; free of units."""
+    def density(self) -> np.ndarray | None:
+        """Error of each triangle (nt,) per area over the mean energy norm per area, without unit; None if unknown."""
+        if np.isnan(self.relative):
+            return None
         return np.sqrt(self.own.squares / self.own.areas / self.mean) if self.mean else np.zeros(len(self.own.areas))
 
 
@@ -107,7 +109,8 @@ def sum_errors(bodies: Sequence[tuple[float, float, float]], own: ErrorEstimate)
 def estimate_error(mesh: Mesh, material: Material, u: np.ndarray) -> ErrorEstimate:
     """Estimate the discretization error of the displacement `u` (nv, 2) in metres. Not collective.
 
-    Energy and error are zero where only rounding strains the body.
+    Energy and error are zero where only rounding strains the body. Errors of linear triangles that lock are nan: they
+    hardly deform, so that their stress jumps little however wrong it is.
     """
     cells, order = mesh.triangles, mesh.order
     area = signed_double_areas(mesh.points, cells) / 2
@@ -127,6 +130,8 @@ def estimate_error(mesh: Mesh, material: Material, u: np.ndarray) -> ErrorEstima
     first, shear = material.lame
     if energy <= (first + 2 * shear) * len(cells) * (UNSTRAINED * np.abs(u).max()) ** 2:
         squares, energy = np.zeros(len(cells)), 0.0
+    if order == 1 and material.locks:
+        squares = np.full(len(cells), np.nan)
     return ErrorEstimate(squares, area, energy)
 
 

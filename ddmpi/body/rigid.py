@@ -40,6 +40,7 @@ def refuse_rigid_motion(mesh: Mesh, K: Stiffness, free: np.ndarray, name: str) -
     pieces, piece = K.connected()
     for k in range(pieces):
         members = piece == k
+        groups = [name for name, edges in mesh.groups.items() if members[edges].any()]
         centre = mesh.points[members].mean(axis=0)
         members &= ~free.all(axis=1)
         left = free_motions(rigid_motions(mesh.points[members], centre, mesh.extent), free[members])
@@ -47,8 +48,9 @@ def refuse_rigid_motion(mesh: Mesh, K: Stiffness, free: np.ndarray, name: str) -
             tx, ty, rotation = np.abs(left[:, 0])
             motion = "rotate" if rotation > 0.5 else "move along x" if tx > ty else "move along y"
             part = "the body" if pieces == 1 else f"a piece of the body (it has {pieces} that are not connected)"
-            raise InputError(f"body.{name}.clamp: {part} is not held: it can still {motion} as a rigid body; "
-                             "clamp a boundary group, or more components of one")
+            fix = (f'clamp one of its boundary groups, as in clamp = ["{groups[-1]}"], or more components of one '
+                   f'({", ".join(groups)})' if groups else "it has no boundary group that could be clamped")
+            raise InputError(f"body.{name}.clamp: {part} is not held: it can still {motion} as a rigid body; {fix}")
 
 
 def near_null_space(points: np.ndarray, free: np.ndarray, comm) -> PETSc.NullSpace:

@@ -49,6 +49,7 @@ class StiffnessSolver:
     Attributes
     ----------
     direct : whether solves are by a factorization alone
+    given : relative residual at which -body_ksp_rtol stops an iterative solver; zero without that option
     inverse : (k, k) A⁻¹ on the dofs `schur` (m/N), which is the inverse of the Schur complement: symmetric,
         Fortran order; or None. Read only, and valid only as long as the solver exists
 
@@ -88,6 +89,7 @@ class StiffnessSolver:
         self.direct = self.ksp.getType() == PETSc.KSP.Type.PREONLY
         self._adapts = not self.direct and not options.hasName("ksp_rtol")
         self._tolerances = self.ksp.getTolerances()
+        self.given = 0.0 if self.direct or self._adapts else self._tolerances[0]
         if not options.hasName("ksp_norm_type") and self.ksp.getType() in TRUE_RESIDUAL:
             self.ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
             if self.ksp.getType() == "gmres":

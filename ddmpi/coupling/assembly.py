@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from ddmpi.coupling.ranks import check_ranks, ranks_beside
 from ddmpi.coupling.space import Space
 from ddmpi.errors import InputError
 from ddmpi.interface.matching import pair
+from ddmpi.interface.plausible import check_overlap, uncovered_profile
 from ddmpi.interface.side import contact_side
 from ddmpi.mesh.boundary import boundary_group
 from ddmpi.mesh.build import build_mesh
@@ -39,6 +41,7 @@ class Assembly:
     space : the layout of the interfaces' vectors, with the interfaces
     exchange : with the other body
     n : free dofs of all bodies
+    warnings : what a sensible person would ask about the scene; the same on all ranks
     """
 
     world: MPI.Comm
@@ -49,13 +52,15 @@ class Assembly:
     space: Space
     exchange: Exchange
     n: int
+    warnings: list[str]
 
     def joint(self) -> Joint:
         """The operator of all bodies together. Collective."""
         return Joint(self.member, self.exchange, self.space)
 
 
-def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Clock | None = None) -> Assembly:
+def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Clock | None = None,
+            refinement: int = 1) -> Assembly:
     """Mesh, assemble, pair and factor.
 
     Parameters
@@ -63,6 +68,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     world : as many ranks as the scene has bodies; body number r of the scene lives on rank r
     folder : where relative mesh files are looked for first
     clock : times the phases mesh, assemble and factor
+    refinement : how many times finer the meshes of `scene` are than the given ones
 
     Raises
     ------
@@ -88,7 +94,8 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
             interrupt.check()
         sides = exchange.swap_objects(side)
         with agreed(world):
-            interface = pair(sides[0], sides[1], contact.friction, contact.name)
+            interface = pair(sides[0], sides[1], contact.friction, contact.name, refinement)
+            found = check_overlap(interface, *sides) + uncovered_profile(interface, contact.friction)
             if scene.method.outer != "newton" and interface.one_sided.any():
                 raise InputError(f"method.outer = {scene.method.outer!r}: at some contact nodes a clamp holds one body "
                                  "only, which this iteration cannot do; the default method can")
@@ -96,4 +103,6 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     with clock.phase("factor"), agreed(world):
         member = Member(spec.name, elasticity, [interface], scene.method.compliance, memory)
         interrupt.check()
-    return Assembly(world, scene, spec, mesh, member, Space([interface]), exchange, world.allreduce(elasticity.n))
+    warnings = [*itertools.chain(*world.allgather(elasticity.warnings)), *found]
+    return Assembly(world, scene, spec, mesh, member, Space([interface]), exchange, world.allreduce(elasticity.n),
+                    warnings)

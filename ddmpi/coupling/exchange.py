@@ -1,7 +1,4 @@
-"""All communication between bodies: interface vectors, and agreement on errors.
-
-The only module that talks to another body's rank. Counts what it sends.
-"""
+"""Interface vectors between two bodies during the iterations, and agreement on errors; counts what it sends."""
 
 from __future__ import annotations
 

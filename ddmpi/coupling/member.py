@@ -10,7 +10,7 @@ import scipy.sparse as sparse
 from ddmpi.body.compliance import Compliance
 from ddmpi.body.elasticity import Elasticity
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.trace import displacement_trace, trace
+from ddmpi.interface.trace import displacement_trace, fixed_trace, trace
 from ddmpi.petsc.events import event
 
 PRECISE = 1e-12
@@ -60,6 +60,10 @@ class Member:
     def trace(self, u: np.ndarray) -> np.ndarray:
         """B u (size,) in metres, of a displacement (nv, d) of all nodes. Not collective."""
         return np.concatenate([displacement_trace(each, each.side(self.name), u) for each in self.interfaces])
+
+    def fixed_trace(self, u: np.ndarray) -> np.ndarray:
+        """Normal displacement (k,) in metres at node pairs that clamps hold on both sides. Not collective."""
+        return np.concatenate([fixed_trace(each, each.side(self.name), u) for each in self.interfaces])
 
     def displacement(self, s: np.ndarray) -> tuple[np.ndarray, float]:
         """Displacement (nv, d) in metres under the load and the contact forces s (size,) in newtons.

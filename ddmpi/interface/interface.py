@@ -5,12 +5,28 @@ Serial work on plain arrays. Every rank that holds the interface computes the sa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.interface.law import Law
+
+
+@dataclass(frozen=True)
+class FixedPairs:
+    """Node pairs that clamps hold on both sides. They carry no unknown, but may be made to overlap.
+
+    Attributes
+    ----------
+    nodes : of each side (k,), numbers in its body's mesh
+    normal : (k, d) outer normals of the first body
+    gap : (k,) initial gap (m)
+    """
+
+    nodes: tuple[np.ndarray, np.ndarray] = (np.empty(0, int), np.empty(0, int))
+    normal: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
+    gap: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
 @dataclass(frozen=True)
@@ -32,9 +48,10 @@ class Interface:
     transfer : of each side (m, k), sparse: a contact node moves as the rows say that the side's nodes move
     law : of contact and friction at these nodes
     modulus : E* (Pa), 1/E* being the sum of both bodies' (1 − ν²)/E
-    dropped : how many node pairs carry no unknown because clamps hold both bodies
+    fixed : node pairs without unknowns, because clamps hold both bodies
+    beyond : of each side (e, 3), how its boundary goes on at the ends of the contact, see `Side.beyond`
     joined : (m − 1,) bool, whether a node and the next one are neighbours
-    middle : (m,) bool, whether a node is the middle of an edge; none in order 1
+    edges : (ns, 3) quadratic edges whose nodes all carry unknowns, by ends and middle, in the order of the middles
     held : (m,) inverse distances to the dropped neighbours, summed (1/m); zero where there are none
     one_sided : (size,) bool, unknowns along which only one of the bodies can move
     """
@@ -49,11 +66,12 @@ class Interface:
     transfer: tuple[sparse.csr_matrix, sparse.csr_matrix]
     law: Law
     modulus: float
-    dropped: int
     joined: np.ndarray
-    middle: np.ndarray
+    edges: np.ndarray
     held: np.ndarray
     one_sided: np.ndarray
+    fixed: FixedPairs = field(default_factory=FixedPairs)
+    beyond: tuple[np.ndarray, np.ndarray] = (np.empty((0, 3), int), np.empty((0, 3), int))
 
     @property
     def m(self) -> int:
@@ -62,6 +80,11 @@ class Interface:
     @property
     def dimension(self) -> int:
         return self.xy.shape[1]
+
+    @property
+    def dropped(self) -> int:
+        """How many node pairs of the boundary carry no unknown."""
+        return len(self.fixed.gap)
 
     @property
     def size(self) -> int:
@@ -82,11 +105,6 @@ class Interface:
     def directions(self) -> np.ndarray:
         """(size, d) unit vectors of the first body along which the unknowns count."""
         return np.concatenate([self.normal, self.frame[self.sliding, 1:].reshape(-1, self.dimension)])
-
-    @property
-    def middles(self) -> np.ndarray:
-        """(ns,) the middles of quadratic edges whose ends carry unknowns, too: k − 1 and k + 1 of k."""
-        return 1 + np.flatnonzero(self.middle[1:-1] & self.joined[:-1] & self.joined[1:])
 
     def side(self, body: str) -> int:
         """0 where `body` is the first body, 1 where it is the second."""

@@ -26,8 +26,11 @@ class Side:
         a constant stress times them gives its nodal forces. Half the adjacent edges in order 1; in order 2
         two thirds of its edge for a middle, a sixth of the adjacent edges for a corner
     free : (k, 2) bool, components that are not clamped
-    middle : (k,) bool, whether a node is the middle of an edge; none in order 1
+    extent : (2,) width and height of the body (m)
+    beyond : (e, 3) for each end of a chain: its node, the next node of the body's boundary, and 1 where the body lies
+        to the left on the way from the one to the other, else 0
     joined : (k − 1,) bool, whether a node and the next one are neighbours; where not, another chain begins
+    edges : (ns, 3) quadratic edges by the places of their ends and middle, in the order of the middles; none in order 1
     """
 
     body: str
@@ -37,8 +40,10 @@ class Side:
     normal: np.ndarray
     area: np.ndarray
     free: np.ndarray
-    middle: np.ndarray
+    extent: np.ndarray
+    beyond: np.ndarray
     joined: np.ndarray
+    edges: np.ndarray
 
 
 def contact_side(mesh: Mesh, edges: np.ndarray, free: np.ndarray, body: str, modulus: float, key: str) -> Side:
@@ -59,8 +64,26 @@ def contact_side(mesh: Mesh, edges: np.ndarray, free: np.ndarray, body: str, mod
     normal = normal[nodes] / np.linalg.norm(normal[nodes], axis=1, keepdims=True)
     size = len(mesh.points)
     joined = np.isin(_keys(nodes[:-1], nodes[1:], size), _keys(neighbours[:, 0], neighbours[:, 1], size))
-    middle = np.isin(nodes, edges[:, 2:])
-    return Side(body, modulus, nodes, mesh.points[nodes], normal, length[nodes], free[nodes], middle, joined)
+    place = np.empty(size, int)
+    place[nodes] = np.arange(len(nodes))
+    quadratic = place[edges] if mesh.order == 2 else np.empty((0, 3), int)
+    return Side(body, modulus, nodes, mesh.points[nodes], normal, length[nodes], free[nodes],
+                np.ptp(mesh.points, axis=0), _beyond(mesh, neighbours), joined, quadratic[np.argsort(quadratic[:, 2])])
+
+
+def _beyond(mesh: Mesh, pairs: np.ndarray) -> np.ndarray:
+    """`Side.beyond` of the chains of neighbours `pairs` (k, 2)."""
+    number = np.bincount(pairs.ravel(), minlength=len(mesh.points))
+    found, size = [], len(mesh.points)
+    chain = set(_keys(pairs[:, 0], pairs[:, 1], size).tolist())
+    for end in np.flatnonzero(number == 1).tolist():
+        near = mesh.triangles[(mesh.triangles[:, :3] == end).any(axis=1)]
+        walk = np.column_stack([near[:, :3], near[:, 3:]])[:, [0, 3, 1, 4, 2, 5] if near.shape[1] == 6 else [0, 1, 2]]
+        directed = {(int(a), int(b)) for a, b in zip(walk.ravel(), np.roll(walk, -1, axis=1).ravel(), strict=True)}
+        for a, b in directed:  # of boundary edges the way back is missing
+            if end in (a, b) and (b, a) not in directed and int(_keys(np.array(a), np.array(b), size)) not in chain:
+                found.append((end, b if a == end else a, int(a == end)))
+    return np.array(found, dtype=np.int64).reshape(-1, 3)
 
 
 def _keys(a: np.ndarray, b: np.ndarray, size: int) -> np.ndarray:

@@ -32,6 +32,11 @@ def displacement_trace(interface: Interface, side: int, u: np.ndarray) -> np.nda
     return _sign(side) * np.einsum("ij,ij->i", moved, interface.directions)
 
 
+def fixed_trace(interface: Interface, side: int, u: np.ndarray) -> np.ndarray:
+    """Normal displacement (k,) in metres at the node pairs that clamps hold on both sides. Not collective."""
+    return _sign(side) * np.einsum("ij,ij->i", interface.fixed.normal, u[interface.fixed.nodes[side]])
+
+
 def _rows(interface: Interface, side: int) -> sparse.csr_matrix:
     """The transfer to the nodes of a side, a row for each unknown."""
     transfer = interface.transfer[side]

@@ -89,7 +89,7 @@ class MeshLadder:
     Attributes
     ----------
     refinement : of the mesh to solve on now
-    missed : why no finer mesh may be made although the target is missed; empty otherwise
+    missed : why this mesh is the last one although it misses the target; empty otherwise
     """
 
     scene: Settled
@@ -98,16 +98,16 @@ class MeshLadder:
     refinement: int = field(init=False)
 
     def __post_init__(self) -> None:
-        self.restore({"done": self.done})
+        self.restore({"done": self.done, "missed": self.missed})
 
     def state(self) -> dict[str, Any]:
         """The state of an interrupted run, in plain numbers."""
-        return {"done": [list(level) for level in self.levels]}
+        return {"done": [list(level) for level in self.levels], "missed": self.missed}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from `state`."""
-        self.done = list(state["done"])
-        self.refinement = (self.done and self._next()) or 1
+        self.done, self.missed = list(state["done"]), state["missed"]
+        self.refinement = self.levels[-1].refinement if self.missed else (self.done and self._next()) or 1
 
     @property
     def levels(self) -> list[Level]:
@@ -122,6 +122,8 @@ class MeshLadder:
     def proceed(self, n: int, error: float, dofs: int) -> int | None:
         """Note the `error` on this mesh; return the refinement of the next one, or None to stay with this one."""
         method = self.scene.method
+        if self.missed:
+            return None
         self.done.append((self.refinement, n, error, dofs))
         if method.target_error is None or error <= self.goal:
             return None
@@ -133,9 +135,24 @@ class MeshLadder:
         reason = (f"the mesh of {' and of '.join(given)} is given: allow finer ones by mesh.refine = \"as needed\""
                   if given else
                   f"meshes that meet it would probably exceed method.max_unknowns = {method.max_unknowns}")
-        self.missed = (f"certified, but the estimated discretization error of {error:.2g} misses method.target_error = "
-                       f"{method.target_error:g}, which takes an estimate of {self.goal:.2g}; {reason}")
+        self.missed = self._miss(reason)
         return None
+
+    def fall_back(self, reason: str) -> bool:
+        """Go back to the last mesh with a certified answer, because of `reason` this one has none.
+
+        Returns whether that is possible: there may be no such mesh, or this is it.
+        """
+        if not self.done or self.levels[-1].refinement == self.refinement:
+            return False
+        reason = f"meshes {self.refinement} times as fine as given have no certified answer: {reason}"
+        self.restore({"done": self.done, "missed": self._miss(reason)})
+        return True
+
+    def _miss(self, reason: str) -> str:
+        return (f"certified, but the estimated discretization error of {self.levels[-1].error:.2g} misses "
+                f"method.target_error = {self.scene.method.target_error:g}, which takes an estimate of "
+                f"{self.goal:.2g}; {reason}")
 
     def _next(self) -> int | None:
         doubling = any(body.mesh.file is not None for body in self.scene.body)

@@ -87,9 +87,8 @@ def certificate_limit(tolerance: float) -> float:
     return min(max(FACTOR * tolerance, SMALLEST_LIMIT), LARGEST_LIMIT)
 
 
-def contact_residuals(state: ContactState, s: np.ndarray, mismatch: np.ndarray,
-                      u: tuple[np.ndarray, np.ndarray], load: float, yielding: float, moved: float,
-                      ) -> ContactResiduals:
+def contact_residuals(state: ContactState, s: np.ndarray, mismatch: np.ndarray, u: tuple[np.ndarray, np.ndarray],
+                      fixed_gap: np.ndarray, load: float, yielding: float, moved: float) -> ContactResiduals:
     """Residuals of one contact.
 
     Parameters
@@ -98,6 +97,7 @@ def contact_residuals(state: ContactState, s: np.ndarray, mismatch: np.ndarray,
     s : (size,) contact forces that obey the bounds (N)
     mismatch : (size,) difference of the forces (N) as the two bodies see them
     u : contact displacements (size,) of both bodies (m)
+    fixed_gap : (k,) opening at the node pairs that clamps hold on both sides (m)
     load : sum of the absolute nodal loads of the bodies (N), with which contact forces are compared
         where there are none, and where they are below NO_FORCE of it per node
     yielding : largest contact displacement that the contact forces cause in a body (m). Displacements
@@ -109,7 +109,7 @@ def contact_residuals(state: ContactState, s: np.ndarray, mismatch: np.ndarray,
     """
     interface = state.interface
     floor = (NO_FORCE if s.any() else 1.0) * load / np.sqrt(interface.m)
-    overlap = np.maximum(-state.gap, 0.0).max()
+    overlap = max(0.0, -state.gap.min(), -fixed_gap.min(initial=0.0))
     U = max(np.abs(each).max(initial=0.0) for each in u)
     U = max(min(U, max(yielding, overlap)), RESOLVED * moved)
     S = np.abs(s).max(initial=0.0)

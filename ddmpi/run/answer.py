@@ -12,10 +12,14 @@ import numpy as np
 from mpi4py import MPI
 
 from ddmpi.coupling.ranks import check_ranks
+from ddmpi.errors import InputError
 from ddmpi.interface.state import ContactState
+from ddmpi.mesh.build import order_of_files
+from ddmpi.petsc.options import RunOptions
 from ddmpi.run.run import Solved, compute
 from ddmpi.scene.reader import read_scene, read_text
-from ddmpi.system.agreement import agreed
+from ddmpi.scene.scene import Settled
+from ddmpi.system.agreement import from_first
 from ddmpi.system.clock import Clock
 
 
@@ -73,7 +77,8 @@ def solve(scene: str | Path, comm: MPI.Comm | None = None, overrides: Mapping[st
     Parameters
     ----------
     scene : a scene's file, or its text where it has several lines
-    comm : as many ranks as the scene has bodies; MPI.COMM_WORLD if left out
+    comm : as many ranks as the scene has bodies; MPI.COMM_WORLD if left out. PETSc starts on all ranks of
+        MPI.COMM_WORLD together: where `comm` is a part of it, call ``petsc4py.init()`` on all ranks before
     overrides : values by key, as after ``--set``: ``{"contact.upper-lower.friction.coefficient": 0.5}``
 
     Returns
@@ -87,15 +92,18 @@ def solve(scene: str | Path, comm: MPI.Comm | None = None, overrides: Mapping[st
     """
     world = MPI.COMM_WORLD if comm is None else comm
     path, text = ("scene", str(scene)) if "\n" in str(scene) else (str(scene), None)
-    with agreed(world):
-        if text is None and world.rank == 0:
-            text = read_text(path)
-    text = world.bcast(text)
-    with agreed(world):
-        settled = read_scene(path, text, [f"{key}={_toml(value)}" for key, value in (overrides or {}).items()])
+
+    def read() -> Settled:
+        settings = [f"{key}={_toml(value)}" for key, value in (overrides or {}).items()]
+        return read_scene(path, text or read_text(path), settings, order_of_files(path))
+
+    settled, clock, options = from_first(world, read), Clock(), RunOptions()
     check_ranks(world, settled)
-    clock = Clock()
-    solved, _ = compute(world, settled, path, clock, write=False)
+    options.use(settled.petsc)
+    try:
+        solved, _ = compute(world, settled, path, clock, write=False)
+    finally:
+        options.use({})
     fields, solution = solved.fields, solved.solution
     own = BodyAnswer(fields.points, fields.triangles, fields.displacement, fields.stress, fields.von_mises)
     summary = solved.summary | {"seconds": clock.largest(world)}
@@ -103,9 +111,15 @@ def solve(scene: str | Path, comm: MPI.Comm | None = None, overrides: Mapping[st
 
 
 def _toml(value: Any) -> str:
-    """The value as TOML has it on one line."""
+    """The value as TOML has it on one line. Raises InputError."""
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{json.dumps(key)} = {_toml(entry)}" for key, entry in value.items()) + "}"
+        return "{" + ", ".join(f"{_toml(key)} = {_toml(entry)}" for key, entry in value.items()) + "}"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(_toml, value)) + "]"
-    return json.dumps(value)
+    if isinstance(value, bool | str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, int | float):
+        return repr(value)
+    raise InputError(f"overrides: {value!r} is no value of a scene; give numbers, words, lists or tables")

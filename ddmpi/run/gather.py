@@ -16,13 +16,14 @@ from ddmpi.system.provenance import peak_memory, provenance
 
 
 def gather_summary(assembly: Assembly, solution: Solution, error: DiscretizationError, fields: Fields,
-                   ladder: MeshLadder, started: float) -> dict:
+                   ladder: MeshLadder, warnings: list[str], started: float) -> dict:
     """All of summary.json but the times, on every rank. Collective.
 
     Parameters
     ----------
     error, fields : of the rank's own body
     ladder : the meshes that led here
+    warnings : of the scene and of the answer
     started : as for `provenance`
     """
     world, scene, outer = assembly.world, assembly.scene, solution.outer
@@ -33,12 +34,13 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     published = scene.method.outer != "newton"
     rescued = any(body.n_A_by_purpose.get("approximation") for body in bodies)
     run = RunResult(
-        converged=solution.certified and not ladder.missed, reason=ladder.missed or solution.reason,
-        order=assembly.spec.mesh.order, ranks=world.size, outer_iterations=len(outer.history),
-        inner_iterations=sum(inner) if published else inner[0], certificate_limit=solution.limit,
-        energy_norm=error.relative, levels=[level._asdict() for level in ladder.levels],
+        converged=solution.certified and not ladder.missed,
+        reason=(solution.certified and ladder.missed) or solution.reason, order=assembly.spec.mesh.order,
+        ranks=world.size, outer_iterations=len(outer.history), inner_iterations=sum(inner) if published else inner[0],
+        certificate_limit=solution.limit, energy_norm=error.relative,
+        levels=[level._asdict() for level in ladder.levels],
         exchange=assembly.exchange.state(), qp=outer.qp_type if published or rescued else "none",
-        options=PETSc.Options().getAll(), options_unused=unused)
+        options=PETSc.Options().getAll(), options_unused=unused, warnings=warnings)
     contacts = [ContactResult(state, solution.certificate.of_contact(name))
                 for name, state in solution.contacts.items()]
     return summarize(scene.resolved(), run, bodies, contacts) | provenance(world, started)

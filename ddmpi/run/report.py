@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterable
+
+import numpy as np
 
 from ddmpi.coupling.assembly import Assembly
+from ddmpi.interface.interface import Interface
 from ddmpi.methods.outer import Step
 from ddmpi.qp.tao import QPSolver
 from ddmpi.run.solve import Solution
@@ -21,6 +25,8 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     log.info("n = %d unknowns (%s triangles), m = %d contact nodes, friction: %s", assembly.n,
              ("linear", "quadratic")[assembly.spec.mesh.order - 1], assembly.space.m,
              ", ".join(dict.fromkeys(interface.law.name for interface in interfaces)))
+    for interface in interfaces:
+        log.info("%s: %s", interface.name, _describe_gap(interface))
     own = f"A by {member.C.solver.description}, compliance {member.C.kind} ({member.C.reason})"
     bodies = assembly.world.allgather((own, member.elasticity.b.norm() > 0.0))
     for spec, (way, _) in zip(scene.body, bodies, strict=True):
@@ -34,6 +40,14 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     left_out += _target_left_out(scene)
     log.info("%s; left out: %s", _describe(scene.method), ", ".join(left_out) or "nothing")
     log.info("%5s  %10s  %10s  %6s", "k", "update", "residual", "n_A")
+
+
+def log_warnings(found: Iterable[str], told: list[str]) -> None:
+    """Log the warnings that have not been `told`, and note that they are. Not collective."""
+    for warning in found:
+        if warning not in told:
+            log.warning("%s", warning)
+            told.append(warning)
 
 
 def _contact_left_out(assembly: Assembly) -> list[str]:
@@ -62,6 +76,14 @@ def _target_left_out(scene: Settled) -> list[str]:
             'refined unless mesh.refine = "as needed")']
 
 
+def _describe_gap(interface: Interface) -> str:
+    """How far the sides are apart at first, and what a load on them means."""
+    gap = np.concatenate([interface.gap, interface.fixed.gap])
+    if not gap.any():
+        return "all nodes touch at first"
+    return f"initial gap up to {max(gap.max(), 0.0):.3g}, initial overlap up to {max(-gap.min(), 0.0):.3g}"
+
+
 def log_step(step: Step) -> None:
     log.info("%5d  %10.3e  %10.3e  %6d", step.iteration, step.update, step.residual, step.n_A)
 
@@ -80,7 +102,13 @@ def log_end(summary: dict, solution: Solution) -> None:
     """Log how the run ended, and what a user looks at first. Not collective."""
     log.info("%s (%d outer iterations, n_A = %d)", summary["reason"], summary["outer_iterations"], summary["n_A"])
     for name, contact in summary["contacts"].items():
-        log.info("%s: %d open, %d slip, %d stick nodes", name, contact["open"], contact["slip"], contact["stick"])
+        first = solution.contacts[name].interface.bodies[0]
+        log.info("%s: %d open, %d slip, %d stick nodes; force %s on %s, largest pressure %.4g", name, contact["open"],
+                 contact["slip"], contact["stick"], _vector(contact["force"]), first, _number(contact["pressure_max"]))
+    for name, body in summary["bodies"].items():
+        stress = body["von_mises_max"]
+        log.info("%s: reaction of its clamps %s, largest displacement %.4g%s", name, _vector(body["reaction"]),
+                 _number(body["displacement_max"]), "" if stress is None else f", von Mises stress {stress:.4g}")
     log.info("certificate (limit %.0e): %s", solution.limit,
              ", ".join(f"{kind.replace('_', ' ')} {value:.1e}"
                        for kind, (value, _) in solution.certificate.worst().items()))
@@ -89,3 +117,11 @@ def log_end(summary: dict, solution: Solution) -> None:
         log.info("estimated discretization error: %.2g of the energy norm", error)
     if summary["options_unused"]:
         log.warning("PETSc options that nothing used: %s", ", ".join(summary["options_unused"]))
+
+
+def _number(value: float | None) -> float:
+    return np.nan if value is None else value
+
+
+def _vector(components: list[float | None]) -> str:
+    return "(" + ", ".join(f"{_number(component):.4g}" for component in components) + ")"

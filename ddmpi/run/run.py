@@ -15,9 +15,10 @@ from ddmpi.body.estimate import DiscretizationError, estimate_error, sum_errors
 from ddmpi.body.stress import stress, von_mises
 from ddmpi.coupling.assembly import Assembly, prepare
 from ddmpi.coupling.ranks import check_ranks
-from ddmpi.errors import InputError, NotConvergedError, OutputError
+from ddmpi.errors import InputError, NotConvergedError, OutputError, SolverError
 from ddmpi.judge.accuracy import MeshLadder, refine_scene
 from ddmpi.judge.diagnosis import diagnose
+from ddmpi.judge.plausible import doubt_answer
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.results.fields import Fields, write_fields, write_xdmf
@@ -26,7 +27,7 @@ from ddmpi.results.summary import write_summary
 from ddmpi.results.tables import write_contact, write_history, write_sides, write_steps
 from ddmpi.run.checkpoint import Checkpoints, continue_from, identify, levels_kept
 from ddmpi.run.gather import gather_summary
-from ddmpi.run.report import log_end, log_plan, log_step
+from ddmpi.run.report import log_end, log_plan, log_step, log_warnings
 from ddmpi.run.solve import Solution, solve
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agreed
@@ -74,8 +75,10 @@ def run(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, fi
     with held:
         solved, ladder = compute(world, scene, scene_path, clock, folder, figures, restart)
     with agreed(world):
-        if not solved.solution.certified:
-            solution, outer = solved.solution, solved.solution.outer
+        solution, outer = solved.solution, solved.solution.outer
+        if solution.given and solution.unbalanced:
+            raise NotConvergedError(f"{solution.reason} (the certificate fails: {', '.join(solution.violations)})")
+        if not solution.certified:
             raise NotConvergedError(diagnose(solution.reason, solution.stopped, solution.violations, scene.method,
                                              outer.history, solution.statuses, solved.assembly.space))
         if ladder.missed:
@@ -95,36 +98,64 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, fold
     """
     identity = identify(scene, PETSc.Options().getAll(), versions())
     state = continue_from(world, restart, identity) if restart else None
-    ladder = MeshLadder(scene, state["ladder"]["done"] if state else [])
-    with levels_kept(world, folder, identity, ladder, restart):
+    ladder = MeshLadder(scene)
+    told: list[str] = []
+    if state:
+        ladder.restore(state["ladder"])
+
+    def attempt() -> Solved | None:
+        """Solve on the ladder's present mesh and write the results; None if the ladder goes on to another mesh."""
+        assembly = prepare_scene(world, refine_scene(scene, ladder.refinement), scene_path, clock, ladder.refinement)
+        log_plan(assembly, figures)
+        log_warnings(assembly.warnings, told)
+        checkpoints = Checkpoints(assembly, folder, identity, clock, state, {"ladder": ladder}) if write else None
+        with checkpoints.kept() if checkpoints else contextlib.nullcontext():
+            solution = solve(assembly, assembly.scene.method, log_step, checkpoints, clock)
+            error = _estimate(assembly, solution, clock)
+            if _refine(ladder, assembly, solution, error):
+                return None
+            solved = _finish(assembly, solution, error, ladder, told, clock)
+            if checkpoints:
+                _write(solved, folder, clock, figures, checkpoints)
+            return solved
+
+    with levels_kept(world, folder, identity, ladder):
         if ladder.done:
             log.info("continuing with meshes %d times as fine as given", ladder.refinement)
         while True:
-            assembly = prepare_scene(world, refine_scene(scene, ladder.refinement), scene_path, clock)
-            log_plan(assembly, figures)
-            checkpoints = Checkpoints(assembly, folder, identity, clock, state, {"ladder": ladder}) if write else None
-            with checkpoints.kept() if checkpoints else contextlib.nullcontext():
-                solution = solve(assembly, assembly.scene.method, log_step, checkpoints, clock)
-                error = _estimate(assembly, solution, clock)
-                if not _refine(ladder, assembly, solution, error):
-                    solved = _finish(assembly, solution, error, ladder, clock)
-                    if checkpoints:
-                        _write(solved, folder, clock, figures, checkpoints)
+            try:
+                solved = attempt()
+                if solved:
                     return solved, ladder
-            del assembly, solution, error, checkpoints  # their memory is needed
+            except (InputError, SolverError) as failure:
+                refused = isinstance(failure, InputError) and state is not None and "outer" in state  # the checkpoint
+                if refused or not failure.agreed or not _fall_back(ladder, str(failure)):
+                    raise
             state = None
-            gc.collect()
+            gc.collect()  # the next mesh needs the memory
             free_garbage()
 
 
 def _refine(ladder: MeshLadder, assembly: Assembly, solution: Solution, error: DiscretizationError) -> bool:
-    """Whether to go on with finer meshes. Collective."""
+    """Whether to go on with another mesh. Collective."""
+    if not solution.certified:
+        return _fall_back(ladder, solution.reason)
     dofs = assembly.world.allreduce(assembly.mesh.points.size)
-    refinement = ladder.proceed(assembly.n, error.relative, dofs) if solution.certified else None
+    refinement = ladder.proceed(assembly.n, error.relative, dofs)
     if refinement:
         log.info("estimated discretization error %.2g, at most %.2g is asked for: going on with meshes %d times as "
                  "fine as given", error.relative, ladder.goal, refinement)
     return bool(refinement)
+
+
+def _fall_back(ladder: MeshLadder, reason: str) -> bool:
+    """Whether to solve once more on the last mesh that had a certified answer. Its factors were not kept."""
+    failed = ladder.refinement
+    possible = ladder.fall_back(reason)
+    if possible:
+        log.info("no certified answer on meshes %d times as fine as given (%s): back to those %d times as fine", failed,
+                 reason, ladder.refinement)
+    return possible
 
 
 def _estimate(assembly: Assembly, solution: Solution, clock: Clock) -> DiscretizationError:
@@ -135,22 +166,26 @@ def _estimate(assembly: Assembly, solution: Solution, clock: Clock) -> Discretiz
 
 
 def _finish(assembly: Assembly, solution: Solution, error: DiscretizationError, ladder: MeshLadder,
-            clock: Clock) -> Solved:
+            told: list[str], clock: Clock) -> Solved:
     """The fields that are asked for, and the summary. Collective."""
     with clock.phase("recover"), agreed(assembly.world), event("Stress"):
         mesh, u, output = assembly.mesh, solution.displacement, assembly.scene.output
         sigma = stress(mesh, assembly.spec.material, u) if output.stress else None
         fields = Fields(mesh.points, mesh.triangles, u, sigma, von_mises(sigma) if sigma is not None else None,
                         error.density() if output.error else None)
-    summary = gather_summary(assembly, solution, error, fields, ladder, clock.started)
+    warnings = [*assembly.warnings, *(body.locking for body in assembly.scene.body if body.locking),
+                *doubt_answer(assembly, solution.displacement, solution.contacts)]
+    summary = gather_summary(assembly, solution, error, fields, ladder, warnings, clock.started)
     log_end(summary, solution)
+    log_warnings(warnings, told)
     return Solved(assembly, solution, error, fields, summary)
 
 
-def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock | None = None) -> Assembly:
+def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock | None = None,
+                  refinement: int = 1) -> Assembly:
     """`prepare`, with the scene's file named in what is wrong with it. Collective."""
     try:
-        return prepare(world, scene, Path(scene_path).parent, clock)
+        return prepare(world, scene, Path(scene_path).parent, clock, refinement)
     except InputError as error:
         error.args = (f"{scene_path}: {error}",)
         raise
@@ -197,7 +232,7 @@ def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, che
 
 def _write_tables(path: Path, solved: Solved) -> None:
     solution = solved.solution
-    write_history(path, [(1, *step, *counts) for step, counts in
+    write_history(path, [(1, *step[:-1], *counts, step.n_A) for step, counts in
                          zip(solution.outer.history, solution.statuses.counts, strict=True)])
     for name, state in solution.contacts.items():
         write_contact(path, name, state)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import logging
+import sys
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
 from ddmpi.coupling.assembly import Assembly
+from ddmpi.errors import SolverError
 from ddmpi.interface.state import ContactState, contact_state
 from ddmpi.judge.certificate import Certificate, certificate_limit, contact_residuals
 from ddmpi.judge.diagnosis import StatusLog
@@ -28,6 +31,10 @@ TIGHTER = 0.1
 """By this the outer tolerance shrinks when the iteration stops but its certificate fails."""
 
 
+USEFUL = 0.9
+"""Steps that leave more than this of the certificate's largest residual are the last ones."""
+
+
 @dataclass(frozen=True)
 class Solution:
     """The end of an iteration, as one rank holds it.
@@ -42,6 +49,7 @@ class Solution:
     limit : largest residual of a certified answer
     outer : the iteration, which can go on
     statuses : of the contact nodes in the last iterations
+    given : precision of the solves as -body_ksp_rtol sets it, or zero
     """
 
     stopped: str
@@ -52,6 +60,12 @@ class Solution:
     limit: float
     outer: Outer
     statuses: StatusLog
+    given: float
+
+    @property
+    def unbalanced(self) -> bool:
+        """Whether a body's equilibrium fails, which no further outer iteration can improve."""
+        return not self.certificate.worst()["equilibrium"][0] <= self.limit
 
     @property
     def certified(self) -> bool:
@@ -67,21 +81,33 @@ class Solution:
         """Why the iteration ended, in words."""
         if self.certified:
             return "converged and certified"
+        if self.given and self.unbalanced:
+            return (f"no answer can be certified: -body_ksp_rtol {self.given:g} leaves the bodies out of equilibrium; "
+                    f"leave that option out, or give at most {0.1 * self.limit:.0e}")
         return {"converged": "the iteration stopped, but its certificate fails", "diverged": "diverged",
                 "max_iterations": "not converged: method.max_iterations is reached"}[self.stopped]
 
 
 @dataclass
 class _Goal:
-    """The tolerance that the iteration runs to at present."""
+    """The tolerance that the iteration runs to at present; what the certificate said before, after how many steps."""
 
     tolerance: float
+    worst: float = np.inf
+    steps: int = 0
 
     def state(self) -> dict[str, Any]:
-        return {"tolerance": self.tolerance}
+        return {"tolerance": self.tolerance, "worst": self.worst, "steps": self.steps}
 
     def restore(self, state: dict[str, Any]) -> None:
-        self.tolerance = float(state["tolerance"])
+        self.tolerance, self.worst = float(state["tolerance"]), float(state["worst"])
+        self.steps = int(state["steps"])
+
+    def is_last(self, worst: float, steps: int) -> bool:
+        """Note the `worst` residual after so many `steps` in all; whether a smaller tolerance would not help."""
+        useless = steps > self.steps and not worst < USEFUL * self.worst
+        self.worst, self.steps = worst, steps
+        return useless or self.tolerance < sys.float_info.epsilon
 
 
 def solve(assembly: Assembly, method: SettledMethod, report: Report = no_report,
@@ -104,14 +130,23 @@ def solve(assembly: Assembly, method: SettledMethod, report: Report = no_report,
     with clock.phase("outer"):
         outer = choose_outer(assembly, method, note)
     limit, goal = certificate_limit(method.tolerance), _Goal(method.tolerance)
+    given = assembly.world.allreduce(assembly.member.C.solver.given, MPI.MAX)
     if checkpoints:
         checkpoints.follow(outer=outer, statuses=statuses, goal=goal)
     while True:
-        with clock.phase("outer"):
-            stopped = outer.run(goal.tolerance)
+        try:
+            with clock.phase("outer"):
+                stopped = outer.run(goal.tolerance)
+        except SolverError as error:
+            if given > method.tolerance:
+                error.args = (f"{error}; -body_ksp_rtol {given:g} is too coarse for method.tolerance = "
+                              f"{method.tolerance:g}: leave that option out",)
+            raise
         with clock.phase("recover"):
-            solution = _conclude(assembly, outer, stopped, limit, statuses)
-        if stopped != "converged" or solution.certified or goal.tolerance < np.finfo(float).eps:
+            solution = _conclude(assembly, outer, stopped, limit, statuses, given)
+        worst = max(value for value, _ in solution.certificate.worst().values())
+        hopeless = goal.is_last(worst, len(outer.history)) or solution.unbalanced
+        if stopped != "converged" or solution.certified or hopeless:
             return solution
         goal.tolerance *= TIGHTER
         log.info("the certificate fails (%s); going on to an update of %.0e", ", ".join(solution.violations),
@@ -127,7 +162,8 @@ def choose_outer(assembly: Assembly, method: SettledMethod, report: Report = no_
     return Newton(assembly.joint(), method.max_iterations, report)
 
 
-def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, statuses: StatusLog) -> Solution:
+def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, statuses: StatusLog,
+              given: float = 0.0) -> Solution:
     """Displacements, contact states and certificate of the forces at hand. Collective."""
     member, exchange, space = assembly.member, assembly.exchange, assembly.space
     u, residual = np.zeros_like(member.elasticity.prescribed), np.nan
@@ -135,13 +171,14 @@ def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, stat
         u, residual = member.displacement(outer.own_forces)
     own = member.trace(u)
     outer.refresh(own)
-    both = exchange.swap(own, "answer")
+    whole = np.concatenate([own, member.fixed_trace(u)])
+    both = exchange.swap(whole, "answer")
     numbers = {"equilibrium": residual, "moved": float(np.linalg.norm(u, axis=1).max()),
                "yielding": float(np.abs(member.h - own).max()), "load": member.elasticity.load}
     bodies = dict(assembly.world.allgather((member.name, numbers)))
     load = float(sum(body["load"] for body in bodies.values()))
     moved = max(body["moved"] for body in bodies.values())
-    contacts, residuals, start = {}, {}, 0
+    contacts, residuals, start, fixed = {}, {}, 0, space.size
     forces, mismatch, bound = outer.forces, outer.mismatch, outer.bound
     with event("Certificate"):
         for interface, part in space.each():
@@ -149,10 +186,12 @@ def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, stat
             traces = both[0][part], both[1][part]
             state = contact_state(interface, forces[part], bound[start:stop], traces[0] + traces[1])
             yielding = max(bodies[name]["yielding"] for name in interface.bodies)
-            residuals[interface.name] = contact_residuals(state, forces[part], mismatch[part], traces, load, yielding,
-                                                          moved)
+            pairs = slice(fixed, fixed + interface.dropped)
+            fixed_gap, fixed = interface.fixed.gap - both[0][pairs] - both[1][pairs], pairs.stop
+            residuals[interface.name] = contact_residuals(state, forces[part], mismatch[part], traces, fixed_gap, load,
+                                                          yielding, moved)
             contacts[interface.name], start = state, stop
     names = [body.name for body in assembly.scene.body]
     certificate = Certificate(residuals, {name: bodies[name]["equilibrium"] for name in names})
     return Solution(stopped, u, {name: bodies[name]["moved"] for name in names}, contacts, certificate, limit, outer,
-                    statuses)
+                    statuses, given)

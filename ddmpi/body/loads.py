@@ -1,0 +1,76 @@
+"""Loads and clamps of one body at its nodes."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from ddmpi.errors import InputError
+from ddmpi.mesh.boundary import boundary_group, turn_outward
+from ddmpi.mesh.mesh import Mesh, signed_double_areas
+from ddmpi.scene.bodies import BodySpec
+from ddmpi.scene.values import evaluate
+
+SAME = 1e-9
+"""Relative difference up to which two clamps prescribe the same displacement."""
+
+
+def nodal_loads(mesh: Mesh, body: BodySpec) -> np.ndarray:
+    """Nodal loads (nv, 2) in newtons of tractions and volume force; exact, as both are affine."""
+    element = mesh.element
+    f = np.zeros_like(mesh.points)
+    for traction in body.traction:
+        key = f"body.{body.name}.traction"
+        sides = turn_outward(mesh, boundary_group(mesh, traction.on, key), key)
+        x, y = mesh.points[sides[:, :2]].transpose(2, 0, 1)
+        length = np.hypot(*(np.diff(c, axis=1)[:, 0] for c in (x, y)))
+        np.add.at(f, sides, np.einsum("s,la,csa->slc", length, element.side_mass, evaluate(traction.value, x, y)))
+    if body.volume_force != (0.0, 0.0):
+        corners = mesh.triangles[:, :3]
+        x, y = mesh.points[corners].transpose(2, 0, 1)
+        area = signed_double_areas(mesh.points, corners) / 2
+        for component, force in enumerate(evaluate(body.volume_force, x, y)):
+            parts = (area[:, None] * force) @ element.mass.T
+            f[:, component] += np.bincount(mesh.triangles.ravel(), parts.ravel(), len(f))
+    return f
+
+
+def clamp_nodes(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, np.ndarray]:
+    """Which components are free (nv, 2) bool, and the displacements (nv, 2) in metres prescribed for the others.
+
+    Not collective. Raises InputError where two clamps prescribe different displacements of one component.
+    """
+    free = np.ones((len(mesh.points), 2), dtype=bool)
+    prescribed = np.zeros((len(mesh.points), 2))
+    for clamp in body.clamps:
+        nodes = np.unique(boundary_group(mesh, clamp.on, f"body.{body.name}.clamp"))
+        x, y = mesh.points[nodes].T
+        for component, value in enumerate((clamp.x, clamp.y)):
+            if value is not None:
+                wanted, before = evaluate(value, x, y), prescribed[nodes, component]
+                size = np.maximum(np.abs(wanted), np.abs(before))
+                clash = np.flatnonzero(~free[nodes, component] & (np.abs(wanted - before) > SAME * size))
+                if len(clash):
+                    k = clash[0]
+                    raise InputError(f"body.{body.name}.clamp: {'xy'[component]} at ({x[k]:.6g}, {y[k]:.6g}) is "
+                                     f"prescribed twice, as {before[k]:.6g} and, on {clamp.on!r}, as {wanted[k]:.6g}")
+                free[nodes, component] = False
+                prescribed[nodes, component] = wanted
+    return free, prescribed
+
+
+def lost_loads(mesh: Mesh, body: BodySpec, free: np.ndarray) -> list[str]:
+    """Warnings of tractions that clamps take up wholly, and of groups that are loaded twice. Not collective."""
+    key, found = f"body.{body.name}.traction", []
+    for traction in body.traction:
+        nodes = np.unique(boundary_group(mesh, traction.on, key))
+        acts = np.abs(evaluate(traction.value, *mesh.points[nodes].T)).T > 0.0
+        for component, axis in enumerate("xy"):
+            if acts[:, component].any() and not free[nodes, component].any():
+                found.append(f"{key}: the load on {traction.on!r} along {axis} is lost, because clamps hold the whole "
+                             "group in this direction")
+    for group, number in Counter(traction.on for traction in body.traction).items():
+        if number > 1:
+            found.append(f"{key}: {group!r} is loaded {number} times; the loads add up")
+    return found
