@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ddmpi.results.magnify import magnify
 from ddmpi.results.reader import Columns, Results, read_results
 from ddmpi.results.tables import writing
 
@@ -79,10 +80,9 @@ def _figures(results: Results) -> Iterator[tuple[str, Any]]:
 def draw_bodies(results: Results):
     """The deformed bodies, coloured by von Mises stress, or by displacement if there is no stress; a figure."""
     fields, (length_unit, stress_unit) = results.fields, _units(results)
-    points, u = fields["points"][:, :2], fields["displacement"][:, :2]
+    (scale, shift), u = magnify(results), fields["displacement"][:, :2]
+    points, moved = fields["points"][:, :2] + shift, np.linalg.norm(u, axis=1)
     cells, owner = _linear_triangles(fields["cells"])
-    moved = np.linalg.norm(u, axis=1)
-    scale = _round_scale(0.08 * np.ptp(points, axis=0).max() / moved.max()) if moved.any() else 1.0
     if "von_mises" in fields:
         values, unit, quantity = _at_nodes(fields["von_mises"][owner], points, cells), stress_unit, "von Mises stress"
         low, top = 0.0, np.percentile(values, 99.5)  # stresses are singular in corners, which must not set the scale
@@ -214,12 +214,6 @@ def _scaled_unit(value: float, unit: str) -> tuple[float, str]:
         return 1.0, unit
     factor, prefix = next(((f, p) for f, p in PREFIXES if value >= f), (1.0, ""))
     return factor, prefix + unit
-
-
-def _round_scale(scale: float) -> float:
-    """The largest of 1, 2, 5 times a power of ten that does not exceed `scale`."""
-    power = 10.0 ** np.floor(np.log10(scale))
-    return float(power * max(d for d in (1, 2, 5) if d * power <= scale * (1 + 1e-12)))
 
 
 def _title(results: Results) -> str:

@@ -34,7 +34,8 @@ class BodyResult:
     von_mises_max : largest von Mises stress (Pa); None if stresses were not computed
     energy : strain energy (J per metre of depth)
     reaction : resultant of the forces of its clamps (N per metre of depth)
-    discretization_error : its part of the estimated error, relative to the energy norm of all bodies
+    discretization_error : its part of the estimated error, relative to the energy norm of all bodies; nan where
+        there is none
     equilibrium : relative residual of its equilibrium
     n_A_by_purpose : multiplications by A⁻¹
     inner_steps : steps of its quadratic subproblems, by kind
@@ -98,7 +99,7 @@ class RunResult:
     ranks : their number
     inner_iterations : of all inner solves, GMRES or quadratic subproblems
     certificate_limit : the largest residual of a certified answer
-    energy_norm : estimated discretization error, relative to the energy norm of all bodies
+    energy_norm : estimated discretization error, relative to the energy norm of all bodies; nan where there is none
     levels : for each mesh that was solved on, its refinement, unknowns and error
     exchange : messages and bytes between bodies
     qp : TAO type of the quadratic subproblems, or "none"
@@ -153,7 +154,8 @@ def summarize(scene: dict, run: RunResult, bodies: Sequence[BodyResult], contact
                    "contacts": {name: contact.step() for name, contact in by_contact.items()}}],
         "discretization_error": {"energy_norm": run.energy_norm, "target": method.get("target_error"),
                                  "levels": run.levels},
-        "displacement_max": _worst([body.displacement_max for body in bodies]), "warnings": run.warnings,
+        "displacement_max": _worst([body.displacement_max for body in bodies]), "units": _units(scene["output"]),
+        "warnings": run.warnings,
         "seconds": {}, "exchange": run.exchange, "solvers": {"qp": run.qp},
         "options": run.options, "options_unused": run.options_unused, "scene": scene})
     return summary
@@ -164,6 +166,13 @@ def write_summary(path: Path, summary: dict) -> None:
     text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     with writing(path / "summary.json"):
         (path / "summary.json").write_text(text, encoding="utf-8")
+
+
+def _units(output: dict) -> dict[str, str]:
+    """The units of all lengths, stresses and forces; forces are per unit of depth, stress times length."""
+    length, stress = output["length_unit"], output["stress_unit"]
+    product = f"{stress}·{length}"
+    return {"length": length, "stress": stress, "force": {"Pa·m": "N/m", "MPa·mm": "N/mm"}.get(product, product)}
 
 
 def _body(body: BodyResult) -> dict:

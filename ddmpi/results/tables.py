@@ -17,7 +17,7 @@ CONTACT = ("x", "y", "nx", "ny", "length", "normal_force", "tangential_force", "
 
 SIDES = ("x", "y", "length", "normal_stress", "tangential_stress")
 
-HISTORY = ("step", "iteration", "update", "residual", "inner_precision", "n_A", "open", "slip", "stick")
+HISTORY = ("step", "iteration", "update", "residual", "inner_precision", "open", "slip", "stick", "n_A")
 
 STEPS = ("time", "contact", "force_x", "force_y", "moment", "normal_force", "tangential_force", "open", "slip",
          "stick", "dissipated")
@@ -46,19 +46,19 @@ def write_sides(path: Path, name: str, state: ContactState) -> None:
     by Simpson's rule, do not. A line holds the middle of a side and its length; sides with a node that carries no
     force are left out. Linear elements have no such file. Not collective. Raises OutputError.
     """
-    interface, k = state.interface, state.interface.middles
-    if len(k) == 0:
+    xy, (start, end, middle) = state.interface.xy, state.interface.edges.T
+    if len(middle) == 0:
         return
-    length = np.linalg.norm(interface.xy[k + 1] - interface.xy[k - 1], axis=1)
-    means = ((stress[k - 1] + 4 * stress[k] + stress[k + 1]) / 6 for stress in (state.pressure, state.shear.ravel()))
-    _write_csv(path / f"contact_{name}_sides.csv", SIDES, zip(*interface.xy[k].T, length, *means, strict=True))
+    length = np.linalg.norm(xy[end] - xy[start], axis=1)
+    means = ((stress[start] + 4 * stress[middle] + stress[end]) / 6 for stress in (state.pressure, state.shear.ravel()))
+    _write_csv(path / f"contact_{name}_sides.csv", SIDES, zip(*xy[middle].T, length, *means, strict=True))
 
 
 def write_history(path: Path, rows: Iterable[Sequence]) -> None:
     """Write history.csv into the folder `path`: one line per outer iteration.
 
-    A row has the load step, the fields of `methods.outer.Step`, and the numbers of open, slipping and sticking nodes
-    of all contacts. Not collective. Raises OutputError.
+    A row has the load step, the fields of `methods.outer.Step`, its n_A last, and before it the numbers of open,
+    slipping and sticking nodes of all contacts. Not collective. Raises OutputError.
     """
     _write_csv(path / "history.csv", HISTORY, rows)
 

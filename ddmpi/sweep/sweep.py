@@ -1,8 +1,7 @@
 """Run the cases of a sweep one after another in one set of processes, and gather the results.
 
-A case that fails is recorded, and the next one starts. Results are written case by case, so that processes that die
-lose only the case that is running. Started again, the sweep goes on with the cases that have no results, those that
-failed before last. An interrupted case continues from its checkpoint.
+A case that fails is recorded, and the next one starts. Started again, the sweep goes on with the cases that have no
+results, those that failed last; an interrupted case continues from its checkpoint.
 """
 
 from __future__ import annotations
@@ -14,61 +13,41 @@ import os
 import time
 import traceback
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from mpi4py import MPI
 
 from ddmpi.coupling.ranks import check_ranks
-from ddmpi.errors import DdmpiError, InputError, InterruptionError, NotConvergedError, OutputError
+from ddmpi.errors import DdmpiError, InputError, InterruptionError, NotConvergedError
 from ddmpi.petsc.options import RunOptions
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.results.folder import running
+from ddmpi.results.tables import writing
 from ddmpi.run.run import run
 from ddmpi.sweep.cases import Case
-from ddmpi.sweep.plots import check_plots, draw_plots
-from ddmpi.sweep.table import (
-    check_sweep,
-    check_table,
-    claim_sweep,
-    gather,
-    identify,
-    read_outcome,
-    record_case,
-    status_of,
-)
+from ddmpi.sweep.plots import draw_plot
+from ddmpi.sweep.table import check_sweep, claim_sweep, gather, identify, read_outcome, record_case
 from ddmpi.system.agreement import agreed
-from ddmpi.system.files import CHECKPOINT
+from ddmpi.system.files import CHECKPOINT, UNFINISHED
 from ddmpi.system.logs import diverted, utc
-from ddmpi.system.provenance import process_seconds
+from ddmpi.system.provenance import whereabouts
 
 log = logging.getLogger("ddmpi")
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """What was asked for.
-
-    Attributes
-    ----------
-    scene_path : the scene's file
-    scene : its data, before anything is varied
-    folder : of the sweep, with a folder for each case in it
-    cases : all of them
-    chosen : those to run now
-    petsc : PETSc options of the command line
-    figures : whether every case gets its pictures
-    plots : RESULT:KEY, pictures of the gathered table
-    """
+    """What was asked for."""
 
     scene_path: str
-    scene: dict
+    scene: dict  # before anything is varied
     folder: Path
     cases: list[Case]
-    chosen: list[Case]
-    petsc: list[str] = field(default_factory=list)
-    figures: bool = False
-    plots: list[str] = field(default_factory=list)
+    chosen: list[Case]  # those to run now
+    petsc: list[str]  # of the command line
+    figures: bool  # of every case
+    plots: list[str]  # RESULT:KEY
 
     def place(self, case: Case) -> Path:
         """The folder of a case."""
@@ -81,11 +60,17 @@ class Sweep:
 
 def list_cases(sweep: Sweep) -> None:
     """Print number, status and settings of the chosen cases. Not collective. Raises InputError as `run_sweep` does."""
-    _check_options(sweep.cases, RunOptions())
     if sweep.folder.exists():
         check_sweep(sweep.folder, sweep.identity)
     for case in sweep.chosen:
         print(f"{case.number:5d}  {read_outcome(sweep.place(case)).status:13}  {case.label}")
+
+
+def gather_sweep(sweep: Sweep) -> None:
+    """Write the table of all cases and the plots without a run. Not collective. Raises what `run_sweep` does."""
+    check_sweep(sweep.folder, sweep.identity)
+    _gather(sweep)
+    _judge(sweep)
 
 
 def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
@@ -94,32 +79,28 @@ def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
     Raises
     ------
     InputError
-        before any work: another sweep's folder, a table that would lose cases, a wrong number of ranks, an impossible
-        plot, varied PETSc options that are also given
+        before any work: another sweep's folder, a wrong number of ranks, a varied PETSc option that is also given
     NotConvergedError
         at the end, where a chosen case has no certified answer; a single case raises its own error
     OutputError
-        at the end, where table or plots cannot be written, and where a record cannot. A plot for which there is
-        nothing to draw is a warning
+        where a record, the table or a plot cannot be written
     InterruptionError
         when a signal ends the case that is running, and the sweep with it
-
-    The same on all ranks.
     """
-    start_up = process_seconds()
     check_ranks(world, sweep.cases[0].scene)
-    options, error, failed = RunOptions(), None, 0
+    options, error = RunOptions(), None
     order: list[int] = []
     with agreed(world):
-        _check_options(sweep.cases, options)
+        for key in sweep.cases[0].settings:
+            if key.startswith("petsc.") and options.given(key.removeprefix("petsc.")):
+                raise InputError(f"--vary {key}: this option is on the command line or in PETSC_OPTIONS, too, and "
+                                 "would win there; leave one of the two away")
         if world.rank == 0:
-            check_plots(sweep.plots, sweep.cases)
-            check_table(sweep.folder, sweep.cases)
             claim_sweep(sweep.folder, sweep.identity, sweep.cases)
-            order, failed = _pending(sweep)
-    order, failed = world.bcast((order, failed))
-    log.info("%d cases in %s: %d to run%s, %d finished", len(sweep.chosen), sweep.folder, len(order),
-             f" ({failed} of them failed before)" if failed else "", len(sweep.chosen) - len(order))
+            order = _pending(sweep)
+    order = world.bcast(order)
+    log.info("%d cases in %s: %d to run, %d finished", len(sweep.chosen), sweep.folder, len(order),
+             len(sweep.chosen) - len(order))
     gc.collect()
     gc.freeze()  # the objects made so far stay, so the collection after each case need not look at them
     for done, number in enumerate(order, 1):
@@ -133,77 +114,47 @@ def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
         error = _run_case(world, sweep, case, options)
         if world.rank == 0:
             log.info("%d/%d  case %d  %s: %s, %.2f s", done, len(order), number, case.label,
-                     _describe(sweep.place(case), error), time.perf_counter() - start)
+                     _describe(sweep.place(case)), time.perf_counter() - start)
         if isinstance(error, InterruptionError):
             log.info("the same command goes on with the sweep from here")
             raise error
     gc.unfreeze()
-    options.reset()
-    total = process_seconds()
-    log.info("start-up %.1f s of %.1f s (%.0f %%)", start_up, total, 100 * start_up / total)
-    unwritten = _gather(world, sweep) if len(sweep.chosen) == len(sweep.cases) else None
-    if error and len(sweep.chosen) == 1:
-        if unwritten:
-            log.warning("%s", unwritten)
-        raise error
-    _judge(world, sweep, unwritten)
-
-
-def gather_sweep(world: MPI.Comm, sweep: Sweep) -> None:
-    """Write the table of all cases and the plots without a run. Raises what `run_sweep` does. Collective."""
-    options = RunOptions()
+    options.use({})
     with agreed(world):
-        _check_options(sweep.cases, options)
+        if world.rank == 0 and len(sweep.chosen) == len(sweep.cases):
+            _gather(sweep)
+    if error and len(sweep.chosen) == 1:
+        raise error
+    with agreed(world):
         if world.rank == 0:
-            check_plots(sweep.plots, sweep.cases)
-            check_sweep(sweep.folder, sweep.identity)
-            check_table(sweep.folder, sweep.cases)
-    _judge(world, sweep, _gather(world, sweep))
+            _judge(sweep)
 
 
-def _check_options(cases: list[Case], options: RunOptions) -> None:
-    """InputError where a varied PETSc option is also given otherwise, which would win. Not collective."""
-    for case in cases:
-        varied = {key.partition(".")[2]: value for key, value in case.values.items() if key.startswith("petsc.")}
-        for name, value in options.overrides(varied | case.values.get("petsc", {})).items():
-            raise InputError(f"--vary petsc.{name}: -{name}{'' if value is None else f' {value}'} on the command line "
-                             "or in PETSC_OPTIONS would win in every case; leave one of the two away")
-
-
-def _pending(sweep: Sweep) -> tuple[list[int], int]:
-    """Numbers of the chosen cases without results, those that failed last, and how many failed. Raises InputError."""
-    fresh: list[int] = []
-    failed: list[int] = []
-    for case in sweep.chosen:
-        outcome = read_outcome(sweep.place(case))
-        if not outcome.finished:
-            (fresh if outcome.status in ("not run", "interrupted") else failed).append(case.number)
-    return [*fresh, *failed], len(failed)
+def _pending(sweep: Sweep) -> list[int]:
+    """Numbers of the chosen cases without results, those that failed last. Raises InputError."""
+    outcomes = {case.number: read_outcome(sweep.place(case)) for case in sweep.chosen}
+    left = [number for number, outcome in outcomes.items() if outcome.summary is None]
+    return sorted(left, key=lambda number: outcomes[number].status not in ("not run", "interrupted"))
 
 
 def _taken(place: Path) -> str:
     """What another process has made of a case since this one started, in words; nothing where it is free."""
-    if read_outcome(place).finished:
+    if read_outcome(place).summary:
         return "has been finished by another process"
     owner = running(place)
-    return f"is left to another process ({owner})" if owner else ""
+    return owner and f"is left to another process ({owner}); if that was killed, remove {place / UNFINISHED}"
 
 
 def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions) -> DdmpiError | None:
-    """Run one case; its error, where all ranks agree on it. Collective.
-
-    Raises OutputError where folder or record of the case cannot be written.
-    """
-    place, started, error, restart = sweep.place(case), utc(), None, None
+    """Run one case; its error, where all ranks agree on it. Collective. Raises OutputError."""
+    place, error, restart = sweep.place(case), None, None
     own = world.Dup()  # no message of a failing case may reach the next one
     with contextlib.ExitStack() as stack:
         with agreed(world):
             if world.rank == 0:
-                try:
+                with writing(place):
                     place.mkdir(exist_ok=True)
-                except OSError as failure:
-                    raise OutputError(f"{place}: cannot be made: {failure.strerror}") from None
-                record_case(place, case, None, "", started)
+                record_case(place, case, None, f"started {utc()} on {whereabouts()}")
                 restart = str(place) if os.path.exists(place / CHECKPOINT) else None
             stack.enter_context(diverted(place / "run.log" if world.rank == 0 else None))
         restart = world.bcast(restart)
@@ -214,8 +165,6 @@ def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions) ->
             if not failure.agreed:
                 raise
             error = failure
-            if restart and isinstance(error, InputError) and CHECKPOINT in str(error):
-                error.args = (f"{error}; to begin the case anew, remove the checkpoint",)
             traceback.clear_frames(error.__traceback__)  # they hold PETSc's objects
             log.error("ddmpi: %s: %s", error.kind, error)
     gc.collect()  # objects that refer to each other in a circle, such as solvers and their contexts
@@ -223,63 +172,36 @@ def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions) ->
     own.Free()
     with agreed(world):
         if world.rank == 0:
-            code, reason = (error.exit_code, str(error).split("\n")[0]) if error else (0, "")
-            record_case(place, case, code, reason, started)
+            record_case(place, case, error.exit_code if error else 0, str(error).split("\n")[0] if error else "")
     return error
 
 
-def _describe(place: Path, error: DdmpiError | None) -> str:
+def _describe(place: Path) -> str:
     """A case's end in one line."""
-    summary = read_outcome(place).summary
-    status, message = status_of(error.exit_code if error else 0), str(error).splitlines()[0] if error else ""
-    end = message if message.startswith(status) else f"{status}: {message}" if message else status
-    if not summary:
-        return end
-    unused = ", ".join(summary["options_unused"])
-    return (f"{end}, {summary['outer_iterations']} outer iterations, n_A = {summary['n_A']}"
-            f"{'; PETSc options that nothing used: ' + unused if unused else ''}")
+    outcome = read_outcome(place)
+    end = f"{outcome.status}: {outcome.reason}"
+    if outcome.summary:
+        end += f", {outcome.summary['outer_iterations']} outer iterations, n_A = {outcome.summary['n_A']}"
+        if unused := outcome.summary["options_unused"]:
+            end += f"; PETSc options that nothing used: {', '.join(unused)}"
+    return end
 
 
-def _gather(world: MPI.Comm, sweep: Sweep) -> OutputError | None:
-    """Write table and plots; on rank 0 the error where one of them could not be written. Collective."""
-    failure = None
-    with agreed(world):
-        if world.rank == 0:
-            try:
-                log.info("table in %s", gather(sweep.folder, sweep.cases))
-                for plot in sweep.plots:
-                    failure = _draw(sweep, plot) or failure
-            except OutputError as error:
-                failure = error
-    return failure
+def _gather(sweep: Sweep) -> None:
+    """Write table and plots. Not collective. Raises OutputError."""
+    log.info("table in %s", gather(sweep.folder, sweep.cases))
+    for plot in sweep.plots:
+        try:
+            log.info("plot in %s", draw_plot(sweep.folder, plot))
+        except InputError as error:
+            log.warning("not drawn: %s", error)
 
 
-def _draw(sweep: Sweep, plot: str) -> OutputError | None:
-    """Draw a plot if it can be drawn; the error where it could not be written. Not collective."""
-    try:
-        for path in draw_plots(sweep.folder, [plot]):
-            log.info("plot in %s", path)
-    except InputError as error:
-        log.warning("not drawn: %s", error)
-    except OutputError as error:
-        return error
-    except Exception as error:  # matplotlib raises what it likes
-        return OutputError(f"--plot {plot}: could not be drawn ({type(error).__name__}: {error})")
-    return None
-
-
-def _judge(world: MPI.Comm, sweep: Sweep, failure: OutputError | None) -> None:
-    """NotConvergedError unless all chosen cases have a certified answer; the `failure` before that. Collective."""
-    with agreed(world):
-        if world.rank == 0:
-            counts = Counter(read_outcome(sweep.place(case)).status for case in sweep.chosen)
-            certified = counts.pop("certified", 0)
-            rest = ", ".join(f"{number} {status}" for status, number in counts.most_common())
-            verdict = (f"{certified} of {len(sweep.chosen)} cases in {sweep.folder} have a certified answer; {rest}"
-                       if rest else f"all {certified} cases have a certified answer" if sweep.chosen else
-                       f"none of the {len(sweep.cases)} cases falls to this share; nothing to do")
-            if failure:
-                raise OutputError(f"{failure}; {verdict}")
-            if rest:
-                raise NotConvergedError(verdict)
-            log.info("%s", verdict)
+def _judge(sweep: Sweep) -> None:
+    """Count the chosen cases by how they ended. Not collective. Raises NotConvergedError unless all are certified."""
+    counts = Counter(read_outcome(sweep.place(case)).status for case in sweep.chosen)
+    verdict = f"{counts.pop('certified', 0)} of {len(sweep.chosen)} cases in {sweep.folder} have a certified answer"
+    if counts:
+        rest = ", ".join(f"{number} {status}" for status, number in counts.most_common())
+        raise NotConvergedError(f"{verdict}; {rest}")
+    log.info("%s", verdict)
