@@ -103,7 +103,8 @@ def contact_of(solution: Solution) -> Contact:
     """The contact nodes of a solution with one contact. Not collective."""
     (state,) = solution.contacts.values()
     interface = state.interface
-    return Contact(interface.xy, interface.area, interface.middle, state.pressure, state.shear[:, 0], state.status)
+    middle = np.isin(np.arange(interface.m), interface.edges[:, 2])
+    return Contact(interface.xy, interface.area, middle, state.pressure, state.shear[:, 0], state.status)
 
 
 def zone_ends(x: np.ndarray, inside: np.ndarray) -> np.ndarray:

@@ -9,6 +9,11 @@ import pytest
 sys.path.append(str(Path(__file__).resolve().parents[1] / "scripts"))  # what the studies share is tested, too
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """-q is ignored: pytest-isolate-mpi would start its ranks with an argument that pytest does not know."""
+    config.option.verbose = max(config.option.verbose, 0)
+
+
 @pytest.fixture
 def petsc_options() -> Iterator[Callable[..., None]]:
     """Sets PETSc options for one test: ``petsc_options(body_ksp_type="cg")``; afterwards they are gone."""

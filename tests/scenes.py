@@ -12,6 +12,7 @@ import csv
 import json
 import os
 import pickle
+import re
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -315,6 +316,11 @@ class Run:
         return [line for line in self.output.splitlines() if line.startswith(kinds)]
 
     @property
+    def own_stderr(self) -> str:
+        """What ddmpi or Python wrote to stderr; MPI and hwloc may have words of their own."""
+        return own_lines(self.stderr)
+
+    @property
     def summary(self) -> dict:
         return json.loads((self.folder / "summary.json").read_text(encoding="utf-8"))
 
@@ -330,6 +336,12 @@ class Run:
         columns = zip(*rows, strict=True)
         return {key: np.array(column) if key in ("status", "contact") else np.array(column, float)
                 for key, column in zip(header, columns, strict=True)}
+
+
+def own_lines(stderr: str) -> str:
+    """The messages in `stderr` that are ddmpi's, Python's or PETSc's, with their indented lines."""
+    ours = r"^(?:ddmpi|Traceback|[\w.]+(?:Error|Exception)\b|\S+: \w*Warning: |\[\d+\]PETSC)"
+    return "".join(re.findall(rf"{ours}.*\n?(?:  .*\n?)*", stderr, re.MULTILINE))
 
 
 def clean_environment() -> dict[str, str]:

@@ -1,40 +1,20 @@
 # Sourced by the batch scripts of this folder, in a job that Slurm has started:
 #   launch ARGUMENTS   how a Python program starts on the job's two ranks: by mpirun, or by srun with DDMPI_LAUNCH=srun
-#   attend COMMAND     runs it and hands on what Slurm announces; sets `code`, its exit code, and `warned`
 #   requeue_or_exit    puts the job back into the queue where it was the time that ran out
 # Environment: DDMPI_LAUNCH (mpirun), DDMPI_MPI (pmix, for srun), DDMPI_REQUEUES (50, most times a job goes back).
 
 . "$ROOT/scripts/setup.sh"
+. "$(dirname "${BASH_SOURCE[0]}")/../attend.sh"
 cd "$SLURM_SUBMIT_DIR"
 echo "job $SLURM_JOB_ID on $SLURM_JOB_NODELIST, start number $((${SLURM_RESTART_COUNT:-0} + 1)), $(date -u +%FT%TZ)"
 
+# SIGUSR1 announces the end of the time limit (#SBATCH --signal), SIGTERM that the job is cancelled or preempted.
 launch() {
     case "${DDMPI_LAUNCH:-mpirun}" in
         mpirun) attend $MPIRUN -n 2 "$PYTHON" "$@" ;;
         srun) attend srun --mpi="${DDMPI_MPI:-pmix}" -n 2 "$PYTHON" "$@" ;;
         *) echo "DDMPI_LAUNCH is mpirun or srun, not $DDMPI_LAUNCH" >&2; exit 2 ;;
     esac
-}
-
-# SIGUSR1 announces the end of the time limit (#SBATCH --signal), SIGTERM that the job is cancelled or preempted.
-# Both ask the run for a checkpoint. It gets SIGUSR1, because mpirun hands that on and makes SIGTERM a quick death;
-# HAND_ON=TERM is for programs that know no signal.
-attend() {
-    local came last=0
-    warned=""
-    "$@" &
-    child=$!
-    trap 'came=yes warned=time; kill -s "${HAND_ON:-USR1}" "$child" 2>/dev/null || true' USR1
-    trap 'came=yes warned=end; kill -s "${HAND_ON:-USR1}" "$child" 2>/dev/null || true' TERM
-    while :; do
-        came=""
-        code=0
-        wait "$child" || code=$?
-        [ -n "$came" ] || break # else it is the signal that has ended the wait
-        last=$code
-    done
-    [ "$code" != 127 ] || code=$last # the signal came when the command had ended
-    trap - USR1 TERM
 }
 
 # Exit code 6 says: interrupted, to be continued; so is what the signal itself has ended, before Python could listen to
@@ -47,7 +27,7 @@ requeue_or_exit() {
     elif [ "$code" -gt 128 ] && ! [ -e "${output:-/nowhere}/summary.json" ]; then
         again=yes
     fi
-    if [ -n "$again" ] && [ "$warned" = time ] && [ "${SLURM_RESTART_COUNT:-0}" -lt "${DDMPI_REQUEUES:-50}" ]; then
+    if [ -n "$again" ] && [ "$caught" = USR1 ] && [ "${SLURM_RESTART_COUNT:-0}" -lt "${DDMPI_REQUEUES:-50}" ]; then
         echo "the time is up: back into the queue, to go on from here"
         scontrol requeue "$SLURM_JOB_ID" || echo "Slurm does not requeue this job; submit it again to go on" >&2
     fi

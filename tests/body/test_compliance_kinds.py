@@ -126,6 +126,34 @@ def test_plan_says_what_was_chosen_and_why(tmp_path):
     assert "compliance direct (asked for)" in run.stdout
 
 
+@pytest.mark.parametrize("method", [{}, {"theta": 0.2, "tolerance": 1e-4}], ids=["newton", "published"])
+def test_an_option_too_coarse_for_a_certificate_is_named(tmp_path, method):
+    """Where -body_ksp_rtol allows no certified answer, the run ends at the first certificate and says so."""
+    scene = scenes.write_scene(pinched_blocks(6, **method), tmp_path / "scene.toml")
+    run = scenes.run_command(scene, tmp_path / "out", "--no-figures", "-body_ksp_type", "cg", "-body_pc_type", "gamg",
+                             "-body_ksp_rtol", "1e-2")
+    assert run.code == 3 and len(run.messages) == 1
+    assert "-body_ksp_rtol 0.01" in run.messages[0] and "-body_ksp_rtol 0.01" in run.summary["reason"]
+    assert "going on" not in run.stdout and "TAO" not in run.stderr and "rounding" not in run.stderr
+
+
+@pytest.mark.mpi(ranks=2, timeout=60, unit="s")
+def test_a_solver_that_fails_names_an_option_too_coarse(comm, petsc_options, monkeypatch):
+    """A SolverError under a coarse -body_ksp_rtol names the option."""
+    import ddmpi.run.solve as module
+    from ddmpi.errors import SolverError
+
+    petsc_options(body_ksp_type="cg", body_pc_type="gamg", body_ksp_rtol=1e-2)
+    assembly = prepare_scene(comm, pinched_blocks(2))
+
+    def fails(*_):
+        raise SolverError("TAO ended")
+
+    monkeypatch.setattr(module.Newton, "run", fails)
+    with pytest.raises(SolverError, match=r"TAO ended; -body_ksp_rtol 0\.01 is too coarse"):
+        module.solve(assembly, assembly.scene.method)
+
+
 # Memory
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ddmpi.body.estimate import ErrorEstimate, estimate_error, relative_error
+from ddmpi.body.estimate import ErrorEstimate, estimate_error, relative_error, sum_errors
 from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.mesh.build import generate_rectangle
 from ddmpi.mesh.mesh import Mesh
@@ -131,6 +131,17 @@ def test_energy_is_that_of_the_stiffness(order):
     u = wave(mesh.points)
     expected = float((u * sum_stiffness(mesh, STEEL).mult(u)).sum())
     assert estimate_error(mesh, STEEL, u).energy == pytest.approx(expected, rel=1e-11)
+
+
+@pytest.mark.parametrize("order, plane, known", [(1, "strain", False), (2, "strain", True), (1, "stress", True)])
+def test_triangles_that_lock_have_no_estimate(order, plane, known):
+    """The error of all bodies is unknown where the triangles of one lock; energies are still there."""
+    mesh = rectangle(5, order)
+    soft, hard = (estimate_error(mesh, material, wave(mesh.points))
+                  for material in (Material(young=1.0, poisson=0.4999, plane=plane), STEEL))
+    error = sum_errors([(each.total, each.energy, each.area) for each in (soft, hard)], hard)
+    assert np.isfinite([error.relative, *error.by_body]).tolist() == [known] * 3
+    assert (error.density() is not None) == known and soft.energy > 0.0
 
 
 @ORDERS

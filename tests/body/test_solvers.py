@@ -166,6 +166,19 @@ def test_precision_asked_for_is_that_of_the_true_residual(petsc_options):
     assert np.linalg.norm(problem.b.array_r - to_scipy(problem.A) @ u.array_r) <= 2e-6 * problem.b.norm()
 
 
+def test_an_iterative_solve_is_no_more_precise_than_it_is_asked_to_be():
+    """A solve that may be rough takes fewer iterations; the next one is as precise as usual again."""
+    problem = block((24, 12))
+    solver, u, taken = StiffnessSolver(problem.A, "block", iterative=True), problem.b.duplicate(), []
+    for relative, least, most in ((1e-2, 1e-5, 2e-2), (0.0, 0.0, 1e-8), (1e-5, 1e-8, 2e-5)):
+        u.set(0.0)
+        solver.solve(problem.b, u, relative)
+        taken.append(solver.ksp.getIterationNumber())
+        left = np.linalg.norm(problem.b.array_r - to_scipy(problem.A) @ u.array_r) / problem.b.norm()
+        assert least <= left <= most
+    assert taken[0] < taken[2] < taken[1]
+
+
 @pytest.mark.parametrize("options", [{}, ITERATIVE["cg + gamg"]], ids=["direct", "iterative"])
 def test_large_true_residual_is_an_error(options, petsc_options):
     petsc_options(**options)

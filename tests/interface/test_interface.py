@@ -1,6 +1,7 @@
 """The interface: order, normals and lengths of a side, pairing of two sides, clamped nodes, traces."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -167,6 +168,16 @@ def test_matching_blocks():
     assert np.array_equal(contact.gap, np.zeros(7))
 
 
+def test_area_and_normal_are_those_of_both_sides():
+    """Neither side alone says how long a contact node's share of the contact is, and which way it faces."""
+    upper, lower = blocks()
+    first, second = side(upper, "bottom"), side(lower, "top")
+    turned = np.array([np.sin(0.2), np.cos(0.2)])
+    contact = pair(first, replace(second, area=3.0 * second.area, normal=np.tile(turned, (7, 1))), NoFriction(), NAME)
+    assert contact.area == pytest.approx(2.0 * first.area)
+    assert contact.normal == pytest.approx(np.tile([-np.sin(0.1), -np.cos(0.1)], (7, 1)))
+
+
 def test_roles_can_be_swapped():
     upper, lower = blocks(gap=1e-3)
     one = interface_of(upper, lower)
@@ -221,7 +232,7 @@ def test_different_numbers_of_nodes_are_refused():
 def test_shifted_nodes_are_refused_with_coordinates():
     upper, lower = blocks(aside=0.02)
     text = refused(side(upper, "bottom"), side(lower, "top"), COULOMB, NAME)
-    one, other = map(float, re.search(r"\((\S+), 1\) m against \((\S+), 1\) m", text).groups())
+    one, other = map(float, re.search(r"\((\S+), 1\) against \((\S+), 1\)", text).groups())
     assert one - other == pytest.approx(0.02, rel=1e-4)
     assert interface_of(*blocks(aside=0.001)).m == 7
 
@@ -252,20 +263,20 @@ def test_single_shifted_node_is_named():
     points[np.flatnonzero((points == [1.5, 1.0]).all(axis=1)), 0] = 1.6
     lower = Mesh(points, lower.triangles, lower.groups)
     text = refused(side(upper, "bottom"), side(lower, "top"), COULOMB, NAME)
-    assert "(1.5, 1) m against (1.6, 1) m" in text
+    assert "(1.5, 1) against (1.6, 1))" in text
 
 
 def test_nodes_that_do_not_pair_off_are_refused_with_coordinates():
     upper, lower = blocks(aside=10.0)
     text = refused(side(upper, "bottom"), side(lower, "top"), COULOMB, NAME)
     assert "one to one" in text
-    assert "(13, 1) m against (3, 1) m" in text
+    assert "(13, 1) against (3, 1))" in text
 
 
 def test_sides_that_do_not_face_each_other_are_refused_with_coordinates():
     _, lower = blocks()
     text = refused(side(lower, "top"), side(rectangle((6, 2)), "top"), COULOMB, NAME)
-    assert "near (0, 1) m" in text
+    assert "near (0, 1)" in text
     assert "do not face each other" in text
 
 
@@ -448,6 +459,30 @@ def test_normals_of_a_curved_interface_are_second_order():
     rate = -np.polyfit(np.log(numbers), np.log(worst), 1)[0]
     assert 1.9 < rate < 2.1
     assert worst[-1] < 1e-3
+
+
+@pytest.mark.parametrize("start", [0.0, 0.13])
+def test_quadratic_edges_of_a_closed_contact_go_around(start):
+    """A ring of 24 quadratic edges has 24 edges at the contact, whether its chain starts at a corner or a middle."""
+    angles = start + 2 * np.pi * np.arange(24) / 24
+    meshes = [raise_order(mesh, "mesh") for mesh in (ring(1.0, 2.0, angles), ring(2.0, 3.0, angles))]
+    for mesh in meshes if start else ():  # turned so that the smallest x is a middle's
+        mesh.points[:] = mesh.points @ [[np.cos(0.13), np.sin(0.13)], [-np.sin(0.13), np.cos(0.13)]]
+    contact = pair(side(meshes[0], "outer"), side(meshes[1], "inner"), COULOMB, NAME)
+    assert contact.edges.shape == (24, 3)
+    assert np.unique(contact.edges[:, :2], return_counts=True)[1].tolist() == [2] * 24
+    ends = contact.xy[contact.edges[:, :2]]
+    assert ends.mean(axis=1) == pytest.approx(contact.xy[contact.edges[:, 2]], rel=1e-12)
+
+
+def test_quadratic_edges_with_a_node_without_unknowns_are_left_out():
+    """A clamped corner takes the edges on its two sides along, a clamped middle its own."""
+    for x, left in ((1.5, 4), (1.25, 5)):
+        meshes = [raise_order(mesh, "mesh") for mesh in blocks()]
+        held = [clamped(mesh, lambda at, y, x=x: at == x, x=True, y=True) for mesh in meshes]
+        contact = interface_of(*meshes, COULOMB, *held)
+        assert len(contact.edges) == left and contact.m == 12
+        assert contact.xy[contact.edges[:, :2]].mean(axis=1) == pytest.approx(contact.xy[contact.edges[:, 2]])
 
 
 @pytest.mark.parametrize("interference", [1e-3, -1e-3])

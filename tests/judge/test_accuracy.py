@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scenes import pinched_blocks, prepare_scene, run_command, to_toml, write_scene
 
-from ddmpi.errors import InputError
+from ddmpi.errors import InputError, NotConvergedError, SolverError
 from ddmpi.judge.accuracy import GROWTH, Level, MeshLadder, next_refinement, refine_scene
 from ddmpi.mesh.read import read_mesh
 from ddmpi.mesh.refine import halve
@@ -183,6 +183,25 @@ def test_a_preset_asks_no_target_of_meshes_that_are_given():
 
 # Runs
 
+def test_linear_triangles_that_lock_have_no_estimate(tmp_path):
+    """Where linear triangles lock, the estimated error is null, not 0.14, and a warning says what would be right."""
+    scene = pinched_blocks(6) | {"output": {"error": True}}
+    done = run_command(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results",
+                       "--set", "body.upper.material.poisson=0.4999")
+    assert done.code == 0, done.output
+    warning = "upper: no estimate: linear triangles lock at nu = 0.4999; mesh.order = 2 would be right"
+    assert done.summary["warnings"] == [warning] and done.output.count(warning) == 1
+    assert "estimated discretization error" not in done.output
+    error = done.summary["discretization_error"]
+    assert error["energy_norm"] is None and error["levels"][0]["error"] is None
+    assert [body["discretization_error"] for body in done.summary["bodies"].values()] == [None, None]
+    assert "bodies.png" in done.files and "error.png" not in done.files
+    quadratic = run_command(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "quadratic",
+                            "--set", "body.upper.material.poisson=0.4999", "body.upper.mesh.order=2")
+    assert 0.0 < quadratic.summary["discretization_error"]["energy_norm"] < 0.3
+    assert quadratic.summary["warnings"] == []
+
+
 def test_target_is_met_and_told(tmp_path):
     """A run with a target refines until the estimate meets it, and reports every mesh."""
     scene = pinched_blocks(6) | {"method": {"target_error": 0.06}, "output": {"error": True, "figures": True}}
@@ -212,6 +231,76 @@ def test_target_out_of_reach_is_an_error_with_results(tmp_path):
         assert reason in done.messages[0] and "estimated discretization error" in done.messages[0]
         assert done.summary["converged"] is False
         assert reason in done.summary["reason"]
+
+
+def test_meshes_that_match_as_given_go_on_matching(tmp_path):
+    """Nodes that pair off as given, with a gap and an offset aside, pair off on the finer meshes of a target."""
+    scene = pinched_blocks(6) | {"method": {"target_error": 0.06}, "output": {"figures": False}}
+    scene["body"][1]["mesh"]["origin"] = [5e-4, -1e-3]  # the nodes at the ends allow 1/1200
+    done = run_command(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results")
+    assert done.code == 0, done.output
+    assert done.summary["discretization_error"]["levels"][-1]["refinement"] > 2
+
+
+def test_the_last_certified_answer_survives_a_finer_mesh(tmp_path):
+    """Where a finer mesh has no certified answer, the results are those of the last mesh that has one."""
+    scene = pinched_blocks(6) | {"method": {}, "output": {"figures": False}}
+    path = write_scene(scene, tmp_path / "scene.toml")
+    coarse = run_command(path, tmp_path / "coarse")
+    most = coarse.summary["outer_iterations"]
+    done = run_command(path, tmp_path / "fine", "--set", "method.target_error=0.03", f"method.max_iterations={most}",
+                       "method.tolerance=1e-8")
+    assert done.code == 3, done.output
+    assert len(done.messages) == 1 and "max_iterations is reached" in done.messages[0]
+    assert done.files == coarse.files
+    told = done.summary
+    assert told["converged"] is False and "max_iterations is reached" in told["reason"]
+    levels = told["discretization_error"]["levels"]
+    assert (levels[-1]["n"], levels[-1]["error"]) == (told["n"], told["discretization_error"]["energy_norm"])
+    assert max(told["certificate"].values()) <= told["certificate_limit"]
+
+
+@two_ranks
+@pytest.mark.parametrize("failure", [InputError, SolverError])
+def test_errors_on_a_finer_mesh_leave_the_last_certified_answer(comm, tmp_path, monkeypatch, failure):
+    """Pairing or a solver that fails on a finer mesh ends with NotConvergedError, the reason, and results."""
+    from ddmpi.run import run as module
+
+    folder = Path(comm.bcast(str(tmp_path)))
+    name = "prepare" if failure is InputError else "solve"
+    works = getattr(module, name)
+
+    def fails(first, second, *more):
+        made = second if name == "prepare" else first.scene
+        if made.body[0].mesh.divisions[1] > 6:
+            error = failure("of this kind")
+            error.agreed = True
+            raise error
+        return works(first, second, *more)
+
+    monkeypatch.setattr(module, name, fails)
+    scene = scene_of(pinched_blocks(6) | {"method": {"target_error": 0.06}})
+    with pytest.raises(NotConvergedError, match=r"certified, but .* times as fine .*of this kind"):
+        module.run(comm, scene, "scene.toml", str(folder / "out"), figures=False)
+    comm.barrier()
+    summary = json.loads((folder / "out" / "summary.json").read_text(encoding="utf-8"))
+    assert summary["converged"] is False and "of this kind" in summary["reason"]
+    assert [level["refinement"] for level in summary["discretization_error"]["levels"]] == [1]
+    assert summary["n"] == summary["discretization_error"]["levels"][0]["n"]
+    comm.barrier()
+
+
+def test_a_ladder_that_went_back_stays_there():
+    """A run that is interrupted after it went back to a coarser mesh goes on with that mesh and its reason."""
+    ladder = MeshLadder(scene_of(pinched_blocks(6), "method.target_error=0.01"))
+    assert not ladder.fall_back("no coarser mesh")
+    second = ladder.proceed(1000, 0.1, 1100)
+    assert ladder.fall_back("of this kind") and f"{second} times as fine" in ladder.missed
+    again = MeshLadder(ladder.scene)
+    again.restore(json.loads(json.dumps(ladder.state())))
+    assert (again.refinement, again.missed, again.levels) == (1, ladder.missed, ladder.levels)
+    assert again.proceed(1000, 0.1, 1100) is None and len(again.levels) == 1
+    assert not again.fall_back("twice")
 
 
 def test_given_meshes_are_refined_on_request_only(tmp_path):

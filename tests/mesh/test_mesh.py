@@ -8,12 +8,13 @@ import gmsh
 import meshio
 import numpy as np
 import pytest
+from scenes import run_command, write_scene
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group, segments, turn_outward
 from ddmpi.mesh.build import build_mesh, generate_rectangle
 from ddmpi.mesh.mesh import Mesh, signed_double_areas
-from ddmpi.mesh.read import read_mesh
+from ddmpi.mesh.read import file_order, read_mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
 
@@ -258,7 +259,7 @@ def test_signals_are_heard_after_gmsh(tmp_path):
     path = write_by_gmsh(tmp_path / "old.msh", 4.0)
     code = """
 import os, pathlib, sys
-from ddmpi.mesh.read import read_mesh
+from ddmpi.mesh.read import file_order, read_mesh
 from ddmpi.system import interrupt
 interrupt.listen()
 read_mesh(pathlib.Path(sys.argv[1]), "upper")
@@ -338,6 +339,35 @@ def test_second_order_file_gives_its_corners(tmp_path, version):
     assert all(np.array_equal(mesh.groups[name], linear.groups[name]) for name in NAMES)
 
 
+@pytest.mark.parametrize("version, binary", [(1.0, False), (2.2, False), (2.2, True), (4.0, False), (4.1, True)])
+def test_order_of_a_file(tmp_path, version, binary):
+    """The order of a mesh file is known for every version of the format."""
+    for order in (1, 2):
+        path = write_by_gmsh(tmp_path / f"{order}.msh", version, binary, order=order)
+        assert file_order(path, "upper") == order
+
+
+def test_a_scene_is_solved_with_the_elements_of_its_files(tmp_path):
+    """A second-order file is solved with quadratic elements, and shapes follow, unless the scene names an order."""
+    write_by_gmsh(tmp_path / "lower.msh", 2.2, order=2)
+    material = {"young": 2.1e11, "poisson": 0.3}
+    scene = {"body": [{"name": "upper", "material": material, "clamp": [{"on": "top", "x": 0.0, "y": -1e-4}],
+                       "mesh": {"shape": "rectangle", "origin": [0.0, 1.0], "size": [1.0, 1.0], "divisions": [3, 3]}},
+                      {"name": "lower", "material": material, "clamp": ["bottom"], "mesh": {"file": "lower.msh"}}],
+             "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"]}], "output": {"figures": False}}
+    path = write_scene(scene, tmp_path / "scene.toml")
+    quadratic = run_command(path, tmp_path / "quadratic")
+    assert quadratic.code == 0, quadratic.output
+    assert quadratic.summary["order"] == 2 and quadratic.summary["contacts"]["upper-lower"]["m"] == 7
+    assert [body["mesh"]["order"] for body in quadratic.summary["scene"]["body"]] == [2, 2]
+    linear = run_command(path, tmp_path / "linear", "--set", "body.upper.mesh.order=1")
+    assert linear.summary["order"] == 1 and linear.summary["contacts"]["upper-lower"]["m"] == 4
+    (tmp_path / "lower.msh").unlink()
+    missing = run_command(path, tmp_path / "missing")
+    assert missing.code == 2 and len(missing.messages) == 1
+    assert f"{path}: body.lower.mesh.file: there is no file" in missing.messages[0]
+
+
 def test_second_order_file_by_hand(tmp_path):
     mesh = read_mesh(write_quadratic_square(tmp_path / "square.msh", {4: (1e-9, 0.0)}), "upper")
     assert np.array_equal(mesh.points, SQUARE)
@@ -388,7 +418,8 @@ def test_truncated_file(tmp_path, version):
 
 def test_quadrilaterals(tmp_path):
     path = write_square(tmp_path / "quads.msh", extra=[("quad", np.array([[0, 1, 2, 3]]))])
-    assert "elements of type quad" in refused(path)
+    text = refused(path)
+    assert "elements of type quad" in text and "Mesh.RecombineAll" in text
 
 
 def test_third_order_triangles(tmp_path):
@@ -401,7 +432,7 @@ def test_curved_triangles(tmp_path, moved):
     """The middle of a side on the boundary, and that of the diagonal."""
     path = write_quadratic_square(tmp_path / "curved.msh", {moved: (0.01, 0.01)})
     text = refused(path)
-    assert "curved elements" in text and "straight" in text
+    assert "curved elements" in text and "Mesh.SecondOrderLinear = 1" in text
 
 
 def test_middle_that_is_off_along_its_side(tmp_path):
@@ -410,11 +441,13 @@ def test_middle_that_is_off_along_its_side(tmp_path):
 
 def test_no_triangles(tmp_path):
     path = write_square(tmp_path / "lines.msh", triangles=np.empty((0, 3), int))
-    assert "has no triangles" in refused(path)
+    text = refused(path)
+    assert "has no triangles" in text and 'Physical Surface("' in text
 
 
 def test_no_named_boundaries(tmp_path):
-    assert "no named physical groups of lines" in refused(write_square(tmp_path / "square.msh", names=()))
+    text = refused(write_square(tmp_path / "square.msh", names=()))
+    assert "no named physical groups of lines" in text and 'Physical Curve("' in text
 
 
 def test_triangle_without_area(tmp_path):
@@ -463,7 +496,7 @@ def test_group_without_lines(tmp_path):
 def test_boundary_group():
     mesh = rectangle((2, 1))
     assert boundary_group(mesh, "left", "body.upper.clamp") is mesh.groups["left"]
-    with pytest.raises(InputError, match=r"contact\.0\.on: the mesh has no boundary group 'lft'"):
+    with pytest.raises(InputError, match=r"contact\.0\.on: .* no boundary group 'lft'; did you mean 'left'\?"):
         boundary_group(mesh, "lft", "contact.0.on")
 
 

@@ -12,7 +12,7 @@ import scipy.sparse as sparse
 from scenes import pinched_blocks, prepare_scene, run_command, run_python, to_toml, write_scene
 
 from ddmpi.coupling.space import Space
-from ddmpi.interface.interface import Interface
+from ddmpi.interface.interface import FixedPairs, Interface
 from ddmpi.interface.law import CoulombLaw
 from ddmpi.judge.diagnosis import StatusLog
 from ddmpi.methods.half_plane import HalfPlaneStiffness
@@ -40,8 +40,8 @@ def interface(x, sliding: list[int], dropped: int = 0, area=None, joined=None, h
         name="upper-lower", bodies=("upper", "lower"), xy=np.column_stack([x, np.zeros(m)]),
         frame=np.tile([[0.0, -1.0], [1.0, 0.0]], (m, 1, 1)), area=area, gap=np.zeros(m), nodes=(nodes, nodes),
         transfer=(alone, alone), law=CoulombLaw(m, sliding, 1, np.full(len(sliding), 0.3)), modulus=MODULUS,
-        dropped=dropped, joined=edges > 0.0, middle=np.zeros(m, bool), held=held,
-        one_sided=np.zeros(m + len(sliding), bool))
+        joined=edges > 0.0, edges=np.empty((0, 3), int), held=held, one_sided=np.zeros(m + len(sliding), bool),
+        fixed=FixedPairs(gap=np.zeros(dropped)))
 
 
 def dense_stiffness(contact, modulus: float) -> np.ndarray:

@@ -37,6 +37,18 @@ def block(origin=(0.0, 0.0), divisions=(24, 8), order: int = 1) -> Mesh:
     return raise_order(mesh, "mesh") if order == 2 else mesh
 
 
+def ring(radii=(1.0, 2.0), around: int = 24, order: int = 1) -> Mesh:
+    """A whole ring around the origin with groups inside and outside, two elements across."""
+    angle = 2 * np.pi * np.arange(around) / around
+    points = np.concatenate([r * np.column_stack([np.cos(angle), np.sin(angle)]) for r in np.linspace(*radii, 3)])
+    a = np.arange(2 * around)
+    b = a + 1 - around * (a % around == around - 1)
+    triangles = np.concatenate([np.column_stack([a, a + around, b + around]), np.column_stack([a, b + around, b])])
+    loop = np.column_stack([a, b])[:around]
+    mesh = Mesh(points, triangles, {"inside": loop, "outside": loop + 2 * around})
+    return raise_order(mesh, "mesh") if order == 2 else mesh
+
+
 def interface(name: str, first: Mesh, second: Mesh, on: tuple[str, str], friction=COULOMB) -> Interface:
     """Of two meshes without clamps."""
     sides = [contact_side(mesh, mesh.groups[group], np.ones((len(mesh.points), 2), bool), body,
@@ -72,7 +84,7 @@ def scene(contacts: list[str], friction=COULOMB, title: str = "Made up") -> dict
                                                                    "coefficient": friction.coefficient}
     return {"title": title, "method": {"outer": "newton", "tolerance": 1e-8},
             "output": {"length_unit": "m", "stress_unit": "Pa"},
-            "contact": [{"name": name, "friction": law} for name in contacts]}
+            "contact": [{"name": name, "bodies": name.split("-"), "friction": law} for name in contacts]}
 
 
 def body(name: str, **changes) -> BodyResult:
@@ -114,7 +126,7 @@ def results(folder: Path, kind: str = "stack", order: int = 1, friction=COULOMB,
         write_contact(folder, each.interface.name, each)
         write_sides(folder, each.interface.name, each)
     counts = [sum(each.count(status) for each in states) for status in ("open", "slip", "stick")]
-    write_history(folder, [(1, k, 3.0 * 10.0**-k, 10.0**-k, 1e-3, 20 * k, *counts) for k in range(1, 10)])
+    write_history(folder, [(1, k, 3.0 * 10.0**-k, 10.0**-k, 1e-3, *counts, 20 * k) for k in range(1, 10)])
     write_steps(folder, summary["steps"])
     write_summary(folder, summary)
     return summary

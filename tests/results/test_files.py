@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 import scenes
 
+from ddmpi.cli.commands import COMMANDS
 from ddmpi.errors import InputError, OutputError, TakenError
 from ddmpi.results.folder import MOVED, Staging, choose_folder, running
 from ddmpi.results.summary import write_summary
@@ -75,7 +76,7 @@ except OSError as error:
                            timeout=60, env=scenes.clean_environment())
     assert child.returncode == 0
     assert child.stdout == f"File too large {tmp_path / 'x.h5'}\n"
-    assert child.stderr == ""
+    assert scenes.own_lines(child.stderr) == ""
 
 
 # The folder of a run
@@ -111,7 +112,6 @@ def test_what_a_killed_run_has_left_goes(tmp_path, moved, restart):
     (tmp_path / ".unfinished-elsewhere-1-checkpoint.h5").write_text("half")
     (tmp_path / ".hidden").write_text("the user's")
     if restart:
-        fill(tmp_path / UNFINISHED / "elsewhere 7")
         (tmp_path / CHECKPOINT).write_text("precious")
         (tmp_path / "notes").write_text("the user's")
         assert chosen(None, tmp_path) == tmp_path
@@ -172,23 +172,25 @@ def test_two_runs_do_not_have_one_folder(tmp_path, restart):
     chosen(None if restart else tmp_path, tmp_path if restart else None)
 
 
-def test_a_run_on_another_host(tmp_path, monkeypatch):
-    """It counts as running, unless it is of the same batch job, or of a sweep, whose processes have their own cases."""
+@pytest.mark.parametrize("restart", [False, True])
+def test_a_run_on_another_host(tmp_path, monkeypatch, restart):
+    """It counts as running, unless it is of the same batch job."""
     claim = tmp_path / UNFINISHED / "elsewhere 7 job 12"
     claim.mkdir(parents=True)
-    with pytest.raises(InputError, match=r"another run is at work there .elsewhere 7 job 12"):
-        chosen(tmp_path)
-    assert running(tmp_path) == ""
+    with pytest.raises(InputError, match=r"another run is at work there .elsewhere 7 job 12.*remove"):
+        chosen(None if restart else tmp_path, tmp_path if restart else None)
+    assert running(tmp_path) == claim.name
     monkeypatch.setenv("SLURM_JOB_ID", "12")
-    assert chosen(tmp_path) == tmp_path and not claim.exists()
-    monkeypatch.delenv("SLURM_JOB_ID")
-    claim.mkdir(parents=True)
-    (tmp_path / RECORD).write_text("")
-    assert chosen(tmp_path) == tmp_path and not claim.exists()
+    assert running(tmp_path) == "" and chosen(tmp_path) == tmp_path and not claim.exists()
 
 
-def test_runs_that_start_at_once_do_not_share_a_folder(tmp_path):
+@pytest.mark.parametrize("killed", [False, True], ids=["new", "after a killed run"])
+def test_runs_that_start_at_once_do_not_share_a_folder(tmp_path, killed):
     """Of several that name one folder one gets it."""
+    if killed:
+        ended = subprocess.Popen(["true"])
+        ended.wait()
+        (tmp_path / "out" / UNFINISHED / f"{HOST} {ended.pid}").mkdir(parents=True)
     code = """
 import sys
 from ddmpi.errors import InputError
@@ -358,16 +360,49 @@ def test_run_sh_says_that_a_signal_has_ended_a_rank(tmp_path, number, said):
         assert ours == []
 
 
-def test_run_sh_passes_signals_on(tmp_path):
-    python = executable(tmp_path / "python", f'trap "exit 6" USR1; touch {tmp_path}/ready-$$\n'
-                                             "for i in $(seq 300); do sleep 0.1; done")
+@pytest.mark.parametrize("number", [signal.SIGUSR1, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(("answer", "code"), [("exit 6", 6), ("", 0)], ids=["interrupted", "complete"])
+def test_run_sh_returns_the_exit_code_of_an_interrupted_run(tmp_path, number, answer, code):
+    """A signal to run.sh ends with exit code 6 where the run was interrupted, and 0 where its results were complete."""
+    seconds = 30 if answer else 1
+    python = executable(tmp_path / "python", f'trap "{answer}" USR1 TERM; touch {tmp_path}/ready-$$\n'
+                                             f"for i in $(seq {10 * seconds}); do sleep 0.1; done")
     with subprocess.Popen([str(scenes.ROOT / "scripts" / "run.sh"), "scene.toml"], stderr=subprocess.PIPE, text=True,
                           env=scenes.clean_environment() | {"DDMPI_PYTHON": str(python)}) as run:
         end = time.monotonic() + 30
         while len(list(tmp_path.glob("ready-*"))) < 2 and time.monotonic() < end:
             time.sleep(0.05)
-        run.send_signal(signal.SIGUSR1)
-        assert run.wait(timeout=30) == 6
+        run.send_signal(number)
+        assert run.wait(timeout=30) == code
+
+
+def test_run_sh_solves_by_the_default_method_and_names_all_commands(tmp_path):
+    """Without arguments run.sh runs configs/pinched_blocks.toml; with --help it lists all commands."""
+    noted = executable(tmp_path / "python", 'echo "$@"')
+    said = {}
+    for python, argument in ((noted, []), (sys.executable, ["--help"])):
+        said[python] = subprocess.run([str(scenes.ROOT / "scripts" / "run.sh"), *argument], text=True, timeout=60,
+                                      env=scenes.clean_environment() | {"DDMPI_PYTHON": str(python)},
+                                      capture_output=True).stdout
+    scene = Path(said[noted].splitlines()[0].split()[-1])
+    assert scene.name == "pinched_blocks.toml" and "[method]" not in scene.read_text(encoding="utf-8")
+    assert all(f"\n    {command}" in said[sys.executable] for command in COMMANDS)
+
+
+def test_the_quiet_flag_of_pytest_breaks_no_mpi_test():
+    """pytest -q runs the tests on two ranks, too."""
+    run = subprocess.run([sys.executable, "-m", "pytest", "-qq", "tests/coupling/test_exchange.py", "-x"], text=True,
+                         cwd=scenes.ROOT, capture_output=True, timeout=120, env=scenes.clean_environment())
+    assert run.returncode == 0 and " passed" in run.stdout, run.stdout
+
+
+def test_words_of_mpi_are_not_ours():
+    """What MPI and hwloc write to stderr is left out of what tests judge; all of our own messages stay."""
+    foreign = "[host:7] hwloc: no /sys\n-----\n  Local host: a\n"
+    ours = "ddmpi: error: no\n  seen: nothing\n"
+    assert scenes.own_lines(foreign + ours + foreign) == ours
+    assert scenes.own_lines(f"{foreign}Traceback (most recent call last):\n  File\nValueError: no\n").count("\n") == 3
+    assert scenes.own_lines("/x/a.py:3: RuntimeWarning: overflow\n  x\n") and scenes.own_lines("[0]PETSC ERROR: x\n")
 
 
 def test_a_set_up_that_was_interrupted_is_not_taken_for_a_complete_one(tmp_path):

@@ -13,7 +13,7 @@ from ddmpi.results.summary import ContactResult, summarize, write_summary
 
 TOP = {"format", "title", "converged", "reason", "outer", "order", "n", "m", "ranks", "outer_iterations",
        "inner_iterations", "n_A", "bodies", "contacts", "certificate", "steps", "discretization_error",
-       "displacement_max", "warnings", "seconds", "exchange", "options", "scene",
+       "displacement_max", "units", "warnings", "seconds", "exchange", "options", "scene",
        "algorithm", "splitting", "friction", "eff", "certificate_limit", "solvers", "options_unused"}
 
 BODY = {"n", "ranks", "n_A", "held", "displacement_max", "von_mises_max", "energy", "reaction", "discretization_error",
@@ -54,6 +54,15 @@ def test_everything_has_a_name():
     assert step["contacts"] == {name: {key: contact[key] for key in STEP}
                                 for name, contact in summary["contacts"].items()}
     assert summary["warnings"] == []
+
+
+@pytest.mark.parametrize("length, stress, force", [("m", "Pa", "N/m"), ("mm", "MPa", "N/mm"), ("in", "psi", "psi·in")])
+def test_results_carry_their_units(length, stress, force):
+    """Units are those of the scene; a force is per unit of depth."""
+    scene = made_up.scene(["left-middle", "middle-right"])
+    scene["output"] = {"length_unit": length, "stress_unit": stress}
+    summary = summarize(scene, made_up.run(), [made_up.body(name) for name in made_up.ROW], row())
+    assert summary["units"] == {"length": length, "stress": stress, "force": force}
 
 
 def test_sums_are_those_of_all_bodies_and_contacts():

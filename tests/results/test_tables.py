@@ -66,6 +66,17 @@ def test_means_over_sides_carry_the_force_of_quadratic_elements(tmp_path):
     assert table["length"] @ table["tangential_stress"] == pytest.approx(state.tangential_force.sum(), rel=1e-12)
 
 
+def test_a_closed_contact_has_all_its_sides(tmp_path):
+    """A ring pressed on another has a line per side, also for the one at which its chain of nodes begins and ends."""
+    inner, outer = (made_up.ring(radii, order=2) for radii in ((1.0, 2.0), (2.0, 3.0)))
+    state = made_up.state(made_up.interface("inner-outer", inner, outer, ("outside", "inside")))
+    write_sides(tmp_path, "c", state)
+    write_contact(tmp_path, "c", state)
+    table, nodes = columns(tmp_path / "contact_c_sides.csv"), columns(tmp_path / "contact_c.csv")
+    assert len(table["x"]) == len(nodes["x"]) / 2 == 24
+    assert table["length"] @ table["normal_stress"] == pytest.approx(nodes["normal_force"].sum(), rel=1e-12)
+
+
 def test_linear_elements_have_no_table_of_sides(tmp_path):
     """There is no contact_NAME_sides.csv in order 1."""
     write_sides(tmp_path, "c", stack())
@@ -74,12 +85,12 @@ def test_linear_elements_have_no_table_of_sides(tmp_path):
 
 def test_history_has_a_line_per_iteration(tmp_path):
     """history.csv counts load steps and iterations; numbers that do not exist are nan."""
-    write_history(tmp_path, [(1, 1, np.float64(0.1), float("nan"), 1 / 3, 20, 0, 4, 3),
-                             (1, 2, 1e-9, 2e-9, 0.0, 41, 1, 3, 3)])
+    write_history(tmp_path, [(1, 1, np.float64(0.1), float("nan"), 1 / 3, 0, 4, 3, 20),
+                             (1, 2, 1e-9, 2e-9, 0.0, 1, 3, 3, 41)])
     assert rows(tmp_path / "history.csv") == [
-        ["step", "iteration", "update", "residual", "inner_precision", "n_A", "open", "slip", "stick"],
-        ["1", "1", "0.1", "nan", "0.3333333333333333", "20", "0", "4", "3"],
-        ["1", "2", "1e-09", "2e-09", "0.0", "41", "1", "3", "3"]]
+        ["step", "iteration", "update", "residual", "inner_precision", "open", "slip", "stick", "n_A"],
+        ["1", "1", "0.1", "nan", "0.3333333333333333", "0", "4", "3", "20"],
+        ["1", "2", "1e-09", "2e-09", "0.0", "1", "3", "3", "41"]]
 
 
 def test_steps_has_a_line_per_step_and_contact(tmp_path):

@@ -160,7 +160,7 @@ def test_folder_that_cannot_be_written(surroundings):
 def test_questions_are_answered_once(surroundings, name, once):
     run = of(surroundings, name)
     assert run.code == 0
-    assert run.stderr == ""
+    assert run.own_stderr == ""
     assert len(re.findall(once, run.stdout, re.MULTILINE)) == 1
 
 

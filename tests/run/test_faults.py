@@ -84,7 +84,7 @@ def test_own_error_on_one_rank_is_raised_on_all(own_errors, phase, rank):
         assert run.code == code
         assert len(run.messages) == 1
         assert run.messages[0].startswith(f"ddmpi: error: {fault.MESSAGE}")
-        assert run.stderr.strip() == run.messages[0]
+        assert run.own_stderr.strip() == run.messages[0]
         assert (f"--restart {run.folder} goes on" in run.messages[0]) == kept
         assert run.files == ({"checkpoint.h5"} if kept else set())  # nor a folder in which results are made
 

@@ -197,7 +197,7 @@ def test_a_signal_after_the_results_comes_too_late(here, tmp_path, monkeypatch, 
     """While the interpreter ends: it has taken its own handlers away then."""
     run = run_with(END.format(number=number), tmp_path, monkeypatch, "run", str(here / "newton.toml"), "--no-figures",
                    "--output", str(tmp_path / "out"))
-    assert (run.code, run.stderr, run.files) == (0, "", FILES)
+    assert (run.code, run.own_stderr, run.files) == (0, "", FILES)
 
 
 def test_what_has_nothing_to_save_is_ended_by_a_signal(tmp_path, monkeypatch):

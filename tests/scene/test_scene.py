@@ -12,7 +12,7 @@ from scenes import to_toml
 from ddmpi.errors import InputError
 from ddmpi.scene.bodies import Clamp, Material
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
-from ddmpi.scene.keys import normalise, override
+from ddmpi.scene.keys import differences, override
 from ddmpi.scene.method import Published
 from ddmpi.scene.reader import read_scene, read_scene_file
 from ddmpi.scene.scene import Scene, Settled
@@ -125,7 +125,8 @@ REFUSED = {
     "empty body name": (['body.0.name=""'], ["body.0.name: ", "length >= 1"]),
     "empty contact name": (['contact.0.name=""'], ["contact.0.name: ", "length >= 1"]),
     "name is a number": (["contact.0.name=3"], ["contact.0.name: expected str (got 3)"]),
-    "stranger in path": (["body.0.name=a/b"], ["body.a/b.name: a name has no '.', '=', '/' or blank (got 'a/b')"]),
+    "stranger in path": (["body.0.name=a/b"],
+                         ["body.a/b.name: a name has no '.', '=', '/', blank or control character (got 'a/b')"]),
     "huge integer": (["body.upper.material.young=1" + 400 * "0"],
                      ["body.upper.material.young", "out of range"]),
     # words that are not in the list
@@ -328,11 +329,12 @@ def test_names_are_given_once():
     assert "this version solves two bodies with one contact" in message("contact.1.name=edge", text=TEXT + SECOND)
 
 
-@pytest.mark.parametrize("name", ["a.b", "a=b", "a/b", "a b", " a", "a\t", "a\n", "\u00a0"])
+@pytest.mark.parametrize("name", ["a.b", "a=b", "a/b", "a b", " a", "a\t", "a\n", "\u00a0", "a\u0001"])
 @pytest.mark.parametrize("table", ["body", "contact"])
 def test_names_are_parts_of_keys_and_files(table, name):
-    """Names of bodies and contacts have no dot, equals sign, slash or blank."""
-    assert ".name: a name has no '.', '=', '/' or blank" in message(f"{table}.0.name={json.dumps(name)}")
+    """Names of bodies and contacts have no dot, equals sign, slash, blank or control character."""
+    problem = "a name has no '.', '=', '/', blank or control character"
+    assert f".name: {problem}" in message(f"{table}.0.name={json.dumps(name)}")
 
 
 def test_contacts_have_names():
@@ -354,14 +356,15 @@ def test_entries_are_found_by_name_where_others_have_none():
     assert data == {"body": [{"mesh": {}}, {"name": "lower", "x": 1}]}
 
 
-def test_keys_have_one_spelling():
-    """A key by name, by default name and by number is the same key, in the scene as written and as resolved."""
-    keys = ["contact.upper-lower.friction.law", "contact.0.friction.law", "contact.00.friction.law"]
-    for data in (tomllib.loads(TEXT), scene().resolved()):
-        assert {normalise(data, key) for key in keys} == {"contact.0.friction.law"}
-        assert normalise(data, "body.lower.mesh") == "body.1.mesh"
-    assert normalise(data, "contact.lower.on") == "contact.lower.on"
-    assert normalise(data, "petsc.-QP_tao_type") == "petsc.qp_tao_type"
+def test_differences_are_named_by_key():
+    """What differs between two scenes is named by keys as after --set, entries of lists by name or number."""
+    ours, theirs = tomllib.loads(TEXT), tomllib.loads(TEXT)
+    assert differences(ours, theirs) == ""
+    override(theirs, "body.lower.material.young=3")
+    override(theirs, "petsc.new=1")
+    assert differences(ours, theirs) == ("body.lower.material.young is 100000000000.0 here, 3 there; "
+                                         "petsc.new is not set here, 1 there")
+    assert differences({k: 1 for k in "abcd"}, {}).endswith("c is 1 here, not set there, and 1 more")
 
 
 def test_overrides_do_not_leak_into_the_next_scene():
@@ -406,9 +409,29 @@ def test_resolved_scene_has_all_defaults():
     assert [body["mesh"]["order"] for body in data["body"]] == [1, 1]
 
 
+def orders(*settings: str, **of_files: int) -> list[int]:
+    """The orders of the bodies' elements; the lower body's mesh is a file, the upper's if `of_files` has its order."""
+    shape = 'shape = "rectangle", origin = [0.0, 1.0], size = [3.0, 1.0], divisions = [6, 2]'
+    text = TEXT.replace(shape, 'file = "upper.msh"') if "upper" in of_files else TEXT
+    settled = read_scene("case.toml", text, list(settings), lambda body: of_files[body.name])
+    return [body.mesh.order for body in settled.body]
+
+
+def test_elements_have_the_order_of_the_files():
+    """Shapes follow the files; an order that the scene or its preset names comes first."""
+    assert orders(lower=2) == orders(upper=2, lower=2) == [2, 2]
+    assert orders(lower=1) == orders(upper=1, lower=1) == [1, 1]
+    assert orders("body.lower.mesh.order=1", lower=2) == orders("method.preset=fast", lower=2) == [1, 1]
+    assert orders("body.lower.mesh.order=2", upper=1, lower=2) == [2, 2]
+    with pytest.raises(InputError, match=r"^case\.toml: body\.upper\.mesh\.file = upper\.msh is of order 2, "
+                                         r"body\.lower\.mesh\.file = lower\.msh is of order 1; .*mesh\.order"):
+        orders(upper=2, lower=1)
+
+
 OPTIONAL = {
     "SettledMesh": {"shape", "size", "divisions", "file"},  # a shape or a file
     "Clamp": {"x", "y"},  # free
+    "Output": {"magnification"},  # chosen by the picture
     "SettledMethod": {"algorithm", "splitting", "theta", "target_error", "preset", "compliance"},
     "Published": {"target_error", "preset", "compliance"},
 }

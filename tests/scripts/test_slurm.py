@@ -239,6 +239,7 @@ def start_job(here: Path, *arguments: str, **environment: str) -> tuple[subproce
     (here / "scripts" / "slurm").mkdir(parents=True)
     (here / "scripts" / "setup.sh").write_text("MPIRUN=./mpirun PYTHON=python\n")
     shutil.copy(SLURM / "job.sh", here / "scripts" / "slurm")
+    shutil.copy(SLURM.parent / "attend.sh", here / "scripts")
     (here / "mpirun").write_text("#!/bin/sh\nprintf '%s\\n' \"$@\" >calls\nexit 9\n")
     (here / "mpirun").chmod(0o755)
     environment |= {"DDMPI_ROOT": str(here), "SLURM_SUBMIT_DIR": str(here), "SLURM_JOB_ID": "7",
@@ -281,7 +282,7 @@ def test_a_job_does_not_go_back_for_ever(tmp_path):
     environment = scenes.clean_environment() | {
         "ROOT": str(tmp_path), "SLURM_SUBMIT_DIR": str(tmp_path), "SLURM_JOB_ID": "7", "SLURM_JOB_NODELIST": "n",
         "SLURM_RESTART_COUNT": "3", "DDMPI_REQUEUES": "3"}
-    script = f'. "{SLURM}/job.sh"; code=6; warned=time; scontrol() {{ echo called; }}; requeue_or_exit'
+    script = f'. "{SLURM}/job.sh"; code=6; caught=USR1; scontrol() {{ echo called; }}; requeue_or_exit'
     job = subprocess.run(["bash", "-c", script], env=environment, capture_output=True, text=True, timeout=20)
     assert job.returncode == 6 and "called" not in job.stdout
 

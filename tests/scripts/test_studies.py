@@ -4,6 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import mutation
 import pytest
 from experiment import Ledger
 from mpi4py import MPI
@@ -49,6 +50,15 @@ def test_fault_injection_names_no_case(tmp_path):
     done = start(tmp_path, "fault_injection", "no", "such", "fault")
     assert done.returncode == 1
     assert "no case has all these words in its name" in done.stderr
+
+
+def test_mutants_are_of_this_code():
+    """Every mutant of the mutation study has its line in the code, once, and its test."""
+    assert len(mutation.MUTANTS) >= 40
+    assert mutation.wrong_texts(mutation.MUTANTS) == []
+    for mutant in mutation.MUTANTS:
+        path, _, name = mutant.tests.partition("::")
+        assert f"def {name}(" in (ROOT / "tests" / path).read_text(encoding="utf-8") or not name, mutant.name
 
 
 def test_a_ledger_keeps_whole_rows_and_fills_in_the_others(tmp_path):

@@ -34,25 +34,18 @@ VALUES = {
 
 @pytest.mark.parametrize("text", VALUES)
 def test_values(text):
-    assert list(parse_axis(text).values) == VALUES[text]
+    assert parse_axis(text)[1] == VALUES[text]
 
 
-MALFORMED = {
-    "method.theta": "KEY=", "=1,2": "KEY=", "a,=3": "KEY=", "k=": "a value is missing", "k=1,,2": "a value is missing",
-    "k=1:2": "first:last:number", "k=1:2:3:4": "first:last:number", "k=1:x:3": "'x' is not a number",
-    "k=1:2:1": "two or more", "k=1:2:2.5": "'2.5'", "k=-1:1:3:log": "positive", "k=1:1:3": "the same",
-    "k=1,2,1": "1 more than once", "k=1:2:100000": "limit",
-    "k=0.1,0.10": "0.10 more than once (as 0.1, too)", "k=1:1.0:2": "the same",
-    "k=1e3,2,1_000.0": "1_000.0 more than once",
-    "k=[6,2],[6, 2]": "more than once", 'k="a",a': "more than once",
-}
+MALFORMED = ["method.theta", "=1,2", "a,=3", "k=", "k=1,,2", "k=1:2", "k=1:2:3:4", "k=1:x:3", "k=1:2:1", "k=1:2:2.5",
+             "k=-1:1:3:log", "k=1:2:100000000000"]
 
 
 @pytest.mark.parametrize("text", MALFORMED)
 def test_malformed(text):
     with pytest.raises(InputError) as caught:
         parse_axis(text)
-    assert f"--vary {text}: " in str(caught.value) and MALFORMED[text] in str(caught.value)
+    assert f"--vary {text}: expected KEY=first:last:number" in str(caught.value)
 
 
 REFUSED = {
@@ -76,26 +69,15 @@ def test_refused(name):
     assert "--set" not in str(caught.value)
 
 
-def test_an_error_of_the_scene_itself_does_not_blame_vary():
-    with pytest.raises(InputError, match=r"^scene\.toml: method\.foo: unknown key"):
-        build("method.theta=0.1,0.2", settings=("method.foo=1",))
-
-
 @pytest.mark.parametrize(("varied", "word"), [
-    (("method.theta=0.1,0.2", "method.theta=0.3"), "method.theta is varied more than once"),
-    (("method.theta=0.1:1:1000", "contact.0.friction.coefficient=0:1:1000"), "1000000 cases"),
-    ((), "--vary"),
-    # one key in two spellings
-    (("body.0.material.young=1e9,2e9", "body.upper.material.young=3e9"),
-     "body.0.material.young and body.upper.material.young are the same key"),
-    (("body.0.material.young,body.upper.material.young=1e9,2e9",), "are the same key"),
-    (("contact.0.friction.coefficient=0.1", "contact.00.friction.coefficient=0.2"), "are the same key"),
-    (("petsc.qp_tao_max_it=1", "petsc.-QP_tao_max_it=2"), "are the same key"),
-    # one in a table that comes later
-    (("contact.0.friction.coefficient=0.1,0.2", 'contact.0.friction={law="coulomb", coefficient=0.3},{law="none"}'),
-     "--vary contact.0.friction.coefficient: would be overridden by --vary contact.0.friction, which comes later"),
-    (("petsc.a=1", "petsc={a=2}"), "--vary petsc.a: would be overridden by --vary petsc")])
+    (("method.theta=0.1:1:1000", "contact.0.friction.coefficient=0:1:1000"), "1000000 cases"), ((), "--vary"),
+    (("method.theta=0.1,0.10",), "method.theta=0.1 and method.theta=0.10 are the same"),
+    (("method.theta=1:1.0:3",), "are the same"), (("body.0.mesh.divisions=[6,2],[6, 2]",), "are the same"),
+    (('title="a",a',), "are the same"), (("method.theta=0.1,0.2", "method.theta=0.3"), "are the same"),
+    (("body.0.material.young=1e9,2e9", "body.upper.material.young=3e9"), "are the same"),
+    (("contact.0.friction.coefficient=0.1,0.2", 'contact.0.friction={law="none"}'), "are the same")])
 def test_refused_as_a_whole(varied, word):
+    """A value given twice, or a key that another --vary sets, makes two equal cases."""
     with pytest.raises(InputError, match=word):
         build(*varied)
 
@@ -143,7 +125,7 @@ def test_folders_tell_cases_apart_and_stay_when_the_sweep_grows():
 def test_cases_that_would_share_a_folder(monkeypatch):
     """Names that are cut are told apart by a short digest, which two cases of many may have in common."""
     monkeypatch.setattr("hashlib.sha256", lambda data: SimpleNamespace(hexdigest=lambda: "0" * 64))
-    with pytest.raises(InputError, match=r"title=x+0 and title=x+1 would have the same folder, title=x+-00000000"):
+    with pytest.raises(InputError, match=r"title=x+0 and title=x+1 are the same"):
         build(f"title={'x' * 200}0,{'x' * 200}1")
 
 

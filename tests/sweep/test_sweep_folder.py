@@ -16,7 +16,7 @@ from test_sweep import COEFFICIENT, LIMIT, inject, rows, run_sweep, stamp
 from ddmpi.errors import InputError
 from ddmpi.sweep import table as sweep_table
 from ddmpi.sweep.cases import build_cases
-from ddmpi.sweep.table import check_sweep, check_table, claim_sweep, columns, gather, identify, numbers, record_case
+from ddmpi.sweep.table import check_sweep, claim_sweep, gather, identify, numbers
 from ddmpi.system.files import RECORD, SWEEP
 
 OTHER = ["--set", "body.upper.material.young=2e9"]
@@ -61,7 +61,7 @@ def test_two_sweeps_at_once(small, tmp_path):
     assert {run.code for run in runs} == {0, 2}, "".join(run.output for run in runs)
     for run in runs:
         if run.code == 2:
-            assert len(run.messages) == 1 and "body.0.material.young" in run.messages[0]
+            assert len(run.messages) == 1 and "body.upper.material.young" in run.messages[0]
     identity = json.loads((tmp_path / "out" / SWEEP).read_text())
     summaries = [json.loads(path.read_text()) for path in (tmp_path / "out").glob("*/summary.json")]
     assert len(summaries) == 6
@@ -75,7 +75,7 @@ def test_a_folder_is_of_the_sweep_that_comes_first(tmp_path):
     rest = {"PETSc options": [], "mesh files": {}}
     claim_sweep(tmp_path, one | rest, cases)
     claim_sweep(tmp_path, one | rest, cases)
-    with pytest.raises(InputError, match=r"belongs to another sweep, which differs in a \(1 there, 2 now\)"):
+    with pytest.raises(InputError, match=r"belongs to another sweep: scene\.a is 2 here, 1 there"):
         claim_sweep(tmp_path, other | rest, cases)
     (tmp_path / SWEEP).write_text("{")
     with ThreadPoolExecutor() as pool:
@@ -107,14 +107,14 @@ def test_cases_of_no_sweep_are_refused(finished, small, tmp_path, arguments):
 
 
 def test_a_sweep_grows(finished, small, tmp_path):
-    """By more values, and by another key once its table is out of the way."""
+    """By more values, and by another key; the table has the cases of the last command."""
     folder = copied(finished, tmp_path)
     grown = run_sweep(small, folder, "--vary", f"{COEFFICIENT}=0.1,0.15,0.2")
     assert grown.code == 0 and "1 to run, 2 finished" in grown.stdout, grown.output
     assert [row["status"] for row in rows(grown)] == ["certified"] * 3
-    (folder / "sweep.csv").unlink()
     more = run_sweep(small, folder, "--vary", f"{COEFFICIENT}=0.1", "--vary", "method.max_iterations=400")
     assert more.code == 0 and "1 to run" in more.stdout, more.output
+    assert [row["method.max_iterations"] for row in rows(more)] == ["400"]
 
 
 def test_meshes_that_a_target_has_refined_are_the_sweeps_own(tmp_path):
@@ -143,7 +143,7 @@ def test_an_interrupted_case_of_another_sweep_is_refused(interrupted, small):
     before = whole(interrupted)
     run = run_sweep(small, interrupted, "--set", "method.outer=relaxation", "method.theta=0.15", *TWO)
     assert run.code == 2 and len(run.messages) == 1
-    assert "belongs to another sweep, which differs in method.theta (None there, 0.15 now)" in run.messages[0]
+    assert "another sweep: scene.method.theta is 0.15 here, not set there" in run.messages[0]
     assert whole(interrupted) == before
 
 
@@ -184,7 +184,6 @@ def test_columns_follow_from_the_summaries(tmp_path):
         (tmp_path / case.folder / "summary.json").write_text(json.dumps(summary))
     table = sweep_table.read_table(gather(tmp_path, cases))
     names = list(table[0])
-    assert names == columns(cases, results)
     assert names[:12] == ["case", "method.max_iterations", "status", "exit", "reason", "outer_iterations",
                           "inner_iterations", "n_A", "eff", "n", "m", "displacement_max"]
     body = [f"bodies.{name}.{entry}" for name in "abc"
@@ -199,67 +198,34 @@ def test_columns_follow_from_the_summaries(tmp_path):
     assert numbers(SUMMARY)["contacts.a-b.certificate.friction"] == 1e-9
 
 
-def written(folder: Path, cases: list, finished_numbers: set[int]) -> None:
-    folder.mkdir(exist_ok=True)
-    for case in cases:
-        if case.number in finished_numbers:
-            (folder / case.folder).mkdir(exist_ok=True)
-            record_case(folder / case.folder, case, 3, "no", "then")
-    gather(folder, cases)
-
-
-def test_a_table_loses_no_case(tmp_path):
-    """More values may come, and some that were never run may go; nothing else."""
-    three, two = build("method.max_iterations=7,8,9"), build("method.max_iterations=7,8")
-    written(tmp_path, three, {0, 1})
-    written(tmp_path, two, {0, 1})
-    written(tmp_path, three, {0, 1, 2})
-    before = (tmp_path / "sweep.csv").read_bytes()
-    for cases in (two, build("contact.0.friction.coefficient=0.1,0.2"), build("contact.0.friction.coefficient=0.1",
-                                                                             "method.max_iterations=7,8,9")):
-        with pytest.raises(InputError, match=r"sweep\.csv: .*max_iterations=[79]"):
-            check_table(tmp_path, cases)
-    assert (tmp_path / "sweep.csv").read_bytes() == before
-
-
-@pytest.mark.parametrize("arguments", [[], ["--gather"]])
-def test_another_sweep_does_not_replace_the_table(finished, small, arguments):
-    before = whole(finished.folder)
-    run = run_sweep(small, finished.folder, "--vary", "method.max_iterations=400,500", *arguments)
-    assert run.code == 2 and len(run.messages) == 1 and "sweep.csv" in run.messages[0]
-    assert whole(finished.folder) == before
-
-
 # What wins over what is varied
 
 
 @pytest.mark.parametrize(("arguments", "variable"), [
-    (["-Body_KSP_max_it", "50"], ""), ([], "-body_ksp_max_it 50"), (["--gather", "-body_ksp_max_it", "50"], "")])
+    (["-Body_KSP_max_it", "50"], ""), ([], "-body_ksp_max_it 50")])
 def test_an_option_that_would_win(small, tmp_path, monkeypatch, arguments, variable):
     monkeypatch.setenv("PETSC_OPTIONS", variable)
     run = run_sweep(small, tmp_path / "out", "--vary", "petsc.body_ksp_max_it=1,2,100", *arguments)
     assert run.code == 2 and len(run.messages) == 1, run.output
-    assert "--vary petsc.body_ksp_max_it" in run.messages[0] and " 50 on the command line" in run.messages[0]
+    assert "--vary petsc.body_ksp_max_it: this option is on the command line" in run.messages[0]
     assert not run.folder.exists()
 
 
 # Plots
 
 
-@pytest.mark.parametrize(("vary", "plot", "words"), [
-    ("method.max_iterations=1:13:13", "n_A:coefficient", "13 curves"),
-    ("method.max_iterations=1:2:2", "status:coefficient", "status is not a number")])
-def test_impossible_plots_are_refused_before_any_work(small, tmp_path, vary, plot, words):
-    run = run_sweep(small, tmp_path / "out", *TWO, "--vary", vary, "--plot", plot)
-    assert run.code == 2 and len(run.messages) == 1 and words in run.messages[0]
-    assert not run.folder.exists()
+@pytest.mark.parametrize(("plot", "words"), [("n_A", "RESULT:KEY"), ("n_A:coeficient", "'coefficient'"),
+                                             ("status:coefficient", "status is not a number")])
+def test_impossible_plots_are_a_warning(finished, small, plot, words):
+    run = run_sweep(small, finished.folder, *TWO, "--gather", "--plot", plot, ranks=1)
+    assert run.code == 0 and "not drawn: " in run.stderr and words in run.stderr
 
 
 def test_all_cases_have_failed_with_a_plot(small, tmp_path):
     run = run_sweep(small, tmp_path / "out", *TWO, "--set", "body.upper.mesh.divisions=[7,2]", "--plot",
                     "n_A:coefficient")
     assert run.code == 3, run.output
-    assert len(run.messages) == 1 and "0 of 2 cases" in run.messages[0] and "not drawn: " in run.stdout
+    assert len(run.messages) == 1 and "0 of 2 cases" in run.messages[0] and "not drawn: " in run.stderr
     assert [row["status"] for row in rows(run)] == ["refused"] * 2
 
 
@@ -270,7 +236,7 @@ def test_a_plot_that_cannot_be_written(finished, small, tmp_path):
     picture.mkdir()
     run = run_sweep(small, folder, *TWO, "--plot", "n_A:coefficient")
     assert run.code == 5 and len(run.messages) == 1, run.output
-    assert str(picture) in run.messages[0] and "all 2 cases have a certified answer" in run.messages[0]
+    assert str(picture) in run.messages[0]
 
 
 # Shares, lists, closed folders
@@ -278,7 +244,7 @@ def test_a_plot_that_cannot_be_written(finished, small, tmp_path):
 
 def test_a_share_without_cases(finished, small):
     run = run_sweep(small, finished.folder, *TWO, "--index", "3/5")
-    assert run.code == 0 and "none of the 2 cases falls to this share" in run.stdout and "all 0" not in run.stdout
+    assert run.code == 0 and "0 of 0 cases" in run.stdout
 
 
 def test_a_list_that_nobody_reads_to_its_end(small, tmp_path):
@@ -296,12 +262,12 @@ CLOSED = """
 import os, sys
 from ddmpi.cli import main as cli
 from ddmpi.sweep import sweep
-original = sweep.check_plots
-def check_plots(*arguments):
+original = sweep.identify
+def identify(*arguments):
     if os.geteuid() == 0:  # nothing is closed to root
         os.seteuid(65534)
-    original(*arguments)
-sweep.check_plots = check_plots
+    return original(*arguments)
+sweep.identify = identify
 cli.main(sys.argv[1:])
 """
 
@@ -337,7 +303,7 @@ def test_mesh_files_are_part_of_a_sweep(tmp_path):
     check_sweep(tmp_path / "out", first)
     with open(tmp_path / "punch_base.msh", "a") as file:
         file.write("\n")
-    with pytest.raises(InputError, match=r"differs in mesh files\.punch_base\.msh"):
+    with pytest.raises(InputError, match=r"another sweep: mesh files\.punch_base\.msh is"):
         check_sweep(tmp_path / "out", identify({}, [], cases, tmp_path))
 
 

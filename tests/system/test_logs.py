@@ -51,13 +51,13 @@ def test_the_log_has_what_the_screen_has(runs, log):
 
 
 def test_a_quiet_run_is_told_in_the_log(runs, log):
-    assert runs["quiet"].code == 0 and runs["quiet"].output == ""
+    assert (runs["quiet"].code, runs["quiet"].stdout, runs["quiet"].own_stderr) == (0, "", "")
     assert any(line.startswith("converged and certified") for line in log[1])
 
 
 def test_a_log_is_continued_and_holds_the_error(runs, log):
     assert len(log) == 3 and runs["failed"].code == 3
-    error = runs["failed"].stderr.split("\n---")[0].splitlines()  # Open MPI adds its own words
+    error = runs["failed"].own_stderr.splitlines()
     assert error[0].startswith("ddmpi: error: ") and log[2][-len(error):] == [line.rstrip() for line in error]
 
 
@@ -104,7 +104,7 @@ def test_a_log_is_not_added_to_something_else(tmp_path, monkeypatch, capsys, nam
 
 @pytest.mark.parametrize("arguments", [
     ["run", "s.toml", "--output", ""], ["run", "s.toml", "--restart="], ["run", "s.toml", "--log", ""],
-    ["sweep", "s.toml", "--output", ""], ["figures", ""], ["sweep-plot", "", "n_A:theta"]])
+    ["sweep", "s.toml", "--output", ""], ["figures", ""]])
 def test_empty_names_are_refused(arguments):
     from ddmpi.cli.arguments import build_parser
 
@@ -120,7 +120,7 @@ def test_a_log_that_fills_the_disk_does_not_stop_the_run(tmp_path, capsys, monke
 
     logs.configure(0, quiet=True, file=str(tmp_path / "x.log"), heading="h")
     try:
-        handler = logging.getLogger("ddmpi").handlers[1]
+        handler = logging.getLogger("ddmpi").handlers[-1]
 
         def full(*_text: str) -> None:
             raise OSError(28, "No space left on device")
@@ -172,7 +172,8 @@ def test_what_cannot_be_printed_is_told(arguments):
                                    stderr=subprocess.PIPE, timeout=LIMIT,
                                    env=scenes.clean_environment() | {"PYTHONUNBUFFERED": unbuffered})
         assert child.returncode == 5
-        assert child.stderr == "ddmpi: error: what was asked for could not be printed: No space left on device\n"
+        assert scenes.own_lines(child.stderr) == (
+            "ddmpi: error: what was asked for could not be printed: No space left on device\n")
 
 
 @pytest.mark.parametrize("arguments", ["info", "--help"])
@@ -183,7 +184,7 @@ def test_whoever_reads_may_have_seen_enough(arguments):
     with open(writes, "w") as closed:
         child = subprocess.run([sys.executable, "-m", "ddmpi", arguments], stdout=closed, stderr=subprocess.PIPE,
                                text=True, timeout=LIMIT, env=scenes.clean_environment())
-    assert (child.returncode, child.stderr) == (0, "")
+    assert (child.returncode, scenes.own_lines(child.stderr)) == (0, "")
 
 
 def test_a_run_whose_words_cannot_be_printed_goes_on():
@@ -199,14 +200,15 @@ for k in range(3):
         child = subprocess.run([sys.executable, "-c", code], stdout=full, stderr=subprocess.PIPE, text=True,
                                timeout=LIMIT, env=scenes.clean_environment() | {"PYTHONUNBUFFERED": ""})
     assert child.returncode == 0
-    assert child.stderr.count("\n") == 1 and "No space left on device" in child.stderr
+    ours = scenes.own_lines(child.stderr)
+    assert ours.count("\n") == 1 and "No space left on device" in ours
 
 
 def test_info(tmp_path):
     run = scenes.run_python(["-m", "ddmpi", "info"], 1, LIMIT, cwd=tmp_path)
-    assert run.code == 0 and run.stderr == ""
+    assert run.code == 0 and run.own_stderr == ""
     lines = dict(re.split(r" {2,}", line, maxsplit=1) for line in run.stdout.splitlines())
-    assert lines.keys() >= {"ddmpi", "petsc", "mpi", "gmsh", "BLAS", "HDF5", "Cholesky factorizations", "machine"}
+    assert lines.keys() >= {"ddmpi", "petsc", "mpi", "gmsh", "Cholesky factorizations", "machine"}
     assert "petsc" in lines["Cholesky factorizations"] and "MPRGP" in lines["contact subproblems (TAO)"]
     assert all(lines.values()) and list(tmp_path.iterdir()) == []
 

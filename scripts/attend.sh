@@ -1,0 +1,23 @@
+# Sourced by run.sh and by the batch scripts:
+#   attend COMMAND   runs it and passes signals on; sets `code`, its exit code, and `caught`, the last signal or nothing
+# SIGTERM, SIGINT and SIGUSR1 all ask a run for a checkpoint. They are passed on as SIGUSR1, which mpirun hands to the
+# ranks, whose exit code it then returns. At SIGTERM mpirun would kill the ranks after a second and return 1.
+# HAND_ON=TERM is for programs that handle no signal.
+attend() {
+    local came last=0 signal
+    caught=""
+    "$@" <&0 &
+    child=$!
+    for signal in TERM INT USR1; do
+        trap "came=yes caught=$signal; kill -s ${HAND_ON:-USR1} $child 2>/dev/null || true" "$signal"
+    done
+    while :; do
+        came=""
+        code=0
+        wait "$child" || code=$?
+        [ -n "$came" ] || break # else it is the signal that has ended the wait
+        last=$code
+    done
+    [ "$code" != 127 ] || code=$last # the signal came when the command had ended
+    trap - TERM INT USR1
+}

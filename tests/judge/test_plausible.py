@@ -1,0 +1,177 @@
+"""Answers that mean nothing are refused, not certified, or come with a warning that has the number in it."""
+
+import numpy as np
+import pytest
+import scenes
+from scenes import Run, confined_blocks, pinched_blocks, sheared_stack
+
+COULOMB = {"law": "coulomb", "coefficient": 0.3}
+
+
+def run(scene: dict, folder, *arguments: str) -> Run:
+    path = scenes.write_scene(scene, folder / "scene.toml")
+    return scenes.run_command(path, folder / "out", "--no-figures", *arguments)
+
+
+def warnings_of(done: Run) -> list[str]:
+    """The warnings of a certified run, which stand once on stderr and once in the summary."""
+    assert done.code == 0, done.output
+    found = done.summary["warnings"]
+    for warning in found:
+        assert done.stderr.count(f"ddmpi: warning: {warning}\n") == 1
+        assert warning not in done.stdout
+    assert done.stderr.count("ddmpi: warning: ") == len(found)
+    return found
+
+
+def block(name: str, x: float, y: float, size, clamp, traction=(), divisions=(8, 8)) -> dict:
+    return {"name": name, "clamp": clamp, "traction": list(traction), "material": {"young": 2e11, "poisson": 0.3},
+            "mesh": {"shape": "rectangle", "origin": [x, y], "size": list(size), "divisions": list(divisions)}}
+
+
+def pair_of(upper: dict, lower: dict, friction: dict = COULOMB) -> dict:
+    return {"body": [upper, lower], "contact": [{"bodies": [upper["name"], lower["name"]], "on": ["bottom", "top"],
+                                                 "friction": friction}]}
+
+
+# Before anything is computed
+
+
+def test_sides_that_turn_their_backs_are_refused(tmp_path):
+    """Names of `on` in the wrong order mean two metres of overlap in blocks of one metre: no contact can mean that."""
+    done = run(pinched_blocks(6), tmp_path, "--set", 'contact.0.on=["top", "bottom"]')
+    assert done.code == 2
+    assert len(done.messages) == 1
+    for words in ("contact.upper-lower", "overlap by 2,", "'upper' (1)", "order of `bodies`"):
+        assert words in done.messages[0]
+
+
+@pytest.mark.parametrize(("overlap", "warned"), [(0.5, True), (0.05, True), (0.001, False)])
+def test_a_large_initial_overlap_is_a_warning_and_every_one_is_in_the_plan(tmp_path, overlap, warned):
+    """A body placed half inside the other is solved, but not without a word."""
+    scene = pair_of(block("upper", 0.0, 1.0 - overlap, (1, 1), ["top"]), block("lower", 0.0, 0.0, (1, 1), ["bottom"]))
+    done = run(scene, tmp_path)
+    assert f"upper-lower: initial gap up to 0, initial overlap up to {overlap:g}\n" in done.stdout
+    found = [warning for warning in warnings_of(done) if "at first" in warning]
+    assert len(found) == warned
+    assert all(f"overlap by {overlap:g} at first, {overlap:.1%} of the thinner one's depth" in each for each in found)
+
+
+def test_a_component_that_is_clamped_twice_differently_is_refused(tmp_path):
+    """Two clamps of one group that fix different components, or give one the same value, are fine."""
+    scene = pinched_blocks(4)
+    scene["body"][0]["clamp"] = [{"on": "left", "x": 0.0}, {"on": "left", "y": 0.0}, "left"]
+    assert warnings_of(run(scene, tmp_path)) == []
+    scene["body"][0]["clamp"] = ["left", {"on": "top", "x": 1e-3}]
+    done = scenes.run_command(scenes.write_scene(scene, tmp_path / "twice.toml"), tmp_path / "twice")
+    assert done.code == 2
+    assert "body.upper.clamp: x at (0, 2) is prescribed twice, as 0 and, on 'top', as 0.001" in done.messages[0]
+
+
+def test_lost_and_doubled_loads_are_warnings(tmp_path):
+    """A load on a group that is clamped in its direction acts on nothing; one of its components may act."""
+    scene = pinched_blocks(4)
+    scene["body"][0]["clamp"] = ["left", {"on": "right", "x": 0.0}]
+    scene["body"][1]["traction"] *= 2
+    found = warnings_of(run(scene, tmp_path))
+    assert len(found) == 2
+    assert "the load on 'right' along x is lost" in found[0]
+    assert "body.lower.traction: 'bottom' is loaded 2 times" in found[1]
+
+
+@pytest.mark.parametrize(("points", "warned"), [([0.0, 3.0], False), ([0.0, 2.0], True), ([1.0, 4.0], True)])
+def test_a_profile_that_does_not_cover_the_contact_is_a_warning(tmp_path, points, warned):
+    scene = pinched_blocks(4)
+    scene["contact"][0]["friction"]["coefficient"] = {"along": "x", "points": points, "values": [0.2, 0.4]}
+    found = warnings_of(run(scene, tmp_path))
+    assert len(found) == warned
+    words = f"covers x from {points[0]:g} to {points[1]:g}, the contact goes from 0.25 to 3"
+    assert all(words in each for each in found)
+
+
+# Of the answer
+
+
+@pytest.mark.parametrize(("approach", "certified"), [(0.0, True), (0.05, False)])
+def test_overlaps_that_clamps_prescribe_are_in_the_certificate(tmp_path, approach, certified):
+    """Nodes that both bodies clamp carry no unknown; that they overlap by 0.05 m must not be certified."""
+    upper = block("upper", 0.0, 1.0, (2, 1), ["top", {"on": "left", "x": 0.0, "y": -approach}])
+    if approach:
+        upper["clamp"][0] = {"on": "top", "x": 0.0, "y": -approach}
+    done = run(pair_of(upper, block("lower", 0.0, 0.0, (2, 1), ["bottom", "left"])), tmp_path)
+    assert done.code == (0 if certified else 3), done.output
+    assert done.summary["contacts"]["upper-lower"]["m"] == 8  # one of nine pairs is clamped
+    if not certified:
+        assert "penetration" in done.messages[0] or "penetration" in done.stderr
+        assert done.summary["certificate"]["penetration"] > 0.5
+        assert done.summary["outer_iterations"] < 60  # tightening it again and again would not help
+
+
+def test_large_displacements_and_far_slips_are_warnings(tmp_path):
+    """Small-strain theory carries neither a body that moves by its size nor pairs that slide past their neighbours."""
+    scene = pinched_blocks(6, "none")
+    for body in scene["body"]:
+        body["material"]["young"] = 2e8
+    moved, *_, slid = warnings_of(run(scene, tmp_path))
+    assert "body.upper" in moved and "largest displacement" in moved and "times its size" in moved
+    assert "node pairs slid up to" in slid
+    assert warnings_of(scenes.run_command(scenes.write_scene(pinched_blocks(6), tmp_path / "fine.toml"),
+                                          tmp_path / "fine", "--no-figures")) == []
+
+
+def test_a_layer_pressed_through_itself_is_a_warning(tmp_path):
+    """A strain of 500 % in a layer is no small one, however small the displacement beside the body's length."""
+    layer = block("layer", 0.0, 0.0, (3.0, 0.01), ["bottom"], divisions=(12, 4))
+    layer["material"]["young"] = 1e6
+    upper = block("upper", 0.0, 0.01, (3.0, 1.0), [{"on": "top", "x": 0.0, "y": -0.05}], divisions=(12, 4))
+    (strained,) = warnings_of(run(pair_of(upper, layer, {"law": "none"}), tmp_path))
+    assert "body.layer: strains and rotations reach 5" in strained
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_contact_that_reaches_the_end_of_its_group_is_a_warning(tmp_path, whole):
+    """Beyond the end of a group the surfaces may go on into each other; no unknown keeps them apart there."""
+    mesh = split_bottom(tmp_path / "block.msh")
+    upper = {"name": "upper", "mesh": {"file": str(mesh)}, "material": {"young": 2e11, "poisson": 0.3},
+             "clamp": [{"on": "top", "x": 0.0, "y": -1e-4}]}
+    base = {"name": "lower", "mesh": {"file": str(split_bottom(tmp_path / "base.msh", mirror=True))},
+            "material": {"young": 2e11, "poisson": 0.3}, "clamp": ["top"]}
+    on = "bottom" if whole else "part"
+    scene = {"body": [upper, base], "contact": [{"bodies": ["upper", "lower"], "on": [on, on], "friction": COULOMB}]}
+    found = warnings_of(run(scene, tmp_path))
+    assert len(found) == (not whole)
+    assert all("reaches the end of its group at (1," in each and "overlap by" in each for each in found)
+
+
+def split_bottom(path, mirror: bool = False):
+    """A block 2 × 1 with groups top, bottom and part, the left half of the bottom; mirrored it lies below y = 0."""
+    import meshio
+
+    n, sign = 8, -1.0 if mirror else 1.0
+    x, y = np.meshgrid(np.linspace(0, 2, 2 * n + 1), np.linspace(0, 1, n + 1), indexing="ij")
+    points = np.column_stack([x.ravel(), sign * y.ravel(), np.zeros(x.size)])
+    number = np.arange(x.size).reshape(x.shape)
+    a, b, c, d = (part.ravel() for part in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]))
+    triangles = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+    bottom, top = number[:, 0], number[:, -1]
+    groups = {"bottom": bottom, "part": bottom[:n + 1], "top": top}
+    lines = [("line", np.column_stack([nodes[:-1], nodes[1:]])) for nodes in groups.values()]
+    tags = [np.full(len(block), k + 1) for k, (_, block) in enumerate(lines)]
+    mesh = meshio.Mesh(points, [*lines, ("triangle", triangles)],
+                       cell_data={name: [*tags, np.full(len(triangles), 9)] for name in ("gmsh:physical",
+                                                                                        "gmsh:geometrical")},
+                       field_data={name: np.array([k + 1, 1]) for k, name in enumerate(groups)})
+    mesh.write(path, file_format="gmsh22", binary=False)
+    return path
+
+
+@pytest.mark.parametrize("name", ["pinched_blocks", "pinched_blocks_coulomb", "pinched_blocks_tresca",
+                                  "pinched_blocks_frictionless", "punch"])
+def test_no_shipped_scene_warns(tmp_path, name):
+    done = scenes.run_command(scenes.ROOT / "configs" / f"{name}.toml", tmp_path / "out", "--no-figures")
+    assert warnings_of(done) == []
+
+
+@pytest.mark.parametrize("scene", [confined_blocks(3, gap=4e-4), sheared_stack(3, 1e-4, COULOMB)], ids=["gap", "shear"])
+def test_scenes_with_closed_forms_do_not_warn(tmp_path, scene):
+    assert warnings_of(run(scene.scene(), tmp_path)) == []

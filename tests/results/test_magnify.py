@@ -1,0 +1,136 @@
+"""What touches is drawn touching, at any magnification, and nothing that does not overlap is drawn overlapping."""
+
+import made_up
+import numpy as np
+import pytest
+from matplotlib import pyplot as plt
+
+from ddmpi.interface.trace import displacement_trace
+from ddmpi.mesh.mesh import Mesh
+from ddmpi.results.magnify import magnify
+from ddmpi.results.pictures import draw_bodies
+from ddmpi.results.reader import Results
+
+TOUCHES = 1e-12
+
+
+def deformed(meshes: dict[str, Mesh], u: dict[str, np.ndarray], contacts: dict[str, tuple[str, str]],
+             magnification: float | None = None) -> tuple[Results, list]:
+    """Results of bodies with displacements `u`, and their interfaces."""
+    start = np.cumsum([0, *(len(mesh.points) for mesh in meshes.values())])
+    fields = {"points": np.concatenate([mesh.points for mesh in meshes.values()]),
+              "displacement": np.concatenate([np.broadcast_to(u[name], mesh.points.shape)
+                                              for name, mesh in meshes.items()]),
+              "cells": np.concatenate([mesh.triangles + k for mesh, k in zip(meshes.values(), start, strict=False)]),
+              "body": np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes.values()])}
+    tables, interfaces = {}, []
+    for name, on in contacts.items():
+        bodies = name.split("-")
+        interface = made_up.interface(name, *(meshes[body] for body in bodies), on)
+        closing, slip = np.split(sum(
+            displacement_trace(interface, k, np.broadcast_to(u[body], meshes[body].points.shape))
+            for k, body in enumerate(bodies)), 2)
+        gap = interface.gap - closing
+        assert gap.min() > -TOUCHES
+        tables[name] = {"x": interface.xy[:, 0], "y": interface.xy[:, 1], "nx": interface.normal[:, 0],
+                        "ny": interface.normal[:, 1], "gap": gap, "slip": slip,
+                        "status": np.where(gap > TOUCHES, "open", "stick")}
+        interfaces.append(interface)
+    summary = {"title": "", "bodies": dict.fromkeys(meshes), "scene": made_up.scene(list(contacts))}
+    summary["scene"]["output"]["magnification"] = magnification
+    return Results(summary, tables, {}, {}, {}, fields), interfaces
+
+
+def drawn_gaps(results: Results, interfaces: list) -> tuple[float, list[np.ndarray]]:
+    """The magnification, and the normal distances at which each contact's nodes are drawn."""
+    factor, shift = magnify(results)
+    at = results.fields["points"] + shift + factor * results.fields["displacement"]
+    first = [np.flatnonzero(np.bincount(results.fields["cells"][results.fields["body"] == k].ravel()))[0]
+             for k in range(len(results.summary["bodies"]))]
+    found = []
+    for interface in interfaces:
+        one, two = (at[nodes + first[list(results.summary["bodies"]).index(body)]]
+                    for nodes, body in zip(interface.nodes, interface.bodies, strict=True))
+        found.append(np.einsum("ij,ij->i", two - one, interface.normal))
+    return factor, found
+
+
+def rings(inside: float, outside: float) -> dict[str, Mesh]:
+    return {"inner": made_up.ring((0.2, inside)), "outer": made_up.ring((outside, 2.0))}
+
+
+RINGS = {"inner-outer": ("outside", "inside")}
+
+
+@pytest.mark.parametrize("gap", [1e-4, -1e-4, 0.02])
+def test_blocks_that_touch_are_drawn_touching(gap):
+    """A gap that closes, and an overlap that is pressed apart, are drawn closed."""
+    meshes = {"upper": made_up.block((0.0, 1.0 + gap)), "lower": made_up.block()}
+    results, interfaces = deformed(meshes, {"upper": [1e-5, -gap], "lower": [0.0, 0.0]},
+                                   {"upper-lower": ("bottom", "top")})
+    factor, (gaps,) = drawn_gaps(results, interfaces)
+    assert factor == {0.02: 10.0}.get(gap, 2000.0) and np.abs(gaps).max() <= 1e-9
+    fixed = results.fields["body"] == 1
+    assert not magnify(results)[1][results.fields["cells"][fixed]].any()  # what does not move is drawn where it is
+
+
+def test_gaps_are_magnified_like_displacements():
+    """Half of a gap closes: half of it is drawn, as large as the displacement."""
+    meshes = {"upper": made_up.block((0.0, 1.0 + 2e-4)), "lower": made_up.block()}
+    results, interfaces = deformed(meshes, {"upper": [0.0, -1e-4], "lower": [0.0, 0.0]},
+                                   {"upper-lower": ("bottom", "top")}, 50.0)
+    factor, (gaps,) = drawn_gaps(results, interfaces)
+    assert factor == 50.0 and gaps == pytest.approx(50 * 1e-4)
+
+
+def test_a_row_of_blocks_touches_at_every_contact():
+    """Two contacts with gaps of their own are both drawn closed."""
+    meshes = {"left": made_up.block(), "middle": made_up.block((3.0 + 1e-3, 0.0)),
+              "right": made_up.block((6.0 + 3e-3, 0.0))}
+    u = {"left": [2e-3, 0.0], "middle": [1e-3, 0.0], "right": [-1e-3, 0.0]}
+    factor, gaps = drawn_gaps(*deformed(meshes, u, made_up.CONTACTS["row"]))
+    assert factor > 50.0 and np.abs(gaps).max() <= 1e-9
+
+
+@pytest.mark.parametrize("overlap", [1e-6, 1e-3, 0.05])
+def test_a_shrink_fit_is_drawn_without_air(overlap):
+    """Where bodies cannot be shifted to touch, the magnification is so small that the overlap is invisible."""
+    meshes = rings(1.0 + overlap / 2, 1.0 - overlap / 2)
+    u = {name: sign * overlap / 2 * mesh.points / np.linalg.norm(mesh.points, axis=1)[:, None]
+         for (name, mesh), sign in zip(meshes.items(), (-1, 1), strict=True)}
+    factor, (gaps,) = drawn_gaps(*deformed(meshes, u, RINGS))
+    assert factor == {1e-6: 5000.0, 1e-3: 5.0, 0.05: 1.0}[overlap]
+    assert np.abs(gaps).max() <= 0.002 * 4.0
+
+
+@pytest.mark.parametrize("clearance", [1e-4, 1e-2, 0.2])
+def test_a_pin_does_not_run_through_its_plate(clearance):
+    """A pin that is moved until it touches is drawn touching, with air on the other side."""
+    u = {"inner": [0.0, -clearance], "outer": [0.0, 0.0]}
+    results, interfaces = deformed(rings(1.0 - clearance, 1.0), u, RINGS)
+    factor, (gaps,) = drawn_gaps(results, interfaces)
+    assert (factor > 1.0) == (clearance < 0.2)
+    assert gaps.min() >= -0.002 * 4.0 and np.argmin(gaps) == np.argmin(interfaces[0].xy[:, 1])
+    assert gaps.max() >= 1.99 * clearance
+
+
+def test_a_far_body_stays_where_it_is():
+    """A gap that is visible as it is leaves no room for a magnification."""
+    meshes = {"upper": made_up.block((0.0, 2.0)), "lower": made_up.block()}
+    results, _ = deformed(meshes, {"upper": [0.0, -1e-4], "lower": [0.0, 0.0]}, {"upper-lower": ("bottom", "top")})
+    factor, shift = magnify(results)
+    assert factor == 1.0 and not shift.any()
+
+
+@pytest.mark.parametrize("given", [50.0, None])
+def test_bodies_are_drawn_at_the_magnification_in_the_title(given):
+    """bodies.png has bodies that touch, and the magnification of the scene, or the chosen one, in its title."""
+    meshes = {"upper": made_up.block((0.0, 1.0 + 1e-4)), "lower": made_up.block()}
+    results, _ = deformed(meshes, {"upper": [0.0, -1e-4], "lower": [0.0, 0.0]}, {"upper-lower": ("bottom", "top")},
+                          given)
+    figure = draw_bodies(results)
+    outline = np.concatenate(figure.axes[0].collections[0].get_segments())
+    heights = outline[np.isclose(outline[:, 0], 3.0), 1]
+    assert np.unique(heights.round(9)) == pytest.approx(np.linspace(0.0, 2.0, 17))  # one line where they touch
+    assert f"displacement × {given or 2000:g}, largest 100 µm" in figure._suptitle.get_text()
+    plt.close("all")

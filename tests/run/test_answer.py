@@ -1,0 +1,83 @@
+"""The Python interface: resultants and counts of an answer against closed forms."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scenes import confined_blocks, pinched_blocks, sheared_stack, to_toml
+
+import ddmpi
+from ddmpi.errors import InputError
+
+two_ranks = pytest.mark.mpi(ranks=2, timeout=60, unit="s")
+
+
+@two_ranks
+def test_reactions_of_the_clamps_balance_the_contact(comm):
+    """Force, moment and reactions of a contact that is pressed down and sheared, whichever body is the first."""
+    stack = sheared_stack(4, 3e-3, {"law": "coulomb", "coefficient": 0.3})
+    (x, y), p, tau, width = stack.corner, stack.pressure, stack.shear, stack.width
+    assert stack.status == "slip"
+    for first, sign in (("upper", 1.0), ("lower", -1.0)):
+        scene = dataclasses.replace(stack, first=first).scene()
+        summary = ddmpi.solve(to_toml(scene), comm).summary
+        (contact,) = summary["contacts"].values()
+        assert contact["force"] == pytest.approx([-sign * tau * width, sign * p * width], rel=1e-6)
+        moment = (x + width / 2) * p * width + (y + stack.lower.height) * tau * width
+        assert contact["moment"] == pytest.approx(sign * moment, rel=1e-6)
+        assert contact["pressure_max"] == pytest.approx(p, rel=1e-6)
+        assert summary["bodies"]["lower"]["reaction"] == pytest.approx([-tau * width, p * width], rel=1e-6)
+        assert summary["bodies"]["upper"]["reaction"] == pytest.approx([tau * width, -p * width], rel=1e-6)
+
+
+@two_ranks
+def test_an_answer_is_certified_only_where_the_iteration_ended_and_the_certificate_holds(comm):
+    for method, certified in ({}, True), ({"max_iterations": 2}, False):
+        answer = ddmpi.solve(to_toml(pinched_blocks(4, **method)), comm)
+        assert answer.certified is certified, answer.reason
+
+
+@two_ranks
+def test_gaps_close_and_multiplications_are_counted_step_by_step(comm):
+    """A step of the history counts what all bodies have multiplied until then."""
+    stack = confined_blocks(3, 4e-4)
+    answer = ddmpi.solve(to_toml(stack.scene()), comm)
+    (state,) = answer.contacts.values()
+    assert state.pressure == pytest.approx(np.full(4, stack.pressure), rel=1e-6)
+    assert state.gap == pytest.approx(np.zeros(4), abs=1e-10)
+    *_, last = answer.solved.solution.outer.history
+    assert last.n_A == answer.summary["n_A"] - 2  # and one each for the final displacement
+
+
+@two_ranks
+def test_a_clamp_on_the_contact_moves_it(comm):
+    """A surface that is clamped and moved presses the other body, as its own bottom would."""
+    stack = confined_blocks(3, 0.0)
+    scene = stack.scene()
+    for body, on, y in zip(scene["body"], ("top", "top"), (0.0, 1e-3), strict=True):
+        body["clamp"] = [{"on": on, "x": 0.0, "y": y}, *({"on": side, "x": 0.0} for side in ("left", "right"))]
+    (state,) = ddmpi.solve(to_toml(scene), comm).contacts.values()
+    expected = 1e-3 * stack.upper.confined("strain") / stack.upper.height
+    assert state.pressure == pytest.approx(np.full(4, expected), rel=1e-6)
+
+
+@two_ranks
+def test_petsc_options_of_a_scene_hold_for_its_run_only(comm):
+    scene = to_toml(pinched_blocks(3))
+    asked = {"petsc.body_ksp_type": "cg", "petsc.body_pc_type": "jacobi", "petsc.body_ksp_rtol": np.float64(1e-12)}
+    for overrides, solver in (asked, "cg"), ({}, "mumps"):
+        answer = ddmpi.solve(scene, comm, overrides)
+        assert answer.certified and not answer.summary["options_unused"]
+        assert all(solver in body["solver"] for body in answer.summary["bodies"].values()), answer.summary["bodies"]
+
+
+@two_ranks
+def test_overrides_are_values_of_a_scene(comm):
+    scene = to_toml(pinched_blocks(2))
+    title = 'a "quoted" Größe\\n in µm'
+    answer = ddmpi.solve(scene, comm, {"title": title, "body.upper.mesh.divisions": np.array([6, 2]),
+                                       "output": {"figures": False}, "method.tolerance": 1e-9})
+    assert answer.summary["title"] == title and answer.certified
+    for value in None, {1, 2}, 1j:
+        with pytest.raises(InputError, match=r"overrides: .* is no value of a scene"):
+            ddmpi.solve(scene, comm, {"title": value})
