@@ -363,11 +363,15 @@ def test_run_sh_says_that_a_signal_has_ended_a_rank(tmp_path, number, said):
 @pytest.mark.parametrize("number", [signal.SIGUSR1, signal.SIGTERM, signal.SIGINT])
 @pytest.mark.parametrize(("answer", "code"), [("exit 6", 6), ("", 0)], ids=["interrupted", "complete"])
 def test_run_sh_returns_the_exit_code_of_an_interrupted_run(tmp_path, number, answer, code):
-    """A signal to run.sh ends with exit code 6 where the run was interrupted, and 0 where its results were complete."""
+    """A signal to run.sh ends with exit code 6 where the run was interrupted, and 0 where its results were complete.
+
+    Also where the tests run in the background of a shell, which ignores SIGINT there.
+    """
     seconds = 30 if answer else 1
     python = executable(tmp_path / "python", f'trap "{answer}" USR1 TERM; touch {tmp_path}/ready-$$\n'
                                              f"for i in $(seq {10 * seconds}); do sleep 0.1; done")
     with subprocess.Popen([str(scenes.ROOT / "scripts" / "run.sh"), "scene.toml"], stderr=subprocess.PIPE, text=True,
+                          preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
                           env=scenes.clean_environment() | {"DDMPI_PYTHON": str(python)}) as run:
         end = time.monotonic() + 30
         while len(list(tmp_path.glob("ready-*"))) < 2 and time.monotonic() < end:
