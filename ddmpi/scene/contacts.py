@@ -1,8 +1,12 @@
-"""Types of one contact: its name, the two sides and the friction law."""
+"""Types of one contact: its name, the two sides, what holds between them."""
 
 from __future__ import annotations
 
-from ddmpi.scene.values import Group, Name, NonNegative, Profile, Table, settle
+from typing import Annotated, Literal
+
+import msgspec
+
+from ddmpi.scene.values import Group, Name, NonNegative, Number, Profile, SignedProfile, Table, settle
 
 
 class Coulomb(Table, frozen=True, kw_only=True, tag_field="law", tag="coulomb"):
@@ -22,12 +26,24 @@ class NoFriction(Table, frozen=True, kw_only=True, tag_field="law", tag="none"):
 
 
 class ContactSpec(Table, frozen=True, kw_only=True):
-    """Two boundary groups that may touch; normals and forces of the results are the first body's."""
+    """Two bodies that may touch, or a body and a rigid partner, which then comes second.
+
+    Normals and forces of the results are the first body's. ``on`` has a boundary group of each body, so only one if
+    the partner is rigid. ``gap`` (m) is the initial one along the normal: positive is open, negative an interference.
+    It is measured where it is None.
+    """
 
     name: Name | None = None
     bodies: tuple[Name, Name]
-    on: tuple[Group, Group]
+    on: Annotated[tuple[Group, ...], msgspec.Meta(min_length=1, max_length=2)]
+    kind: Literal["unilateral", "bonded"] = "unilateral"
     friction: Coulomb | Tresca | NoFriction = NoFriction()
+    gap: Number | SignedProfile | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind == "bonded" and not isinstance(self.friction, NoFriction):
+            raise ValueError('friction does not go with kind = "bonded", which lets nothing slide; leave one of them '
+                             "out")
 
     def settled(self) -> SettledContact:
         """This contact under its name, which is by default the bodies' names with a dash."""
@@ -35,7 +51,7 @@ class ContactSpec(Table, frozen=True, kw_only=True):
 
 
 class SettledContact(ContactSpec, frozen=True, kw_only=True):
-    """A contact without optional keys."""
+    """A contact without optional keys, but for a ``gap`` that is not given."""
 
     name: Name
 

@@ -1,13 +1,21 @@
-"""Keys of a scene as users write them: KEY=VALUE after ``--set``, entries of lists by name or number."""
+"""Keys of a scene as users write them: KEY=VALUE after ``--set``, entries of lists by name or number, and in messages.
+
+A message about a mistake names the key, and what would have been right.
+"""
 
 from __future__ import annotations
 
+import difflib
+import math
+import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
+from msgspec import inspect
+
 from ddmpi.errors import InputError
-from ddmpi.scene.mistakes import name_of, nearest
+from ddmpi.scene.contacts import default_name
 
 
 def override(data: dict, setting: str) -> None:
@@ -64,3 +72,92 @@ def _index(table: list, part: str, key: str) -> int:
     named = [name for name in names if name]
     known = ", ".join(named) or (f"0 to {len(table) - 1}" if table else "none, the list is empty")
     raise InputError(f"--set {key}: there is no entry {part!r}{nearest(part, named)} (entries: {known})")
+
+
+def nearest(word: str, words: list[str]) -> str:
+    """The end of a message that proposes the most similar of `words`; empty if none is similar."""
+    close = difflib.get_close_matches(word, words, n=1, cutoff=0.5)
+    return f"; did you mean {close[0]!r}?" if close else ""
+
+
+def name_of(entry: Any) -> str | None:
+    """The name that keys may use for an entry of a list in a scene's data; None if it has no name."""
+    name, bodies = (entry.get("name"), entry.get("bodies")) if isinstance(entry, dict) else (None, None)
+    if name is None and isinstance(bodies, list) and all(isinstance(body, str) for body in bodies):
+        name = default_name(bodies)
+    return name if isinstance(name, str) and name else None
+
+
+def explain(message: str, data: dict, root: type) -> str:
+    """Reword msgspec's `message` about `data` as a `root`: the user's key, and what would have been right."""
+    problem, _, path = message.partition(" - at `$")
+    named, here, kinds = _locate(re.findall(r"\w+|\.\.\.", path), data, root)
+    if found := re.search(r"(missing required|unknown) field `(.*?)`", problem):
+        key = ".".join([*named, found[2]])
+        if found[1] != "unknown":
+            return f"{key}: this key is required and missing"
+        fields = [name for kind in kinds if isinstance(kind, inspect.StructType)
+                  for name in (kind.tag_field, *(field.name for field in kind.fields)) if name]
+        return f"{key}: unknown key{nearest(found[2], fields)} (valid here: {', '.join(fields)})"
+    key = ".".join(named) + ": " * bool(named)
+    allowed = [str(value) for kind in kinds if isinstance(kind, inspect.LiteralType) for value in kind.values]
+    if problem.startswith("Invalid") and allowed:
+        number = "a number or " * any(isinstance(kind, inspect.IntType | inspect.FloatType) for kind in kinds)
+        return f"{key}{here!r} is not valid; expected {number}one of {', '.join(allowed)}{nearest(str(here), allowed)}"
+    if isinstance(here, float) and not math.isfinite(here):
+        problem = "must be a finite number"
+    if "matching regex" in problem:  # only names have a pattern
+        problem = "a name has no '.', '=', '/', blank or control character"
+    if not isinstance(here, dict | list):
+        problem = re.sub(r", got `.*?`$", "", problem) + f" (got {here!r})"
+    problem = re.sub(r"`(.*?)`", lambda kind: kind[1].replace("object", "a table").replace("array", "a list")
+                     .replace(" | null", "").replace("|", "or"), problem)
+    return key + problem[:1].lower() + problem[1:] + _remedy(named, kinds, here)
+
+
+def _locate(parts: list[str], data: dict, root: type) -> tuple[list[str], Any, list[inspect.Type]]:
+    """What stands at a path in `data`: the key, entries of lists by name; the value; the types that it may have."""
+    named, here, kinds = [], data, [inspect.type_info(root)]
+    for part in parts:
+        if part == "...":  # in a table of free names, msgspec does not say which one
+            part = next(name for name, value in here.items() if not isinstance(value, str | int | float)
+                        or (isinstance(value, float) and not math.isfinite(value)))
+        kinds = [inner for kind in kinds for inner in _inside(kind, part)]
+        in_list, here = isinstance(here, list), here[int(part) if isinstance(here, list) else part]
+        named.append((in_list and name_of(here)) or part)
+        if isinstance(here, dict):  # its tag, as in law = "coulomb", tells unions apart
+            kinds = [kind for kind in kinds if isinstance(kind, inspect.StructType) and kind.tag
+                     and kind.tag == here.get(kind.tag_field)] or kinds
+    return named, here, kinds
+
+
+def _inside(kind: inspect.Type, part: str) -> list[inspect.Type]:
+    """The types that may stand at key `part` of a `kind`."""
+    inner: Sequence[inspect.Type]
+    match kind:
+        case inspect.StructType(tag_field=field, tag=tag) if field == part:
+            inner = [inspect.LiteralType((tag,))]
+        case inspect.StructType(fields=fields):
+            inner = [field.type for field in fields if field.name == part]
+        case inspect.TupleType(item_types=items):
+            inner = [items[int(part)]]
+        case inspect.ListType(item_type=item) | inspect.VarTupleType(item_type=item):
+            inner = [item]
+        case inspect.DictType(value_type=value):
+            inner = [value]
+        case _:
+            inner = []
+    return [one for each in inner for one in (each.types if isinstance(each, inspect.UnionType) else (each,))]
+
+
+def _remedy(named: list[str], kinds: list[inspect.Type], here: Any) -> str:
+    """The end of a message that shows how to write `here`, if it only lacks brackets or braces."""
+    for kind in kinds:
+        if isinstance(kind, inspect.StructType) and kind.tag and kind.tag == here:
+            return f'; write {named[-1]} = {{ {kind.tag_field} = "{here}" }}'
+        wanted = inspect.StrType if isinstance(here, str) else inspect.StructType if isinstance(here, dict) else ()
+        is_list = isinstance(kind, inspect.ListType | inspect.VarTupleType)
+        if is_list and any(isinstance(item, wanted) for item in _inside(kind, "0")):
+            inner = f'"{here}"' if isinstance(here, str) else "{ … }"
+            return f"; write {named[-1]} = [{inner}]" if named[1:] else f"; write [[{named[0]}]]"
+    return ""

@@ -51,6 +51,13 @@ class Method(Table, frozen=True, kw_only=True):
     def _published(self) -> list[str]:
         return [name for name in ("algorithm", "splitting", "theta") if getattr(self, name) is not None]
 
+    @property
+    def for_two(self) -> str:
+        """The keys that ask for a method of two bodies with one contact, as in a message; empty for other methods."""
+        if self.outer in ("anderson", "relaxation"):
+            return f'outer = "{self.outer}"'
+        return f'{", ".join(self._published)} (outer = "relaxation")' if self._published else ""
+
     def settled(self, refinable: bool = True) -> SettledMethod:
         """With everything filled in; a preset asks for a ``target_error`` only if the meshes are `refinable`."""
         preset = PRESETS.get(self.preset or "", {})

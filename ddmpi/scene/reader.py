@@ -9,8 +9,7 @@ from pathlib import Path
 import msgspec
 
 from ddmpi.errors import InputError
-from ddmpi.scene.keys import override
-from ddmpi.scene.mistakes import explain
+from ddmpi.scene.keys import explain, override
 from ddmpi.scene.scene import FileOrder, Scene, Settled
 
 

@@ -1,4 +1,4 @@
-"""The scene: bodies, contacts and method, as the user asks for them and with everything filled in.
+"""The scene: bodies, rigid partners, contacts and method, as the user asks for them and with everything filled in.
 
 `Scene` is the frozen data of a TOML file, and checks what does not fit together. `Settled` is what all other rooms
 work with.
@@ -14,8 +14,9 @@ import msgspec
 
 from ddmpi.scene.bodies import BodySpec, SettledBody
 from ddmpi.scene.contacts import ContactSpec, SettledContact
+from ddmpi.scene.keys import nearest
 from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod
-from ddmpi.scene.mistakes import nearest
+from ddmpi.scene.rigid import Rigid
 from ddmpi.scene.values import Number, Table, settle
 
 FileOrder = Callable[[BodySpec], Literal[1, 2]]
@@ -29,6 +30,7 @@ class Scene(Table, frozen=True, kw_only=True):
 
     title: str = ""
     body: Annotated[list[BodySpec], msgspec.Meta(min_length=1)]
+    rigid: list[Rigid] = []
     contact: list[ContactSpec]
     method: Method = Method()
     output: Output = Output()
@@ -36,32 +38,74 @@ class Scene(Table, frozen=True, kw_only=True):
     petsc: PETScOptions = {}
 
     def __post_init__(self) -> None:
-        bodies = {body.name: body for body in self.body}
+        if not self.contact:
+            raise ValueError('contact: a scene needs at least one contact; write [[contact]], bodies = ["…", "…"]')
+        self._check_names()
+        for contact in self.contact:
+            self._check_partners(contact.settled())
+        if len({body.mesh.order for body in self.body} - {None}) > 1:
+            raise ValueError("bodies have mesh.order 1 and 2; forces at their common nodes would mean different "
+                             "pressures, so give all bodies the same")
+        two = (len(self.body), len(self.rigid), len(self.contact)) == (2, 0, 1)
+        if self.method.for_two and not (two and self.contact[0].kind == "unilateral"):
+            raise ValueError(f"method.{self.method.for_two} is for two held bodies with one unilateral contact; beyond "
+                             "that the published iteration diverges for theta >= 0.02, accelerated or not; what works "
+                             'is outer = "newton", the default')
+
+    def _check_names(self) -> None:
+        """Bodies and rigid partners share one list of names, contacts have another."""
+        pairs: set[frozenset[str]] = set()
+        sides: dict[frozenset[tuple[str, str]], str] = {}
+        for number, contact in enumerate(self.contact):
+            first, second = contact.bodies
+            if contact.name is None and frozenset(contact.bodies) in pairs:
+                raise ValueError(f"contact.{number}: a second contact between {first!r} and {second!r} must be named; "
+                                 f'add name = "…"')
+            pairs.add(frozenset(contact.bodies))
+            name, both = contact.settled().name, frozenset(zip(contact.bodies, (*contact.on, ""), strict=False))
+            if both in sides:
+                raise ValueError(f"contact.{name}: is between the same sides as contact.{sides[both]}; forces and slip "
+                                 "bounds of both would add up, so leave one of them out")
+            sides[both] = name
         contacts = [contact.settled() for contact in self.contact]
-        for key, entries in ("body", self.body), ("contact", contacts):
+        for key, entries in ("body", self.body), ("rigid", self.rigid), ("contact", contacts):
             for name, number in Counter(entry.name for entry in entries).items():
                 if number > 1:
                     raise ValueError(f'{key}.{name}: {number} [[{key}]] tables have this name; give each name = "…" of '
                                      "its own")
-        for contact in contacts:
-            key = f"contact.{contact.name}.bodies"
-            for name in contact.bodies:
-                if name not in bodies:
-                    raise ValueError(f"{key}: there is no body {name!r}{nearest(name, list(bodies))} "
-                                     f"(bodies: {', '.join(bodies)})")
-            first, second = (bodies[name] for name in contact.bodies)
-            if first is second:
-                raise ValueError(f"{key}: names {first.name!r} twice; a contact is between two bodies")
-            planes = first.material.plane, second.material.plane
-            if planes[0] != planes[1]:
-                raise ValueError(f"{key}: {first.name!r} is in plane {planes[0]} and {second.name!r} in plane "
-                                 f"{planes[1]}; they cannot touch, so give both the same material.plane")
-        if len({body.mesh.order for body in self.body} - {None}) > 1:
-            raise ValueError("bodies have mesh.order 1 and 2; forces at their common nodes would mean different "
-                             "pressures, so give all bodies the same")
-        if (len(self.body), len(self.contact)) != (2, 1):  # no rule of scenes, but what the other rooms can do yet
-            raise ValueError(f"this version solves two bodies with one contact; got {len(self.body)} [[body]] and "
-                             f"{len(self.contact)} [[contact]]")
+        for rigid in self.rigid:
+            if rigid.name in {body.name for body in self.body}:
+                raise ValueError(f"rigid.{rigid.name}: a [[body]] has this name, too; rename one of them, because "
+                                 "contacts name both in the same way")
+
+    def _check_partners(self, contact: SettledContact) -> None:
+        """A contact is between two bodies, or a body and then a rigid partner, with a group for each body."""
+        key, bodies = f"contact.{contact.name}", {body.name: body for body in self.body}
+        rigid = [partner.name for partner in self.rigid]
+        for name in contact.bodies:
+            if name not in bodies and name not in rigid:
+                lists = f"bodies: {', '.join(bodies)}" + f"; rigid: {', '.join(rigid)}" * bool(rigid)
+                raise ValueError(f"{key}.bodies: there is no body {'or rigid partner ' * bool(rigid)}{name!r}"
+                                 f"{nearest(name, [*bodies, *rigid])} ({lists})")
+        first, second = contact.bodies
+        if first == second:
+            raise ValueError(f"{key}.bodies: names {first!r} twice; a contact is between two bodies, or a body and a "
+                             "rigid partner")
+        if first in rigid and second in rigid:
+            raise ValueError(f"{key}.bodies: {first!r} and {second!r} are both rigid; one of them must be a [[body]]")
+        if first in rigid:
+            raise ValueError(f"{key}.bodies: {first!r} is rigid and comes second; write bodies = "
+                             f'["{second}", "{first}"], on = ["{contact.on[-1]}"]')
+        if second in rigid and len(contact.on) > 1:
+            raise ValueError(f"{key}.on: {second!r} is rigid and has no boundary groups; write on = "
+                             f'["{contact.on[0]}"], the one of {first!r}')
+        if second in bodies and len(contact.on) < 2:
+            raise ValueError(f"{key}.on: names a boundary group of {first!r}, and must name one of {second!r}, too; "
+                             f'write on = ["{contact.on[0]}", "…"]')
+        planes = [bodies[name].material.plane for name in contact.bodies if name in bodies]
+        if len(set(planes)) > 1:
+            raise ValueError(f"{key}.bodies: {first!r} is in plane {planes[0]} and {second!r} in plane {planes[1]}; "
+                             "they cannot touch, so give both the same material.plane")
 
     def settled(self, file_order: FileOrder | None = None) -> Settled:
         """The scene with everything filled in that was left out.
@@ -100,6 +144,7 @@ class Settled(Table, frozen=True, kw_only=True):
 
     title: str
     body: list[SettledBody]
+    rigid: list[Rigid]
     contact: list[SettledContact]
     method: SettledMethod
     output: Output

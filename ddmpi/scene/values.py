@@ -98,3 +98,9 @@ class Profile(Table, frozen=True, kw_only=True):
     def at(self, xy: np.ndarray) -> np.ndarray:
         """Values (m,) at the contact nodes `xy` (m, 2)."""
         return np.interp(self.position(xy), self.points, self.values)
+
+
+class SignedProfile(Profile, frozen=True, kw_only=True):
+    """A profile whose values may be negative."""
+
+    values: list[Number]

@@ -1,0 +1,328 @@
+"""Scenes of any number of bodies, contacts and rigid partners: what is read, and what is refused in which words."""
+
+import json
+
+import pytest
+from scenes import to_toml
+
+from ddmpi.errors import InputError
+from ddmpi.mesh.build import build_mesh
+from ddmpi.scene.contacts import Coulomb, NoFriction
+from ddmpi.scene.reader import read_scene
+from ddmpi.scene.rigid import Circle, Plane
+from ddmpi.scene.scene import Settled
+from ddmpi.scene.values import SignedProfile
+
+BODIES = """
+[[body]]
+name = "shaft"
+mesh = { shape = "annulus", center = [0.0, 2.0], radii = [0.1, 0.5], angles = [0, 360], divisions = [24, 4] }
+material = { young = 2e11, poisson = 0.3 }
+
+[[body]]
+name = "hub"
+mesh = { shape = "annulus", center = [0.0, 2.0], radii = [0.5, 1.0], angles = [0, 360], divisions = [24, 4] }
+material = { young = 1e11, poisson = 0.3 }
+volume_force = [0.0, -1e4]
+
+[[body]]
+name = "plate"
+mesh = { shape = "quadrilateral", corners = [[-1, 0], [1, 0], [1.5, 1], [-1.5, 1]], divisions = [8, 4] }
+material = { young = 2e11, poisson = 0.3 }
+"""
+
+TEXT = BODIES + """
+[[rigid]]
+name = "floor"
+shape = "plane"
+point = [0.0, 0.0]
+normal = [0.0, 1.0]
+
+[[rigid]]
+name = "bore"
+shape = "circle"
+center = [0.0, 2.0]
+radius = 1
+inside = true
+
+[[contact]]
+bodies = ["shaft", "hub"]
+on = ["outer", "inner"]
+gap = -1e-4
+friction = { law = "coulomb", coefficient = 0.3 }
+
+[[contact]]
+bodies = ["plate", "floor"]
+on = ["bottom"]
+kind = "unilateral"
+
+[[contact]]
+name = "glue"
+bodies = ["hub", "plate"]
+on = ["outer", "top"]
+kind = "bonded"
+gap = { along = "y", points = [0, 1], values = [-1e-3, 1e-3] }
+
+[[contact]]
+bodies = ["hub", "bore"]
+on = ["outer"]
+"""
+
+ALONE = BODIES.split("[[body]]\n")[-1]
+"""The last body's table without its first line."""
+
+
+def scene(*settings: str, text: str = TEXT) -> Settled:
+    return read_scene("case.toml", text, list(settings))
+
+
+def message(*settings: str, text: str = TEXT) -> str:
+    with pytest.raises(InputError) as error:
+        scene(*settings, text=text)
+    assert error.value.exit_code == 2
+    return str(error.value)
+
+
+def test_assembly_is_read():
+    """A scene may have any number of bodies, rigid partners and contacts of both kinds."""
+    assembly = scene()
+    assert [body.name for body in assembly.body] == ["shaft", "hub", "plate"]
+    assert assembly.rigid == [Plane(name="floor", point=(0.0, 0.0), normal=(0.0, 1.0)),
+                              Circle(name="bore", center=(0.0, 2.0), radius=1.0, inside=True)]
+    assert [contact.name for contact in assembly.contact] == ["shaft-hub", "plate-floor", "glue", "hub-bore"]
+    assert [contact.kind for contact in assembly.contact] == ["unilateral", "unilateral", "bonded", "unilateral"]
+    assert [len(contact.on) for contact in assembly.contact] == [2, 1, 2, 1]
+    assert assembly.contact[0].friction == Coulomb(coefficient=0.3)
+    assert assembly.contact[2].friction == NoFriction()
+
+
+def test_gap_is_a_number_or_a_profile_or_measured():
+    """A gap may be negative; one that is left out is measured."""
+    assert [contact.gap for contact in scene().contact] == [
+        -1e-4, None, SignedProfile(along="y", points=[0.0, 1.0], values=[-1e-3, 1e-3]), None]
+
+
+def test_body_need_not_be_clamped_nor_in_contact():
+    """A body without clamps is read, and so is one that no contact names."""
+    text = BODIES + '[[contact]]\nbodies = ["shaft", "hub"]\non = ["outer", "inner"]\n'
+    assert [body.clamps for body in scene(text=text).body] == [[], [], []]
+
+
+def test_one_body_with_rigid_partners_is_a_scene():
+    """One body between rigid partners needs no other body."""
+    rigid = "".join(f'[[rigid]]\nname = "{name}"\nshape = "plane"\npoint = [0, {y}]\nnormal = [0, {1 - 2 * y}]\n'
+                    f'[[contact]]\nbodies = ["plate", "{name}"]\non = ["{on}"]\n'
+                    for name, y, on in (("floor", 0, "bottom"), ("press", 1, "top")))
+    alone = scene(text="[[body]]\n" + ALONE + rigid)
+    assert [body.name for body in alone.body] == ["plate"] and len(alone.contact) == 2
+
+
+ARCH = """
+title = "Two voussoirs between springings"
+[[rigid]]
+name = "rigid1"
+shape = "plane"
+point = [4.0, 0.0]
+normal = [-0.0, 1.0]
+[[rigid]]
+name = "rigid0"
+shape = "plane"
+point = [-5.0, 6.123233995736766e-16]
+normal = [1.2246467991473535e-16, 1.0]
+[[body]]
+name = "body0"
+mesh = { shape = "quadrilateral", corners = [[-4, 4.9e-16], [0.0, 4.0], [0.0, 5.0], [-5, 6e-16]], divisions = [9, 8] }
+material = { young = 20000000000.0, poisson = 0.2 }
+clamp = []
+traction = []
+volume_force = [0.0, -20000.0]
+[[body]]
+name = "body1"
+mesh = { shape = "quadrilateral", corners = [[0.0, 4.0], [4.0, 0.0], [5.0, 0.0], [0.0, 5.0]], divisions = [9, 8] }
+material = { young = 20000000000.0, poisson = 0.2 }
+clamp = []
+traction = [{ on = "top", value = [0.0, -1.0] }]
+volume_force = [0.0, -20000.0]
+[[contact]]
+name = "i0"
+bodies = ["body0", "body1"]
+on = ["right", "left"]
+kind = "KIND"FRICTION
+[[contact]]
+name = "o0"
+bodies = ["body0", "rigid0"]
+on = ["left"]
+kind = "KIND"FRICTION
+[[contact]]
+name = "o1"
+bodies = ["body1", "rigid1"]
+on = ["right"]
+kind = "KIND"FRICTION
+[method]
+tolerance = 1e-8
+"""
+
+
+@pytest.mark.parametrize(("kind", "friction"), [
+    ("unilateral", '\nfriction = { law = "coulomb", coefficient = 0.6 }'), ("unilateral", ""), ("bonded", "")])
+def test_arch_is_read(kind, friction):
+    """Scenes as programs write them, with every list given and names of their own, are read and meshed."""
+    arch = scene(text=ARCH.replace("KIND", kind).replace("FRICTION", friction))
+    assert [contact.name for contact in arch.contact] == ["i0", "o0", "o1"]
+    assert {contact.kind for contact in arch.contact} == {kind}
+    assert all(len(build_mesh(body).groups) == 4 for body in arch.body)
+
+
+@pytest.mark.parametrize("settings", [[], ["rigid.bore.displacement=[0.0, 1e-3]", "method.preset=accurate"]])
+def test_resolved_assembly_round_trips(settings):
+    """The scene in summary.json, written as TOML without the keys that are null, is the same scene again."""
+    def without_none(value):
+        if isinstance(value, dict):
+            return {key: without_none(entry) for key, entry in value.items() if entry is not None}
+        return [without_none(entry) for entry in value] if isinstance(value, list) else value
+
+    original = scene(*settings)
+    assert scene(text=to_toml(without_none(json.loads(json.dumps(original.resolved()))))) == original
+
+
+@pytest.mark.parametrize(("setting", "at", "key", "value"), [
+    ("rigid.floor.displacement=[0,-1e-3]", ("rigid", 0), "displacement", (0.0, -1e-3)),
+    ("rigid.1.radius=3", ("rigid", 1), "radius", 3.0),
+    ("contact.shaft-hub.gap=0.5", ("contact", 0), "gap", 0.5),
+    ("contact.glue.kind=unilateral", ("contact", 2), "kind", "unilateral"),
+    ('contact.plate-floor.on=["left"]', ("contact", 1), "on", ("left",))])
+def test_settings_reach_rigid_partners_and_contacts(setting, at, key, value):
+    """`--set` finds rigid partners and contacts by name and by number."""
+    assert getattr(getattr(scene(setting), at[0])[at[1]], key) == value
+
+
+REFUSED = {
+    # rigid partners
+    "unknown shape": (["rigid.floor.shape=plan"], ["rigid.floor.shape: 'plan' is not valid; expected one of plane, "
+                                                   "circle; did you mean 'plane'?"]),
+    "no shape": (["rigid=[{name='floor', point=[0, 0], normal=[0, 1]}]"],
+                 ["rigid.floor.shape: this key is required and missing"]),
+    "no name": (["rigid=[{shape='plane', point=[0, 0], normal=[0, 1]}]"],
+                ["rigid.0.name: this key is required and missing"]),
+    "no normal": (["rigid=[{shape='plane', name='floor', point=[0, 0]}]"],
+                  ["rigid.floor.normal: this key is required and missing"]),
+    "unknown key of a plane": (["rigid.floor.nromal=[0, 1]"],
+                               ["rigid.floor.nromal: unknown key; did you mean 'normal'?", "point, normal, disp"]),
+    "key of another shape": (["rigid.floor.radius=1"], ["rigid.floor.radius: unknown key (valid here: shape, name, "]),
+    "unknown key of a circle": (["rigid.bore.centre=[0, 1]"],
+                                ["rigid.bore.centre: unknown key; did you mean 'center'"]),
+    "unknown displacement": (["rigid.bore.displacment=[0, 1]"], ["did you mean 'displacement'"]),
+    "normal is zero": (["rigid.floor.normal=[0, 0]"], ["rigid.floor: normal must not be zero"]),
+    "radius is negative": (["rigid.bore.radius=-1"], ["rigid.bore.radius: expected float > 0"]),
+    "inside is a number": (["rigid.bore.inside=1"], ["rigid.bore.inside: expected bool (got 1)"]),
+    "point is nan": (["rigid.floor.point=[0, nan]"], ["rigid.floor.point.1: must be a finite number"]),
+    "one table": (["rigid={name='floor'}"], ["rigid: expected a list, got a table; write [[rigid]]"]),
+    "unknown rigid partner in a key": (["rigid.flor.point=[0, 0]"],
+                                       ["there is no entry 'flor'; did you mean 'floor'? (entries: floor, bore)"]),
+    "name with a dot": (["rigid.0.name=a.b"], ["name: a name has no '.'"]),
+    # names
+    "same name twice": (["rigid.bore.name=floor"], ["rigid.floor: 2 [[rigid]] tables have this name"]),
+    "name of a body": (["rigid.bore.name=hub"], ["rigid.hub: a [[body]] has this name, too; rename one of them"]),
+    "unknown partner": (["contact.1.bodies=['plate', 'flor']"],
+                        ["contact.plate-flor.bodies: there is no body or rigid partner 'flor'; did you mean 'floor'? "
+                         "(bodies: shaft, hub, plate; rigid: floor, bore)"]),
+    "second contact": (["contact.1={bodies=['hub', 'shaft'], on=['a', 'b']}"],
+                       ["contact.1: a second contact between 'hub' and 'shaft' must be named; add name ="]),
+    # who touches whom
+    "rigid first": (["contact.1.bodies=['floor', 'plate']"],
+                    ["contact.floor-plate.bodies: 'floor' is rigid and comes second; write bodies = "
+                     '["plate", "floor"], on = ["bottom"]']),
+    "both rigid": (["contact.1.bodies=['floor', 'bore']"],
+                   ["contact.floor-bore.bodies: 'floor' and 'bore' are both rigid; one of them must be a [[body]]"]),
+    "group of a rigid partner": (["contact.1.on=['bottom', 'top']"],
+                                 ["contact.plate-floor.on: 'floor' is rigid and has no boundary groups; write on = "
+                                  '["bottom"], the one of \'plate\'']),
+    "one group for two bodies": (["contact.0.on=['outer']"],
+                                 ["contact.shaft-hub.on: names a boundary group of 'shaft', and must name one of "
+                                  "'hub', too; write on = [\"outer\", \"…\"]"]),
+    "no group": (["contact.1.on=[]"], ["contact.plate-floor.on: expected a list of length >= 1"]),
+    "three groups": (["contact.0.on=['a', 'b', 'c']"], ["contact.shaft-hub.on: expected a list of length <= 2"]),
+    "group without brackets": (["contact.1.on=bottom"],
+                               ["contact.plate-floor.on: expected a list (got 'bottom'); write on = [\"bottom\"]"]),
+    "planes along a chain": (["body.plate.material.plane=stress"],
+                             ["contact.glue.bodies: 'hub' is in plane strain and 'plate' in plane stress"]),
+    # kind and gap
+    "unknown kind": (["contact.0.kind=bondet"], ["contact.shaft-hub.kind: 'bondet' is not valid; expected one of "
+                                                 "bonded, unilateral; did you mean 'bonded'?"]),
+    "unknown key": (["contact.0.kidn=bonded"], ["contact.shaft-hub.kidn: unknown key; did you mean 'kind'?"]),
+    "unknown key for gap": (["contact.0.gpa=1"], ["contact.shaft-hub.gpa: unknown key; did you mean 'gap'?"]),
+    "bonded with friction": (["contact.0.kind=bonded"],
+                             ['contact.shaft-hub: friction does not go with kind = "bonded"', "leave one of them out"]),
+    "gap in words": (["contact.0.gap=measured"], ["contact.shaft-hub.gap: expected float or a table (got 'measured')"]),
+    "infinite gap": (["contact.0.gap=inf"], ["contact.shaft-hub.gap: must be a finite number (got inf)"]),
+    "typo in a gap": (["contact.glue.gap={points=[0], value=[1]}"],
+                      ["contact.glue.gap.value: unknown key; did you mean 'values'?"]),
+    "unequal gap": (["contact.glue.gap.points=[0]"], ["contact.glue.gap: points and values must be equally many"]),
+    "typo in a gap's coordinate": (["contact.glue.gap.along=z"], ["contact.glue.gap.along: 'z' is not valid"]),
+    # meshes
+    "typo in corners": (["body.plate.mesh.corner=[]"],
+                        ["body.plate.mesh.corner: unknown key; did you mean 'corners'?"]),
+    "three corners": (["body.plate.mesh.corners=[[0,0],[1,0],[1,1]]"],
+                      ["body.plate.mesh.corners: expected a list of length 4, got 3"]),
+    "clockwise": (["body.plate.mesh.corners=[[0,0],[0,1],[1,1],[1,0]]"],
+                  ["body.plate.mesh: corners run clockwise; write them counter-clockwise, as in corners = "
+                   "[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]"]),
+    "re-entrant corner": (["body.plate.mesh.corners=[[0,0],[1,0],[0.2,0.2],[0,1]]"],
+                          ["body.plate.mesh: corners must be those of a convex quadrilateral in their order"]),
+    "straight corner": (["body.plate.mesh.corners=[[0,0],[1,0],[2,0],[0,1]]"], ["convex", "0 or 180 degrees"]),
+    "corners across": (["body.plate.mesh.corners=[[0,0],[1,1],[1,0],[0,1]]"], ["convex", "order along its boundary"]),
+    "corner twice": (["body.plate.mesh.corners=[[0,0],[0,0],[1,1],[0,1]]"], ["convex"]),
+    "quadrilateral with size": (["body.plate.mesh.size=[1, 1]"],
+                                ['size belongs to shape = "rectangle", not to shape = "quadrilateral"']),
+    "quadrilateral with origin": (["body.plate.mesh.origin=[1, 1]"],
+                                  ['origin belongs to a rectangle, not to shape = "quadrilateral"']),
+    "quadrilateral without divisions": (['body.plate.mesh={shape="quadrilateral", corners=[[0,0],[1,0],[1,1],[0,1]]}'],
+                                        ['needs corners = [[x, y], …], divisions = [nx, ny]; divisions is missing']),
+    "annulus without angles": (['body.hub.mesh={shape="annulus",center=[0,0],radii=[1,2],divisions=[9,1]}'],
+                               ["body.hub.mesh: ", "angles = [start, end]", "angles is missing"]),
+    "typo in radii": (["body.hub.mesh.radi=[1, 2]"], ["body.hub.mesh.radi: unknown key; did you mean 'radii'?"]),
+    "descending radii": (["body.hub.mesh.radii=[2, 1]"], ["body.hub.mesh: radii = [inner, outer] must ascend"]),
+    "no hole": (["body.hub.mesh.radii=[0, 1]"], ["body.hub.mesh.radii.0: expected float > 0"]),
+    "descending angles": (["body.hub.mesh.angles=[90, 0]"], ["angles = [start, end] must ascend", "[90, 0]"]),
+    "more than once around": (["body.hub.mesh.angles=[0, 361]"], ["at most 360 degrees"]),
+    "angle in turns of nothing": (["body.hub.mesh.angles=[0, 1e6]"], ["body.hub.mesh.angles.1: expected float <= 720"]),
+    "two cells around": (["body.hub.mesh.divisions=[2, 1]"], ["2 around make cells of 180 degrees; they must be less"]),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refusal_names_file_key_and_remedy(case):
+    """A wrong assembly is refused in one line that names file, key and what would be right."""
+    settings, fragments = REFUSED[case]
+    text = message(*settings)
+    for fragment in ["case.toml: " * (not text.startswith("--set")), *fragments]:
+        assert fragment in text
+    assert "\n" not in text
+
+
+TWO = BODIES.replace("[[body]]\n" + ALONE, "") + """
+[[contact]]
+bodies = ["shaft", "hub"]
+on = ["outer", "inner"]
+"""
+SECOND = '[[contact]]\nname = "second"\nbodies = ["shaft", "hub"]\non = ["inner", "outer"]\n'
+FLOOR = '[[rigid]]\nname = "floor"\nshape = "plane"\npoint = [0, 0]\nnormal = [0, 1]\n'
+BEYOND = {"three bodies": TWO.replace("[[contact]]", "[[body]]\n" + ALONE + "[[contact]]"),
+          "two contacts": TWO + SECOND, "a rigid partner": TWO + FLOOR, "bonded": TWO + 'kind = "bonded"\n'}
+
+
+@pytest.mark.parametrize(("setting", "asks"), [
+    ("method.outer=relaxation", 'method.outer = "relaxation" is for'),
+    ("method.outer=anderson", 'method.outer = "anderson" is for'),
+    ("method.theta=0.2", 'method.theta (outer = "relaxation") is for'),
+    ("method.algorithm=modified", 'method.algorithm (outer = "relaxation") is for'),
+    ("method.splitting=step1", 'method.splitting (outer = "relaxation") is for')])
+@pytest.mark.parametrize("beyond", BEYOND)
+def test_published_iterations_are_refused_beyond_two_bodies(beyond, setting, asks):
+    """Iterations that diverge beyond two bodies in one contact are refused with the reason and what works."""
+    text = message(setting, text=BEYOND[beyond])
+    for fragment in (asks, "two held bodies with one unilateral contact", "diverges for theta >= 0.02",
+                     'outer = "newton", the default'):
+        assert fragment in text
+    assert scene(text=BEYOND[beyond]).method.outer == "newton"
+    assert scene(setting, text=TWO).method.outer in ("relaxation", "anderson")
