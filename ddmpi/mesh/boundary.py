@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse as sparse
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.scene.mistakes import nearest
+from ddmpi.scene.keys import nearest
 
 
 def boundary_group(mesh: Mesh, name: str, key: str) -> np.ndarray:
@@ -38,3 +39,12 @@ def segments(edges: np.ndarray) -> np.ndarray:
     """Pairs (·, 2) of neighbouring nodes on edges (k, 2 or 3), in the edges' direction."""
     walk = np.column_stack([edges[:, 0], edges[:, 2:], edges[:, 1]])
     return np.concatenate([walk[:, i:i + 2] for i in range(walk.shape[1] - 1)])
+
+
+def outline(mesh: Mesh) -> np.ndarray:
+    """Pairs (·, 2) of neighbouring nodes all around the body, which lies to their left."""
+    walk = mesh.triangles if mesh.order == 1 else mesh.triangles[:, [0, 3, 1, 4, 2, 5]]
+    a, b, size = walk.ravel(), np.roll(walk, -1, axis=1).ravel(), len(mesh.points)
+    steps = sparse.csr_matrix((np.ones(len(a)), (a, b)), shape=(size, size))
+    alone = (steps - steps.T).tocoo()  # inside, two triangles walk along a side, there and back
+    return np.column_stack([alone.row, alone.col])[alone.data > 0.0].astype(np.int64)

@@ -9,14 +9,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.read import file_order, read_mesh
 from ddmpi.mesh.refine import halve, raise_order
-from ddmpi.scene.bodies import BodySpec, MeshSpec
+from ddmpi.mesh.shapes import generate_annulus, generate_quadrilateral, generate_rectangle
+from ddmpi.scene.bodies import BodySpec
+
+SHAPES = {"rectangle": generate_rectangle, "quadrilateral": generate_quadrilateral, "annulus": generate_annulus}
+"""What generates the mesh of a shape."""
 
 
 def build_mesh(body: BodySpec, folder: Path = Path(".")) -> Mesh:
@@ -26,7 +28,7 @@ def build_mesh(body: BodySpec, folder: Path = Path(".")) -> Mesh:
     Not collective. Raises InputError.
     """
     spec = body.mesh
-    mesh = generate_rectangle(spec) if spec.file is None else read_mesh(locate_mesh(body, folder), body.name)
+    mesh = SHAPES[spec.shape](spec) if spec.shape else read_mesh(locate_mesh(body, folder), body.name)
     for _ in range(spec.halvings):
         mesh = halve(mesh, f"body.{body.name}.mesh")
     if spec.order == 2:
@@ -44,29 +46,6 @@ def order_of_files(scene_path: str | Path) -> Callable[[BodySpec], Literal[1, 2]
     """
     order = functools.cache(file_order)
     return lambda body: order(locate_mesh(body, Path(scene_path).parent), body.name)
-
-
-def generate_rectangle(spec: MeshSpec) -> Mesh:
-    """A rectangle of structured triangles, diagonals from lower left to upper right.
-
-    Groups ``bottom``, ``right``, ``top``, ``left``. Corners come first, then the other nodes of the sides,
-    both counter-clockwise, then the inner nodes by columns: the numbers that gmsh gives a transfinite surface.
-    The ordering inside MUMPS depends on them. Not collective.
-    """
-    assert spec.divisions and spec.size  # of a shape, the scene has seen to it
-    nx, ny = spec.divisions
-    grid = np.arange((nx + 1) * (ny + 1)).reshape(nx + 1, ny + 1)
-    sides = (grid[:, 0], grid[-1], grid[::-1, -1], grid[0, ::-1])
-    order = np.concatenate([[s[0] for s in sides], *(s[1:-1] for s in sides), grid[1:-1, 1:-1].ravel()])
-    # exact multiples, so that both sides of an interface agree
-    points = np.array(spec.origin) + np.column_stack(np.divmod(order, ny + 1)) / (nx, ny) * spec.size
-    number = np.empty_like(order)
-    number[order] = np.arange(len(order))
-    a, b, c, d = number[grid[:-1, :-1]], number[grid[1:, :-1]], number[grid[1:, 1:]], number[grid[:-1, 1:]]
-    triangles = np.stack([a, b, c, c, d, a], axis=-1).reshape(-1, 3)
-    groups = {name: number[np.column_stack([side[:-1], side[1:]])]
-              for name, side in zip(("bottom", "right", "top", "left"), sides, strict=True)}
-    return Mesh(points, triangles, groups)
 
 
 def locate_mesh(body: BodySpec, folder: Path) -> Path:

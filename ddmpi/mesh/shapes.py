@@ -1,0 +1,86 @@
+"""Meshes of simple shapes: a grid of cells, each cut into two triangles, and where its nodes lie."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ddmpi.mesh.mesh import Mesh
+from ddmpi.scene.bodies import MeshSpec
+
+
+def generate_rectangle(spec: MeshSpec) -> Mesh:
+    """A rectangle with diagonals from lower left to upper right; groups ``bottom``, ``right``, ``top``, ``left``.
+
+    Not collective.
+    """
+    assert spec.divisions and spec.size  # of a shape, the scene has seen to it
+    parameters, triangles, sides = _grid(*spec.divisions)
+    # exact multiples, so that both sides of an interface agree
+    return Mesh(np.array(spec.origin) + parameters * spec.size, triangles, sides)
+
+
+def generate_quadrilateral(spec: MeshSpec) -> Mesh:
+    """A convex quadrilateral, the groups ``bottom``, ``right``, ``top``, ``left`` along its corners in their order.
+
+    Nodes lie at equal parameters of the bilinear map of the corners, cells are cut from their first to their third
+    corner. Nodes on the sides depend on the two corners alone, and those at corners are the corners exactly. Where the
+    sides are parallel to the axes, nodes are those of a rectangle. Not collective.
+    """
+    assert spec.divisions and spec.corners
+    parameters, triangles, sides = _grid(*spec.divisions)
+    first, second, third, fourth = np.array(spec.corners)
+    along, up = parameters[:, :1], parameters[:, 1:]
+    points = _between(_between(first, second, along), _between(fourth, third, along), up)
+    return Mesh(points, triangles, sides)
+
+
+def generate_annulus(spec: MeshSpec) -> Mesh:
+    """A part of a ring, counter-clockwise from ``start`` to ``end`` between ``inner`` and ``outer``.
+
+    These groups are the four sides of a grid: the radius grows along its first direction, the angle along its second.
+    A whole ring has neither start nor end. Sides of triangles are chords of the circles. Not collective.
+    """
+    assert spec.divisions and spec.center and spec.radii and spec.angles
+    around, across = spec.divisions
+    parameters, triangles, sides = _grid(across, around, closed=spec.closed)
+    radius = _between(*spec.radii, parameters[:, 0])
+    points = np.array(spec.center) + radius[:, None] * _directions(_between(*spec.angles, parameters[:, 1]))
+    names = {"left": "inner", "right": "outer", "bottom": "start", "top": "end"}
+    return Mesh(points, triangles, {name: sides[side] for side, name in names.items()
+                                    if not (spec.closed and side in ("bottom", "top"))})
+
+
+def _grid(nx: int, ny: int, closed: bool = False) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Nodes (·, 2) of a grid on the unit square, triangles of its nx × ny cells, and the edges of its sides.
+
+    Corners come first, then the other nodes of the sides, both counter-clockwise, then the inner nodes by columns: the
+    numbers that gmsh gives a transfinite surface. The ordering inside MUMPS depends on them. In a `closed` grid the
+    top is the bottom.
+    """
+    grid = np.arange((nx + 1) * (ny + 1)).reshape(nx + 1, ny + 1)
+    if closed:
+        grid[:, -1] = grid[:, 0]
+    sides = (grid[:, 0], grid[-1], grid[::-1, -1], grid[0, ::-1])
+    order = np.concatenate([[s[0] for s in sides], *(s[1:-1] for s in sides), grid[1:-1, 1:-1].ravel()])
+    if closed:
+        order = order[np.sort(np.unique(order, return_index=True)[1])]
+    number = np.empty((nx + 1) * (ny + 1), dtype=order.dtype)
+    number[order] = np.arange(len(order))
+    a, b, c, d = number[grid[:-1, :-1]], number[grid[1:, :-1]], number[grid[1:, 1:]], number[grid[:-1, 1:]]
+    triangles = np.stack([a, b, c, c, d, a], axis=-1).reshape(-1, 3)
+    edges = {name: number[np.column_stack([side[:-1], side[1:]])]
+             for name, side in zip(("bottom", "right", "top", "left"), sides, strict=True)}
+    return np.column_stack(np.divmod(order, ny + 1)) / (nx, ny), triangles, edges
+
+
+def _between(start, end, part: np.ndarray) -> np.ndarray:
+    """Values at parts of the way from `start` to `end`, both of which are met exactly."""
+    return np.where(part == 1.0, end, start + part * (np.asarray(end) - start))
+
+
+def _directions(degrees: np.ndarray) -> np.ndarray:
+    """Unit vectors (·, 2) at angles in degrees, exact at multiples of 90 and equal in all quadrants."""
+    quarters = np.floor(degrees / 90 + 0.5)
+    rest = np.radians(degrees - 90 * quarters)
+    turned = np.array([1, 1j, -1, -1j])[quarters.astype(int) % 4] * (np.cos(rest) + 1j * np.sin(rest))
+    return np.column_stack([turned.real, turned.imag])

@@ -1,0 +1,246 @@
+"""Generated shapes: quadrilaterals and annuli against closed forms, and against each other where they meet."""
+
+import numpy as np
+import pytest
+
+from ddmpi.judge.accuracy import refine_scene
+from ddmpi.mesh.boundary import turn_outward
+from ddmpi.mesh.build import build_mesh, generate_rectangle
+from ddmpi.mesh.mesh import Mesh, signed_double_areas
+from ddmpi.scene.bodies import BodySpec, Material, MeshSpec
+from ddmpi.scene.reader import read_scene
+
+SLANTED = ((0.1, -0.2), (3.0, 0.3), (2.5, 1.7), (-0.4, 1.1))
+NAMES = ("bottom", "right", "top", "left")
+
+
+def mesh_of(order: int = 1, **keys) -> Mesh:
+    return build_mesh(BodySpec(name="body", mesh=MeshSpec(order=order, **keys),
+                               material=Material(young=1.0, poisson=0.3)))
+
+
+def quadrilateral(divisions, corners=SLANTED, order=1) -> Mesh:
+    return mesh_of(order, shape="quadrilateral", corners=corners, divisions=divisions)
+
+
+def annulus(divisions, angles=(0.0, 90.0), radii=(0.5, 1.25), center=(0.0, 0.0), order=1) -> Mesh:
+    return mesh_of(order, shape="annulus", center=center, radii=radii, angles=angles, divisions=divisions)
+
+
+def areas(mesh: Mesh) -> np.ndarray:
+    return signed_double_areas(mesh.points, mesh.triangles) / 2
+
+
+def lengths(mesh: Mesh, group: str) -> np.ndarray:
+    ends = mesh.points[mesh.groups[group][:, :2]]
+    return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+
+
+def nodes(mesh: Mesh, group: str) -> np.ndarray:
+    """Points (k, 2) of a group in the order of their coordinates, to rounding."""
+    points = mesh.points[np.unique(mesh.groups[group])]
+    return points[np.lexsort(np.round(points, 9).T)]
+
+
+def check_boundary(mesh: Mesh) -> None:
+    """The groups cover the boundary once, and the body lies to the left of their edges."""
+    t = mesh.triangles
+    around = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
+    whole = {tuple(edge) for edge in around.tolist()}
+    boundary = {edge for edge in whole if edge[::-1] not in whole}
+    edges = [edge for group in mesh.groups.values() for edge in map(tuple, group[:, :2].tolist())]
+    assert len(edges) == len(set(edges)) and set(edges) == boundary
+    for name, group in mesh.groups.items():
+        assert np.array_equal(turn_outward(mesh, group, name), group)
+
+
+# Quadrilaterals
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("divisions", [(1, 1), (1, 3), (6, 4)])
+def test_quadrilateral_has_area_and_lengths_of_its_corners(divisions, order):
+    """A quadrilateral has the area and sides of its corners, and its groups go around counter-clockwise."""
+    mesh, corners = quadrilateral(divisions, order=order), np.array(SLANTED)
+    x, y = corners.T
+    shoelace = (x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+    assert areas(mesh).sum() == pytest.approx(shoelace, rel=1e-14)
+    assert np.all(areas(mesh) > 0)
+    assert tuple(mesh.groups) == NAMES
+    for k, name in enumerate(NAMES):
+        start, end = corners[k], corners[(k + 1) % 4]
+        parts = divisions[k % 2]
+        assert lengths(mesh, name) == pytest.approx(np.full(parts, np.linalg.norm(end - start) / parts), rel=1e-13)
+        assert np.array_equal(mesh.points[mesh.groups[name][[0, -1], [0, 1]]], [start, end])
+    check_boundary(mesh)
+
+
+def test_quadrilateral_is_the_bilinear_map_of_a_grid():
+    """Nodes lie at equal parameters of the bilinear map; cells are cut from their first to their third corner."""
+    nx, ny = 5, 3
+    mesh, grid = quadrilateral((nx, ny)), generate_rectangle(
+        MeshSpec(shape="rectangle", size=(1.0, 1.0), divisions=(nx, ny)))
+    (a, b, c, d), (s, t) = np.array(SLANTED), grid.points.T[:, :, None]
+    expected = (1 - s) * (1 - t) * a + s * (1 - t) * b + s * t * c + (1 - s) * t * d
+    assert mesh.points == pytest.approx(expected, rel=0, abs=1e-15)
+    assert np.array_equal(mesh.triangles, grid.triangles)
+    assert {name: edges.tolist() for name, edges in mesh.groups.items()} == \
+        {name: edges.tolist() for name, edges in grid.groups.items()}
+
+
+@pytest.mark.parametrize(("origin", "size"), [((0.0, 0.0), (3.0, 1.0)), ((0.5, -2.0), (0.25, 7.0)),
+                                              ((0.0, 1.0), (3.0, 1.0)), ((-4.0, 2.0), (8.0, 1 / 3))])
+def test_upright_quadrilateral_is_a_rectangle(origin, size):
+    """A quadrilateral with sides along the axes is the rectangle, to the last bit."""
+    (x, y), (width, height) = origin, size
+    corners = ((x, y), (x + width, y), (x + width, y + height), (x, y + height))
+    ours = quadrilateral((7, 11), corners)
+    theirs = generate_rectangle(MeshSpec(shape="rectangle", origin=origin, size=size, divisions=(7, 11)))
+    exact = corners[2][1] - y == height  # else the corners say less than origin and size
+    assert ours.points == pytest.approx(theirs.points, rel=0, abs=0 if exact else 1e-15)
+    assert np.array_equal(ours.triangles, theirs.triangles)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("turn", range(4))
+def test_quadrilaterals_share_the_nodes_of_a_common_side(turn, order):
+    """Two quadrilaterals with a side in common have the same nodes on it, whichever of their sides it is."""
+    b, c = SLANTED[1:3]
+    other = [(3.9, 0.1), (3.7, 1.9), c, b]  # its third side is our second
+    other = tuple(other[turn:] + other[:turn])
+    ours = quadrilateral((4, 37), order=order)
+    theirs = quadrilateral((37, 5) if turn % 2 == 0 else (5, 37), other, order)
+    name = NAMES[(2 - turn) % 4]
+    scale = max(map(max, SLANTED))
+    left, right = nodes(ours, "right"), nodes(theirs, name)
+    assert left == pytest.approx(right, rel=0, abs=1e-15 * scale)
+    assert {b, c} <= {tuple(p) for p in left.tolist()} & {tuple(p) for p in right.tolist()}  # to the last bit
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e6])
+def test_quadrilateral_of_any_size(scale):
+    """A quadrilateral in other units is the same one."""
+    scaled = quadrilateral((6, 4), tuple((scale * x, scale * y) for x, y in SLANTED))
+    assert scaled.points / scale == pytest.approx(quadrilateral((6, 4)).points, rel=0, abs=1e-14)
+
+
+# Annuli
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("angles", [(0.0, 90.0), (-30.0, 47.0), (0.0, 360.0), (100.0, 460.0), (0.0, 359.0)])
+def test_annulus_has_area_and_lengths_of_its_polygons(angles, order):
+    """An annulus has the area of the sectors of two regular polygons and sides that are chords and radii."""
+    around, across, inner, outer = 14, 3, 0.5, 1.25
+    mesh = annulus((around, across), angles, (inner, outer), (3.0, -1.0), order)
+    step = np.radians(angles[1] - angles[0]) / around
+    assert areas(mesh).sum() == pytest.approx(around * np.sin(step) * (outer**2 - inner**2) / 2, rel=1e-13)
+    assert np.all(areas(mesh) > 0)
+    closed = angles[1] - angles[0] == 360
+    assert set(mesh.groups) == {"inner", "outer"} | ({"start", "end"} if not closed else set())
+    for name, radius in (("inner", inner), ("outer", outer)):
+        assert lengths(mesh, name) == pytest.approx(np.full(around, 2 * radius * np.sin(step / 2)), rel=1e-13)
+        ends = mesh.points[mesh.groups[name][:, :2]] - (3.0, -1.0)
+        assert np.linalg.norm(ends, axis=2) == pytest.approx(np.full((around, 2), radius), rel=1e-14)
+    for name in set(mesh.groups) - {"inner", "outer"}:
+        assert lengths(mesh, name) == pytest.approx(np.full(across, (outer - inner) / across), rel=1e-13)
+    check_boundary(mesh)
+
+
+@pytest.mark.parametrize("divisions", [(3, 1), (4, 1), (5, 3), (24, 2)])
+def test_whole_ring_is_closed(divisions):
+    """A whole ring has every node once, and as many cells as were asked for."""
+    around, across = divisions
+    mesh = annulus(divisions, (17.0, 377.0))
+    assert len(mesh.points) == around * (across + 1) == len(np.unique(mesh.points.round(9), axis=0))
+    assert np.array_equal(np.unique(mesh.triangles), np.arange(len(mesh.points)))
+    assert len(mesh.triangles) == 2 * around * across
+    check_boundary(mesh)
+
+
+def test_ring_is_closed_in_spite_of_rounding():
+    """Angles that are 360 degrees apart but for rounding close the ring."""
+    for end in np.nextafter(360.0, 0.0), np.nextafter(360.0, 720.0):
+        assert set(annulus((12, 2), (0.0, float(end))).groups) == {"inner", "outer"}
+
+
+def test_annulus_is_numbered_as_a_rectangle():
+    """Corners come first, then the sides, both counter-clockwise from the inner end of the start."""
+    mesh, (a, b) = annulus((4, 3)), (0.5, 1.25)
+    assert mesh.points[:4].tolist() == [[a, 0.0], [b, 0.0], [0.0, b], [0.0, a]]
+    grid = generate_rectangle(MeshSpec(shape="rectangle", size=(1.0, 1.0), divisions=(3, 4)))
+    assert np.array_equal(mesh.triangles, grid.triangles)
+    for ours, theirs in (("start", "bottom"), ("outer", "right"), ("end", "top"), ("inner", "left")):
+        assert np.array_equal(mesh.groups[ours], grid.groups[theirs])
+
+
+def test_annulus_is_exact_on_the_axes_and_symmetric():
+    """Nodes at multiples of 90 degrees lie on the axes, and a quarter turn of a ring gives the same nodes."""
+    points = annulus((32, 2), (0.0, 360.0)).points
+    turned = np.column_stack([-points[:, 1], points[:, 0]])
+    assert {tuple(p) for p in points + 0.0} == {tuple(p) for p in turned + 0.0}
+    assert np.count_nonzero(points == 0.0) == 4 * 3
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(("inner", "outer"), [((24, (0.0, 360.0)), (24, (0.0, 360.0))),
+                                              ((10, (20.0, 80.0)), (10, (20.0, 80.0))),
+                                              ((24, (0.0, 360.0)), (24, (-90.0, 270.0)))])
+def test_annuli_share_the_nodes_of_a_common_radius(inner, outer, order):
+    """Two annuli with a radius in common have the same nodes on it."""
+    center, radius = (0.3, -0.7), 0.7
+    ours = annulus((inner[0], 3), inner[1], (0.1, radius), center, order)
+    theirs = annulus((outer[0], 2), outer[1], (radius, 1.9), center, order)
+    assert nodes(theirs, "inner") == pytest.approx(nodes(ours, "outer"), rel=0, abs=1e-15 * (radius + 0.7))
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_annulus_approaches_the_circles(order):
+    """The area of an annulus approaches that between its circles with the square of the size of its cells."""
+    exact = np.pi * (1.25**2 - 0.5**2) / 4
+    errors = [exact - areas(annulus((n, 2), order=order)).sum() for n in (4, 8, 16)]
+    assert np.log2(np.array(errors[:-1]) / errors[1:]) == pytest.approx([2, 2], abs=0.02)
+
+
+# Order 2 and refinement
+
+
+@pytest.mark.parametrize("make", [quadrilateral, annulus, lambda divisions, order=1: annulus(
+    divisions, (0.0, 360.0), order=order)])
+def test_order_two_has_nodes_in_the_middles_of_straight_sides(make):
+    """A shape of order 2 is that of order 1 with a node in the middle of every side."""
+    linear, quadratic = make((5, 3)), make((5, 3), order=2)
+    assert np.array_equal(quadratic.points[:len(linear.points)], linear.points)
+    assert np.array_equal(quadratic.triangles[:, :3], linear.triangles)
+    edges = len(linear.points) + len(linear.triangles) - (0 if len(linear.groups) == 2 else 1)  # Euler
+    assert len(quadratic.points) == len(linear.points) + edges
+    for edges in quadratic.groups.values():
+        a, b, middle = quadratic.points[edges].transpose(1, 0, 2)
+        assert middle == pytest.approx((a + b) / 2, rel=0, abs=1e-15)
+
+
+SCENE = """
+[[body]]
+name = "plate"
+mesh = { shape = "quadrilateral", corners = [[-1, 0], [1, 0], [1.5, 1], [-1.5, 1]], divisions = [3, 2] }
+material = { young = 2e11, poisson = 0.3 }
+
+[[body]]
+name = "ring"
+mesh = { shape = "annulus", center = [0, 2], radii = [0.5, 1], angles = [0, 360], divisions = [12, 2] }
+material = { young = 2e11, poisson = 0.3 }
+
+[[contact]]
+bodies = ["ring", "plate"]
+on = ["outer", "top"]
+"""
+
+
+def test_accuracy_targets_refine_all_shapes():
+    """An accuracy target divides quadrilaterals and annuli as it divides rectangles."""
+    fine = refine_scene(read_scene("case.toml", SCENE), 3)
+    assert [body.mesh.divisions for body in fine.body] == [(9, 6), (36, 6)]
+    coarse = [build_mesh(body) for body in read_scene("case.toml", SCENE).body]
+    for body, mesh in zip(fine.body, coarse, strict=True):
+        finer = {tuple(p) for p in build_mesh(body).points.round(12) + 0.0}
+        assert {tuple(p) for p in mesh.points.round(12) + 0.0} <= finer
