@@ -19,9 +19,9 @@ class FixedPairs:
 
     Attributes
     ----------
-    nodes : of each side (k,), numbers in its body's mesh
+    nodes : of each side (k,), numbers in its body's mesh; none of a rigid partner
     normal : (k, d) outer normals of the first body
-    gap : (k,) initial gap (m)
+    gap : (k,) initial gap (m); with a rigid partner, after its displacement
     """
 
     nodes: tuple[np.ndarray, np.ndarray] = (np.empty(0, int), np.empty(0, int))
@@ -39,21 +39,21 @@ class Interface:
     Attributes
     ----------
     name : of the contact
-    bodies : names of the first and the second body
+    bodies : names of the first and the second body; the second one may be a rigid partner, which has no nodes
     xy : (m, d) positions of the contact nodes on the first side (m)
     frame : (m, d, d) unit vectors of the first body: outer normal, then tangents; the second body's are opposite
     area : (m,) nodal lengths, in three dimensions areas, of what faces the other side (m)
     gap : (m,) initial gap along the normal (m); negative for an initial overlap
-    nodes : of each side (k,), numbers in its body's mesh
+    nodes : of each side (k,), numbers in its body's mesh; none of a rigid partner
     transfer : of each side (m, k), sparse: a contact node moves as the rows say that the side's nodes move
     law : of contact and friction at these nodes
-    modulus : E* (Pa), 1/E* being the sum of both bodies' (1 − ν²)/E
+    modulus : E* (Pa), 1/E* being the sum of both bodies' (1 − ν²)/E, of which a rigid partner's is zero
     fixed : node pairs without unknowns, because clamps hold both bodies
-    beyond : of each side (e, 3), how its boundary goes on at the ends of the contact, see `Side.beyond`
     joined : (m − 1,) bool, whether a node and the next one are neighbours
     edges : (ns, 3) quadratic edges whose nodes all carry unknowns, by ends and middle, in the order of the middles
     held : (m,) inverse distances to the dropped neighbours, summed (1/m); zero where there are none
     one_sided : (size,) bool, unknowns along which only one of the bodies can move
+    prescribed : (size,) contact displacement of a rigid partner (m), with the sign of the second side; zero for bodies
     """
 
     name: str
@@ -70,12 +70,17 @@ class Interface:
     edges: np.ndarray
     held: np.ndarray
     one_sided: np.ndarray
+    prescribed: np.ndarray
     fixed: FixedPairs = field(default_factory=FixedPairs)
-    beyond: tuple[np.ndarray, np.ndarray] = (np.empty((0, 3), int), np.empty((0, 3), int))
 
     @property
     def m(self) -> int:
         return len(self.area)
+
+    @property
+    def on_rigid(self) -> bool:
+        """Whether the partner is rigid."""
+        return len(self.nodes[1]) == 0
 
     @property
     def dimension(self) -> int:

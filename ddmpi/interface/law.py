@@ -6,22 +6,29 @@ A law says which forces s of an interface fit its gaps r. With q = s − c r the
 
 (Alart and Curnier, Comput. Methods Appl. Mech. Engrg. 92, 1991). A vector of an interface holds m normal
 entries and then, for each of the mt nodes that slide, its d − 1 tangential entries. A new friction law is a
-subclass of `Law` with `slip_bound` and `slope`, and a line in `law_of`.
+subclass of `Law` with `slip_bound` and `slope`, and a line in `law_of`. Bonded nodes obey r = 0 whatever the forces,
+which is the same equation without a projection: s = q.
 """
 
 from __future__ import annotations
 
 import itertools
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sparse
 
 from ddmpi.qp.box import Box
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
 
 ON_BOUND = 1e-8
 """Relative distance to its slip bound below which a tangential force counts as lying on it."""
+
+NO_BOUND = sys.float_info.max
+"""The slip bound (N) of bonded nodes: no force reaches it. It is not infinite, because differences of bounds are
+taken."""
 
 
 @dataclass
@@ -40,11 +47,6 @@ class ActiveSet:
     closed: np.ndarray
     slip: np.ndarray
     bound: np.ndarray
-
-    def close(self) -> None:
-        """Make all nodes closed and sticking: the guess where nothing is known."""
-        self.closed[:] = True
-        self.slip[:] = 0.0
 
 
 @dataclass(frozen=True)
@@ -65,12 +67,24 @@ class Linearised:
     coupling: np.ndarray
     given: np.ndarray
 
+    @property
+    def number(self) -> int:
+        """How many forces are unknown."""
+        return int(np.count_nonzero(self.unknown))
+
     def expand(self, y: np.ndarray) -> np.ndarray:
         """E y (size,): all forces that follow from the unknown ones."""
         x = np.zeros(len(self.unknown))
         x[self.unknown] = y
         x[self.rows] += self.coupling * x[self.source]
         return x
+
+    @property
+    def expansion(self) -> sparse.csr_matrix:
+        """E (size, k) as a sparse matrix."""
+        size = len(self.unknown)
+        follow = sparse.csr_matrix((self.coupling, (self.rows, self.source)), (size, size))
+        return (sparse.identity(size, format="csr") + follow)[:, np.flatnonzero(self.unknown)]
 
 
 @dataclass(frozen=True)
@@ -125,6 +139,14 @@ class Law:
         slips = magnitude(tangential) >= bound
         return ActiveSet(pressure, normal > 0.0, np.where(slips[:, None], direction(tangential), 0.0), bound)
 
+    def sticking(self, closed: np.ndarray) -> ActiveSet:
+        """The nodes `closed` (m,) closed and sticking, the others open: the guess where nothing is known."""
+        none = np.zeros(self.m)
+        active = ActiveSet(none, closed, np.zeros((len(self.sliding), self.components)), self.slip_bound(none))
+        free = ~closed[self.sliding] & (self.slope(none) > 0.0)  # the others may carry tangential forces though open
+        active.slip[free, 0] = 1.0
+        return active
+
     def linearise(self, active: ActiveSet) -> Linearised:
         """The forces that an active set implies: zero where open, free where sticking, on the bound where slipping."""
         slips = active.slip.any(axis=1)
@@ -157,6 +179,19 @@ class Law:
         """Nodes (mt,) whose tangential force lies on the slip bound (mt,), up to rounding."""
         size = magnitude(self.split(s)[1])
         return size >= bound - ON_BOUND * np.minimum(bound, size.max(initial=0.0) or np.inf)
+
+    def closed(self, s: np.ndarray, share: float = 0.0) -> np.ndarray:
+        """Nodes (m,) under more pressure than this share of the largest, given the forces s (size,)."""
+        normal = s[:self.m]
+        return ~(normal <= share * normal.max(initial=0.0))
+
+    def misfit(self, gap: np.ndarray) -> float:
+        """Largest distance (m) of the gaps (k,) from those that the law allows: the largest overlap."""
+        return max(0.0, -float(gap.min(initial=0.0)))
+
+    def complementarity(self, normal: np.ndarray, gap: np.ndarray) -> tuple[float, float]:
+        """Work Σ s_ν |gap| of the pressure at gaps (N m), and the largest tension (N), of normal forces (m,)."""
+        return (float(np.maximum(normal, 0.0) @ np.abs(gap)), float(np.maximum(-normal, 0.0).max(initial=0.0)))
 
     def violation(self, s: np.ndarray, slip: np.ndarray, stiffness: float) -> float:
         """Largest |P(s_t + ρ u_t) − s_t| (N): forces beyond the bound, slip below it, slip in a wrong direction.
@@ -198,14 +233,65 @@ class TrescaLaw(Law):
         return self.bound
 
 
-def law_of(friction: Coulomb | Tresca | NoFriction, xy: np.ndarray, area: np.ndarray, sliding: np.ndarray) -> Law:
+@dataclass(frozen=True)
+class BondedLaw(Law):
+    """r = 0: nodes that neither part nor slide, whatever the forces; tension is one of them."""
+
+    name = "bonded"
+
+    def slip_bound(self, pressure: np.ndarray) -> np.ndarray:
+        return np.full(len(self.sliding), NO_BOUND)
+
+    def project(self, q: np.ndarray) -> np.ndarray:
+        return q.copy()
+
+    def active_set(self, q: np.ndarray) -> ActiveSet:
+        """All nodes closed and sticking; `pressure` may be tension."""
+        normal, tangential = self.split(q)
+        return ActiveSet(normal.copy(), np.ones(self.m, bool), np.zeros_like(tangential), self.slip_bound(normal))
+
+    def sticking(self, closed: np.ndarray) -> ActiveSet:
+        return self.active_set(np.zeros(self.size))
+
+    def linearise(self, active: ActiveSet) -> Linearised:
+        """All forces are unknown."""
+        none = np.empty(0, int)
+        return Linearised(np.ones(self.size, bool), none, none, np.empty(0), np.zeros(self.size))
+
+    def settle(self, s: np.ndarray, active: ActiveSet) -> np.ndarray:
+        return s.copy()
+
+    def frozen(self, bound: np.ndarray) -> Box:
+        return Box(np.full(self.size, -np.inf), np.full(self.size, np.inf))
+
+    def closed(self, s: np.ndarray, share: float = 0.0) -> np.ndarray:
+        """All nodes, those under tension as well."""
+        return np.ones(self.m, bool)
+
+    def misfit(self, gap: np.ndarray) -> float:
+        """Largest opening or overlap (m)."""
+        return float(np.abs(gap).max(initial=0.0))
+
+    def complementarity(self, normal: np.ndarray, gap: np.ndarray) -> tuple[float, float]:
+        """Zero: any normal force is allowed."""
+        return 0.0, 0.0
+
+    def violation(self, s: np.ndarray, slip: np.ndarray, stiffness: float) -> float:
+        """Largest ρ |u_t| (N): all slip is wrong."""
+        return float(magnitude(stiffness * slip).max(initial=0.0))
+
+
+def law_of(friction: Coulomb | Tresca | NoFriction, xy: np.ndarray, area: np.ndarray, sliding: np.ndarray,
+           kind: str = "unilateral") -> Law:
     """The law that a scene asks for, evaluated at the contact nodes. Not collective.
 
     Parameters
     ----------
+    friction : does not count for a bonded contact
     xy : (m, d) positions (m)
     area : (m,) nodal lengths or areas, with which a slip-bound stress becomes a force
     sliding : (mt,) the nodes that carry tangential forces
+    kind : "unilateral" or "bonded"
     """
     shape = len(area), sliding, xy.shape[1] - 1
 
@@ -213,6 +299,8 @@ def law_of(friction: Coulomb | Tresca | NoFriction, xy: np.ndarray, area: np.nda
         at_nodes = np.full(len(area), value) if isinstance(value, float | int) else value.at(xy)
         return at_nodes[sliding].astype(float)
 
+    if kind == "bonded":
+        return BondedLaw(*shape)
     if isinstance(friction, Coulomb):
         return CoulombLaw(*shape, values(friction.coefficient))
     if isinstance(friction, Tresca):
@@ -229,7 +317,7 @@ class Laws:
     """
 
     def __init__(self, laws: Sequence[Law]) -> None:
-        self.laws = tuple(laws)
+        self.laws = tuple(laws) or (Law(0, np.empty(0, int), 1),)
         self.size = sum(law.size for law in self.laws)
         self._parts = _slices([law.size for law in self.laws])
         self._bounds = _slices([len(law.sliding) for law in self.laws])
@@ -245,6 +333,11 @@ class Laws:
     def active_sets(self, q: np.ndarray) -> list[ActiveSet]:
         """Which nodes are closed and which slip at q = s − c r (size,)."""
         return [law.active_set(q[part]) for law, part in zip(self.laws, self._parts, strict=True)]
+
+    def sticking(self, closed: np.ndarray) -> list[ActiveSet]:
+        """The nodes `closed` of all interfaces closed and sticking, the others open."""
+        ends = np.cumsum([law.m for law in self.laws])[:-1]
+        return [law.sticking(own) for law, own in zip(self.laws, np.split(closed, ends), strict=True)]
 
     def linearise(self, active: list[ActiveSet]) -> Linearised:
         parts = [law.linearise(each) for law, each in zip(self.laws, active, strict=True)]

@@ -1,6 +1,8 @@
-"""Pairing of two sides whose nodes lie opposite each other."""
+"""Pairing of two sides whose nodes lie opposite each other, everywhere or in the part that they have in common."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sparse
@@ -11,6 +13,7 @@ from ddmpi.interface.interface import FixedPairs, Interface
 from ddmpi.interface.law import law_of
 from ddmpi.interface.side import Side
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
+from ddmpi.scene.values import Profile
 
 LARGEST_OFFSET = 1e-2
 """Largest tangential offset of two paired nodes, as a fraction of the distance to their neighbours in the meshes as
@@ -19,10 +22,42 @@ given: finer versions of the same boundaries are offset as much."""
 NO_GAP = 1e-9
 """Gaps below this fraction of the distance to the neighbours are rounding of the mesh, and count as zero."""
 
+FACING = -0.5
+"""Surfaces face each other where the product of their outer normals is below this: up to 60° from opposite."""
 
-def pair(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, name: str,
-         refinement: int = 1) -> Interface:
+DEEPEST = 0.5
+"""Sides that cover each other partly do not face each other where they overlap by more than this part of the thinner
+body's depth: a body's far side is no partner."""
+
+
+@dataclass(frozen=True)
+class Opposite:
+    """Nodes of two sides that lie opposite each other, as geometry has it: clamps and laws do not count yet.
+
+    Attributes
+    ----------
+    sides : the two
+    place : of each side (k,), which of its nodes; those of the first are in its order
+    normal : (k, 2) unit normals of the contact, out of the first body
+    area : (k,) nodal lengths of the part that both sides have in common (m)
+    gap : (k,) measured along the normals (m)
+    joined : (k − 1,) bool, whether the common part goes on from a node to the next one
+    """
+
+    sides: tuple[Side, Side]
+    place: tuple[np.ndarray, np.ndarray]
+    normal: np.ndarray
+    area: np.ndarray
+    gap: np.ndarray
+    joined: np.ndarray
+
+
+def pair(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, name: str, refinement: int = 1,
+         gap: float | Profile | None = None, kind: str = "unilateral") -> Interface:
     """The interface of two sides, whose nodes are paired by position.
+
+    Where the sides do not match as a whole, they may cover each other partly: then all nodes of either side that face
+    the other one have a partner, and the others carry no row.
 
     Parameters
     ----------
@@ -30,61 +65,162 @@ def pair(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, nam
     friction : the law that the scene asks for; without friction there are no tangential unknowns
     name : of the contact
     refinement : how many times finer the meshes are than the given ones, whose spacing the tolerance follows
+    gap : initial gap (m) in the place of the measured one; positive is open, negative an interference
+    kind : "unilateral", or "bonded", whose gap is zero unless given
 
     Raises
     ------
     InputError
         when the two sides do not match node by node. Not collective.
     """
+    try:
+        opposite = _match_whole(first, second, name, refinement)
+    except InputError:
+        partly = _match_partly(first, second, refinement)
+        if partly is None:
+            raise
+        opposite = partly
+    return carry(opposite, friction, name, gap, kind)
+
+
+def carry(opposite: Opposite, friction: Coulomb | Tresca | NoFriction, name: str, gap: float | Profile | None,
+          kind: str) -> Interface:
+    """The interface whose rows stand at those nodes that a body can move. Otherwise as `pair`."""
+    (first, second), (here, there) = opposite.sides, opposite.place
+    normal = opposite.normal
+    tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
+    start = _initial_gap(gap, kind, opposite.gap, first.xy[here])
+    bonded = kind == "bonded"
+
+    free = first.free[here], second.free[there]
+    stays = [np.array([_is_held(direction, each) for each in free]) for direction in (normal, tangent)]
+    held_normal, held_tangential = (by_body.all(axis=0) for by_body in stays)  # where one body can move, they touch
+    one_sided = [by_body.any(axis=0) for by_body in stays]
+    dropped = held_normal & held_tangential if bonded else held_normal  # a bond also holds what slides
+    keep = np.flatnonzero(~dropped)
+    if len(keep) == 0:
+        raise InputError(f"contact.{name}: all nodes of the contact are clamped; there is nothing to solve")
+    has_tangents = bonded or not isinstance(friction, NoFriction)
+    sliding = np.flatnonzero(~held_tangential[keep]) if has_tangents else np.empty(0, int)
+    distance = np.linalg.norm(np.diff(first.xy[here], axis=0), axis=1)
+    held = np.zeros(len(here))
+    for node, neighbour in ((slice(1, None), slice(-1)), (slice(-1), slice(1, None))):
+        to_held = opposite.joined & dropped[neighbour]
+        held[node][to_held] += 1.0 / distance[to_held]
+    place = np.full(len(first.nodes), -1)
+    place[here[keep]] = np.arange(len(keep))
+    edges = place[first.edges]
+    alone = sparse.identity(len(keep), format="csr")
+    xy, area = first.xy[here][keep], opposite.area[keep]
+    return Interface(
+        name=name, bodies=(first.body, second.body), xy=xy, frame=np.stack([normal[keep], tangent[keep]], axis=1),
+        area=area, gap=start[keep], nodes=(first.nodes[here][keep], second.nodes[there][keep]),
+        transfer=(alone, alone), law=law_of(friction, xy, area, sliding, kind),
+        modulus=1.0 / (1.0 / first.modulus + 1.0 / second.modulus),
+        joined=opposite.joined[keep[:-1]] & (np.diff(keep) == 1), edges=edges[(edges >= 0).all(axis=1)],
+        held=held[keep],
+        one_sided=np.concatenate([one_sided[0][keep], one_sided[1][keep][sliding]]),
+        prescribed=np.zeros(len(keep) + len(sliding)),
+        fixed=FixedPairs((first.nodes[here][dropped], second.nodes[there][dropped]), normal[dropped], start[dropped]))
+
+
+def _initial_gap(gap: float | Profile | None, kind: str, measured: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    """The initial gap (k,) at nodes `xy` (k, 2): the given one, else the measured one, or zero of a bond."""
+    if isinstance(gap, Profile):
+        return gap.at(xy).astype(float)
+    if gap is not None:
+        return np.full(len(xy), float(gap))
+    return np.zeros(len(xy)) if kind == "bonded" else measured
+
+
+def _match_whole(first: Side, second: Side, name: str, refinement: int) -> Opposite:
+    """All nodes of both sides, one to one. Raises InputError."""
     match = _opposite(first, second, name)
-    area = (first.area + second.area[match]) / 2
     normal = first.normal - second.normal[match]
     size = np.linalg.norm(normal, axis=1)
     if (size < 1.0).any():  # the outer normals must face each other (an angle above 120°)
         x, y = first.xy[np.argmin(size)]
         raise InputError(f"contact.{name}: near ({x:.6g}, {y:.6g}) the two boundaries do not face each other")
     normal /= size[:, None]
-    tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
-    distance = np.linalg.norm(np.diff(first.xy, axis=0), axis=1)
-    gap = _gap(first, second, match, normal, tangent, distance, name, refinement)
-
-    free = first.free, second.free[match]
-    stays = [np.array([_is_held(direction, each) for each in free]) for direction in (normal, tangent)]
-    held_normal, held_tangential = (by_body.all(axis=0) for by_body in stays)  # where one body can move, they touch
-    one_sided = [by_body.any(axis=0) for by_body in stays]
-    keep = np.flatnonzero(~held_normal)
-    if len(keep) == 0:
-        raise InputError(f"contact.{name}: all nodes of the contact are clamped; there is nothing to solve")
-    has_friction = not isinstance(friction, NoFriction)
-    sliding = np.flatnonzero(~held_tangential[keep]) if has_friction else np.empty(0, int)
-    held = np.zeros(len(area))
-    for node, neighbour in ((slice(1, None), slice(-1)), (slice(-1), slice(1, None))):
-        to_held = first.joined & held_normal[neighbour]
-        held[node][to_held] += 1.0 / distance[to_held]
-    place = np.full(len(area), -1)
-    place[keep] = np.arange(len(keep))
-    edges = place[first.edges]
-    alone = sparse.identity(len(keep), format="csr")
-    return Interface(
-        name=name, bodies=(first.body, second.body), xy=first.xy[keep],
-        frame=np.stack([normal[keep], tangent[keep]], axis=1), area=area[keep], gap=gap[keep],
-        nodes=(first.nodes[keep], second.nodes[match][keep]), transfer=(alone, alone),
-        law=law_of(friction, first.xy[keep], area[keep], sliding),
-        modulus=1.0 / (1.0 / first.modulus + 1.0 / second.modulus),
-        joined=first.joined[keep[:-1]] & (np.diff(keep) == 1), edges=edges[(edges >= 0).all(axis=1)],
-        held=held[keep],
-        one_sided=np.concatenate([one_sided[0][keep], one_sided[1][keep][sliding]]),
-        fixed=FixedPairs((first.nodes[held_normal], second.nodes[match][held_normal]), normal[held_normal],
-                         gap[held_normal]),
-        beyond=_common_ends(first, second, match))
+    gap, aside, spacing = _offset(first, second, np.arange(len(match)), match, normal)
+    if (aside > LARGEST_OFFSET * refinement * spacing).any():
+        raise InputError(f"contact.{name}: the nodes of the two sides do not lie opposite each other"
+                         f"{_worst(first, second, match)}; their meshes must match node by node")
+    return Opposite((first, second), (np.arange(len(match)), match), normal, (first.area + second.area[match]) / 2,
+                    gap, first.joined)
 
 
-def _common_ends(first: Side, second: Side, match: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The ends (e, 3) that both sides have in common, in the same order."""
-    partner = dict(zip(first.nodes.tolist(), second.nodes[match].tolist(), strict=True))
-    place = {int(end): k for k, end in enumerate(second.beyond[:, 0])}
-    common = [k for k, end in enumerate(first.beyond[:, 0].tolist()) if partner[end] in place]
-    return first.beyond[common], second.beyond[[place[partner[int(end)]] for end in first.beyond[common, 0]]]
+def _match_partly(first: Side, second: Side, refinement: int) -> Opposite | None:
+    """The nodes of the part that two sides have in common; None unless all nodes that face the other side pair off."""
+    if first.links.shape[1] != second.links.shape[1]:
+        return None
+    nearest = cKDTree(second.xy).query(first.xy)[1]
+    back = cKDTree(first.xy).query(second.xy)[1]
+    here = np.flatnonzero(back[nearest] == np.arange(len(nearest)))  # nearest to each other
+    there = nearest[here]
+    common = _common_links(first, second, here, there)
+    normal, apart = _common_normal(first, second, here, there, common)
+    gap, aside, spacing = _offset(first, second, here, there, normal)
+    deepest = -DEEPEST * np.minimum(np.abs(normal) @ first.extent, np.abs(normal) @ second.extent)
+    fits = (aside <= LARGEST_OFFSET * refinement * spacing) & (apart < FACING) & (gap > deepest)
+    here, there = here[fits], there[fits]
+    if len(here) == 0:
+        return None
+    slack = 0.5 * LARGEST_OFFSET * refinement / (first.links.shape[1] - 1)  # the tolerance at an end, over the edge
+    if any(_is_faced(side, np.setdiff1d(np.arange(len(side.nodes)), paired), other, slack)
+           for side, paired, other in ((first, here, second), (second, there, first))):
+        return None
+    common = _common_links(first, second, here, there)
+    normal, _ = _common_normal(first, second, here, there, common)
+    gap, _, _ = _offset(first, second, here, there, normal)
+    area = (first.lengths_over(common[0])[here] + second.lengths_over(common[1])[there]) / 2
+    alone = area == 0.0  # no common edge: a contact of one node
+    area[alone] = ((first.spacing[here] + second.spacing[there]) / 2)[alone]
+    joined = np.zeros(len(here) - 1, bool)
+    on = np.diff(here) == 1
+    joined[on] = first.joined_over(common[0])[here[:-1][on]]
+    return Opposite((first, second), (here, there), normal, area, gap, joined)
+
+
+def _common_links(first: Side, second: Side, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of each side (ns,) bool: links whose nodes are the partners of the nodes of a link of the other side."""
+    partner = np.full(len(first.nodes), -1)
+    partner[here] = there
+    found = {tuple(sorted(link[:2])) + tuple(link[2:]): k for k, link in enumerate(second.links.tolist())}
+    common = np.zeros(len(first.links), bool), np.zeros(len(second.links), bool)
+    for k, link in enumerate(partner[first.links].tolist()):
+        other = found.get(tuple(sorted(link[:2])) + tuple(link[2:]))
+        if other is not None:
+            common[0][k] = common[1][other] = True
+    return common
+
+
+def _common_normal(first: Side, second: Side, here: np.ndarray, there: np.ndarray,
+                   common: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Unit normals (k, 2) of the common part, and the products (k,) of both sides' normals there."""
+    own, other = first.normals_over(common[0])[here], second.normals_over(common[1])[there]
+    normal = own - other
+    size = np.linalg.norm(normal, axis=1, keepdims=True)
+    return np.where(size > 0.0, normal / np.where(size > 0.0, size, 1.0), own), np.einsum("ij,ij->i", own, other)
+
+
+def _is_faced(side: Side, places: np.ndarray, other: Side, slack: float) -> bool:
+    """Whether one of the nodes at `places` has a part of the other side on its normal.
+
+    The ends of the other side reach `slack` of an edge less far: so much an end may stand aside of its partner.
+    """
+    ends = np.bincount(other.links[:, :2].ravel(), minlength=len(other.nodes)) == 1
+    low, high = (np.where(ends[column], slack, -NO_GAP) for column in other.links.T[:2])
+    start, along, outward = other.xy[other.links[:, 0]], other.along, other.outward
+    for xy, normal in zip(side.xy[places], side.normal[places], strict=True):
+        towards = np.flatnonzero(outward @ normal < FACING)
+        tangent = np.array([-normal[1], normal[0]])
+        where = ((xy - start[towards]) @ tangent) / (along[towards] @ tangent)
+        distance = (start[towards] + where[:, None] * along[towards] - xy) @ normal
+        deepest = -DEEPEST * min(np.abs(normal) @ side.extent, np.abs(normal) @ other.extent)
+        if ((where >= low[towards]) & (where <= 1.0 - high[towards]) & (distance > deepest)).any():
+            return True
+    return False
 
 
 def _opposite(first: Side, second: Side, name: str) -> np.ndarray:
@@ -99,20 +235,20 @@ def _opposite(first: Side, second: Side, name: str) -> np.ndarray:
     return match
 
 
-def _gap(first: Side, second: Side, match: np.ndarray, normal: np.ndarray, tangent: np.ndarray,
-         distance: np.ndarray, name: str, refinement: int) -> np.ndarray:
-    """The initial gap (m,) along the normals; InputError where two nodes lie too far aside of each other."""
-    spacing = np.zeros(len(match))
+def _offset(first: Side, second: Side, here: np.ndarray, there: np.ndarray,
+            normal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The initial gap along the normals, how far partners lie aside of each other, and the spacing there, each (k,)."""
+    distance = np.linalg.norm(np.diff(first.xy, axis=0), axis=1)
+    spacing = np.zeros(len(first.nodes))
     spacing[1:] += np.where(first.joined, distance / 2, 0.0)
     spacing[:-1] += np.where(first.joined, distance / 2, 0.0)
-    offset = second.xy[match] - first.xy
+    spacing = spacing[here]
+    tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
+    offset = second.xy[there] - first.xy[here]
     gap = np.einsum("ij,ij->i", offset, normal)
     aside = np.abs(np.einsum("ij,ij->i", offset, tangent))
-    if (aside > LARGEST_OFFSET * refinement * spacing).any():
-        raise InputError(f"contact.{name}: the nodes of the two sides do not lie opposite each other"
-                         f"{_worst(first, second, match)}; their meshes must match node by node")
     gap[np.abs(gap) <= NO_GAP * spacing] = 0.0
-    return gap
+    return gap, aside, spacing
 
 
 def _is_held(direction: np.ndarray, free: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ddmpi.mesh.boundary import segments, turn_outward
-from ddmpi.mesh.elements import ELEMENTS
+from ddmpi.mesh.elements import ELEMENTS, Element
 from ddmpi.mesh.mesh import Mesh
 
 
@@ -27,10 +27,9 @@ class Side:
         two thirds of its edge for a middle, a sixth of the adjacent edges for a corner
     free : (k, 2) bool, components that are not clamped
     extent : (2,) width and height of the body (m)
-    beyond : (e, 3) for each end of a chain: its node, the next node of the body's boundary, and 1 where the body lies
-        to the left on the way from the one to the other, else 0
     joined : (k − 1,) bool, whether a node and the next one are neighbours; where not, another chain begins
-    edges : (ns, 3) quadratic edges by the places of their ends and middle, in the order of the middles; none in order 1
+    links : (ns, 2 or 3) all edges by the places of their two ends and, in order 2, their middle; the body lies to the
+        left on the way from the first end to the second; in the order of the last column
     """
 
     body: str
@@ -41,9 +40,57 @@ class Side:
     area: np.ndarray
     free: np.ndarray
     extent: np.ndarray
-    beyond: np.ndarray
     joined: np.ndarray
-    edges: np.ndarray
+    links: np.ndarray
+
+    @property
+    def edges(self) -> np.ndarray:
+        """(ns, 3) quadratic edges by the places of their ends and middle, in the order of the middles, if any."""
+        return self.links if self.links.shape[1] == 3 else np.empty((0, 3), int)
+
+    @property
+    def along(self) -> np.ndarray:
+        """(ns, 2) from the first end of each link to the second (m)."""
+        return self.xy[self.links[:, 1]] - self.xy[self.links[:, 0]]
+
+    @property
+    def outward(self) -> np.ndarray:
+        """(ns, 2) outer unit normal of each link."""
+        return turn_right(self.along) / np.linalg.norm(self.along, axis=1, keepdims=True)
+
+    @property
+    def spacing(self) -> np.ndarray:
+        """(k,) mean distance of each node to its neighbours (m)."""
+        pairs = segments(self.links)
+        distance = np.linalg.norm(self.xy[pairs[:, 1]] - self.xy[pairs[:, 0]], axis=1)
+        number = np.bincount(pairs.ravel(), minlength=len(self.nodes))
+        return np.bincount(pairs.ravel(), np.repeat(distance, 2), len(self.nodes)) / number
+
+    def lengths_over(self, some: np.ndarray) -> np.ndarray:
+        """Nodal lengths (k,) over some of the links (ns,) bool: integrals of the shape functions (m)."""
+        lengths, total = np.linalg.norm(self.along, axis=1), np.zeros(len(self.nodes))
+        for column, weight in zip(self.links.T, _element(self.links).side_weights, strict=True):
+            np.add.at(total, column[some], weight * lengths[some])
+        return total
+
+    def normals_over(self, some: np.ndarray) -> np.ndarray:
+        """Outer unit normals (k, 2) averaged over some of the links (ns,) bool; those of the side away from these."""
+        across, total = turn_right(self.along), np.zeros_like(self.normal)
+        for column in self.links.T:
+            np.add.at(total, column[some], across[some])
+        size = np.linalg.norm(total, axis=1, keepdims=True)
+        return np.where(size > 0.0, total / np.where(size > 0.0, size, 1.0), self.normal)
+
+    def joined_over(self, some: np.ndarray) -> np.ndarray:
+        """(k − 1,) bool, whether some of the links (ns,) join a node and the next one."""
+        pairs, size = segments(self.links[some]), len(self.nodes)
+        places = np.arange(size)
+        return np.isin(_keys(places[:-1], places[1:], size), _keys(pairs[:, 0], pairs[:, 1], size))
+
+
+def turn_right(vectors: np.ndarray) -> np.ndarray:
+    """Vectors (k, 2) turned by −90°: outward, for the way on which the body lies to the left."""
+    return np.column_stack([vectors[:, 1], -vectors[:, 0]])
 
 
 def contact_side(mesh: Mesh, edges: np.ndarray, free: np.ndarray, body: str, modulus: float, key: str) -> Side:
@@ -56,7 +103,7 @@ def contact_side(mesh: Mesh, edges: np.ndarray, free: np.ndarray, body: str, mod
     nodes = _order(neighbours, mesh.points)
     along = mesh.points[edges[:, 1]] - mesh.points[edges[:, 0]]
     lengths = np.linalg.norm(along, axis=1)
-    outward = np.column_stack([along[:, 1], -along[:, 0]])  # the body lies to the left of an edge
+    outward = turn_right(along)
     length, normal = np.zeros(len(mesh.points)), np.zeros_like(mesh.points)
     for column, weight in enumerate(ELEMENTS[mesh.triangles.shape[1]].side_weights):
         np.add.at(length, edges[:, column], weight * lengths)
@@ -66,24 +113,13 @@ def contact_side(mesh: Mesh, edges: np.ndarray, free: np.ndarray, body: str, mod
     joined = np.isin(_keys(nodes[:-1], nodes[1:], size), _keys(neighbours[:, 0], neighbours[:, 1], size))
     place = np.empty(size, int)
     place[nodes] = np.arange(len(nodes))
-    quadratic = place[edges] if mesh.order == 2 else np.empty((0, 3), int)
+    links = place[edges]
     return Side(body, modulus, nodes, mesh.points[nodes], normal, length[nodes], free[nodes],
-                np.ptp(mesh.points, axis=0), _beyond(mesh, neighbours), joined, quadratic[np.argsort(quadratic[:, 2])])
+                np.ptp(mesh.points, axis=0), joined, links[np.argsort(links[:, -1])])
 
 
-def _beyond(mesh: Mesh, pairs: np.ndarray) -> np.ndarray:
-    """`Side.beyond` of the chains of neighbours `pairs` (k, 2)."""
-    number = np.bincount(pairs.ravel(), minlength=len(mesh.points))
-    found, size = [], len(mesh.points)
-    chain = set(_keys(pairs[:, 0], pairs[:, 1], size).tolist())
-    for end in np.flatnonzero(number == 1).tolist():
-        near = mesh.triangles[(mesh.triangles[:, :3] == end).any(axis=1)]
-        walk = np.column_stack([near[:, :3], near[:, 3:]])[:, [0, 3, 1, 4, 2, 5] if near.shape[1] == 6 else [0, 1, 2]]
-        directed = {(int(a), int(b)) for a, b in zip(walk.ravel(), np.roll(walk, -1, axis=1).ravel(), strict=True)}
-        for a, b in directed:  # of boundary edges the way back is missing
-            if end in (a, b) and (b, a) not in directed and int(_keys(np.array(a), np.array(b), size)) not in chain:
-                found.append((end, b if a == end else a, int(a == end)))
-    return np.array(found, dtype=np.int64).reshape(-1, 3)
+def _element(links: np.ndarray) -> Element:
+    return ELEMENTS[3 * links.shape[1] - 3]
 
 
 def _keys(a: np.ndarray, b: np.ndarray, size: int) -> np.ndarray:

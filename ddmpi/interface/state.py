@@ -9,7 +9,7 @@ import numpy as np
 from ddmpi.interface.interface import Interface
 
 CLOSED = 1e-8
-"""A node whose normal force is this part of the largest one, or less, counts as open."""
+"""A node whose normal force is this part of the largest one, or less, counts as open, unless it is bonded."""
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class ContactState:
 
     Attributes
     ----------
-    normal_force : (m,) positive under pressure (N)
+    normal_force : (m,) positive under pressure, negative under tension, which bonded nodes may bear (N)
     tangential_force, slip : (m, d − 1) in N and m; zero at nodes without tangential unknowns
     gap : (m,) opening (m)
     status : (m,) "open", "slip" or "stick"
@@ -77,5 +77,5 @@ def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.
     tangential[sliding], slip[sliding] = law.split(s)[1], moved[1]
     status = np.full(m, "slip" if law.name == "none" else "stick", dtype="U5")
     status[sliding[law.reaches_bound(s, bound)]] = "slip"
-    status[normal <= CLOSED * normal.max(initial=0.0)] = "open"
+    status[~law.closed(s, CLOSED)] = "open"
     return ContactState(interface, normal, tangential, interface.gap - moved[0], slip, status)

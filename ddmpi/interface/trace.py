@@ -15,20 +15,20 @@ def trace(interface: Interface, side: int, body: Elasticity) -> sparse.csr_matri
     Clamped components have no entry; their contribution to the trace is constant, and `displacement_trace` of the
     prescribed displacement gives it.
     """
-    d, rows = interface.dimension, _rows(interface, side).tocoo()
-    nodes = interface.nodes[side][rows.col]
+    d, moves = interface.dimension, rows(interface, side).tocoo()
+    nodes = interface.nodes[side][moves.col]
     place = np.full(len(body.free), -1)
     place[body.nodes] = np.arange(len(body.nodes))
-    values = _sign(side) * rows.data[:, None] * interface.directions[rows.row]
+    values = _sign(side) * moves.data[:, None] * interface.directions[moves.row]
     entry = body.free[nodes] & (values != 0.0)
     columns = d * place[nodes][:, None] + np.arange(d)
-    row = np.repeat(rows.row[:, None], d, axis=1)
+    row = np.repeat(moves.row[:, None], d, axis=1)
     return sparse.csr_matrix((values[entry], (row[entry], columns[entry])), (interface.size, body.A.size[1]))
 
 
 def displacement_trace(interface: Interface, side: int, u: np.ndarray) -> np.ndarray:
     """B u (size,) in metres, of a displacement (nv, d) of all nodes of the body on `side`. Not collective."""
-    moved = _rows(interface, side) @ u[interface.nodes[side]]
+    moved = rows(interface, side) @ u[interface.nodes[side]]
     return _sign(side) * np.einsum("ij,ij->i", moved, interface.directions)
 
 
@@ -37,7 +37,7 @@ def fixed_trace(interface: Interface, side: int, u: np.ndarray) -> np.ndarray:
     return _sign(side) * np.einsum("ij,ij->i", interface.fixed.normal, u[interface.fixed.nodes[side]])
 
 
-def _rows(interface: Interface, side: int) -> sparse.csr_matrix:
+def rows(interface: Interface, side: int) -> sparse.csr_matrix:
     """The transfer to the nodes of a side, a row for each unknown."""
     transfer = interface.transfer[side]
     return sparse.vstack([transfer, transfer[np.repeat(interface.sliding, interface.dimension - 1)]], format="csr")

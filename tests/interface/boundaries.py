@@ -1,0 +1,65 @@
+"""Meshes and their boundaries for the tests of interfaces, and what bodies give way, densely."""
+
+import numpy as np
+import scipy.sparse as sparse
+from scipy.sparse.linalg import spsolve
+
+from ddmpi.body.elasticity import Elasticity, assemble
+from ddmpi.interface.side import Side, contact_side
+from ddmpi.mesh.build import generate_rectangle
+from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.refine import raise_order
+from ddmpi.scene.bodies import BodySpec, Material, MeshSpec
+
+YOUNG, POISSON = 1e9, 0.3
+
+
+def rectangle(divisions, size, origin=(0.0, 0.0), order: int = 1) -> Mesh:
+    mesh = generate_rectangle(MeshSpec(shape="rectangle", origin=origin, size=size, divisions=divisions))
+    return raise_order(mesh, "mesh") if order == 2 else mesh
+
+
+def ring(inner: float, outer: float, angles: np.ndarray, order: int = 1, closed: bool = True) -> Mesh:
+    """A ring of one layer of quadrilaterals cut in two; groups ``inner`` and ``outer``."""
+    n = len(angles)
+    points = np.concatenate([r * np.column_stack([np.cos(angles), np.sin(angles)]) for r in (inner, outer)])
+    a = np.arange(n if closed else n - 1)
+    b = (a + 1) % n
+    triangles = np.concatenate([np.column_stack([a, b + n, b]), np.column_stack([a, a + n, b + n])])
+    mesh = Mesh(points, triangles, {"inner": np.column_stack([a, b]), "outer": np.column_stack([a, b]) + n})
+    return raise_order(mesh, "mesh") if order == 2 else mesh
+
+
+def side(mesh: Mesh, *groups: str, body: str = "body", where=None, x: bool = False, y: bool = False) -> Side:
+    """The boundary `groups`; nodes for which `where` holds are clamped along x, y or both."""
+    free = np.ones((len(mesh.points), 2), bool)
+    if where is not None:
+        free[np.ix_(where(*mesh.points.T), [x, y])] = False
+    edges = np.concatenate([mesh.groups[group] for group in groups])
+    return contact_side(mesh, edges, free, body, YOUNG / (1 - POISSON**2), "contact.seam.on")
+
+
+def body_side(mesh: Mesh, body: Elasticity, group: str, name: str = "body") -> Side:
+    return contact_side(mesh, mesh.groups[group], body.free, name, YOUNG / (1 - POISSON**2), "contact.seam.on")
+
+
+def elastic(mesh: Mesh, clamp: list, **loads) -> Elasticity:
+    return assemble(mesh, BodySpec(name="body", mesh=MeshSpec(file="unused.msh"), clamp=clamp,
+                                   material=Material(young=YOUNG, poisson=POISSON), **loads))
+
+
+def stiffness(body: Elasticity) -> sparse.csc_matrix:
+    indptr, indices, values = body.A.getValuesCSR()
+    return sparse.csc_matrix(sparse.csr_matrix((values, indices, indptr), shape=body.A.size))
+
+
+def respond(body: Elasticity, forces: np.ndarray | float = 0.0) -> np.ndarray:
+    """Displacement (nv, 2) under the load and further forces (columns of A,), clamps included."""
+    u = body.A.createVecRight()
+    u.array[:] = spsolve(stiffness(body), body.b.array_r + forces)
+    return body.expand(u)
+
+
+def compliance(body: Elasticity, B: np.ndarray) -> np.ndarray:
+    """B A⁻¹ Bᵀ, dense."""
+    return B @ spsolve(stiffness(body), B.T)

@@ -1,0 +1,208 @@
+"""Sides that cover each other partly: which nodes pair off, with what lengths, and what is no contact."""
+
+import numpy as np
+import pytest
+from boundaries import rectangle, ring, side
+
+from ddmpi.errors import InputError
+from ddmpi.interface.interface import Interface
+from ddmpi.interface.matching import pair
+from ddmpi.interface.side import Side
+from ddmpi.mesh.mesh import Mesh
+from ddmpi.scene.contacts import Coulomb, NoFriction
+
+COULOMB = Coulomb(coefficient=0.3)
+orders = pytest.mark.parametrize("order", [1, 2])
+
+
+def brick(x: float, y: float = 0.0, order: int = 1, divisions=(4, 2), size=(2.0, 1.0)) -> Mesh:
+    """2 × 1 on 4 × 2, its lower left corner at (x, y)."""
+    return rectangle(divisions, size, (x, y), order)
+
+
+def met(first: Side, second: Side) -> Interface:
+    return pair(first, second, COULOMB, "seam")
+
+
+def refused(first: Side, second: Side) -> str:
+    with pytest.raises(InputError) as error:
+        met(first, second)
+    return str(error.value)
+
+
+@orders
+def test_a_brick_on_two_bricks(order):
+    """Each upper brick carries the part that it covers, and the parts add up to the lower brick's top."""
+    lower = side(brick(0.0, order=order), "top")
+    contacts = [met(side(brick(x, 1.0, order), "bottom"), lower) for x in (-1.0, 1.0)]
+    spacing = 0.5 / order
+    for contact, start in zip(contacts, (0.0, 1.0), strict=True):
+        assert contact.xy[:, 0] == pytest.approx(np.arange(start, start + 1.01, spacing))
+        assert contact.area.sum() == pytest.approx(1.0)
+        weights = {1: [0.25, 0.5, 0.25], 2: [0.5 / 6, 2 / 6, 1 / 6, 2 / 6, 0.5 / 6]}[order]
+        assert contact.area == pytest.approx(weights)
+        assert contact.joined.all() and not contact.held.any()
+        assert contact.dropped == 0 and not contact.gap.any()
+        assert contact.normal == pytest.approx(np.tile([0.0, -1.0], (contact.m, 1)))
+        assert len(contact.edges) == (2 if order == 2 else 0)
+        if order == 2:
+            assert contact.xy[contact.edges[:, :2]].mean(axis=1) == pytest.approx(contact.xy[contact.edges[:, 2]])
+    total = dict.fromkeys(lower.nodes.tolist(), 0.0)
+    for contact in contacts:
+        for node, length in zip(contact.nodes[1].tolist(), contact.area, strict=True):
+            total[node] += length
+    assert list(total.values()) == pytest.approx(lower.area)
+
+
+@orders
+def test_partners_lie_opposite_each_other(order):
+    meshes = brick(0.5, 1.0, order), brick(0.0, 0.0, order)
+    contact = met(side(meshes[0], "bottom"), side(meshes[1], "top"))
+    for mesh, nodes in zip(meshes, contact.nodes, strict=True):
+        assert np.array_equal(mesh.points[nodes], contact.xy)
+    swapped = met(side(meshes[1], "top"), side(meshes[0], "bottom"))
+    assert np.array_equal(swapped.nodes[0], contact.nodes[1])
+    assert swapped.area == pytest.approx(contact.area) and swapped.normal == pytest.approx(-contact.normal)
+
+
+@pytest.mark.parametrize("gap", [-0.02, 0.3])
+def test_gap_of_a_common_part(gap):
+    contact = met(side(brick(1.0, 1.0 + gap), "bottom"), side(brick(0.0), "top"))
+    assert contact.gap == pytest.approx([gap] * 3)
+
+
+def test_a_short_side_within_a_long_one():
+    """All nodes of the one side pair off, the other goes on at both ends."""
+    long = rectangle((12, 2), (6.0, 1.0))
+    contact = met(side(brick(1.5, 1.0), "bottom"), side(long, "top"))
+    assert contact.xy[:, 0] == pytest.approx([1.5, 2.0, 2.5, 3.0, 3.5])
+    assert contact.area == pytest.approx([0.25, 0.5, 0.5, 0.5, 0.25])
+
+
+@orders
+@pytest.mark.parametrize("part", [0.006, 0.02, 0.25, 0.5, 0.9])
+def test_a_shift_by_a_part_of_an_element_is_refused(order, part):
+    """Whatever overlaps: no node, one by accident, or ends that nearly coincide."""
+    for elements in (0, 1, 2, 3):
+        aside = 0.5 / order * (elements * order + part)
+        text = refused(side(brick(aside, 1.0, order), "bottom"), side(brick(0.0, order=order), "top"))
+        assert "one to one" in text or "opposite" in text
+
+
+def test_different_divisions_are_refused():
+    """Some nodes lie opposite each other, but not all that face the other side."""
+    for divisions in (2, 3, 5, 8):
+        lower = rectangle((divisions, 2), (2.0, 1.0))
+        text = refused(side(brick(0.0, 1.0), "bottom"), side(lower, "top"))
+        assert f"5 and {divisions + 1} nodes" in text
+        refused(side(brick(1.0, 1.0), "bottom"), side(lower, "top"))
+
+
+def test_one_node_out_of_place_is_refused():
+    upper, lower = brick(1.0, 1.0), brick(0.0)
+    lower.points[np.flatnonzero((lower.points == [1.5, 1.0]).all(axis=1)), 0] = 1.55
+    refused(side(upper, "bottom"), side(lower, "top"))
+
+
+@orders
+def test_a_contact_of_one_node(order):
+    """Bricks that share a corner: the length is the mean spacing of both sides there."""
+    upper = rectangle((8, 2), (2.0, 1.0), (2.0, 1.0), order)
+    contact = met(side(upper, "bottom"), side(brick(0.0, order=order), "top"))
+    assert (contact.m, contact.xy.tolist()) == (1, [[2.0, 1.0]])
+    assert contact.area == pytest.approx([(0.25 + 0.5) / 2 / order])
+    assert contact.normal == pytest.approx(np.array([[0.0, -1.0]]))
+    assert len(contact.joined) == 0 and len(contact.edges) == 0
+
+
+def test_sides_apart_are_refused():
+    assert "one to one" in refused(side(brick(2.5, 1.0), "bottom"), side(brick(0.0), "top"))
+    assert "one to one" in refused(side(brick(40.0, 1.0), "bottom"), side(brick(0.0), "top"))
+
+
+@pytest.mark.parametrize("groups", [("left", "right"), ("left", "left"), ("bottom", "left"), ("top", "bottom"),
+                                    ("left", "top"), ("top", "top")])
+def test_a_corner_seen_from_behind_is_no_contact(groups):
+    """Sides that do not face each other, or only through their own bodies, may share a node by accident."""
+    refused(side(brick(0.0, 1.0), groups[0]), side(brick(1.0), groups[1]))
+
+
+def test_around_a_corner_the_common_edges_give_the_normal():
+    """A brick ends at the corner of a boundary that goes on downwards."""
+    contact = met(side(brick(1.0, 1.0, size=(1.0, 1.0), divisions=(2, 2)), "bottom"), side(brick(0.0), "top", "right"))
+    assert contact.xy[:, 0] == pytest.approx([1.0, 1.5, 2.0])
+    assert contact.normal == pytest.approx(np.tile([0.0, -1.0], (3, 1)))
+    assert contact.area == pytest.approx([0.25, 0.5, 0.25])
+
+
+def test_whole_boundaries_meet_where_they_face_each_other():
+    """All four sides of two bricks: only the two that touch pair off."""
+    groups = "bottom", "right", "top", "left"
+    contact = met(side(brick(1.0, 1.0), *groups), side(brick(0.0), *groups))
+    assert sorted(contact.xy.tolist()) == [[1.0, 1.0], [1.5, 1.0], [2.0, 1.0]]
+    assert contact.area.sum() == pytest.approx(1.0)
+    assert contact.normal == pytest.approx(np.tile([0.0, -1.0], (3, 1)))
+
+
+def test_running_bond_keeps_the_end_nodes_of_all_joints():
+    """Where a vertical joint ends on a horizontal one, each contact has its own end node."""
+    below, left, right = brick(0.0), brick(-1.0, 1.0), brick(1.0, 1.0)
+    vertical = met(side(left, "right"), side(right, "left"))
+    horizontal = [met(side(each, "bottom"), side(below, "top")) for each in (left, right)]
+    for contact in (vertical, *horizontal):
+        assert [1.0, 1.0] in contact.xy.tolist()
+    assert vertical.m == horizontal[0].m == horizontal[1].m == 3
+
+
+def test_a_hole_in_one_side_is_not_bridged():
+    """Two pieces of a boundary, one element apart: the other side's edge between them is no common one."""
+    mesh = brick(0.0)
+    edges = mesh.groups["top"]
+    x = mesh.points[edges, 0].mean(axis=1)
+    mesh.groups["pieces"] = edges[(x < 1.0) | (x > 1.5)]
+    contact = met(side(brick(-0.5, 1.0, divisions=(6, 2), size=(3.0, 1.0)), "bottom"), side(mesh, "pieces"))
+    assert contact.xy[:, 0] == pytest.approx([0.0, 0.5, 1.0, 1.5, 2.0])
+    assert contact.joined.tolist() == [True, True, False, True]
+    assert contact.area == pytest.approx([0.25, 0.5, 0.25, 0.25, 0.25])
+
+
+@orders
+def test_clamped_nodes_of_a_common_part(order):
+    """They drop out, their neighbours remember them; nodes that only one side has do not count."""
+    left = {"where": lambda x, y: x == 1.0, "x": True, "y": True}
+    contact = met(side(brick(1.0, 1.0, order), "bottom", **left), side(brick(0.0, order=order), "top", **left))
+    assert (contact.m, contact.dropped) == (2 * order, 1)
+    assert contact.held == pytest.approx([2.0 * order, *[0.0] * (2 * order - 1)])
+    assert contact.area.sum() == pytest.approx({1: 0.75, 2: 1.0 - 0.5 / 6}[order])
+    assert len(contact.edges) == (1 if order == 2 else 0)
+
+
+@orders
+def test_a_half_ring_in_a_ring(order):
+    """An open chain meets a part of a closed one, also where that one begins and ends."""
+    angles = 2 * np.pi * np.arange(24) / 24
+    outer = ring(1.0, 1.5, angles, order)
+    for start in (0, 6, 12, 15):
+        inner = ring(0.5, 1.0, np.roll(angles, -start)[:13], order, closed=False)
+        contact = met(side(inner, "outer"), side(outer, "inner"))
+        assert contact.m == 12 * order + 1
+        assert contact.area.sum() == pytest.approx(24 * np.sin(np.pi / 24))
+        assert not contact.gap.any() and contact.joined.all()
+        swapped = met(side(outer, "inner"), side(inner, "outer"))
+        assert sorted(swapped.area) == pytest.approx(sorted(contact.area))
+        assert swapped.joined.sum() >= 12 * order - 1  # where a closed chain begins it is not joined
+        assert len(swapped.edges) == (12 if order == 2 else 0)
+
+
+def test_the_law_sees_the_nodes_of_the_common_part():
+    contact = met(side(brick(1.0, 1.0), "bottom"), side(brick(0.0), "top"))
+    assert (contact.size, contact.law.m, contact.sliding.tolist()) == (6, 3, [0, 1, 2])
+    assert contact.law.slip_bound(np.ones(3)).tolist() == [0.3] * 3
+    assert pair(side(brick(1.0, 1.0), "bottom"), side(brick(0.0), "top"), NoFriction(), "seam").size == 3
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e6])
+def test_scale(scale):
+    meshes = [Mesh(scale * mesh.points, mesh.triangles, mesh.groups) for mesh in (brick(1.0, 1.0), brick(0.0))]
+    contact = met(side(meshes[0], "bottom"), side(meshes[1], "top"))
+    assert contact.area == pytest.approx(scale * np.array([0.25, 0.5, 0.25]), rel=1e-12, abs=0.0)
