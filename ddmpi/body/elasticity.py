@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from petsc4py import PETSc
 
-from ddmpi.body.loads import clamp_nodes, lost_loads, nodal_loads
-from ddmpi.body.rigid import near_null_space, refuse_rigid_motion
+from ddmpi.body.loads import clamp_nodes, lost_loads, nodal_loads, refuse_underflow
+from ddmpi.body.rigid_motions import body_motions, near_null_space
 from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.errors import InputError
 from ddmpi.mesh.mesh import Mesh
@@ -29,12 +29,14 @@ class Elasticity:
 
     Attributes
     ----------
-    A : PETSc AIJ matrix (2k, 2k), symmetric positive definite, block size 2 (N/m per metre of depth)
+    A : PETSc AIJ matrix (2k, 2k), symmetric, block size 2 (N/m per metre of depth); positive definite if the body
+        is held, else its null space are the motions
     b : PETSc vector (2k,) (N per metre of depth)
     n : number of free dofs: 2k less the clamped components of nodes that stay
     nodes : (k,) the mesh nodes that A acts on
     free : (nv, 2) bool, dofs that are not prescribed
     prescribed : (nv, 2) displacement (m) of the prescribed dofs, zero elsewhere
+    motions : (nv, 2, j) the rigid motions that clamps leave free, see `body_motions`; zero at prescribed dofs
     load : sum of the absolute nodal loads (N), tractions and volume forces; where displacements are
         prescribed, at least PRESCRIBED_SHARE of the forces that these take
     resultant : (2,) sum of the loads (N), those on clamped nodes too
@@ -47,9 +49,15 @@ class Elasticity:
     nodes: np.ndarray
     free: np.ndarray
     prescribed: np.ndarray
+    motions: np.ndarray
     load: float
     resultant: np.ndarray
     warnings: list[str]
+
+    @property
+    def held(self) -> bool:
+        """Whether clamps leave no rigid motion free."""
+        return self.motions.shape[2] == 0
 
     def expand(self, u: PETSc.Vec) -> np.ndarray:
         """The displacement (nv, 2) of all nodes from the solution `u` of the reduced system (m)."""
@@ -61,12 +69,13 @@ class Elasticity:
 def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     """Assemble stiffness and load of `body` and eliminate its clamped dofs symmetrically.
 
-    Collective on `comm`. Raises InputError if the clamps leave a rigid-body motion free or contradict each other.
+    Collective on `comm`. Raises InputError if the clamps contradict each other, or leave a part of the body loose
+    that is not connected to the rest.
     """
     K = sum_stiffness(mesh, body.material)
     f = nodal_loads(mesh, body)
     free, prescribed = clamp_nodes(mesh, body)
-    refuse_rigid_motion(mesh, K, free, body.name)
+    motions = body_motions(mesh, K, free, body.name)
     nodes = np.flatnonzero(free.any(axis=1))
     loose = free[nodes]
     total, resultant = float(np.abs(f).sum()), f.sum(axis=0)
@@ -74,6 +83,7 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
         forces = K.mult(prescribed)
         f -= forces
         total = max(total, PRESCRIBED_SHARE * float(np.abs(forces).sum()))
+    refuse_underflow(mesh, body, f, prescribed, float(K.diagonal.max()))
     b = (f[nodes] * loose).ravel()
     indptr, indices, data = K.to_csr(free)
     if not (np.isfinite(data).all() and np.isfinite(b).all() and K.diagonal[nodes][:, [0, 1], [0, 1]].min() > 0.0):
@@ -84,9 +94,9 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
         (len(b), len(b)), (indptr.astype(PETSc.IntType), indices.astype(PETSc.IntType, copy=False), data), bsize=2,
         comm=comm)
     matrix.setBlockSize(2)  # createAIJWithArrays ignores its bsize
-    matrix.setOption(PETSc.Mat.Option.SPD, True)
+    matrix.setOption(PETSc.Mat.Option.SYMMETRIC if motions.size else PETSc.Mat.Option.SPD, True)
     matrix.setNearNullSpace(near_null_space(mesh.points[nodes], loose, comm))
     load = PETSc.Vec().createWithArray(b, bsize=2, comm=comm)
     load.setBlockSize(2)
-    return Elasticity(matrix, load, int(loose.sum()), nodes, free, prescribed, total, resultant,
+    return Elasticity(matrix, load, int(loose.sum()), nodes, free, prescribed, motions, total, resultant,
                       lost_loads(mesh, body, free))

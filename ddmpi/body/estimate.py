@@ -10,7 +10,7 @@ not the estimate, says how well the contact problem is solved.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,28 +81,31 @@ class DiscretizationError:
     ----------
     relative : ‖e‖ / ‖u‖ in the energy norm of all bodies; nan if one of them has no estimate
     by_body : each body's part of ‖e‖, over the same ‖u‖; nan as well
-    own : the estimate of the rank's own body
+    own : the estimates of the rank's own bodies
     mean : energy norm squared over area, of all bodies (J/m³)
     """
 
     relative: float
-    by_body: list[float]
-    own: ErrorEstimate
+    by_body: dict[str, float]
+    own: dict[str, ErrorEstimate]
     mean: float
 
-    def density(self) -> np.ndarray | None:
+    def density(self, body: str) -> np.ndarray | None:
         """Error of each triangle (nt,) per area over the mean energy norm per area, without unit; None if unknown."""
         if np.isnan(self.relative):
             return None
-        return np.sqrt(self.own.squares / self.own.areas / self.mean) if self.mean else np.zeros(len(self.own.areas))
+        own = self.own[body]
+        return np.sqrt(own.squares / own.areas / self.mean) if self.mean else np.zeros(len(own.areas))
 
 
-def sum_errors(bodies: Sequence[tuple[float, float, float]], own: ErrorEstimate) -> DiscretizationError:
-    """Sum the squared errors, squared energy norms and areas of all bodies. Not collective."""
-    errors, energies, areas = (np.array(column) for column in zip(*bodies, strict=True))
+def sum_errors(bodies: Mapping[str, tuple[float, float, float]],
+               own: dict[str, ErrorEstimate]) -> DiscretizationError:
+    """Sum the squared errors, squared energy norms and areas of all bodies, by name. Not collective."""
+    errors, energies, areas = (np.array(column) for column in zip(*bodies.values(), strict=True))
     size = errors.sum() + energies.sum()
     parts = np.sqrt(errors / size) if size else np.zeros(len(errors))
-    return DiscretizationError(relative_error(errors.sum(), energies.sum()), parts.tolist(), own,
+    return DiscretizationError(relative_error(errors.sum(), energies.sum()),
+                               dict(zip(bodies, parts.tolist(), strict=True)), own,
                                float(energies.sum() / areas.sum()))
 
 
@@ -141,19 +144,23 @@ def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
     corners, k = cells[:, :3], (3, 6)[order - 1]
     vertices = np.flatnonzero(np.bincount(corners.ravel()))
     nv = int(vertices[-1]) + 1
+    inner = _inner(mesh, nv)
     places = np.einsum("qi,tid->qtd", _SAMPLES[order], xy[corners])
     reach = np.zeros(nv)
-    np.maximum.at(reach, corners, np.linalg.norm(np.ptp(xy[corners], axis=1), axis=1)[:, None])
+    for block in blocks(len(corners)):
+        np.maximum.at(reach, corners[block], np.linalg.norm(np.ptp(xy[corners[block]], axis=1), axis=1)[:, None])
     upper = np.triu_indices(k)
-    terms = np.zeros((len(upper[0]) + 3 * k, nv))  # of the normal equations
+    moments, sums = np.zeros((len(upper[0]), nv)), np.zeros((3 * k, nv))  # the normal equations
     for i, place, stress in ((i, p, s) for i in range(3) for p, s in zip(places, sampled.swapaxes(0, 1), strict=True)):
         vertex = corners[:, i]
         p = _monomials((place - xy[vertex]) / reach[vertex, None], order)
         for c, (a, b) in enumerate(zip(*upper, strict=True)):
-            terms[c] += np.bincount(vertex, p[:, a] * p[:, b], nv)
-        for c, (a, b) in enumerate(itertools.product(range(k), range(3)), len(upper[0])):
-            terms[c] += np.bincount(vertex, p[:, a] * stress[:, b], nv)
-    fit, owner = _fits(mesh, terms[:len(upper[0])], terms[len(upper[0]):], upper)
+            moments[c] += np.bincount(vertex, p[:, a] * p[:, b], nv)
+        for c, (a, b) in enumerate(itertools.product(range(k), range(3))):
+            sums[c] += np.bincount(vertex, p[:, a] * stress[:, b], nv)
+    del places, place, stress, p  # large meshes need the memory
+    owner, fit = _fits(mesh, moments, sums, upper, inner), sums
+    del moments
     value = np.zeros((len(xy), 3))
     value[vertices] = _evaluate(fit, owner[vertices], xy, reach, xy[vertices], order)
     if order == 2:  # at the middle of an edge, the mean of the fits of its two ends
@@ -164,26 +171,26 @@ def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
 
 
 def _fits(mesh: Mesh, moments: np.ndarray, sums: np.ndarray, upper: tuple[np.ndarray, np.ndarray],
-          ) -> tuple[np.ndarray, np.ndarray]:
-    """Polynomials (nv, k, 3) fitted around the vertices, and for each vertex the number of the one that it uses.
+          inner: np.ndarray) -> np.ndarray:
+    """Fit polynomials around the vertices, in the place of `sums`; the number of the one that each vertex uses.
 
     The normal equations are given by the `upper` triangles of their matrices (k (k+1)/2, nv) and their
-    right-hand sides (3k, nv). A boundary node, with elements on one side only, uses the polynomial of a near
-    inner node. If none is near, it uses a linear fit to its own elements; if these are too few, their mean.
+    right-hand sides (3k, nv). A boundary node, not `inner` (nv,), with elements on one side only, uses the polynomial
+    of a near inner node. If none is near, it uses a linear fit to its own elements; if these are too few, their mean.
     """
     corners, (nv, k) = mesh.triangles[:, :3], (sums.shape[1], len(sums) // 3)
-    inner = _inner(mesh, nv)
-    good, fit = np.zeros(nv, dtype=bool), np.zeros((nv, k, 3))
+    good = np.zeros(nv, dtype=bool)
     for block in blocks(nv):
         M, right = np.empty((len(inner[block]), k, k)), sums[:, block].T.reshape(-1, k, 3)
         M[:, upper[0], upper[1]] = M[:, upper[1], upper[0]] = moments[:, block].T
         solvable = inner[block] & _well_posed(M)
-        fit[block][solvable] = np.linalg.solve(M[solvable], right[solvable])
-        fit[block][~solvable, 0] = right[~solvable, 0] / np.maximum(M[~solvable, 0, 0], 1.0)[:, None]
+        fit = np.zeros_like(right)
+        fit[solvable] = np.linalg.solve(M[solvable], right[solvable])
+        fit[~solvable, 0] = right[~solvable, 0] / np.maximum(M[~solvable, 0, 0], 1.0)[:, None]
         linear = np.flatnonzero(~solvable)
         linear = linear[_well_posed(M[linear, :3, :3])]
-        fit[block][linear, :3] = np.linalg.solve(M[linear, :3, :3], right[linear, :3])
-        good[block] = solvable
+        fit[linear, :3] = np.linalg.solve(M[linear, :3, :3], right[linear, :3])
+        good[block], sums[:, block] = solvable, fit.reshape(-1, 3 * k).T
 
     owner = np.where(good, np.arange(nv), -1)
     near = corners[~good[corners].all(axis=1)]
@@ -193,7 +200,7 @@ def _fits(mesh: Mesh, moments: np.ndarray, sums: np.ndarray, upper: tuple[np.nda
     for _ in range(REACH):
         open_links = links[(owner[links[:, 0]] >= 0) & (owner[links[:, 1]] < 0)]
         owner[open_links[:, 1]] = owner[open_links[:, 0]]
-    return fit, np.where(owner < 0, np.arange(nv), owner)
+    return np.where(owner < 0, np.arange(nv), owner)
 
 
 def _well_posed(M: np.ndarray) -> np.ndarray:
@@ -204,12 +211,14 @@ def _well_posed(M: np.ndarray) -> np.ndarray:
 def _inner(mesh: Mesh, nv: int) -> np.ndarray:
     """Whether a node (nv,) has triangles all around it: their angles make a full turn."""
     corners = mesh.triangles[:, :3]
-    x, y = mesh.points[corners].transpose(2, 1, 0)
-    turn = np.zeros(nv)
+    turn, angle = np.zeros(nv), np.empty(len(corners))
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
-        ax, ay, bx, by = x[j] - x[i], y[j] - y[i], x[k] - x[i], y[k] - y[i]
-        turn += np.bincount(corners[:, i], np.arctan2(ax * by - ay * bx, ax * bx + ay * by), nv)
+        for block in blocks(len(corners)):
+            x, y = mesh.points[corners[block]].transpose(2, 1, 0)
+            ax, ay, bx, by = x[j] - x[i], y[j] - y[i], x[k] - x[i], y[k] - y[i]
+            angle[block] = np.arctan2(ax * by - ay * bx, ax * bx + ay * by)
+        turn += np.bincount(corners[:, i], angle, nv)
     return turn > 2 * np.pi - 1e-3
 
 
@@ -222,6 +231,10 @@ def _monomials(x: np.ndarray, order: int) -> np.ndarray:
 
 def _evaluate(fit: np.ndarray, owner: np.ndarray, xy: np.ndarray, reach: np.ndarray, at: np.ndarray,
               order: int) -> np.ndarray:
-    """The polynomials of the vertices `owner` (j,) at the points `at` (j, 2)."""
-    p = _monomials((at - xy[owner]) / reach[owner, None], order)
-    return np.einsum("jk,jkc->jc", p, fit[owner])
+    """The polynomials `fit` (3k, nv) of the vertices `owner` (j,) at the points `at` (j, 2)."""
+    value = np.empty((len(at), 3))
+    for block in blocks(len(at)):
+        vertex = owner[block]
+        p = _monomials((at[block] - xy[vertex]) / reach[vertex, None], order)
+        value[block] = np.einsum("jk,jkc->jc", p, np.ascontiguousarray(fit[:, vertex].T).reshape(len(p), -1, 3))
+    return value

@@ -15,6 +15,9 @@ from ddmpi.scene.values import evaluate
 SAME = 1e-9
 """Relative difference up to which two clamps prescribe the same displacement."""
 
+SMALLEST = 1e-150
+"""Squares of smaller numbers lose digits or vanish; norms are made of squares."""
+
 
 def nodal_loads(mesh: Mesh, body: BodySpec) -> np.ndarray:
     """Nodal loads (nv, 2) in newtons of tractions and volume force; exact, as both are affine."""
@@ -58,6 +61,23 @@ def clamp_nodes(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, np.ndarray]:
                 free[nodes, component] = False
                 prescribed[nodes, component] = wanted
     return free, prescribed
+
+
+def refuse_underflow(mesh: Mesh, body: BodySpec, f: np.ndarray, prescribed: np.ndarray, stiffest: float) -> None:
+    """Raise InputError where something acts that is too small to compute with. Not collective.
+
+    Parameters
+    ----------
+    f, prescribed : (nv, 2) nodal loads (N), those of prescribed displacements as well, and these (m)
+    stiffest : largest entry of the stiffness (N/m)
+    """
+    groups = [(each.value, mesh.points[boundary_group(mesh, each.on, "").ravel()]) for each in body.traction]
+    values = [evaluate(value, *points.T) for value, points in [*groups, (body.volume_force, mesh.points)]]
+    sizes = [float(np.abs(value).max()) for value in (*values, f, prescribed)]
+    small = [size for size in (*sizes, float(np.abs(f).max() / stiffest)) if 0.0 < size < SMALLEST]
+    if small:
+        raise InputError(f"body.{body.name}: loads or prescribed displacements are so small ({min(small):.3g}) that "
+                         "their squares are out of the range of double precision; choose other units")
 
 
 def lost_loads(mesh: Mesh, body: BodySpec, free: np.ndarray) -> list[str]:

@@ -8,10 +8,11 @@ import numpy as np
 import scipy.sparse as sparse
 from petsc4py import PETSc
 from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.blas import dsymv
 
 from ddmpi.errors import SolverError
 from ddmpi.petsc.messages import petsc_message, reason_name
-from ddmpi.petsc.schur import inverted_schur, request_schur
+from ddmpi.petsc.schur import INTERIOR, invert_on_first, inverted_schur, request_schur
 
 REFINEMENTS = 3
 """An iterative solve with too large a true residual is refined this often; then it is an error."""
@@ -104,6 +105,12 @@ class StiffnessSolver:
             self.inverse, schur = _dense_inverse(self.A, schur, self.name), None
         if schur is not None:
             request_schur(pc, schur)
+        self._factor()
+        if schur is not None:
+            self.inverse = inverted_schur(pc, len(schur))
+
+    def _factor(self) -> None:
+        """Set up the KSP, with our ordering of MUMPS unless the user names one."""
         options, name = PETSc.Options(), "body_mat_mumps_icntl_7"  # for an option that not all versions have a call for
         default = not options.hasName(name)
         if default:
@@ -113,8 +120,6 @@ class StiffnessSolver:
         finally:
             if default:
                 options.delValue(name)
-        if schur is not None:
-            self.inverse = inverted_schur(pc, len(schur))
 
     @property
     def description(self) -> str:
@@ -187,6 +192,93 @@ class StiffnessSolver:
             raise SolverError(f"body {self.name!r}: {self.description} failed with "
                               f"{reason_name(PETSc.KSP.ConvergedReason, reason)} after "
                               f"{self.ksp.getIterationNumber()} iterations")
+
+
+class SharedSolver(StiffnessSolver):
+    """A `StiffnessSolver` of a stiffness whose rows are on several ranks; all its methods are collective on them.
+
+    PETSc does not solve with MUMPS's factors beside a Schur complement on several ranks, except for the interior with
+    the dofs of the Schur complement held. So a solve is one of the interior, which leaves a residual g on these dofs,
+    their displacement `inverse` g on the first rank, and another solve of the interior.
+
+    Parameters
+    ----------
+    A, name, iterative : as for `StiffnessSolver`
+    schur : the same on all ranks, in the numbers of A, in any order
+
+    Attributes
+    ----------
+    inverse : in the order of `schur`, on the first rank only
+    little : whether a Schur complement was not asked of MUMPS since there is little to eliminate
+    """
+
+    def _set_up(self, schur: np.ndarray | None) -> None:
+        pc, self.little = self.ksp.getPC(), False
+        self._held: np.ndarray | None = None
+        if not (self.direct and pc.getType() == PETSc.PC.Type.CHOLESKY and pc.getFactorSolverType() == "mumps"):
+            schur = None
+        if schur is not None and self.A.size[0] <= 2 * len(schur):
+            schur, self.little = None, True
+        if schur is not None:
+            request_schur(pc, schur if self.A.comm.rank == 0 else schur[:0])
+        self._factor()
+        if schur is not None:
+            self._condense(pc, schur)
+
+    def _condense(self, pc: PETSc.PC, schur: np.ndarray) -> None:
+        """Invert the Schur complement, and have MUMPS solve with these dofs held from now on."""
+        self._factors, comm = pc.getFactorMatrix(), self.A.comm.tompi4py()
+        code, definite = self._factors.getMumpsInfog(1), True
+        if code >= 0 and comm.rank == 0:
+            self.inverse = invert_on_first(pc, len(schur))
+            definite = self.inverse is not None
+        if code < 0 or not comm.bcast(definite):
+            raise SolverError(f"body {self.name!r}: the stiffness cannot be factored (MUMPS: INFOG(1) = {code})")
+        self._factors.setMumpsIcntl(INTERIOR, 0)
+        start, stop = self.A.getOwnershipRange()
+        self._held, self._comm = np.flatnonzero((schur >= start) & (schur < stop)), comm
+        self._own = schur[self._held] - start
+        self._spread, self._work = self.A.createVecs()
+        self._spread.set(0.0)
+        self._moved = np.zeros(len(schur))
+
+    def _solve(self, f: PETSc.Vec, u: PETSc.Vec) -> None:
+        if self._held is None:
+            super()._solve(f, u)
+            return
+        try:
+            self._interior(f, u)
+            self.A.mult(u, self._work)
+            self._work.aypx(-1.0, f)
+            self._move(self._work)
+            self._spread.array[self._own] = self._moved[self._held]  # zero elsewhere
+            self.A.mult(self._spread, self._work)
+            self._work.aypx(-1.0, f)
+            self._interior(self._work, u)
+            u.array[self._own] = self._moved[self._held]
+        except PETSc.Error as error:
+            raise SolverError(f"body {self.name!r}: {self.description} failed: {petsc_message(error)}") from None
+
+    def _interior(self, f: PETSc.Vec, u: PETSc.Vec) -> None:
+        """u ← the displacement under f with the dofs of the Schur complement held."""
+        self._factors.solve(f, u)
+        u.array[self._own] = 0.0
+
+    def _move(self, residual: PETSc.Vec) -> None:
+        """Displacement of the dofs of the Schur complement, from what the held ones leave there; on all ranks."""
+        self._moved[:] = 0.0
+        self._moved[self._held] = residual.array_r[self._own]
+        total = np.empty_like(self._moved)
+        self._comm.Reduce(self._moved, total)  # each is one rank's, so that the sums are exact
+        if self.inverse is not None:
+            self._moved[:] = dsymv(1.0, self.inverse, total)
+        self._comm.Bcast(self._moved)
+
+    def destroy(self) -> None:
+        """Free what PETSc holds of it."""
+        work = () if self._held is None else (self._spread, self._work)
+        for each in (self.ksp, self._residual, self._correction, *work):
+            each.destroy()
 
 
 def best_cholesky(A: PETSc.Mat) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from petsc4py import PETSc
 
-NAMES = ("LoadResponse", "ComplianceForm", "ComplianceMult", "Exchange", "NewtonStep", "ContactQP",
+NAMES = ("LoadResponse", "ComplianceForm", "ComplianceMult", "Exchange", "NewtonStep", "CoarseSystem", "ContactQP",
          "NeumannSolve", "Displacement", "Certificate", "Stress", "WriteFields", "WriteTables", "Figures")
 """In the order of registration, which must be the same on all ranks."""
 

@@ -10,18 +10,28 @@ import ctypes
 
 import numpy as np
 from petsc4py import PETSc
+from scipy.linalg.lapack import dpotrf, dpotri
 
 _POINTER = ctypes.c_void_p
 
+MIRRORED = 256
+"""Columns that are mirrored at a time."""
+
+
+INTERIOR = 26
+"""MUMPS's ICNTL that says what a solve does beside a Schur complement; zero: leave these unknowns out, as zeros."""
+
 
 def request_schur(pc: PETSc.PC, dofs: np.ndarray) -> None:
-    """Make the next factorization keep the Schur complement on `dofs` (ascending, unique).
+    """Make the next factorization keep the Schur complement on `dofs` (unique; ascending on a single rank).
 
-    The PC must have its factor solver type, and must not be set up yet. Serial matrices only.
+    The PC must have its factor solver type, and must not be set up yet. On several ranks the first gives all `dofs`
+    and the others none. Collective.
     """
     pc.setFactorSetUpSolverType()
-    index = PETSc.IS().createGeneral(dofs.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
+    index = PETSc.IS().createGeneral(dofs.astype(PETSc.IntType), comm=pc.comm)
     _call("MatFactorSetSchurIS", _POINTER(pc.getFactorMatrix().handle), _POINTER(index.handle))
+    index.destroy()
 
 
 def inverted_schur(pc: PETSc.PC, size: int) -> np.ndarray:
@@ -31,15 +41,41 @@ def inverted_schur(pc: PETSc.PC, size: int) -> np.ndarray:
     is read only, and valid only as long as the PC exists. Raises PETSc.Error if the Schur complement is
     not positive definite.
     """
+    _call("MatFactorInvertSchurComplement", _POINTER(pc.getFactorMatrix().handle))
+    array = _schur_array(pc, size)
+    array.flags.writeable = False
+    return array.T  # symmetric; the transpose has the Fortran order that BLAS needs
+
+
+def invert_on_first(pc: PETSc.PC, size: int) -> np.ndarray | None:
+    """The inverse (size, size) of the Schur complement of a factorization on several ranks, on the first of them.
+
+    MUMPS gives the lower triangle by rows, in the first rank's memory, where it is inverted in place; valid only as
+    long as the PC exists. None if it is not positive definite. Only on the first rank, not collective.
+    """
+    S = _schur_array(pc, size).T  # the upper triangle in Fortran order
+    S, failed = dpotrf(S, lower=0, clean=0, overwrite_a=1)
+    if not failed:
+        S, failed = dpotri(S, lower=0, overwrite_c=1)
+    if failed:
+        return None
+    for start in range(0, size, MIRRORED):
+        stop = min(start + MIRRORED, size)
+        S[stop:, start:stop] = S[start:stop, stop:].T
+        square = S[start:stop, start:stop]
+        square[:] = np.triu(square) + np.triu(square, 1).T
+    return S
+
+
+def _schur_array(pc: PETSc.PC, size: int) -> np.ndarray:
+    """The Schur complement in PETSc's memory (size, size), by columns of PETSc's matrix."""
     factor, schur, status, data = _POINTER(pc.getFactorMatrix().handle), _POINTER(), ctypes.c_int(), _POINTER()
-    _call("MatFactorInvertSchurComplement", factor)
     _call("MatFactorGetSchurComplement", factor, ctypes.byref(schur), ctypes.byref(status))
     _call("MatDenseGetArrayRead", schur, ctypes.byref(data))
     array = np.ctypeslib.as_array(ctypes.cast(data, ctypes.POINTER(ctypes.c_double)), (size, size))
-    array.flags.writeable = False
     _call("MatDenseRestoreArrayRead", schur, ctypes.byref(data))
     _call("MatFactorRestoreSchurComplement", factor, ctypes.byref(schur), status)
-    return array.T  # symmetric; the transpose has the Fortran order that BLAS needs
+    return array
 
 
 def _call(name: str, *arguments: object) -> None:

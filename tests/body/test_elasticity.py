@@ -9,7 +9,7 @@ from scipy.sparse.linalg import spsolve
 from skfem import LinearForm
 
 from ddmpi.body.elasticity import Elasticity, assemble
-from ddmpi.body.rigid import free_motions, rigid_motions
+from ddmpi.body.rigid_motions import free_motions, rigid_motions
 from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.body.stress import stress, von_mises
 from ddmpi.errors import InputError
@@ -232,6 +232,22 @@ def test_total_load():
     assert b.sum(axis=0) == pytest.approx([4.0, -6.0], rel=1e-14)
 
 
+def small_load(kind: str, size: float) -> dict:
+    return {"traction": {"traction": [Traction(on="right", value=(0.0, -size))]},
+            "volume": {"volume_force": (size, 0.0)},
+            "clamp": {"clamp": ["left", Clamp(on="right", x=size)]}}[kind]
+
+
+@pytest.mark.parametrize("kind", ["traction", "volume", "clamp"])
+@pytest.mark.parametrize("size", [1e-151, 1e-170, 1e-310, 5e-324])
+def test_loads_whose_squares_underflow_are_refused(kind, size):
+    """Their norm has lost digits or is zero, as if nothing acted; a little larger ones are solved."""
+    with pytest.raises(InputError, match=r"body\.block: loads .* so small .* choose other units"):
+        assemble(rectangle(), body(**{"clamp": ["left"]} | small_load(kind, size)))
+    assert assemble(rectangle(), body(**{"clamp": ["left"]} | small_load(kind, 1e-145))).b.norm() > 0.0
+    assert assemble(rectangle(), body(clamp=["left"])).b.norm() == 0.0
+
+
 def test_traction_inside_the_body_is_refused():
     mesh = rectangle((2, 1), (2.0, 1.0), (0.0, 0.0))
     middle = np.flatnonzero(mesh.points[:, 0] == 1.0)
@@ -333,11 +349,12 @@ def test_expand_puts_everything_in_its_place():
 
 
 LOOSE = {
-    "no clamp": ([], "move|rotate"),
-    "slides along x": ([Clamp(on="bottom", y=0.0)], "move along x"),
-    "slides along x between": ([Clamp(on="bottom", y=0.0), Clamp(on="top", y=0.0)], "move along x"),
-    "slides along y": ([Clamp(on="left", x=0.0), Clamp(on="right", x=1e-3)], "move along y"),
-    "turns about a corner": ([Clamp(on="bottom", x=0.0), Clamp(on="left", y=0.0)], "rotate"),
+    "no clamp": ([], "x y rotation"),
+    "slides along x": ([Clamp(on="bottom", y=0.0)], "x"),
+    "slides along x between": ([Clamp(on="bottom", y=0.0), Clamp(on="top", y=0.0)], "x"),
+    "slides along y": ([Clamp(on="left", x=0.0), Clamp(on="right", x=1e-3)], "y"),
+    "slides and turns": ([Clamp(on="bottom", x=0.0)], "y rotation"),
+    "turns about a corner": ([Clamp(on="bottom", x=0.0), Clamp(on="left", y=0.0)], "rotation"),
 }
 
 
@@ -348,10 +365,30 @@ LOOSE = {
     {"divisions": (40, 2), "size": (100.0, 1.0)}],
     ids=["plain", "order 2", "coarse", "coarse, order 2", "nano", "huge", "far", "slender"])
 @pytest.mark.parametrize("case", LOOSE)
-def test_loose_body_is_refused(case, geometry):
-    clamps, motion = LOOSE[case]
-    with pytest.raises(InputError, match=rf"body\.block\.clamp: .* not held: it can still ({motion})"):
-        assemble(rectangle(**geometry), body(clamp=clamps))
+def test_motions_of_a_loose_body(case, geometry):
+    """A body that clamps do not hold has the motions that they leave free: translations by one, rotations as scaled.
+
+    Rotations are about a point that the clamps allow and, as far as they do, about the centroid.
+    """
+    clamps, expected = LOOSE[case]
+    mesh = rectangle(**geometry)
+    problem = assemble(mesh, body(clamp=clamps))
+    assert not problem.held
+    assert problem.motions.shape == (*mesh.points.shape, len(expected.split()))
+    assert not problem.motions[~problem.free].any()
+    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    centre = (low + high) / 2
+    if case == "slides and turns":
+        centre[1] = low[1]
+    if case == "turns about a corner":
+        centre = low
+    x, y = ((mesh.points - centre) / (np.linalg.norm(high - low) / 2)).T
+    known = {"x": (1 + 0 * x, 0 * x), "y": (0 * x, 1 + 0 * x), "rotation": (-y, x)}
+    rounding = 1e-15 * (1 + np.abs(mesh.points).max() / mesh.extent)
+    for motion, name in zip(problem.motions.transpose(2, 0, 1), expected.split(), strict=True):
+        assert np.abs(motion - np.column_stack(known[name])).max() <= 10 * rounding
+    forces = to_scipy(problem.A) @ problem.motions[problem.nodes].reshape(problem.b.size, -1)
+    assert np.abs(forces).max() <= 100 * rounding * np.abs(to_scipy(problem.A)).max()
 
 
 @pytest.mark.parametrize("geometry", [
@@ -362,17 +399,30 @@ def test_loose_body_is_refused(case, geometry):
                                     [Clamp(on="left", x=0.0, y=0.0)]])
 def test_held_body_is_accepted(clamps, geometry):
     problem = assemble(rectangle(**geometry), body(clamp=clamps))
+    assert problem.held
+    assert problem.motions.shape == (*problem.free.shape, 0)
     assert problem.n == problem.free.sum() > 0
 
 
-def test_piece_that_no_clamp_holds_is_refused():
-    """Two separate squares in one mesh, only one of them clamped."""
+def two_squares() -> Mesh:
+    """Two separate squares in one mesh."""
     square = rectangle((2, 2), (1.0, 1.0), (0.0, 0.0))
     count = len(square.points)
-    both = Mesh(np.vstack([square.points, square.points + np.array([3.0, 0.0])]),
-                np.vstack([square.triangles, square.triangles + count]), square.groups)
-    with pytest.raises(InputError, match=r"body\.block\.clamp"):
-        assemble(both, body(clamp=["left"]))
+    return Mesh(np.vstack([square.points, square.points + np.array([3.0, 0.0])]),
+                np.vstack([square.triangles, square.triangles + count]),
+                square.groups | {"other": square.groups["right"] + count})
+
+
+@pytest.mark.parametrize("clamps", [[], ["left"], ["left", Clamp(on="other", x=0.0)]])
+def test_piece_that_no_clamp_holds_is_refused(clamps):
+    """A body of two pieces, one of which is loose, is refused, as their motions are not those of one body."""
+    with pytest.raises(InputError, match=r"body\.block\.clamp: a piece of the body .* can still .*; make each piece a "
+                                         r"body of its own"):
+        assemble(two_squares(), body(clamp=clamps))
+
+
+def test_pieces_that_clamps_hold_are_one_body():
+    assert assemble(two_squares(), body(clamp=["left", "other"])).held
 
 
 @pytest.mark.parametrize(("held", "number"), [

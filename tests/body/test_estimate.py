@@ -139,9 +139,11 @@ def test_triangles_that_lock_have_no_estimate(order, plane, known):
     mesh = rectangle(5, order)
     soft, hard = (estimate_error(mesh, material, wave(mesh.points))
                   for material in (Material(young=1.0, poisson=0.4999, plane=plane), STEEL))
-    error = sum_errors([(each.total, each.energy, each.area) for each in (soft, hard)], hard)
-    assert np.isfinite([error.relative, *error.by_body]).tolist() == [known] * 3
-    assert (error.density() is not None) == known and soft.energy > 0.0
+    error = sum_errors({name: (each.total, each.energy, each.area) for name, each in (("soft", soft), ("hard", hard))},
+                       {"hard": hard})
+    assert list(error.by_body) == ["soft", "hard"]
+    assert np.isfinite([error.relative, *error.by_body.values()]).tolist() == [known] * 3
+    assert (error.density("hard") is not None) == known and soft.energy > 0.0
 
 
 @ORDERS

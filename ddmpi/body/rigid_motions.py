@@ -1,0 +1,187 @@
+"""Rigid motions of a body: those that its clamps leave free, and what they take to solve with its stiffness.
+
+The stiffness of a body that clamps do not hold is singular. A few springs on it make it positive definite, and its
+inverse a generalised inverse: a balanced load finds its displacement, up to a rigid motion. `Centring` then takes out
+what depends on where the springs are.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import scipy.sparse as sparse
+from petsc4py import PETSc
+from scipy.linalg import qr
+
+from ddmpi.body.stiffness import Stiffness
+from ddmpi.errors import InputError
+from ddmpi.mesh.mesh import Mesh, signed_double_areas
+
+LOOSE = 1e-16
+"""A motion is free if its squared size at the clamps is below this, relative to the largest, for each component."""
+
+PURE = 1e-10
+"""A translation is free by itself if the free motions miss it by less than this."""
+
+SEEN = 1e-8
+"""The contact does not see a motion that moves it by less than this, relative to the motion's size."""
+
+
+def rigid_motions(points: np.ndarray, centre: np.ndarray, size: float = 1.0) -> np.ndarray:
+    """Translations, then rotations about `centre`, of `points` (k, d) as displacements (k, d, j).
+
+    In the plane j = 3: along x, along y, rotation; in space j = 6. Distances are divided by `size`.
+    """
+    x = (points - centre) / size
+    motions = [np.broadcast_to(axis, x.shape) for axis in np.eye(x.shape[1])]
+    for i, j in combinations(range(x.shape[1]), 2):
+        motions.append(np.zeros_like(x))
+        motions[-1][:, i], motions[-1][:, j] = -x[:, j], x[:, i]
+    return np.stack(motions, axis=-1)
+
+
+def free_motions(motions: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Combinations (j, ·) of `motions` (k, d, j), orthonormal columns, that all components not `free` (k, d) allow."""
+    held = motions[~free]
+    _, values, vectors = np.linalg.svd(np.linalg.qr(held, mode="r") if len(held) else np.zeros((1, motions.shape[2])))
+    squares = np.zeros(motions.shape[2])
+    squares[:len(values)] = values**2
+    return vectors[squares <= LOOSE * max(squares[0], 1.0) * max(len(held), 1)].T
+
+
+def recognisable(left: np.ndarray, dimension: int) -> np.ndarray:
+    """A basis (j, ·) of the span of `left` (j, ·), orthonormal columns, in which translations stand by themselves.
+
+    The translations along axes that are in the span come first. The rest, if it is one motion, has the coefficient one
+    for its rotation (it turns about a point in the bounding box, as clamps hold no others).
+    """
+    axes = np.eye(len(left))[:, :dimension]
+    pure = axes[:, np.linalg.norm(axes - left @ left[:dimension].T, axis=0) < PURE]
+    vectors, _, _ = np.linalg.svd(left - pure @ (pure.T @ left))
+    rest = vectors[:, :left.shape[1] - pure.shape[1]]
+    if rest.shape[1] == 1:
+        size = np.abs(rest)
+        rest = rest / rest[np.flatnonzero(size > 0.5 * size.max())[-1]]
+    return np.hstack([pure, rest])
+
+
+def body_motions(mesh: Mesh, K: Stiffness, free: np.ndarray, name: str) -> np.ndarray:
+    """The rigid motions that the clamps of a body leave free, as displacements (nv, d, j) of all nodes.
+
+    Translations move by one; rotations by the distance from their centre, over that of the farthest node from the
+    centroid. So coefficients are lengths. If nothing is held, the motions are along x, along y, and the rotation about
+    the centroid. Not collective. Raises InputError if a part of the body is loose that is not connected to the rest.
+    """
+    pieces, piece = K.connected()
+    for k in range(pieces if pieces > 1 else 0):
+        _refuse_loose(mesh, piece == k, pieces, free, name)
+    centre, touched = _centroid(mesh), ~free.all(axis=1)
+    size = float(np.linalg.norm(mesh.points - centre, axis=1).max())
+    left = np.empty((0, 0))
+    if pieces == 1:
+        left = free_motions(rigid_motions(mesh.points[touched], centre, size), free[touched])
+    if not left.size:
+        return np.empty((*free.shape, 0))
+    return rigid_motions(mesh.points, centre, size) @ recognisable(left, free.shape[1]) * free[:, :, None]
+
+
+def _refuse_loose(mesh: Mesh, members: np.ndarray, pieces: int, free: np.ndarray, name: str) -> None:
+    """Raise InputError if the piece of the nodes `members` (nv,), one of several, can move as a rigid body."""
+    touched = members & ~free.all(axis=1)
+    left = free_motions(rigid_motions(mesh.points[touched], mesh.points[members].mean(axis=0), mesh.extent),
+                        free[touched])
+    if left.size:
+        tx, ty, rotation = np.abs(left[:, 0])
+        motion = "rotate" if rotation > 0.5 else "move along x" if tx > ty else "move along y"
+        groups = [group for group, edges in mesh.groups.items() if members[edges].any()]
+        fix = f", or clamp it on its own boundary groups ({', '.join(groups)})" if groups else ""
+        raise InputError(f"body.{name}.clamp: a piece of the body (it has {pieces} that are not connected) is not "
+                         f"held: it can still {motion} as a rigid body; make each piece a body of its own{fix}")
+
+
+def _centroid(mesh: Mesh) -> np.ndarray:
+    """(d,) centre of the area."""
+    corners = mesh.triangles[:, :3]
+    area = signed_double_areas(mesh.points, corners)
+    middle = mesh.points.mean(axis=0)
+    return middle + area @ (mesh.points[corners].mean(axis=1) - middle) / area.sum()
+
+
+def near_null_space(points: np.ndarray, free: np.ndarray, comm) -> PETSc.NullSpace:
+    """The rigid motions of `points` (k, 2), zero where not `free` (k, 2), orthonormal, for algebraic multigrid."""
+    motions = rigid_motions(points, points.mean(axis=0)) * free[:, :, None]
+    Q, _ = np.linalg.qr(motions.reshape(-1, motions.shape[2]))
+    vectors = [PETSc.Vec().createWithArray(np.ascontiguousarray(q), bsize=points.shape[1], comm=comm) for q in Q.T]
+    return PETSc.NullSpace().create(vectors=vectors, comm=comm)
+
+
+def support(motions: np.ndarray) -> np.ndarray:
+    """As many dofs (j,) as there are `motions` (k, d, j), such that supports there, far apart, leave none of them free.
+
+    Greedy: each dof is that which the motions still free move most.
+    """
+    rows = motions.reshape(-1, motions.shape[2])
+    return qr(rows.T, mode="r", pivoting=True)[1][:rows.shape[1]]
+
+
+def add_springs(A: PETSc.Mat, dofs: np.ndarray) -> PETSc.Mat:
+    """A with springs on a few `dofs`, as a new matrix: positive definite, its inverse a generalised inverse of A.
+
+    It is A + ρ M Mᵀ, with M the free motions at these dofs, orthonormal. At as many dofs as there are motions, as
+    `support` gives them, M Mᵀ is the identity: the springs enter the diagonal only. A balanced load does not strain
+    them. Springs that link nodes cost multigrid more iterations (41 with four nodes, 27 so). ρ is the largest entry of
+    the diagonal; the condition number is then about that of a body clamped on its short side, or less.
+    """
+    fixed = A.copy()
+    stiffen(fixed, dofs)
+    fixed.setNearNullSpace(A.getNearNullSpace())
+    return fixed
+
+
+def stiffen(A: PETSc.Mat, dofs: np.ndarray) -> float:
+    """Add the springs of `add_springs` to A itself, on `dofs` of a rank's own rows; return their stiffness (N/m)."""
+    diagonal = A.getDiagonal()
+    stiffness = diagonal.max()[1]
+    diagonal.array[dofs] += stiffness
+    A.setDiagonal(diagonal)
+    A.setOption(PETSc.Mat.Option.SPD, True)
+    return stiffness
+
+
+class Centring:
+    """Takes the springs out of a generalised inverse A⁺ of a loose body, so that nothing depends on where they are.
+
+    The centred inverse is Π A⁺ Πᵀ. Its displacements have no rigid motion in the least-squares sense at the contact,
+    and on average none of those motions that the contact does not see. Not collective.
+
+    Parameters
+    ----------
+    R : (n, j) the free motions, columns in A's dofs
+    B : (size, n) trace on the contact nodes
+    """
+
+    def __init__(self, R: np.ndarray, B: sparse.csr_matrix) -> None:
+        self._R, self._B, self._B_transposed = R, B, B.T.tocsr()
+        Q, T = np.linalg.qr(B @ R)
+        U, values, V = np.linalg.svd(T.T)
+        rank = int((values > SEEN * np.linalg.norm(B.data) * np.abs(R).max()).sum()) if len(values) else 0
+        self._V = Q @ V[:rank].T
+        self._inverse = self._V / values[:rank] @ U[:, :rank].T  # Gᵀ(GGᵀ)⁺, (size, j)
+        self._unseen, _ = np.linalg.qr(R @ U[:, rank:])
+
+    def project(self, x: np.ndarray) -> np.ndarray:
+        """P x with P = I − Gᵀ(GGᵀ)⁺G: the part of contact forces or displacements (size,) without rigid motion."""
+        if self._V.shape[0] == self._V.shape[1]:
+            return np.zeros_like(x)
+        return x - self._V @ (self._V.T @ x)
+
+    def balance(self, f: np.ndarray) -> np.ndarray:
+        """Πᵀ f: the load (n,) with contact forces that balance it, as far as they can; the rest is left out."""
+        f = f - self._unseen @ (self._unseen.T @ f)
+        return f - self._B_transposed @ (self._inverse @ (self._R.T @ f))
+
+    def centre(self, u: np.ndarray) -> np.ndarray:
+        """Π u: the displacement (n,) without its rigid motion."""
+        u = u - self._R @ (self._inverse.T @ (self._B @ u))
+        return u - self._unseen @ (self._unseen.T @ u)

@@ -1,0 +1,181 @@
+"""Bodies that clamps do not hold: springs that make them solvable, and centring that takes the springs out again."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sparse
+from petsc4py import PETSc
+from scipy.linalg import null_space
+
+from ddmpi.body.compliance import Compliance
+from ddmpi.body.elasticity import Elasticity, assemble
+from ddmpi.body.rigid_motions import Centring, add_springs, support
+from ddmpi.body.solver import StiffnessSolver
+from ddmpi.mesh.build import generate_rectangle
+from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.refine import raise_order
+from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
+
+CLAMPS = {"nothing": [], "y on a side": [Clamp(on="bottom", y=0.0)], "x on a side": [Clamp(on="left", x=0.0)],
+          "sides along themselves": [Clamp(on="bottom", x=0.0), Clamp(on="left", y=0.0)],
+          "x along a side": [Clamp(on="bottom", x=0.0)]}
+"""3, 1, 1, 1 and 2 motions are left."""
+
+
+def rectangle(divisions=(9, 3), size=(3.0, 1.0), order=1) -> Mesh:
+    mesh = generate_rectangle(MeshSpec(shape="rectangle", size=size, divisions=divisions))
+    return raise_order(mesh, "mesh") if order == 2 else mesh
+
+
+def elastic(mesh: Mesh, clamp=(), young=2e11) -> Elasticity:
+    return assemble(mesh, BodySpec(name="block", mesh=MeshSpec(file="unused.msh"), clamp=list(clamp),
+                                   material=Material(young=young, poisson=0.3),
+                                   traction=[Traction(on="right", value=(3e6, -1e6))]))
+
+
+def dense(A: PETSc.Mat) -> np.ndarray:
+    indptr, indices, data = A.getValuesCSR()
+    return sparse.csr_matrix((data, indices, indptr), A.size).toarray()
+
+
+def along(mesh: Mesh, group: str) -> np.ndarray:
+    """Nodes of a group in the order of x + y."""
+    nodes = np.unique(mesh.groups[group])
+    return nodes[np.argsort(mesh.points[nodes].sum(axis=1))]
+
+
+def with_springs(problem: Elasticity) -> PETSc.Mat:
+    return add_springs(problem.A, support(problem.motions[problem.nodes]))
+
+
+# Springs
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("clamp", CLAMPS.values(), ids=CLAMPS)
+def test_inverse_with_springs_is_a_generalised_inverse(clamp, order):
+    """A balanced load finds its displacement: A A⁺ A = A, and the springs carry nothing."""
+    mesh = rectangle(order=order)
+    problem = elastic(mesh, clamp)
+    before = dense(problem.A)
+    fixed = with_springs(problem)
+    A, inverse = dense(problem.A), np.linalg.inv(dense(fixed))
+    assert np.array_equal(A, before)
+    assert np.abs(A @ inverse @ A - A).max() <= 1e-10 * np.abs(A).max()
+    assert np.count_nonzero(dense(fixed) - A) == problem.motions.shape[2]
+
+
+@pytest.mark.parametrize("young", [1e-6, 2e11])
+@pytest.mark.parametrize("size", [(3e-6, 1e-6), (3.0, 1.0), (3e6, 1e6), (100.0, 1.0)], ids=str)
+def test_springs_leave_the_conditioning_of_the_body(size, young):
+    """With springs a body is hardly worse than clamped on a short side, in all units."""
+    mesh = rectangle((27, 9), size)
+    held = np.linalg.cond(dense(elastic(mesh, ["left"], young).A))
+    for clamp in CLAMPS.values():
+        assert np.linalg.cond(dense(with_springs(elastic(mesh, clamp, young)))) <= 1.1 * held
+
+
+def test_matrix_with_springs_is_what_solvers_need():
+    problem = elastic(rectangle())
+    fixed = with_springs(problem)
+    assert fixed.getType() == "seqaij"
+    assert fixed.getBlockSize() == 2
+    assert len(fixed.getNearNullSpace().getVecs()) == 3
+    assert np.linalg.eigvalsh(dense(fixed))[0] > 0.0
+    assert np.array_equal(dense(fixed), dense(fixed).T)
+    assert fixed.getInfo()["nz_used"] == problem.A.getInfo()["nz_used"]
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("clamp", CLAMPS.values(), ids=CLAMPS)
+def test_supports_are_far_apart(clamp, order):
+    """No free motion of size one leaves all supported dofs in place, or nearly so."""
+    problem = elastic(rectangle((30, 10), order=order), clamp)
+    motions = problem.motions[problem.nodes]
+    dofs = support(motions)
+    assert len(set(dofs)) == motions.shape[2]
+    assert np.linalg.svd(motions.reshape(-1, motions.shape[2])[dofs], compute_uv=False)[-1] > 0.4
+
+
+# Solvers
+
+
+def contact_of(problem: Elasticity, nodes: np.ndarray) -> sparse.csr_matrix:
+    """The trace of both components of `nodes` that are free."""
+    place = np.full(len(problem.free), -1)
+    place[problem.nodes] = np.arange(len(problem.nodes))
+    dofs = (2 * place[nodes][:, None] + [0, 1])[problem.free[nodes]]
+    return sparse.identity(problem.A.size[0], format="csr")[dofs]
+
+
+@pytest.mark.parametrize("kind", ["explicit", "direct", "iterative"])
+@pytest.mark.parametrize("clamp", CLAMPS.values(), ids=CLAMPS)
+def test_compliance_of_a_loose_body(clamp, kind):
+    """All kinds of compliance take the matrix with springs."""
+    mesh = rectangle((12, 4))
+    problem, top = elastic(mesh, clamp), along(mesh, "top")
+    fixed, B = with_springs(problem), contact_of(problem, top)
+    C = Compliance(fixed, B, "block", kind)
+    expected = B @ np.linalg.inv(dense(fixed)) @ B.T
+    assert C.kind == kind
+    assert np.abs(C.dense() - expected).max() <= (1e-8 if kind == "iterative" else 1e-12) * np.abs(expected).max()
+
+
+def test_multigrid_solves_a_loose_body_as_fast_as_a_held_one():
+    """The rigid motions are kept as near null space, so that iterations hardly grow with the mesh."""
+    taken = []
+    for divisions in ((24, 8), (96, 32)):
+        mesh = rectangle(divisions)
+        for A in (with_springs(elastic(mesh)), elastic(mesh, ["left"]).A):
+            solver, f = StiffnessSolver(A, "block", iterative=True), A.createVecLeft()
+            f.array[:] = np.random.default_rng(0).standard_normal(f.size)
+            solver.solve(f, f.duplicate())
+            taken.append(solver.ksp.getIterationNumber())
+    loose, held, loose_fine, held_fine = taken
+    assert loose <= held + 5
+    assert loose_fine <= held_fine + 5
+
+
+# Centring
+
+
+@pytest.mark.parametrize("clamp", CLAMPS.values(), ids=CLAMPS)
+@pytest.mark.parametrize("number", [0, 1, 2, 10])
+def test_centring_against_its_formulas(number, clamp):
+    """P = I − Gᵀ(GGᵀ)⁺G and Π = I − R(GGᵀ)⁺GB, where the contact sees all motions and where it does not."""
+    mesh = rectangle()
+    problem = elastic(mesh, clamp)
+    B, R = contact_of(problem, along(mesh, "top")[:number]), problem.motions[problem.nodes].reshape(problem.b.size, -1)
+    G = (B @ R).T
+    inverse = np.linalg.pinv(G @ G.T, rcond=1e-10) if number else np.zeros((len(G), len(G)))
+    P, whole = np.eye(B.shape[0]) - G.T @ inverse @ G, np.eye(len(R)) - R @ inverse @ G @ B
+    centring, rng = Centring(R, B), np.random.default_rng(1)
+    x, f, u = rng.standard_normal(B.shape[0]), rng.standard_normal(len(R)), rng.standard_normal(len(R))
+    unseen = R @ null_space(G.T, rcond=1e-8) if number else R  # motions that the contact does not see
+
+    assert centring.project(x) == pytest.approx(P @ x, abs=1e-12)
+    assert np.abs(R.T @ centring.balance(f)).max() <= 1e-12 * len(R)
+    seen = f - unseen @ np.linalg.lstsq(unseen, f, rcond=None)[0]
+    assert centring.balance(f) == pytest.approx(whole.T @ seen, abs=1e-7)  # the formulas square the condition number
+    assert np.abs(unseen.T @ centring.centre(u)).max(initial=0.0) <= 1e-12 * len(R)
+    assert B @ centring.centre(u) == pytest.approx(P @ (B @ u), abs=1e-12)
+    assert np.abs(centring.centre(R @ rng.standard_normal(R.shape[1]))).max() <= 1e-12
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, 1e-9])
+def test_contact_that_does_not_see_a_motion(angle):
+    """Without friction, a flat contact does not see what slides along it, whatever rounding makes of its normals."""
+    mesh = rectangle()
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    turned = Mesh(mesh.points @ turn.T + 100.0, mesh.triangles, mesh.groups)
+    problem, top = elastic(turned), along(mesh, "top")
+    normals = turn @ np.array([0.0, 1.0]) + 1e-14 * np.random.default_rng(0).standard_normal((len(top), 2))
+    B = sparse.csr_matrix((normals.ravel(), (np.repeat(np.arange(len(top)), 2), (2 * top[:, None] + [0, 1]).ravel())),
+                          (len(top), problem.b.size))
+    R = problem.motions.reshape(-1, 3)
+    centring = Centring(R, B)
+    along_it = np.tile(turn @ np.array([1.0, 0.0]), len(mesh.points))
+    x = np.random.default_rng(1).standard_normal(len(top))
+    y = np.linspace(-1.0, 1.0, len(top))
+    linear = np.column_stack([np.ones(len(y)), y])
+    assert centring.project(x) == pytest.approx(x - linear @ np.linalg.lstsq(linear, x, rcond=None)[0], abs=1e-10)
+    assert np.abs(centring.centre(along_it)).max() <= 1e-10
