@@ -53,7 +53,7 @@ class Box:
         """The largest t for which x − t p is feasible."""
         with np.errstate(divide="ignore", invalid="ignore"):
             room = np.where(p > 0, (x - self.lower) / p, np.where(p < 0, (x - self.upper) / p, np.inf))
-        return float(room.min())
+        return float(room.min(initial=np.inf))
 
     def restricted(self, indices: np.ndarray) -> Box:
         """The box of the components `indices`."""

@@ -16,6 +16,9 @@ Differences from the paper:
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+
 import numpy as np
 from petsc4py import PETSc
 
@@ -62,7 +65,7 @@ class MPRGP:
         G = tao.getGradient()[0]
         tao.computeGradient(X, G)
         self.steps = dict.fromkeys(self.steps, 0)
-        norm = _norm(H, X)
+        norm, dot, least = _norm(H, X), *_reductions(X)
 
         def multiply(direction: np.ndarray) -> np.ndarray:
             P.array[:] = direction
@@ -73,7 +76,7 @@ class MPRGP:
         iteration, restart, p = 0, True, np.empty(0)
         while True:
             free, chopped = feasible.split(g, x)
-            residual = np.linalg.norm(free + chopped)
+            residual = math.sqrt(dot(free + chopped, free + chopped))
             if not np.isfinite(residual):
                 reason = TaoReason.DIVERGED_NAN
                 break
@@ -84,44 +87,45 @@ class MPRGP:
                 reason = TaoReason.DIVERGED_MAXITS
                 break
             iteration += 1
-            if chopped @ chopped <= PROPORTION**2 * (feasible.reduced(free, x, STEP / norm) @ free):
+            if dot(chopped, chopped) <= PROPORTION**2 * dot(feasible.reduced(free, x, STEP / norm), free):
                 if restart:
                     p, restart = free, False
                 Hp = multiply(p).copy()  # the next product overwrites it
-                curvature = p @ Hp
+                curvature = dot(p, Hp)
                 if not curvature > 0.0:  # underflow, or not a number
                     reason = TaoReason.DIVERGED_NAN
                     break
-                norm = max(norm, curvature / (p @ p))
-                step = (g @ p) / curvature
-                longest = feasible.longest_step(x, p)
+                norm = max(norm, curvature / dot(p, p))
+                step = dot(g, p) / curvature
+                longest = least(feasible.longest_step(x, p))
                 if step <= longest:
                     self.steps["cg"] += 1
                     x -= step * p
                     g -= step * Hp
                     x[:] = feasible.project(x)  # rounding in the last bit
                     free = feasible.split(g, x)[0]
-                    p = free - ((free @ Hp) / curvature) * p
+                    p = free - (dot(free, Hp) / curvature) * p
                     continue
                 self.steps["expansion"] += 1
                 restart = True
                 change = feasible.project(x - step * p) - x
                 H_change = multiply(change)
-                if change @ g + 0.5 * (change @ H_change) >= 0.0:
+                if dot(change, g) + 0.5 * dot(change, H_change) >= 0.0:
                     half_x, half_g = x - longest * p, g - longest * Hp
                     half_free = feasible.split(half_g, half_x)[0]
                     while True:
                         change = feasible.project(half_x - STEP / norm * half_free) - x
                         H_change = multiply(change)
-                        if not change @ g + 0.5 * (change @ H_change) > 0.0:
+                        if not dot(change, g) + 0.5 * dot(change, H_change) > 0.0:
                             break
                         norm *= 2.0  # the estimate, from below, was too small
             else:
                 self.steps["proportioning"] += 1
                 restart = True
                 H_chopped = multiply(chopped)
-                norm = max(norm, (chopped @ H_chopped) / (chopped @ chopped))
-                step = min((g @ chopped) / (chopped @ H_chopped), feasible.longest_step(x, chopped))
+                curvature = dot(chopped, H_chopped)
+                norm = max(norm, curvature / dot(chopped, chopped))
+                step = min(dot(g, chopped) / curvature, least(feasible.longest_step(x, chopped)))
                 change, H_change = -step * chopped, step * -H_chopped
             x += change
             g += H_change
@@ -130,6 +134,14 @@ class MPRGP:
         tao.setConvergedReason(reason)
         P.destroy()
         HP.destroy()
+
+
+def _reductions(X: PETSc.Vec) -> tuple[Callable[[np.ndarray, np.ndarray], float], Callable[[float], float]]:
+    """The scalar product of local arrays over all ranks of X, and the least of a number of each rank."""
+    if X.comm.size == 1:
+        return np.dot, lambda value: value
+    comm = X.comm.tompi4py()
+    return lambda a, b: sum(comm.allgather(float(a @ b))), lambda value: min(comm.allgather(value))
 
 
 def _norm(H: PETSc.Mat, like: PETSc.Vec) -> float:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from ddmpi.qp.box import Box
+from ddmpi.system.numbers import norm
 
 
 class Operator(Protocol):
@@ -34,15 +36,19 @@ class QP:
     C : the operator (m/N for a contact compliance)
     d : (size,) linear term (m)
     constraints : the set of feasible s (N)
+    norm : ‖·‖₂ of vectors (size,), over all ranks where they share vectors
+    comm : MPI communicator of these ranks; None where every rank has a problem of its own
     """
 
     C: Operator
     d: np.ndarray
     constraints: Box
+    norm: Callable[[np.ndarray], float] = norm
+    comm: Any = None
 
     def residual(self, s: np.ndarray, Cs: np.ndarray) -> float:
         """‖projected gradient‖₂ (unit of d) at a feasible s; zero exactly at the solution."""
-        return float(np.linalg.norm(self.constraints.projected_gradient(Cs - self.d, s)))
+        return self.norm(self.constraints.projected_gradient(Cs - self.d, s))
 
 
 @dataclass

@@ -81,14 +81,14 @@ class QPSolver:
 
         start = qp.constraints.project(s)
         if not np.array_equal(start, s):
-            Cs = multiply(start, max(norm(qp.d), norm(Cs)))
+            Cs = multiply(start, max(qp.norm(qp.d), qp.norm(Cs)))
         if qp.residual(start, Cs) <= tolerance:
             return QPResult(start, Cs, qp.residual(start, Cs), 0, {})
         solve = self._mprgp if self.type == "python" or not qp.constraints.bounded else self._petsc
         try:
             with event("ContactQP"):
                 result = solve(qp, start, Cs, tolerance, multiply)
-            rounding = GRADIENT_ROUNDING * max(norm(qp.d), norm(result.Cs))
+            rounding = GRADIENT_ROUNDING * max(qp.norm(qp.d), qp.norm(result.Cs))
             if not result.residual <= max(1.01 * tolerance, rounding):
                 raise SolverError(f"subproblem for {purpose}: TAO type {self.type} ended with {self._reason()} after "
                                   f"{result.iterations} iterations; projected gradient {result.residual:.2e}, "
@@ -128,7 +128,7 @@ class QPSolver:
 
     def _create(self, problem: _Scaled, kind: str, tolerance: float) -> PETSc.TAO:
         self._release()
-        tao = self._tao = PETSc.TAO().create(PETSc.COMM_SELF)
+        tao = self._tao = PETSc.TAO().create(problem.comm)
         tao.setOptionsPrefix("qp_")
         if kind == "python":
             tao.setType(PETSc.TAO.Type.PYTHON)
@@ -171,9 +171,10 @@ class _Scaled:
 
     def __init__(self, qp: QP, moving: np.ndarray, s: np.ndarray, Cs: np.ndarray, multiply: Product) -> None:
         self.moving, self._multiply, self._whole = moving, multiply, np.zeros(qp.C.size)
-        self._change = norm(Cs - qp.d)  # a step changes C s by about the gradient
+        self.comm = qp.comm or PETSc.COMM_SELF
+        self._change = qp.norm(Cs - qp.d)  # a step changes C s by about the gradient
         self._norm = qp.C.norm()
-        self.displacement = max(norm(qp.d), norm(Cs)) or 1.0
+        self.displacement = max(qp.norm(qp.d), qp.norm(Cs)) or 1.0
         self.force = self.displacement / self._norm
         self._own = qp.constraints.restricted(moving)
         self.constraints = self._own.scaled(self.force)
@@ -185,7 +186,7 @@ class _Scaled:
     def vectors(self) -> tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]:
         """The starting point, the lower and the upper bounds."""
         arrays = (self._start.copy(), self.constraints.lower.copy(), self.constraints.upper.copy())
-        x, lower, upper = (PETSc.Vec().createWithArray(a, comm=PETSc.COMM_SELF) for a in arrays)
+        x, lower, upper = (PETSc.Vec().createWithArray(a, comm=self.comm) for a in arrays)
         return x, lower, upper
 
     def unscaled(self, x: np.ndarray, near: float) -> np.ndarray:
@@ -194,7 +195,7 @@ class _Scaled:
 
     def hessian(self) -> PETSc.Mat:
         k = len(self.moving)
-        H = PETSc.Mat().createPython((k, k), context=self, comm=PETSc.COMM_SELF)
+        H = PETSc.Mat().createPython(((k, None), (k, None)), context=self, comm=self.comm)
         H.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         H.setUp()
         return H
