@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
-import itertools
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 from mpi4py import MPI
 
-from ddmpi.body.elasticity import assemble
-from ddmpi.coupling.exchange import Exchange
+from ddmpi.body.elasticity import Elasticity, assemble
+from ddmpi.coupling.exchange import Ends, Exchange
 from ddmpi.coupling.joint import Joint
 from ddmpi.coupling.member import Member
-from ddmpi.coupling.ranks import check_ranks, ranks_beside
+from ddmpi.coupling.ranks import homes_of, ranks_beside, team_of
 from ddmpi.coupling.space import Space
+from ddmpi.coupling.team import Team, TeamMatrix
 from ddmpi.errors import InputError
+from ddmpi.interface.interface import Interface
 from ddmpi.interface.matching import pair
 from ddmpi.interface.plausible import check_overlap, uncovered_profile
-from ddmpi.interface.side import contact_side
+from ddmpi.interface.rigid import touch
+from ddmpi.interface.side import Side, contact_side
 from ddmpi.mesh.boundary import boundary_group
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import SettledBody
+from ddmpi.scene.contacts import SettledContact
 from ddmpi.scene.scene import Settled
 from ddmpi.system import interrupt
 from ddmpi.system.agreement import agreed
@@ -30,33 +35,52 @@ from ddmpi.system.memory import free_memory
 
 
 @dataclass(frozen=True)
+class Body:
+    """One body on its rank: its number in the order of the scene, what was asked for, its mesh, and its contacts."""
+
+    number: int
+    spec: SettledBody
+    mesh: Mesh
+    member: Member
+
+
+@dataclass(frozen=True)
 class Assembly:
     """A scene, discretised and factored, as one rank holds it.
 
     Attributes
     ----------
-    world : communicator of all bodies
+    world : communicator of all ranks that hold bodies
     scene : what was asked for
-    spec, mesh, member : of the rank's own body
-    space : the layout of the interfaces' vectors, with the interfaces
-    exchange : with the other body
+    bodies : of this rank, in the order of the scene
+    space : the layout of the vectors of the interfaces that this rank owns
+    exchange : between the bodies
+    joint : the operator of all bodies together
     n : free dofs of all bodies
+    m : contact nodes of all interfaces
     warnings : what a sensible person would ask about the scene; the same on all ranks
     """
 
     world: MPI.Comm
     scene: Settled
-    spec: SettledBody
-    mesh: Mesh
-    member: Member
+    bodies: tuple[Body, ...]
     space: Space
     exchange: Exchange
+    joint: Joint
     n: int
+    m: int
     warnings: list[str]
 
-    def joint(self) -> Joint:
-        """The operator of all bodies together. Collective."""
-        return Joint(self.member, self.exchange, self.space)
+    @property
+    def member(self) -> Member:
+        """The only body of this rank, for methods that know but two bodies."""
+        (body,) = self.bodies
+        return body.member
+
+    @property
+    def loose(self) -> list[str]:
+        """Names of the bodies that clamps do not hold."""
+        return [name for name, motions in self.joint.slices.items() if motions.stop > motions.start]
 
 
 def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Clock | None = None,
@@ -65,7 +89,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
 
     Parameters
     ----------
-    world : as many ranks as the scene has bodies; body number r of the scene lives on rank r
+    world : at most as many ranks as the scene has bodies
     folder : where relative mesh files are looked for first
     clock : times the phases mesh, assemble and factor
     refinement : how many times finer the meshes of `scene` are than the given ones
@@ -76,33 +100,122 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
         the same on all ranks. Collective.
     """
     clock = clock or Clock()
-    check_ranks(world, scene)
-    spec, contact = scene.body[world.rank], scene.contact[0]
-    names = [body.name for body in scene.body]
-    own = contact.bodies.index(spec.name)
-    exchange = Exchange(world, names.index(contact.bodies[1 - own]), own == 0)
-    key = f"contact.{contact.name}.on"
-
+    team = team_of(world)
+    if team:
+        with agreed(world):
+            team.do("drop")  # what is left of other meshes
+    homes = homes_of([body.name for body in scene.body], world)
+    mine = [body for body in scene.body if homes[body.name] == world.rank]
+    contacts = [contact for contact in scene.contact if {each.name for each in mine} & set(contact.bodies)]
+    exchange = Exchange(world, [Ends(contact.name, homes[contact.bodies[0]],
+                                     homes.get(contact.bodies[1], homes[contact.bodies[0]])) for contact in contacts],
+                        mirrored=_is_pair(world, scene))
+    meshes: dict[str, Mesh] = {}
+    edges: dict[tuple[str, int], np.ndarray] = {}
+    bodies: dict[str, Elasticity] = {}
+    sides: dict[tuple[str, int], Side] = {}
     with clock.phase("mesh"), agreed(world):
-        mesh = build_mesh(spec, folder)
-        edges = boundary_group(mesh, contact.on[own], key)
-        interrupt.check()
+        for spec in mine:
+            meshes[spec.name] = build_mesh(spec, folder)
+            for contact, side in _contacts_of(spec, contacts):
+                edges[contact.name, side] = boundary_group(meshes[spec.name], contact.on[side], _key(contact))
+            interrupt.check()
     with clock.phase("assemble"):
         with agreed(world):
-            elasticity = assemble(mesh, spec)
-            side = contact_side(mesh, edges, elasticity.free, spec.name, spec.material.plane_modulus, key)
-            interrupt.check()
-        sides = exchange.swap_objects(side)
+            for spec in mine:
+                mesh, elasticity = meshes[spec.name], assemble(meshes[spec.name], spec)
+                bodies[spec.name] = elasticity
+                for contact, side in _contacts_of(spec, contacts):
+                    sides[contact.name, side] = contact_side(
+                        mesh, edges[contact.name, side], elasticity.free, spec.name, spec.material.plane_modulus,
+                        _key(contact))
+                interrupt.check()
+        both = exchange.swap_objects(sides)
         with agreed(world):
-            interface = pair(sides[0], sides[1], contact.friction, contact.name, refinement)
-            found = check_overlap(interface, *sides) + uncovered_profile(interface, contact.friction)
-            if scene.method.outer != "newton" and interface.one_sided.any():
-                raise InputError(f"method.outer = {scene.method.outer!r}: at some contact nodes a clamp holds one body "
-                                 "only, which this iteration cannot do; the default method can")
-    memory = free_memory() / ranks_beside(world)
+            found = [_join(scene, contact, both[contact.name], refinement) for contact in contacts]
+            interfaces = [interface for interface, _ in found]
+            doubts = {interface.name: warnings for interface, warnings in found}
+            _check_method(scene, bodies, interfaces)
+    memory = free_memory() / (ranks_beside(world) * max(len(mine), 1))
+    if team:
+        with agreed(world):
+            memory = team.do("room")
+    members = []
     with clock.phase("factor"), agreed(world):
-        member = Member(spec.name, elasticity, [interface], scene.method.compliance, memory)
-        interrupt.check()
-    warnings = [*itertools.chain(*world.allgather(elasticity.warnings)), *found]
-    return Assembly(world, scene, spec, mesh, member, Space([interface]), exchange, world.allreduce(elasticity.n),
-                    warnings)
+        for spec in mine:
+            bodies[spec.name] = _deal(team, bodies[spec.name], meshes[spec.name])
+            own = [interface for interface in interfaces if spec.name in interface.bodies]
+            members.append(Member(spec.name, bodies[spec.name], own, scene.method.compliance, memory))
+            interrupt.check()
+    owned = {contact for contact, first, _ in exchange.ends if first == world.rank}
+    if exchange.mirrored:
+        space = Space(interfaces)
+    else:
+        space = Space([interface for interface in interfaces if interface.name in owned], world, exchange.collectives)
+    exchange.connect(space, [member.parts for member in members])
+    everyone = world.allgather(([bodies[spec.name].warnings for spec in mine],
+                                {name: warnings for name, warnings in doubts.items() if name in owned}))
+    told = [warning for own, _ in everyone for each in own for warning in each]
+    by_contact = {name: warnings for _, own in everyone for name, warnings in own.items()}
+    named = {name for contact in scene.contact for name in contact.bodies}
+    told += [f"body.{body.name}: no contact names it; it is solved alone" for body in scene.body
+             if body.name not in named]
+    told += [f"rigid.{rigid.name}: no contact names it; nothing touches it" for rigid in scene.rigid
+             if rigid.name not in named]
+    told += [warning for contact in scene.contact for warning in by_contact[contact.name]]
+    numbers = [body.name for body in scene.body]
+    return Assembly(world, scene, tuple(Body(numbers.index(spec.name), spec, meshes[spec.name], member)
+                                        for spec, member in zip(mine, members, strict=True)),
+                    space, exchange, Joint(members, exchange, space),
+                    world.allreduce(sum(each.n for each in bodies.values())),
+                    world.allreduce(space.m if world.rank == 0 or not exchange.mirrored else 0), told)
+
+
+def _is_pair(world: MPI.Comm, scene: Settled) -> bool:
+    """Whether there are two bodies, each on a rank of its own, that touch each other and no rigid partner."""
+    names = {body.name for body in scene.body}
+    return world.size == len(names) == 2 and all(set(contact.bodies) == names for contact in scene.contact)
+
+
+def _contacts_of(spec: SettledBody, contacts: Sequence[SettledContact]) -> list[tuple[SettledContact, int]]:
+    """The contacts of a body, and its side in each."""
+    return [(contact, contact.bodies.index(spec.name)) for contact in contacts if spec.name in contact.bodies]
+
+
+def _deal(team: Team | None, elasticity: Elasticity, mesh: Mesh) -> Elasticity:
+    """The body with its stiffness on all ranks of its team, if it has several. Collective on them."""
+    if team is None or team.size == 1:
+        return elasticity
+    A = TeamMatrix(team, elasticity.A, mesh.points[elasticity.nodes], elasticity.held)
+    return replace(elasticity, A=A)
+
+
+def _key(contact: SettledContact) -> str:
+    return f"contact.{contact.name}.on"
+
+
+def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | None],
+          refinement: int) -> tuple[Interface, list[str]]:
+    """The interface of two sides, or of one and a rigid partner, and warnings. Raises InputError."""
+    first, second = sides
+    if second is None:
+        (rigid,) = (each for each in scene.rigid if each.name == contact.bodies[1])
+        interface = touch(first, rigid, contact.friction, contact.name, contact.gap, contact.kind)
+        overlaps = check_overlap(interface, first)
+    else:
+        interface = pair(first, second, contact.friction, contact.name, refinement, contact.gap, contact.kind)
+        overlaps = check_overlap(interface, first, second)
+    return interface, overlaps + uncovered_profile(interface, contact.friction, contact.gap)
+
+
+def _check_method(scene: Settled, bodies: Mapping[str, Elasticity], interfaces: Sequence[Interface]) -> None:
+    """InputError where the published iteration cannot do what is asked of it."""
+    if scene.method.outer == "newton":
+        return
+    for name, elasticity in bodies.items():
+        if not elasticity.held:
+            raise InputError(f"method.outer = {scene.method.outer!r}: its clamps do not hold {name!r}, so that its "
+                             'Neumann problems have no solution; outer = "newton", the default, can do it')
+    if any(interface.one_sided.any() for interface in interfaces):
+        raise InputError(f"method.outer = {scene.method.outer!r}: at some contact nodes a clamp holds one body "
+                         "only, which this iteration cannot do; the default method can")

@@ -1,102 +1,253 @@
-"""Interface vectors between two bodies during the iterations, and agreement on errors; counts what it sends."""
+"""Interface vectors between bodies during the iterations, and agreement on errors; counts what it sends."""
 
 from __future__ import annotations
 
 import contextlib
 import zlib
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from mpi4py import MPI
 
+from ddmpi.coupling.space import Space
 from ddmpi.errors import DdmpiError, SolverError
 from ddmpi.petsc.events import event
 from ddmpi.system import interrupt
 from ddmpi.system.agreement import agree
 
-_INTERFACE = 11
+_INTERFACE, _PART, _OBJECT = 11, 12, 13
 
 FAILED, DUE = 1, 2
 """Bits of a message's first word: the sender has met an error; it wants a checkpoint to be written."""
 
 
-class Exchange:
-    """Talks across one interface, between the roots of two bodies.
+class Ends(NamedTuple):
+    """A contact and the ranks of its first and second body; a rigid partner has no rank, and the first's stands here.
 
-    Every message starts with two words: how the sender is, so that an error or a signal on one rank reaches
-    the other at the next exchange instead of leaving it waiting; and what the message is about, so that
-    ranks whose iterations came to different ends (on unlike processors, say) notice it.
+    The first body's rank owns the contact: it holds the vectors of its interface.
+    """
+
+    contact: str
+    first: int
+    second: int
+
+
+class _Part(NamedTuple):
+    """A part of a body's vector: of which local body, where in its vector, and where in the owner's."""
+
+    body: int
+    own: slice
+    owned: slice
+    second: bool
+
+
+class Exchange:
+    """Carries the vectors of interfaces between the ranks that own them and those of the bodies that meet there.
+
+    A product with the joint compliance is `spread`, the bodies' own work, and `total`. At its end all ranks agree on
+    errors and signals, so that an error on one rank reaches the others instead of leaving them waiting, and on what the
+    vectors are about, so that ranks whose iterations came to different ends (on unlike processors, say) notice it.
+
+    Where two ranks hold a body each, with no other partner than each other, both own all interfaces and hold the same
+    vectors, bit for bit: they do the same work on them, and one message each way (`swap`) makes a product.
 
     Parameters
     ----------
     world : communicator of all bodies
-    partner : rank of the other body's root in `world`
-    first : whether this rank's body is the first of the interface
+    ends : of all contacts in which a body of this rank takes part, in the order of the scene
+    mirrored : whether both of two ranks own all interfaces
 
     Attributes
     ----------
-    messages, bytes : sent so far by this rank through `swap`
-    wants_checkpoint : asked at every `swap`
-    checkpoint_due : whether one of the two ranks wanted a checkpoint so far; the same on both
+    messages, bytes : of interface vectors, sent so far by this rank
+    collectives : reductions over all ranks so far, of flags, scalars and coarse problems, and reduced_bytes, what this
+        rank gave to them; PETSc's own in Krylov methods are not counted
+    wants_checkpoint : asked at every exchange
+    checkpoint_due : whether a rank wanted a checkpoint so far; the same on all
     """
 
-    def __init__(self, world: MPI.Comm, partner: int, first: bool) -> None:
-        self.world, self.partner, self.first = world, partner, first
+    def __init__(self, world: MPI.Comm, ends: Sequence[Ends], mirrored: bool = False) -> None:
+        self.world, self.ends, self.mirrored = world, tuple(ends), mirrored
         self.messages = self.bytes = 0
+        self.collectives: Counter[str] = Counter(reductions=0, reduced_bytes=0)
         self.wants_checkpoint: Callable[[], bool] = lambda: False
         self.checkpoint_due = False
         self._failure: DdmpiError | None = None
+        self._sizes: list[int] = []
+        self._local: list[_Part] = []
+        self._lent: dict[int, list[slice]] = {}
+        self._borrowed: dict[int, list[_Part]] = {}
+
+    def connect(self, space: Space, bodies: Sequence[Mapping[str, tuple[slice, int]]]) -> None:
+        """Say where the parts of vectors lie.
+
+        Parameters
+        ----------
+        space : layout of the vectors of the interfaces that this rank owns
+        bodies : of each local body, by contact: its part of the body's own vector, and the body's side, 0 or 1
+        """
+        self._owned = space.size
+        self._sizes = [max((part.stop for part, _ in parts.values()), default=0) for parts in bodies]
+        for contact, first, second in self.ends:
+            here = {side: (k, parts[contact][0]) for k, parts in enumerate(bodies) if contact in parts
+                    for side in (parts[contact][1],)}
+            if self.mirrored:
+                (side, (body, own)), = here.items()
+                self._local.append(_Part(body, own, space.parts[contact], side == 1))
+            elif first == self.world.rank:
+                owned = space.parts[contact]
+                self._local += [_Part(body, own, owned, side == 1) for side, (body, own) in sorted(here.items())]
+                if second != first:
+                    self._lent.setdefault(second, []).append(owned)
+            else:
+                body, own = here[1]
+                self._borrowed.setdefault(first, []).append(_Part(body, own, slice(0), True))
+
+    def spread(self, x: np.ndarray) -> list[np.ndarray]:
+        """What each local body sees of a vector `x` of the owned interfaces. Collective over neighbours."""
+        parts = [np.zeros(size) for size in self._sizes]
+        came = self._trade({rank: np.concatenate([x[owned] for owned in lent]) for rank, lent in self._lent.items()},
+                           {rank: sum(map(_length, borrowed)) for rank, borrowed in self._borrowed.items()})
+        for part in self._local:
+            parts[part.body][part.own] = x[part.owned]
+        for rank, borrowed in self._borrowed.items():
+            start = 0
+            for part in borrowed:
+                parts[part.body][part.own] = came[rank][start:start + _length(part)]
+                start += _length(part)
+        return parts
+
+    def collect(self, parts: Sequence[np.ndarray], about: str) -> tuple[np.ndarray, np.ndarray]:
+        """What the first and the second bodies of the owned interfaces contribute, from the local bodies' vectors.
+
+        The second is zero where the partner is rigid. Collective on the world. Raises the error of any rank on all,
+        InterruptionError when a signal came to one of them, and SolverError when they are about different things.
+        """
+        if self.mirrored:
+            return self._mirror(parts, about)
+        came = self._trade({rank: np.concatenate([parts[part.body][part.own] for part in borrowed])
+                            for rank, borrowed in self._borrowed.items()},
+                           {rank: sum(own.stop - own.start for own in lent) for rank, lent in self._lent.items()})
+        both = np.zeros((2, self._owned))
+        for part in self._local:
+            both[int(part.second)][part.owned] = parts[part.body][part.own]
+        for rank, lent in self._lent.items():
+            start = 0
+            for owned in lent:
+                both[1][owned] = came[rank][start:start + owned.stop - owned.start]
+                start += owned.stop - owned.start
+        self.meet(about)
+        return both[0], both[1]
+
+    def _mirror(self, parts: Sequence[np.ndarray], about: str) -> tuple[np.ndarray, np.ndarray]:
+        """`collect` where both ranks own all interfaces: each contact's first and second body, by one `swap`."""
+        own, seconds = np.zeros(self._owned), np.zeros(self._owned, bool)
+        for part in self._local:
+            own[part.owned], seconds[part.owned] = parts[part.body][part.own], part.second
+        low, high = self.swap(own, about)
+        theirs = high if self.world.rank == self.ends[0].first else low
+        return np.where(seconds, theirs, own), np.where(seconds, own, theirs)
+
+    def total(self, parts: Sequence[np.ndarray], about: str) -> np.ndarray:
+        """The sum of both bodies' contributions to the owned interfaces; otherwise as `collect`."""
+        first, second = self.collect(parts, about)
+        return first + second
+
+    def meet(self, about: str) -> None:
+        """Agree on errors, signals and what is being done. Collective; raises as `collect` does."""
+        if self.mirrored:
+            self.swap(np.zeros(1), about)
+            return
+        self._failure = self._failure or interrupt.interruption()
+        if self.world.size == 1:
+            self.checkpoint_due |= self.wants_checkpoint()
+            if self._failure:
+                self.agree()
+            return
+        topic = zlib.crc32(about.encode())
+        words = np.array([self._failure is not None, self.wants_checkpoint(), topic, -topic], dtype=np.int64)
+        self.collectives.update(reductions=1, reduced_bytes=words.nbytes)
+        with event("Exchange"):
+            self.world.Allreduce(MPI.IN_PLACE, words, MPI.MAX)
+        if words[2] != -words[3]:
+            self._failure = self._failure or _lost(about)
+        self.checkpoint_due |= bool(words[1])
+        if words[0] or words[2] != -words[3]:
+            self.agree()
 
     def swap(self, mine: np.ndarray, about: str) -> tuple[np.ndarray, np.ndarray]:
-        """Exchange equally long vectors `about` the same thing; returns (the first body's, the second body's).
+        """Of two ranks that are `mirrored`: both ranks' vectors, first that of the first contact's first body.
 
-        Collective over both bodies. Raises the error of either side on both, InterruptionError when a signal
-        came to one of them, and SolverError when the two sides are about different things.
+        One message each way, which carries errors, signals and the topic along. Collective; raises as `collect`.
         """
+        _, first, second = self.ends[0]
+        partner = second if self.world.rank == first else first
         self._failure = self._failure or interrupt.interruption()
         send = np.empty(len(mine) + 2)
         send[0] = FAILED * (self._failure is not None) + DUE * self.wants_checkpoint()
         send[1] = zlib.crc32(about.encode())
         send[2:] = mine
         with event("Exchange"):
-            sending = self.world.Isend(send, self.partner, _INTERFACE)
+            sending = self.world.Isend(send, partner, _INTERFACE)
             status = MPI.Status()
-            self.world.Probe(self.partner, _INTERFACE, status)
+            self.world.Probe(partner, _INTERFACE, status)
             receive = np.empty(status.Get_count(MPI.DOUBLE))  # as long as what comes, also when it is unexpected
-            self.world.Recv(receive, self.partner, _INTERFACE)
+            self.world.Recv(receive, partner, _INTERFACE)
             sending.Wait()
         self.messages += 1
         self.bytes += send.nbytes
         lost = send[1] != receive[1] or len(send) != len(receive)
         if lost:
-            self._failure = self._failure or SolverError(
-                f"the two ranks are at different points of the iteration, one at {about!r}; the processors may differ")
+            self._failure = self._failure or _lost(about)
         flags = int(send[0]) | int(receive[0])
         self.checkpoint_due |= bool(flags & DUE)
         if flags & FAILED or lost:
             self.agree()
         theirs = receive[2:]
-        return (mine, theirs) if self.first else (theirs, mine)
+        return (mine, theirs) if self.world.rank == first else (theirs, mine)
 
-    def total(self, mine: np.ndarray, about: str) -> np.ndarray:
-        """The sum of both bodies' vectors, the same bits on both ranks; otherwise as `swap`."""
-        first, second = self.swap(mine, about)
-        return first + second
+    def add(self, value: float) -> float:
+        """The sum of a number over the ranks, the same on all of them. Collective."""
+        if self.mirrored:
+            one, other = self.swap(np.array([value]), "sum")
+            return float(one[0] + other[0])
+        return self.world.allreduce(value)
 
-    def swap_objects(self, mine: object) -> tuple:
-        """As `swap`, for small objects during set-up and output; not counted."""
-        theirs = self.world.sendrecv(mine, self.partner, _INTERFACE + 1, None, self.partner, _INTERFACE + 1)
-        return (mine, theirs) if self.first else (theirs, mine)
+    def swap_objects(self, mine: Mapping[tuple[str, int], Any]) -> dict[str, tuple]:
+        """Both bodies' objects by contact, on the ranks of both, from each rank's own by contact and side.
+
+        For small objects during set-up and output; not counted. A rigid partner's is None. Collective over neighbours.
+        """
+        outgoing: dict[int, dict[str, Any]] = {}
+        for contact, first, second in self.ends:
+            if first != second:
+                side = int(self.world.rank == second)
+                outgoing.setdefault(first if side else second, {})[contact] = mine[contact, side]
+        sending = [self.world.isend(objects, rank, _OBJECT) for rank, objects in outgoing.items()]
+        incoming = {rank: self.world.recv(None, rank, _OBJECT) for rank in outgoing}
+        MPI.Request.waitall(sending)
+        found = {}
+        for contact, first, second in self.ends:
+            both = [mine.get((contact, side)) for side in (0, 1)]
+            if first != second:
+                side = int(self.world.rank == second)
+                both[1 - side] = incoming[first if side else second][contact]
+            found[contact] = (both[0], both[1])
+        return found
 
     def state(self) -> dict[str, int]:
-        return {"messages": self.messages, "bytes": self.bytes}
+        return {"messages": self.messages, "bytes": self.bytes} | dict(self.collectives)
 
     def restore(self, state: dict[str, int]) -> None:
         self.messages, self.bytes = int(state["messages"]), int(state["bytes"])
+        for name in self.collectives:
+            self.collectives[name] = int(state[name])
 
     @contextlib.contextmanager
     def deferred(self) -> Iterator[None]:
-        """Run local work; an error in it is kept and raised on both sides at the next `swap`."""
+        """Run local work; an error in it is kept and raised on all ranks at the next exchange."""
         try:
             yield
         except DdmpiError as error:
@@ -105,5 +256,27 @@ class Exchange:
             self._failure = error
 
     def agree(self) -> None:
-        """Raise the kept error of any body on all ranks. Collective on the world."""
+        """Raise the kept error of any rank on all ranks. Collective on the world."""
         agree(self.world, self._failure)
+
+    def _trade(self, send: Mapping[int, np.ndarray], lengths: Mapping[int, int]) -> dict[int, np.ndarray]:
+        """Send vectors to ranks, and receive vectors of the given lengths from others."""
+        if not (send or lengths):
+            return {}
+        came = {rank: np.empty(length) for rank, length in lengths.items()}
+        with event("Exchange"):
+            requests = [self.world.Irecv(vector, rank, _PART) for rank, vector in came.items()]
+            requests += [self.world.Isend(vector, rank, _PART) for rank, vector in send.items()]
+            MPI.Request.Waitall(requests)
+        self.messages += len(send)
+        self.bytes += sum(vector.nbytes for vector in send.values())
+        return came
+
+
+def _length(part: _Part) -> int:
+    return part.own.stop - part.own.start
+
+
+def _lost(about: str) -> SolverError:
+    return SolverError(f"the ranks are at different points of the iteration, one at {about!r}; the processors may "
+                       "differ")

@@ -1,11 +1,14 @@
-"""The joint compliance of all bodies, an operator on the vectors of the interfaces."""
+"""The joint compliance of all bodies, an operator on the vectors of the interfaces, with their rigid motions."""
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 
 import numpy as np
 
+from ddmpi.coupling.coarse import Motions, gather_motions
 from ddmpi.coupling.exchange import Exchange
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.space import Space
@@ -16,59 +19,122 @@ what GMRES has left to do (Bouras and Frayssé, SIAM J. Matrix Anal. Appl. 26, 2
 
 
 class Joint:
-    """C = Σ C_a over the bodies a, and the free gaps d = Σ h_a − gap; an operator in the sense of `qp`.
+    """C = Σ C_a over the bodies a, the free gaps d = Σ h_a − gap, and the rigid motions α of loose bodies.
 
-    What stands above this class works on vectors of the `space` and never hears of a body. All methods that
-    multiply or add up are collective on all bodies, and raise what any of them raises.
+    The gaps under forces s are r = C s − d − Gᵀα, and G s = e is the equilibrium of the loose bodies. An operator in
+    the sense of `qp`. What stands above this class works on vectors of the `space` and never hears of a rank. All
+    methods that multiply or add up are collective on all bodies, and raise what any of them raises.
+
+    Parameters
+    ----------
+    members : the bodies of this rank
+    exchange, space : between the bodies, and the layout of the vectors
 
     Attributes
     ----------
-    space : the layout of the vectors
-    size : their length
-    d : (size,) how far the bodies would overlap without contact forces (m); r = C s − d are the gaps under forces s
+    size : length of the vectors on this rank
+    bodies : number of bodies of all ranks
+    d : (size,) how far the bodies would overlap without contact forces (m)
+    rigid : the rigid motions of loose bodies, Gᵀ = rigid.Z; of size 0 where clamps hold all bodies
+    slices : of them by body, also of the bodies that have none
+    e : (rigid.size,) the loads along them (N)
+    shared : (size,) bool, unknowns of nodes at which a body has several contacts
     neglected : forces (N) that do not matter in a product that is kept
     """
 
-    def __init__(self, member: Member, exchange: Exchange, space: Space) -> None:
-        self.space, self.size = space, space.size
+    def __init__(self, members: Sequence[Member], exchange: Exchange, space: Space) -> None:
+        self.members, self.space, self.size = tuple(members), space, space.size
         self.neglected = 0.0
-        self._member, self._exchange = member, exchange
-        self._own = np.empty(self.size)
-        self.d = exchange.total(member.h, "free displacement") - space.gap
+        self._exchange = exchange
+        self.shared = exchange.total([member.shared for member in members], "shared nodes") > 0.0
+        self.d = exchange.total([member.h for member in members], "free displacement") - space.gap
+        self.rigid, self.slices = gather_motions(exchange, space, members, [member.G for member in members])
+        self.bodies = len(self.slices)
+        self.e = self._of_all([member.e for member in members])
 
     def product(self, x: np.ndarray, purpose: str, relative: float | None = None) -> np.ndarray:
         """C x (size,), as a new vector, precise enough to be kept, or `relative` as for `Compliance.mult`."""
-        y, size = np.empty(self.size), self.space.norm(x)
+        y = np.empty(self.size)
         if relative is None:
+            size = self.space.norm(x)
             relative = min(self.neglected / size, STEERING) if size else 0.0
         self.mult(x, y, purpose, relative)
         return y
 
     def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
         """y ← C x (metres from newtons), both (size,); `relative` as for `Compliance.mult`."""
+        parts = self._exchange.spread(x)
         with self.deferred():
-            self._member.C.mult(x, self._own, purpose, relative)
-        y[:] = self._exchange.total(self._own, purpose)
+            for member, part in zip(self.members, parts, strict=True):
+                member.mult(part.copy(), part, purpose, relative)
+        y[:] = self._exchange.total(parts, purpose)
+
+    def add_motions(self, columns: Sequence[np.ndarray], values: Sequence[np.ndarray]) -> tuple[Motions, np.ndarray]:
+        """The rigid and then further motions: of each local body (j, its size); with a value of each further one."""
+        more, _ = gather_motions(self._exchange, self.space, self.members, columns)
+        return self.rigid.joined(more), self._of_all(values)
+
+    def rigid_moduli(self) -> np.ndarray:
+        """The plane modulus (Pa) of the body that each rigid motion belongs to (rigid.size,)."""
+        return self._of_all([np.full(len(member.e), member.stiffness) for member in self.members])
+
+    def first_closed(self) -> np.ndarray:
+        """The nodes (m,) bool of all owned interfaces that a first guess takes as closed. Collective.
+
+        All of them where clamps hold all bodies. A loose body that nothing presses must not be drawn to a partner, so
+        with loose bodies those that touch at first; and all of a loose body whose load presses it on none of these, as
+        of a shaft that falls through its clearance.
+        """
+        space = self.space
+        touches = [space.gap[part][:interface.m] <= 0.0 for interface, part in space.each()]
+        lonely: list[str] = []
+        if self.rigid.size:
+            bears = np.zeros(self.rigid.size)
+            for interface, block_of, closed in zip(space.interfaces, self.rigid.blocks, touches, strict=True):
+                _, numbers, block = block_of
+                for at in (self.slices[name] for name in interface.bodies if name in self.slices):
+                    own = (at.start <= numbers) & (numbers < at.stop)
+                    bears[numbers[own]] += (block[:interface.m][closed][:, own] @ self.e[at] > 0.0).any()
+            bears = space.add(bears)
+            lonely = [name for name, at in self.slices.items() if self.e[at].any() and not bears[at].any()]
+        for k, interface in enumerate(space.interfaces):
+            if not self.rigid.size or set(interface.bodies) & set(lonely):
+                touches[k] = np.ones(interface.m, bool)
+        return np.concatenate([np.empty(0, bool), *touches])
+
+    def _of_all(self, own: Sequence[np.ndarray]) -> np.ndarray:
+        """The arrays of all bodies one after the other, in the order of the motions."""
+        everyone = self._exchange.world.allgather(own)
+        return np.concatenate([np.zeros(0), *itertools.chain(*everyone)])
+
+    def spread(self, s: np.ndarray) -> list[np.ndarray]:
+        """The vector s (size,) as each body of this rank sees it."""
+        return self._exchange.spread(s)
+
+    def imbalance(self, s: np.ndarray) -> np.ndarray:
+        """e − G s (rigid.size,) in newtons: the loads on loose bodies that the forces s leave."""
+        return self.e - self.rigid.sums(s)
 
     def norm(self) -> float:
-        """Σ ‖C_a‖ (m/N), an estimate of the norm of the sum."""
-        own = np.zeros(1)
+        """An upper bound of ‖C‖ (m/N): the largest ‖C_a‖ + ‖C_b‖ of two bodies that touch each other."""
+        parts = [np.zeros(member.size) for member in self.members]
         with self.deferred():
-            own[0] = self._member.C.norm()
-        return float(self._exchange.total(own, "norm")[0])
+            for member, part in zip(self.members, parts, strict=True):
+                part[:] = member.norm()
+        return self.space.largest(self._exchange.total(parts, "norm"))
 
     def dense(self) -> np.ndarray:
-        """C (size, size) as a dense matrix (m/N)."""
-        own = np.empty((0, 0))
+        """C as a dense matrix (m/N), where this rank or one of two holds all interfaces; the same on all ranks."""
+        own = np.zeros((0, 0))
         with self.deferred():
-            own = self._member.C.dense()
+            (member,) = self.members
+            own = member.dense()
         self.meet("dense matrix")
-        first, second = self._exchange.swap_objects(own)
-        return first + second
+        return sum(self._exchange.world.allgather(own))
 
     def multiplications(self) -> int:
         """Multiplications by A_a⁻¹ so far, of all bodies."""
-        return int(self._exchange.total(np.array([float(self._member.C.count.total())]), "count")[0])
+        return int(self._exchange.add(float(sum(member.C.count.total() for member in self.members))))
 
     def deferred(self) -> AbstractContextManager[None]:
         """Run local work; an error in it is raised on all ranks at the next product or `meet`."""
@@ -76,4 +142,4 @@ class Joint:
 
     def meet(self, about: str) -> None:
         """Raise a deferred error of any rank on all of them."""
-        self._exchange.swap(np.zeros(1), about)
+        self._exchange.meet(about)

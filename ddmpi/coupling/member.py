@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import scipy.sparse as sparse
+from petsc4py import PETSc
 
 from ddmpi.body.compliance import Compliance
 from ddmpi.body.elasticity import Elasticity
+from ddmpi.body.rigid_motions import Centring, support
+from ddmpi.coupling.team import hold, make_solver
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.trace import displacement_trace, fixed_trace, trace
+from ddmpi.interface.trace import displacement_trace, fixed_trace, rows, trace
 from ddmpi.petsc.events import event
 
 PRECISE = 1e-12
@@ -20,17 +24,25 @@ PRECISE = 1e-12
 class Member:
     """One body at its interfaces.
 
+    A body moves by B u = h − C s + Gᵀα at its interfaces, where α are its rigid motions (none if clamps hold it).
+    A loose body is in equilibrium if G s = e, and its C and h are centred: free of rigid motions in the least-squares
+    sense.
+
     Parameters
     ----------
     name : of the body
     elasticity : A, b of the body
-    interfaces : at which it takes part, in the order of a vector's parts
+    interfaces : at which it takes part, in the order of a vector's parts; may be none
     compliance, memory : kind of the compliance, and the bytes that it may use, see `Compliance`
 
     Attributes
     ----------
-    C : contact compliance B A⁻¹ Bᵀ
-    h : (size,) B A⁻¹ b, the contact displacement without contact forces (m)
+    C : contact compliance B A⁻¹ Bᵀ with its counts; of a loose body before centring, so multiply by `mult`
+    h : (size,) B A⁻¹ b, the contact displacement without contact forces (m); of a loose body, with those that
+        balance the load
+    parts : of its vector by contact, and its side there, 0 or 1
+    G : (j, size) contact displacements of the rigid motions that clamps leave free
+    e : (j,) what the load does along these motions (N); G s does the same if the body is in equilibrium
 
     Construction factors A and is collective on the body's communicator. Raises SolverError.
     """
@@ -38,14 +50,75 @@ class Member:
     def __init__(self, name: str, elasticity: Elasticity, interfaces: Sequence[Interface],
                  compliance: str | None = None, memory: float = np.inf) -> None:
         self.name, self.elasticity, self.interfaces = name, elasticity, tuple(interfaces)
-        B = sparse.vstack([trace(each, each.side(name), elasticity) for each in self.interfaces], format="csr")
-        self.C = Compliance(elasticity.A, B, name, compliance, memory)
+        ends = np.cumsum([0, *(each.size for each in self.interfaces)]).tolist()
+        self.parts = {each.name: (slice(start, stop), each.side(name)) for each, (start, stop) in
+                      zip(self.interfaces, itertools.pairwise(ends), strict=True)}
+        A, b = elasticity.A, elasticity.b
+        B = sparse.vstack([sparse.csr_matrix((0, A.size[1])),
+                           *(trace(each, each.side(name), elasticity) for each in self.interfaces)], format="csr")
+        motions = self.motions[elasticity.nodes]
+        R = motions.reshape(A.size[1], motions.shape[2])
+        self.G, self.e = np.ascontiguousarray((B @ R).T), R.T @ b.array_r
+        self._centring: Centring | None = None
+        if not elasticity.held:
+            self._centring = Centring(R, B)
+            A = hold(A, support(motions))
+        self.C = Compliance(A, B, name, compliance, memory, make_solver)
         self.h = np.zeros(self.C.size)
-        if elasticity.b.norm() > 0.0:
+        if self.C.size and b.norm() > 0.0:
             with event("LoadResponse"):
-                self.C.free_response(elasticity.b, self.h, "load")
+                self.C.free_response(self._balanced(b), self.h, "load")
+            if self._centring:
+                self.h = self._centring.project(self.h)
         self.h += self.trace(elasticity.prescribed)
         self._set_up = self.C.count.copy()
+
+    @property
+    def size(self) -> int:
+        """Length of the body's vectors."""
+        return self.C.size
+
+    @property
+    def stiffness(self) -> float:
+        """The largest E* of its interfaces (Pa); where it has none, the largest entry of its stiffness (N/m²)."""
+        if self.interfaces:
+            return max(each.modulus for each in self.interfaces)
+        return float(self.elasticity.A.getDiagonal().array_r.max(initial=0.0))
+
+    @property
+    def shared(self) -> np.ndarray:
+        """(size,) one at unknowns of nodes at which the body has several contacts, zero elsewhere."""
+        nodes = [each.nodes[each.side(self.name)] for each in self.interfaces]
+        if len(nodes) < 2:
+            return np.zeros(self.size)
+        several = np.flatnonzero(np.bincount(np.concatenate([np.unique(each) for each in nodes])) > 1)
+        return self._all(abs(rows(each, each.side(self.name))) @ np.isin(own, several)
+                         for each, own in zip(self.interfaces, nodes, strict=True))
+
+    @property
+    def motions(self) -> np.ndarray:
+        """(nv, d, j) the rigid motions that clamps leave free, see `Elasticity`."""
+        return self.elasticity.motions
+
+    def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
+        """y ← C x (metres from newtons), centred; both (size,), `relative` as for `Compliance.mult`. Collective."""
+        if self._centring is None:
+            self.C.mult(x, y, purpose, relative)
+        else:
+            self.C.mult(self._centring.project(x), y, purpose, relative)
+            y[:] = self._centring.project(y)
+
+    def dense(self) -> np.ndarray:
+        """C (size, size), centred, as a dense matrix (m/N). Collective."""
+        C = self.C.dense()
+        if self._centring is None:
+            return C
+        C = self._centring.project(self._centring.project(C).T)
+        return (C + C.T) / 2
+
+    def norm(self) -> float:
+        """A lower bound close to ‖C‖₂ (m/N), centred; estimated at the first call. Collective."""
+        return self.C.norm(None if self._centring is None else self.mult)
 
     def restart(self) -> None:
         """Count multiplications from the set-up on, for another iteration on the same factors."""
@@ -54,24 +127,34 @@ class Member:
     def need_norm(self) -> None:
         """Estimate ‖C‖ now, as a part of the set-up. Collective on the body's communicator."""
         before = self.C.count["norm"]
-        self.C.norm()
+        self.norm()
         self._set_up["norm"] += self.C.count["norm"] - before
 
     def trace(self, u: np.ndarray) -> np.ndarray:
         """B u (size,) in metres, of a displacement (nv, d) of all nodes. Not collective."""
-        return np.concatenate([displacement_trace(each, each.side(self.name), u) for each in self.interfaces])
+        return self._all(displacement_trace(each, each.side(self.name), u) for each in self.interfaces)
 
-    def fixed_trace(self, u: np.ndarray) -> np.ndarray:
-        """Normal displacement (k,) in metres at node pairs that clamps hold on both sides. Not collective."""
-        return np.concatenate([fixed_trace(each, each.side(self.name), u) for each in self.interfaces])
+    def fixed_parts(self, u: np.ndarray) -> dict[tuple[str, int], np.ndarray]:
+        """Normal displacement (k,) in metres at node pairs that clamps hold on both sides, by contact and side."""
+        return {(each.name, each.side(self.name)): fixed_trace(each, each.side(self.name), u)
+                for each in self.interfaces}
 
-    def displacement(self, s: np.ndarray) -> tuple[np.ndarray, float]:
+    @staticmethod
+    def _all(parts: Iterable[np.ndarray]) -> np.ndarray:
+        return np.concatenate([np.empty(0), *parts])
+
+    def displacement(self, s: np.ndarray, alpha: np.ndarray | None = None) -> tuple[np.ndarray, float, float]:
         """Displacement (nv, d) in metres under the load and the contact forces s (size,) in newtons.
+
+        Parameters
+        ----------
+        alpha : (j,) rigid motions (m) of a loose body; without them it moves as `h` and `mult` have it
 
         Returns
         -------
         u : (nv, d)
-        residual : ‖A u + Bᵀ s − b‖ / max(‖b‖, ‖Bᵀ s‖), zero where nothing acts
+        left : ‖A u + Bᵀ s − b‖ (N), large where contact forces do not balance the load of a loose body
+        acting : max(‖b‖, ‖Bᵀ s‖), which it is to be compared with
 
         Collective on the body's communicator. Raises SolverError.
         """
@@ -81,9 +164,21 @@ class Member:
             self.C.spread(s, f)
             size = max(f.norm(), b.norm())
             f.aypx(-1.0, b)
-            if f.norm() > 0.0:
-                self.C.solve(f, u, "displacement", PRECISE)
+            load = self._balanced(f)
+            if load.norm() > 0.0:
+                self.C.solve(load, u, "displacement", PRECISE)
+            if self._centring:
+                u.array[:] = self._centring.centre(u.array_r)
             Au = u.duplicate()
             A.mult(u, Au)
             Au.axpy(-1.0, f)
-            return self.elasticity.expand(u), (Au.norm() / size if size else 0.0)
+            full = self.elasticity.expand(u)
+            return (full if alpha is None else full + self.motions @ alpha), Au.norm(), size
+
+    def _balanced(self, f: PETSc.Vec) -> PETSc.Vec:
+        """The load f, of a loose body with contact forces that balance it."""
+        if self._centring is None:
+            return f
+        balanced = f.duplicate()
+        balanced.array[:] = self._centring.balance(f.array_r)
+        return balanced

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
+from mpi4py import MPI
 
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import Laws
@@ -12,25 +15,28 @@ from ddmpi.system.numbers import norm
 
 
 class Space:
-    """Vectors over all interfaces of a scene, one interface's part after the other.
+    """Vectors over interfaces, one interface's part after the other: of all ranks together the interfaces of a scene.
 
-    Every rank holds all parts, so norms need no communication. What adds entries of such vectors goes through
-    `norm`, the only place that would have to reduce if ranks held different parts.
+    What adds or compares entries of such vectors goes through the methods below, the only places where ranks
+    reduce. Reductions are in the order of the ranks and the same on all of them.
 
     Parameters
     ----------
-    interfaces : in the order of the parts
+    interfaces : that this rank owns, in the order of the parts
+    comm : of the ranks that own the others
+    sent : where reductions over several ranks and what this one gives to them are counted
 
     Attributes
     ----------
     parts : slice of a vector by name of the interface
-    size : length of a vector
-    laws : of all interfaces, on vectors of this space
-    gap : (size,) initial gaps at the normal entries (m), zero at the tangential ones
+    size : length of this rank's vectors
+    laws : of the owned interfaces, on vectors of this space
+    gap : (size,) initial gaps at the normal entries (m), zero at the tangential ones, less what a rigid partner moves
     """
 
-    def __init__(self, interfaces: Sequence[Interface]) -> None:
-        self.interfaces = tuple(interfaces)
+    def __init__(self, interfaces: Sequence[Interface], comm: MPI.Comm = MPI.COMM_SELF,
+                 sent: Counter[str] | None = None) -> None:
+        self.interfaces, self.comm, self.sent = tuple(interfaces), comm, Counter() if sent is None else sent
         self.parts: dict[str, slice] = {}
         start = 0
         for interface in self.interfaces:
@@ -41,10 +47,11 @@ class Space:
         self.gap = np.zeros(start)
         for interface, part in self.each():
             self.gap[part][:interface.m] = interface.gap
+            self.gap[part] -= interface.prescribed
 
     @property
     def m(self) -> int:
-        """Contact nodes of all interfaces."""
+        """Contact nodes of the owned interfaces."""
         return sum(interface.m for interface in self.interfaces)
 
     def each(self) -> list[tuple[Interface, slice]]:
@@ -56,5 +63,36 @@ class Space:
         return np.repeat(np.asarray(values, float), [interface.size for interface in self.interfaces])
 
     def norm(self, x: np.ndarray) -> float:
-        """‖x‖₂ of a vector (size,)."""
-        return norm(x)
+        """‖x‖₂ of a vector (size,) over all ranks. Collective."""
+        return self.norms([x])[0]
+
+    def norms(self, vectors: Sequence[np.ndarray]) -> list[float]:
+        """`norm` of several vectors in one reduction. Collective."""
+        return [math.hypot(*each) for each in self._gather([norm(x) for x in vectors]).T]
+
+    def largest(self, x: np.ndarray) -> float:
+        """The largest |entry| of a vector (size,) over all ranks. Collective."""
+        return float(self._gather([np.abs(x).max(initial=0.0)]).max())
+
+    def any(self, x: np.ndarray) -> bool:
+        """Whether an entry of a vector (size,) is not zero on any rank. Collective."""
+        return bool(self._gather([float(np.any(x))]).any())
+
+    def add(self, values: np.ndarray) -> np.ndarray:
+        """The sum of equally long vectors over the ranks, the same on all of them. Collective."""
+        if self.comm.size == 1:
+            return values
+        self.sent.update(reductions=1, reduced_bytes=values.nbytes)
+        total = np.empty_like(values)
+        self.comm.Allreduce(values, total)
+        return total
+
+    def _gather(self, values: Sequence[float]) -> np.ndarray:
+        """The values (ranks, k) of all ranks."""
+        own = np.array(values, float)
+        if self.comm.size == 1:
+            return own[None]
+        self.sent.update(reductions=1, reduced_bytes=own.nbytes)
+        everyone = np.empty((self.comm.size, len(own)))
+        self.comm.Allgather(own, everyone)
+        return everyone

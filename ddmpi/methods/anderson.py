@@ -43,7 +43,7 @@ class AndersonIteration(PublishedIteration):
     precision = PRECISION
 
     def __init__(self, assembly: Assembly, method: SettledMethod, report: Report = no_report) -> None:
-        (interface,) = assembly.space.interfaces
+        (interface,) = assembly.member.interfaces
         materials = {body.name: body.material for body in assembly.scene.body}
         moduli = [materials[name].plane_modulus for name in interface.bodies]
         lead = int(moduli[1] > moduli[0])

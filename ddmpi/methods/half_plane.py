@@ -19,6 +19,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import lapack
 
+from ddmpi.coupling.member import Member
 from ddmpi.coupling.space import Space
 from ddmpi.interface.interface import Interface
 
@@ -28,19 +29,27 @@ STEP = 1.0
 TAIL = 8.0
 """How far the quadrature goes beyond the spectrum, in log t: cuts off about exp(−TAIL)."""
 
+MODE_STEPS, MODE_PRECISION = 60, 0.05
+"""Most Lanczos steps that look for a body's smooth modes, and their relative error; they only precondition."""
+
 
 class HalfPlaneStiffness:
-    """P ≈ C⁻¹ (N/m): a block for each interface, which knows nothing of the others. Not collective."""
+    """M ≈ C⁻¹ (N/m): a block for each interface, which knows nothing of the others. Not collective."""
 
     def __init__(self, space: Space) -> None:
-        self._blocks = [(part, _Block(interface)) for interface, part in space.each()]
+        self._parts = list(space.parts.values())
+        self._blocks = [_Block(interface) for interface in space.interfaces]
 
     def mult(self, x: np.ndarray) -> np.ndarray:
-        """P x (size,) in newtons, of x (size,) in metres."""
+        """M x (size,) in newtons, of x (size,) in metres."""
         y = np.empty_like(x)
-        for part, block in self._blocks:
-            y[part] = block.mult(x[part])
+        for part, block in zip(self._parts, self._blocks, strict=True):
+            y[part] = block.mult(x[part, None])[:, 0]
         return y
+
+    def on_interface(self, number: int, x: np.ndarray) -> np.ndarray:
+        """M x (its size, c) in newtons, of columns x in metres on the interface with this number."""
+        return self._blocks[number].mult(x)
 
 
 class _Block:
@@ -71,21 +80,62 @@ class _Block:
             raise ValueError("the shifted interface operators are not positive definite")
 
     def mult(self, x: np.ndarray) -> np.ndarray:
-        y = np.empty_like(x)
-        (normal, tangential), (to_normal, to_tangential) = self._law.split(x), self._law.split(y)
-        to_normal[:] = self._apply(normal)
+        """M x of columns x (size, c)."""
+        y, m = np.empty_like(x), len(self._root)
+        y[:m] = self._apply(x[:m])
         if len(self._sliding):
-            for component in range(self._law.components):
-                spread = np.zeros(len(self._root))
-                spread[self._sliding] = tangential[:, component]
-                to_tangential[:, component] = self._apply(spread)[self._sliding]
+            spread = np.zeros((m, x[m:].size // len(self._sliding)))
+            spread[self._sliding] = x[m:].reshape(len(self._sliding), -1)
+            y[m:] = self._apply(spread)[self._sliding].reshape(x[m:].shape)
         return y
 
     def _apply(self, x: np.ndarray) -> np.ndarray:
-        y = self._root * x
-        shifted, _ = lapack.dpttrs(self._d, self._e, np.tile(y, len(self._weights)))
-        z = self._weights @ shifted.reshape(len(self._weights), -1)
-        Az = self._diagonal * z
-        Az[1:] += self._off * z[:-1]
-        Az[:-1] += self._off * z[1:]
-        return self._scale * self._root * Az
+        root = self._root[:, None]
+        y = root * x
+        shifted, _ = lapack.dpttrs(self._d, self._e, np.tile(y, (len(self._weights), 1)))
+        z = np.tensordot(self._weights, shifted.reshape(len(self._weights), *y.shape), 1)
+        Az = self._diagonal[:, None] * z
+        Az[1:] += self._off[:, None] * z[:-1]
+        Az[:-1] += self._off[:, None] * z[1:]
+        return self._scale * root * Az
+
+
+def smooth_modes(member: Member, limit: float) -> tuple[np.ndarray, np.ndarray]:
+    """Deformations of a body in which it gives way much more than half-planes do, by Lanczos steps.
+
+    They are v = M⁻¹ x with C_a x = μ M⁻¹ x and the half-planes of the body's own interfaces (coarse spaces by such
+    problems: Spillane, Dolean, Hauret, Nataf, Pechstein, Scheichl, Numer. Math. 126, 2014).
+
+    Parameters
+    ----------
+    limit : modes with μ above it are returned
+
+    Returns
+    -------
+    v : (j, size) contact displacements of unit energy vᵀ M v
+    mu : (j,)
+
+    Collective on the body's communicator. Raises SolverError.
+    """
+    half_plane, size = HalfPlaneStiffness(Space(member.interfaces)), member.size
+    V, W, H = np.empty((0, size)), np.empty((0, size)), np.empty((0, 0))  # W = M V, H = Wᵀ C W
+    v, found = 1.0 + 0.3 * np.random.default_rng(0).standard_normal(size), (np.empty((0, size)), np.empty(0))
+    while len(V) < min(MODE_STEPS, size):
+        for _ in range(2):
+            v = v - V.T @ (W @ v)
+        w = half_plane.mult(v)
+        length = np.sqrt(max(v @ w, 0.0))
+        if not length > 0.0:
+            break
+        V, W, v = np.vstack([V, v / length]), np.vstack([W, w / length]), np.empty(size)
+        member.mult(W[-1], v, "modes", MODE_PRECISION)
+        column = W @ v
+        H = np.block([[H, column[:-1, None]], [column[None, :]]])
+        mu, Y = np.linalg.eigh(H)
+        left = v - V.T @ column
+        error = np.sqrt(max(left @ half_plane.mult(left), 0.0)) * np.abs(Y[-1])  # of each Ritz value's vector
+        above = mu > limit
+        found = Y[:, above].T @ V, mu[above]
+        if len(V) > 2 and (error <= MODE_PRECISION * np.maximum(mu, limit))[mu > limit - error].all():
+            break
+    return found

@@ -1,4 +1,13 @@
-"""The linear problem of a Newton step: GMRES on the unknown forces; prefix ``newton_``."""
+"""The linear problem of a Newton step: GMRES on the unknown forces; prefix ``newton_``.
+
+    [ IᵀCE + D  −G̃ᵀ ] [ y ]   [ f ]
+    [ Ĝ          εE* ] [ α ] = [ h ]        Ĝ = G E, G̃ = G I
+
+with the rigid motions α of bodies that nothing holds. The preconditioner is the same system with the half-plane
+stiffness M in the place of C⁻¹, whose coarse problem is solved exactly. The second row then holds from the first
+iteration on, and GMRES, preconditioned from the right, works on the first row alone. D and ε are in the matrix only:
+they steer, and bias nothing.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +16,7 @@ import logging
 import numpy as np
 from petsc4py import PETSc
 
+from ddmpi.coupling.coarse import CoarseSystem, Motions
 from ddmpi.coupling.joint import STEERING, Joint
 from ddmpi.errors import SolverError
 from ddmpi.interface.law import Linearised
@@ -24,65 +34,117 @@ KRYLOV_LIMIT = 300
 """Most GMRES iterations in one Newton step; a step that is not solved to FORCING is used as it is."""
 
 
-class _Restricted:
-    """IᵀC E as a PETSc matrix, and the preconditioner restricted to the unknown forces."""
-
-    def __init__(self, joint: Joint, preconditioner: HalfPlaneStiffness, linearised: Linearised,
-                 size: float) -> None:
-        self.joint, self.preconditioner, self.linearised, self.size = joint, preconditioner, linearised, size
-        self.ksp = PETSc.KSP().create(PETSc.COMM_SELF)
-        self._whole = np.zeros(joint.size)
-
-    def mult(self, _mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        left = (self.ksp.getResidualNorm() or self.size) / self.size
-        relative = STEERING * min(self.ksp.getTolerances()[0] / left, 1.0)
-        product = self.joint.product(self.linearised.expand(x.array_r), "newton", relative)
-        y.array[:] = product[self.linearised.unknown]
-
-    def apply(self, _pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        self._whole[self.linearised.unknown] = x.array_r
-        y.array[:] = self.preconditioner.mult(self._whole)[self.linearised.unknown]
-
-
-def solve_linearised(joint: Joint, preconditioner: HalfPlaneStiffness, linearised: Linearised,
-                     right: np.ndarray) -> tuple[np.ndarray, int]:
-    """The unknown forces y with IᵀC E y = `right`, to FORCING, and the number of iterations.
+class Preconditioner:
+    """The half-plane stiffness M of all interfaces with the coarse problem of all bodies.
 
     Parameters
     ----------
-    right : (k,) in metres, at the k unknown forces
-
-    Collective on all bodies. Raises SolverError; what the products raise is deferred by the caller.
+    space : of the interfaces
+    motions : coarse motions, the rigid ones first
+    diagonal : (motions.size,) what stands for them in the lower right block (N/m): ε E* of rigid motions,
+        1/(μ − ½) of modes
+    shared : (space.size,) compliances D (m/N) at nodes that several interfaces share, zero elsewhere
     """
-    if not right.any():
-        return np.zeros_like(right), 0
-    context = _Restricted(joint, preconditioner, linearised, float(np.linalg.norm(right)))
-    ksp = context.ksp
-    K = PETSc.Mat().createPython((len(right), len(right)), context=context, comm=PETSc.COMM_SELF)
-    K.setUp()
-    b = PETSc.Vec().createWithArray(right, comm=PETSc.COMM_SELF)
-    y = b.duplicate()
-    ksp.setOptionsPrefix("newton_")
-    ksp.setOperators(K)
-    ksp.setType(PETSc.KSP.Type.GMRES)
-    ksp.setGMRESRestart(KRYLOV_LIMIT)
-    ksp.setPCSide(PETSc.PC.Side.RIGHT)
-    ksp.getPC().setType(PETSc.PC.Type.PYTHON)
-    ksp.getPC().setPythonContext(context)
-    ksp.setTolerances(rtol=FORCING, atol=0.0, max_it=KRYLOV_LIMIT)
-    try:
-        ksp.setFromOptions()
-        call_solver(ksp.solve, b, y)
-    except PETSc.Error as error:
-        raise SolverError(f"the linear problem of a Newton step: {petsc_message(error)}") from None
-    reason = ksp.getConvergedReason()
-    if reason == PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT:
-        log.info("GMRES took %d iterations without reaching %.0e; its step is used as it is",
-                 ksp.getIterationNumber(), ksp.getTolerances()[0])
-    elif reason < 0:
-        raise SolverError(f"the linear problem of a Newton step failed with "
-                          f"{reason_name(PETSc.KSP.ConvergedReason, reason)}")
-    solution, iterations = y.array_r.copy(), ksp.getIterationNumber()
-    for thing in (ksp, K, y, b):
-        thing.destroy()
-    return solution, iterations
+
+    def __init__(self, half_plane: HalfPlaneStiffness, motions: Motions, diagonal: np.ndarray,
+                 shared: np.ndarray) -> None:
+        self.half_plane, self.motions, self.diagonal, self.shared = half_plane, motions, diagonal, shared
+
+
+class LinearProblem:
+    """The linear problem for one active set.
+
+    Parameters
+    ----------
+    joint : the operator of all bodies
+    preconditioner : for all active sets
+    linearised : the forces that the active set implies
+
+    Construction is collective.
+    """
+
+    def __init__(self, joint: Joint, preconditioner: Preconditioner, linearised: Linearised) -> None:
+        self.joint, self.linearised, self._half_plane = joint, linearised, preconditioner.half_plane
+        self._unknown, self._whole = linearised.unknown, np.zeros(joint.size)
+        self._D = preconditioner.shared[linearised.unknown]
+        self._rigid = joint.rigid.size
+        self._coarse: CoarseSystem | None = None
+        if preconditioner.motions.size:
+            self._coarse = CoarseSystem(preconditioner.motions, linearised.expansion, self._unknown,
+                                        preconditioner.half_plane.on_interface, preconditioner.diagonal)
+
+    def precondition(self, w: np.ndarray, h: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """The unknown forces y (k,) and rigid motions α of the half-plane system for w (k,) in metres, h in newtons.
+
+        `h` (joint.rigid.size,) is zero if left out. Collective.
+        """
+        self._whole[self._unknown] = w
+        y = self._half_plane.mult(self._whole)[self._unknown]
+        if not self._coarse:
+            return y, np.zeros(0)
+        if h is not None:
+            h = np.append(h, np.zeros(len(self._coarse) - len(h)))
+        y, a = self._coarse.correct(y, h)
+        return y, a[:self._rigid]
+
+    def solve(self, right: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+        """The unknown forces y (k,) and rigid motions α for the right-hand side f (k,) in metres and h = 0.
+
+        To FORCING, or less where y is not known well enough then: a slender body gives way so much that a small
+        residual of displacements says little of its forces. Returns them and the number of iterations. Collective on
+        all bodies. Raises SolverError; what the products raise is deferred by the caller.
+        """
+        comm = self.joint.space.comm
+        size = self.joint.space.norm(right)
+        if not size:
+            return np.zeros_like(right), np.zeros(self._rigid), 0
+        self._size = size
+        K = PETSc.Mat().createPython(((len(right), None), (len(right), None)), context=self, comm=comm)
+        K.setUp()
+        b = PETSc.Vec().createWithArray(right, comm=comm)
+        w = b.duplicate()
+        ksp = self._ksp = PETSc.KSP().create(comm)
+        try:
+            ksp.setOptionsPrefix("newton_")
+            ksp.setOperators(K)
+            ksp.setType(PETSc.KSP.Type.GMRES)
+            ksp.setGMRESRestart(KRYLOV_LIMIT)
+            ksp.getPC().setType(PETSc.PC.Type.NONE)
+            ksp.setTolerances(rtol=FORCING, atol=0.0, max_it=KRYLOV_LIMIT)
+            ksp.setFromOptions()
+            if self._rigid:
+                ksp.setConvergenceTest(self._converged)
+            call_solver(ksp.solve, b, w)
+            reason = ksp.getConvergedReason()
+            if reason == PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT:
+                log.info("GMRES took %d iterations without reaching %.0e; its step is used as it is",
+                         ksp.getIterationNumber(), ksp.getTolerances()[0])
+            elif reason < 0:
+                raise SolverError(f"the linear problem of a Newton step failed with "
+                                  f"{reason_name(PETSc.KSP.ConvergedReason, reason)}")
+            y, alpha = self.precondition(w.array_r)
+            return y, alpha, ksp.getIterationNumber()
+        except PETSc.Error as error:
+            raise SolverError(f"the linear problem of a Newton step: {petsc_message(error)}") from None
+        finally:
+            del self._ksp
+            for thing in (ksp, K, w, b):
+                thing.destroy()
+
+    def mult(self, _mat: PETSc.Mat, x: PETSc.Vec, z: PETSc.Vec) -> None:
+        """The first row of the system at the preconditioned point; called by PETSc."""
+        left = (self._ksp.getResidualNorm() or self._size) / self._size
+        relative = STEERING * min(self._ksp.getTolerances()[0] / left, 1.0)
+        y, alpha = self.precondition(x.array_r)
+        product = self.joint.product(self.linearised.expand(y), "newton", relative)
+        if self._rigid:
+            product -= self.joint.rigid.spread(alpha)
+        z.array[:] = product[self._unknown] + self._D * y
+
+    def _converged(self, ksp: PETSc.KSP, iteration: int, residual: float) -> PETSc.KSP.ConvergedReason | None:
+        """Whether the residual is small beside the right-hand side and beside the half-planes' displacement w."""
+        rtol, atol = ksp.getTolerances()[:2]
+        if not residual <= max(rtol * self._size, atol):
+            return None
+        w = ksp.buildSolution()
+        return PETSc.KSP.ConvergedReason.CONVERGED_RTOL if residual <= max(rtol * w.norm(), atol) else None

@@ -1,28 +1,35 @@
 """The default outer method: a semi-smooth Newton method on the contact forces of the interfaces.
 
 The two bodies at an interface carry the same forces s, so these cancel from the start; what is sought is the s for
-which the gaps r = C s − d fit the forces. The laws of contact and friction (`ddmpi.interface.law`) make equations of
-this (Alart and Curnier 1991; Christensen, Klarbring, Pang and Strömberg 1998). The Newton step is the primal–dual
-active set step: the projections say which nodes are open, slip and stick, and GMRES solves the linear problem that
-follows, preconditioned with the stiffness of half-planes. Since r is linear in s, the residual of the equations is
-known along the whole step without a further multiplication, and the step is as long as makes it smallest: this
-stops the active sets from cycling. Where that gets nowhere, successive approximations move the iterate
+which the gaps r = C s − d − Gᵀα fit the forces. The laws of contact and friction (`ddmpi.interface.law`) make
+equations of this (Alart and Curnier 1991; Christensen, Klarbring, Pang and Strömberg 1998). The Newton step is the
+primal–dual active set step: the projections say which nodes are open, slip and stick, and GMRES solves the linear
+problem that follows, preconditioned with the stiffness of half-planes. Since r is linear in s, the residual of the
+equations is known along the whole step without a further multiplication, and the step is as long as makes it
+smallest: this stops the active sets from cycling. Where that gets nowhere, successive approximations move the iterate
 (`ddmpi.methods.rescue`).
+
+Bodies that no clamp holds have rigid motions α: unknowns with an equation each, G s = e, in every step.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import logging
+import math
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
 
 from ddmpi.coupling.joint import Joint
-from ddmpi.methods.half_plane import HalfPlaneStiffness
-from ddmpi.methods.krylov import FORCING, solve_linearised
+from ddmpi.methods.half_plane import HalfPlaneStiffness, smooth_modes
+from ddmpi.methods.krylov import FORCING, LinearProblem, Preconditioner
 from ddmpi.methods.outer import Report, Step, no_report, steps_of
 from ddmpi.methods.rescue import Rescue
 from ddmpi.petsc.events import event
+from ddmpi.system.numbers import norm
+
+log = logging.getLogger("ddmpi")
 
 LENGTHS = (1.0, 0.8, 0.65, 0.5, 0.4, 0.3, 0.2, 0.15, 0.1, 0.05, 0.02)
 """Lengths of the Newton step that are tried; the full one is taken at once if it gains enough."""
@@ -42,6 +49,20 @@ that is asked for."""
 
 NO_FORCE = 1e-6
 """Forces below this part of those that would close the free gaps in a half-plane are compared with these instead."""
+
+HELD_LOOSELY = 1e-6
+"""Stiffness of springs that steer rigid motions, over the plane modulus; from 0 to 1e-4 they change no count."""
+
+SHARED = 1e-3
+"""Compliance that steers forces at nodes which several contacts share, over that of a half-plane. Without it six of 27
+walls fail; it must not be in the equations, where it would change displacements by 1e-2."""
+
+SMOOTH = 0.75
+"""Deformations in which a body gives way more than this times what half-planes do are coarse modes: two to five of a
+compact body. At 1, walls take a tenth to a quarter more multiplications."""
+
+MANY = 3
+"""Coarse modes serve from so many bodies on, and wherever bodies are loose."""
 
 
 class Newton:
@@ -66,9 +87,13 @@ class Newton:
         self.checkpoint: Callable[[], None] = lambda: None
         self._laws = self.space.laws
         self._c = self.space.spread([0.5 * interface.modulus for interface in self.space.interfaces])
-        self._preconditioner = HalfPlaneStiffness(self.space)
-        self._rescue = Rescue(joint, self._c.max())
-        self._s, self._r = np.zeros(joint.size), -joint.d
+        self._preconditioner = precondition(joint, self._c)
+        self._rescue = Rescue(joint, self.space.largest(self._c))
+        self._s, self._r, self._alpha = np.zeros(joint.size), -joint.d, np.zeros(joint.rigid.size)
+        self._left = joint.imbalance(self._s)
+        self._measured: tuple[np.ndarray | None, float] = (None, 0.0)
+        self._residual: float | None = None
+        self._least = NO_FORCE * max(self.space.norm(self._c * joint.d), norm(joint.e))
         self._start, self._settled, self._error = True, False, 0.0
         self._stalled, self._smallest = 0, np.inf
 
@@ -76,7 +101,10 @@ class Newton:
     def forces(self) -> np.ndarray:
         return self._s
 
-    own_forces = forces
+    @property
+    def motions(self) -> np.ndarray:
+        """Rigid motions α (joint.rigid.size,) of loose bodies (m)."""
+        return self._alpha
 
     qp_type = "python"
 
@@ -96,46 +124,59 @@ class Newton:
         layer). So the error is estimated as well: what a step changed, times what it left of the residual.
         Otherwise as `Outer.run`.
         """
-        self.joint.neglected = NEGLECTED * tolerance * self._size()
         if self._settled:  # the forces were moved onto their bounds; the gaps must follow
-            self._r = self.joint.product(self._s, "newton") - self.joint.d
-            self._settled = False
+            self.joint.neglected = NEGLECTED * tolerance * self._size()
+            self._follow(self.joint.product(self._s, "newton"))
+            self._settled, self._residual = False, None
         while True:
             self.checkpoint()
-            residual = self._relative(self._residual(self._s, self._r))
+            if self._residual is None:
+                self._residual = self._relative(self._distance(self._s, self._r, self._left))
+            residual = self._residual
             done = (residual <= tolerance and self._error <= ERROR * tolerance
-                    and not (self._start and self.joint.d.any() and residual > 0.0))
+                    and not (self._start and residual > 0.0))
             if (done or not np.isfinite(residual)) and not self.history:
                 self._note(residual, 0.0)
             if not np.isfinite(residual):
                 return "diverged"
+            if self._rescue.drifts:
+                return "drift"
             if done or len(self.history) >= self.max_iterations:
                 self._settle()
                 return "converged" if done else "max_iterations"
-            self._iterate(residual, tolerance)
+            self._residual = self._iterate(residual, tolerance)
 
-    def _iterate(self, residual: float, tolerance: float) -> None:
-        """One step, of Newton's method or of a rescue."""
-        self._stalled = 0 if residual < self._smallest else self._stalled + 1
+    def _iterate(self, residual: float, tolerance: float) -> float:
+        """One step, of Newton's method or of a rescue; returns the residual after it."""
+        self._stalled = 0 if residual < self._smallest or self._rescue.left else self._stalled + 1
         self._smallest = min(self._smallest, residual)
         before = self._s
         self.joint.neglected = NEGLECTED * tolerance * self._size()
         if self._stalled >= PATIENCE:
-            self._rescue.begin(self._s)
+            self._s, self._alpha = self._rescue.begin(self._s, self._alpha)
             self._stalled, self._smallest = 0, np.inf
         if self._rescue.left:
-            self._s, Cs, iterations = self._rescue.approximate(self._s, residual, self._size())
+            self._s, Cs, self._alpha, iterations = self._rescue.approximate(self._s, self._alpha, residual,
+                                                                            self._size())
             self.inner_steps["mprgp"] += iterations
-            self._r = Cs - self.joint.d
+            self._follow(Cs)
         else:
             with event("NewtonStep"):
                 self._newton_step()
+        if self._start:
+            self._rescue.remember(self._s, self._alpha)
         self._start = False
-        after = self._relative(self._residual(self._s, self._r))
-        size = self.space.norm(self._s)
+        after = self._relative(self._distance(self._s, self._r, self._left))
+        size = self._norm()
         update = self.space.norm(self._s - before) / size if size else 0.0
         self._error = update * after / residual if residual else 0.0
         self._note(after, update)
+        return after
+
+    def _follow(self, Cs: np.ndarray) -> None:
+        """Take the gaps and the imbalance afresh from the product C s (size,)."""
+        self._r = Cs - self.joint.d - self.joint.rigid.spread(self._alpha)
+        self._left = self.joint.imbalance(self._s)
 
     def _settle(self) -> None:
         """Move the forces onto their bounds, so that they obey all of them exactly."""
@@ -147,65 +188,113 @@ class Newton:
         self.history.append(step)
         self.report(step)
 
-    def _relative(self, residual: np.ndarray) -> float:
+    def _relative(self, residual: float) -> float:
         size = self._size()
-        return self.space.norm(residual) / size if size else 0.0
+        return residual / size if size else 0.0
 
     def _size(self) -> float:
         """What forces are compared with (N): themselves, unless they are next to nothing."""
-        return max(self.space.norm(self._s), NO_FORCE * self.space.norm(self._c * self.joint.d))
+        return max(self._norm(), self._least)
 
-    def _residual(self, s: np.ndarray, r: np.ndarray) -> np.ndarray:
-        """Residual (size,) of the contact and friction equations at forces s with gaps r (N)."""
-        return s - self._laws.project(s - self._c * r)
+    def _norm(self) -> float:
+        """‖s‖ (N), with one reduction for each iterate."""
+        if self._measured[0] is not self._s:
+            self._measured = self._s, self.space.norm(self._s)
+        return self._measured[1]
+
+    def _distance(self, s: np.ndarray, r: np.ndarray, left: np.ndarray) -> float:
+        """The norm (N) of the residuals of all equations at forces s with gaps r and the imbalance `left`.
+
+        Contact and friction want s = P(s − c r), loose bodies G s = e. Collective.
+        """
+        return self._distances([(s, r, left)])[0]
+
+    def _distances(self, points: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> list[float]:
+        """`_distance` at several points (s, r, left), in one reduction. Collective."""
+        points = list(points)
+        contact = self.space.norms([s - self._laws.project(s - self._c * r) for s, r, _ in points])
+        return [math.hypot(each, norm(left)) for each, (_, _, left) in zip(contact, points, strict=True)]
 
     def _newton_step(self) -> None:
         """Solve for the forces that the active sets of the iterate imply, and go there as far as it helps."""
-        joint = self.joint
+        joint, rigid = self.joint, self.joint.rigid
         active = self._laws.active_sets(self._s - self._c * self._r)
         if self._start:  # nothing is known yet
-            for each in active:
-                each.close()
+            active = self._laws.sticking(joint.first_closed())
         linearised = self._laws.linearise(active)
-        jump = linearised.expand(self._s[linearised.unknown]) + linearised.given - self._s
-        change, C_change = jump, np.zeros_like(jump)
-        if jump.any():
-            C_change = joint.product(jump, "newton")
-        if linearised.unknown.any():
-            y = np.zeros(int(linearised.unknown.sum()))
+        change = linearised.expand(self._s[linearised.unknown]) + linearised.given - self._s
+        alpha, C_change = np.zeros(rigid.size), np.zeros_like(change)
+        problem = None
+        if self.space.any(linearised.unknown):
+            problem = LinearProblem(joint, self._preconditioner, linearised)
+            if rigid.size:  # the nearest forces by half-planes that balance the loads
+                y, alpha = problem.precondition(np.zeros(linearised.number), joint.imbalance(self._s + change))
+                change = change + linearised.expand(y)
+        if self.space.any(change):
+            C_change = joint.product(change, "newton")
+        if problem:
+            y = np.zeros(linearised.number)
             with joint.deferred():
-                right = -(self._r + C_change)[linearised.unknown]
-                y, iterations = solve_linearised(joint, self._preconditioner, linearised, right)
+                right = -(self._r + C_change - rigid.spread(alpha))[linearised.unknown]
+                y, more, iterations = problem.solve(right)
+                alpha = alpha + more
                 self.inner_steps["gmres"] += iterations
             dy = linearised.expand(y)
-            change, C_change = jump + dy, C_change + joint.product(dy, "newton")
-        length = 1.0 if self._start else self._length(change, C_change)
+            change, C_change = change + dy, C_change + joint.product(dy, "newton")
+        left = joint.imbalance(self._s + change) - self._left
+        r_change = C_change - rigid.spread(alpha)
+        length = 1.0 if self._start else self._length(change, r_change, left)
         self._s = self._s + length * change
-        self._r = self._r + length * C_change
+        self._r = self._r + length * r_change
+        self._alpha = self._alpha + length * alpha
+        self._left = self._left + length * left
 
-    def _length(self, change: np.ndarray, C_change: np.ndarray) -> float:
+    def _length(self, change: np.ndarray, r_change: np.ndarray, left: np.ndarray) -> float:
         """The length of the step that makes the residual smallest; the full one if it gains enough."""
-        best, now = (np.inf, 1.0), self.space.norm(self._residual(self._s, self._r))
-        for length in LENGTHS:
-            residual = self._residual(self._s + length * change, self._r + length * C_change)
-            there = self.space.norm(residual)
-            if length == 1.0 and there <= GAIN * now:
-                return 1.0
-            best = min(best, (there, length))
-        return best[1]
+        def there(lengths: Sequence[float]) -> list[float]:
+            return self._distances((self._s + length * change, self._r + length * r_change, self._left + length * left)
+                                   for length in lengths)
 
-    def refresh(self, u: np.ndarray) -> None:
+        now, full = there((0.0, 1.0))
+        if full <= GAIN * now:
+            return 1.0
+        return min(zip([full, *there(LENGTHS[1:])], LENGTHS, strict=True))[1]
+
+    def body_forces(self) -> list[np.ndarray]:
+        return self.joint.spread(self._s)
+
+    def refresh(self, u: list[np.ndarray]) -> None:
         """Nothing to do: the gaps are computed afresh where the iteration goes on."""
 
     def state(self) -> dict[str, Any]:
-        return {"s": self._s, "r": self._r, "start": self._start, "settled": self._settled, "error": self._error,
+        return {"s": self._s, "r": self._r, "alpha": self._alpha, "left": self._left, "start": self._start,
+                "settled": self._settled, "error": self._error, "residual": self._residual, "norm": self._norm(),
                 "stalled": self._stalled, "smallest": self._smallest, "rescue": self._rescue.state(),
                 "inner_steps": dict(self.inner_steps), "history": list(self.history)}
 
     def restore(self, state: dict[str, Any]) -> None:
-        self._s, self._r = state["s"], state["r"]
+        self._s, self._r, self._alpha, self._left = (state[name] for name in ("s", "r", "alpha", "left"))
         self._start, self._settled = bool(state["start"]), bool(state["settled"])
         self._error, self._smallest = float(state["error"]), float(state["smallest"])
         self._stalled, self.inner_steps = int(state["stalled"]), dict(state["inner_steps"])
+        self._residual = None if state["residual"] is None else float(state["residual"])
+        self._measured = self._s, float(state["norm"])
         self._rescue.restore(state["rescue"])
         self.history = steps_of(state["history"])
+
+
+def precondition(joint: Joint, c: np.ndarray) -> Preconditioner:
+    """The preconditioner for all active sets of `joint`, with c (size,) half the joint moduli. Collective."""
+    half_plane, rigid = HalfPlaneStiffness(joint.space), joint.rigid
+    motions, stiffness = rigid, HELD_LOOSELY * joint.rigid_moduli()
+    if joint.bodies >= MANY or rigid.size:
+        found = [(np.empty((0, member.size)), np.empty(0)) for member in joint.members]
+        with joint.deferred():
+            found = [smooth_modes(member, SMOOTH) for member in joint.members]
+        joint.meet("coarse modes")
+        motions, more = joint.add_motions([v for v, _ in found], [1.0 / (mu - 0.5) for _, mu in found])
+        stiffness = np.append(stiffness, more)
+    if motions.size:
+        log.info("coarse problem: %d rigid motions and %d smooth modes of %d bodies", rigid.size,
+                 motions.size - rigid.size, joint.bodies)
+    return Preconditioner(half_plane, motions, stiffness, np.where(joint.shared, SHARED / (2.0 * c), 0.0))

@@ -7,8 +7,6 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from ddmpi.coupling.space import Space
-
 
 class Step(NamedTuple):
     """One line of the history.
@@ -39,18 +37,16 @@ class Outer(Protocol):
 
     Attributes
     ----------
-    space : the layout of the vectors
     history : all steps so far
-    forces : (size,) contact forces that obey all bounds (N)
-    bound : slip bounds (N) of all sliding nodes, for which the forces are meant
-    own_forces : (size,) the forces (N) as this rank's body sees them
-    mismatch : (size,) difference of the forces (N) as the two bodies of an interface see them
+    forces : contact forces (N) at the interfaces that this rank owns, which obey all bounds
+    bound : slip bounds (N) of their sliding nodes, for which the forces are meant
+    mismatch : difference of the forces (N) there as the two bodies see them
+    motions : rigid motions (m) of the bodies that nothing holds, of all ranks
     inner_steps : iterations of GMRES or steps of the QP solver, by kind
     qp_type : TAO type that solves QPs
     checkpoint : called before every iteration, when `state` is whole
     """
 
-    space: Space
     history: list[Step]
     checkpoint: Callable[[], None]
 
@@ -67,10 +63,13 @@ class Outer(Protocol):
     def bound(self) -> np.ndarray: ...
 
     @property
-    def own_forces(self) -> np.ndarray: ...
+    def mismatch(self) -> np.ndarray: ...
 
     @property
-    def mismatch(self) -> np.ndarray: ...
+    def motions(self) -> np.ndarray: ...
+
+    def body_forces(self) -> list[np.ndarray]:
+        """The contact forces (N) as each body of this rank sees them. Collective."""
 
     def run(self, tolerance: float) -> str:
         """Iterate until the method's criterion is below `tolerance`; may be called again to go on.
@@ -79,8 +78,8 @@ class Outer(Protocol):
         came to a rank; the same on all ranks. Collective.
         """
 
-    def refresh(self, u: np.ndarray) -> None:
-        """Take the contact displacement u (size,) of this rank's body (m), computed afresh from `own_forces`."""
+    def refresh(self, u: list[np.ndarray]) -> None:
+        """Take the contact displacements (m) of this rank's bodies, computed afresh from `body_forces`."""
 
     def state(self) -> dict[str, Any]:
         """Everything that the next iteration depends on: numbers, arrays, lists and tables of them.

@@ -51,22 +51,22 @@ class PublishedIteration:
     ----------
     lam : (size,) contact displacement (m)
     s1, s2 : (size,) contact forces (N) as role 1 and role 2 see them
-    bound : (mt,) slip bound (N) of the last iteration
     history : all steps
     """
 
     def __init__(self, assembly: Assembly, method: SettledMethod, report: Report = no_report,
                  lead: int = 0) -> None:
-        self.space, self.exchange, self.method, self.report = assembly.space, assembly.exchange, method, report
+        self.exchange, self.method, self.report = assembly.exchange, method, report
         self.history: list[Step] = []
         self.checkpoint: Callable[[], None] = lambda: None
-        (self.interface,) = self.space.interfaces
+        (self.interface,) = assembly.member.interfaces
+        self.space = assembly.space
         self._laws, self._lead = self.space.laws, lead
         role = 1 if self.interface.side(assembly.member.name) == lead else 2
         self.subproblem = Subproblem(assembly.member, self.interface, role)
         size = self.space.size
         self.lam, self.s1, self.s2 = np.zeros(size), np.zeros(size), np.zeros(size)
-        self.bound = np.zeros(len(self.interface.sliding))
+        self._bound = np.zeros(len(self.interface.sliding))
         with self.exchange.deferred():
             assembly.member.need_norm()
         h1, h2 = self._swap(assembly.member.h, "free displacement")
@@ -90,14 +90,22 @@ class PublishedIteration:
 
     @property
     def forces(self) -> np.ndarray:
-        """The contact forces (size,) that obey all bounds (N): each from the role that bounds it."""
+        """The contact forces that obey all bounds (N): each from the role that bounds it."""
         m = self.interface.m
         tangential = self.s2 if friction_role(self.algorithm) == 2 else self.s1
         return np.concatenate([self.s2[:m], tangential[m:]])
 
     @property
-    def own_forces(self) -> np.ndarray:
-        return self.subproblem.s
+    def bound(self) -> np.ndarray:
+        return self._bound
+
+    @property
+    def motions(self) -> np.ndarray:
+        """None: clamps hold both bodies."""
+        return np.zeros(0)
+
+    def body_forces(self) -> list[np.ndarray]:
+        return [self.subproblem.s]
 
     @property
     def mismatch(self) -> np.ndarray:
@@ -114,7 +122,7 @@ class PublishedIteration:
     @property
     def _split(self) -> bool:
         """Whether this body's QP is split; a frictionless one has nothing to split."""
-        return len(self.bound) > 0 and self.splitting in (f"step{self.subproblem.role}", "step1+2")
+        return len(self._bound) > 0 and self.splitting in (f"step{self.subproblem.role}", "step1+2")
 
     def run(self, tolerance: float) -> str:
         """Iterate until ‖λ_k − λ_{k−1}‖ ≤ tolerance ‖λ_k‖; otherwise as `Outer.run`."""
@@ -138,7 +146,7 @@ class PublishedIteration:
     def iterate(self) -> Step:
         """One step of the algorithm of the slides; both bodies work at the same time. Collective."""
         body, exchange = self.subproblem, self.exchange
-        self.bound = self._laws.bound_at(self.s2)
+        self._bound = self._laws.bound_at(self.s2)
         size = self._step_size
         if self.method.inner_precision == "fixed":  # as if the last update were this one already
             size = self.method.tolerance * (norm(self.lam) or self._scale)
@@ -146,7 +154,7 @@ class PublishedIteration:
         neglected = NEGLECTED * self.precision * self._tolerance * norm(self.lam)
 
         with exchange.deferred():
-            body.solve(self.lam, self.bound, precision, self.algorithm, self._split, neglected)  # Steps 1 and 2
+            body.solve(self.lam, self._bound, precision, self.algorithm, self._split, neglected)  # Steps 1 and 2
         self.s1, self.s2 = self._swap(body.s, "forces")
         w = np.zeros_like(self.lam)
         with exchange.deferred():
@@ -165,16 +173,16 @@ class PublishedIteration:
         both = self.exchange.swap(mine, about)
         return both[self._lead], both[1 - self._lead]
 
-    def refresh(self, u: np.ndarray) -> None:
+    def refresh(self, u: list[np.ndarray]) -> None:
         """Take the product C s afresh; the iteration updates it by recurrence."""
-        self.subproblem.Cs = self.subproblem.member.h - u
+        self.subproblem.Cs = self.subproblem.member.h - u[0]
 
     def state(self) -> dict[str, Any]:
-        return {"lam": self.lam, "s1": self.s1, "s2": self.s2, "bound": self.bound, "step_size": self._step_size,
+        return {"lam": self.lam, "s1": self.s1, "s2": self.s2, "bound": self._bound, "step_size": self._step_size,
                 "subproblem": self.subproblem.state(), "history": list(self.history)}
 
     def restore(self, state: dict[str, Any]) -> None:
-        self.lam, self.s1, self.s2, self.bound = (state[name] for name in ("lam", "s1", "s2", "bound"))
+        self.lam, self.s1, self.s2, self._bound = (state[name] for name in ("lam", "s1", "s2", "bound"))
         self._step_size = float(state["step_size"])
         self.subproblem.restore(state["subproblem"])
         self.history = steps_of(state["history"])

@@ -1,41 +1,99 @@
-"""What crosses the ranks: interface vectors, counted, and errors, agreed on."""
+"""What crosses the ranks: interface vectors, counted, between neighbours only; and errors, agreed on by all ranks."""
+
+import signal
+import zlib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import scenes
 from scenes import Stack
 
-from ddmpi.coupling.exchange import Exchange
-from ddmpi.errors import DdmpiError, InputError, OutputError, SolverError
+from ddmpi.coupling.exchange import Ends, Exchange
+from ddmpi.errors import DdmpiError, InputError, InterruptionError, OutputError, SolverError
+from ddmpi.system import interrupt
 from ddmpi.system.agreement import agreed
 
 two_ranks = pytest.mark.mpi(ranks=2, timeout=60, unit="s")
+three_ranks = pytest.mark.mpi(ranks=3, timeout=60, unit="s")
+one_to_four_ranks = pytest.mark.mpi(ranks=[1, 2, 3, 4], timeout=60, unit="s")
 WORD = 8
 """Bytes of a double."""
 
 HEADER = 2
-"""Words before each vector: whether the sender is well, and what the message is about."""
-
+"""Words before each vector of the published iteration: whether the sender is well, and what the message is about."""
 
 MESSAGE = ["Isend", "Probe", "Recv"]
-"""The MPI calls of one exchange."""
+"""The MPI calls of one exchange of the published iteration."""
+
+CONTACTS = {"ab": ("a", "b", 3), "bd": ("b", "d", 2), "again": ("b", "a", 4), "floor": ("a", None, 5),
+            "empty": ("d", "c", 0), "ca": ("c", "a", 1), "wall": ("d", None, 2)}
+"""First and second body, None for a rigid partner, and the size of the interface's vectors."""
+
+CHAIN = {"ab": ("a", "b", 3), "bc": ("b", "c", 5), "cd": ("c", "d", 7)}
 
 
-def exchange_on(comm, first: int = 0) -> Exchange:
-    """An exchange in which the body of rank `first` is the interface's first."""
-    return Exchange(comm, partner=1 - comm.rank, first=comm.rank == first)
+class Bodies:
+    """The bodies a, b, c, d in turn on the ranks of a communicator, with contacts between them, and their exchange.
+
+    Attributes
+    ----------
+    mine : of this rank, with the part of the body's vector and its side by contact
+    owned : contacts that this rank owns, with the part of its vectors
+    """
+
+    def __init__(self, comm, contacts: dict = CONTACTS) -> None:
+        homes = {name: k % comm.size for k, name in enumerate("abcd")}
+        here = {name: homes[name] == comm.rank for name in homes} | {None: False}
+        self.contacts = {key: each for key, each in contacts.items() if here[each[0]] or here[each[1]]}
+        self.mine = {name: self._parts({key: (each[2], each.index(name)) for key, each in contacts.items()
+                                        if name in each[:2]}) for name in homes if here[name]}
+        self.owned = {key: part for key, (part, _) in self._parts(
+            {key: (each[2], 0) for key, each in contacts.items() if here[each[0]]}).items()}
+        self.size = max((part.stop for part in self.owned.values()), default=0)
+        self.exchange = Exchange(comm, [Ends(key, homes[first], homes.get(second, homes[first]))
+                                        for key, (first, second, _) in self.contacts.items()])
+        self.exchange.connect(SimpleNamespace(size=self.size, parts=self.owned), list(self.mine.values()))
+
+    @staticmethod
+    def _parts(sizes: dict[str, tuple[int, int]]) -> dict[str, tuple[slice, int]]:
+        parts, start = {}, 0
+        for key, (size, side) in sizes.items():
+            parts[key] = slice(start, start + size), side
+            start += size
+        return parts
+
+    def vector(self, seed: int = 0) -> np.ndarray:
+        """A vector of the owned interfaces that is random, but known to all."""
+        return np.concatenate([np.empty(0), *(known(key, part.stop - part.start, seed) for key, part in
+                                              self.owned.items())])
+
+    def of_bodies(self) -> list[np.ndarray]:
+        """Vectors of the bodies of this rank that are random, but known to all."""
+        return [np.concatenate([np.empty(0), *(known(key, part.stop - part.start, name) for key, (part, _) in
+                                               parts.items())]) for name, parts in self.mine.items()]
+
+
+def known(contact: str, size: int, salt: object) -> np.ndarray:
+    return np.random.default_rng(zlib.crc32(f"{contact} {salt}".encode())).standard_normal(size)
 
 
 class Traffic:
     """Passes everything on to a communicator and notes what was asked of it."""
 
     def __init__(self, comm) -> None:
-        self._comm, self.calls, self.lengths = comm, [], []
+        self._comm, self.calls, self.lengths, self.partners = comm, [], [], set()
 
-    def Isend(self, send, *arguments):
+    def Isend(self, send, rank, *arguments):
         self.calls.append("Isend")
         self.lengths.append(len(send))
-        return self._comm.Isend(send, *arguments)
+        self.partners.add(rank)
+        return self._comm.Isend(send, rank, *arguments)
+
+    def Irecv(self, receive, rank, *arguments):
+        self.calls.append("Irecv")
+        self.partners.add(rank)
+        return self._comm.Irecv(receive, rank, *arguments)
 
     def __getattr__(self, name: str):
         value = getattr(self._comm, name)
@@ -44,13 +102,101 @@ class Traffic:
         return value
 
 
+@pytest.fixture(autouse=True)
+def no_signal_yet(monkeypatch):
+    monkeypatch.setattr(interrupt, "_received", [])
+
+
 # Vectors
+
+
+@one_to_four_ranks
+def test_each_body_sees_its_part_of_every_interface(comm):
+    """A vector of the owned interfaces reaches both bodies of each, whichever ranks these live on."""
+    bodies = Bodies(comm)
+    x = bodies.vector()
+    parts = bodies.exchange.spread(x)
+    assert np.array_equal(x, bodies.vector())
+    bodies.exchange.spread(bodies.vector(seed=1))  # must not overwrite what was received
+    for found, (name, own) in zip(parts, bodies.mine.items(), strict=True):
+        assert len(found) == sum(size for _, _, size in (CONTACTS[key] for key in own)), name
+        for key, (part, _) in own.items():
+            assert np.array_equal(found[part], known(key, CONTACTS[key][2], 0)), (name, key)
+
+
+@one_to_four_ranks
+def test_both_bodies_contributions_come_to_the_owner(comm):
+    """The first body's, the second's; a rigid partner contributes nothing; the total is their sum."""
+    bodies = Bodies(comm)
+    mine = bodies.of_bodies()
+    first, second = bodies.exchange.collect(mine, "test")
+    assert all(np.array_equal(one, other) for one, other in zip(mine, bodies.of_bodies(), strict=True))
+    assert len(first) == len(second) == bodies.size
+    for key, part in bodies.owned.items():
+        one, other, size = CONTACTS[key]
+        assert np.array_equal(first[part], known(key, size, one)), key
+        assert np.array_equal(second[part], known(key, size, other) if other else np.zeros(size)), key
+    assert np.array_equal(bodies.exchange.total(mine, "test"), first + second)
+
+
+@one_to_four_ranks
+def test_not_a_number_and_infinity_cross_as_they_are(comm):
+    bodies = Bodies(comm)
+    for value in (np.nan, -np.inf):
+        assert all(np.array_equal(part, np.full(len(part), value), equal_nan=True)
+                   for part in bodies.exchange.spread(np.full(bodies.size, value)))
+        first, _ = bodies.exchange.collect([np.full(len(each), value) for each in bodies.of_bodies()], "test")
+        assert np.array_equal(first, np.full(bodies.size, value), equal_nan=True)
+
+
+@one_to_four_ranks
+def test_objects_of_both_bodies_come_to_both_ranks(comm):
+    """By contact, the first body's first; None for a rigid partner's."""
+    bodies = Bodies(comm)
+    both = bodies.exchange.swap_objects({(key, side): (key, name) for name, own in bodies.mine.items()
+                                         for key, (_, side) in own.items()})
+    assert both == {key: ((key, first), (key, second) if second else None)
+                    for key, (first, second, _) in bodies.contacts.items()}
+
+
+@pytest.mark.mpi(ranks=4, timeout=60, unit="s")
+def test_messages_and_bytes_of_vectors_are_counted(comm):
+    """One message to each neighbour and back, with the vectors of all common interfaces; objects do not count."""
+    bodies = Bodies(comm)
+    exchange = bodies.exchange
+    exchange.swap_objects({(key, side): None for own in bodies.mine.values() for key, (_, side) in own.items()})
+    exchange.meet("test")
+    assert exchange.state() == {"messages": 0, "bytes": 0, "reductions": 1, "reduced_bytes": 32}  # of `meet`
+    lent = {rank: [each for each in CONTACTS.values() if each[0] == "abcd"[comm.rank] and each[1] == "abcd"[rank]]
+            for rank in range(4)}
+    borrowed = {rank: [each for each in CONTACTS.values() if each[1] == "abcd"[comm.rank] and each[0] == "abcd"[rank]]
+                for rank in range(4)}
+    messages = sent = 0
+    for _ in range(2):
+        for work, vectors in ((lambda: exchange.spread(bodies.vector()), lent),
+                              (lambda: exchange.collect(bodies.of_bodies(), "test"), borrowed)):
+            work()
+            messages += sum(len(each) > 0 for each in vectors.values())
+            sent += WORD * sum(size for each in vectors.values() for _, _, size in each)
+            assert (exchange.messages, exchange.bytes) == (messages, sent)
+    assert comm.allreduce(messages) == 2 * 10
+
+
+@pytest.mark.mpi(ranks=4, timeout=60, unit="s")
+def test_a_rank_without_a_common_contact_gets_no_message(comm):
+    """In a chain each rank talks to the one before and the one after; all together, only of errors."""
+    bodies = Bodies(comm, CHAIN)
+    traffic = bodies.exchange.world = Traffic(comm)
+    bodies.exchange.spread(bodies.vector())
+    bodies.exchange.total(bodies.of_bodies(), "test")
+    assert traffic.partners == {comm.rank - 1, comm.rank + 1} & set(range(4))
+    assert sorted(traffic.calls) == sorted(["Isend", "Irecv"] * len(traffic.partners) + ["Allreduce"])
 
 
 @two_ranks
 def test_swap_returns_the_first_bodys_vector_first(comm):
     for first in (0, 1):
-        exchange = exchange_on(comm, first)
+        exchange = exchange_of_two(comm, first)
         mine = np.array([comm.rank, 10.5, -np.inf])
         one, two = exchange.swap(mine, "test")
         assert one.tolist() == [first, 10.5, -np.inf]
@@ -71,53 +217,111 @@ def test_swap_returns_the_first_bodys_vector_first(comm):
         exchange.swap(np.full(3, 7.0), "test")  # must not overwrite what was received
         assert sorted(vector.tolist() for vector in before) == [[1.0] * 3, [2.0] * 3]
 
-
-@two_ranks
-def test_messages_and_bytes_of_vectors_are_counted(comm):
-    exchange = exchange_on(comm, first=1)
-    assert exchange.swap_objects({"rank": comm.rank}) == ({"rank": 1}, {"rank": 0})
-    assert (exchange.messages, exchange.bytes) == (0, 0)
-    sizes = [5, 0, 132, 1]
+    exchange, sizes = exchange_of_two(comm, 1), [5, 0, 132, 1]
     for number, size in enumerate(sizes, start=1):
         exchange.swap(np.zeros(size), "test")
         assert exchange.messages == number
         assert exchange.bytes == WORD * sum(size + HEADER for size in sizes[:number])
 
 
+def exchange_of_two(comm, first: int = 0) -> Exchange:
+    """An exchange in which the body of rank `first` is the interface's first."""
+    return Exchange(comm, [Ends("ab", first, 1 - first)])
+
+
 # Errors
 
+WAYS = {"collect": lambda bodies, about: bodies.exchange.collect(bodies.of_bodies(), about),
+        "total": lambda bodies, about: bodies.exchange.total(bodies.of_bodies(), about),
+        "meet": lambda bodies, about: bodies.exchange.meet(about)}
 
-@two_ranks
-def test_deferred_error_of_one_side_is_raised_on_both(comm):
-    for failing in (0, 1):
+
+@three_ranks
+@pytest.mark.parametrize("way", WAYS)
+def test_deferred_error_of_one_rank_is_raised_on_all(comm, way):
+    """Also on a rank that has no contact with the failing one."""
+    for failing in range(3):
         for kind in (SolverError, InputError, OutputError):
-            exchange, after = exchange_on(comm), False
-            with exchange.deferred():
+            bodies, after = Bodies(comm, CHAIN), False
+            with bodies.exchange.deferred():
                 if comm.rank == failing:
                     raise kind(f"rank {failing} fails")
                 after = True
             assert after == (comm.rank != failing)  # nothing is raised yet
+            bodies.exchange.spread(bodies.vector())  # nor here, in the midst of a product
             with pytest.raises(kind, match=rf"^rank {failing} fails$") as caught:
-                exchange.swap(np.zeros(4), "test")
+                WAYS[way](bodies, "test")
             assert caught.value.agreed
             assert caught.value.exit_code == kind.exit_code
 
-    exchange = exchange_on(comm)
-    with exchange.deferred():
+    bodies = Bodies(comm, CHAIN)
+    with bodies.exchange.deferred():
         raise SolverError(f"rank {comm.rank} fails, too")
     with pytest.raises(SolverError, match=r"^rank 0 fails, too$"):
-        exchange.swap(np.zeros(1), "test")
+        WAYS[way](bodies, "test")
+
+
+@two_ranks
+def test_deferred_error_of_one_of_two_is_raised_on_both(comm):
+    for failing in (0, 1):
+        exchange = exchange_of_two(comm)
+        with exchange.deferred():
+            if comm.rank == failing:
+                raise SolverError(f"rank {failing} fails")
+        with pytest.raises(SolverError, match=rf"^rank {failing} fails$") as caught:
+            exchange.swap(np.zeros(4), "test")
+        assert caught.value.agreed
+
+
+@pytest.mark.mpi(ranks=1, timeout=60, unit="s")
+def test_errors_of_a_single_rank_are_raised_at_the_same_point(comm):
+    bodies = Bodies(comm)
+    with bodies.exchange.deferred():
+        raise SolverError("fails")
+    with pytest.raises(SolverError, match=r"^fails$") as caught:
+        bodies.exchange.total(bodies.of_bodies(), "test")
+    assert caught.value.agreed
+
+
+@three_ranks
+def test_a_signal_to_one_rank_is_raised_on_all(comm):
+    for hit in range(3):
+        interrupt._received.clear()
+        bodies = Bodies(comm, CHAIN)
+        bodies.exchange.meet("test")
+        if comm.rank == hit:
+            interrupt._note(signal.SIGTERM, None)
+        with pytest.raises(InterruptionError) as caught:
+            bodies.exchange.total(bodies.of_bodies(), "test")
+        assert caught.value.agreed and caught.value.kind == "interrupted by SIGTERM"
+
+
+@one_to_four_ranks
+def test_all_ranks_learn_that_one_wants_a_checkpoint(comm):
+    """At the same exchange, and they remember it until they have written one."""
+    for asking in range(comm.size):
+        bodies = Bodies(comm)
+        exchange = bodies.exchange
+        exchange.total(bodies.of_bodies(), "test")
+        assert not exchange.checkpoint_due
+        exchange.wants_checkpoint = lambda asking=asking: comm.rank == asking
+        exchange.total(bodies.of_bodies(), "test")
+        assert exchange.checkpoint_due
+        exchange.wants_checkpoint = lambda: False
+        exchange.meet("test")
+        assert exchange.checkpoint_due
 
 
 @two_ranks
 def test_deferred_keeps_nothing_but_our_own_errors(comm):
     """Another exception is a bug: it ends the run at once (test_failures), and is no rank's to agree on."""
-    exchange = exchange_on(comm)
+    exchange = exchange_of_two(comm)
     with exchange.deferred():
         value = 1.0 + comm.rank
     with pytest.raises(ZeroDivisionError), exchange.deferred():
         _ = 1 // 0
     assert [v.tolist() for v in exchange.swap(np.array([value]), "test")] == [[1.0], [2.0]]
+    exchange.meet("test")
 
 
 @two_ranks
@@ -137,22 +341,28 @@ def test_agreed_raises_the_first_error_on_all_ranks(comm):
     assert comm.allreduce(value) == 3
 
 
-@two_ranks
-def test_ranks_at_different_points_notice_it(comm):
-    """Processors that round differently may end an iteration at different steps; the two must not mix."""
-    exchange = exchange_on(comm)
-    with pytest.raises(SolverError, match="different points") as caught:
-        exchange.swap(np.zeros(3), ("forces", "answer")[comm.rank])
-    assert caught.value.agreed
+@three_ranks
+@pytest.mark.parametrize("way", WAYS)
+def test_ranks_at_different_points_notice_it(comm, way):
+    """Processors that round differently may end an iteration at different steps; their vectors must not mix."""
+    for astray in range(3):
+        bodies = Bodies(comm, CHAIN)
+        WAYS[way](bodies, "forces")
+        with pytest.raises(SolverError, match="different points") as caught:
+            WAYS[way](bodies, "answer" if comm.rank == astray else "forces")
+        assert caught.value.agreed
 
 
 @pytest.mark.mpi(ranks=2, timeout=15, unit="s")
 def test_ranks_at_different_points_notice_it_whatever_they_send(comm):
     """The vectors of different points have different lengths: one message is longer than the other expects."""
     for longer in (0, 1):
-        exchange = exchange_on(comm)
+        exchange = exchange_of_two(comm)
         with pytest.raises(SolverError, match="different points"):
             exchange.swap(np.zeros(7 if comm.rank == longer else 4), ("forces", "answer")[comm.rank])
+    with pytest.raises(SolverError, match="different points") as caught:
+        exchange_of_two(comm).swap(np.zeros(3), ("forces", "answer")[comm.rank])
+    assert caught.value.agreed
 
 
 # Traffic of the iterations
@@ -187,7 +397,7 @@ def test_an_iteration_moves_interface_vectors_only(comm):
             assert assembly.exchange.messages - messages == 2
             moved.append(assembly.exchange.bytes - moved_before)
         assert traffic.calls == MESSAGE * 8
-        sizes.append((assembly.space.interfaces[0].m, assembly.n))
+        sizes.append((assembly.m, assembly.n))
     (m, n), (other_m, other_n) = sizes
     assert m == other_m == 7
     assert other_n == 12 * n
@@ -196,20 +406,35 @@ def test_an_iteration_moves_interface_vectors_only(comm):
 
 @two_ranks
 def test_newton_moves_interface_vectors_only(comm):
-    """One message for each multiplication by the joint compliance; none is longer than the interface."""
-    from ddmpi.run.solve import solve
-    from ddmpi.scene.method import Method
+    """Two bodies: one message for each multiplication by the joint compliance; none is longer than the interface."""
+    from ddmpi.methods.newton import Newton
 
     stack = Stack(6, {"law": "coulomb", "coefficient": 0.3}, shift=1e-3)
     for rows in (2, 24):
         assembly = scenes.prepare_scene(comm, taller(stack, rows))
-        traffic = assembly.exchange.world = Traffic(comm)
-        answer = solve(assembly, Method(outer="newton").settled())
-        assert answer.certified
-        lengths = traffic.lengths
-        assert max(lengths) == assembly.space.size + HEADER
-        assert traffic.calls == MESSAGE * assembly.exchange.messages
-        assert assembly.exchange.bytes == WORD * sum(lengths)
+        newton, exchange, size = Newton(assembly.joint, 500), assembly.exchange, 2 * assembly.m
+        messages, sent = exchange.messages, exchange.bytes
+        traffic = exchange.world = Traffic(comm)
+        assert newton.run(1e-8) == "converged"
+        products, counts = assembly.member.C.count["newton"], len(newton.history)
+        assert products > 10
+        assert traffic.calls == MESSAGE * (products + counts)
+        assert sorted(traffic.lengths) == [1 + HEADER] * counts + [size + HEADER] * products
+        assert exchange.messages - messages == len(traffic.lengths)
+        assert exchange.bytes - sent == WORD * sum(traffic.lengths)
+        assert not exchange.collectives["reductions"]
+
+
+@pytest.mark.mpi(ranks=3, timeout=60, unit="s")
+def test_a_product_is_a_message_there_and_back(comm):
+    """More bodies: a rank tells its neighbours only, by one message each, and all ranks agree once."""
+    assembly = scenes.prepare_scene(comm, scenes.tower(3, 2))
+    joint, exchange = assembly.joint, assembly.exchange
+    messages, reductions = exchange.messages, exchange.collectives["reductions"]
+    joint.product(np.ones(joint.size), "newton", 0.0)
+    neighbours = {rank for ends in exchange.ends for rank in ends[1:]} - {comm.rank}
+    assert exchange.messages - messages == len(neighbours) < comm.size
+    assert exchange.collectives["reductions"] - reductions == 1
 
 
 @two_ranks
@@ -218,7 +443,7 @@ def test_both_ranks_hold_the_same_contact_displacement(comm):
     _, outer = iterations_of(comm, stack.scene(outer="relaxation"))
     for _ in range(3):
         outer.iterate()
-        for values in (outer.lam, outer.s1, outer.s2, outer.bound):
+        for values in (outer.lam, outer.s1, outer.s2, outer._bound):
             mine, theirs = comm.allgather(values)
             assert np.array_equal(mine, theirs)
 
@@ -236,3 +461,23 @@ def test_solver_error_of_one_body_is_raised_on_both(comm, monkeypatch):
     with pytest.raises(SolverError, match=r"^the lower body gives up$"):
         outer.run(1e-10)
     assert len(outer.history) == 0  # the failed step is no step
+
+
+@three_ranks
+def test_solver_error_of_one_body_of_three_is_raised_on_all(comm, monkeypatch):
+    """In the midst of Newton's iteration, on a rank that shares a contact with one of the others only."""
+    from ddmpi.methods.newton import Newton
+
+    assembly = scenes.prepare_scene(comm, scenes.tower(3, 4))
+    newton = Newton(assembly.joint, 500)
+    (body,) = assembly.bodies
+
+    def fail(*_):
+        raise SolverError(f"{body.spec.name} gives up")
+
+    if comm.rank == 2:
+        monkeypatch.setattr(body.member.C, "mult", fail)
+    with pytest.raises(SolverError, match=r"^block3 gives up$") as caught:
+        newton.run(1e-8)
+    assert caught.value.agreed
+    assert len(newton.history) == 0  # the failed step is no step

@@ -1,4 +1,4 @@
-"""The joint operator on stand-ins for body and exchange: free gaps, sums, and how precise a product is."""
+"""The joint operator on stand-ins for bodies and exchange: free gaps, sums, and how precise a product is."""
 
 import contextlib
 from types import SimpleNamespace
@@ -9,21 +9,38 @@ import pytest
 from ddmpi.coupling.joint import STEERING, Joint
 
 
+class AllSeeAll:
+    """An exchange between bodies that each take part in all interfaces, on one rank."""
+
+    world = SimpleNamespace(allgather=lambda each: [each])
+    deferred = staticmethod(contextlib.nullcontext)
+
+    def spread(self, x):
+        return [x.copy(), x.copy()]
+
+    def total(self, parts, about):
+        return np.sum(parts, axis=0)
+
+
 def joint(asked: list[float]) -> Joint:
-    """Of two bodies that are alike: each multiplies by 2, and notes the precision that it is asked for."""
-    def mult(x, y, purpose, relative):
-        asked.append(relative)
-        y[:] = 2.0 * x
+    """Of two bodies, which multiply by 1.5 and 2.5, and note the precision that they are asked for."""
+    def member(name: str, factor: float, h: float) -> SimpleNamespace:
+        def mult(x, y, purpose, relative):
+            asked.append(relative)
+            y[:] = factor * x
+
+        return SimpleNamespace(name=name, h=np.full(3, h), shared=np.zeros(3), G=np.empty((0, 3)), e=np.empty(0),
+                               mult=mult)
 
     space = SimpleNamespace(size=3, gap=np.array([0.25, 0.0, 0.0]), norm=lambda x: float(np.linalg.norm(x)))
-    exchange = SimpleNamespace(total=lambda mine, about: 2.0 * mine, deferred=contextlib.nullcontext)
-    return Joint(SimpleNamespace(h=np.ones(3), C=SimpleNamespace(mult=mult)), exchange, space)
+    return Joint([member("upper", 1.5, 0.75), member("lower", 2.5, 1.25)], AllSeeAll(), space)
 
 
 def test_products_and_free_gaps_are_sums_over_the_bodies():
-    operator = joint([])
+    operator, x = joint([]), np.array([1.0, 2.0, 3.0])
     assert operator.d.tolist() == [1.75, 2.0, 2.0]
-    assert operator.product(np.array([1.0, 2.0, 3.0]), "newton").tolist() == [4.0, 8.0, 12.0]
+    assert operator.product(x, "newton").tolist() == [4.0, 8.0, 12.0]
+    assert x.tolist() == [1.0, 2.0, 3.0]
 
 
 def test_a_product_that_is_kept_is_as_precise_as_matters():
@@ -35,4 +52,4 @@ def test_a_product_that_is_kept_is_as_precise_as_matters():
     operator.product(1e-5 * x, "newton")
     operator.product(0.0 * x, "newton")
     operator.product(x, "newton", 0.5)
-    assert asked == [pytest.approx(1e-4), STEERING, 0.0, 0.5]
+    assert asked == [value for each in (pytest.approx(1e-4), STEERING, 0.0, 0.5) for value in (each, each)]

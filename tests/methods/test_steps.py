@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sparse
 
+from ddmpi.coupling.coarse import Motions
 from ddmpi.coupling.space import Space
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import CoulombLaw
@@ -15,7 +16,9 @@ from ddmpi.methods.outer import Step
 
 
 class Dense:
-    """A joint operator with the matrix C and the free gaps d."""
+    """A joint operator of two bodies that clamps hold, with the matrix C and the free gaps d."""
+
+    members, bodies, e = (), 2, np.empty(0)
 
     def __init__(self, C: np.ndarray, d: np.ndarray, coefficient: float) -> None:
         m = len(d) // 2
@@ -25,14 +28,24 @@ class Dense:
             frame=np.tile([[0.0, -1.0], [1.0, 0.0]], (m, 1, 1)), area=np.ones(m), gap=np.zeros(m),
             nodes=(nodes, nodes), transfer=(alone, alone), law=CoulombLaw(m, nodes, 1, np.full(m, coefficient)),
             modulus=1.0, joined=np.ones(m - 1, bool), edges=np.empty((0, 3), int), held=np.zeros(m),
-            one_sided=np.zeros(2 * m, bool))
+            one_sided=np.zeros(2 * m, bool), prescribed=np.zeros(2 * m))
         self.C, self.d, self.size, self.space, self.neglected = C, d, 2 * m, Space([interface]), 0.0
+        self.rigid, self.shared = Motions(self.space, 0, ()), np.zeros(2 * m, bool)
 
     def product(self, x, purpose, relative=None):
         return self.C @ x
 
     def multiplications(self) -> int:
         return 0
+
+    def rigid_moduli(self) -> np.ndarray:
+        return np.empty(0)
+
+    def imbalance(self, s) -> np.ndarray:
+        return np.empty(0)
+
+    def first_closed(self) -> np.ndarray:
+        return np.ones(self.size // 2, bool)
 
     deferred = contextlib.nullcontext
 
@@ -46,7 +59,7 @@ def random_joint(seed: int, m: int = 6, coefficient: float = 1.0) -> Dense:
 def residuals(newton: Newton) -> list[float]:
     """Norms of the residual (N) before every step, for the forces' present size does not count here."""
     found: list[float] = []
-    newton.checkpoint = lambda: found.append(float(np.linalg.norm(newton._residual(newton._s, newton._r))))
+    newton.checkpoint = lambda: found.append(newton._distance(newton._s, newton._r, newton._left))
     assert newton.run(1e-8) == "converged"
     return found
 
@@ -69,8 +82,8 @@ def test_the_full_step_is_taken_where_it_gains_and_the_best_one_elsewhere():
 
     def length(change: np.ndarray) -> float:
         C_change = newton.joint.C @ change
-        norms.update((t, np.linalg.norm(newton._residual(s + t * change, r + t * C_change))) for t in (*LENGTHS, 0.0))
-        return newton._length(change, C_change)
+        norms.update((t, newton._distance(s + t * change, r + t * C_change, joint.e)) for t in (*LENGTHS, 0.0))
+        return newton._length(change, C_change, joint.e)
 
     taken = [(length(far * (exact - s) + 0.1 * rng.standard_normal(len(s))), min(LENGTHS, key=norms.get),
               norms[1.0] <= GAIN * norms[0.0]) for far in np.linspace(0.2, 8.0, 40)]
@@ -81,9 +94,12 @@ def test_the_full_step_is_taken_where_it_gains_and_the_best_one_elsewhere():
 
 def test_newton_goes_on_from_its_whole_state():
     """What is restored is what the state held, entry by entry; no entry is as in a new iteration."""
-    state = {"s": np.arange(12.0), "r": np.arange(12.0) - 5.0, "start": False, "settled": True, "error": 0.25,
+    state = {"s": np.arange(12.0), "r": np.arange(12.0) - 5.0, "alpha": np.arange(3.0), "left": -np.arange(3.0),
+             "start": False, "settled": True, "error": 0.25, "residual": 0.5, "norm": 3.0,
              "stalled": 4, "smallest": 0.125, "inner_steps": {"gmres": 7, "mprgp": 3},
-             "rescue": {"number": 2, "left": 3, "bound": np.arange(6.0), "relaxation": 0.49, "change": 17.0},
+             "rescue": {"number": 2, "left": 3, "bound": np.arange(6.0), "relaxation": 0.49, "change": 17.0,
+                        "s": np.arange(12.0) + 1.0, "alpha": np.arange(3.0) + 1.0, "imbalances": [0.5, 0.25],
+                        "drifting": 1},
              "history": [Step(1, 0.5, 0.25, 1e-3, 12)]}
     new = Newton(random_joint(0), 60)
     new.restore(state)

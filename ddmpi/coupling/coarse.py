@@ -1,0 +1,142 @@
+"""The coarse problem: a few motions of each body, which every force on it feels at once.
+
+The rigid motions R_a that clamps leave a body free are unknowns, α_a, with an equation each: the contact forces must
+balance the loads, G s = e with G = RᵀBᵀ and e = Rᵀb. Smooth deformations of a body serve the preconditioner in the same
+form. A motion is known by what it does at the interfaces, columns of Z; only these, and one small system for all
+bodies, are ever exchanged.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import scipy.sparse as sparse
+from scipy.sparse.linalg import splu
+
+from ddmpi.coupling.exchange import Exchange
+from ddmpi.coupling.member import Member
+from ddmpi.coupling.space import Space
+from ddmpi.petsc.events import event
+
+
+class Motions:
+    """Motions of bodies as the owned interfaces see them.
+
+    Parameters
+    ----------
+    space : of the interfaces
+    size : number of motions of all bodies
+    blocks : of each owned interface its part of a vector, the numbers (c,) of the motions that it sees, and the contact
+        displacements of these (its size, c)
+
+    Attributes
+    ----------
+    Z : (owned size, size) sparse, contact displacements (m) of all motions
+    """
+
+    def __init__(self, space: Space, size: int, blocks: Sequence[tuple[slice, np.ndarray, np.ndarray]]) -> None:
+        self.space, self.size, self.blocks = space, size, tuple(blocks)
+        self.Z = self.assemble([block for _, _, block in self.blocks])
+
+    def joined(self, other: Motions) -> Motions:
+        """These motions and then the `other` ones."""
+        if not other.size:
+            return self
+        if not self.size:
+            return other
+        return Motions(self.space, self.size + other.size,
+                       [(part, np.append(ours, self.size + theirs), np.hstack([block, more])) for
+                        (part, ours, block), (_, theirs, more) in zip(self.blocks, other.blocks, strict=True)])
+
+    def assemble(self, blocks: Sequence[np.ndarray]) -> sparse.csr_matrix:
+        """Columns of each owned interface (its size, c), for the motions that it sees, as a matrix like Z."""
+        rows, columns, values = [np.empty(0, int)], [np.empty(0, int)], [np.empty(0)]
+        for (part, numbers, _), block in zip(self.blocks, blocks, strict=True):
+            rows.append(np.repeat(np.arange(part.start, part.stop), len(numbers)))
+            columns.append(np.tile(numbers, part.stop - part.start))
+            values.append(block.ravel())
+        return sparse.csr_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))),
+                                 (self.space.size, self.size))
+
+    def spread(self, alpha: np.ndarray) -> np.ndarray:
+        """Zα (owned size,) in metres: the contact displacements of motions of the sizes α (size,)."""
+        return self.Z @ alpha
+
+    def sums(self, s: np.ndarray) -> np.ndarray:
+        """Zᵀs (size,) in newtons, the same on all ranks: what the forces s do along each motion. Collective."""
+        return self.space.add(self.Z.T @ s) if self.size else np.zeros(0)
+
+
+def gather_motions(exchange: Exchange, space: Space, members: Sequence[Member],
+                   columns: Sequence[np.ndarray]) -> tuple[Motions, dict[str, slice]]:
+    """The motions of all bodies, and their numbers by body: in the order of the ranks and of the bodies there.
+
+    Parameters
+    ----------
+    columns : of each local body (j, size of its vector), the contact displacements of its motions (m)
+
+    Collective.
+    """
+    counts = exchange.world.allgather([(member.name, len(own)) for member, own in zip(members, columns, strict=True)])
+    slices, size = {}, 0
+    for name, count in itertools.chain(*counts):
+        slices[name] = slice(size, size + count)
+        size += count
+    if not size:
+        return Motions(space, 0, ()), slices
+    both = exchange.swap_objects({(contact, side): own[:, part].T for member, own in zip(members, columns, strict=True)
+                                  for contact, (part, side) in member.parts.items()})
+    blocks = []
+    for interface, part in space.each():
+        found = [(np.arange(slices[name].start, slices[name].stop), block)
+                 for name, block in zip(interface.bodies, both[interface.name], strict=True) if block is not None]
+        numbers, columns = zip(*found, strict=True)
+        blocks.append((part, np.concatenate(numbers), np.hstack(columns)))
+    return Motions(space, size, blocks), slices
+
+
+class CoarseSystem:
+    """S = Ẑ M Z̃ᵀ + D, factored, for one set of unknown forces; the same on all ranks.
+
+    Parameters
+    ----------
+    E : (owned size, k) sparse, all forces from the k unknown ones
+    unknown : (owned size,) bool
+    stiffness : M on columns of an owned interface, from its number and (its size, c) to the same
+    diagonal : D (size,)
+
+    Construction is collective.
+    """
+
+    def __init__(self, motions: Motions, E: sparse.csr_matrix, unknown: np.ndarray,
+                 stiffness: Callable[[int, np.ndarray], np.ndarray], diagonal: np.ndarray) -> None:
+        self._space = motions.space
+        with event("CoarseSystem"):
+            smooth = []
+            for number, (part, _, block) in enumerate(motions.blocks):
+                inside = unknown[part][:, None]
+                smooth.append(np.where(inside, stiffness(number, np.where(inside, block, 0.0)), 0.0))
+            self._MZ = motions.assemble(smooth)[unknown]
+            self._EZ = (E.T @ motions.Z).tocsr()
+            local = (self._EZ.T @ self._MZ).tocoo()
+            entries = self._space.comm.allgather((local.row, local.col, local.data))
+            if self._space.comm.size > 1:
+                self._space.sent.update(reductions=1, reduced_bytes=sum(
+                    each.nbytes for each in (local.row, local.col, local.data)))
+            row, column, value = (np.concatenate(each) for each in zip(*entries, strict=True))
+            S = sparse.csc_matrix((value, (row, column)), (motions.size, motions.size))
+            self._factors = splu((S + sparse.diags(diagonal)).tocsc())
+
+    def __len__(self) -> int:
+        return self._factors.shape[0]
+
+    def correct(self, Mf: np.ndarray, h: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """y = M f + M Z̃ᵀ a (k,) in newtons and a = S⁻¹(h − Ẑ M f) (size,) in metres, from M f; `h` is zero if left out.
+
+        Collective.
+        """
+        right = -self._space.add(self._EZ.T @ Mf)
+        a = self._factors.solve(right if h is None else right + h)
+        return Mf + self._MZ @ a, a

@@ -1,0 +1,350 @@
+"""The ranks of one body: the root commands, the others serve.
+
+Everything that meets other bodies is done by the roots, which never notice that they have help: a root sees a
+`TeamMatrix` in place of its stiffness and a `TeamSolver` in place of its solver. Each of their methods is a command, at
+which all ranks of the body do the same with their `Share`, the rows of the stiffness that they hold. Between commands
+the others sleep.
+"""
+
+from __future__ import annotations
+
+import pickle
+import time
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ddmpi.body.rigid_motions import add_springs, stiffen
+from ddmpi.body.solver import SharedSolver, StiffnessSolver
+from ddmpi.errors import DdmpiError, SolverError
+from ddmpi.mesh.partition import bisect
+from ddmpi.system.memory import free_memory
+from ddmpi.system.provenance import peak_memory
+
+SHORTEST, LONGEST, PATIENCE = 1e-3, 5e-2, 1e-2
+"""Seconds that a rank without a command sleeps at a time, at least and at most, and as a share of what it has waited;
+Open MPI would keep a core busy with waiting."""
+
+GRACE = 5.0
+"""A rank that meets an error waits so many seconds for the others of its team to come to the end of the command. If
+they do not, they are waiting for it within a collective call of PETSc, and only the end of all processes helps."""
+
+_ROWS = 21
+
+
+class Share:
+    """What one rank of a team holds of its body: rows of the stiffness, its part of a solver.
+
+    Methods are collective on the team, and are commands: their first argument is what the root alone gives, None
+    elsewhere, the others are the same on all ranks; they return something on the root only.
+
+    Parameters
+    ----------
+    comm : communicator of the team
+    beside : how many ranks share this machine's memory
+    """
+
+    def __init__(self, comm: MPI.Comm, beside: int) -> None:
+        self.comm, self._beside = comm, beside
+        self._A: PETSc.Mat | None = None
+        self._springs: tuple[np.ndarray, float] = (np.zeros(0, int), 0.0)  # in A, on own rows; their stiffness
+        self._solver: SharedSolver | None = None
+        self._place = np.zeros(0, int)  # in the order of the ranks, of each dof of the root's vectors
+        self._counts = np.zeros(comm.size, int)
+
+    def drop(self, given: None = None) -> None:
+        """Forget the body. PETSc frees what several ranks share only when all of them say so."""
+        if self._A is None:
+            return
+        for each in (self._solver, self._A, self._f, self._u):
+            if each is not None:
+                each.destroy()
+        self._A = self._solver = None
+        PETSc.garbage_cleanup(self.comm)
+
+    def deal(self, given: tuple[PETSc.Mat, np.ndarray] | None, held: bool, evenly: bool) -> None:
+        """Take one's rows of a stiffness, which the root gives with the positions of its nodes, and which goes.
+
+        Nodes stay together; each rank has those of a part of the body. `held` says whether clamps hold it. Unless all
+        should have as many, the root has none: it holds the mesh, and MUMPS shares out its own work.
+        """
+        self.drop()
+        order, width, near = np.zeros(0, int), 1, []
+        if given is not None:
+            A, points = given
+            first, width = int(not evenly), A.getBlockSize()
+            owner = first + bisect(points, self.comm.size - first)
+            nodes = np.argsort(owner, kind="stable")
+            order = (width * nodes[:, None] + np.arange(width)).ravel()
+            self._place = np.empty_like(order)
+            self._place[order] = np.arange(len(order))
+            self._counts = width * np.bincount(owner, minlength=self.comm.size)
+            near = [vector.array_r[order] for vector in A.getNearNullSpace().getVecs()]
+        width, self._counts, number = self.comm.bcast((width, self._counts, len(near)))
+        rows = self._send_rows(A, order) if given is not None else self._receive_rows()
+        mine = (int(self._counts[self.comm.rank]), int(self._counts.sum()))
+        self._A = PETSc.Mat().createAIJ((mine, mine), bsize=width, csr=rows, comm=self.comm)
+        self._A.setOption(PETSc.Mat.Option.SPD if held else PETSc.Mat.Option.SYMMETRIC, True)
+        self._u, self._f = self._A.createVecs()
+        motions = [self._scatter(near[k] if near else None, self._A.createVecRight()) for k in range(number)]
+        space = PETSc.NullSpace().create(vectors=motions, comm=self.comm)
+        self._A.setNearNullSpace(space)
+        for each in (*motions, space):
+            each.destroy()  # the matrix keeps its own reference
+        self._springs = np.zeros(0, int), 0.0
+
+    def _send_rows(self, A: PETSc.Mat, order: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Send each rank its rows of A as CSR arrays, in the new numbers; return the root's own. A goes."""
+        columns, ends = _index(order), np.cumsum([0, *self._counts])
+        for rank in reversed(range(self.comm.size)):
+            rows = _index(order[ends[rank]:ends[rank + 1]])
+            part = A.createSubMatrix(rows, columns)
+            arrays = part.getValuesCSR()
+            part.destroy()
+            if rank:
+                self.comm.send([len(each) for each in arrays], rank, _ROWS)
+                for each in arrays:
+                    self.comm.Send(each, rank, _ROWS)
+        A.destroy()
+        return arrays
+
+    def _receive_rows(self) -> tuple[np.ndarray, ...]:
+        lengths = self.comm.recv(None, 0, _ROWS)
+        kinds = (PETSc.IntType, PETSc.IntType, PETSc.ScalarType)
+        arrays = tuple(np.empty(length, kind) for length, kind in zip(lengths, kinds, strict=True))
+        for each in arrays:
+            self.comm.Recv(each, 0, _ROWS)
+        return arrays
+
+    def add_springs(self, given: np.ndarray | None) -> None:
+        """Hold a loose body by springs on the root's dofs `given`, see `rigid_motions.add_springs`."""
+        dofs = self.comm.bcast(None if given is None else self._place[given])
+        assert self._A is not None
+        start, stop = self._A.getOwnershipRange()
+        own = dofs[(dofs >= start) & (dofs < stop)] - start
+        self._springs = own, stiffen(self._A, own)
+
+    def factor(self, given: np.ndarray | None, schur: bool, name: str, iterative: bool) -> SharedSolver | None:
+        """Make the solver; with `schur`, the dofs `given` are those of the Schur complement."""
+        dofs = self.comm.bcast(None if given is None else self._place[given]) if schur else None
+        self._solver = SharedSolver(self._A, name, dofs, iterative)
+        return self._solver if self.comm.rank == 0 else None
+
+    def solve(self, given: np.ndarray | None, relative: float) -> np.ndarray | None:
+        """A⁻¹ f of the root's vector."""
+        assert self._solver is not None
+        self._scatter(None if given is None else self._ordered(given), self._f)
+        self._solver.solve(self._f, self._u, relative)
+        return self._gather(self._u)
+
+    def mult(self, given: np.ndarray | None) -> np.ndarray | None:
+        """A u of the root's vector, without springs."""
+        assert self._A is not None
+        self._scatter(None if given is None else self._ordered(given), self._u)
+        self._A.mult(self._u, self._f)
+        dofs, stiffness = self._springs
+        self._f.array[dofs] -= stiffness * self._u.array_r[dofs]
+        return self._gather(self._f)
+
+    def room(self, given: None = None) -> float:
+        """Bytes that the ranks can get, together."""
+        return self.comm.allreduce(free_memory() / self._beside)
+
+    def peak(self, given: None = None) -> float:
+        """The most memory (MiB) that a rank has held."""
+        return max(self.comm.allgather(peak_memory()))
+
+    def _ordered(self, x: np.ndarray) -> np.ndarray:
+        """The root's vector in the order of the ranks."""
+        y = np.empty_like(x)
+        y[self._place] = x
+        return y
+
+    def _scatter(self, x: np.ndarray | None, to: PETSc.Vec) -> PETSc.Vec:
+        """Fill `to` from an array of the root in the order of the ranks."""
+        own = np.empty(to.local_size)
+        self.comm.Scatterv(None if x is None else [x, self._counts], own)
+        to.array[:] = own
+        return to
+
+    def _gather(self, vector: PETSc.Vec) -> np.ndarray | None:
+        """The vector as the root has it, on the root."""
+        whole = np.empty(int(self._counts.sum())) if self.comm.rank == 0 else None
+        self.comm.Gatherv(vector.array_r, None if whole is None else [whole, self._counts])
+        return None if whole is None else whole[self._place]
+
+
+class Team:
+    """The ranks of one body. The first is the root, which calls `do` and in the end `stop`; the others `serve`.
+
+    Parameters
+    ----------
+    comm : communicator of the body
+    ranks : their numbers in the world
+    beside : how many ranks share this machine's memory
+
+    Attributes
+    ----------
+    lost : whether an error left ranks in a collective call that will not end
+    matrix : that the team works on at present
+    """
+
+    def __init__(self, comm: MPI.Comm, ranks: list[int], beside: int) -> None:
+        self.comm, self.ranks, self.lost = comm, ranks, False
+        self.matrix: TeamMatrix | None = None
+        self._share: Share | None = Share(comm, beside)
+        self._votes = comm.Dup()  # a rank votes here that has left the others in the middle of a command
+
+    @property
+    def size(self) -> int:
+        return self.comm.size
+
+    def do(self, command: str, given: Any = None, *arguments: Any) -> Any:
+        """Have all ranks call this method of their share, and return what it returns here. Root only.
+
+        Raises the error of any rank, as one that the other roots do not know of yet.
+        """
+        if self._share is None:
+            raise SolverError("the ranks of this body have ended their work")
+        self._send((command, arguments))
+        return self._perform(command, given, arguments)
+
+    def stop(self) -> None:
+        """Let the other ranks go. Root only."""
+        self.do("drop")
+        self._send(None)
+        self._share = self.matrix = None
+        self._votes.Free()
+
+    def serve(self) -> None:
+        """Do what the root commands until it stops. Not on the root.
+
+        An error is the root's to report, unless it leaves other ranks in a collective call: only then it is raised.
+        """
+        while (order := self._receive()) is not None:
+            command, arguments = order
+            try:
+                self._perform(command, None, arguments)
+            except DdmpiError:
+                if self.lost:
+                    raise
+        self._share = None
+        self._votes.Free()
+
+    def _perform(self, command: str, given: Any, arguments: tuple) -> Any:
+        result, failure = None, None
+        try:
+            result = getattr(self._share, command)(given, *arguments)
+        except DdmpiError as error:
+            failure = error
+        self._settle(failure)
+        return result
+
+    def _settle(self, failure: DdmpiError | None) -> None:
+        """Raise the error of any rank on all of them."""
+        failed, deadline = np.array([failure is not None]), time.monotonic() + GRACE
+        request = self._votes.Iallreduce(MPI.IN_PLACE, failed, MPI.LOR)
+        while failure and not request.Test():
+            if time.monotonic() > deadline:
+                self.lost = True
+                raise failure
+            time.sleep(SHORTEST)
+        request.Wait()
+        if failed[0]:
+            raise next(error for error in self._votes.allgather(failure) if error)
+
+    def _send(self, order: tuple | None) -> None:
+        text = np.frombuffer(pickle.dumps(order), np.uint8)
+        self.comm.Ibcast(np.array([len(text)])).Wait()
+        self.comm.Bcast(text)
+
+    def _receive(self) -> tuple | None:
+        length, start = np.zeros(1, int), time.monotonic()
+        request = self.comm.Ibcast(length)
+        while not request.Test():
+            time.sleep(min(max(SHORTEST, PATIENCE * (time.monotonic() - start)), LONGEST))
+        text = np.empty(length[0], np.uint8)
+        self.comm.Bcast(text)
+        return pickle.loads(text.tobytes())
+
+
+class TeamMatrix:
+    """The stiffness of a body whose rows are on the ranks of its team, as its root sees it, once there is a solver.
+
+    Parameters
+    ----------
+    A : the stiffness on the root, which goes when the solver is made
+    points : (k, d) positions of its nodes, each a block of rows
+    held : whether clamps hold the body, so that A is positive definite
+    """
+
+    def __init__(self, team: Team, A: PETSc.Mat, points: np.ndarray, held: bool) -> None:
+        self.team, self.size, self._width = team, A.getSize(), A.getBlockSize()
+        self._whole: tuple[PETSc.Mat, np.ndarray] | None = (A, points)
+        self._held, self._springs = held, np.zeros(0, int)
+        team.matrix = self
+
+    def factor(self, schur: np.ndarray | None, name: str, iterative: bool) -> SharedSolver:
+        """Deal the rows out, and make a solver, parameters as for `StiffnessSolver`; once."""
+        self.do("deal", self._whole, self._held, iterative)
+        self._whole = None
+        if len(self._springs):
+            self.do("add_springs", self._springs)
+        return self.do("factor", schur, schur is not None, name, iterative)
+
+    def do(self, command: str, given: Any = None, *arguments: Any) -> Any:
+        """A command to the team, which must not have been given another body since."""
+        assert self.team.matrix is self
+        return self.team.do(command, given, *arguments)
+
+    def mult(self, u: PETSc.Vec, y: PETSc.Vec) -> None:
+        """y ← A u (N), vectors of the root."""
+        y.array[:] = self.do("mult", u.array_r)
+
+    def createVecs(self) -> tuple[PETSc.Vec, PETSc.Vec]:
+        """Two vectors of the root."""
+        return tuple(PETSc.Vec().createSeq(size, self._width) for size in self.size)
+
+    def with_springs(self, dofs: np.ndarray) -> TeamMatrix:
+        """The same for a loose body that is held by springs on `dofs` when it is solved with."""
+        self._springs = dofs
+        return self
+
+
+class TeamSolver:
+    """What a `StiffnessSolver` is, with a `TeamMatrix`, on the root."""
+
+    def __init__(self, A: TeamMatrix, name: str, schur: np.ndarray | None = None, iterative: bool = False) -> None:
+        self._A = A
+        solver = A.factor(schur, name, iterative)
+        self.direct, self.given, self.description = solver.direct, solver.given, solver.description
+        self.inverse = solver.inverse
+        if solver.little and schur is not None:
+            inverse = self.solve_block(np.eye(A.size[0])[:, schur])[schur]
+            self.inverse = np.asfortranarray((inverse + inverse.T) / 2)
+
+    def solve(self, f: PETSc.Vec, u: PETSc.Vec, relative: float = 0.0) -> None:
+        """u ← A⁻¹ f, see `StiffnessSolver.solve`."""
+        u.array[:] = self._A.do("solve", f.array_r, relative)
+
+    def solve_block(self, F: np.ndarray) -> np.ndarray:
+        """A⁻¹ F for the columns of F (n, k)."""
+        return np.column_stack([self._A.do("solve", np.ascontiguousarray(f), 0.0) for f in F.T])
+
+
+def hold(A: PETSc.Mat | TeamMatrix, dofs: np.ndarray) -> PETSc.Mat | TeamMatrix:
+    """A with springs on `dofs`, see `rigid_motions.add_springs`."""
+    return A.with_springs(dofs) if isinstance(A, TeamMatrix) else add_springs(A, dofs)
+
+
+def make_solver(A: PETSc.Mat | TeamMatrix, name: str, schur: np.ndarray | None = None,
+                iterative: bool = False) -> StiffnessSolver | TeamSolver:
+    """The solver with A, parameters as for `StiffnessSolver`. Collective on the ranks of A."""
+    kind = TeamSolver if isinstance(A, TeamMatrix) else StiffnessSolver
+    return kind(A, name, schur, iterative)
+
+
+def _index(numbers: np.ndarray) -> PETSc.IS:
+    return PETSc.IS().createGeneral(numbers.astype(PETSc.IntType), comm=PETSc.COMM_SELF)

@@ -1,0 +1,373 @@
+"""A body at its interfaces: held or loose, touching something or nothing."""
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import scipy.sparse as sparse
+
+import ddmpi.coupling.member
+from ddmpi.body.elasticity import Elasticity, assemble
+from ddmpi.coupling.member import Member
+from ddmpi.mesh.build import generate_rectangle
+from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.refine import raise_order
+from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
+
+YOUNG, POISSON = 2e11, 0.3
+LOADS = {"right": (3e6, -1e6), "left": (1e6, 2e6), "bottom": (-5e5, 4e6)}
+
+CLAMPS = {"loose": [], "slides along x": [Clamp(on="bottom", y=0.0)], "slides along y": [Clamp(on="left", x=1e-5)],
+          "slides and turns": [Clamp(on="bottom", x=0.0)],
+          "turns about a corner": [Clamp(on="bottom", x=0.0), Clamp(on="left", y=0.0)]}
+"""3, 1, 1, 2 and 1 motions are left."""
+
+FACES = {"a side": ["top"], "two sides": ["top", "right"], "nothing": []}
+
+
+def displaced(body: Member, *arguments) -> tuple[np.ndarray, float]:
+    """The displacement, and what it leaves of the equilibrium relative to what acts."""
+    u, left, acting = body.displacement(*arguments)
+    return u, left / acting if acting else 0.0
+
+
+def rectangle(divisions=(9, 3), size=(3.0, 1.0), order=1, angle=0.0) -> Mesh:
+    mesh = generate_rectangle(MeshSpec(shape="rectangle", size=size, divisions=divisions))
+    mesh = raise_order(mesh, "mesh") if order == 2 else mesh
+    return Mesh(mesh.points @ turn(angle).T, mesh.triangles, mesh.groups)
+
+
+def turn(angle: float) -> np.ndarray:
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+def elastic(mesh: Mesh, clamp: Sequence = (), stress: float = 1.0, angle: float = 0.0, loads=LOADS) -> Elasticity:
+    traction = [Traction(on=on, value=tuple(turn(angle) @ value * stress)) for on, value in loads.items()]
+    return assemble(mesh, BodySpec(name="block", mesh=MeshSpec(file="unused.msh"), clamp=list(clamp),
+                                   material=Material(young=YOUNG * stress, poisson=POISSON), traction=traction))
+
+
+def touch(mesh: Mesh, group: str, number: int | None = None, friction: bool = True) -> SimpleNamespace:
+    """A stand-in for an interface at a side of the rectangle, or at some of its nodes."""
+    ends = mesh.points[mesh.groups[group][0, :2]]
+    along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+    nodes = np.unique(mesh.groups[group])
+    nodes = nodes[np.argsort(mesh.points[nodes] @ along)][:number]
+    normal = np.array([along[1], -along[0]])
+    normal *= np.sign(normal @ (ends[0] - mesh.points.mean(axis=0)))
+    m = len(nodes)
+    sliding = np.arange(m if friction else 0)
+    directions = np.vstack([np.tile(normal, (m, 1)), np.tile([-normal[1], normal[0]], (len(sliding), 1))])
+    identity = sparse.identity(m, format="csr")
+    return SimpleNamespace(
+        name=group, dimension=2, size=m + len(sliding), m=m, nodes=(nodes, nodes), transfer=(identity, identity),
+        directions=directions, sliding=sliding, side=lambda body: 0, normal=directions[:m],
+        fixed=SimpleNamespace(nodes=(np.empty(0, int),) * 2, normal=np.empty((0, 2)), gap=np.empty(0)))
+
+
+def member(mesh: Mesh, problem: Elasticity, faces: Sequence[str], kind: str | None = None, **rest) -> Member:
+    return Member("block", problem, [touch(mesh, group, **rest) for group in faces], kind)
+
+
+def multiplied(body: Member) -> np.ndarray:
+    """C column by column, by `mult`."""
+    C = np.empty((body.C.size, body.C.size))
+    for column, unit in zip(C.T, np.eye(body.C.size), strict=True):
+        y = np.empty(body.C.size)
+        body.mult(unit, y, "newton")
+        column[:] = y
+    return C
+
+
+def balancing(body: Member, seed: int = 0) -> np.ndarray:
+    """Contact forces with G s = e, as large as the load, otherwise arbitrary."""
+    s = np.random.default_rng(seed).standard_normal(body.C.size) * np.linalg.norm(body.elasticity.b.array_r)
+    return s - np.linalg.pinv(body.G) @ (body.G @ s - body.e)
+
+
+def large(x: np.ndarray) -> float:
+    return float(np.abs(x).max(initial=0.0))
+
+
+# Held bodies
+
+
+@pytest.mark.parametrize("kind", ["explicit", "direct", "iterative"])
+def test_held_body_is_its_compliance(kind):
+    """Clamps leave nothing to centre: the same numbers by the same calls, and no rigid motions."""
+    mesh = rectangle()
+    body = member(mesh, elastic(mesh, ["left"]), ["top"], kind)
+    assert body.G.shape == (0, body.C.size)
+    assert body.e.shape == (0,)
+    assert body.motions.shape == (len(mesh.points), 2, 0)
+    x = np.random.default_rng(0).standard_normal(body.C.size)
+    y, z = np.empty((2, body.C.size))
+    before = body.C.count.copy()
+    body.mult(x, y, "newton")
+    body.C.mult(x, z, "newton")
+    assert body.C.count - before == {"newton": 2}
+    assert np.array_equal(y, z)
+    assert body.dense() is body.C.dense()
+    assert body.norm() == body.C.norm()
+    u, residual = displaced(body, x, np.empty(0))
+    assert residual <= 1e-11
+    assert np.array_equal(u, body.displacement(x)[0])
+
+
+# Loose bodies
+
+
+@pytest.mark.parametrize("kind", ["explicit", "direct", "iterative"])
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("faces", FACES.values(), ids=FACES)
+@pytest.mark.parametrize("clamp", CLAMPS.values(), ids=CLAMPS)
+def test_loose_body_against_dense_algebra(clamp, faces, order, kind):
+    """C, h and the displacement are those of the pseudo-inverse of A, centred: P C P, P(h − C Gᵀ(GGᵀ)⁺e)."""
+    mesh = rectangle(order=order)
+    problem = elastic(mesh, clamp)
+    body = member(mesh, problem, faces, kind)
+    indptr, indices, data = problem.A.getValuesCSR()
+    inverse = np.linalg.pinv(sparse.csr_matrix((data, indices, indptr), problem.A.size).toarray(), rcond=1e-11)
+    B, b = body.C.B.toarray(), problem.b.array_r
+    R = problem.motions[problem.nodes].reshape(len(b), -1)
+    G = R.T @ B.T
+    C, to_e = B @ inverse @ B.T, np.linalg.pinv(G, rcond=1e-10)
+    P = np.eye(len(B)) - to_e @ G
+    h = P @ (B @ inverse @ b - C @ to_e @ (R.T @ b)) + body.trace(problem.prescribed)
+    precision = 1e-8 if kind == "iterative" else 1e-10
+
+    assert large(body.G - G) <= 1e-13
+    assert body.e == pytest.approx(R.T @ b, abs=1e-12 * large(b))
+    assert large(multiplied(body) - P @ C @ P) <= precision * large(C)
+    assert large(body.dense() - P @ C @ P) <= precision * large(C)
+    assert large(body.h - h) <= precision * large(inverse @ b)
+    if body.C.size:
+        assert 0.9 * np.linalg.norm(P @ C @ P, 2) <= body.norm() <= np.linalg.norm(P @ C @ P, 2) * 1.001
+
+
+@pytest.mark.parametrize("kind", ["explicit", "direct", "iterative"])
+@pytest.mark.parametrize("clamp", CLAMPS.values(), ids=CLAMPS)
+def test_displacement_of_a_loose_body(clamp, kind):
+    """B u = h − C s + Gᵀα wherever G s = e; clamped dofs stay where they are prescribed; α moves it rigidly."""
+    mesh = rectangle()
+    problem = elastic(mesh, clamp)
+    body = member(mesh, problem, ["top", "right"], kind)
+    s, alpha, Cs = balancing(body), 1e-3 * np.array([1.0, -2.0, 3.0])[:len(body.e)], np.empty(body.C.size)
+    body.mult(s, Cs, "newton")
+    u, residual = displaced(body, s, alpha)
+    assert residual <= 1e-11
+    assert large(body.trace(u) - (body.h - Cs + body.G.T @ alpha)) <= 1e-9 * large(u)
+    assert np.array_equal(u[~problem.free], problem.prescribed[~problem.free])
+    still, residual = displaced(body, s)
+    assert residual <= 1e-11
+    assert u - still == pytest.approx(body.motions @ alpha, abs=1e-15)
+
+
+@pytest.mark.parametrize("share", [1e-6, 1e-3, 1.0])
+def test_residual_sees_an_imbalance(share):
+    """Contact forces that do not balance the load leave a residual, as large as what they miss."""
+    mesh = rectangle()
+    body = member(mesh, elastic(mesh), ["top"])
+    s = balancing(body)
+    for motion in body.G:
+        off = share * np.linalg.norm(s) * motion / np.linalg.norm(motion)
+        _, residual = displaced(body, s + off)
+        assert 0.01 * share <= residual <= 2 * share
+
+
+def other_supports(motions: np.ndarray) -> np.ndarray:
+    """Dofs near each other, where `support` takes them far apart."""
+    chosen: list[int] = []
+    rows = motions.reshape(-1, motions.shape[2])
+    for dof in range(len(rows) // 2, len(rows)):
+        if np.linalg.matrix_rank(rows[[*chosen, dof]], 1e-6) > len(chosen):
+            chosen.append(dof)
+    return np.array(chosen[:motions.shape[2]])
+
+
+@pytest.mark.parametrize("faces, rest", [
+    (["top", "right"], {}), (["top"], {"friction": False}), (["top"], {"number": 1}), (["top"], {"number": 2}),
+    (["top"], {"number": 1, "friction": False}), ([], {})],
+    ids=["two sides", "no friction", "one node", "two nodes", "one node, no friction", "nothing"])
+@pytest.mark.parametrize("clamp", CLAMPS.values(), ids=CLAMPS)
+def test_nothing_depends_on_the_supports(clamp, faces, rest, monkeypatch):
+    """Even where the contact does not see all motions, and the load cannot be balanced."""
+    mesh = rectangle((27, 9))
+    problem, found, chosen = elastic(mesh, clamp), [], []
+    for choice in (ddmpi.coupling.member.support, other_supports):
+        chosen.append(choice(problem.motions[problem.nodes]))
+        monkeypatch.setattr(ddmpi.coupling.member, "support", choice)
+        body = member(mesh, problem, faces, **rest)
+        s = np.random.default_rng(1).standard_normal(body.C.size)
+        found.append((body.dense(), multiplied(body), body.h, *displaced(body, s)))
+    assert set(chosen[0]) != set(chosen[1])
+    for one, other in zip(*found, strict=True):
+        assert large(np.asarray(one) - other) <= 1e-10 * max(large(np.asarray(one)), 1e-11)
+
+
+@pytest.mark.parametrize("length", [1e-6, 1e6])
+@pytest.mark.parametrize("stress", [1e-6, 1e6])
+@pytest.mark.parametrize("kind", ["explicit", "iterative"])
+def test_units_of_a_loose_body(kind, length, stress):
+    """Lengths and moduli in other units give the same: α and h are lengths, e is a force, C is 1 over a modulus."""
+    def numbers(length, stress):
+        mesh = rectangle(size=(3.0 * length, length))
+        body = member(mesh, elastic(mesh, stress=stress), ["top", "right"], kind)
+        s = balancing(body)
+        return (body.G, body.e / (length * stress), body.h / length, multiplied(body) * stress,
+                body.displacement(s, 1e-6 * length * np.ones(3))[0] / length)
+
+    for one, other in zip(numbers(1.0, 1.0), numbers(length, stress), strict=True):
+        assert large(one - other) <= (1e-7 if kind == "iterative" else 1e-11) * large(one)
+
+
+@pytest.mark.parametrize("friction", [True, False])
+@pytest.mark.parametrize("angle", [0.5, np.pi / 2, 4.0])
+def test_loose_body_turned(angle, friction):
+    """A body, its loads and interfaces turned together have the same C and h, in their own directions."""
+    def numbers(angle):
+        mesh = rectangle(angle=angle)
+        body = member(mesh, elastic(mesh, angle=angle), ["top", "right"], friction=friction)
+        s = balancing(body)
+        return multiplied(body), body.h, body.displacement(s, np.array([0.0, 0.0, 1e-6]))[0] @ turn(angle)
+
+    for one, other in zip(numbers(0.0), numbers(angle), strict=True):
+        assert large(one - other) <= 1e-11 * large(one)
+
+
+@pytest.mark.parametrize("clamp", CLAMPS.values(), ids=CLAMPS)
+def test_a_rigid_displacement_costs_no_energy(clamp):
+    """C Gᵀ = 0, and a body that only moves by α is free of stress."""
+    mesh = rectangle()
+    body = member(mesh, elastic(mesh, clamp, loads={}), ["top", "right"])
+    y, prescribed = np.empty(body.C.size), body.elasticity.prescribed.any()
+    for motion in body.G:
+        body.mult(motion, y, "newton")
+        assert large(y) <= 1e-14 * body.norm() * np.linalg.norm(motion)
+    if not prescribed:
+        u, residual = displaced(body, np.zeros(body.C.size), np.ones(len(body.e)))
+        assert np.array_equal(u, body.motions.sum(axis=2))
+        assert residual == 0.0
+
+
+def test_a_body_clamped_along_y_only_slides_along_x():
+    """Its one motion takes all nodes along x; only forces along x must balance."""
+    mesh = rectangle()
+    body = member(mesh, elastic(mesh, CLAMPS["slides along x"], loads={"right": (3e6, -1e6)}), ["left", "top"])
+    assert body.motions == pytest.approx(np.tile([[[1.0], [0.0]]], (len(mesh.points), 1, 1)), abs=0.0)
+    assert body.e == pytest.approx([3e6])
+    left, top = body.interfaces
+    ends = np.concatenate([-np.ones(left.m), np.zeros(left.m), np.zeros(top.m), -np.ones(top.m)])
+    assert body.G[0] == pytest.approx(ends, abs=1e-15)
+    s = np.zeros(body.C.size)
+    s[left.size:][:top.m] = 1e6  # pressure on the top, taken by the clamp
+    s[:left.m] = -3e6 / left.m  # the left side pulls as strongly as the right one
+    assert displaced(body, s)[1] <= 1e-12
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("angle", [0.0, 1.0])
+def test_loose_bar_pressed_from_both_ends(angle, order):
+    """A bar of length L pressed at both ends by a pressure p shortens by p L / E', its ends move alike."""
+    length, p = 4.0, 5e7
+    mesh = rectangle((12, 4), (length, 1.0), order, angle)
+    body = member(mesh, elastic(mesh, angle=angle, loads={}), ["left", "right"])
+    s = np.zeros(body.C.size)
+    start = 0
+    for face in body.interfaces:
+        s[start:start + face.m] = p * nodal_lengths(mesh, face)
+        start += face.size
+    Cs = np.empty(body.C.size)
+    body.mult(s, Cs, "newton")
+    ends = [-Cs[:body.interfaces[0].m], -Cs[body.interfaces[0].size:][:body.interfaces[1].m]]
+    half = p * length / (YOUNG / (1 - POISSON**2)) / 2
+    for end in ends:
+        assert end == pytest.approx(np.full(len(end), -half), rel=1e-11)
+    u, residual = displaced(body, s)
+    assert residual <= 1e-12
+    assert body.trace(u) == pytest.approx(-Cs, abs=1e-11 * half)
+
+
+def nodal_lengths(mesh: Mesh, face: SimpleNamespace) -> np.ndarray:
+    """What a unit pressure on a side loads its nodes with: 1/2, 1/2 of an edge, or 1/6, 1/6, 2/3 with a middle."""
+    lengths, edges = np.zeros(len(mesh.points)), mesh.groups[face.name]
+    size = np.linalg.norm(mesh.points[edges[:, 1]] - mesh.points[edges[:, 0]], axis=1)
+    weights = [1 / 2, 1 / 2] if edges.shape[1] == 2 else [1 / 6, 1 / 6, 2 / 3]
+    for column, weight in zip(edges.T, weights, strict=True):
+        np.add.at(lengths, column, weight * size)
+    return lengths[face.nodes[0]]
+
+
+# Counts
+
+
+@pytest.mark.parametrize("kind", ["explicit", "direct"])
+def test_counts_of_a_loose_body(kind):
+    """The load costs a multiplication, a product one, the norm some once; a member with one node to hold on to none."""
+    mesh = rectangle()
+    body = member(mesh, elastic(mesh), ["top"], kind)
+    before = body.C.count.copy()
+    assert before["load"] == 1
+    x, y = np.random.default_rng(0).standard_normal((2, body.C.size))
+    body.mult(x, y, "newton")
+    assert body.C.count - before == {"newton": 1}
+    norm = body.norm()
+    taken = body.C.count["norm"]
+    assert body.norm() == norm
+    assert 0 < body.C.count["norm"] == taken <= 30
+    body.restart()
+    assert body.C.count == before
+
+    new = member(mesh, elastic(mesh), ["top"], kind)
+    new.C.restore(body.C.state())
+    assert new.norm() == norm
+    assert new.C.count == body.C.count
+
+    point = member(mesh, elastic(mesh), ["top"], kind, number=1)
+    before = point.C.count.copy()
+    point.mult(np.ones(2), y[:2], "newton")
+    assert np.array_equal(y[:2], np.zeros(2))
+    assert point.C.count == before
+
+
+# Nothing to touch
+
+
+@pytest.mark.parametrize("kind", [None, "explicit", "direct", "iterative"])
+def test_held_body_that_touches_nothing(kind):
+    mesh = rectangle()
+    body = member(mesh, elastic(mesh, ["left"]), [], kind)
+    assert body.C.size == len(body.h) == body.G.size == body.e.size == 0
+    assert body.dense().shape == (0, 0)
+    assert body.norm() == 0.0
+    assert body.C.reason == "it touches nothing"
+    body.mult(np.empty(0), np.empty(0), "newton")
+    alone, residual = displaced(body, np.empty(0))
+    touching = member(mesh, elastic(mesh, ["left"]), ["top"], "direct")
+    assert residual <= 1e-11
+    assert large(alone - touching.displacement(np.zeros(touching.C.size))[0]) <= 1e-9 * large(alone)
+
+
+@pytest.mark.parametrize("kind", [None, "explicit", "direct", "iterative"])
+def test_loose_body_that_touches_nothing(kind):
+    """Unloaded it stays, or moves by α; a load in balance strains it; another one is seen as an imbalance."""
+    mesh = rectangle()
+    idle = member(mesh, elastic(mesh, loads={}), [], kind)
+    assert idle.G.shape == (3, 0)
+    assert np.array_equal(idle.e, np.zeros(3))
+    u, residual = displaced(idle, np.empty(0), np.array([1.0, 2.0, 0.0]))
+    assert np.array_equal(u, np.tile([1.0, 2.0], (len(u), 1)))
+    assert residual == 0.0
+
+    pulled = member(mesh, elastic(mesh, loads={"left": (-1e6, 0.0), "right": (1e6, 0.0)}), [], kind)
+    assert large(pulled.e) <= 1e-9
+    u, residual = displaced(pulled, np.empty(0))
+    strain = 1e6 / (YOUNG / (1 - POISSON**2))
+    exact = (mesh.points - mesh.points.mean(axis=0)) * [strain, -strain * POISSON / (1 - POISSON)]
+    assert residual <= 1e-11
+    assert large(u - exact) <= 1e-9 * large(exact)
+
+    pushed = member(mesh, elastic(mesh, loads={"left": (1e6, 0.0)}), [], kind)
+    assert pushed.e == pytest.approx([1e6, 0.0, 0.0], abs=1e-6)
+    assert displaced(pushed, np.empty(0))[1] > 0.1
