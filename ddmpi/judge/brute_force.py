@@ -10,7 +10,6 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from ddmpi.coupling.assembly import Assembly
-from ddmpi.coupling.space import Space
 from ddmpi.errors import InputError, NotConvergedError
 from ddmpi.interface.law import Law
 from ddmpi.qp.box import Box
@@ -28,26 +27,29 @@ FIXED_POINT = 1e-12
 """Relative change of the slip bound at which the fixed point of Coulomb friction is reached."""
 
 
-def check_size(space: Space) -> None:
-    """InputError when the interfaces are too large to be solved this way."""
-    if space.size > LARGEST:
-        raise InputError(f"the coupled problem has {space.size} contact unknowns; by brute force {LARGEST} are "
-                         "the most")
+def check_size(assembly: Assembly) -> None:
+    """InputError when the scene is too large, or not of the kind, to be solved this way."""
+    if assembly.joint.bodies != 2 or assembly.world.size != 2 or len(assembly.scene.contact) != 1 or assembly.loose:
+        raise InputError("verify compares two bodies that clamps hold, with one contact, on two ranks; this scene is "
+                         "another one")
+    if assembly.space.size > LARGEST:
+        raise InputError(f"the coupled problem has {assembly.space.size} contact unknowns; by brute force {LARGEST} "
+                         "are the most")
 
 
 def solve_coupled(assembly: Assembly) -> np.ndarray:
-    """The contact forces (size,) of the coupled problem (N).
+    """The contact forces of the coupled problem (N), on the rank that owns the interface; empty on the other.
 
-    Collective on both bodies; both solve the same problem. Raises NotConvergedError when the fixed
+    Collective on both bodies. Raises NotConvergedError when the fixed
     point of Coulomb friction is not found, InputError for too large an interface; on both.
     """
-    s = np.empty(0)
     with agreed(assembly.world):
-        check_size(assembly.space)
-    joint = assembly.joint()
+        check_size(assembly)
+    joint, s = assembly.joint, np.empty(0)
     C = joint.dense()
     with agreed(assembly.world):
-        s = solve_dense(C, joint.d, assembly.space.laws.laws[0])
+        if assembly.space.interfaces:
+            s = solve_dense(C, joint.d, assembly.space.laws.laws[0])
     return s
 
 

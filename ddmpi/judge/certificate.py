@@ -31,6 +31,9 @@ RESOLVED = 1e-9
 NO_FORCE = 1e-6
 """Contact forces below this part of the loads, per node, are compared with these instead."""
 
+LITTLE = 1e-4
+"""Forces on a body below this part of the loads of all bodies are compared with these instead."""
+
 
 @dataclass(frozen=True)
 class ContactResiduals:
@@ -39,12 +42,13 @@ class ContactResiduals:
     Attributes
     ----------
     force_mismatch : ‖s_1 − s_2‖ / ‖s‖, the two bodies' contact forces must cancel
-    penetration : largest overlap over the size of the contact displacements (see `contact_residuals`)
+    penetration : largest overlap, if bonded also opening, over the size of the contact displacements (see
+        `contact_residuals`)
     complementarity : Σ s_ν |gap| over Σ s_ν times that size, and the largest
-        tension over the largest normal force; the larger of both
+        tension over the largest normal force; the larger of both; zero if bonded
     friction : largest distance of s_t from the friction law, P(s_t + ρ u_t) − s_t with the projection
         P on |s_t| ≤ g, over the largest force; it sees forces beyond the bound, slip below it, and
-        slip in the wrong direction
+        slip in the wrong direction; if bonded the largest slip over the size of the contact displacements
     """
 
     force_mismatch: float
@@ -87,8 +91,17 @@ def certificate_limit(tolerance: float) -> float:
     return min(max(FACTOR * tolerance, SMALLEST_LIMIT), LARGEST_LIMIT)
 
 
+def equilibrium_residual(left: float, acting: float, load: float) -> float:
+    """‖A u + Bᵀ s − b‖ = `left` over max(‖b‖, ‖Bᵀ s‖) = `acting` (N).
+
+    What acts on a body that others leave alone is rounding; it is compared with LITTLE of the `load` of all bodies.
+    """
+    return _ratio(left, max(acting, LITTLE * load))
+
+
 def contact_residuals(state: ContactState, s: np.ndarray, mismatch: np.ndarray, u: tuple[np.ndarray, np.ndarray],
-                      fixed_gap: np.ndarray, load: float, yielding: float, moved: float) -> ContactResiduals:
+                      fixed_gap: np.ndarray, load: float, yielding: float,
+                      everywhere: tuple[float, float]) -> ContactResiduals:
     """Residuals of one contact.
 
     Parameters
@@ -102,26 +115,28 @@ def contact_residuals(state: ContactState, s: np.ndarray, mismatch: np.ndarray, 
         where there are none, and where they are below NO_FORCE of it per node
     yielding : largest contact displacement that the contact forces cause in a body (m). Displacements
         are compared with this (or the overlap, if that is larger) or with the contact displacements,
-        whichever is smaller: a body may move far without being strained, or be held back from moving far
-    moved : largest displacement of the bodies (m); nothing is compared with less than RESOLVED times it
+        whichever is smaller: a body may move far without being strained, or be held back from moving far. On a rigid
+        partner the body may not move at all, and displacements are compared with the first
+    everywhere : largest displacement of all bodies, and largest yielding (m). Nothing is compared with less than
+        RESOLVED times the first. A contact that carries next to no force is compared with the second
 
     Not collective.
     """
-    interface = state.interface
+    interface, law = state.interface, state.interface.law
     floor = (NO_FORCE if s.any() else 1.0) * load / np.sqrt(interface.m)
-    overlap = max(0.0, -state.gap.min(), -fixed_gap.min(initial=0.0))
-    U = max(np.abs(each).max(initial=0.0) for each in u)
-    U = max(min(U, max(yielding, overlap)), RESOLVED * moved)
+    overlap = max(law.misfit(state.gap), law.misfit(fixed_gap))
+    U = np.inf if interface.on_rigid else max(np.abs(each).max(initial=0.0) for each in u)
     S = np.abs(s).max(initial=0.0)
-    pressed = np.maximum(state.normal_force, 0.0)
-    complementarity = max(_ratio(pressed @ np.abs(state.gap), pressed.sum() * U),
-                          _ratio(np.maximum(-state.normal_force, 0.0).max(), max(S, floor)))
-    friction = 0.0
+    moved, largest = everywhere
+    U = max(min(U, max(yielding, overlap)), RESOLVED * moved, largest if floor >= S else NO_FORCE * largest)
+    work, tension = law.complementarity(state.normal_force, state.gap)
+    complementarity = max(_ratio(work, np.maximum(state.normal_force, 0.0).sum() * U), _ratio(tension, max(S, floor)))
+    friction, size = 0.0, S or floor or 1.0
     if len(interface.sliding):
-        friction = interface.law.violation(s, state.slip[interface.sliding], _ratio(S, U) if S else 0.0)
+        friction = law.violation(s, state.slip[interface.sliding], _ratio(size, U) if S or U else 0.0)
     return ContactResiduals(
         force_mismatch=_ratio(norm(mismatch), max(norm(s), norm(s + mismatch), floor)),
-        penetration=_ratio(overlap, U), complementarity=complementarity, friction=_ratio(friction, S))
+        penetration=_ratio(overlap, U), complementarity=complementarity, friction=_ratio(friction, size))
 
 
 def _largest(values: Mapping[str, float]) -> tuple[float, str]:

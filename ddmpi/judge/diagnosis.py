@@ -27,20 +27,27 @@ class StatusLog:
     Attributes
     ----------
     counts : open, slipping and sticking nodes of all contacts, by iteration
+    xy : (m, 2) positions of the nodes (m)
+    largest_slope : largest friction coefficient
     """
 
     def __init__(self, space: Space) -> None:
         self._space = space
+        self.xy = np.concatenate([np.empty((0, 2)), *(interface.xy for interface in space.interfaces)])
+        self.largest_slope = space.laws.largest_slope
         self.counts: list[tuple[int, int, int]] = []
         self._recent: deque[np.ndarray] = deque(maxlen=LOOK_BACK)
 
     def record(self, s: np.ndarray, bound: np.ndarray) -> None:
-        """Note the status of each node under the forces s (size,) and the slip bounds of all sliding nodes (N)."""
+        """Note the status of each node under the forces s (size,) and the slip bounds of all sliding nodes (N).
+
+        Collective.
+        """
         codes, counts, start = [], np.zeros(3, int), 0
         for interface, part in self._space.each():
             own, law = s[part], interface.law
             stop = start + len(interface.sliding)
-            closed = own[:interface.m] > 0.0
+            closed = law.closed(own)
             on_bound = law.reaches_bound(own, bound[start:stop])
             slipping = np.full(interface.m, not len(interface.sliding))  # without friction all closed nodes slip
             slipping[interface.sliding] = on_bound
@@ -50,9 +57,18 @@ class StatusLog:
             codes.append(code)
             counts += (~closed).sum(), (closed & slipping).sum(), (closed & ~slipping).sum()
             start = stop
-        self._recent.append(np.concatenate(codes))
-        opened, slips, sticks = counts.tolist()
+        self._recent.append(np.concatenate([np.empty(0, int), *codes]))
+        opened, slips, sticks = self._space.add(counts).tolist()
         self.counts.append((opened, slips, sticks))
+
+    def whole(self) -> StatusLog:
+        """The log of the nodes of all ranks. Collective."""
+        whole, comm = StatusLog(Space([])), self._space.comm
+        everyone = comm.allgather((list(self._recent), self.xy, self.largest_slope))
+        recent, places, slopes = zip(*everyone, strict=True)
+        whole._recent.extend(np.concatenate(each) for each in zip(*recent, strict=True))
+        whole.xy, whole.largest_slope, whole.counts = np.concatenate(places), max(slopes), self.counts
+        return whole
 
     def state(self) -> dict[str, Any]:
         return {"recent": list(self._recent), "counts": list(self.counts)}
@@ -84,8 +100,8 @@ def contraction(history: list[Step], quantity: str = "update") -> float:
 
 
 def diagnose(reason: str, stopped: str, violations: list[str], method: SettledMethod, history: list[Step],
-             log: StatusLog, space: Space) -> str:
-    """One message: how the run ended, what was seen, what to try. Not collective."""
+             log: StatusLog) -> str:
+    """One message: how the run ended, what was seen, what to try; `log` is of all nodes. Not collective."""
     last = history[-1]
     newton = method.outer == "newton"
     lines = [f"{reason} (iteration {last.iteration}, update {last.update:.1e}, residual {last.residual:.1e}, "
@@ -107,13 +123,12 @@ def diagnose(reason: str, stopped: str, violations: list[str], method: SettledMe
                      f"{min(LOOK_BACK, len(history) - 1)}")
     nodes = log.unsettled()
     if len(nodes):
-        xy = np.concatenate([interface.xy for interface in space.interfaces])
-        places = ", ".join(f"({x:.4g}, {y:.4g})" for x, y in xy[nodes[:4]])
-        lines.append(f"{len(nodes)} of {space.m} nodes changed between open, slip and stick"
+        places = ", ".join(f"({x:.4g}, {y:.4g})" for x, y in log.xy[nodes[:4]])
+        lines.append(f"{len(nodes)} of {len(log.xy)} nodes changed between open, slip and stick"
                      f"{' in a cycle' if log.cycles() else ''}, at {places}{' …' if len(nodes) > 4 else ''}")
-    largest = space.laws.largest_slope
-    if largest >= LARGE_FRICTION:
-        lines.append(f"with a friction coefficient of {largest:g} a solution need not be unique, and none may be near")
+    if log.largest_slope >= LARGE_FRICTION:
+        lines.append(f"with a friction coefficient of {log.largest_slope:g} a solution need not be unique, and none "
+                     "may be near")
     lines.append("try: " + _advice(stopped, factor, method, last, stuck))
     return "\n  ".join(lines)
 

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import combinations
 
 import numpy as np
+from mpi4py import MPI
 
-from ddmpi.coupling.assembly import Assembly
+from ddmpi.body.estimate import DiscretizationError
+from ddmpi.coupling.assembly import Assembly, Body
+from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState
+from ddmpi.judge.overlap import RESOLVED, Outline, Overlap, run_through
+from ddmpi.mesh.boundary import outline
+from ddmpi.scene.bodies import SettledBody
+from ddmpi.scene.rigid import Plane, Rigid
+from ddmpi.system.agreement import merged
 
 LARGE_MOTION = 0.1
 """A displacement of this part of the body's size is no small one."""
@@ -18,47 +27,198 @@ LARGE_GRADIENT = 0.1
 FAR_SLIP = 1.0
 """Nodes that slid further than this part of the distance to their neighbours are no longer opposite each other."""
 
-RESOLVED = 1e-3
-"""Overlaps beyond the end of a contact below this part of the largest displacement are not reported."""
+LOST = 1e-6
+"""Rounding of the displacements that changes contact forces by more than this part is worth a warning."""
+
+UNDECIDED = 100.0
+"""An open contact whose gaps are all below so many rounding errors of the displacements might as well be closed."""
+
+COARSE = 0.5
+"""Linear elements with a larger estimated discretization error lock; the true one is larger still."""
+
+BESIDE = 1e-9
+"""Overlaps with a rigid partner below this part of the body's size are rounding."""
+
+LITTLE = 1e-6
+"""A contact with less than this part of the largest force of all contacts carries nothing that could be lost."""
 
 
-def doubt_answer(assembly: Assembly, u: np.ndarray, contacts: Mapping[str, ContactState]) -> list[str]:
+def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
+                 contacts: Mapping[str, ContactState]) -> list[str]:
     """Warnings of an answer, the same on all ranks.
 
     Parameters
     ----------
-    u : (nv, d) displacement of the rank's own body (m)
+    displacements : (nv, d) of each body of this rank (m)
     contacts : state by contact
 
     Collective.
     """
-    moved, extent = float(np.linalg.norm(u, axis=1).max()), assembly.mesh.extent
-    own = []
+    world, own = assembly.world, {}
+    mine: dict[tuple[str, int], np.ndarray] = {}
+    for body in assembly.bodies:
+        name, u = body.spec.name, displacements[body.spec.name]
+        own[body.number] = _large_motion(body, u), float(np.linalg.norm(u, axis=1).max())
+        for interface in body.member.interfaces:
+            side = interface.side(name)
+            mine[interface.name, side] = interface.transfer[side] @ u[interface.nodes[side]]
+    bodies = merged(world, own)
+    found = [warning for number in sorted(bodies) for warning in bodies[number][0]]
+    largest = max(moved for _, moved in bodies.values())
+    pressed = max(state.normal_force.max(initial=0.0) for state in contacts.values())
+    both, doubts = assembly.exchange.swap_objects(mine), {}
+    for interface in assembly.space.interfaces:
+        state, (first, second) = contacts[interface.name], both[interface.name]
+        slid = [] if second is None else _far_slip(state, first - second)
+        carries = len(contacts) == 1 or state.normal_force.max(initial=0.0) > LITTLE * pressed
+        doubts[interface.name] = slid + (_lost_in_rounding(state, largest) if carries else [])
+    by_contact = merged(world, doubts)
+    found += [warning for name in contacts for warning in by_contact[name]]
+    return found + _run_through(assembly, displacements) + _run_through_rigid(assembly, displacements)
+
+
+def _large_motion(body: Body, u: np.ndarray) -> list[str]:
+    """A warning where a body moves far, or is strained or turned much."""
+    moved, extent = float(np.linalg.norm(u, axis=1).max()), body.mesh.extent
     if moved > LARGE_MOTION * extent:
-        own = [f"body.{assembly.spec.name}: its largest displacement of {moved:.3g} is {moved / extent:.2g} times its "
-               f"size ({extent:.3g}); small-strain theory means small displacements"]
+        return [f"body.{body.spec.name}: its largest displacement of {moved:.3g} is {moved / extent:.2g} times its "
+                f"size ({extent:.3g}); small-strain theory means small displacements"]
+    return _large_gradient(body, u)
+
+
+def doubt_mesh(bodies: Sequence[SettledBody], error: DiscretizationError) -> list[str]:
+    """A warning of linear elements that make the estimated discretization error large. Not collective."""
+    k = int(np.argmax([error.by_body[body.name] for body in bodies]))
+    if not error.relative > COARSE or bodies[k].mesh.order != 1:
+        return []
+    return [f"body.{bodies[k].name}: linear elements make it too stiff: the estimated discretization error is "
+            f"{error.relative:.2g}, {error.by_body[bodies[k].name]:.2g} by this body; quadratic elements "
+            "(mesh.order = 2) or a finer mesh would be right"]
+
+
+def _lost_in_rounding(state: ContactState, moved: float) -> list[str]:
+    """A warning where rounding of displacements up to `moved` (m) decides on forces, or whether there are any."""
+    name, rounding = state.interface.name, float(np.finfo(float).eps) * moved
+    largest = float(state.normal_force.max(initial=0.0))
+    if not largest and 0.0 < np.abs(state.gap).max() <= UNDECIDED * rounding:
+        return [f"contact.{name}: rounding decides that it is open: its gaps, up to {np.abs(state.gap).max():.3g}, are "
+                f"nothing beside the displacements of up to {moved:.3g}"]
+    noise = state.interface.modulus * rounding  # a node's compliance is about 1 / modulus
+    if not largest or noise <= LOST * largest:
+        return []
+    return [f"contact.{name}: its forces are uncertain by about {noise / largest:.1g} of the largest ({largest:.3g} at "
+            f"a node), because the bodies move by {moved:.3g}, and rounding of that makes forces of {noise:.1g}"]
+
+
+def _run_through(assembly: Assembly, displacements: Mapping[str, np.ndarray]) -> list[str]:
+    """Warnings where two bodies run through each other outside their contacts, the same on all ranks.
+
+    Of two bodies on different ranks whose bounding boxes overlap one sends its outline to the other. Collective.
+    """
+    world, names = assembly.world, [body.name for body in assembly.scene.body]
+    own = {body.number: _outline(body, displacements[body.spec.name]) for body in assembly.bodies}
+    boxes = merged(world, {number: (world.rank, *_box(each)) for number, each in own.items()})
+    near = [(a, b) for a, b in combinations(sorted(boxes), 2) if (boxes[a][1] <= boxes[b][2]).all()
+            and (boxes[b][1] <= boxes[a][2]).all()]
+    away = sorted({(b, boxes[a][0]) for a, b in near if boxes[a][0] != boxes[b][0]})
+    sending = [world.isend(own[number], rank, number) for number, rank in away if number in own]
+    at_hand = own | {number: world.recv(None, boxes[number][0], number) for number, rank in away if rank == world.rank}
+    MPI.Request.waitall(sending)
+    contacts, found = {body.number: body.member.interfaces for body in assembly.bodies}, {}
+    for a, b in near:
+        if a in own:
+            kept = _kept_apart(contacts[a], (names[a], names[b]), (at_hand[a], at_hand[b]))
+            found[a, b] = _name_overlap(names[a], names[b], *run_through(at_hand[a], at_hand[b], *kept))
+    return [warning for _, warnings in sorted(merged(world, found).items()) for warning in warnings]
+
+
+def _run_through_rigid(assembly: Assembly, displacements: Mapping[str, np.ndarray]) -> list[str]:
+    """Warnings where a body runs through a rigid partner beside its contact with it, the same on all ranks.
+
+    A bore is left out: what is seen of it may be a piece of a socket, and the body may go on outside. Collective.
+    """
+    solid = {each.name: each for each in assembly.scene.rigid if not getattr(each, "inside", False)}
+    found: dict[str, list[str]] = {}
+    for body in assembly.bodies:
+        for name in solid.keys() & {interface.bodies[1] for interface in body.member.interfaces}:
+            touching = [interface for interface in body.member.interfaces if interface.bodies[1] == name]
+            found[touching[0].name] = _beside(body, displacements[body.spec.name], touching, solid[name])
+    everyone = merged(assembly.world, found)
+    return [warning for contact in assembly.scene.contact for warning in everyone.get(contact.name, [])]
+
+
+def _beside(body: Body, u: np.ndarray, interfaces: Sequence[Interface], rigid: Rigid) -> list[str]:
+    """A warning where a body that moved by `u` (nv, 2) lies in a rigid partner, but not at its contacts with it."""
+    segments = outline(body.mesh)
+    kept = np.isin(segments, np.concatenate([part for each in interfaces for part in (each.nodes[0],
+                                                                                     each.fixed.nodes[0])]))
+    segments, kept = segments[~kept.all(axis=1)], kept[~kept.all(axis=1)]
+    ends = (body.mesh.points + u - np.array(rigid.displacement))[segments]
+    if isinstance(rigid, Plane):
+        normal = np.array(rigid.normal) / np.linalg.norm(rigid.normal)
+        places = ends[~kept]
+        depth = (np.array(rigid.point) - places) @ normal
     else:
-        own = _large_gradient(assembly, u)
-    found = [warning for each in assembly.world.allgather(own) for warning in each]
-    largest = max(assembly.world.allgather(moved))
-    for state in contacts.values():
-        interface = state.interface
-        side = interface.side(assembly.spec.name)
-        mine = interface.transfer[side] @ u[interface.nodes[side]], _go_on(assembly, u, interface.beyond[side])
-        (u1, ends1), (u2, ends2) = assembly.exchange.swap_objects(mine)
-        found += _far_slip(state, u1 - u2) + _overlap_beyond(state, ends1, ends2, RESOLVED * largest)
-    return found
+        along, offset = ends[:, 1] - ends[:, 0], np.array(rigid.center) - ends[:, 0]
+        part = np.clip(np.einsum("sd,sd->s", offset, along) / np.einsum("sd,sd->s", along, along), 0.0, 1.0)
+        beside = ~np.where(part == 0.0, kept[:, 0], (part == 1.0) & kept[:, 1])
+        places = (ends[:, 0] + part[:, None] * along)[beside]
+        depth = rigid.radius - np.linalg.norm(places - rigid.center, axis=1)
+    overlap = max(-float(gap.min(initial=0.0)) for each in interfaces for gap in (each.gap, each.fixed.gap))
+    least = overlap + BESIDE * body.mesh.extent + RESOLVED * float(np.abs(u).max())
+    if not depth.size or not depth.max() > least:
+        return []
+    x, y = places[np.argmax(depth)] + np.array(rigid.displacement)
+    return [f"contact.{interfaces[0].name}: beside the contact {body.spec.name} runs through {rigid.name} by "
+            f"{depth.max():.3g}, as at ({x:.4g}, {y:.4g}); name the whole boundary that may touch in `on`"
+            + ("; a plane has no end" if isinstance(rigid, Plane) else "")]
 
 
-def _large_gradient(assembly: Assembly, u: np.ndarray) -> list[str]:
+def _kept_apart(interfaces: Sequence[Interface], names: tuple[str, str],
+                outlines: tuple[Outline, Outline]) -> tuple[np.ndarray, np.ndarray]:
+    """The nodes (2, k) of two outlines that contacts keep apart, and the first one's outer normals there (k, 2)."""
+    pairs, normals = [np.empty((2, 0), int)], [np.empty((0, 2))]
+    for interface in interfaces:
+        if set(interface.bodies) == set(names):
+            side = interface.side(names[0])
+            pairs.append(np.stack([each.places(np.concatenate([interface.nodes[k], interface.fixed.nodes[k]]))
+                                   for each, k in zip(outlines, (side, 1 - side), strict=True)]))
+            normals.append((1.0 - 2.0 * side) * np.concatenate([interface.normal, interface.fixed.normal]))
+    return np.hstack(pairs), np.vstack(normals)
+
+
+def _outline(body: Body, u: np.ndarray) -> Outline:
+    """The boundary of a body that moved by `u` (nv, 2)."""
+    segments = outline(body.mesh)
+    nodes = np.unique(segments)
+    points = body.mesh.points[nodes]
+    return Outline(points, points + u[nodes], np.searchsorted(nodes, segments), nodes)
+
+
+def _box(each: Outline) -> tuple[np.ndarray, np.ndarray]:
+    """The corners of the box around an outline, as drawn and in the answer."""
+    both = np.vstack([each.at, each.moved])
+    return both.min(axis=0), both.max(axis=0)
+
+
+def _name_overlap(first: str, second: str, overlap: Overlap, drawn: float) -> list[str]:
+    """The warning of an overlap of two bodies, if there is one."""
+    if not overlap.depth:
+        return []
+    (x, y), before = overlap.place, f" ({drawn:.3g} as drawn)" if drawn else ""
+    return [f"body.{first} and body.{second} run through each other by {overlap.depth:.3g}{before}, as at ({x:.4g}, "
+            f"{y:.4g}), where no contact keeps them apart; name the whole boundary that may touch in `on`"]
+
+
+def _large_gradient(body: Body, u: np.ndarray) -> list[str]:
     """A warning where a triangle of the own mesh is strained or turned much, by its corners alone."""
-    at, moved = (field[assembly.mesh.triangles[:, :3]] for field in (assembly.mesh.points, u))
+    at, moved = (field[body.mesh.triangles[:, :3]] for field in (body.mesh.points, u))
     gradient = np.linalg.norm(np.linalg.solve(at[:, 1:] - at[:, :1], moved[:, 1:] - moved[:, :1]), 2, axis=(1, 2))
     k = int(np.argmax(gradient))
     if gradient[k] <= LARGE_GRADIENT:
         return []
     x, y = at[k].mean(axis=0)
-    return [f"body.{assembly.spec.name}: strains and rotations reach {gradient[k]:.2g}, as at ({x:.4g}, {y:.4g}); "
+    return [f"body.{body.spec.name}: strains and rotations reach {gradient[k]:.2g}, as at ({x:.4g}, {y:.4g}); "
             "small-strain theory means small ones"]
 
 
@@ -72,28 +232,3 @@ def _far_slip(state: ContactState, moved: np.ndarray) -> list[str]:
         return []
     return [f"contact.{interface.name}: node pairs slid up to {slid[k]:.3g} times the distance of their neighbours, as "
             f"at ({interface.xy[k, 0]:.4g}, {interface.xy[k, 1]:.4g}); they are no longer opposite each other"]
-
-
-def _go_on(assembly: Assembly, u: np.ndarray, beyond: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How the deformed boundary goes on at the ends of a contact: from (e, 2) along (e, 2), the body to its left."""
-    at = assembly.mesh.points + u
-    return at[beyond[:, 0]], (at[beyond[:, 1]] - at[beyond[:, 0]]) * np.where(beyond[:, 2:], 1.0, -1.0)
-
-
-def _overlap_beyond(state: ContactState, first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray],
-                    least: float) -> list[str]:
-    """A warning where contact reaches the end of its group and the surfaces beyond it overlap by `least` or more."""
-    interface = state.interface
-    closed = set(interface.nodes[0][state.status != "open"].tolist())
-    for k, end in enumerate(interface.beyond[0][:, 0].tolist()):
-        (a, along), (b, back) = ((start[k], direction[k]) for start, direction in (first, second))
-        if end not in closed or along @ back >= 0.0:  # one surface goes on to the left of its body, one to the right
-            continue
-        step = min(np.linalg.norm(along), np.linalg.norm(back))
-        away = 1.0 if interface.beyond[0][k, 2] else -1.0
-        q = b - away * step * back / np.linalg.norm(back)
-        depth = (along[0] * (q - a)[1] - along[1] * (q - a)[0]) / np.linalg.norm(along)  # of q left of the first's
-        if depth > least:
-            return [f"contact.{interface.name}: contact reaches the end of its group at ({a[0]:.4g}, {a[1]:.4g}), and "
-                    f"the surfaces beyond it overlap by {depth:.3g}; name the whole boundary that may touch in `on`"]
-    return []

@@ -8,7 +8,7 @@ import scenes
 import scipy.sparse as sparse
 
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.law import CoulombLaw, Law, TrescaLaw
+from ddmpi.interface.law import BondedLaw, CoulombLaw, Law, TrescaLaw
 from ddmpi.interface.state import ContactState, contact_state
 from ddmpi.judge.certificate import Certificate, ContactResiduals, certificate_limit, contact_residuals
 from ddmpi.methods.newton import Newton
@@ -37,7 +37,7 @@ def contact(gap: np.ndarray = GAP, law: Law | None = None) -> Interface:
                      frame=np.tile([[0.0, -1.0], [1.0, 0.0]], (4, 1, 1)), area=np.full(4, 0.5), gap=gap.copy(),
                      nodes=(nodes, nodes), transfer=(alone, alone), law=law, modulus=1e11,
                      joined=np.ones(3, bool), edges=np.empty((0, 3), int), held=np.zeros(4),
-                     one_sided=np.zeros(law.size, bool))
+                     one_sided=np.zeros(law.size, bool), prescribed=np.zeros(law.size))
 
 
 def answer() -> dict[str, np.ndarray]:
@@ -54,6 +54,7 @@ def state_of(parts: dict[str, np.ndarray], law: Law | None = None) -> ContactSta
 
 def judged(parts: dict[str, np.ndarray], law: Law | None = None, **numbers: float) -> ContactResiduals:
     numbers = {"load": LOAD, "yielding": 1.0, "moved": 1e-3} | numbers
+    numbers["everywhere"] = numbers.pop("moved"), numbers["yielding"]  # there is no other contact
     return contact_residuals(state_of(parts, law), parts["s"], parts["mismatch"], (parts["first"], parts["second"]),
                              parts.get("fixed", np.empty(0)), **numbers)
 
@@ -233,7 +234,7 @@ def test_a_solved_scene_that_is_spoilt_is_not_certified(comm, monkeypatch):
     newton._s = 0.99 * forces
     assert large(worst()) >= {"penetration", "complementarity"}
     newton._s = forces.copy()
-    newton._s[newton.space.m:] = 0.0
+    newton._s[assembly.space.m:] = 0.0  # of this rank
     assert "friction" in large(worst())
     newton._s = forces
     assert large(worst()) == set()
@@ -278,3 +279,65 @@ def test_friction_is_judged_at_the_nodes_that_slide():
         parts[name] = np.delete(parts[name], 4)
     assert judged(parts, law).friction <= 1e-15
     assert judged(parts, replace(law, coefficient=np.array([0.4, 0.5, 0.5]))).friction == pytest.approx(0.1e6 / S)
+
+
+# Bonded contacts
+
+BONDED = BondedLaw(4, np.arange(4), 1)
+TORN = {
+    # what: changes (part, entry, by), residuals that they cause
+    "nothing": ([], {}),
+    "tension": ([("s", 0, -3 * S)], {}),
+    "any tangential force": ([("s", 7, 5 * S)], {}),
+    "an overlap": ([("second", 0, OFF * U)], {"penetration": OFF}),
+    "an opening": ([("second", 0, -OFF * U)], {"penetration": OFF}),
+    "an opening under no force": ([("gap", 3, OFF * U)], {"penetration": OFF}),
+    "slip": ([("second", 5, OFF * U)], {"friction": OFF}),
+    "slip to the other side": ([("second", 6, -OFF * U)], {"friction": OFF}),
+    "forces that do not cancel": ([("mismatch", 3, OFF * np.hypot(*[np.linalg.norm(f) for f in (NORMAL, TANGENTIAL)]))],
+                                  {"force_mismatch": OFF / np.hypot(1.0, OFF)}),
+}
+
+
+def bond() -> dict[str, np.ndarray]:
+    """Both bodies move seven tenths of the displacements above, together."""
+    parts = answer()
+    return parts | {"second": -parts["first"], "gap": np.zeros(4)}
+
+
+@pytest.mark.parametrize("what", TORN)
+def test_a_bond_neither_opens_nor_slips_whatever_its_forces(what):
+    changes, expected = TORN[what]
+    parts = bond()
+    for part, entry, by in changes:
+        parts[part][entry] += by
+    found = judged(parts, BONDED)
+    for kind in KINDS:
+        assert getattr(found, kind) == pytest.approx(expected.get(kind, 0.0), rel=1e-6, abs=1e-14), kind
+    assert state_of(parts, BONDED).status.tolist() == ["stick"] * 4
+
+
+def test_a_bond_that_clamps_tear_apart_is_not_certified():
+    assert judged(bond() | {"fixed": np.array([OFF * U])}, BONDED).penetration == pytest.approx(OFF)
+    assert judged(bond() | {"fixed": np.array([0.0, -OFF * U])}, BONDED).penetration == pytest.approx(OFF)
+
+
+@pytest.mark.parametrize("load", [LOAD, 0.0])
+def test_slip_without_any_force_is_seen(load):
+    """A bond, or a given slip bound, that bears nothing although the bodies slide past each other."""
+    tresca = TrescaLaw(4, np.arange(4), 1, np.full(4, 0.5e6))
+    for law, least in ((BONDED, OFF), (tresca, 1e-6), (CoulombLaw(4, np.arange(4), 1, np.full(4, 0.5)), None)):
+        parts = bond()
+        parts["s"][:] = 0.0
+        assert judged(parts, law, load=load, yielding=U).friction == 0.0
+        parts["second"][5] += OFF * U
+        found = judged(parts, law, load=load, yielding=U).friction
+        assert found == 0.0 if least is None else found >= 0.999 * least
+
+
+@pytest.mark.parametrize("part", ["s", "mismatch", "first", "second", "gap"])
+def test_no_bond_with_a_number_that_is_none_is_certified(part):
+    for entry in range(len(bond()[part])):
+        parts = bond()
+        parts[part][entry] = np.nan
+        assert Certificate({"seam": judged(parts, BONDED)}, {"upper": 0.0}).violations(1e9), entry

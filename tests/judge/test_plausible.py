@@ -89,6 +89,13 @@ def test_a_profile_that_does_not_cover_the_contact_is_a_warning(tmp_path, points
     assert all(words in each for each in found)
 
 
+def test_loads_whose_squares_underflow_are_refused(tmp_path):
+    done = run(pinched_blocks(4), tmp_path, "--set", 'body.upper.traction=[{on="top", value=[0.0, -1e-200]}]')
+    assert done.code == 2
+    assert "body.upper: loads or prescribed displacements are so small" in done.messages[0]
+    assert "choose other units" in done.messages[0]
+
+
 # Of the answer
 
 
@@ -140,7 +147,74 @@ def test_contact_that_reaches_the_end_of_its_group_is_a_warning(tmp_path, whole)
     scene = {"body": [upper, base], "contact": [{"bodies": ["upper", "lower"], "on": [on, on], "friction": COULOMB}]}
     found = warnings_of(run(scene, tmp_path))
     assert len(found) == (not whole)
-    assert all("reaches the end of its group at (1," in each and "overlap by" in each for each in found)
+    assert all("body.upper and body.lower run through each other by 0.000104" in each and "name the whole" in each
+               for each in found), found
+
+
+def squares(path, filled, side: float = 0.25) -> str:
+    """A mesh file of the squares (i, j) in `filled`, in two triangles; groups bottom, y = 0, and top, y = 1, x <= 3."""
+    import meshio
+
+    nodes = {at: k for k, at in enumerate(sorted({(i + a, j + b) for i, j in filled for a in (0, 1) for b in (0, 1)}))}
+    triangles = [[nodes[i + a, j + b] for a, b in corners] for i, j in filled
+                 for corners in (((0, 0), (1, 0), (1, 1)), ((0, 0), (1, 1), (0, 1)))]
+    lines = [[[nodes[i, j], nodes[i + 1, j]] for i in range(stop) if {(i, j), (i + 1, j)} <= nodes.keys()]
+             for j, stop in ((0, 100), (4, 12))]
+    points = np.array([(side * i, side * j, 0.0) for i, j in nodes])
+    tags = [np.full(len(lines[0]), 1), np.full(len(lines[1]), 2), np.full(len(triangles), 9)]
+    mesh = meshio.Mesh(points, [("line", np.array(lines[0])), ("line", np.array(lines[1])),
+                                ("triangle", np.array(triangles))],
+                       cell_data={name: tags for name in ("gmsh:physical", "gmsh:geometrical")},
+                       field_data={"bottom": np.array([1, 1]), "top": np.array([2, 1])})
+    mesh.write(path, file_format="gmsh22", binary=False)
+    return str(path)
+
+
+WALL = {(i, j) for i in range(14) for j in range(4)} | {(i, j) for i in (12, 13) for j in range(4, 8)}
+ROOF = WALL | {(i, 6) for i in range(8, 12)}
+
+
+@pytest.mark.parametrize(("filled", "traction", "depth"), [
+    (WALL, (0.0, 0.0), None), (WALL, (-1e7, 0.0), None), (WALL, (0.0, 3e7), "by 0.00299"),
+    (WALL, (1e9, 3e7), "by 0.0159"), (ROOF, (0.0, 0.0), "by 0.5 (0.5 as drawn)"),
+    (ROOF, (0.0, 3e7), "by 0.493 (0.5 as drawn)")])
+def test_bodies_that_run_through_each_other_beside_an_open_contact_are_a_warning(tmp_path, filled, traction, depth):
+    """A wall beside the upper block and a roof within it belong to the lower body, but not to the contact."""
+    upper = block("upper", 0.0, 1.0, (3, 1), ["left"], [{"on": "right", "value": traction}], (12, 4))
+    lower = {"name": "lower", "mesh": {"file": squares(tmp_path / "wall.msh", filled)}, "clamp": ["bottom"],
+             "material": {"young": 2e11, "poisson": 0.3}}
+    found = warnings_of(run(pair_of(upper, lower), tmp_path))
+    assert len(found) == (depth is not None), found
+    assert all(f"run through each other {depth}" in each for each in found), found
+
+
+@pytest.mark.parametrize(("pull", "words"), [
+    (0.0, ""), (1e6, ""), (1e14, "its forces are uncertain by about 0.1 of the largest"),
+    (1e18, "its forces are uncertain by about 3 of the largest"), (-1e18, "rounding decides that it is open")])
+def test_forces_that_rounding_makes_are_a_warning(tmp_path, pull, words):
+    """A sideways pull moves no node of a body with nu = 0 across, but its rounding does, one way or the other."""
+    scene = pinched_blocks(4, "none")
+    upper, lower = scene["body"]
+    for body in (upper, lower):
+        body["material"]["poisson"] = 0.0
+    upper["traction"] = [{"on": "top", "value": [0.0, -1e-11]}, {"on": "right", "value": [1e-11 * pull, 0.0]}]
+    lower |= {"traction": [], "clamp": ["bottom"]}
+    found = warnings_of(run(scene, tmp_path))
+    assert len(found) == bool(words)
+    assert all(f"contact.upper-lower: {words}" in each for each in found), found
+
+
+@pytest.mark.parametrize(("order", "warned"), [(1, True), (2, False)])
+def test_a_mesh_that_says_little_is_a_warning(tmp_path, order, warned):
+    """A slender beam of linear triangles is ten times too stiff, and its estimated error is 0.8."""
+    beam = block("beam", 0.0, 1.001, (100, 1), ["left"], [{"on": "top", "value": [0.0, -1e-4]}], (30, 1))
+    base = block("base", 0.0, 0.0, (100, 1), ["bottom"], divisions=(30, 1))
+    for body in (beam, base):
+        body["mesh"]["order"] = order
+    found = warnings_of(run(pair_of(beam, base), tmp_path))
+    assert len(found) == warned
+    for words in ("body.beam: linear elements make it too stiff", "error is 0.8", "quadratic elements (mesh.order"):
+        assert all(words in each for each in found)
 
 
 def split_bottom(path, mirror: bool = False):

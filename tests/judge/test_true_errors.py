@@ -16,6 +16,7 @@ from true_errors import (
     end_error,
     energy,
     interpolate,
+    own_body,
     relative,
     side_difference,
     solve_reference,
@@ -218,7 +219,7 @@ def test_errors_against_a_fine_solution(comm):
     for order, N in ((1, 4), (1, 12), (2, 4), (2, 12)):
         assembly, solution = solved(comm, blocks(N, order))
         found[order, N] = fine.errors(assembly, solution)
-        estimate = estimate_error(assembly.mesh, assembly.spec.material, solution.displacement)
+        estimate = estimate_error(*own_body(assembly, solution))
         estimated = relative_error(comm.allreduce(estimate.total), comm.allreduce(estimate.energy))
         assert 0.75 <= estimated / found[order, N].energy <= 1.2
         spacing = 1 / (N * order)
@@ -240,12 +241,13 @@ def test_the_fine_solution_itself_and_a_known_distance_from_it(comm):
     assert max(errors.pressure, errors.side_pressure, errors.shear) <= 1e-7
     assert max(errors.normal_force, errors.tangential_force) <= 1e-7
     assert (errors.contact_end, errors.stick_end) == (0.0, 0.0)
-    own = energy(assembly.mesh, assembly.spec.material, solution.displacement)
+    own = energy(*own_body(assembly, solution))
     assert fine.size == pytest.approx(comm.allreduce(own), rel=1e-8)
 
-    stretched = solution.displacement + 1e-5 * assembly.mesh.points * [1, 0]
-    first, shear = assembly.spec.material.lame
-    distance = fine.errors(assembly, replace(solution, displacement=stretched)).energy
+    (body,) = assembly.bodies
+    stretched = {name: u + 1e-5 * body.mesh.points * [1, 0] for name, u in solution.displacements.items()}
+    first, shear = body.spec.material.lame
+    distance = fine.errors(assembly, replace(solution, displacements=stretched)).energy
     added = 2 * 3.0 * (first + 2 * shear) * 1e-10
     assert (distance**2 - fine.own_error**2) * fine.size == pytest.approx(added, rel=1e-6)
 
@@ -325,7 +327,7 @@ def test_solutions_converge_to_the_closed_form(comm, folder):
         comm.Barrier()
         for order in (1, 2):
             assembly, solution = solved(comm, RINGS.scene(folder, N, order, "method.tolerance=1e-10"))
-            assert assembly.space.interfaces[0].gap == pytest.approx(-RINGS.overlap, rel=1e-2)
+            assert scenes.the_interface(assembly).gap == pytest.approx(-RINGS.overlap, rel=1e-2)
             assert solution.certified
             errors[order, N] = exact.errors(assembly, solution)
             assert errors[order, N].contact_end == 0.0

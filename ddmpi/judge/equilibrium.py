@@ -1,0 +1,333 @@
+"""Whether contact forces can hold the bodies that no clamps hold, and if not, how these would move.
+
+Forces s within the laws, with G s = e, are equilibrium of all rigid motions. A linear program looks for the least
+‖G s − e‖₁. If it is not zero, no solution exists, and the program's dual proves it: rigid velocities that press into no
+contact and on which the loads do work. With Coulomb friction that dual lifts what slides (associated flow), so the
+mechanism that is named and drawn is another one, see `_release`. In the plane; serial work on plain arrays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sparse
+
+from ddmpi.interface.interface import Interface
+from ddmpi.interface.law import CoulombLaw, TrescaLaw
+from ddmpi.judge.motions import MotionsOfBody, describe_motions
+
+LARGEST = 300
+"""With more loose bodies the linear program takes longer than it is worth; nothing is looked for."""
+
+IMBALANCE = 1e-6
+"""Loads of this part of all loads on a body that nothing balances are no rounding: there is no equilibrium."""
+
+ROUNDING = 1e-9
+"""Loads on rigid motions below this part of all loads on a body are what rounding leaves of none."""
+
+LIGHTEST = 1e-3
+"""Loads of a body are compared with at least this part of the largest loads of any body."""
+
+PROVEN = 1e-7
+"""A mechanism may press into a contact with this part of its velocity (the program's tolerance), not more."""
+
+BENT = 1e-7
+"""Directions of steps between neighbouring columns that differ by less are those of a straight contact."""
+
+SMALL = 1e-6
+"""A motion without lift that is smaller than this part of the one with it is none."""
+
+PRESSES = 1e-6
+"""The motion that is shown may press into a contact with this part of its velocity."""
+
+OPENS = 1e-3
+"""Contact nodes that part with less than this part of the largest velocity stay together."""
+
+WEIGHT = 1e4
+"""Of equations that turn bounds into non-negative unknowns."""
+
+ITERATIONS = 10
+"""At most so many iterations of least squares per unknown."""
+
+SAME = 1e-13
+"""Columns whose difference is below this part of them are the same."""
+
+MANY = 40
+"""With more bodies only those that the linear program moves take part in the release, at most twice as many."""
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """How loose bodies move if no contact forces hold them.
+
+    Attributes
+    ----------
+    bodies : the loose ones
+    velocities : (nb, 3) of each (v_x, v_y, ω) about its centre; the fastest node has velocity 1
+    coefficients : (nc,) the same as a combination of the rigid motions, in the order of the rows of G
+    imbalance : the least ‖G s − e‖₁ there is, in parts of the bodies' loads
+    touching : pairs of names of bodies, or rigid partners, that stay in contact
+    """
+
+    bodies: tuple[MotionsOfBody, ...]
+    velocities: np.ndarray
+    coefficients: np.ndarray
+    imbalance: float
+    touching: frozenset[frozenset[str]]
+
+
+def describe(mechanism: Mechanism) -> str:
+    """The mechanism in words that begin with "no equilibrium". Not collective."""
+    return f"no equilibrium: {describe_motions(mechanism.bodies, mechanism.velocities, set(mechanism.touching))}"
+
+
+def find_mechanism(interfaces: Sequence[Interface], G: sparse.spmatrix, e: np.ndarray, bodies: Sequence[MotionsOfBody],
+                   load: np.ndarray | None = None) -> Mechanism | None:
+    """The mechanism that shows that no contact forces hold the loose bodies; None where some do.
+
+    None does not prove that there is an equilibrium: with Coulomb friction forces that balance the loads may be out of
+    reach of elastic bodies. More than `LARGEST` loose bodies are not looked at, and what the program cannot prove
+    (which has not been seen) is not reported.
+
+    Parameters
+    ----------
+    G : (nc, size) power of the forces of all interfaces on the rigid motions, body by body
+    e : (nc,) power of the loads on them (N, for motions in metres)
+    load : (nb,) sum of the sizes of all nodal loads on each body (N), with which rounding is compared; by default
+        the largest of its e, which does not see loads that cancel
+
+    Not collective.
+    """
+    if not bodies or len(bodies) > LARGEST:
+        return None
+    scale = _Scale(bodies, e, load)
+    if not scale.largest or (np.abs(e) <= ROUNDING * scale.of_row).all():
+        return None
+    A, b = sparse.csc_matrix(sparse.diags(1.0 / scale.unit) @ G), e / scale.unit / scale.largest
+    forces = _Forces.allowed(interfaces, A, scale.largest)
+    imbalance, dual = _least_imbalance(forces, b, scale.of_row / scale.largest)
+    if not imbalance > IMBALANCE or not _is_proof(forces, b, dual):
+        return None
+    motion = _release(A, forces, b, dual, bodies, scale)
+    coefficients = motion / scale.unit
+    velocities = np.array([body.velocity(part) for body, part in zip(bodies, scale.split(coefficients), strict=True)])
+    fastest = max(body.speed(v) for body, v in zip(bodies, velocities, strict=True))
+    return Mechanism(tuple(bodies), velocities / fastest, coefficients / fastest, imbalance,
+                     frozenset(_touching(interfaces, A.T @ motion / fastest)))
+
+
+class _Scale:
+    """What makes the program free of units.
+
+    Attributes
+    ----------
+    unit : (nc,) largest nodal velocity of each motion
+    largest : loads (N) of the body that is loaded most
+    of_row : (nc,) loads of the row's body (N), but not less than `LIGHTEST` of the largest
+    """
+
+    def __init__(self, bodies: Sequence[MotionsOfBody], e: np.ndarray, load: np.ndarray | None) -> None:
+        self._starts = np.cumsum([body.basis.shape[1] for body in bodies])[:-1]
+        self.unit = np.concatenate([[body.speed(body.velocity(unit)) for unit in np.eye(body.basis.shape[1])]
+                                    for body in bodies])
+        own = np.array([np.abs(part).max(initial=0.0) for part in self.split(e / self.unit)])
+        loads = own if load is None else np.maximum(own, load)
+        self.largest = float(loads.max())
+        self.of_row = np.repeat(np.maximum(loads, LIGHTEST * self.largest), [body.basis.shape[1] for body in bodies])
+
+    def split(self, x: np.ndarray) -> list[np.ndarray]:
+        """Parts of a vector (nc,) by body."""
+        return np.split(x, self._starts)
+
+
+@dataclass(frozen=True)
+class _Forces:
+    """The forces that the laws allow: combinations of `columns` with coefficients between `lower` and `upper`.
+
+    Attributes
+    ----------
+    columns : (nc, k) the coefficient's power on the rigid motions
+    lower, upper : (k,)
+    normal : (k,) the column of G of the node's normal force, −1 for tangential forces alone
+    tangential : (k,) the column of G of the tangential force, −1 where there is none
+    slope : (k,) friction force per normal force, with its sign: an edge of Coulomb's cone; zero otherwise
+    """
+
+    columns: sparse.csc_matrix
+    lower: np.ndarray
+    upper: np.ndarray
+    normal: np.ndarray
+    tangential: np.ndarray
+    slope: np.ndarray
+
+    @classmethod
+    def allowed(cls, interfaces: Sequence[Interface], A: sparse.csc_matrix, unit: float) -> _Forces:
+        """Of all interfaces; forces are counted in `unit` (N)."""
+        entries: list[tuple[np.ndarray, ...]] = [(np.empty(0),) * 3]
+        others: list[tuple[np.ndarray, ...]] = [(np.empty(0),) * 5]
+        start = k = 0
+        for interface in interfaces:
+            own = A[:, start:start + interface.size]
+            rows = np.unique(own.indices)
+            for columns, lower, upper, normal, tangential, slope in _edges(interface, own[rows].toarray(), unit):
+                i, j = np.nonzero(columns)
+                entries.append((columns[i, j], rows[i], k + j))
+                others.append((lower, upper, np.where(normal < 0, -1, start + normal),
+                               np.where(tangential < 0, -1, start + tangential), slope))
+                k += columns.shape[1]
+            start += interface.size
+        value, row, column = (np.concatenate(each) for each in zip(*entries, strict=True))
+        lower, upper, normal, tangential, slope = (np.concatenate(each) for each in zip(*others, strict=True))
+        return cls(sparse.csc_matrix((value, (row.astype(int), column.astype(int))), (A.shape[0], k)),
+                   lower, upper, normal.astype(int), tangential.astype(int), slope)
+
+
+def _edges(interface: Interface, A: np.ndarray, unit: float) -> Iterator[tuple[np.ndarray, ...]]:
+    """Forces that span what one interface's law allows: their columns, bounds, nodes and slopes as in `_Forces`.
+
+    Parameters
+    ----------
+    A : (r, size) power of the interface's forces on the motions of its bodies
+    unit : of forces (N)
+
+    Of a straight piece with the same coefficient only the ends are needed: all nodes between are means of them.
+    """
+    law, normal, tangential = interface.law, np.arange(interface.m), np.arange(interface.m, interface.size)
+
+    def within(columns: np.ndarray, lower: np.ndarray | float, upper: np.ndarray | float,
+               normal: np.ndarray | None = None, tangential: np.ndarray | None = None,
+               slope: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
+        k = columns.shape[1]
+        none = np.full(k, -1)
+        return (columns, np.broadcast_to(lower, k), np.broadcast_to(upper, k), none if normal is None else normal,
+                none if tangential is None else tangential, np.zeros(k) if slope is None else slope)
+
+    if isinstance(law, CoulombLaw):
+        for slope in (law.coefficient, -law.coefficient):
+            edge = A[:, law.sliding] + slope * A[:, tangential]
+            keep = _corners(edge)
+            yield within(edge[:, keep], 0.0, np.inf, law.sliding[keep], tangential[keep], slope[keep])
+        normal = np.setdiff1d(normal, law.sliding)
+    keep = _corners(A[:, normal])
+    yield within(A[:, normal[keep]], -np.inf if law.name == "bonded" else 0.0, np.inf, normal[keep])
+    if isinstance(law, TrescaLaw):  # forces along the same line are as good as their sum
+        T = A[:, tangential]
+        first = np.flatnonzero(np.append(True, _length(np.diff(T)) > SAME * _length(T[:, 1:]))[:len(tangential)])
+        bound = np.add.reduceat(law.bound, first) / unit if len(first) else law.bound
+        yield within(T[:, first], -bound, bound, tangential=tangential[first])
+    elif not isinstance(law, CoulombLaw) and law.name != "none":  # bonded; of an unknown law, more than it allows
+        yield within(A[:, tangential], -np.inf, np.inf, tangential=tangential)
+
+
+def _corners(columns: np.ndarray) -> np.ndarray:
+    """(k,) bool: which columns are not between the two beside them, and not zero."""
+    length = _length(columns)
+    keep = length > 0.0
+    if len(length) > 2:
+        step = np.diff(columns)
+        size = _length(step)
+        still = size <= SAME * length[1:]
+        turn = np.diff(np.where(still, 0.0, step / np.where(still, 1.0, size)))
+        keep[1:-1] &= (_length(turn) > BENT) | (still[1:] != still[:-1])
+    return keep
+
+
+def _length(columns: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(columns, axis=0)
+
+
+def _least_imbalance(forces: _Forces, b: np.ndarray, weight: np.ndarray) -> tuple[float, np.ndarray]:
+    """The least Σ |A x − b| / weight, and its derivative by b: rigid velocities (nc,); nan where HiGHS fails."""
+    from scipy.optimize import linprog
+
+    n, one = len(b), sparse.identity(len(b))
+    k = len(forces.lower)
+    bounds = np.concatenate([np.column_stack([forces.lower, forces.upper]), np.tile([0.0, np.inf], (2 * n, 1))])
+    answer = linprog(np.concatenate([np.zeros(k), 1.0 / weight, 1.0 / weight]),
+                     A_eq=sparse.hstack([forces.columns, one, -one], format="csc"), b_eq=b, bounds=bounds,
+                     method="highs", options={"primal_feasibility_tolerance": 1e-10,
+                                              "dual_feasibility_tolerance": 1e-10})
+    if answer.status != 0:
+        return float("nan"), np.zeros(n)
+    return float(answer.fun), np.asarray(answer.eqlin.marginals)
+
+
+def _is_proof(forces: _Forces, b: np.ndarray, motion: np.ndarray) -> bool:
+    """Whether the loads do more work on the motion (nc,) than all allowed forces together could take."""
+    size = np.abs(motion).max()
+    if not size:
+        return False
+    rate = forces.columns.T @ (motion / size)
+    rate[np.abs(rate) <= PROVEN] = 0.0
+    bound = np.where(rate > 0.0, forces.upper, forces.lower)
+    return bool(b @ motion / size > (rate[rate != 0.0] * bound[rate != 0.0]).sum())
+
+
+def _release(A: sparse.csc_matrix, forces: _Forces, b: np.ndarray, dual: np.ndarray, bodies: Sequence[MotionsOfBody],
+             scale: _Scale) -> np.ndarray:
+    """The motion (nc,) with which the bodies would start if they were let go; `dual` where that is not found.
+
+    By Gauss's principle of least constraint the accelerations of bodies of density one leave the least residual
+    M^-½ (b − A x) there is. Unlike the dual, this does not depend on the axes. Coulomb's edges lift what slides, so
+    another projection follows, on the motions that keep together what is pressed and hold what sticks.
+    """
+    moves = np.concatenate([np.full(len(part), len(bodies) <= MANY or np.abs(part).max() > PROVEN * np.abs(dual).max())
+                            for part in scale.split(dual)])
+    if moves.sum() > 3 * 2 * MANY:
+        return dual
+    area = max(body.area for body in bodies)
+    W = np.asarray(sparse.block_diag([
+        np.linalg.inv(np.linalg.cholesky(body.inertia / np.outer(unit, unit) / area))
+        for body, unit in zip(bodies, scale.split(scale.unit), strict=True)]).todense())[moves]
+    x = _least_squares(W @ forces.columns, W @ b, forces.lower, forces.upper)
+    left = W @ (b - forces.columns @ x)
+    lifted = W.T @ left
+    if not np.isfinite(lifted).all() or not _is_proof(forces, b, lifted):
+        return dual
+    normal, coulomb = forces.normal >= 0, forces.slope != 0.0
+    tight = np.abs(forces.columns.T @ lifted) <= PROVEN * np.abs(lifted).max()
+    inside = (forces.tangential >= 0) & ~coulomb & (x > forces.lower) & (x < forces.upper)  # Tresca's bound, or bonded
+    nodes, place = np.unique(forces.normal[normal], return_inverse=True)
+    closed = np.bincount(place, tight[normal]) > 0
+    stuck, edges = np.unique(forces.tangential[inside | (coulomb & tight)], return_counts=True)
+    stuck = stuck[(edges == 2) | np.isin(stuck, forces.tangential[inside])]
+    lower = np.concatenate([np.where(closed, -np.inf, 0.0), np.full(len(stuck), -np.inf)])
+    columns = W @ A[:, np.concatenate([nodes, stuck])]
+    y = _least_squares(columns, left, lower, np.full(len(lower), np.inf))
+    motion = W.T @ (left - columns @ y)
+    size = np.abs(motion).max()
+    good = size > SMALL * np.abs(lifted).max() and b @ motion > 0.0 and (A[:, nodes].T @ motion <= PRESSES * size).all()
+    return motion if good else lifted
+
+
+def _least_squares(A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """The x between bounds with the least ‖A x − b‖; nan where it is not found.
+
+    Finite bounds [−g, g], Tresca's, become those of non-negative unknowns by rows x + y = 2g of a large weight.
+    """
+    from scipy.optimize import nnls
+
+    k, free, boxed = len(lower), np.isinf(lower), np.isfinite(upper)
+    start = np.where(free, 0.0, lower)
+    limits = np.eye(k)[boxed]
+    extended = np.block([[A, -A[:, free], np.zeros((len(b), len(limits)))],
+                         [WEIGHT * limits, np.zeros((len(limits), free.sum())), WEIGHT * np.eye(len(limits))]])
+    try:
+        x, _ = nnls(extended, np.concatenate([b - A @ start, WEIGHT * (upper - start)[boxed]]),
+                    maxiter=ITERATIONS * extended.shape[1])
+    except RuntimeError:
+        return np.full(k, np.nan)
+    full = start + x[:k]
+    full[free] -= x[k:k + free.sum()]
+    return full
+
+
+def _touching(interfaces: Sequence[Interface], rate: np.ndarray) -> Iterator[frozenset[str]]:
+    """Pairs of bodies that have a contact node that does not open, from the velocities (size,) at the contacts."""
+    start = 0
+    for interface in interfaces:
+        if (np.abs(rate[start:start + interface.m]) <= OPENS).any():
+            yield frozenset(interface.bodies)
+        start += interface.size

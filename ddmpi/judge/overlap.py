@@ -1,0 +1,257 @@
+"""Where two bodies run through each other although no contact keeps them apart. Geometry of closed polygons.
+
+A body's boundary is a set of closed polygons, so whether a point lies in the body is decided by counting crossings.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+RESOLVED = 1e-3
+"""Overlaps below this part of the largest displacement are not reported."""
+
+DRAWN = 1e-6
+"""Nor are those in the drawing below this part of the distance between nodes."""
+
+CORNER = 1.0
+"""Boundaries that turn by less than this angle (rad) from segment to segment are drawn curved."""
+
+INWARD = 0.25
+"""Bodies with a common boundary are looked into at this part of a segment's length from its middle."""
+
+STEPS = 16
+"""At most so many positions on the way from the drawing to the answer are looked at."""
+
+ROUNDING = 32 * float(np.finfo(float).eps)
+"""Relative error of coordinates after a few operations."""
+
+PAIRS = 2**20
+"""So many pairs of points and segments at a time."""
+
+
+@dataclass(frozen=True)
+class Outline:
+    """The whole boundary of a body.
+
+    Attributes
+    ----------
+    at, moved : (n, 2) its nodes as drawn and in the answer (m)
+    segments : (s, 2) pairs of neighbouring nodes, the body to their left
+    numbers : (n,) of its nodes in the body's mesh, ascending; needed for `places` only
+    """
+
+    at: np.ndarray
+    moved: np.ndarray
+    segments: np.ndarray
+    numbers: np.ndarray = field(default_factory=lambda: np.empty(0, int))
+
+    def places(self, nodes: np.ndarray) -> np.ndarray:
+        """Where in the outline `nodes` of the mesh are."""
+        return np.searchsorted(self.numbers, nodes)
+
+    def lengths(self) -> np.ndarray:
+        """(s,) of the segments as drawn (m)."""
+        return np.linalg.norm(np.subtract(*self.at[self.segments.T]), axis=1)
+
+    def gradient(self) -> float:
+        """The largest strain or rotation of a segment."""
+        u = self.moved - self.at
+        return float((np.linalg.norm(np.subtract(*u[self.segments.T]), axis=1) / self.lengths()).max())
+
+    def sagittas(self) -> np.ndarray:
+        """(s,) how far at most a curved boundary is from its segments (m)."""
+        along = np.subtract(*self.at[self.segments[:, ::-1].T])
+        before, after = np.zeros((2, *self.at.shape))
+        before[self.segments[:, 1]], after[self.segments[:, 0]] = along, along
+        turn = np.abs(np.arctan2(_cross(before, after), np.einsum("nd,nd->n", before, after)))
+        turn[turn > CORNER] = 0.0
+        return self.lengths() * turn[self.segments].max(axis=1) / 4.0  # an eighth, if neighbours are equally long
+
+
+@dataclass(frozen=True)
+class Polygons:
+    """A body's boundary in one position: points (n, 2), segments and sagittas (s,) as in `Outline`."""
+
+    points: np.ndarray
+    segments: np.ndarray
+    sagittas: np.ndarray
+
+    @property
+    def ends(self) -> np.ndarray:
+        """(s, 2, 2) of the segments."""
+        return self.points[self.segments]
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """The deepest point of one body in another.
+
+    Attributes
+    ----------
+    depth : distance to the nearest boundary of the body that it lies in (m); zero if there is no such point
+    place : (2,)
+    """
+
+    depth: float
+    place: np.ndarray
+
+
+NOWHERE = Overlap(0.0, np.zeros(2))
+
+
+def run_through(first: Outline, second: Outline, pairs: np.ndarray, normal: np.ndarray) -> tuple[Overlap, float]:
+    """The deepest overlap beyond rounding, curvature and second-order effects, and how deep the drawing has one.
+
+    Parameters
+    ----------
+    first, second : outlines of two bodies
+    pairs : (2, k) nodes of the first and of the second that contacts keep apart
+    normal : (k, 2) outer normals of the first body there
+
+    The answer's overlaps are looked for on the way from the drawing, so that a body which has passed a thin one is
+    found. If there are none, those of the drawing count.
+    """
+    spacing = np.concatenate([first.lengths(), second.lengths()])
+    typical = float(np.median(spacing))
+    rounding = ROUNDING * float(max(np.abs(each.at).max() for each in (first, second)))
+    sagittas = first.sagittas(), second.sagittas()
+
+    def deepest(x: np.ndarray, y: np.ndarray, least: float) -> Overlap:
+        apart = y[pairs[1]] - x[pairs[0]]
+        gap = np.einsum("kd,kd->k", apart, normal)
+        near = gap <= np.linalg.norm(apart - gap[:, None] * normal, axis=1) + rounding
+        least += float(max(0.0, -gap.min(initial=0.0)))
+        a, b = Polygons(x, first.segments, sagittas[0]), Polygons(y, second.segments, sagittas[1])
+        return max(deepest_in(a, b, pairs[0][near], least), deepest_in(b, a, pairs[1][near], least), key=_depth)
+
+    drawn = deepest(first.at, second.at, rounding)
+    as_drawn = drawn if drawn.depth > DRAWN * typical else NOWHERE
+    u, v = first.moved - first.at, second.moved - second.at
+    motions, size = np.concatenate([u, v]), max(np.ptp(each.at, axis=0).max() for each in (first, second))
+    if not np.abs(motions).max() <= size:  # or is no number
+        return as_drawn, as_drawn.depth
+    largest = float(np.linalg.norm(motions - motions.mean(axis=0), axis=1).max())
+    least = rounding + min(drawn.depth, DRAWN * typical)
+    least += max(RESOLVED, first.gradient(), second.gradient()) * largest  # of second order in the displacement
+    steps = int(np.clip(np.ceil(largest / spacing.min()), 1, STEPS))
+    now = max((deepest(first.at + way * u, second.at + way * v, least) for way in np.linspace(1 / steps, 1.0, steps)),
+              key=_depth)
+    return now if now.depth else as_drawn, as_drawn.depth
+
+
+def deepest_in(a: Polygons, b: Polygons, kept: np.ndarray, least: float = 0.0) -> Overlap:
+    """The point of the boundary `a` that lies deepest in the body `b`, deeper than `least` and the sagittas.
+
+    Nodes `kept` of `a`, and segments between two of them, are left out.
+    """
+    free = np.ones(len(a.points), dtype=bool)
+    free[kept] = False
+    loose = np.flatnonzero(free[a.segments].any(axis=1))
+    middles, of = _pieces(a.ends[loose], b.ends)
+    inside, under = _within(a.ends[loose], a.ends)
+    bow = np.zeros(len(a.points))
+    np.maximum.at(bow, a.segments, a.sagittas[:, None])
+    points = np.concatenate([a.points[free], middles, inside])
+    slack = least + np.concatenate([bow[free], a.sagittas[loose[of]], a.sagittas[loose[under]]])
+    near = np.flatnonzero(((points >= b.points.min(axis=0)) & (points <= b.points.max(axis=0))).all(axis=1))
+    near = near[_contains(b.ends, points[near])]
+    best, worst = NOWHERE, 0.0
+    for block in np.array_split(near, len(near) * len(b.segments) // PAIRS + 1):
+        if len(block):
+            depth, nearest = _distance(points[block], b.ends)
+            excess = depth - slack[block] - b.sagittas[nearest]
+            k = int(np.argmax(excess))
+            if excess[k] > worst:
+                best, worst = Overlap(float(depth[k]), points[block[k]]), float(excess[k])
+    return best
+
+
+def _within(segments: np.ndarray, polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points (k, 2) of a body a little inside of the middles of its segments (s, 2, 2), and of which segments."""
+    along = segments[:, 1] - segments[:, 0]
+    points = segments.mean(axis=1) + INWARD * np.column_stack([-along[:, 1], along[:, 0]])
+    there = np.flatnonzero(_contains(polygons, points))
+    return points[there], there
+
+
+def _contains(polygons: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Whether points (k, 2) lie in the closed polygons made of segments (s, 2, 2): a ray crosses them an odd time."""
+    order = np.argsort(points[:, 1])
+    height, ends = points[order, 1], polygons[:, :, 1]
+    start, stop = np.searchsorted(height, ends.min(axis=1)), np.searchsorted(height, ends.max(axis=1))
+    segment, place = _spread(start, stop)
+    point = order[place]
+    (x0, y0), (x1, y1) = polygons[segment].transpose(1, 2, 0)
+    left = points[point, 0] < x0 + (points[point, 1] - y0) / (y1 - y0) * (x1 - x0)
+    return np.bincount(point[left], minlength=len(points)) % 2 == 1
+
+
+def _pieces(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Middles (k, 2) of the pieces into which segments `second` cut those of `first`, and of which one (k,)."""
+    i, j = _meeting(first, second)
+    p, r = first[i, 0], first[i, 1] - first[i, 0]
+    q, s = second[j, 0] - p, second[j, 1] - second[j, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t, w = _cross(q, s) / _cross(r, s), _cross(q, r) / _cross(r, s)
+        cut = (t > 0.0) & (t < 1.0) & (w >= 0.0) & (w <= 1.0)
+    whole = np.unique(i[cut])
+    i = np.concatenate([i[cut], whole, whole])
+    t = np.concatenate([t[cut], np.zeros(len(whole)), np.ones(len(whole))])
+    order = np.lexsort((t, i))
+    i, t = i[order], t[order]
+    follows = i[1:] == i[:-1]
+    of, t = i[1:][follows], ((t[1:] + t[:-1]) / 2.0)[follows]
+    return first[of, 0] + t[:, None] * (first[of, 1] - first[of, 0]), of
+
+
+def _meeting(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """All pairs of segments (s, 2, 2) whose bounding boxes meet, by their places."""
+    (low, high), (low2, high2) = ((each.min(axis=1), each.max(axis=1)) for each in (first, second))
+    mine = np.flatnonzero(_box_meets(low, high, low2.min(axis=0, initial=np.inf), high2.max(axis=0, initial=-np.inf)))
+    theirs = np.flatnonzero(_box_meets(low2, high2, low[mine].min(axis=0, initial=np.inf),
+                                       high[mine].max(axis=0, initial=-np.inf)))
+    along = int(np.argmax(np.ptp(low2[theirs], axis=0))) if len(theirs) else 0
+    i, j = _overlapping(low[mine, along], high[mine, along], low2[theirs, along], high2[theirs, along])
+    i, j = mine[i], theirs[j]
+    meet = _box_meets(low[i], high[i], low2[j], high2[j])
+    return i[meet], j[meet]
+
+
+def _box_meets(low: np.ndarray, high: np.ndarray, low2: np.ndarray, high2: np.ndarray) -> np.ndarray:
+    return ((low <= high2) & (low2 <= high)).all(axis=1)
+
+
+def _overlapping(low: np.ndarray, high: np.ndarray, low2: np.ndarray, high2: np.ndarray,
+                 ) -> tuple[np.ndarray, np.ndarray]:
+    """All pairs of intervals that overlap: the second begins in the first, or the first within the second."""
+    order, order2 = np.argsort(low), np.argsort(low2)
+    i, j = _spread(np.searchsorted(low2[order2], low), np.searchsorted(low2[order2], high, "right"))
+    k, m = _spread(np.searchsorted(low[order], low2, "right"), np.searchsorted(low[order], high2, "right"))
+    return np.concatenate([i, order[m]]), np.concatenate([order2[j], k])
+
+
+def _spread(start: np.ndarray, stop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """For ranges from `start` to `stop` (s,): the number of the range and the place of each of their members."""
+    count = np.maximum(stop - start, 0)
+    owner = np.repeat(np.arange(len(count)), count)
+    return owner, np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(start, count)
+
+
+def _distance(points: np.ndarray, segments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The distance of each point (k, 2) to the nearest of the segments (s, 2, 2), and the number of that one."""
+    along = segments[:, 1] - segments[:, 0]
+    offset = points[:, None] - segments[:, 0]
+    t = np.clip(np.einsum("ksd,sd->ks", offset, along) / np.einsum("sd,sd->s", along, along), 0.0, 1.0)
+    distance = np.linalg.norm(offset - t[:, :, None] * along, axis=2)
+    nearest = np.argmin(distance, axis=1)
+    return distance[np.arange(len(points)), nearest], nearest
+
+
+def _depth(overlap: Overlap) -> float:
+    return overlap.depth
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

@@ -1,0 +1,313 @@
+"""Whether contact forces can hold loose bodies, how these move where none can, and the words for it."""
+
+import numpy as np
+import pytest
+from rigid_blocks import Blocks, arch, beam, pushed, squeezed, tall, tower, wall, wedge
+
+from ddmpi.judge.equilibrium import LARGEST, describe, find_mechanism
+from ddmpi.judge.motions import MotionsOfBody, direction, undetermined
+
+
+def found(scene):
+    return find_mechanism(*scene.equilibrium())
+
+
+def words(scene) -> str:
+    """What is said of a scene without equilibrium, after the words "no equilibrium"."""
+    mechanism = found(scene)
+    if mechanism is None:
+        return "equilibrium"
+    check(scene, mechanism)
+    said = describe(mechanism)
+    assert said.startswith("no equilibrium: ")
+    return said.removeprefix("no equilibrium: ")
+
+
+def check(scene, mechanism) -> None:
+    """By velocities at corners and contact nodes alone: nothing is pressed into, and the loads do work."""
+    moving = {body.name: (body, v) for body, v in zip(mechanism.bodies, mechanism.velocities, strict=True)}
+
+    def velocity(name, points):
+        return moving[name][0].at(moving[name][1], points) if name in moving else np.zeros((len(points), 2))
+
+    fastest = max(np.linalg.norm(velocity(name, body.outline), axis=1).max() for name, (body, _) in moving.items())
+    assert fastest == pytest.approx(1.0, rel=1e-12)
+    for contact in scene.contacts:
+        apart = velocity(contact.bodies[1], contact.xy) - velocity(contact.bodies[0], contact.xy)
+        opening = np.einsum("md,md->m", apart, contact.normal)
+        assert opening.min() >= -2e-6
+        assert contact.law.name != "bonded" or np.abs(apart).max() <= 2e-6
+    work = sum((scene.turn @ np.array(load)) @ velocity(name, scene.place(at))[0]
+               for name, loads in scene.loads.items() for load, at in loads)
+    assert work > 0.0
+
+
+# What stands and what does not
+
+@pytest.mark.parametrize("force", [0.0, 0.45, 0.499, 0.5])
+def test_a_pushed_block_stays_up_to_the_coefficient_of_friction(force):
+    """A block that is pushed with less than 𝓕 times its weight, or just that, stays."""
+    assert words(pushed(force)) == "equilibrium"
+
+
+@pytest.mark.parametrize("force", [0.5001, 0.51, 0.6, 5.0])
+def test_a_pushed_block_slides_beyond_it(force):
+    """It slides along the floor: it is not lifted, as associated flow would have it."""
+    assert words(pushed(force)) == "block would slide along x"
+    assert found(pushed(force)).velocities[0] == pytest.approx([1.0, 0.0, 0.0], abs=1e-9)
+    assert force > 1.0 or found(pushed(force)).imbalance == pytest.approx(force - 0.5, rel=1e-3)
+
+
+def test_friction_of_a_given_bound():
+    """Tresca's bound holds whatever the pressure, and all nodes add to it."""
+    assert words(pushed(0.299, "tresca", 0.3)) == "equilibrium"
+    assert words(pushed(0.301, "tresca", 0.3)) == "block would slide along x"
+
+
+def test_without_friction_every_push_moves():
+    """No friction holds nothing along the floor."""
+    assert words(pushed(1e-5, "none")) == "block would slide along x"
+    assert words(pushed(0.0, "none")) == "equilibrium"
+
+
+def test_bonded_bodies_hold_and_move_as_one():
+    """A bonded body is held by a rigid partner, and moves as one with a body that is not."""
+    assert words(Blocks().box("a", 0, 0, 1, 1, ((9.0, 9.0), (0.0, 0.25)))
+                 .contact("a", "floor", (0, 0), (1, 0), "bonded")) == "equilibrium"
+    two = Blocks().box("a", 0, 0, 1, 1).box("b", 1, 0, 1, 1).contact("b", "a", (1, 1), (1, 0), "bonded")
+    two.contact("a", "floor", (0, 0), (1, 0), "coulomb", 0.5)
+    assert words(two) == "equilibrium"  # both weigh the same, and the joint is above the edge
+    two.loads["b"] += (((0.0, -0.1), (1.5, 0.5)),)
+    assert words(two) == "a and b tip to the right about (1, 0)"
+
+
+@pytest.mark.parametrize("shift, count, stands", [(0.25, 5, True), (0.25, 6, False), (0.5, 2, True), (0.5, 3, True),
+                                                  (0.5, 4, False), (0.75, 2, True), (0.75, 3, False), (0.3, 5, False)])
+def test_a_tower_of_shifted_blocks(shift, count, stands):
+    """It stands as long as the centre of all blocks above a joint is above that joint: (n − 1) shift/2 ≤ ½ here."""
+    below = all((k - 1) * shift / 2 <= 0.5 for k in range(1, count + 1))
+    above = (count - 2) * shift / 2 + shift <= 0.5 + shift  # of the second block's joint
+    assert (below and above) == stands
+    assert (words(tower(shift, count)) == "equilibrium") == stands
+
+
+def test_a_tower_tips_as_one():
+    """Blocks that move as one body are named together."""
+    assert words(tower(0.3)) == "b0, b1 (and 3 more) tip to the left about (0, 0)"
+    assert words(tower(0.3, mirror=True)) == "b0, b1 (and 3 more) tip to the right about (0, 0)"
+
+
+@pytest.mark.parametrize("x, posts, said", [
+    (0.0, (0.0, 1.7), "equilibrium"), (-0.5, (0.0, 1.2), "equilibrium"), (-0.69, (0.0,), "beam tips to the right"),
+    (-1.1, (0.0, 0.6), "beam tips to the left about (0, 1)"), (0.31, (1.0,), "beam tips to the right about (1.3, 1)")])
+def test_a_beam_on_posts(x, posts, said):
+    """A beam lies on its posts as long as its centre is between them, and tips about the outer edge of one."""
+    assert words(beam(x, *posts)).startswith(said)
+
+
+def test_a_block_held_by_friction():
+    """It hangs between wall and jaw if 2 𝓕 times the pressure is at least its weight."""
+    assert words(squeezed(1.0)) == words(squeezed(1.1)) == "equilibrium"
+    assert words(squeezed(0.99)) == words(squeezed(0.2)) == "block would slide along -y"
+
+
+@pytest.mark.parametrize("friction, slope", [(0.1, 0.36), (0.2, 0.36), (0.3, 0.7)])
+def test_a_wedge_is_driven_by_the_known_force(friction, slope):
+    """𝓕 + (𝓕 + tan α)/(1 − 𝓕 tan α) drives it in (its own weight is none), less than the opposite lets it out."""
+    most = friction + (friction + slope) / (1 - friction * slope)
+    least = (slope - friction) / (1 + friction * slope) - friction
+    for push in (0.999 * most, least + 0.001):
+        assert words(wedge(push, friction, slope)) == "equilibrium"
+    assert words(wedge(1.001 * most, friction, slope)) == "wedge would slide along x; block moves, too"
+    assert words(wedge(least - 0.001, friction, slope)) == "wedge would slide along -x; block moves, too"
+
+
+def test_an_arch_as_thin_as_it_may_be():
+    """Under its own weight a semicircular arch stands from thickness 0.1075 of its mean radius on (Couplet, Heyman)."""
+    assert words(arch(0.109)) == words(arch(0.2)) == "equilibrium"
+    said = words(arch(0.106))
+    assert "v0, v1 (and 4 more) tip to the left about (-1.053, 0)" in said
+    assert "v26, v27 (and 4 more) tip to the right about (1.053, 0)" in said
+
+
+def test_an_arch_that_slides():
+    """With little friction the crown sinks and pushes the haunches aside, and none of them is lifted."""
+    said = words(arch(0.2, 0.3))
+    assert said.startswith("v11, v12 (and 8 more) would slide along -y")
+
+
+def test_nothing_holds_a_lid():
+    """A body that leaves all its contacts is held by nothing."""
+    lid = Blocks().box("lid", 0, 1, 1, 0.1, ((0.0, 2.0), (0.5, 1.0)))
+    lid.contact("lid", "box", (0, 1), (1, 1), "coulomb", 1)
+    assert words(lid) == "nothing holds lid: it would move along y"
+    alone = pushed(0.0).box("lid", 0, 3, 1, 0.1)
+    assert words(alone) == "nothing holds lid: it would move along -y"
+
+
+def test_without_loads_nothing_is_looked_for():
+    """No load on a loose body, or loads that cancel but for rounding, are no reason to move."""
+    scene = Blocks().box("block", 0, 0, 1, 1, weight=0.0)
+    scene.contact("block", "floor", (0, 0), (1, 0))
+    interfaces, G, e, bodies = scene.equilibrium()
+    assert find_mechanism(interfaces, G, e, bodies) is None
+    assert find_mechanism(interfaces, G, e + 1e-5, bodies, np.array([1e7])) is None
+    assert find_mechanism(interfaces, G, e + 1e-5, bodies) is not None
+    assert find_mechanism(interfaces, G[:0], e[:0], []) is None
+
+
+def test_a_light_body_is_seen_beside_a_heavy_one():
+    """A lid of a millionth of the load of others that floats is found."""
+    scene = pushed(0.0).box("lid", 0, 3, 1, 0.1, weight=1e-6)
+    assert words(scene) == "nothing holds lid: it would move along -y"
+
+
+def test_too_many_bodies_are_not_looked_at():
+    """More than LARGEST loose bodies are left to the iteration."""
+    interfaces, G, e, bodies = pushed(5.0).equilibrium()
+    assert find_mechanism(interfaces, G, e, bodies * (LARGEST + 1)) is None
+
+
+@pytest.mark.parametrize("columns, rows", [(4, 4), (6, 6), (10, 10)])
+def test_a_row_of_a_wall_is_pushed_out(columns, rows):
+    """The whole highest row slides, however many ways there are to balance the others."""
+    assert words(wall(columns, rows, 0.5)) == "equilibrium"
+    names = f"r{rows - 1}b0, r{rows - 1}b1 (and {columns - 2} more)"
+    assert words(wall(columns, rows, 30.0)) == f"{names} would slide along x"
+
+
+# Units and axes do not matter
+
+@pytest.mark.parametrize("how", [{"force": 1e12, "length": 1e6}, {"force": 1e-12, "length": 1e-6},
+                                 {"force": 1e12, "length": 1e-6}, {"shift": (1e4, -1e4)}], ids=str)
+def test_units_and_origin_do_not_matter(how):
+    """Newtons or giganewtons, metres or micrometres, near the origin or far from it: the same is said."""
+    assert words(pushed(0.499, **how)) == words(pushed(0.5, **how)) == words(arch(0.109, **how)) == "equilibrium"
+    assert words(pushed(0.51, **how)) == "block would slide along x"
+    assert "tip to the left" in words(arch(0.106, **how))
+    scene = tall(0.2, **how)
+    corner = scene.place((2, 0))[0] / scene.length
+    said = words(scene).removeprefix("tower tips to the left about (").removesuffix(")")
+    assert np.array(said.split(", "), float) / scene.length == pytest.approx(corner, abs=0.02)
+
+
+@pytest.mark.parametrize("angle", np.radians([30.0, 90.0, 137.0, 200.0]))
+@pytest.mark.parametrize("make", [lambda **how: pushed(0.6, **how), lambda **how: tower(0.75, **how),
+                                  lambda **how: arch(0.2, 0.3, **how), lambda **how: wall(4, 4, 3.0, **how),
+                                  lambda **how: wedge(1.2, 0.2, 0.36, **how)],
+                         ids=["pushed", "tower", "arch", "wall", "wedge"])
+def test_a_turned_scene_moves_as_it_did_but_turned(make, angle):
+    """The mechanism does not depend on the axes."""
+    one, other = found(make()), found(make(angle=angle))
+    c, s = np.cos(angle), np.sin(angle)
+    assert other.velocities[:, :2] == pytest.approx(one.velocities[:, :2] @ np.array([[c, s], [-s, c]]), abs=1e-5)
+    assert other.velocities[:, 2] == pytest.approx(one.velocities[:, 2], abs=1e-5)
+
+
+def test_words_of_turned_and_mirrored_scenes():
+    """Directions turn with the scene; left becomes right in the mirror."""
+    assert words(pushed(0.6, angle=np.arccos(0.8))) == "block would slide along (0.8, 0.6)"
+    assert words(pushed(0.6, mirror=True)) == "block would slide along -x"
+    assert words(tall(0.2)) == "tower tips to the left about (2, 0)"
+    assert words(tall(0.2, mirror=True)) == "tower tips to the right about (-2, 0)"
+    assert words(tall(0.2, angle=np.pi)) == "tower tips to the right about (-2, 0)"
+    assert words(tall(0.124)) == "equilibrium"
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_random_stacks(seed):
+    """Ends of straight contacts serve as well as all nodes: curved ones, of which all are kept, give the same."""
+    made = []
+    for curved in (False, True):
+        random = np.random.default_rng(seed)
+        scene, x, below = Blocks(angle=random.uniform(0, 6)), 0.0, (0.0, 1.0)
+        for k in range(5):
+            x += random.uniform(-0.5, 0.5)
+            width = random.uniform(0.5, 1.5)
+            scene.box(f"b{k}", x, k, width, 1, (random.uniform(-0.15, 0.15, 2), (x, k + random.uniform())))
+            low, high = max(x, below[0]), min(x + width, below[1])
+            if low < high:
+                law = random.choice(["coulomb", "tresca", "none", "bonded"], p=[0.5, 0.2, 0.1, 0.2])
+                scene.contact(f"b{k}", f"b{k - 1}" if k else "floor", (low, k), (high, k), law,
+                              random.uniform(0.2, 0.8), nodes=9)
+                if curved:  # by less than what counts, but not straight any more
+                    xy = scene.contacts[-1].xy
+                    xy[1::2] += 1e-5 * np.random.default_rng(k).standard_normal((4, 2))
+            below = (x, x + width)
+        made.append(found(scene))
+        if made[-1] is not None:
+            assert made[-1].imbalance > 1e-3 or curved
+            if not curved:
+                check(scene, made[-1])
+    assert (made[0] is None) == (made[1] is None)
+    if made[0] is not None:
+        assert made[1].imbalance == pytest.approx(made[0].imbalance, rel=1e-3)
+
+
+# What stays undetermined
+
+def active(scene, *kinds):
+    """Columns of G of the contacts' normal, tangential or all forces, by contact."""
+    interfaces, G, _, bodies = scene.equilibrium()
+    columns, start = [], 0
+    for interface, kind in zip(interfaces, kinds, strict=True):
+        columns += {"open": [], "slip": range(start, start + interface.m),
+                    "stick": range(start, start + interface.size)}[kind]
+        start += interface.size
+    return G[:, columns], bodies
+
+
+def test_undetermined_motions():
+    """What no closed contact resists is listed: along a floor without friction, about a bore, or everything."""
+    assert undetermined(*active(pushed(0.1), "stick")) == []
+    assert undetermined(*active(pushed(0.1), "slip")) == ["block can slide along x without any force"]
+    assert undetermined(*active(pushed(0.1, angle=np.pi / 2), "slip")) == ["block can slide along y without any force"]
+    assert undetermined(*active(pushed(0.1), "open")) == ["nothing touches block: it can move freely"]
+    one = Blocks().box("block", 0, 0, 1, 1).contact("block", "floor", (0, 0), (1, 0), "coulomb", 0.5, nodes=1)
+    assert undetermined(*active(one, "stick")) == ["block can turn about (0, 0) without any force"]
+    assert len(undetermined(*active(one, "slip"))) == 2
+    turn = np.linspace(0, 5, 9)
+    normal = np.column_stack([np.cos(turn), np.sin(turn)])
+    shaft = Blocks(shift=(2, 1)).body("shaft", 0.5 * normal).curve("shaft", "hub", 0.5 * normal, normal)
+    assert undetermined(*active(shaft, "slip")) == ["shaft can turn about (2, 1) without any force"]
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_undetermined_motions_of_several_bodies(scale):
+    """Bodies that stick to each other slide as one; each that slides on the one below does so alone."""
+    scene = tower(0.25, 3, length=scale)
+    along = "can slide along x without any force"
+    assert undetermined(*active(scene, "slip", "stick", "stick")) == [f"b0, b1 and b2 {along}"]
+    assert undetermined(*active(scene, "stick", "slip", "stick")) == [f"b1 and b2 {along}"]
+    assert len(undetermined(*active(scene, "slip", "slip", "slip"))) == 3
+    assert undetermined(*active(scene, "stick", "open", "slip")) != []
+
+
+# Motions and words
+
+def test_motions_are_found_from_displacements():
+    """Any basis of the free motions, about any point and in any units, is described by velocities of the centre."""
+    points = 1e3 + np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0], [1.0, 0.5], [1.9, 0.9], [1.8, 0.9]])
+    x, y = (points - points[1]).T
+    motions = np.stack([np.column_stack([-y, x]) * 7.0, np.column_stack([0 * x + 3.0, 0 * y])], axis=2)
+    body = MotionsOfBody.of("a", points, motions)
+    assert body.centre == pytest.approx([1001.0, 1000.5]) and body.area == pytest.approx(2.0)
+    assert body.size == pytest.approx(np.hypot(1.0, 0.5)) and body.gyration == pytest.approx(np.sqrt(5 / 12))
+    assert body.velocity(np.array([1.0, 0.0])) == pytest.approx([-3.5, -7.0, 7.0])
+    for k, coefficients in enumerate(np.eye(2)):
+        assert body.at(body.velocity(coefficients), points) == pytest.approx(motions[:, :, k], abs=1e-8)
+    assert body.speed(body.velocity(np.array([1.0, 0.0]))) == pytest.approx(7.0 * np.hypot(2.0, 1.0))
+
+
+def test_motions_of_nodes_on_a_line():
+    """Nodes that span no area have motions, too."""
+    points = np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]])
+    body = MotionsOfBody.of("line", points, np.ones((3, 2, 1)))
+    assert body.velocity(np.ones(1)) == pytest.approx([1.0, 1.0, 0.0], abs=1e-12) and body.area > 0.0
+
+
+@pytest.mark.parametrize("vector, said", [((2, 0), "x"), ((0, -1e-9), "-y"), ((8, 6), "(0.8, 0.6)"),
+                                          ((-1, 1e-4), "-x"), ((-1, -1), "(-0.71, -0.71)")])
+def test_directions(vector, said):
+    """Directions along an axis are named by it."""
+    assert direction(np.array(vector)) == said
