@@ -106,3 +106,51 @@ def write_xdmf(path: Path) -> None:
 
 def _padded(array: np.ndarray) -> np.ndarray:
     return np.column_stack([array, np.zeros(len(array))])
+
+def linear_triangles(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cells (nt, 3 or 6) as triangles between neighbouring nodes, and the cell that each is part of."""
+    parts = [[0, 1, 2]] if cells.shape[1] == 3 else [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]
+    return cells[:, parts].reshape(-1, 3), np.repeat(np.arange(len(cells)), len(parts))
+
+
+def boundary_edges(cells: np.ndarray) -> np.ndarray:
+    """The edges (k, 2) of triangles (nt, 3) that belong to one triangle only."""
+    edges = np.sort(np.concatenate([cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [2, 0]]]), axis=1)
+    _, index, count = np.unique(edges @ (cells.max() + 1, 1), return_index=True, return_counts=True)
+    return edges[index[count == 1]]
+
+
+def middles(points: np.ndarray, cells: np.ndarray, owner: np.ndarray) -> list[np.ndarray]:
+    """A node (2,) of each body far from its boundary, near the body's middle if there are several.
+
+    Parameters
+    ----------
+    points, cells : nodes (nv, 2) and triangles (nt, 3)
+    owner : (nv,) the body of each node
+    """
+    from scipy.spatial import cKDTree
+
+    edge, found = np.unique(boundary_edges(cells)), []
+    for k in range(owner.max() + 1):
+        own = points[owner == k]
+        depth = cKDTree(points[edge[owner[edge] == k]]).query(own)[0]
+        off = np.linalg.norm(own - (own.max(axis=0) + own.min(axis=0)) / 2, axis=1)
+        found.append(own[np.argmin(np.where(depth >= 0.8 * depth.max(), off, np.inf))])
+    return found
+
+
+def areas_at_nodes(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """(nv,) a third of the areas of the triangles around each node."""
+    return np.bincount(cells.ravel(), np.repeat(_areas(points, cells) / 3, 3), len(points))
+
+
+def _areas(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    (ax, ay), (bx, by) = ((points[cells[:, i]] - points[cells[:, 0]]).T for i in (1, 2))
+    return np.abs(ax * by - ay * bx) / 2
+
+
+def at_nodes(values: np.ndarray, points: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Averages over the triangles around each node, weighted by their areas."""
+    total = areas_at_nodes(points, cells)
+    return np.bincount(cells.ravel(), np.repeat(values * _areas(points, cells) / 3, 3),
+                       len(points)) / np.where(total > 0, total, 1.0)

@@ -1,4 +1,5 @@
-"""By which factor a picture enlarges deformations, and where it draws the bodies, so that what touches touches."""
+"""By which factor a picture enlarges deformations, and where it draws bodies and rigid partners, so that what touches
+touches."""
 
 from __future__ import annotations
 
@@ -15,6 +16,12 @@ DRAWN = 0.08
 INVISIBLE = 0.002
 """Errors of at most this fraction of the bodies' extent cannot be seen in a picture: two pixels."""
 
+MARGIN = 0.04
+"""A rigid surface is drawn longer at both ends than where bodies may touch it, by this fraction of the extent."""
+
+WHOLE = 1.5
+"""A rigid circle that bodies may touch over more than this angle is drawn as a whole."""
+
 
 @dataclass(frozen=True)
 class _Pairs:
@@ -22,7 +29,7 @@ class _Pairs:
 
     Attributes
     ----------
-    bodies : numbers of the first and the second body
+    bodies : numbers of the first and, unless it is rigid, the second body
     before : (m, 2) from the first to the second body's node along the normal, undeformed (m)
     normal : (m, 2) of the first body
     gap : (m,) deformed (m)
@@ -62,18 +69,20 @@ def magnify(results: Results) -> tuple[float, np.ndarray]:
     at F = 1 there are none. A scene that gives ``output.magnification`` accepts what it does. Not collective.
     """
     points, u = results.fields["points"][:, :2], results.fields["displacement"][:, :2]
-    owner = np.zeros(len(points), int)
-    owner[results.fields["cells"]] = results.fields["body"][:, None]
+    owner = owners(results)
     names = list(results.summary["bodies"])
-    pairs = [_pairs(results.contacts[contact["name"]], [names.index(name) for name in contact["bodies"]], owner, points,
-                    u) for contact in results.summary["scene"]["contact"]]
+    at = {name: (points[owner == k], u[owner == k]) for k, name in enumerate(names)}
+    pairs = [_pairs(results.contacts[contact["name"]], contact["bodies"], names, at, _rigid(results))
+             for contact in results.summary["scene"]["contact"]]
     apart = np.zeros((len(pairs), len(names)))
     for row, each in zip(apart, pairs, strict=True):
-        row[each.bodies] = -1.0, 1.0
+        row[each.bodies] = (-1.0, 1.0)[:len(each.bodies)]
     moved, mobile = np.linalg.norm(u, axis=1), np.zeros(len(names))
     np.maximum.at(mobile, owner, moved)
     distances = np.array([each.distance() for each in pairs]).reshape(-1, 2)
-    shifts = mobile[:, None] * (np.linalg.pinv(apart * mobile) @ distances)  # mostly of the body that moves most
+    shifts = np.zeros((len(names), 2))
+    if distances.any():
+        shifts = mobile[:, None] * (np.linalg.pinv(apart * mobile) @ distances)  # mostly of the body that moves most
     extent, size = np.ptp(points, axis=0).max(), max(moved.max(), np.abs(shifts).max())
     limits = [limit for each, shift in zip(pairs, apart @ shifts, strict=True)
               for limit in each.limits(shift, INVISIBLE * extent)]
@@ -82,18 +91,74 @@ def magnify(results: Results) -> tuple[float, np.ndarray]:
     return factor, (factor - 1.0) * shifts[owner]
 
 
-def _pairs(nodes: Columns, bodies: list[int], owner: np.ndarray, points: np.ndarray, u: np.ndarray) -> _Pairs:
-    """The pairs of a contact. The second body's node is the one nearest to where gap and slip say that it has moved."""
+def owners(results: Results) -> np.ndarray:
+    """(nv,) the number of the body that each node belongs to."""
+    found = np.zeros(len(results.fields["points"]), int)
+    found[results.fields["cells"]] = results.fields["body"][:, None]
+    return found
+
+
+def _rigid(results: Results) -> dict[str, dict]:
+    return {each["name"]: each for each in results.summary["scene"].get("rigid", ())}
+
+
+def surfaces(results: Results, factor: float = 0.0) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Points (k, 2) along each rigid surface that bodies may touch, and its unit normals there, towards the bodies.
+
+    Drawn where it has gone to, its displacement times `factor`.
+    """
+    fields, contacts = results.fields, results.summary["scene"]["contact"]
+    extent, owner = np.ptp(fields["points"][:, :2], axis=0).max(), owners(results)
+    names = list(results.summary["bodies"])
+    for name, rigid in _rigid(results).items():
+        near = [each for each in contacts if each["bodies"][1] == name]
+        if not near:
+            continue
+        touched = np.concatenate([np.column_stack([table["x"], table["y"]])
+                                  for table in (results.contacts[each["name"]] for each in near)])
+        if rigid["shape"] == "plane":
+            normal = np.array(rigid["normal"]) / np.linalg.norm(rigid["normal"])
+            along, point = np.array([normal[1], -normal[0]]), np.array(rigid["point"])
+            bodies = fields["points"][np.isin(owner, [names.index(each["bodies"][0]) for each in near]), :2]
+            ends = (bodies - point) @ along
+            t = np.linspace(ends.min() - MARGIN * extent, ends.max() + MARGIN * extent, 200)
+            at, normals = point + t[:, None] * along, np.tile(normal, (len(t), 1))
+        else:
+            center, radius = np.array(rigid["center"]), rigid["radius"]
+            angle = np.sort(np.arctan2(*(touched - center).T[::-1]))
+            holes = np.diff(angle, append=angle[0] + 2 * np.pi)  # the largest one is not touched
+            k = int(np.argmax(holes))
+            begin, length = angle[(k + 1) % len(angle)], 2 * np.pi - holes[k]
+            margin = MARGIN * extent / radius
+            if length + 2 * margin >= WHOLE:
+                begin, length, margin = 0.0, 2 * np.pi, 0.0
+            t = np.linspace(begin - margin, begin + length + margin, 400)
+            outward = np.column_stack([np.cos(t), np.sin(t)])
+            at, normals = center + radius * outward, -outward if rigid["inside"] else outward
+        yield at + factor * np.array(rigid["displacement"]), normals
+
+
+def _pairs(nodes: Columns, bodies: list[str], names: list[str], at: dict[str, tuple[np.ndarray, np.ndarray]],
+           rigid: dict[str, dict]) -> _Pairs:
+    """The pairs of a contact. The second body's node is the one nearest to where gap and slip say that it has moved.
+
+    A rigid partner has no nodes: what is opposite moved as all of it did.
+    """
     from scipy.spatial import cKDTree
 
     xy, normal = (np.column_stack([nodes[x], nodes[y]]) for x, y in (("x", "y"), ("nx", "ny")))
     tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
-    ours, theirs = (np.flatnonzero(owner == body) for body in bodies)
-    moved = xy + u[ours][cKDTree(points[ours]).query(xy)[1]]
+    (ours, u), second = at[bodies[0]], bodies[1]
+    moved = xy + u[cKDTree(ours).query(xy)[1]]
     opposite = moved + nodes["gap"][:, None] * normal - nodes["slip"][:, None] * tangent
-    partner = theirs[cKDTree(points[theirs] + u[theirs]).query(opposite)[1]]
-    before = np.einsum("ij,ij->i", points[partner] - xy, normal)[:, None] * normal
-    return _Pairs(bodies, before, normal, nodes["gap"], nodes["status"] != "open")
+    if second in rigid:
+        partner = opposite - rigid[second]["displacement"]
+    else:
+        theirs, v = at[second]
+        partner = theirs[cKDTree(theirs + v).query(opposite)[1]]
+    before = np.einsum("ij,ij->i", partner - xy, normal)[:, None] * normal
+    numbers = [names.index(name) for name in bodies if name not in rigid]
+    return _Pairs(numbers, before, normal, nodes["gap"], nodes["status"] != "open")
 
 
 def _round_down(factor: float) -> float:

@@ -2,32 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ddmpi.results.magnify import magnify
-from ddmpi.results.reader import Columns, Results, read_results
+from ddmpi.results.fields import areas_at_nodes, at_nodes, boundary_edges, linear_triangles, middles
+from ddmpi.results.magnify import magnify, owners, surfaces
+from ddmpi.results.reader import Columns, Results, pieces, read_results, starts
 from ddmpi.results.tables import writing
 
 STYLE = {"font.size": 10, "axes.titlesize": 11, "figure.titlesize": 11, "axes.spines.top": False,
          "axes.spines.right": False, "legend.frameon": False, "figure.constrained_layout.use": True,
          "savefig.dpi": 160, "axes.axisbelow": True}
 
-COLOURS = {"normal": "#1b4f8f", "tangential": "#c8501e", "bound": "#7a7a7a"}
+COLOURS = {"normal": "#1b4f8f", "tangential": "#c8501e", "bound": "#7a7a7a", "rigid": "#404040"}
 
 ZONES = {"open": "#e4e7ec", "slip": "#fbe3cf", "stick": "#d3e6d3"}
 
+LINES = {"open": "#9aa0a8", "slip": "#e08a3c", "stick": "#4d9a4d"}
+"""Zones drawn as lines."""
+
+EACH = 6
+"""Of at most so many contacts each has a picture of its own; of more, all share one only."""
+
+NAMED = 40
+"""Names are written on at most this many bodies."""
+
+WIDEST = 0.3
+"""Half a resultant is drawn as at most this part of a body's size, the root of its area, pressures as 0.8 of it."""
+
+WEAK = 0.01
+"""Resultants below this part of the largest one are not drawn."""
+
 RESOLVED = 1e-6
 """Gaps and slips below this fraction of the largest displacement are drawn as none."""
-
-APART = 1.75
-"""Consecutive nodes belong to separate pieces if they are farther apart than this times their mean nodal length.
-
-Neighbours are at most 4/3 of it apart on a uniform mesh, at the end of a piece; across one missing node it is 2.
-"""
 
 MARKED = 100
 """Curves of at most this many nodes have a marker at each."""
@@ -38,9 +48,9 @@ PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "
 def draw_all(folder: str | Path) -> list[Path]:
     """Draw all pictures of the results in `folder` into it; their paths.
 
-    bodies.png, contact.png (contact_NAME.png of each of several contacts), convergence.png, and error.png if the
-    results have the estimated error. Not collective. Raises InputError if the results cannot be read, OutputError
-    if a picture cannot be written.
+    bodies.png, contact.png (of several contacts contacts.png, and contact_NAME.png of each if there are not more than
+    EACH), convergence.png, and error.png if the results have the estimated error. Not collective. Raises InputError if
+    the results cannot be read, OutputError if a picture cannot be written.
     """
     import matplotlib
 
@@ -70,8 +80,11 @@ def identity(summary: dict) -> dict[str, str]:
 def _figures(results: Results) -> Iterator[tuple[str, Any]]:
     """Each picture's file name and figure."""
     yield "bodies.png", draw_bodies(results)
-    for name in results.contacts:
-        yield "contact.png" if len(results.contacts) == 1 else f"contact_{name}.png", draw_contact(results, name)
+    several = len(results.contacts) > 1
+    if several:
+        yield "contacts.png", draw_contacts(results)
+    for name in results.contacts if len(results.contacts) <= EACH else ():
+        yield f"contact_{name}.png" if several else "contact.png", draw_contact(results, name)
     yield "convergence.png", draw_convergence(results)
     if "error" in results.fields:
         yield "error.png", draw_error(results)
@@ -82,15 +95,16 @@ def draw_bodies(results: Results):
     fields, (length_unit, stress_unit) = results.fields, _units(results)
     (scale, shift), u = magnify(results), fields["displacement"][:, :2]
     points, moved = fields["points"][:, :2] + shift, np.linalg.norm(u, axis=1)
-    cells, owner = _linear_triangles(fields["cells"])
+    cells, owner = linear_triangles(fields["cells"])
     if "von_mises" in fields:
-        values, unit, quantity = _at_nodes(fields["von_mises"][owner], points, cells), stress_unit, "von Mises stress"
+        values, unit, quantity = at_nodes(fields["von_mises"][owner], points, cells), stress_unit, "von Mises stress"
         low, top = 0.0, np.percentile(values, 99.5)  # stresses are singular in corners, which must not set the scale
     else:
         values, unit, quantity = moved, length_unit, "displacement"
         low, top = values.min(), values.max()
     factor, unit = _scaled_unit(values.max(), unit)
-    figure, axes = _axes(points + scale * u, cells, length_unit)
+    rigid = list(surfaces(results, scale))
+    figure, axes = _axes(points + scale * u, cells, length_unit, rigid)
     axes.add_collection(_outline(points, cells, color="#9aa0a8", linewidth=0.7, zorder=1))
     image = axes.tripcolor(*(points + scale * u).T, cells, values / factor, shading="gouraud", cmap="viridis",
                            vmin=low / factor, vmax=top / factor or 1.0, rasterized=True, zorder=2)
@@ -100,12 +114,76 @@ def draw_bodies(results: Results):
     return figure
 
 
+def draw_contacts(results: Results):
+    """All contacts where the bodies stand: their zones as lines, pressures as areas on them, resultants; a figure.
+
+    A pressure is drawn into the contact's first body, tension into the second. A resultant is drawn along its line of
+    action, its middle at the contact, unless it passes the contact by.
+    """
+    from matplotlib.collections import LineCollection, PolyCollection
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+    from matplotlib.patheffects import withStroke
+
+    points, (length_unit, stress_unit) = results.fields["points"][:, :2], _units(results)
+    cells, owner = linear_triangles(results.fields["cells"])[0], owners(results)
+    figure, axes = _axes(points, cells, length_unit, list(surfaces(results)), inside="#f4f5f7")
+    bodies = results.summary["bodies"]
+    area = np.bincount(owner, areas_at_nodes(points, cells), len(bodies))
+    size = WIDEST * float(np.median(np.sqrt(area)))
+    entries = [(table, results.summary["contacts"][name]) for name, table in results.contacts.items()]
+    top = max(np.abs(table["normal_stress"]).max() for table, _ in entries)
+    kind = "normal stress" if any((table["normal_stress"] < 0.0).any() for table, _ in entries) else "pressure"
+    largest = max(float(np.hypot(*contact["force"])) for _, contact in entries)
+    areas, zones, forces, colours = [], [], [], []
+    for table, contact in entries:
+        xy, normal = (np.column_stack([table[a], table[b]]) for a, b in (("x", "y"), ("nx", "ny")))
+        stress = 0.8 * table["normal_stress"] / (top or 1.0)
+        for piece in pieces(table):
+            ends = xy[piece] - size * stress[piece, None] * normal[piece]
+            areas.append(np.vstack([xy[piece], ends[::-1]]))
+            middle = (xy[piece][1:] + xy[piece][:-1]) / 2
+            edges = np.vstack([xy[piece][:1], middle, xy[piece][-1:]])
+            zones += [edges[[k, k + 1]] for k in range(len(piece))]
+            colours += [LINES[status] for status in table["status"][piece]]
+        force = np.array(contact["force"], float)
+        if np.hypot(*force) > WEAK * largest:
+            weight = np.hypot(table["normal_force"], table["tangential_force"])
+            centre = weight @ xy / weight.sum()
+            arm = contact["moment"] - (centre[0] * force[1] - centre[1] * force[0])
+            at = centre + arm * np.array([force[1], -force[0]]) / (force @ force)
+            if np.linalg.norm(at - centre) <= np.ptp(xy, axis=0).max() + size:
+                forces.append(at + np.outer((-1.0, 1.0), size / largest * force))
+    axes.add_collection(PolyCollection(areas, facecolor=COLOURS["normal"] + "60", edgecolor=COLOURS["normal"],
+                                       linewidth=0.6, zorder=4))
+    axes.add_collection(LineCollection(zones, colors=colours, linewidth=2.2, capstyle="butt", zorder=5))
+    axes.add_collection(LineCollection(forces, colors="#8c1a3a", linewidth=1.4, zorder=6))
+    axes.autoscale_view()
+    if len(bodies) <= NAMED:
+        for name, at in zip(bodies, middles(points, cells, owner), strict=True):
+            axes.annotate(name, at, ha="center", va="center", fontsize=7, color="#50555c", zorder=7,
+                          path_effects=[withStroke(linewidth=2, foreground="#ffffffc0")])
+    (factor, unit), (times, of_force) = (_scaled_unit(*each) for each in (
+        (top, stress_unit), (largest, results.summary["units"]["force"])))
+    legend: list[Any] = [Patch(facecolor=COLOURS["normal"] + "60", edgecolor=COLOURS["normal"],
+                               label=f"{kind}, largest {top / factor:.3g} {unit}"),
+                         Line2D([], [], color="#8c1a3a", label=f"resultants, largest {largest / times:.3g} {of_force}")]
+    for zone, colour in LINES.items():
+        number = sum(contact[zone] for _, contact in entries)
+        if number:
+            legend.append(Line2D([], [], color=colour, linewidth=2.2, label=f"{zone} ({number} nodes)"))
+    axes.legend(handles=legend, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3 if _is_wide(points) else 2,
+                fontsize=8)
+    figure.suptitle(f"{_title(results)}contact forces")
+    return figure
+
+
 def draw_error(results: Results):
     """The estimated discretization error of each triangle; a figure."""
     from matplotlib.colors import LogNorm
 
     points = results.fields["points"][:, :2]
-    cells, owner = _linear_triangles(results.fields["cells"])
+    cells, owner = linear_triangles(results.fields["cells"])
     values = results.fields["error"][owner]
     top = values.max() or 1.0
     figure, axes = _axes(points, cells, _units(results)[0])
@@ -210,7 +288,7 @@ def _units(results: Results) -> tuple[str, str]:
 
 def _scaled_unit(value: float, unit: str) -> tuple[float, str]:
     """A factor and a unit with a prefix in which `value` is easy to read; units other than SI stay as they are."""
-    if unit not in ("m", "Pa") or not value or not np.isfinite(value):
+    if unit not in ("m", "Pa", "N/m") or not value or not np.isfinite(value):
         return 1.0, unit
     factor, prefix = next(((f, p) for f, p in PREFIXES if value >= f), (1.0, ""))
     return factor, prefix + unit
@@ -231,24 +309,18 @@ def _position(nodes: Columns) -> tuple[np.ndarray, str]:
     return arc, "arc length along the contact"
 
 
-def _starts(table: Columns) -> np.ndarray:
-    """Rows of nodes or sides with which another piece of the contact begins."""
-    distance, length = np.hypot(np.diff(table["x"]), np.diff(table["y"])), table["length"]
-    return 1 + np.flatnonzero(distance > APART * (length[1:] + length[:-1]) / 2)
-
-
 def _curve(axes, table: Columns, x: np.ndarray, y: np.ndarray, **style) -> None:
     """Draw a curve over the rows of a table that does not join separate pieces; long curves mark lone nodes only."""
-    starts = _starts(table)
-    lone = np.isin(np.arange(len(x)), [0, *starts]) & np.isin(np.arange(1, len(x) + 1), [*starts, len(x)])
-    marked = np.insert(lone | (len(x) <= MARKED), starts, False)
-    axes.plot(*(np.insert(values, starts, np.nan) for values in (x, y)),
+    begin = starts(table)
+    lone = np.isin(np.arange(len(x)), [0, *begin]) & np.isin(np.arange(1, len(x) + 1), [*begin, len(x)])
+    marked = np.insert(lone | (len(x) <= MARKED), begin, False)
+    axes.plot(*(np.insert(values, begin, np.nan) for values in (x, y)),
               **{"marker": "o" if marked.any() else "", "markersize": 2.5, "markevery": marked.tolist()} | style)
 
 
 def _shade(axes, position: np.ndarray, nodes: Columns) -> None:
     """Shade the zones of equal status; two zones meet halfway between their nodes."""
-    for piece in np.split(np.arange(len(position)), _starts(nodes)):
+    for piece in np.split(np.arange(len(position)), starts(nodes)):
         x, status = position[piece], nodes["status"][piece]
         edges = np.concatenate([x[:1], (x[1:] + x[:-1]) / 2, x[-1:]])
         first = np.flatnonzero(np.concatenate([[True], status[1:] != status[:-1]]))
@@ -268,14 +340,31 @@ def _slip_bound(table: Columns, friction: dict) -> np.ndarray | None:
     return np.full(len(table["x"]), float(value)) if value <= 3 * np.abs(table["tangential_stress"]).max() else None
 
 
-def _axes(at: np.ndarray, cells: np.ndarray, unit: str):
-    """A figure and axes of a size that suits bodies with nodes at `at` (nv, 2), with their outlines."""
-    import matplotlib.pyplot as plt
+def _axes(at: np.ndarray, cells: np.ndarray, unit: str, rigid: Sequence[tuple[np.ndarray, np.ndarray]] = (),
+          inside: str = "none"):
+    """A figure and axes of a size that suits bodies with nodes at `at` (nv, 2), with their outlines.
 
-    width, height = np.ptp(at, axis=0)
-    size = (8.6, 1.4 + 8.0 * height / width) if _is_wide(at) else (1.8 + 6.2 * width / height, 6.4)
+    Rigid surfaces, points and normals, are drawn hatched on the side that the normals do not point to.
+    """
+    import matplotlib.pyplot as plt
+    from matplotlib.collections import LineCollection
+    from matplotlib.colors import ListedColormap
+
+    extent = np.ptp(at, axis=0).max()
+    everything = np.vstack([at, *(line for line, _ in rigid)])
+    width, height = np.ptp(everything, axis=0)
+    size = (8.6, 1.4 + 8.0 * height / width) if _is_wide(everything) else (1.8 + 6.2 * width / height, 6.4)
     figure, axes = plt.subplots(figsize=np.clip(size, (4.8, 3.0), (10.0, 8.0)), layout="compressed")
     axes.add_collection(_outline(at, cells, color="black", linewidth=0.6, zorder=3))
+    if inside != "none":
+        axes.tripcolor(*at.T, cells, np.zeros(len(cells)), cmap=ListedColormap([inside]), zorder=0)
+    for line, normal in rigid:
+        axes.plot(*line.T, color=COLOURS["rigid"], linewidth=1.4, zorder=2.5)
+        steps = np.linalg.norm(np.diff(line, axis=0), axis=1).cumsum()
+        at_ticks = np.unique(np.searchsorted(steps, np.arange(0.0, steps[-1], 0.02 * extent)))
+        along = np.column_stack([normal[:, 1], -normal[:, 0]])
+        ticks = np.stack([line, line - 0.015 * extent * (normal + along)], axis=1)[at_ticks]
+        axes.add_collection(LineCollection(ticks, colors=COLOURS["rigid"], linewidth=0.7, zorder=2.5))
     axes.set(aspect="equal", xlabel=f"x ({unit})", ylabel=f"y ({unit})")
     return figure, axes
 
@@ -293,23 +382,7 @@ def _colour_bar(figure, axes, image, label: str, extend: str) -> None:
 
 
 def _outline(at: np.ndarray, cells: np.ndarray, **style):
-    """The edges of triangles with nodes at `at` (nv, 2) that belong to one triangle only, as a collection."""
+    """The boundary of triangles with nodes at `at` (nv, 2), as a collection."""
     from matplotlib.collections import LineCollection
 
-    edges = np.sort(np.concatenate([cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [2, 0]]]), axis=1)
-    _, index, count = np.unique(edges @ (len(at), 1), return_index=True, return_counts=True)
-    return LineCollection(at[edges[index[count == 1]]], capstyle="round", **style)
-
-
-def _linear_triangles(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cells (nt, 3 or 6) as triangles between neighbouring nodes, and the cell that each is part of."""
-    parts = [[0, 1, 2]] if cells.shape[1] == 3 else [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]
-    return cells[:, parts].reshape(-1, 3), np.repeat(np.arange(len(cells)), len(parts))
-
-
-def _at_nodes(values: np.ndarray, points: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Averages over the triangles around each node, weighted by their areas."""
-    (ax, ay), (bx, by) = ((points[cells[:, i]] - points[cells[:, 0]]).T for i in (1, 2))
-    area = np.abs(ax * by - ay * bx)
-    total = np.bincount(cells.ravel(), np.repeat(area, 3), len(points))
-    return np.bincount(cells.ravel(), np.repeat(values * area, 3), len(points)) / np.where(total > 0, total, 1.0)
+    return LineCollection(at[boundary_edges(cells)], capstyle="round", **style)

@@ -101,8 +101,11 @@ class RunResult:
     certificate_limit : the largest residual of a certified answer
     energy_norm : estimated discretization error, relative to the energy norm of all bodies; nan where there is none
     levels : for each mesh that was solved on, its refinement, unknowns and error
-    exchange : messages and bytes between bodies
+    exchange : the most that a rank has sent: messages and bytes of interface vectors to its neighbours; reductions over
+        all ranks, of flags, scalars and coarse problems, and reduced_bytes, what it gave to them; without PETSc's own
+        in Krylov methods
     qp : TAO type of the quadratic subproblems, or "none"
+    undetermined : rigid motions that no contact resists, in words
     """
 
     converged: bool
@@ -119,6 +122,7 @@ class RunResult:
     options: dict[str, str]
     options_unused: Sequence[str]
     warnings: Sequence[str] = ()
+    undetermined: Sequence[str] = ()
 
 
 def summarize(scene: dict, run: RunResult, bodies: Sequence[BodyResult], contacts: Sequence[ContactResult]) -> dict:
@@ -155,7 +159,7 @@ def summarize(scene: dict, run: RunResult, bodies: Sequence[BodyResult], contact
         "discretization_error": {"energy_norm": run.energy_norm, "target": method.get("target_error"),
                                  "levels": run.levels},
         "displacement_max": _worst([body.displacement_max for body in bodies]), "units": _units(scene["output"]),
-        "warnings": run.warnings,
+        "warnings": run.warnings, "undetermined": run.undetermined,
         "seconds": {}, "exchange": run.exchange, "solvers": {"qp": run.qp},
         "options": run.options, "options_unused": run.options_unused, "scene": scene})
     return summary

@@ -5,10 +5,13 @@ import numpy as np
 import pytest
 from matplotlib import image
 from matplotlib import pyplot as plt
+from matplotlib.collections import LineCollection
 
 from ddmpi.errors import InputError, OutputError
-from ddmpi.results.pictures import draw_all, draw_bodies, draw_contact, draw_convergence
-from ddmpi.results.reader import Results, read_results
+from ddmpi.results import pictures
+from ddmpi.results.magnify import magnify
+from ddmpi.results.pictures import draw_all, draw_bodies, draw_contact, draw_contacts, draw_convergence
+from ddmpi.results.reader import Results, pieces, read_results
 from ddmpi.results.tables import write_history
 
 
@@ -35,9 +38,10 @@ def pressure(results: Results):
 @pytest.mark.parametrize("how, contacts", [
     ({}, ["contact.png"]), ({"order": 2}, ["contact.png"]), ({"stresses": False, "friction": made_up.NoFriction()},
                                                             ["contact.png"]),
-    ({"kind": "row", "error": True}, ["contact_left-middle.png", "contact_middle-right.png", "error.png"])])
+    ({"kind": "row", "error": True}, ["contact_left-middle.png", "contact_middle-right.png", "contacts.png",
+                                        "error.png"])])
 def test_there_is_a_picture_of_everything(tmp_path, how, contacts):
-    """All bodies share one picture, and each contact has its own; a single contact's is contact.png."""
+    """Bodies share a picture, several contacts as well, and each contact has its own; a single one's is contact.png."""
     made_up.results(tmp_path, **how)
     drawn = draw_all(tmp_path)
     assert sorted(path.name for path in drawn) == sorted(["bodies.png", "convergence.png", *contacts])
@@ -144,3 +148,82 @@ def test_what_is_wrong_is_named(tmp_path):
     with pytest.raises(OutputError, match=r"contact.png: Is a directory"):
         draw_all(tmp_path)
     assert not plt.get_fignums()
+
+
+FLOOR = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 2.0], "displacement": [0.0, 0.0]}
+BORE = {"name": "floor", "shape": "circle", "center": [1.5, 3.0], "radius": 3.0, "inside": True,
+        "displacement": [1e-5, 0.0]}
+
+
+def with_rigid(folder, rigid: dict) -> Results:
+    """The stack on a rigid partner, which carries what the contact above it carries."""
+    made_up.results(folder)
+    results = read_results(folder)
+    results.contacts["lower-floor"] = {**results.contacts["upper-lower"], "y": np.zeros(25)}
+    results.summary["contacts"]["lower-floor"] = results.summary["contacts"]["upper-lower"]
+    results.summary["scene"]["contact"].append({"name": "lower-floor", "bodies": ["lower", "floor"],
+                                                "friction": {"law": "none"}})
+    results.summary["scene"]["rigid"] = [rigid]
+    return results
+
+
+def segments(axes) -> list:
+    """The lines of each collection of lines."""
+    return [each.get_segments() for each in axes.collections if isinstance(each, LineCollection)]
+
+
+@pytest.mark.parametrize("rigid", [FLOOR, BORE])
+@pytest.mark.parametrize("draw", [draw_bodies, draw_contacts])
+def test_rigid_partners_are_drawn(tmp_path, rigid, draw):
+    """A plane is a line as long as the bodies and a little longer, a bore an arc where bodies touch it; both hatched
+    on the far side. With the bodies they move as the picture is magnified."""
+    results = with_rigid(tmp_path, rigid)
+    axes = draw(results).axes[0]
+    x, y = axes.lines[0].get_data()
+    far = next(each for each in segments(axes) if len(each) > 10 and np.allclose(each[0][0], (x[0], y[0])))
+    ends = np.array([segment[1] for segment in far])
+    factor = magnify(results)[0] if draw is draw_bodies else 0.0
+    if rigid is FLOOR:
+        assert (x.min(), x.max()) == pytest.approx((-0.12, 3.12)) and not y.any()
+        assert (ends[:, 1] < 0.0).all()
+    else:
+        middle = np.array(BORE["center"]) + factor * np.array(BORE["displacement"])
+        assert np.hypot(x - middle[0], y - middle[1]) == pytest.approx(np.full(len(x), 3.0))
+        assert -0.1 < x.min() < 0.1 and 2.9 < x.max() < 3.1 and y.max() < 1.0
+        assert (np.linalg.norm(ends - middle, axis=1) > 3.0).all()
+
+
+def test_resultants_are_drawn_where_they_act(tmp_path):
+    """The force of a contact is drawn through the point that its moment says, as steep as it is."""
+    results = with_rigid(tmp_path, FLOOR)
+    contact = results.summary["contacts"]["upper-lower"]
+    (fx, fy), moment = contact["force"], contact["moment"]
+    axes = draw_contacts(results).axes[0]
+    (first, last), *_ = next(each for each in segments(axes) if len(each) == 2)
+    direction = last - first
+    assert direction[0] * fy - direction[1] * fx == pytest.approx(0.0, abs=1e-9 * abs(fy))
+    x, y = (first + last) / 2
+    assert x * fy - y * fx == pytest.approx(moment, rel=1e-9)
+
+
+@pytest.mark.parametrize("contacts, single", [(2, 2), (6, 6), (7, 0)])
+def test_of_many_contacts_only_the_overview_is_drawn(tmp_path, monkeypatch, contacts, single):
+    """Up to six contacts have pictures of their own."""
+    results = made(tmp_path)
+    table, entry = results.contacts["upper-lower"], results.summary["contacts"]["upper-lower"]
+    names = [f"c{k}" for k in range(contacts)]
+    monkeypatch.setitem(results.summary, "contacts", dict.fromkeys(names, entry))
+    results.contacts.clear()
+    results.contacts.update(dict.fromkeys(names, table))
+    results.summary["scene"]["contact"] = [results.summary["scene"]["contact"][0] | {"name": name} for name in names]
+    drawn = [name for name, _ in pictures._figures(results)]
+    assert "contacts.png" in drawn and sum(name.startswith("contact_") for name in drawn) == single
+
+
+def test_closed_contacts_are_drawn_closed():
+    """The nodes of a ring end where they begin; those of an arc do not."""
+    angle = 2 * np.pi * np.arange(24) / 24
+    ring = {"x": np.cos(angle), "y": np.sin(angle), "length": np.full(24, 2 * np.pi / 24)}
+    assert pieces(ring)[0].tolist() == [*range(24), 0]
+    arc = {name: column[:20] for name, column in ring.items()}
+    assert pieces(arc)[0].tolist() == list(range(20))

@@ -14,7 +14,8 @@ from ddmpi.results.summary import ContactResult, summarize, write_summary
 TOP = {"format", "title", "converged", "reason", "outer", "order", "n", "m", "ranks", "outer_iterations",
        "inner_iterations", "n_A", "bodies", "contacts", "certificate", "steps", "discretization_error",
        "displacement_max", "units", "warnings", "seconds", "exchange", "options", "scene",
-       "algorithm", "splitting", "friction", "eff", "certificate_limit", "solvers", "options_unused"}
+       "algorithm", "splitting", "friction", "eff", "certificate_limit", "solvers", "options_unused",
+       "undetermined"}
 
 BODY = {"n", "ranks", "n_A", "held", "displacement_max", "von_mises_max", "energy", "reaction", "discretization_error",
         "compliance", "memory_mib", "n_A_by_purpose", "inner_steps", "solver", "certificate"}
