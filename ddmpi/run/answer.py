@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from ddmpi.coupling.ranks import check_ranks
+from ddmpi.coupling.ranks import on_working_ranks
 from ddmpi.errors import InputError
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.build import order_of_files
@@ -52,13 +52,14 @@ class Answer:
     summary : what a run writes as summary.json; the same on all ranks
     contacts : state by contact: normal_force, pressure, shear, gap, slip, status, force, …; the same on all ranks
     bodies : fields of the bodies that live on this rank, by name
-    solved : everything else that was computed, for studies of the method; not a stable interface
+    solved : everything else that was computed, for studies of the method; None on ranks without a body; not a stable
+        interface
     """
 
     summary: dict[str, Any]
     contacts: Mapping[str, ContactState]
     bodies: Mapping[str, BodyAnswer]
-    solved: Solved
+    solved: Solved | None
 
     @property
     def certified(self) -> bool:
@@ -77,7 +78,7 @@ def solve(scene: str | Path, comm: MPI.Comm | None = None, overrides: Mapping[st
     Parameters
     ----------
     scene : a scene's file, or its text where it has several lines
-    comm : as many ranks as the scene has bodies; MPI.COMM_WORLD if left out. PETSc starts on all ranks of
+    comm : any number of ranks; MPI.COMM_WORLD if left out. PETSc starts on all ranks of
         MPI.COMM_WORLD together: where `comm` is a part of it, call ``petsc4py.init()`` on all ranks before
     overrides : values by key, as after ``--set``: ``{"contact.upper-lower.friction.coefficient": 0.5}``
 
@@ -98,16 +99,17 @@ def solve(scene: str | Path, comm: MPI.Comm | None = None, overrides: Mapping[st
         return read_scene(path, text or read_text(path), settings, order_of_files(path))
 
     settled, clock, options = from_first(world, read), Clock(), RunOptions()
-    check_ranks(world, settled)
     options.use(settled.petsc)
     try:
-        solved, _ = compute(world, settled, path, clock, write=False)
+        computed = on_working_ranks(world, settled, lambda part: compute(part, settled, path, clock, write=False))
     finally:
         options.use({})
-    fields, solution = solved.fields, solved.solution
-    own = BodyAnswer(fields.points, fields.triangles, fields.displacement, fields.stress, fields.von_mises)
-    summary = solved.summary | {"seconds": clock.largest(world)}
-    return Answer(summary, solution.contacts, {solved.assembly.spec.name: own}, solved)
+    seconds, solved = clock.largest(world), computed[0] if computed else None
+    found = (solved.summary | {"seconds": seconds}, solved.solution.contacts) if solved else None
+    summary, contacts = world.bcast(found)
+    own = {name: BodyAnswer(each.points, each.triangles, each.displacement, each.stress, each.von_mises)
+           for name, each in (solved.fields.items() if solved else ())}
+    return Answer(summary, contacts, own, solved)
 
 
 def _toml(value: Any) -> str:

@@ -34,7 +34,7 @@ from ddmpi.system.files import CHECKPOINT, write_atomically
 
 log = logging.getLogger("ddmpi")
 
-FORMAT, BLOCK = b"ddmpi checkpoint 2 sha256 ", 512
+FORMAT, BLOCK = b"ddmpi checkpoint 3 sha256 ", 512
 """What stands in HDF5's user block, before the digest of the rest; its size, the smallest that HDF5 has."""
 
 MAY_DIFFER = ("title", "output", "checkpoint", "petsc")
@@ -82,7 +82,8 @@ def continue_from(world: MPI.Comm, folder: str, identity: dict[str, dict]) -> di
                 if differing:
                     log.warning("%s: the answer will be as good, but not the same to the last digit", message)
             if len(states) != world.size:
-                raise InputError(f"{path}: holds {len(states)} bodies, not {world.size}")
+                raise InputError(f"{path}: was written on {len(states)} ranks that hold bodies, this run has "
+                                 f"{world.size}; continue it with mpirun -n {len(states)}")
     return world.scatter(states)
 
 
@@ -130,16 +131,20 @@ class Checkpoints:
 
         Collective. Raises InputError on all ranks when the checkpoint is of other meshes.
         """
-        assembly, C = self.assembly, self.assembly.member.C
-        self._parts |= parts | {"outer": outer, "compliance": C, "exchange": assembly.exchange}
-        self._fixed = {"mesh": self._mesh(), "kind": C.kind, "h": assembly.member.h}
+        assembly, bodies = self.assembly, self.assembly.bodies
+        self._parts |= parts | {"outer": outer, "exchange": assembly.exchange}
+        self._parts |= {f"compliance of {body.spec.name}": body.member.C for body in bodies}
+        self._fixed = {"mesh": self._mesh(), "kind": ", ".join(body.member.C.kind for body in bodies),
+                       "h": np.concatenate([body.member.h for body in bodies])}
         if self._begin:
             with agreed(assembly.world):
                 if self._begin["mesh"] != self._fixed["mesh"]:
-                    raise InputError(f"the checkpoint is of another mesh of body {assembly.member.name!r}")
+                    names = " or ".join(repr(body.spec.name) for body in bodies)
+                    raise InputError(f"the checkpoint is of another mesh of body {names}")
             for name, part in self._parts.items():
                 part.restore(self._begin[name])
-            same = self._begin["kind"] == C.kind and np.array_equal(self._begin["h"], assembly.member.h)
+            same = (self._begin["kind"] == self._fixed["kind"]
+                    and np.array_equal(self._begin["h"], self._fixed["h"]))
             if not all(assembly.world.allgather(same)):
                 log.warning("this machine computes otherwise than that of the checkpoint did (another processor, less "
                             "memory): the answer will be as good, but not the same to the last digit")
@@ -205,9 +210,10 @@ class Checkpoints:
                 write(self.folder / CHECKPOINT, self.identity, states)
 
     def _mesh(self) -> str:
-        """A digest of the own mesh and of the interfaces."""
-        mesh, interfaces = self.assembly.mesh, self.assembly.space.interfaces
-        arrays = [mesh.points, mesh.triangles, *(array for each in interfaces for array in (each.xy, each.gap))]
+        """A digest of the own meshes and interfaces."""
+        meshes, interfaces = [body.mesh for body in self.assembly.bodies], self.assembly.space.interfaces
+        arrays = [array for mesh in meshes for array in (mesh.points, mesh.triangles)]
+        arrays += [array for each in interfaces for array in (each.xy, each.gap)]
         return hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
 
 

@@ -3,36 +3,59 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
 from ddmpi.coupling.assembly import Assembly
+from ddmpi.coupling.member import Member
+from ddmpi.coupling.ranks import team_of
 from ddmpi.interface.interface import Interface
 from ddmpi.methods.outer import Step
 from ddmpi.qp.tao import QPSolver
 from ddmpi.run.solve import Solution
 from ddmpi.scene.method import PRESETS, SettledMethod
 from ddmpi.scene.scene import Settled
+from ddmpi.system.agreement import merged
 
 log = logging.getLogger("ddmpi")
+
+NAMED = 4
+"""Of more names than this that share a line, the first two stand for all."""
+
+LISTED = 12
+"""More contacts or bodies than this have one line in all at the end, but for contacts with rigid partners."""
+
+UNDETERMINED = 3
+"""Of more undetermined motions than this, the first ones stand for all."""
 
 
 def log_plan(assembly: Assembly, figures: bool) -> None:
     """Log what is solved, how, and what is left out because the scene does not need it. Collective."""
-    scene, member = assembly.scene, assembly.member
-    interfaces = assembly.space.interfaces
+    scene, world = assembly.scene, assembly.world
+    owned = merged(world, {each.name: each for each in assembly.space.interfaces})
+    interfaces = [owned[contact.name] for contact in scene.contact]
     log.info("n = %d unknowns (%s triangles), m = %d contact nodes, friction: %s", assembly.n,
-             ("linear", "quadratic")[assembly.spec.mesh.order - 1], assembly.space.m,
+             ("linear", "quadratic")[scene.body[0].mesh.order - 1], assembly.m,
              ", ".join(dict.fromkeys(interface.law.name for interface in interfaces)))
-    for interface in interfaces:
-        log.info("%s: %s", interface.name, _describe_gap(interface))
-    own = f"A by {member.C.solver.description}, compliance {member.C.kind} ({member.C.reason})"
-    bodies = assembly.world.allgather((own, member.elasticity.b.norm() > 0.0))
-    for spec, (way, _) in zip(scene.body, bodies, strict=True):
-        log.info("%s: %s", spec.name, way)
-    unloaded = [spec.name for spec, (_, acts) in zip(scene.body, bodies, strict=True) if not acts]
-    left_out = [*_contact_left_out(assembly), *(f"loads of {name} (there are none)" for name in unloaded)]
+    for gap, names in grouped((_describe_gap(each), each.name) for each in interfaces):
+        log.info("%s: %s", some(names, "contacts"), gap)
+    team = team_of(world)
+    own = {body.spec.name: _describe_body(body.member, team.size if team else 1) for body in assembly.bodies}
+    bodies = merged(world, own)
+    for way, names in grouped((bodies[spec.name][0], spec.name) for spec in scene.body):
+        log.info("%s: %s", some(names, "bodies"), way)
+    unloaded = [spec.name for spec in scene.body if not bodies[spec.name][1]]
+    left_out = _contact_left_out(interfaces)
+    if unloaded:
+        left_out.append(f"loads of {some(unloaded, 'bodies')} (there are none)")
+    unused = [rigid.name for rigid in scene.rigid if all(rigid.name not in each.bodies for each in scene.contact)]
+    if unused:
+        left_out.append(f"rigid {some(unused, 'partners')} (no contact names {'it' if len(unused) == 1 else 'them'})")
+    if not assembly.loose:
+        left_out.append("rigid motions (clamps hold all bodies)")
+    if world.size < len(scene.body):
+        log.info("%d bodies on %d ranks", len(scene.body), world.size)
     if not scene.output.stress:
         left_out.append("stress in the files (not asked for)")
     if not figures:
@@ -50,20 +73,43 @@ def log_warnings(found: Iterable[str], told: list[str]) -> None:
             told.append(warning)
 
 
-def _contact_left_out(assembly: Assembly) -> list[str]:
+def _describe_body(member: Member, ranks: int) -> tuple[str, bool]:
+    """How a body is solved, on how many ranks, and whether loads act on it."""
+    way = "" if ranks == 1 else f"on {ranks} ranks; "
+    way += f"A by {member.C.solver.description}, compliance {member.C.kind} ({member.C.reason})"
+    motions = member.motions.shape[2]
+    if motions:
+        way += f"; clamps leave {motions} rigid motion{'s' * (motions > 1)} free"
+    return way, member.elasticity.b.norm() > 0.0
+
+
+def grouped(pairs: Iterable[tuple[str, str]]) -> Iterator[tuple[str, list[str]]]:
+    """Each text once, in the order of its first mention, and the names that it goes with."""
+    found: dict[str, list[str]] = {}
+    for text, name in pairs:
+        found.setdefault(text, []).append(name)
+    yield from found.items()
+
+
+def some(names: Sequence[str], what: str) -> str:
+    """Names in a row; of many the first ones and their number: "a, b, … (12 contacts)"."""
+    return ", ".join(names) if len(names) <= NAMED else f"{names[0]}, {names[1]}, … ({len(names)} {what})"
+
+
+def _contact_left_out(interfaces: Sequence[Interface]) -> list[str]:
     found = []
-    for interface in assembly.space.interfaces:
-        where = f" of {interface.name}" if len(assembly.space.interfaces) > 1 else ""
+    for interface in interfaces:
         held = interface.m - len(interface.sliding)
         if interface.law.name == "none":
-            found.append(f"tangential unknowns{where} (no friction)")
+            found.append(("tangential unknowns%s (no friction)", interface.name))
         elif held:
-            found.append(f"{held} tangential unknowns{where} (held by clamps)")
+            found.append((f"{held} tangential unknowns%s (held by clamps)", interface.name))
         if interface.dropped:
-            found.append(f"{interface.dropped} contact nodes{where} (clamped)")
+            found.append((f"{interface.dropped} contact nodes%s (clamped)", interface.name))
         if not interface.gap.any():
-            found.append(f"initial gap{where} (all nodes touch)")
-    return found
+            found.append(("initial gap%s (all nodes touch)", interface.name))
+    return [what % ("" if len(names) == len(interfaces) else f" of {some(names, 'contacts')}")
+            for what, names in grouped(found)]
 
 
 def _target_left_out(scene: Settled) -> list[str]:
@@ -81,7 +127,7 @@ def _describe_gap(interface: Interface) -> str:
     gap = np.concatenate([interface.gap, interface.fixed.gap])
     if not gap.any():
         return "all nodes touch at first"
-    return f"initial gap up to {max(gap.max(), 0.0):.3g}, initial overlap up to {max(-gap.min(), 0.0):.3g}"
+    return f"initial gap up to {max(gap.max(), 0.0):.3g}, initial overlap up to {max(-gap.min(), 0.0) + 0.0:.3g}"
 
 
 def log_step(step: Step) -> None:
@@ -101,22 +147,68 @@ def _describe(method: SettledMethod) -> str:
 def log_end(summary: dict, solution: Solution) -> None:
     """Log how the run ended, and what a user looks at first. Not collective."""
     log.info("%s (%d outer iterations, n_A = %d)", summary["reason"], summary["outer_iterations"], summary["n_A"])
-    for name, contact in summary["contacts"].items():
-        first = solution.contacts[name].interface.bodies[0]
-        log.info("%s: %d open, %d slip, %d stick nodes; force %s on %s, largest pressure %.4g", name, contact["open"],
-                 contact["slip"], contact["stick"], _vector(contact["force"]), first, _number(contact["pressure_max"]))
-    for name, body in summary["bodies"].items():
-        stress = body["von_mises_max"]
-        log.info("%s: reaction of its clamps %s, largest displacement %.4g%s", name, _vector(body["reaction"]),
-                 _number(body["displacement_max"]), "" if stress is None else f", von Mises stress {stress:.4g}")
-    log.info("certificate (limit %.0e): %s", solution.limit,
-             ", ".join(f"{kind.replace('_', ' ')} {value:.1e}"
-                       for kind, (value, _) in solution.certificate.worst().items()))
-    error = summary["discretization_error"]["energy_norm"]
-    if error is not None:
-        log.info("estimated discretization error: %.2g of the energy norm", error)
+    if not solution.mechanism:
+        _log_contacts(summary, solution)
+        _log_bodies(summary)
+        log.info("certificate (limit %.0e): %s", solution.limit,
+                 ", ".join(f"{kind.replace('_', ' ')} {value:.1e}"
+                           for kind, (value, _) in solution.certificate.worst().items()))
+        error = summary["discretization_error"]["energy_norm"]
+        if error is not None:
+            log.info("estimated discretization error: %.2g of the energy norm", error)
+    motions = summary["undetermined"]
+    for motion in motions[:UNDETERMINED]:
+        log.info("%s; the position nearest to where it was is taken", motion)
+    if len(motions) > UNDETERMINED:
+        log.info("and %d more such motions, which summary.json lists", len(motions) - UNDETERMINED)
     if summary["options_unused"]:
         log.warning("PETSc options that nothing used: %s", ", ".join(summary["options_unused"]))
+
+
+def _log_contacts(summary: dict, solution: Solution) -> None:
+    contacts = summary["contacts"]
+    rigid = {each["name"] for each in summary["scene"]["rigid"]}
+    bodies = {name: solution.contacts[name].interface.bodies for name in contacts}
+    listed = list(contacts)
+    if len(contacts) > LISTED:
+        highest = max(contacts, key=lambda name: _number(contacts[name]["pressure_max"]))
+        log.info("%d contacts: %d open, %d slip, %d stick nodes; largest pressure %.4g, of %s", len(contacts),
+                 *(sum(contact[status] for contact in contacts.values()) for status in ("open", "slip", "stick")),
+                 _number(contacts[highest]["pressure_max"]), highest)
+        listed = [name for name in contacts if bodies[name][1] in rigid][:LISTED]
+    for name in listed:
+        contact = contacts[name]
+        log.info("%s: %d open, %d slip, %d stick nodes; force %s on %s, largest pressure %.4g", name, contact["open"],
+                 contact["slip"], contact["stick"], _vector(contact["force"]), bodies[name][0],
+                 _number(contact["pressure_max"]))
+
+
+def _log_bodies(summary: dict) -> None:
+    bodies = summary["bodies"]
+    clamped = {each["name"] for each in summary["scene"]["body"] if each["clamp"]}
+    listed = list(bodies)
+    if len(bodies) > LISTED:
+        moved, stressed = (max(bodies, key=lambda name: _number(bodies[name][key]))
+                           for key in ("displacement_max", "von_mises_max"))
+        stress = bodies[stressed]["von_mises_max"]
+        log.info("%d bodies: largest displacement %.4g, of %s%s", len(bodies),
+                 _number(bodies[moved]["displacement_max"]), moved,
+                 "" if stress is None else f"; largest von Mises stress {stress:.4g}, of {stressed}")
+        listed = [name for name in bodies if name in clamped][:LISTED]
+    for name in listed:
+        body, stress = bodies[name], bodies[name]["von_mises_max"]
+        log.info("%s: %slargest displacement %.4g%s", name,
+                 f"reaction of its clamps {_vector(body['reaction'])}, " if name in clamped else "",
+                 _number(body["displacement_max"]), "" if stress is None else f", von Mises stress {stress:.4g}")
+
+
+def describe_files(names: Sequence[str]) -> str:
+    """The files of the results; many tables of contacts as one."""
+    tables = [name for name in names if name.startswith("contact_") and name.endswith(".csv")]
+    if len(tables) <= NAMED:
+        return ", ".join(names)
+    return ", ".join(dict.fromkeys(f"contact_NAME.csv ({len(tables)} files)" if name in tables else name
+                                   for name in names))
 
 
 def _number(value: float | None) -> float:

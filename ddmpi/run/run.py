@@ -8,17 +8,18 @@ import logging
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from ddmpi.body.estimate import DiscretizationError, estimate_error, sum_errors
 from ddmpi.body.stress import stress, von_mises
 from ddmpi.coupling.assembly import Assembly, prepare
-from ddmpi.coupling.ranks import check_ranks
+from ddmpi.coupling.ranks import on_working_ranks
 from ddmpi.errors import InputError, NotConvergedError, OutputError, SolverError
 from ddmpi.judge.accuracy import MeshLadder, refine_scene
 from ddmpi.judge.diagnosis import diagnose
-from ddmpi.judge.plausible import doubt_answer
+from ddmpi.judge.plausible import doubt_answer, doubt_mesh
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.results.fields import Fields, write_fields, write_xdmf
@@ -27,10 +28,10 @@ from ddmpi.results.summary import write_summary
 from ddmpi.results.tables import write_contact, write_history, write_sides, write_steps
 from ddmpi.run.checkpoint import Checkpoints, continue_from, identify, levels_kept
 from ddmpi.run.gather import gather_summary
-from ddmpi.run.report import log_end, log_plan, log_step, log_warnings
+from ddmpi.run.report import describe_files, log_end, log_plan, log_step, log_warnings
 from ddmpi.run.solve import Solution, solve
 from ddmpi.scene.scene import Settled
-from ddmpi.system.agreement import agreed
+from ddmpi.system.agreement import agreed, merged
 from ddmpi.system.clock import Clock
 from ddmpi.system.provenance import versions
 
@@ -39,12 +40,12 @@ log = logging.getLogger("ddmpi")
 
 @dataclass(frozen=True)
 class Solved:
-    """A scene on one mesh, solved, as one rank holds it."""
+    """A scene on one mesh, solved, as one rank holds it; fields of its bodies by name."""
 
     assembly: Assembly
     solution: Solution
     error: DiscretizationError
-    fields: Fields
+    fields: dict[str, Fields]
     summary: dict
 
 
@@ -65,8 +66,13 @@ def run(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, fi
         the same on all ranks. After NotConvergedError the results are there, marked as not converged; after
         the last two a checkpoint is, as far as one could be written.
     """
+    on_working_ranks(world, scene, lambda part: _run(part, scene, scene_path, output, figures, restart))
+
+
+def _run(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool,
+         restart: str | None) -> None:
+    """`run` on the ranks that hold bodies."""
     clock = Clock()
-    check_ranks(world, scene)
     folder, held = None, contextlib.ExitStack()
     with agreed(world):
         if world.rank == 0:
@@ -74,13 +80,16 @@ def run(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, fi
     log.info("%s", scene.title or scene_path)
     with held:
         solved, ladder = compute(world, scene, scene_path, clock, folder, figures, restart)
+    solution, outer = solved.solution, solved.solution.outer
+    statuses = solution.statuses.whole()
     with agreed(world):
-        solution, outer = solved.solution, solved.solution.outer
         if solution.given and solution.unbalanced:
             raise NotConvergedError(f"{solution.reason} (the certificate fails: {', '.join(solution.violations)})")
+        if solution.mechanism or solution.drift:
+            raise NotConvergedError(solution.reason)
         if not solution.certified:
             raise NotConvergedError(diagnose(solution.reason, solution.stopped, solution.violations, scene.method,
-                                             outer.history, solution.statuses, solved.assembly.space))
+                                             outer.history, statuses))
         if ladder.missed:
             raise NotConvergedError(ladder.missed)
 
@@ -140,7 +149,7 @@ def _refine(ladder: MeshLadder, assembly: Assembly, solution: Solution, error: D
     """Whether to go on with another mesh. Collective."""
     if not solution.certified:
         return _fall_back(ladder, solution.reason)
-    dofs = assembly.world.allreduce(assembly.mesh.points.size)
+    dofs = assembly.world.allreduce(sum(body.mesh.points.size for body in assembly.bodies))
     refinement = ladder.proceed(assembly.n, error.relative, dofs)
     if refinement:
         log.info("estimated discretization error %.2g, at most %.2g is asked for: going on with meshes %d times as "
@@ -161,20 +170,27 @@ def _fall_back(ladder: MeshLadder, reason: str) -> bool:
 def _estimate(assembly: Assembly, solution: Solution, clock: Clock) -> DiscretizationError:
     """The discretization error of all bodies. Collective."""
     with clock.phase("estimate"):
-        estimate = estimate_error(assembly.mesh, assembly.spec.material, solution.displacement)
-        return sum_errors(assembly.world.allgather((estimate.total, estimate.energy, estimate.area)), estimate)
+        own = {body.spec.name: estimate_error(body.mesh, body.spec.material, solution.displacements[body.spec.name])
+               for body in assembly.bodies}
+        numbers = {name: (each.total, each.energy, each.area) for name, each in own.items()}
+        return sum_errors(merged(assembly.world, numbers), own)
 
 
 def _finish(assembly: Assembly, solution: Solution, error: DiscretizationError, ladder: MeshLadder,
             told: list[str], clock: Clock) -> Solved:
     """The fields that are asked for, and the summary. Collective."""
+    fields, output = {}, assembly.scene.output
     with clock.phase("recover"), agreed(assembly.world), event("Stress"):
-        mesh, u, output = assembly.mesh, solution.displacement, assembly.scene.output
-        sigma = stress(mesh, assembly.spec.material, u) if output.stress else None
-        fields = Fields(mesh.points, mesh.triangles, u, sigma, von_mises(sigma) if sigma is not None else None,
-                        error.density() if output.error else None)
+        for body in assembly.bodies:
+            mesh, name = body.mesh, body.spec.name
+            u = solution.displacements[name]
+            sigma = stress(mesh, body.spec.material, u) if output.stress else None
+            fields[name] = Fields(mesh.points, mesh.triangles, u, sigma,
+                                  von_mises(sigma) if sigma is not None else None,
+                                  error.density(name) if output.error else None)
     warnings = [*assembly.warnings, *(body.locking for body in assembly.scene.body if body.locking),
-                *doubt_answer(assembly, solution.displacement, solution.contacts)]
+                *doubt_answer(assembly, solution.displacements, solution.contacts),
+                *doubt_mesh(assembly.scene.body, error)]
     summary = gather_summary(assembly, solution, error, fields, ladder, warnings, clock.started)
     log_end(summary, solution)
     log_warnings(warnings, told)
@@ -193,10 +209,13 @@ def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock
 
 def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, checkpoints: Checkpoints) -> None:
     """Write all result files; they appear together or not at all, and the checkpoint goes. Collective."""
-    world, mesh, summary = solved.assembly.world, solved.assembly.mesh, solved.summary
+    world, bodies, summary = solved.assembly.world, solved.assembly.bodies, solved.summary
     staging, picture_error = Staging(folder) if folder else None, None
     path = world.bcast(staging.path if staging else None)
-    sizes = world.allgather((len(mesh.points), len(mesh.triangles)))
+    own = {body.number: (len(body.mesh.points), len(body.mesh.triangles)) for body in bodies}
+    everyone = merged(world, own)
+    sizes = [everyone[number] for number in range(len(everyone))]
+    outlines = _outlines(solved)
     try:
         with clock.phase("output"):
             with agreed(world):
@@ -204,12 +223,14 @@ def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, che
                     staging.create()
             for rank in range(world.size):
                 with agreed(world), event("WriteFields"):
-                    if rank == world.rank:
-                        write_fields(path, solved.fields, rank, sizes)
+                    for body in bodies if rank == world.rank else ():
+                        write_fields(path, solved.fields[body.spec.name], body.number, sizes)
             with agreed(world), event("WriteTables"):
                 if staging:
                     write_xdmf(path)
                     _write_tables(path, solved)
+                    if solved.solution.mechanism:
+                        _write_mechanism(path, solved, outlines)
                     write_summary(path, summary)
             if figures:
                 with agreed(world), event("Figures"):
@@ -219,7 +240,7 @@ def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, che
             if staging:
                 write_summary(path, summary | {"seconds": seconds})
                 files = staging.publish()
-                log.info("results in %s: %s (%.1f s in all)", folder, ", ".join(f.name for f in files),
+                log.info("results in %s: %s (%.1f s in all)", folder, describe_files([f.name for f in files]),
                          seconds["total"])
         checkpoints.remove()
         with agreed(world):
@@ -240,12 +261,31 @@ def _write_tables(path: Path, solved: Solved) -> None:
     write_steps(path, solved.summary["steps"])
 
 
+def _outlines(solved: Solved) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Name, nodes and triangles of all bodies, on all ranks, where a mechanism is to be written. Collective."""
+    if not solved.solution.mechanism:
+        return []
+    everyone = merged(solved.assembly.world, {body.spec.name: body.mesh for body in solved.assembly.bodies})
+    return [(name, mesh.points, mesh.triangles) for name, mesh in everyone.items()]
+
+
+def _write_mechanism(path: Path, solved: Solved, bodies: list[tuple[str, np.ndarray, np.ndarray]]) -> None:
+    from ddmpi.results.mechanism import write_mechanism
+
+    solution, scene = solved.solution, solved.assembly.scene
+    assert solution.mechanism
+    rigid = {each.name for each in scene.rigid}
+    surfaces = [(state.interface.bodies[1], state.interface.xy) for state in solution.contacts.values()
+                if state.interface.bodies[1] in rigid]
+    write_mechanism(path, solution.mechanism, bodies, surfaces, scene.title, scene.output.length_unit)
+
+
 def _draw(path: Path) -> OutputError | None:
     """Draw the pictures; an error there is reported after the numbers are safe."""
-    from ddmpi.results.pictures import draw_all
+    from ddmpi.results.mechanism import draw_results
 
     try:
-        draw_all(path)
+        draw_results(path)
     except Exception as error:  # matplotlib raises what it likes
         return OutputError(f"the pictures could not be drawn ({type(error).__name__}: {error}); the other results "
                            "are complete")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import sys
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,14 @@ from mpi4py import MPI
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.errors import SolverError
 from ddmpi.interface.state import ContactState, contact_state
-from ddmpi.judge.certificate import Certificate, certificate_limit, contact_residuals
+from ddmpi.judge.certificate import (
+    Certificate,
+    certificate_limit,
+    contact_residuals,
+    equilibrium_residual,
+)
 from ddmpi.judge.diagnosis import StatusLog
+from ddmpi.judge.equilibrium import Mechanism, describe
 from ddmpi.methods.anderson import AndersonIteration
 from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Outer, Report, Step, no_report
@@ -22,7 +29,9 @@ from ddmpi.methods.published import PublishedIteration
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.run.checkpoint import Checkpoints
+from ddmpi.run.equilibrium import describe_drift, look_for_mechanism, undetermined_motions
 from ddmpi.scene.method import SettledMethod
+from ddmpi.system.agreement import merged
 from ddmpi.system.clock import Clock
 
 log = logging.getLogger("ddmpi")
@@ -41,8 +50,9 @@ class Solution:
 
     Attributes
     ----------
-    stopped : why the iteration ended: "converged", "diverged" or "max_iterations"
-    displacement : (nv, d) of the rank's own body (m)
+    stopped : why the iteration ended: "converged", "diverged", "max_iterations"; "drift" where it found no equilibrium
+        of loose bodies, "mechanism" where there is none
+    displacements : (nv, d) of each body of this rank (m), by name
     displacement_max : largest displacement by body (m)
     contacts : state by contact
     certificate : of all contacts and bodies
@@ -50,10 +60,13 @@ class Solution:
     outer : the iteration, which can go on
     statuses : of the contact nodes in the last iterations
     given : precision of the solves as -body_ksp_rtol sets it, or zero
+    mechanism : of bodies that no contact forces hold, or None
+    undetermined : motions of loose bodies that no contact resists, in words
+    drift : where loose bodies drift, in words
     """
 
     stopped: str
-    displacement: np.ndarray
+    displacements: dict[str, np.ndarray]
     displacement_max: dict[str, float]
     contacts: dict[str, ContactState]
     certificate: Certificate
@@ -61,6 +74,9 @@ class Solution:
     outer: Outer
     statuses: StatusLog
     given: float
+    mechanism: Mechanism | None = None
+    undetermined: Sequence[str] = ()
+    drift: str = ""
 
     @property
     def unbalanced(self) -> bool:
@@ -81,6 +97,11 @@ class Solution:
         """Why the iteration ended, in words."""
         if self.certified:
             return "converged and certified"
+        if self.mechanism:
+            return describe(self.mechanism)
+        if self.drift:
+            return (f"no equilibrium found: {self.drift}, as far as the iteration shows; forces that balance the loads "
+                    "exist, but elastic bodies may not find them")
         if self.given and self.unbalanced:
             return (f"no answer can be certified: -body_ksp_rtol {self.given:g} leaves the bodies out of equilibrium; "
                     f"leave that option out, or give at most {0.1 * self.limit:.0e}")
@@ -119,7 +140,8 @@ def solve(assembly: Assembly, method: SettledMethod, report: Report = no_report,
     when a signal came; the same on all ranks.
     """
     clock = clock or Clock()
-    assembly.member.restart()
+    for body in assembly.bodies:
+        body.member.restart()
     statuses = StatusLog(assembly.space)
 
     def note(step: Step) -> None:
@@ -128,15 +150,16 @@ def solve(assembly: Assembly, method: SettledMethod, report: Report = no_report,
         report(step)
 
     with clock.phase("outer"):
+        mechanism = look_for_mechanism(assembly)
         outer = choose_outer(assembly, method, note)
     limit, goal = certificate_limit(method.tolerance), _Goal(method.tolerance)
-    given = assembly.world.allreduce(assembly.member.C.solver.given, MPI.MAX)
+    given = assembly.world.allreduce(max(body.member.C.solver.given for body in assembly.bodies), MPI.MAX)
     if checkpoints:
         checkpoints.follow(outer=outer, statuses=statuses, goal=goal)
     while True:
         try:
             with clock.phase("outer"):
-                stopped = outer.run(goal.tolerance)
+                stopped = "mechanism" if mechanism else outer.run(goal.tolerance)
         except SolverError as error:
             if given > method.tolerance:
                 error.args = (f"{error}; -body_ksp_rtol {given:g} is too coarse for method.tolerance = "
@@ -144,10 +167,13 @@ def solve(assembly: Assembly, method: SettledMethod, report: Report = no_report,
             raise
         with clock.phase("recover"):
             solution = _conclude(assembly, outer, stopped, limit, statuses, given)
+            if stopped == "drift":
+                solution = replace(solution, drift=describe_drift(assembly, outer.motions))
         worst = max(value for value, _ in solution.certificate.worst().values())
-        hopeless = goal.is_last(worst, len(outer.history)) or solution.unbalanced
+        hopeless = goal.is_last(worst, len(outer.history)) or (solution.unbalanced and not assembly.loose)
         if stopped != "converged" or solution.certified or hopeless:
-            return solution
+            return replace(solution, mechanism=mechanism, undetermined=() if mechanism else
+                           undetermined_motions(assembly, solution.contacts))
         goal.tolerance *= TIGHTER
         log.info("the certificate fails (%s); going on to an update of %.0e", ", ".join(solution.violations),
                  goal.tolerance)
@@ -159,39 +185,48 @@ def choose_outer(assembly: Assembly, method: SettledMethod, report: Report = no_
         return PublishedIteration(assembly, method, report)
     if method.outer == "anderson":
         return AndersonIteration(assembly, method, report)
-    return Newton(assembly.joint(), method.max_iterations, report)
+    return Newton(assembly.joint, method.max_iterations, report)
 
 
 def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, statuses: StatusLog,
               given: float = 0.0) -> Solution:
     """Displacements, contact states and certificate of the forces at hand. Collective."""
-    member, exchange, space = assembly.member, assembly.exchange, assembly.space
-    u, residual = np.zeros_like(member.elasticity.prescribed), np.nan
-    with exchange.deferred():
-        u, residual = member.displacement(outer.own_forces)
-    own = member.trace(u)
-    outer.refresh(own)
-    whole = np.concatenate([own, member.fixed_trace(u)])
-    both = exchange.swap(whole, "answer")
-    numbers = {"equilibrium": residual, "moved": float(np.linalg.norm(u, axis=1).max()),
-               "yielding": float(np.abs(member.h - own).max()), "load": member.elasticity.load}
-    bodies = dict(assembly.world.allgather((member.name, numbers)))
-    load = float(sum(body["load"] for body in bodies.values()))
-    moved = max(body["moved"] for body in bodies.values())
-    contacts, residuals, start, fixed = {}, {}, 0, space.size
+    exchange, space, joint = assembly.exchange, assembly.space, assembly.joint
     forces, mismatch, bound = outer.forces, outer.mismatch, outer.bound
+    moved, numbers, traces, stayed = {}, {}, [], []
+    for body, s in zip(assembly.bodies, outer.body_forces(), strict=True):
+        member, alpha = body.member, outer.motions[joint.slices[body.spec.name]]
+        u, left, acting = np.zeros_like(member.elasticity.prescribed), np.nan, 0.0
+        with exchange.deferred():
+            u, left, acting = member.displacement(s, alpha)
+        own = member.trace(u)
+        moved[member.name] = u
+        traces.append(own)
+        stayed.append(member.fixed_parts(u))
+        numbers[member.name] = {"left": left, "acting": acting, "moved": float(np.linalg.norm(u, axis=1).max()),
+                                "yielding": float(np.abs(member.h + member.G.T @ alpha - own).max(initial=0.0)),
+                                "load": member.elasticity.load}
+    outer.refresh(traces)
+    both = exchange.collect(traces, "answer")
+    fixed = exchange.swap_objects({key: part for own in stayed for key, part in own.items()})
+    bodies = merged(assembly.world, numbers)
+    load = float(sum(body["load"] for body in bodies.values()))
+    everywhere = max(body["moved"] for body in bodies.values()), max(body["yielding"] for body in bodies.values())
+    found, start = {}, 0
     with event("Certificate"):
         for interface, part in space.each():
             stop = start + len(interface.sliding)
-            traces = both[0][part], both[1][part]
-            state = contact_state(interface, forces[part], bound[start:stop], traces[0] + traces[1])
-            yielding = max(bodies[name]["yielding"] for name in interface.bodies)
-            pairs = slice(fixed, fixed + interface.dropped)
-            fixed_gap, fixed = interface.fixed.gap - both[0][pairs] - both[1][pairs], pairs.stop
-            residuals[interface.name] = contact_residuals(state, forces[part], mismatch[part], traces, fixed_gap, load,
-                                                          yielding, moved)
-            contacts[interface.name], start = state, stop
-    names = [body.name for body in assembly.scene.body]
-    certificate = Certificate(residuals, {name: bodies[name]["equilibrium"] for name in names})
-    return Solution(stopped, u, {name: bodies[name]["moved"] for name in names}, contacts, certificate, limit, outer,
-                    statuses, given)
+            u1, u2 = both[0][part], both[1][part] + interface.prescribed
+            state = contact_state(interface, forces[part], bound[start:stop], u1 + u2)
+            yielding = max(bodies[name]["yielding"] for name in interface.bodies if name in bodies)
+            at_fixed = interface.fixed.gap - sum(each for each in fixed[interface.name] if each is not None)
+            found[interface.name] = state, contact_residuals(state, forces[part], mismatch[part], (u1, u2), at_fixed,
+                                                             load, yielding, everywhere)
+            start = stop
+    found = merged(assembly.world, found)
+    names, contacts = [body.name for body in assembly.scene.body], [contact.name for contact in assembly.scene.contact]
+    certificate = Certificate({name: found[name][1] for name in contacts},
+                              {name: equilibrium_residual(bodies[name]["left"], bodies[name]["acting"], load)
+                               for name in names})
+    return Solution(stopped, moved, {name: bodies[name]["moved"] for name in names},
+                    {name: found[name][0] for name in contacts}, certificate, limit, outer, statuses, given)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import logging
 
-import numpy as np
 from mpi4py import MPI
 
-from ddmpi.coupling.ranks import check_ranks
+from ddmpi.coupling.ranks import on_working_ranks
 from ddmpi.errors import NotConvergedError
 from ddmpi.judge.brute_force import check_size, solve_coupled
 from ddmpi.run.report import log_plan, log_step
@@ -25,17 +24,21 @@ def verify(world: MPI.Comm, scene: Settled, scene_path: str) -> None:
     Writes nothing. Raises what `run` raises, and NotConvergedError when the answers differ by more than
     the certificate promises.
     """
-    check_ranks(world, scene)
+    on_working_ranks(world, scene, lambda part: _verify(part, scene, scene_path))
+
+
+def _verify(world: MPI.Comm, scene: Settled, scene_path: str) -> None:
+    """`verify` on the ranks that hold bodies."""
     assembly = prepare_scene(world, scene, scene_path)
     with agreed(world):
-        check_size(assembly.space)
+        check_size(assembly)
     log_plan(assembly, figures=False)
     if scene.method.target_error:
         log.info("method.target_error is left aside: the answer is compared on the meshes as given")
     solution = solve(assembly, scene.method, log_step)
     exact, forces = solve_coupled(assembly), solution.outer.forces
-    size = np.linalg.norm(exact)
-    distance = float(np.linalg.norm(forces - exact) / size) if size else float(np.linalg.norm(forces))
+    size, space = assembly.space.norm(exact), assembly.space
+    distance = space.norm(forces - exact) / size if size else space.norm(forces)
     log.info("%s; contact forces differ from those of the coupled problem by %.1e, relatively", solution.reason,
              distance)
     with agreed(world):

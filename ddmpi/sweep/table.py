@@ -20,8 +20,7 @@ from typing import Any
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.build import locate_mesh
-from ddmpi.scene.keys import differences
-from ddmpi.scene.mistakes import nearest
+from ddmpi.scene.keys import differences, nearest
 from ddmpi.sweep.cases import Case
 from ddmpi.system.files import RECORD, SUMMARY, SWEEP, TABLE, write_atomically
 

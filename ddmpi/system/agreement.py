@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import TypeVar
 
 from mpi4py import MPI
 
 from ddmpi.errors import DdmpiError
 
+K = TypeVar("K")
 T = TypeVar("T")
 
 
@@ -39,3 +40,8 @@ def from_first(world: MPI.Comm, work: Callable[[], T]) -> T:
         if world.rank == 0:
             result = work()
     return world.bcast(result)
+
+
+def merged(world: MPI.Comm, own: Mapping[K, T]) -> dict[K, T]:
+    """The tables of all ranks as one, in the order of the ranks. Collective."""
+    return {key: value for rank in world.allgather(own) for key, value in rank.items()}

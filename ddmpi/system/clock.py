@@ -29,4 +29,5 @@ class Clock:
         """Seconds of each phase and in total, of the slowest rank in each. Collective."""
         own = self.seconds | {"total": time.perf_counter() - self.started}
         everyone = world.allgather(own)
-        return {name: round(max(each[name] for each in everyone), 6) for name in own}
+        names = dict.fromkeys(name for each in everyone for name in each)  # a rank without a body has no phases
+        return {name: round(max(each.get(name, 0.0) for each in everyone), 6) for name in names}

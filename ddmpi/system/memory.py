@@ -1,8 +1,13 @@
-"""How much memory is free on this machine."""
+"""How much memory is free on this machine, and how to give some back."""
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 from pathlib import Path
+
+_MALLOC = {-1: 2**20, -3: 2**20, -4: 2**16}
+"""Settings of mallopt: M_TRIM_THRESHOLD and M_MMAP_THRESHOLD (bytes), M_MMAP_MAX."""
 
 GROUPS = {"": ("sys/fs/cgroup", "memory.max"), "memory": ("sys/fs/cgroup/memory", "memory.limit_in_bytes")}
 """Where control groups keep the limit that a batch system sets: version 2 (no controller named) and version 1."""
@@ -24,6 +29,19 @@ def free_memory(root: Path = Path("/")) -> float:
                 known += [float(number) for number in _read(group / limit).split() if number.isdecimal()]
                 group = group.parent
     return min(known, default=float("inf"))
+
+
+def give_back() -> None:
+    """From now on give freed memory back to the system, where the C library is glibc. Not collective.
+
+    Once PETSc is loaded (Debian's, at least), arrays of all sizes share one heap that never shrinks, in pieces that
+    the next large array may not fit into. These are glibc's own settings: large arrays are mapped one by one.
+    """
+    with contextlib.suppress(AttributeError, OSError):
+        library = ctypes.CDLL(None)
+        for setting, value in _MALLOC.items():
+            library.mallopt(setting, value)
+        library.malloc_trim(0)
 
 
 def _read(path: Path) -> str:

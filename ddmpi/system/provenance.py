@@ -51,9 +51,9 @@ def provenance(world: MPI.Comm, started: float) -> dict:
             "versions": versions()}
 
 
-def peak_memory(world: MPI.Comm) -> list[float]:
-    """The most memory that each rank has held so far (MiB). Collective."""
-    return world.allgather(round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1))
+def peak_memory() -> float:
+    """The most memory that this process has held so far (MiB). Not collective."""
+    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1)
 
 
 def command() -> str:

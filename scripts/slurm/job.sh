@@ -1,7 +1,8 @@
 # Sourced by the batch scripts of this folder, in a job that Slurm has started:
-#   launch ARGUMENTS   how a Python program starts on the job's two ranks: by mpirun, or by srun with DDMPI_LAUNCH=srun
+#   launch ARGUMENTS   how a Python program starts on the job's ranks: by mpirun, or by srun with DDMPI_LAUNCH=srun
 #   requeue_or_exit    puts the job back into the queue where it was the time that ran out
-# Environment: DDMPI_LAUNCH (mpirun), DDMPI_MPI (pmix, for srun), DDMPI_REQUEUES (50, most times a job goes back).
+# Environment: DDMPI_LAUNCH (mpirun), DDMPI_MPI (pmix, for srun), DDMPI_REQUEUES (50, most times a job goes back),
+# DDMPI_RANKS (the job's tasks, as after sbatch --ntasks).
 
 . "$ROOT/scripts/setup.sh"
 . "$(dirname "${BASH_SOURCE[0]}")/../attend.sh"
@@ -10,9 +11,10 @@ echo "job $SLURM_JOB_ID on $SLURM_JOB_NODELIST, start number $((${SLURM_RESTART_
 
 # SIGUSR1 announces the end of the time limit (#SBATCH --signal), SIGTERM that the job is cancelled or preempted.
 launch() {
+    local ranks=${DDMPI_RANKS:-${SLURM_NTASKS:-2}}
     case "${DDMPI_LAUNCH:-mpirun}" in
-        mpirun) attend $MPIRUN -n 2 "$PYTHON" "$@" ;;
-        srun) attend srun --mpi="${DDMPI_MPI:-pmix}" -n 2 "$PYTHON" "$@" ;;
+        mpirun) attend $MPIRUN -n "$ranks" "$PYTHON" "$@" ;;
+        srun) attend srun --mpi="${DDMPI_MPI:-pmix}" -n "$ranks" "$PYTHON" "$@" ;;
         *) echo "DDMPI_LAUNCH is mpirun or srun, not $DDMPI_LAUNCH" >&2; exit 2 ;;
     esac
 }

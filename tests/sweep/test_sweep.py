@@ -156,7 +156,7 @@ def test_a_changed_mesh_file_is_another_sweep(tmp_path):
 @pytest.mark.parametrize(("arguments", "ranks", "words"), [
     (["--vary", "method.thetta=0.1,0.2"], 2, ["--vary method.thetta=0.1", "'theta'"]),
     (["--vary", f"{COEFFICIENT}=0.1:0.3:3", "--index", "3"], 1, ["--index 3", "0 to 2"]),
-    (["--vary", f"{COEFFICIENT}=0.1:0.3:3"], 1, ["mpirun -n 2"])])
+    (["--vary", f"{COEFFICIENT}=0.1:0.3:3", "--set", "method.outer=relaxation"], 1, ["mpirun -n 2"])])
 def test_bad_input(small, tmp_path, arguments, ranks, words):
     run = run_sweep(small, tmp_path / "out", *arguments, ranks=ranks)
     assert run.code == 2

@@ -1,0 +1,77 @@
+"""Whether contact forces can hold the bodies that no clamp holds: asked before the iteration and after it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import scipy.sparse as sparse
+
+from ddmpi.coupling.assembly import Assembly
+from ddmpi.interface.interface import Interface
+from ddmpi.interface.state import ContactState
+from ddmpi.judge.equilibrium import LARGEST, Mechanism, find_mechanism
+from ddmpi.judge.motions import MotionsOfBody, describe_motions, undetermined
+from ddmpi.system.agreement import from_first, merged
+
+
+def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
+    """The mechanism that shows that no contact forces hold the loose bodies, on all ranks; None where some do.
+
+    A linear program on rank 0. Not asked where clamps hold all bodies, nor of more than `LARGEST` loose ones.
+    Collective.
+    """
+    loose = assembly.loose
+    if not loose or len(loose) > LARGEST:
+        return None
+    interfaces, G = _whole(assembly, lambda interface: np.ones(interface.size, bool))
+    bodies = _loose_bodies(assembly)
+
+    def find() -> Mechanism | None:
+        load = np.array([load for _, load in bodies])
+        return find_mechanism(interfaces, G, assembly.joint.e, [body for body, _ in bodies], load)
+
+    return from_first(assembly.world, find)
+
+
+def undetermined_motions(assembly: Assembly, contacts: Mapping[str, ContactState]) -> list[str]:
+    """The rigid motions that no contact resists at the solution, a sentence each, the same on all ranks. Collective."""
+    if not assembly.loose or len(assembly.loose) > LARGEST:
+        return []
+
+    def resists(interface: Interface) -> np.ndarray:
+        state, law = contacts[interface.name], interface.law
+        sticks = state.status[law.sliding] == "stick"
+        s = np.concatenate([state.normal_force, state.tangential_force[law.sliding].ravel()])
+        bound = law.bound_at(s)
+        sticks |= (law.slope(state.normal_force) == 0.0) & (bound > 0.0) & ~law.reaches_bound(s, bound)  # Tresca, open
+        return np.concatenate([state.status != "open", np.repeat(sticks, law.components)])
+
+    _, G = _whole(assembly, resists)
+    bodies = _loose_bodies(assembly)
+    return from_first(assembly.world, lambda: undetermined(G.toarray(), [body for body, _ in bodies]))
+
+
+def describe_drift(assembly: Assembly, motions: np.ndarray) -> str:
+    """Where the loose bodies drift to, in words; `motions` as `Outer.motions`. Collective."""
+    bodies = [body for body, _ in _loose_bodies(assembly)]
+    parts = [motions[assembly.joint.slices[body.name]] for body in bodies]
+    velocities = np.array([body.basis @ part for body, part in zip(bodies, parts, strict=True)])
+    size = np.abs(velocities).max()
+    return describe_motions(bodies, velocities / size, set()) if size else "no body"
+
+
+def _whole(assembly: Assembly, chosen: Callable[[Interface], np.ndarray]) -> tuple[list[Interface], sparse.csc_matrix]:
+    """All interfaces in the order of the scene, and G at their `chosen` rows (size,) bool, on all ranks. Collective."""
+    space, Z = assembly.space, assembly.joint.rigid.Z
+    own = {interface.name: (interface, Z[part][np.flatnonzero(chosen(interface))]) for interface, part in space.each()}
+    everyone = merged(assembly.world, own)
+    ordered = [everyone[contact.name] for contact in assembly.scene.contact]
+    return [interface for interface, _ in ordered], sparse.vstack([rows for _, rows in ordered], format="csr").T.tocsc()
+
+
+def _loose_bodies(assembly: Assembly) -> list[tuple[MotionsOfBody, float]]:
+    """The bodies that clamps do not hold, in the order of their motions, with the sizes of their loads. Collective."""
+    own = [(MotionsOfBody.of(body.spec.name, body.mesh.points, body.member.motions), body.member.elasticity.load)
+           for body in assembly.bodies if not body.member.elasticity.held]
+    return [each for rank in assembly.world.allgather(own) for each in rank]

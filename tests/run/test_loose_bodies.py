@@ -1,0 +1,113 @@
+"""Loose bodies in places where a run once went wrong: attempts of docs/attempts.md."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scenes import STEEL, to_toml
+
+import ddmpi
+from ddmpi.errors import InputError
+from ddmpi.run.answer import Answer
+
+WEIGHT = 1.0e5
+FLOOR = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
+
+
+def block(name: str, x: float, y: float, divisions: int = 3, **more) -> dict:
+    """A square of side 1."""
+    mesh = {"shape": "rectangle", "origin": [x, y], "size": [1.0, 1.0], "divisions": [divisions, divisions]}
+    return {"name": name, "mesh": mesh, "material": STEEL, **more}
+
+
+def ring(name: str, angles: tuple[float, float] = (0.0, 360.0), **more) -> dict:
+    """Around the origin, with radii 0.3 and 1."""
+    mesh = {"shape": "annulus", "center": [0.0, 0.0], "radii": [0.3, 1.0], "angles": list(angles),
+            "divisions": [24, 3]}
+    return {"name": name, "mesh": mesh, "material": STEEL, "volume_force": [0.0, -WEIGHT], **more}
+
+
+def contact(body: str, partner: str, on: str, coefficient: float = 0.3, **more) -> dict:
+    return {"bodies": [body, partner], "on": [on], "friction": {"law": "coulomb", "coefficient": coefficient}, **more}
+
+
+def solve(bodies: list[dict], rigid: list[dict], contacts: list[dict]) -> Answer:
+    return ddmpi.solve(to_toml({"body": bodies, "rigid": rigid, "contact": contacts}), MPI.COMM_SELF)
+
+
+def test_a_block_that_a_frictionless_floor_holds_without_deforming_it_at_the_contact():
+    """Two contact nodes, whose displacements are rigid motions: nothing overlaps without forces, but it has weight."""
+    bodies = [block("block", 0.0, 0.0, 1, volume_force=[0.0, -WEIGHT])]
+    answer = solve(bodies, [FLOOR], [{"bodies": ["block", "floor"], "on": ["bottom"]}])
+    assert answer.certified, answer.reason
+    assert answer.contacts["block-floor"].force == pytest.approx([0.0, WEIGHT], abs=1e-6 * WEIGHT)
+
+
+@pytest.mark.parametrize("clearance", [1e-3, 1e-2])
+def test_a_body_falls_across_a_gap_though_it_touches_something_above(clearance):
+    """Friction and a fall far beyond elastic displacements: not the drift of bodies that have no equilibrium."""
+    bore = {"name": "bore", "shape": "circle", "center": [0.0, -clearance], "radius": 1.0 + clearance, "inside": True}
+    answer = solve([ring("disc")], [bore], [contact("disc", "bore", "outer")])
+    assert answer.certified, answer.reason
+    assert np.mean(answer.bodies["disc"].displacement[:, 1]) == pytest.approx(-2.0 * clearance, rel=0.01)
+
+
+def test_a_body_that_nothing_touches_stays_where_it_is():
+    """Pulled from both sides: what rounding leaves of the sum must not move it."""
+    pulled = block("pulled", 3.0, 0.0, traction=[{"on": "left", "value": [-1e6, 0.0]},
+                                                 {"on": "right", "value": [1e6, 0.0]}])
+    bodies = [block("block", 0.0, 0.0, volume_force=[0.0, -WEIGHT]), pulled]
+    answer = solve(bodies, [FLOOR], [contact("block", "floor", "bottom")])
+    assert answer.certified
+    u = answer.bodies["pulled"].displacement
+    assert np.abs(u.mean(axis=0)).max() < 1e-6 * np.abs(u).max()
+
+
+def test_an_open_node_that_sticks_by_tresca_friction_holds_its_body():
+    """As the slip bound holds whether a node is open or not; almost all of it is used up."""
+    traction = [{"on": "top", "value": [0.99e6, -3e5]}]
+    friction = {"law": "tresca", "slip_bound": 1e6}
+    slab = block("slab", 0.0, 0.0, traction=traction)
+    slab["mesh"] |= {"size": [4.0, 0.5], "divisions": [8, 2]}
+    answer = solve([slab], [FLOOR], [contact("slab", "floor", "bottom") | {"friction": friction}])
+    assert answer.certified, answer.reason
+    (state,) = answer.contacts.values()
+    sticks = np.abs(state.shear[:, 0]) < 0.999e6
+    assert sticks.any() and (state.status[sticks] == "open").all()
+    assert answer.summary["undetermined"] == []
+
+
+def test_a_rigid_partner_that_nothing_touches_is_a_warning():
+    bodies = [block("block", 0.0, 0.0, volume_force=[0.0, -WEIGHT])]
+    answer = solve(bodies, [FLOOR, FLOOR | {"name": "spare"}], [contact("block", "floor", "bottom")])
+    assert answer.summary["warnings"] == ["rigid.spare: no contact names it; nothing touches it"]
+
+
+def test_a_second_contact_between_the_same_sides_is_refused():
+    bodies = [block("block", 0.0, 0.0, volume_force=[0.0, -WEIGHT])]
+    with pytest.raises(InputError, match=r"contact\.again: is between the same sides as contact\.block-floor"):
+        solve(bodies, [FLOOR], [contact("block", "floor", "bottom"), contact("block", "floor", "bottom", name="again")])
+
+
+@pytest.mark.parametrize("shape", ["plane", "circle"])
+def test_a_body_that_runs_through_its_rigid_partner_beside_the_contact_is_warned_of(shape):
+    """An arch whose legs go through the plane that its vault stands on; one that puts but one foot on a disc."""
+    partner = {"name": "floor", "shape": "plane", "point": [0.0, 0.3], "normal": [0.0, 1.0]}
+    on, more = "inner", {}
+    if shape == "circle":
+        partner = {"name": "floor", "shape": "circle", "center": [0.0, -2.0], "radius": 2.03}
+        on, more = "start", {"gap": 0.0}
+    arch = ring("arch", (0.0, 180.0), clamp=["outer"])
+    answer = solve([arch], [partner], [contact("arch", "floor", on, **more)])
+    (warning,) = [each for each in answer.summary["warnings"] if "runs through" in each]
+    depth = 0.3 if shape == "plane" else 2.03 - np.hypot(2.0, 0.3)
+    assert f"arch runs through floor by {depth:.3g}"[:-1] in warning
+    assert warning.startswith("contact.arch-floor: beside the contact ")
+
+
+def test_a_body_on_its_rigid_partner_is_not_warned_of():
+    bore = {"name": "bore", "shape": "circle", "center": [0.0, 0.0], "radius": 1.0, "inside": True}
+    pin = {"name": "pin", "shape": "circle", "center": [0.0, 0.0], "radius": 0.3}
+    answer = solve([ring("disc")], [bore, pin, FLOOR | {"point": [0.0, -1.0]}],
+                   [contact("disc", "bore", "outer"), contact("disc", "pin", "inner"),
+                    contact("disc", "floor", "outer")])
+    assert not [each for each in answer.summary["warnings"] if "runs through" in each]

@@ -1,0 +1,177 @@
+"""Bodies on several ranks each: the answers of one rank each, and errors on any rank end all of them."""
+
+import json
+
+import fault
+import numpy as np
+import pytest
+import scenes
+from scenes import pinched_blocks, to_toml
+
+import ddmpi
+from ddmpi.coupling.ranks import place_ranks
+from ddmpi.mesh.partition import bisect
+from ddmpi.run.answer import Answer
+
+LIMIT = 100.0
+KINDS = ("explicit", "direct", "iterative")
+
+
+def loose_block(**method) -> dict:
+    """A block that rests on a rigid floor, held along it by its weight's friction and a roller only."""
+    return {"title": "loose", "method": method,
+            "body": [{"name": "block", "mesh": {"shape": "rectangle", "size": [3.0, 1.0], "divisions": [18, 6]},
+                      "material": {"young": 2e11, "poisson": 0.3}, "clamp": [{"on": "left", "x": 0.0}],
+                      "traction": [{"on": "top", "value": [2e6, -1e7]}]}],
+            "rigid": [{"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}],
+            "contact": [{"bodies": ["block", "floor"], "on": ["bottom"],
+                         "friction": {"law": "coulomb", "coefficient": 0.3}}]}
+
+
+def free_block(**method) -> dict:
+    """A block without any clamp in a corner of two rigid planes."""
+    scene = loose_block(**method)
+    scene["body"][0] |= {"clamp": [], "traction": [{"on": "top", "value": [-2e6, -1e7]}]}
+    scene["rigid"].append({"name": "wall", "shape": "plane", "point": [0.0, 0.0], "normal": [1.0, 0.0]})
+    scene["contact"].append({"bodies": ["block", "wall"], "on": ["left"],
+                             "friction": {"law": "coulomb", "coefficient": 0.3}})
+    return scene
+
+
+SCENES = {"two blocks": pinched_blocks, "one loose block": loose_block, "one free block": free_block}
+
+
+def both_ways(comm, scene: dict) -> tuple[Answer, Answer, dict, dict]:
+    """Answers of a rank for each body and of all ranks of `comm`, with all bodies' displacements, on all ranks."""
+    import petsc4py
+
+    petsc4py.init(comm=comm)
+    text, bodies = to_toml(scene), len(scene["body"])
+    part = comm.Split(int(comm.rank >= bodies))
+    few = ddmpi.solve(text, part) if comm.rank < bodies else None
+    many = ddmpi.solve(text, comm)
+    moved = [{name: body.displacement for own in comm.allgather(answer.bodies if answer else {})
+              for name, body in own.items()} for answer in (few, many)]
+    part.Free()
+    return few or many, many, *moved
+
+
+def compare(comm, scene: dict) -> None:
+    few, many, u, v = both_ways(comm, scene)
+    assert few.certified and many.certified
+    assert many.summary["ranks"] == comm.size
+    assert sorted(rank for body in many.summary["bodies"].values() for rank in body["ranks"]) == list(range(comm.size))
+    assert set(u) == set(v) == {body["name"] for body in scene["body"]}
+    for name in u:
+        assert np.abs(u[name] - v[name]).max() <= 1e-9 * np.abs(u[name]).max()
+    for name in few.contacts:
+        assert few.contacts[name].status.tolist() == many.contacts[name].status.tolist()
+    for name, body in few.summary["bodies"].items():
+        assert many.summary["bodies"][name]["compliance"] == body["compliance"]
+
+
+@pytest.mark.mpi(ranks=3, timeout=200, unit="s")
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", SCENES)
+def test_three_ranks_answer_as_one_for_each_body(comm, name, kind):
+    """However a body's compliance is made, and whether clamps hold it: displacements to 1e-9, the same statuses."""
+    method = {"compliance": kind} | ({"tolerance": 1e-11} if kind == "iterative" else {})
+    compare(comm, SCENES[name](**(method | ({"N": 6} if name == "two blocks" else {}))))
+
+
+@pytest.mark.mpi(ranks=2, timeout=200, unit="s")
+@pytest.mark.parametrize("kind", KINDS)
+def test_two_ranks_on_one_body(comm, kind):
+    compare(comm, loose_block(compliance=kind))
+
+
+@pytest.mark.mpi(ranks=4, timeout=200, unit="s")
+def test_two_ranks_on_each_of_two_bodies(comm):
+    compare(comm, pinched_blocks(6))
+
+
+@pytest.mark.mpi(ranks=5, timeout=200, unit="s")
+def test_five_ranks_on_two_bodies_and_on_a_body_of_a_few_nodes(comm):
+    compare(comm, pinched_blocks(6))
+    scene = loose_block()
+    scene["body"][0]["mesh"]["divisions"] = [1, 1]
+    compare(comm, scene)
+
+
+@pytest.mark.mpi(ranks=3, timeout=200, unit="s")
+def test_quadratic_elements_and_meshes_that_become_finer(comm):
+    """Each mesh of an accuracy target is dealt out anew."""
+    scene = pinched_blocks(4, target_error=0.05)
+    for body in scene["body"]:
+        body["mesh"]["order"] = 2
+    compare(comm, scene)
+
+
+@pytest.mark.mpi(ranks=3, timeout=200, unit="s")
+def test_options_reach_the_solvers_of_all_ranks(comm, petsc_options):
+    petsc_options(body_ksp_type="cg", body_pc_type="jacobi")
+    answer = ddmpi.solve(to_toml(pinched_blocks(4)), comm)
+    assert answer.certified
+    assert {body["solver"] for body in answer.summary["bodies"].values()} == {"cg + jacobi"}
+
+
+# Errors
+
+
+FAULTS = {
+    # where: rank, target, call, fault, exit codes
+    "mesh, root": (0, "ddmpi.coupling.assembly.build_mesh", 1, "InputError", {2}),
+    "assemble, other root": (2, "ddmpi.coupling.assembly.assemble", 1, "SolverError", {4}),
+    "outer, root": (0, "ddmpi.body.compliance.Compliance.mult", 12, "SolverError", {4}),
+    "outer, internal error on a root": (2, "ddmpi.body.compliance.Compliance.mult", 12, "RuntimeError", {1}),
+    "deal, other rank": (1, "ddmpi.coupling.team.Share.deal", 1, "SolverError", {4}),
+    "factor, other rank, before PETSc": (1, "ddmpi.coupling.team.Share.factor", 1, "SolverError", {4}),
+    "factor, root, before PETSc": (0, "ddmpi.coupling.team.Share.factor", 1, "SolverError", {4}),
+    "factor, other rank, after PETSc": (3, "ddmpi.body.solver.SharedSolver._condense", 1, "RuntimeError", {1}),
+    "solve, other rank": (3, "ddmpi.coupling.team.Share.solve", 1, "SolverError", {4}),
+    "end of a command, other rank": (1, "ddmpi.coupling.team.Share.peak", 1, "MemoryError", {1}),
+    "an error of PETSc, other rank": (1, "ddmpi.body.solver.SharedSolver._interior", 1, "PETSc.Error", {4}),
+    "killed, other rank": (1, "ddmpi.coupling.team.Share.solve", 1, "SIGKILL", None),
+    "terminated, root": (0, "ddmpi.body.compliance.Compliance.mult", 12, "SIGTERM", {6}),
+}
+
+
+@pytest.mark.parametrize("where", FAULTS)
+def test_an_error_on_any_rank_ends_all(where, tmp_path):
+    """With one message and its exit code, in time."""
+    rank, target, call, kind, codes = FAULTS[where]
+    scene = scenes.write_scene(pinched_blocks(2), tmp_path / "scene.toml")
+    faults = [(rank, target, call, kind, str(tmp_path / "results"), [])]
+    run = scenes.run_python([fault.__file__, json.dumps(faults), "run", str(scene), "--no-figures"], 4, LIMIT)
+    codes_of_ranks = [line for line in run.stderr.splitlines() if line.startswith(fault.END)]
+    if codes is None:
+        assert run.code != 0
+        return
+    if codes_of_ranks:  # an orderly end
+        assert codes_of_ranks == [" ".join([fault.END, *[str(*codes)] * 4])]
+    else:
+        assert run.code in codes
+    assert sum("ddmpi: " in line for line in run.stderr.splitlines()) == 1, run.output
+    assert not (tmp_path / "results" / "summary.json").exists()
+
+
+# Who gets what
+
+
+def test_ranks_go_where_a_rank_has_most():
+    assert place_ranks([100, 100], 3) == [0, 0, 1]
+    assert place_ranks([100, 300], 4) == [0, 1, 1, 1]
+    assert place_ranks([100, 300, 1000], 7) == [0, 1, 2, 2, 2, 2, 2]
+    assert place_ranks([100, None], 4) == [0, 0, 1, 1]
+
+
+def test_parts_of_a_mesh_are_of_one_size_and_compact():
+    x, y = np.meshgrid(np.arange(30.0), np.arange(10.0))
+    points = np.column_stack([x.ravel(), y.ravel()])
+    for parts in (1, 2, 3, 5, 8):
+        part = bisect(points, parts)
+        sizes = np.bincount(part, minlength=parts)
+        assert len(sizes) == parts and np.ptp(sizes) <= 3
+        assert sum(np.prod(np.ptp(points[part == k], axis=0) + 1) for k in range(parts)) <= 400
+    assert bisect(points[:2], 5).tolist() == sorted(bisect(points[:2], 5).tolist())
+    assert (bisect(points, 4) == bisect(points.copy(), 4)).all()
