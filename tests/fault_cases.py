@@ -124,8 +124,8 @@ def all_cases() -> list[Case]:
     cases += [
         Case("publishing: SIGKILL between two files", target="ddmpi.system.files.os.rename", call=3, fault="SIGKILL",
              kept=True, torn=True),
-        Case("one rank", ranks=1, codes=frozenset({2})),
-        Case("three ranks", ranks=3, codes=frozenset({2})),
+        Case("one rank for two bodies of the published iteration", "published", ranks=1, codes=frozenset({2})),
+        Case("three ranks for two bodies", ranks=3, whole=True),
         Case("folder below a file", folder="a file/results", codes=frozenset({2})),
         Case("folder with results", folder="earlier", codes=frozenset({2})),
         Case("no checkpoint to go on from", more=("--restart", "nowhere"), codes=frozenset({2})),
@@ -133,11 +133,12 @@ def all_cases() -> list[Case]:
     return cases
 
 
-def run_in_one_go(faults: list[tuple], *arguments: str, limit: float, cwd: Path | None = None) -> list[scenes.Run]:
-    """The command once for each of the `faults` (see fault.py) that end in an orderly way, all in one pair of
-    processes. The codes of both ranks must be the same.
+def run_in_one_go(faults: list[tuple], *arguments: str, limit: float, cwd: Path | None = None,
+                  ranks: int = 2) -> list[scenes.Run]:
+    """The command once for each of the `faults` (see fault.py) that end in an orderly way, all in the same
+    processes. The codes of all ranks must be the same.
     """
-    everything = scenes.run_python([fault.__file__, json.dumps(faults), *arguments], limit=limit, cwd=cwd)
+    everything = scenes.run_python([fault.__file__, json.dumps(faults), *arguments], ranks, limit, cwd=cwd)
     assert everything.code == 0, everything.output
     *stdout, _ = re.split(rf"^{fault.END} .*\n", everything.stdout, flags=re.MULTILINE)
     *stderr, _ = re.split(rf"^{fault.END} .*\n", everything.stderr, flags=re.MULTILINE)

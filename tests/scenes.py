@@ -1,6 +1,6 @@
 """Small scenes with known answers, and the two ways in which tests run them.
 
-`solve_scene` composes the package's rooms on a communicator of two ranks; `solve_all` does so for
+`solve_scene` composes the package's rooms on a communicator; `solve_all` does so for
 many scenes in one child ``mpirun``; `run_command` starts the real command. Every child has a time
 limit and an environment without traces of an MPI that the parent may have initialised: with them a
 nested ``mpirun`` dies silently.
@@ -46,6 +46,24 @@ def pinched_blocks(N: int, law: str = "coulomb", length: float = 1.0, stress: fl
             "body": [block("upper", 1.0, {"top": (0.0, -6.0e7), "right": (2.0e7, 3.0e7)}),
                      block("lower", 0.0, {"bottom": (0.0, 4.0e7)})],
             "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": {"law": law} | friction}],
+            "method": method}
+
+
+def tower(blocks: int, n: int, loose: bool = True, **method) -> dict:
+    """Blocks 3 × 1 m on each other on 3n × n elements, sheared at the top, a vertical load beside the middle.
+
+    Clamps hold the lowest block at its bottom and, unless they are `loose`, all others at their left sides.
+    """
+    def block(k: int) -> dict:
+        return {"name": f"block{k}", "clamp": ["bottom"] if k == 1 else [] if loose else ["left"],
+                "mesh": {"shape": "quadrilateral", "divisions": [3 * n, n],
+                         "corners": [[0.0, k - 1.0], [3.0, k - 1.0], [3.0, float(k)], [0.0, float(k)]]},
+                "material": {"young": 2.119e11, "poisson": 0.277},
+                "traction": [{"on": "top", "value": [3.0e6, -6.0e7]}] if k == blocks else []}
+
+    return {"title": f"tower of {blocks} blocks", "body": [block(k + 1) for k in range(blocks)],
+            "contact": [{"bodies": [f"block{k + 1}", f"block{k}"], "on": ["bottom", "top"],
+                         "friction": {"law": "coulomb", "coefficient": 0.3}} for k in range(1, blocks)],
             "method": method}
 
 
@@ -216,24 +234,53 @@ def _toml(value: object) -> str:
 
 
 def prepare_scene(comm, scene: dict):
-    """The `ddmpi.coupling.assembly.Assembly` of a scene. Collective on `comm`, two ranks."""
+    """The `ddmpi.coupling.assembly.Assembly` of a scene. Collective on `comm`, at most as many ranks as bodies."""
     from ddmpi.coupling.assembly import prepare
     from ddmpi.scene.reader import read_scene
 
     return prepare(comm, read_scene("scene of a test", to_toml(scene)))
 
 
+def the_interface(assembly):
+    """The interface of a scene with one contact, also on the rank that does not own it. Collective."""
+    owned = assembly.world.allgather(assembly.space.interfaces)
+    (interface,) = owned[0] if assembly.exchange.mirrored else sum(owned, ())
+    return interface
+
+
+def everywhere(assembly, x: np.ndarray) -> np.ndarray:
+    """A vector of the interfaces on all ranks, from the parts that the ranks own. Collective."""
+    owned = assembly.world.allgather(x)
+    return owned[0] if assembly.exchange.mirrored else np.concatenate(owned)
+
+
+def exact_forces(assembly) -> np.ndarray:
+    """The contact forces (N) of the coupled problem by brute force, on all ranks. Collective."""
+    from ddmpi.judge.brute_force import solve_coupled
+
+    return everywhere(assembly, solve_coupled(assembly))
+
+
+def joint_compliance(assembly) -> np.ndarray:
+    """The sum of the compliances of two bodies on two ranks, dense. Collective."""
+    return sum(assembly.world.allgather(assembly.member.C.dense()))
+
+
 def solve_scene(comm, scene: dict) -> dict:
-    """Solve a scene as the command does, and gather what tests look at. Collective on `comm`, two ranks."""
+    """Solve a scene of one contact as the command does, and gather what tests look at. Collective on `comm`."""
     from ddmpi.body.estimate import estimate_error
     from ddmpi.run.solve import solve
 
     assembly = prepare_scene(comm, scene)
     solution = solve(assembly, assembly.scene.method)
-    (interface,), (state,) = assembly.space.interfaces, solution.contacts.values()
-    estimate = estimate_error(assembly.mesh, assembly.spec.material, solution.displacement)
-    bodies = comm.allgather({"name": assembly.spec.name, "points": assembly.mesh.points, "u": solution.displacement,
-                             "energy": estimate.energy / 2, "n_A": assembly.member.C.count.total()})
+    (state,) = solution.contacts.values()
+    interface, own = state.interface, []
+    for body in assembly.bodies:
+        u = solution.displacements[body.spec.name]
+        own.append({"name": body.spec.name, "points": body.mesh.points, "u": u,
+                    "energy": estimate_error(body.mesh, body.spec.material, u).energy / 2,
+                    "n_A": body.member.C.count.total()})
+    bodies = [each for rank in comm.allgather(own) for each in rank]
     energies = {b["name"]: b["energy"] for b in bodies}
     return {"certified": solution.certified, "reason": solution.reason,
             "outer_iterations": len(solution.outer.history),

@@ -276,6 +276,14 @@ def test_an_empty_output_is_not_taken_for_none(tmp_path):
     assert started == ["-n", "2", "python", "-m", "ddmpi", "run", "scene.toml", "--output", ""]
 
 
+@pytest.mark.parametrize(("environment", "ranks"), [({"SLURM_NTASKS": "8"}, "8"), ({"SLURM_NTASKS": "8",
+                                                                                  "DDMPI_RANKS": "3"}, "3")])
+def test_a_job_has_the_ranks_that_slurm_gives_it(tmp_path, environment, ranks):
+    """sbatch --ntasks, or else DDMPI_RANKS, says how many ranks a job has."""
+    _, started = start_job(tmp_path, "--output", "out", **environment)
+    assert started[:2] == ["-n", ranks]
+
+
 def test_a_job_does_not_go_back_for_ever(tmp_path):
     (tmp_path / "scripts").mkdir()
     (tmp_path / "scripts" / "setup.sh").write_text("")

@@ -13,11 +13,13 @@ from scenes import clean_environment
 ROOT = Path(__file__).resolve().parents[2]
 STUDIES = {
     # script: arguments; words of what it prints and of its pages; numbers of tables and figures
+    "assembly_study": ("--sections messages --rows 3", ("| 3 | 2 | 384 |",), 1, 0),
     "checkpoint_cost": ("--size 6 --seconds 0.5 --every 0.1", ("anderson", "newton", "share of the run"), 0, 0),
     "compare_qp_solvers": ("--size 6 --types python bntr", ("No type failed on any QP.",), 1, 0),
     "extremes": ("--tables numbers --most 22",
                  ("| 1 | 13 · 200 | ±0% |", "| 1 | 22 | 1 + 1 | 0 + 0 | 98 + 98 |"), 1, 0),
     "inner_precision": ("--size 6 --laws tresca --etas 0.1 --repeats 1", ("| 0.1 | 1.00 | 0 of 8 |",), 1, 0),
+    "published_beyond_two": ("--bodies 3 --divisions 4", ("| 3 | none | 1.00 | 43.2 |",), 0, 0),
     "reproduce_tables": ("--sizes 6 --laws tresca",
                          ("| 504 \\| 18 | 36 · ", "8 of them converged and certified"), 1, 2),
     "theta_sensitivity": ("--sizes 4 --limit-sizes 4 --thetas 0.2 --precision 0.4",

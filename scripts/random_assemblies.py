@@ -1,0 +1,156 @@
+#!/usr/bin/env python3
+"""Random assemblies: ddmpi against the brute-force reference of the tests, seed by seed.
+
+    scripts/random_assemblies.py --seeds 0:300                    # ddmpi on one rank
+    mpirun -n 3 python scripts/random_assemblies.py --seeds 7     # on several
+    scripts/random_assemblies.py --reference-only --seeds 0:50    # only the reference
+
+A line for each seed, then a table of families. Ends with 1 if a verdict is among `WRONG`. Verdicts:
+
+agrees        certified, displacement within --tolerance of the reference's
+another       certified, displacement elsewhere but a solution, too: friction need not leave one only
+differs       certified, and no solution
+missed        not certified, though the reference has a solution
+reported      no equilibrium by linear program, and ddmpi says so
+unreported    no equilibrium by linear program, but ddmpi certifies an answer or ends for another reason
+undecided     the reference finds neither a solution nor a proof that there is none, and ddmpi certifies none; by the
+              reference "drift": bodies slide at a steady imbalance, so that there is hardly an equilibrium
+found         the same, but ddmpi certifies an answer, which is a solution
+solved, none  with --reference-only: solution, or certainly no equilibrium
+failed        ddmpi raised an error
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+import assemblies
+import assembly_scenes
+import scenes
+
+WRONG = {"differs", "missed", "unreported", "failed"}
+
+SOLUTION = 1e-5
+"""Violation (`assemblies.violation`) up to which displacements count as a solution."""
+
+
+def numbers(text: str) -> list[int]:
+    """Seeds as A, A:B (B left out), or several of these with commas."""
+    found: list[int] = []
+    for part in text.split(","):
+        first, _, end = part.partition(":")
+        found += range(int(first), int(end)) if end else [int(first)]
+    return found
+
+
+def solve(scene: dict[str, Any], comm: Any) -> SimpleNamespace:
+    """The package's answer with all bodies, on all ranks. Collective."""
+    import ddmpi
+    from ddmpi.errors import DdmpiError
+
+    try:
+        answer = ddmpi.solve(scenes.to_toml(scene), comm)
+    except DdmpiError as error:
+        return SimpleNamespace(error=f"{type(error).__name__}: {error}")
+    bodies = {}
+    for part in comm.allgather({name: (body.points, body.displacement) for name, body in answer.bodies.items()}):
+        bodies |= {name: SimpleNamespace(points=points, displacement=u) for name, (points, u) in part.items()}
+    return SimpleNamespace(error="", certified=answer.certified, reason=answer.reason, bodies=bodies,
+                           steps=answer.summary.get("outer_iterations", 0))
+
+
+def reason_word(reference: assemblies.Solution) -> str:
+    """What a reference without a solution knows."""
+    return "none" if "no equilibrium" in reference.reason else "undecided"
+
+
+def judge(reference: assemblies.Solution, answer: SimpleNamespace, tolerance: float) -> tuple[str, str]:
+    """The verdict, and what to say about it."""
+    if answer.error:
+        reported = "no equilibrium" in answer.error
+        if reported and not reference.converged:
+            return "reported" if reason_word(reference) == "none" else "undecided", ""
+        return "failed", answer.error
+    if reason_word(reference) == "none":
+        reported = not answer.certified and "no equilibrium" in answer.reason
+        return ("reported" if reported else "unreported"), "" if reported else answer.reason
+    if not answer.certified:
+        return ("missed" if reference.converged else "undecided"), answer.reason
+    if reference.converged:
+        far = assemblies.distance(reference, answer)
+        if far <= tolerance:
+            return "agrees", f"{far:.1e}"
+        excess = assemblies.violation(reference, answer)
+        return ("another" if excess <= SOLUTION else "differs"), f"distance {far:.1e}, violation {excess:.1e}"
+    excess = assemblies.violation(reference, answer)
+    return ("found" if excess <= SOLUTION else "differs"), f"violation {excess:.1e}"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=numbers, default=numbers("0:300"), help="A:B, or seeds with commas")
+    parser.add_argument("--tolerance", type=float, default=1e-6, help="of displacements, over the largest one")
+    parser.add_argument("--reference-only", action="store_true")
+    parser.add_argument("--write", type=Path, help="folder for the scenes' TOML files; nothing is solved")
+    arguments = parser.parse_args()
+    if arguments.write:
+        arguments.write.mkdir(parents=True, exist_ok=True)
+        for seed in arguments.seeds:
+            text = scenes.to_toml(assembly_scenes.random_scene(seed))
+            (arguments.write / f"random_{seed}.toml").write_text(text, encoding="utf-8")
+        return 0
+    comm, first = None, True
+    if not arguments.reference_only:
+        from mpi4py import MPI
+
+        comm = MPI.COMM_WORLD
+        first = comm.rank == 0
+    tally: Counter[tuple[str, str]] = Counter()
+    attempts: Counter[str] = Counter()
+    if first:
+        print("seed family         N law        dofs rows  reference        steps    s  verdict     ddmpi: steps    s")
+    for seed in arguments.seeds:
+        scene = assembly_scenes.random_scene(seed)
+        reference, verdict, words, last = None, "", "", ""
+        start = time.perf_counter()
+        if first:
+            reference = assemblies.solve(scene)
+        between = time.perf_counter()
+        answer = solve(scene, comm) if comm else None
+        end = time.perf_counter()
+        if not first:
+            continue
+        if answer is None:
+            verdict = "solved" if reference.converged else reason_word(reference)
+        else:
+            verdict, words = judge(reference, answer, arguments.tolerance)
+            last = f"{getattr(answer, 'steps', 0):13d} {end - between:4.1f}  {words}"
+        family, _, N, law = scene["title"].split(", ")
+        how = reference.how or "no equilibrium"
+        attempts[how] += 1
+        tally[family, verdict] += 1
+        dofs = sum(body.b.size for body in reference.assembly.bodies.values())
+        print(f"{seed:4d} {family:13s} {N[4:]:>2s} {law:9s} {dofs:6d} {len(reference.assembly.gap):4d}  {how:15s} "
+              f"{reference.steps:5d} {between - start:5.1f}  {verdict:10s} {last}", flush=True)
+    if not first:
+        return 0
+    verdicts = sorted({verdict for _, verdict in tally})
+    print("\nfamily        " + "".join(f"{verdict:>12s}" for verdict in verdicts))
+    for family in [*sorted({family for family, _ in tally}), "all"]:
+        counts = [sum(n for (f, v), n in tally.items() if v == verdict and family in (f, "all"))
+                  for verdict in verdicts]
+        print(f"{family:14s}" + "".join(f"{count:12d}" for count in counts))
+    print("\nreference by: " + ", ".join(f"{how} {count}" for how, count in attempts.most_common()))
+    return int(any(verdict in WRONG for _, verdict in tally))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
