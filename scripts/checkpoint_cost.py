@@ -70,7 +70,7 @@ def measure(world: MPI.Comm, method: str, N: int, seconds: float, every: float, 
         total = time.perf_counter() - start
     noting, writing, both = (world.allreduce(value, MPI.MAX) for value in (
         checkpoints.noting, checkpoints.writing, checkpoints.noting + checkpoints.writing))
-    return {"m": assembly.space.m, "seconds": total, "iterations": checkpoints.iterations,
+    return {"m": assembly.m, "seconds": total, "iterations": checkpoints.iterations,
             "written": checkpoints.written, "noting": noting, "writing": writing, "cost": both}
 
 

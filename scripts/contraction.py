@@ -92,16 +92,17 @@ class Linearisation:
 
 def linearise(assembly: Assembly) -> Linearisation:
     """Solve `assembly` exactly and linearise there. Collective; all m nodes must be able to slide."""
-    newton, (interface,) = Newton(assembly.joint(), MOST), assembly.space.interfaces
+    newton, (interface,) = Newton(assembly.joint, MOST), assembly.member.interfaces
     ended = newton.run(TOLERANCE)
     if ended != "converged":
         raise RuntimeError(f"the solution at which to linearise: {ended}")
     m, law = interface.m, interface.law
-    normal, tangential = newton.forces[:m], newton.forces[m:]
-    g = newton.bound
+    forces, g = (np.concatenate(assembly.world.allgather(each)) for each in (newton.forces, newton.bound))
+    normal, tangential = forces[:m], forces[m:]
     sticking = np.abs(tangential) < g - ON_BOUND * g.max()
     slip = np.where(sticking, 0.0, np.sign(tangential) * law.slope(normal))
-    return Linearisation(assembly.exchange.swap_objects(assembly.member.C.dense()),
+    dense = dict(assembly.world.allgather((interface.side(assembly.member.name), assembly.member.C.dense())))
+    return Linearisation((dense[0], dense[1]),
                          normal > ON_BOUND * normal.max(), sticking, slip)
 
 

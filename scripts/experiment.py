@@ -8,6 +8,7 @@ Mechanics, Olomouc, June 23-27, 2014.
 from __future__ import annotations
 
 import argparse
+import copy
 import csv
 import dataclasses
 import functools
@@ -21,6 +22,7 @@ import msgspec
 from mpi4py import MPI
 
 from ddmpi.coupling.assembly import Assembly, prepare
+from ddmpi.coupling.joint import Joint
 from ddmpi.coupling.space import Space
 from ddmpi.interface.law import law_of
 from ddmpi.scene.method import SettledMethod
@@ -56,11 +58,15 @@ def prepare_laws(world: MPI.Comm, N: int, laws: Iterable[str] = LAWS,
     """The assemblies of several friction laws on one mesh, factored once. Collective."""
     scenes = {law: pinched_blocks(law, N, *settings) for law in laws}
     first = prepare(world, next(iter(scenes.values())))
-    (interface,) = first.space.interfaces
+    (body,), (interface,) = first.bodies, first.member.interfaces
 
     def with_law(scene: Settled) -> Assembly:
         law = law_of(scene.contact[0].friction, interface.xy, interface.area, interface.sliding)
-        return dataclasses.replace(first, scene=scene, space=Space([dataclasses.replace(interface, law=law)]))
+        member = copy.copy(body.member)  # with the same factors and counts
+        member.interfaces = (dataclasses.replace(interface, law=law),)
+        space = Space(member.interfaces if first.space.interfaces else (), world)
+        return dataclasses.replace(first, scene=scene, bodies=(dataclasses.replace(body, member=member),), space=space,
+                                   joint=Joint([member], first.exchange, space))
 
     return {law: with_law(scene) for law, scene in scenes.items()}
 

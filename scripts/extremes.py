@@ -156,7 +156,7 @@ def attempt(world: MPI.Comm, changes: Overrides, compare: bool = False) -> Row:
     try:
         answer = ddmpi.solve(SCENE.read_text(encoding="utf-8"), world, changes)
         row |= describe(world, answer)
-        if compare and answer.solved.assembly.space.size <= LARGEST_COUPLED:
+        if compare and world.allreduce(answer.solved.assembly.space.size) <= LARGEST_COUPLED:
             row["distance"] = distance(answer)
     except DdmpiError as error:
         row["outcome"] = f"refused: {str(error).splitlines()[0].removeprefix('scene: ')}"
@@ -181,11 +181,12 @@ def describe(world: MPI.Comm, answer: Answer) -> Row:
 
 def distance(answer: Answer) -> float:
     """Of the contact forces from those of the coupled problem, relatively; nan if brute force fails. Collective."""
+    assembly, norm = answer.solved.assembly, answer.solved.assembly.space.norm
     try:
-        exact = solve_coupled(answer.solved.assembly)
+        exact = solve_coupled(assembly)
     except NotConvergedError:
         return np.nan
-    return float(np.linalg.norm(answer.solved.solution.outer.forces - exact) / (np.linalg.norm(exact) or 1.0))
+    return norm(answer.solved.solution.outer.forces - exact) / (norm(exact) or 1.0)
 
 
 # Tables

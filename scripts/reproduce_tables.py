@@ -59,7 +59,7 @@ def run_variant(assembly: Assembly, algorithm: str, splitting: str) -> Row:
     solution = solve(assembly, method)
     seconds = assembly.world.allreduce(time.perf_counter() - start, MPI.MAX)
     count = sum(assembly.world.allgather(assembly.member.C.count), start=Counter())
-    n_A, m = count.total(), assembly.space.m
+    n_A, m = count.total(), assembly.m
     return {"n": assembly.n, "m": m, "outer_iterations": len(solution.outer.history), "n_A": n_A,
             "eff": round(n_A / (2 * m), 4), "seconds": round(seconds, 3), "stopped": solution.stopped,
             "certified": solution.certified, **{f"n_A_{purpose}": count[purpose] for purpose in PURPOSES}}

@@ -26,7 +26,7 @@ from experiment import VARIANTS, Ledger, Row, arguments, on_two_ranks, pinched_b
 from mpi4py import MPI
 from rings import Rings
 from tradeoff_page import PAGE, draw, page
-from true_errors import ClosedForm, Errors, FineSolution, energy, solve_reference
+from true_errors import ClosedForm, Errors, FineSolution, energy, own_body, solve_reference
 
 from ddmpi.body.estimate import estimate_error, relative_error
 from ddmpi.coupling.assembly import Assembly, prepare
@@ -130,7 +130,7 @@ def run_once(world: MPI.Comm, scene: Settled) -> tuple[Row, Assembly, Solution]:
     assembly = prepare(world, scene, clock=clock)
     solution = solve(assembly, scene.method, clock=clock)
     with clock.phase("estimate"):
-        estimate = estimate_error(assembly.mesh, assembly.spec.material, solution.displacement)
+        estimate = estimate_error(*own_body(assembly, solution))
     cpu = time.process_time() - cpu
     seconds = clock.largest(world)
     row = {f"{phase}_seconds": seconds[phase] for phase in PHASES} | {
@@ -205,7 +205,7 @@ class Study:
             return dict.fromkeys(MEASURED, np.nan) | {"outcome": f"failed: {str(error).splitlines()[0]}"}
         row, assembly, solution = best
         return row | asdict(exact.errors(assembly, solution)) | {
-            "n": assembly.n, "m": assembly.space.m, "outcome": "certified" if solution.certified else solution.reason,
+            "n": assembly.n, "m": assembly.m, "outcome": "certified" if solution.certified else solution.reason,
             "iterations": len(solution.outer.history), "n_A": self.world.allreduce(assembly.member.C.count.total()),
             "runs": runs, "algebraic": self._algebraic(case, assembly, solution)}
 
@@ -214,10 +214,10 @@ class Study:
         mesh = case[:3]
         if self._tight[0] != mesh:
             scene = self.scene(Case(*mesh, tolerance=TIGHT))
-            self._tight = mesh, solve(prepare(self.world, scene), scene.method).displacement
-        u = self._tight[1]
-        distance, size = (self.world.allreduce(energy(assembly.mesh, assembly.spec.material, v))
-                          for v in (solution.displacement - u, u))
+            tight = prepare(self.world, scene)
+            self._tight = mesh, own_body(tight, solve(tight, scene.method))[2]
+        own, material, u = own_body(assembly, solution)
+        distance, size = (self.world.allreduce(energy(own, material, v)) for v in (u - self._tight[1], self._tight[1]))
         return float(np.sqrt(distance / size))
 
 

@@ -201,7 +201,8 @@ class FineSolution:
 
     def errors(self, assembly: Assembly, solution: Solution) -> Errors:
         """Of a solution of the same scene on a coarser mesh. Collective."""
-        coarse = interpolate(assembly.mesh, assembly.spec.mesh, solution.displacement, self.mesh.points)
+        (body,) = assembly.bodies
+        coarse = interpolate(body.mesh, body.spec.mesh, solution.displacements[body.spec.name], self.mesh.points)
         distance = assembly.world.allreduce(energy(self.mesh, self.material, self.u - coarse))
         found, exact = contact_of(solution), self.contact
 
@@ -229,7 +230,7 @@ def solve_reference(world: MPI.Comm, scene: Settled) -> FineSolution:
     solution = solve(assembly, scene.method)
     if not solution.certified:
         raise RuntimeError(f"the reference solution: {solution.reason}")
-    mesh, material, u = assembly.mesh, assembly.spec.material, solution.displacement
+    mesh, material, u = own_body(assembly, solution)
     estimate = estimate_error(mesh, material, u)
     error, size = world.allreduce(estimate.total), world.allreduce(estimate.energy)
     return FineSolution(mesh, material, u, contact_of(solution), size, relative_error(error, size))
@@ -243,8 +244,8 @@ class ClosedForm:
 
     def errors(self, assembly: Assembly, solution: Solution) -> Errors:
         """Of a solution on meshes of the rings, whose straight sides cut corners of the true domain. Collective."""
-        rings, world, body = self.rings, assembly.world, assembly.spec.name
-        distance = world.allreduce(stress_error(assembly.mesh, assembly.spec.material, solution.displacement,
+        rings, world, body = self.rings, assembly.world, assembly.bodies[0].spec.name
+        distance = world.allreduce(stress_error(*own_body(assembly, solution),
                                                 lambda points: rings.stress(body, points)))
         found = contact_of(solution)
         exact = np.full(len(found.x), rings.pressure)
@@ -255,6 +256,12 @@ class ClosedForm:
             side_pressure=difference(means, exact[:len(means)], widths),
             normal_force=relative(found.normal_force, rings.normal_force), tangential_force=np.nan,
             contact_end=end_error(found.contact_ends, np.empty(0)), stick_end=np.nan)
+
+
+def own_body(assembly: Assembly, solution: Solution) -> tuple[Mesh, Material, np.ndarray]:
+    """Mesh, material and displacement of the only body of this rank."""
+    (body,) = assembly.bodies
+    return body.mesh, body.spec.material, solution.displacements[body.spec.name]
 
 
 def energy(mesh: Mesh, material: Material, u: np.ndarray) -> float:
