@@ -161,7 +161,7 @@ def test_an_error_on_any_rank_ends_all(where, tmp_path):
 def test_ranks_go_where_a_rank_has_most():
     assert place_ranks([100, 100], 3) == [0, 0, 1]
     assert place_ranks([100, 300], 4) == [0, 1, 1, 1]
-    assert place_ranks([100, 300, 1000], 7) == [0, 1, 2, 2, 2, 2, 2]
+    assert place_ranks([100, 300, 1000], 7) == [0, 1, 1, 2, 2, 2, 2]
     assert place_ranks([100, None], 4) == [0, 0, 1, 1]
 
 
