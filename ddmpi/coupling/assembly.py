@@ -29,7 +29,7 @@ from ddmpi.scene.bodies import SettledBody
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.scene.scene import Settled
 from ddmpi.system import interrupt
-from ddmpi.system.agreement import agreed
+from ddmpi.system.agreement import agreed, merged
 from ddmpi.system.clock import Clock
 from ddmpi.system.memory import free_memory
 
@@ -153,28 +153,30 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     else:
         space = Space([interface for interface in interfaces if interface.name in owned], world, exchange.collectives)
     exchange.connect(space, [member.parts for member in members])
-    everyone = world.allgather(([bodies[spec.name].warnings for spec in mine],
-                                {name: warnings for name, warnings in doubts.items() if name in owned}))
-    told = [warning for own, _ in everyone for each in own for warning in each]
-    by_contact = {name: warnings for _, own in everyone for name, warnings in own.items()}
-    named = {name for contact in scene.contact for name in contact.bodies}
-    told += [f"body.{body.name}: no contact names it; it is solved alone" for body in scene.body
-             if body.name not in named]
-    told += [f"rigid.{rigid.name}: no contact names it; nothing touches it" for rigid in scene.rigid
-             if rigid.name not in named]
-    told += [warning for contact in scene.contact for warning in by_contact[contact.name]]
+    told = _doubts(scene, merged(world, {name: each.warnings for name, each in bodies.items()}), merged(world, doubts))
     numbers = [body.name for body in scene.body]
     return Assembly(world, scene, tuple(Body(numbers.index(spec.name), spec, meshes[spec.name], member)
                                         for spec, member in zip(mine, members, strict=True)),
                     space, exchange, Joint(members, exchange, space),
                     world.allreduce(sum(each.n for each in bodies.values())),
-                    world.allreduce(space.m if world.rank == 0 or not exchange.mirrored else 0), told)
+                    sum(merged(world, {interface.name: interface.m for interface in interfaces}).values()), told)
 
 
 def _is_pair(world: MPI.Comm, scene: Settled) -> bool:
     """Whether there are two bodies, each on a rank of its own, that touch each other and no rigid partner."""
     names = {body.name for body in scene.body}
     return world.size == len(names) == 2 and all(set(contact.bodies) == names for contact in scene.contact)
+
+
+def _doubts(scene: Settled, by_body: Mapping[str, list[str]], by_contact: Mapping[str, list[str]]) -> list[str]:
+    """All warnings of a scene, in its order; those of bodies and contacts were found on their ranks."""
+    named = {name for contact in scene.contact for name in contact.bodies}
+    return [*(warning for body in scene.body for warning in by_body[body.name]),
+            *(f"body.{body.name}: no contact names it; it is solved alone" for body in scene.body
+              if body.name not in named),
+            *(f"rigid.{rigid.name}: no contact names it; nothing touches it" for rigid in scene.rigid
+              if rigid.name not in named),
+            *(warning for contact in scene.contact for warning in by_contact[contact.name])]
 
 
 def _contacts_of(spec: SettledBody, contacts: Sequence[SettledContact]) -> list[tuple[SettledContact, int]]:

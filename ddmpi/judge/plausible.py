@@ -15,7 +15,7 @@ from ddmpi.interface.state import ContactState
 from ddmpi.judge.overlap import RESOLVED, Outline, Overlap, run_through
 from ddmpi.mesh.boundary import outline
 from ddmpi.scene.bodies import SettledBody
-from ddmpi.scene.rigid import Plane, Rigid
+from ddmpi.scene.rigid import Circle, Plane, Rigid
 from ddmpi.system.agreement import merged
 
 LARGE_MOTION = 0.1
@@ -39,7 +39,7 @@ COARSE = 0.5
 BESIDE = 1e-9
 """Overlaps with a rigid partner below this part of the body's size are rounding."""
 
-LITTLE = 1e-6
+IDLE = 1e-6
 """A contact with less than this part of the largest force of all contacts carries nothing that could be lost."""
 
 
@@ -70,7 +70,7 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
     for interface in assembly.space.interfaces:
         state, (first, second) = contacts[interface.name], both[interface.name]
         slid = [] if second is None else _far_slip(state, first - second)
-        carries = len(contacts) == 1 or state.normal_force.max(initial=0.0) > LITTLE * pressed
+        carries = len(contacts) == 1 or state.normal_force.max(initial=0.0) > IDLE * pressed
         doubts[interface.name] = slid + (_lost_in_rounding(state, largest) if carries else [])
     by_contact = merged(world, doubts)
     found += [warning for name in contacts for warning in by_contact[name]]
@@ -137,7 +137,7 @@ def _run_through_rigid(assembly: Assembly, displacements: Mapping[str, np.ndarra
 
     A bore is left out: what is seen of it may be a piece of a socket, and the body may go on outside. Collective.
     """
-    solid = {each.name: each for each in assembly.scene.rigid if not getattr(each, "inside", False)}
+    solid = {each.name: each for each in assembly.scene.rigid if not (isinstance(each, Circle) and each.inside)}
     found: dict[str, list[str]] = {}
     for body in assembly.bodies:
         for name in solid.keys() & {interface.bodies[1] for interface in body.member.interfaces}:

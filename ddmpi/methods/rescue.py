@@ -220,6 +220,3 @@ class _Hung:
 
     def norm(self) -> float:
         return self._norm
-
-    def dense(self) -> np.ndarray:
-        raise NotImplementedError("MPRGP needs no matrix")
