@@ -17,9 +17,8 @@ from ddmpi.coupling.ranks import homes_of, ranks_beside, team_of
 from ddmpi.coupling.space import Space
 from ddmpi.coupling.team import Team, TeamMatrix
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import Interface
-from ddmpi.interface.matching import pair
-from ddmpi.interface.plausible import check_overlap, uncovered_profile
+from ddmpi.interface.interface import Interface, check_overlap, uncovered_profile
+from ddmpi.interface.mortar import join
 from ddmpi.interface.rigid import touch
 from ddmpi.interface.side import Side, contact_side
 from ddmpi.mesh.boundary import boundary_group
@@ -205,7 +204,8 @@ def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | Non
         interface = touch(first, rigid, contact.friction, contact.name, contact.gap, contact.kind)
         overlaps = check_overlap(interface, first)
     else:
-        interface = pair(first, second, contact.friction, contact.name, refinement, contact.gap, contact.kind)
+        interface = join(first, second, contact.friction, contact.name, refinement, contact.gap, contact.kind,
+                         contact.pairing, contact.slave)
         overlaps = check_overlap(interface, first, second)
     return interface, overlaps + uncovered_profile(interface, contact.friction, contact.gap)
 

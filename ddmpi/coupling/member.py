@@ -14,7 +14,7 @@ from ddmpi.body.elasticity import Elasticity
 from ddmpi.body.rigid_motions import Centring, support
 from ddmpi.coupling.team import hold, make_solver
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.trace import displacement_trace, fixed_trace, rows, trace
+from ddmpi.interface.trace import displacement_trace, normal_trace, rows, trace
 from ddmpi.petsc.events import event
 
 PRECISE = 1e-12
@@ -134,10 +134,14 @@ class Member:
         """B u (size,) in metres, of a displacement (nv, d) of all nodes. Not collective."""
         return self._all(displacement_trace(each, each.side(self.name), u) for each in self.interfaces)
 
-    def fixed_parts(self, u: np.ndarray) -> dict[tuple[str, int], np.ndarray]:
-        """Normal displacement (k,) in metres at node pairs that clamps hold on both sides, by contact and side."""
-        return {(each.name, each.side(self.name)): fixed_trace(each, each.side(self.name), u)
-                for each in self.interfaces}
+    def normal_parts(self, u: np.ndarray) -> dict[tuple[str, int], tuple[np.ndarray, np.ndarray]]:
+        """Normal displacements in metres at the places of its interfaces that clamps hold on both sides, and at the
+        probes between nodes, by contact and side. Not collective."""
+        found = {}
+        for each in self.interfaces:
+            side = each.side(self.name)
+            found[each.name, side] = (normal_trace(each, side, each.fixed, u), normal_trace(each, side, each.probes, u))
+        return found
 
     @staticmethod
     def _all(parts: Iterable[np.ndarray]) -> np.ndarray:

@@ -1,6 +1,7 @@
 """The interface of two bodies: contact nodes, directions, gaps, and how each side's nodes move them.
 
-Serial work on plain arrays. Every rank that holds the interface computes the same one from the same sides.
+Also whether it can be what its user meant, which is looked at before anything is computed. Serial work on plain arrays.
+Every rank that holds the interface computes the same one from the same sides.
 """
 
 from __future__ import annotations
@@ -10,23 +11,60 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy.sparse as sparse
 
+from ddmpi.errors import InputError
 from ddmpi.interface.law import Law
+from ddmpi.interface.side import Side
+from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
+from ddmpi.scene.values import Profile
+
+LARGE_OVERLAP = 0.02
+"""An initial overlap of this part of the thinner body's depth is worth a warning."""
+
+MANY_ELEMENTS = 5.0
+"""So is one of so many distances between neighbouring nodes."""
+
+BEHIND = 1.0 - 1e-9
+"""A body that lies this part of its depth or more inside a rigid partner lies behind its surface."""
 
 
 @dataclass(frozen=True)
-class FixedPairs:
-    """Node pairs that clamps hold on both sides. They carry no unknown, but may be made to overlap.
+class Places:
+    """Places on an interface where its gap is looked at, but which carry no unknown.
 
     Attributes
     ----------
-    nodes : of each side (k,), numbers in its body's mesh; none of a rigid partner
+    nodes : of each side (j,), numbers in its body's mesh; none of a rigid partner
     normal : (k, d) outer normals of the first body
     gap : (k,) initial gap (m); with a rigid partner, after its displacement
+    transfer : of each side (k, j), sparse: a place moves as the rows say that the side's nodes move; None where the
+        places are the nodes
     """
 
     nodes: tuple[np.ndarray, np.ndarray] = (np.empty(0, int), np.empty(0, int))
     normal: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
     gap: np.ndarray = field(default_factory=lambda: np.empty(0))
+    transfer: tuple[sparse.csr_matrix, sparse.csr_matrix] | None = None
+
+    def moved(self, side: int, u: np.ndarray) -> np.ndarray:
+        """Displacement (k, d) of the places with a side whose nodes all move by `u` (nv, d)."""
+        moved = u[self.nodes[side]]
+        return moved if self.transfer is None else self.transfer[side] @ moved
+
+
+@dataclass(frozen=True)
+class Lines:
+    """The nodes of the slave, of which several may share a row and have a common pressure.
+
+    Attributes
+    ----------
+    row : (l,) of each node
+    xy : (l, d) positions (m)
+    area : (l,) nodal lengths of what faces the other side (m); those of a row add up to its own
+    """
+
+    row: np.ndarray
+    xy: np.ndarray
+    area: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -40,7 +78,7 @@ class Interface:
     ----------
     name : of the contact
     bodies : names of the first and the second body; the second one may be a rigid partner, which has no nodes
-    xy : (m, d) positions of the contact nodes on the first side (m)
+    xy : (m, d) positions of the contact nodes on the first side, or on the slave (m)
     frame : (m, d, d) unit vectors of the first body: outer normal, then tangents; the second body's are opposite
     area : (m,) nodal lengths, in three dimensions areas, of what faces the other side (m)
     gap : (m,) initial gap along the normal (m); negative for an initial overlap
@@ -48,12 +86,16 @@ class Interface:
     transfer : of each side (m, k), sparse: a contact node moves as the rows say that the side's nodes move
     law : of contact and friction at these nodes
     modulus : E* (Pa), 1/E* being the sum of both bodies' (1 − ν²)/E, of which a rigid partner's is zero
-    fixed : node pairs without unknowns, because clamps hold both bodies
+    fixed : nodes without unknowns, because clamps hold both bodies there
     joined : (m − 1,) bool, whether a node and the next one are neighbours
     edges : (ns, 3) quadratic edges whose nodes all carry unknowns, by ends and middle, in the order of the middles
     held : (m,) inverse distances to the dropped neighbours, summed (1/m); zero where there are none
     one_sided : (size,) bool, unknowns along which only one of the bodies can move
     prescribed : (size,) contact displacement of a rigid partner (m), with the sign of the second side; zero for bodies
+    at : of each side (m, d), where the forces of the rows act on it (m); None where this is not known
+    slave : name of the body whose nodes carry the rows where the nodes do not match, else None
+    lines : the slave's nodes; None where each has a row of its own
+    probes : places between the nodes of sides that do not match
     """
 
     name: str
@@ -71,7 +113,11 @@ class Interface:
     held: np.ndarray
     one_sided: np.ndarray
     prescribed: np.ndarray
-    fixed: FixedPairs = field(default_factory=FixedPairs)
+    fixed: Places = field(default_factory=Places)
+    at: tuple[np.ndarray, np.ndarray] | None = None
+    slave: str | None = None
+    lines: Lines | None = None
+    probes: Places = field(default_factory=Places)
 
     @property
     def m(self) -> int:
@@ -85,6 +131,11 @@ class Interface:
     @property
     def dimension(self) -> int:
         return self.xy.shape[1]
+
+    @property
+    def shown(self) -> Lines:
+        """The nodes of the rows."""
+        return self.lines or Lines(np.arange(self.m), self.xy, self.area)
 
     @property
     def dropped(self) -> int:
@@ -114,3 +165,68 @@ class Interface:
     def side(self, body: str) -> int:
         """0 where `body` is the first body, 1 where it is the second."""
         return self.bodies.index(body)
+
+    def facing(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Nodes of the first and of the second side (k,) that rows or clamps keep apart, and normals (k, d) there."""
+        none = np.empty(0, int)
+        a, b, normal = [none], [none], [np.empty((0, self.dimension))]
+        for nodes, transfer, outward in ((self.nodes, self.transfer, self.normal),
+                                         (self.fixed.nodes, self.fixed.transfer, self.fixed.normal)):
+            if transfer is None:
+                a, b, normal = [*a, nodes[0]], [*b, nodes[1]], [*normal, outward]
+                continue
+            both = [each.tocsr() for each in transfer]
+            for row in range(len(outward)):
+                one, other = (nodes[side][each.indices[each.indptr[row]:each.indptr[row + 1]]]
+                              for side, each in enumerate(both))
+                a.append(np.repeat(one, len(other)))
+                b.append(np.tile(other, len(one)))
+                normal.append(np.tile(outward[row], (len(a[-1]), 1)))
+        return np.concatenate(a), np.concatenate(b), np.vstack(normal)
+
+
+def check_overlap(interface: Interface, *sides: Side) -> list[str]:
+    """Warnings of a large initial overlap; InputError where the sides turn their backs on each other. Not collective.
+
+    A body's depth is its extent along the normal of the contact.
+
+    Parameters
+    ----------
+    sides : of both bodies, or of the one that has a rigid partner
+    """
+    gap = np.concatenate([interface.gap, interface.fixed.gap])
+    normal = np.concatenate([interface.normal, interface.fixed.normal])
+    k = int(np.argmin(gap))
+    overlap, depths = -gap[k], [float(np.abs(normal[k]) @ side.extent) for side in sides]
+    thin = sides[int(np.argmin(depths))].body
+    if len(sides) == 1 and overlap > BEHIND * depths[0]:
+        raise InputError(f"contact.{interface.name}: {thin!r} lies {overlap:.3g} deep in {interface.bodies[1]!r}, "
+                         f"more than its depth of {depths[0]:.3g}: the surface or the boundary is turned the wrong way")
+    if overlap > min(depths):
+        raise InputError(f"contact.{interface.name}: the sides overlap by {overlap:.3g}, more than the depth of "
+                         f"{thin!r} ({min(depths):.3g}): they turn their backs on each other. Are the two names of "
+                         "`on` in the order of `bodies`?")
+    spacing = float(np.median(interface.area))
+    if overlap > LARGE_OVERLAP * min(depths) or overlap > MANY_ELEMENTS * spacing:
+        of = "of the thinner one's depth" if len(sides) == 2 else "of the body's depth"
+        return [f"contact.{interface.name}: the bodies overlap by {overlap:.3g} at first, {overlap / min(depths):.1%} "
+                f"{of} and {overlap / spacing:.3g} times the distance of contact nodes; "
+                "small-strain theory means small overlaps"]
+    return []
+
+
+def uncovered_profile(interface: Interface, friction: Coulomb | Tresca | NoFriction,
+                      gap: float | Profile | None = None) -> list[str]:
+    """A warning where a profile of friction or of the gap ends before the contact does. Not collective."""
+    found = []
+    given = getattr(friction, "coefficient", getattr(friction, "slip_bound", None))
+    for key, values in (("friction", given), ("gap", gap)):
+        if not isinstance(values, Profile) or len(values.points) < 2:
+            continue
+        along = values.position(interface.xy)
+        low, high, slack = values.points[0], values.points[-1], 1e-6 * float(np.ptp(along))
+        if along.min() < low - slack or along.max() > high + slack:
+            found.append(f"contact.{interface.name}.{key}: the profile covers {values.along} from {low:g} to {high:g}, "
+                         f"the contact goes from {along.min():g} to {along.max():g}; beyond its ends the profile is "
+                         "constant")
+    return found

@@ -9,7 +9,7 @@ import scipy.sparse as sparse
 from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import FixedPairs, Interface
+from ddmpi.interface.interface import Interface, Places
 from ddmpi.interface.law import law_of
 from ddmpi.interface.side import Side
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
@@ -40,7 +40,7 @@ class Opposite:
     place : of each side (k,), which of its nodes; those of the first are in its order
     normal : (k, 2) unit normals of the contact, out of the first body
     area : (k,) nodal lengths of the part that both sides have in common (m)
-    gap : (k,) measured along the normals (m)
+    gap : (k,) measured along the normals, between the arcs over the sides' chords (m)
     joined : (k − 1,) bool, whether the common part goes on from a node to the next one
     """
 
@@ -89,11 +89,11 @@ def carry(opposite: Opposite, friction: Coulomb | Tresca | NoFriction, name: str
     (first, second), (here, there) = opposite.sides, opposite.place
     normal = opposite.normal
     tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
-    start = _initial_gap(gap, kind, opposite.gap, first.xy[here])
+    start = initial_gap(gap, kind, opposite.gap, first.xy[here])
     bonded = kind == "bonded"
 
     free = first.free[here], second.free[there]
-    stays = [np.array([_is_held(direction, each) for each in free]) for direction in (normal, tangent)]
+    stays = [np.array([is_held(direction, each) for each in free]) for direction in (normal, tangent)]
     held_normal, held_tangential = (by_body.all(axis=0) for by_body in stays)  # where one body can move, they touch
     one_sided = [by_body.any(axis=0) for by_body in stays]
     dropped = held_normal & held_tangential if bonded else held_normal  # a bond also holds what slides
@@ -120,11 +120,11 @@ def carry(opposite: Opposite, friction: Coulomb | Tresca | NoFriction, name: str
         joined=opposite.joined[keep[:-1]] & (np.diff(keep) == 1), edges=edges[(edges >= 0).all(axis=1)],
         held=held[keep],
         one_sided=np.concatenate([one_sided[0][keep], one_sided[1][keep][sliding]]),
-        prescribed=np.zeros(len(keep) + len(sliding)),
-        fixed=FixedPairs((first.nodes[here][dropped], second.nodes[there][dropped]), normal[dropped], start[dropped]))
+        prescribed=np.zeros(len(keep) + len(sliding)), at=(xy, second.xy[there][keep]),
+        fixed=Places((first.nodes[here][dropped], second.nodes[there][dropped]), normal[dropped], start[dropped]))
 
 
-def _initial_gap(gap: float | Profile | None, kind: str, measured: np.ndarray, xy: np.ndarray) -> np.ndarray:
+def initial_gap(gap: float | Profile | None, kind: str, measured: np.ndarray, xy: np.ndarray) -> np.ndarray:
     """The initial gap (k,) at nodes `xy` (k, 2): the given one, else the measured one, or zero of a bond."""
     if isinstance(gap, Profile):
         return gap.at(xy).astype(float)
@@ -146,8 +146,9 @@ def _match_whole(first: Side, second: Side, name: str, refinement: int) -> Oppos
     if (aside > LARGEST_OFFSET * refinement * spacing).any():
         raise InputError(f"contact.{name}: the nodes of the two sides do not lie opposite each other"
                          f"{_worst(first, second, match)}; their meshes must match node by node")
-    return Opposite((first, second), (np.arange(len(match)), match), normal, (first.area + second.area[match]) / 2,
-                    gap, first.joined)
+    here = np.arange(len(match))
+    return Opposite((first, second), (here, match), normal, (first.area + second.area[match]) / 2,
+                    _over_arcs(gap, first, second, here, match, normal), first.joined)
 
 
 def _match_partly(first: Side, second: Side, refinement: int) -> Opposite | None:
@@ -179,7 +180,8 @@ def _match_partly(first: Side, second: Side, refinement: int) -> Opposite | None
     joined = np.zeros(len(here) - 1, bool)
     on = np.diff(here) == 1
     joined[on] = first.joined_over(common[0])[here[:-1][on]]
-    return Opposite((first, second), (here, there), normal, area, gap, joined)
+    return Opposite((first, second), (here, there), normal, area,
+                    _over_arcs(gap, first, second, here, there, normal), joined)
 
 
 def _common_links(first: Side, second: Side, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -251,7 +253,24 @@ def _offset(first: Side, second: Side, here: np.ndarray, there: np.ndarray,
     return gap, aside, spacing
 
 
-def _is_held(direction: np.ndarray, free: np.ndarray) -> np.ndarray:
+def _over_arcs(gap: np.ndarray, first: Side, second: Side, here: np.ndarray, there: np.ndarray,
+               normal: np.ndarray) -> np.ndarray:
+    """The gap (k,) between the boundaries that are meant, where `gap` is that between the nodes.
+
+    Corners lie on these boundaries, middles of quadratic sides on their chords.
+    """
+    found = gap.copy()
+    for side, places, outward in ((first, here, normal), (second, there, -normal)):
+        place = np.full(len(side.nodes), -1)
+        place[places] = np.arange(len(places))
+        links = np.flatnonzero(place[side.links[:, -1]] >= 0) if len(side.edges) else np.empty(0, int)
+        node = place[side.links[links, -1]]
+        found[node] -= side.bulge(links, np.full(len(links), 0.5), outward[node])
+    found[np.abs(found) <= NO_GAP * first.spacing[here]] = 0.0
+    return found
+
+
+def is_held(direction: np.ndarray, free: np.ndarray) -> np.ndarray:
     """Whether a clamp takes the motion along `direction` (m, 2).
 
     With one component free, the unknown along the direction nearest to it stays.

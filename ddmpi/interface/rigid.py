@@ -8,15 +8,12 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import FixedPairs, Interface
+from ddmpi.interface.interface import Interface, Places
 from ddmpi.interface.matching import FACING, NO_GAP, Opposite, carry
 from ddmpi.interface.side import Side
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
 from ddmpi.scene.rigid import Circle, Plane
 from ddmpi.scene.values import Profile
-
-SHARPEST = np.deg2rad(40.0)
-"""Where a boundary of quadratic sides turns by more than this, it has a corner; where by less, it is a curve."""
 
 
 def touch(side: Side, rigid: Plane | Circle, friction: Coulomb | Tresca | NoFriction, name: str,
@@ -55,7 +52,7 @@ def touch(side: Side, rigid: Plane | Circle, friction: Coulomb | Tresca | NoFric
                         measured[here], joined)
     found = carry(opposite, friction, name, gap, kind)
     U, none = np.array(rigid.displacement), np.empty(0, int)
-    fixed = FixedPairs((found.fixed.nodes[0], none), found.fixed.normal, found.fixed.gap + found.fixed.normal @ U)
+    fixed = Places((found.fixed.nodes[0], none), found.fixed.normal, found.fixed.gap + found.fixed.normal @ U)
     return replace(found, nodes=(found.nodes[0], none), modulus=side.modulus, prescribed=-(found.directions @ U),
                    transfer=(found.transfer[0], sparse.csr_matrix((found.m, 0))), fixed=fixed)
 
@@ -85,18 +82,7 @@ def _bulge(side: Side, outward: np.ndarray) -> np.ndarray:
     found = np.zeros(len(side.nodes))
     if not len(side.edges):
         return found
-    ends, middle, outer = side.links[:, :2], side.links[:, 2], side.outward
-    length = np.linalg.norm(side.along, axis=1)
-    before, after = np.full((2, len(side.nodes)), -1)  # the links that end and begin at a node
-    before[ends[:, 1]], after[ends[:, 0]] = np.arange(len(ends)), np.arange(len(ends))
-    slope = np.full((len(ends), 2), np.nan)  # angles by which the arc leaves the chord outward, at both ends
-    node = np.flatnonzero((before >= 0) & (after >= 0))
-    b, a = before[node], after[node]
-    turn = np.arctan2(outer[b, 0] * outer[a, 1] - outer[b, 1] * outer[a, 0], np.einsum("ij,ij->i", outer[b], outer[a]))
-    part = np.arctan2(length[b] * np.sin(turn), length[a] + length[b] * np.cos(turn))  # sines go as the lengths
-    smooth = np.abs(turn) <= SHARPEST
-    slope[b[smooth], 1], slope[a[smooth], 0] = part[smooth], (turn - part)[smooth]
-    slope = np.where(np.isnan(slope), slope[:, ::-1], slope)
-    arrow = 0.5 * length * np.tan(np.where(np.isnan(slope), 0.0, slope).sum(axis=1) / 4)
+    middle, outer = side.links[:, 2], side.outward
+    arrow = 0.5 * np.linalg.norm(side.along, axis=1) * np.tan(side.slopes.sum(axis=1) / 4)
     found[middle] = -arrow * np.einsum("ij,ij->i", outer, outward[middle])
     return found

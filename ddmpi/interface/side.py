@@ -10,6 +10,16 @@ from ddmpi.mesh.boundary import segments, turn_outward
 from ddmpi.mesh.elements import ELEMENTS, Element
 from ddmpi.mesh.mesh import Mesh
 
+SHARPEST = np.deg2rad(40.0)
+"""Where a boundary turns by more than this from one side of an element to the next, it has a corner; where by less, it
+may be a curve."""
+
+STRAIGHT = 1e-9
+"""Turns (rad) below this are rounding of a straight boundary."""
+
+FLAT = 1e-3
+"""So are turns below this part of that at the other end of an element's side."""
+
 
 @dataclass(frozen=True)
 class Side:
@@ -65,6 +75,73 @@ class Side:
         distance = np.linalg.norm(self.xy[pairs[:, 1]] - self.xy[pairs[:, 0]], axis=1)
         number = np.bincount(pairs.ravel(), minlength=len(self.nodes))
         return np.bincount(pairs.ravel(), np.repeat(distance, 2), len(self.nodes)) / number
+
+    @property
+    def slopes(self) -> np.ndarray:
+        """(ns, 2) angles by which the boundary that is meant leaves each link outward, at its first and second end.
+
+        Where the boundary turns from one link to the next, the links share the turn as arcs of one circle would: their
+        sines go as the lengths. A link that is straight at its other end leaves all of it to its neighbour; two such
+        links meet in a corner, and so do links at an angle above SHARPEST. At a sharp corner and at an end of the
+        boundary, the slope of the other end counts, mirrored.
+        """
+        return self._slopes()[0]
+
+    @property
+    def fans(self) -> np.ndarray:
+        """(ns, 2, 2) unit normals at the ends of each link, the same for both links that meet at less than SHARPEST."""
+        tilt = np.stack([-self._slopes()[1][:, 0], self._slopes()[1][:, 1]], axis=1)
+        cosine, sine = np.cos(tilt), np.sin(tilt)
+        (x, y) = self.outward.T[:, :, None]
+        return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=2)
+
+    def _slopes(self) -> tuple[np.ndarray, np.ndarray]:
+        """The slopes, and the same without corners below SHARPEST."""
+        ends, outer = self.links[:, :2], self.outward
+        length = np.linalg.norm(self.along, axis=1)
+        before, after = np.full((2, len(self.nodes)), -1)  # the links that end and begin at a node
+        before[ends[:, 1]], after[ends[:, 0]] = np.arange(len(ends)), np.arange(len(ends))
+        turns = np.full(len(self.nodes), np.nan)
+        node = np.flatnonzero((before >= 0) & (after >= 0))
+        b, a = before[node], after[node]
+        turn = np.arctan2(outer[b, 0] * outer[a, 1] - outer[b, 1] * outer[a, 0],
+                          np.einsum("ij,ij->i", outer[b], outer[a]))
+        turns[node] = turn = np.where(np.abs(turn) <= STRAIGHT, 0.0, turn)
+        smooth = np.abs(turn) <= SHARPEST
+        node, b, a, turn = node[smooth], b[smooth], a[smooth], turn[smooth]
+        part = np.arctan2(length[b] * np.sin(turn), length[a] + length[b] * np.cos(turn))
+        flat = [np.abs(turns[other]) <= FLAT * np.abs(turn) for other in (ends[b, 0], ends[a, 1])]
+        shared = np.full((len(ends), 2), np.nan)
+        shared[b, 1], shared[a, 0] = part, turn - part
+        curved = shared.copy()
+        curved[b, 1] = np.where(flat[0], 0.0, np.where(flat[1], turn, part))
+        curved[a, 0] = np.where(flat[1], 0.0, np.where(flat[0], turn, turn - part))
+        curved = np.where(np.isnan(curved), curved[:, ::-1], curved)
+        curved = np.where(np.isnan(curved), 0.0, curved)
+        return curved, np.where(np.isnan(shared), curved, shared)
+
+    def bulge(self, links: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """How far (q,) the boundary that is meant stands off its chords, outward (m).
+
+        Over each chord lies the cubic with the slopes at its ends, times what makes the arc of a circle exact.
+
+        Parameters
+        ----------
+        links : (q,) on which the points lie
+        at : (q,) where on the link, from 0 at its first end to 1 at the second
+        direction : (q, 2) unit vectors along which the distance counts
+        """
+        slope, along, z = self.slopes[links], self.along[links], 2.0 * at - 1.0
+        length = np.linalg.norm(along, axis=1)
+        first, second = np.tan(slope).T
+        cubic = at * (1.0 - at) * (first * (1.0 - at) + second * at)
+        rise = first * (1.0 - at) * (1.0 - 3.0 * at) + second * at * (2.0 - 3.0 * at)
+        c, s = np.cos(slope.mean(axis=1)), np.sin(slope.mean(axis=1))
+        root = np.sqrt(1.0 - (s * z) ** 2)
+        arc = 2.0 * c / (root + c)
+        rise = rise * arc + cubic * 4.0 * c * s**2 * z / (root * (root + c) ** 2)
+        across = np.einsum("qi,qi->q", direction, self.outward[links])
+        return length * cubic * arc / (across - rise * np.einsum("qi,qi->q", direction, along) / length)
 
     def lengths_over(self, some: np.ndarray) -> np.ndarray:
         """Nodal lengths (k,) over some of the links (ns,) bool: integrals of the shape functions (m)."""

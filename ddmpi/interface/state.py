@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -22,6 +22,7 @@ class ContactState:
     tangential_force, slip : (m, d − 1) in N and m; zero at nodes without tangential unknowns
     gap : (m,) opening (m)
     status : (m,) "open", "slip" or "stick"
+    between : (q,) opening between the nodes, where they do not match (m)
     """
 
     interface: Interface
@@ -30,6 +31,7 @@ class ContactState:
     gap: np.ndarray
     slip: np.ndarray
     status: np.ndarray
+    between: np.ndarray = field(default_factory=lambda: np.empty(0))
 
     @property
     def pressure(self) -> np.ndarray:
@@ -55,14 +57,33 @@ class ContactState:
     @property
     def moment(self) -> float:
         """x F_y − y F_x of the forces on the first body about the origin, summed over its nodes (N m), in the plane."""
-        (x, y), (fx, fy) = self.interface.xy.T, self.forces.T
-        return float((x * fy - y * fx).sum())
+        return float(_moments(self.interface.xy if self.interface.at is None else self.interface.at[0],
+                              self.forces).sum())
+
+    @property
+    def moment_imbalance(self) -> tuple[float, float]:
+        """What the moments on both bodies leave, and the bound of it, Σ |arm| |force| (N m).
+
+        Forces act along the normal of the contact on nodes that stand apart: by the gap, and where the nodes of curved
+        sides do not match by their arcs over the chords.
+        """
+        if self.interface.at is None:
+            return 0.0, 0.0
+        arm = self.interface.at[1] - self.interface.at[0]
+        bound = np.linalg.norm(arm, axis=1) @ np.linalg.norm(self.forces, axis=1)
+        return abs(float(_moments(arm, self.forces).sum())), float(bound)
+
+    @property
+    def deepest(self) -> float:
+        """The largest overlap at and between the nodes (m); between nodes it is an error of the discretization."""
+        return max(0.0, -float(self.gap.min(initial=0.0)), -float(self.between.min(initial=0.0)))
 
     def count(self, status: str) -> int:
         return int((self.status == status).sum())
 
 
-def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.ndarray) -> ContactState:
+def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.ndarray,
+                  between: np.ndarray | None = None) -> ContactState:
     """The state of the contact nodes. Not collective.
 
     Parameters
@@ -70,6 +91,7 @@ def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.
     s : (size,) contact forces that obey the bounds (N)
     bound : (mt,) slip bound that held for them (N)
     u : (size,) relative displacement, the sum of both bodies' traces (m)
+    between : (q,) opening at the interface's probes (m), if any
     """
     law, m, sliding = interface.law, interface.m, interface.sliding
     normal, moved = s[:m].copy(), law.split(u)
@@ -78,4 +100,11 @@ def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.
     status = np.full(m, "slip" if law.name == "none" else "stick", dtype="U5")
     status[sliding[law.reaches_bound(s, bound)]] = "slip"
     status[~law.closed(s, CLOSED)] = "open"
-    return ContactState(interface, normal, tangential, interface.gap - moved[0], slip, status)
+    return ContactState(interface, normal, tangential, interface.gap - moved[0], slip, status,
+                        np.empty(0) if between is None else between)
+
+
+def _moments(at: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    """x F_y − y F_x (m,) of forces (m, 2) at places (m, 2)."""
+    (x, y), (fx, fy) = at.T, forces.T
+    return x * fy - y * fx

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.body.elasticity import Elasticity
-from ddmpi.interface.interface import Interface
+from ddmpi.interface.interface import Interface, Places
 
 
 def trace(interface: Interface, side: int, body: Elasticity) -> sparse.csr_matrix:
@@ -32,9 +32,9 @@ def displacement_trace(interface: Interface, side: int, u: np.ndarray) -> np.nda
     return _sign(side) * np.einsum("ij,ij->i", moved, interface.directions)
 
 
-def fixed_trace(interface: Interface, side: int, u: np.ndarray) -> np.ndarray:
-    """Normal displacement (k,) in metres at the node pairs that clamps hold on both sides. Not collective."""
-    return _sign(side) * np.einsum("ij,ij->i", interface.fixed.normal, u[interface.fixed.nodes[side]])
+def normal_trace(interface: Interface, side: int, places: Places, u: np.ndarray) -> np.ndarray:
+    """Normal displacement (k,) in metres at places of the interface. Not collective."""
+    return _sign(side) * np.einsum("ij,ij->i", places.normal, places.moved(side, u))
 
 
 def rows(interface: Interface, side: int) -> sparse.csr_matrix:

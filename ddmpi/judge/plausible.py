@@ -181,9 +181,9 @@ def _kept_apart(interfaces: Sequence[Interface], names: tuple[str, str],
     for interface in interfaces:
         if set(interface.bodies) == set(names):
             side = interface.side(names[0])
-            pairs.append(np.stack([each.places(np.concatenate([interface.nodes[k], interface.fixed.nodes[k]]))
-                                   for each, k in zip(outlines, (side, 1 - side), strict=True)]))
-            normals.append((1.0 - 2.0 * side) * np.concatenate([interface.normal, interface.fixed.normal]))
+            *nodes, normal = interface.facing()
+            pairs.append(np.stack([each.places(nodes[k]) for each, k in zip(outlines, (side, 1 - side), strict=True)]))
+            normals.append((1.0 - 2.0 * side) * normal)
     return np.hstack(pairs), np.vstack(normals)
 
 

@@ -187,8 +187,11 @@ def _body(body: BodyResult) -> dict:
 
 def _contact(contact: ContactResult) -> dict:
     state = contact.state
-    return {"m": state.interface.m, "pairing": "nodes", "slave": None, "friction": state.interface.law.name,
-            **contact.step(), "pressure_max": state.pressure.max(), "certificate": contact.certificate}
+    slave, (imbalance, bound) = state.interface.slave, state.moment_imbalance
+    return {"m": state.interface.m, "pairing": "mortar" if slave else "nodes", "slave": slave,
+            "friction": state.interface.law.name, **contact.step(), "pressure_max": state.pressure.max(),
+            "certificate": contact.certificate, "pointwise_penetration": state.deepest, "moment_imbalance": imbalance,
+            "moment_imbalance_bound": bound}
 
 
 def _worst(values: Sequence[float]) -> float:

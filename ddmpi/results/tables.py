@@ -26,6 +26,8 @@ STEPS = ("time", "contact", "force_x", "force_y", "moment", "normal_force", "tan
 def write_contact(path: Path, name: str, state: ContactState, slip_total: np.ndarray | None = None) -> None:
     """Write contact_NAME.csv into the folder `path`: one line per contact node, ordered along the contact.
 
+    Where nodes do not match, they are the slave's. Of those that share a row, each has its part of the forces.
+
     Parameters
     ----------
     name : of the contact
@@ -34,8 +36,12 @@ def write_contact(path: Path, name: str, state: ContactState, slip_total: np.nda
     Directions are those of the first body. Not collective. Raises OutputError.
     """
     interface, total = state.interface, state.slip if slip_total is None else slip_total
-    columns = (*interface.xy.T, *interface.normal.T, interface.area, state.normal_force, state.tangential_force.ravel(),
-               state.pressure, state.shear.ravel(), state.gap, state.slip.ravel(), total.ravel(), state.status)
+    lines = interface.shown
+    share = lines.area / interface.area[lines.row]
+    columns = (state.normal_force[lines.row] * share, state.tangential_force.ravel()[lines.row] * share,
+               *(each.ravel()[lines.row] for each in (state.pressure, state.shear, state.gap, state.slip, total,
+                                                      state.status)))
+    columns = (*lines.xy.T, *interface.normal[lines.row].T, lines.area, *columns)
     _write_csv(path / f"contact_{name}.csv", CONTACT, zip(*columns, strict=True))
 
 

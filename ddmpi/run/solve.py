@@ -202,13 +202,13 @@ def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, stat
         own = member.trace(u)
         moved[member.name] = u
         traces.append(own)
-        stayed.append(member.fixed_parts(u))
+        stayed.append(member.normal_parts(u))
         numbers[member.name] = {"left": left, "acting": acting, "moved": float(np.linalg.norm(u, axis=1).max()),
                                 "yielding": float(np.abs(member.h + member.G.T @ alpha - own).max(initial=0.0)),
                                 "load": member.elasticity.load}
     outer.refresh(traces)
     both = exchange.collect(traces, "answer")
-    fixed = exchange.swap_objects({key: part for own in stayed for key, part in own.items()})
+    places = exchange.swap_objects({key: part for own in stayed for key, part in own.items()})
     bodies = merged(assembly.world, numbers)
     load = float(sum(body["load"] for body in bodies.values()))
     everywhere = max(body["moved"] for body in bodies.values()), max(body["yielding"] for body in bodies.values())
@@ -217,9 +217,10 @@ def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, stat
         for interface, part in space.each():
             stop = start + len(interface.sliding)
             u1, u2 = both[0][part], both[1][part] + interface.prescribed
-            state = contact_state(interface, forces[part], bound[start:stop], u1 + u2)
+            at_fixed, between = (at.gap - sum(each[kind] for each in places[interface.name] if each is not None)
+                                 for kind, at in enumerate((interface.fixed, interface.probes)))
+            state = contact_state(interface, forces[part], bound[start:stop], u1 + u2, between)
             yielding = max(bodies[name]["yielding"] for name in interface.bodies if name in bodies)
-            at_fixed = interface.fixed.gap - sum(each for each in fixed[interface.name] if each is not None)
             found[interface.name] = state, contact_residuals(state, forces[part], mismatch[part], (u1, u2), at_fixed,
                                                              load, yielding, everywhere)
             start = stop

@@ -31,6 +31,9 @@ class ContactSpec(Table, frozen=True, kw_only=True):
     Normals and forces of the results are the first body's. ``on`` has a boundary group of each body, so only one if
     the partner is rigid. ``gap`` (m) is the initial one along the normal: positive is open, negative an interference.
     It is measured where it is None.
+
+    ``pairing`` is by nodes where those of both sides match, else by mortar, whose rows stand at the nodes of the
+    ``slave``: by default of the side with the larger spacing over plane modulus.
     """
 
     name: Name | None = None
@@ -39,11 +42,15 @@ class ContactSpec(Table, frozen=True, kw_only=True):
     kind: Literal["unilateral", "bonded"] = "unilateral"
     friction: Coulomb | Tresca | NoFriction = NoFriction()
     gap: Number | SignedProfile | None = None
+    pairing: Literal["nodes", "mortar"] | None = None
+    slave: Name | None = None
 
     def __post_init__(self) -> None:
         if self.kind == "bonded" and not isinstance(self.friction, NoFriction):
             raise ValueError('friction does not go with kind = "bonded", which lets nothing slide; leave one of them '
                              "out")
+        if self.slave is not None and self.pairing == "nodes":
+            raise ValueError('slave does not go with pairing = "nodes", which has none; leave one of them out')
 
     def settled(self) -> SettledContact:
         """This contact under its name, which is by default the bodies' names with a dash."""
@@ -51,7 +58,7 @@ class ContactSpec(Table, frozen=True, kw_only=True):
 
 
 class SettledContact(ContactSpec, frozen=True, kw_only=True):
-    """A contact without optional keys, but for a ``gap`` that is not given."""
+    """A contact without optional keys, but for a ``gap``, ``pairing`` or ``slave`` that is not given."""
 
     name: Name
 

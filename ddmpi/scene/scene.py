@@ -102,6 +102,12 @@ class Scene(Table, frozen=True, kw_only=True):
         if second in bodies and len(contact.on) < 2:
             raise ValueError(f"{key}.on: names a boundary group of {first!r}, and must name one of {second!r}, too; "
                              f'write on = ["{contact.on[0]}", "…"]')
+        if contact.slave is not None and contact.slave not in contact.bodies:
+            raise ValueError(f"{key}.slave: {contact.slave!r} is not a body of this contact"
+                             f"{nearest(contact.slave, list(contact.bodies))} (bodies: {first}, {second})")
+        if second in rigid and (contact.slave or contact.pairing):
+            raise ValueError(f"{key}.{'slave' if contact.slave else 'pairing'}: {second!r} is rigid and has no nodes; "
+                             f"rows stand at the nodes of {first!r}, so leave this key out")
         planes = [bodies[name].material.plane for name in contact.bodies if name in bodies]
         if len(set(planes)) > 1:
             raise ValueError(f"{key}.bodies: {first!r} is in plane {planes[0]} and {second!r} in plane {planes[1]}; "

@@ -5,7 +5,7 @@ import pytest
 from boundaries import body_side, elastic, rectangle, ring, side
 
 from ddmpi.errors import InputError
-from ddmpi.interface.plausible import check_overlap
+from ddmpi.interface.interface import check_overlap
 from ddmpi.interface.rigid import touch
 from ddmpi.interface.trace import displacement_trace, trace
 from ddmpi.scene.contacts import Coulomb, NoFriction

@@ -23,7 +23,7 @@ from scenes import (
 )
 
 from ddmpi.coupling.space import Space
-from ddmpi.interface.interface import FixedPairs, Interface
+from ddmpi.interface.interface import Interface, Places
 from ddmpi.interface.law import CoulombLaw
 from ddmpi.judge.diagnosis import StatusLog
 from ddmpi.methods.half_plane import HalfPlaneStiffness
@@ -53,7 +53,7 @@ def interface(x, sliding: list[int], dropped: int = 0, area=None, joined=None, h
         transfer=(alone, alone), law=CoulombLaw(m, sliding, 1, np.full(len(sliding), 0.3)), modulus=MODULUS,
         joined=edges > 0.0, edges=np.empty((0, 3), int), held=held, one_sided=np.zeros(m + len(sliding), bool),
         prescribed=np.zeros(m + len(sliding)),
-        fixed=FixedPairs(gap=np.zeros(dropped)))
+        fixed=Places(gap=np.zeros(dropped)))
 
 
 def dense_stiffness(contact, modulus: float) -> np.ndarray:

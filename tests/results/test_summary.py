@@ -22,7 +22,8 @@ BODY = {"n", "ranks", "n_A", "held", "displacement_max", "von_mises_max", "energ
 
 STEP = {"force", "moment", "normal_force", "tangential_force", "open", "slip", "stick", "dissipated"}
 
-CONTACT = STEP | {"m", "pairing", "slave", "friction", "pressure_max", "certificate"}
+CONTACT = STEP | {"m", "pairing", "slave", "friction", "pressure_max", "certificate", "pointwise_penetration",
+                  "moment_imbalance", "moment_imbalance_bound"}
 
 
 def row() -> list[ContactResult]:

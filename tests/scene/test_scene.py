@@ -428,7 +428,7 @@ def test_elements_have_the_order_of_the_files():
 
 OPTIONAL = {
     "SettledMesh": {"shape", "size", "corners", "center", "radii", "angles", "divisions", "file"},  # a shape or a file
-    "SettledContact": {"gap"},  # measured
+    "SettledContact": {"gap", "pairing", "slave"},  # measured, chosen
     "Clamp": {"x", "y"},  # free
     "Output": {"magnification"},  # chosen by the picture
     "SettledMethod": {"algorithm", "splitting", "theta", "target_error", "preset", "compliance"},

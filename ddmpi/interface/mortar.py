@@ -1,0 +1,392 @@
+"""Contact of two sides whose nodes do not match: dual mortar.
+
+One side is the slave; its nodes carry the rows. With the dual functions ψ_j of its shape functions φ_j,
+
+    D_j = ∫ φ_j,   P_jl = D_j⁻¹ ∫ ψ_j φ_l of the other side,   ∫ ψ_j φ_k = D_j δ_jk,   Σ_l P_jl = 1,
+
+row j counts how far the slave's node j and the mean Σ_l P_jl u_l of the other side's move together along the contact's
+normal (Wohlmuth, SIAM J. Numer. Anal. 38, 2000; Popp, Gitterle, Gee, Wall, Int. J. Numer. Meth. Engng. 83, 2010).
+Integrals are over what faces the other side, cut where its corners are projected, and ψ is built there, so that a
+constant pressure is exact on any meshes. Gaps are those of the boundaries that are meant: of the arcs over the chords.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sparse
+
+from ddmpi.errors import InputError
+from ddmpi.interface.interface import Interface, Lines, Places
+from ddmpi.interface.law import law_of
+from ddmpi.interface.matching import DEEPEST, FACING, NO_GAP, initial_gap, is_held, pair
+from ddmpi.interface.side import Side
+from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
+from ddmpi.scene.values import Profile
+
+POINTS = 5
+"""Gauss points on each piece of a side."""
+
+TOUCHING = 1e-9
+"""Parts of a side below this are rounding: they are no pieces."""
+
+SLIVER = 0.02
+"""A side of which a smaller part is covered has a constant dual function, of its nearest corner."""
+
+UNCOVERED = 0.15
+"""A node of whose length a smaller part is covered shares the row of its neighbour."""
+
+NOTHING = 1e-12
+"""Entries of P below this are rounding."""
+
+
+@dataclass(frozen=True)
+class Cover:
+    """Points on one side, the slave, that face the other one, at which integrals are taken.
+
+    Attributes
+    ----------
+    link, at : (q,) the slave's link of each point, and where on it, from 0 to 1
+    other, there : (q,) the same of the point that it faces
+    weight : (q,) parts of the length (m)
+    direction : (q, 2) unit normal along which the other side is looked for
+    gap : (q,) distance along it of the boundaries that are meant (m)
+    """
+
+    link: np.ndarray
+    at: np.ndarray
+    other: np.ndarray
+    there: np.ndarray
+    weight: np.ndarray
+    direction: np.ndarray
+    gap: np.ndarray
+
+
+def join(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, name: str, refinement: int = 1,
+         gap: float | Profile | None = None, kind: str = "unilateral", pairing: str | None = None,
+         slave: str | None = None) -> Interface:
+    """The interface of two sides: by pairs of nodes where they match, else by mortar; or as `pairing` says.
+
+    Parameters
+    ----------
+    pairing : "nodes", "mortar" or None
+
+    Otherwise as `pair` and `mortar`.
+    """
+    if pairing != "mortar":
+        try:
+            return pair(first, second, friction, name, refinement, gap, kind)
+        except InputError:
+            if pairing == "nodes":
+                raise
+    return mortar(first, second, friction, name, gap, kind, slave)
+
+
+def mortar(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, name: str,
+           gap: float | Profile | None = None, kind: str = "unilateral", slave: str | None = None) -> Interface:
+    """The interface of two sides whose nodes need not match.
+
+    Parameters
+    ----------
+    first, second : the sides; the first gives the directions
+    friction, name, gap, kind : as for `pair`
+    slave : name of the body whose nodes carry the rows; by default the one with the larger spacing of nodes over
+        plane modulus, and not one that clamps hold all along the contact
+
+    Raises
+    ------
+    InputError
+        when the sides do not face each other, or clamps hold all of the slave. Not collective.
+    """
+    sides = first, second
+    covers = [None if slave == sides[1 - own].body else cover(sides[own], sides[1 - own]) for own in (0, 1)]
+    if any(each is not None and len(each.link) == 0 for each in covers):
+        x, y = first.xy[0]
+        raise InputError(f"contact.{name}: the boundaries of {first.body!r} and {second.body!r} do not face each other "
+                         f"(the first begins at ({x:.6g}, {y:.6g})). Are the two names of `on` in the order of "
+                         "`bodies`?")
+    own = _choose_slave(sides, covers, name) if slave is None else (first.body, second.body).index(slave)
+    here, over = sides[own], covers[own]
+    assert over is not None
+    if _is_rigid(here, over):
+        raise InputError(f"contact.{name}: clamps hold all of {here.body!r} at this contact; it cannot be the slave")
+    return _lay(sides, own, over, friction, name, gap, kind)
+
+
+def cover(slave: Side, master: Side) -> Cover:
+    """The part of the slave that faces the master, along its averaged normals. Not collective.
+
+    A piece of the slave faces what is nearest of the other side with a normal against its own. What lies behind the
+    slave counts as an overlap up to DEEPEST of the thinner body's depth; ahead, any distance counts.
+    """
+    points, weights = np.polynomial.legendre.leggauss(POINTS)
+    outward = slave.outward
+    start, along, fans = slave.xy[slave.links[:, 0]], slave.along, slave.fans
+    corners, across = master.xy[master.links[:, :2]], master.along
+    length, found = np.linalg.norm(along, axis=1), []
+    for k in range(len(along)):
+        candidates = np.flatnonzero(master.outward @ outward[k] < FACING)
+        if len(candidates) == 0:
+            continue
+        fan, turn = fans[k, 0], fans[k, 1] - fans[k, 0]
+        deepest = -DEEPEST * min(np.abs(outward[k]) @ slave.extent, np.abs(outward[k]) @ master.extent)
+
+        def meet(at: np.ndarray, one: np.ndarray, k: int = k, fan: np.ndarray = fan,
+                 turn: np.ndarray = turn) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            """Where rays from `at` (q,) meet the lines of links `one` of the other side, how far away, and the rays."""
+            ray = fan + at[:, None] * turn
+            ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+            away = corners[one, 0] - (start[k] + at[:, None] * along[k])
+            there = -_cross(away, ray) / _cross(across[one], ray)
+            return there, np.einsum("qi,qi->q", away + there[:, None] * across[one], ray), ray
+
+        cuts = _projected(corners[candidates].reshape(-1, 2) - start[k], along[k], fan, turn)
+        low, high = cuts[:-1], cuts[1:]
+        pieces, one = (each.ravel() for each in np.meshgrid(np.arange(len(low)), candidates, indexing="ij"))
+        there, distance, _ = meet(((low + high) / 2)[pieces], one)
+        distance = np.where((there >= -TOUCHING) & (there <= 1.0 + TOUCHING) & (distance >= deepest), np.abs(distance),
+                            np.inf).reshape(len(low), -1)
+        nearest = np.argmin(distance, axis=1)
+        distance = distance[np.arange(len(low)), nearest]
+        met = np.flatnonzero(np.isfinite(distance) & ~_hidden(slave, k, (low + high) / 2, distance, fan, turn))
+        at = (low[met, None] + (high - low)[met, None] * (1.0 + points) / 2).ravel()
+        one = np.repeat(candidates[nearest[met]], POINTS)
+        there, distance, ray = meet(at, one)
+        weight = (length[k] * (high - low)[met, None] * weights / 2).ravel()
+        found.append((np.full(len(at), k), at, one, np.clip(there, 0.0, 1.0), weight, ray, distance))
+    if not found:
+        none, empty = np.empty(0, int), np.empty(0)
+        return Cover(none, empty, none, empty, empty, np.empty((0, 2)), empty)
+    link, at, other, there, weight, direction, distance = (np.concatenate(each) for each in zip(*found, strict=True))
+    bulges = slave.bulge(link, at, direction) + master.bulge(other, there, -direction)
+    return Cover(link, at, other, there, weight, direction, distance - bulges)
+
+
+def _hidden(side: Side, k: int, at: np.ndarray, distance: np.ndarray, fan: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """Whether rays from points `at` (q,) of link k meet another part of the same side within the distances (q,)."""
+    others = np.delete(np.arange(len(side.links)), k)
+    start, across, length = side.xy[side.links[others, 0]], side.along[others], np.linalg.norm(side.along[k])
+    ray = fan + at[:, None] * turn
+    ray = (ray / np.linalg.norm(ray, axis=1, keepdims=True))[:, None]
+    away = start - (side.xy[side.links[k, 0]] + at[:, None] * side.along[k])[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        there = -_cross(away, ray) / _cross(across, ray)
+        t = np.einsum("qoi,qoi->qo", away + there[:, :, None] * across, np.broadcast_to(ray, away.shape))
+        return ((there > 0.0) & (there < 1.0) & (t > TOUCHING * length) & (t < distance[:, None])).any(axis=1)
+
+
+def _projected(points: np.ndarray, along: np.ndarray, fan: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """Where on a link, from 0 to 1, it is cut: at its ends, and where rays fan + ξ turn from it hit `points` (c, 2)."""
+    a = -_cross(along, turn)
+    b, c = _cross(points, turn) - _cross(along, fan), _cross(points, fan)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        q = -(b + np.where(b < 0.0, -1.0, 1.0) * np.sqrt(b * b - 4.0 * a * c)) / 2.0
+        roots = np.concatenate([c / q, q / a])
+    cuts = np.sort(np.append(roots[(roots > TOUCHING) & (roots < 1.0 - TOUCHING)], [0.0, 1.0]))
+    cuts = cuts[np.append(True, np.diff(cuts) > TOUCHING)]
+    return np.append(cuts[:-1], 1.0)
+
+
+def shapes(at: np.ndarray, number: int) -> np.ndarray:
+    """The shape functions (q, 2 or 3) of a side's ends and middle at its parameters (q,), from 0 to 1."""
+    if number == 2:
+        return np.column_stack([1.0 - at, at])
+    return np.column_stack([(1.0 - at) * (1.0 - 2.0 * at), at * (2.0 * at - 1.0), 4.0 * at * (1.0 - at)])
+
+
+def duals(side: Side, over: Cover) -> tuple[np.ndarray, np.ndarray]:
+    """The weighted dual functions w ψ (q, 2 or 3) of each point's link, and shape functions φ, for the slave.
+
+    ∫ ψ_j φ_k = δ_jk ∫ φ_j over the covered part of a link. Of a sliver only the nearest corner has a function.
+    """
+    phi = shapes(over.at, side.links.shape[1])
+    weighted, length = np.zeros_like(phi), np.linalg.norm(side.along, axis=1)
+    starts = np.flatnonzero(np.diff(over.link, prepend=-1))
+    for part in np.split(np.arange(len(over.link)), starts[1:]):
+        w, f = over.weight[part], phi[part]
+        if w.sum() < SLIVER * length[over.link[part[0]]]:
+            weighted[part, 0 if w @ over.at[part] < 0.5 * w.sum() else 1] = w
+            continue
+        psi = f @ np.linalg.inv(f.T @ (w[:, None] * f)) * (w @ f)
+        weighted[part] = w[:, None] * psi
+    return weighted, phi
+
+
+def _choose_slave(sides: tuple[Side, Side], covers: list[Cover | None], name: str) -> int:
+    """0 or 1: the side with the larger spacing over modulus, where it faces the other."""
+    rigid = [over is not None and _is_rigid(side, over) for side, over in zip(sides, covers, strict=True)]
+    if all(rigid):
+        raise InputError(f"contact.{name}: all nodes of the contact are clamped; there is nothing to solve")
+    if any(rigid):
+        return rigid.index(False)
+    softness = []
+    for side, over in zip(sides, covers, strict=True):
+        assert over is not None
+        length = np.linalg.norm(side.along[np.unique(over.link)], axis=1)
+        softness.append(float(length.mean()) / (side.links.shape[1] - 1) / side.modulus)
+    return 1 if softness[1] > (1.0 + 1e-6) * softness[0] else 0
+
+
+def _is_rigid(side: Side, over: Cover) -> bool:
+    """Whether clamps hold all nodes that face the other side along their normals."""
+    nodes = np.unique(side.links[over.link])
+    return bool(is_held(side.normal[nodes], side.free[nodes]).all())
+
+
+def _rows_held(transfer: sparse.csr_matrix, direction: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """(m,) whether clamps hold all of a side's nodes that a row moves with, along its direction (m, 2)."""
+    entries = transfer.tocoo()
+    moves = ~is_held(direction[entries.row], free[entries.col])
+    return np.bincount(entries.row, moves, len(direction)) == 0
+
+
+def _merged(side: Side, over: Cover, D: np.ndarray) -> np.ndarray:
+    """Of each of the slave's nodes (k,) the one whose row it has: its own, a neighbour's, or none (−1)."""
+    covered = np.unique(over.link)
+    some = np.zeros(len(side.links), bool)
+    some[covered] = True
+    full = side.lengths_over(some)
+    best = np.full(len(D), -1)
+    for link in side.links[covered]:
+        top = link[np.argmax(D[link])]
+        for node in link[D[link] < UNCOVERED * full[link]]:
+            if top != node and (best[node] < 0 or D[top] > D[best[node]]):
+                best[node] = top
+    root = np.where(full > 0.0, np.arange(len(D)), -1)
+    for node in np.flatnonzero(best >= 0):
+        at = int(node)
+        while best[at] >= 0 and D[best[at]] > D[at]:
+            at = int(best[at])
+        root[node] = at
+    return root
+
+
+def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tresca | NoFriction, name: str,
+         gap: float | Profile | None, kind: str) -> Interface:
+    """The interface whose rows stand at the nodes of the slave, `sides[own]`, that face the other side."""
+    side, other = sides[own], sides[1 - own]
+    weighted, phi = duals(side, over)
+    nodes = side.links[over.link]
+    share = np.bincount(over.link, over.weight, len(side.links))
+    length = np.linalg.norm(side.along, axis=1)
+    D = np.bincount(nodes.ravel(), weighted.ravel(), len(side.nodes))
+    root = _merged(side, over, D)
+    shown = np.flatnonzero(root >= 0)
+    rooted, row = np.unique(root[shown], return_inverse=True)
+    m, place = len(rooted), np.full(len(side.nodes), -1)
+    place[shown] = row
+    area = np.bincount(row, D[shown], m)
+
+    def spread(values: np.ndarray, columns: np.ndarray, size: int) -> sparse.csr_matrix:
+        """D⁻¹ ∫ ψ f as a matrix (m, size), of f with values (q, c) in columns (q, c); rows of f that sum to one."""
+        entries = np.einsum("qj,qc->qjc", weighted, values)
+        rows = np.broadcast_to(place[nodes][:, :, None], entries.shape)
+        where = np.broadcast_to(columns[:, None, :], entries.shape)
+        found = sparse.csr_matrix((entries.ravel(), (rows.ravel(), where.ravel())), (m, size))
+        found.data[np.abs(found.data) <= NOTHING * area.repeat(np.diff(found.indptr))] = 0.0
+        found.eliminate_zeros()
+        return sparse.diags(1.0 / np.asarray(found.sum(axis=1)).ravel()) @ found
+
+    S = spread(phi, nodes, len(side.nodes)).tocsr()
+    P = spread(shapes(over.there, other.links.shape[1]), other.links[over.other], len(other.nodes)).tocsr()
+    seen, met = np.zeros(len(side.links), bool), np.zeros(len(other.links), bool)
+    seen[over.link], met[over.other] = True, True
+    normal = _unit(S @ _normals(side, seen) - P @ _normals(other, met))
+    ray = _unit(_means(weighted, place[nodes], over.direction, m))
+    measured = _means(weighted, place[nodes], over.gap[:, None], m)[:, 0] / area
+    measured *= np.einsum("ij,ij->i", ray, normal)
+    measured[np.abs(measured) <= NO_GAP * side.spacing[rooted]] = 0.0
+    if own == 1:
+        normal = -normal
+    transfers = (S, P) if own == 0 else (P, S)
+    tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
+    start = initial_gap(gap, kind, measured, side.xy[rooted])
+
+    bonded = kind == "bonded"
+    stays = [[_rows_held(transfer, direction, each.free) for transfer, each in zip(transfers, sides, strict=True)]
+             for direction in (normal, tangent)]
+    held_normal, held_tangential = (by_body[0] & by_body[1] for by_body in stays)
+    one_sided = [by_body[0] | by_body[1] for by_body in stays]
+    dropped = held_normal & held_tangential if bonded else held_normal
+    keep = np.flatnonzero(~dropped)
+    if len(keep) == 0:
+        raise InputError(f"contact.{name}: all nodes of the contact are clamped; there is nothing to solve")
+    has_tangents = bonded or not isinstance(friction, NoFriction)
+    sliding = np.flatnonzero(~held_tangential[keep]) if has_tangents else np.empty(0, int)
+
+    xy = side.xy[rooted]
+    next_to = (np.diff(rooted) == 1) & side.joined_over(seen)[np.minimum(rooted[:-1], len(side.joined) - 1)]
+    distance, held = np.linalg.norm(np.diff(xy, axis=0), axis=1), np.zeros(m)
+    for node, neighbour in ((slice(1, None), slice(-1)), (slice(-1), slice(1, None))):
+        to_held = next_to & dropped[neighbour]
+        held[node][to_held] += 1.0 / distance[to_held]
+    alone = np.bincount(row, minlength=m) == 1
+    kept = np.full(m, -1)
+    kept[keep] = np.arange(len(keep))
+    line = kept[row]
+    at_node = np.full(len(side.nodes), -1)
+    at_node[rooted[alone]] = kept[alone]
+    edges = at_node[side.edges] if len(side.edges) else np.empty((0, 3), int)
+    whole = (edges >= 0).all(axis=1) & (share >= (1.0 - 1e-6) * length)[:len(edges)]
+    forward = over.direction if own == 0 else -over.direction
+    probes = [_at(phi, nodes, len(side.nodes)),
+              _at(shapes(over.there, other.links.shape[1]), other.links[over.other], len(other.nodes))]
+    between = over.gap if gap is None and not bonded else _means_at(phi, place[nodes], start)
+    used = [_used(each.nodes, transfer[keep]) for each, transfer in zip(sides, transfers, strict=True)]
+    return Interface(
+        name=name, bodies=(sides[0].body, sides[1].body), xy=xy[keep],
+        frame=np.stack([normal[keep], tangent[keep]], axis=1), area=area[keep], gap=start[keep],
+        nodes=(used[0][0], used[1][0]), transfer=(used[0][1], used[1][1]),
+        law=law_of(friction, xy[keep], area[keep], sliding, kind),
+        modulus=1.0 / (1.0 / side.modulus + 1.0 / other.modulus), joined=next_to[keep[:-1]] & (np.diff(keep) == 1),
+        edges=edges[whole], held=held[keep],
+        one_sided=np.concatenate([one_sided[0][keep], one_sided[1][keep][sliding]]),
+        prescribed=np.zeros(len(keep) + len(sliding)),
+        fixed=Places((sides[0].nodes, sides[1].nodes), normal[dropped], start[dropped],
+                     (transfers[0][dropped], transfers[1][dropped])),
+        at=(transfers[0][keep] @ sides[0].xy, transfers[1][keep] @ sides[1].xy), slave=side.body,
+        lines=Lines(line[line >= 0], side.xy[shown][line >= 0], D[shown][line >= 0]),
+        probes=Places((sides[0].nodes, sides[1].nodes), forward, between,
+                      (probes[own], probes[1 - own])))
+
+
+def _normals(side: Side, some: np.ndarray) -> np.ndarray:
+    """Unit normals (k, 2) of the arcs over some of the links (ns,) bool, averaged with their lengths; else zero."""
+    fans = side.fans[some]
+    if side.links.shape[1] == 3:
+        fans = np.concatenate([fans, _unit(fans.sum(axis=1))[:, None]], axis=1)
+    total, length = np.zeros_like(side.xy), np.linalg.norm(side.along[some], axis=1)
+    np.add.at(total, side.links[some], length[:, None, None] * fans)
+    return _unit(total)
+
+
+def _means(weighted: np.ndarray, rows: np.ndarray, values: np.ndarray, m: int) -> np.ndarray:
+    """∫ ψ f (m, c) of values (q, c) of f."""
+    return np.column_stack([np.bincount(rows.ravel(), (weighted * each[:, None]).ravel(), m) for each in values.T])
+
+
+def _means_at(phi: np.ndarray, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """The function (q,) whose values (m,) at the nodes are given, at the points."""
+    return np.einsum("qj,qj->q", phi, values[rows])
+
+
+def _at(phi: np.ndarray, nodes: np.ndarray, size: int) -> sparse.csr_matrix:
+    """The matrix (q, size) of the shape functions (q, j) of `nodes` (q, j) at points."""
+    rows = np.repeat(np.arange(len(phi)), phi.shape[1])
+    return sparse.csr_matrix((phi.ravel(), (rows, nodes.ravel())), (len(phi), size))
+
+
+def _used(nodes: np.ndarray, transfer: sparse.csr_matrix) -> tuple[np.ndarray, sparse.csr_matrix]:
+    """The nodes that a transfer has entries of, and the transfer to these."""
+    columns = np.unique(transfer.indices)
+    return nodes[columns], transfer[:, columns]
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    size = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return vectors / np.where(size > 0.0, size, 1.0)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

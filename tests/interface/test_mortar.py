@@ -1,0 +1,340 @@
+"""Sides whose nodes do not match: rows, their partners, gaps between arcs, ends, clamps, who is the slave."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from boundaries import rectangle, ring, side
+
+from ddmpi.errors import InputError
+from ddmpi.interface.interface import Interface
+from ddmpi.interface.matching import pair
+from ddmpi.interface.mortar import cover, join, mortar, shapes
+from ddmpi.interface.side import Side
+from ddmpi.mesh.mesh import Mesh
+from ddmpi.scene.contacts import Coulomb, NoFriction
+
+COULOMB = Coulomb(coefficient=0.3)
+orders = pytest.mark.parametrize("order", [1, 2])
+slaves = pytest.mark.parametrize("slave", ["upper", "lower"])
+QUARTER = np.pi / 2
+
+
+def turned(mesh: Mesh, angle: float = 0.0, scale: float = 1.0, mirrored: bool = False) -> Mesh:
+    """The mesh mirrored at the y axis, turned and scaled."""
+    c, s = np.cos(angle), np.sin(angle)
+    points, triangles = mesh.points.copy(), mesh.triangles
+    if mirrored:
+        points[:, 0] *= -1.0
+        triangles = triangles[:, [0, 2, 1] if triangles.shape[1] == 3 else [0, 2, 1, 5, 4, 3]]
+    return Mesh(scale * points @ np.array([[c, s], [-s, c]]), triangles, mesh.groups)
+
+
+def blocks(above: int, below: int, order: int = 1, x: float = 0.0, gap: float = 0.0, **how) -> tuple[Side, Side]:
+    """Blocks of 2 × 1, the upper one at `x`, with so many sides along the contact."""
+    upper = rectangle((above, 2), (2.0, 1.0), (x, 1.0 + gap), order)
+    lower = rectangle((below, 2), (2.0, 1.0), order=order)
+    return side(turned(upper, **how), "bottom", body="upper"), side(turned(lower, **how), "top", body="lower")
+
+
+def arcs(one: int, two: int, order: int, gap: float = 0.0, radius: float = 1.0) -> tuple[Side, Side]:
+    """A quarter of a shaft in a quarter of a hub."""
+    shaft, hub = (ring(*radii, np.linspace(0.0, QUARTER, n + 1), order, closed=False) for radii, n in
+                  (((0.5 * radius, radius - gap / 2), one), ((radius + gap / 2, 2 * radius), two)))
+    return side(shaft, "outer", body="shaft"), side(hub, "inner", body="hub")
+
+
+def met(sides: tuple[Side, Side], **how) -> Interface:
+    return mortar(*sides, COULOMB, "seam", **how)
+
+
+def nodal_lengths(boundary: Side, low: float, high: float) -> dict[int, float]:
+    """Integrals of a straight side's shape functions over low < x < high, by node."""
+    found = dict.fromkeys(boundary.nodes.tolist(), 0.0)
+    at, weight = np.polynomial.legendre.leggauss(4)
+    for link in boundary.links:
+        a, b = boundary.xy[link[:2], 0]
+        start, stop = max(min(a, b), low), min(max(a, b), high)
+        if stop > start:
+            x = (start + stop) / 2 + (stop - start) / 2 * at
+            for node, value in zip(link, (stop - start) / 2 * weight @ shapes((x - a) / (b - a), len(link)),
+                                   strict=True):
+                found[boundary.nodes[node]] += value
+    return found
+
+
+# Rows
+
+
+@orders
+@slaves
+@pytest.mark.parametrize("divisions", [(7, 7), (7, 11), (11, 7), (3, 16), (16, 3)])
+@pytest.mark.parametrize("x", [0.0, 0.3, 0.977, 1.0, -0.6, 1.7])
+def test_a_constant_pressure_has_the_nodal_forces_of_both_bodies(x, divisions, slave, order):
+    """On any meshes, wherever the sides end, so that a constant stress is exact."""
+    sides = blocks(*divisions, order, x)
+    contact = met(sides, slave=slave)
+    low, high = max(0.0, x), min(2.0, 2.0 + x)
+    for boundary, nodes, transfer in zip(sides, contact.nodes, contact.transfer, strict=True):
+        lengths = nodal_lengths(boundary, low, high)
+        assert contact.area @ transfer == pytest.approx([lengths[node] for node in nodes.tolist()], abs=1e-13)
+        assert sum(lengths.values()) == pytest.approx(high - low)
+        assert np.asarray(transfer.sum(axis=1)) == pytest.approx(1.0, abs=1e-14)
+    assert (contact.area > 0).all() and contact.area.sum() == pytest.approx(high - low)
+    assert contact.normal == pytest.approx(np.tile([0.0, -1.0], (contact.m, 1)))
+    assert not contact.gap.any() and contact.slave == slave
+    assert contact.shown.area.sum() == pytest.approx(high - low)
+    assert np.bincount(contact.shown.row, contact.shown.area) == pytest.approx(contact.area)
+
+
+@orders
+@slaves
+def test_rows_reproduce_linear_motions(order, slave):
+    """Rigid motions and constant strains of both bodies together move no row."""
+    sides = blocks(5, 8, order, 0.3)
+    contact = met(sides, slave=slave)
+    rng = np.random.default_rng(0)
+    gradient = rng.normal(size=(2, 2))
+    moved = []
+    for boundary, nodes, transfer in zip(sides, contact.nodes, contact.transfer, strict=True):
+        at = boundary.xy[[boundary.nodes.tolist().index(node) for node in nodes.tolist()]]
+        moved.append(transfer @ (at @ gradient + [1.0, 2.0]))
+    assert moved[0] == pytest.approx(moved[1], abs=1e-12)
+    assert contact.at[0] == pytest.approx(contact.at[1], abs=1e-12)
+
+
+@orders
+def test_matching_flat_sides_give_the_pairs(order):
+    """What today's pairing gives, to rounding."""
+    sides = blocks(6, 6, order)
+    ours, theirs = met(sides, slave="upper"), pair(*sides, COULOMB, "seam")
+    assert ours.area == pytest.approx(theirs.area, rel=1e-13)
+    assert ours.frame == pytest.approx(theirs.frame, abs=1e-15)
+    assert np.array_equal(ours.edges, theirs.edges) and np.array_equal(ours.joined, theirs.joined)
+    for own, other, nodes, paired in zip(ours.transfer, theirs.transfer, ours.nodes, theirs.nodes, strict=True):
+        order_of = np.argsort(paired)
+        assert own.toarray()[:, np.argsort(nodes)] == pytest.approx(other.toarray()[:, order_of], abs=1e-13)
+
+
+@orders
+def test_matching_sides_stay_paired(order):
+    """Bit for bit; `pairing` chooses otherwise."""
+    sides = blocks(6, 6, order)
+    assert join(*sides, COULOMB, "seam").slave is None
+    assert join(*sides, COULOMB, "seam", pairing="mortar").slave == "upper"
+    assert join(*blocks(6, 7, order), COULOMB, "seam").slave == "upper"
+    with pytest.raises(InputError, match="match node by node"):
+        join(*blocks(6, 7, order), COULOMB, "seam", pairing="nodes")
+
+
+@orders
+@slaves
+@pytest.mark.parametrize("how", [{"angle": 0.7}, {"angle": -2.5, "mirrored": True}, {"scale": 1e-6}, {"scale": 1e5}])
+def test_turned_mirrored_scaled(how, slave, order):
+    plain, other = (met(blocks(5, 8, order, 0.3, 0.01, **each), slave=slave) for each in ({}, how))
+    scale = how.get("scale", 1.0)
+    assert np.sort(other.area) == pytest.approx(scale * np.sort(plain.area), rel=1e-9)
+    assert other.gap == pytest.approx(scale * 0.01 * np.ones(other.m), rel=1e-9)
+    assert other.at[1] - other.at[0] == pytest.approx(scale * 0.01 * other.normal, abs=1e-9 * scale)
+
+
+@orders
+def test_forces_balance_to_rounding(order):
+    """Whatever the geometry: the rows of both transfers add up to one."""
+    for sides in (blocks(5, 8, order, 0.977), arcs(5, 8, order, 0.01), arcs(7, 4, order, -0.01)):
+        for slave in (None, *(each.body for each in sides)):
+            contact = met(sides, slave=slave)
+            s = np.random.default_rng(1).normal(size=contact.m)
+            one, two = (transfer.T @ (s[:, None] * contact.normal) for transfer in contact.transfer)
+            assert np.abs(one.sum(axis=0) - two.sum(axis=0)).max() <= 1e-14 * np.abs(s).sum()
+
+
+# Gaps
+
+
+@orders
+@pytest.mark.parametrize("gap", [1e-3, -1e-3, 0.2, 5.0])
+def test_gap_of_straight_sides(gap, order):
+    """Sides far apart that approach each other are fine."""
+    assert met(blocks(5, 8, order, 0.3, gap)).gap == pytest.approx(gap, rel=1e-12)
+
+
+def test_gap_of_a_wedge():
+    """Along the normal of the contact, at the slave's nodes."""
+    upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y)) for n, y in ((5, 1.0), (8, 0.0)))
+    upper.points[:, 1] += 0.01 * upper.points[:, 0]
+    contact = met((side(upper, "bottom", body="upper"), side(lower, "top", body="lower")), slave="lower")
+    assert contact.gap == pytest.approx(0.01 * contact.xy[:, 0], rel=1e-4, abs=1e-6)
+
+
+@orders
+@pytest.mark.parametrize("gap", [0.0, 1e-4, -1e-4])
+@pytest.mark.parametrize("divisions", [(12, 15), (15, 12), (24, 13)])
+def test_arcs_of_circles_have_their_true_gap(divisions, gap, order):
+    """Polygons of two circles: the chords' own heights, 100 times this gap, do not count."""
+    for slave in ("shaft", "hub"):
+        assert met(arcs(*divisions, order, gap), slave=slave).gap == pytest.approx(gap, abs=5e-9)
+
+
+@pytest.mark.parametrize("gap", [1e-4, -1e-4])
+def test_pairs_of_middles_have_the_gap_of_their_arcs(gap):
+    """Of matching quadratic sides as well, whose middles stand aside of the arcs."""
+    sides = arcs(4, 4, 2, gap)
+    assert pair(*sides, COULOMB, "seam").gap[1:-1] == pytest.approx(gap, rel=1e-6)
+    straight = blocks(5, 5, 2, gap=gap)
+    assert not straight[0].slopes.any()
+    assert pair(*straight, COULOMB, "seam").gap == pytest.approx(gap, rel=1e-9)
+
+
+def test_arcs_of_an_ellipse():
+    """Halving the sides divides the error by more than eight."""
+    errors = []
+    for n in (12, 24, 48):
+        t = np.linspace(0.0, QUARTER, n + 1)
+        mesh = ring(1.0, 2.0, t, closed=False)
+        mesh.points[:, 0] *= 2.0
+        boundary = side(mesh, "outer")
+        links, at = np.arange(len(boundary.links)), np.full(len(boundary.links), 0.5)
+        found = boundary.bulge(links, at, boundary.outward)
+        middle = boundary.xy[boundary.links].mean(axis=1) + found[:, None] * boundary.outward
+        inside = slice(1, -1)
+        errors.append(np.abs(np.hypot(middle[:, 0] / 4.0, middle[:, 1] / 2.0) - 1.0)[inside].max())
+    assert errors[0] > 8 * errors[1] > 64 * errors[2]
+
+
+def test_a_corner_is_no_curve():
+    """Two straight sides at a small angle do not bulge, and neither does the straight end of a rounded side."""
+    mesh = rectangle((8, 2), (2.0, 1.0))
+    mesh.points[:, 1] += 0.1 * np.abs(mesh.points[:, 0] - 1.0)
+    assert not side(mesh, "top").slopes.any()
+    mesh = rectangle((8, 2), (2.0, 1.0))
+    x = np.clip(mesh.points[:, 0] - 1.0, 0.0, None)
+    mesh.points[:, 1] -= 0.2 * x**2
+    boundary = side(mesh, "top")
+    straight = boundary.xy[boundary.links].mean(axis=1)[:, 0] < 1.0
+    assert not boundary.slopes[straight].any() and (boundary.slopes[~straight] > 0.0).all()
+
+
+@pytest.mark.parametrize("gap", [1e-3, -0.02])
+def test_a_given_gap_overrides(gap):
+    contact = met(arcs(4, 5, 1, 1e-4), gap=gap)
+    assert contact.gap == pytest.approx(gap) and contact.probes.gap == pytest.approx(gap)
+    assert not met(blocks(5, 8, gap=gap), kind="bonded").gap.any()
+
+
+# What faces what
+
+
+@orders
+def test_the_far_side_of_a_ring_is_no_partner(order):
+    """A ring on a block: only what faces the block meets it; and the block does not see the bore or the far side."""
+    wheel = turned(ring(0.5, 1.0, 2 * np.pi * np.arange(36) / 36, order))
+    wheel.points[:, 1] += 1.001
+    block = rectangle((9, 2), (3.0, 1.0), (-1.5, -1.0), order)
+    for groups in (("outer",), ("outer", "inner")):
+        for slave in ("ring", "block"):
+            contact = met((side(wheel, *groups, body="ring"), side(block, "top", body="block")), slave=slave)
+            assert np.hypot(*(wheel.points[contact.nodes[0]] - [0.0, 1.001]).T) == pytest.approx(1.0, abs=6e-3)
+            assert wheel.points[contact.nodes[0], 1].max() < 0.6
+            assert contact.gap.min() == pytest.approx(1e-3, abs=5e-3)  # a mean over two sides of 10°
+
+
+@orders
+def test_a_closed_shaft_in_a_closed_hub(order):
+    """Every point of a closed side faces its neighbour across the gap, also where the chain begins."""
+    shaft = ring(0.5, 0.999, 0.1 + 2 * np.pi * np.arange(20) / 20, order)
+    hub = ring(1.001, 1.5, 2 * np.pi * np.arange(27) / 27, order)
+    for slave in ("shaft", "hub"):
+        contact = met((side(shaft, "outer", body="shaft"), side(hub, "inner", body="hub")), slave=slave)
+        boundary = (shaft, hub)[slave == "hub"]
+        assert contact.m == len(np.unique(boundary.groups["outer" if slave == "shaft" else "inner"]))
+        assert contact.gap == pytest.approx(2e-3, abs=2e-7)
+        assert np.einsum("mi,mi->m", contact.normal, contact.xy) == pytest.approx(np.hypot(*contact.xy.T), rel=2e-2)
+
+
+def test_sides_that_turn_their_backs_on_each_other_are_refused():
+    upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y)) for n, y in ((5, 1.0), (8, 0.0)))
+    for groups in (("top", "bottom"), ("left", "top"), ("bottom", "bottom"), ("left", "right")):
+        with pytest.raises(InputError, match=r"contact\.seam: .*do not face each other"):
+            met(tuple(side(mesh, group, body=group) for mesh, group in zip((upper, lower), groups, strict=True)))
+
+
+# Ends
+
+
+@pytest.mark.parametrize("part", [1e-5, 0.008, 0.1, 0.44, 0.56, 0.74, 0.84])
+@orders
+def test_nearly_uncovered_nodes_share_a_row(part, order):
+    """No row has a length near zero; nodes that share one have a line each."""
+    contact = met(blocks(8, 9, order, 2.0 - 0.25 * (3 + part)), slave="upper")
+    typical = 0.25 / (1 if order == 1 else 6)
+    assert contact.area.min() >= 0.15 * 0.5 * typical
+    assert len(contact.shown.row) >= contact.m
+    assert contact.area.sum() == pytest.approx(0.25 * (3 + part))
+    assert len(contact.shown.row) == len(contact.shown.xy) and set(contact.shown.row) == set(range(contact.m))
+
+
+# Clamps
+
+
+@orders
+@slaves
+def test_clamped_nodes_keep_their_rows(order, slave):
+    """Unless both bodies are held all along a row, a pressure of the clamped node's part must act on the other body."""
+    left = {"where": lambda x, y: x == 0.0, "x": True, "y": True}
+    upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y), order) for n, y in ((5, 1.0), (8, 0.0)))
+    sides = side(upper, "bottom", body="upper", **left), side(lower, "top", body="lower", **left)
+    contact = met(sides, slave=slave)
+    one_held = 1 if slave == "lower" else 0  # its end lies within one side of the upper one, whose end is held, too
+    assert contact.dropped == one_held and contact.m == len(sides[slave == "lower"].nodes) - one_held
+    assert len(contact.sliding) == contact.m
+
+
+def test_rows_that_no_body_moves_are_dropped():
+    held = {"where": lambda x, y: x < 0.7, "x": True, "y": True}
+    upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y)) for n, y in ((5, 1.0), (8, 0.0)))
+    contact = met((side(upper, "bottom", body="upper", **held), side(lower, "top", body="lower", **held)),
+                  slave="upper")
+    assert contact.dropped == 1 and contact.m == 5
+    assert contact.held[0] == pytest.approx(1 / 0.4)
+    assert contact.fixed.moved(0, np.ones((len(upper.points), 2))) == pytest.approx(1.0)
+
+
+def test_a_held_side_is_master():
+    """Its rows would say the same thing several times."""
+    held = {"where": lambda x, y: y == 1.0, "x": True, "y": True}
+    upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y)) for n, y in ((5, 1.0), (8, 0.0)))
+    sides = side(upper, "bottom", body="upper", **held), side(lower, "top", body="lower")
+    assert met(sides).slave == "lower"
+    with pytest.raises(InputError, match="cannot be the slave"):
+        met(sides, slave="upper")
+    with pytest.raises(InputError, match="all nodes of the contact are clamped"):
+        met((sides[0], side(lower, "top", body="lower", **held)))
+
+
+@pytest.mark.parametrize("divisions, moduli, slave", [
+    ((5, 8), (1.0, 1.0), "upper"), ((8, 5), (1.0, 1.0), "lower"), ((8, 5), (1.0, 100.0), "upper"),
+    ((5, 8), (100.0, 1.0), "lower"), ((6, 6), (1.0, 1.0), "upper"), ((6, 6), (2.0, 1.0), "lower")])
+def test_the_slave_is_coarse_and_soft(divisions, moduli, slave):
+    """The larger h/E', so never a fine and stiff side; the first one if both are alike."""
+    sides = tuple(replace(each, modulus=E) for each, E in zip(blocks(*divisions), moduli, strict=True))
+    assert met(sides).slave == slave
+
+
+def test_probes_see_what_lies_between_the_nodes():
+    """An overlap of which the weighted gaps know nothing."""
+    sides = blocks(5, 8)
+    contact = mortar(*sides, NoFriction(), "seam", slave="upper")
+    u = [np.zeros((40, 2)), np.zeros((40, 2))]
+    node = sides[1].nodes[4]
+    u[1][node, 1] = 1e-3
+    gap = contact.probes.gap - sum(sign * np.einsum("qi,qi->q", contact.probes.normal, contact.probes.moved(k, u[k]))
+                                   for k, sign in ((0, 1.0), (1, -1.0)))
+    assert -1e-3 <= gap.min() < -0.8e-3 and gap.max() == pytest.approx(0.0, abs=1e-15)
+
+
+def test_pieces_of_the_cover_add_up():
+    """Points lie in order on the pieces between the projected corners."""
+    over = cover(*blocks(5, 8))
+    assert over.weight.sum() == pytest.approx(2.0)
+    assert np.all(np.bincount(over.link) % 5 == 0)
