@@ -121,15 +121,16 @@ def cover(slave: Side, master: Side) -> Cover:
     slave counts as an overlap up to DEEPEST of the thinner body's depth; ahead, any distance counts.
     """
     points, weights = np.polynomial.legendre.leggauss(POINTS)
-    outward = slave.outward
+    outward, theirs, own = slave.outward, master.outward, slave.xy[slave.links[:, :2]]
     start, along, fans = slave.xy[slave.links[:, 0]], slave.along, slave.fans
     corners, across = master.xy[master.links[:, :2]], master.along
     length, found = np.linalg.norm(along, axis=1), []
     for k in range(len(along)):
-        candidates = np.flatnonzero(master.outward @ outward[k] < FACING)
+        candidates = np.flatnonzero(_swept(corners, own[k], fans[k]) & (theirs @ outward[k] < FACING))
         if len(candidates) == 0:
             continue
         fan, turn = fans[k, 0], fans[k, 1] - fans[k, 0]
+        behind = np.setdiff1d(np.flatnonzero(_swept(own, own[k], fans[k])), k)
         deepest = -DEEPEST * min(np.abs(outward[k]) @ slave.extent, np.abs(outward[k]) @ master.extent)
 
         def meet(at: np.ndarray, one: np.ndarray, k: int = k, fan: np.ndarray = fan,
@@ -149,7 +150,7 @@ def cover(slave: Side, master: Side) -> Cover:
                             np.inf).reshape(len(low), -1)
         nearest = np.argmin(distance, axis=1)
         distance = distance[np.arange(len(low)), nearest]
-        met = np.flatnonzero(np.isfinite(distance) & ~_hidden(slave, k, (low + high) / 2, distance, fan, turn))
+        met = np.flatnonzero(np.isfinite(distance) & ~_hidden(own[behind], own[k], (low + high) / 2, distance, fans[k]))
         at = (low[met, None] + (high - low)[met, None] * (1.0 + points) / 2).ravel()
         one = np.repeat(candidates[nearest[met]], POINTS)
         there, distance, ray = meet(at, one)
@@ -163,13 +164,20 @@ def cover(slave: Side, master: Side) -> Cover:
     return Cover(link, at, other, there, weight, direction, distance - bulges)
 
 
-def _hidden(side: Side, k: int, at: np.ndarray, distance: np.ndarray, fan: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """Whether rays from points `at` (q,) of link k meet another part of the same side within the distances (q,)."""
-    others = np.delete(np.arange(len(side.links)), k)
-    start, across, length = side.xy[side.links[others, 0]], side.along[others], np.linalg.norm(side.along[k])
-    ray = fan + at[:, None] * turn
+def _swept(segments: np.ndarray, link: np.ndarray, fan: np.ndarray) -> np.ndarray:
+    """Whether rays from a link (2, 2), with directions (2, 2) at its ends, can meet the lines of segments (c, 2, 2)."""
+    beside = np.stack([_cross(ray, segments - end) for end, ray in zip(link, fan, strict=True)])
+    slack = TOUCHING * np.linalg.norm(link[1] - link[0])
+    return ~((beside < -slack).all(axis=(0, 2)) | (beside > slack).all(axis=(0, 2)))
+
+
+def _hidden(segments: np.ndarray, link: np.ndarray, at: np.ndarray, distance: np.ndarray,
+            fan: np.ndarray) -> np.ndarray:
+    """Whether rays from points `at` (q,) of a link meet one of the segments (c, 2, 2) within the distances (q,)."""
+    ray = fan[0] + at[:, None] * (fan[1] - fan[0])
     ray = (ray / np.linalg.norm(ray, axis=1, keepdims=True))[:, None]
-    away = start - (side.xy[side.links[k, 0]] + at[:, None] * side.along[k])[:, None]
+    across, length = segments[:, 1] - segments[:, 0], np.linalg.norm(link[1] - link[0])
+    away = segments[:, 0] - (link[0] + at[:, None] * (link[1] - link[0]))[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         there = -_cross(away, ray) / _cross(across, ray)
         t = np.einsum("qoi,qoi->qo", away + there[:, :, None] * across, np.broadcast_to(ray, away.shape))

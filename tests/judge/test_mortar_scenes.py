@@ -97,7 +97,7 @@ def ring(name: str, radii: tuple[float, float], divisions: tuple[int, int], orde
 @orders
 @pytest.mark.parametrize("ratio", [(4, 5), (5, 4)])
 def test_shrink_fit(ratio, order):
-    """Lamé's rings with an interference a thousand times smaller than the chords' heights; errors fall with the mesh."""
+    """Lamé's rings with an interference far below the heights of the chords' arcs; errors fall with the mesh."""
     a, b, c, fit = 0.5, 1.0, 1.5, 1e-5
     E, nu = YOUNG / (1 - POISSON**2), POISSON / (1 - POISSON)
     exact = fit / (b / E * ((c**2 + b**2) / (c**2 - b**2) + nu + (b**2 + a**2) / (b**2 - a**2) - nu))
