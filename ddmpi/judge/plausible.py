@@ -27,6 +27,9 @@ LARGE_GRADIENT = 0.1
 FAR_SLIP = 1.0
 """Nodes that slid further than this part of the distance to their neighbours are no longer opposite each other."""
 
+UNRESOLVED = 1e-8
+"""Neither the linear program nor the certificate resolves forces on a body below this part of another's loads."""
+
 LOST = 1e-6
 """Rounding of the displacements that changes contact forces by more than this part is worth a warning."""
 
@@ -74,7 +77,8 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
         doubts[interface.name] = slid + (_lost_in_rounding(state, largest) if carries else [])
     by_contact = merged(world, doubts)
     found += [warning for name in contacts for warning in by_contact[name]]
-    return found + _run_through(assembly, displacements) + _run_through_rigid(assembly, displacements)
+    return (found + _unresolved(assembly, contacts) + _run_through(assembly, displacements)
+            + _run_through_rigid(assembly, displacements))
 
 
 def _large_motion(body: Body, u: np.ndarray) -> list[str]:
@@ -84,6 +88,20 @@ def _large_motion(body: Body, u: np.ndarray) -> list[str]:
         return [f"body.{body.spec.name}: its largest displacement of {moved:.3g} is {moved / extent:.2g} times its "
                 f"size ({extent:.3g}); small-strain theory means small displacements"]
     return _large_gradient(body, u)
+
+
+def _unresolved(assembly: Assembly, contacts: Mapping[str, ContactState]) -> list[str]:
+    """Warnings of loose bodies whose loads and contact forces are nothing beside the loads of others. Collective."""
+    loads = merged(assembly.world, {body.spec.name: body.member.elasticity.load for body in assembly.bodies})
+    most, found = max(loads.values()), []
+    for name in assembly.loose:
+        acting = max([loads[name], *(float(np.abs(contacts[contact.name].forces).sum())
+                                     for contact in assembly.scene.contact if name in contact.bodies)])
+        if 0.0 < acting < UNRESOLVED * most:
+            found.append(f"body.{name}: the forces on it, {acting:.3g} in all, are nothing beside the loads of "
+                         f"{most:.3g} of another body; the answer does not tell whether anything holds it. Solve it "
+                         "without the other")
+    return found
 
 
 def doubt_mesh(bodies: Sequence[SettledBody], error: DiscretizationError) -> list[str]:
@@ -135,43 +153,52 @@ def _run_through(assembly: Assembly, displacements: Mapping[str, np.ndarray]) ->
 def _run_through_rigid(assembly: Assembly, displacements: Mapping[str, np.ndarray]) -> list[str]:
     """Warnings where a body runs through a rigid partner beside its contact with it, the same on all ranks.
 
-    A bore is left out: what is seen of it may be a piece of a socket, and the body may go on outside. Collective.
+    A bore through which the body is drawn is left out: it may be a piece of a socket. So is a plane that no contact of
+    the body names, and through which the body is drawn: it is meant to end before. Collective.
     """
-    solid = {each.name: each for each in assembly.scene.rigid if not (isinstance(each, Circle) and each.inside)}
-    found: dict[str, list[str]] = {}
+    found: dict[tuple[int, int], list[str]] = {}
     for body in assembly.bodies:
-        for name in solid.keys() & {interface.bodies[1] for interface in body.member.interfaces}:
-            touching = [interface for interface in body.member.interfaces if interface.bodies[1] == name]
-            found[touching[0].name] = _beside(body, displacements[body.spec.name], touching, solid[name])
-    everyone = merged(assembly.world, found)
-    return [warning for contact in assembly.scene.contact for warning in everyone.get(contact.name, [])]
+        for k, rigid in enumerate(assembly.scene.rigid):
+            touching = [interface for interface in body.member.interfaces if interface.bodies[1] == rigid.name]
+            found[body.number, k] = _beside(body, displacements[body.spec.name], touching, rigid)
+    return [warning for _, warnings in sorted(merged(assembly.world, found).items()) for warning in warnings]
 
 
 def _beside(body: Body, u: np.ndarray, interfaces: Sequence[Interface], rigid: Rigid) -> list[str]:
     """A warning where a body that moved by `u` (nv, 2) lies in a rigid partner, but not at its contacts with it."""
     segments = outline(body.mesh)
-    kept = np.isin(segments, np.concatenate([part for each in interfaces for part in (each.nodes[0],
-                                                                                     each.fixed.nodes[0])]))
+    kept = np.isin(segments, np.concatenate([np.empty(0, int), *(part for each in interfaces for part in (
+        each.nodes[0], each.fixed.nodes[0]))]))
     segments, kept = segments[~kept.all(axis=1)], kept[~kept.all(axis=1)]
     ends = (body.mesh.points + u - np.array(rigid.displacement))[segments]
-    if isinstance(rigid, Plane):
-        normal = np.array(rigid.normal) / np.linalg.norm(rigid.normal)
-        places = ends[~kept]
-        depth = (np.array(rigid.point) - places) @ normal
-    else:
+    if isinstance(rigid, Circle) and not rigid.inside:
         along, offset = ends[:, 1] - ends[:, 0], np.array(rigid.center) - ends[:, 0]
         part = np.clip(np.einsum("sd,sd->s", offset, along) / np.einsum("sd,sd->s", along, along), 0.0, 1.0)
         beside = ~np.where(part == 0.0, kept[:, 0], (part == 1.0) & kept[:, 1])
         places = (ends[:, 0] + part[:, None] * along)[beside]
         depth = rigid.radius - np.linalg.norm(places - rigid.center, axis=1)
-    overlap = max(-float(gap.min(initial=0.0)) for each in interfaces for gap in (each.gap, each.fixed.gap))
+    else:
+        places, drawn = ends[~kept], body.mesh.points[segments][~kept]
+        depth = _behind(rigid, places)
+        through = _behind(rigid, drawn).max(initial=0.0) > BESIDE * body.mesh.extent
+        if through and (isinstance(rigid, Circle) or not interfaces):
+            return []
+    overlap = max([-float(gap.min(initial=0.0)) for each in interfaces for gap in (each.gap, each.fixed.gap)],
+                  default=0.0)
     least = overlap + BESIDE * body.mesh.extent + RESOLVED * float(np.abs(u).max())
     if not depth.size or not depth.max() > least:
         return []
     x, y = places[np.argmax(depth)] + np.array(rigid.displacement)
-    return [f"contact.{interfaces[0].name}: beside the contact {body.spec.name} runs through {rigid.name} by "
-            f"{depth.max():.3g}, as at ({x:.4g}, {y:.4g}); name the whole boundary that may touch in `on`"
-            + ("; a plane has no end" if isinstance(rigid, Plane) else "")]
+    where = f"contact.{interfaces[0].name}: beside the contact" if interfaces else "no contact keeps them apart:"
+    return [f"{where} {body.spec.name} runs through {rigid.name} by {depth.max():.3g}, as at ({x:.4g}, {y:.4g}); name "
+            "the whole boundary that may touch in `on`" + ("; a plane has no end" if isinstance(rigid, Plane) else "")]
+
+
+def _behind(rigid: Plane | Circle, points: np.ndarray) -> np.ndarray:
+    """How far (k,) points (k, 2) lie behind a plane, or outside a bore (m)."""
+    if isinstance(rigid, Circle):
+        return np.linalg.norm(points - rigid.center, axis=1) - rigid.radius
+    return (np.array(rigid.point) - points) @ rigid.normal / np.linalg.norm(rigid.normal)
 
 
 def _kept_apart(interfaces: Sequence[Interface], names: tuple[str, str],

@@ -249,3 +249,36 @@ def test_no_shipped_scene_warns(tmp_path, name):
 @pytest.mark.parametrize("scene", [confined_blocks(3, gap=4e-4), sheared_stack(3, 1e-4, COULOMB)], ids=["gap", "shear"])
 def test_scenes_with_closed_forms_do_not_warn(tmp_path, scene):
     assert warnings_of(run(scene.scene(), tmp_path)) == []
+
+
+@pytest.mark.parametrize(("partner", "words"), [
+    ({"shape": "plane", "point": [2.0005, 0.0], "normal": [-1.0, 0.0]}, "block runs through stop by 0.0005"),
+    ({"shape": "plane", "point": [1.0, 0.0], "normal": [-1.0, 0.0]}, ""),
+    ({"shape": "circle", "center": [2.4, 0.5], "radius": 0.4}, "block runs through stop by 0.00"),
+    ({"shape": "circle", "center": [0.0, 0.0], "radius": 5**0.5, "inside": True}, "block runs through stop by 0.00"),
+    ({"shape": "circle", "center": [0.0, 0.0], "radius": 2.1, "inside": True}, "")])
+def test_a_body_that_moves_through_a_rigid_partner_of_another_is_a_warning(tmp_path, partner, words):
+    """A stop that only another body touches does not stop this one; a plane drawn through a body ends before it."""
+    pushed = block("block", 0.0, 0.0, (2, 1), [{"on": "left", "x": 1e-3, "y": 0.0}], divisions=(8, 4))
+    on, at = ("right", (partner["point"][0] - 0.8, 3.0)) if "point" in partner else ("bottom", (2.0, 1.0))
+    if "inside" in partner:
+        on, at = "top", (-0.4, partner["radius"] - 0.6)
+    other = block("other", *at, (0.8, 0.5), ["bottom" if on == "top" else "top"], divisions=(4, 4))
+    scene = {"body": [pushed, other], "rigid": [{"name": "stop", **partner}],
+             "contact": [{"bodies": ["other", "stop"], "on": [on]}]}
+    found = [each for each in warnings_of(run(scene, tmp_path)) if "runs through" in each]
+    assert len(found) == bool(words), found
+    assert all(f"no contact keeps them apart: {words}" in each for each in found), found
+
+
+@pytest.mark.parametrize(("weight", "warned"), [(1e-3, True), (1e3, False)])
+def test_a_light_loose_body_beside_a_heavy_one_is_a_warning(tmp_path, weight, warned):
+    """What acts on it is below what the linear program and the certificate resolve, so nothing is known of it."""
+    light = block("light", 0.0, 0.0, (1, 1), [], [{"on": "top", "value": [0.0, -weight]}], (4, 4))
+    heavy = block("heavy", 3.0, 0.0, (1, 1), [], [{"on": "top", "value": [0.0, -1e8]}], (4, 4))
+    scene = {"body": [light, heavy], "rigid": [{"name": "floor", "shape": "plane", "point": [0, 0], "normal": [0, 1]}],
+             "contact": [{"bodies": [name, "floor"], "on": ["bottom"], "friction": COULOMB}
+                         for name in ("light", "heavy")]}
+    found = [each for each in warnings_of(run(scene, tmp_path)) if "nothing beside the loads" in each]
+    assert len(found) == warned, found
+    assert all(each.startswith("warning: body.light") or "body.light" in each for each in found)
