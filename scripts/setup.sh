@@ -139,6 +139,10 @@ export OMPI_MCA_rmaps_base_oversubscribe=1 PRTE_MCA_rmaps_default_mapping_policy
 # Open MPI 5 by default asks the routing table which addresses reach each other, finds that none reaches a
 # rank on the same machine, and says so on stderr, though ranks there talk through memory anyway.
 export OMPI_MCA_reachable=${OMPI_MCA_reachable:-weighted}
+# Ranks on one node talk through memory; without looking for networks MPI starts in three quarters of the time.
+if [ "${SLURM_JOB_NUM_NODES:-1}" = 1 ] && [ -z "${PBS_NODEFILE:-}${LSB_HOSTS:-}${PE_HOSTFILE:-}" ]; then
+    export OMPI_MCA_pml=${OMPI_MCA_pml:-ob1}
+fi
 # Open MPI 4 can leave out its own words on a run that ends with an error; 5 has no such option.
 MPIRUN=mpirun
 case "$(mpirun --version 2>/dev/null)" in *"(Open MPI) 4."*) MPIRUN="mpirun --quiet" ;; esac

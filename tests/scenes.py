@@ -400,7 +400,7 @@ def clean_environment() -> dict[str, str]:
                    if not key.startswith(("OMPI_", "PMIX_", "PRTE_", "PMI_", "ORTE_", "OPAL_", "PYTEST_"))}
     environment |= {"OMPI_MCA_rmaps_base_oversubscribe": "1", "OMPI_MCA_odls_base_sigkill_timeout": "0",
                     "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
-                    "OMPI_MCA_reachable": "weighted",
+                    "OMPI_MCA_reachable": "weighted", "OMPI_MCA_pml": "ob1",
                     "OMP_NUM_THREADS": "1", "MPLBACKEND": "agg", "PYTHONUNBUFFERED": "1"}
     environment["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
     if os.getuid() == 0:
