@@ -15,8 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ddmpi.body.stress import CENTROID, blocks, energy_density, stress_at
-from ddmpi.mesh.mesh import Mesh, signed_double_areas
+from ddmpi.body.stress import CENTROID, blocks, curved_stress, energy_density, stress_at
+from ddmpi.mesh.elements import TRIANGLE
+from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Material
 
 _INNER = (np.ones((3, 3)) + 3 * np.eye(3)) / 6
@@ -24,12 +25,8 @@ _INNER = (np.ones((3, 3)) + 3 * np.eye(3)) / 6
 _SAMPLES = {1: CENTROID, 2: _INNER}
 """Barycentric points where the stress of an element is more accurate than elsewhere, by order."""
 
-_A, _B = 0.445948490915965, 0.091576213509771
-
-QUADRATURE = {1: (_INNER, np.full(3, 1 / 3)),
-              2: (np.array([np.roll([1 - 2 * a, a, a], k) for a in (_A, _B) for k in range(3)]),
-                  np.repeat([0.223381589678011, 0.109951743655322], 3))}
-"""Quadrature (points, weights) exact to degree 2 and 4 (Dunavant 1985), by order."""
+QUADRATURE = {1: (_INNER, np.full(3, 1 / 3)), 2: TRIANGLE}
+"""Quadrature (points, weights) exact to degree 2 and 4, by order."""
 
 UNSTRAINED = 1e-12
 """Relative error of a computed displacement. A displacement with smaller strains counts as a rigid motion."""
@@ -116,8 +113,9 @@ def estimate_error(mesh: Mesh, material: Material, u: np.ndarray) -> ErrorEstima
     hardly deform, so that their stress jumps little however wrong it is.
     """
     cells, order = mesh.triangles, mesh.order
-    area = signed_double_areas(mesh.points, cells) / 2
-    points, weights = QUADRATURE[order]
+    area, (points, weights) = mesh.areas(), QUADRATURE[order]
+    straight = area.copy() if len(mesh.curved) else area
+    straight[mesh.curved] = 0.0
     sampled = stress_at(mesh, material, u, _SAMPLES[order])
     between = np.ones((len(points), 1)) if order == 1 else 2 * points - 1 / 3  # constant, or linear between samples
     shapes = mesh.element.shapes(points)
@@ -128,8 +126,14 @@ def estimate_error(mesh: Mesh, material: Material, u: np.ndarray) -> ErrorEstima
         computed = np.einsum("qs,tsc->qtc", between, sampled[block])
         difference = np.einsum("qi,tic->qtc", shapes, recovered[cells[block]]) - computed
         for weight, s, e in zip(weights, computed, difference, strict=True):
-            squares[block] += weight * area[block] * energy_density(material, e)
-            energy += weight * float(area[block] @ energy_density(material, s))
+            squares[block] += weight * straight[block] * energy_density(material, e)
+            energy += weight * float(straight[block] @ energy_density(material, s))
+    for bent in mesh.curved_blocks():
+        computed = curved_stress(mesh, material, u, points, bent).swapaxes(0, 1)
+        difference = np.einsum("qi,tic->qtc", shapes, recovered[cells[bent]]) - computed
+        for part, s, e in zip(weights[:, None] * mesh.map(bent).areas, computed, difference, strict=True):
+            squares[bent] += part * energy_density(material, e)
+            energy += float(part @ energy_density(material, s))
     first, shear = material.lame
     if energy <= (first + 2 * shear) * len(cells) * (UNSTRAINED * np.abs(u).max()) ** 2:
         squares, energy = np.zeros(len(cells)), 0.0
@@ -146,6 +150,8 @@ def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
     nv = int(vertices[-1]) + 1
     inner = _inner(mesh, nv)
     places = np.einsum("qi,tid->qtd", _SAMPLES[order], xy[corners])
+    for bent in mesh.curved_blocks():
+        places[:, bent] = mesh.map(bent, _SAMPLES[order]).places
     reach = np.zeros(nv)
     for block in blocks(len(corners)):
         np.maximum.at(reach, corners[block], np.linalg.norm(np.ptp(xy[corners[block]], axis=1), axis=1)[:, None])

@@ -8,6 +8,7 @@ import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group, turn_outward
+from ddmpi.mesh.elements import LINE, TRIANGLE, bends, shapes_on_side, tangents
 from ddmpi.mesh.mesh import Mesh, signed_double_areas
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.values import evaluate
@@ -20,7 +21,10 @@ SMALLEST = 1e-150
 
 
 def nodal_loads(mesh: Mesh, body: BodySpec) -> np.ndarray:
-    """Nodal loads (nv, 2) in newtons of tractions and volume force; exact, as both are affine."""
+    """Nodal loads (nv, 2) in newtons of tractions and volume force.
+
+    Exact on straight sides and triangles, as both are affine; by quadrature on curved ones.
+    """
     element = mesh.element
     f = np.zeros_like(mesh.points)
     for traction in body.traction:
@@ -28,15 +32,41 @@ def nodal_loads(mesh: Mesh, body: BodySpec) -> np.ndarray:
         sides = turn_outward(mesh, boundary_group(mesh, traction.on, key), key)
         x, y = mesh.points[sides[:, :2]].transpose(2, 0, 1)
         length = np.hypot(*(np.diff(c, axis=1)[:, 0] for c in (x, y)))
+        bent, places, shares = curved_sides(mesh, sides)
+        length[bent] = 0.0
+        values = evaluate(traction.value, *places.transpose(2, 0, 1))
+        np.add.at(f, sides[bent], np.einsum("sql,csq->slc", shares, values))
         np.add.at(f, sides, np.einsum("s,la,csa->slc", length, element.side_mass, evaluate(traction.value, x, y)))
     if body.volume_force != (0.0, 0.0):
         corners = mesh.triangles[:, :3]
         x, y = mesh.points[corners].transpose(2, 0, 1)
         area = signed_double_areas(mesh.points, corners) / 2
+        area[mesh.curved] = 0.0
+        for cells in mesh.curved_blocks():
+            mapped = mesh.map(cells)
+            shares = TRIANGLE[1][:, None, None] * mapped.areas[..., None] * element.shapes(TRIANGLE[0])[:, None]
+            values = evaluate(body.volume_force, *mapped.places.transpose(2, 0, 1))
+            np.add.at(f, mesh.triangles[cells], np.einsum("qtk,cqt->tkc", shares, values))
         for component, force in enumerate(evaluate(body.volume_force, x, y)):
             parts = (area[:, None] * force) @ element.mass.T
             f[:, component] += np.bincount(mesh.triangles.ravel(), parts.ravel(), len(f))
     return f
+
+
+def curved_sides(mesh: Mesh, sides: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which of the `sides` (k, 2 or 3) are curved, and how to integrate along these s.
+
+    Returns
+    -------
+    bent : (s,) the places of the curved ones in `sides`
+    places : (s, q, 2) points on them (m)
+    shares : (s, q, 3) ∫ f φ_i is the sum of `shares` times f over the points (m)
+    """
+    at, weights = LINE
+    bent = np.flatnonzero(bends(mesh.points[sides]).any(axis=1))
+    nodes, phi = mesh.points[sides[bent]], shapes_on_side(at, sides.shape[1])
+    length = np.linalg.norm(tangents(nodes, at), axis=2)
+    return bent, np.einsum("ql,sld->sqd", phi, nodes), (weights * length)[..., None] * phi
 
 
 def clamp_nodes(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, np.ndarray]:

@@ -16,6 +16,7 @@ from scipy.linalg import qr
 
 from ddmpi.body.stiffness import Stiffness
 from ddmpi.errors import InputError
+from ddmpi.mesh.elements import TRIANGLE
 from ddmpi.mesh.mesh import Mesh, signed_double_areas
 
 LOOSE = 1e-16
@@ -105,7 +106,15 @@ def _centroid(mesh: Mesh) -> np.ndarray:
     corners = mesh.triangles[:, :3]
     area = signed_double_areas(mesh.points, corners)
     middle = mesh.points.mean(axis=0)
-    return middle + area @ (mesh.points[corners].mean(axis=1) - middle) / area.sum()
+    if not len(mesh.curved):
+        return middle + area @ (mesh.points[corners].mean(axis=1) - middle) / area.sum()
+    area[mesh.curved] = 0.0
+    total, moment = area.sum() / 2, area @ (mesh.points[corners].mean(axis=1) - middle) / 2
+    for cells in mesh.curved_blocks():
+        mapped = mesh.map(cells)
+        parts = TRIANGLE[1][:, None] * mapped.areas
+        total, moment = total + parts.sum(), moment + np.einsum("qt,qtd->d", parts, mapped.places - middle)
+    return middle + moment / total
 
 
 def near_null_space(points: np.ndarray, free: np.ndarray, comm) -> PETSc.NullSpace:

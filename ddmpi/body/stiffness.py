@@ -1,6 +1,7 @@
 """The stiffness of one body in 2 × 2 blocks, summed over its triangles without an intermediate matrix.
 
-The blocks of an element follow from the gradients of its barycentric coordinates by the tables of `elements`.
+The blocks of an element follow from the gradients of its barycentric coordinates by the tables of `elements`, those of
+curved triangles by quadrature.
 As K is symmetric, a pair of nodes is stored once, the lower node first. Sums go straight to their places,
 and the rows of the matrix come out sorted. Every step takes time in proportion to the mesh.
 """
@@ -13,6 +14,7 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
+from ddmpi.mesh.elements import TRIANGLE
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Material
 
@@ -107,9 +109,16 @@ def sum_stiffness(mesh: Mesh, material: Material) -> Stiffness:
     i, j = np.array([(i, i) for i in range(k)]
                     + [(i, j) for i in range(k) for j in range(i + 1, k) if weights[i, j].any()]).T
     own, pairs = slice(k), slice(k, None)
-    xx, yy, xy, yx = _element_entries(mesh, material, weights[i, j])
-
+    entries = _element_entries(mesh, material, weights[i, j])
     one, two = nodes[:, i[pairs]].T.ravel(), nodes[:, j[pairs]].T.ravel()
+    xx, yy, xy, yx = (each[pairs].ravel() for each in entries)
+    if len(mesh.curved):  # where pairs without an entry in straight triangles have one, too
+        rest = np.array([(a, b) for a in range(k) for b in range(a + 1, k) if not weights[a, b].any()]).T
+        bent = _curved_entries(mesh, material, *np.hstack([[i, j], rest]))
+        entries[:, :, mesh.curved] = bent[:, :len(i)]
+        one, two = (np.append(each, nodes[mesh.curved][:, ends].T) for each, ends in zip((one, two), rest, strict=True))
+        xx, yy, xy, yx = (np.append(each[pairs], more[len(i):]) for each, more in zip(entries, bent, strict=True))
+
     turned = one > two
     low, high = np.where(turned, two, one), np.where(turned, one, two)
     order = sort_stably(high, size)
@@ -122,12 +131,11 @@ def sum_stiffness(mesh: Mesh, material: Material) -> Stiffness:
 
     diagonal, upper = np.empty((size, 2, 2)), np.empty((len(first), 2, 2))
     node = nodes[:, i[own]].T.ravel()
-    for (r, c), entries in {(0, 0): xx, (1, 1): yy, (0, 1): xy}.items():
-        diagonal[:, r, c] = diagonal[:, c, r] = np.bincount(node, entries[own].ravel(), size)
-    xy, yx = xy[pairs].ravel(), yx[pairs].ravel()
-    for (r, c), entries in {(0, 0): xx[pairs].ravel(), (1, 1): yy[pairs].ravel(),
-                            (0, 1): np.where(turned, yx, xy), (1, 0): np.where(turned, xy, yx)}.items():
-        upper[:, r, c] = np.bincount(pair, entries, len(first))
+    for (r, c), values in {(0, 0): entries[0], (1, 1): entries[1], (0, 1): entries[2]}.items():
+        diagonal[:, r, c] = diagonal[:, c, r] = np.bincount(node, values[own].ravel(), size)
+    for (r, c), values in {(0, 0): xx, (1, 1): yy,
+                           (0, 1): np.where(turned, yx, xy), (1, 0): np.where(turned, xy, yx)}.items():
+        upper[:, r, c] = np.bincount(pair, values, len(first))
     return Stiffness(first, second, upper, diagonal)
 
 
@@ -137,7 +145,6 @@ def _element_entries(mesh: Mesh, material: Material, weights: np.ndarray) -> np.
     The blocks are `weights` (p, 3, 3) times those of the corners a, b as a linear triangle has them,
     |T| (λ g_a g_bᵀ + μ g_b g_aᵀ + μ (g_a · g_b) I) with g_a = ∇λ_a.
     """
-    first, shear = material.lame
     weights = weights.reshape(-1, 9)
     used = np.flatnonzero(weights.any(axis=0))
     one, two = np.divmod(used, 3)
@@ -150,10 +157,27 @@ def _element_entries(mesh: Mesh, material: Material, weights: np.ndarray) -> np.
         doubled = side[0, 0] * side[1, 1] - side[1, 0] * side[0, 1]
         x, y = np.stack([-side[1], side[0]]) / np.sqrt(2 * doubled)  # ∇λ √|T|
         xx, yy, xy, yx = x[one] * x[two], y[one] * y[two], x[one] * y[two], y[one] * x[two]
-        for entry, block in zip(entries, ((first + 2 * shear) * xx + shear * yy, (first + 2 * shear) * yy + shear * xx,
-                                          first * xy + shear * yx, first * yx + shear * xy), strict=True):
+        for entry, block in zip(entries, _blocks(material, xx, yy, xy, yx), strict=True):
             entry[:, part] = weights @ block
     return entries
+
+
+def _curved_entries(mesh: Mesh, material: Material, i: np.ndarray, j: np.ndarray) -> np.ndarray:
+    """Entries xx, yy, xy, yx of the blocks of pairs i, j (p,) of nodes in the curved triangles, (4, p, nc)."""
+    found = []
+    for cells in mesh.curved_blocks():
+        mapped = mesh.map(cells)
+        x, y = mapped.slopes * np.sqrt(TRIANGLE[1][:, None] * mapped.areas)[:, None]  # of which products are summed
+        found.append(_blocks(material, *(np.einsum("qpt,qpt->pt", one[:, i], two[:, j])
+                                         for one, two in ((x, x), (y, y), (x, y), (y, x)))))
+    return np.concatenate(found, axis=2)
+
+
+def _blocks(material: Material, xx: np.ndarray, yy: np.ndarray, xy: np.ndarray, yx: np.ndarray) -> tuple:
+    """Entries xx, yy, xy, yx of λ g hᵀ + μ h gᵀ + μ (g · h) I by those of the products g hᵀ."""
+    first, shear = material.lame
+    return ((first + 2 * shear) * xx + shear * yy, (first + 2 * shear) * yy + shear * xx,
+            first * xy + shear * yx, first * yx + shear * xy)
 
 
 def sort_stably(keys: np.ndarray, size: int) -> np.ndarray:

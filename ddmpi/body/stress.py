@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from ddmpi.mesh.elements import TRIANGLE
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Material
 
 CENTROID = np.array([[1.0, 1.0, 1.0]]) / 3
-"""Barycentric coordinates of the point where the stress of a triangle is its mean."""
+"""Barycentric coordinates of the point where the stress of a triangle with straight sides is its mean."""
 
 BLOCK = 8192
 """Triangles, or nodes, that are worked on at once, so that intermediate results stay in the processor's cache."""
@@ -25,7 +26,12 @@ def stress(mesh: Mesh, material: Material, u: np.ndarray) -> np.ndarray:
     -------
     (nt, 4) array of σ_xx, σ_yy, σ_zz, σ_xy in Pa; σ_zz is zero in plane stress. Not collective.
     """
-    xx, yy, xy = stress_at(mesh, material, u, CENTROID)[:, 0].T
+    sigma = stress_at(mesh, material, u, CENTROID)[:, 0]
+    for cells in mesh.curved_blocks():
+        parts = TRIANGLE[1][:, None] * mesh.map(cells).areas
+        sigma[cells] = np.einsum("qt,tqc->tc", parts / parts.sum(axis=0),
+                                 curved_stress(mesh, material, u, TRIANGLE[0], cells))
+    xx, yy, xy = sigma.T
     zz = material.poisson * (xx + yy) if material.plane == "strain" else np.zeros_like(xx)
     return np.column_stack([xx, yy, zz, xy])
 
@@ -65,7 +71,21 @@ def stress_at(mesh: Mesh, material: Material, u: np.ndarray, barycentric: np.nda
         trace = first * (exx + eyy)
         for k, component in enumerate((trace + 2 * shear * exx, trace + 2 * shear * eyy, shear * gxy)):
             sigma[block, :, k] = component.T
+    for cells in mesh.curved_blocks():
+        sigma[cells] = curved_stress(mesh, material, u, barycentric, cells)
     return sigma
+
+
+def curved_stress(mesh: Mesh, material: Material, u: np.ndarray, barycentric: np.ndarray,
+                  cells: np.ndarray) -> np.ndarray:
+    """`stress_at` (t, q, 3) in some triangles, numbers `cells` (t,), curved or not. Not collective."""
+    first, shear = material.lame
+    ux, uy = u.T[:, mesh.triangles[cells]].transpose(0, 2, 1)
+    slopes = mesh.map(cells, barycentric).slopes
+    (exx, exy), (eyx, eyy) = (np.einsum("dqkt,kt->dqt", slopes, each) for each in (ux, uy))
+    trace = first * (exx + eyy)
+    sigma = trace + 2 * shear * exx, trace + 2 * shear * eyy, shear * (exy + eyx)
+    return np.stack(sigma, axis=2).swapaxes(0, 1)
 
 
 def energy_density(material: Material, sigma: np.ndarray) -> np.ndarray:

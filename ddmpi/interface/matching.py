@@ -257,7 +257,7 @@ def _over_arcs(gap: np.ndarray, first: Side, second: Side, here: np.ndarray, the
                normal: np.ndarray) -> np.ndarray:
     """The gap (k,) between the boundaries that are meant, where `gap` is that between the nodes.
 
-    Corners lie on these boundaries, middles of quadratic sides on their chords.
+    Corners lie on these boundaries, middles of quadratic sides on their chords or, if they are curved, near them.
     """
     found = gap.copy()
     for side, places, outward in ((first, here, normal), (second, there, -normal)):
@@ -265,7 +265,7 @@ def _over_arcs(gap: np.ndarray, first: Side, second: Side, here: np.ndarray, the
         place[places] = np.arange(len(places))
         links = np.flatnonzero(place[side.links[:, -1]] >= 0) if len(side.edges) else np.empty(0, int)
         node = place[side.links[links, -1]]
-        found[node] -= side.bulge(links, np.full(len(links), 0.5), outward[node])
+        found[node] -= side.rises(links, outward[node])
     found[np.abs(found) <= NO_GAP * first.spacing[here]] = 0.0
     return found
 

@@ -21,7 +21,8 @@ from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface, Lines, Places
 from ddmpi.interface.law import law_of
 from ddmpi.interface.matching import DEEPEST, FACING, NO_GAP, initial_gap, is_held, pair
-from ddmpi.interface.side import Side
+from ddmpi.interface.side import Side, cross
+from ddmpi.mesh.elements import shapes_on_side as shapes
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
 from ddmpi.scene.values import Profile
 
@@ -47,9 +48,9 @@ class Cover:
 
     Attributes
     ----------
-    link, at : (q,) the slave's link of each point, and where on it, from 0 to 1
+    link, at : (q,) the slave's link of each point, and where on it, the parameter from 0 to 1
     other, there : (q,) the same of the point that it faces
-    weight : (q,) parts of the length (m)
+    weight : (q,) parts of the length along the slave's links (m)
     direction : (q, 2) unit normal along which the other side is looked for
     gap : (q,) distance along it of the boundaries that are meant (m)
     """
@@ -117,8 +118,9 @@ def mortar(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, n
 def cover(slave: Side, master: Side) -> Cover:
     """The part of the slave that faces the master, along its averaged normals. Not collective.
 
-    A piece of the slave faces what is nearest of the other side with a normal against its own. What lies behind the
-    slave counts as an overlap up to DEEPEST of the thinner body's depth; ahead, any distance counts.
+    Pieces, rays and gaps are found on chords; a point of a curved link stands upright on its chord, and faces what its
+    ray meets. A piece of the slave faces what is nearest of the other side with a normal against its own. What lies
+    behind the slave counts as an overlap up to DEEPEST of the thinner body's depth; ahead, any distance counts.
     """
     points, weights = np.polynomial.legendre.leggauss(POINTS)
     outward, theirs, own = slave.outward, master.outward, slave.xy[slave.links[:, :2]]
@@ -139,7 +141,7 @@ def cover(slave: Side, master: Side) -> Cover:
             ray = fan + at[:, None] * turn
             ray /= np.linalg.norm(ray, axis=1, keepdims=True)
             away = corners[one, 0] - (start[k] + at[:, None] * along[k])
-            there = -_cross(away, ray) / _cross(across[one], ray)
+            there = -cross(away, ray) / cross(across[one], ray)
             return there, np.einsum("qi,qi->q", away + there[:, None] * across[one], ray), ray
 
         cuts = _projected(corners[candidates].reshape(-1, 2) - start[k], along[k], fan, turn)
@@ -155,18 +157,22 @@ def cover(slave: Side, master: Side) -> Cover:
         one = np.repeat(candidates[nearest[met]], POINTS)
         there, distance, ray = meet(at, one)
         weight = (length[k] * (high - low)[met, None] * weights / 2).ravel()
-        found.append((np.full(len(at), k), at, one, np.clip(there, 0.0, 1.0), weight, ray, distance))
+        found.append((np.full(len(at), k), at, one, there, weight, ray, distance))
     if not found:
         none, empty = np.empty(0, int), np.empty(0)
         return Cover(none, empty, none, empty, empty, np.empty((0, 2)), empty)
     link, at, other, there, weight, direction, distance = (np.concatenate(each) for each in zip(*found, strict=True))
-    bulges = slave.bulge(link, at, direction) + master.bulge(other, there, -direction)
-    return Cover(link, at, other, there, weight, direction, distance - bulges)
+    facing = np.clip(there, 0.0, 1.0)
+    gap = distance - (slave.bulge(link, at, direction) + master.bulge(other, facing, -direction))
+    height, ratio = slave.off_chords(link, at)
+    there = there + height * cross(outward[link], direction) / cross(across[other], direction)
+    facing = master.parameters(other, np.clip(there, 0.0, 1.0), direction)
+    return Cover(link, slave.parameters(link, at, outward[link]), other, facing, weight * ratio, direction, gap)
 
 
 def _swept(segments: np.ndarray, link: np.ndarray, fan: np.ndarray) -> np.ndarray:
     """Whether rays from a link (2, 2), with directions (2, 2) at its ends, can meet the lines of segments (c, 2, 2)."""
-    beside = np.stack([_cross(ray, segments - end) for end, ray in zip(link, fan, strict=True)])
+    beside = np.stack([cross(ray, segments - end) for end, ray in zip(link, fan, strict=True)])
     slack = TOUCHING * np.linalg.norm(link[1] - link[0])
     return ~((beside < -slack).all(axis=(0, 2)) | (beside > slack).all(axis=(0, 2)))
 
@@ -179,15 +185,15 @@ def _hidden(segments: np.ndarray, link: np.ndarray, at: np.ndarray, distance: np
     across, length = segments[:, 1] - segments[:, 0], np.linalg.norm(link[1] - link[0])
     away = segments[:, 0] - (link[0] + at[:, None] * (link[1] - link[0]))[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
-        there = -_cross(away, ray) / _cross(across, ray)
+        there = -cross(away, ray) / cross(across, ray)
         t = np.einsum("qoi,qoi->qo", away + there[:, :, None] * across, np.broadcast_to(ray, away.shape))
         return ((there > 0.0) & (there < 1.0) & (t > TOUCHING * length) & (t < distance[:, None])).any(axis=1)
 
 
 def _projected(points: np.ndarray, along: np.ndarray, fan: np.ndarray, turn: np.ndarray) -> np.ndarray:
     """Where on a link, from 0 to 1, it is cut: at its ends, and where rays fan + ξ turn from it hit `points` (c, 2)."""
-    a = -_cross(along, turn)
-    b, c = _cross(points, turn) - _cross(along, fan), _cross(points, fan)
+    a = -cross(along, turn)
+    b, c = cross(points, turn) - cross(along, fan), cross(points, fan)
     with np.errstate(divide="ignore", invalid="ignore"):
         q = -(b + np.where(b < 0.0, -1.0, 1.0) * np.sqrt(b * b - 4.0 * a * c)) / 2.0
         roots = np.concatenate([c / q, q / a])
@@ -196,20 +202,13 @@ def _projected(points: np.ndarray, along: np.ndarray, fan: np.ndarray, turn: np.
     return np.append(cuts[:-1], 1.0)
 
 
-def shapes(at: np.ndarray, number: int) -> np.ndarray:
-    """The shape functions (q, 2 or 3) of a side's ends and middle at its parameters (q,), from 0 to 1."""
-    if number == 2:
-        return np.column_stack([1.0 - at, at])
-    return np.column_stack([(1.0 - at) * (1.0 - 2.0 * at), at * (2.0 * at - 1.0), 4.0 * at * (1.0 - at)])
-
-
 def duals(side: Side, over: Cover) -> tuple[np.ndarray, np.ndarray]:
     """The weighted dual functions w ψ (q, 2 or 3) of each point's link, and shape functions φ, for the slave.
 
     ∫ ψ_j φ_k = δ_jk ∫ φ_j over the covered part of a link. Of a sliver only the nearest corner has a function.
     """
     phi = shapes(over.at, side.links.shape[1])
-    weighted, length = np.zeros_like(phi), np.linalg.norm(side.along, axis=1)
+    weighted, length = np.zeros_like(phi), side.lengths
     starts = np.flatnonzero(np.diff(over.link, prepend=-1))
     for part in np.split(np.arange(len(over.link)), starts[1:]):
         w, f = over.weight[part], phi[part]
@@ -277,7 +276,7 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
     weighted, phi = duals(side, over)
     nodes = side.links[over.link]
     share = np.bincount(over.link, over.weight, len(side.links))
-    length = np.linalg.norm(side.along, axis=1)
+    length = side.lengths
     D = np.bincount(nodes.ravel(), weighted.ravel(), len(side.nodes))
     root = _merged(side, over, D)
     shown = np.flatnonzero(root >= 0)
@@ -364,7 +363,7 @@ def _normals(side: Side, some: np.ndarray) -> np.ndarray:
     fans = side.fans[some]
     if side.links.shape[1] == 3:
         fans = np.concatenate([fans, _unit(fans.sum(axis=1))[:, None]], axis=1)
-    total, length = np.zeros_like(side.xy), np.linalg.norm(side.along[some], axis=1)
+    total, length = np.zeros_like(side.xy), side.lengths[some]
     np.add.at(total, side.links[some], length[:, None, None] * fans)
     return _unit(total)
 
@@ -394,7 +393,3 @@ def _used(nodes: np.ndarray, transfer: sparse.csr_matrix) -> tuple[np.ndarray, s
 def _unit(vectors: np.ndarray) -> np.ndarray:
     size = np.linalg.norm(vectors, axis=1, keepdims=True)
     return vectors / np.where(size > 0.0, size, 1.0)
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

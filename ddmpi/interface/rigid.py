@@ -74,15 +74,16 @@ def _surface(rigid: Plane | Circle, side: Side) -> tuple[np.ndarray, np.ndarray]
 
 
 def _bulge(side: Side, outward: np.ndarray) -> np.ndarray:
-    """How far (k,) a curved boundary stands closer to the surface than the middles of its straight sides do.
+    """How far (k,) a curved boundary stands closer to the surface than the middles of its sides do.
 
-    Corners lie on the boundary that is meant, middles on the chord. The slopes at the ends of a chord give its arc,
-    exactly where the boundary is a circle. At an end of the boundary, or a sharp corner, the other end's slope counts.
+    Corners lie on the boundary that is meant, middles on the chord or, if the side is curved, near that boundary. The
+    slopes at the ends of a chord give its arc, exactly where the boundary is a circle. At an end of the boundary, or a
+    sharp corner, the other end's slope counts.
     """
     found = np.zeros(len(side.nodes))
     if not len(side.edges):
         return found
     middle, outer = side.links[:, 2], side.outward
     arrow = 0.5 * np.linalg.norm(side.along, axis=1) * np.tan(side.slopes.sum(axis=1) / 4)
-    found[middle] = -arrow * np.einsum("ij,ij->i", outer, outward[middle])
+    found[middle] = (side.heights - arrow) * np.einsum("ij,ij->i", outer, outward[middle])
     return found

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ddmpi.mesh.boundary import segments, turn_outward
-from ddmpi.mesh.elements import ELEMENTS, Element
+from ddmpi.mesh.elements import bends, side_lengths, side_shares
 from ddmpi.mesh.mesh import Mesh
 
 SHARPEST = np.deg2rad(40.0)
@@ -31,10 +31,11 @@ class Side:
     modulus : plane modulus E/(1 − ν²) of the body (Pa)
     nodes : (k,) mesh node numbers
     xy : (k, 2) positions (m)
-    normal : (k, 2) outer unit normals, averaged over the adjacent edges with their lengths
+    normal : (k, 2) outer unit normals, averaged over the adjacent edges with their lengths; of curved edges those at
+        the node itself
     area : (k,) nodal lengths (m): the integral of the node's shape function along the boundary, so that
         a constant stress times them gives its nodal forces. Half the adjacent edges in order 1; in order 2
-        two thirds of its edge for a middle, a sixth of the adjacent edges for a corner
+        two thirds of its edge for a middle, a sixth of the adjacent edges for a corner, where these are straight
     free : (k, 2) bool, components that are not clamped
     extent : (2,) width and height of the body (m)
     joined : (k − 1,) bool, whether a node and the next one are neighbours; where not, another chain begins
@@ -60,12 +61,27 @@ class Side:
 
     @property
     def along(self) -> np.ndarray:
-        """(ns, 2) from the first end of each link to the second (m)."""
+        """(ns, 2) from the first end of each link to the second: its chord (m)."""
         return self.xy[self.links[:, 1]] - self.xy[self.links[:, 0]]
 
     @property
+    def bends(self) -> np.ndarray:
+        """(ns, 2) how far the middle of each link is off that of its chord (m); zero if it is straight."""
+        return bends(self.xy[self.links])
+
+    @property
+    def heights(self) -> np.ndarray:
+        """(ns,) the same, as far as it is outward (m)."""
+        return np.einsum("ij,ij->i", self.bends, self.outward)
+
+    @property
+    def lengths(self) -> np.ndarray:
+        """(ns,) arc lengths of the links (m)."""
+        return side_lengths(self.xy[self.links])
+
+    @property
     def outward(self) -> np.ndarray:
-        """(ns, 2) outer unit normal of each link."""
+        """(ns, 2) outer unit normal of each link's chord."""
         return turn_right(self.along) / np.linalg.norm(self.along, axis=1, keepdims=True)
 
     @property
@@ -83,7 +99,8 @@ class Side:
         Where the boundary turns from one link to the next, the links share the turn as arcs of one circle would: their
         sines go as the lengths. A link that is straight at its other end leaves all of it to its neighbour; two such
         links meet in a corner, and so do links at an angle above SHARPEST. At a sharp corner and at an end of the
-        boundary, the slope of the other end counts, mirrored.
+        boundary, the slope of the other end counts, mirrored; where both ends are such, that of the link itself, if it
+        is curved.
         """
         return self._slopes()[0]
 
@@ -111,13 +128,13 @@ class Side:
         node, b, a, turn = node[smooth], b[smooth], a[smooth], turn[smooth]
         part = np.arctan2(length[b] * np.sin(turn), length[a] + length[b] * np.cos(turn))
         flat = [np.abs(turns[other]) <= FLAT * np.abs(turn) for other in (ends[b, 0], ends[a, 1])]
-        shared = np.full((len(ends), 2), np.nan)
+        shared, own = np.full((len(ends), 2), np.nan), np.arctan(4.0 * self.heights / length)[:, None]
         shared[b, 1], shared[a, 0] = part, turn - part
         curved = shared.copy()
         curved[b, 1] = np.where(flat[0], 0.0, np.where(flat[1], turn, part))
         curved[a, 0] = np.where(flat[1], 0.0, np.where(flat[0], turn, turn - part))
         curved = np.where(np.isnan(curved), curved[:, ::-1], curved)
-        curved = np.where(np.isnan(curved), 0.0, curved)
+        curved = np.where(np.isnan(curved), own, curved)
         return curved, np.where(np.isnan(shared), curved, shared)
 
     def bulge(self, links: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
@@ -143,18 +160,52 @@ class Side:
         across = np.einsum("qi,qi->q", direction, self.outward[links])
         return length * cubic * arc / (across - rise * np.einsum("qi,qi->q", direction, along) / length)
 
+    def rises(self, links: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """How far (q,) the boundary that is meant stands off the middles of `links` (q,), along vectors (q, 2) (m)."""
+        along, bent = self.along[links], self.bends[links]
+        aside = np.einsum("qi,qi->q", bent, along) / np.einsum("qi,qi->q", along, along)
+        across = np.einsum("qi,qi->q", self.outward[links], direction)
+        return self.bulge(links, 0.5 + aside, direction) - self.heights[links] * across
+
+    def parameters(self, links: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """The parameters t (q,) where lines through chords meet the links themselves.
+
+        Parameters
+        ----------
+        links : (q,)
+        at : (q,) where on the chord, from 0 at its first end to 1 at the second; t is the same on straight links
+        direction : (q, 2) of the line
+
+        The link is x(t) = chord(t) + 4 t (1 − t) bend; so t + 4 t (1 − t) δ = `at`, δ = bend × line / chord × line.
+        """
+        bent, along = self.bends[links], self.along[links]
+        delta = cross(bent, direction) / cross(along, direction)
+        return 2.0 * at / (1.0 + 4.0 * delta + np.sqrt((1.0 + 4.0 * delta) ** 2 - 16.0 * delta * at))
+
+    def off_chords(self, links: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far (q,) links themselves are off their chords (m), and their length over the chord's (q,), at places.
+
+        Upright on the chords of `links` (q,), at `at` (q,) from 0 to 1.
+        """
+        outward, along = self.outward[links], self.along[links]
+        t, length = self.parameters(links, at, outward), np.linalg.norm(along, axis=1)
+        height = 4.0 * np.einsum("qi,qi->q", self.bends[links], outward)
+        aside = 4.0 * np.einsum("qi,qi->q", self.bends[links], along) / length
+        slope = height * (1.0 - 2.0 * t) / (length + aside * (1.0 - 2.0 * t))
+        return height * t * (1.0 - t), np.sqrt(1.0 + slope**2)
+
     def lengths_over(self, some: np.ndarray) -> np.ndarray:
         """Nodal lengths (k,) over some of the links (ns,) bool: integrals of the shape functions (m)."""
-        lengths, total = np.linalg.norm(self.along, axis=1), np.zeros(len(self.nodes))
-        for column, weight in zip(self.links.T, _element(self.links).side_weights, strict=True):
-            np.add.at(total, column[some], weight * lengths[some])
+        shares, total = side_shares(self.xy[self.links]), np.zeros(len(self.nodes))
+        for column, share in zip(self.links.T, shares.T, strict=True):
+            np.add.at(total, column[some], share[some])
         return total
 
     def normals_over(self, some: np.ndarray) -> np.ndarray:
         """Outer unit normals (k, 2) averaged over some of the links (ns,) bool; those of the side away from these."""
-        across, total = turn_right(self.along), np.zeros_like(self.normal)
-        for column in self.links.T:
-            np.add.at(total, column[some], across[some])
+        across, total = _across(self.xy[self.links]), np.zeros_like(self.normal)
+        for column, each in zip(self.links.T, across, strict=True):
+            np.add.at(total, column[some], each[some])
         size = np.linalg.norm(total, axis=1, keepdims=True)
         return np.where(size > 0.0, total / np.where(size > 0.0, size, 1.0), self.normal)
 
@@ -178,13 +229,11 @@ def contact_side(mesh: Mesh, edges: np.ndarray, free: np.ndarray, body: str, mod
     edges = turn_outward(mesh, edges, key)
     neighbours = segments(edges)
     nodes = _order(neighbours, mesh.points)
-    along = mesh.points[edges[:, 1]] - mesh.points[edges[:, 0]]
-    lengths = np.linalg.norm(along, axis=1)
-    outward = turn_right(along)
+    sides = mesh.points[edges]
     length, normal = np.zeros(len(mesh.points)), np.zeros_like(mesh.points)
-    for column, weight in enumerate(ELEMENTS[mesh.triangles.shape[1]].side_weights):
-        np.add.at(length, edges[:, column], weight * lengths)
-        np.add.at(normal, edges[:, column], outward)
+    for column, share, outward in zip(edges.T, side_shares(sides).T, _across(sides), strict=True):
+        np.add.at(length, column, share)
+        np.add.at(normal, column, outward)
     normal = normal[nodes] / np.linalg.norm(normal[nodes], axis=1, keepdims=True)
     size = len(mesh.points)
     joined = np.isin(_keys(nodes[:-1], nodes[1:], size), _keys(neighbours[:, 0], neighbours[:, 1], size))
@@ -195,8 +244,15 @@ def contact_side(mesh: Mesh, edges: np.ndarray, free: np.ndarray, body: str, mod
                 np.ptp(mesh.points, axis=0), joined, links[np.argsort(links[:, -1])])
 
 
-def _element(links: np.ndarray) -> Element:
-    return ELEMENTS[3 * links.shape[1] - 3]
+def _across(sides: np.ndarray) -> list[np.ndarray]:
+    """Outer normals (s, 2) at each node of sides (s, 2 or 3, 2), as long as dx/dt (m): six times ∫ φ n at an end."""
+    along, bent = sides[:, 1] - sides[:, 0], 4.0 * bends(sides)
+    return [turn_right(each) for each in (along + bent, along - bent, along)[:sides.shape[1]]]
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The cross products (…) of vectors (…, 2)."""
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 def _keys(a: np.ndarray, b: np.ndarray, size: int) -> np.ndarray:

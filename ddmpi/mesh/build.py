@@ -11,7 +11,7 @@ from typing import Literal
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group
-from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.mesh import Mesh, refuse_folded
 from ddmpi.mesh.read import file_order, read_mesh
 from ddmpi.mesh.refine import halve, raise_order
 from ddmpi.mesh.shapes import generate_annulus, generate_quadrilateral, generate_rectangle
@@ -28,11 +28,13 @@ def build_mesh(body: BodySpec, folder: Path = Path(".")) -> Mesh:
     Not collective. Raises InputError.
     """
     spec = body.mesh
-    mesh = SHAPES[spec.shape](spec) if spec.shape else read_mesh(locate_mesh(body, folder), body.name)
+    key = f"body.{body.name}.mesh"
+    mesh = SHAPES[spec.shape](spec) if spec.shape else read_mesh(locate_mesh(body, folder), body.name, spec.order or 1)
     for _ in range(spec.halvings):
-        mesh = halve(mesh, f"body.{body.name}.mesh")
-    if spec.order == 2:
-        mesh = raise_order(mesh, f"body.{body.name}.mesh")
+        mesh = halve(mesh, key)
+    if spec.order == 2 and mesh.order == 1:
+        mesh = raise_order(mesh, key)
+    refuse_folded(mesh, key)
     for key, names in (("clamp", [c.on for c in body.clamps]), ("traction", [t.on for t in body.traction])):
         for name in names:
             boundary_group(mesh, name, f"body.{body.name}.{key}")

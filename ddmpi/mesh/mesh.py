@@ -1,16 +1,24 @@
 """The mesh of one body: nodes, triangles and named boundary groups.
 
-Triangles have straight sides. Triangles of order 2 also have a node at the middle of each side
-(`refine.raise_order` adds them).
+Triangles of order 2 also have a node at the middle of each side (`refine.raise_order` adds them). Where it is off the
+midpoint of the chord, the side is curved: the parabola through its three nodes.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from ddmpi.mesh.elements import ELEMENTS, Element
+from ddmpi.errors import InputError
+from ddmpi.mesh.elements import ELEMENTS, TRIANGLE, Element, Mapped, bends
+
+SIDES = np.array([[0, 1, 3], [1, 2, 4], [2, 0, 5]])
+"""Ends and middles of the sides of a triangle of order 2."""
+
+BLOCK = 2048
+"""Curved triangles that are worked on at a time, so that their data stay in the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +54,31 @@ class Mesh:
         return ELEMENTS[self.triangles.shape[1]]
 
     @property
+    def bends(self) -> np.ndarray:
+        """(nt, 3, 2) how far the middles of the sides are off the midpoints of the chords (m); zero if straight."""
+        return bends(self.points[self.triangles[:, SIDES[:, :self.order + 1]]])
+
+    @cached_property
+    def curved(self) -> np.ndarray:
+        """(nc,) the numbers of the triangles that have a curved side."""
+        return np.flatnonzero(self.bends.any(axis=(1, 2))) if self.order == 2 else np.empty(0, int)
+
+    def curved_blocks(self) -> list[np.ndarray]:
+        """The numbers of the curved triangles, BLOCK at a time."""
+        return [self.curved[start:start + BLOCK] for start in range(0, len(self.curved), BLOCK)]
+
+    def map(self, cells: np.ndarray, barycentric: np.ndarray = TRIANGLE[0]) -> Mapped:
+        """Some triangles, numbers `cells` (t,), at the points `barycentric` (q, 3) of each, curved or not."""
+        return self.element.map(self.points[self.triangles[cells]], barycentric)
+
+    def areas(self) -> np.ndarray:
+        """(nt,) of the triangles (m²)."""
+        found = signed_double_areas(self.points, self.triangles) / 2
+        for cells in self.curved_blocks():
+            found[cells] = TRIANGLE[1] @ self.map(cells).areas
+        return found
+
+    @property
     def extent(self) -> float:
         """Diagonal of the bounding box (m)."""
         return float(np.linalg.norm(np.ptp(self.points, axis=0)))
@@ -55,3 +88,13 @@ def signed_double_areas(points: np.ndarray, triangles: np.ndarray) -> np.ndarray
     """Twice the signed area (nt,) of each triangle (m²)."""
     a, b, c = (points[triangles[:, i]] for i in range(3))
     return (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+
+
+def refuse_folded(mesh: Mesh, key: str) -> None:
+    """Raise InputError, naming `key`, where a curved triangle is not mapped one to one. Not collective."""
+    for cells in mesh.curved_blocks():
+        least = mesh.map(cells, np.concatenate([TRIANGLE[0], np.eye(3)])).areas.min(axis=0)
+        if (least <= 0.0).any():
+            x, y = mesh.points[mesh.triangles[cells[np.argmin(least)]]].mean(axis=0)
+            raise InputError(f"{key}: the curved triangle at ({x:.6g}, {y:.6g}) folds: its sides are bent too much for "
+                             "its size (gmsh: a smaller size there, or Mesh.HighOrderOptimize = 2)")

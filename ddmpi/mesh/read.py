@@ -11,14 +11,16 @@ from typing import Literal
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.mesh import Mesh, signed_double_areas
+from ddmpi.mesh.mesh import SIDES, Mesh, signed_double_areas
+from ddmpi.mesh.refine import bend, raise_order
 from ddmpi.system import interrupt
 
 TRIANGLES, LINES = ("triangle", "triangle6"), ("line", "line3")
-"""The element types, in meshio's words, that are read; those of second order must have straight sides."""
+"""The element types, in meshio's words, that are read."""
 
 STRAIGHT = 1e-6
-"""How far the middle node of a straight side may lie from the side's midpoint, as a fraction of the side."""
+"""How far the middle node of a straight side may lie from the side's midpoint, as a fraction of the side; it then
+becomes the midpoint."""
 
 PLANE = 1e-9
 """How far the z coordinates of a plane mesh may differ, as a fraction of its extent."""
@@ -27,10 +29,11 @@ FLAT = 1e-14
 """A triangle has no area if it is smaller than this fraction of the largest one."""
 
 
-def read_mesh(path: Path, body: str) -> Mesh:
-    """Read triangles and boundary lines with physical groups from a mesh file, as a mesh of order 1.
+def read_mesh(path: Path, body: str, order: Literal[1, 2] = 1) -> Mesh:
+    """Read triangles and boundary lines with physical groups from a mesh file, as a mesh of the `order`.
 
-    Second-order elements must have straight sides; only their corners are kept. In formats without names of
+    In order 2 the sides of second-order elements are curved as they are in the file; in order 1 only corners are kept.
+    Sides of first-order elements are straight. In formats without names of
     groups (MSH 1.0) a group is called by its number. Not collective. Raises InputError for a file that neither
     meshio nor gmsh can read, that has other elements or no named boundary groups, or that is degenerate.
     """
@@ -41,7 +44,8 @@ def read_mesh(path: Path, body: str) -> Mesh:
         raise InputError(f"{label} has elements of type {', '.join(other)}; "
                          "only triangles and boundary lines of first or second order are supported (gmsh makes "
                          "triangles where neither Recombine nor Mesh.RecombineAll asks for others)")
-    triangles = _distinct(np.concatenate([_corners(raw, kind, 3, label) for kind in TRIANGLES]))
+    triangles = np.concatenate([_elements(raw, kind, 3) for kind in TRIANGLES])
+    triangles = triangles[_distinct(triangles[:, :3])]
     if len(triangles) == 0:
         raise InputError(f"{label} has no triangles; gmsh saves only elements in physical groups: "
                          'Physical Surface("body") = {1};')
@@ -51,7 +55,8 @@ def read_mesh(path: Path, body: str) -> Mesh:
         raise InputError(f"{label} is not plane (its z coordinates differ)")
     groups = _line_groups(raw, label)
 
-    used, renumbered = np.unique(triangles, return_inverse=True)
+    bends = _bends(raw.points[:, :2], triangles) if order == 2 else None
+    used, renumbered = np.unique(triangles[:, :3], return_inverse=True)
     number = np.full(len(raw.points), -1)
     number[used] = np.arange(len(used))
     points, triangles = np.asarray(raw.points[used, :2], float), renumbered.reshape(-1, 3)
@@ -61,8 +66,13 @@ def read_mesh(path: Path, body: str) -> Mesh:
     doubled = signed_double_areas(points, triangles)
     if np.abs(doubled).min() <= FLAT * np.abs(doubled).max():
         raise InputError(f"{label} has triangles without area")
-    triangles[doubled < 0] = triangles[doubled < 0][:, [0, 2, 1]]
-    return Mesh(points, triangles, groups)
+    turned = doubled < 0
+    triangles[turned] = triangles[turned][:, [0, 2, 1]]
+    mesh = Mesh(points, triangles, groups)
+    if bends is None:
+        return mesh
+    bends[turned] = bends[turned][:, [2, 1, 0]]
+    return bend(raise_order(mesh, f"body.{body}.mesh"), bends)
 
 
 def file_order(path: Path, body: str) -> Literal[1, 2]:
@@ -129,26 +139,29 @@ def _line_groups(raw, label: str) -> dict[str, np.ndarray]:
     sets = raw.cell_sets_dict  # of version 4 files, where an element may be in several groups
     groups: dict[str, list[np.ndarray]] = {name: [] for name in tags.values()}
     for kind in LINES:
-        lines = _corners(raw, kind, 2, label)
+        lines = _elements(raw, kind, 2)[:, :2]
         physical = raw.cell_data_dict.get("gmsh:physical", {}).get(kind, np.empty(0, int))
         for tag, name in tags.items():
             groups[name].append(lines[sets[name].get(kind, []) if name in sets else np.flatnonzero(physical == tag)])
-    return {name: _distinct(np.concatenate(lines)) for name, lines in groups.items()}
+    joined = {name: np.concatenate(lines) for name, lines in groups.items()}
+    return {name: lines[_distinct(lines)] for name, lines in joined.items()}
 
 
 def _distinct(elements: np.ndarray) -> np.ndarray:
-    """Each element once, in the given order: up to version 2 a file repeats it for each group that it is in."""
-    return elements[np.sort(np.unique(np.sort(elements, axis=1), axis=0, return_index=True)[1])]
+    """The places of different elements: up to version 2 a file repeats one for each group that it is in."""
+    return np.sort(np.unique(np.sort(elements, axis=1), axis=0, return_index=True)[1])
 
 
-def _corners(raw, kind: str, corners: int, label: str) -> np.ndarray:
-    """The corners (k, 3) or ends (k, 2) of the elements of one type. Raises InputError where sides are curved."""
+def _elements(raw, kind: str, corners: int) -> np.ndarray:
+    """Elements (k, 6) or (k, 3) of one type: their corners or ends, and the middles of their sides, −1 if none."""
     nodes = raw.cells_dict.get(kind, np.empty((0, corners), int)).astype(np.int64)
-    for i, middle in enumerate(nodes.T[corners:]):
-        start, end = raw.points[nodes[:, i]], raw.points[nodes[:, (i + 1) % corners]]
-        off = np.linalg.norm(raw.points[middle] - (start + end) / 2, axis=1)
-        if (off > STRAIGHT * np.linalg.norm(end - start, axis=1)).any():
-            x, y = start[np.argmax(off)][:2]
-            raise InputError(f"{label} has curved elements, as at ({x:.6g}, {y:.6g}); sides must be straight, with "
-                             "the middle nodes on their midpoints: Mesh.SecondOrderLinear = 1; in gmsh")
-    return nodes[:, :corners]
+    missing = (6 if corners == 3 else 3) - nodes.shape[1]
+    return np.pad(nodes, ((0, 0), (0, missing)), constant_values=-1)
+
+
+def _bends(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """How far (k, 3, 2) the middles of triangles (k, 6) are off those of their sides, if by more than STRAIGHT (m)."""
+    start, end, middle = (points[triangles[:, each]] for each in SIDES.T)
+    off = middle - (start + end) / 2
+    far = np.linalg.norm(off, axis=2) > STRAIGHT * np.linalg.norm(end - start, axis=2)
+    return np.where((far & (triangles[:, 3:] >= 0))[..., None], off, 0.0)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import segments
-from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.mesh import SIDES, Mesh
 
 
 def raise_order(mesh: Mesh, key: str) -> Mesh:
@@ -31,13 +33,30 @@ def raise_order(mesh: Mesh, key: str) -> Mesh:
     return Mesh(points, np.column_stack([mesh.triangles, size + number.reshape(-1, 3)]), groups)
 
 
-def halve(mesh: Mesh, key: str) -> Mesh:
-    """The mesh of order 1 with every side halved and every triangle cut into four similar ones.
+def bend(mesh: Mesh, bends: np.ndarray) -> Mesh:
+    """The mesh of order 2 with the middles of sides off the midpoints of their chords by `bends` (nt, 3, 2) (m).
 
-    Not collective. Raises InputError as `raise_order` does.
+    Where both triangles at a side give it, they give the same; zero means that the other one's counts.
     """
-    fine = raise_order(mesh, key)
+    bent, points = bends.any(axis=2), mesh.points.copy()
+    sides = mesh.triangles[:, SIDES][bent]
+    points[sides[:, 2]] = (points[sides[:, 0]] + points[sides[:, 1]]) / 2 + bends[bent]
+    return replace(mesh, points=points)
+
+
+def halve(mesh: Mesh, key: str) -> Mesh:
+    """The mesh of the same order with every side halved and every triangle cut into four.
+
+    Curved triangles are cut where the map of the triangle has them; new middles are at the quarters of old sides. There
+    the parabola is a quarter of its height off the chords of its halves, and so are the sides inside of a triangle that
+    are opposite. Not collective. Raises InputError as `raise_order` does.
+    """
+    fine = raise_order(mesh, key) if mesh.order == 1 else mesh
     a, b, c, ab, bc, ca = fine.triangles.T
     parts = np.stack([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]])
     triangles = parts.transpose(2, 0, 1).reshape(-1, 3)
-    return Mesh(fine.points, triangles, {name: segments(edges) for name, edges in fine.groups.items()})
+    halved = Mesh(fine.points, triangles, {name: segments(edges) for name, edges in fine.groups.items()})
+    if mesh.order == 1:
+        return halved
+    old = mesh.bends
+    return bend(raise_order(halved, key), np.stack([old, old, old, old[:, [2, 0, 1]]], axis=1).reshape(-1, 3, 2) / 4)

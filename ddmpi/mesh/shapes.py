@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.mesh import SIDES, Mesh
+from ddmpi.mesh.refine import raise_order
 from ddmpi.scene.bodies import MeshSpec
 
 
@@ -38,16 +41,25 @@ def generate_annulus(spec: MeshSpec) -> Mesh:
     """A part of a ring, counter-clockwise from ``start`` to ``end`` between ``inner`` and ``outer``.
 
     These groups are the four sides of a grid: the radius grows along its first direction, the angle along its second.
-    A whole ring has neither start nor end. Sides of triangles are chords of the circles. Not collective.
+    A whole ring has neither start nor end. Sides of triangles are chords of the circles in order 1; in order 2 their
+    middles are at the mean radius and angle of their ends, so that those on the circles are parabolas that nearly are
+    arcs. Not collective.
     """
     assert spec.divisions and spec.center and spec.radii and spec.angles
     around, across = spec.divisions
     parameters, triangles, sides = _grid(across, around, closed=spec.closed)
-    radius = _between(*spec.radii, parameters[:, 0])
-    points = np.array(spec.center) + radius[:, None] * _directions(_between(*spec.angles, parameters[:, 1]))
     names = {"left": "inner", "right": "outer", "bottom": "start", "top": "end"}
-    return Mesh(points, triangles, {name: sides[side] for side, name in names.items()
-                                    if not (spec.closed and side in ("bottom", "top"))})
+    mesh = Mesh(parameters, triangles, {name: sides[side] for side, name in names.items()
+                                        if not (spec.closed and side in ("bottom", "top"))})
+    if spec.order == 2:
+        mesh = raise_order(mesh, "")
+        if spec.closed:  # sides from the last nodes to the first go on to a whole turn
+            start, end, middle = mesh.triangles[:, SIDES].reshape(-1, 3).T
+            over = np.abs(parameters[start, 1] - parameters[end, 1]) > 0.5
+            mesh.points[np.unique(middle[over]), 1] += 0.5
+    radius = _between(*spec.radii, mesh.points[:, 0])
+    points = np.array(spec.center) + radius[:, None] * _directions(_between(*spec.angles, mesh.points[:, 1]))
+    return replace(mesh, points=points)
 
 
 def _grid(nx: int, ny: int, closed: bool = False) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ddmpi.errors import OutputError
 from ddmpi.interface.state import ContactState
+from ddmpi.mesh.elements import side_lengths
 
 CONTACT = ("x", "y", "nx", "ny", "length", "normal_force", "tangential_force", "normal_stress", "tangential_stress",
            "gap", "slip", "slip_total", "status")
@@ -49,13 +50,13 @@ def write_sides(path: Path, name: str, state: ContactState) -> None:
     """Write contact_NAME_sides.csv into the folder `path`: mean stresses over the sides of quadratic elements.
 
     Nodal stresses oscillate between corners and middles where a contact is curved or ends; their means over sides,
-    by Simpson's rule, do not. A line holds the middle of a side and its length; sides with a node that carries no
+    by Simpson's rule, do not. A line holds the middle of a side and its arc length; sides with a node that carries no
     force are left out. Linear elements have no such file. Not collective. Raises OutputError.
     """
     xy, (start, end, middle) = state.interface.xy, state.interface.edges.T
     if len(middle) == 0:
         return
-    length = np.linalg.norm(xy[end] - xy[start], axis=1)
+    length = side_lengths(xy[state.interface.edges])
     means = ((stress[start] + 4 * stress[middle] + stress[end]) / 6 for stress in (state.pressure, state.shear.ravel()))
     _write_csv(path / f"contact_{name}_sides.csv", SIDES, zip(*xy[middle].T, length, *means, strict=True))
 

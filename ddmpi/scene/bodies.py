@@ -30,9 +30,9 @@ class MeshSpec(Table, frozen=True, kw_only=True):
     A rectangle has ``origin`` and ``size``, a convex quadrilateral four ``corners`` (counter-clockwise), an annulus
     ``center``, ``radii`` (inner, outer) and ``angles`` (start, end, in degrees; it is closed if they are 360 apart)
     with ``divisions`` around and across.
-    ``order`` 1 means linear triangles; 2 means straight-sided quadratic triangles, with a further node in the
-    middle of each side. Left out, the order follows another body that names one, then the preset, then the files;
-    otherwise it is 1.
+    ``order`` 1 means linear triangles; 2 means quadratic triangles, with a further node in the middle of each side.
+    Their sides are curved along the circles of an annulus and where those of a second-order file are. Left out, the
+    order follows another body that names one, then the preset, then the files; otherwise it is 1.
     ``refine`` is how often the sides of a file's mesh are halved, or "as needed" for ``method.target_error``.
     """
 

@@ -427,16 +427,15 @@ def test_third_order_triangles(tmp_path):
     assert "elements of type line4, triangle10" in text
 
 
-@pytest.mark.parametrize("moved", [4, 8])
-def test_curved_triangles(tmp_path, moved):
-    """The middle of a side on the boundary, and that of the diagonal."""
-    path = write_quadratic_square(tmp_path / "curved.msh", {moved: (0.01, 0.01)})
-    text = refused(path)
-    assert "curved elements" in text and "Mesh.SecondOrderLinear = 1" in text
-
-
-def test_middle_that_is_off_along_its_side(tmp_path):
-    assert "curved elements" in refused(write_quadratic_square(tmp_path / "uneven.msh", {4: (0.1, 0.0)}))
+@pytest.mark.parametrize("moved, by", [(4, (0.01, 0.01)), (8, (0.01, 0.01)), (4, (0.1, 0.0))])
+def test_curved_triangles(tmp_path, moved, by):
+    """The middle of a side on the boundary, that of the diagonal, and one that is off along its side, stay there."""
+    path = write_quadratic_square(tmp_path / "curved.msh", {moved: by})
+    assert np.array_equal(read_mesh(path, "upper").points, SQUARE)
+    mesh, bottom = read_mesh(path, "upper", 2), np.array([0.5, 0.0]) if moved == 4 else np.array([0.5, 0.5])
+    middle = mesh.groups[NAMES[0]][0, 2] if moved == 4 else mesh.triangles[0, 5]
+    assert mesh.points[middle] == pytest.approx(bottom + by, rel=1e-15)
+    assert len(mesh.curved) == (1 if moved == 4 else 2)
 
 
 def test_no_triangles(tmp_path):
