@@ -116,6 +116,30 @@ def test_shrink_fit(ratio, order):
     assert resultants[1] < (6e-3, 1e-4)[order - 1] and resultants[0] > 3 * resultants[1]
 
 
+@pytest.mark.parametrize("given", [True, False])
+@pytest.mark.parametrize("ratio", [(4, 5), (4, 4)])
+def test_shrink_fit_of_curved_sides(ratio, given):
+    """Lamé's rings of curved sides: pressures at nodes and means over sides converge with the second power of h."""
+    a, b, c, fit = 0.5, 1.0, 1.5, 1e-6
+    E, nu = YOUNG / (1 - POISSON**2), POISSON / (1 - POISSON)
+    exact = fit / (b / E * ((c**2 + b**2) / (c**2 - b**2) + nu + (b**2 + a**2) / (b**2 - a**2) - nu))
+    errors = []
+    for n in (3, 6):
+        shaft, hub = (n * each for each in ratio)
+        contact = {"bodies": ["shaft", "hub"], "on": ["outer", "inner"]} | ({"gap": -fit} if given else {})
+        outer = b if given else b + fit
+        answer = solved([ring("shaft", (a, outer), (shaft, 2 * n), 2), ring("hub", (b, c), (hub, 2 * n), 2)], [contact],
+                        1e-10)
+        p, (start, end, middle) = answer.contacts["shaft-hub"].pressure, answer.contacts["shaft-hub"].interface.edges.T
+        sides = (p[start] + 4 * p[middle] + p[end]) / 6
+        errors.append([np.sqrt(((each / exact - 1) ** 2).mean()) for each in (p, sides)])
+    assert answer.summary["contacts"]["shaft-hub"]["pairing"] == ("mortar" if ratio == (4, 5) else "nodes")
+    nodes, sides = errors[-1]
+    assert nodes < (2e-4 if ratio == (4, 5) else 4e-4)
+    assert sides < 2e-5
+    assert (np.log2(np.array(errors[0]) / errors[1]) > 1.8).all()
+
+
 def test_hertz():
     """A roller on a block, four sides on half the contact: p0 and a within 2 %."""
     R, load, h = 50.0, 17500.0, 3.2

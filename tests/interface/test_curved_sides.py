@@ -1,0 +1,128 @@
+"""Contacts of curved quadratic sides: lengths, normals and integrals follow the sides, gaps the arcs that are meant."""
+
+import numpy as np
+import pytest
+from boundaries import raise_order, rectangle, ring, side
+
+from ddmpi.interface.matching import pair
+from ddmpi.interface.mortar import cover, mortar, shapes
+from ddmpi.interface.rigid import touch
+from ddmpi.interface.side import Side, cross
+from ddmpi.mesh.elements import LINE, side_lengths
+from ddmpi.mesh.mesh import SIDES, Mesh
+from ddmpi.mesh.refine import bend
+from ddmpi.scene.contacts import NoFriction
+from ddmpi.scene.rigid import Circle
+
+UNEVEN = np.cumsum([0.0, 0.2, 0.12, 0.25, 0.16, 0.2, 0.1, 0.22, 0.15])
+
+
+def curved_ring(inner: float, outer: float, angles: np.ndarray, closed: bool = False) -> Mesh:
+    """A ring of one layer whose middles lie at the mean angle and radius of their ends."""
+    mesh = ring(inner, outer, angles, order=2, closed=closed)
+    ends, middle = mesh.points[mesh.triangles[:, SIDES[:, :2]]], mesh.points[mesh.triangles[:, 3:]]
+    radius = np.linalg.norm(ends, axis=3)
+    direction = (ends / radius[..., None]).sum(axis=2)
+    target = direction / np.linalg.norm(direction, axis=2, keepdims=True) * radius.mean(axis=2)[..., None]
+    return bend(mesh, target - middle)
+
+
+def points(boundary: Side, links: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Where on links (q,) the parameters t (q,) are."""
+    return np.einsum("ql,qld->qd", shapes(t, 3), boundary.xy[boundary.links[links]])
+
+
+def test_normals_and_lengths_of_a_graded_circle():
+    """Nodal normals are those of the circle whatever the lengths of sides, and nodal lengths add up to its arc."""
+    mesh = curved_ring(0.5, 1.0, UNEVEN)
+    for group, sign in (("outer", 1.0), ("inner", -1.0)):
+        boundary = side(mesh, group)
+        radial = sign * boundary.xy / np.linalg.norm(boundary.xy, axis=1, keepdims=True)
+        inside = slice(1, -1)  # an end has a side on one hand only
+        assert boundary.normal[inside] == pytest.approx(radial[inside], abs=4e-4)
+        assert np.abs(cross(boundary.normal[[0, -1]], radial[[0, -1]])).max() < 5e-3
+        length = UNEVEN[-1] * (1.0 if group == "outer" else 0.5)
+        assert boundary.area.sum() == pytest.approx(boundary.lengths.sum(), rel=1e-14)
+        assert boundary.area.sum() == pytest.approx(length, rel=2e-5)
+        assert boundary.lengths_over(np.ones(8, bool)) == pytest.approx(boundary.area, rel=1e-14)
+        assert boundary.normals_over(np.ones(8, bool)) == pytest.approx(boundary.normal, abs=1e-14)
+    straight = side(ring(0.5, 1.0, UNEVEN, order=2, closed=False), "outer")
+    curved = side(mesh, "outer")
+    off = np.abs(cross(curved.normal[1:-1], curved.xy[1:-1])).max()
+    assert 20 * off < np.abs(cross(straight.normal[1:-1], straight.xy[1:-1])).max()
+
+
+def uneven_side() -> Side:
+    """The top of a rectangle whose sides are bent upward, downward and along themselves."""
+    mesh = rectangle((3, 1), (3.0, 1.0), order=2)
+    bends = np.zeros((len(mesh.triangles), 3, 2))
+    on_top = np.isin(mesh.triangles[:, 3:], mesh.groups["top"][:, 2])
+    bends[on_top] = [[0.06, 0.08], [-0.05, -0.04], [0.0, 0.1]]
+    return side(bend(mesh, bends), "top")
+
+
+def test_lines_through_chords_meet_curved_links():
+    """The parameter of a place on a chord is where a line through that place meets the link, in any direction."""
+    boundary, rng = uneven_side(), np.random.default_rng(3)
+    links, at = rng.integers(0, 3, 50), rng.random(50)
+    angle = rng.uniform(np.pi / 4, 3 * np.pi / 4, 50)
+    direction = np.column_stack([np.cos(angle), np.sin(angle)])
+    on_chord = boundary.xy[boundary.links[links, 0]] + at[:, None] * boundary.along[links]
+    t = boundary.parameters(links, at, direction)
+    assert cross(points(boundary, links, t) - on_chord, direction) == pytest.approx(0.0, abs=1e-14)
+    upright = boundary.outward[links]
+    height, ratio = boundary.off_chords(links, at)
+    t = boundary.parameters(links, at, upright)
+    assert points(boundary, links, t) == pytest.approx(on_chord + height[:, None] * upright, abs=1e-14)
+    links = np.repeat([0, 1, 2], len(LINE[0]))
+    _, ratio = boundary.off_chords(links, np.tile(LINE[0], 3))
+    chords = np.linalg.norm(boundary.along, axis=1)
+    assert (ratio.reshape(3, -1) @ LINE[1]) * chords == pytest.approx(
+        side_lengths(boundary.xy[boundary.links]), rel=1e-5)
+
+
+def test_points_that_face_each_other_lie_on_one_ray():
+    """A point of the slave's curve, its ray, and the point of the master's curve that it faces are in line."""
+    slave = side(curved_ring(0.5, 1.0, np.linspace(0.0, 1.5, 7)), "outer", body="slave")
+    master = side(curved_ring(1.01, 1.5, np.linspace(0.0, 1.5, 9)), "inner", body="master")
+    over = cover(slave, master)
+    here, there = points(slave, over.link, over.at), points(master, over.other, over.there)
+    inside = (over.there > 1e-6) & (over.there < 1 - 1e-6)
+    assert inside.mean() > 0.9
+    assert cross(there - here, over.direction)[inside] == pytest.approx(0.0, abs=1e-14)
+    assert np.abs(cross(there - here, over.direction)).max() < 1e-4
+    assert np.bincount(over.link, over.weight) == pytest.approx(slave.lengths, rel=1e-7)
+    assert over.gap == pytest.approx(0.01, abs=1e-7)
+
+
+def test_gap_between_curved_sides_is_that_of_the_circles():
+    """Matching, non-matching and rigid circles: gaps are those between circles, not between parabolas."""
+    angles = np.linspace(0.0, 1.5, 13)
+    first, second = (side(curved_ring(*radii, angles), group, body=name) for radii, group, name in
+                     (((0.5, 1.0), "outer", "first"), ((1.001, 1.5), "inner", "second")))
+    straight = [side(ring(*radii, angles, order=2, closed=False), group, body=name) for radii, group, name in
+                (((0.5, 1.0), "outer", "first"), ((1.001, 1.5), "inner", "second"))]
+    parabola = first.xy[first.links[:, 0]] * 0.375 + first.xy[first.links[:, 2]] * 0.75 \
+        - first.xy[first.links[:, 1]] * 0.125
+    assert np.abs(np.linalg.norm(parabola, axis=1) - 1.0).max() > 1e-7
+    for interface in (pair(first, second, NoFriction(), "seam"), mortar(first, second, NoFriction(), "seam"),
+                      touch(first, Circle(name="bore", center=(0.0, 0.0), radius=1.001, inside=True), NoFriction(),
+                            "seam")):
+        assert interface.gap == pytest.approx(1e-3, abs=1e-9)
+    assert pair(*straight, NoFriction(), "seam").gap[1:-1] == pytest.approx(1e-3, abs=1e-9)
+    curved, chords = (pair(*sides, NoFriction(), "seam") for sides in ((first, second), straight))
+    assert curved.area.sum() == pytest.approx(1.5 * 1.0005, rel=2e-6)
+    assert chords.area.sum() < (1.0 - 5e-4) * curved.area.sum()
+
+
+def test_single_curved_side_has_its_own_slopes():
+    """A curved side between two corners is its own arc: nothing else says what is meant."""
+    mesh = rectangle((1, 1), (1.0, 1.0), order=2)
+    bends = np.zeros((2, 3, 2))
+    bends[np.isin(mesh.triangles[:, 3:], mesh.groups["top"][:, 2])] = [0.0, 0.05]
+    boundary = side(bend(mesh, bends), "top")
+    assert boundary.slopes == pytest.approx(np.full((1, 2), np.arctan(0.2)))
+    here, up = np.array([0]), np.array([[0.0, 1.0]])
+    assert boundary.bulge(here, np.array([0.5]), up) == pytest.approx(0.05, rel=0.02)
+    assert boundary.rises(here, up) == pytest.approx(0.0, abs=1e-3)
+    assert side(raise_order(rectangle((1, 1), (1.0, 1.0)), "mesh"), "top").slopes.tolist() == [[0.0, 0.0]]
