@@ -1,4 +1,4 @@
-"""Edges on the boundary of a mesh: groups by name, their direction, their pieces between nodes."""
+"""Groups of a mesh by name; edges on its boundary: their direction, their pieces between nodes."""
 
 from __future__ import annotations
 
@@ -12,12 +12,24 @@ from ddmpi.scene.keys import nearest
 
 def boundary_group(mesh: Mesh, name: str, key: str) -> np.ndarray:
     """Edges (k, 2 or 3) of the group `name`. Raises InputError, naming `key`, if the mesh has no such group."""
+    if name in mesh.vertices:
+        raise InputError(f"{key}: {name!r} is a physical point of the mesh, which only a clamp may name; where a force "
+                         "acts on a point, the displacement has no limit as the mesh gets finer")
     if name not in mesh.groups:
         raise InputError(f"{key}: the mesh has no boundary group {name!r}{nearest(name, list(mesh.groups))}; it has "
                          f"{', '.join(sorted(mesh.groups))}")
     if len(mesh.groups[name]) == 0:
         raise InputError(f"{key}: the boundary group {name!r} of the mesh has a name, but no lines")
     return mesh.groups[name]
+
+
+def group_nodes(mesh: Mesh, name: str, key: str) -> np.ndarray:
+    """Nodes (k,) of a boundary group or of a physical point. Raises InputError, naming `key`, if there are none."""
+    if name not in mesh.vertices:
+        return np.unique(boundary_group(mesh, name, key))
+    if len(mesh.vertices[name]) == 0:
+        raise InputError(f"{key}: the physical point {name!r} of the mesh is at none of its triangles")
+    return mesh.vertices[name]
 
 
 def turn_outward(mesh: Mesh, edges: np.ndarray, key: str) -> np.ndarray:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.boundary import boundary_group
+from ddmpi.mesh.boundary import boundary_group, group_nodes
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.read import file_order, read_mesh
 from ddmpi.mesh.refine import halve, raise_order
@@ -33,9 +33,10 @@ def build_mesh(body: BodySpec, folder: Path = Path(".")) -> Mesh:
         mesh = halve(mesh, f"body.{body.name}.mesh")
     if spec.order == 2:
         mesh = raise_order(mesh, f"body.{body.name}.mesh")
-    for key, names in (("clamp", [c.on for c in body.clamps]), ("traction", [t.on for t in body.traction])):
-        for name in names:
-            boundary_group(mesh, name, f"body.{body.name}.{key}")
+    for clamp in body.clamps:
+        group_nodes(mesh, clamp.on, f"body.{body.name}.clamp")
+    for traction in body.traction:
+        boundary_group(mesh, traction.on, f"body.{body.name}.traction")
     return mesh
 
 

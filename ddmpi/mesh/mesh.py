@@ -1,4 +1,4 @@
-"""The mesh of one body: nodes, triangles and named boundary groups.
+"""The mesh of one body: nodes, triangles and named groups.
 
 Triangles have straight sides. Triangles of order 2 also have a node at the middle of each side
 (`refine.raise_order` adds them).
@@ -6,7 +6,7 @@ Triangles have straight sides. Triangles of order 2 also have a node at the midd
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -24,11 +24,15 @@ class Mesh:
         of the sides 01, 12, 20
     groups : name → (k, 2) int, the boundary edges of each physical group by their ends; of order 2
         (k, 3), the ends followed by the middle
+    vertices : name → (k,) int, the nodes of each physical point
+    surfaces : name → (k,) int, the triangles of each physical surface
     """
 
     points: np.ndarray
     triangles: np.ndarray
     groups: dict[str, np.ndarray]
+    vertices: dict[str, np.ndarray] = field(default_factory=dict)
+    surfaces: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def dimension(self) -> int:
