@@ -12,6 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+GAUSS = 5
+"""Points of the Gauss rules along a line: products of formulas and shape functions are integrated exactly up to degree
+9 on sides and 8 on triangles."""
+
 
 @dataclass(frozen=True)
 class Element:
@@ -39,11 +43,32 @@ class Element:
         c = self.gradients
         return np.einsum("qia,qjb->ijab", c, c) / len(c)
 
+    def side_rule(self) -> tuple[np.ndarray, np.ndarray]:
+        """Gauss points (q, 2), barycentric, and the table (l, q) whose products with a function's values there are its
+        integrals ∫ f φ_i, for a side of length one."""
+        at, weights = _gauss()
+        ends = np.column_stack([1 - at, at])
+        shapes = self.shapes(np.column_stack([ends, np.zeros(len(at))]))[:, [0, 1, 3][:len(self.side_mass)]]
+        return ends, (weights[:, None] * shapes).T
+
+    def rule(self) -> tuple[np.ndarray, np.ndarray]:
+        """Points (q, 3) and table (k, q) as of `side_rule`, for a triangle of area one (Duffy's map of the square)."""
+        at, weights = _gauss()
+        a, b = (each.ravel() for each in np.meshgrid(at, at, indexing="ij"))
+        points = np.column_stack([1 - a, a * (1 - b), a * b])
+        return points, (2 * a * np.outer(weights, weights).ravel() * self.shapes(points).T)
+
     def shapes(self, barycentric: np.ndarray) -> np.ndarray:
         """The shape functions (…, k) at points given by their barycentric coordinates (…, 3)."""
         if len(self.mass) == 3:
             return barycentric
         return np.concatenate([barycentric * (2 * barycentric - 1), 4 * barycentric * np.roll(barycentric, -1, -1)], -1)
+
+
+def _gauss() -> tuple[np.ndarray, np.ndarray]:
+    """Points and weights of Gauss on a line from 0 to 1."""
+    at, weights = np.polynomial.legendre.leggauss(GAUSS)
+    return (1 + at) / 2, weights / 2
 
 
 def _quadratic_gradients() -> np.ndarray:

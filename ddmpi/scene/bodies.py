@@ -7,7 +7,21 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from ddmpi.scene.values import AffineScalar, AffineVector, Count, Group, Name, Number, Point, Positive, Table, settle
+from ddmpi.scene.values import (
+    AffineScalar,
+    AffineVector,
+    Count,
+    Formula,
+    Group,
+    Name,
+    Number,
+    Point,
+    Positive,
+    Table,
+    Vector,
+    check_formulas,
+    settle,
+)
 
 SHAPES = {"rectangle": {"size": "[width, height]", "divisions": "[nx, ny]"},
           "quadrilateral": {"corners": "[[x, y], …]", "divisions": "[nx, ny]"},
@@ -157,22 +171,39 @@ class Material(Table, frozen=True, kw_only=True):
 
 
 class Clamp(Table, frozen=True, kw_only=True):
-    """Prescribed displacement (m) on a boundary group; a component that is left out stays free."""
+    """Prescribed displacement (m) on a boundary group or physical point; a component that is left out stays free."""
 
     on: Group
-    x: Number | AffineScalar | None = None
-    y: Number | AffineScalar | None = None
+    x: Number | Formula | AffineScalar | None = None
+    y: Number | Formula | AffineScalar | None = None
 
     def __post_init__(self) -> None:
         if self.x is None and self.y is None:
             raise ValueError(f'a clamp prescribes x, y or both; to fix both, write clamp = ["{self.on}"]')
+        check_formulas("x", self.x)
+        check_formulas("y", self.y)
 
 
 class Traction(Table, frozen=True, kw_only=True):
-    """Surface traction (Pa) on a boundary group."""
+    """Surface traction (Pa) on a boundary group: a ``value``, or a ``pressure`` along the inner normal."""
 
     on: Group
-    value: Point | AffineVector
+    value: Vector | AffineVector | None = None
+    pressure: Number | Formula | AffineScalar | None = None
+
+    def __post_init__(self) -> None:
+        if (self.value is None) == (self.pressure is None):
+            raise ValueError("a traction has either a value, as in value = [0.0, -6e7], or a pressure along the inner "
+                             "normal, as in pressure = 1e6")
+        check_formulas("value", self.value)
+        check_formulas("pressure", self.pressure)
+
+    @property
+    def given(self) -> Vector | AffineVector | Number | Formula | AffineScalar:
+        """The value or the pressure, whichever there is."""
+        found = self.pressure if self.value is None else self.value
+        assert found is not None
+        return found
 
 
 class BodySpec(Table, frozen=True, kw_only=True):
@@ -183,7 +214,10 @@ class BodySpec(Table, frozen=True, kw_only=True):
     material: Material
     clamp: list[Group | Clamp] = []
     traction: list[Traction] = []
-    volume_force: Point | AffineVector = (0.0, 0.0)
+    volume_force: Vector | AffineVector = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        check_formulas("volume_force", self.volume_force)
 
     @property
     def clamps(self) -> list[Clamp]:
