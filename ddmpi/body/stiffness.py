@@ -13,6 +13,7 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
+from ddmpi.body.stress import Composite, of_part
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Material
 
@@ -100,7 +101,7 @@ class Stiffness:
         return indptr, (2 * columns[:, None] + np.array([0, 1], np.int32)).ravel(), data.ravel()
 
 
-def sum_stiffness(mesh: Mesh, material: Material) -> Stiffness:
+def sum_stiffness(mesh: Mesh, material: Material | Composite) -> Stiffness:
     """The stiffness of a body of this mesh and material. Not collective."""
     weights = mesh.element.stiffness_weights()
     k, size, nodes = len(weights), len(mesh.points), mesh.triangles
@@ -131,13 +132,12 @@ def sum_stiffness(mesh: Mesh, material: Material) -> Stiffness:
     return Stiffness(first, second, upper, diagonal)
 
 
-def _element_entries(mesh: Mesh, material: Material, weights: np.ndarray) -> np.ndarray:
+def _element_entries(mesh: Mesh, material: Material | Composite, weights: np.ndarray) -> np.ndarray:
     """Entries xx, yy, xy, yx of the blocks of p pairs of nodes in all triangles, (4, p, nt).
 
     The blocks are `weights` (p, 3, 3) times those of the corners a, b as a linear triangle has them,
     |T| (λ g_a g_bᵀ + μ g_b g_aᵀ + μ (g_a · g_b) I) with g_a = ∇λ_a.
     """
-    first, shear = material.lame
     weights = weights.reshape(-1, 9)
     used = np.flatnonzero(weights.any(axis=0))
     one, two = np.divmod(used, 3)
@@ -145,6 +145,7 @@ def _element_entries(mesh: Mesh, material: Material, weights: np.ndarray) -> np.
     entries = np.empty((4, len(weights), len(mesh.triangles)))
     for start in range(0, len(mesh.triangles), CHUNK):
         part = slice(start, start + CHUNK)
+        first, shear = of_part(material, part).lame
         corners = mesh.points[mesh.triangles[part, :3].T].transpose(2, 0, 1)  # (2, 3, chunk)
         side = corners[:, [2, 0, 1]] - corners[:, [1, 2, 0]]  # opposite each corner
         doubled = side[0, 0] * side[1, 1] - side[1, 0] * side[0, 1]

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.boundary import boundary_group, group_nodes
+from ddmpi.mesh.boundary import boundary_group, group_nodes, material_numbers
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.read import file_order, read_mesh
 from ddmpi.mesh.refine import halve, raise_order
@@ -33,6 +33,7 @@ def build_mesh(body: BodySpec, folder: Path = Path(".")) -> Mesh:
         mesh = halve(mesh, f"body.{body.name}.mesh")
     if spec.order == 2:
         mesh = raise_order(mesh, f"body.{body.name}.mesh")
+    material_numbers(mesh, body)
     for clamp in body.clamps:
         group_nodes(mesh, clamp.on, f"body.{body.name}.clamp")
     for traction in body.traction:

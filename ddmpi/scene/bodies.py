@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import msgspec
@@ -170,6 +171,12 @@ class Material(Table, frozen=True, kw_only=True):
         return self.young / (1 - self.poisson**2) if self.plane == "strain" else self.young
 
 
+class PartMaterial(Material, frozen=True, kw_only=True):
+    """The material of the physical surface ``on`` of a mesh file; without ``on``, that of all triangles left."""
+
+    on: Group | None = None
+
+
 class Clamp(Table, frozen=True, kw_only=True):
     """Prescribed displacement (m) on a boundary group or physical point; a component that is left out stays free."""
 
@@ -211,13 +218,51 @@ class BodySpec(Table, frozen=True, kw_only=True):
 
     name: Name
     mesh: MeshSpec
-    material: Material
+    material: Material | Annotated[list[PartMaterial], msgspec.Meta(min_length=1)]
     clamp: list[Group | Clamp] = []
     traction: list[Traction] = []
     volume_force: Vector | AffineVector = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         check_formulas("volume_force", self.volume_force)
+        if isinstance(self.material, Material):
+            return
+        surfaces = [part.on for part in self.material]
+        named = [on for on in surfaces if on is not None]
+        for on in surfaces:
+            if surfaces.count(on) > 1:
+                raise ValueError(f"material: {surfaces.count(on)} entries are "
+                                 + ("without on; one may leave it out, and has what the others leave" if on is None
+                                    else f"on {on!r}; leave all but one of them out"))
+        if named and self.mesh.shape:
+            raise ValueError(f'material: on = "{named[0]}" names a physical surface of a mesh file, and a '
+                             f'{self.mesh.shape} has none; leave on out, or make a body of each part and join them by '
+                             'contacts with kind = "bonded"')
+        if len({part.plane for part in self.material}) > 1:
+            raise ValueError("material: entries are in plane strain, the default, and in plane stress; a body is in "
+                             "one of them, so give all entries the same plane")
+
+    @property
+    def materials(self) -> Sequence[Material]:
+        """All materials of the body."""
+        return [self.material] if isinstance(self.material, Material) else self.material
+
+    @property
+    def plane(self) -> Literal["strain", "stress"]:
+        """Whether the body is in plane strain or plane stress."""
+        return self.materials[0].plane
+
+    @property
+    def plane_modulus(self) -> float:
+        """E / (1 − ν²), or E in plane stress (Pa); of several materials the harmonic mean."""
+        if isinstance(self.material, Material):
+            return self.material.plane_modulus
+        return len(self.material) / sum(1.0 / part.plane_modulus for part in self.material)
+
+    @property
+    def locking_ratio(self) -> float | None:
+        """Poisson's ratio of a material in which linear triangles lock; None if there is none."""
+        return max((material.poisson for material in self.materials if material.locks), default=None)
 
     @property
     def clamps(self) -> list[Clamp]:
@@ -237,5 +282,5 @@ class SettledBody(BodySpec, frozen=True, kw_only=True):
     @property
     def locking(self) -> str:
         """Why the discretization error of this body cannot be estimated; empty if it can."""
-        return (f"{self.name}: no estimate: linear triangles lock at nu = {self.material.poisson:g}; mesh.order = 2 "
-                "would be right") if self.mesh.order == 1 and self.material.locks else ""
+        return (f"{self.name}: no estimate: linear triangles lock at nu = {self.locking_ratio:g}; mesh.order = 2 "
+                "would be right") if self.mesh.order == 1 and self.locking_ratio else ""

@@ -16,7 +16,7 @@ from ddmpi.mesh.build import build_mesh, generate_rectangle
 from ddmpi.mesh.mesh import Mesh, signed_double_areas
 from ddmpi.mesh.read import file_order, read_mesh
 from ddmpi.mesh.refine import raise_order
-from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
+from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, PartMaterial, Traction
 
 STEEL = Material(young=2.1e11, poisson=0.3)
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
@@ -306,6 +306,18 @@ def test_points_may_be_clamped_only(tmp_path):
         build_mesh(body_with(mesh, clamp=["far off"]))
     with pytest.raises(InputError, match=r"^body\.upper\.traction: 'heel' is a physical point .*only a clamp"):
         build_mesh(body_with(mesh, traction=[Traction(on="heel", value=(0.0, 1.0))]))
+
+
+def test_materials_are_those_of_the_files_surfaces(tmp_path):
+    """Materials that leave a surface of the file out are refused when the mesh is read."""
+    def body(*names: str) -> BodySpec:
+        return BodySpec(name="upper", mesh=MeshSpec(file=str(path)),
+                        material=[PartMaterial(on=name, young=1.0, poisson=0.3) for name in names])
+
+    path = write_parts(tmp_path / "parts.msh", 4.1)
+    build_mesh(body("left part", "right part"))
+    with pytest.raises(InputError, match=r"^body\.upper\.material: the triangle at .* surface 'right part', has no"):
+        build_mesh(body("left part"))
 
 
 def test_signals_are_heard_after_gmsh(tmp_path):

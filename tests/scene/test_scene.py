@@ -206,6 +206,17 @@ REFUSED = {
     "arguments": (["body.upper.clamp.1.x=max(x)"], ["max takes 2 values, not 1"]),
     "empty formula": (['body.upper.clamp.1.x=""'], ["body.upper.clamp.1.x: expected str of length >= 1"]),
     "formula of a material": (["body.upper.material.young=2*x"], ["body.upper.material.young: expected float"]),
+    "surface of a shape": (['body.upper.material=[{on="a", young=1.0, poisson=0.3}]'],
+                           ['body.upper.material: on = "a" names a physical surface of a mesh file, and a rectangle']),
+    "surface twice": (['body.lower.material=[{on="a", young=1.0, poisson=0.3}, {on="a", young=2.0, poisson=0.3}]'],
+                      ["body.lower.material: 2 entries are on 'a'"]),
+    "rest twice": (["body.lower.material=[{young=1.0, poisson=0.3}, {young=2.0, poisson=0.3}]"],
+                   ["body.lower.material: 2 entries are without on"]),
+    "two planes": (['body.lower.material=[{on="a", young=1.0, poisson=0.3, plane="stress"}, {young=2.0, poisson=0.3}]'],
+                   ["body.lower.material: ", "give all entries the same plane"]),
+    "no materials": (["body.lower.material=[]"], ["body.lower.material: expected a list of length >= 1"]),
+    "unknown key of a part": (['body.lower.material=[{on="a", yuong=1.0, poisson=0.3}]'],
+                              ["body.lower.material.0.yuong: unknown key; did you mean 'young'?"]),
     "clamp of nothing": (['body.upper.clamp=[{on="left"}]'],
                          ["body.upper.clamp.0: ", "prescribes x, y or both", 'clamp = ["left"]']),
 }
@@ -394,7 +405,8 @@ def test_overrides_do_not_leak_into_the_next_scene():
     ['contact.0.friction={law="tresca", slip_bound={along="arc", points=[0, 1, 1], values=[1, 2, 3]}}'],
     ["body.lower.volume_force={constant=[1.0, 2.0], y_slope=[0.0, 3.0]}", "method.target_error=0.1"],
     ['body.lower.volume_force=[0, "-7.8e4*(1 + x/3)"]', 'body.upper.traction=[{on="top", pressure="1e6*sin(pi*x)"}]',
-     "body.upper.clamp.1.x=1e-3*y"]])
+     "body.upper.clamp.1.x=1e-3*y", 'body.lower.material=[{on="core", young=1.0, poisson=0.3}, '
+     "{young=2.0, poisson=0.3}]"]])
 def test_resolved_scene_round_trips(settings):
     """The scene in summary.json, written as TOML without the keys that are null, is the same scene again."""
     for original in (scene(*settings), scene(*settings, text=WITHOUT_METHOD)):
@@ -447,6 +459,7 @@ def test_elements_have_the_order_of_the_files():
 OPTIONAL = {
     "SettledMesh": {"shape", "size", "corners", "center", "radii", "angles", "divisions", "file"},  # a shape or a file
     "SettledContact": {"gap", "pairing", "slave"},  # measured, chosen
+    "PartMaterial": {"on"},  # what the others leave
     "Clamp": {"x", "y"},  # free
     "Traction": {"value", "pressure"},  # one of them
     "Output": {"magnification"},  # chosen by the picture
