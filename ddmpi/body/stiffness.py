@@ -132,6 +132,14 @@ def sum_stiffness(mesh: Mesh, material: Material | Composite) -> Stiffness:
     return Stiffness(first, second, upper, diagonal)
 
 
+def forces_at(mesh: Mesh, material: Material | Composite, u: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """K u (k, 2) in newtons at a few `nodes` (k,), for a displacement u (nv, 2) in metres. Not collective."""
+    near = np.isin(mesh.triangles, nodes).any(axis=1)
+    if isinstance(material, Composite):
+        material = Composite(material.materials, material.number[near])
+    return sum_stiffness(Mesh(mesh.points, mesh.triangles[near], {}), material).mult(u)[nodes]
+
+
 def _element_entries(mesh: Mesh, material: Material | Composite, weights: np.ndarray) -> np.ndarray:
     """Entries xx, yy, xy, yx of the blocks of p pairs of nodes in all triangles, (4, p, nt).
 

@@ -74,3 +74,23 @@ def test_lined_wheel():
     assert np.abs(reaction).max() <= 1e-3 * axle
     pressure = answer.summary["contacts"]["wheel-ground"]["pressure_max"]
     assert pressure == pytest.approx(4.09, rel=0.2)  # on the mesh halved twice
+
+
+@pytest.mark.parametrize("where, warned", [(["left", "right"], False), (["left"], True)])
+def test_points_that_carry_forces_are_warned_of(tmp_path, where, warned):
+    """A point that carries a force gives way without limit; one that only fixes the position does not."""
+    path = write_layers(tmp_path / "layers.msh")
+    mesh = meshio.gmsh.read(path)
+    (corner,) = np.flatnonzero((mesh.points[:, :2] == (1.0, 1.0)).all(axis=1))
+    mesh.cells.append(meshio.CellBlock("vertex", [[corner]]))
+    for data in mesh.cell_data.values():
+        data.append(np.array([21]))
+    mesh.field_data["corner"] = np.array([21, 0])
+    mesh.write(path, file_format="gmsh22", binary=False)
+    block = {"name": "block", "mesh": {"file": path}, "material": STEEL, "clamp": [{"on": "corner", "x": 0.0}],
+             "traction": [{"on": "top", "pressure": 1e6}] + [{"on": on, "pressure": 1e5} for on in where]}
+    floor = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
+    contact = {"bodies": ["block", "floor"], "on": ["bottom"]}
+    warnings = solve({"body": [block], "rigid": [floor], "contact": [contact]}).summary["warnings"]
+    assert len(warnings) == warned
+    assert not warned or warnings[0].startswith("body.block.clamp: the point 'corner' carries a force of 1e+05; it")
