@@ -35,9 +35,9 @@ def stiffness_of(mesh: Mesh, material: Material) -> sparse.csr_matrix:
     return sparse.csr_matrix((K.data, (numbers[K.row], numbers[K.col])), K.shape)
 
 
-def load_of(mesh: Mesh, form) -> np.ndarray:
+def load_of(mesh: Mesh, form, intorder: int = 4) -> np.ndarray:
     """The load vector (2 nv,) of a skfem LinearForm over the body."""
-    basis, numbers = basis_of(mesh)
+    basis, numbers = basis_of(mesh, intorder)
     f = np.empty(basis.N)
     f[numbers] = asm(form, basis)
     return f

@@ -15,6 +15,7 @@ from petsc4py import PETSc
 from ddmpi.body.loads import clamp_nodes, lost_loads, nodal_loads, refuse_underflow
 from ddmpi.body.rigid_motions import body_motions, near_null_space
 from ddmpi.body.stiffness import sum_stiffness
+from ddmpi.body.stress import material_of
 from ddmpi.errors import InputError
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec
@@ -72,7 +73,7 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     Collective on `comm`. Raises InputError if the clamps contradict each other, or leave a part of the body loose
     that is not connected to the rest.
     """
-    K = sum_stiffness(mesh, body.material)
+    K = sum_stiffness(mesh, material_of(mesh, body))
     f = nodal_loads(mesh, body)
     free, prescribed = clamp_nodes(mesh, body)
     motions = body_motions(mesh, K, free, body.name)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ddmpi.body.stress import CENTROID, blocks, curved_stress, energy_density, stress_at
+from ddmpi.body.stress import CENTROID, Composite, blocks, curved_stress, energy_density, of_part, stress_at
 from ddmpi.mesh.elements import TRIANGLE
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Material
@@ -106,11 +106,12 @@ def sum_errors(bodies: Mapping[str, tuple[float, float, float]],
                                float(energies.sum() / areas.sum()))
 
 
-def estimate_error(mesh: Mesh, material: Material, u: np.ndarray) -> ErrorEstimate:
+def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray) -> ErrorEstimate:
     """Estimate the discretization error of the displacement `u` (nv, 2) in metres. Not collective.
 
     Energy and error are zero where only rounding strains the body. Errors of linear triangles that lock are nan: they
-    hardly deform, so that their stress jumps little however wrong it is.
+    hardly deform, so that their stress jumps little however wrong it is. Where materials meet, stress does jump, and is
+    recovered from either side.
     """
     cells, order = mesh.triangles, mesh.order
     area, (points, weights) = mesh.areas(), QUADRATURE[order]
@@ -119,27 +120,37 @@ def estimate_error(mesh: Mesh, material: Material, u: np.ndarray) -> ErrorEstima
     sampled = stress_at(mesh, material, u, _SAMPLES[order])
     between = np.ones((len(points), 1)) if order == 1 else 2 * points - 1 / 3  # constant, or linear between samples
     shapes = mesh.element.shapes(points)
-    recovered = _recover(mesh, sampled)
+    parts = mesh if isinstance(material, Material) else _apart(mesh, material)
+    recovered = _recover(parts, sampled)
     squares = np.zeros(len(cells))
     energy = 0.0
     for block in blocks(len(cells)):
         computed = np.einsum("qs,tsc->qtc", between, sampled[block])
-        difference = np.einsum("qi,tic->qtc", shapes, recovered[cells[block]]) - computed
+        difference = np.einsum("qi,tic->qtc", shapes, recovered[parts.triangles[block]]) - computed
+        own = of_part(material, block)
         for weight, s, e in zip(weights, computed, difference, strict=True):
-            squares[block] += weight * straight[block] * energy_density(material, e)
-            energy += weight * float(straight[block] @ energy_density(material, s))
+            squares[block] += weight * straight[block] * energy_density(own, e)
+            energy += weight * float(straight[block] @ energy_density(own, s))
     for bent in mesh.curved_blocks():
         computed = curved_stress(mesh, material, u, points, bent).swapaxes(0, 1)
-        difference = np.einsum("qi,tic->qtc", shapes, recovered[cells[bent]]) - computed
+        difference = np.einsum("qi,tic->qtc", shapes, recovered[parts.triangles[bent]]) - computed
+        own = of_part(material, bent)
         for part, s, e in zip(weights[:, None] * mesh.map(bent).areas, computed, difference, strict=True):
-            squares[bent] += part * energy_density(material, e)
-            energy += float(part @ energy_density(material, s))
+            squares[bent] += part * energy_density(own, e)
+            energy += float(part @ energy_density(own, s))
     first, shear = material.lame
-    if energy <= (first + 2 * shear) * len(cells) * (UNSTRAINED * np.abs(u).max()) ** 2:
+    if energy <= np.max(first + 2 * shear) * len(cells) * (UNSTRAINED * np.abs(u).max()) ** 2:
         squares, energy = np.zeros(len(cells)), 0.0
     if order == 1 and material.locks:
         squares = np.full(len(cells), np.nan)
     return ErrorEstimate(squares, area, energy)
+
+
+def _apart(mesh: Mesh, material: Composite) -> Mesh:
+    """The mesh with nodes of its own for each material, so that no patch reaches from one into another."""
+    size = len(material.materials)
+    keys, cells = np.unique(mesh.triangles * size + material.number[:, None], return_inverse=True)
+    return Mesh(mesh.points[keys // size], cells.reshape(mesh.triangles.shape), {})
 
 
 def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:

@@ -3,70 +3,107 @@
 from __future__ import annotations
 
 from collections import Counter
+from typing import Any
 
 import numpy as np
 
+from ddmpi.body.stress import blocks
 from ddmpi.errors import InputError
-from ddmpi.mesh.boundary import boundary_group, turn_outward
-from ddmpi.mesh.elements import LINE, TRIANGLE, bends, shapes_on_side, tangents
+from ddmpi.mesh.boundary import boundary_group, group_nodes, turn_outward
+from ddmpi.mesh.elements import FINE, LINE, TRIANGLE, bends, shapes_on_side, tangents
 from ddmpi.mesh.mesh import Mesh, signed_double_areas
-from ddmpi.scene.bodies import BodySpec
-from ddmpi.scene.values import evaluate
+from ddmpi.scene.bodies import BodySpec, Traction
+from ddmpi.scene.values import evaluate, varies
 
 SAME = 1e-9
 """Relative difference up to which two clamps prescribe the same displacement."""
+
+ROUNDING = 1e-9
+"""A pressure has no component along an axis from which its direction differs by less than this from a right angle."""
 
 SMALLEST = 1e-150
 """Squares of smaller numbers lose digits or vanish; norms are made of squares."""
 
 
 def nodal_loads(mesh: Mesh, body: BodySpec) -> np.ndarray:
-    """Nodal loads (nv, 2) in newtons of tractions and volume force.
+    """Nodal loads (nv, 2) in newtons of tractions, pressures and volume force.
 
-    Exact on straight sides and triangles, as both are affine; by quadrature on curved ones.
+    They are exact where these are affine on straight sides and triangles; formulas, and what acts on curved ones, are
+    integrated by Gauss's rule. Raises InputError where a formula is not finite.
     """
-    element = mesh.element
     f = np.zeros_like(mesh.points)
     for traction in body.traction:
         key = f"body.{body.name}.traction"
-        sides = turn_outward(mesh, boundary_group(mesh, traction.on, key), key)
-        x, y = mesh.points[sides[:, :2]].transpose(2, 0, 1)
-        length = np.hypot(*(np.diff(c, axis=1)[:, 0] for c in (x, y)))
-        bent, places, shares = curved_sides(mesh, sides)
-        length[bent] = 0.0
-        values = evaluate(traction.value, *places.transpose(2, 0, 1))
-        np.add.at(f, sides[bent], np.einsum("sql,csq->slc", shares, values))
-        np.add.at(f, sides, np.einsum("s,la,csa->slc", length, element.side_mass, evaluate(traction.value, x, y)))
+        _values(traction.given, mesh.points[boundary_group(mesh, traction.on, key)], key)
+        for sides, shares, stress in _stress(mesh, traction, key):
+            np.add.at(f, sides, np.einsum("slq,csq->slc", shares, stress))
     if body.volume_force != (0.0, 0.0):
-        corners = mesh.triangles[:, :3]
-        x, y = mesh.points[corners].transpose(2, 0, 1)
-        area = signed_double_areas(mesh.points, corners) / 2
-        area[mesh.curved] = 0.0
-        for cells in mesh.curved_blocks():
-            mapped = mesh.map(cells)
-            shares = TRIANGLE[1][:, None, None] * mapped.areas[..., None] * element.shapes(TRIANGLE[0])[:, None]
-            values = evaluate(body.volume_force, *mapped.places.transpose(2, 0, 1))
-            np.add.at(f, mesh.triangles[cells], np.einsum("qtk,cqt->tkc", shares, values))
-        for component, force in enumerate(evaluate(body.volume_force, x, y)):
-            parts = (area[:, None] * force) @ element.mass.T
-            f[:, component] += np.bincount(mesh.triangles.ravel(), parts.ravel(), len(f))
+        _add_volume_force(mesh, body, f)
     return f
 
 
-def curved_sides(mesh: Mesh, sides: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Which of the `sides` (k, 2 or 3) are curved, and how to integrate along these s.
+def _stress(mesh: Mesh, traction: Traction, key: str) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """What a traction or pressure is on the sides of its group, apart for those where tables are exact.
 
     Returns
     -------
-    bent : (s,) the places of the curved ones in `sides`
-    places : (s, q, 2) points on them (m)
-    shares : (s, q, 3) ∫ f φ_i is the sum of `shares` times f over the points (m)
+    parts of sides (s, 2 or 3), which have the body to their left; shares (s, l, q) of their lengths (m), whose products
+    with values at q points are integrals of these and the shape functions; stress (2, s, q) in Pa at these points
     """
-    at, weights = LINE
-    bent = np.flatnonzero(bends(mesh.points[sides]).any(axis=1))
-    nodes, phi = mesh.points[sides[bent]], shapes_on_side(at, sides.shape[1])
-    length = np.linalg.norm(tangents(nodes, at), axis=2)
-    return bent, np.einsum("ql,sld->sqd", phi, nodes), (weights * length)[..., None] * phi
+    sides = turn_outward(mesh, boundary_group(mesh, traction.on, key), key)
+    nodes, (at, weights) = mesh.points[sides], LINE
+    exact = ~(bends(nodes).any(axis=1) | varies(traction.given))
+    ends, nodes, phi = nodes[exact, :2], nodes[~exact], shapes_on_side(at, sides.shape[1])
+    along = ends[:, 1:] - ends[:, :1]
+    parts = [(sides[exact], np.hypot(*along.T).T[..., None] * mesh.element.side_mass, ends, along)]
+    along = tangents(nodes, at)
+    parts.append((sides[~exact], (weights * np.linalg.norm(along, axis=2))[:, None] * phi.T,
+                  np.einsum("ql,sld->sqd", phi, nodes), along))
+    found = []
+    for own, shares, places, along in parts:
+        if len(own):
+            stress = _values(traction.given, places, key)
+            if traction.pressure is not None:
+                inward = np.stack([-along[..., 1], along[..., 0]]) / np.linalg.norm(along, axis=2)
+                stress = inward * stress
+            found.append((own, shares, stress))
+    return found
+
+
+def _add_volume_force(mesh: Mesh, body: BodySpec, f: np.ndarray) -> None:
+    """Add the nodal loads of the volume force to f (nv, 2)."""
+    key, force, element = f"body.{body.name}.volume_force", body.volume_force, mesh.element
+    parts: list[slice] | list[np.ndarray] = mesh.curved_blocks()
+    where, weights = TRIANGLE
+    if varies(force):
+        _values(force, mesh.points, key)
+        parts, (where, weights) = blocks(len(mesh.triangles)), FINE
+    else:
+        corners = mesh.triangles[:, :3]
+        area = signed_double_areas(mesh.points, corners) / 2
+        area[mesh.curved] = 0.0
+        for component, density in enumerate(_values(force, mesh.points[corners], key)):
+            loads = (area[:, None] * density) @ element.mass.T
+            f[:, component] += np.bincount(mesh.triangles.ravel(), loads.ravel(), len(f))
+    shapes = element.shapes(where)
+    for part in parts:
+        mapped, nodes = mesh.map(part, where), mesh.triangles[part]
+        shares = weights[:, None] * mapped.areas
+        for component, density in enumerate(_values(force, mapped.places, key)):
+            f[:, component] += np.bincount(nodes.ravel(), ((shares * density).T @ shapes).ravel(), len(f))
+
+
+def _values(value: Any, points: np.ndarray, key: str) -> np.ndarray:
+    """`evaluate` at points (…, 2). Raises InputError, naming `key`, where a formula is not finite."""
+    x, y = np.moveaxis(points, -1, 0)
+    found = evaluate(value, x, y)
+    if varies(value) and not np.isfinite(found).all():
+        at = np.argwhere(~np.isfinite(found))[0]
+        place = tuple(at[-x.ndim:])
+        parts = value if isinstance(value, tuple) else (value,)
+        raise InputError(f'{key}: the formula "{parts[at[0] if len(at) > x.ndim else 0]}" is {found[tuple(at)]} at '
+                         f"({x[place]:.6g}, {y[place]:.6g}); it must be a finite number wherever it acts")
+    return found
 
 
 def clamp_nodes(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, np.ndarray]:
@@ -77,16 +114,17 @@ def clamp_nodes(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, np.ndarray]:
     free = np.ones((len(mesh.points), 2), dtype=bool)
     prescribed = np.zeros((len(mesh.points), 2))
     for clamp in body.clamps:
-        nodes = np.unique(boundary_group(mesh, clamp.on, f"body.{body.name}.clamp"))
+        key = f"body.{body.name}.clamp"
+        nodes = group_nodes(mesh, clamp.on, key)
         x, y = mesh.points[nodes].T
         for component, value in enumerate((clamp.x, clamp.y)):
             if value is not None:
-                wanted, before = evaluate(value, x, y), prescribed[nodes, component]
+                wanted, before = _values(value, mesh.points[nodes], key), prescribed[nodes, component]
                 size = np.maximum(np.abs(wanted), np.abs(before))
                 clash = np.flatnonzero(~free[nodes, component] & (np.abs(wanted - before) > SAME * size))
                 if len(clash):
                     k = clash[0]
-                    raise InputError(f"body.{body.name}.clamp: {'xy'[component]} at ({x[k]:.6g}, {y[k]:.6g}) is "
+                    raise InputError(f"{key}: {'xy'[component]} at ({x[k]:.6g}, {y[k]:.6g}) is "
                                      f"prescribed twice, as {before[k]:.6g} and, on {clamp.on!r}, as {wanted[k]:.6g}")
                 free[nodes, component] = False
                 prescribed[nodes, component] = wanted
@@ -101,7 +139,7 @@ def refuse_underflow(mesh: Mesh, body: BodySpec, f: np.ndarray, prescribed: np.n
     f, prescribed : (nv, 2) nodal loads (N), those of prescribed displacements as well, and these (m)
     stiffest : largest entry of the stiffness (N/m)
     """
-    groups = [(each.value, mesh.points[boundary_group(mesh, each.on, "").ravel()]) for each in body.traction]
+    groups = [(each.given, mesh.points[boundary_group(mesh, each.on, "").ravel()]) for each in body.traction]
     values = [evaluate(value, *points.T) for value, points in [*groups, (body.volume_force, mesh.points)]]
     sizes = [float(np.abs(value).max()) for value in (*values, f, prescribed)]
     small = [size for size in (*sizes, float(np.abs(f).max() / stiffest)) if 0.0 < size < SMALLEST]
@@ -115,9 +153,10 @@ def lost_loads(mesh: Mesh, body: BodySpec, free: np.ndarray) -> list[str]:
     key, found = f"body.{body.name}.traction", []
     for traction in body.traction:
         nodes = np.unique(boundary_group(mesh, traction.on, key))
-        acts = np.abs(evaluate(traction.value, *mesh.points[nodes].T)).T > 0.0
+        size = np.max([np.abs(stress).max(axis=(1, 2)) for *_, stress in _stress(mesh, traction, key)], axis=0)
+        acts = size > (ROUNDING * size.max() if traction.pressure is not None else 0.0)
         for component, axis in enumerate("xy"):
-            if acts[:, component].any() and not free[nodes, component].any():
+            if acts[component] and not free[nodes, component].any():
                 found.append(f"{key}: the load on {traction.on!r} along {axis} is lost, because clamps hold the whole "
                              "group in this direction")
     for group, number in Counter(traction.on for traction in body.traction).items():

@@ -14,6 +14,7 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
+from ddmpi.body.stress import Composite, of_part
 from ddmpi.mesh.elements import TRIANGLE
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Material
@@ -102,7 +103,7 @@ class Stiffness:
         return indptr, (2 * columns[:, None] + np.array([0, 1], np.int32)).ravel(), data.ravel()
 
 
-def sum_stiffness(mesh: Mesh, material: Material) -> Stiffness:
+def sum_stiffness(mesh: Mesh, material: Material | Composite) -> Stiffness:
     """The stiffness of a body of this mesh and material. Not collective."""
     weights = mesh.element.stiffness_weights()
     k, size, nodes = len(weights), len(mesh.points), mesh.triangles
@@ -139,7 +140,15 @@ def sum_stiffness(mesh: Mesh, material: Material) -> Stiffness:
     return Stiffness(first, second, upper, diagonal)
 
 
-def _element_entries(mesh: Mesh, material: Material, weights: np.ndarray) -> np.ndarray:
+def forces_at(mesh: Mesh, material: Material | Composite, u: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """K u (k, 2) in newtons at a few `nodes` (k,), for a displacement u (nv, 2) in metres. Not collective."""
+    near = np.isin(mesh.triangles, nodes).any(axis=1)
+    if isinstance(material, Composite):
+        material = Composite(material.materials, material.number[near])
+    return sum_stiffness(Mesh(mesh.points, mesh.triangles[near], {}), material).mult(u)[nodes]
+
+
+def _element_entries(mesh: Mesh, material: Material | Composite, weights: np.ndarray) -> np.ndarray:
     """Entries xx, yy, xy, yx of the blocks of p pairs of nodes in all triangles, (4, p, nt).
 
     The blocks are `weights` (p, 3, 3) times those of the corners a, b as a linear triangle has them,
@@ -157,23 +166,23 @@ def _element_entries(mesh: Mesh, material: Material, weights: np.ndarray) -> np.
         doubled = side[0, 0] * side[1, 1] - side[1, 0] * side[0, 1]
         x, y = np.stack([-side[1], side[0]]) / np.sqrt(2 * doubled)  # ∇λ √|T|
         xx, yy, xy, yx = x[one] * x[two], y[one] * y[two], x[one] * y[two], y[one] * x[two]
-        for entry, block in zip(entries, _blocks(material, xx, yy, xy, yx), strict=True):
+        for entry, block in zip(entries, _blocks(of_part(material, part), xx, yy, xy, yx), strict=True):
             entry[:, part] = weights @ block
     return entries
 
 
-def _curved_entries(mesh: Mesh, material: Material, i: np.ndarray, j: np.ndarray) -> np.ndarray:
+def _curved_entries(mesh: Mesh, material: Material | Composite, i: np.ndarray, j: np.ndarray) -> np.ndarray:
     """Entries xx, yy, xy, yx of the blocks of pairs i, j (p,) of nodes in the curved triangles, (4, p, nc)."""
     found = []
     for cells in mesh.curved_blocks():
         mapped = mesh.map(cells)
         x, y = mapped.slopes * np.sqrt(TRIANGLE[1][:, None] * mapped.areas)[:, None]  # of which products are summed
-        found.append(_blocks(material, *(np.einsum("qpt,qpt->pt", one[:, i], two[:, j])
-                                         for one, two in ((x, x), (y, y), (x, y), (y, x)))))
+        products = (np.einsum("qpt,qpt->pt", one[:, i], two[:, j]) for one, two in ((x, x), (y, y), (x, y), (y, x)))
+        found.append(_blocks(of_part(material, cells), *products))
     return np.concatenate(found, axis=2)
 
 
-def _blocks(material: Material, xx: np.ndarray, yy: np.ndarray, xy: np.ndarray, yx: np.ndarray) -> tuple:
+def _blocks(material: Material | Composite, xx: np.ndarray, yy: np.ndarray, xy: np.ndarray, yx: np.ndarray) -> tuple:
     """Entries xx, yy, xy, yx of λ g hᵀ + μ h gᵀ + μ (g · h) I by those of the products g hᵀ."""
     first, shear = material.lame
     return ((first + 2 * shear) * xx + shear * yy, (first + 2 * shear) * yy + shear * xx,

@@ -10,6 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ddmpi.body.elasticity import Elasticity, assemble
+from ddmpi.body.stress import Composite, material_of, modulus_beside
 from ddmpi.coupling.exchange import Ends, Exchange
 from ddmpi.coupling.joint import Joint
 from ddmpi.coupling.member import Member
@@ -24,7 +25,7 @@ from ddmpi.interface.side import Side, contact_side
 from ddmpi.mesh.boundary import boundary_group
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.scene.bodies import SettledBody
+from ddmpi.scene.bodies import Material, SettledBody
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.scene.scene import Settled
 from ddmpi.system import interrupt
@@ -41,6 +42,11 @@ class Body:
     spec: SettledBody
     mesh: Mesh
     member: Member
+
+    @property
+    def material(self) -> Material | Composite:
+        """Its material, or those of its triangles."""
+        return material_of(self.mesh, self.spec)
 
 
 @dataclass(frozen=True)
@@ -123,11 +129,12 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
         with agreed(world):
             for spec in mine:
                 mesh, elasticity = meshes[spec.name], assemble(meshes[spec.name], spec)
+                material = material_of(mesh, spec)
                 bodies[spec.name] = elasticity
                 for contact, side in _contacts_of(spec, contacts):
-                    sides[contact.name, side] = contact_side(
-                        mesh, edges[contact.name, side], elasticity.free, spec.name, spec.material.plane_modulus,
-                        _key(contact))
+                    facing, key = edges[contact.name, side], _key(contact)
+                    sides[contact.name, side] = contact_side(mesh, facing, elasticity.free, spec.name,
+                                                             modulus_beside(mesh, material, facing, key), key)
                 interrupt.check()
         both = exchange.swap_objects(sides)
         with agreed(world):

@@ -9,6 +9,8 @@ import numpy as np
 from mpi4py import MPI
 
 from ddmpi.body.estimate import DiscretizationError
+from ddmpi.body.loads import nodal_loads
+from ddmpi.body.stiffness import forces_at
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState
@@ -42,6 +44,9 @@ COARSE = 0.5
 BESIDE = 1e-9
 """Overlaps with a rigid partner below this part of the body's size are rounding."""
 
+POINT = 0.01
+"""A point that carries a larger part of a body's forces than this does not only fix its position."""
+
 IDLE = 1e-6
 """A contact with less than this part of the largest force of all contacts carries nothing that could be lost."""
 
@@ -61,7 +66,8 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
     mine: dict[tuple[str, int], np.ndarray] = {}
     for body in assembly.bodies:
         name, u = body.spec.name, displacements[body.spec.name]
-        own[body.number] = _large_motion(body, u), float(np.linalg.norm(u, axis=1).max())
+        warnings = _large_motion(body, u) + _points_that_carry(body, u, contacts)
+        own[body.number] = warnings, float(np.linalg.norm(u, axis=1).max())
         for interface in body.member.interfaces:
             side = interface.side(name)
             mine[interface.name, side] = interface.transfer[side] @ u[interface.nodes[side]]
@@ -101,6 +107,26 @@ def _unresolved(assembly: Assembly, contacts: Mapping[str, ContactState]) -> lis
             found.append(f"body.{name}: the forces on it, {acting:.3g} in all, are nothing beside the loads of "
                          f"{most:.3g} of another body; the answer does not tell whether anything holds it. Solve it "
                          "without the other")
+    return found
+
+
+def _points_that_carry(body: Body, u: np.ndarray, contacts: Mapping[str, ContactState]) -> list[str]:
+    """Warnings of clamped points, on no clamped boundary group, at which a body moved by u (nv, 2) is really held."""
+    mesh, name = body.mesh, body.spec.name
+    points = {clamp.on: mesh.vertices[clamp.on] for clamp in body.spec.clamps if clamp.on in mesh.vertices}
+    if not points:
+        return []
+    held = [interface.nodes[interface.side(name)] for interface in body.member.interfaces]
+    held += [np.unique(mesh.groups[clamp.on]) for clamp in body.spec.clamps if clamp.on in mesh.groups]
+    loads, clamped = np.abs(nodal_loads(mesh, body.spec)), ~body.member.elasticity.free
+    pressed = sum(float(np.abs(contacts[each.name].normal_force).sum()) for each in body.member.interfaces)
+    least, found = POINT * max(body.member.elasticity.load, pressed), []
+    for on, nodes in points.items():
+        force = np.abs(forces_at(mesh, body.material, u, nodes)) * clamped[nodes]
+        alone = not any(np.isin(nodes, others).any() for others in held)
+        if alone and (force > np.maximum(least, 2.0 * loads[nodes])).any():  # nodes have their share of other loads
+            found.append(f"body.{name}.clamp: the point {on!r} carries a force of {force.max():.3g}; it gives way the "
+                         "more the finer the mesh, without limit, so clamp a boundary group where forces are carried")
     return found
 
 

@@ -1,4 +1,4 @@
-"""Edges on the boundary of a mesh: groups by name, their direction, their pieces between nodes."""
+"""Groups of a mesh by name; edges on its boundary: their direction, their pieces between nodes."""
 
 from __future__ import annotations
 
@@ -7,17 +7,62 @@ import scipy.sparse as sparse
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.mesh import Mesh
+from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.keys import nearest
 
 
 def boundary_group(mesh: Mesh, name: str, key: str) -> np.ndarray:
     """Edges (k, 2 or 3) of the group `name`. Raises InputError, naming `key`, if the mesh has no such group."""
+    if name in mesh.vertices:
+        raise InputError(f"{key}: {name!r} is a physical point of the mesh, which only a clamp may name; where a force "
+                         "acts on a point, the displacement has no limit as the mesh gets finer")
     if name not in mesh.groups:
         raise InputError(f"{key}: the mesh has no boundary group {name!r}{nearest(name, list(mesh.groups))}; it has "
                          f"{', '.join(sorted(mesh.groups))}")
     if len(mesh.groups[name]) == 0:
         raise InputError(f"{key}: the boundary group {name!r} of the mesh has a name, but no lines")
     return mesh.groups[name]
+
+
+def group_nodes(mesh: Mesh, name: str, key: str) -> np.ndarray:
+    """Nodes (k,) of a boundary group or of a physical point. Raises InputError, naming `key`, if there are none."""
+    if name not in mesh.vertices:
+        return np.unique(boundary_group(mesh, name, key))
+    if len(mesh.vertices[name]) == 0:
+        raise InputError(f"{key}: the physical point {name!r} of the mesh is at none of its triangles")
+    return mesh.vertices[name]
+
+
+def material_numbers(mesh: Mesh, body: BodySpec) -> np.ndarray:
+    """Which one of the body's materials each triangle (nt,) has. Raises InputError unless each has exactly one."""
+    number = np.full(len(mesh.triangles), -1)
+    parts = [] if not isinstance(body.material, list) else body.material
+    for k, on in ((k, part.on) for k, part in enumerate(parts) if part.on is not None):
+        key = f"body.{body.name}.material.{k}.on"
+        if on not in mesh.surfaces:
+            raise InputError(f"{key}: the mesh has no physical surface {on!r}{nearest(on, list(mesh.surfaces))}; it "
+                             f"has {', '.join(sorted(mesh.surfaces)) or 'none with a name'}")
+        own = mesh.surfaces[on]
+        if len(own) == 0:
+            raise InputError(f"{key}: the physical surface {on!r} of the mesh has a name, but no triangles")
+        if (number[own] >= 0).any():
+            triangle = own[number[own] >= 0][0]
+            raise InputError(f"{key}: {_place(mesh, triangle)} is in the physical surfaces {on!r} and "
+                             f"{parts[number[triangle]].on!r}, which would both give it a material")
+        number[own] = k
+    rest = next((k for k, part in enumerate(parts) if part.on is None), None if parts else 0)
+    if rest is None and (number < 0).any():
+        triangle = np.flatnonzero(number < 0)[0]
+        around = [name for name, members in mesh.surfaces.items() if triangle in members]
+        where = f"in the physical surface {around[0]!r}" if around else "in no physical surface with a name"
+        raise InputError(f"body.{body.name}.material: {_place(mesh, triangle)}, {where}, has no material; add an entry "
+                         "for it, or one without on for the rest")
+    return np.where(number < 0, 0 if rest is None else rest, number)
+
+
+def _place(mesh: Mesh, triangle: int) -> str:
+    x, y = mesh.points[mesh.triangles[triangle, :3]].mean(axis=0)
+    return f"the triangle at ({x:.6g}, {y:.6g})"
 
 
 def turn_outward(mesh: Mesh, edges: np.ndarray, key: str) -> np.ndarray:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.boundary import boundary_group
+from ddmpi.mesh.boundary import boundary_group, group_nodes, material_numbers
 from ddmpi.mesh.mesh import Mesh, refuse_folded
 from ddmpi.mesh.read import file_order, read_mesh
 from ddmpi.mesh.refine import halve, raise_order
@@ -35,9 +35,11 @@ def build_mesh(body: BodySpec, folder: Path = Path(".")) -> Mesh:
     if spec.order == 2 and mesh.order == 1:
         mesh = raise_order(mesh, key)
     refuse_folded(mesh, key)
-    for key, names in (("clamp", [c.on for c in body.clamps]), ("traction", [t.on for t in body.traction])):
-        for name in names:
-            boundary_group(mesh, name, f"body.{body.name}.{key}")
+    material_numbers(mesh, body)
+    for clamp in body.clamps:
+        group_nodes(mesh, clamp.on, f"body.{body.name}.clamp")
+    for traction in body.traction:
+        boundary_group(mesh, traction.on, f"body.{body.name}.traction")
     return mesh
 
 

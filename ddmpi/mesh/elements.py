@@ -27,6 +27,16 @@ _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 LINE = ((1.0 + _POINTS) / 2, _WEIGHTS / 2)
 """Points from 0 to 1 along a side, and weights: Gauss's, exact to degree 9. Arc lengths are no polynomials."""
 
+
+def _collapsed() -> tuple[np.ndarray, np.ndarray]:
+    at, weights = LINE
+    a, b = (each.ravel() for each in np.meshgrid(at, at, indexing="ij"))
+    return np.column_stack([1 - a, a * (1 - b), a * b]), 2 * a * np.outer(weights, weights).ravel()
+
+
+FINE = _collapsed()
+"""Barycentric points and weights for formulas, exact to degree 8: Gauss's on a square that is mapped (Duffy 1982)."""
+
 BENT = 1e-9
 """A side is curved if its middle is off the midpoint of its chord by more than this part of the chord's length."""
 

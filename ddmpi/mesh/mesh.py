@@ -1,4 +1,4 @@
-"""The mesh of one body: nodes, triangles and named boundary groups.
+"""The mesh of one body: nodes, triangles and named groups.
 
 Triangles of order 2 also have a node at the middle of each side (`refine.raise_order` adds them). Where it is off the
 midpoint of the chord, the side is curved: the parabola through its three nodes.
@@ -6,7 +6,7 @@ midpoint of the chord, the side is curved: the parabola through its three nodes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -32,11 +32,15 @@ class Mesh:
         of the sides 01, 12, 20
     groups : name → (k, 2) int, the boundary edges of each physical group by their ends; of order 2
         (k, 3), the ends followed by the middle
+    vertices : name → (k,) int, the nodes of each physical point
+    surfaces : name → (k,) int, the triangles of each physical surface
     """
 
     points: np.ndarray
     triangles: np.ndarray
     groups: dict[str, np.ndarray]
+    vertices: dict[str, np.ndarray] = field(default_factory=dict)
+    surfaces: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def dimension(self) -> int:
@@ -67,8 +71,8 @@ class Mesh:
         """The numbers of the curved triangles, BLOCK at a time."""
         return [self.curved[start:start + BLOCK] for start in range(0, len(self.curved), BLOCK)]
 
-    def map(self, cells: np.ndarray, barycentric: np.ndarray = TRIANGLE[0]) -> Mapped:
-        """Some triangles, numbers `cells` (t,), at the points `barycentric` (q, 3) of each, curved or not."""
+    def map(self, cells: np.ndarray | slice, barycentric: np.ndarray = TRIANGLE[0]) -> Mapped:
+        """Some triangles, numbers or a slice of them, at the points `barycentric` (q, 3) of each, curved or not."""
         return self.element.map(self.points[self.triangles[cells]], barycentric)
 
     def areas(self) -> np.ndarray:

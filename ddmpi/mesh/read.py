@@ -30,7 +30,7 @@ FLAT = 1e-14
 
 
 def read_mesh(path: Path, body: str, order: Literal[1, 2] = 1) -> Mesh:
-    """Read triangles and boundary lines with physical groups from a mesh file, as a mesh of the `order`.
+    """Read triangles, boundary lines and points with their physical groups from a mesh file, as a mesh of the `order`.
 
     In order 2 the sides of second-order elements are curved as they are in the file; in order 1 only corners are kept.
     Sides of first-order elements are straight. In formats without names of
@@ -45,7 +45,8 @@ def read_mesh(path: Path, body: str, order: Literal[1, 2] = 1) -> Mesh:
                          "only triangles and boundary lines of first or second order are supported (gmsh makes "
                          "triangles where neither Recombine nor Mesh.RecombineAll asks for others)")
     triangles = np.concatenate([_elements(raw, kind, 3) for kind in TRIANGLES])
-    triangles = triangles[_distinct(triangles[:, :3])]
+    first, place = _distinct(triangles[:, :3])
+    triangles = triangles[first]
     if len(triangles) == 0:
         raise InputError(f"{label} has no triangles; gmsh saves only elements in physical groups: "
                          'Physical Surface("body") = {1};')
@@ -54,6 +55,9 @@ def read_mesh(path: Path, body: str, order: Literal[1, 2] = 1) -> Mesh:
     if np.ptp(raw.points[:, 2]) > PLANE * np.ptp(raw.points):
         raise InputError(f"{label} is not plane (its z coordinates differ)")
     groups = _line_groups(raw, label)
+    surfaces = {name: np.unique(place[members]) for name, members in _members(raw, 2, TRIANGLES).items()}
+    points_of = raw.cells_dict.get("vertex", np.empty((0, 1), int))[:, 0]
+    vertices = {name: np.unique(points_of[members]) for name, members in _members(raw, 0, ("vertex",)).items()}
 
     bends = _bends(raw.points[:, :2], triangles) if order == 2 else None
     used, renumbered = np.unique(triangles[:, :3], return_inverse=True)
@@ -61,6 +65,7 @@ def read_mesh(path: Path, body: str, order: Literal[1, 2] = 1) -> Mesh:
     number[used] = np.arange(len(used))
     points, triangles = np.asarray(raw.points[used, :2], float), renumbered.reshape(-1, 3)
     groups = {name: number[lines] for name, lines in groups.items()}
+    vertices = {name: number[nodes][number[nodes] >= 0] for name, nodes in vertices.items()}
     if any((lines < 0).any() for lines in groups.values()):
         raise InputError(f"{label} has boundary lines that belong to no triangle")
     doubled = signed_double_areas(points, triangles)
@@ -68,7 +73,7 @@ def read_mesh(path: Path, body: str, order: Literal[1, 2] = 1) -> Mesh:
         raise InputError(f"{label} has triangles without area")
     turned = doubled < 0
     triangles[turned] = triangles[turned][:, [0, 2, 1]]
-    mesh = Mesh(points, triangles, groups)
+    mesh = Mesh(points, triangles, groups, vertices, surfaces)
     if bends is None:
         return mesh
     bends[turned] = bends[turned][:, [2, 1, 0]]
@@ -131,25 +136,38 @@ def gmsh_session() -> Iterator:
 
 def _line_groups(raw, label: str) -> dict[str, np.ndarray]:
     """The lines (k, 2) of each named physical group of lines. Raises InputError where none is named."""
-    tags = {int(tag): name for name, (tag, dimension) in raw.field_data.items() if dimension == 1}
-    if not tags:
+    members = _members(raw, 1, LINES)
+    if not members:
         raise InputError(f"{label} has no named physical groups of lines; "
                          "clamps, tractions and contacts refer to boundaries by such names: "
                          'Physical Curve("left") = {4};')
+    lines = np.concatenate([_elements(raw, kind, 2)[:, :2] for kind in LINES])
+    return {name: lines[own][_distinct(lines[own])[0]] for name, own in members.items()}
+
+
+def _members(raw, dimension: int, kinds: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """Which elements, counted through all `kinds`, each named physical group of a dimension has."""
+    tags = {int(tag): name for name, (tag, of) in raw.field_data.items() if of == dimension}
     sets = raw.cell_sets_dict  # of version 4 files, where an element may be in several groups
-    groups: dict[str, list[np.ndarray]] = {name: [] for name in tags.values()}
-    for kind in LINES:
-        lines = _elements(raw, kind, 2)[:, :2]
+    members: dict[str, list[np.ndarray]] = {name: [] for name in tags.values()}
+    before = 0
+    for kind in kinds:
         physical = raw.cell_data_dict.get("gmsh:physical", {}).get(kind, np.empty(0, int))
         for tag, name in tags.items():
-            groups[name].append(lines[sets[name].get(kind, []) if name in sets else np.flatnonzero(physical == tag)])
-    joined = {name: np.concatenate(lines) for name, lines in groups.items()}
-    return {name: lines[_distinct(lines)] for name, lines in joined.items()}
+            own = sets[name].get(kind, ()) if name in sets else np.flatnonzero(physical == tag)
+            members[name].append(before + np.asarray(own, int))
+        before += len(raw.cells_dict.get(kind, ()))
+    return {name: np.concatenate(own) for name, own in members.items()}
 
 
-def _distinct(elements: np.ndarray) -> np.ndarray:
-    """The places of different elements: up to version 2 a file repeats one for each group that it is in."""
-    return np.sort(np.unique(np.sort(elements, axis=1), axis=0, return_index=True)[1])
+def _distinct(elements: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The places of different elements (k,), in the given order, and which of these each element is.
+
+    Up to version 2 a file repeats an element for each group that it is in.
+    """
+    _, first, same = np.unique(np.sort(elements, axis=1), axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    return first[order], np.argsort(order)[same.ravel()]
 
 
 def _elements(raw, kind: str, corners: int) -> np.ndarray:

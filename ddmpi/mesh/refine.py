@@ -30,7 +30,8 @@ def raise_order(mesh: Mesh, key: str) -> Mesh:
         groups[name] = np.column_stack([edges, size + place])
     ends = np.divmod(sides, size)
     points = np.concatenate([mesh.points, (mesh.points[ends[0]] + mesh.points[ends[1]]) / 2])
-    return Mesh(points, np.column_stack([mesh.triangles, size + number.reshape(-1, 3)]), groups)
+    return Mesh(points, np.column_stack([mesh.triangles, size + number.reshape(-1, 3)]), groups, mesh.vertices,
+                mesh.surfaces)
 
 
 def bend(mesh: Mesh, bends: np.ndarray) -> Mesh:
@@ -55,7 +56,9 @@ def halve(mesh: Mesh, key: str) -> Mesh:
     a, b, c, ab, bc, ca = fine.triangles.T
     parts = np.stack([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]])
     triangles = parts.transpose(2, 0, 1).reshape(-1, 3)
-    halved = Mesh(fine.points, triangles, {name: segments(edges) for name, edges in fine.groups.items()})
+    surfaces = {name: (4 * members[:, None] + np.arange(4)).ravel() for name, members in mesh.surfaces.items()}
+    halved = Mesh(fine.points, triangles, {name: segments(edges) for name, edges in fine.groups.items()}, mesh.vertices,
+                  surfaces)
     if mesh.order == 1:
         return halved
     old = mesh.bends

@@ -44,8 +44,8 @@ class AndersonIteration(PublishedIteration):
 
     def __init__(self, assembly: Assembly, method: SettledMethod, report: Report = no_report) -> None:
         (interface,) = assembly.member.interfaces
-        materials = {body.name: body.material for body in assembly.scene.body}
-        moduli = [materials[name].plane_modulus for name in interface.bodies]
+        bodies = {body.name: body for body in assembly.scene.body}
+        moduli = [bodies[name].plane_modulus for name in interface.bodies]
         lead = int(moduli[1] > moduli[0])
         super().__init__(assembly, method, report, lead)
         self._weights = moduli[lead] / sum(moduli), moduli[1 - lead] / sum(moduli)

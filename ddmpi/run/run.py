@@ -170,7 +170,7 @@ def _fall_back(ladder: MeshLadder, reason: str) -> bool:
 def _estimate(assembly: Assembly, solution: Solution, clock: Clock) -> DiscretizationError:
     """The discretization error of all bodies. Collective."""
     with clock.phase("estimate"):
-        own = {body.spec.name: estimate_error(body.mesh, body.spec.material, solution.displacements[body.spec.name])
+        own = {body.spec.name: estimate_error(body.mesh, body.material, solution.displacements[body.spec.name])
                for body in assembly.bodies}
         numbers = {name: (each.total, each.energy, each.area) for name, each in own.items()}
         return sum_errors(merged(assembly.world, numbers), own)
@@ -184,7 +184,7 @@ def _finish(assembly: Assembly, solution: Solution, error: DiscretizationError, 
         for body in assembly.bodies:
             mesh, name = body.mesh, body.spec.name
             u = solution.displacements[name]
-            sigma = stress(mesh, body.spec.material, u) if output.stress else None
+            sigma = stress(mesh, body.material, u) if output.stress else None
             fields[name] = Fields(mesh.points, mesh.triangles, u, sigma,
                                   von_mises(sigma) if sigma is not None else None,
                                   error.density(name) if output.error else None)

@@ -3,11 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import msgspec
 
-from ddmpi.scene.values import AffineScalar, AffineVector, Count, Group, Name, Number, Point, Positive, Table, settle
+from ddmpi.scene.values import (
+    AffineScalar,
+    AffineVector,
+    Count,
+    Formula,
+    Group,
+    Name,
+    Number,
+    Point,
+    Positive,
+    Table,
+    Vector,
+    check_formulas,
+    settle,
+)
 
 SHAPES = {"rectangle": {"size": "[width, height]", "divisions": "[nx, ny]"},
           "quadrilateral": {"corners": "[[x, y], …]", "divisions": "[nx, ny]"},
@@ -156,23 +171,46 @@ class Material(Table, frozen=True, kw_only=True):
         return self.young / (1 - self.poisson**2) if self.plane == "strain" else self.young
 
 
+class PartMaterial(Material, frozen=True, kw_only=True):
+    """The material of the physical surface ``on`` of a mesh file; without ``on``, that of all triangles left."""
+
+    on: Group | None = None
+
+
 class Clamp(Table, frozen=True, kw_only=True):
-    """Prescribed displacement (m) on a boundary group; a component that is left out stays free."""
+    """Prescribed displacement (m) on a boundary group or physical point; a component that is left out stays free."""
 
     on: Group
-    x: Number | AffineScalar | None = None
-    y: Number | AffineScalar | None = None
+    x: Number | Formula | AffineScalar | None = None
+    y: Number | Formula | AffineScalar | None = None
 
     def __post_init__(self) -> None:
         if self.x is None and self.y is None:
             raise ValueError(f'a clamp prescribes x, y or both; to fix both, write clamp = ["{self.on}"]')
+        check_formulas("x", self.x)
+        check_formulas("y", self.y)
 
 
 class Traction(Table, frozen=True, kw_only=True):
-    """Surface traction (Pa) on a boundary group."""
+    """Surface traction (Pa) on a boundary group: a ``value``, or a ``pressure`` along the inner normal."""
 
     on: Group
-    value: Point | AffineVector
+    value: Vector | AffineVector | None = None
+    pressure: Number | Formula | AffineScalar | None = None
+
+    def __post_init__(self) -> None:
+        if (self.value is None) == (self.pressure is None):
+            raise ValueError("a traction has either a value, as in value = [0.0, -6e7], or a pressure along the inner "
+                             "normal, as in pressure = 1e6")
+        check_formulas("value", self.value)
+        check_formulas("pressure", self.pressure)
+
+    @property
+    def given(self) -> Vector | AffineVector | Number | Formula | AffineScalar:
+        """The value or the pressure, whichever there is."""
+        found = self.pressure if self.value is None else self.value
+        assert found is not None
+        return found
 
 
 class BodySpec(Table, frozen=True, kw_only=True):
@@ -180,10 +218,51 @@ class BodySpec(Table, frozen=True, kw_only=True):
 
     name: Name
     mesh: MeshSpec
-    material: Material
+    material: Material | Annotated[list[PartMaterial], msgspec.Meta(min_length=1)]
     clamp: list[Group | Clamp] = []
     traction: list[Traction] = []
-    volume_force: Point | AffineVector = (0.0, 0.0)
+    volume_force: Vector | AffineVector = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        check_formulas("volume_force", self.volume_force)
+        if isinstance(self.material, Material):
+            return
+        surfaces = [part.on for part in self.material]
+        named = [on for on in surfaces if on is not None]
+        for on in surfaces:
+            if surfaces.count(on) > 1:
+                raise ValueError(f"material: {surfaces.count(on)} entries are "
+                                 + ("without on; one may leave it out, and has what the others leave" if on is None
+                                    else f"on {on!r}; leave all but one of them out"))
+        if named and self.mesh.shape:
+            raise ValueError(f'material: on = "{named[0]}" names a physical surface of a mesh file, and a '
+                             f'{self.mesh.shape} has none; leave on out, or make a body of each part and join them by '
+                             'contacts with kind = "bonded"')
+        if len({part.plane for part in self.material}) > 1:
+            raise ValueError("material: entries are in plane strain, the default, and in plane stress; a body is in "
+                             "one of them, so give all entries the same plane")
+
+    @property
+    def materials(self) -> Sequence[Material]:
+        """All materials of the body."""
+        return [self.material] if isinstance(self.material, Material) else self.material
+
+    @property
+    def plane(self) -> Literal["strain", "stress"]:
+        """Whether the body is in plane strain or plane stress."""
+        return self.materials[0].plane
+
+    @property
+    def plane_modulus(self) -> float:
+        """E / (1 − ν²), or E in plane stress (Pa); of several materials the harmonic mean."""
+        if isinstance(self.material, Material):
+            return self.material.plane_modulus
+        return len(self.material) / sum(1.0 / part.plane_modulus for part in self.material)
+
+    @property
+    def locking_ratio(self) -> float | None:
+        """Poisson's ratio of a material in which linear triangles lock; None if there is none."""
+        return max((material.poisson for material in self.materials if material.locks), default=None)
 
     @property
     def clamps(self) -> list[Clamp]:
@@ -203,5 +282,5 @@ class SettledBody(BodySpec, frozen=True, kw_only=True):
     @property
     def locking(self) -> str:
         """Why the discretization error of this body cannot be estimated; empty if it can."""
-        return (f"{self.name}: no estimate: linear triangles lock at nu = {self.material.poisson:g}; mesh.order = 2 "
-                "would be right") if self.mesh.order == 1 and self.material.locks else ""
+        return (f"{self.name}: no estimate: linear triangles lock at nu = {self.locking_ratio:g}; mesh.order = 2 "
+                "would be right") if self.mesh.order == 1 and self.locking_ratio else ""

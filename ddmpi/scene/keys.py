@@ -99,6 +99,10 @@ def explain(message: str, data: dict, root: type) -> str:
         fields = [name for kind in kinds if isinstance(kind, inspect.StructType)
                   for name in (kind.tag_field, *(field.name for field in kind.fields)) if name]
         return f"{key}: unknown key{nearest(found[2], fields)} (valid here: {', '.join(fields)})"
+    field, _, rest = problem.partition(": ")
+    if rest and any(field == each.name for kind in kinds if isinstance(kind, inspect.StructType)
+                    for each in kind.fields):  # the table's own check names a key
+        named, problem = [*named, field], rest
     key = ".".join(named) + ": " * bool(named)
     allowed = [str(value) for kind in kinds if isinstance(kind, inspect.LiteralType) for value in kind.values]
     if problem.startswith("Invalid") and allowed:

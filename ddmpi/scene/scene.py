@@ -108,7 +108,7 @@ class Scene(Table, frozen=True, kw_only=True):
         if second in rigid and (contact.slave or contact.pairing):
             raise ValueError(f"{key}.{'slave' if contact.slave else 'pairing'}: {second!r} is rigid and has no nodes; "
                              f"rows stand at the nodes of {first!r}, so leave this key out")
-        planes = [bodies[name].material.plane for name in contact.bodies if name in bodies]
+        planes = [bodies[name].plane for name in contact.bodies if name in bodies]
         if len(set(planes)) > 1:
             raise ValueError(f"{key}.bodies: {first!r} is in plane {planes[0]} and {second!r} in plane {planes[1]}; "
                              "they cannot touch, so give both the same material.plane")
@@ -123,10 +123,10 @@ class Scene(Table, frozen=True, kw_only=True):
         if mesh files differ in order; and what `file_order` raises.
         """
         method = self.method.settled(refinable=all(body.mesh.refinable for body in self.body))
-        locking = [body for body in self.body if method.target_error and body.material.locks]
+        locking = [body for body in self.body if method.target_error and body.locking_ratio]
         named = next((body.mesh.order for body in self.body if body.mesh.order), None)
         if locking and named == 1:
-            raise ValueError(f"body.{locking[0].name}: linear triangles lock at nu = {locking[0].material.poisson:g}; "
+            raise ValueError(f"body.{locking[0].name}: linear triangles lock at nu = {locking[0].locking_ratio:g}; "
                              "estimates of their error cannot be trusted, and no method.target_error can be met; leave "
                              "mesh.order out or set it to 2")
         order = named or (2 if locking else PRESETS.get(method.preset or "", {}).get("order"))

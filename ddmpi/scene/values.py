@@ -1,8 +1,12 @@
-"""Types of values: names, numbers with limits, affine functions of the coordinates, profiles along an interface."""
+"""Types of values: names, numbers with limits, functions of the coordinates, profiles along an interface."""
 
 from __future__ import annotations
 
+import ast
+import functools
+import operator
 import sys
+import warnings
 from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
@@ -16,6 +20,11 @@ Positive = Annotated[float, msgspec.Meta(gt=0, le=LARGEST)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0, le=LARGEST)]
 Count = Annotated[int, msgspec.Meta(ge=1)]
 Point = tuple[Number, Number]
+
+Formula = Annotated[str, msgspec.Meta(min_length=1, max_length=1000)]
+"""A number as a formula in the coordinates x and y, such as ``-6e7 * (1 + x/3)``."""
+
+Vector = tuple[Number | Formula, Number | Formula]
 
 Group = Annotated[str, msgspec.Meta(min_length=1)]
 """Name of a boundary group of a mesh."""
@@ -52,18 +61,123 @@ class AffineScalar(Table, frozen=True, kw_only=True):
     y_slope: Number = 0.0
 
 
+FUNCTIONS: dict[str, np.ufunc] = {
+    "sin": np.sin, "cos": np.cos, "tan": np.tan, "asin": np.arcsin, "acos": np.arccos, "atan": np.arctan,
+    "atan2": np.arctan2, "sinh": np.sinh, "cosh": np.cosh, "tanh": np.tanh, "exp": np.exp, "log": np.log,
+    "log10": np.log10, "sqrt": np.sqrt, "hypot": np.hypot, "abs": np.absolute, "min": np.minimum, "max": np.maximum}
+"""The functions that a formula may call; angles are in radians. There is also ``where(condition, one, other)``."""
+
+_OPERATORS = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
+              ast.Pow: operator.pow, ast.USub: operator.neg, ast.UAdd: operator.pos,
+              ast.Lt: lambda a, b: 1.0 * (a < b), ast.LtE: lambda a, b: 1.0 * (a <= b),
+              ast.Gt: lambda a, b: 1.0 * (a > b), ast.GtE: lambda a, b: 1.0 * (a >= b)}
+
+DEEPEST = 200
+"""How many brackets, signs and terms of a formula may stand within each other; Python's own limit is not far above."""
+
+_NODES = (ast.Name, ast.UnaryOp, ast.BinOp, ast.Compare, ast.Call)
+"""What a formula is made of, beside numbers. There are no attributes, indices, keywords, statements or strings."""
+
+
+def _call(name: str, *values: Any) -> Any:
+    """A function of a formula; further arguments of numpy's functions are places for their results."""
+    count = 3 if name == "where" else FUNCTIONS[name].nin
+    if len(values) != count:
+        raise ValueError(f"{name} takes {count} value{'s' * (count > 1)}, not {len(values)}")
+    return np.where(*values) if name == "where" else FUNCTIONS[name](*values)
+
+
+def _number(node: ast.Constant) -> np.float64:
+    if isinstance(node.value, bool) or not isinstance(node.value, int | float):
+        raise ValueError(f"{node.value!r} is not a number")
+    return np.float64(node.value)
+
+
+@functools.lru_cache
+def _parse(formula: str) -> ast.expr:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Python's advice on its own style
+        return ast.parse(formula.strip(), mode="eval").body
+
+
+def _depth(tree: ast.AST) -> int:
+    level, depth = [tree], 0
+    while level:
+        level, depth = [child for node in level for child in ast.iter_child_nodes(node)], depth + 1
+    return depth
+
+
+def _compute(formula: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The values of a formula at points, in their shape. Raises ValueError, which quotes it, if it is none."""
+    import simpleeval  # seldom needed
+
+    known = f"known are x, y, pi, where, {', '.join(FUNCTIONS)}"
+    evaluator = simpleeval.SimpleEval(
+        _OPERATORS, {name: functools.partial(_call, name) for name in (*FUNCTIONS, "where")},
+        {"x": x, "y": y, "pi": np.float64(np.pi)})
+    evaluator.nodes = {kind: evaluator.nodes[kind] for kind in _NODES} | {ast.Constant: _number}
+    try:
+        tree = _parse(formula)
+        if _depth(tree) > DEEPEST:
+            raise ValueError("it is nested too deeply")
+        if any(isinstance(node, ast.Compare) and len(node.ops) > 1 for node in ast.walk(tree)):
+            raise ValueError("a chain of comparisons; write (0 < x) * (x < 1)")
+        with np.errstate(all="ignore"):
+            found = np.asarray(evaluator.eval(formula, previously_parsed=tree), float)
+        return np.array(np.broadcast_to(found, np.shape(x)))
+    except simpleeval.NameNotDefined as error:
+        reason = f"{error.name!r} is not known; {known}"
+    except simpleeval.FunctionNotDefined as error:
+        reason = f"the function {error.func_name!r} is not known; {known}"
+    except simpleeval.OperatorNotDefined as error:
+        sign = type(error.attr).__name__
+        reason = "a power is written **, not ^" if sign == "BitXor" else (
+            f"formulas do not have this operator ({sign}), only + - * / ** < <= > >=")
+    except simpleeval.FeatureNotAvailable:
+        reason = f"it must be made of numbers, + - * / **, comparisons, brackets and functions; {known}"
+    except SyntaxError as error:
+        reason = f"it is not a formula: {error.msg}"
+    except (ValueError, TypeError, ArithmeticError, MemoryError, RecursionError) as error:
+        reason = str(error) or type(error).__name__
+    raise ValueError(f'the formula "{formula}" cannot be evaluated: {reason}')
+
+
+def varies(value: Any) -> bool:
+    """Whether a value is, or has, a formula in which x or y occurs."""
+    if isinstance(value, tuple):
+        return any(varies(part) for part in value)
+    return isinstance(value, str) and any(isinstance(node, ast.Name) and node.id in ("x", "y")
+                                          for node in ast.walk(_parse(value)))
+
+
+def check_formulas(key: str, value: Any) -> None:
+    """Raise ValueError, naming `key`, where `value` is, or has, a formula that cannot be evaluated anywhere."""
+    for formula in (part for part in (value if isinstance(value, tuple) else (value,)) if isinstance(part, str)):
+        try:
+            found = _compute(formula, np.array([0.25, 0.75]), np.array([0.5, 0.125]))
+        except ValueError as error:
+            raise ValueError(f"{key}: {error}") from None
+        if not varies(formula) and not np.isfinite(found).all():
+            raise ValueError(f'{key}: the formula "{formula}" is {found[0]}, which is not a finite number')
+
+
 def evaluate(value: Any, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Evaluate a constant or affine scalar or vector at points.
+    """Evaluate a constant, an affine function or a formula, each a scalar or a vector, at points.
 
     Parameters
     ----------
-    value : float, pair of floats, AffineScalar or AffineVector
+    value : float, formula, pair of these, AffineScalar or AffineVector
     x, y : arrays of the same shape (metres)
 
     Returns
     -------
-    An array of that shape for a scalar, ``(2, *shape)`` for a vector; units of `value`.
+    An array of that shape for a scalar, ``(2, *shape)`` for a vector; units of `value`. Formulas may give numbers
+    that are not finite.
     """
+    if isinstance(value, str):
+        return _compute(value, x, y)
+    if isinstance(value, tuple) and any(isinstance(part, str) for part in value):
+        return np.stack([evaluate(part, x, y) for part in value])
     if not isinstance(value, AffineVector | AffineScalar):
         value = AffineVector(constant=value) if isinstance(value, tuple) else AffineScalar(constant=value)
     terms = [np.multiply.outer(np.asarray(c), f) for c, f in

@@ -16,7 +16,7 @@ from ddmpi.mesh.build import build_mesh, generate_rectangle
 from ddmpi.mesh.mesh import Mesh, signed_double_areas
 from ddmpi.mesh.read import file_order, read_mesh
 from ddmpi.mesh.refine import raise_order
-from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
+from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, PartMaterial, Traction
 
 STEEL = Material(young=2.1e11, poisson=0.3)
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
@@ -59,6 +59,34 @@ def write_by_gmsh(path: Path, version: float, binary: bool = False, lines=None, 
             gmsh.model.addPhysicalGroup(1, [sides[i] for i in members], name=name)
         for name in surfaces:
             gmsh.model.addPhysicalGroup(2, [surface], name=name)
+        gmsh.model.mesh.generate(2)
+        gmsh.model.mesh.setOrder(order)
+        gmsh.option.setNumber("Mesh.MshFileVersion", version)
+        gmsh.option.setNumber("Mesh.Binary", binary)
+        gmsh.write(str(path))
+    finally:
+        gmsh.finalize()
+    return path
+
+
+def write_parts(path: Path, version: float, order: int = 1, overlap: bool = False, binary: bool = False) -> Path:
+    """Two unit squares side by side, surfaces `left part` and `right part`, points `heel`, `middle` and `far off`."""
+    gmsh.initialize([], readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        geometry = gmsh.model.geo
+        corners = [geometry.addPoint(x, y, 0.0, 0.4) for y in (0.0, 1.0) for x in (0.0, 1.0, 2.0)]
+        low, high = ([geometry.addLine(corners[i], corners[i + 1]) for i in (k, k + 1)] for k in (0, 3))
+        up = [geometry.addLine(corners[i], corners[i + 3]) for i in range(3)]
+        parts = [geometry.addPlaneSurface([geometry.addCurveLoop([low[i], up[i + 1], -high[i], -up[i]])])
+                 for i in (0, 1)]
+        apart = geometry.addPoint(5.0, 5.0, 0.0, 0.4)
+        geometry.synchronize()
+        gmsh.model.addPhysicalGroup(1, low, name="bottom")
+        for name, surfaces in {"left part": parts[:1], "right part": parts[1:], "all": parts * overlap}.items():
+            gmsh.model.addPhysicalGroup(2, surfaces, name=name)
+        for name, point in (("heel", corners[0]), ("middle", corners[1]), ("far off", apart)):
+            gmsh.model.addPhysicalGroup(0, [point], name=name)
         gmsh.model.mesh.generate(2)
         gmsh.model.mesh.setOrder(order)
         gmsh.option.setNumber("Mesh.MshFileVersion", version)
@@ -252,6 +280,44 @@ def test_truncated_old_file(tmp_path, version, cut):
     path.write_text(path.read_text()[:-cut])
     text = refused(path)
     assert "is not a mesh that meshio or gmsh can read" in text and "gmsh: " in text
+
+
+@pytest.mark.parametrize("version, binary", [(2.2, False), (2.2, True), (4.0, False), (4.1, False), (4.1, True)])
+@pytest.mark.parametrize("order", [1, 2])
+def test_surfaces_and_points_of_a_file_are_kept(tmp_path, version, binary, order):
+    """Physical surfaces and points of a file are known by their names; halves and order 2 keep them."""
+    path = write_parts(tmp_path / "parts.msh", version, order, overlap=True, binary=binary)
+    for refine, quadratic in ((0, 1), (1, 2)):
+        mesh = build_mesh(body_with(MeshSpec(file=str(path), refine=refine, order=quadratic)))
+        middles = mesh.points[mesh.triangles[:, :3]].mean(axis=1)
+        assert set(mesh.surfaces) == {"left part", "right part", "all"}
+        assert np.array_equal(np.sort(mesh.surfaces["left part"]), np.flatnonzero(middles[:, 0] < 1.0))
+        assert np.array_equal(np.sort(mesh.surfaces["right part"]), np.flatnonzero(middles[:, 0] > 1.0))
+        assert np.array_equal(np.sort(mesh.surfaces["all"]), np.arange(len(mesh.triangles)))
+        assert {name: mesh.points[nodes].tolist() for name, nodes in mesh.vertices.items()} == \
+            {"heel": [[0.0, 0.0]], "middle": [[1.0, 0.0]], "far off": []}
+
+
+def test_points_may_be_clamped_only(tmp_path):
+    """A body may be clamped on its mesh file's points, if they are nodes of triangles, and not loaded there."""
+    mesh = MeshSpec(file=str(write_parts(tmp_path / "parts.msh", 4.1)))
+    build_mesh(body_with(mesh, clamp=["heel", Clamp(on="middle", y=0.0)]))
+    with pytest.raises(InputError, match=r"^body\.upper\.clamp: the physical point 'far off' of the mesh is at none"):
+        build_mesh(body_with(mesh, clamp=["far off"]))
+    with pytest.raises(InputError, match=r"^body\.upper\.traction: 'heel' is a physical point .*only a clamp"):
+        build_mesh(body_with(mesh, traction=[Traction(on="heel", value=(0.0, 1.0))]))
+
+
+def test_materials_are_those_of_the_files_surfaces(tmp_path):
+    """Materials that leave a surface of the file out are refused when the mesh is read."""
+    def body(*names: str) -> BodySpec:
+        return BodySpec(name="upper", mesh=MeshSpec(file=str(path)),
+                        material=[PartMaterial(on=name, young=1.0, poisson=0.3) for name in names])
+
+    path = write_parts(tmp_path / "parts.msh", 4.1)
+    build_mesh(body("left part", "right part"))
+    with pytest.raises(InputError, match=r"^body\.upper\.material: the triangle at .* surface 'right part', has no"):
+        build_mesh(body("left part"))
 
 
 def test_signals_are_heard_after_gmsh(tmp_path):

@@ -16,7 +16,7 @@ from ddmpi.scene.keys import differences, override
 from ddmpi.scene.method import Published
 from ddmpi.scene.reader import read_scene, read_scene_file
 from ddmpi.scene.scene import Scene, Settled
-from ddmpi.scene.values import AffineScalar, AffineVector, Profile, evaluate
+from ddmpi.scene.values import AffineScalar, AffineVector, Profile, check_formulas, evaluate, varies
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -190,6 +190,33 @@ REFUSED = {
     "file with size": (["body.lower.mesh.size=[1,1]"], ["body.lower.mesh: size belongs to shape = ", "not to a file"]),
     "shape without size": (['body.upper.mesh={shape="rectangle",divisions=[1,1]}'],
                            ['body.upper.mesh: shape = "rectangle" needs size = [width, height]', "size is missing"]),
+    # loads, formulas, materials of parts
+    "traction of nothing": (['body.upper.traction=[{on="top"}]'],
+                            ["body.upper.traction.0: a traction has either a value", "or a pressure"]),
+    "value and pressure": (["body.upper.traction.0.pressure=1e6"], ["body.upper.traction.0: a traction has either"]),
+    "unknown name in a formula": (['body.upper.traction.0.value=["0", "-6e7*(1+z)"]'],
+                                  ['body.upper.traction.0.value: the formula "-6e7*(1+z)" cannot be evaluated',
+                                   "'z' is not known", "known are x, y, pi"]),
+    "unknown function": (["body.upper.clamp.1.x=1e-3*sn(y)"],
+                         ['body.upper.clamp.1.x: the formula "1e-3*sn(y)"', "the function 'sn' is not known"]),
+    "no formula": (['body.lower.volume_force=["0", "2*(x"]'], ['body.lower.volume_force: the formula "2*(x"',
+                                                              "not a formula"]),
+    "constant that is none": (["body.upper.clamp.1.x=1/0"], ['body.upper.clamp.1.x: the formula "1/0" is inf']),
+    "power": (["body.upper.clamp.1.x=x^2"], ["a power is written **"]),
+    "arguments": (["body.upper.clamp.1.x=max(x)"], ["max takes 2 values, not 1"]),
+    "empty formula": (['body.upper.clamp.1.x=""'], ["body.upper.clamp.1.x: expected str of length >= 1"]),
+    "formula of a material": (["body.upper.material.young=2*x"], ["body.upper.material.young: expected float"]),
+    "surface of a shape": (['body.upper.material=[{on="a", young=1.0, poisson=0.3}]'],
+                           ['body.upper.material: on = "a" names a physical surface of a mesh file, and a rectangle']),
+    "surface twice": (['body.lower.material=[{on="a", young=1.0, poisson=0.3}, {on="a", young=2.0, poisson=0.3}]'],
+                      ["body.lower.material: 2 entries are on 'a'"]),
+    "rest twice": (["body.lower.material=[{young=1.0, poisson=0.3}, {young=2.0, poisson=0.3}]"],
+                   ["body.lower.material: 2 entries are without on"]),
+    "two planes": (['body.lower.material=[{on="a", young=1.0, poisson=0.3, plane="stress"}, {young=2.0, poisson=0.3}]'],
+                   ["body.lower.material: ", "give all entries the same plane"]),
+    "no materials": (["body.lower.material=[]"], ["body.lower.material: expected a list of length >= 1"]),
+    "unknown key of a part": (['body.lower.material=[{on="a", yuong=1.0, poisson=0.3}]'],
+                              ["body.lower.material.0.yuong: unknown key; did you mean 'young'?"]),
     "clamp of nothing": (['body.upper.clamp=[{on="left"}]'],
                          ["body.upper.clamp.0: ", "prescribes x, y or both", 'clamp = ["left"]']),
 }
@@ -376,7 +403,10 @@ def test_overrides_do_not_leak_into_the_next_scene():
 @pytest.mark.parametrize("settings", [
     [], ['contact.0.friction={law="none"}'], ["contact.0.name=joint", "method.preset=accurate"],
     ['contact.0.friction={law="tresca", slip_bound={along="arc", points=[0, 1, 1], values=[1, 2, 3]}}'],
-    ["body.lower.volume_force={constant=[1.0, 2.0], y_slope=[0.0, 3.0]}", "method.target_error=0.1"]])
+    ["body.lower.volume_force={constant=[1.0, 2.0], y_slope=[0.0, 3.0]}", "method.target_error=0.1"],
+    ['body.lower.volume_force=[0, "-7.8e4*(1 + x/3)"]', 'body.upper.traction=[{on="top", pressure="1e6*sin(pi*x)"}]',
+     "body.upper.clamp.1.x=1e-3*y", 'body.lower.material=[{on="core", young=1.0, poisson=0.3}, '
+     "{young=2.0, poisson=0.3}]"]])
 def test_resolved_scene_round_trips(settings):
     """The scene in summary.json, written as TOML without the keys that are null, is the same scene again."""
     for original in (scene(*settings), scene(*settings, text=WITHOUT_METHOD)):
@@ -429,7 +459,9 @@ def test_elements_have_the_order_of_the_files():
 OPTIONAL = {
     "SettledMesh": {"shape", "size", "corners", "center", "radii", "angles", "divisions", "file"},  # a shape or a file
     "SettledContact": {"gap", "pairing", "slave"},  # measured, chosen
+    "PartMaterial": {"on"},  # what the others leave
     "Clamp": {"x", "y"},  # free
+    "Traction": {"value", "pressure"},  # one of them
     "Output": {"magnification"},  # chosen by the picture
     "SettledMethod": {"algorithm", "splitting", "theta", "target_error", "preset", "compliance"},
     "Published": {"target_error", "preset", "compliance"},
@@ -538,6 +570,50 @@ def test_evaluate_keeps_shape():
     assert np.array_equal(evaluate(AffineScalar(constant=1.0, x_slope=2.0, y_slope=3.0), x, y), 4 + 2 * x)
     vector = evaluate(AffineVector(constant=(1.0, 0.0), x_slope=(0.0, 2.0), y_slope=(5.0, 0.0)), x, y)
     assert np.array_equal(vector, np.stack([np.full((2, 3), 6.0), 2 * x]))
+
+
+FORMULAS = {"-6e7 * (1 + x/3)": lambda x, y: -6e7 * (1 + x / 3), "x**2 - y**0.5": lambda x, y: x**2 - np.sqrt(y),
+            "2e3*sin(pi*x) + exp(-y)": lambda x, y: 2e3 * np.sin(np.pi * x) + np.exp(-y), "7": lambda x, y: 7 + 0 * x,
+            "where(x < 1, y, -y)": lambda x, y: np.where(x < 1, y, -y), "max(0, 1 - x)": lambda x, y: np.fmax(0, 1 - x),
+            "(0 < y) * (y <= 0.5)": lambda x, y: 1.0 * ((y > 0) & (y <= 0.5)),
+            "atan2(y, x)": lambda x, y: np.arctan2(y, x)}
+
+
+@pytest.mark.parametrize("formula", FORMULAS)
+def test_formulas_are_what_they_say(formula):
+    """A formula has the values of calculus at all points; whether it varies is known."""
+    x, y = np.random.default_rng(0).uniform(0, 2, (2, 3, 4))
+    assert evaluate(formula, x, y) == pytest.approx(FORMULAS[formula](x, y), rel=1e-14)
+    assert varies(formula) == (formula != "7")
+    both = evaluate((formula, 2.5), x, y)
+    assert np.array_equal(both, [evaluate(formula, x, y), np.full((3, 4), 2.5)])
+
+
+@pytest.mark.parametrize("formula", [
+    "__import__('os').getcwd()", "x.real", "x.__class__", "x[0]", "[1][0]", "(lambda: 1)()", "[z for z in x]",
+    "x if y else 1", "'a' * 9", "f'{x}'", "x = 3", "x; y", "(z := 3)", "sin(x, y)", "sin(x, out=y)", "sin(*x)", "sin",
+    "eval('1')", "x @ y", "x and y", "x << 99", "True", "1j", "None", "0 < x < 1", "9**9**9**9", "-" * 900 + "x",
+    "(" * 300 + "x" + ")" * 300, "x" + "+x" * 400, "\0", " "])
+def test_formulas_can_do_nothing_else(formula):
+    """What is not arithmetic of numbers, x, y and the known functions is refused before anything is run."""
+    with pytest.raises(ValueError, match=r"^value: the formula"):
+        check_formulas("value", formula)
+
+
+def test_formulas_leave_the_points_alone():
+    """Evaluating a formula never writes into the coordinates."""
+    x = y = np.linspace(0.0, 1.0, 5)
+    evaluate("x", x, y)[:] = 7.0
+    assert np.array_equal(x, np.linspace(0.0, 1.0, 5))
+
+
+def test_formulas_by_settings():
+    """--set takes formulas, with or without quotation marks."""
+    upper, lower = scene('body.upper.traction.0.value=["0", "-6e7*(1 + x/3)"]', "body.upper.clamp.1.x=1e-3*y",
+                         'body.lower.volume_force=[0, "x"]').body
+    assert upper.traction[0].value == ("0", "-6e7*(1 + x/3)")
+    assert upper.clamps[1].x == "1e-3*y"
+    assert lower.volume_force == (0.0, "x")
 
 
 def test_profile_is_linear_between_points_with_jumps_and_constant_ends():

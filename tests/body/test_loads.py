@@ -1,0 +1,231 @@
+"""Loads of one body: pressures, formulas, and clamps on points."""
+
+import numpy as np
+import pytest
+from reference import load_of
+from scipy.sparse import csr_matrix
+from scipy.sparse.linalg import spsolve
+from skfem import LinearForm
+
+from ddmpi.body.elasticity import assemble
+from ddmpi.body.loads import lost_loads, nodal_loads
+from ddmpi.body.stiffness import sum_stiffness
+from ddmpi.errors import InputError
+from ddmpi.mesh.boundary import boundary_group
+from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.refine import raise_order
+from ddmpi.mesh.shapes import generate_annulus, generate_quadrilateral
+from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
+from ddmpi.scene.values import AffineScalar, AffineVector
+
+STEEL = Material(young=2.1e11, poisson=0.3)
+DAM = [(0.0, 0.0), (30.0, 0.0), (12.0, 40.0), (5.0, 40.0)]
+"""Corners (m) of a dam whose left side leans."""
+
+both_orders = pytest.mark.parametrize("order", [1, 2])
+
+
+def body(**rest) -> BodySpec:
+    return BodySpec(name="block", mesh=MeshSpec(file="unused.msh"), material=STEEL, **rest)
+
+
+def dam(order: int, divisions=(5, 7), vertices=()) -> Mesh:
+    mesh = generate_quadrilateral(MeshSpec(shape="quadrilateral", corners=tuple(DAM), divisions=divisions))
+    mesh = Mesh(mesh.points, mesh.triangles, mesh.groups, {name: np.array([k]) for k, name in enumerate(vertices)})
+    return raise_order(mesh, "mesh") if order == 2 else mesh
+
+
+def ring(around: int, across: int, order: int) -> Mesh:
+    """A quarter of a ring from 1 to 2 m."""
+    mesh = generate_annulus(MeshSpec(shape="annulus", center=(0.0, 0.0), radii=(1.0, 2.0), angles=(0.0, 90.0),
+                                     divisions=(around, across)))
+    return raise_order(mesh, "mesh") if order == 2 else mesh
+
+
+def moment(mesh: Mesh, f: np.ndarray) -> float:
+    """x F_y − y F_x about the origin (N m)."""
+    return float(mesh.points[:, 0] @ f[:, 1] - mesh.points[:, 1] @ f[:, 0])
+
+
+def solve(mesh: Mesh, spec: BodySpec) -> np.ndarray:
+    problem = assemble(mesh, spec)
+    indptr, indices, data = problem.A.getValuesCSR()
+    u = problem.b.duplicate()
+    u.array[:] = spsolve(csr_matrix((data, indices, indptr)).tocsc(), problem.b.array_r)
+    return problem.expand(u)
+
+
+# Pressures
+
+
+@both_orders
+@pytest.mark.parametrize("pressure", [AffineScalar(constant=40 * 9810.0, y_slope=-9810.0), "9810 * (40 - y)"],
+                         ids=["affine", "formula"])
+def test_water_behind_a_leaning_dam(order, pressure):
+    """Force and moment of water are exact: γ H²/2 to the right, γ V downward on the foot of the leaning side."""
+    mesh, weight, H, lean = dam(order), 9810.0, 40.0, 5.0
+    f = nodal_loads(mesh, body(traction=[Traction(on="left", pressure=pressure)]))
+    assert f.sum(axis=0) == pytest.approx([weight * H**2 / 2, -weight * H * lean / 2], rel=1e-13)
+    about = -weight * H**3 / 6 - weight * H * lean**2 / 6  # p acts at y along x; the water's wedge rests at lean / 3
+    assert moment(mesh, f) == pytest.approx(about, rel=1e-13)
+
+
+@both_orders
+def test_pressure_all_around_balances(order):
+    """The same pressure on the whole boundary has neither force nor moment."""
+    mesh = dam(order)
+    f = nodal_loads(mesh, body(traction=[Traction(on=side, pressure=3e6) for side in mesh.groups]))
+    size = np.abs(f).sum()
+    assert np.abs(f.sum(axis=0)).max() <= 1e-15 * size
+    assert abs(moment(mesh, f)) <= 1e-15 * size * 40
+    assert size > 1e8
+
+
+@both_orders
+def test_thick_ring_under_pressure(order):
+    """A ring under inner pressure moves as Lamé's formula says, with an error of second order on straight sides."""
+    young, nu = STEEL.young / (1 - 0.3**2), 0.3 / (1 - 0.3)  # plane strain
+    a, b, p = 1.0, 2.0, 1e8
+    loads = {"clamp": [Clamp(on="start", y=0.0), Clamp(on="end", x=0.0)],
+             "traction": [Traction(on="inner", pressure=p)]}
+    errors = []
+    for around in (16, 32):
+        mesh = ring(around, around // 2, order)
+        u = solve(mesh, body(**loads))
+        radius = np.hypot(*mesh.points.T)
+        exact = p * a**2 / (young * (b**2 - a**2)) * ((1 - nu) * radius + (1 + nu) * b**2 / radius)
+        errors.append(np.abs(u - exact[:, None] * mesh.points / radius[:, None]).max() / exact.max())
+    assert errors[1] < 1e-2
+    assert errors[0] / errors[1] > 3.3
+
+
+def test_pressure_that_clamps_take_up_is_warned_of():
+    """A pressure acts along the normal only: clamps of the other direction do not lose it, those of its own do."""
+    mesh, load = dam(1), {"traction": [Traction(on="top", pressure=1e6)]}
+
+    def warnings(clamp: Clamp) -> list[str]:
+        spec = body(clamp=[clamp], **load)
+        return lost_loads(mesh, spec, assemble(mesh, spec).free)
+
+    assert warnings(Clamp(on="top", x=0.0)) == []
+    (warning,) = warnings(Clamp(on="top", y=0.0))
+    assert warning.startswith("body.block.traction: the load on 'top' along y is lost")
+
+
+# Formulas
+
+
+@both_orders
+def test_formula_of_a_volume_force_is_integrated_exactly(order):
+    """Polynomials of degree four are integrated exactly at every node, as by scikit-fem."""
+    mesh = dam(order, (3, 4))
+    f = nodal_loads(mesh, body(volume_force=("x**4 - 2*x*y**3", "3*x**2*y - y + 7")))
+    reference = mesh_load(mesh, lambda x, y: (x**4 - 2 * x * y**3, 3 * x**2 * y - y + 7))
+    assert np.abs(f - reference).max() <= 1e-13 * np.abs(reference).max()
+
+
+def mesh_load(mesh: Mesh, force) -> np.ndarray:
+    def form(v, w):
+        return sum(part * v[k] for k, part in enumerate(force(*w.x)))
+
+    return load_of(mesh, LinearForm(form), 8).reshape(-1, 2)
+
+
+@both_orders
+def test_formula_of_a_traction_is_integrated(order):
+    """The resultant of a wave of stress along a side is that of calculus, and only nodes of the side are loaded."""
+    mesh = dam(order, (6, 2))
+    f = nodal_loads(mesh, body(traction=[Traction(on="bottom", value=("1e6 * sin(pi * x / 30)", 0.0))]))
+    assert f.sum(axis=0) == pytest.approx([2e6 / np.pi * 30, 0.0], rel=1e-10)
+    nodes = np.unique(mesh.groups["bottom"])
+    assert not np.delete(f, nodes, axis=0).any() and f[nodes, 0].min() > 0.0
+
+
+@both_orders
+def test_linear_formula_is_the_affine_load(order):
+    """Loads that are linear in x and y are the same as formulas and as tables of slopes."""
+    mesh = dam(order)
+    formula = ("3 + 2*x", "-6e7 * (1 + x/3) + y")
+    affine = AffineVector(constant=(3.0, -6e7), x_slope=(2.0, -2e7), y_slope=(0.0, 1.0))
+    for load in (lambda value: {"volume_force": value}, lambda value: {"traction": [Traction(on="left", value=value)]}):
+        f, g = nodal_loads(mesh, body(**load(formula))), nodal_loads(mesh, body(**load(affine)))
+        assert np.abs(f - g).max() <= 1e-14 * np.abs(g).max()
+
+
+@both_orders
+def test_constant_formula_is_its_number(order):
+    """A formula without x and y gives the very same loads and displacements as the number it is, bit for bit."""
+    def loads(value, pressure, push) -> BodySpec:
+        return body(clamp=[Clamp(on="bottom", x=push, y=push)], volume_force=value,
+                    traction=[Traction(on="top", value=value), Traction(on="left", pressure=pressure)])
+
+    mesh = dam(order)
+    one, other = loads(("1/3", "-6e7 * 2"), "sqrt(2)", "0.1 + 0.2"), loads((1 / 3, -1.2e8), 2**0.5, 0.1 + 0.2)
+    assert np.array_equal(nodal_loads(mesh, one), nodal_loads(mesh, other))
+    assert np.array_equal(assemble(mesh, one).prescribed, assemble(mesh, other).prescribed)
+
+
+def test_prescribed_displacement_by_a_formula():
+    """A clamp's formula is evaluated at its nodes."""
+    mesh = dam(2)
+    problem = assemble(mesh, body(clamp=[Clamp(on="left", x="1e-3 * y**2", y="where(y > 20, 1e-3, 0)")]))
+    nodes = np.unique(mesh.groups["left"])
+    y = mesh.points[nodes, 1]
+    assert np.array_equal(problem.prescribed[nodes], np.column_stack([1e-3 * y**2, np.where(y > 20, 1e-3, 0.0)]))
+    assert not problem.free[nodes].any()
+
+
+@pytest.mark.parametrize("loads, key, words", [
+    ({"traction": [Traction(on="bottom", pressure="1 / x")]}, "traction", '"1 / x" is inf at (0, 0)'),
+    ({"traction": [Traction(on="top", value=(0.0, "log(9 - x)"))]}, "traction", '"log(9 - x)" is nan at ('),
+    ({"volume_force": ("sqrt(y - 1)", 0.0)}, "volume_force", '"sqrt(y - 1)" is nan at ('),
+    ({"clamp": [Clamp(on="left", y="1/(y - 40)")]}, "clamp", '"1/(y - 40)" is inf at (5, 40)')])
+def test_formula_that_is_not_finite_is_refused(loads, key, words):
+    """A formula must be finite at the nodes where it acts; the message quotes it, and says where it is not."""
+    with pytest.raises(InputError) as error:
+        assemble(dam(1), body(**({"clamp": ["bottom"]} | loads)))
+    assert str(error.value).startswith(f"body.block.{key}: the formula {words}")
+
+
+def test_formula_that_is_infinite_elsewhere_is_not_refused():
+    """Where a formula does not act, it may be what it likes."""
+    f = nodal_loads(dam(1), body(traction=[Traction(on="top", pressure="1 / y")]))
+    assert f.sum(axis=0) == pytest.approx([0.0, -7.0 / 40.0])
+
+
+# Points
+
+
+def test_point_clamps_that_determine_the_position_carry_nothing():
+    """Clamps on points that only fix the position take up no part of balanced loads."""
+    mesh = dam(2, vertices=("heel", "toe"))
+    spec = body(clamp=["heel", Clamp(on="toe", y=0.0)],
+                traction=[Traction(on=side, pressure=3e6) for side in mesh.groups])
+    problem = assemble(mesh, spec)
+    assert problem.held
+    assert np.argwhere(~problem.free).tolist() == [[0, 0], [0, 1], [1, 1]]
+    u = solve(mesh, spec)
+    reaction = sum_stiffness(mesh, STEEL).mult(u) - nodal_loads(mesh, spec)
+    assert np.abs(reaction).max() <= 1e-9 * problem.load
+    strain = np.linalg.lstsq(mesh.points, u, rcond=None)[0]  # the same pressure everywhere: all of it contracts alike
+    bulk = -3e6 * (1 + 0.3) * (1 - 2 * 0.3) / STEEL.young
+    assert np.abs(strain - bulk * np.eye(2)).max() <= 1e-9 * abs(bulk)
+
+
+def test_one_point_clamp_leaves_the_rotation_about_it():
+    """A clamp on one point is a hinge."""
+    mesh = dam(1, vertices=("heel", "toe"))
+    motions = assemble(mesh, body(clamp=["toe"])).motions
+    assert motions.shape[2] == 1
+    spin = motions[0, 1, 0] / -30.0
+    away = mesh.points - mesh.points[1]
+    assert motions[:, :, 0] == pytest.approx(spin * np.column_stack([-away[:, 1], away[:, 0]]), abs=1e-12)
+
+
+def test_only_clamps_may_name_a_point():
+    """A traction or a contact on a point is refused with the reason."""
+    mesh = dam(1, vertices=("heel",))
+    with pytest.raises(InputError, match=r"body\.block\.traction: 'heel' is a physical point .* no limit"):
+        nodal_loads(mesh, body(traction=[Traction(on="heel", value=(0.0, 1.0))]))
+    with pytest.raises(InputError, match=r"contact\.a-b\.on: 'heel' is a physical point"):
+        boundary_group(mesh, "heel", "contact.a-b.on")

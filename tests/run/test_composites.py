@@ -1,0 +1,96 @@
+"""Runs with bodies of several materials, pressures, formulas and clamped points."""
+
+import meshio
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scenes import BRASS, ROOT, STEEL, to_toml
+
+import ddmpi
+from ddmpi.mesh.shapes import generate_rectangle
+from ddmpi.run.answer import Answer
+from ddmpi.scene.bodies import MeshSpec
+
+RUBBER = {"young": 1.0e9, "poisson": 0.4}
+LOADS = {"traction": [{"on": "top", "pressure": "1e6 * (2 - x)"}, {"on": "top", "value": ["2e5 * x**2", 0.0]}]}
+
+
+def write_layers(path) -> str:
+    """A unit square of 8 × 8 cells; surface `upper` above y = 1/2, `lower` below."""
+    mesh = generate_rectangle(MeshSpec(shape="rectangle", size=(1.0, 1.0), divisions=(8, 8)))
+    upper = mesh.points[mesh.triangles, 1].mean(axis=1) > 0.5
+    lines = [("line", edges) for edges in mesh.groups.values()]
+    tags = [np.full(len(edges), k + 1) for k, (_, edges) in enumerate(lines)]
+    physical = [*tags, np.where(upper, 11, 12)]
+    names = {name: np.array([k + 1, 1]) for k, name in enumerate(mesh.groups)}
+    meshio.Mesh(np.column_stack([mesh.points, np.zeros(len(mesh.points))]), [*lines, ("triangle", mesh.triangles)],
+                cell_data={"gmsh:physical": physical, "gmsh:geometrical": physical},
+                field_data=names | {"upper": np.array([11, 2]), "lower": np.array([12, 2])},
+                ).write(path, file_format="gmsh22", binary=False)
+    return str(path)
+
+
+def solve(scene: dict) -> Answer:
+    answer = ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
+    assert answer.certified, answer.reason
+    return answer
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_body_of_two_materials_is_two_bonded_bodies(tmp_path, order):
+    """A block of two layers slides on a base just as two bonded blocks do: the same forces and displacements."""
+    def body(name: str, y: float, material: dict, **more) -> dict:
+        mesh = {"shape": "rectangle", "origin": [0.0, y], "size": [1.0, 0.5], "divisions": [8, 4], "order": order}
+        return {"name": name, "mesh": mesh, "material": material, "clamp": [{"on": "left", "x": 0.0}]} | more
+
+    block = {"name": "block", "mesh": {"file": write_layers(tmp_path / "layers.msh"), "order": order},
+             "material": [{"on": "lower", **RUBBER}, STEEL], "clamp": [{"on": "left", "x": 0.0}]}
+    base = body("base", -0.5, BRASS, clamp=["bottom"])
+    contact = {"bodies": ["block", "base"], "on": ["bottom", "top"], "friction": {"law": "coulomb", "coefficient": 0.2}}
+    bonded = {"bodies": ["block", "steel"], "on": ["top", "bottom"], "kind": "bonded"}
+    one = solve({"body": [block | LOADS, base], "contact": [contact]})
+    two = solve({"body": [body("block", 0.0, RUBBER), body("steel", 0.5, STEEL, **LOADS), base],
+                 "contact": [contact, bonded]})
+    mine, theirs = one.contacts["block-base"], two.contacts["block-base"]
+    assert {"slip", "stick"} <= set(mine.status.tolist())
+    for name in ("normal_force", "tangential_force", "slip"):
+        a, b = getattr(mine, name), getattr(theirs, name)
+        assert np.abs(a - b).max() <= 1e-6 * np.abs(b).max(), name
+    corner = [1.0, 1.0]
+    moved = [answer.bodies[name].displacement[(answer.bodies[name].points == corner).all(axis=1)][0]
+             for answer, name in ((one, "block"), (two, "steel"))]
+    assert moved[0] == pytest.approx(moved[1], rel=1e-6)
+
+
+def test_lined_wheel():
+    """The shipped wheel: the ground bears the axle, the clamped points nothing much; the formula stays as written."""
+    answer = ddmpi.solve(ROOT / "configs" / "lined_wheel.toml", MPI.COMM_SELF)
+    assert answer.certified and answer.summary["warnings"] == [], answer.reason
+    body = answer.summary["scene"]["body"][0]
+    assert body["traction"][0]["pressure"] == "1.5 * max(0, -y/8)"
+    axle = 1.5 * 8.0 * np.pi / 2
+    force, reaction = answer.summary["contacts"]["wheel-ground"]["force"], answer.summary["bodies"]["wheel"]["reaction"]
+    assert force[1] == pytest.approx(axle, rel=0.03)  # the bore is a polygon
+    assert np.abs(reaction).max() <= 1e-3 * axle
+    pressure = answer.summary["contacts"]["wheel-ground"]["pressure_max"]
+    assert pressure == pytest.approx(4.09, rel=0.2)  # on the mesh halved twice
+
+
+@pytest.mark.parametrize("where, warned", [(["left", "right"], False), (["left"], True)])
+def test_points_that_carry_forces_are_warned_of(tmp_path, where, warned):
+    """A point that carries a force gives way without limit; one that only fixes the position does not."""
+    path = write_layers(tmp_path / "layers.msh")
+    mesh = meshio.gmsh.read(path)
+    (corner,) = np.flatnonzero((mesh.points[:, :2] == (1.0, 1.0)).all(axis=1))
+    mesh.cells.append(meshio.CellBlock("vertex", [[corner]]))
+    for data in mesh.cell_data.values():
+        data.append(np.array([21]))
+    mesh.field_data["corner"] = np.array([21, 0])
+    mesh.write(path, file_format="gmsh22", binary=False)
+    block = {"name": "block", "mesh": {"file": path}, "material": STEEL, "clamp": [{"on": "corner", "x": 0.0}],
+             "traction": [{"on": "top", "pressure": 1e6}] + [{"on": on, "pressure": 1e5} for on in where]}
+    floor = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
+    contact = {"bodies": ["block", "floor"], "on": ["bottom"]}
+    warnings = solve({"body": [block], "rigid": [floor], "contact": [contact]}).summary["warnings"]
+    assert len(warnings) == warned
+    assert not warned or warnings[0].startswith("body.block.clamp: the point 'corner' carries a force of 1e+05; it")
