@@ -16,6 +16,9 @@ def boundary_group(mesh: Mesh, name: str, key: str) -> np.ndarray:
     if name in mesh.vertices:
         raise InputError(f"{key}: {name!r} is a physical point of the mesh, which only a clamp may name; where a force "
                          "acts on a point, the displacement has no limit as the mesh gets finer")
+    if name in mesh.surfaces and name not in mesh.groups:
+        raise InputError(f"{key}: {name!r} is a physical surface of the mesh, not a boundary group; these are "
+                         f"{', '.join(sorted(mesh.groups))} (a curve needs a name that no surface has)")
     if name not in mesh.groups:
         raise InputError(f"{key}: the mesh has no boundary group {name!r}{nearest(name, list(mesh.groups))}; it has "
                          f"{', '.join(sorted(mesh.groups))}")

@@ -306,6 +306,8 @@ def test_points_may_be_clamped_only(tmp_path):
         build_mesh(body_with(mesh, clamp=["far off"]))
     with pytest.raises(InputError, match=r"^body\.upper\.traction: 'heel' is a physical point .*only a clamp"):
         build_mesh(body_with(mesh, traction=[Traction(on="heel", value=(0.0, 1.0))]))
+    with pytest.raises(InputError, match=r"^body\.upper\.clamp: 'left part' is a physical surface .* these are bottom"):
+        build_mesh(body_with(mesh, clamp=["left part"]))
 
 
 def test_materials_are_those_of_the_files_surfaces(tmp_path):
