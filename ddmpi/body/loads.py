@@ -10,7 +10,7 @@ import numpy as np
 from ddmpi.body.stress import blocks
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group, group_nodes, turn_outward
-from ddmpi.mesh.elements import FINE, LINE, TRIANGLE, bends, shapes_on_side, tangents
+from ddmpi.mesh.elements import FINE, LINE, bends, shapes_on_side, tangents
 from ddmpi.mesh.mesh import Mesh, signed_double_areas
 from ddmpi.scene.bodies import BodySpec, Traction
 from ddmpi.scene.values import evaluate, varies
@@ -74,10 +74,9 @@ def _add_volume_force(mesh: Mesh, body: BodySpec, f: np.ndarray) -> None:
     """Add the nodal loads of the volume force to f (nv, 2)."""
     key, force, element = f"body.{body.name}.volume_force", body.volume_force, mesh.element
     parts: list[slice] | list[np.ndarray] = mesh.curved_blocks()
-    where, weights = TRIANGLE
     if varies(force):
         _values(force, mesh.points, key)
-        parts, (where, weights) = blocks(len(mesh.triangles)), FINE
+        parts = blocks(len(mesh.triangles))
     else:
         corners = mesh.triangles[:, :3]
         area = signed_double_areas(mesh.points, corners) / 2
@@ -85,6 +84,7 @@ def _add_volume_force(mesh: Mesh, body: BodySpec, f: np.ndarray) -> None:
         for component, density in enumerate(_values(force, mesh.points[corners], key)):
             loads = (area[:, None] * density) @ element.mass.T
             f[:, component] += np.bincount(mesh.triangles.ravel(), loads.ravel(), len(f))
+    where, weights = FINE
     shapes = element.shapes(where)
     for part in parts:
         mapped, nodes = mesh.map(part, where), mesh.triangles[part]

@@ -35,7 +35,7 @@ def _collapsed() -> tuple[np.ndarray, np.ndarray]:
 
 
 FINE = _collapsed()
-"""Barycentric points and weights for formulas, exact to degree 8: Gauss's on a square that is mapped (Duffy 1982)."""
+"""Barycentric points and weights for loads, exact to degree 8: Gauss's on a square that is mapped (Duffy 1982)."""
 
 BENT = 1e-9
 """A side is curved if its middle is off the midpoint of its chord by more than this part of the chord's length."""

@@ -9,7 +9,7 @@ from ddmpi.body.estimate import estimate_error
 from ddmpi.body.loads import nodal_loads
 from ddmpi.body.rigid_motions import body_motions
 from ddmpi.body.stiffness import Stiffness, sum_stiffness
-from ddmpi.body.stress import stress, stress_at
+from ddmpi.body.stress import Composite, stress, stress_at
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.elements import TRIANGLE
 from ddmpi.mesh.mesh import Mesh
@@ -170,3 +170,36 @@ def test_thick_ring_converges():
     assert (rates >= [3.0, 3.5]).all()
     assert errors[-1][0] < 4e-5 and errors[-1][1] < 6e-6
     assert ratios[-1] == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize("pressure", [AffineScalar(constant=2.0, x_slope=1.0, y_slope=-3.0), "2 + x - 3*y"])
+def test_pressure_all_around_a_curved_body_is_its_buoyancy(pressure):
+    """∮ p n ds is the integral of ∇p over the curved triangles, exactly, for numbers and for formulas."""
+    mesh = annulus((6, 2), (0.0, 360.0))
+    loads = nodal_loads(mesh, spec(traction=[Traction(on=on, pressure=pressure) for on in ("inner", "outer")]))
+    assert loads.sum(axis=0) == pytest.approx(mesh.areas().sum() * np.array([-1.0, 3.0]), rel=1e-13)
+
+
+def test_volume_forces_as_formulas_are_those_of_numbers():
+    """On curved triangles both are integrated; a quadratic one has the moment that its integral has."""
+    mesh = annulus((6, 2))
+    affine = AffineVector(constant=(1.0, 2.0), x_slope=(3.0, 0.0), y_slope=(0.0, -1.0))
+    loads = [nodal_loads(mesh, spec(volume_force=force)) for force in (affine, ("1 + 3*x", "2 - y"))]
+    assert np.abs(loads[0] - loads[1]).max() <= 1e-13 * np.abs(loads[0]).max()
+    fine = annulus((48, 16))
+    one, other = (nodal_loads(each, spec(volume_force=("x**2 + y**2", 0.0))).sum() for each in (mesh, fine))
+    assert other == pytest.approx(np.pi * (OUTER**4 - INNER**4) / 8, rel=1e-6)
+    assert one == pytest.approx(other, rel=1e-3)
+
+
+def test_parts_of_a_curved_body_have_their_own_materials():
+    """Its stiffness is the sum of those of its parts, and so is its energy."""
+    mesh = wavy()
+    soft, number = Material(young=1e10, poisson=0.2), (np.arange(len(mesh.triangles)) % 5 == 0).astype(int)
+    whole = dense(sum_stiffness(mesh, Composite([STEEL, soft], number)))
+    parts = sum(dense(sum_stiffness(Mesh(mesh.points, mesh.triangles[number == k], {}), each))
+                for k, each in enumerate((STEEL, soft)))
+    assert np.abs(whole - parts).max() <= 1e-14 * np.abs(whole).max()
+    u = np.sin(3.0 * mesh.points)
+    estimate = estimate_error(mesh, Composite([STEEL, soft], number), u)
+    assert estimate.energy == pytest.approx(u.ravel() @ whole @ u.ravel(), rel=1e-3)
