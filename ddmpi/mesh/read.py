@@ -27,14 +27,14 @@ FLAT = 1e-14
 """A triangle has no area if it is smaller than this fraction of the largest one."""
 
 
-def read_mesh(path: Path, body: str) -> Mesh:
+def read_mesh(path: Path, body: str, label: str = "") -> Mesh:
     """Read triangles and boundary lines with physical groups from a mesh file, as a mesh of order 1.
 
     Second-order elements must have straight sides; only their corners are kept. In formats without names of
     groups (MSH 1.0) a group is called by its number. Not collective. Raises InputError for a file that neither
     meshio nor gmsh can read, that has other elements or no named boundary groups, or that is degenerate.
     """
-    label = f"body.{body}.mesh.file: {path}"
+    label = label or f"body.{body}.mesh.file: {path}"
     raw = _load(path, label)
     other = sorted({c.type for c in raw.cells} - {*TRIANGLES, *LINES, "vertex"})
     if other:
@@ -93,12 +93,17 @@ def _convert(path: Path, target: Path) -> None:
     """Write any mesh file that gmsh reads (MSH 1.0 and 4.0, among others) in MSH 4.1, binary and thus exact."""
     with gmsh_session() as gmsh:
         gmsh.open(str(path))
-        for dimension, tag in gmsh.model.getPhysicalGroups(1):
-            if not gmsh.model.getPhysicalName(dimension, tag):
-                gmsh.model.setPhysicalName(dimension, tag, str(tag))
+        name_groups(gmsh)
         for option, value in (("MshFileVersion", 4.1), ("Binary", 1), ("SaveAll", 1)):
             gmsh.option.setNumber(f"Mesh.{option}", value)
         gmsh.write(str(target))
+
+
+def name_groups(gmsh) -> None:
+    """Call the physical groups of lines that have no name by their numbers."""
+    for dimension, tag in gmsh.model.getPhysicalGroups(1):
+        if not gmsh.model.getPhysicalName(dimension, tag):
+            gmsh.model.setPhysicalName(dimension, tag, str(tag))
 
 
 @contextmanager

@@ -427,7 +427,8 @@ def test_elements_have_the_order_of_the_files():
 
 
 OPTIONAL = {
-    "SettledMesh": {"shape", "size", "corners", "center", "radii", "angles", "divisions", "file"},  # a shape or a file
+    "SettledMesh": {"shape", "size", "corners", "center", "radii", "angles", "divisions", "file", "geometry",
+                    "contact_size"},  # one of shape, file and geometry
     "SettledContact": {"gap", "pairing", "slave"},  # measured, chosen
     "Clamp": {"x", "y"},  # free
     "Output": {"magnification"},  # chosen by the picture
