@@ -6,6 +6,7 @@ import functools
 import os
 import stat
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -41,6 +42,7 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
         mesh = mesh_geometry(locate_mesh(body, folder), body, contacts, sizes)
     else:
         mesh = read_mesh(locate_mesh(body, folder), body.name)
+    cut = mesh.cut
     for _ in range(spec.halvings):
         mesh = halve(mesh, f"body.{body.name}.mesh")
     if spec.order == 2:
@@ -48,7 +50,7 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
     for key, names in (("clamp", [c.on for c in body.clamps]), ("traction", [t.on for t in body.traction])):
         for name in names:
             boundary_group(mesh, name, f"body.{body.name}.{key}")
-    return mesh
+    return replace(mesh, cut=cut)
 
 
 def order_of_files(scene_path: str | Path) -> Callable[[BodySpec], Literal[1, 2]]:

@@ -19,8 +19,14 @@ from ddmpi.mesh.read import gmsh_session, name_groups, read_mesh
 from ddmpi.scene.bodies import BodySpec
 
 AROUND = 24
-"""Elements around a full circle at least, unless the file sets Mesh.MeshSizeFromCurvature: beyond 40 degrees from one
-side to the next a contact has a corner."""
+"""Elements around a full circle, at least: beyond 40 degrees from one side to the next a contact has a corner. Not by
+Mesh.MeshSizeFromCurvature: gmsh 4.15 differentiates its own arcs twice by differences, and never ends on small ones."""
+
+SAMPLES, MOST = 65, 200
+"""Points on a curve by which its radius is found; most elements along a curve because of its curvature."""
+
+ALIKE = 0.1
+"""Curves are alike if the logarithms of their sizes differ by less."""
 
 GRADE = 0.3
 """By how much the size of elements grows with the distance, at most."""
@@ -60,13 +66,13 @@ def mesh_geometry(path: Path, body: BodySpec, contacts: Collection[str], sizes: 
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / "drawn.msh"
         with gmsh_session() as gmsh:
-            _open(gmsh, path, label)
+            _open(gmsh, path, label, Path(folder))
             _choose_groups(gmsh, path, body, contacts, label)
             gmsh.model.mesh.clear()  # the file may have said Mesh 2;
             for option, value in _OPTIONS.items():
                 gmsh.option.setNumber(option, value)
             if sizes:
-                _follow(gmsh, sizes, body.mesh.largest)
+                _follow(gmsh, sizes, body.mesh.largest, Path(folder))
             else:
                 _refine_towards(gmsh, body, contacts, Path(folder))
             with _gmsh_errors(f"{label} cannot be meshed"):
@@ -83,14 +89,17 @@ _OPTIONS = {"General.NumThreads": 1, "Mesh.MaxNumThreads1D": 1, "Mesh.MaxNumThre
 """What the options of a file do not change."""
 
 
-def _open(gmsh, path: Path, label: str) -> None:
+def _open(gmsh, path: Path, label: str, folder: Path) -> None:
     """Open the file. Raises InputError where gmsh cannot, or where it holds no plane geometry."""
+    source = path
     if path.suffix.lower() == ".geo":
         script = re.sub(r"//[^\n]*|/\*.*?\*/", "", path.read_text(encoding="utf-8", errors="replace"), flags=re.S)
         if re.search(r"\b(Exit|Abort)\s*;", script):
             raise InputError(f"{label} ends gmsh by Exit or Abort; leave this out")
+        source = folder / "whole.geo"  # a file whose last line has no end would lose statements in gmsh 4.15
+        source.write_text(f'Include "{path.resolve()}";\n', encoding="utf-8")
     with _gmsh_errors(f"{label} cannot be read", gmsh):
-        gmsh.open(str(path))
+        gmsh.open(str(source))
     if gmsh.model.getEntities(3):
         raise InputError(f"{label} holds a solid; the geometry of a plane body is a surface in the plane z = 0")
     if not gmsh.model.getEntities(2):
@@ -132,7 +141,7 @@ def _name_curves(gmsh, body: BodySpec, contacts: Collection[str], label: str) ->
             ends = gmsh.model.getValue(1, tags[0], [low[0], (low[0] + high[0]) / 2, high[0]])
             start, middle, end = (f"({x:.6g}, {y:.6g})" for x, y in np.reshape(ends, (3, 3))[:, :2] + 0.0)
             each.append(f"{name} from {start} by {middle} to {end}")
-        raise InputError(f"{label}: has no curve {missing!r}; it has {'; '.join(each)}")
+        raise InputError(f"{label} has no curve {missing!r}; it has {'; '.join(each)}")
     for name, tags in curves.items():
         gmsh.model.addPhysicalGroup(1, tags, name=name)
 
@@ -143,35 +152,59 @@ def _refine_towards(gmsh, body: BodySpec, contacts: Collection[str], folder: Pat
     number = gmsh.option.getNumber
     gmsh.option.setNumber("Mesh.MeshSizeMax", min(number("Mesh.MeshSizeMax"), largest))
     gmsh.option.setNumber("Mesh.MeshSizeMin", min(number("Mesh.MeshSizeMin"), finest))
-    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", number("Mesh.MeshSizeFromCurvature") or AROUND)
     groups = [tag for _, tag in gmsh.model.getPhysicalGroups(1) if gmsh.model.getPhysicalName(1, tag) in contacts]
     curves = np.unique([curve for tag in groups for curve in gmsh.model.getEntitiesForPhysicalGroup(1, tag)])
-    if len(curves) == 0 or finest >= largest:
-        return
-    extent = max(np.linalg.norm(np.subtract(*np.reshape(gmsh.model.getBoundingBox(1, curve), (2, 3))))
-                 for curve in curves)
-    fields = [_field(gmsh, "Distance", CurvesList=curves, Sampling=int(np.clip(4 * extent / finest, 20, 20_000)))]
-    near = NEAR * finest
-    fields += [_field(gmsh, "Threshold", InField=fields[0], SizeMin=finest, SizeMax=largest, DistMin=near,
-                      DistMax=near + (largest - finest) / GRADE)]
     own = _background(gmsh, folder)
-    if own:
-        fields.append(_field(gmsh, "Min", FieldsList=[fields[-1], own]))
-    gmsh.model.mesh.field.setAsBackgroundMesh(fields[-1])
+    fields = _around(gmsh, largest) + [own] * bool(own)
+    if len(curves) and finest < largest:
+        fields.append(_near(gmsh, curves, finest, largest))
+    if fields:
+        gmsh.model.mesh.field.setAsBackgroundMesh(_field(gmsh, "Min", FieldsList=fields))
 
 
-def _follow(gmsh, sizes: Sizes, largest: float) -> None:
+def _follow(gmsh, sizes: Sizes, largest: float, folder: Path) -> None:
     """Have elements of the given sizes, whatever the file says of its own."""
-    gmsh.model.mesh.removeConstraints()  # numbers of nodes on curves
+    gmsh.model.mesh.removeConstraints()  # numbers of nodes on curves; but those of gmsh's own kernel remain
+    script = _unrolled(gmsh, folder)
+    free = re.sub(r"^(Transfinite|Recombine) .*\n", "", script, flags=re.M)
+    if free != script:
+        gmsh.clear()
+        (folder / "free.geo").write_text(free, encoding="utf-8")
+        gmsh.open(str(folder / "free.geo"))
     plane = gmsh.model.getBoundingBox(-1, -1)[2::3]
     xyz = np.column_stack([sizes.points, np.full(len(sizes.points), sum(plane) / 2)])
     corners = xyz[sizes.triangles].transpose(0, 2, 1).reshape(-1, 9)
     view = gmsh.view.add("sizes")
     gmsh.view.addListData(view, "ST", len(corners), np.column_stack([corners, sizes.sizes[sizes.triangles]]).ravel())
     for option, value in (("SizeMin", 0.0), ("SizeMax", largest), ("SizeFactor", 1.0), ("SizeFromPoints", 0),
-                          ("SizeExtendFromBoundary", 0), ("SizeFromCurvature", AROUND)):
+                          ("SizeExtendFromBoundary", 0), ("SizeFromCurvature", 0)):
         gmsh.option.setNumber(f"Mesh.Mesh{option}", value)
-    gmsh.model.mesh.field.setAsBackgroundMesh(_field(gmsh, "PostView", ViewTag=view))
+    fields = [_field(gmsh, "PostView", ViewTag=view), *_around(gmsh, largest)]
+    gmsh.model.mesh.field.setAsBackgroundMesh(_field(gmsh, "Min", FieldsList=fields))
+
+
+def _around(gmsh, largest: float) -> list[int]:
+    """Fields that make elements along curved curves small enough for their radii."""
+    alike: dict[int, list[tuple[float, int]]] = {}
+    for _, tag in gmsh.model.getEntities(1):
+        (low,), (high,) = gmsh.model.getParametrizationBounds(1, tag)
+        points = np.reshape(gmsh.model.getValue(1, tag, np.linspace(low, high, SAMPLES)), (-1, 3))
+        steps = np.diff(points, axis=0)
+        length = np.linalg.norm(steps, axis=1)
+        bend = np.linalg.norm(np.diff(steps / length[:, None], axis=0), axis=1).max() / length.mean()  # 1 / radius
+        size = max(2 * np.pi / AROUND / max(bend, 1 / OFF), length.sum() / MOST)
+        if size < largest:
+            alike.setdefault(round(np.log(size) / ALIKE), []).append((size, tag))
+    return [_near(gmsh, [tag for _, tag in curves], min(curves)[0], largest) for curves in alike.values()]
+
+
+def _near(gmsh, curves, finest: float, largest: float) -> int:
+    """A field of size `finest` along curves, which grows to `largest`."""
+    boxes = [np.reshape(gmsh.model.getBoundingBox(1, curve), (2, 3)) for curve in curves]
+    extent = max(np.linalg.norm(high - low) for low, high in boxes)
+    far = _field(gmsh, "Distance", CurvesList=curves, Sampling=int(np.clip(4 * extent / finest, 20, 20_000)))
+    return _field(gmsh, "Threshold", InField=far, SizeMin=finest, SizeMax=largest, DistMin=NEAR * finest,
+                  DistMax=NEAR * finest + (largest - finest) / GRADE)
 
 
 def _field(gmsh, kind: str, **values) -> int:
@@ -184,11 +217,16 @@ def _field(gmsh, kind: str, **values) -> int:
 
 
 def _background(gmsh, folder: Path) -> int:
-    """The number of the file's own background field; 0 if it has none. Only what gmsh writes has it."""
-    script = folder / "own.geo_unrolled"
-    gmsh.write(str(script))
-    found = re.search(r"^Background Field = (\d+);", script.read_text(encoding="utf-8", errors="replace"), re.M)
+    """The number of the file's own background field; 0 if it has none."""
+    found = re.search(r"^Background Field = (\d+);", _unrolled(gmsh, folder), re.M)
     return int(found[1]) if found else 0
+
+
+def _unrolled(gmsh, folder: Path) -> str:
+    """The model as a script without loops and variables, which has more than the interface tells."""
+    script = folder / "model.geo_unrolled"
+    gmsh.write(str(script))
+    return script.read_text(encoding="utf-8", errors="replace")
 
 
 @contextlib.contextmanager

@@ -24,11 +24,13 @@ class Mesh:
         of the sides 01, 12, 20
     groups : name → (k, 2) int, the boundary edges of each physical group by their ends; of order 2
         (k, 3), the ends followed by the middle
+    cut : how many quadrilaterals of a file were cut into triangles
     """
 
     points: np.ndarray
     triangles: np.ndarray
     groups: dict[str, np.ndarray]
+    cut: int = 0
 
     @property
     def dimension(self) -> int:

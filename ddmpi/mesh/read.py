@@ -14,8 +14,11 @@ from ddmpi.errors import InputError
 from ddmpi.mesh.mesh import Mesh, signed_double_areas
 from ddmpi.system import interrupt
 
-TRIANGLES, LINES = ("triangle", "triangle6"), ("line", "line3")
+TRIANGLES, LINES, QUADS = ("triangle", "triangle6"), ("line", "line3"), ("quad", "quad8", "quad9")
 """The element types, in meshio's words, that are read; those of second order must have straight sides."""
+
+EQUAL = 1e-6
+"""Diagonals of a quadrilateral whose lengths differ by less than this part of them are equally long."""
 
 STRAIGHT = 1e-6
 """How far the middle node of a straight side may lie from the side's midpoint, as a fraction of the side."""
@@ -30,18 +33,20 @@ FLAT = 1e-14
 def read_mesh(path: Path, body: str, label: str = "") -> Mesh:
     """Read triangles and boundary lines with physical groups from a mesh file, as a mesh of order 1.
 
-    Second-order elements must have straight sides; only their corners are kept. In formats without names of
-    groups (MSH 1.0) a group is called by its number. Not collective. Raises InputError for a file that neither
-    meshio nor gmsh can read, that has other elements or no named boundary groups, or that is degenerate.
+    Quadrilaterals are cut into triangles. Second-order elements must have straight sides; only their corners are kept.
+    In formats without names of groups (MSH 1.0) a group is called by its number. Errors begin with `label`. Not
+    collective. Raises InputError for a file that neither meshio nor gmsh can read, that has other elements or no named
+    boundary groups, or that is degenerate.
     """
     label = label or f"body.{body}.mesh.file: {path}"
     raw = _load(path, label)
-    other = sorted({c.type for c in raw.cells} - {*TRIANGLES, *LINES, "vertex"})
+    other = sorted({c.type for c in raw.cells} - {*TRIANGLES, *LINES, *QUADS, "vertex"})
     if other:
         raise InputError(f"{label} has elements of type {', '.join(other)}; "
-                         "only triangles and boundary lines of first or second order are supported (gmsh makes "
-                         "triangles where neither Recombine nor Mesh.RecombineAll asks for others)")
-    triangles = _distinct(np.concatenate([_corners(raw, kind, 3, label) for kind in TRIANGLES]))
+                         "only triangles, quadrilaterals and boundary lines of first or second order are supported")
+    quads = _distinct(np.concatenate([_corners(raw, kind, 4, label) for kind in QUADS]))
+    triangles = _distinct(np.concatenate([*(_corners(raw, kind, 3, label) for kind in TRIANGLES),
+                                          cut_quadrilaterals(raw.points, quads)]))
     if len(triangles) == 0:
         raise InputError(f"{label} has no triangles; gmsh saves only elements in physical groups: "
                          'Physical Surface("body") = {1};')
@@ -62,13 +67,33 @@ def read_mesh(path: Path, body: str, label: str = "") -> Mesh:
     if np.abs(doubled).min() <= FLAT * np.abs(doubled).max():
         raise InputError(f"{label} has triangles without area")
     triangles[doubled < 0] = triangles[doubled < 0][:, [0, 2, 1]]
-    return Mesh(points, triangles, groups)
+    return Mesh(points, triangles, groups, len(quads))
 
 
 def file_order(path: Path, body: str) -> Literal[1, 2]:
-    """The order of the triangles in a mesh file: 2 if they have middle nodes. Not collective. Raises InputError."""
+    """The order of the elements in a mesh file: 2 if they have middle nodes. Not collective. Raises InputError."""
     raw = _load(path, f"body.{body}.mesh.file: {path}")
-    return 2 if any(cells.type == TRIANGLES[1] for cells in raw.cells) else 1
+    return 2 if any(cells.type in (TRIANGLES[1], *QUADS[1:]) for cells in raw.cells) else 1
+
+
+def cut_quadrilaterals(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
+    """Two triangles (2k, 3) for each quadrilateral (k, 4) by its corners in the plane `points`: cut along the shorter
+    diagonal.
+
+    Of equal diagonals it is the one that begins farthest to the left and below. The order in which a file names the
+    corners makes no difference. A quadrilateral that is not convex is cut from its inner corner. Not collective.
+    """
+    corners = points[quads, :2]
+    diagonals = np.linalg.norm(corners[:, :2] - corners[:, 2:], axis=2)
+    left = (corners @ [1.0, 0.6]).argmin(axis=1) % 2  # ties of both are rare
+    size = [signed_double_areas(corners.reshape(-1, 2), 4 * np.arange(len(quads))[:, None] + part)
+            for part in np.array([[0, 1, 2], [0, 2, 3], [1, 2, 3], [1, 3, 0]])]
+    fits = np.stack([size[0] * size[1] > 0.0, size[2] * size[3] > 0.0], axis=1)
+    shorter = np.where(np.abs(np.diff(diagonals)[:, 0]) <= EQUAL * diagonals.max(axis=1), left,
+                       diagonals.argmin(axis=1))
+    chosen = np.where(fits.all(axis=1) | ~fits.any(axis=1), shorter, fits.argmax(axis=1))
+    a, b, c, d = np.where(chosen[:, None] == 0, quads, np.roll(quads, -1, axis=1)).T
+    return np.stack([a, b, c, c, d, a], axis=1).reshape(-1, 3)
 
 
 def _load(path: Path, label: str):
@@ -149,7 +174,7 @@ def _distinct(elements: np.ndarray) -> np.ndarray:
 def _corners(raw, kind: str, corners: int, label: str) -> np.ndarray:
     """The corners (k, 3) or ends (k, 2) of the elements of one type. Raises InputError where sides are curved."""
     nodes = raw.cells_dict.get(kind, np.empty((0, corners), int)).astype(np.int64)
-    for i, middle in enumerate(nodes.T[corners:]):
+    for i, middle in enumerate(nodes.T[corners:2 * corners]):
         start, end = raw.points[nodes[:, i]], raw.points[nodes[:, (i + 1) % corners]]
         off = np.linalg.norm(raw.points[middle] - (start + end) / 2, axis=1)
         if (off > STRAIGHT * np.linalg.norm(end - start, axis=1)).any():
