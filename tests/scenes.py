@@ -15,6 +15,7 @@ import pickle
 import re
 import subprocess
 import sys
+import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,36 +50,13 @@ def pinched_blocks(N: int, law: str = "coulomb", length: float = 1.0, stress: fl
             "method": method}
 
 
-ROLLER = """R = 50;
-Point(1) = {0, 0, 0}; Point(2) = {R, R, 0}; Point(3) = {0, R, 0};
-Circle(1) = {1, 3, 2}; Line(2) = {2, 3}; Line(3) = {3, 1};
-Curve Loop(1) = {1, 2, 3}; Plane Surface(1) = {1};
-Physical Curve("rim") = {1}; Physical Curve("cut") = {2}; Physical Curve("axis") = {3};
-Physical Surface("cylinder") = {1};
-"""
-BLOCK = """Point(1) = {0, -200, 0}; Point(2) = {100, -200, 0}; Point(3) = {100, 0, 0}; Point(4) = {0, 0, 0};
-Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 1};
-Curve Loop(1) = {1, 2, 3, 4}; Plane Surface(1) = {1};
-Physical Curve("bottom") = {1}; Physical Curve("top") = {3}; Physical Curve("axis") = {4};
-Physical Surface("block") = {1};
-"""
-
-
-def drawn_roller(folder: Path, order: int = 2, size: float = 20.0, **method) -> dict:
-    """A cylinder on a block, half of each, in mm, N and MPa (Hertz: p0 = 3585.36, a = 6.2146); writes geometries."""
-    for name, text in ("roller", ROLLER), ("block", BLOCK):
-        (folder / f"{name}.geo").write_text(text)
-
-    def body(name: str, young: float, **more) -> dict:
-        scale = 1.0 if name == "roller" else 2.0
-        return {"name": name, "mesh": {"geometry": f"{name}.geo", "size": scale * size, "order": order},
-                "material": {"young": young, "poisson": 0.3}, "clamp": [{"on": "axis", "x": 0.0}], **more}
-
-    roller = body("roller", 210000.0, traction=[{"on": "cut", "value": [0.0, -350.0]}])
-    block = body("block", 70000.0)
-    block["clamp"].append({"on": "bottom", "y": 0.0})
-    return {"title": "roller on a block", "body": [roller, block], "method": method,
-            "contact": [{"bodies": ["roller", "block"], "on": ["rim", "top"]}]}
+def drawn_roller(order: int = 2, size: float = 20.0, **method) -> dict:
+    """The scene configs/roller.toml on coarser meshes: Hertz's p0 = 3585.36 MPa, a = 6.2146 mm."""
+    scene = tomllib.loads((ROOT / "configs" / "roller.toml").read_text(encoding="utf-8"))
+    for body, scale in zip(scene["body"], (1.0, 2.0), strict=True):
+        geometry = (ROOT / "configs" / body["mesh"]["geometry"]).resolve()
+        body["mesh"] = {"geometry": str(geometry), "size": scale * size, "order": order}
+    return scene | {"method": method}
 
 
 def tower(blocks: int, n: int, loose: bool = True, **method) -> dict:

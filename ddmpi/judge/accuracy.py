@@ -190,7 +190,8 @@ class MeshLadder:
     def meshes(self) -> str:
         """The meshes to solve on now, in words."""
         if self._drawn and all(self._drawn) and self.done:
-            return f"meshes of about {self.levels[0].n * self.refinement**2:.2g} unknowns, finest where the error is,"
+            n = float(f"{self.levels[0].n * self.refinement**2:.2g}")
+            return f"meshes of about {n:.0f} unknowns, finest where the error is,"
         return f"meshes {self.refinement:.0f} times as fine as given"
 
     @property

@@ -240,7 +240,7 @@ def split_bottom(path, mirror: bool = False):
 
 
 @pytest.mark.parametrize("name", ["pinched_blocks", "pinched_blocks_coulomb", "pinched_blocks_tresca",
-                                  "pinched_blocks_frictionless", "punch"])
+                                  "pinched_blocks_frictionless", "punch", "roller"])
 def test_no_shipped_scene_warns(tmp_path, name):
     done = scenes.run_command(scenes.ROOT / "configs" / f"{name}.toml", tmp_path / "out", "--no-figures")
     assert warnings_of(done) == []

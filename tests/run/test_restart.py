@@ -31,7 +31,7 @@ METHODS = {
     "published": pinched_blocks(2, theta=0.2, tolerance=1e-3),
     "anderson": pinched_blocks(2, "tresca", outer="anderson", tolerance=1e-5),
     "two meshes": pinched_blocks(2, target_error=0.17),
-    "drawn": None,  # writes its geometries, see `here`
+    "drawn": scenes.drawn_roller(target_error=0.05),
 }
 FACTOR, MULT, NEUMANN = "ddmpi.body.solver.StiffnessSolver.__init__", "ddmpi.body.compliance.Compliance.mult", \
     "ddmpi.methods.subproblem.Subproblem.neumann"
@@ -57,7 +57,6 @@ INTERRUPTED = {
 def here(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("restart")
     for name, scene in METHODS.items():
-        scene = scene or scenes.drawn_roller(folder, target_error=0.05)
         scenes.write_scene(scene, folder / f"{name}.toml")
     return folder
 
