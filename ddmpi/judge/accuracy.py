@@ -54,6 +54,9 @@ AIM_DRAWN = 0.85
 SHRINK, GROW = 0.1, 2.0
 """Limits of the new size of an element over the former one."""
 
+SLOWEST, ALMOST = 0.5, 0.95
+"""The lowest rate that is believed; a larger part of an error that is left by a step counts as this."""
+
 STEPS = 12
 """Most meshes of a geometry; estimates that do not fall let a run end."""
 
@@ -78,16 +81,16 @@ class Demand(NamedTuple):
     triangles: int
 
 
-def demand(mesh: Mesh, squares: np.ndarray) -> Demand:
-    """The demand of one body with the squared errors (nt,) of its triangles (J/m)."""
-    return Demand(float((squares ** (1 / (mesh.order + 1))).sum()), float(squares.sum()), len(squares))
+def demand(squares: np.ndarray, rate: float) -> Demand:
+    """The demand of one body with the squared errors (nt,) of its triangles (J/m), which fall with the `rate` p."""
+    return Demand(float((squares ** (1 / (rate + 1))).sum()), float(squares.sum()), len(squares))
 
 
-def finer_sizes(mesh: Mesh, squares: np.ndarray, scale: float) -> Sizes:
+def finer_sizes(mesh: Mesh, squares: np.ndarray, rate: float, scale: float) -> Sizes:
     """The sizes κ h_e η_e^(−1/(p+1)) for the squared errors η_e² (nt,) of the triangles; `scale` is κ."""
     size = np.sqrt(2 / math.sqrt(3) * signed_double_areas(mesh.points, mesh.triangles))  # of equilateral ones
     with np.errstate(divide="ignore"):
-        ratio = scale * squares ** (-0.5 / (mesh.order + 1))
+        ratio = scale * squares ** (-0.5 / (rate + 1))
     return graded(mesh, size * np.clip(ratio, SHRINK, GROW))
 
 
@@ -147,7 +150,7 @@ class MeshLadder:
     sizes: dict[str, Sizes] = field(init=False)
 
     def __post_init__(self) -> None:
-        self._scale = 0.0
+        self._scale = self._rate = 0.0
         self.restore({"done": self.done, "missed": self.missed})
 
     def state(self) -> dict[str, Any]:
@@ -200,6 +203,18 @@ class MeshLadder:
         target = self.scene.method.target_error
         return CAUTION[self.scene.body[0].mesh.order] * target if target else math.inf
 
+    def rate(self, error: float) -> float:
+        """The rate with which errors of geometries fall, by the `error` on this mesh against what was aimed for.
+
+        It is the order of the elements at first; corners, where stresses are singular, make it smaller.
+        """
+        order = float(self.scene.body[0].mesh.order)
+        if not self.done:
+            return order
+        wanted = max(AIM_DRAWN * self.goal / self.levels[-1].error, DROP)
+        seen = min(error / self.levels[-1].error, ALMOST)
+        return min(max(order * math.log(seen) / math.log(wanted), SLOWEST), order)
+
     def proceed(self, n: int, error: float, dofs: int, demands: Mapping[str, Demand] | None = None) -> float | None:
         """Note the `error` on this mesh; return the refinement of the next one, or None to stay with this one.
 
@@ -212,6 +227,7 @@ class MeshLadder:
             return None
         if self._drawn and all(self._drawn) and self.done:
             self.refinement = round(math.sqrt(dofs / self.levels[0].dofs), 3)
+        self._rate = self.rate(error)
         self.done.append((self.refinement, n, error, dofs))
         if method.target_error is None or error <= self.goal:
             return None
@@ -231,7 +247,8 @@ class MeshLadder:
     def draw(self, own: Mapping[str, tuple[Mesh, np.ndarray]]) -> None:
         """Find the sizes of the next meshes of the own geometries from their meshes and squared errors."""
         self._former = self.sizes
-        self.sizes = {name: finer_sizes(mesh, squares, self._scale) for name, (mesh, squares) in own.items()}
+        self.sizes = {name: finer_sizes(mesh, squares, self._rate, self._scale)
+                      for name, (mesh, squares) in own.items()}
 
     def fall_back(self, reason: str) -> bool:
         """Go back to the last mesh with a certified answer, because of `reason` this one has none.
@@ -253,11 +270,12 @@ class MeshLadder:
         """The next refinement, and the scale of the sizes of geometries; None if the target is out of reach."""
         if not demands:
             return self._next_grid()
-        last, order = self.levels[-1], self.scene.body[0].mesh.order
+        last, rate = self.levels[-1], self._rate
         share, square, triangles = (sum(column) for column in zip(*demands.values(), strict=True))
         final = AIM_DRAWN * self.goal / last.error
-        scale = [(square * part**2 / share) ** (0.5 / order) for part in (max(final, DROP), final)]
-        growth = [math.sqrt(share / triangles) / each for each in scale]
+        scale = [(square * part**2 / share) ** (0.5 / rate) for part in (max(final, DROP), final)]
+        times = [share / triangles / each**2 for each in scale]
+        growth = [math.sqrt(each + max(1.0 - each, 0.0) / GROW**2) for each in times]  # not all grow as they might
         largest = math.sqrt(self.scene.method.max_unknowns / last.dofs)
         if len(self.done) >= STEPS or (len(self.done) > 1 and growth[1] > HOPELESS * largest):
             return None

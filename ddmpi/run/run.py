@@ -155,7 +155,8 @@ def _refine(ladder: MeshLadder, assembly: Assembly, solution: Solution, error: D
     dofs = assembly.world.allreduce(sum(body.mesh.points.size for body in assembly.bodies))
     drawn = {body.spec.name: (body.mesh, error.own[body.spec.name].squares) for body in assembly.bodies
              if body.spec.mesh.geometry}
-    demands = merged(assembly.world, {name: demand(*each) for name, each in drawn.items()})
+    rate = ladder.rate(error.relative)
+    demands = merged(assembly.world, {name: demand(squares, rate) for name, (_, squares) in drawn.items()})
     refinement = ladder.proceed(assembly.n, error.relative, dofs, demands)
     if refinement:
         ladder.draw(drawn)

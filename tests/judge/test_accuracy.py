@@ -122,9 +122,9 @@ def test_equal_errors_ask_for_equal_sizes(order):
     """Where all elements have the same error, a third of it takes sizes that are smaller by the order's rate."""
     mesh = square(order)
     squares = np.full(len(mesh.triangles), 4e-3 / len(mesh.triangles))
-    share, total, triangles = demand(mesh, squares)
+    share, total, triangles = demand(squares, order)
     scale = (total / 9 / share) ** (0.5 / order)
-    sizes = finer_sizes(mesh, squares, scale)
+    sizes = finer_sizes(mesh, squares, order, scale)
     assert sizes.sizes == pytest.approx(0.1 * np.sqrt(2 / np.sqrt(3)) * (1 / 3) ** (1 / order))
     assert share / scale**2 == pytest.approx(triangles * 9 ** (1 / order))  # elements of the next mesh
 
@@ -133,8 +133,8 @@ def test_sizes_equalise_errors():
     """An element whose error over its size goes as h^p keeps, when cut to its new size, the error of all others."""
     mesh = square(order=2, sides=20)
     squares = 1e-8 * np.exp(2.0 * mesh.points[mesh.triangles[:, :3], 0].mean(axis=1))  # grows by e^6 from left to right
-    share, total, _ = demand(mesh, squares)
-    sizes = finer_sizes(mesh, squares, (total / 100 / share) ** 0.25)
+    share, total, _ = demand(squares, 2)
+    sizes = finer_sizes(mesh, squares, 2, (total / 100 / share) ** 0.25)
     ratio = sizes.sizes[sizes.triangles].mean(axis=1) / (0.05 * np.sqrt(2 / np.sqrt(3)))
     after = squares * ratio**6
     assert after.max() / after.min() < 1.3 < 100 < squares.max() / squares.min()
@@ -147,7 +147,7 @@ def drawn_ladder(*settings: str, done: bool = True) -> tuple[MeshLadder, dict]:
     mesh = square(2)
     squares = np.linspace(1.0, 2.0, len(mesh.triangles))
     ladder = MeshLadder(scene)
-    if done and ladder.proceed(1000, 0.3, 1050, {"roller": demand(mesh, squares)}):
+    if done and ladder.proceed(1000, 0.3, 1050, {"roller": demand(squares, 2)}):
         ladder.draw({"roller": (mesh, squares)})
     return ladder, {"roller": (mesh, squares)}
 
@@ -165,8 +165,7 @@ def test_ladder_of_drawn_meshes():
     assert refine_scene(mixed.scene, 3).body[0] == mixed.scene.body[0]
     assert refine_scene(mixed.scene, 3).body[1].mesh.divisions == (6, 12)
     one_step = MeshLadder(ladder.scene)
-    mesh = square(2)
-    step = one_step.proceed(1000, 100.0, 1050, {"roller": demand(mesh, np.ones(len(mesh.triangles)))})
+    step = one_step.proceed(1000, 100.0, 1050, {"roller": demand(np.ones(200), 2)})
     assert step == pytest.approx((1 / DROP) ** 0.5)  # coarse meshes do not say how fine the last one must be
 
 
@@ -175,7 +174,7 @@ def test_ladder_of_drawn_meshes_is_restored(tmp_path):
     from ddmpi.run.checkpoint import read, write
 
     ladder, own = drawn_ladder()
-    ladder.proceed(3000, 0.2, 3100, {"roller": demand(*own["roller"])})
+    ladder.proceed(3000, 0.2, 3100, {"roller": demand(own["roller"][1], ladder.rate(0.2))})
     ladder.draw(own)
     write(tmp_path / "checkpoint.h5", {}, [{"ladder": ladder.state()}])
     (state,) = read(tmp_path / "checkpoint.h5")[1]
@@ -195,7 +194,7 @@ def test_drawn_meshes_do_not_exceed_the_most_unknowns():
     """A target that would take more unknowns than allowed is given up with the reason."""
     ladder, own = drawn_ladder("method.max_unknowns=2000")
     assert ladder.refinement <= np.sqrt(2000 / 1050) and not ladder.missed
-    assert ladder.proceed(1900, 0.2, 1990, {"roller": demand(*own["roller"])}) is None
+    assert ladder.proceed(1900, 0.2, 1990, {"roller": demand(own["roller"][1], ladder.rate(0.2))}) is None
     assert "method.max_unknowns = 2000" in ladder.missed
 
 

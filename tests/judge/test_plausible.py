@@ -249,3 +249,19 @@ def test_no_shipped_scene_warns(tmp_path, name):
 @pytest.mark.parametrize("scene", [confined_blocks(3, gap=4e-4), sheared_stack(3, 1e-4, COULOMB)], ids=["gap", "shear"])
 def test_scenes_with_closed_forms_do_not_warn(tmp_path, scene):
     assert warnings_of(run(scene.scene(), tmp_path)) == []
+
+
+@pytest.mark.parametrize(("push", "warns"), [(0.05, False), (0.6, True)])
+def test_slip_around_a_rigid_circle_warns(tmp_path, push, warns):
+    """Nodes that slide far around a small rigid circle meet it where its normal is another; the run says so."""
+    scene = {"title": "slope on a knob",
+             "body": [{"name": "slope", "material": {"young": 1.0, "poisson": 0.3}, "clamp": [{"on": "top", "x": push,
+                                                                                           "y": -0.05}],
+                       "mesh": {"shape": "rectangle", "size": [20.0, 4.0], "origin": [-10.0, 1.0],
+                                "divisions": [40, 4]}}],
+             "rigid": [{"name": "knob", "shape": "circle", "center": [0.0, 0.0], "radius": 1.0}],
+             "contact": [{"bodies": ["slope", "knob"], "on": ["bottom"]}]}
+    done = scenes.run_command(scenes.write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures",
+                              ranks=1)
+    assert done.code == 0, done.output
+    assert any("the radius of 'knob' around it" in warning for warning in done.summary["warnings"]) == warns
