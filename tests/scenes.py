@@ -15,6 +15,7 @@ import pickle
 import re
 import subprocess
 import sys
+import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,6 +48,15 @@ def pinched_blocks(N: int, law: str = "coulomb", length: float = 1.0, stress: fl
                      block("lower", 0.0, {"bottom": (0.0, 4.0e7)})],
             "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": {"law": law} | friction}],
             "method": method}
+
+
+def drawn_roller(order: int = 2, size: float = 20.0, **method) -> dict:
+    """The scene configs/roller.toml on coarser meshes: Hertz's p0 = 3585.36 MPa, a = 6.2146 mm."""
+    scene = tomllib.loads((ROOT / "configs" / "roller.toml").read_text(encoding="utf-8"))
+    for body, scale in zip(scene["body"], (1.0, 2.0), strict=True):
+        geometry = (ROOT / "configs" / body["mesh"]["geometry"]).resolve()
+        body["mesh"] = {"geometry": str(geometry), "size": scale * size, "order": order}
+    return scene | {"method": method}
 
 
 def tower(blocks: int, n: int, loose: bool = True, **method) -> dict:

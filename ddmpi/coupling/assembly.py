@@ -24,6 +24,7 @@ from ddmpi.interface.rigid import touch
 from ddmpi.interface.side import Side, contact_side
 from ddmpi.mesh.boundary import boundary_group
 from ddmpi.mesh.build import build_mesh
+from ddmpi.mesh.geometry import Sizes
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Material, SettledBody
 from ddmpi.scene.contacts import SettledContact
@@ -32,6 +33,8 @@ from ddmpi.system import interrupt
 from ddmpi.system.agreement import agreed, merged
 from ddmpi.system.clock import Clock
 from ddmpi.system.memory import free_memory
+
+NO_SIZES: Mapping[str, Sizes] = {}
 
 
 @dataclass(frozen=True)
@@ -89,7 +92,7 @@ class Assembly:
 
 
 def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Clock | None = None,
-            refinement: int = 1) -> Assembly:
+            refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES) -> Assembly:
     """Mesh, assemble, pair and factor.
 
     Parameters
@@ -97,7 +100,8 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     world : at most as many ranks as the scene has bodies
     folder : where relative mesh files are looked for first
     clock : times the phases mesh, assemble and factor
-    refinement : how many times finer the meshes of `scene` are than the given ones
+    refinement : how many times finer the meshes of `scene` are than the given ones, but for geometries
+    sizes : of the elements of geometries, by the names of the own bodies, where an accuracy target has led to them
 
     Raises
     ------
@@ -121,8 +125,10 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     sides: dict[tuple[str, int], Side] = {}
     with clock.phase("mesh"), agreed(world):
         for spec in mine:
-            meshes[spec.name] = build_mesh(spec, folder)
-            for contact, side in _contacts_of(spec, contacts):
+            own = _contacts_of(spec, contacts)
+            meshes[spec.name] = build_mesh(spec, folder, [contact.on[side] for contact, side in own],
+                                           sizes.get(spec.name))
+            for contact, side in own:
                 edges[contact.name, side] = boundary_group(meshes[spec.name], contact.on[side], _key(contact))
             interrupt.check()
     with clock.phase("assemble"):
@@ -150,8 +156,8 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     with clock.phase("factor"), agreed(world):
         for spec in mine:
             bodies[spec.name] = _deal(team, bodies[spec.name], meshes[spec.name])
-            own = [interface for interface in interfaces if spec.name in interface.bodies]
-            members.append(Member(spec.name, bodies[spec.name], own, scene.method.compliance, memory))
+            ours = [interface for interface in interfaces if spec.name in interface.bodies]
+            members.append(Member(spec.name, bodies[spec.name], ours, scene.method.compliance, memory))
             interrupt.check()
     owned = {contact for contact, first, _ in exchange.ends if first == world.rank}
     if exchange.mirrored:
@@ -211,6 +217,8 @@ def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | Non
         interface = touch(first, rigid, contact.friction, contact.name, contact.gap, contact.kind)
         overlaps = check_overlap(interface, first)
     else:
+        if any(body.mesh.geometry for body in scene.body if body.name in contact.bodies):
+            refinement = 1  # its nodes match by their number alone
         interface = join(first, second, contact.friction, contact.name, refinement, contact.gap, contact.kind,
                          contact.pairing, contact.slave)
         overlaps = check_overlap(interface, first, second)

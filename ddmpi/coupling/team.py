@@ -19,8 +19,8 @@ from petsc4py import PETSc
 from ddmpi.body.rigid_motions import add_springs, stiffen
 from ddmpi.body.solver import SharedSolver, StiffnessSolver
 from ddmpi.errors import DdmpiError, SolverError
-from ddmpi.mesh.partition import bisect
 from ddmpi.system.memory import free_memory
+from ddmpi.system.numbers import bisect
 from ddmpi.system.provenance import peak_memory
 
 SHORTEST, LONGEST, PATIENCE = 1e-3, 5e-2, 1e-2

@@ -1,18 +1,26 @@
 """An accuracy target: how fine the meshes must be for the estimated discretization error to meet it.
 
-All meshes of a scene are refined by the same whole number, so that the two sides of a contact go on matching.
-The number follows from the errors on the meshes before: ‖e‖ ∝ refinement^(−rate).
+All shapes and mesh files of a scene are refined by the same whole number, so that the two sides of a contact go on
+matching. The number follows from the errors on the meshes before: ‖e‖ ∝ refinement^(−rate).
+
+Geometries are meshed anew, with elements as large as their errors allow. If η_e² ∝ h_e^(2p) is the squared error of an
+element over its area, with the order p, then a given total takes the fewest elements if all have the same squared
+error (Zienkiewicz and Zhu, Int. J. Numer. Meth. Engng. 24, 1987; Li and Bettess, Commun. Numer. Meth. Engng. 11, 1995):
+h_new = κ h_e η_e^(−1/(p+1)).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from typing import Any, NamedTuple
 
+import numpy as np
 from msgspec.structs import replace
 
+from ddmpi.mesh.geometry import Sizes, graded
+from ddmpi.mesh.mesh import Mesh, signed_double_areas
 from ddmpi.scene.scene import Settled
 
 FIRST_RATE = 0.75
@@ -36,13 +44,54 @@ HOPELESS = 1.25
 """If the goal takes meshes finer than the largest ones by more than this factor, the last steps are not made."""
 
 
-class Level(NamedTuple):
-    """A mesh that was solved on: refinement, unknowns n, estimated relative error, dofs including clamped ones."""
+DROP = 0.2
+"""The part of the error that is left by one step of a geometry, at least. Estimates on coarse meshes find the places,
+not the amounts."""
 
-    refinement: int
+AIM_DRAWN = 0.85
+"""The error that a step of a geometry aims for, as a part of the goal."""
+
+SHRINK, GROW = 0.1, 2.0
+"""Limits of the new size of an element over the former one."""
+
+SLOWEST, ALMOST = 0.5, 0.95
+"""The lowest rate that is believed; a larger part of an error that is left by a step counts as this."""
+
+STEPS = 12
+"""Most meshes of a geometry; estimates that do not fall let a run end."""
+
+
+class Level(NamedTuple):
+    """A mesh that was solved on: refinement, unknowns n, estimated relative error, dofs including clamped ones.
+
+    The refinement is a whole number; where all bodies are geometries the number of dofs grows with its square.
+    """
+
+    refinement: float
     n: int
     error: float
     dofs: int
+
+
+class Demand(NamedTuple):
+    """The error of geometries: Σ η_e^(2/(p+1)), Σ η_e² (J/m) and the number of triangles."""
+
+    share: float
+    square: float
+    triangles: int
+
+
+def demand(squares: np.ndarray, rate: float) -> Demand:
+    """The demand of one body with the squared errors (nt,) of its triangles (J/m), which fall with the `rate` p."""
+    return Demand(float((squares ** (1 / (rate + 1))).sum()), float(squares.sum()), len(squares))
+
+
+def finer_sizes(mesh: Mesh, squares: np.ndarray, rate: float, scale: float) -> Sizes:
+    """The sizes κ h_e η_e^(−1/(p+1)) for the squared errors η_e² (nt,) of the triangles; `scale` is κ."""
+    size = np.sqrt(2 / math.sqrt(3) * signed_double_areas(mesh.points, mesh.triangles))  # of equilateral ones
+    with np.errstate(divide="ignore"):
+        ratio = scale * squares ** (-0.5 / (rate + 1))
+    return graded(mesh, size * np.clip(ratio, SHRINK, GROW))
 
 
 def next_refinement(levels: Sequence[Level], goal: float, most: int, doubling: bool) -> int | None:
@@ -59,6 +108,7 @@ def next_refinement(levels: Sequence[Level], goal: float, most: int, doubling: b
     doubling : whether only powers of two can be made (a mesh from a file is halved)
     """
     last = levels[-1]
+    whole = int(last.refinement)
     rate, seen = FIRST_RATE, False
     if len(levels) > 1 and levels[-2].error > last.error > 0.0:
         seen = True
@@ -73,8 +123,8 @@ def next_refinement(levels: Sequence[Level], goal: float, most: int, doubling: b
     wanted = last.refinement * (factor if factor <= GROWTH else min(math.sqrt(factor), GROWTH))
     if doubling:
         wanted, largest = 2 ** math.ceil(math.log2(wanted)), 2 ** math.floor(math.log2(largest))
-    refinement = min(max(math.ceil(wanted - 1e-9), last.refinement + 1), math.floor(largest))
-    return refinement if refinement > last.refinement else None
+    refinement = min(max(math.ceil(wanted - 1e-9), whole + 1), math.floor(largest))
+    return refinement if refinement > whole else None
 
 
 @dataclass
@@ -89,29 +139,63 @@ class MeshLadder:
     Attributes
     ----------
     refinement : of the mesh to solve on now
+    sizes : of the elements of this rank's geometries in the mesh to solve on now; none before there is an estimate
     missed : why this mesh is the last one although it misses the target; empty otherwise
     """
 
     scene: Settled
     done: list = field(default_factory=list)
     missed: str = ""
-    refinement: int = field(init=False)
+    refinement: float = field(init=False)
+    sizes: dict[str, Sizes] = field(init=False)
 
     def __post_init__(self) -> None:
+        self._scale = self._rate = 0.0
         self.restore({"done": self.done, "missed": self.missed})
 
     def state(self) -> dict[str, Any]:
         """The state of an interrupted run, in plain numbers."""
-        return {"done": [list(level) for level in self.levels], "missed": self.missed}
+        state: dict[str, Any] = {"done": [list(level) for level in self.levels], "missed": self.missed}
+        if self._drawn:
+            state["drawn"] = {"refinement": self.refinement} | {
+                kind: {name: asdict(each) for name, each in sizes.items()}
+                for kind, sizes in (("sizes", self.sizes), ("former", self._former))}
+        return state
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from `state`."""
         self.done, self.missed = list(state["done"]), state["missed"]
-        self.refinement = self.levels[-1].refinement if self.missed else (self.done and self._next()) or 1
+        drawn = state.get("drawn", {})
+        self.sizes, self._former = ({name: Sizes(**{key: np.asarray(each[key]) for key in each})
+                                     for name, each in drawn.get(kind, {}).items()} for kind in ("sizes", "former"))
+        if drawn:
+            self.refinement = drawn["refinement"]
+        else:
+            self.refinement = self.levels[-1].refinement if self.missed else (self.done and self._next_grid()) or 1
 
     @property
     def levels(self) -> list[Level]:
-        return [Level(int(refinement), int(n), float(error), int(dofs)) for refinement, n, error, dofs in self.done]
+        return [Level(int(refinement) if float(refinement).is_integer() else float(refinement), int(n), float(error),
+                      int(dofs)) for refinement, n, error, dofs in self.done]
+
+    @property
+    def _drawn(self) -> list[bool]:
+        """Which bodies are geometries; empty if none is."""
+        drawn = [body.mesh.geometry is not None for body in self.scene.body]
+        return drawn if any(drawn) else []
+
+    @property
+    def factor(self) -> int:
+        """How many times finer than given shapes and mesh files are now."""
+        return 1 if self._drawn and all(self._drawn) else int(self.refinement)
+
+    @property
+    def meshes(self) -> str:
+        """The meshes to solve on now, in words."""
+        if self._drawn and all(self._drawn) and self.done:
+            n = float(f"{self.levels[0].n * self.refinement**2:.2g}")
+            return f"meshes of about {n:.0f} unknowns, finest where the error is,"
+        return f"meshes {self.refinement:.0f} times as fine as given"
 
     @property
     def goal(self) -> float:
@@ -119,34 +203,62 @@ class MeshLadder:
         target = self.scene.method.target_error
         return CAUTION[self.scene.body[0].mesh.order] * target if target else math.inf
 
-    def proceed(self, n: int, error: float, dofs: int) -> int | None:
-        """Note the `error` on this mesh; return the refinement of the next one, or None to stay with this one."""
+    def rate(self, error: float) -> float:
+        """The rate with which errors of geometries fall, by the `error` on this mesh against what was aimed for.
+
+        It is the order of the elements at first; corners, where stresses are singular, make it smaller.
+        """
+        order = float(self.scene.body[0].mesh.order)
+        if not self.done:
+            return order
+        wanted = max(AIM_DRAWN * self.goal / self.levels[-1].error, DROP)
+        seen = min(error / self.levels[-1].error, ALMOST)
+        return min(max(order * math.log(seen) / math.log(wanted), SLOWEST), order)
+
+    def proceed(self, n: int, error: float, dofs: int, demands: Mapping[str, Demand] | None = None) -> float | None:
+        """Note the `error` on this mesh; return the refinement of the next one, or None to stay with this one.
+
+        Parameters
+        ----------
+        demands : of all geometries, by the names of their bodies
+        """
         method = self.scene.method
         if self.missed:
             return None
+        if self._drawn and all(self._drawn) and self.done:
+            self.refinement = round(math.sqrt(dofs / self.levels[0].dofs), 3)
+        self._rate = self.rate(error)
         self.done.append((self.refinement, n, error, dofs))
         if method.target_error is None or error <= self.goal:
             return None
         given = [body.name for body in self.scene.body if not body.mesh.refinable]
-        following = None if given else self._next()
+        following = None if given else self._next(demands or {})
         if following:
             self.refinement = following
             return following
         reason = (f"the mesh of {' and of '.join(given)} is given: allow finer ones by mesh.refine = \"as needed\""
                   if given else
                   f"meshes that meet it would probably exceed method.max_unknowns = {method.max_unknowns}")
+        if len(self.done) >= STEPS and self._drawn:
+            reason = f"{STEPS} meshes did not lead there"
         self.missed = self._miss(reason)
         return None
+
+    def draw(self, own: Mapping[str, tuple[Mesh, np.ndarray]]) -> None:
+        """Find the sizes of the next meshes of the own geometries from their meshes and squared errors."""
+        self._former = self.sizes
+        self.sizes = {name: finer_sizes(mesh, squares, self._rate, self._scale)
+                      for name, (mesh, squares) in own.items()}
 
     def fall_back(self, reason: str) -> bool:
         """Go back to the last mesh with a certified answer, because of `reason` this one has none.
 
         Returns whether that is possible: there may be no such mesh, or this is it.
         """
-        if not self.done or self.levels[-1].refinement == self.refinement:
+        if not self.done or self.missed or self.levels[-1].refinement == self.refinement:
             return False
-        reason = f"meshes {self.refinement} times as fine as given have no certified answer: {reason}"
-        self.restore({"done": self.done, "missed": self._miss(reason)})
+        reason = f"{self.meshes} have no certified answer: {reason}"
+        self.missed, self.sizes, self.refinement = self._miss(reason), self._former, self.levels[-1].refinement
         return True
 
     def _miss(self, reason: str) -> str:
@@ -154,14 +266,37 @@ class MeshLadder:
                 f"method.target_error = {self.scene.method.target_error:g}, which takes an estimate of "
                 f"{self.goal:.2g}; {reason}")
 
-    def _next(self) -> int | None:
+    def _next(self, demands: Mapping[str, Demand]) -> float | None:
+        """The next refinement, and the scale of the sizes of geometries; None if the target is out of reach."""
+        if not demands:
+            return self._next_grid()
+        last, rate = self.levels[-1], self._rate
+        share, square, triangles = (sum(column) for column in zip(*demands.values(), strict=True))
+        final = AIM_DRAWN * self.goal / last.error
+        scale = [(square * part**2 / share) ** (0.5 / rate) for part in (max(final, DROP), final)]
+        times = [share / triangles / each**2 for each in scale]
+        growth = [math.sqrt(each + max(1.0 - each, 0.0) / GROW**2) for each in times]  # not all grow as they might
+        largest = math.sqrt(self.scene.method.max_unknowns / last.dofs)
+        if len(self.done) >= STEPS or (len(self.done) > 1 and growth[1] > HOPELESS * largest):
+            return None
+        self._scale = scale[0] * max(growth[0] / min(largest, GROWTH), 1.0)
+        if not all(self._drawn):
+            return self._next_grid()
+        return last.refinement * min(growth[0], largest, GROWTH) if largest > 1.0 else None
+
+    def _next_grid(self) -> int | None:
         doubling = any(body.mesh.file is not None for body in self.scene.body)
         return next_refinement(self.levels, self.goal, self.scene.method.max_unknowns, doubling)
 
 
 def refine_scene(scene: Settled, refinement: int) -> Settled:
-    """The scene with shapes meshed `refinement` times finer, and meshes of files halved log2(`refinement`) times."""
+    """The scene with shapes meshed `refinement` times finer, and meshes of files halved log2(`refinement`) times.
+
+    Geometries are as they were.
+    """
     def finer(mesh):
+        if mesh.geometry is not None:
+            return mesh
         if mesh.file is None:
             return replace(mesh, divisions=tuple(k * refinement for k in mesh.divisions))
         return replace(mesh, refine=mesh.halvings + int(math.log2(refinement)))

@@ -32,6 +32,9 @@ FAR_SLIP = 1.0
 UNRESOLVED = 1e-8
 """Neither the linear program nor the certificate resolves forces on a body below this part of another's loads."""
 
+LARGE_TURN = 0.1
+"""Nodes that slid around a rigid circle by more than this part of its radius meet it where its normal is another."""
+
 LOST = 1e-6
 """Rounding of the displacements that changes contact forces by more than this part is worth a warning."""
 
@@ -78,7 +81,7 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
     both, doubts = assembly.exchange.swap_objects(mine), {}
     for interface in assembly.space.interfaces:
         state, (first, second) = contacts[interface.name], both[interface.name]
-        slid = [] if second is None else _far_slip(state, first - second)
+        slid = _far_around(assembly, state, first) if second is None else _far_slip(state, first - second)
         carries = len(contacts) == 1 or state.normal_force.max(initial=0.0) > IDLE * pressed
         doubts[interface.name] = slid + (_lost_in_rounding(state, largest) if carries else [])
     by_contact = merged(world, doubts)
@@ -275,11 +278,30 @@ def _large_gradient(body: Body, u: np.ndarray) -> list[str]:
             "small-strain theory means small ones"]
 
 
-def _far_slip(state: ContactState, moved: np.ndarray) -> list[str]:
-    """A warning where closed node pairs have `moved` (m, d) far from each other along the contact."""
+def _far_around(assembly: Assembly, state: ContactState, moved: np.ndarray) -> list[str]:
+    """A warning where closed nodes have `moved` (m, d) far around a rigid circle."""
     interface = state.interface
+    circle = next(rigid for rigid in assembly.scene.rigid if rigid.name == interface.bodies[1])
+    if not isinstance(circle, Circle):
+        return []
+    along = np.linalg.norm(np.einsum("mcd,md->mc", interface.frame[:, 1:], moved - circle.displacement), axis=1)
+    turned = np.where(state.status != "open", along, 0.0) / circle.radius
+    k = int(np.argmax(turned))
+    if turned[k] <= LARGE_TURN:
+        return []
+    return [f"contact.{interface.name}: nodes slid up to {turned[k]:.2g} times the radius of {circle.name!r} around "
+            f"it, as at ({interface.xy[k, 0]:.4g}, {interface.xy[k, 1]:.4g}); normals are those of the places before"]
+
+
+def _far_slip(state: ContactState, moved: np.ndarray) -> list[str]:
+    """A warning where closed node pairs have `moved` (m, d) far from each other along the contact.
+
+    Nodes that are closer together than the closed ones on average, as at corners, count as far apart as these.
+    """
+    interface, closed = state.interface, state.status != "open"
     along = np.linalg.norm(np.einsum("mcd,md->mc", interface.frame[:, 1:], moved), axis=1)
-    slid = np.where(state.status != "open", along, 0.0) / interface.area
+    spacing = np.maximum(interface.area, interface.area[closed].mean() if closed.any() else 0.0)
+    slid = np.where(closed, along, 0.0) / spacing
     k = int(np.argmax(slid))
     if slid[k] <= FAR_SLIP:
         return []

@@ -1,16 +1,18 @@
-"""The mesh of a body as its scene asks for it: generated or read, refined, and raised to the order."""
+"""The mesh of a body as its scene asks for it: generated, read or drawn, refined, and raised to the order."""
 
 from __future__ import annotations
 
 import functools
 import os
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group, group_nodes, material_numbers
+from ddmpi.mesh.geometry import Sizes, mesh_geometry
 from ddmpi.mesh.mesh import Mesh, refuse_folded
 from ddmpi.mesh.read import file_order, read_mesh
 from ddmpi.mesh.refine import halve, raise_order
@@ -21,15 +23,27 @@ SHAPES = {"rectangle": generate_rectangle, "quadrilateral": generate_quadrilater
 """What generates the mesh of a shape."""
 
 
-def build_mesh(body: BodySpec, folder: Path = Path(".")) -> Mesh:
+def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[str] = (),
+               sizes: Sizes | None = None) -> Mesh:
     """Generate or read the mesh of `body` and check that it has the groups that the body names.
 
-    Relative mesh files are looked for in `folder` (the scene's own) first, then in the current directory.
+    Parameters
+    ----------
+    folder : of the scene; relative mesh files are looked for there first, then in the current directory
+    contacts : names of the groups at contacts, towards which the elements of a geometry become finer
+    sizes : of the elements of a geometry, where an accuracy target has led to them
+
     Not collective. Raises InputError.
     """
     spec = body.mesh
     key = f"body.{body.name}.mesh"
-    mesh = SHAPES[spec.shape](spec) if spec.shape else read_mesh(locate_mesh(body, folder), body.name, spec.order or 1)
+    if spec.shape:
+        mesh = SHAPES[spec.shape](spec)
+    elif spec.geometry is not None:
+        mesh = mesh_geometry(locate_mesh(body, folder), body, contacts, sizes)
+    else:
+        mesh = read_mesh(locate_mesh(body, folder), body.name, spec.order or 1)
+    cut = mesh.cut
     for _ in range(spec.halvings):
         mesh = halve(mesh, key)
     if spec.order == 2 and mesh.order == 1:
@@ -40,7 +54,7 @@ def build_mesh(body: BodySpec, folder: Path = Path(".")) -> Mesh:
         group_nodes(mesh, clamp.on, f"body.{body.name}.clamp")
     for traction in body.traction:
         boundary_group(mesh, traction.on, f"body.{body.name}.traction")
-    return mesh
+    return replace(mesh, cut=cut)
 
 
 def order_of_files(scene_path: str | Path) -> Callable[[BodySpec], Literal[1, 2]]:
@@ -53,8 +67,10 @@ def order_of_files(scene_path: str | Path) -> Callable[[BodySpec], Literal[1, 2]
 
 
 def locate_mesh(body: BodySpec, folder: Path) -> Path:
-    """The mesh file of `body`, looked for in `folder`, then in the current directory. Raises InputError."""
-    name = Path(str(body.mesh.file))
+    """The mesh or geometry of `body`, looked for in `folder`, then in the current directory. Raises InputError."""
+    key, name = "geometry", Path(str(body.mesh.geometry))
+    if body.mesh.geometry is None:
+        key, name = "file", Path(str(body.mesh.file))
     places = [name] if name.is_absolute() else [folder / name, name]
     tried = []
     for place in places:
@@ -66,4 +82,4 @@ def locate_mesh(body: BodySpec, folder: Path) -> Path:
             tried.append(str(place))
         except (OSError, ValueError) as error:  # a folder without permission, a zero byte in the name
             tried.append(f"{place} ({getattr(error, 'strerror', error)})")
-    raise InputError(f"body.{body.name}.mesh.file: there is no file {' nor '.join(tried)}")
+    raise InputError(f"body.{body.name}.mesh.{key}: there is no file {' nor '.join(tried)}")

@@ -34,6 +34,7 @@ class Mesh:
         (k, 3), the ends followed by the middle
     vertices : name → (k,) int, the nodes of each physical point
     surfaces : name → (k,) int, the triangles of each physical surface
+    cut : how many quadrilaterals of a file were cut into triangles
     """
 
     points: np.ndarray
@@ -41,6 +42,7 @@ class Mesh:
     groups: dict[str, np.ndarray]
     vertices: dict[str, np.ndarray] = field(default_factory=dict)
     surfaces: dict[str, np.ndarray] = field(default_factory=dict)
+    cut: int = 0
 
     @property
     def dimension(self) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -15,8 +16,14 @@ from ddmpi.mesh.mesh import SIDES, Mesh, signed_double_areas
 from ddmpi.mesh.refine import bend, raise_order
 from ddmpi.system import interrupt
 
-TRIANGLES, LINES = ("triangle", "triangle6"), ("line", "line3")
+TRIANGLES, LINES, QUADS = ("triangle", "triangle6"), ("line", "line3"), ("quad", "quad8", "quad9")
 """The element types, in meshio's words, that are read."""
+
+HALVES = np.array([[0, 1, 2, 4, 5, -1], [2, 3, 0, 6, 7, -1]])
+"""Corners and middles of the triangles that a quadrilateral is cut into, and no middle of the cut."""
+
+EQUAL = 1e-6
+"""Diagonals of a quadrilateral whose lengths differ by less than this part of them are equally long."""
 
 STRAIGHT = 1e-6
 """How far the middle node of a straight side may lie from the side's midpoint, as a fraction of the side; it then
@@ -29,24 +36,26 @@ FLAT = 1e-14
 """A triangle has no area if it is smaller than this fraction of the largest one."""
 
 
-def read_mesh(path: Path, body: str, order: Literal[1, 2] = 1) -> Mesh:
+def read_mesh(path: Path, body: str, order: Literal[1, 2] = 1, label: str = "") -> Mesh:
     """Read triangles, boundary lines and points with their physical groups from a mesh file, as a mesh of the `order`.
 
     In order 2 the sides of second-order elements are curved as they are in the file; in order 1 only corners are kept.
-    Sides of first-order elements are straight. In formats without names of
-    groups (MSH 1.0) a group is called by its number. Not collective. Raises InputError for a file that neither
-    meshio nor gmsh can read, that has other elements or no named boundary groups, or that is degenerate.
+    Sides of first-order elements are straight. Quadrilaterals are cut into triangles. In formats without names of
+    groups (MSH 1.0) a group is called by its number. Errors begin with `label`. Not collective. Raises InputError for a
+    file that neither meshio nor gmsh can read, that has other elements or no named boundary groups, or that is
+    degenerate.
     """
-    label = f"body.{body}.mesh.file: {path}"
+    label = label or f"body.{body}.mesh.file: {path}"
     raw = _load(path, label)
-    other = sorted({c.type for c in raw.cells} - {*TRIANGLES, *LINES, "vertex"})
+    other = sorted({c.type for c in raw.cells} - {*TRIANGLES, *LINES, *QUADS, "vertex"})
     if other:
         raise InputError(f"{label} has elements of type {', '.join(other)}; "
-                         "only triangles and boundary lines of first or second order are supported (gmsh makes "
-                         "triangles where neither Recombine nor Mesh.RecombineAll asks for others)")
-    triangles = np.concatenate([_elements(raw, kind, 3) for kind in TRIANGLES])
+                         "only triangles, quadrilaterals and boundary lines of first or second order are supported")
+    whole, quads = (np.concatenate([_elements(raw, kind, corners) for kind in kinds])
+                    for kinds, corners in ((TRIANGLES, 3), (QUADS, 4)))
+    triangles = np.concatenate([whole, cut_quadrilaterals(raw.points, quads)])
     first, place = _distinct(triangles[:, :3])
-    triangles = triangles[first]
+    triangles, cut = triangles[first], len(_distinct(quads[:, :4])[0])
     if len(triangles) == 0:
         raise InputError(f"{label} has no triangles; gmsh saves only elements in physical groups: "
                          'Physical Surface("body") = {1};')
@@ -55,7 +64,8 @@ def read_mesh(path: Path, body: str, order: Literal[1, 2] = 1) -> Mesh:
     if np.ptp(raw.points[:, 2]) > PLANE * np.ptp(raw.points):
         raise InputError(f"{label} is not plane (its z coordinates differ)")
     groups = _line_groups(raw, label)
-    surfaces = {name: np.unique(place[members]) for name, members in _members(raw, 2, TRIANGLES).items()}
+    surfaces = {name: np.unique(place[_pieces(members, len(whole))])
+                for name, members in _members(raw, 2, (*TRIANGLES, *QUADS)).items()}
     points_of = raw.cells_dict.get("vertex", np.empty((0, 1), int))[:, 0]
     vertices = {name: np.unique(points_of[members]) for name, members in _members(raw, 0, ("vertex",)).items()}
 
@@ -73,17 +83,45 @@ def read_mesh(path: Path, body: str, order: Literal[1, 2] = 1) -> Mesh:
         raise InputError(f"{label} has triangles without area")
     turned = doubled < 0
     triangles[turned] = triangles[turned][:, [0, 2, 1]]
-    mesh = Mesh(points, triangles, groups, vertices, surfaces)
+    mesh = Mesh(points, triangles, groups, vertices, surfaces, cut)
     if bends is None:
         return mesh
     bends[turned] = bends[turned][:, [2, 1, 0]]
-    return bend(raise_order(mesh, f"body.{body}.mesh"), bends)
+    return replace(bend(raise_order(mesh, f"body.{body}.mesh"), bends), cut=cut)
 
 
 def file_order(path: Path, body: str) -> Literal[1, 2]:
-    """The order of the triangles in a mesh file: 2 if they have middle nodes. Not collective. Raises InputError."""
+    """The order of the elements in a mesh file: 2 if they have middle nodes. Not collective. Raises InputError."""
     raw = _load(path, f"body.{body}.mesh.file: {path}")
-    return 2 if any(cells.type == TRIANGLES[1] for cells in raw.cells) else 1
+    return 2 if any(cells.type in (TRIANGLES[1], *QUADS[1:]) for cells in raw.cells) else 1
+
+
+def cut_quadrilaterals(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
+    """Two triangles (2k, 3) for each quadrilateral (k, 4) by its corners in the plane `points`: cut along the shorter
+    diagonal. With the middles of its sides (k, 8) those of the triangles, too, (2k, 6); −1 for that of the diagonal.
+
+    Of equal diagonals it is the one that begins farthest to the left and below. The order in which a file names the
+    corners makes no difference. A quadrilateral that is not convex is cut from its inner corner. Not collective.
+    """
+    corners = points[quads[:, :4], :2]
+    diagonals = np.linalg.norm(corners[:, :2] - corners[:, 2:], axis=2)
+    left = (corners @ [1.0, 0.6]).argmin(axis=1) % 2  # ties of both are rare
+    size = [signed_double_areas(corners.reshape(-1, 2), 4 * np.arange(len(quads))[:, None] + part)
+            for part in np.array([[0, 1, 2], [0, 2, 3], [1, 2, 3], [1, 3, 0]])]
+    fits = np.stack([size[0] * size[1] > 0.0, size[2] * size[3] > 0.0], axis=1)
+    shorter = np.where(np.abs(np.diff(diagonals)[:, 0]) <= EQUAL * diagonals.max(axis=1), left,
+                       diagonals.argmin(axis=1))
+    chosen = np.where(fits.all(axis=1) | ~fits.any(axis=1), shorter, fits.argmax(axis=1))
+    turned = np.roll(quads.reshape(len(quads), quads.shape[1] // 4, 4), -1, axis=2).reshape(quads.shape)
+    parts = np.pad(np.where(chosen[:, None] == 0, quads, turned), ((0, 0), (0, 1)), constant_values=-1)
+    halves = HALVES[:, :3 * quads.shape[1] // 4]
+    return parts[:, halves].reshape(-1, halves.shape[1])
+
+
+def _pieces(members: np.ndarray, whole: int) -> np.ndarray:
+    """Which triangles elements are, of which those from number `whole` on were cut into two."""
+    cut = 2 * members[members >= whole] - whole
+    return np.concatenate([members[members < whole], cut, cut + 1])
 
 
 def _load(path: Path, label: str):
@@ -108,12 +146,17 @@ def _convert(path: Path, target: Path) -> None:
     """Write any mesh file that gmsh reads (MSH 1.0 and 4.0, among others) in MSH 4.1, binary and thus exact."""
     with gmsh_session() as gmsh:
         gmsh.open(str(path))
-        for dimension, tag in gmsh.model.getPhysicalGroups(1):
-            if not gmsh.model.getPhysicalName(dimension, tag):
-                gmsh.model.setPhysicalName(dimension, tag, str(tag))
+        name_groups(gmsh)
         for option, value in (("MshFileVersion", 4.1), ("Binary", 1), ("SaveAll", 1)):
             gmsh.option.setNumber(f"Mesh.{option}", value)
         gmsh.write(str(target))
+
+
+def name_groups(gmsh) -> None:
+    """Call the physical groups of lines that have no name by their numbers."""
+    for dimension, tag in gmsh.model.getPhysicalGroups(1):
+        if not gmsh.model.getPhysicalName(dimension, tag):
+            gmsh.model.setPhysicalName(dimension, tag, str(tag))
 
 
 @contextmanager
@@ -171,10 +214,10 @@ def _distinct(elements: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _elements(raw, kind: str, corners: int) -> np.ndarray:
-    """Elements (k, 6) or (k, 3) of one type: their corners or ends, and the middles of their sides, −1 if none."""
-    nodes = raw.cells_dict.get(kind, np.empty((0, corners), int)).astype(np.int64)
-    missing = (6 if corners == 3 else 3) - nodes.shape[1]
-    return np.pad(nodes, ((0, 0), (0, missing)), constant_values=-1)
+    """Elements of one type by their corners or ends, and then the middles of their sides, −1 if none."""
+    columns = 3 if corners == 2 else 2 * corners
+    nodes = raw.cells_dict.get(kind, np.empty((0, corners), int)).astype(np.int64)[:, :columns]
+    return np.pad(nodes, ((0, 0), (0, columns - nodes.shape[1])), constant_values=-1)
 
 
 def _bends(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ def generate_rectangle(spec: MeshSpec) -> Mesh:
 
     Not collective.
     """
-    assert spec.divisions and spec.size  # of a shape, the scene has seen to it
+    assert spec.divisions and isinstance(spec.size, tuple)  # of a shape, the scene has seen to it
     parameters, triangles, sides = _grid(*spec.divisions)
     # exact multiples, so that both sides of an interface agree
     return Mesh(np.array(spec.origin) + parameters * spec.size, triangles, sides)

@@ -95,9 +95,10 @@ def levels_kept(world: MPI.Comm, folder: Path | None, identity: dict[str, dict],
         yield
     except InterruptionError as error:
         if error.agreed and not error.kept and len(ladder.done) > known:
+            states = world.gather({"ladder": ladder.state()})
             with agreed(world):
-                if folder:
-                    write(folder / CHECKPOINT, identity, [{"ladder": ladder.state()}] * world.size)
+                if folder and states:
+                    write(folder / CHECKPOINT, identity, states)
             error.args = (f"in the set-up of a finer mesh, which --restart {world.bcast(str(folder))} begins with",)
         raise
 

@@ -41,7 +41,8 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     for gap, names in grouped((_describe_gap(each), each.name) for each in interfaces):
         log.info("%s: %s", some(names, "contacts"), gap)
     team = team_of(world)
-    own = {body.spec.name: _describe_body(body.member, team.size if team else 1) for body in assembly.bodies}
+    own = {body.spec.name: _describe_body(body.member, team.size if team else 1, body.mesh.cut)
+           for body in assembly.bodies}
     bodies = merged(world, own)
     for way, names in grouped((bodies[spec.name][0], spec.name) for spec in scene.body):
         log.info("%s: %s", some(names, "bodies"), way)
@@ -73,9 +74,10 @@ def log_warnings(found: Iterable[str], told: list[str]) -> None:
             told.append(warning)
 
 
-def _describe_body(member: Member, ranks: int) -> tuple[str, bool]:
+def _describe_body(member: Member, ranks: int, cut: int) -> tuple[str, bool]:
     """How a body is solved, on how many ranks, and whether loads act on it."""
-    way = "" if ranks == 1 else f"on {ranks} ranks; "
+    way = f"{cut} quadrilaterals cut into triangles; " if cut else ""
+    way += "" if ranks == 1 else f"on {ranks} ranks; "
     way += f"A by {member.C.solver.description}, compliance {member.C.kind} ({member.C.reason})"
     motions = member.motions.shape[2]
     if motions:

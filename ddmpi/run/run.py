@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import logging
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,12 +15,13 @@ from petsc4py import PETSc
 
 from ddmpi.body.estimate import DiscretizationError, estimate_error, sum_errors
 from ddmpi.body.stress import stress, von_mises
-from ddmpi.coupling.assembly import Assembly, prepare
+from ddmpi.coupling.assembly import NO_SIZES, Assembly, prepare
 from ddmpi.coupling.ranks import on_working_ranks
 from ddmpi.errors import InputError, NotConvergedError, OutputError, SolverError
-from ddmpi.judge.accuracy import MeshLadder, refine_scene
+from ddmpi.judge.accuracy import MeshLadder, demand, refine_scene
 from ddmpi.judge.diagnosis import diagnose
 from ddmpi.judge.plausible import doubt_answer, doubt_mesh
+from ddmpi.mesh.geometry import Sizes
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.results.fields import Fields, write_fields, write_xdmf
@@ -114,7 +116,8 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, fold
 
     def attempt() -> Solved | None:
         """Solve on the ladder's present mesh and write the results; None if the ladder goes on to another mesh."""
-        assembly = prepare_scene(world, refine_scene(scene, ladder.refinement), scene_path, clock, ladder.refinement)
+        assembly = prepare_scene(world, refine_scene(scene, ladder.factor), scene_path, clock, ladder.factor,
+                                 ladder.sizes)
         log_plan(assembly, figures)
         log_warnings(assembly.warnings, told)
         checkpoints = Checkpoints(assembly, folder, identity, clock, state, {"ladder": ladder}) if write else None
@@ -130,7 +133,7 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, fold
 
     with levels_kept(world, folder, identity, ladder):
         if ladder.done:
-            log.info("continuing with meshes %d times as fine as given", ladder.refinement)
+            log.info("continuing with %s", ladder.meshes)
         while True:
             try:
                 solved = attempt()
@@ -150,20 +153,24 @@ def _refine(ladder: MeshLadder, assembly: Assembly, solution: Solution, error: D
     if not solution.certified:
         return _fall_back(ladder, solution.reason)
     dofs = assembly.world.allreduce(sum(body.mesh.points.size for body in assembly.bodies))
-    refinement = ladder.proceed(assembly.n, error.relative, dofs)
+    drawn = {body.spec.name: (body.mesh, error.own[body.spec.name].squares) for body in assembly.bodies
+             if body.spec.mesh.geometry}
+    rate = ladder.rate(error.relative)
+    demands = merged(assembly.world, {name: demand(squares, rate) for name, (_, squares) in drawn.items()})
+    refinement = ladder.proceed(assembly.n, error.relative, dofs, demands)
     if refinement:
-        log.info("estimated discretization error %.2g, at most %.2g is asked for: going on with meshes %d times as "
-                 "fine as given", error.relative, ladder.goal, refinement)
+        ladder.draw(drawn)
+        log.info("estimated discretization error %.2g, at most %.2g is asked for: going on with %s", error.relative,
+                 ladder.goal, ladder.meshes)
     return bool(refinement)
 
 
 def _fall_back(ladder: MeshLadder, reason: str) -> bool:
     """Whether to solve once more on the last mesh that had a certified answer. Its factors were not kept."""
-    failed = ladder.refinement
+    failed = ladder.meshes
     possible = ladder.fall_back(reason)
     if possible:
-        log.info("no certified answer on meshes %d times as fine as given (%s): back to those %d times as fine", failed,
-                 reason, ladder.refinement)
+        log.info("no certified answer on %s (%s): back to %s", failed, reason, ladder.meshes)
     return possible
 
 
@@ -198,10 +205,10 @@ def _finish(assembly: Assembly, solution: Solution, error: DiscretizationError, 
 
 
 def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock | None = None,
-                  refinement: int = 1) -> Assembly:
+                  refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES) -> Assembly:
     """`prepare`, with the scene's file named in what is wrong with it. Collective."""
     try:
-        return prepare(world, scene, Path(scene_path).parent, clock, refinement)
+        return prepare(world, scene, Path(scene_path).parent, clock, refinement, sizes)
     except InputError as error:
         error.args = (f"{scene_path}: {error}",)
         raise

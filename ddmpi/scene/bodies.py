@@ -33,33 +33,47 @@ SHAPES = {"rectangle": {"size": "[width, height]", "divisions": "[nx, ny]"},
 CORNER = 1e-8
 """Smallest sine of a corner of a quadrilateral; the triangles at a flatter one have almost no area."""
 
+GEOMETRIES = (".geo", ".step", ".stp", ".brep", ".brp")
+"""Endings of the files of geometries."""
+
+TOWARDS_CONTACTS = 0.25
+"""The size of elements at contacts as a part of ``size``, if a geometry has no ``contact_size``."""
+
 CLOSED = 1e-9
 """How far from 360 the angle (degrees) of a closed ring may be, because of rounding."""
+
+TwoOrOne = Annotated[tuple[Positive, ...], msgspec.Meta(min_length=2, max_length=2)] | Positive
+"""A pair, or one number. Beside tuple[Positive, Positive], msgspec 0.22 crashes at such a number."""
 
 Angle = Annotated[float, msgspec.Meta(ge=-720, le=720)]
 
 
 class MeshSpec(Table, frozen=True, kw_only=True):
-    """Either a generated ``shape`` with its keys and ``divisions``, or a gmsh ``file``.
+    """Either a generated ``shape`` with its keys and ``divisions``, a gmsh ``file``, or a ``geometry``.
 
     A rectangle has ``origin`` and ``size``, a convex quadrilateral four ``corners`` (counter-clockwise), an annulus
     ``center``, ``radii`` (inner, outer) and ``angles`` (start, end, in degrees; it is closed if they are 360 apart)
     with ``divisions`` around and across.
+    A ``geometry`` (.geo, .step, .brep) is meshed by gmsh in the run: ``size`` is the largest size of an element (m),
+    ``contact_size`` that along contacts, a quarter of it if left out. Smaller sizes in a .geo remain.
     ``order`` 1 means linear triangles; 2 means quadratic triangles, with a further node in the middle of each side.
-    Their sides are curved along the circles of an annulus and where those of a second-order file are. Left out, the
-    order follows another body that names one, then the preset, then the files; otherwise it is 1.
+    Their sides are curved along the circles of an annulus, along the curves of a geometry, and where those of a
+    second-order file are. Left out, the order follows another body that names one, then the preset, then the files;
+    otherwise it is 1.
     ``refine`` is how often the sides of a file's mesh are halved, or "as needed" for ``method.target_error``.
     """
 
     shape: Literal["rectangle", "quadrilateral", "annulus"] | None = None
     origin: Point = (0.0, 0.0)
-    size: tuple[Positive, Positive] | None = None
+    size: TwoOrOne | None = None
     corners: tuple[Point, Point, Point, Point] | None = None
     center: Point | None = None
     radii: tuple[Positive, Positive] | None = None
     angles: tuple[Angle, Angle] | None = None
     divisions: tuple[Count, Count] | None = None
     file: str | None = None
+    geometry: str | None = None
+    contact_size: Positive | None = None
     order: Literal[1, 2] | None = None
     refine: Annotated[int, msgspec.Meta(ge=0, le=8)] | Literal["as needed"] = 0
 
@@ -80,13 +94,19 @@ class MeshSpec(Table, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if self.file is None and self.refine:
-            raise ValueError("refine belongs to a file; for a shape, raise divisions")
-        if (self.shape is None) == (self.file is None):
-            raise ValueError(f'a mesh is either {{ file = "….msh" }} or has a shape, one of {", ".join(SHAPES)}, as in '
-                             '{ shape = "rectangle", size = …, divisions = … }')
+            raise ValueError("refine belongs to a file; for a shape, raise divisions, for a geometry, lower size")
+        if sum(each is not None for each in (self.shape, self.file, self.geometry)) != 1:
+            raise ValueError('a mesh is either { file = "….msh" } or { geometry = "….geo", size = … } or has a shape, '
+                             f'one of {", ".join(SHAPES)}, as in {{ shape = "rectangle", size = …, divisions = … }}')
         if self.origin != (0.0, 0.0) and self.shape != "rectangle":
             raise ValueError(f"origin belongs to a rectangle, not to {self._what}")
+        if self.geometry is not None:
+            self._check_sizes()
+        elif self.contact_size is not None:
+            raise ValueError(f"contact_size belongs to a geometry, not to {self._what}")
         self._check_keys(SHAPES.get(self.shape or "", {}))
+        if self.shape == "rectangle" and not isinstance(self.size, tuple):
+            raise ValueError(f"a rectangle has size = [width, height], got {self.size!r}")
         if self.corners:
             _check_corners(self.corners)
         if self.radii and self.angles and self.divisions:
@@ -94,7 +114,25 @@ class MeshSpec(Table, frozen=True, kw_only=True):
 
     @property
     def _what(self) -> str:
-        return "a file" if self.shape is None else f'shape = "{self.shape}"'
+        return f'shape = "{self.shape}"' if self.shape else "a file" if self.file else "a geometry"
+
+    @property
+    def largest(self) -> float:
+        """The largest size of an element of a geometry (m)."""
+        assert isinstance(self.size, float)
+        return self.size
+
+    def _check_sizes(self) -> None:
+        """Raise ValueError unless file and sizes are those of a geometry."""
+        if not str(self.geometry).lower().endswith(GEOMETRIES):
+            mesh = "; a mesh is given by file = …" * str(self.geometry).endswith(".msh")
+            raise ValueError(f"geometry = {self.geometry!r} must end with one of {', '.join(GEOMETRIES)}{mesh}")
+        if not isinstance(self.size, float):
+            got = f", got {list(self.size)}" if self.size else ""
+            raise ValueError(f"a geometry needs size = h, the largest size of an element{got}")
+        if self.contact_size is not None and self.contact_size > self.size:
+            raise ValueError(f"contact_size = {self.contact_size:g}, along contacts, must not exceed size = "
+                             f"{self.size:g}, which is the largest")
 
     def _check_keys(self, needed: dict[str, str]) -> None:
         """Raise ValueError unless all the `needed` keys are given, and those of no other shape."""
@@ -103,7 +141,7 @@ class MeshSpec(Table, frozen=True, kw_only=True):
                 if getattr(self, key) is None and key in needed:
                     how = ", ".join(f"{key} = {form}" for key, form in needed.items())
                     raise ValueError(f"{self._what} needs {how}; {key} is missing")
-                if getattr(self, key) is not None and key not in needed:
+                if getattr(self, key) is not None and key not in needed and not (key == "size" and self.geometry):
                     owner = "a shape" if key == "divisions" else f'shape = "{shape}"'
                     raise ValueError(f"{key} belongs to {owner}, not to {self._what}")
 
@@ -133,7 +171,10 @@ def _check_corners(corners: tuple[Point, ...]) -> None:
 
 
 class SettledMesh(MeshSpec, frozen=True, kw_only=True):
-    """A mesh of known order; a shape has no ``file`` and no keys of another shape, a file has neither."""
+    """A mesh of known order; a shape has no ``file`` and no keys of another shape, a file has neither.
+
+    A geometry has all of its own keys.
+    """
 
     order: Literal[1, 2]
 
@@ -271,7 +312,9 @@ class BodySpec(Table, frozen=True, kw_only=True):
 
     def settled(self, order: Literal[1, 2]) -> SettledBody:
         """This body with elements of `order`."""
-        return settle(self, SettledBody, mesh=settle(self.mesh, SettledMesh, order=order))
+        mesh = self.mesh
+        finest = mesh.contact_size or TOWARDS_CONTACTS * mesh.largest if mesh.geometry is not None else None
+        return settle(self, SettledBody, mesh=settle(mesh, SettledMesh, order=order, contact_size=finest))
 
 
 class SettledBody(BodySpec, frozen=True, kw_only=True):

@@ -54,9 +54,11 @@ def identify(scene: dict, petsc: list[str], cases: list[Case], scene_folder: Pat
     A mesh file that cannot be read is left to the runs of its cases. Not collective.
     """
     meshes = {}
-    for body in {body.mesh.file: body for case in cases for body in case.scene.body if body.mesh.file}.values():
+    named = {body.mesh.file or body.mesh.geometry: body for case in cases for body in case.scene.body
+             if not body.mesh.shape}
+    for name, body in named.items():
         with contextlib.suppress(InputError, OSError):
-            meshes[body.mesh.file] = hashlib.sha256(locate_mesh(body, scene_folder).read_bytes()).hexdigest()
+            meshes[name] = hashlib.sha256(locate_mesh(body, scene_folder).read_bytes()).hexdigest()
     return {"scene": scene, "PETSc options": petsc, "mesh files": meshes}
 
 

@@ -5,10 +5,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import pinched_blocks, prepare_scene, run_command, to_toml, write_scene
+from scenes import drawn_roller, pinched_blocks, prepare_scene, run_command, to_toml, write_scene
 
 from ddmpi.errors import InputError, NotConvergedError, SolverError
-from ddmpi.judge.accuracy import GROWTH, Level, MeshLadder, next_refinement, refine_scene
+from ddmpi.judge.accuracy import (
+    AIM_DRAWN,
+    DROP,
+    GROWTH,
+    Level,
+    MeshLadder,
+    demand,
+    finer_sizes,
+    next_refinement,
+    refine_scene,
+)
+from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.read import read_mesh
 from ddmpi.mesh.refine import halve
 from ddmpi.scene.method import PRESETS
@@ -98,6 +109,108 @@ def test_halved_mesh(tmp_path):
         lengths = [np.linalg.norm(np.diff(m.points[e], axis=1), axis=2).sum() for m, e in (
             (mesh, edges), (fine, fine.groups[name]))]
         assert lengths[1] == pytest.approx(lengths[0])
+
+
+# Geometries
+
+def square(order: int = 1, sides: int = 10):
+    return build_mesh(scene_of(pinched_blocks(sides), f"body.0.mesh.order={order}").body[0])
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_equal_errors_ask_for_equal_sizes(order):
+    """Where all elements have the same error, a third of it takes sizes that are smaller by the order's rate."""
+    mesh = square(order)
+    squares = np.full(len(mesh.triangles), 4e-3 / len(mesh.triangles))
+    share, total, triangles = demand(squares, order)
+    scale = (total / 9 / share) ** (0.5 / order)
+    sizes = finer_sizes(mesh, squares, order, scale)
+    assert sizes.sizes == pytest.approx(0.1 * np.sqrt(2 / np.sqrt(3)) * (1 / 3) ** (1 / order))
+    assert share / scale**2 == pytest.approx(triangles * 9 ** (1 / order))  # elements of the next mesh
+
+
+def test_sizes_equalise_errors():
+    """An element whose error over its size goes as h^p keeps, when cut to its new size, the error of all others."""
+    mesh = square(order=2, sides=20)
+    squares = 1e-8 * np.exp(2.0 * mesh.points[mesh.triangles[:, :3], 0].mean(axis=1))  # grows by e^6 from left to right
+    share, total, _ = demand(squares, 2)
+    sizes = finer_sizes(mesh, squares, 2, (total / 100 / share) ** 0.25)
+    ratio = sizes.sizes[sizes.triangles].mean(axis=1) / (0.05 * np.sqrt(2 / np.sqrt(3)))
+    after = squares * ratio**6
+    assert after.max() / after.min() < 1.3 < 100 < squares.max() / squares.min()
+    assert (squares * ratio**4).sum() == pytest.approx(total / 100, rel=0.02)
+
+
+def drawn_ladder(*settings: str, done: bool = True) -> tuple[MeshLadder, dict]:
+    """The ladder of the drawn roller after a first mesh, with one body's errors on this rank."""
+    scene = read_scene("scene.toml", to_toml(drawn_roller(target_error=0.1)), list(settings))
+    mesh = square(2)
+    squares = np.linspace(1.0, 2.0, len(mesh.triangles))
+    ladder = MeshLadder(scene)
+    if done and ladder.proceed(1000, 0.3, 1050, {"roller": demand(squares, 2)}):
+        ladder.draw({"roller": (mesh, squares)})
+    return ladder, {"roller": (mesh, squares)}
+
+
+def test_ladder_of_drawn_meshes():
+    """Drawn meshes have as many unknowns as their errors take; shapes beside them are finer by a whole number."""
+    ladder, _ = drawn_ladder()
+    assert ladder.refinement == pytest.approx((0.3 / (AIM_DRAWN * 0.09)) ** 0.5, rel=1e-2)  # all errors nearly equal
+    assert ladder.factor == 1 and "about 3900 unknowns" in ladder.meshes
+    assert ladder.proceed(4000, 0.08, 4200) is None and not ladder.missed
+    assert ladder.levels[-1].refinement == 2.0  # what it has become
+    mixed, _ = drawn_ladder('body.block.mesh={shape="rectangle", size=[100, 200], divisions=[2, 4]}')
+    assert isinstance(mixed.refinement, int) and mixed.factor == mixed.refinement > 1
+    assert set(mixed.sizes) == {"roller"}
+    assert refine_scene(mixed.scene, 3).body[0] == mixed.scene.body[0]
+    assert refine_scene(mixed.scene, 3).body[1].mesh.divisions == (6, 12)
+    one_step = MeshLadder(ladder.scene)
+    step = one_step.proceed(1000, 100.0, 1050, {"roller": demand(np.ones(200), 2)})
+    assert step == pytest.approx((1 / DROP) ** 0.5)  # coarse meshes do not say how fine the last one must be
+
+
+def test_ladder_of_drawn_meshes_is_restored(tmp_path):
+    """The sizes of drawn meshes are kept in a checkpoint, those of the last certified answer, too."""
+    from ddmpi.run.checkpoint import read, write
+
+    ladder, own = drawn_ladder()
+    ladder.proceed(3000, 0.2, 3100, {"roller": demand(own["roller"][1], ladder.rate(0.2))})
+    ladder.draw(own)
+    write(tmp_path / "checkpoint.h5", {}, [{"ladder": ladder.state()}])
+    (state,) = read(tmp_path / "checkpoint.h5")[1]
+    again = MeshLadder(ladder.scene)
+    again.restore(state["ladder"])
+    assert (again.refinement, again.levels) == (ladder.refinement, ladder.levels)
+    for each in (again, ladder):
+        assert np.array_equal(each.sizes["roller"].sizes, ladder.sizes["roller"].sizes)
+        assert each.fall_back("of this kind") and "unknowns" in each.missed and "of this kind" in each.missed
+        assert each.refinement == ladder.levels[-1].refinement
+    assert again.sizes["roller"].sizes.max() > 0.0
+    assert np.array_equal(again.sizes["roller"].triangles, ladder.sizes["roller"].triangles)
+    assert np.array_equal(again.sizes["roller"].sizes, ladder.sizes["roller"].sizes)
+
+
+def test_drawn_meshes_do_not_exceed_the_most_unknowns():
+    """A target that would take more unknowns than allowed is given up with the reason."""
+    ladder, own = drawn_ladder("method.max_unknowns=2000")
+    assert ladder.refinement <= np.sqrt(2000 / 1050) and not ladder.missed
+    assert ladder.proceed(1900, 0.2, 1990, {"roller": demand(own["roller"][1], ladder.rate(0.2))}) is None
+    assert "method.max_unknowns = 2000" in ladder.missed
+
+
+def test_a_drawn_roller_meets_its_target(tmp_path):
+    """1 % on the shipped roller, from geometries: few meshes of few unknowns, Hertz's pressure and width to 1 %."""
+    done = run_command("configs/roller.toml", tmp_path / "out", "--no-figures")
+    assert done.code == 0, done.output
+    told = done.summary["discretization_error"]
+    assert told["energy_norm"] <= 0.9 * 0.01 < told["levels"][-2]["error"]
+    assert len(told["levels"]) <= 4 and done.summary["n"] < 6000
+    sides = done.table("contact_cylinder-block_sides.csv")
+    x, p = np.array(sides["x"], float), np.array(sides["normal_stress"], float)
+    inner = x < 0.8 * 6.2146
+    slope, start = np.polyfit(x[inner] ** 2, p[inner] ** 2, 1)
+    assert np.sqrt(start) == pytest.approx(3585.36, rel=0.01)
+    assert np.sqrt(-start / slope) == pytest.approx(6.2146, rel=0.01)
 
 
 # When it stops

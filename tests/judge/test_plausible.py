@@ -240,7 +240,7 @@ def split_bottom(path, mirror: bool = False):
 
 
 @pytest.mark.parametrize("name", ["pinched_blocks", "pinched_blocks_coulomb", "pinched_blocks_tresca",
-                                  "pinched_blocks_frictionless", "punch"])
+                                  "pinched_blocks_frictionless", "punch", "roller"])
 def test_no_shipped_scene_warns(tmp_path, name):
     done = scenes.run_command(scenes.ROOT / "configs" / f"{name}.toml", tmp_path / "out", "--no-figures")
     assert warnings_of(done) == []
@@ -282,3 +282,19 @@ def test_a_light_loose_body_beside_a_heavy_one_is_a_warning(tmp_path, weight, wa
     found = [each for each in warnings_of(run(scene, tmp_path)) if "nothing beside the loads" in each]
     assert len(found) == warned, found
     assert all(each.startswith("warning: body.light") or "body.light" in each for each in found)
+
+
+@pytest.mark.parametrize(("push", "warns"), [(0.05, False), (0.6, True)])
+def test_slip_around_a_rigid_circle_warns(tmp_path, push, warns):
+    """Nodes that slide far around a small rigid circle meet it where its normal is another; the run says so."""
+    scene = {"title": "slope on a knob",
+             "body": [{"name": "slope", "material": {"young": 1.0, "poisson": 0.3}, "clamp": [{"on": "top", "x": push,
+                                                                                           "y": -0.05}],
+                       "mesh": {"shape": "rectangle", "size": [20.0, 4.0], "origin": [-10.0, 1.0],
+                                "divisions": [40, 4]}}],
+             "rigid": [{"name": "knob", "shape": "circle", "center": [0.0, 0.0], "radius": 1.0}],
+             "contact": [{"bodies": ["slope", "knob"], "on": ["bottom"]}]}
+    done = scenes.run_command(scenes.write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures",
+                              ranks=1)
+    assert done.code == 0, done.output
+    assert any("the radius of 'knob' around it" in warning for warning in done.summary["warnings"]) == warns

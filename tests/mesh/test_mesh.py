@@ -14,7 +14,7 @@ from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group, segments, turn_outward
 from ddmpi.mesh.build import build_mesh, generate_rectangle
 from ddmpi.mesh.mesh import Mesh, signed_double_areas
-from ddmpi.mesh.read import file_order, read_mesh
+from ddmpi.mesh.read import cut_quadrilaterals, file_order, read_mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, PartMaterial, Traction
 
@@ -327,7 +327,7 @@ def test_signals_are_heard_after_gmsh(tmp_path):
     path = write_by_gmsh(tmp_path / "old.msh", 4.0)
     code = """
 import os, pathlib, sys
-from ddmpi.mesh.read import file_order, read_mesh
+from ddmpi.mesh.read import cut_quadrilaterals, file_order, read_mesh
 from ddmpi.system import interrupt
 interrupt.listen()
 read_mesh(pathlib.Path(sys.argv[1]), "upper")
@@ -484,10 +484,47 @@ def test_truncated_file(tmp_path, version):
     refused(path)
 
 
-def test_quadrilaterals(tmp_path):
-    path = write_square(tmp_path / "quads.msh", extra=[("quad", np.array([[0, 1, 2, 3]]))])
-    text = refused(path)
-    assert "elements of type quad" in text and "Mesh.RecombineAll" in text
+def test_quadrilaterals_are_cut_along_the_shorter_diagonal(tmp_path):
+    """Quadrilaterals of a file are cut into triangles, whatever the order of their corners, convex or not."""
+    points = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [2, 0], [3, 0.2], [2, 1], [4, 0], [5, 2], [4.2, 0.5],
+                       [3.4, 1.6]], float)
+    quads = [[0, 1, 2, 3], [1, 4, 6, 2], [4, 5, 6, 2], [7, 8, 9, 10]]  # two squares, a kite, one with an inner corner
+    expected = {(0, 1, 2), (0, 2, 3), (1, 4, 6), (1, 2, 6), (4, 5, 6), (2, 4, 6), (7, 8, 9), (7, 9, 10)}
+    for turn in range(4):
+        for way in (1, -1):
+            triangles = cut_quadrilaterals(points, np.roll(quads, turn, axis=1)[:, ::way])
+            assert {tuple(sorted(each)) for each in triangles.tolist()} == expected, (turn, way)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_quadrilaterals_of_a_file(tmp_path, order):
+    """A file of quadrilaterals of either order gives the mesh of a rectangle, and says how many were cut."""
+    path = tmp_path / "quads.msh"
+    gmsh.initialize([], readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        surface = gmsh.model.occ.addRectangle(0.0, 0.0, 0.0, 3.0, 1.0)
+        gmsh.model.occ.synchronize()
+        for curve, name in zip((1, 2, 3, 4), NAMES, strict=True):
+            gmsh.model.addPhysicalGroup(1, [curve], name=name)
+            gmsh.model.mesh.setTransfiniteCurve(curve, 7 if curve % 2 else 4)
+        gmsh.model.addPhysicalGroup(2, [surface], name="plate")
+        gmsh.model.mesh.setTransfiniteSurface(surface)
+        gmsh.model.mesh.setRecombine(2, surface)
+        gmsh.model.mesh.generate(2)
+        gmsh.model.mesh.setOrder(order)
+        gmsh.write(str(path))
+    finally:
+        gmsh.finalize()
+    mesh, expected = read_mesh(path, "upper"), rectangle((6, 3))
+    assert (mesh.cut, mesh.order, file_order(path, "upper")) == (18, 1, order)
+
+    def places(each):
+        return {frozenset(map(tuple, np.round(each.points[t], 9).tolist())) for t in each.triangles}
+    assert places(mesh) == places(expected)
+    assert np.all(signed_double_areas(mesh.points, mesh.triangles) > 0)
+    spec = body_with(MeshSpec(file=str(path), refine=1, order=2))
+    assert build_mesh(spec).cut == 18
 
 
 def test_third_order_triangles(tmp_path):

@@ -31,6 +31,7 @@ METHODS = {
     "published": pinched_blocks(2, theta=0.2, tolerance=1e-3),
     "anderson": pinched_blocks(2, "tresca", outer="anderson", tolerance=1e-5),
     "two meshes": pinched_blocks(2, target_error=0.17),
+    "drawn": scenes.drawn_roller(target_error=0.05),
 }
 FACTOR, MULT, NEUMANN = "ddmpi.body.solver.StiffnessSolver.__init__", "ddmpi.body.compliance.Compliance.mult", \
     "ddmpi.methods.subproblem.Subproblem.neumann"
@@ -47,6 +48,8 @@ INTERRUPTED = {
     "anderson": ("anderson", "SIGTERM", 0, NEUMANN, 11, True),
     "finer mesh": ("two meshes", "SIGUSR1", 0, FACTOR, 2, True),
     "iteration on the finer mesh": ("two meshes", "SIGTERM", 1, MULT, 110, True),
+    "finer drawn mesh": ("drawn", "SIGUSR1", 0, FACTOR, 2, True),
+    "iteration on a finer drawn mesh": ("drawn", "SIGTERM", 1, MULT, 70, True),
 }
 
 
@@ -106,9 +109,12 @@ def test_a_signal_ends_the_run_with_its_own_exit_code_and_one_message(interrupte
 def test_restart_ends_with_the_results_of_the_run_that_was_not_interrupted(continued, undisturbed, name):
     run = continued[name]
     assert run.code == 0, run.output
-    assert ("continuing with meshes" if name == "finer mesh" else "continuing after iteration") in run.stdout
-    assert run.files == FILES  # and no checkpoint any more
-    assert contents(run.folder) == contents(undisturbed[INTERRUPTED[name][0]].folder)
+    expected = undisturbed[INTERRUPTED[name][0]]
+    between = name in ("finer mesh", "finer drawn mesh")
+    assert ("continuing with meshes" if between else "continuing after iteration") in run.stdout
+    assert expected.files == FILES or INTERRUPTED[name][0] == "drawn"
+    assert run.files == expected.files  # and no checkpoint any more
+    assert contents(run.folder) == contents(expected.folder)
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ from scenes import pinched_blocks, to_toml
 
 import ddmpi
 from ddmpi.coupling.ranks import place_ranks
-from ddmpi.mesh.partition import bisect
 from ddmpi.run.answer import Answer
+from ddmpi.system.numbers import bisect
 
 LIMIT = 100.0
 KINDS = ("explicit", "direct", "iterative")

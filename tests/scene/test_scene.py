@@ -457,7 +457,8 @@ def test_elements_have_the_order_of_the_files():
 
 
 OPTIONAL = {
-    "SettledMesh": {"shape", "size", "corners", "center", "radii", "angles", "divisions", "file"},  # a shape or a file
+    "SettledMesh": {"shape", "size", "corners", "center", "radii", "angles", "divisions", "file", "geometry",
+                    "contact_size"},  # one of shape, file and geometry
     "SettledContact": {"gap", "pairing", "slave"},  # measured, chosen
     "PartMaterial": {"on"},  # what the others leave
     "Clamp": {"x", "y"},  # free

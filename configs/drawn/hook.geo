@@ -1,0 +1,23 @@
+// A snap hook: a beam 40 mm x 3 mm with a nose whose front rises at 30 degrees
+nose = 4;
+Point(1) = {0, 0, 0};
+Point(2) = {40, 0, 0};
+Point(3) = {40 + nose / Tan(Pi / 6), 0, 0};
+Point(4) = {40, nose, 0};
+Point(5) = {40, 3, 0};
+Point(6) = {0, 3, 0};
+Point(7) = {40 + (nose - 1) / Tan(Pi / 6), 1, 0};
+Point(8) = {40 + (nose - 1) / Tan(Pi / 6), 0, 0};
+Point(9) = {40 - 3, nose, 0};
+Point(10) = {40 - 3, 3, 0};
+Line(1) = {1, 8};
+Line(2) = {8, 7};
+Line(3) = {7, 4};
+Line(4) = {4, 9};
+Line(5) = {9, 10};
+Line(6) = {10, 6};
+Line(7) = {6, 1};
+Curve Loop(1) = {1 : 7};
+Plane Surface(1) = {1};
+Physical Curve("root") = {7};
+Physical Curve("front") = {3};

@@ -1,0 +1,22 @@
+// Half of the disc's slot around it, with the same flank and clearance elsewhere
+Point(1) = {0, -1, 0};
+Point(2) = {13, -1, 0};
+Point(3) = {13, 3, 0};
+Point(4) = {6.5, 9.5, 0};
+Point(5) = {6.5, 14, 0};
+Point(6) = {40, 14, 0};
+Point(7) = {40, -30, 0};
+Point(8) = {0, -30, 0};
+Line(1) = {8, 7};
+Line(2) = {7, 6};
+Line(3) = {6, 5};
+Line(4) = {5, 4};
+Line(5) = {4, 3};
+Line(6) = {3, 2};
+Line(7) = {2, 1};
+Line(8) = {1, 8};
+Curve Loop(1) = {1 : 8};
+Plane Surface(1) = {1};
+Physical Curve("bottom") = {1};
+Physical Curve("flank") = {5};
+Physical Curve("axis") = {8};

@@ -1,0 +1,23 @@
+// A block with a slot of the same angle, 25 mm deep; the wedge stands 10 mm off its ground
+t = Tan(15 * Pi / 180);
+Point(1) = {-60, -50, 0};
+Point(2) = {60, -50, 0};
+Point(3) = {60, 25, 0};
+Point(4) = {5 + 25 * t, 25, 0};
+Point(5) = {5 - 10 * t, -10, 0};
+Point(6) = {-5 + 10 * t, -10, 0};
+Point(7) = {-5 - 25 * t, 25, 0};
+Point(8) = {-60, 25, 0};
+Line(1) = {1, 2};
+Line(2) = {2, 3};
+Line(3) = {3, 4};
+Line(4) = {4, 5};
+Line(5) = {5, 6};
+Line(6) = {6, 7};
+Line(7) = {7, 8};
+Line(8) = {8, 1};
+Curve Loop(1) = {1 : 8};
+Plane Surface(1) = {1};
+Physical Curve("bottom") = {1};
+Physical Curve("right") = {4};
+Physical Curve("left") = {6};

@@ -1,0 +1,260 @@
+"""Geometries (.geo, .step, .brep): meshed by gmsh, finer towards contacts, or as an estimated error asks for."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import tempfile
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sparse
+from scipy.sparse import csgraph
+
+from ddmpi.errors import InputError
+from ddmpi.mesh.mesh import Mesh, signed_double_areas
+from ddmpi.mesh.read import gmsh_session, name_groups, read_mesh
+from ddmpi.scene.bodies import BodySpec
+
+AROUND = 24
+"""Elements around a full circle, at least: beyond 40 degrees from one side to the next a contact has a corner. Not by
+Mesh.MeshSizeFromCurvature: gmsh 4.15 differentiates its own arcs twice by differences, and never ends on small ones."""
+
+SAMPLES, MOST = 65, 200
+"""Points on a curve by which its radius is found; most elements along a curve because of its curvature."""
+
+ALIKE = 0.1
+"""Curves are alike if the logarithms of their sizes differ by less."""
+
+GRADE = 0.3
+"""By how much the size of elements grows with the distance, at most."""
+
+NEAR = 2.0
+"""Elements have the size of contacts up to so many times this size away from them."""
+
+OFF = 1e22
+"""What gmsh takes for no limit."""
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """The sizes that the elements of a body shall have, linear on the triangles of an earlier mesh.
+
+    Attributes
+    ----------
+    points, triangles : (k, 2) in metres and (t, 3)
+    sizes : (k,) lengths of sides (m)
+    """
+
+    points: np.ndarray
+    triangles: np.ndarray
+    sizes: np.ndarray
+
+
+def mesh_geometry(path: Path, body: BodySpec, contacts: Collection[str], sizes: Sizes | None = None) -> Mesh:
+    """The mesh of a geometry with its physical groups; in order 2 its sides are curved along the curves.
+
+    Elements have at most the ``size`` of the body's mesh, smaller ones where the file says so, and ``contact_size``
+    along the groups in `contacts`; with `sizes` they have these, and the file's are not heeded. The same input gives
+    the same mesh. In a STEP or BREP file every curve is a group, called by its label and its number.
+
+    Not collective. Raises InputError for a file that gmsh cannot read or mesh, or that is not plane.
+    """
+    label = f"body.{body.name}.mesh.geometry: {path}"
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder) / "drawn.msh"
+        with gmsh_session() as gmsh:
+            _open(gmsh, path, label, Path(folder))
+            _choose_groups(gmsh, path, body, contacts, label)
+            gmsh.model.mesh.clear()  # the file may have said Mesh 2;
+            for option, value in _OPTIONS.items():
+                gmsh.option.setNumber(option, value)
+            if sizes:
+                _follow(gmsh, sizes, body.mesh.largest, Path(folder))
+            else:
+                _refine_towards(gmsh, body, contacts, Path(folder))
+            with _gmsh_errors(f"{label} cannot be meshed"):
+                gmsh.model.mesh.generate(2)
+                gmsh.model.mesh.setOrder(body.mesh.order or 1)
+                gmsh.write(str(target))
+        return read_mesh(target, body.name, body.mesh.order or 1, label)
+
+
+_OPTIONS = {"General.NumThreads": 1, "Mesh.MaxNumThreads1D": 1, "Mesh.MaxNumThreads2D": 1, "Mesh.RandomSeed": 1,
+            "Mesh.ElementOrder": 1, "Mesh.SecondOrderLinear": 0, "Mesh.MshFileVersion": 4.1, "Mesh.Binary": 1,
+            "Mesh.SaveAll": 0, "Mesh.SaveParametric": 0, "Mesh.MeshOnlyVisible": 0, "Mesh.MeshOnlyEmpty": 0,
+            "Mesh.RecombineAll": 0, "Mesh.SubdivisionAlgorithm": 0, "Mesh.ScalingFactor": 1}
+"""What the options of a file do not change."""
+
+
+def _open(gmsh, path: Path, label: str, folder: Path) -> None:
+    """Open the file. Raises InputError where gmsh cannot, or where it holds no plane geometry."""
+    source = path
+    if path.suffix.lower() == ".geo":
+        script = re.sub(r"//[^\n]*|/\*.*?\*/", "", path.read_text(encoding="utf-8", errors="replace"), flags=re.S)
+        if re.search(r"\b(Exit|Abort)\s*;", script):
+            raise InputError(f"{label} ends gmsh by Exit or Abort; leave this out")
+        source = folder / "whole.geo"  # a file whose last line has no end would lose statements in gmsh 4.15
+        source.write_text(f'Include "{path.resolve()}";\n', encoding="utf-8")
+    with _gmsh_errors(f"{label} cannot be read", gmsh):
+        gmsh.open(str(source))
+    if gmsh.model.getEntities(3):
+        raise InputError(f"{label} holds a solid; the geometry of a plane body is a surface in the plane z = 0")
+    if not gmsh.model.getEntities(2):
+        raise InputError(f"{label} has no surface: Plane Surface(1) = {{1}};")
+
+
+def _choose_groups(gmsh, path: Path, body: BodySpec, contacts: Collection[str], label: str) -> None:
+    """See to it that the groups have names, and that the surface is saved. Raises InputError."""
+    drawn = path.suffix.lower() == ".geo"  # other files have no physical groups
+    if not drawn:
+        _name_curves(gmsh, body, contacts, label)
+    name_groups(gmsh)
+    names = [{gmsh.model.getPhysicalName(d, tag) for _, tag in gmsh.model.getPhysicalGroups(d)} - {""} for d in (1, 2)]
+    if not names[0]:
+        raise InputError(f"{label} has no physical curves; clamps, tractions and contacts refer to these: "
+                         'Physical Curve("left") = {4};')
+    for name in sorted(names[0] & names[1]):
+        raise InputError(f"{label}: {name!r} is the name of both a physical curve and a physical surface; rename one")
+    surfaces = [tag for _, tag in gmsh.model.getEntities(2)]
+    if not gmsh.model.getPhysicalGroups(2):
+        if len(surfaces) > 1 and drawn:
+            raise InputError(f"{label} has {len(surfaces)} surfaces and no physical one; name those of the body: "
+                             'Physical Surface("body") = {1};')
+        gmsh.model.addPhysicalGroup(2, surfaces)
+
+
+def _name_curves(gmsh, body: BodySpec, contacts: Collection[str], label: str) -> None:
+    """Make every curve a group by its number, and by the last part of its label. Raises InputError."""
+    curves: dict[str, list[int]] = {}
+    for _, tag in gmsh.model.getEntities(1):
+        for name in {str(tag), gmsh.model.getEntityName(1, tag).split("/")[-1]} - {""}:
+            curves.setdefault(name, []).append(tag)
+    asked = [*contacts, *(clamp.on for clamp in body.clamps), *(load.on for load in body.traction)]
+    missing = next((name for name in asked if name not in curves), None)
+    if missing is not None:
+        each = []
+        for name, tags in curves.items():
+            low, high = gmsh.model.getParametrizationBounds(1, tags[0])
+            ends = gmsh.model.getValue(1, tags[0], [low[0], (low[0] + high[0]) / 2, high[0]])
+            start, middle, end = (f"({x:.6g}, {y:.6g})" for x, y in np.reshape(ends, (3, 3))[:, :2] + 0.0)
+            each.append(f"{name} from {start} by {middle} to {end}")
+        raise InputError(f"{label} has no curve {missing!r}; it has {'; '.join(each)}")
+    for name, tags in curves.items():
+        gmsh.model.addPhysicalGroup(1, tags, name=name)
+
+
+def _refine_towards(gmsh, body: BodySpec, contacts: Collection[str], folder: Path) -> None:
+    """Limit the sizes of the file, and make elements finer along the curves of the groups in `contacts`."""
+    largest, finest = body.mesh.largest, body.mesh.contact_size or body.mesh.largest
+    number = gmsh.option.getNumber
+    gmsh.option.setNumber("Mesh.MeshSizeMax", min(number("Mesh.MeshSizeMax"), largest))
+    gmsh.option.setNumber("Mesh.MeshSizeMin", min(number("Mesh.MeshSizeMin"), finest))
+    groups = [tag for _, tag in gmsh.model.getPhysicalGroups(1) if gmsh.model.getPhysicalName(1, tag) in contacts]
+    curves = np.unique([curve for tag in groups for curve in gmsh.model.getEntitiesForPhysicalGroup(1, tag)])
+    own = _background(gmsh, folder)
+    fields = _around(gmsh, largest) + [own] * bool(own)
+    if len(curves) and finest < largest:
+        fields.append(_near(gmsh, curves, finest, largest))
+    if fields:
+        gmsh.model.mesh.field.setAsBackgroundMesh(_field(gmsh, "Min", FieldsList=fields))
+
+
+def _follow(gmsh, sizes: Sizes, largest: float, folder: Path) -> None:
+    """Have elements of the given sizes, whatever the file says of its own."""
+    gmsh.model.mesh.removeConstraints()  # numbers of nodes on curves; but those of gmsh's own kernel remain
+    script = _unrolled(gmsh, folder)
+    free = re.sub(r"^(Transfinite|Recombine) .*\n", "", script, flags=re.M)
+    if free != script:
+        gmsh.clear()
+        (folder / "free.geo").write_text(free, encoding="utf-8")
+        gmsh.open(str(folder / "free.geo"))
+    plane = gmsh.model.getBoundingBox(-1, -1)[2::3]
+    xyz = np.column_stack([sizes.points, np.full(len(sizes.points), sum(plane) / 2)])
+    corners = xyz[sizes.triangles].transpose(0, 2, 1).reshape(-1, 9)
+    view = gmsh.view.add("sizes")
+    gmsh.view.addListData(view, "ST", len(corners), np.column_stack([corners, sizes.sizes[sizes.triangles]]).ravel())
+    for option, value in (("SizeMin", 0.0), ("SizeMax", largest), ("SizeFactor", 1.0), ("SizeFromPoints", 0),
+                          ("SizeExtendFromBoundary", 0), ("SizeFromCurvature", 0)):
+        gmsh.option.setNumber(f"Mesh.Mesh{option}", value)
+    fields = [_field(gmsh, "PostView", ViewTag=view), *_around(gmsh, largest)]
+    gmsh.model.mesh.field.setAsBackgroundMesh(_field(gmsh, "Min", FieldsList=fields))
+
+
+def _around(gmsh, largest: float) -> list[int]:
+    """Fields that make elements along curved curves small enough for their radii."""
+    alike: dict[int, list[tuple[float, int]]] = {}
+    for _, tag in gmsh.model.getEntities(1):
+        (low,), (high,) = gmsh.model.getParametrizationBounds(1, tag)
+        points = np.reshape(gmsh.model.getValue(1, tag, np.linspace(low, high, SAMPLES)), (-1, 3))
+        steps = np.diff(points, axis=0)
+        length = np.linalg.norm(steps, axis=1)
+        bend = np.linalg.norm(np.diff(steps / length[:, None], axis=0), axis=1).max() / length.mean()  # 1 / radius
+        size = max(2 * np.pi / AROUND / max(bend, 1 / OFF), length.sum() / MOST)
+        if size < largest:
+            alike.setdefault(round(np.log(size) / ALIKE), []).append((size, tag))
+    return [_near(gmsh, [tag for _, tag in curves], min(curves)[0], largest) for curves in alike.values()]
+
+
+def _near(gmsh, curves, finest: float, largest: float) -> int:
+    """A field of size `finest` along curves, which grows to `largest`."""
+    boxes = [np.reshape(gmsh.model.getBoundingBox(1, curve), (2, 3)) for curve in curves]
+    extent = max(np.linalg.norm(high - low) for low, high in boxes)
+    far = _field(gmsh, "Distance", CurvesList=curves, Sampling=int(np.clip(4 * extent / finest, 20, 20_000)))
+    return _field(gmsh, "Threshold", InField=far, SizeMin=finest, SizeMax=largest, DistMin=NEAR * finest,
+                  DistMax=NEAR * finest + (largest - finest) / GRADE)
+
+
+def _field(gmsh, kind: str, **values) -> int:
+    """A new size field of gmsh."""
+    field = gmsh.model.mesh.field.add(kind)
+    for key, value in values.items():
+        put = gmsh.model.mesh.field.setNumber if np.isscalar(value) else gmsh.model.mesh.field.setNumbers
+        put(field, key, value)
+    return int(field)
+
+
+def _background(gmsh, folder: Path) -> int:
+    """The number of the file's own background field; 0 if it has none."""
+    found = re.search(r"^Background Field = (\d+);", _unrolled(gmsh, folder), re.M)
+    return int(found[1]) if found else 0
+
+
+def _unrolled(gmsh, folder: Path) -> str:
+    """The model as a script without loops and variables, which has more than the interface tells."""
+    script = folder / "model.geo_unrolled"
+    gmsh.write(str(script))
+    return script.read_text(encoding="utf-8", errors="replace")
+
+
+@contextlib.contextmanager
+def _gmsh_errors(what: str, gmsh=None) -> Iterator[None]:
+    """Errors of gmsh as InputError that says `what`. A parser stopped by an error must come to an end of a file."""
+    try:
+        yield
+    except Exception as error:  # gmsh raises bare ones
+        if gmsh:
+            with tempfile.NamedTemporaryFile("w", suffix=".geo") as other, contextlib.suppress(Exception):
+                print("ended = 1;", file=other, flush=True)
+                gmsh.merge(other.name)
+        raise InputError(f"{what} (gmsh: {error})") from None
+
+
+def graded(mesh: Mesh, sizes: np.ndarray) -> Sizes:
+    """`sizes` (nt,) of the triangles as sizes at the corners, which grow by no more than GRADE with the distance.
+
+    Not collective.
+    """
+    corners, area = mesh.triangles[:, :3], signed_double_areas(mesh.points, mesh.triangles)
+    used, corners = np.unique(corners, return_inverse=True)
+    corners, points, k = corners.reshape(-1, 3), mesh.points[used], len(used)
+    weight = np.bincount(corners.ravel(), np.repeat(area, 3))
+    nodal = np.exp(np.bincount(corners.ravel(), np.repeat(area * np.log(sizes), 3)) / weight)
+    links = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+    far = GRADE * np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1)
+    ends = np.concatenate([links.T, [np.full(k, k), np.arange(k)]], axis=1)  # the shortest way from an outer node
+    _, first = np.unique(np.sort(ends, axis=0), axis=1, return_index=True)
+    graph = sparse.csr_matrix((np.concatenate([far, nodal])[first], ends[:, first]), shape=(k + 1, k + 1))
+    return Sizes(points, corners, csgraph.dijkstra(graph, directed=False, indices=k)[:k])

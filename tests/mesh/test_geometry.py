@@ -1,0 +1,215 @@
+"""Geometries: .geo, .step and .brep as gmsh meshes them in the run, how fine, and what is refused."""
+
+from pathlib import Path
+
+import gmsh
+import numpy as np
+import pytest
+
+from ddmpi.errors import InputError
+from ddmpi.mesh.build import build_mesh
+from ddmpi.mesh.geometry import GRADE, Sizes, graded
+from ddmpi.mesh.mesh import Mesh, signed_double_areas
+from ddmpi.mesh.read import gmsh_session
+from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec
+
+PLATE = """
+Point(1) = {0, 0, 0}; Point(2) = {2, 0, 0}; Point(3) = {2, 1, 0}; Point(4) = {0, 1, 0};
+Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 1};
+Curve Loop(1) = {1, 2, 3, 4};
+"""
+"""The sides of a plate 2 × 1."""
+
+SURFACE = PLATE + """
+Plane Surface(1) = {1};
+Physical Surface("plate") = {1};
+"""
+
+GROUPS = """
+Physical Curve("bottom") = {1}; Physical Curve("right") = {2};
+Physical Curve("top") = {3}; Physical Curve("left") = {4};
+"""
+
+HOLE = PLATE + """
+Point(5) = {1, 0.5, 0}; Point(6) = {1.2, 0.5, 0}; Point(7) = {0.8, 0.5, 0};
+Circle(5) = {6, 5, 7}; Circle(6) = {7, 5, 6};
+Curve Loop(2) = {5, 6};
+Plane Surface(1) = {1, 2};
+Physical Surface("plate") = {1};
+Physical Curve("hole") = {5, 6};
+""" + GROUPS
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+def drawn(path: Path, size: float = 0.25, contacts: tuple[str, ...] = (), sizes: Sizes | None = None, clamp=(),
+          **keys) -> Mesh:
+    body = BodySpec(name="plate", mesh=MeshSpec(geometry=str(path), size=size, **keys),
+                    material=Material(young=1.0, poisson=0.3), clamp=list(clamp))
+    return build_mesh(body.settled(keys.get("order", 1)), Path("."), contacts, sizes)
+
+
+def area(mesh: Mesh) -> float:
+    return float(signed_double_areas(mesh.points, mesh.triangles).sum() / 2)
+
+
+def lengths(mesh: Mesh, group: str) -> np.ndarray:
+    ends = mesh.points[mesh.groups[group]]
+    return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+
+
+def longest(mesh: Mesh) -> float:
+    corners = mesh.points[mesh.triangles[:, :3]]
+    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
+
+
+# How fine
+
+
+def test_geometry_has_its_groups_and_is_as_fine_as_asked(tmp_path):
+    """A .geo is meshed with its physical groups; no side is much longer than `size`; the same file, the same mesh."""
+    path = write(tmp_path / "plate.geo", SURFACE + GROUPS)
+    meshes = [drawn(path), drawn(path)]
+    assert area(meshes[0]) == pytest.approx(2.0, rel=1e-12, abs=0.0)
+    assert {name: round(lengths(meshes[0], name).sum(), 12) for name in meshes[0].groups} == \
+        {"bottom": 2.0, "right": 1.0, "top": 2.0, "left": 1.0}
+    assert 0.2 < longest(meshes[0]) < 1.4 * 0.25
+    assert all(np.array_equal(getattr(meshes[0], key), getattr(meshes[1], key)) for key in ("points", "triangles"))
+    assert drawn(path, order=2).triangles.shape == (len(meshes[0].triangles), 6)
+
+
+@pytest.mark.parametrize(("keys", "finest"), [({}, 0.0625), ({"contact_size": 0.02}, 0.02)])
+def test_elements_are_finer_along_contacts(tmp_path, keys, finest):
+    """Elements on groups at contacts have contact_size, by default a quarter of size; far away they do not."""
+    mesh = drawn(write(tmp_path / "plate.geo", SURFACE + GROUPS), contacts=("bottom",), **keys)
+    assert lengths(mesh, "bottom") == pytest.approx(np.full(round(2 / finest), finest), rel=0.05)
+    assert lengths(mesh, "top").min() > 3 * finest
+
+
+def test_sizes_of_the_file_remain(tmp_path):
+    """Sizes at points, and the file's own background field, limit sizes beside `size` and contact_size."""
+    field = """
+    n = 4;
+    Field[n] = Box; Field[n].VIn = 0.02; Field[n].VOut = 1; Field[n].XMin = 1.7; Field[n].XMax = 3; Field[n].YMin = 0.7;
+    Field[n].YMax = 2;
+    Background Field = n;
+    """
+    fine = drawn(write(tmp_path / "plate.geo", SURFACE + GROUPS + "MeshSize{1, 2} = 0.05;"))
+    assert lengths(fine, "bottom").max() < 0.07 < 0.2 < lengths(fine, "top").max()
+    both = drawn(write(tmp_path / "both.geo", SURFACE + GROUPS + field), contacts=("bottom",))
+    assert lengths(both, "right").min() < 0.03
+    assert lengths(both, "bottom").max() < 0.07
+    assert lengths(both, "left").max() > 0.15
+
+
+def test_circles_have_enough_elements(tmp_path):
+    """A small hole in a coarse plate is round: its sides turn by 15 degrees, not so much as to be corners."""
+    mesh = drawn(write(tmp_path / "hole.geo", HOLE), size=1.0)
+    assert 24 <= len(mesh.groups["hole"]) <= 28
+    assert area(mesh) == pytest.approx(2 - np.pi * 0.04, rel=2e-3)
+
+
+def test_given_sizes_are_followed(tmp_path):
+    """Sizes by an accuracy target replace all others, constraints of the file as well, but stay below `size`."""
+    path = write(tmp_path / "hole.geo", HOLE + "Transfinite Curve {1, 2, 3, 4} = 2; MeshSize{:} = 0.01;")
+    start = drawn(write(tmp_path / "start.geo", HOLE))
+    wanted = np.where(start.points[start.triangles].mean(axis=1)[:, 0] < 1.0, 0.05, 5.0)
+    meshes = [drawn(path, sizes=graded(start, wanted), contacts=("top",)) for _ in range(2)]
+    assert np.array_equal(meshes[0].points, meshes[1].points)
+    assert lengths(meshes[0], "left") == pytest.approx(np.full(20, 0.05), rel=0.1)
+    assert 0.15 < lengths(meshes[0], "right").min() < 0.26
+
+
+def test_sizes_grow_slowly():
+    """Sizes at nodes grow by no more than GRADE with the distance, and are the elements' where these vary little."""
+    spec = MeshSpec(shape="rectangle", size=(1.0, 1.0), divisions=(20, 20))
+    mesh = build_mesh(BodySpec(name="a", mesh=spec, material=Material(young=1.0, poisson=0.3)))
+    wanted = np.ones(len(mesh.triangles))
+    wanted[0] = 1e-3
+    found = graded(mesh, wanted)
+    links = np.concatenate([found.triangles[:, [0, 1]], found.triangles[:, [1, 2]]])
+    far = np.linalg.norm(np.diff(found.points[links], axis=1)[:, 0], axis=1)
+    assert (np.abs(np.diff(found.sizes[links], axis=1)[:, 0]) <= GRADE * far * (1 + 1e-9)).all()
+    near = np.argmin(found.sizes)
+    assert found.sizes[near] < 0.05 and tuple(found.points[near]) == (0.0, 0.0)
+    assert np.allclose(graded(mesh, np.full(len(mesh.triangles), 0.3)).sizes, 0.3)
+
+
+@pytest.mark.parametrize("also", ["Mesh 2;", "Mesh.ElementOrder = 2; Mesh 2;", "Mesh.RecombineAll = 1;",
+                                  "Recombine Surface {1};", "Mesh.SaveAll = 1; Mesh.MshFileVersion = 2.2;",
+                                  "Transfinite Surface {1}; Recombine Surface {1};", "Mesh.Algorithm = 8;",
+                                  "General.NumThreads = 2; Mesh.ScalingFactor = 1000;"])
+def test_scripts_that_also_mesh(tmp_path, also):
+    """What a .geo says of meshing, beside sizes, does no harm: there are straight triangles of the right shape."""
+    mesh = drawn(write(tmp_path / "plate.geo", SURFACE + GROUPS + also))
+    assert mesh.order == 1 and area(mesh) == pytest.approx(2.0, rel=1e-12, abs=0.0)
+    assert longest(mesh) < 0.45
+
+
+def test_groups_without_names(tmp_path):
+    """Physical curves by number are groups of that number; a single surface needs no physical one, a line no end."""
+    mesh = drawn(write(tmp_path / "plate.geo", PLATE + "Plane Surface(1) = {1}; Physical Curve(7) = {1, 3};"))
+    assert set(mesh.groups) == {"7"} and lengths(mesh, "7").sum() == pytest.approx(4.0)
+
+
+# STEP and BREP
+
+
+@pytest.fixture(params=[".step", ".brep"])
+def cad(request, tmp_path) -> Path:
+    """A plate 20 × 10 with a hole, without physical groups."""
+    with gmsh_session():
+        occ = gmsh.model.occ
+        occ.cut([(2, occ.addRectangle(0, 0, 0, 20, 10))], [(2, occ.addDisk(10, 5, 0, 2, 2))])
+        occ.synchronize()
+        gmsh.write(str(tmp_path / f"plate{request.param}"))
+    return tmp_path / f"plate{request.param}"
+
+
+def test_curves_of_cad_files_are_groups_by_number(cad):
+    """Curves of STEP and BREP files are called by their numbers, which the message about a wrong one explains."""
+    with pytest.raises(InputError, match=r"has no curve 'left'; it has .*(\d) from \(0, 10\) by \(0, 5\) to \(0, 0\)"):
+        drawn(cad, size=2.0, clamp=["left"])
+    mesh = drawn(cad, size=2.0, clamp=["1"])
+    assert len(mesh.groups) == 5 and area(mesh) == pytest.approx(200 - 4 * np.pi, rel=2e-3)
+    assert sorted(round(lengths(mesh, name).sum()) for name in mesh.groups) == [10, 10, 13, 20, 20]
+
+
+# What is refused
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    (PLATE + "foo bar;", "cannot be read (gmsh: "),
+    (PLATE + GROUPS, "has no surface"),
+    (SURFACE, "has no physical curves"),
+    (SURFACE + GROUPS + "Extrude {0, 0, 1} { Surface{1}; }", "holds a solid"),
+    (SURFACE + GROUPS + "Exit;", "ends gmsh by Exit"),
+    (SURFACE + GROUPS + 'Physical Curve("plate") = {1};', "both a physical curve and a physical surface"),
+    (SURFACE.replace("{2, 1, 0}", "{2, 1, 1}").replace("{0, 1, 0}", "{0, 1, 1}") + GROUPS, "is not plane"),
+    (SURFACE.replace('Physical Surface("plate") = {1};', "") + GROUPS
+     + "Point(9) = {5, 0, 0}; Line(9) = {2, 9}; Line(10) = {9, 3}; Curve Loop(2) = {9, 10, -2};"
+     + "Plane Surface(2) = {2};",
+     "has 2 surfaces and no physical one"),
+    (PLATE.replace("{1, 2, 3, 4};\n", "{1, 2, 3};\n") + "Plane Surface(1) = {1};" + GROUPS, "cannot be "),
+], ids=["syntax", "no surface", "no curves", "solid", "exit", "two names", "not plane", "two surfaces", "open loop"])
+def test_bad_geometries_are_refused(tmp_path, text, words):
+    """A geometry that cannot be a plane body is refused with its name and the reason; the next one is not."""
+    path = write(tmp_path / "plate.geo", text)
+    with pytest.raises(InputError) as error:
+        drawn(path)
+    assert str(error.value).startswith(f"body.plate.mesh.geometry: {path}") and words in str(error.value)
+    assert len(str(error.value).splitlines()) == 1
+    assert drawn(write(tmp_path / "good.geo", SURFACE + GROUPS)).triangles.size
+
+
+def test_missing_files_and_groups_are_refused(tmp_path):
+    """A missing file, a broken STEP file, and a group that the geometry has not are refused."""
+    with pytest.raises(InputError, match=r"body\.plate\.mesh\.geometry: there is no file"):
+        drawn(tmp_path / "plate.geo")
+    with pytest.raises(InputError, match="cannot be read"):
+        drawn(write(tmp_path / "plate.step", "no STEP file"))
+    with pytest.raises(InputError, match=r"body\.plate\.clamp: the mesh has no boundary group 'lift'; did you mean"):
+        drawn(write(tmp_path / "good.geo", SURFACE + GROUPS), clamp=[Clamp(on="lift", x=0.0)])
