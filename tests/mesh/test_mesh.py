@@ -527,6 +527,44 @@ def test_quadrilaterals_of_a_file(tmp_path, order):
     assert build_mesh(spec).cut == 18
 
 
+@pytest.mark.parametrize(("complete", "version"), [(True, 4.1), (False, 2.2)])
+def test_curved_quadrilaterals_of_a_file(tmp_path, complete, version):
+    """A quarter of two rings, of nine- or eight-node quadrilaterals: curved along circles, each with its surface."""
+    path = tmp_path / "rings.msh"
+    gmsh.initialize([], readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        geo, centre = gmsh.model.geo, gmsh.model.geo.addPoint(0.0, 0.0, 0.0)
+        ends = [(geo.addPoint(r, 0.0, 0.0), geo.addPoint(0.0, r, 0.0)) for r in (0.5, 0.75, 1.0)]
+        arcs = [geo.addCircleArc(a, centre, b) for a, b in ends]
+        for inner, name in enumerate(("soft", "hard")):
+            (a, b), (c, d) = ends[inner:inner + 2]
+            lines = geo.addLine(a, c), geo.addLine(b, d)
+            surface = geo.addPlaneSurface([geo.addCurveLoop([lines[0], arcs[inner + 1], -lines[1], -arcs[inner]])])
+            for curves, number in (((arcs[inner], arcs[inner + 1]), 7), (lines, 3)):
+                for curve in curves:
+                    geo.mesh.setTransfiniteCurve(curve, number)
+            geo.mesh.setTransfiniteSurface(surface)
+            geo.mesh.setRecombine(2, surface)
+            geo.addPhysicalGroup(2, [surface], name=name)
+        geo.addPhysicalGroup(1, [arcs[2]], name="outer")
+        geo.synchronize()
+        gmsh.model.mesh.generate(2)
+        gmsh.option.setNumber("Mesh.SecondOrderIncomplete", 0 if complete else 1)
+        gmsh.model.mesh.setOrder(2)
+        gmsh.option.setNumber("Mesh.MshFileVersion", version)
+        gmsh.write(str(path))
+    finally:
+        gmsh.finalize()
+    mesh = build_mesh(body_with(MeshSpec(file=str(path), order=2)))
+    assert (mesh.cut, len(mesh.triangles), len(mesh.curved)) == (24, 48, 24)  # inner sides are straight
+    for name, radii in (("soft", (0.5, 0.75)), ("hard", (0.75, 1.0))):
+        ring = np.pi / 4 * (radii[1]**2 - radii[0]**2)
+        assert mesh.areas()[mesh.surfaces[name]].sum() == pytest.approx(ring, rel=3e-5)
+    outer = mesh.groups["outer"]
+    assert np.linalg.norm(mesh.points[outer], axis=2) == pytest.approx(1.0, abs=1e-9)
+
+
 def test_third_order_triangles(tmp_path):
     text = refused(write_by_gmsh(tmp_path / "cubic.msh", 4.1, order=3))
     assert "elements of type line4, triangle10" in text
