@@ -12,24 +12,17 @@ constant pressure is exact on any meshes. Gaps are those of the boundaries that 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.errors import InputError
+from ddmpi.interface.cover import Cover, cover, unit
 from ddmpi.interface.interface import Interface, Lines, Places
 from ddmpi.interface.law import law_of
-from ddmpi.interface.matching import DEEPEST, FACING, NO_GAP, initial_gap, is_held, pair
+from ddmpi.interface.matching import NO_GAP, initial_gap, is_held, pair
 from ddmpi.interface.side import Side
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
 from ddmpi.scene.values import Profile
-
-POINTS = 5
-"""Gauss points on each piece of a side."""
-
-TOUCHING = 1e-9
-"""Parts of a side below this are rounding: they are no pieces."""
 
 SLIVER = 0.02
 """A side of which a smaller part is covered has a constant dual function, of its nearest corner."""
@@ -39,28 +32,6 @@ UNCOVERED = 0.15
 
 NOTHING = 1e-12
 """Entries of P below this are rounding."""
-
-
-@dataclass(frozen=True)
-class Cover:
-    """Points on one side, the slave, that face the other one, at which integrals are taken.
-
-    Attributes
-    ----------
-    link, at : (q,) the slave's link of each point, and where on it, from 0 to 1
-    other, there : (q,) the same of the point that it faces
-    weight : (q,) parts of the length (m)
-    direction : (q, 2) unit normal along which the other side is looked for
-    gap : (q,) distance along it of the boundaries that are meant (m)
-    """
-
-    link: np.ndarray
-    at: np.ndarray
-    other: np.ndarray
-    there: np.ndarray
-    weight: np.ndarray
-    direction: np.ndarray
-    gap: np.ndarray
 
 
 def join(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, name: str, refinement: int = 1,
@@ -114,88 +85,6 @@ def mortar(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, n
     return _lay(sides, own, over, friction, name, gap, kind)
 
 
-def cover(slave: Side, master: Side) -> Cover:
-    """The part of the slave that faces the master, along its averaged normals. Not collective.
-
-    A piece of the slave faces what is nearest of the other side with a normal against its own. What lies behind the
-    slave counts as an overlap up to DEEPEST of the thinner body's depth; ahead, any distance counts.
-    """
-    points, weights = np.polynomial.legendre.leggauss(POINTS)
-    outward, theirs, own = slave.outward, master.outward, slave.xy[slave.links[:, :2]]
-    start, along, fans = slave.xy[slave.links[:, 0]], slave.along, slave.fans
-    corners, across = master.xy[master.links[:, :2]], master.along
-    length, found = np.linalg.norm(along, axis=1), []
-    for k in range(len(along)):
-        candidates = np.flatnonzero(_swept(corners, own[k], fans[k]) & (theirs @ outward[k] < FACING))
-        if len(candidates) == 0:
-            continue
-        fan, turn = fans[k, 0], fans[k, 1] - fans[k, 0]
-        behind = np.setdiff1d(np.flatnonzero(_swept(own, own[k], fans[k])), k)
-        deepest = -DEEPEST * min(np.abs(outward[k]) @ slave.extent, np.abs(outward[k]) @ master.extent)
-
-        def meet(at: np.ndarray, one: np.ndarray, k: int = k, fan: np.ndarray = fan,
-                 turn: np.ndarray = turn) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            """Where rays from `at` (q,) meet the lines of links `one` of the other side, how far away, and the rays."""
-            ray = fan + at[:, None] * turn
-            ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-            away = corners[one, 0] - (start[k] + at[:, None] * along[k])
-            there = -_cross(away, ray) / _cross(across[one], ray)
-            return there, np.einsum("qi,qi->q", away + there[:, None] * across[one], ray), ray
-
-        cuts = _projected(corners[candidates].reshape(-1, 2) - start[k], along[k], fan, turn)
-        low, high = cuts[:-1], cuts[1:]
-        pieces, one = (each.ravel() for each in np.meshgrid(np.arange(len(low)), candidates, indexing="ij"))
-        there, distance, _ = meet(((low + high) / 2)[pieces], one)
-        distance = np.where((there >= -TOUCHING) & (there <= 1.0 + TOUCHING) & (distance >= deepest), np.abs(distance),
-                            np.inf).reshape(len(low), -1)
-        nearest = np.argmin(distance, axis=1)
-        distance = distance[np.arange(len(low)), nearest]
-        met = np.flatnonzero(np.isfinite(distance) & ~_hidden(own[behind], own[k], (low + high) / 2, distance, fans[k]))
-        at = (low[met, None] + (high - low)[met, None] * (1.0 + points) / 2).ravel()
-        one = np.repeat(candidates[nearest[met]], POINTS)
-        there, distance, ray = meet(at, one)
-        weight = (length[k] * (high - low)[met, None] * weights / 2).ravel()
-        found.append((np.full(len(at), k), at, one, np.clip(there, 0.0, 1.0), weight, ray, distance))
-    if not found:
-        none, empty = np.empty(0, int), np.empty(0)
-        return Cover(none, empty, none, empty, empty, np.empty((0, 2)), empty)
-    link, at, other, there, weight, direction, distance = (np.concatenate(each) for each in zip(*found, strict=True))
-    bulges = slave.bulge(link, at, direction) + master.bulge(other, there, -direction)
-    return Cover(link, at, other, there, weight, direction, distance - bulges)
-
-
-def _swept(segments: np.ndarray, link: np.ndarray, fan: np.ndarray) -> np.ndarray:
-    """Whether rays from a link (2, 2), with directions (2, 2) at its ends, can meet the lines of segments (c, 2, 2)."""
-    beside = np.stack([_cross(ray, segments - end) for end, ray in zip(link, fan, strict=True)])
-    slack = TOUCHING * np.linalg.norm(link[1] - link[0])
-    return ~((beside < -slack).all(axis=(0, 2)) | (beside > slack).all(axis=(0, 2)))
-
-
-def _hidden(segments: np.ndarray, link: np.ndarray, at: np.ndarray, distance: np.ndarray,
-            fan: np.ndarray) -> np.ndarray:
-    """Whether rays from points `at` (q,) of a link meet one of the segments (c, 2, 2) within the distances (q,)."""
-    ray = fan[0] + at[:, None] * (fan[1] - fan[0])
-    ray = (ray / np.linalg.norm(ray, axis=1, keepdims=True))[:, None]
-    across, length = segments[:, 1] - segments[:, 0], np.linalg.norm(link[1] - link[0])
-    away = segments[:, 0] - (link[0] + at[:, None] * (link[1] - link[0]))[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        there = -_cross(away, ray) / _cross(across, ray)
-        t = np.einsum("qoi,qoi->qo", away + there[:, :, None] * across, np.broadcast_to(ray, away.shape))
-        return ((there > 0.0) & (there < 1.0) & (t > TOUCHING * length) & (t < distance[:, None])).any(axis=1)
-
-
-def _projected(points: np.ndarray, along: np.ndarray, fan: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """Where on a link, from 0 to 1, it is cut: at its ends, and where rays fan + ξ turn from it hit `points` (c, 2)."""
-    a = -_cross(along, turn)
-    b, c = _cross(points, turn) - _cross(along, fan), _cross(points, fan)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        q = -(b + np.where(b < 0.0, -1.0, 1.0) * np.sqrt(b * b - 4.0 * a * c)) / 2.0
-        roots = np.concatenate([c / q, q / a])
-    cuts = np.sort(np.append(roots[(roots > TOUCHING) & (roots < 1.0 - TOUCHING)], [0.0, 1.0]))
-    cuts = cuts[np.append(True, np.diff(cuts) > TOUCHING)]
-    return np.append(cuts[:-1], 1.0)
-
-
 def shapes(at: np.ndarray, number: int) -> np.ndarray:
     """The shape functions (q, 2 or 3) of a side's ends and middle at its parameters (q,), from 0 to 1."""
     if number == 2:
@@ -209,15 +98,17 @@ def duals(side: Side, over: Cover) -> tuple[np.ndarray, np.ndarray]:
     ∫ ψ_j φ_k = δ_jk ∫ φ_j over the covered part of a link. Of a sliver only the nearest corner has a function.
     """
     phi = shapes(over.at, side.links.shape[1])
-    weighted, length = np.zeros_like(phi), np.linalg.norm(side.along, axis=1)
-    starts = np.flatnonzero(np.diff(over.link, prepend=-1))
-    for part in np.split(np.arange(len(over.link)), starts[1:]):
-        w, f = over.weight[part], phi[part]
-        if w.sum() < SLIVER * length[over.link[part[0]]]:
-            weighted[part, 0 if w @ over.at[part] < 0.5 * w.sum() else 1] = w
-            continue
-        psi = f @ np.linalg.inv(f.T @ (w[:, None] * f)) * (w @ f)
-        weighted[part] = w[:, None] * psi
+    covered, part = np.unique(over.link, return_inverse=True)
+    share, middle = (np.bincount(part, each, len(covered)) for each in (over.weight, over.weight * over.at))
+    lengths = np.zeros((len(covered), phi.shape[1]))
+    np.add.at(lengths, part, over.weight[:, None] * phi)
+    mass = np.zeros((*lengths.shape, phi.shape[1]))
+    np.add.at(mass, part, np.einsum("q,qi,qj->qij", over.weight, phi, phi))
+    sliver = share < SLIVER * np.linalg.norm(side.along[covered], axis=1)
+    mass[sliver] = np.eye(phi.shape[1])
+    psi = np.einsum("qi,qij->qj", phi, np.linalg.inv(mass)[part]) * lengths[part]
+    nearest = np.arange(phi.shape[1]) == np.where(middle < 0.5 * share, 0, 1)[:, None]
+    weighted = over.weight[:, None] * np.where(sliver[part, None], nearest[part], psi)
     return weighted, phi
 
 
@@ -256,9 +147,10 @@ def _merged(side: Side, over: Cover, D: np.ndarray) -> np.ndarray:
     some[covered] = True
     full = side.lengths_over(some)
     best = np.full(len(D), -1)
-    for link in side.links[covered]:
+    thin = full * UNCOVERED > D
+    for link in side.links[covered][thin[side.links[covered]].any(axis=1)]:
         top = link[np.argmax(D[link])]
-        for node in link[D[link] < UNCOVERED * full[link]]:
+        for node in link[thin[link]]:
             if top != node and (best[node] < 0 or D[top] > D[best[node]]):
                 best[node] = top
     root = np.where(full > 0.0, np.arange(len(D)), -1)
@@ -300,8 +192,8 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
     P = spread(shapes(over.there, other.links.shape[1]), other.links[over.other], len(other.nodes)).tocsr()
     seen, met = np.zeros(len(side.links), bool), np.zeros(len(other.links), bool)
     seen[over.link], met[over.other] = True, True
-    normal = _unit(S @ _normals(side, seen) - P @ _normals(other, met))
-    ray = _unit(_means(weighted, place[nodes], over.direction, m))
+    normal = unit(S @ _normals(side, seen) - P @ _normals(other, met))
+    ray = unit(_means(weighted, place[nodes], over.direction, m))
     measured = _means(weighted, place[nodes], over.gap[:, None], m)[:, 0] / area
     measured *= np.einsum("ij,ij->i", ray, normal)
     measured[np.abs(measured) <= NO_GAP * side.spacing[rooted]] = 0.0
@@ -363,10 +255,10 @@ def _normals(side: Side, some: np.ndarray) -> np.ndarray:
     """Unit normals (k, 2) of the arcs over some of the links (ns,) bool, averaged with their lengths; else zero."""
     fans = side.fans[some]
     if side.links.shape[1] == 3:
-        fans = np.concatenate([fans, _unit(fans.sum(axis=1))[:, None]], axis=1)
+        fans = np.concatenate([fans, unit(fans.sum(axis=1))[:, None]], axis=1)
     total, length = np.zeros_like(side.xy), np.linalg.norm(side.along[some], axis=1)
     np.add.at(total, side.links[some], length[:, None, None] * fans)
-    return _unit(total)
+    return unit(total)
 
 
 def _means(weighted: np.ndarray, rows: np.ndarray, values: np.ndarray, m: int) -> np.ndarray:
@@ -389,12 +281,3 @@ def _used(nodes: np.ndarray, transfer: sparse.csr_matrix) -> tuple[np.ndarray, s
     """The nodes that a transfer has entries of, and the transfer to these."""
     columns = np.unique(transfer.indices)
     return nodes[columns], transfer[:, columns]
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    size = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return vectors / np.where(size > 0.0, size, 1.0)
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

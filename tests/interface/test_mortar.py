@@ -7,9 +7,10 @@ import pytest
 from boundaries import rectangle, ring, side
 
 from ddmpi.errors import InputError
+from ddmpi.interface.cover import cover
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.matching import pair
-from ddmpi.interface.mortar import cover, join, mortar, shapes
+from ddmpi.interface.mortar import join, mortar, shapes
 from ddmpi.interface.side import Side
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Coulomb, NoFriction
