@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface, Places
 from ddmpi.interface.law import law_of
-from ddmpi.interface.side import Side
+from ddmpi.interface.side import Side, closings
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
 from ddmpi.scene.rigid import Circle, Plane
 from ddmpi.scene.values import Profile
@@ -46,6 +46,7 @@ class Opposite:
     area : (k,) nodal lengths of the part that both sides have in common (m)
     gap : (k,) measured along the normals, between the arcs over the sides' chords (m)
     joined : (k − 1,) bool, whether the common part goes on from a node to the next one
+    closings : (c, 2) neighbours that do not follow each other, as in `Interface`
     """
 
     sides: tuple[Side, Side]
@@ -54,6 +55,7 @@ class Opposite:
     area: np.ndarray
     gap: np.ndarray
     joined: np.ndarray
+    closings: np.ndarray
 
 
 def pair(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, name: str, refinement: int = 1,
@@ -119,8 +121,10 @@ def touch(side: Side, rigid: Plane | Circle, friction: Coulomb | Tresca | NoFric
     joined = np.zeros(len(here) - 1, bool)
     on = np.diff(here) == 1
     joined[on] = side.joined_over(towards)[here[:-1][on]]
+    place = np.full(len(side.nodes), -1)
+    place[here] = np.arange(len(here))
     opposite = Opposite((side, partner), (here, here), -outward[here], side.lengths_over(towards)[here],
-                        measured[here], joined)
+                        measured[here], joined, closings(side.links[towards], place))
     found = carry(opposite, friction, name, gap, kind)
     U, none = np.array(rigid.displacement), np.empty(0, int)
     fixed = Places((found.fixed.nodes[0], none), found.fixed.normal, found.fixed.gap + found.fixed.normal @ U)
@@ -147,14 +151,10 @@ def carry(opposite: Opposite, friction: Coulomb | Tresca | NoFriction, name: str
         raise InputError(f"contact.{name}: all nodes of the contact are clamped; there is nothing to solve")
     has_tangents = bonded or not isinstance(friction, NoFriction)
     sliding = np.flatnonzero(~held_tangential[keep]) if has_tangents else np.empty(0, int)
-    distance = np.linalg.norm(np.diff(first.xy[here], axis=0), axis=1)
-    held = np.zeros(len(here))
-    for node, neighbour in ((slice(1, None), slice(-1)), (slice(-1), slice(1, None))):
-        to_held = opposite.joined & dropped[neighbour]
-        held[node][to_held] += 1.0 / distance[to_held]
+    held = held_beside(first.xy[here], opposite.joined, opposite.closings, dropped)
     place = np.full(len(first.nodes), -1)
     place[here[keep]] = np.arange(len(keep))
-    edges = place[first.edges]
+    edges, closed = place[first.edges], place[here[opposite.closings]]
     alone = sparse.identity(len(keep), format="csr")
     xy, area = first.xy[here][keep], opposite.area[keep]
     return Interface(
@@ -163,10 +163,20 @@ def carry(opposite: Opposite, friction: Coulomb | Tresca | NoFriction, name: str
         transfer=(alone, alone), law=law_of(friction, xy, area, sliding, kind),
         modulus=1.0 / (1.0 / first.modulus + 1.0 / second.modulus),
         joined=opposite.joined[keep[:-1]] & (np.diff(keep) == 1), edges=edges[(edges >= 0).all(axis=1)],
-        held=held[keep],
+        held=held[keep], closings=closed[(closed >= 0).all(axis=1)],
         one_sided=np.concatenate([one_sided[0][keep], one_sided[1][keep][sliding]]),
         prescribed=np.zeros(len(keep) + len(sliding)), at=(xy, second.xy[there][keep]),
         fixed=Places((first.nodes[here][dropped], second.nodes[there][dropped]), normal[dropped], start[dropped]))
+
+
+def held_beside(xy: np.ndarray, joined: np.ndarray, closings: np.ndarray, dropped: np.ndarray) -> np.ndarray:
+    """Inverse distances (k,) of nodes at `xy` (k, 2) to their neighbours that are `dropped` (k,), summed (1/m)."""
+    held = np.zeros(len(xy))
+    one, other = np.concatenate([np.flatnonzero(joined)[:, None] + [0, 1], closings]).T
+    for node, neighbour in ((one, other), (other, one)):
+        to = dropped[neighbour]
+        np.add.at(held, node[to], 1.0 / np.linalg.norm(xy[neighbour] - xy[node], axis=1)[to])
+    return held
 
 
 def initial_gap(gap: float | Profile | None, kind: str, measured: np.ndarray, xy: np.ndarray) -> np.ndarray:
@@ -193,7 +203,8 @@ def _match_whole(first: Side, second: Side, name: str, refinement: int) -> Oppos
                          f"{_worst(first, second, match)}; their meshes must match node by node")
     here = np.arange(len(match))
     return Opposite((first, second), (here, match), normal, (first.area + second.area[match]) / 2,
-                    _over_arcs(gap, first, second, here, match, normal), first.joined)
+                    _over_arcs(gap, first, second, here, match, normal), first.joined,
+                    closings(first.links, here))
 
 
 def _match_partly(first: Side, second: Side, refinement: int) -> Opposite | None:
@@ -225,8 +236,11 @@ def _match_partly(first: Side, second: Side, refinement: int) -> Opposite | None
     joined = np.zeros(len(here) - 1, bool)
     on = np.diff(here) == 1
     joined[on] = first.joined_over(common[0])[here[:-1][on]]
+    place = np.full(len(first.nodes), -1)
+    place[here] = np.arange(len(here))
     return Opposite((first, second), (here, there), normal, area,
-                    _over_arcs(gap, first, second, here, there, normal), joined)
+                    _over_arcs(gap, first, second, here, there, normal), joined,
+                    closings(first.links[common[0]], place))
 
 
 def _common_links(first: Side, second: Side, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

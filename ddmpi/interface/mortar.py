@@ -19,8 +19,8 @@ from ddmpi.errors import InputError
 from ddmpi.interface.cover import Cover, cover, unit
 from ddmpi.interface.interface import Interface, Lines, Places
 from ddmpi.interface.law import law_of
-from ddmpi.interface.matching import NO_GAP, initial_gap, is_held, pair
-from ddmpi.interface.side import Side
+from ddmpi.interface.matching import NO_GAP, held_beside, initial_gap, is_held, pair
+from ddmpi.interface.side import Side, closings
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
 from ddmpi.scene.values import Profile
 
@@ -217,14 +217,14 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
 
     xy = side.xy[rooted]
     next_to = (np.diff(rooted) == 1) & side.joined_over(seen)[np.minimum(rooted[:-1], len(side.joined) - 1)]
-    distance, held = np.linalg.norm(np.diff(xy, axis=0), axis=1), np.zeros(m)
-    for node, neighbour in ((slice(1, None), slice(-1)), (slice(-1), slice(1, None))):
-        to_held = next_to & dropped[neighbour]
-        held[node][to_held] += 1.0 / distance[to_held]
+    own_row = np.full(len(side.nodes), -1)
+    own_row[rooted] = np.arange(m)
+    closed = closings(side.links[seen], own_row)
+    held = held_beside(xy, next_to, closed, dropped)
     alone = np.bincount(row, minlength=m) == 1
     kept = np.full(m, -1)
     kept[keep] = np.arange(len(keep))
-    line = kept[row]
+    line, closed = kept[row], kept[closed]
     at_node = np.full(len(side.nodes), -1)
     at_node[rooted[alone]] = kept[alone]
     edges = at_node[side.edges] if len(side.edges) else np.empty((0, 3), int)
@@ -240,7 +240,7 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
         nodes=(used[0][0], used[1][0]), transfer=(used[0][1], used[1][1]),
         law=law_of(friction, xy[keep], area[keep], sliding, kind),
         modulus=1.0 / (1.0 / side.modulus + 1.0 / other.modulus), joined=next_to[keep[:-1]] & (np.diff(keep) == 1),
-        edges=edges[whole], held=held[keep],
+        edges=edges[whole], held=held[keep], closings=closed[(closed >= 0).all(axis=1)],
         one_sided=np.concatenate([one_sided[0][keep], one_sided[1][keep][sliding]]),
         prescribed=np.zeros(len(keep) + len(sliding)),
         fixed=Places((sides[0].nodes, sides[1].nodes), normal[dropped], start[dropped],
