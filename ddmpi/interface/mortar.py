@@ -30,6 +30,10 @@ SLIVER = 0.02
 UNCOVERED = 0.15
 """A node of whose length a smaller part is covered shares the row of its neighbour."""
 
+BARELY, NEXT_TO_NOTHING = 0.5, 1e-3
+"""A row that clamps let move by less than this moves so little that the preconditioner must know; what counts at
+least."""
+
 NOTHING = 1e-12
 """Entries of P below this are rounding."""
 
@@ -133,11 +137,13 @@ def _is_rigid(side: Side, over: Cover) -> bool:
     return bool(is_held(side.normal[nodes], side.free[nodes]).all())
 
 
-def _rows_held(transfer: sparse.csr_matrix, direction: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """(m,) whether clamps hold all of a side's nodes that a row moves with, along its direction (m, 2)."""
+def _rows_held(transfer: sparse.csr_matrix, direction: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Whether clamps hold all of a side's nodes that a row moves with along its direction (m, 2); and how far it moves
+    where the others move by one; each (m,)."""
     entries = transfer.tocoo()
     moves = ~is_held(direction[entries.row], free[entries.col])
-    return np.bincount(entries.row, moves, len(direction)) == 0
+    return (np.bincount(entries.row, moves, len(direction)) == 0,
+            np.abs(np.bincount(entries.row, entries.data * moves, len(direction))))
 
 
 def _merged(side: Side, over: Cover, D: np.ndarray) -> np.ndarray:
@@ -206,14 +212,18 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
     bonded = kind == "bonded"
     stays = [[_rows_held(transfer, direction, each.free) for transfer, each in zip(transfers, sides, strict=True)]
              for direction in (normal, tangent)]
-    held_normal, held_tangential = (by_body[0] & by_body[1] for by_body in stays)
-    one_sided = [by_body[0] | by_body[1] for by_body in stays]
+    held_normal, held_tangential = (one[0] & other[0] for one, other in stays)
+    one_sided = [one[0] | other[0] for one, other in stays]
+    most = [np.maximum(one[1], other[1]) for one, other in stays]
     dropped = held_normal & held_tangential if bonded else held_normal
     keep = np.flatnonzero(~dropped)
     if len(keep) == 0:
         raise InputError(f"contact.{name}: all nodes of the contact are clamped; there is nothing to solve")
     has_tangents = bonded or not isinstance(friction, NoFriction)
     sliding = np.flatnonzero(~held_tangential[keep]) if has_tangents else np.empty(0, int)
+
+    motion = np.concatenate([most[0][keep], most[1][keep][sliding]])
+    motion = np.where(motion < BARELY, np.maximum(motion, NEXT_TO_NOTHING), 1.0)
 
     xy = side.xy[rooted]
     next_to = (np.diff(rooted) == 1) & side.joined_over(seen)[np.minimum(rooted[:-1], len(side.joined) - 1)]
@@ -242,6 +252,7 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
         modulus=1.0 / (1.0 / side.modulus + 1.0 / other.modulus), joined=next_to[keep[:-1]] & (np.diff(keep) == 1),
         edges=edges[whole], held=held[keep], closings=closed[(closed >= 0).all(axis=1)],
         one_sided=np.concatenate([one_sided[0][keep], one_sided[1][keep][sliding]]),
+        motion=motion if motion.min() < 1.0 else None,
         prescribed=np.zeros(len(keep) + len(sliding)),
         fixed=Places((sides[0].nodes, sides[1].nodes), normal[dropped], start[dropped],
                      (transfers[0][dropped], transfers[1][dropped])),

@@ -310,6 +310,11 @@ def test_clamped_nodes_keep_their_rows(order, slave):
     one_held = 1 if slave == "lower" else 0  # its end lies within one side of the upper one, whose end is held, too
     assert contact.dropped == one_held and contact.m == len(sides[slave == "lower"].nodes) - one_held
     assert len(contact.sliding) == contact.m
+    if slave == "lower":
+        assert contact.motion is None
+    else:  # its end moves only with what is free of the master's first side
+        assert contact.motion[0] == pytest.approx(abs(1.0 - contact.transfer[1].tocsr()[0, 0]))
+        assert np.flatnonzero(contact.motion < 1.0).tolist() == [0, contact.m]
 
 
 def test_rows_that_no_body_moves_are_dropped():

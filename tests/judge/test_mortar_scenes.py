@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import to_toml
+from scenes import pinched_blocks, to_toml
 
 import ddmpi
 from ddmpi.errors import InputError
@@ -86,6 +86,19 @@ def test_inclined_contact(kind, order):
     assert contact.pressure == pytest.approx(PRESSURE, rel=1e-10)
     assert np.abs(contact.shear).max() <= 1e-9 * PRESSURE
     assert contact.force == pytest.approx([0.2 * PRESSURE, 2.0 * PRESSURE], rel=1e-9)
+
+
+@pytest.mark.parametrize("law", ["none", "coulomb"])
+def test_a_clamped_end_costs_no_iterations(law):
+    """Where a clamp holds the end of the slave, a solve takes no more multiplications than on matching meshes."""
+    counts = []
+    for sides in (48, 40):
+        scene = pinched_blocks(16, law)
+        scene["body"][0]["mesh"]["divisions"] = [sides, 16]
+        answer = ddmpi.solve(to_toml(scene))
+        assert answer.certified
+        counts.append(answer.summary["n_A"])
+    assert counts[1] <= 1.2 * counts[0]
 
 
 def ring(name: str, radii: tuple[float, float], divisions: tuple[int, int], order: int) -> dict:
