@@ -192,8 +192,8 @@ def publish(name: str, text: str, folder: Path, complete: bool, draw: Callable[[
             draw(place / "figures")
 
 
-def save_figures(folder: Path, figures: dict[str, Callable]) -> None:
-    """Draw and write figures, by name, in the style of the program's pictures."""
+def save_figures(folder: Path, figures: dict[str, Callable], **options) -> None:
+    """Draw and write figures, by name, in the style of the program's pictures; options are those of savefig."""
     import matplotlib
 
     matplotlib.use("agg")
@@ -205,7 +205,7 @@ def save_figures(folder: Path, figures: dict[str, Callable]) -> None:
     with plt.rc_context(STYLE | {"axes.grid": True, "axes.grid.which": "major", "grid.color": "#e3e3e3"}):
         for name, draw in figures.items():
             figure = draw()
-            figure.savefig(folder / f"{name}.png", bbox_inches="tight")
+            figure.savefig(folder / f"{name}.png", bbox_inches="tight", **options)
             plt.close(figure)
 
 

@@ -19,8 +19,8 @@ from ddmpi.coupling.space import Space
 from ddmpi.coupling.team import Team, TeamMatrix
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface, check_overlap, uncovered_profile
+from ddmpi.interface.matching import touch
 from ddmpi.interface.mortar import join
-from ddmpi.interface.rigid import touch
 from ddmpi.interface.side import Side, contact_side
 from ddmpi.mesh.boundary import boundary_group
 from ddmpi.mesh.build import build_mesh

@@ -88,6 +88,9 @@ class Interface:
     modulus : E* (Pa), 1/E* being the sum of both bodies' (1 − ν²)/E, of which a rigid partner's is zero
     fixed : nodes without unknowns, because clamps hold both bodies there
     joined : (m − 1,) bool, whether a node and the next one are neighbours
+    closings : (c, 2) neighbours that do not follow each other: the last and the first node of each closed chain
+    motion : (size,) how much of a motion of both bodies along them the unknowns see where clamps hold nearly all of
+        their nodes, else one; None where all are one
     edges : (ns, 3) quadratic edges whose nodes all carry unknowns, by ends and middle, in the order of the middles
     held : (m,) inverse distances to the dropped neighbours, summed (1/m); zero where there are none
     one_sided : (size,) bool, unknowns along which only one of the bodies can move
@@ -118,6 +121,8 @@ class Interface:
     slave: str | None = None
     lines: Lines | None = None
     probes: Places = field(default_factory=Places)
+    closings: np.ndarray = field(default_factory=lambda: np.empty((0, 2), int))
+    motion: np.ndarray | None = None
 
     @property
     def m(self) -> int:

@@ -1,8 +1,11 @@
-"""Pairing of two sides whose nodes lie opposite each other, everywhere or in the part that they have in common."""
+"""Pairing of two sides whose nodes lie opposite each other, everywhere or in the part that they have in common.
+
+A rigid surface, which has neither nodes nor compliance, lies opposite every node that faces it.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sparse
@@ -11,8 +14,9 @@ from scipy.spatial import cKDTree
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface, Places
 from ddmpi.interface.law import law_of
-from ddmpi.interface.side import Side
+from ddmpi.interface.side import Side, closings
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
+from ddmpi.scene.rigid import Circle, Plane
 from ddmpi.scene.values import Profile
 
 LARGEST_OFFSET = 1e-2
@@ -42,6 +46,7 @@ class Opposite:
     area : (k,) nodal lengths of the part that both sides have in common (m)
     gap : (k,) measured along the normals, between the arcs over the sides' chords (m)
     joined : (k − 1,) bool, whether the common part goes on from a node to the next one
+    closings : (c, 2) neighbours that do not follow each other, as in `Interface`
     """
 
     sides: tuple[Side, Side]
@@ -50,6 +55,7 @@ class Opposite:
     area: np.ndarray
     gap: np.ndarray
     joined: np.ndarray
+    closings: np.ndarray
 
 
 def pair(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, name: str, refinement: int = 1,
@@ -83,6 +89,49 @@ def pair(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, nam
     return carry(opposite, friction, name, gap, kind)
 
 
+def touch(side: Side, rigid: Plane | Circle, friction: Coulomb | Tresca | NoFriction, name: str,
+          gap: float | Profile | None = None, kind: str = "unilateral") -> Interface:
+    """The interface of a body, which is the first, and a rigid partner.
+
+    Normals and gaps are those of the rigid surface at the body's nodes, exactly. Nodes that do not face it, such as
+    the far side of a roller, carry no row. The second side has no nodes: the partner's displacement U gives
+    `Interface.prescribed`, and at nodes that clamps hold the gap, from which it is taken at once.
+
+    Parameters
+    ----------
+    side : of the body
+    friction, name, gap, kind : as for `pair`
+
+    Raises
+    ------
+    InputError
+        when the body's boundary does not face the surface. Not collective.
+    """
+    outward, measured = _surface(rigid, side)
+    measured = measured - _bulge(side, outward)
+    measured[np.abs(measured) <= NO_GAP * side.spacing] = 0.0
+    towards = (np.einsum("icj,ij->ic", outward[side.links], side.outward) < FACING).all(axis=1)  # links that face it
+    here = np.unique(side.links[towards])
+    if len(here) == 0:
+        x, y = side.xy[np.argmin(np.einsum("ij,ij->i", outward, side.normal))]
+        raise InputError(f"contact.{name}: near ({x:.6g}, {y:.6g}) the boundary of {side.body!r} does not face "
+                         f"{rigid.name!r}")
+    partner = replace(side, body=rigid.name, modulus=np.inf, xy=side.xy - measured[:, None] * outward, normal=outward,
+                      free=np.zeros_like(side.free))
+    joined = np.zeros(len(here) - 1, bool)
+    on = np.diff(here) == 1
+    joined[on] = side.joined_over(towards)[here[:-1][on]]
+    place = np.full(len(side.nodes), -1)
+    place[here] = np.arange(len(here))
+    opposite = Opposite((side, partner), (here, here), -outward[here], side.lengths_over(towards)[here],
+                        measured[here], joined, closings(side.links[towards], place))
+    found = carry(opposite, friction, name, gap, kind)
+    U, none = np.array(rigid.displacement), np.empty(0, int)
+    fixed = Places((found.fixed.nodes[0], none), found.fixed.normal, found.fixed.gap + found.fixed.normal @ U)
+    return replace(found, nodes=(found.nodes[0], none), modulus=side.modulus, prescribed=-(found.directions @ U),
+                   transfer=(found.transfer[0], sparse.csr_matrix((found.m, 0))), fixed=fixed)
+
+
 def carry(opposite: Opposite, friction: Coulomb | Tresca | NoFriction, name: str, gap: float | Profile | None,
           kind: str) -> Interface:
     """The interface whose rows stand at those nodes that a body can move. Otherwise as `pair`."""
@@ -102,14 +151,10 @@ def carry(opposite: Opposite, friction: Coulomb | Tresca | NoFriction, name: str
         raise InputError(f"contact.{name}: all nodes of the contact are clamped; there is nothing to solve")
     has_tangents = bonded or not isinstance(friction, NoFriction)
     sliding = np.flatnonzero(~held_tangential[keep]) if has_tangents else np.empty(0, int)
-    distance = np.linalg.norm(np.diff(first.xy[here], axis=0), axis=1)
-    held = np.zeros(len(here))
-    for node, neighbour in ((slice(1, None), slice(-1)), (slice(-1), slice(1, None))):
-        to_held = opposite.joined & dropped[neighbour]
-        held[node][to_held] += 1.0 / distance[to_held]
+    held = held_beside(first.xy[here], opposite.joined, opposite.closings, dropped)
     place = np.full(len(first.nodes), -1)
     place[here[keep]] = np.arange(len(keep))
-    edges = place[first.edges]
+    edges, closed = place[first.edges], place[here[opposite.closings]]
     alone = sparse.identity(len(keep), format="csr")
     xy, area = first.xy[here][keep], opposite.area[keep]
     return Interface(
@@ -118,10 +163,20 @@ def carry(opposite: Opposite, friction: Coulomb | Tresca | NoFriction, name: str
         transfer=(alone, alone), law=law_of(friction, xy, area, sliding, kind),
         modulus=1.0 / (1.0 / first.modulus + 1.0 / second.modulus),
         joined=opposite.joined[keep[:-1]] & (np.diff(keep) == 1), edges=edges[(edges >= 0).all(axis=1)],
-        held=held[keep],
+        held=held[keep], closings=closed[(closed >= 0).all(axis=1)],
         one_sided=np.concatenate([one_sided[0][keep], one_sided[1][keep][sliding]]),
         prescribed=np.zeros(len(keep) + len(sliding)), at=(xy, second.xy[there][keep]),
         fixed=Places((first.nodes[here][dropped], second.nodes[there][dropped]), normal[dropped], start[dropped]))
+
+
+def held_beside(xy: np.ndarray, joined: np.ndarray, closings: np.ndarray, dropped: np.ndarray) -> np.ndarray:
+    """Inverse distances (k,) of nodes at `xy` (k, 2) to their neighbours that are `dropped` (k,), summed (1/m)."""
+    held = np.zeros(len(xy))
+    one, other = np.concatenate([np.flatnonzero(joined)[:, None] + [0, 1], closings]).T
+    for node, neighbour in ((one, other), (other, one)):
+        to = dropped[neighbour]
+        np.add.at(held, node[to], 1.0 / np.linalg.norm(xy[neighbour] - xy[node], axis=1)[to])
+    return held
 
 
 def initial_gap(gap: float | Profile | None, kind: str, measured: np.ndarray, xy: np.ndarray) -> np.ndarray:
@@ -148,7 +203,8 @@ def _match_whole(first: Side, second: Side, name: str, refinement: int) -> Oppos
                          f"{_worst(first, second, match)}; their meshes must match node by node")
     here = np.arange(len(match))
     return Opposite((first, second), (here, match), normal, (first.area + second.area[match]) / 2,
-                    _over_arcs(gap, first, second, here, match, normal), first.joined)
+                    _over_arcs(gap, first, second, here, match, normal), first.joined,
+                    closings(first.links, here))
 
 
 def _match_partly(first: Side, second: Side, refinement: int) -> Opposite | None:
@@ -180,8 +236,11 @@ def _match_partly(first: Side, second: Side, refinement: int) -> Opposite | None
     joined = np.zeros(len(here) - 1, bool)
     on = np.diff(here) == 1
     joined[on] = first.joined_over(common[0])[here[:-1][on]]
+    place = np.full(len(first.nodes), -1)
+    place[here] = np.arange(len(here))
     return Opposite((first, second), (here, there), normal, area,
-                    _over_arcs(gap, first, second, here, there, normal), joined)
+                    _over_arcs(gap, first, second, here, there, normal), joined,
+                    closings(first.links[common[0]], place))
 
 
 def _common_links(first: Side, second: Side, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -283,3 +342,35 @@ def _worst(first: Side, second: Side, match: np.ndarray) -> str:
     k = int(np.argmax(distance))
     (x, y), (X, Y) = first.xy[k], second.xy[match[k]]
     return f" (worst: ({x:.6g}, {y:.6g}) against ({X:.6g}, {Y:.6g}))"
+
+
+def _surface(rigid: Plane | Circle, side: Side) -> tuple[np.ndarray, np.ndarray]:
+    """The surface's unit normal (k, 2), which points to the bodies, and the distance along it (k,), at a side's nodes.
+
+    In the centre of a circle, which has no normal, it is the body's.
+    """
+    if isinstance(rigid, Plane):
+        normal = np.array(rigid.normal) / np.linalg.norm(rigid.normal)
+        return np.tile(normal, (len(side.xy), 1)), (side.xy - rigid.point) @ normal
+    away = side.xy - np.array(rigid.center)
+    distance = np.linalg.norm(away, axis=1)
+    sign = -1.0 if rigid.inside else 1.0
+    outward = np.where(distance[:, None] > 0.0, sign * away / np.where(distance > 0.0, distance, 1.0)[:, None],
+                       -side.normal)
+    return outward, sign * (distance - rigid.radius)
+
+
+def _bulge(side: Side, outward: np.ndarray) -> np.ndarray:
+    """How far (k,) a curved boundary stands closer to the surface than the middles of its sides do.
+
+    Corners lie on the boundary that is meant, middles on the chord or, if the side is curved, near that boundary. The
+    slopes at the ends of a chord give its arc, exactly where the boundary is a circle. At an end of the boundary, or a
+    sharp corner, the other end's slope counts.
+    """
+    found = np.zeros(len(side.nodes))
+    if not len(side.edges):
+        return found
+    middle, outer = side.links[:, 2], side.outward
+    arrow = 0.5 * np.linalg.norm(side.along, axis=1) * np.tan(side.slopes.sum(axis=1) / 4)
+    found[middle] = (side.heights - arrow) * np.einsum("ij,ij->i", outer, outward[middle])
+    return found

@@ -12,25 +12,18 @@ constant pressure is exact on any meshes. Gaps are those of the boundaries that 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.errors import InputError
+from ddmpi.interface.cover import Cover, cover, unit
 from ddmpi.interface.interface import Interface, Lines, Places
 from ddmpi.interface.law import law_of
-from ddmpi.interface.matching import DEEPEST, FACING, NO_GAP, initial_gap, is_held, pair
-from ddmpi.interface.side import Side, cross
+from ddmpi.interface.matching import NO_GAP, held_beside, initial_gap, is_held, pair
+from ddmpi.interface.side import Side, closings
 from ddmpi.mesh.elements import shapes_on_side as shapes
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
 from ddmpi.scene.values import Profile
-
-POINTS = 5
-"""Gauss points on each piece of a side."""
-
-TOUCHING = 1e-9
-"""Parts of a side below this are rounding: they are no pieces."""
 
 SLIVER = 0.02
 """A side of which a smaller part is covered has a constant dual function, of its nearest corner."""
@@ -38,30 +31,12 @@ SLIVER = 0.02
 UNCOVERED = 0.15
 """A node of whose length a smaller part is covered shares the row of its neighbour."""
 
+BARELY, NEXT_TO_NOTHING = 0.5, 1e-3
+"""A row that clamps let move by less than this moves so little that the preconditioner must know; what counts at
+least."""
+
 NOTHING = 1e-12
 """Entries of P below this are rounding."""
-
-
-@dataclass(frozen=True)
-class Cover:
-    """Points on one side, the slave, that face the other one, at which integrals are taken.
-
-    Attributes
-    ----------
-    link, at : (q,) the slave's link of each point, and where on it, the parameter from 0 to 1
-    other, there : (q,) the same of the point that it faces
-    weight : (q,) parts of the length along the slave's links (m)
-    direction : (q, 2) unit normal along which the other side is looked for
-    gap : (q,) distance along it of the boundaries that are meant (m)
-    """
-
-    link: np.ndarray
-    at: np.ndarray
-    other: np.ndarray
-    there: np.ndarray
-    weight: np.ndarray
-    direction: np.ndarray
-    gap: np.ndarray
 
 
 def join(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, name: str, refinement: int = 1,
@@ -115,108 +90,23 @@ def mortar(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, n
     return _lay(sides, own, over, friction, name, gap, kind)
 
 
-def cover(slave: Side, master: Side) -> Cover:
-    """The part of the slave that faces the master, along its averaged normals. Not collective.
-
-    Pieces, rays and gaps are found on chords; a point of a curved link stands upright on its chord, and faces what its
-    ray meets. A piece of the slave faces what is nearest of the other side with a normal against its own. What lies
-    behind the slave counts as an overlap up to DEEPEST of the thinner body's depth; ahead, any distance counts.
-    """
-    points, weights = np.polynomial.legendre.leggauss(POINTS)
-    outward, theirs, own = slave.outward, master.outward, slave.xy[slave.links[:, :2]]
-    start, along, fans = slave.xy[slave.links[:, 0]], slave.along, slave.fans
-    corners, across = master.xy[master.links[:, :2]], master.along
-    length, found = np.linalg.norm(along, axis=1), []
-    for k in range(len(along)):
-        candidates = np.flatnonzero(_swept(corners, own[k], fans[k]) & (theirs @ outward[k] < FACING))
-        if len(candidates) == 0:
-            continue
-        fan, turn = fans[k, 0], fans[k, 1] - fans[k, 0]
-        behind = np.setdiff1d(np.flatnonzero(_swept(own, own[k], fans[k])), k)
-        deepest = -DEEPEST * min(np.abs(outward[k]) @ slave.extent, np.abs(outward[k]) @ master.extent)
-
-        def meet(at: np.ndarray, one: np.ndarray, k: int = k, fan: np.ndarray = fan,
-                 turn: np.ndarray = turn) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            """Where rays from `at` (q,) meet the lines of links `one` of the other side, how far away, and the rays."""
-            ray = fan + at[:, None] * turn
-            ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-            away = corners[one, 0] - (start[k] + at[:, None] * along[k])
-            there = -cross(away, ray) / cross(across[one], ray)
-            return there, np.einsum("qi,qi->q", away + there[:, None] * across[one], ray), ray
-
-        cuts = _projected(corners[candidates].reshape(-1, 2) - start[k], along[k], fan, turn)
-        low, high = cuts[:-1], cuts[1:]
-        pieces, one = (each.ravel() for each in np.meshgrid(np.arange(len(low)), candidates, indexing="ij"))
-        there, distance, _ = meet(((low + high) / 2)[pieces], one)
-        distance = np.where((there >= -TOUCHING) & (there <= 1.0 + TOUCHING) & (distance >= deepest), np.abs(distance),
-                            np.inf).reshape(len(low), -1)
-        nearest = np.argmin(distance, axis=1)
-        distance = distance[np.arange(len(low)), nearest]
-        met = np.flatnonzero(np.isfinite(distance) & ~_hidden(own[behind], own[k], (low + high) / 2, distance, fans[k]))
-        at = (low[met, None] + (high - low)[met, None] * (1.0 + points) / 2).ravel()
-        one = np.repeat(candidates[nearest[met]], POINTS)
-        there, distance, ray = meet(at, one)
-        weight = (length[k] * (high - low)[met, None] * weights / 2).ravel()
-        found.append((np.full(len(at), k), at, one, there, weight, ray, distance))
-    if not found:
-        none, empty = np.empty(0, int), np.empty(0)
-        return Cover(none, empty, none, empty, empty, np.empty((0, 2)), empty)
-    link, at, other, there, weight, direction, distance = (np.concatenate(each) for each in zip(*found, strict=True))
-    facing = np.clip(there, 0.0, 1.0)
-    gap = distance - (slave.bulge(link, at, direction) + master.bulge(other, facing, -direction))
-    height, ratio = slave.off_chords(link, at)
-    there = there + height * cross(outward[link], direction) / cross(across[other], direction)
-    facing = master.parameters(other, np.clip(there, 0.0, 1.0), direction)
-    return Cover(link, slave.parameters(link, at, outward[link]), other, facing, weight * ratio, direction, gap)
-
-
-def _swept(segments: np.ndarray, link: np.ndarray, fan: np.ndarray) -> np.ndarray:
-    """Whether rays from a link (2, 2), with directions (2, 2) at its ends, can meet the lines of segments (c, 2, 2)."""
-    beside = np.stack([cross(ray, segments - end) for end, ray in zip(link, fan, strict=True)])
-    slack = TOUCHING * np.linalg.norm(link[1] - link[0])
-    return ~((beside < -slack).all(axis=(0, 2)) | (beside > slack).all(axis=(0, 2)))
-
-
-def _hidden(segments: np.ndarray, link: np.ndarray, at: np.ndarray, distance: np.ndarray,
-            fan: np.ndarray) -> np.ndarray:
-    """Whether rays from points `at` (q,) of a link meet one of the segments (c, 2, 2) within the distances (q,)."""
-    ray = fan[0] + at[:, None] * (fan[1] - fan[0])
-    ray = (ray / np.linalg.norm(ray, axis=1, keepdims=True))[:, None]
-    across, length = segments[:, 1] - segments[:, 0], np.linalg.norm(link[1] - link[0])
-    away = segments[:, 0] - (link[0] + at[:, None] * (link[1] - link[0]))[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        there = -cross(away, ray) / cross(across, ray)
-        t = np.einsum("qoi,qoi->qo", away + there[:, :, None] * across, np.broadcast_to(ray, away.shape))
-        return ((there > 0.0) & (there < 1.0) & (t > TOUCHING * length) & (t < distance[:, None])).any(axis=1)
-
-
-def _projected(points: np.ndarray, along: np.ndarray, fan: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """Where on a link, from 0 to 1, it is cut: at its ends, and where rays fan + ξ turn from it hit `points` (c, 2)."""
-    a = -cross(along, turn)
-    b, c = cross(points, turn) - cross(along, fan), cross(points, fan)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        q = -(b + np.where(b < 0.0, -1.0, 1.0) * np.sqrt(b * b - 4.0 * a * c)) / 2.0
-        roots = np.concatenate([c / q, q / a])
-    cuts = np.sort(np.append(roots[(roots > TOUCHING) & (roots < 1.0 - TOUCHING)], [0.0, 1.0]))
-    cuts = cuts[np.append(True, np.diff(cuts) > TOUCHING)]
-    return np.append(cuts[:-1], 1.0)
-
-
 def duals(side: Side, over: Cover) -> tuple[np.ndarray, np.ndarray]:
     """The weighted dual functions w ψ (q, 2 or 3) of each point's link, and shape functions φ, for the slave.
 
     ∫ ψ_j φ_k = δ_jk ∫ φ_j over the covered part of a link. Of a sliver only the nearest corner has a function.
     """
     phi = shapes(over.at, side.links.shape[1])
-    weighted, length = np.zeros_like(phi), side.lengths
-    starts = np.flatnonzero(np.diff(over.link, prepend=-1))
-    for part in np.split(np.arange(len(over.link)), starts[1:]):
-        w, f = over.weight[part], phi[part]
-        if w.sum() < SLIVER * length[over.link[part[0]]]:
-            weighted[part, 0 if w @ over.at[part] < 0.5 * w.sum() else 1] = w
-            continue
-        psi = f @ np.linalg.inv(f.T @ (w[:, None] * f)) * (w @ f)
-        weighted[part] = w[:, None] * psi
+    covered, part = np.unique(over.link, return_inverse=True)
+    share, middle = (np.bincount(part, each, len(covered)) for each in (over.weight, over.weight * over.at))
+    lengths = np.zeros((len(covered), phi.shape[1]))
+    np.add.at(lengths, part, over.weight[:, None] * phi)
+    mass = np.zeros((*lengths.shape, phi.shape[1]))
+    np.add.at(mass, part, np.einsum("q,qi,qj->qij", over.weight, phi, phi))
+    sliver = share < SLIVER * side.lengths[covered]
+    mass[sliver] = np.eye(phi.shape[1])
+    psi = np.einsum("qi,qij->qj", phi, np.linalg.inv(mass)[part]) * lengths[part]
+    nearest = np.arange(phi.shape[1]) == np.where(middle < 0.5 * share, 0, 1)[:, None]
+    weighted = over.weight[:, None] * np.where(sliver[part, None], nearest[part], psi)
     return weighted, phi
 
 
@@ -241,11 +131,13 @@ def _is_rigid(side: Side, over: Cover) -> bool:
     return bool(is_held(side.normal[nodes], side.free[nodes]).all())
 
 
-def _rows_held(transfer: sparse.csr_matrix, direction: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """(m,) whether clamps hold all of a side's nodes that a row moves with, along its direction (m, 2)."""
+def _rows_held(transfer: sparse.csr_matrix, direction: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Whether clamps hold all of a side's nodes that a row moves with along its direction (m, 2); and how far it moves
+    where the others move by one; each (m,)."""
     entries = transfer.tocoo()
     moves = ~is_held(direction[entries.row], free[entries.col])
-    return np.bincount(entries.row, moves, len(direction)) == 0
+    return (np.bincount(entries.row, moves, len(direction)) == 0,
+            np.abs(np.bincount(entries.row, entries.data * moves, len(direction))))
 
 
 def _merged(side: Side, over: Cover, D: np.ndarray) -> np.ndarray:
@@ -255,9 +147,10 @@ def _merged(side: Side, over: Cover, D: np.ndarray) -> np.ndarray:
     some[covered] = True
     full = side.lengths_over(some)
     best = np.full(len(D), -1)
-    for link in side.links[covered]:
+    thin = full * UNCOVERED > D
+    for link in side.links[covered][thin[side.links[covered]].any(axis=1)]:
         top = link[np.argmax(D[link])]
-        for node in link[D[link] < UNCOVERED * full[link]]:
+        for node in link[thin[link]]:
             if top != node and (best[node] < 0 or D[top] > D[best[node]]):
                 best[node] = top
     root = np.where(full > 0.0, np.arange(len(D)), -1)
@@ -299,8 +192,8 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
     P = spread(shapes(over.there, other.links.shape[1]), other.links[over.other], len(other.nodes)).tocsr()
     seen, met = np.zeros(len(side.links), bool), np.zeros(len(other.links), bool)
     seen[over.link], met[over.other] = True, True
-    normal = _unit(S @ _normals(side, seen) - P @ _normals(other, met))
-    ray = _unit(_means(weighted, place[nodes], over.direction, m))
+    normal = unit(S @ _normals(side, seen) - P @ _normals(other, met))
+    ray = unit(_means(weighted, place[nodes], over.direction, m))
     measured = _means(weighted, place[nodes], over.gap[:, None], m)[:, 0] / area
     measured *= np.einsum("ij,ij->i", ray, normal)
     measured[np.abs(measured) <= NO_GAP * side.spacing[rooted]] = 0.0
@@ -313,8 +206,9 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
     bonded = kind == "bonded"
     stays = [[_rows_held(transfer, direction, each.free) for transfer, each in zip(transfers, sides, strict=True)]
              for direction in (normal, tangent)]
-    held_normal, held_tangential = (by_body[0] & by_body[1] for by_body in stays)
-    one_sided = [by_body[0] | by_body[1] for by_body in stays]
+    held_normal, held_tangential = (one[0] & other[0] for one, other in stays)
+    one_sided = [one[0] | other[0] for one, other in stays]
+    most = [np.maximum(one[1], other[1]) for one, other in stays]
     dropped = held_normal & held_tangential if bonded else held_normal
     keep = np.flatnonzero(~dropped)
     if len(keep) == 0:
@@ -322,16 +216,19 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
     has_tangents = bonded or not isinstance(friction, NoFriction)
     sliding = np.flatnonzero(~held_tangential[keep]) if has_tangents else np.empty(0, int)
 
+    motion = np.concatenate([most[0][keep], most[1][keep][sliding]])
+    motion = np.where(motion < BARELY, np.maximum(motion, NEXT_TO_NOTHING), 1.0)
+
     xy = side.xy[rooted]
     next_to = (np.diff(rooted) == 1) & side.joined_over(seen)[np.minimum(rooted[:-1], len(side.joined) - 1)]
-    distance, held = np.linalg.norm(np.diff(xy, axis=0), axis=1), np.zeros(m)
-    for node, neighbour in ((slice(1, None), slice(-1)), (slice(-1), slice(1, None))):
-        to_held = next_to & dropped[neighbour]
-        held[node][to_held] += 1.0 / distance[to_held]
+    own_row = np.full(len(side.nodes), -1)
+    own_row[rooted] = np.arange(m)
+    closed = closings(side.links[seen], own_row)
+    held = held_beside(xy, next_to, closed, dropped)
     alone = np.bincount(row, minlength=m) == 1
     kept = np.full(m, -1)
     kept[keep] = np.arange(len(keep))
-    line = kept[row]
+    line, closed = kept[row], kept[closed]
     at_node = np.full(len(side.nodes), -1)
     at_node[rooted[alone]] = kept[alone]
     edges = at_node[side.edges] if len(side.edges) else np.empty((0, 3), int)
@@ -347,8 +244,9 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
         nodes=(used[0][0], used[1][0]), transfer=(used[0][1], used[1][1]),
         law=law_of(friction, xy[keep], area[keep], sliding, kind),
         modulus=1.0 / (1.0 / side.modulus + 1.0 / other.modulus), joined=next_to[keep[:-1]] & (np.diff(keep) == 1),
-        edges=edges[whole], held=held[keep],
+        edges=edges[whole], held=held[keep], closings=closed[(closed >= 0).all(axis=1)],
         one_sided=np.concatenate([one_sided[0][keep], one_sided[1][keep][sliding]]),
+        motion=motion if motion.min() < 1.0 else None,
         prescribed=np.zeros(len(keep) + len(sliding)),
         fixed=Places((sides[0].nodes, sides[1].nodes), normal[dropped], start[dropped],
                      (transfers[0][dropped], transfers[1][dropped])),
@@ -362,10 +260,10 @@ def _normals(side: Side, some: np.ndarray) -> np.ndarray:
     """Unit normals (k, 2) of the arcs over some of the links (ns,) bool, averaged with their lengths; else zero."""
     fans = side.fans[some]
     if side.links.shape[1] == 3:
-        fans = np.concatenate([fans, _unit(fans.sum(axis=1))[:, None]], axis=1)
+        fans = np.concatenate([fans, unit(fans.sum(axis=1))[:, None]], axis=1)
     total, length = np.zeros_like(side.xy), side.lengths[some]
     np.add.at(total, side.links[some], length[:, None, None] * fans)
-    return _unit(total)
+    return unit(total)
 
 
 def _means(weighted: np.ndarray, rows: np.ndarray, values: np.ndarray, m: int) -> np.ndarray:
@@ -388,8 +286,3 @@ def _used(nodes: np.ndarray, transfer: sparse.csr_matrix) -> tuple[np.ndarray, s
     """The nodes that a transfer has entries of, and the transfer to these."""
     columns = np.unique(transfer.indices)
     return nodes[columns], transfer[:, columns]
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    size = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return vectors / np.where(size > 0.0, size, 1.0)

@@ -216,6 +216,16 @@ class Side:
         return np.isin(_keys(places[:-1], places[1:], size), _keys(pairs[:, 0], pairs[:, 1], size))
 
 
+def closings(links: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Places (c, 2) of neighbours that do not follow each other, because a closed chain begins between them.
+
+    `place` (k,) is the one of each node, or −1; pairs with such a node are left out.
+    """
+    pairs = segments(links)
+    pairs = place[pairs[np.abs(pairs[:, 0] - pairs[:, 1]) != 1]]
+    return pairs[(pairs >= 0).all(axis=1)]
+
+
 def turn_right(vectors: np.ndarray) -> np.ndarray:
     """Vectors (k, 2) turned by −90°: outward, for the way on which the body lies to the left."""
     return np.column_stack([vectors[:, 1], -vectors[:, 0]])

@@ -2,7 +2,8 @@
 
 Two elastic half-planes pressed by the stresses σ give way by u = (2/E*) |∂|⁻¹ σ, with 1/E* the sum of
 the plane compliances (1−ν²)/E (Johnson, Contact Mechanics, 1985, ch. 2) and |∂| the square root of −d²/ds²
-along the interface, with nothing moving where a clamp holds the next node; normal and tangential parts
+along the interface, which goes on from the end of a closed chain to its beginning, with nothing moving where a clamp
+holds the next node, or nearly all of the nodes that it moves with; normal and tangential parts
 decouple when the materials are alike, and nearly so else. Every body looks like a half-plane to loads that
 vary over a few elements, which is what makes the compliance ill-conditioned; the few smooth modes that see
 the body's shape are left to the Krylov method. So the preconditioner needs no second factorization, knows
@@ -34,11 +35,20 @@ MODE_STEPS, MODE_PRECISION = 60, 0.05
 
 
 class HalfPlaneStiffness:
-    """M ≈ C⁻¹ (N/m): a block for each interface, which knows nothing of the others. Not collective."""
+    """M ≈ C⁻¹ (N/m): a block for each interface, which knows nothing of the others. Not collective.
+
+    Attributes
+    ----------
+    motion : `Interface.motion` of all interfaces of the space, or None
+    """
 
     def __init__(self, space: Space) -> None:
         self._parts = list(space.parts.values())
         self._blocks = [_Block(interface) for interface in space.interfaces]
+        self.motion: np.ndarray | None = None
+        if any(interface.motion is not None for interface in space.interfaces):
+            self.motion = np.concatenate([np.ones(interface.size) if interface.motion is None else interface.motion
+                                          for interface in space.interfaces])
 
     def mult(self, x: np.ndarray) -> np.ndarray:
         """M x (size,) in newtons, of x (size,) in metres."""
@@ -60,17 +70,29 @@ class _Block:
         length = interface.area
         distance = np.linalg.norm(np.diff(interface.xy, axis=0), axis=1)
         link = np.where(interface.joined, 1.0 / np.where(distance > 0, distance, 1.0), 0.0)
+        self._motion = None if interface.motion is None else interface.motion[:, None]
+        weak = np.zeros(len(length), bool) if interface.motion is None else interface.motion[:len(length)] < 1.0
         total = length.sum()
         diagonal = (1.5 / total) ** 2 + interface.held / length  # the longest wave is about the interface itself
         diagonal[1:] += link / length[1:]
         diagonal[:-1] += link / length[:-1]
+        last, first = interface.closings.T
+        inverse = 1.0 / np.linalg.norm(interface.xy[last] - interface.xy[first], axis=1)
+        whole = ~(weak[last] | weak[first])
+        for node in (last, first):
+            np.add.at(diagonal, node[~whole], inverse[~whole] / length[node[~whole]])
+        self._around = np.zeros((len(length), whole.sum()))
+        for node, sign in ((last[whole], 1.0), (first[whole], -1.0)):
+            self._around[node, np.arange(len(node))] = sign * np.sqrt(inverse[whole] / length[node])
         self._diagonal = diagonal
+        link = np.where(weak[1:] | weak[:-1], 0.0, link)  # to the neighbours of a weak node it is as good as held
         self._off = -link / np.sqrt(length[1:] * length[:-1])
         self._root = np.sqrt(length)
         self._scale = 0.5 * interface.modulus
 
         lowest = 1.5 / total
-        spread = 0.5 * np.log(2 * diagonal.max() / lowest**2)  # of the spectrum's root, free of units
+        highest = 2 * (diagonal + (self._around**2).sum(axis=1)).max()
+        spread = 0.5 * np.log(highest / lowest**2)  # of the spectrum's root, free of units
         t = lowest * np.exp(np.arange(-TAIL, spread + TAIL + STEP, STEP))
         self._weights = (2 / np.pi) * STEP * t
         d = (diagonal + t[:, None] ** 2).ravel()
@@ -78,26 +100,39 @@ class _Block:
         self._d, self._e, info = lapack.dpttrf(d, e)
         if info:
             raise ValueError("the shifted interface operators are not positive definite")
+        self._turned = self._solve(self._around)
+        self._joint = np.eye(whole.sum()) + self._around.T @ self._turned
 
     def mult(self, x: np.ndarray) -> np.ndarray:
         """M x of columns x (size, c)."""
         y, m = np.empty_like(x), len(self._root)
+        if self._motion is not None:
+            x = x / self._motion
         y[:m] = self._apply(x[:m])
         if len(self._sliding):
             spread = np.zeros((m, x[m:].size // len(self._sliding)))
             spread[self._sliding] = x[m:].reshape(len(self._sliding), -1)
             y[m:] = self._apply(spread)[self._sliding].reshape(x[m:].shape)
-        return y
+        return y if self._motion is None else y / self._motion
 
     def _apply(self, x: np.ndarray) -> np.ndarray:
         root = self._root[:, None]
         y = root * x
-        shifted, _ = lapack.dpttrs(self._d, self._e, np.tile(y, (len(self._weights), 1)))
-        z = np.tensordot(self._weights, shifted.reshape(len(self._weights), *y.shape), 1)
+        shifted = self._solve(y)
+        if len(self._joint[0]):  # closed chains, by Sherman, Morrison and Woodbury
+            shifted -= self._turned @ np.linalg.solve(self._joint, self._around.T @ shifted)
+        z = np.tensordot(self._weights, shifted, 1)
         Az = self._diagonal[:, None] * z
         Az[1:] += self._off[:, None] * z[:-1]
         Az[:-1] += self._off[:, None] * z[1:]
+        if len(self._joint[0]):
+            Az += self._around @ (self._around.T @ z)
         return self._scale * root * Az
+
+    def _solve(self, y: np.ndarray) -> np.ndarray:
+        """The solutions (t, m, c) of all shifted tridiagonal systems for the same columns y (m, c)."""
+        shifted, _ = lapack.dpttrs(self._d, self._e, np.tile(y, (len(self._weights), 1)))
+        return shifted.reshape(len(self._weights), *y.shape)
 
 
 def smooth_modes(member: Member, limit: float) -> tuple[np.ndarray, np.ndarray]:

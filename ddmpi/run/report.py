@@ -155,6 +155,7 @@ def log_end(summary: dict, solution: Solution) -> None:
         log.info("certificate (limit %.0e): %s", solution.limit,
                  ", ".join(f"{kind.replace('_', ' ')} {value:.1e}"
                            for kind, (value, _) in solution.certificate.worst().items()))
+        _log_between_nodes(summary["contacts"])
         error = summary["discretization_error"]["energy_norm"]
         if error is not None:
             log.info("estimated discretization error: %.2g of the energy norm", error)
@@ -183,6 +184,18 @@ def _log_contacts(summary: dict, solution: Solution) -> None:
         log.info("%s: %d open, %d slip, %d stick nodes; force %s on %s, largest pressure %.4g", name, contact["open"],
                  contact["slip"], contact["stick"], _vector(contact["force"]), bodies[name][0],
                  _number(contact["pressure_max"]))
+
+
+def _log_between_nodes(contacts: dict) -> None:
+    """What the certificate cannot promise where nodes do not match: the worst of all such contacts."""
+    some = {name: contact for name, contact in contacts.items() if contact["slave"]}
+    if not some:
+        return
+    deepest, turned = (max(some, key=lambda name: _number(some[name][key]))
+                       for key in ("pointwise_penetration", "moment_imbalance"))
+    log.info("not certified, as nodes do not match: overlap between nodes %.2g, of %s; moments out of balance by %.2g, "
+             "at most %.2g, of %s", _number(some[deepest]["pointwise_penetration"]), deepest,
+             _number(some[turned]["moment_imbalance"]), _number(some[turned]["moment_imbalance_bound"]), turned)
 
 
 def _log_bodies(summary: dict) -> None:

@@ -7,8 +7,7 @@ from boundaries import body_side, compliance, elastic, rectangle, respond, side
 from ddmpi.coupling.space import Space
 from ddmpi.interface.interface import uncovered_profile
 from ddmpi.interface.law import NO_BOUND, BondedLaw, CoulombLaw, Law, Laws, law_of
-from ddmpi.interface.matching import pair
-from ddmpi.interface.rigid import touch
+from ddmpi.interface.matching import pair, touch
 from ddmpi.interface.state import contact_state
 from ddmpi.interface.trace import displacement_trace, trace
 from ddmpi.judge.diagnosis import StatusLog

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from boundaries import raise_order, rectangle, ring, side
 
-from ddmpi.interface.matching import pair
+from ddmpi.interface.matching import pair, touch
 from ddmpi.interface.mortar import cover, mortar, shapes
-from ddmpi.interface.rigid import touch
 from ddmpi.interface.side import Side, cross
 from ddmpi.mesh.elements import LINE, side_lengths
 from ddmpi.mesh.mesh import SIDES, Mesh

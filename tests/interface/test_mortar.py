@@ -7,9 +7,10 @@ import pytest
 from boundaries import rectangle, ring, side
 
 from ddmpi.errors import InputError
+from ddmpi.interface.cover import cover
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.matching import pair
-from ddmpi.interface.mortar import cover, join, mortar, shapes
+from ddmpi.interface.mortar import join, mortar, shapes
 from ddmpi.interface.side import Side
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Coulomb, NoFriction
@@ -250,6 +251,27 @@ def test_a_closed_shaft_in_a_closed_hub(order):
         assert contact.m == len(np.unique(boundary.groups["outer" if slave == "shaft" else "inner"]))
         assert contact.gap == pytest.approx(2e-3, abs=2e-7)
         assert np.einsum("mi,mi->m", contact.normal, contact.xy) == pytest.approx(np.hypot(*contact.xy.T), rel=2e-2)
+        assert contact.joined.all() and {*contact.closings.ravel()} == {0, contact.m - 1}
+
+
+@orders
+@pytest.mark.parametrize("divisions", [(20, 20), (20, 27)])
+def test_a_clamp_beside_the_beginning_of_a_closed_chain(divisions, order):
+    """The nodes on both sides of one that clamps hold have a held neighbour, wherever the chain begins."""
+    def held(x, y):
+        return np.hypot(x + 1.0, y) < 0.05
+
+    meshes = [ring(*radii, 2 * np.pi * np.arange(n) / n, order)
+              for n, radii in zip(divisions, ((0.5, 1.0), (1.0, 1.5)), strict=True)]
+    sides = [side(mesh, group, body=name, where=held if n == 20 else lambda x, y: x < 0.0, x=True, y=True)
+             for mesh, group, name, n in zip(meshes, ("outer", "inner"), ("shaft", "hub"), divisions, strict=True)]
+    contact = join(*sides, NoFriction(), "seam")
+    assert contact.dropped == 1 and len(contact.closings) == 0
+    beside = np.flatnonzero(contact.held)
+    assert len(beside) == 2
+    assert contact.xy[beside[0]] == pytest.approx(contact.xy[beside[1]] * [1.0, -1.0])
+    distance = 2 * np.sin(np.pi / 20) / order
+    assert contact.held[beside] == pytest.approx(1.0 / distance, rel=2e-2)
 
 
 def test_sides_that_turn_their_backs_on_each_other_are_refused():
@@ -288,6 +310,11 @@ def test_clamped_nodes_keep_their_rows(order, slave):
     one_held = 1 if slave == "lower" else 0  # its end lies within one side of the upper one, whose end is held, too
     assert contact.dropped == one_held and contact.m == len(sides[slave == "lower"].nodes) - one_held
     assert len(contact.sliding) == contact.m
+    if slave == "lower":
+        assert contact.motion is None
+    else:  # its end moves only with what is free of the master's first side
+        assert contact.motion[0] == pytest.approx(abs(1.0 - contact.transfer[1].tocsr()[0, 0]))
+        assert np.flatnonzero(contact.motion < 1.0).tolist() == [0, contact.m]
 
 
 def test_rows_that_no_body_moves_are_dropped():

@@ -6,7 +6,7 @@ from boundaries import body_side, elastic, rectangle, ring, side
 
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import check_overlap
-from ddmpi.interface.rigid import touch
+from ddmpi.interface.matching import touch
 from ddmpi.interface.trace import displacement_trace, trace
 from ddmpi.scene.contacts import Coulomb, NoFriction
 from ddmpi.scene.rigid import Circle, Plane

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import to_toml
+from scenes import pinched_blocks, to_toml
 
 import ddmpi
 from ddmpi.errors import InputError
@@ -88,6 +88,19 @@ def test_inclined_contact(kind, order):
     assert contact.force == pytest.approx([0.2 * PRESSURE, 2.0 * PRESSURE], rel=1e-9)
 
 
+@pytest.mark.parametrize("law", ["none", "coulomb"])
+def test_a_clamped_end_costs_no_iterations(law):
+    """Where a clamp holds the end of the slave, a solve takes no more multiplications than on matching meshes."""
+    counts = []
+    for sides in (48, 40):
+        scene = pinched_blocks(16, law)
+        scene["body"][0]["mesh"]["divisions"] = [sides, 16]
+        answer = ddmpi.solve(to_toml(scene))
+        assert answer.certified
+        counts.append(answer.summary["n_A"])
+    assert counts[1] <= 1.2 * counts[0]
+
+
 def ring(name: str, radii: tuple[float, float], divisions: tuple[int, int], order: int) -> dict:
     mesh = {"shape": "annulus", "center": [0.0, 0.0], "radii": list(radii), "angles": [0.0, 90.0],
             "divisions": list(divisions), "order": order}
@@ -171,3 +184,22 @@ def test_wrong_keys(keys, words):
     with pytest.raises(InputError) as error:
         solved(bodies, [{"bodies": ["upper", "lower"], "on": ["bottom", "top"]} | keys])
     assert words in str(error.value)
+
+
+@orders
+@pytest.mark.parametrize("slave", ["wheel", "block"])
+def test_a_wheel_comes_down_on_a_block(slave, order):
+    """From far above; the whole rim may touch, but its far side is no partner, and the forces are symmetric."""
+    mesh = {"shape": "annulus", "center": [0.0, 1.8], "radii": [0.6, 1.0], "angles": [0.0, 360.0],
+            "divisions": [52, 5], "order": order}
+    wheel = body("wheel", mesh, [{"on": "inner", "x": 0.0, "y": -0.81}])
+    wide = {"shape": "rectangle", "origin": [-1.5, -1.0], "size": [3.0, 1.0], "divisions": [36, 12], "order": order}
+    answer = solved([wheel, body("block", wide, ["bottom"])],
+                    [{"bodies": ["wheel", "block"], "on": ["outer", "top"], "slave": slave}], 1e-8)
+    state, contact = answer.contacts["wheel-block"], answer.summary["contacts"]["wheel-block"]
+    assert state.interface.at[0][:, 1].max() < 1.8 and state.interface.gap.min() == pytest.approx(0.8, rel=1e-2)
+    assert state.interface.xy[state.normal_force > 0.0, 0] == pytest.approx(0.0, abs=0.2)
+    x, y = contact["force"]
+    assert y == pytest.approx(contact["normal_force"], rel=1e-2) and abs(x) < 0.02 * y
+    assert y == pytest.approx(-answer.summary["bodies"]["wheel"]["reaction"][1], rel=1e-6)
+    assert contact["pointwise_penetration"] < 0.01 and contact["certificate"]["penetration"] <= 5e-7

@@ -101,6 +101,21 @@ def test_half_plane_stiffness_is_the_square_root(x, sliding, dropped, scale):
     assert np.linalg.eigvalsh((P + P.T) / 2).min() > 0.0
 
 
+@pytest.mark.parametrize("start", [0, 5])
+def test_half_plane_stiffness_of_a_closed_chain(start):
+    """A ring has no ends: wherever its numbers begin, its stiffness is the same, that of its Fourier modes."""
+    m, radius = 24, 2.0
+    angle = 2 * np.pi * (np.arange(m) + start) / m
+    chord = 2 * radius * np.sin(np.pi / m)
+    ring = replace(interface(np.arange(m), range(m)), xy=radius * np.column_stack([np.cos(angle), np.sin(angle)]),
+                   area=np.full(m, chord), joined=np.ones(m - 1, bool), held=np.zeros(m),
+                   closings=np.array([[m - 1, 0]]))
+    P = columns(HalfPlaneStiffness(Space([ring])), 2 * m)[:m, :m]
+    assert np.roll(P, (1, 1), (0, 1)) == pytest.approx(P, rel=1e-10)
+    waves = np.hypot(2 * np.sin(np.pi * np.arange(m) / m) / chord, 1.5 / (m * chord))
+    assert np.fft.fft(P[0]).real == pytest.approx(0.5 * MODULUS * chord * waves, rel=1e-3)
+
+
 def test_half_plane_stiffness_of_one_node():
     """Its only neighbour, 0.5 m away, is clamped."""
     one = interface([0.0], [0], 1, area=np.array([0.25]), held=np.array([2.0]))

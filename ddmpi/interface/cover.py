@@ -1,0 +1,166 @@
+"""Which part of a side faces another one: rays from the one side, cut where corners of the other are met."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ddmpi.interface.matching import DEEPEST, FACING
+from ddmpi.interface.side import Side, cross
+
+POINTS = 5
+"""Gauss points on each piece of a side."""
+
+TOUCHING = 1e-9
+"""Parts of a side below this are rounding: they are no pieces."""
+
+BLOCK = 32
+"""Partners of a side's links are looked for among so many links at once."""
+
+
+@dataclass(frozen=True)
+class Cover:
+    """Points on one side, the slave, that face the other one, at which integrals are taken.
+
+    Attributes
+    ----------
+    link, at : (q,) the slave's link of each point, and where on it, the parameter from 0 to 1
+    other, there : (q,) the same of the point that it faces
+    weight : (q,) parts of the length along the slave's links (m)
+    direction : (q, 2) unit normal along which the other side is looked for
+    gap : (q,) distance along it of the boundaries that are meant (m)
+    """
+
+    link: np.ndarray
+    at: np.ndarray
+    other: np.ndarray
+    there: np.ndarray
+    weight: np.ndarray
+    direction: np.ndarray
+    gap: np.ndarray
+
+
+def cover(slave: Side, master: Side) -> Cover:
+    """The part of the slave that faces the master, along its averaged normals. Not collective.
+
+    Pieces, rays and gaps are found on chords; a point of a curved link stands upright on its chord, and faces what its
+    ray meets. A piece of the slave faces what is nearest of the other side with a normal against its own. What lies
+    behind the slave counts as an overlap up to DEEPEST of the thinner body's depth; ahead, any distance counts.
+    """
+    own, corners, fans = (slave.xy[slave.links[:, :2]], master.xy[master.links[:, :2]], slave.fans)
+    outward, length = slave.outward, np.linalg.norm(slave.along, axis=1)
+    link, one = _swept(corners, own, fans)
+    facing = np.einsum("pi,pi->p", outward[link], master.outward[one]) < FACING
+    link, one = link[facing], one[facing]
+    on, low, high = _pieces(link, corners[one], own, fans)
+    middle = (low + high) / 2
+    piece, pair = _together(on, link)
+    there, distance, _ = _meet(own, fans, on[piece], middle[piece], corners[one[pair]])
+    deepest = -DEEPEST * np.minimum(np.abs(outward) @ slave.extent, np.abs(outward) @ master.extent)[on[piece]]
+    met = (there >= -TOUCHING) & (there <= 1.0 + TOUCHING) & (distance >= deepest)
+    piece, pair, distance = piece[met], pair[met], np.abs(distance[met])
+    order = np.lexsort((distance, piece))  # the nearest of each piece comes first
+    nearest = order[np.flatnonzero(np.diff(piece[order], prepend=-1))]
+    piece, one, distance = piece[nearest], one[pair[nearest]], distance[nearest]
+    seen = ~_hidden(own, fans, on[piece], middle[piece], distance)
+    piece, one = piece[seen], np.repeat(one[seen], POINTS)
+    link, low, size = on[piece], low[piece], (high - low)[piece]
+    points, weights = np.polynomial.legendre.leggauss(POINTS)
+    at = (low[:, None] + size[:, None] * (1.0 + points) / 2).ravel()
+    weight = ((length[link] * size)[:, None] * weights / 2).ravel()
+    link = np.repeat(link, POINTS)
+    there, distance, ray = _meet(own, fans, link, at, corners[one])
+    gap = distance - slave.bulge(link, at, ray) - master.bulge(one, np.clip(there, 0.0, 1.0), -ray)
+    height, ratio = slave.off_chords(link, at)
+    there = np.clip(there + height * cross(outward[link], ray) / cross(master.along[one], ray), 0.0, 1.0)
+    return Cover(link, slave.parameters(link, at, outward[link]), one, master.parameters(one, there, ray),
+                 weight * ratio, ray, gap)
+
+
+def _swept(segments: np.ndarray, links: np.ndarray, fans: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The pairs of a link (·, 2, 2) and a segment (·, 2, 2) whose line rays from the link can meet, link by link.
+
+    Rays have the directions `fans` (·, 2, 2) at the ends of a link. Boxes around BLOCK segments are looked at first.
+    """
+    if len(segments) > BLOCK:
+        first = np.arange(0, len(segments), BLOCK)
+        low, high = np.minimum.reduceat(segments.min(axis=1), first), np.maximum.reduceat(segments.max(axis=1), first)
+        boxes = np.stack([low, np.column_stack([low[:, 0], high[:, 1]]), np.column_stack([high[:, 0], low[:, 1]]),
+                          high], axis=1)
+        link, box = np.nonzero(_crossed(boxes, links[:, None], fans[:, None]))
+        one = (BLOCK * box[:, None] + np.arange(BLOCK)).ravel()
+        link, one = np.repeat(link, BLOCK)[one < len(segments)], one[one < len(segments)]
+    else:
+        link, one = (each.ravel() for each in np.indices((len(links), len(segments))))
+    crossed = _crossed(segments[one], links[link], fans[link])
+    return link[crossed], one[crossed]
+
+
+def _crossed(points: np.ndarray, links: np.ndarray, fans: np.ndarray) -> np.ndarray:
+    """Whether points (…, c, 2) lie neither all to the left nor all to the right of the rays at both ends of links."""
+    beside = cross(fans[..., None, :], points[..., None, :, :] - links[..., None, :])
+    slack = TOUCHING * np.linalg.norm(links[..., 1, :] - links[..., 0, :], axis=-1)[..., None, None]
+    return ~((beside < -slack).all(axis=(-2, -1)) | (beside > slack).all(axis=(-2, -1)))
+
+
+def _meet(links: np.ndarray, fans: np.ndarray, link: np.ndarray, at: np.ndarray,
+          segments: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where rays from places `at` (q,) on links meet the lines of segments (q, 2, 2), how far away, and the rays."""
+    ray = unit(fans[link, 0] + at[:, None] * (fans[link, 1] - fans[link, 0]))
+    away = segments[:, 0] - (links[link, 0] + at[:, None] * (links[link, 1] - links[link, 0]))
+    across = segments[:, 1] - segments[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        there = -cross(away, ray) / cross(across, ray)
+        return there, np.einsum("qi,qi->q", away + there[:, None] * across, ray), ray
+
+
+def _hidden(links: np.ndarray, fans: np.ndarray, link: np.ndarray, at: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """Whether rays from places `at` (q,) on links meet another link within the distances (q,)."""
+    some = np.unique(link)
+    source, other = _swept(links, links[some], fans[some])
+    source = some[source]
+    source, other = source[source != other], other[source != other]
+    point, pair = _together(link, source)
+    there, t, _ = _meet(links, fans, link[point], at[point], links[other[pair]])
+    slack = TOUCHING * np.linalg.norm(links[:, 1] - links[:, 0], axis=1)[link[point]]
+    behind = (there > 0.0) & (there < 1.0) & (t > slack) & (t < distance[point])
+    return np.bincount(point, behind, len(link)) > 0
+
+
+def _together(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """All pairs of places of equal numbers in `one` (q,) and the sorted `other` (p,), in the order of `one`."""
+    first, last = np.searchsorted(other, one), np.searchsorted(other, one, "right")
+    place = np.repeat(np.arange(len(one)), last - first)
+    return place, np.arange(len(place)) - np.repeat(np.cumsum(last - first) - last, last - first)
+
+
+def _pieces(link: np.ndarray, segments: np.ndarray, links: np.ndarray,
+            fans: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The pieces of links between the places where their rays hit ends of segments (p, 2, 2): link, from, to, (q,).
+
+    The segments stand beside their links (p,), which are sorted.
+    """
+    each, rays = links[link], fans[link]
+    fan, turn, along = rays[:, :1], rays[:, 1:] - rays[:, :1], each[:, 1:] - each[:, :1]
+    points = segments - each[:, :1]
+    a = np.broadcast_to(-cross(along, turn), points.shape[:2])
+    b, c = cross(points, turn) - cross(along, fan), cross(points, fan)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        q = -(b + np.where(b < 0.0, -1.0, 1.0) * np.sqrt(b * b - 4.0 * a * c)) / 2.0
+        roots = np.column_stack([c / q, q / a])
+    inside = (roots > TOUCHING) & (roots < 1.0 - TOUCHING)
+    ends = np.unique(link)
+    on = np.concatenate([np.repeat(link, roots.shape[1])[inside.ravel()], ends, ends])
+    cuts = np.concatenate([roots[inside], np.zeros(len(ends)), np.ones(len(ends))])
+    order = np.lexsort((cuts, on))
+    on, cuts = on[order], cuts[order]
+    apart = np.append(True, (np.diff(cuts) > TOUCHING) | (np.diff(on) != 0)) if len(on) else np.empty(0, bool)
+    on, cuts = on[apart], cuts[apart]
+    inner = np.flatnonzero(np.diff(on) == 0)
+    return on[inner], cuts[inner], cuts[inner + 1]
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    size = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return vectors / np.where(size > 0.0, size, 1.0)

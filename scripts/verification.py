@@ -1,0 +1,209 @@
+#!/usr/bin/env bash
+"exec" "bash" "-c" '. "${0%/*}/setup.sh"; exec "$PYTHON" "$0" "$@"' "$0" "$@"  # to Python, a string
+
+__doc__ = """Contacts verified: closed forms, published benchmarks and fine solutions, on three meshes and both orders.
+
+Writes verification.md and its figures to the folder --output and, once all problems are solved, to docs/. The problems
+stand in flat_problems.py and curved_problems.py; tests run them on their coarsest meshes. Ends with exit code 1 if a
+value is farther from the exact one than its problem allows. One rank; 5 minutes.
+"""
+
+import logging
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import curved_problems
+import flat_problems
+import numpy as np
+import problem
+from experiment import arguments, publish, save_figures, table
+from problem import Found, Order, Problem, Value
+
+from ddmpi.mesh.boundary import outline
+from ddmpi.mesh.mesh import Mesh
+
+PAGE, FIGURES = "verification.md", "verification"
+PROBLEMS = {name: each for module in (flat_problems, curved_problems) for name, each in problem.PROBLEMS.items()
+            if each.measure.__module__ == module.__name__}
+"""By name, in the order of the page."""
+
+Runs = dict[tuple[str, int, Order], Found]
+"""What was found, by problem, mesh and order."""
+
+
+# The table of aims
+
+def largest(runs: Runs, name: str, *words: str, meshes: int | None = None,
+            order: Order | None = None) -> float | None:
+    """The largest error of the values of a problem with all these words; None where there are none."""
+    errors = [abs(value.error) for (of, n, kind), found in runs.items() for key, value in found.values.items()
+              if of == name and meshes in (None, n) and order in (None, kind)
+              and all(word in key for word in words)]
+    return max(errors) if errors else None
+
+
+def aims(runs: Runs) -> Iterator[tuple[str, float, float | None]]:
+    """What is aimed at, the aim, and what is seen."""
+    for name in ("patch", "el-abbasi-bathe", "cgs-1"):
+        yield f"{PROBLEMS[name].title}, every variant, worst node", 1e-8, largest(runs, name)
+    for order in (1, 2):
+        for what in ("p₀", "a (mm)"):
+            yield (f"Hertz, order {order}, 8 nodes on a: {what.split()[0]}", 0.01,
+                   largest(runs, "hertz", what, meshes=8, order=order))
+    yield "Hertz, order 2, 16 nodes on a: pressure in L2", 0.01, largest(runs, "hertz", "nodes", meshes=16, order=2)
+    for order, measured, given in ((1, 3e-3, 3e-3), ("2 straight", 5e-4, 5e-4), (2, 5e-5, 1e-5)):
+        if order == 2 and not curved(runs):
+            continue
+        for words, aim in (("gap measured", measured), ("gap given", given)):
+            yield (f"Rings 4 : 5, N = 48, {described(order)}, {words}: side means", aim,
+                   largest(runs, "rings", "side means", words, meshes=48, order=order))
+    yield "Fine and stiff against coarse and soft, slave chosen", 0.15, largest(runs, "contrast", "chosen")
+    for what in ("steps", "n_A"):
+        more = [found.values[f"all: {what}"].error for (name, *_), found in runs.items() if name == "work"]
+        yield f"{what} more on meshes that do not match, four scenes together", 0.2, max(more, default=None)
+
+
+def curved(runs: Runs) -> bool:
+    """Whether quadratic elements follow their circles."""
+    ring = next((found.answer.bodies["hub"] for (name, _, order), found in runs.items()
+                 if name == "rings" and order == 2), None)
+    if ring is None:
+        return False
+    inner = np.hypot(*ring.points.T)
+    return bool(inner.min() > 1.0 - 1e-9)  # the middles of chords lie inside the circle
+
+
+def described(order: Order) -> str:
+    return {"2 straight": "order 2, straight sides"}.get(str(order), f"order {order}")
+
+
+# The page
+
+def cell(value: Value | None) -> str:
+    if value is None:
+        return "–"
+    mark = "" if value.met else " **!**"
+    if value.exact == 0.0:
+        return f"{value.computed:.1e}{mark}"
+    return f"{number(value.computed)} ({percent(value.error)}){mark}"
+
+
+def number(value: float) -> str:
+    return f"{value:.5g}" if 1e-3 <= abs(value) < 1e5 or value == 0.0 else f"{value:.4e}"
+
+
+def percent(error: float) -> str:
+    if abs(error) < 1e-6:
+        return "exact"
+    return f"{100 * error:+.2f} %" if abs(error) >= 1e-4 else f"{100 * error:+.1e} %"
+
+
+def section(its: Problem, runs: Runs) -> list[str]:
+    columns = [(order, n) for order in its.orders for n in its.meshes if (its.name, n, order) in runs]
+    names = dict.fromkeys(name for order, n in columns for name in runs[its.name, n, order].values)
+    rows = []
+    for name in names:
+        values = [runs[its.name, n, order].values.get(name) for order, n in columns]
+        exact = next(value.exact for value in values if value)
+        same = all(value is None or value.exact == exact for value in values)
+        rows.append([name, number(exact) if same else "varies", *map(cell, values)])
+    return [f"## {its.title}", "", f"**Shows.** {its.shows}", "", f"**Scene.** {its.scene}", "",
+            f"**Exact.** {its.source}", "", f"Meshes: {its.unit}.", "",
+            *table(["", "exact", *(f"{described(order)}: {n}" for order, n in columns)], rows),
+            f"![{its.title}](figures/{FIGURES}_{its.name}.png)", ""]
+
+
+def page(runs: Runs, seconds: float) -> str:
+    done = [each for each in PROBLEMS.values() if any(name == each.name for name, *_ in runs)]
+    lines = ["# Verification", "", "Generated by `scripts/verification.py`.", "",
+             "Contacts with known answers, on meshes whose nodes do not match. Each problem is solved "
+             "on three meshes with linear and quadratic elements; in brackets what a value differs by from the "
+             "exact one. Where the exact value is 0, the value is an error itself. `tests/judge/test_verification.py` "
+             "runs the coarsest meshes.", ""]
+    rows = [[what, f"≤ {aim:g}", f"{seen:.1e}", "yes" if seen <= aim else "**no**"]
+            for what, aim, seen in aims(runs) if seen is not None]
+    lines += ["## Aims", "", *table(["what", "aim", "seen", "met"], rows)]
+    if any(name == "rings" for name, *_ in runs) and not curved(runs):
+        lines += ["Quadratic elements of rings have straight sides at present, so that both kinds of order 2 "
+                  "agree.", ""]
+    if any(name == "work" for name, *_ in runs):
+        lines += ["Negative work is work that is saved.", ""]
+    for each in done:
+        lines += section(each, runs)
+    return "\n".join([*lines, f"All of it took {seconds / 60:.0f} minutes.", ""])
+
+
+# Pictures
+
+def picture(its: Problem, runs: Runs) -> Callable:
+    """The bodies on the coarsest mesh with von Mises stress, and the contact on all meshes of the highest order."""
+    def draw():
+        import matplotlib.pyplot as plt
+
+        order = its.orders[-1]
+        n = next(n for n in its.meshes if (its.name, n, order) in runs)
+        figure, (left, right) = plt.subplots(1, 2, figsize=(8.4, 3.2), width_ratios=(1.0, 1.25))
+        bodies = runs[its.name, n, order].answer.bodies
+        top = max(np.percentile(each.von_mises, 99.5) for each in bodies.values())
+        for each in bodies.values():
+            corners = each.triangles[:, :3]
+            left.tripcolor(*each.points.T, corners, each.von_mises, vmin=0.0, vmax=top, cmap="viridis")
+            if len(corners) < 3000:
+                left.triplot(*each.points.T, corners, color="white", linewidth=0.3, alpha=0.6)
+            around = each.points[outline(Mesh(each.points, each.triangles, {}))]
+            left.plot(*around.transpose(2, 1, 0), color="black", linewidth=0.7)
+        if its.view:
+            left.set(xlim=its.view[:2], ylim=its.view[2:])
+        left.set_aspect("equal")
+        left.grid(False)
+        left.set_title("von Mises stress", fontsize=9)
+        shown = [(each, runs[its.name, each, order].curve) for each in its.meshes
+                 if (its.name, each, order) in runs]
+        for (each, curve), colour in zip(shown, ("#c8501e", "#1b4f8f", "#4d9a4d"), strict=False):
+            right.plot(curve.x, curve.computed, ".", color=colour, markersize=5 - 1.2 * its.meshes.index(each),
+                       label=f"{each}")
+        curve = shown[-1][1]
+        if len(curve.exact):
+            right.plot(curve.exact_x, curve.exact, color="black", linewidth=0.8, label=curve.known, zorder=0)
+            if np.ptp(curve.exact) < 1e-6 * abs(curve.exact).max():
+                deviation = max(np.abs(c.computed - curve.exact[0]).max() for _, c in shown)
+                half = max(1.5 * deviation, 1e-2 * abs(curve.exact[0]))
+                right.set_ylim(curve.exact[0] - half, curve.exact[0] + half)
+        right.set(xlabel=curve.xlabel, ylabel=curve.ylabel)
+        right.legend(title=described(order), fontsize=8, title_fontsize=8)
+        return figure
+    return draw
+
+
+def main() -> None:
+    parser = arguments(__doc__, "verification")
+    parser.add_argument("--only", nargs="+", choices=PROBLEMS, default=list(PROBLEMS), metavar="NAME",
+                        help=f"of the problems {', '.join(PROBLEMS)}")
+    parser.add_argument("--coarse", action="store_true", help="the coarsest meshes only; nothing goes to docs/")
+    options = parser.parse_args()
+    logging.getLogger("ddmpi").setLevel(logging.ERROR)  # what is small enough to warn of is meant here
+    runs: Runs = {}
+    wrong, start = [], time.perf_counter()
+    for name in options.only:
+        its, begun = PROBLEMS[name], time.perf_counter()
+        for n in its.meshes[:1 if options.coarse else None]:
+            for order in its.orders:
+                with tempfile.TemporaryDirectory() as folder:
+                    found = runs[name, n, order] = its.measure(n, order, Path(folder))
+                wrong += [f"{name}, n = {n}, {described(order)}: {key} is {value.computed:g}, exact {value.exact:g}"
+                          for key, value in found.values.items() if not value.met]
+        print(f"{name}: {time.perf_counter() - begun:.0f} s", file=sys.stderr, flush=True)
+    complete = not options.coarse and set(options.only) == set(PROBLEMS)
+    options.output.mkdir(parents=True, exist_ok=True)
+    figures = {f"{FIGURES}_{name}": picture(PROBLEMS[name], runs) for name in options.only}
+    publish(PAGE, page(runs, time.perf_counter() - start), options.output, complete,
+            lambda folder: save_figures(folder, figures, dpi=84))
+    print("\n".join(wrong), end="\n" if wrong else "")
+    sys.exit(1 if wrong else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,36 @@
+"""The verification problems on their coarsest meshes."""
+
+import curved_problems
+import flat_problems
+import pytest
+from problem import PROBLEMS, Value
+
+ONCE = {"contrast", "work"}
+"""Problems of many runs, of which linear elements will do here."""
+
+RUNS = [(name, order) for name, each in PROBLEMS.items() for order in each.orders[:1 if name in ONCE else None]]
+
+
+@pytest.mark.parametrize(("name", "order"), RUNS)
+def test_problem(name, order, tmp_path):
+    """What is computed differs from what is exact by no more than its problem allows."""
+    problem = PROBLEMS[name]
+    found = problem.measure(problem.meshes[0], order, tmp_path)
+    wrong = {key: (value.computed, value.exact) for key, value in found.values.items() if not value.met}
+    assert found.values and not wrong
+    assert found.curve is not None and len(found.curve.x) == len(found.curve.computed) > 2
+
+
+def test_all_problems_are_there():
+    """Those of both modules, each under its name, on ascending meshes."""
+    assert {each.measure.__module__ for each in PROBLEMS.values()} == {flat_problems.__name__, curved_problems.__name__}
+    assert len(PROBLEMS) == 17
+    for name, each in PROBLEMS.items():
+        assert each.name == name and sorted(set(each.meshes)) == list(each.meshes)
+
+
+def test_a_value_is_met():
+    """Within what is allowed of the exact value, on either side unless less is welcome."""
+    assert Value(1.009, 1.0, 0.01).met and not Value(1.011, 1.0, 0.01).met and not Value(0.98, 1.0, 0.01).met
+    assert Value(0.5, 1.0, 0.01, less_is_welcome=True).met and not Value(1.02, 1.0, 0.01, less_is_welcome=True).met
+    assert Value(1e-9, 0.0, 1e-8).met and not Value(float("nan"), 0.0, 1e-8).met
