@@ -33,9 +33,9 @@ def read_mesh(path: Path, body: str, order: Literal[1, 2] = 1) -> Mesh:
     """Read triangles and boundary lines with physical groups from a mesh file, as a mesh of the `order`.
 
     In order 2 the sides of second-order elements are curved as they are in the file; in order 1 only corners are kept.
-    Sides of first-order elements are straight. In formats without names of
-    groups (MSH 1.0) a group is called by its number. Not collective. Raises InputError for a file that neither
-    meshio nor gmsh can read, that has other elements or no named boundary groups, or that is degenerate.
+    Sides of first-order elements are straight. In formats without names of groups (MSH 1.0) a group is called by its
+    number. Not collective. Raises InputError for a file that neither meshio nor gmsh can read, that has other elements
+    or no named boundary groups, or that is degenerate.
     """
     label = f"body.{body}.mesh.file: {path}"
     raw = _load(path, label)
