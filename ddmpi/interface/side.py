@@ -20,6 +20,9 @@ STRAIGHT = 1e-9
 FLAT = 1e-3
 """So are turns below this part of that at the other end of an element's side."""
 
+STEEPEST = 0.24
+"""Lines that meet a curved link count as no nearer to its direction at an end than this; at 1/4 they touch it there."""
+
 
 @dataclass(frozen=True)
 class Side:
@@ -179,7 +182,7 @@ class Side:
         The link is x(t) = chord(t) + 4 t (1 − t) bend; so t + 4 t (1 − t) δ = `at`, δ = bend × line / chord × line.
         """
         bent, along = self.bends[links], self.along[links]
-        delta = cross(bent, direction) / cross(along, direction)
+        delta = np.clip(cross(bent, direction) / cross(along, direction), -STEEPEST, STEEPEST)
         return 2.0 * at / (1.0 + 4.0 * delta + np.sqrt((1.0 + 4.0 * delta) ** 2 - 16.0 * delta * at))
 
     def off_chords(self, links: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -125,3 +125,12 @@ def test_single_curved_side_has_its_own_slopes():
     assert boundary.bulge(here, np.array([0.5]), up) == pytest.approx(0.05, rel=0.02)
     assert boundary.rises(here, up) == pytest.approx(0.0, abs=1e-3)
     assert side(raise_order(rectangle((1, 1), (1.0, 1.0)), "mesh"), "top").slopes.tolist() == [[0.0, 0.0]]
+
+
+def test_lines_along_a_strongly_bent_side_meet_it_somewhere():
+    """Lines nearly in the direction of a side have parameters, too: numbers between its ends."""
+    boundary = uneven_side()
+    at = np.array([0.0, 0.5, 1.0])
+    for angle in np.linspace(0.02, 3.12, 40):
+        t = boundary.parameters(np.zeros(3, int), at, np.tile([np.cos(angle), np.sin(angle)], (3, 1)))
+        assert np.isfinite(t).all() and (t >= 0.0).all() and (t <= 1.0 + 1e-12).all()
