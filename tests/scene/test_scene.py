@@ -632,7 +632,7 @@ def test_profile_along_the_arc():
     assert profile.at(xy) == pytest.approx([0.0, 0.5, 0.6])
 
 
-SHIPPED = sorted(path.name for path in (ROOT / "configs").glob("*.toml"))
+SHIPPED = sorted(str(path.relative_to(ROOT / "configs")) for path in (ROOT / "configs").rglob("*.toml"))
 
 
 def test_scenes_are_shipped():
