@@ -53,7 +53,10 @@ def aims(runs: Runs) -> Iterator[tuple[str, float, float | None]]:
         for what in ("p₀", "a (mm)"):
             yield (f"Hertz, order {order}, 8 nodes on a: {what.split()[0]}", 0.01,
                    largest(runs, "hertz", what, meshes=8, order=order))
-    yield "Hertz, order 2, 16 nodes on a: pressure in L2", 0.01, largest(runs, "hertz", "nodes", meshes=16, order=2)
+    for words in ("side means", "nodes"):
+        found = runs.get(("hertz", 16, 2))
+        yield (f"Hertz, order 2, 16 nodes on a: pressure in L2, {words}", 0.01,
+               found.values[f"pressure, {words}"].error if found else None)
     for order, measured, given in ((1, 3e-3, 3e-3), ("2 straight", 5e-4, 5e-4), (2, 5e-5, 1e-5)):
         if order == 2 and not curved(runs):
             continue
