@@ -74,7 +74,7 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
         doubts[interface.name] = slid + (_lost_in_rounding(state, largest) if carries else [])
     by_contact = merged(world, doubts)
     found += [warning for name in contacts for warning in by_contact[name]]
-    return found + _run_through(assembly, displacements) + _run_through_rigid(assembly, displacements)
+    return found + _run_through(assembly, displacements) + _run_through_rigid(assembly, displacements, contacts)
 
 
 def _large_motion(body: Body, u: np.ndarray) -> list[str]:
@@ -132,7 +132,8 @@ def _run_through(assembly: Assembly, displacements: Mapping[str, np.ndarray]) ->
     return [warning for _, warnings in sorted(merged(world, found).items()) for warning in warnings]
 
 
-def _run_through_rigid(assembly: Assembly, displacements: Mapping[str, np.ndarray]) -> list[str]:
+def _run_through_rigid(assembly: Assembly, displacements: Mapping[str, np.ndarray],
+                       contacts: Mapping[str, ContactState]) -> list[str]:
     """Warnings where a body runs through a rigid partner beside its contact with it, the same on all ranks.
 
     A bore is left out: what is seen of it may be a piece of a socket, and the body may go on outside. Collective.
@@ -141,7 +142,7 @@ def _run_through_rigid(assembly: Assembly, displacements: Mapping[str, np.ndarra
     found: dict[str, list[str]] = {}
     for body in assembly.bodies:
         for name in solid.keys() & {interface.bodies[1] for interface in body.member.interfaces}:
-            touching = [interface for interface in body.member.interfaces if interface.bodies[1] == name]
+            touching = [contacts[each.name].interface for each in body.member.interfaces if each.bodies[1] == name]
             found[touching[0].name] = _beside(body, displacements[body.spec.name], touching, solid[name])
     everyone = merged(assembly.world, found)
     return [warning for contact in assembly.scene.contact for warning in everyone.get(contact.name, [])]
@@ -153,7 +154,8 @@ def _beside(body: Body, u: np.ndarray, interfaces: Sequence[Interface], rigid: R
     kept = np.isin(segments, np.concatenate([part for each in interfaces for part in (each.nodes[0],
                                                                                      each.fixed.nodes[0])]))
     segments, kept = segments[~kept.all(axis=1)], kept[~kept.all(axis=1)]
-    ends = (body.mesh.points + u - np.array(rigid.displacement))[segments]
+    U = interfaces[0].displacement
+    ends = (body.mesh.points + u - U)[segments]
     if isinstance(rigid, Plane):
         normal = np.array(rigid.normal) / np.linalg.norm(rigid.normal)
         places = ends[~kept]
@@ -168,7 +170,7 @@ def _beside(body: Body, u: np.ndarray, interfaces: Sequence[Interface], rigid: R
     least = overlap + BESIDE * body.mesh.extent + RESOLVED * float(np.abs(u).max())
     if not depth.size or not depth.max() > least:
         return []
-    x, y = places[np.argmax(depth)] + np.array(rigid.displacement)
+    x, y = places[np.argmax(depth)] + U
     return [f"contact.{interfaces[0].name}: beside the contact {body.spec.name} runs through {rigid.name} by "
             f"{depth.max():.3g}, as at ({x:.4g}, {y:.4g}); name the whole boundary that may touch in `on`"
             + ("; a plane has no end" if isinstance(rigid, Plane) else "")]

@@ -157,11 +157,15 @@ class Material(Table, frozen=True, kw_only=True):
 
 
 class Clamp(Table, frozen=True, kw_only=True):
-    """Prescribed displacement (m) on a boundary group; a component that is left out stays free."""
+    """Prescribed displacement (m) on a boundary group; a component that is left out stays free.
+
+    Where there is a ``history``, it is times the factor of that name in ``[history]``; so are loads.
+    """
 
     on: Group
     x: Number | AffineScalar | None = None
     y: Number | AffineScalar | None = None
+    history: Name | None = None
 
     def __post_init__(self) -> None:
         if self.x is None and self.y is None:
@@ -173,6 +177,22 @@ class Traction(Table, frozen=True, kw_only=True):
 
     on: Group
     value: Point | AffineVector
+    history: Name | None = None
+
+
+class VolumeForce(AffineVector, frozen=True, kw_only=True):
+    """Force per volume (N/m³), either linear in the coordinates or a ``value``, which may follow a ``history``."""
+
+    value: Point | AffineVector | None = None
+    history: Name | None = None
+
+    def __post_init__(self) -> None:
+        affine = (self.constant, self.x_slope, self.y_slope) != ((0.0, 0.0),) * 3
+        if self.value is not None and affine:
+            raise ValueError("value does not go with constant, x_slope and y_slope; write them into it, as in value = "
+                             "{ constant = …, x_slope = … }")
+        if self.value is None and self.history is not None:
+            raise ValueError('a volume force with a history has a value: write { value = […], history = "…" }')
 
 
 class BodySpec(Table, frozen=True, kw_only=True):
@@ -183,12 +203,26 @@ class BodySpec(Table, frozen=True, kw_only=True):
     material: Material
     clamp: list[Group | Clamp] = []
     traction: list[Traction] = []
-    volume_force: Point | AffineVector = (0.0, 0.0)
+    volume_force: Point | VolumeForce = (0.0, 0.0)
 
     @property
     def clamps(self) -> list[Clamp]:
         """All clamps in the long form; a bare group name fixes both components."""
         return [Clamp(on=c, x=0.0, y=0.0) if isinstance(c, str) else c for c in self.clamp]
+
+    @property
+    def weight(self) -> tuple[Point | AffineVector, str | None]:
+        """The volume force (N/m³), and the history that it follows."""
+        force = self.volume_force
+        if isinstance(force, VolumeForce) and force.value is not None:
+            return force.value, force.history
+        return force, None
+
+    @property
+    def histories(self) -> list[str]:
+        """Names of the histories that its loads and clamps follow, each once."""
+        named = [*(clamp.history for clamp in self.clamps), *(load.history for load in self.traction), self.weight[1]]
+        return list(dict.fromkeys(name for name in named if name is not None))
 
     def settled(self, order: Literal[1, 2]) -> SettledBody:
         """This body with elements of `order`."""

@@ -429,7 +429,9 @@ def test_elements_have_the_order_of_the_files():
 OPTIONAL = {
     "SettledMesh": {"shape", "size", "corners", "center", "radii", "angles", "divisions", "file"},  # a shape or a file
     "SettledContact": {"gap", "pairing", "slave"},  # measured, chosen
-    "Clamp": {"x", "y"},  # free
+    "Clamp": {"x", "y", "history"},  # free; constant in time
+    "Traction": {"history"}, "VolumeForce": {"value", "history"}, "Plane": {"history"}, "Circle": {"history"},
+    "Settled": {"time"}, "SettledTime": {"steps", "tolerance"},  # one load step; the one or the other
     "Output": {"magnification"},  # chosen by the picture
     "SettledMethod": {"algorithm", "splitting", "theta", "target_error", "preset", "compliance"},
     "Published": {"target_error", "preset", "compliance"},
