@@ -122,7 +122,8 @@ class March:
         assert scene.time is not None
         self._legs, self._steps, self._tolerance = scene.legs, scene.time.steps, scene.time.tolerance or math.inf
         self._safe: bool | None = None
-        self._largest, self._cuts, self._resumed = 0.0, 0, False
+        self._largest = np.zeros(2)  # forces and slip bounds so far (N)
+        self._cuts, self._resumed = 0, False
         self._held: tuple[np.ndarray, bool] | None = None
         self._prepare(self._legs)
         self._now = _Mark.first(assembly)
@@ -283,18 +284,21 @@ class March:
     def _refine(self) -> bool:
         """Whether to solve the leg, which has come to its end, once more in twice as many steps."""
         space, s = self.assembly.space, self._now.s
-        self._largest = max(self._largest, space.norm(s))
-        if self._steps or not space.any(np.array([len(each.sliding) for each in space.interfaces])):
+        if self._steps or not space.any(np.array([len(each.sliding) for each in space.interfaces
+                                                  if each.law.name != "bonded"])):
             return False  # without friction there is no memory
-        if self._coarse is not None and self._largest:
-            change = space.norm(s - self._coarse) / self._largest
+        size = space.norm(s)
+        bound = space.norm(np.minimum(space.laws.bound_at(s), size))
+        self._largest = np.maximum(self._largest, [size, min(bound, size)])
+        if self._coarse is not None and self._largest.all():
+            change = self._change(s - self._coarse)
             faster = self._changed / change - 1.0 if change else math.inf  # the error left is about change / faster
             before, self._changed = self._changed, change
             log.info("leg to time %g: %d steps change the forces by %.2g", self._legs[self._leg], self._number, change)
             if change <= self._tolerance * (1.0 if math.isnan(before) else min(max(faster, CERTAIN), 1.0)):
                 return False
-        if 2 * self._number > MOST or not self._largest:
-            if self._largest:
+        if 2 * self._number > MOST or not self._largest.all():
+            if self._largest.all():
                 log.warning("the leg to time %g misses time.tolerance in %d steps: they change the forces by %.2g",
                             self._legs[self._leg], self._number, self._changed)
             return False
@@ -303,6 +307,14 @@ class March:
         self.log.shorten(self._noted)
         self._ahead = self._times(length)
         return True
+
+    def _change(self, change: np.ndarray) -> float:
+        """The size of a `change` (size,) of forces: over all forces, and of tangential ones over slip bounds."""
+        space = self.assembly.space
+        tangential = change.copy()
+        for interface, part in space.each():
+            tangential[part][:interface.m] = 0.0
+        return float((space.norms([change, tangential]) / self._largest).max())
 
     def _keep(self) -> None:
         """Make the state that checkpoints write until the next step is over."""
@@ -319,7 +331,7 @@ class March:
         """Go on within the step that `state` is of."""
         self._now, self._base = (_Mark(**state[name]) for name in ("now", "base"))
         self._leg, self._number, self._cuts = int(state["leg"]), int(state["number"]), int(state["cuts"])
-        self._start, self._changed, self._largest = (float(state[name]) for name in ("start", "changed", "largest"))
+        self._start, self._changed, self._largest = float(state["start"]), float(state["changed"]), state["largest"]
         self._ahead, self._coarse = np.asarray(state["ahead"]).tolist(), state["coarse"]
         self.iterations, self._noted, self._safe = int(state["iterations"]), state["noted"], None
         self.log.restore(state["log"])
