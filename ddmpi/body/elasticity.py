@@ -7,7 +7,8 @@ its own diagonal entry, so that the block size of A is two everywhere, as GAMG n
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from petsc4py import PETSc
@@ -25,8 +26,34 @@ PRESCRIBED_SHARE = 1e-3
 
 
 @dataclass(frozen=True)
+class LoadCase:
+    """The loads and prescribed displacements of a body that follow one history, at its factor 1.
+
+    Attributes
+    ----------
+    f : (nv, 2) nodal loads of tractions and volume force (N)
+    prescribed : (nv, 2) displacements of clamped dofs (m), zero elsewhere
+    taken : (nv, 2) the forces K u of the prescribed displacements alone (N); None where these are zero
+    b : (2k,) what stands on the right of the system (N)
+    """
+
+    f: np.ndarray
+    prescribed: np.ndarray
+    taken: np.ndarray | None
+    b: np.ndarray
+
+    @property
+    def size(self) -> float:
+        """Sum of the absolute nodal loads (N), as for `Elasticity.load`."""
+        taken = 0.0 if self.taken is None else PRESCRIBED_SHARE * float(np.abs(self.taken).sum())
+        return max(float(np.abs(self.f).sum()), taken)
+
+
+@dataclass(frozen=True)
 class Elasticity:
     """The discrete problem of one body, ``A u = b`` on its dofs that are not eliminated.
+
+    Its loads and prescribed displacements are those at present; `under` gives them at another time.
 
     Attributes
     ----------
@@ -36,12 +63,12 @@ class Elasticity:
     n : number of free dofs: 2k less the clamped components of nodes that stay
     nodes : (k,) the mesh nodes that A acts on
     free : (nv, 2) bool, dofs that are not prescribed
-    prescribed : (nv, 2) displacement (m) of the prescribed dofs, zero elsewhere
+    acting : the load case at present
     motions : (nv, 2, j) the rigid motions that clamps leave free, see `body_motions`; zero at prescribed dofs
     load : sum of the absolute nodal loads (N), tractions and volume forces; where displacements are
         prescribed, at least PRESCRIBED_SHARE of the forces that these take
-    resultant : (2,) sum of the loads (N), those on clamped nodes too
     warnings : loads that come to nothing, or are given twice
+    cases : what the loads and prescribed displacements consist of, by history
     """
 
     A: PETSc.Mat
@@ -49,11 +76,31 @@ class Elasticity:
     n: int
     nodes: np.ndarray
     free: np.ndarray
-    prescribed: np.ndarray
+    acting: LoadCase
     motions: np.ndarray
     load: float
-    resultant: np.ndarray
     warnings: list[str]
+    cases: Mapping[str | None, LoadCase]
+
+    @property
+    def prescribed(self) -> np.ndarray:
+        """(nv, 2) displacement (m) of the prescribed dofs, zero elsewhere."""
+        return self.acting.prescribed
+
+    @property
+    def resultant(self) -> np.ndarray:
+        """(2,) sum of the loads (N), those on clamped nodes too."""
+        return self.acting.f.sum(axis=0)
+
+    def under(self, factors: Mapping[str | None, float]) -> Elasticity:
+        """The same body under its load cases times `factors`. `load` stays what forces are compared with."""
+        case = _sum_cases([(factors[name], case) for name, case in self.cases.items()])
+        return replace(self, b=_vector(case.b, self.b.comm), acting=case)
+
+    def largest(self, factors: Sequence[Mapping[str | None, float]]) -> Elasticity:
+        """The same body with the largest `load` of its cases times any of `factors`."""
+        sums = [_sum_cases([(each[name], case) for name, case in self.cases.items()]) for each in factors]
+        return replace(self, load=max(case.size for case in sums))
 
     @property
     def held(self) -> bool:
@@ -74,30 +121,48 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     that is not connected to the rest.
     """
     K = sum_stiffness(mesh, material_of(mesh, body))
-    f = nodal_loads(mesh, body)
     free, prescribed = clamp_nodes(mesh, body)
     motions = body_motions(mesh, K, free, body.name)
     nodes = np.flatnonzero(free.any(axis=1))
     loose = free[nodes]
-    total, resultant = float(np.abs(f).sum()), f.sum(axis=0)
-    if prescribed.any():
-        forces = K.mult(prescribed)
-        f -= forces
-        total = max(total, PRESCRIBED_SHARE * float(np.abs(forces).sum()))
-    refuse_underflow(mesh, body, f, prescribed, float(K.diagonal.max()))
-    b = (f[nodes] * loose).ravel()
+    cases = {}
+    for history, moved in prescribed.items():
+        f = nodal_loads(mesh, body, history)
+        taken = K.mult(moved) if moved.any() else None
+        right = f if taken is None else f - taken
+        refuse_underflow(mesh, body, right, moved, float(K.diagonal.max()))
+        cases[history] = LoadCase(f, moved, taken, (right[nodes] * loose).ravel())
+    case = _sum_cases([(1.0, each) for each in cases.values()])
     indptr, indices, data = K.to_csr(free)
-    if not (np.isfinite(data).all() and np.isfinite(b).all() and K.diagonal[nodes][:, [0, 1], [0, 1]].min() > 0.0):
+    if not (np.isfinite(data).all() and np.isfinite(case.b).all() and K.diagonal[nodes][:, [0, 1], [0, 1]].min() > 0.0):
         raise InputError(f"body.{body.name}: material, loads and lengths give numbers out of the range of "
                          "double precision; choose other units")
 
     matrix = PETSc.Mat().createAIJWithArrays(
-        (len(b), len(b)), (indptr.astype(PETSc.IntType), indices.astype(PETSc.IntType, copy=False), data), bsize=2,
-        comm=comm)
+        (len(case.b), len(case.b)), (indptr.astype(PETSc.IntType), indices.astype(PETSc.IntType, copy=False), data),
+        bsize=2, comm=comm)
     matrix.setBlockSize(2)  # createAIJWithArrays ignores its bsize
     matrix.setOption(PETSc.Mat.Option.SYMMETRIC if motions.size else PETSc.Mat.Option.SPD, True)
     matrix.setNearNullSpace(near_null_space(mesh.points[nodes], loose, comm))
-    load = PETSc.Vec().createWithArray(b, bsize=2, comm=comm)
-    load.setBlockSize(2)
-    return Elasticity(matrix, load, int(loose.sum()), nodes, free, prescribed, motions, total, resultant,
-                      lost_loads(mesh, body, free))
+    return Elasticity(matrix, _vector(case.b, comm), int(loose.sum()), nodes, free, case, motions, case.size,
+                      lost_loads(mesh, body, free), cases)
+
+
+def _sum_cases(parts: Sequence[tuple[float, LoadCase]]) -> LoadCase:
+    """The sum of load cases, each times a factor."""
+    (factor, first), *more = parts
+    if not more and factor == 1.0:
+        return first
+    f, prescribed, b = factor * first.f, factor * first.prescribed, factor * first.b
+    taken = None if first.taken is None else factor * first.taken
+    for k, case in more:
+        f, prescribed, b = f + k * case.f, prescribed + k * case.prescribed, b + k * case.b
+        if case.taken is not None:
+            taken = k * case.taken if taken is None else taken + k * case.taken
+    return LoadCase(f, prescribed, taken, b)
+
+
+def _vector(b: np.ndarray, comm) -> PETSc.Vec:
+    vector = PETSc.Vec().createWithArray(b, bsize=2, comm=comm)
+    vector.setBlockSize(2)
+    return vector

@@ -13,7 +13,7 @@ from ddmpi.mesh.boundary import boundary_group, group_nodes, turn_outward
 from ddmpi.mesh.elements import FINE, LINE, bends, shapes_on_side, tangents
 from ddmpi.mesh.mesh import Mesh, signed_double_areas
 from ddmpi.scene.bodies import BodySpec, Traction
-from ddmpi.scene.values import evaluate, varies
+from ddmpi.scene.values import AffineVector, Vector, evaluate, varies
 
 SAME = 1e-9
 """Relative difference up to which two clamps prescribe the same displacement."""
@@ -25,20 +25,23 @@ SMALLEST = 1e-150
 """Squares of smaller numbers lose digits or vanish; norms are made of squares."""
 
 
-def nodal_loads(mesh: Mesh, body: BodySpec) -> np.ndarray:
-    """Nodal loads (nv, 2) in newtons of tractions, pressures and volume force.
+def nodal_loads(mesh: Mesh, body: BodySpec, history: str | None = None) -> np.ndarray:
+    """Nodal loads (nv, 2) in newtons of tractions, pressures and volume force that follow `history`, None for none.
 
     They are exact where these are affine on straight sides and triangles; formulas, and what acts on curved ones, are
     integrated by Gauss's rule. Raises InputError where a formula is not finite.
     """
     f = np.zeros_like(mesh.points)
     for traction in body.traction:
+        if traction.history != history:
+            continue
         key = f"body.{body.name}.traction"
         _values(traction.given, mesh.points[boundary_group(mesh, traction.on, key)], key)
         for sides, shares, stress in _stress(mesh, traction, key):
             np.add.at(f, sides, np.einsum("slq,csq->slc", shares, stress))
-    if body.volume_force != (0.0, 0.0):
-        _add_volume_force(mesh, body, f)
+    force, follows = body.weight
+    if follows == history and force != (0.0, 0.0):
+        _add_volume_force(mesh, force, f"body.{body.name}.volume_force", f)
     return f
 
 
@@ -70,9 +73,9 @@ def _stress(mesh: Mesh, traction: Traction, key: str) -> list[tuple[np.ndarray, 
     return found
 
 
-def _add_volume_force(mesh: Mesh, body: BodySpec, f: np.ndarray) -> None:
-    """Add the nodal loads of the volume force to f (nv, 2)."""
-    key, force, element = f"body.{body.name}.volume_force", body.volume_force, mesh.element
+def _add_volume_force(mesh: Mesh, force: Vector | AffineVector, key: str, f: np.ndarray) -> None:
+    """Add the nodal loads of a volume force (N/m³) to f (nv, 2)."""
+    element = mesh.element
     parts: list[slice] | list[np.ndarray] = mesh.curved_blocks()
     if varies(force):
         _values(force, mesh.points, key)
@@ -106,13 +109,17 @@ def _values(value: Any, points: np.ndarray, key: str) -> np.ndarray:
     return found
 
 
-def clamp_nodes(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, np.ndarray]:
+def clamp_nodes(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, dict[str | None, np.ndarray]]:
     """Which components are free (nv, 2) bool, and the displacements (nv, 2) in metres prescribed for the others.
+
+    The latter by the history that they follow, at its factor 1; None stands for those that follow none.
 
     Not collective. Raises InputError where two clamps prescribe different displacements of one component.
     """
     free = np.ones((len(mesh.points), 2), dtype=bool)
     prescribed = np.zeros((len(mesh.points), 2))
+    names = [None, *body.histories]
+    followed = np.zeros((len(mesh.points), 2), int)
     for clamp in body.clamps:
         key = f"body.{body.name}.clamp"
         nodes = group_nodes(mesh, clamp.on, key)
@@ -121,14 +128,18 @@ def clamp_nodes(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, np.ndarray]:
             if value is not None:
                 wanted, before = _values(value, mesh.points[nodes], key), prescribed[nodes, component]
                 size = np.maximum(np.abs(wanted), np.abs(before))
-                clash = np.flatnonzero(~free[nodes, component] & (np.abs(wanted - before) > SAME * size))
+                number = names.index(clamp.history)
+                otherwise = (np.abs(wanted - before) > SAME * size) | (
+                    (followed[nodes, component] != number) & (size > 0.0))
+                clash = np.flatnonzero(~free[nodes, component] & otherwise)
                 if len(clash):
                     k = clash[0]
                     raise InputError(f"{key}: {'xy'[component]} at ({x[k]:.6g}, {y[k]:.6g}) is "
-                                     f"prescribed twice, as {before[k]:.6g} and, on {clamp.on!r}, as {wanted[k]:.6g}")
+                                     f"prescribed twice, as {before[k]:.6g} and, on {clamp.on!r}, as {wanted[k]:.6g}"
+                                     + (", with another history" if wanted[k] == before[k] else ""))
                 free[nodes, component] = False
-                prescribed[nodes, component] = wanted
-    return free, prescribed
+                prescribed[nodes, component], followed[nodes, component] = wanted, number
+    return free, {name: np.where(followed == number, prescribed, 0.0) for number, name in enumerate(names)}
 
 
 def refuse_underflow(mesh: Mesh, body: BodySpec, f: np.ndarray, prescribed: np.ndarray, stiffest: float) -> None:
@@ -140,7 +151,7 @@ def refuse_underflow(mesh: Mesh, body: BodySpec, f: np.ndarray, prescribed: np.n
     stiffest : largest entry of the stiffness (N/m)
     """
     groups = [(each.given, mesh.points[boundary_group(mesh, each.on, "").ravel()]) for each in body.traction]
-    values = [evaluate(value, *points.T) for value, points in [*groups, (body.volume_force, mesh.points)]]
+    values = [evaluate(value, *points.T) for value, points in [*groups, (body.weight[0], mesh.points)]]
     sizes = [float(np.abs(value).max()) for value in (*values, f, prescribed)]
     small = [size for size in (*sizes, float(np.abs(f).max() / stiffest)) if 0.0 < size < SMALLEST]
     if small:

@@ -27,8 +27,8 @@ def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None
 
     scene = from_first(world, lambda: read_scene_file(options.scene, options.set, order_of_files(options.scene)))
     _init_petsc(world, scene.petsc, petsc)
+    from ddmpi.cli.verify import verify
     from ddmpi.run.run import run
-    from ddmpi.run.verify import verify
 
     interrupt.listen()
     if options.command == "verify":

@@ -79,6 +79,14 @@ class Assembly:
     m: int
     warnings: list[str]
 
+    def act(self, time: float) -> None:
+        """Let loads, clamps and rigid partners act as their histories have them at `time`. Not collective."""
+        factors = self.scene.factors(time)
+        self.space.act(factors)
+        for body in self.bodies:
+            body.member.act(factors)
+        self.joint.act(factors)
+
     @property
     def member(self) -> Member:
         """The only body of this rank, for methods that know but two bodies."""
@@ -152,12 +160,12 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     if team:
         with agreed(world):
             memory = team.do("room")
-    members = []
+    members, histories = [], [None, *scene.followed]
     with clock.phase("factor"), agreed(world):
         for spec in mine:
             bodies[spec.name] = _deal(team, bodies[spec.name], meshes[spec.name])
             ours = [interface for interface in interfaces if spec.name in interface.bodies]
-            members.append(Member(spec.name, bodies[spec.name], ours, scene.method.compliance, memory))
+            members.append(Member(spec.name, bodies[spec.name], ours, scene.method.compliance, memory, histories))
             interrupt.check()
     owned = {contact for contact, first, _ in exchange.ends if first == world.rank}
     if exchange.mirrored:
@@ -169,7 +177,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     numbers = [body.name for body in scene.body]
     return Assembly(world, scene, tuple(Body(numbers.index(spec.name), spec, meshes[spec.name], member)
                                         for spec, member in zip(mine, members, strict=True)),
-                    space, exchange, Joint(members, exchange, space),
+                    space, exchange, Joint(members, exchange, space, histories),
                     world.allreduce(sum(each.n for each in bodies.values())),
                     sum(merged(world, {interface.name: interface.m for interface in interfaces}).values()), told)
 
@@ -188,6 +196,9 @@ def _doubts(scene: Settled, by_body: Mapping[str, list[str]], by_contact: Mappin
               if body.name not in named),
             *(f"rigid.{rigid.name}: no contact names it; nothing touches it" for rigid in scene.rigid
               if rigid.name not in named),
+            *(f"history.{name}: nothing follows it" for name in scene.history if name not in scene.followed),
+            *("time: nothing follows a history; the loads are the same in all load steps"
+              for _ in [scene.time] if scene.time is not None and not scene.followed),
             *(warning for contact in scene.contact for warning in by_contact[contact.name])]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 
 import numpy as np
@@ -29,12 +29,13 @@ class Joint:
     ----------
     members : the bodies of this rank
     exchange, space : between the bodies, and the layout of the vectors
+    histories : that loads, clamps and rigid partners follow, None for those that follow none
 
     Attributes
     ----------
     size : length of the vectors on this rank
     bodies : number of bodies of all ranks
-    d : (size,) how far the bodies would overlap without contact forces (m)
+    d : (size,) how far the bodies would overlap without contact forces (m), tangentially from where slip begins
     rigid : the rigid motions of loose bodies, Gᵀ = rigid.Z; of size 0 where clamps hold all bodies
     slices : of them by body, also of the bodies that have none
     e : (rigid.size,) the loads along them (N)
@@ -42,15 +43,28 @@ class Joint:
     neglected : forces (N) that do not matter in a product that is kept
     """
 
-    def __init__(self, members: Sequence[Member], exchange: Exchange, space: Space) -> None:
+    def __init__(self, members: Sequence[Member], exchange: Exchange, space: Space,
+                 histories: Sequence[str | None] = (None,)) -> None:
         self.members, self.space, self.size = tuple(members), space, space.size
         self.neglected = 0.0
         self._exchange = exchange
         self.shared = exchange.total([member.shared for member in members], "shared nodes") > 0.0
-        self.d = exchange.total([member.h for member in members], "free displacement") - space.gap
+        self._moved = {name: exchange.total([member.response(name)[0] for member in members], "free displacement")
+                       for name in histories}
         self.rigid, self.slices = gather_motions(exchange, space, members, [member.G for member in members])
         self.bodies = len(self.slices)
-        self.e = self._of_all([member.e for member in members])
+        self._pulled = {name: self._of_all([member.response(name)[1] for member in members]) for name in histories}
+        self.act(dict.fromkeys(histories, 1.0))
+
+    def act(self, factors: Mapping[str | None, float]) -> None:
+        """Take d and e of loads and clamps with these `factors` by history; `space` and members know them already."""
+        self.d, self.e = (sum((factors[name] * part for name, part in parts.items()), np.zeros(1))
+                          for parts in (self._moved, self._pulled))
+        self.d = self.d - self.space.gap
+
+    def begin_slip(self, start: np.ndarray) -> None:
+        """Count tangential displacements from `start` (size,), zero at normal entries, until loads act anew."""
+        self.d = self.d - start
 
     def product(self, x: np.ndarray, purpose: str, relative: float | None = None) -> np.ndarray:
         """C x (size,), as a new vector, precise enough to be kept, or `relative` as for `Compliance.mult`."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import scipy.sparse as sparse
 from petsc4py import PETSc
 
 from ddmpi.body.compliance import Compliance
-from ddmpi.body.elasticity import Elasticity
+from ddmpi.body.elasticity import Elasticity, LoadCase
 from ddmpi.body.rigid_motions import Centring, support
 from ddmpi.coupling.team import hold, make_solver
 from ddmpi.interface.interface import Interface
@@ -34,6 +34,7 @@ class Member:
     elasticity : A, b of the body
     interfaces : at which it takes part, in the order of a vector's parts; may be none
     compliance, memory : kind of the compliance, and the bytes that it may use, see `Compliance`
+    histories : that loads and clamps of the scene follow, None for those that follow none
 
     Attributes
     ----------
@@ -48,8 +49,10 @@ class Member:
     """
 
     def __init__(self, name: str, elasticity: Elasticity, interfaces: Sequence[Interface],
-                 compliance: str | None = None, memory: float = np.inf) -> None:
+                 compliance: str | None = None, memory: float = np.inf,
+                 histories: Sequence[str | None] = (None,)) -> None:
         self.name, self.elasticity, self.interfaces = name, elasticity, tuple(interfaces)
+        self._histories = tuple(histories)
         ends = np.cumsum([0, *(each.size for each in self.interfaces)]).tolist()
         self.parts = {each.name: (slice(start, stop), each.side(name)) for each, (start, stop) in
                       zip(self.interfaces, itertools.pairwise(ends), strict=True)}
@@ -59,19 +62,36 @@ class Member:
         motions = self.motions[elasticity.nodes]
         R = motions.reshape(A.size[1], motions.shape[2])
         self.G, self.e = np.ascontiguousarray((B @ R).T), R.T @ b.array_r
+        self._R = R
         self._centring: Centring | None = None
         if not elasticity.held:
             self._centring = Centring(R, B)
             A = hold(A, support(motions))
         self.C = Compliance(A, B, name, compliance, memory, make_solver)
-        self.h = np.zeros(self.C.size)
+        self._responses = {name: self._response(case) for name, case in elasticity.cases.items()}
+        self.h = sum((h for h, _ in self._responses.values()), np.zeros(1))
+        self._set_up = self.C.count.copy()
+
+    def _response(self, case: LoadCase) -> tuple[np.ndarray, np.ndarray]:
+        """h (size,) and e (j,) of one load case. Collective on the body's communicator."""
+        b, h = self.elasticity.b.duplicate(), np.zeros(self.C.size)
+        b.array[:] = case.b
         if self.C.size and b.norm() > 0.0:
             with event("LoadResponse"):
-                self.C.free_response(self._balanced(b), self.h, "load")
+                self.C.free_response(self._balanced(b), h, "load")
             if self._centring:
-                self.h = self._centring.project(self.h)
-        self.h += self.trace(elasticity.prescribed)
-        self._set_up = self.C.count.copy()
+                h = self._centring.project(h)
+        return h + self.trace(case.prescribed), self._R.T @ case.b
+
+    def response(self, history: str | None) -> tuple[np.ndarray, np.ndarray]:
+        """h (size,) and e (j,) of what follows `history`, at its factor 1; zero where nothing does."""
+        return self._responses.get(history) or (np.zeros(self.size), np.zeros(len(self.e)))
+
+    def act(self, factors: Mapping[str | None, float]) -> None:
+        """Let the loads and prescribed displacements act that have these `factors` by history. Not collective."""
+        self.elasticity = self.elasticity.under(factors)
+        self.h, self.e = (sum((factors[name] * response[k] for name, response in self._responses.items()), np.zeros(1))
+                          for k in (0, 1))
 
     @property
     def size(self) -> int:
@@ -147,7 +167,29 @@ class Member:
     def _all(parts: Iterable[np.ndarray]) -> np.ndarray:
         return np.concatenate([np.empty(0), *parts])
 
-    def displacement(self, s: np.ndarray, alpha: np.ndarray | None = None) -> tuple[np.ndarray, float, float]:
+    def work(self, u: np.ndarray, s: np.ndarray) -> np.ndarray:
+        """What loads and reactions do along displacements: (2, k) in J, by history in the order of the scene.
+
+        Parameters
+        ----------
+        u : (nv, d) under the present loads and the contact forces `s` (size,)
+
+        Returns
+        -------
+        f·u for the loads f that follow a history, at its factor 1, and R·p for the reactions R of clamps and the
+        displacements p that follow it. Not collective.
+        """
+        found, f = np.zeros((2, len(self._histories))), self.elasticity.acting.f
+        for k, name in enumerate(self._histories):
+            case = self.elasticity.cases.get(name)
+            if case:
+                found[0, k] = (case.f * u).sum()
+                if case.taken is not None:
+                    found[1, k] = ((u * case.taken).sum() - (f * case.prescribed).sum()
+                                   + s @ self.trace(case.prescribed))
+        return found
+
+    def displacement(self, s: np.ndarray, alpha: np.ndarray | None = None) -> tuple[np.ndarray, float, float, float]:
         """Displacement (nv, d) in metres under the load and the contact forces s (size,) in newtons.
 
         Parameters
@@ -159,6 +201,7 @@ class Member:
         u : (nv, d)
         left : ‖A u + Bᵀ s − b‖ (N), large where contact forces do not balance the load of a loose body
         acting : max(‖b‖, ‖Bᵀ s‖), which it is to be compared with
+        energy : strain energy ½ uᵀ K u with the stiffness K of all dofs (J)
 
         Collective on the body's communicator. Raises SolverError.
         """
@@ -175,9 +218,13 @@ class Member:
                 u.array[:] = self._centring.centre(u.array_r)
             Au = u.duplicate()
             A.mult(u, Au)
+            energy = 0.5 * u.dot(Au)
             Au.axpy(-1.0, f)
             full = self.elasticity.expand(u)
-            return (full if alpha is None else full + self.motions @ alpha), Au.norm(), size
+            acting = self.elasticity.acting
+            if acting.taken is not None:
+                energy += float((acting.taken * (full - 0.5 * acting.prescribed)).sum())
+            return (full if alpha is None else full + self.motions @ alpha), Au.norm(), size, energy
 
     def _balanced(self, f: PETSc.Vec) -> PETSc.Vec:
         """The load f, of a loose body with contact forces that balance it."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from mpi4py import MPI
@@ -31,7 +31,9 @@ class Space:
     parts : slice of a vector by name of the interface
     size : length of this rank's vectors
     laws : of the owned interfaces, on vectors of this space
-    gap : (size,) initial gaps at the normal entries (m), zero at the tangential ones, less what a rigid partner moves
+    opening : (size,) initial gaps at the normal entries (m), zero at the tangential ones
+    prescribed : (size,) what rigid partners move (m)
+    gap : (size,) the first less the second
     """
 
     def __init__(self, interfaces: Sequence[Interface], comm: MPI.Comm = MPI.COMM_SELF,
@@ -44,10 +46,21 @@ class Space:
             start += interface.size
         self.size = start
         self.laws = Laws([interface.law for interface in self.interfaces])
-        self.gap = np.zeros(start)
+        self.opening = np.zeros(start)
         for interface, part in self.each():
-            self.gap[part][:interface.m] = interface.gap
-            self.gap[part] -= interface.prescribed
+            self.opening[part][:interface.m] = interface.gap
+        self._drawn = self.interfaces
+        self._place_partners()
+
+    def _place_partners(self) -> None:
+        self.prescribed = np.concatenate([np.empty(0), *(interface.prescribed for interface in self.interfaces)])
+        self.gap = self.opening - self.prescribed
+
+    def act(self, factors: Mapping[str | None, float]) -> None:
+        """Displace the rigid partners that follow histories by these `factors` of what the scene says."""
+        if any(interface.history is not None for interface in self._drawn):
+            self.interfaces = tuple(each.displaced(factors[each.history] * each.displacement) for each in self._drawn)
+            self._place_partners()
 
     @property
     def m(self) -> int:

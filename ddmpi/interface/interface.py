@@ -6,7 +6,7 @@ Every rank that holds the interface computes the same one from the same sides.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.sparse as sparse
@@ -99,6 +99,8 @@ class Interface:
     slave : name of the body whose nodes carry the rows where the nodes do not match, else None
     lines : the slave's nodes; None where each has a row of its own
     probes : places between the nodes of sides that do not match
+    displacement : (d,) of a rigid partner (m)
+    history : that the displacement of the rigid partner follows, or None
     """
 
     name: str
@@ -123,6 +125,13 @@ class Interface:
     probes: Places = field(default_factory=Places)
     closings: np.ndarray = field(default_factory=lambda: np.empty((0, 2), int))
     motion: np.ndarray | None = None
+    displacement: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    history: str | None = None
+
+    def displaced(self, U: np.ndarray) -> Interface:
+        """The same interface with the rigid partner displaced by `U` (d,)."""
+        fixed = replace(self.fixed, gap=self.fixed.gap + self.fixed.normal @ (U - self.displacement))
+        return replace(self, prescribed=-(self.directions @ U), fixed=fixed, displacement=U)
 
     @property
     def m(self) -> int:

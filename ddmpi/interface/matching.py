@@ -129,7 +129,8 @@ def touch(side: Side, rigid: Plane | Circle, friction: Coulomb | Tresca | NoFric
     U, none = np.array(rigid.displacement), np.empty(0, int)
     fixed = Places((found.fixed.nodes[0], none), found.fixed.normal, found.fixed.gap + found.fixed.normal @ U)
     return replace(found, nodes=(found.nodes[0], none), modulus=side.modulus, prescribed=-(found.directions @ U),
-                   transfer=(found.transfer[0], sparse.csr_matrix((found.m, 0))), fixed=fixed)
+                   transfer=(found.transfer[0], sparse.csr_matrix((found.m, 0))), fixed=fixed, displacement=U,
+                   history=rigid.history)
 
 
 def carry(opposite: Opposite, friction: Coulomb | Tresca | NoFriction, name: str, gap: float | Profile | None,

@@ -23,6 +23,7 @@ class ContactState:
     gap : (m,) opening (m)
     status : (m,) "open", "slip" or "stick"
     between : (q,) opening between the nodes, where they do not match (m)
+    before : (m, d − 1) slip of the load steps before (m)
     """
 
     interface: Interface
@@ -32,6 +33,21 @@ class ContactState:
     slip: np.ndarray
     status: np.ndarray
     between: np.ndarray = field(default_factory=lambda: np.empty(0))
+    before: np.ndarray | float = 0.0
+
+    @property
+    def slip_total(self) -> np.ndarray:
+        """(m, d − 1) slip of all load steps (m)."""
+        return self.slip + self.before
+
+    @property
+    def dissipated(self) -> float:
+        """Frictional work of the load step, Σ s_t · u_t (J per metre of depth).
+
+        Sticking nodes dissipate nothing: their slip is an error of the iteration, and left out.
+        """
+        moves = self.status != "stick"
+        return float((self.tangential_force[moves] * self.slip[moves]).sum())
 
     @property
     def pressure(self) -> np.ndarray:
@@ -83,7 +99,7 @@ class ContactState:
 
 
 def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.ndarray,
-                  between: np.ndarray | None = None) -> ContactState:
+                  between: np.ndarray | None = None, before: np.ndarray | None = None) -> ContactState:
     """The state of the contact nodes. Not collective.
 
     Parameters
@@ -92,16 +108,47 @@ def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.
     bound : (mt,) slip bound that held for them (N)
     u : (size,) relative displacement, the sum of both bodies' traces (m)
     between : (q,) opening at the interface's probes (m), if any
+    before : (size,) displacement from which the slip of this load step counts (m), if there have been others
     """
     law, m, sliding = interface.law, interface.m, interface.sliding
     normal, moved = s[:m].copy(), law.split(u)
-    tangential, slip = np.zeros((2, m, law.components))
+    tangential, slip, former = np.zeros((3, m, law.components))
     tangential[sliding], slip[sliding] = law.split(s)[1], moved[1]
+    if before is not None:
+        former[sliding] = law.split(before)[1]
+        slip -= former
     status = np.full(m, "slip" if law.name == "none" else "stick", dtype="U5")
     status[sliding[law.reaches_bound(s, bound)]] = "slip"
     status[~law.closed(s, CLOSED)] = "open"
     return ContactState(interface, normal, tangential, interface.gap - moved[0], slip, status,
-                        np.empty(0) if between is None else between)
+                        np.empty(0) if between is None else between, 0.0 if before is None else former)
+
+
+def slip_start(interface: Interface, s: np.ndarray, moved: np.ndarray, rate: np.ndarray, ahead: float) -> np.ndarray:
+    """Where the slip of the next load step begins: the displacement (size,), tangential entries only (m).
+
+    It is that at the end of the last step, of open nodes as well. A node that may slide as it likes slips from where it
+    touches, though: as if its gap went on closing as in the last step, at the latest at the end of the next one.
+
+    Parameters
+    ----------
+    s : (size,) forces at the end of the last load step (N)
+    moved : (size,) relative displacements there (m)
+    rate : (size,) what the last load step has added to them (m)
+    ahead : length of the next load step over that of the last one; zero where they are not alike
+
+    Not collective.
+    """
+    law, start = interface.law, np.zeros(interface.size)
+    if law.name == "bonded":  # nothing slides
+        return start
+    (normal, tangential), (closing, sliding) = law.split(moved), law.split(rate)
+    gap, closing = (interface.gap - normal)[law.sliding], closing[law.sliding]
+    touches = (law.bound_at(s) == 0.0) & (gap > 0.0) & (closing > 0.0)
+    share = np.zeros(len(law.sliding))
+    share[touches] = np.minimum(gap[touches] / closing[touches], ahead)
+    law.split(start)[1][:] = tangential + share[:, None] * sliding
+    return start
 
 
 def _moments(at: np.ndarray, forces: np.ndarray) -> np.ndarray:

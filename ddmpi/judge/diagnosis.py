@@ -70,6 +70,11 @@ class StatusLog:
         whole.xy, whole.largest_slope, whole.counts = np.concatenate(places), max(slopes), self.counts
         return whole
 
+    def clear(self) -> None:
+        """Forget the iterations so far."""
+        self.counts = []
+        self._recent.clear()
+
     def state(self) -> dict[str, Any]:
         return {"recent": list(self._recent), "counts": list(self.counts)}
 

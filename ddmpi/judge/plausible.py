@@ -9,7 +9,6 @@ import numpy as np
 from mpi4py import MPI
 
 from ddmpi.body.estimate import DiscretizationError
-from ddmpi.body.loads import nodal_loads
 from ddmpi.body.stiffness import forces_at
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.interface import Interface
@@ -87,7 +86,7 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
     by_contact = merged(world, doubts)
     found += [warning for name in contacts for warning in by_contact[name]]
     return (found + _unresolved(assembly, contacts) + _run_through(assembly, displacements)
-            + _run_through_rigid(assembly, displacements))
+            + _run_through_rigid(assembly, displacements, contacts))
 
 
 def _large_motion(body: Body, u: np.ndarray) -> list[str]:
@@ -121,7 +120,7 @@ def _points_that_carry(body: Body, u: np.ndarray, contacts: Mapping[str, Contact
         return []
     held = [interface.nodes[interface.side(name)] for interface in body.member.interfaces]
     held += [np.unique(mesh.groups[clamp.on]) for clamp in body.spec.clamps if clamp.on in mesh.groups]
-    loads, clamped = np.abs(nodal_loads(mesh, body.spec)), ~body.member.elasticity.free
+    loads, clamped = np.abs(body.member.elasticity.acting.f), ~body.member.elasticity.free
     pressed = sum(float(np.abs(contacts[each.name].normal_force).sum()) for each in body.member.interfaces)
     least, found = POINT * max(body.member.elasticity.load, pressed), []
     for on, nodes in points.items():
@@ -179,27 +178,36 @@ def _run_through(assembly: Assembly, displacements: Mapping[str, np.ndarray]) ->
     return [warning for _, warnings in sorted(merged(world, found).items()) for warning in warnings]
 
 
-def _run_through_rigid(assembly: Assembly, displacements: Mapping[str, np.ndarray]) -> list[str]:
+def _run_through_rigid(assembly: Assembly, displacements: Mapping[str, np.ndarray],
+                       contacts: Mapping[str, ContactState]) -> list[str]:
     """Warnings where a body runs through a rigid partner beside its contact with it, the same on all ranks.
 
     A bore through which the body is drawn is left out: it may be a piece of a socket. So is a plane that no contact of
     the body names, and through which the body is drawn: it is meant to end before. Collective.
     """
+    moved = {state.interface.bodies[1]: state.interface.displacement for state in contacts.values()}
     found: dict[tuple[int, int], list[str]] = {}
     for body in assembly.bodies:
         for k, rigid in enumerate(assembly.scene.rigid):
             touching = [interface for interface in body.member.interfaces if interface.bodies[1] == rigid.name]
-            found[body.number, k] = _beside(body, displacements[body.spec.name], touching, rigid)
+            U = moved.get(rigid.name, np.array(rigid.displacement))
+            found[body.number, k] = _beside(body, displacements[body.spec.name], touching, rigid, U)
     return [warning for _, warnings in sorted(merged(assembly.world, found).items()) for warning in warnings]
 
 
-def _beside(body: Body, u: np.ndarray, interfaces: Sequence[Interface], rigid: Rigid) -> list[str]:
-    """A warning where a body that moved by `u` (nv, 2) lies in a rigid partner, but not at its contacts with it."""
+def _beside(body: Body, u: np.ndarray, interfaces: Sequence[Interface], rigid: Rigid,
+            U: np.ndarray) -> list[str]:
+    """A warning where a body lies in a rigid partner, but not at its contacts with it.
+
+    Parameters
+    ----------
+    u, U : (nv, 2) and (2,) how far they have moved (m)
+    """
     segments = outline(body.mesh)
     kept = np.isin(segments, np.concatenate([np.empty(0, int), *(part for each in interfaces for part in (
         each.nodes[0], each.fixed.nodes[0]))]))
     segments, kept = segments[~kept.all(axis=1)], kept[~kept.all(axis=1)]
-    ends = (body.mesh.points + u - np.array(rigid.displacement))[segments]
+    ends = (body.mesh.points + u - U)[segments]
     if isinstance(rigid, Circle) and not rigid.inside:
         along, offset = ends[:, 1] - ends[:, 0], np.array(rigid.center) - ends[:, 0]
         part = np.clip(np.einsum("sd,sd->s", offset, along) / np.einsum("sd,sd->s", along, along), 0.0, 1.0)
@@ -217,7 +225,7 @@ def _beside(body: Body, u: np.ndarray, interfaces: Sequence[Interface], rigid: R
     least = overlap + BESIDE * body.mesh.extent + RESOLVED * float(np.abs(u).max())
     if not depth.size or not depth.max() > least:
         return []
-    x, y = places[np.argmax(depth)] + np.array(rigid.displacement)
+    x, y = places[np.argmax(depth)] + U
     where = f"contact.{interfaces[0].name}: beside the contact" if interfaces else "no contact keeps them apart:"
     return [f"{where} {body.spec.name} runs through {rigid.name} by {depth.max():.3g}, as at ({x:.4g}, {y:.4g}); name "
             "the whole boundary that may touch in `on`" + ("; a plane has no end" if isinstance(rigid, Plane) else "")]

@@ -77,25 +77,50 @@ class Newton:
     Attributes
     ----------
     forces : (size,) contact forces (N)
-    history : all steps; `residual` is that of the equations over the forces
+    history : the steps of the present load step; `residual` is that of the equations over the forces
     """
 
     def __init__(self, joint: Joint, max_iterations: int, report: Report = no_report) -> None:
         self.joint, self.space, self.max_iterations, self.report = joint, joint.space, max_iterations, report
-        self.history: list[Step] = []
         self.inner_steps = {"gmres": 0, "mprgp": 0}
         self.checkpoint: Callable[[], None] = lambda: None
         self._laws = self.space.laws
         self._c = self.space.spread([0.5 * interface.modulus for interface in self.space.interfaces])
         self._preconditioner = precondition(joint, self._c)
-        self._rescue = Rescue(joint, self.space.largest(self._c))
-        self._s, self._r, self._alpha = np.zeros(joint.size), -joint.d, np.zeros(joint.rigid.size)
+        self._stiffness = self.space.largest(self._c)
+        self._least = 0.0
+        self.begin()
+
+    def begin(self, warm: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None) -> None:
+        """Begin a load step, for the present loads of the joint. Collective.
+
+        The first step of Newton's method takes the nodes under pressure as closed and all of them as sticking, which
+        is right at a reversal, where warm starts from slipping nodes cycle; without forces, what `Joint.first_closed`
+        says.
+
+        Parameters
+        ----------
+        warm : forces s (size,), gaps r (size,) and motions α of the step before under the present loads; None for none
+        """
+        joint = self.joint
+        self._s: np.ndarray
+        self._r: np.ndarray
+        self._alpha: np.ndarray
+        self._s, self._r, self._alpha = warm or (np.zeros(joint.size), -joint.d, np.zeros(joint.rigid.size))
+        self._warm = warm is not None and self.space.any(self._pressed())
         self._left = joint.imbalance(self._s)
+        self._rescue = Rescue(joint, self._stiffness)
         self._measured: tuple[np.ndarray | None, float] = (None, 0.0)
         self._residual: float | None = None
-        self._least = NO_FORCE * max(self.space.norm(self._c * joint.d), norm(joint.e))
+        self._least = max(self._least, NO_FORCE * max(self.space.norm(self._c * joint.d), norm(joint.e)))
         self._start, self._settled, self._error = True, False, 0.0
         self._stalled, self._smallest = 0, np.inf
+        self.history: list[Step] = []
+
+    def _pressed(self) -> np.ndarray:
+        """The nodes (m,) bool of all interfaces that are under pressure."""
+        return np.concatenate([np.empty(0, bool), *(self._s[part][:interface.m] > 0.0
+                                                    for interface, part in self.space.each())])
 
     @property
     def forces(self) -> np.ndarray:
@@ -220,7 +245,7 @@ class Newton:
         joint, rigid = self.joint, self.joint.rigid
         active = self._laws.active_sets(self._s - self._c * self._r)
         if self._start:  # nothing is known yet
-            active = self._laws.sticking(joint.first_closed())
+            active = self._laws.sticking(self._pressed() if self._warm else joint.first_closed())
         linearised = self._laws.linearise(active)
         change = linearised.expand(self._s[linearised.unknown]) + linearised.given - self._s
         alpha, C_change = np.zeros(rigid.size), np.zeros_like(change)
@@ -268,13 +293,15 @@ class Newton:
 
     def state(self) -> dict[str, Any]:
         return {"s": self._s, "r": self._r, "alpha": self._alpha, "left": self._left, "start": self._start,
-                "settled": self._settled, "error": self._error, "residual": self._residual, "norm": self._norm(),
+                "warm": self._warm, "least": self._least, "settled": self._settled, "error": self._error,
+                "residual": self._residual, "norm": self._norm(),
                 "stalled": self._stalled, "smallest": self._smallest, "rescue": self._rescue.state(),
                 "inner_steps": dict(self.inner_steps), "history": list(self.history)}
 
     def restore(self, state: dict[str, Any]) -> None:
         self._s, self._r, self._alpha, self._left = (state[name] for name in ("s", "r", "alpha", "left"))
         self._start, self._settled = bool(state["start"]), bool(state["settled"])
+        self._warm, self._least = bool(state["warm"]), float(state["least"])
         self._error, self._smallest = float(state["error"]), float(state["smallest"])
         self._stalled, self.inner_steps = int(state["stalled"]), dict(state["inner_steps"])
         self._residual = None if state["residual"] is None else float(state["residual"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,9 @@ TOPOLOGY = {3: "Triangle", 6: "Triangle_6"}
 
 KIND = {1: "Scalar", 3: "Vector", 6: "Tensor6"}
 """What XDMF calls a field, by its number of components."""
+
+AT_STEPS = ("displacement", "stress", "von_mises", "error")
+"""The datasets that differ from load step to load step."""
 
 AT_NODES = ("points", "displacement")
 """The datasets with a row per node; all others have a row per triangle."""
@@ -43,13 +47,17 @@ class Fields:
     error: np.ndarray | None = None
 
 
-def write_fields(path: Path, fields: Fields, body: int, sizes: Sequence[tuple[int, int]]) -> None:
+def write_fields(path: Path, fields: Fields, body: int, sizes: Sequence[tuple[int, int]],
+                 step: int | None = None) -> None:
     """Write the part of one body into result.h5 in the folder `path`; the first body creates the file.
+
+    The datasets are those of the last load step, with the mesh. The fields of a `step` before it stand in a group.
 
     Parameters
     ----------
     body : its number in the order of the scene
     sizes : numbers of nodes and triangles of all bodies
+    step : number of a load step before the last one
 
     Not collective: the caller lets bodies write one after another, the first one first. Raises OutputError.
     """
@@ -65,47 +73,76 @@ def write_fields(path: Path, fields: Fields, body: int, sizes: Sequence[tuple[in
         parts |= {"stress": np.column_stack([xx, xy, zero, yy, zero, zz]), "von_mises": fields.von_mises}
     if fields.error is not None:
         parts["error"] = fields.error
-    target, mode = path / "result.h5", "r+" if body else "w"
+    if step is not None:
+        parts = {f"{_group(step)}/{name}": parts[name] for name in parts if name in AT_STEPS}
+    target, mode = path / "result.h5", "r+" if body or step is not None else "w"
     with writing(target), FileOfHDF5(target, f"{mode[0]}+") as storage, h5py.File(storage, mode) as file:
         for name, part in parts.items():
-            kind = 0 if name in AT_NODES else 1
+            kind = 0 if name.rpartition("/")[2] in AT_NODES else 1
             if body == 0:
                 file.create_dataset(name, (total[kind], *part.shape[1:]), dtype=part.dtype)
             file[name][before[kind]:before[kind] + len(part)] = part
 
 
-def write_xdmf(path: Path) -> None:
+def write_xdmf(path: Path, times: Sequence[float] = ()) -> None:
     """Write result.xdmf into the folder `path`: the mesh and all fields of result.h5 as one grid.
 
-    The grid has no time: meshio.read refuses grids that have one, and ParaView does not need it for a single step.
-    Not collective. Raises OutputError.
+    The grid has no time: meshio.read refuses grids that have one, and ParaView does not need it for a single step. With
+    the `times` of load steps whose fields have been written, the last one's without a number, there is a grid for each,
+    which ParaView plays and meshio.xdmf.TimeSeriesReader reads. Not collective. Raises OutputError.
     """
     from xml.etree import ElementTree
 
     import h5py
 
     root = ElementTree.Element("Xdmf", Version="3.0")
-    grid = ElementTree.SubElement(ElementTree.SubElement(root, "Domain"), "Grid", Name="bodies", GridType="Uniform")
+    parent = ElementTree.SubElement(root, "Domain")
+    if times:
+        parent = ElementTree.SubElement(parent, "Grid", Name="steps", GridType="Collection", CollectionType="Temporal")
     with writing(path / "result.xdmf"), h5py.File(path / "result.h5", "r") as file:
-        for name, data in file.items():
-            if name == "points":
-                parent = ElementTree.SubElement(grid, "Geometry", GeometryType="XYZ")
-            elif name == "cells":
-                number, nodes = data.shape
-                parent = ElementTree.SubElement(grid, "Topology", TopologyType=TOPOLOGY[nodes],
-                                                NumberOfElements=str(number))
-            else:
-                parent = ElementTree.SubElement(grid, "Attribute", Name=name, AttributeType=KIND[data[:1].size],
-                                                Center="Node" if name in AT_NODES else "Cell")
-            ElementTree.SubElement(parent, "DataItem", DataType="Int" if data.dtype.kind == "i" else "Float",
-                                   Precision="8", Format="HDF", Dimensions=" ".join(map(str, data.shape)),
-                                   ).text = f"result.h5:/{name}"
+        for k, time in enumerate(times or [None]):
+            grid = ElementTree.SubElement(parent, "Grid", Name="bodies", GridType="Uniform")
+            if time is not None:
+                ElementTree.SubElement(grid, "Time", Value=repr(time))
+            _describe(grid, file, _group(k) if _group(k) in file else "")
         ElementTree.indent(root)
         ElementTree.ElementTree(root).write(path / "result.xdmf", encoding="utf-8", xml_declaration=True)
 
 
+def _group(step: int) -> str:
+    """Where result.h5 has the fields of a load step before the last one."""
+    return f"step_{step:06d}"
+
+
+def _describe(grid: Any, file: Any, group: str) -> None:
+    """Add to an XDMF grid the mesh of an HDF5 file, and its fields: those in `group`, if that has a name."""
+    from xml.etree import ElementTree
+
+    import h5py
+
+    fields = {name: data for name, data in file.items() if isinstance(data, h5py.Dataset)
+              and not (group and name in AT_STEPS)}
+    if group:
+        fields |= {f"{group}/{name}": data for name, data in file[group].items()}
+    for path, data in fields.items():
+        name = path.rpartition("/")[2]
+        if name == "points":
+            parent = ElementTree.SubElement(grid, "Geometry", GeometryType="XYZ")
+        elif name == "cells":
+            number, nodes = data.shape
+            parent = ElementTree.SubElement(grid, "Topology", TopologyType=TOPOLOGY[nodes],
+                                            NumberOfElements=str(number))
+        else:
+            parent = ElementTree.SubElement(grid, "Attribute", Name=name, AttributeType=KIND[data[:1].size],
+                                            Center="Node" if name in AT_NODES else "Cell")
+        ElementTree.SubElement(parent, "DataItem", DataType="Int" if data.dtype.kind == "i" else "Float",
+                               Precision="8", Format="HDF", Dimensions=" ".join(map(str, data.shape)),
+                               ).text = f"result.h5:/{path}"
+
+
 def _padded(array: np.ndarray) -> np.ndarray:
     return np.column_stack([array, np.zeros(len(array))])
+
 
 def linear_triangles(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Cells (nt, 3 or 6) as triangles between neighbouring nodes, and the cell that each is part of."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +32,9 @@ class Results:
     contacts : of each contact contact_NAME.csv
     sides : the same of contact_NAME_sides.csv; empty with linear elements
     history, steps : history.csv and steps.csv
-    fields : the data of result.h5; `fields["body"]` numbers the bodies as summary["bodies"] lists them
+    energy : energy.csv; empty without [time]
+    fields : the data of result.h5 of the last load step; `fields["body"]` numbers the bodies as summary["bodies"] lists
+        them
     """
 
     summary: dict
@@ -41,6 +43,7 @@ class Results:
     history: Columns
     steps: Columns
     fields: dict[str, np.ndarray]
+    energy: Columns = field(default_factory=dict)
 
 
 def read_results(folder: str | Path) -> Results:
@@ -59,10 +62,11 @@ def read_results(folder: str | Path) -> Results:
         tables = {name: folder / f"contact_{name}.csv" for name in summary["contacts"]}
         sides = {name: folder / f"contact_{name}_sides.csv" for name in tables if summary["order"] == 2}
         with h5py.File(folder / "result.h5", "r") as file:
-            fields = {name: data[()] for name, data in file.items()}
+            fields = {name: data[()] for name, data in file.items() if isinstance(data, h5py.Dataset)}
         return Results(summary, {name: _read_csv(path) for name, path in tables.items()},
                        {name: _read_csv(path) for name, path in sides.items() if path.exists()},
-                       _read_csv(folder / "history.csv"), _read_csv(folder / "steps.csv"), fields)
+                       _read_csv(folder / "history.csv"), _read_csv(folder / "steps.csv"), fields,
+                       _read_csv(folder / "energy.csv") if summary["scene"].get("time") else {})
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{folder}: not a complete folder of results: {error}") from None
 

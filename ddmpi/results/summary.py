@@ -67,26 +67,31 @@ class BodyResult:
 
 @dataclass(frozen=True)
 class ContactResult:
-    """What the summary says of one contact: its last state, and its residuals, named as in BY_CONTACT."""
+    """What the summary says of one contact.
+
+    Attributes
+    ----------
+    state : the last one
+    certificate : its residuals, named as in BY_CONTACT
+    total : frictional work of all load steps (J per metre of depth); None where there is one
+    """
 
     state: ContactState
     certificate: dict[str, float]
+    total: float | None = None
 
     @property
     def dissipated(self) -> float:
-        """Frictional work of a single load step, Σ s_t · u_t (J per metre of depth).
-
-        Sticking nodes dissipate nothing: their slip is an error of the iteration, and left out.
-        """
-        moves = self.state.status != "stick"
-        return float((self.state.tangential_force[moves] * self.state.slip[moves]).sum())
+        """Frictional work of all load steps (J per metre of depth)."""
+        return self.state.dissipated if self.total is None else self.total
 
     def step(self) -> dict:
         """Resultants, numbers of nodes and dissipation of the load step."""
         state = self.state
         return {"force": state.force, "moment": state.moment, "normal_force": state.normal_force.sum(),
                 "tangential_force": state.tangential_force.sum(),
-                **{status: state.count(status) for status in ("open", "slip", "stick")}, "dissipated": self.dissipated}
+                **{status: state.count(status) for status in ("open", "slip", "stick")},
+                "dissipated": state.dissipated}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,6 +111,7 @@ class RunResult:
         in Krylov methods
     qp : TAO type of the quadratic subproblems, or "none"
     undetermined : rigid motions that no contact resists, in words
+    steps : what is said of each load step, and energy : of the balance of energy; None where there is one step
     """
 
     converged: bool
@@ -123,6 +129,8 @@ class RunResult:
     options_unused: Sequence[str]
     warnings: Sequence[str] = ()
     undetermined: Sequence[str] = ()
+    steps: Sequence[dict] | None = None
+    energy: dict[str, float] | None = None
 
 
 def summarize(scene: dict, run: RunResult, bodies: Sequence[BodyResult], contacts: Sequence[ContactResult]) -> dict:
@@ -154,8 +162,10 @@ def summarize(scene: dict, run: RunResult, bodies: Sequence[BodyResult], contact
             **{name: _worst([contact.certificate[name] for contact in contacts]) for name in BY_CONTACT},
             "equilibrium": _worst([body.equilibrium for body in bodies])},
         "certificate_limit": run.certificate_limit,
-        "steps": [{"time": 1.0, "outer_iterations": run.outer_iterations,
+        "steps": run.steps if run.steps is not None else [
+                  {"time": 1.0, "outer_iterations": run.outer_iterations,
                    "contacts": {name: contact.step() for name, contact in by_contact.items()}}],
+        **({} if run.energy is None else {"energy": run.energy}),
         "discretization_error": {"energy_norm": run.energy_norm, "target": method.get("target_error"),
                                  "levels": run.levels},
         "displacement_max": _worst([body.displacement_max for body in bodies]), "units": _units(scene["output"]),
@@ -189,7 +199,8 @@ def _contact(contact: ContactResult) -> dict:
     state = contact.state
     slave, (imbalance, bound) = state.interface.slave, state.moment_imbalance
     return {"m": state.interface.m, "pairing": "mortar" if slave else "nodes", "slave": slave,
-            "friction": state.interface.law.name, **contact.step(), "pressure_max": state.pressure.max(),
+            "friction": state.interface.law.name, **contact.step(), "dissipated": contact.dissipated,
+            "pressure_max": state.pressure.max(),
             "certificate": contact.certificate, "pointwise_penetration": state.deepest, "moment_imbalance": imbalance,
             "moment_imbalance_bound": bound}
 

@@ -1,4 +1,4 @@
-"""The tables of a run: contact_NAME.csv, contact_NAME_sides.csv, history.csv and steps.csv."""
+"""The tables of a run: contact_NAME.csv, contact_NAME_sides.csv, history.csv, steps.csv and energy.csv."""
 
 from __future__ import annotations
 
@@ -23,25 +23,22 @@ HISTORY = ("step", "iteration", "update", "residual", "inner_precision", "open",
 STEPS = ("time", "contact", "force_x", "force_y", "moment", "normal_force", "tangential_force", "open", "slip",
          "stick", "dissipated")
 
+ENERGY = ("time", "external_work", "strain_energy", "interface_work", "dissipated", "residual")
 
-def write_contact(path: Path, name: str, state: ContactState, slip_total: np.ndarray | None = None) -> None:
+
+def write_contact(path: Path, name: str, state: ContactState) -> None:
     """Write contact_NAME.csv into the folder `path`: one line per contact node, ordered along the contact.
 
     Where nodes do not match, they are the slave's. Of those that share a row, each has its part of the forces.
 
-    Parameters
-    ----------
-    name : of the contact
-    slip_total : (m, 1) slip summed over all load steps (m); by default that of `state`, the only step
-
     Directions are those of the first body. Not collective. Raises OutputError.
     """
-    interface, total = state.interface, state.slip if slip_total is None else slip_total
+    interface = state.interface
     lines = interface.shown
     share = lines.area / interface.area[lines.row]
     columns = (state.normal_force[lines.row] * share, state.tangential_force.ravel()[lines.row] * share,
-               *(each.ravel()[lines.row] for each in (state.pressure, state.shear, state.gap, state.slip, total,
-                                                      state.status)))
+               *(each.ravel()[lines.row] for each in (state.pressure, state.shear, state.gap, state.slip,
+                                                      state.slip_total, state.status)))
     columns = (*lines.xy.T, *interface.normal[lines.row].T, lines.area, *columns)
     _write_csv(path / f"contact_{name}.csv", CONTACT, zip(*columns, strict=True))
 
@@ -78,6 +75,16 @@ def write_steps(path: Path, steps: Iterable[dict]) -> None:
     _write_csv(path / "steps.csv", STEPS, (
         (step["time"], name, *contact["force"], *(contact[column] for column in STEPS[4:]))
         for step in steps for name, contact in step["contacts"].items()))
+
+
+def write_energy(path: Path, rows: Iterable[Sequence]) -> None:
+    """Write energy.csv into the folder `path`: one line per load step.
+
+    A row has the time; external work, strain energy, interface work and dissipated energy since time 0; and the
+    residual of the step, what its external work exceeds the growth of strain energy and its interface work by (J).
+    Not collective. Raises OutputError.
+    """
+    _write_csv(path / "energy.csv", ENERGY, rows)
 
 
 @contextlib.contextmanager

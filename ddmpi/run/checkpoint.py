@@ -52,6 +52,12 @@ class Part(Protocol):
     def restore(self, state: dict[str, Any]) -> None: ...
 
 
+class LoadSteps(Part, Protocol):
+    """The load steps of a run, with the number of iterations of all before the present one."""
+
+    iterations: int
+
+
 def identify(scene: Settled, options: dict[str, str], versions: dict[str, str]) -> dict[str, dict]:
     """What a run is known by: the scene, PETSc options, versions. Not collective."""
     data = scene.resolved()
@@ -127,13 +133,17 @@ class Checkpoints:
         if folder:
             import h5py  # noqa: F401  a signal may leave a second, and to load it takes a part of that
 
-    def follow(self, outer: Outer, **parts: Part) -> None:
+    def follow(self, outer: Outer, steps: LoadSteps | None = None, **parts: Part) -> None:
         """Keep the state of the iteration and of other `parts` from now on; restore what there is to go on from.
 
         Collective. Raises InputError on all ranks when the checkpoint is of other meshes.
         """
         assembly, bodies = self.assembly, self.assembly.bodies
-        self._parts |= parts | {"outer": outer, "exchange": assembly.exchange}
+
+        def count() -> int:
+            return len(outer.history) + (steps.iterations if steps else 0)
+
+        self._parts |= parts | {"outer": outer, "exchange": assembly.exchange} | ({"steps": steps} if steps else {})
         self._parts |= {f"compliance of {body.spec.name}": body.member.C for body in bodies}
         self._fixed = {"mesh": self._mesh(), "kind": ", ".join(body.member.C.kind for body in bodies),
                        "h": np.concatenate([body.member.h for body in bodies])}
@@ -149,9 +159,9 @@ class Checkpoints:
             if not all(assembly.world.allgather(same)):
                 log.warning("this machine computes otherwise than that of the checkpoint did (another processor, less "
                             "memory): the answer will be as good, but not the same to the last digit")
-            self._written = len(outer.history)
+            self._written = count()
             log.info("continuing after iteration %d", self._written)
-        outer.checkpoint = lambda: self._note(len(outer.history))
+        outer.checkpoint = lambda: self._note(count())
         assembly.exchange.wants_checkpoint = lambda: bool(
             self.folder and self.spec.seconds and time.monotonic() - self._last >= self.spec.seconds)
 

@@ -1,8 +1,11 @@
-"""The summary of a run, gathered from all ranks."""
+"""What is kept of the load steps of a run, and its summary, gathered from all ranks."""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -10,30 +13,136 @@ from petsc4py import PETSc
 from ddmpi.body.estimate import DiscretizationError
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.ranks import team_of
+from ddmpi.interface.state import ContactState
 from ddmpi.judge.accuracy import MeshLadder
+from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.petsc.options import unused_options
 from ddmpi.results.fields import Fields
 from ddmpi.results.summary import BodyResult, ContactResult, RunResult, summarize
 from ddmpi.run.solve import Solution
 from ddmpi.system.provenance import peak_memory, provenance
 
+KINDS = tuple(field.name for field in fields(ContactResiduals))
 
-def gather_summary(assembly: Assembly, solution: Solution, error: DiscretizationError, fields: dict[str, Fields],
-                   ladder: MeshLadder, warnings: list[str], started: float) -> dict:
+
+class StepLog:
+    """What is kept of the load steps, in their order.
+
+    Attributes
+    ----------
+    contacts, bodies : names
+    steps : time and number of iterations of each
+    resultants : (nc, 9) of each, by contact: force, moment, normal and tangential force, numbers of open, slipping and
+        sticking nodes, dissipated energy
+    energies : external work, strain energy, interface work and dissipated energy since time 0, and what the step's
+        balance leaves, of each (J)
+    rows : a row of history.csv for each iteration
+    worst : (nc, 4) the largest residuals of contacts so far, and (nb,) of bodies
+    kept : time, forces and motions of the steps whose fields are to be written
+    """
+
+    def __init__(self, contacts: Sequence[str], bodies: Sequence[str]) -> None:
+        self.contacts, self.bodies = tuple(contacts), tuple(bodies)
+        self.steps: list[tuple[float, int]] = []
+        self.resultants: list[np.ndarray] = []
+        self.energies: list[np.ndarray] = []
+        self.rows: list[tuple[float, ...]] = []
+        self.kept: list[tuple[float, np.ndarray, np.ndarray]] = []
+        self.worst = np.zeros((len(self.contacts), len(KINDS))), np.zeros(len(self.bodies))
+
+    def judge(self, certificate: Certificate) -> Certificate:
+        """Note the residuals of a step; the largest ones so far."""
+        contacts = [[certificate.of_contact(name)[kind] for kind in KINDS] for name in self.contacts]
+        bodies = [certificate.equilibrium[name] for name in self.bodies]
+        self.worst = np.maximum(self.worst[0], contacts), np.maximum(self.worst[1], bodies)
+        return Certificate({name: ContactResiduals(*row) for name, row in zip(self.contacts, self.worst[0].tolist(),
+                                                                              strict=True)},
+                           dict(zip(self.bodies, self.worst[1].tolist(), strict=True)))
+
+    def note_contacts(self, contacts: Sequence[ContactState]) -> None:
+        """Note the resultants of a step."""
+        self.resultants.append(np.array([
+            [*state.force, state.moment, state.normal_force.sum(), state.tangential_force.sum(),
+             *(state.count(status) for status in ("open", "slip", "stick")), state.dissipated] for state in contacts]))
+
+    @property
+    def dissipated(self) -> dict[str, float]:
+        """The frictional work of all steps by contact (J)."""
+        total = sum((each[:, -1] for each in self.resultants), np.zeros(len(self.contacts)))
+        return dict(zip(self.contacts, total.tolist(), strict=True))
+
+    def summary(self) -> list[dict]:
+        """The entry ``steps`` of summary.json."""
+        def contact(row: np.ndarray) -> dict:
+            x, y, moment, normal, tangential, *counts, dissipated = row.tolist()
+            return {"force": [x, y], "moment": moment, "normal_force": normal, "tangential_force": tangential,
+                    **dict(zip(("open", "slip", "stick"), map(int, counts), strict=True)), "dissipated": dissipated}
+
+        return [{"time": time, "outer_iterations": int(number),
+                 "contacts": {name: contact(row) for name, row in zip(self.contacts, rows, strict=True)}}
+                for (time, number), rows in zip(self.steps, self.resultants, strict=True)]
+
+    def energy(self) -> list[tuple[float, ...]]:
+        """The rows of energy.csv."""
+        return [(time, *row.tolist()) for (time, _), row in zip(self.steps, self.energies, strict=True)]
+
+    def balance(self) -> dict[str, float]:
+        """The entry ``energy`` of summary.json: the balance at the end; the worst residual over the largest energy."""
+        external, strain, interface, dissipated, _ = self.energies[-1] if self.energies else np.zeros(5)
+        rows = np.array(self.energies).reshape(-1, 5)
+        size = np.abs(rows[:, :3]).max(initial=0.0)
+        return {"external_work": external, "strain_energy": strain, "interface_work": interface,
+                "dissipated": dissipated, "lost": interface - dissipated,
+                "residual": float(np.abs(rows[:, 4]).max(initial=0.0) / size) if size else 0.0}
+
+    def history(self) -> list[tuple[float, ...]]:
+        """The rows of history.csv."""
+        return [(int(row[0]), int(row[1]), *row[2:5], *map(int, row[5:])) for row in self.rows]
+
+    def lengths(self) -> dict[str, Any]:
+        """What `shorten` needs to come back to the present state."""
+        return {"steps": len(self.steps), "rows": len(self.rows), "kept": len(self.kept), "contacts": self.worst[0],
+                "bodies": self.worst[1]}
+
+    def shorten(self, lengths: dict[str, Any]) -> None:
+        """Forget what was noted since `lengths`."""
+        for each in (self.steps, self.resultants, self.energies):
+            del each[lengths["steps"]:]
+        del self.rows[lengths["rows"]:]
+        del self.kept[lengths["kept"]:]
+        self.worst = lengths["contacts"], lengths["bodies"]
+
+    def state(self) -> dict[str, Any]:
+        times, forces, motions = zip(*self.kept, strict=True) if self.kept else ((), (), ())
+        return {"steps": list(self.steps), "resultants": list(self.resultants), "energies": list(self.energies),
+                "rows": list(self.rows), "times": list(times), "forces": list(forces), "motions": list(motions),
+                "contacts": self.worst[0], "bodies": self.worst[1]}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        self.steps = [(float(time), int(number)) for time, number in state["steps"]]
+        self.resultants, self.energies = list(state["resultants"]), list(state["energies"])
+        self.rows = [tuple(row) for row in np.asarray(state["rows"]).tolist()]
+        self.kept = list(zip(np.asarray(state["times"]).tolist(), state["forces"], state["motions"], strict=True))
+        self.worst = state["contacts"], state["bodies"]
+
+
+def gather_summary(assembly: Assembly, solution: Solution, error: DiscretizationError, own_fields: dict[str, Fields],
+                   ladder: MeshLadder, warnings: list[str], started: float, steps: StepLog | None = None) -> dict:
     """All of summary.json but the times, on every rank. Collective.
 
     Parameters
     ----------
-    error, fields : of the rank's own bodies
+    error, own_fields : of the rank's own bodies
     ladder : the meshes that led here
     warnings : of the scene and of the answer
     started : as for `provenance`
+    steps : where there are several
     """
     world, scene, outer = assembly.world, assembly.scene, solution.outer
     team = team_of(world)
     ranks = team.ranks if team else [world.rank]
     memory = team.do("peak") if team else peak_memory()
-    own = [(body.number, _body(assembly, body, solution, error, fields[body.spec.name], ranks, memory))
+    own = [(body.number, _body(assembly, body, solution, error, own_fields[body.spec.name], ranks, memory))
            for body in assembly.bodies]
     everyone = world.allgather((own, unused_options(), sum(outer.inner_steps.values()), assembly.exchange.state()))
     bodies = [body for _, body in sorted(itertools.chain(*(each for each, *_ in everyone)), key=lambda pair: pair[0])]
@@ -45,15 +154,17 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     run = RunResult(
         converged=solution.certified and not ladder.missed,
         reason=(solution.certified and ladder.missed) or solution.reason, order=scene.body[0].mesh.order,
-        ranks=world.allreduce(len(ranks)), outer_iterations=len(outer.history),
+        ranks=world.allreduce(len(ranks)), outer_iterations=len(steps.rows) if steps else len(outer.history),
         inner_iterations=sum(inner) if published else inner[0],
         certificate_limit=solution.limit, energy_norm=error.relative,
         levels=[level._asdict() for level in ladder.levels],
         exchange={name: max(counts[name] for counts in sent) for name in sent[0]},
         qp=outer.qp_type if published or rescued else "none",
         options=PETSc.Options().getAll(), options_unused=unused, warnings=warnings,
-        undetermined=solution.undetermined)
-    contacts = [ContactResult(state, solution.certificate.of_contact(name))
+        undetermined=solution.undetermined, steps=steps.summary() if steps else None,
+        energy=steps.balance() if steps else None)
+    dissipated = steps.dissipated if steps else {}
+    contacts = [ContactResult(state, solution.certificate.of_contact(name), dissipated.get(name))
                 for name, state in solution.contacts.items()]
     return summarize(scene.resolved(), run, bodies, contacts) | provenance(world, started)
 

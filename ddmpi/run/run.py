@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from petsc4py import PETSc
 
 from ddmpi.body.estimate import DiscretizationError, estimate_error, sum_errors
 from ddmpi.body.stress import stress, von_mises
-from ddmpi.coupling.assembly import NO_SIZES, Assembly, prepare
+from ddmpi.coupling.assembly import NO_SIZES, Assembly, Body, prepare
 from ddmpi.coupling.ranks import on_working_ranks
 from ddmpi.errors import InputError, NotConvergedError, OutputError, SolverError
 from ddmpi.judge.accuracy import MeshLadder, demand, refine_scene
@@ -27,11 +27,12 @@ from ddmpi.petsc.versions import free_garbage
 from ddmpi.results.fields import Fields, write_fields, write_xdmf
 from ddmpi.results.folder import Staging, choose_folder
 from ddmpi.results.summary import write_summary
-from ddmpi.results.tables import write_contact, write_history, write_sides, write_steps
+from ddmpi.results.tables import write_contact, write_energy, write_history, write_sides, write_steps
 from ddmpi.run.checkpoint import Checkpoints, continue_from, identify, levels_kept
-from ddmpi.run.gather import gather_summary
+from ddmpi.run.gather import StepLog, gather_summary
 from ddmpi.run.report import describe_files, log_end, log_plan, log_step, log_warnings
-from ddmpi.run.solve import Solution, solve
+from ddmpi.run.solve import Solution
+from ddmpi.run.steps import solve_scene
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agreed, merged
 from ddmpi.system.clock import Clock
@@ -42,13 +43,17 @@ log = logging.getLogger("ddmpi")
 
 @dataclass(frozen=True)
 class Solved:
-    """A scene on one mesh, solved, as one rank holds it; fields of its bodies by name."""
+    """A scene on one mesh, solved, as one rank holds it; fields of its bodies by name.
+
+    `steps` is None without [time]; all else is of the last load step.
+    """
 
     assembly: Assembly
     solution: Solution
     error: DiscretizationError
     fields: dict[str, Fields]
     summary: dict
+    steps: StepLog | None = None
 
 
 def run(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool,
@@ -122,11 +127,11 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, fold
         log_warnings(assembly.warnings, told)
         checkpoints = Checkpoints(assembly, folder, identity, clock, state, {"ladder": ladder}) if write else None
         with checkpoints.kept() if checkpoints else contextlib.nullcontext():
-            solution = solve(assembly, assembly.scene.method, log_step, checkpoints, clock)
+            solution, steps = solve_scene(assembly, log_step, checkpoints, clock)
             error = _estimate(assembly, solution, clock)
             if _refine(ladder, assembly, solution, error):
                 return None
-            solved = _finish(assembly, solution, error, ladder, told, clock)
+            solved = _finish(assembly, solution, steps, error, ladder, told, clock)
             if checkpoints:
                 _write(solved, folder, clock, figures, checkpoints)
             return solved
@@ -183,25 +188,27 @@ def _estimate(assembly: Assembly, solution: Solution, clock: Clock) -> Discretiz
         return sum_errors(merged(assembly.world, numbers), own)
 
 
-def _finish(assembly: Assembly, solution: Solution, error: DiscretizationError, ladder: MeshLadder,
-            told: list[str], clock: Clock) -> Solved:
+def _finish(assembly: Assembly, solution: Solution, steps: StepLog | None, error: DiscretizationError,
+            ladder: MeshLadder, told: list[str], clock: Clock) -> Solved:
     """The fields that are asked for, and the summary. Collective."""
-    fields, output = {}, assembly.scene.output
     with clock.phase("recover"), agreed(assembly.world), event("Stress"):
-        for body in assembly.bodies:
-            mesh, name = body.mesh, body.spec.name
-            u = solution.displacements[name]
-            sigma = stress(mesh, body.material, u) if output.stress else None
-            fields[name] = Fields(mesh.points, mesh.triangles, u, sigma,
-                                  von_mises(sigma) if sigma is not None else None,
-                                  error.density(name) if output.error else None)
+        fields = {body.spec.name: _fields(assembly, body, solution.displacements[body.spec.name], error)
+                  for body in assembly.bodies}
     warnings = [*assembly.warnings, *(body.locking for body in assembly.scene.body if body.locking),
                 *doubt_answer(assembly, solution.displacements, solution.contacts),
                 *doubt_mesh(assembly.scene.body, error)]
-    summary = gather_summary(assembly, solution, error, fields, ladder, warnings, clock.started)
+    summary = gather_summary(assembly, solution, error, fields, ladder, warnings, clock.started, steps)
     log_end(summary, solution)
     log_warnings(warnings, told)
-    return Solved(assembly, solution, error, fields, summary)
+    return Solved(assembly, solution, error, fields, summary, steps)
+
+
+def _fields(assembly: Assembly, body: Body, u: np.ndarray, error: DiscretizationError | None = None) -> Fields:
+    """The fields of a body that moves by `u` (nv, 2), as far as they are asked for. Not collective."""
+    mesh, output = body.mesh, assembly.scene.output
+    sigma = stress(mesh, body.material, u) if output.stress else None
+    return Fields(mesh.points, mesh.triangles, u, sigma, von_mises(sigma) if sigma is not None else None,
+                  error.density(body.spec.name) if error and output.error else None)
 
 
 def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock | None = None,
@@ -228,13 +235,11 @@ def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, che
             with agreed(world):
                 if staging:
                     staging.create()
-            for rank in range(world.size):
-                with agreed(world), event("WriteFields"):
-                    for body in bodies if rank == world.rank else ():
-                        write_fields(path, solved.fields[body.spec.name], body.number, sizes)
+            _write_in_turn(world, path, {body.number: solved.fields[body.spec.name] for body in bodies}, sizes)
+            times = _write_steps(path, solved, sizes)
             with agreed(world), event("WriteTables"):
                 if staging:
-                    write_xdmf(path)
+                    write_xdmf(path, times)
                     _write_tables(path, solved)
                     if solved.solution.mechanism:
                         _write_mechanism(path, solved, outlines)
@@ -258,14 +263,44 @@ def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, che
             staging.discard()
 
 
+def _write_in_turn(world: MPI.Comm, path: Path, fields: Mapping[int, Fields], sizes: Sequence[tuple[int, int]],
+                   step: int | None = None) -> None:
+    """`write_fields` of the own bodies by number, one rank after another. Collective."""
+    for rank in range(world.size):
+        with agreed(world), event("WriteFields"):
+            for number, each in fields.items() if rank == world.rank else ():
+                write_fields(path, each, number, sizes, step)
+
+
+def _write_steps(path: Path, solved: Solved, sizes: Sequence[tuple[int, int]]) -> list[float]:
+    """Write the fields of the load steps that are kept, computed anew from their forces; their times. Collective."""
+    assembly, times = solved.assembly, []
+    world, joint = assembly.world, assembly.joint
+    for number, (time, s, alpha) in enumerate(solved.steps.kept if solved.steps else ()):
+        times.append(time)
+        if time == solved.solution.time:  # the last one is there
+            continue
+        assembly.act(time)
+        parts, fields = joint.spread(s), {}
+        with agreed(world):
+            for body, part in zip(assembly.bodies, parts, strict=True):
+                u, *_ = body.member.displacement(part, alpha[joint.slices[body.spec.name]])
+                fields[body.number] = _fields(assembly, body, u)
+        _write_in_turn(world, path, fields, sizes, number)
+    return times
+
+
 def _write_tables(path: Path, solved: Solved) -> None:
     solution = solved.solution
-    write_history(path, [(1, *step[:-1], *counts, step.n_A) for step, counts in
-                         zip(solution.outer.history, solution.statuses.counts, strict=True)])
+    write_history(path, solved.steps.history() if solved.steps else
+                  [(1, *step[:-1], *counts, step.n_A) for step, counts in
+                   zip(solution.outer.history, solution.statuses.counts, strict=True)])
     for name, state in solution.contacts.items():
         write_contact(path, name, state)
         write_sides(path, name, state)
     write_steps(path, solved.summary["steps"])
+    if solved.steps:
+        write_energy(path, solved.steps.energy())
 
 
 def _outlines(solved: Solved) -> list[tuple[str, np.ndarray, np.ndarray]]:

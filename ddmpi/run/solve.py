@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -63,6 +63,10 @@ class Solution:
     mechanism : of bodies that no contact forces hold, or None
     undetermined : motions of loose bodies that no contact resists, in words
     drift : where loose bodies drift, in words
+    moved : (size,) how far the bodies have moved against each other at the interfaces that this rank owns (m)
+    energy : strain energy of all bodies (J)
+    work : (2, cases) of all bodies, as `Member.work`, by history in the order of the scene
+    time : of the load step, where there are several
     """
 
     stopped: str
@@ -77,6 +81,10 @@ class Solution:
     mechanism: Mechanism | None = None
     undetermined: Sequence[str] = ()
     drift: str = ""
+    moved: np.ndarray = field(default_factory=lambda: np.empty(0))
+    energy: float = 0.0
+    work: np.ndarray = field(default_factory=lambda: np.empty((2, 0)))
+    time: float | None = None
 
     @property
     def unbalanced(self) -> bool:
@@ -95,6 +103,10 @@ class Solution:
     @property
     def reason(self) -> str:
         """Why the iteration ended, in words."""
+        return self._reason + ("" if self.time is None or self.certified else f", in the step to time {self.time:g}")
+
+    @property
+    def _reason(self) -> str:
         if self.certified:
             return "converged and certified"
         if self.mechanism:
@@ -131,52 +143,106 @@ class _Goal:
         return useless or self.tolerance < sys.float_info.epsilon
 
 
+def no_mechanism(assembly: Assembly) -> None:
+    """Look for no mechanism."""
+
+
+class Iteration:
+    """The outer iteration of an assembly with what judges it: all that goes on from one load step to the next.
+
+    Construction is collective.
+
+    Parameters
+    ----------
+    report : called with every iteration
+    clock : times the phases outer and recover
+    first : looks for a mechanism before the outer method is made
+
+    Attributes
+    ----------
+    mechanism : that was found at first
+    outer : the method
+    statuses : of the contact nodes in the iterations of the load step
+    goal : the tolerance at present
+    limit : largest residual of a certified answer
+    """
+
+    def __init__(self, assembly: Assembly, method: SettledMethod, report: Report, clock: Clock,
+                 first: Callable[[Assembly], Mechanism | None] = no_mechanism) -> None:
+        self.assembly, self.method, self.clock = assembly, method, clock
+        for body in assembly.bodies:
+            body.member.restart()
+        self.statuses = StatusLog(assembly.space)
+
+        def note(step: Step) -> None:
+            self.statuses.record(self.outer.forces, self.outer.bound)
+            free_garbage()  # a vector for every multiplication
+            report(step)
+
+        with clock.phase("outer"):
+            self.mechanism = first(assembly)
+            self.outer = choose_outer(assembly, method, note)
+        self.limit, self.goal = certificate_limit(method.tolerance), _Goal(method.tolerance)
+        self.given = assembly.world.allreduce(max(body.member.C.solver.given for body in assembly.bodies), MPI.MAX)
+
+    def begin(self) -> None:
+        """Forget what was judged of the load step before; the outer method begins anew by itself."""
+        self.goal.restore(_Goal(self.method.tolerance).state())
+        self.statuses.clear()
+
+    def solve(self, mechanism: Mechanism | None, before: np.ndarray | None = None) -> Solution:
+        """Iterate until the answer is certified, or nothing helps any more.
+
+        Where the iteration stops by its criterion but the certificate fails, it goes on with a tighter one.
+
+        Parameters
+        ----------
+        mechanism : that shows that there is no equilibrium, so that nothing is tried
+        before : (size,) where the slip of this load step begins (m); None for the only one
+
+        Collective. Raises as the function `solve`.
+        """
+        assembly, method, outer = self.assembly, self.method, self.outer
+        while True:
+            try:
+                with self.clock.phase("outer"):
+                    stopped = "mechanism" if mechanism else outer.run(self.goal.tolerance)
+            except SolverError as error:
+                if self.given > method.tolerance:
+                    error.args = (f"{error}; -body_ksp_rtol {self.given:g} is too coarse for method.tolerance = "
+                                  f"{method.tolerance:g}: leave that option out",)
+                raise
+            with self.clock.phase("recover"):
+                solution = _conclude(assembly, outer, stopped, self.limit, self.statuses, self.given, before)
+                if stopped == "drift":
+                    solution = replace(solution, drift=describe_drift(assembly, outer.motions))
+            worst = max(value for value, _ in solution.certificate.worst().values())
+            hopeless = (self.goal.is_last(worst, len(outer.history))
+                        or (solution.unbalanced and not assembly.loose))
+            if stopped != "converged" or solution.certified or hopeless:
+                return replace(solution, mechanism=mechanism)
+            self.goal.tolerance *= TIGHTER
+            log.info("the certificate fails (%s); going on to an update of %.0e", ", ".join(solution.violations),
+                     self.goal.tolerance)
+
+
 def solve(assembly: Assembly, method: SettledMethod, report: Report = no_report,
           checkpoints: Checkpoints | None = None, clock: Clock | None = None) -> Solution:
-    """Solve `assembly` by `method`, from zero or from what `checkpoints` holds.
+    """Solve `assembly` by `method` in one load step, from zero or from what `checkpoints` holds.
 
-    Where the iteration stops by its criterion but the certificate fails, it goes on with a tighter
-    one. `clock` times the phases outer and recover. Collective. Raises SolverError, and InterruptionError
+    `clock` times the phases outer and recover. Collective. Raises SolverError, and InterruptionError
     when a signal came; the same on all ranks.
     """
-    clock = clock or Clock()
-    for body in assembly.bodies:
-        body.member.restart()
-    statuses = StatusLog(assembly.space)
-
-    def note(step: Step) -> None:
-        statuses.record(outer.forces, outer.bound)
-        free_garbage()  # a vector for every multiplication
-        report(step)
-
-    with clock.phase("outer"):
-        mechanism = look_for_mechanism(assembly)
-        outer = choose_outer(assembly, method, note)
-    limit, goal = certificate_limit(method.tolerance), _Goal(method.tolerance)
-    given = assembly.world.allreduce(max(body.member.C.solver.given for body in assembly.bodies), MPI.MAX)
+    iteration = Iteration(assembly, method, report, clock or Clock(), look_for_mechanism)
     if checkpoints:
-        checkpoints.follow(outer=outer, statuses=statuses, goal=goal)
-    while True:
-        try:
-            with clock.phase("outer"):
-                stopped = "mechanism" if mechanism else outer.run(goal.tolerance)
-        except SolverError as error:
-            if given > method.tolerance:
-                error.args = (f"{error}; -body_ksp_rtol {given:g} is too coarse for method.tolerance = "
-                              f"{method.tolerance:g}: leave that option out",)
-            raise
-        with clock.phase("recover"):
-            solution = _conclude(assembly, outer, stopped, limit, statuses, given)
-            if stopped == "drift":
-                solution = replace(solution, drift=describe_drift(assembly, outer.motions))
-        worst = max(value for value, _ in solution.certificate.worst().values())
-        hopeless = goal.is_last(worst, len(outer.history)) or (solution.unbalanced and not assembly.loose)
-        if stopped != "converged" or solution.certified or hopeless:
-            return replace(solution, mechanism=mechanism, undetermined=() if mechanism else
-                           undetermined_motions(assembly, solution.contacts))
-        goal.tolerance *= TIGHTER
-        log.info("the certificate fails (%s); going on to an update of %.0e", ", ".join(solution.violations),
-                 goal.tolerance)
+        checkpoints.follow(outer=iteration.outer, statuses=iteration.statuses, goal=iteration.goal)
+    return with_undetermined(assembly, iteration.solve(iteration.mechanism))
+
+
+def with_undetermined(assembly: Assembly, solution: Solution) -> Solution:
+    """The solution with the motions that no contact resists, where there is equilibrium. Collective."""
+    motions = () if solution.mechanism else undetermined_motions(assembly, solution.contacts)
+    return replace(solution, undetermined=motions)
 
 
 def choose_outer(assembly: Assembly, method: SettledMethod, report: Report = no_report) -> Outer:
@@ -189,23 +255,24 @@ def choose_outer(assembly: Assembly, method: SettledMethod, report: Report = no_
 
 
 def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, statuses: StatusLog,
-              given: float = 0.0) -> Solution:
+              given: float = 0.0, before: np.ndarray | None = None) -> Solution:
     """Displacements, contact states and certificate of the forces at hand. Collective."""
     exchange, space, joint = assembly.exchange, assembly.space, assembly.joint
     forces, mismatch, bound = outer.forces, outer.mismatch, outer.bound
-    moved, numbers, traces, stayed = {}, {}, [], []
+    moved, traces, stayed = {}, [], []
+    numbers: dict[str, dict[str, Any]] = {}
     for body, s in zip(assembly.bodies, outer.body_forces(), strict=True):
         member, alpha = body.member, outer.motions[joint.slices[body.spec.name]]
-        u, left, acting = np.zeros_like(member.elasticity.prescribed), np.nan, 0.0
+        u, left, acting, energy = np.zeros_like(member.elasticity.prescribed), np.nan, 0.0, np.nan
         with exchange.deferred():
-            u, left, acting = member.displacement(s, alpha)
+            u, left, acting, energy = member.displacement(s, alpha)
         own = member.trace(u)
         moved[member.name] = u
         traces.append(own)
         stayed.append(member.normal_parts(u))
         numbers[member.name] = {"left": left, "acting": acting, "moved": float(np.linalg.norm(u, axis=1).max()),
                                 "yielding": float(np.abs(member.h + member.G.T @ alpha - own).max(initial=0.0)),
-                                "load": member.elasticity.load}
+                                "load": member.elasticity.load, "energy": energy, "work": member.work(u, s)}
     outer.refresh(traces)
     both = exchange.collect(traces, "answer")
     places = exchange.swap_objects({key: part for own in stayed for key, part in own.items()})
@@ -219,7 +286,8 @@ def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, stat
             u1, u2 = both[0][part], both[1][part] + interface.prescribed
             at_fixed, between = (at.gap - sum(each[kind] for each in places[interface.name] if each is not None)
                                  for kind, at in enumerate((interface.fixed, interface.probes)))
-            state = contact_state(interface, forces[part], bound[start:stop], u1 + u2, between)
+            state = contact_state(interface, forces[part], bound[start:stop], u1 + u2, between,
+                                  None if before is None else before[part])
             yielding = max(bodies[name]["yielding"] for name in interface.bodies if name in bodies)
             found[interface.name] = state, contact_residuals(state, forces[part], mismatch[part], (u1, u2), at_fixed,
                                                              load, yielding, everywhere)
@@ -230,4 +298,7 @@ def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, stat
                               {name: equilibrium_residual(bodies[name]["left"], bodies[name]["acting"], load)
                                for name in names})
     return Solution(stopped, moved, {name: bodies[name]["moved"] for name in names},
-                    {name: found[name][0] for name in contacts}, certificate, limit, outer, statuses, given)
+                    {name: found[name][0] for name in contacts}, certificate, limit, outer, statuses, given,
+                    moved=both[0] + both[1] + space.prescribed,
+                    energy=float(sum(bodies[name]["energy"] for name in names)),
+                    work=np.sum([bodies[name]["work"] for name in names], axis=0))

@@ -219,11 +219,15 @@ class PartMaterial(Material, frozen=True, kw_only=True):
 
 
 class Clamp(Table, frozen=True, kw_only=True):
-    """Prescribed displacement (m) on a boundary group or physical point; a component that is left out stays free."""
+    """Prescribed displacement (m) on a boundary group or physical point; a component that is left out stays free.
+
+    Where there is a ``history``, it is times the factor of that name in ``[history]``; so are loads.
+    """
 
     on: Group
     x: Number | Formula | AffineScalar | None = None
     y: Number | Formula | AffineScalar | None = None
+    history: Name | None = None
 
     def __post_init__(self) -> None:
         if self.x is None and self.y is None:
@@ -238,6 +242,7 @@ class Traction(Table, frozen=True, kw_only=True):
     on: Group
     value: Vector | AffineVector | None = None
     pressure: Number | Formula | AffineScalar | None = None
+    history: Name | None = None
 
     def __post_init__(self) -> None:
         if (self.value is None) == (self.pressure is None):
@@ -254,6 +259,22 @@ class Traction(Table, frozen=True, kw_only=True):
         return found
 
 
+class VolumeForce(AffineVector, frozen=True, kw_only=True):
+    """Force per volume (N/m³), either linear in the coordinates or a ``value``, which may follow a ``history``."""
+
+    value: Vector | AffineVector | None = None
+    history: Name | None = None
+
+    def __post_init__(self) -> None:
+        affine = (self.constant, self.x_slope, self.y_slope) != ((0.0, 0.0),) * 3
+        if self.value is not None and affine:
+            raise ValueError("value does not go with constant, x_slope and y_slope; write them into it, as in value = "
+                             "{ constant = …, x_slope = … }")
+        if self.value is None and self.history is not None:
+            raise ValueError('a volume force with a history has a value: write { value = […], history = "…" }')
+        check_formulas("value", self.value)
+
+
 class BodySpec(Table, frozen=True, kw_only=True):
     """One elastic body."""
 
@@ -262,7 +283,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
     material: Material | Annotated[list[PartMaterial], msgspec.Meta(min_length=1)]
     clamp: list[Group | Clamp] = []
     traction: list[Traction] = []
-    volume_force: Vector | AffineVector = (0.0, 0.0)
+    volume_force: Vector | VolumeForce = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         check_formulas("volume_force", self.volume_force)
@@ -309,6 +330,20 @@ class BodySpec(Table, frozen=True, kw_only=True):
     def clamps(self) -> list[Clamp]:
         """All clamps in the long form; a bare group name fixes both components."""
         return [Clamp(on=c, x=0.0, y=0.0) if isinstance(c, str) else c for c in self.clamp]
+
+    @property
+    def weight(self) -> tuple[Vector | AffineVector, str | None]:
+        """The volume force (N/m³), and the history that it follows."""
+        force = self.volume_force
+        if isinstance(force, VolumeForce) and force.value is not None:
+            return force.value, force.history
+        return force, None
+
+    @property
+    def histories(self) -> list[str]:
+        """Names of the histories that its loads and clamps follow, each once."""
+        named = [*(clamp.history for clamp in self.clamps), *(load.history for load in self.traction), self.weight[1]]
+        return list(dict.fromkeys(name for name in named if name is not None))
 
     def settled(self, order: Literal[1, 2]) -> SettledBody:
         """This body with elements of `order`."""

@@ -12,6 +12,7 @@ import tomllib
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import msgspec
 from msgspec import inspect
 
 from ddmpi.errors import InputError
@@ -90,7 +91,7 @@ def name_of(entry: Any) -> str | None:
 
 def explain(message: str, data: dict, root: type) -> str:
     """Reword msgspec's `message` about `data` as a `root`: the user's key, and what would have been right."""
-    problem, _, path = message.partition(" - at `$")
+    problem, _, path = message.replace("`key` in `$", "`$").partition(" - at `$")
     named, here, kinds = _locate(re.findall(r"\w+|\.\.\.", path), data, root)
     if found := re.search(r"(missing required|unknown) field `(.*?)`", problem):
         key = ".".join([*named, found[2]])
@@ -124,8 +125,7 @@ def _locate(parts: list[str], data: dict, root: type) -> tuple[list[str], Any, l
     named, here, kinds = [], data, [inspect.type_info(root)]
     for part in parts:
         if part == "...":  # in a table of free names, msgspec does not say which one
-            part = next(name for name, value in here.items() if not isinstance(value, str | int | float)
-                        or (isinstance(value, float) and not math.isfinite(value)))
+            part = next(name for name, value in here.items() if _is_wrong(name, value, kinds))
         kinds = [inner for kind in kinds for inner in _inside(kind, part)]
         in_list, here = isinstance(here, list), here[int(part) if isinstance(here, list) else part]
         named.append((in_list and name_of(here)) or part)
@@ -133,6 +133,17 @@ def _locate(parts: list[str], data: dict, root: type) -> tuple[list[str], Any, l
             kinds = [kind for kind in kinds if isinstance(kind, inspect.StructType) and kind.tag
                      and kind.tag == here.get(kind.tag_field)] or kinds
     return named, here, kinds
+
+
+def _is_wrong(name: str, value: Any, kinds: list[inspect.Type]) -> bool:
+    """Whether an entry of a table of free names, which may be of `kinds`, is one that cannot be read."""
+    tables = [entry.cls for kind in kinds for entry in _inside(kind, name) if isinstance(entry, inspect.StructType)]
+    if tables:
+        try:
+            return not msgspec.convert(value, tables[0])
+        except msgspec.ValidationError:
+            return True
+    return not isinstance(value, str | int | float) or (isinstance(value, float) and not math.isfinite(value))
 
 
 def _inside(kind: inspect.Type, part: str) -> list[inspect.Type]:

@@ -1,4 +1,4 @@
-"""Types of how a scene is solved and what is written."""
+"""Types of how a scene is solved, in which load steps, and what is written."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
-from ddmpi.scene.values import Count, NonNegative, Positive, Table, settle
+from ddmpi.scene.values import Count, NonNegative, Number, Positive, Table, settle
 
 ALGEBRAIC = 0.01
 """Tolerance of the outer iteration as a part of ``target_error``."""
@@ -15,6 +15,9 @@ PRESETS: dict[str, dict[str, Any]] = {"fast": {"order": 1, "tolerance": 1e-4},
            "balanced": {"order": 2, "tolerance": 1e-6},
            "accurate": {"order": 2, "tolerance": 1e-8, "target_error": 0.01}}
 """Values of keys that a scene leaves out, by ``method.preset``; measured in docs/tradeoff.md."""
+
+TIME_TOLERANCE = 0.02
+"""The default of ``time.tolerance``."""
 
 Tolerance = Annotated[float, msgspec.Meta(gt=0, lt=1)]
 Algorithm = Literal["original", "modified"]
@@ -95,8 +98,40 @@ class Published(SettledMethod, frozen=True, kw_only=True):
     theta: Positive
 
 
+class Time(Table, frozen=True, kw_only=True):
+    """Load steps: legs from time 0 to the first of ``points`` and from each to the next.
+
+    A leg has as many ``steps`` as given, or is solved in 1, 2, 4, … until the forces at its end change by less than
+    ``tolerance``, relative to the forces.
+    """
+
+    points: Annotated[list[Number], msgspec.Meta(min_length=1)]
+    steps: Count | None = None
+    tolerance: Tolerance | None = None
+
+    def __post_init__(self) -> None:
+        if self.points[0] <= 0.0:
+            raise ValueError(f"points are ends of legs, the first of which starts at time 0; they must be positive, "
+                             f"got {self.points[0]:g}")
+        if any(b <= a for a, b in zip(self.points, self.points[1:], strict=False)):
+            raise ValueError("points must ascend strictly")
+        if self.steps is not None and self.tolerance is not None:
+            raise ValueError("steps and tolerance do not go together; leave steps out to have as many as tolerance "
+                             "asks for")
+
+    def settled(self) -> SettledTime:
+        """With the tolerance filled in where no number of steps is given."""
+        return settle(self, SettledTime, tolerance=None if self.steps else self.tolerance or TIME_TOLERANCE)
+
+
+class SettledTime(Time, frozen=True, kw_only=True):
+    """Load steps of which either ``steps`` or ``tolerance`` is None."""
+
+
 class Output(Table, frozen=True, kw_only=True):
     """Which fields and pictures are written beside the tables; the others are not computed.
+
+    ``steps`` says of which load steps fields are written: of those that end legs, or of all.
 
     The units only label pictures and the summary: any consistent set of units gives the same results.
     ``magnification`` is the factor by which bodies.png enlarges displacements and gaps; left out, it is chosen.
@@ -105,6 +140,7 @@ class Output(Table, frozen=True, kw_only=True):
     stress: bool = True
     error: bool = False
     figures: bool = True
+    steps: Literal["legs", "all"] = "legs"
     length_unit: str = "m"
     stress_unit: str = "Pa"
     magnification: Positive | None = None

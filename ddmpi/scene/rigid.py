@@ -12,6 +12,7 @@ class Plane(Table, frozen=True, kw_only=True, tag_field="shape", tag="plane"):
     point: Point
     normal: Point
     displacement: Point = (0.0, 0.0)
+    history: Name | None = None
 
     def __post_init__(self) -> None:
         if self.normal == (0.0, 0.0):
@@ -26,6 +27,7 @@ class Circle(Table, frozen=True, kw_only=True, tag_field="shape", tag="circle"):
     radius: Positive
     inside: bool = False
     displacement: Point = (0.0, 0.0)
+    history: Name | None = None
 
 
 Rigid = Plane | Circle

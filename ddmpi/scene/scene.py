@@ -7,17 +7,17 @@ work with.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Annotated, Literal
 
 import msgspec
 
-from ddmpi.scene.bodies import BodySpec, SettledBody
+from ddmpi.scene.bodies import BodySpec, Clamp, SettledBody, Traction
 from ddmpi.scene.contacts import ContactSpec, SettledContact
 from ddmpi.scene.keys import nearest
-from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod
+from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod, SettledTime, Time
 from ddmpi.scene.rigid import Rigid
-from ddmpi.scene.values import Number, Table, settle
+from ddmpi.scene.values import History, Name, Number, Table, settle
 
 FileOrder = Callable[[BodySpec], Literal[1, 2]]
 """Gives the order of the elements in the mesh file of a body; raises InputError."""
@@ -32,6 +32,8 @@ class Scene(Table, frozen=True, kw_only=True):
     body: Annotated[list[BodySpec], msgspec.Meta(min_length=1)]
     rigid: list[Rigid] = []
     contact: list[ContactSpec]
+    history: dict[Name, History] = {}
+    time: Time | None = None
     method: Method = Method()
     output: Output = Output()
     checkpoint: Checkpoint = Checkpoint()
@@ -46,6 +48,7 @@ class Scene(Table, frozen=True, kw_only=True):
         if len({body.mesh.order for body in self.body} - {None}) > 1:
             raise ValueError("bodies have mesh.order 1 and 2; forces at their common nodes would mean different "
                              "pressures, so give all bodies the same")
+        self._check_histories()
         two = (len(self.body), len(self.rigid), len(self.contact)) == (2, 0, 1)
         if self.method.for_two and not (two and self.contact[0].kind == "unilateral"):
             raise ValueError(f"method.{self.method.for_two} is for two held bodies with one unilateral contact; beyond "
@@ -77,6 +80,36 @@ class Scene(Table, frozen=True, kw_only=True):
             if rigid.name in {body.name for body in self.body}:
                 raise ValueError(f"rigid.{rigid.name}: a [[body]] has this name, too; rename one of them, because "
                                  "contacts name both in the same way")
+
+    def _check_histories(self) -> None:
+        """What follows a history names one that there is, and load steps are what this method can do."""
+        for key, name in self._followers():
+            if name not in self.history:
+                raise ValueError(f"{key}.history: there is no [history.{name}]{nearest(name, list(self.history))} "
+                                 f"(histories: {', '.join(self.history) or 'none'})")
+        if self.history and self.time is None:
+            raise ValueError(f"history.{next(iter(self.history))}: a history needs [time], as in [time], points = "
+                             "[1.0, 2.0]; without it all loads act at once")
+        if self.time is not None and self.method.for_two:
+            raise ValueError(f"time: method.{self.method.for_two} solves one load step; what knows several is outer = "
+                             '"newton", the default')
+        if self.time is not None and self.method.target_error:
+            raise ValueError("time: method.target_error is for one load step; refine the meshes by mesh.divisions or "
+                             "mesh.refine")
+
+    def _followers(self) -> Iterator[tuple[str, str]]:
+        """The key of each load, clamp and rigid partner that follows a history, and the history's name."""
+        for body in self.body:
+            key = f"body.{body.name}"
+            entries: list[tuple[str, Clamp | Traction]]
+            entries = [*((f"clamp.{k}", each) for k, each in enumerate(body.clamps)),
+                       *((f"traction.{k}", each) for k, each in enumerate(body.traction))]
+            for part, name in [*((part, each.history) for part, each in entries), ("volume_force", body.weight[1])]:
+                if name is not None:
+                    yield f"{key}.{part}", name
+        for rigid in self.rigid:
+            if rigid.history is not None:
+                yield f"rigid.{rigid.name}", rigid.history
 
     def _check_partners(self, contact: SettledContact) -> None:
         """A contact is between two bodies, or a body and then a rigid partner, with a group for each body."""
@@ -122,7 +155,7 @@ class Scene(Table, frozen=True, kw_only=True):
         Raises ValueError if ``method.target_error`` is asked of elements whose error estimate cannot be trusted, and
         if mesh files differ in order; and what `file_order` raises.
         """
-        method = self.method.settled(refinable=all(body.mesh.refinable for body in self.body))
+        method = self.method.settled(refinable=self.time is None and all(body.mesh.refinable for body in self.body))
         locking = [body for body in self.body if method.target_error and body.locking_ratio]
         named = next((body.mesh.order for body in self.body if body.mesh.order), None)
         if locking and named == 1:
@@ -133,6 +166,7 @@ class Scene(Table, frozen=True, kw_only=True):
         if not order:
             order = self._order_of_files(file_order) if file_order else 1
         return settle(self, Settled, method=method, body=[body.settled(order) for body in self.body],
+                      time=self.time.settled() if self.time else None,
                       contact=[contact.settled() for contact in self.contact])
 
     def _order_of_files(self, file_order: FileOrder) -> Literal[1, 2]:
@@ -152,10 +186,30 @@ class Settled(Table, frozen=True, kw_only=True):
     body: list[SettledBody]
     rigid: list[Rigid]
     contact: list[SettledContact]
+    history: dict[str, History]
+    time: SettledTime | None
     method: SettledMethod
     output: Output
     checkpoint: Checkpoint
     petsc: PETScOptions
+
+    @property
+    def followed(self) -> list[str]:
+        """Names of the histories that something follows, in the order of the scene."""
+        used = {name for body in self.body for name in body.histories} | {rigid.history for rigid in self.rigid}
+        return [name for name in self.history if name in used]
+
+    @property
+    def legs(self) -> list[float]:
+        """The times that end legs, in their order: the points, and kinks of used histories between them."""
+        if self.time is None:
+            return [1.0]
+        kinks = {time for name in self.followed for time in self.history[name].kinks}
+        return sorted({*self.time.points, *(time for time in kinks if 0.0 < time < self.time.points[-1])})
+
+    def factors(self, time: float) -> dict[str | None, float]:
+        """The factors at `time` by history; what has none, under None, acts fully from the first step on."""
+        return {None: 1.0} | {name: self.history[name].at(time) for name in self.followed}
 
     def resolved(self) -> dict:
         """The scene as plain data. Written as TOML without the keys that are None, it is read as this scene again."""

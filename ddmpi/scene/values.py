@@ -1,4 +1,5 @@
-"""Types of values: names, numbers with limits, functions of the coordinates, profiles along an interface."""
+"""Types of values: names, numbers with limits, functions of the coordinates, profiles along an interface, histories
+over time."""
 
 from __future__ import annotations
 
@@ -212,6 +213,34 @@ class Profile(Table, frozen=True, kw_only=True):
     def at(self, xy: np.ndarray) -> np.ndarray:
         """Values (m,) at the contact nodes `xy` (m, 2)."""
         return np.interp(self.position(xy), self.points, self.values)
+
+
+class History(Table, frozen=True, kw_only=True):
+    """The factor of a load, clamp or rigid displacement over time: linear between ``times``, which ascend strictly.
+
+    Before the first time and after the last one it is constant.
+    """
+
+    times: list[Number]
+    factors: list[Number]
+
+    def __post_init__(self) -> None:
+        if len(self.times) != len(self.factors) or not self.times:
+            raise ValueError(f"times and factors must be equally many, at least one; "
+                             f"got {len(self.times)} times and {len(self.factors)} factors")
+        if any(b <= a for a, b in zip(self.times, self.times[1:], strict=False)):
+            raise ValueError("times must ascend strictly")
+
+    def at(self, time: float) -> float:
+        """The factor at `time`."""
+        return float(np.interp(time, self.times, self.factors))
+
+    @property
+    def kinks(self) -> list[float]:
+        """The times at which the factor changes its slope."""
+        rise, run = np.diff(self.factors), np.diff(self.times)
+        slopes = np.concatenate([[0.0], rise / run, [0.0]])
+        return [time for time, before, after in zip(self.times, slopes, slopes[1:], strict=False) if before != after]
 
 
 class SignedProfile(Profile, frozen=True, kw_only=True):

@@ -29,8 +29,8 @@ def joint(asked: list[float]) -> Joint:
             asked.append(relative)
             y[:] = factor * x
 
-        return SimpleNamespace(name=name, h=np.full(3, h), shared=np.zeros(3), G=np.empty((0, 3)), e=np.empty(0),
-                               mult=mult)
+        return SimpleNamespace(name=name, shared=np.zeros(3), G=np.empty((0, 3)), mult=mult,
+                               response=lambda history: (np.full(3, h), np.empty(0)))
 
     space = SimpleNamespace(size=3, gap=np.array([0.25, 0.0, 0.0]), norm=lambda x: float(np.linalg.norm(x)))
     return Joint([member("upper", 1.5, 0.75), member("lower", 2.5, 1.25)], AllSeeAll(), space)

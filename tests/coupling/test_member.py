@@ -28,7 +28,7 @@ FACES = {"a side": ["top"], "two sides": ["top", "right"], "nothing": []}
 
 def displaced(body: Member, *arguments) -> tuple[np.ndarray, float]:
     """The displacement, and what it leaves of the equilibrium relative to what acts."""
-    u, left, acting = body.displacement(*arguments)
+    u, left, acting, _ = body.displacement(*arguments)
     return u, left / acting if acting else 0.0
 
 

@@ -457,8 +457,8 @@ def test_verify_compares_with_the_coupled_problem(tmp_path):
 
 @two_ranks
 def test_verify_refuses_an_answer_that_is_off(comm, monkeypatch):
+    from ddmpi.cli import verify
     from ddmpi.errors import NotConvergedError
-    from ddmpi.run import verify
     from ddmpi.scene.reader import read_scene
 
     exact = verify.solve_coupled

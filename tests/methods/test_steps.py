@@ -95,7 +95,7 @@ def test_the_full_step_is_taken_where_it_gains_and_the_best_one_elsewhere():
 def test_newton_goes_on_from_its_whole_state():
     """What is restored is what the state held, entry by entry; no entry is as in a new iteration."""
     state = {"s": np.arange(12.0), "r": np.arange(12.0) - 5.0, "alpha": np.arange(3.0), "left": -np.arange(3.0),
-             "start": False, "settled": True, "error": 0.25, "residual": 0.5, "norm": 3.0,
+             "start": False, "warm": True, "least": 2.5, "settled": True, "error": 0.25, "residual": 0.5, "norm": 3.0,
              "stalled": 4, "smallest": 0.125, "inner_steps": {"gmres": 7, "mprgp": 3},
              "rescue": {"number": 2, "left": 3, "bound": np.arange(6.0), "relaxation": 0.49, "change": 17.0,
                         "s": np.arange(12.0) + 1.0, "alpha": np.arange(3.0) + 1.0, "imbalances": [0.5, 0.25],

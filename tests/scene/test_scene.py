@@ -461,8 +461,10 @@ OPTIONAL = {
                     "contact_size"},  # one of shape, file and geometry
     "SettledContact": {"gap", "pairing", "slave"},  # measured, chosen
     "PartMaterial": {"on"},  # what the others leave
-    "Clamp": {"x", "y"},  # free
-    "Traction": {"value", "pressure"},  # one of them
+    "Clamp": {"x", "y", "history"},  # free; constant in time
+    "Traction": {"value", "pressure", "history"},  # one of them
+    "VolumeForce": {"value", "history"}, "Plane": {"history"}, "Circle": {"history"},
+    "Settled": {"time"}, "SettledTime": {"steps", "tolerance"},  # one load step; the one or the other
     "Output": {"magnification"},  # chosen by the picture
     "SettledMethod": {"algorithm", "splitting", "theta", "target_error", "preset", "compliance"},
     "Published": {"target_error", "preset", "compliance"},

@@ -7,7 +7,7 @@ import logging
 from mpi4py import MPI
 
 from ddmpi.coupling.ranks import on_working_ranks
-from ddmpi.errors import NotConvergedError
+from ddmpi.errors import InputError, NotConvergedError
 from ddmpi.judge.brute_force import check_size, solve_coupled
 from ddmpi.run.report import log_plan, log_step
 from ddmpi.run.run import prepare_scene
@@ -29,6 +29,9 @@ def verify(world: MPI.Comm, scene: Settled, scene_path: str) -> None:
 
 def _verify(world: MPI.Comm, scene: Settled, scene_path: str) -> None:
     """`verify` on the ranks that hold bodies."""
+    with agreed(world):
+        if scene.time is not None:
+            raise InputError(f"{scene_path}: time: verify compares one load step; leave [time] and all histories out")
     assembly = prepare_scene(world, scene, scene_path)
     with agreed(world):
         check_size(assembly)

@@ -1,0 +1,338 @@
+"""Load steps: friction has a memory.
+
+A load step is the problem of a single one, but tangential displacements count from those at the end of the step before.
+It starts from the last forces, with the nodes under pressure closed and sticking. Factors of the stiffness, compliances
+and the coarse problem are those of the first step; only right-hand sides change.
+
+A leg, from one turning point of the loads to the next, is solved in 1, 2, 4, … steps until the forces at its end
+change little, unless the scene says in how many. Where the contact grows the steps are equal in its growth.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ddmpi.coupling.assembly import Assembly
+from ddmpi.interface.state import slip_start
+from ddmpi.judge.equilibrium import Mechanism
+from ddmpi.methods.newton import Newton
+from ddmpi.methods.outer import Report, no_report
+from ddmpi.run.checkpoint import Checkpoints
+from ddmpi.run.equilibrium import look_for_mechanism
+from ddmpi.run.gather import StepLog
+from ddmpi.run.solve import Iteration, Solution, solve, with_undetermined
+from ddmpi.system.clock import Clock
+
+log = logging.getLogger("ddmpi")
+
+MOST = 1024
+"""A leg is solved in at most so many steps for the sake of ``time.tolerance``."""
+
+CUTS = 6
+"""A step that fails is halved at most so often."""
+
+CURABLE = ("diverged", "max_iterations", "converged")
+"""How an iteration ends that may do better in a shorter step; the last one is that its certificate fails."""
+
+CERTAIN = 0.25
+"""Changes below this part of ``time.tolerance`` are small enough however slowly they fall: with the root of the number
+of steps, as where nodes touch in the midst of a step, the error left is 2.4 times the change."""
+
+
+@dataclass
+class _Mark:
+    """The end of a load step: what the next one depends on, and what energies are counted from.
+
+    Attributes
+    ----------
+    time : of the step
+    span : its length; zero where the next step is not like it
+    s, alpha : forces (size,) in N and motions of loose bodies in m
+    d : (size,) free displacements less gaps, tangentially from the beginning (m)
+    moved, rate : (size,) relative displacements, and what the step has added to them (m)
+    prescribed : (size,) displacements of rigid partners (m)
+    factors : (k,) by history
+    work : (2, k), as `Solution.work` (J)
+    energy : strain energy (J)
+    length : of what is closed (m)
+    """
+
+    time: float
+    span: float
+    s: np.ndarray
+    alpha: np.ndarray
+    d: np.ndarray
+    moved: np.ndarray
+    rate: np.ndarray
+    prescribed: np.ndarray
+    factors: np.ndarray
+    work: np.ndarray
+    energy: float
+    length: float
+
+    @classmethod
+    def first(cls, assembly: Assembly) -> _Mark:
+        """Time 0, free of stress."""
+        space, zero = assembly.space, np.zeros(assembly.space.size)
+        touching = sum(float(each.area[each.gap <= 0.0].sum()) for each in space.interfaces)
+        k = len(assembly.scene.followed) + 1
+        return cls(0.0, 0.0, zero, np.zeros(assembly.joint.rigid.size), zero, zero, zero, zero, np.zeros(k),
+                   np.zeros((2, k)), 0.0, float(space.add(np.array([touching]))[0]))
+
+
+def solve_scene(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoints | None = None,
+                clock: Clock | None = None) -> tuple[Solution, StepLog | None]:
+    """Solve `assembly` in the load steps that its scene asks for; without [time] in one, and without a log.
+
+    Parameters and what is raised as for `solve`. The solution is that of the last step, with the largest residuals of
+    all. Collective.
+    """
+    scene, clock = assembly.scene, clock or Clock()
+    if scene.time is None:
+        return solve(assembly, scene.method, report, checkpoints, clock), None
+    assembly.act(scene.legs[0])
+    march = March(assembly, Iteration(assembly, scene.method, no_report, clock))
+    if checkpoints:
+        checkpoints.follow(outer=march.outer, statuses=march.iteration.statuses, goal=march.iteration.goal, steps=march)
+    return march.run(), march.log
+
+
+class March:
+    """The way through all legs. Everything is collective.
+
+    Attributes
+    ----------
+    iteration, outer : that every load step is solved by
+    log : what is kept of the steps of the accepted subdivision
+    iterations : of all steps before the present one, those of rejected subdivisions as well
+    """
+
+    def __init__(self, assembly: Assembly, iteration: Iteration) -> None:
+        assert isinstance(iteration.outer, Newton)
+        scene = assembly.scene
+        self.assembly, self.iteration, self.outer = assembly, iteration, iteration.outer
+        self.log = StepLog([contact.name for contact in scene.contact], [body.name for body in scene.body])
+        self.iterations = 0
+        assert scene.time is not None
+        self._legs, self._steps, self._tolerance = scene.legs, scene.time.steps, scene.time.tolerance or math.inf
+        self._safe: bool | None = None
+        self._largest = np.zeros(2)  # forces and slip bounds so far (N)
+        self._cuts, self._resumed = 0, False
+        self._held: tuple[np.ndarray, bool] | None = None
+        self._prepare(self._legs)
+        self._now = _Mark.first(assembly)
+        self._leg = -1
+        self._next_leg()
+        self._keep()
+
+    def _prepare(self, times: Sequence[float]) -> None:
+        """Compare forces with the largest loads of all legs; note whether loads act suddenly at time 0."""
+        assembly = self.assembly
+        factors = [assembly.scene.factors(time) for time in (0.0, *times)]
+        for body in assembly.bodies:
+            body.member.elasticity = body.member.elasticity.largest(factors)
+        assembly.act(0.0)
+        self._sudden = assembly.space.any(assembly.joint.d + assembly.space.opening)
+
+    def run(self) -> Solution:
+        """Solve all load steps; the solution of the last one, or of the one that has none."""
+        while True:
+            time = self._ahead[0]
+            solution = self._step(time)
+            if not solution.certified:
+                if self._cut(solution, time):
+                    continue
+                self._note_iterations(len(self.log.steps) + 1)
+                break
+            self._accept(time, solution)
+            if not self._ahead and not self._refine():
+                if self._leg == len(self._legs) - 1:
+                    break
+                self._next_leg()
+            self._keep()
+        worst = self.log.judge(solution.certificate)
+        return replace(with_undetermined(self.assembly, solution), certificate=worst)
+
+    def _step(self, time: float) -> Solution:
+        """Solve the load step to `time`."""
+        assembly, now = self.assembly, self._now
+        joint, space = assembly.joint, assembly.space
+        mechanism = self._mechanism(time)
+        assembly.act(time)
+        self._d = joint.d
+        start = self._slip_begins(time)
+        joint.begin_slip(start)
+        if not self._resumed:
+            self.iteration.begin()
+            first = now.time == 0.0
+            self.outer.begin(None if first else
+                             (now.s, now.d - self._d + space.opening - now.moved + start, now.alpha))
+        self._resumed = False
+        return replace(self.iteration.solve(mechanism, start), time=time)
+
+    def _slip_begins(self, time: float) -> np.ndarray:
+        """Where the slip of the step to `time` begins (size,)."""
+        now, ahead = self._now, (time - self._now.time) / self._now.span if self._now.span else 0.0
+        parts = [slip_start(interface, now.s[part], now.moved[part], now.rate[part], ahead)
+                 for interface, part in self.assembly.space.each()]
+        return np.concatenate([np.empty(0), *parts])
+
+    def _mechanism(self, time: float) -> Mechanism | None:
+        """The mechanism that shows that no forces hold the loads at `time`.
+
+        The loads that some forces hold are a convex set, and loads are linear in time along a leg. So where its ends
+        are held all of it is.
+        """
+        assembly = self.assembly
+        if not assembly.loose:
+            return None
+
+        def look(at: float) -> Mechanism | None:
+            assembly.act(at)
+            if self._held and self._held[1] and np.array_equal(self._held[0], assembly.joint.e):
+                return None
+            found = look_for_mechanism(assembly)
+            self._held = assembly.joint.e, found is None
+            return found
+
+        if self._safe is None:
+            self._safe = look(self._start) is None and look(self._legs[self._leg]) is None
+        return None if self._safe else look(time)
+
+    def _accept(self, time: float, solution: Solution) -> None:
+        """Note the step to `time`, whose solution is certified."""
+        assembly, now, outer = self.assembly, self._now, self.outer
+        space, scene = assembly.space, assembly.scene
+        contacts = [solution.contacts[name] for name in self.log.contacts]
+        factors = np.array(list(scene.factors(time).values()))
+        s, moved = outer.forces, solution.moved
+        mean = 0.5 * (s + now.s)
+        driven, interface_work = space.add(np.array([mean @ (space.prescribed - now.prescribed),
+                                                     mean @ (moved - now.moved)]))
+        work = 0.5 * (factors + now.factors) @ (solution.work[0] - now.work[0])
+        work += 0.5 * (factors - now.factors) @ (solution.work[1] + now.work[1]) + driven
+        lost = work - (solution.energy - now.energy) - interface_work
+        dissipated = sum(state.dissipated for state in contacts)
+        before = self.log.energies[-1] if self.log.energies else np.zeros(5)
+        self.log.energies.append(np.array([before[0] + work, solution.energy, before[2] + interface_work,
+                                           before[3] + dissipated, lost]))
+        self.log.steps.append((time, len(outer.history)))
+        self.log.note_contacts(contacts)
+        self._note_iterations(len(self.log.steps))
+        self.log.judge(solution.certificate)
+        alike = not (self._sudden and now.time == 0.0)
+        self._now = _Mark(time, time - now.time if alike else 0.0, s, outer.motions, self._d, moved, moved - now.moved,
+                          space.prescribed, factors, solution.work, solution.energy,
+                          sum(float(each.interface.area[each.status != "open"].sum()) for each in contacts))
+        del self._ahead[0]
+        if not self._ahead or scene.output.steps == "all":
+            self.log.kept.append((time, s, outer.motions))
+        self._leave()
+        self._cuts = 0
+        counts = [sum(state.count(status) for state in contacts) for status in ("open", "slip", "stick")]
+        log.info("time %-10.6g %3d iterations; %d open, %d slip, %d stick nodes", time, self.log.steps[-1][1], *counts)
+
+    def _note_iterations(self, number: int) -> None:
+        self.log.rows += [(number, *step[:-1], *counts, step.n_A) for step, counts in
+                          zip(self.outer.history, self.iteration.statuses.counts, strict=True)]
+
+    def _leave(self) -> None:
+        """Count the iterations of a step that is over."""
+        self.iterations += len(self.outer.history)
+        self.outer.history = []
+
+    def _cut(self, solution: Solution, time: float) -> bool:
+        """Whether to go on with a step half as long, from the state before the one to `time` that has failed."""
+        if solution.mechanism or solution.stopped not in CURABLE or self._cuts == CUTS or (
+                solution.given and solution.unbalanced):
+            return False
+        self._cuts += 1
+        self._ahead.insert(0, (self._now.time + time) / 2)
+        log.info("no certified answer at time %g (%s); the step is halved", time, solution.reason)
+        self._leave()
+        self._keep()
+        return True
+
+    def _next_leg(self) -> None:
+        """Begin the next leg."""
+        self._leg += 1
+        self._now = replace(self._now, span=0.0)
+        self._start, self._base, self._noted = self._now.time, self._now, self.log.lengths()
+        self._safe = None
+        self._coarse: np.ndarray | None = None
+        self._changed = math.nan
+        self._number = self._steps or 1
+        self._ahead = self._times(None)
+
+    def _times(self, length: float | None) -> list[float]:
+        """The times of the steps of the present leg; equal in growth where its end has a larger closed `length`.
+
+        The closed length squared is taken as linear in the loads, as in the contact of a circle and a plane.
+        """
+        start, end = self._start, self._legs[self._leg]
+        x, first = np.arange(1, self._number) / self._number, self._base.length
+        if length is not None and length > first:
+            x = ((first + x * (length - first)) ** 2 - first**2) / (length**2 - first**2)
+        return [*(start + x * (end - start)).tolist(), end]
+
+    def _refine(self) -> bool:
+        """Whether to solve the leg, which has come to its end, once more in twice as many steps."""
+        space, s = self.assembly.space, self._now.s
+        if self._steps or not space.any(np.array([len(each.sliding) for each in space.interfaces
+                                                  if each.law.name != "bonded"])):
+            return False  # without friction there is no memory
+        size = space.norm(s)
+        bound = space.norm(np.minimum(space.laws.bound_at(s), size))
+        self._largest = np.maximum(self._largest, [size, min(bound, size)])
+        if self._coarse is not None and self._largest.all():
+            change = self._change(s - self._coarse)
+            faster = self._changed / change - 1.0 if change else math.inf  # the error left is about change / faster
+            before, self._changed = self._changed, change
+            log.info("leg to time %g: %d steps change the forces by %.2g", self._legs[self._leg], self._number, change)
+            if change <= self._tolerance * (1.0 if math.isnan(before) else min(max(faster, CERTAIN), 1.0)):
+                return False
+        if 2 * self._number > MOST or not self._largest.all():
+            if self._largest.all():
+                log.warning("the leg to time %g misses time.tolerance in %d steps: they change the forces by %.2g",
+                            self._legs[self._leg], self._number, self._changed)
+            return False
+        self._coarse, self._number = s, 2 * self._number
+        length, self._now = self._now.length, self._base
+        self.log.shorten(self._noted)
+        self._ahead = self._times(length)
+        return True
+
+    def _change(self, change: np.ndarray) -> float:
+        """The size of a `change` (size,) of forces: over all forces, and of tangential ones over slip bounds."""
+        space = self.assembly.space
+        tangential = change.copy()
+        for interface, part in space.each():
+            tangential[part][:interface.m] = 0.0
+        return float((space.norms([change, tangential]) / self._largest).max())
+
+    def _keep(self) -> None:
+        """Make the state that checkpoints write until the next step is over."""
+        self._state = {
+            "now": asdict(self._now), "base": asdict(self._base), "leg": self._leg, "start": self._start,
+            "number": self._number, "ahead": list(self._ahead), "coarse": self._coarse, "changed": self._changed,
+            "largest": self._largest, "cuts": self._cuts, "iterations": self.iterations, "noted": self._noted,
+            "log": self.log.state()}
+
+    def state(self) -> dict[str, Any]:
+        return self._state
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on within the step that `state` is of."""
+        self._now, self._base = (_Mark(**state[name]) for name in ("now", "base"))
+        self._leg, self._number, self._cuts = int(state["leg"]), int(state["number"]), int(state["cuts"])
+        self._start, self._changed, self._largest = float(state["start"]), float(state["changed"]), state["largest"]
+        self._ahead, self._coarse = np.asarray(state["ahead"]).tolist(), state["coarse"]
+        self.iterations, self._noted, self._safe = int(state["iterations"]), state["noted"], None
+        self.log.restore(state["log"])
+        self._state, self._resumed = state, True

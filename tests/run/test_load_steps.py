@@ -1,0 +1,340 @@
+"""Load steps: friction with a memory, against closed forms; steps by accuracy; energy; files; restart."""
+
+import csv
+import dataclasses
+import json
+import os
+
+import meshio
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scenes import pinched_blocks, run_command, run_python, sheared_stack, to_toml, write_scene
+
+import ddmpi
+from ddmpi.errors import InputError
+from ddmpi.interface.state import slip_start
+from ddmpi.methods.newton import Newton
+from ddmpi.run.answer import Answer
+from ddmpi.run.steps import March
+
+COULOMB = {"law": "coulomb", "coefficient": 0.3}
+SHIFTS, SHEARS = (0.0, 1.0, 2.0, 0.0, -1.0, 0.0), (0.0, 1.0, 1.0, -1.0, -1.0, 0.0)
+"""How far a pressed stack is shifted, over what makes it slip; its shear stress, over the slip bound."""
+
+
+def solve(scene: dict, comm=MPI.COMM_SELF, **overrides) -> Answer:
+    answer = ddmpi.solve(to_toml(scene), comm, {key.replace("__", "."): value for key, value in overrides.items()})
+    assert answer.certified, answer.reason
+    return answer
+
+
+def turned_stack(law: dict = COULOMB, kind: str = "unilateral", **time) -> tuple[dict, float, float]:
+    """A stack that is pressed and then shifted by SHIFTS; the shift that makes it slip (m), the slip bound (Pa)."""
+    stack = sheared_stack(3, 1.0, law)
+    bound = stack.slip_bound
+    limit = bound * stack._shear_compliance
+    stack = dataclasses.replace(stack, shift=limit)
+    scene = stack.scene(tolerance=1e-10)
+    top = scene["body"][0]["clamp"][0]
+    scene["body"][0]["clamp"] = [{"on": "top", "y": top["y"]}, {"on": "top", "x": limit, "history": "shift"}]
+    for body in scene["body"]:
+        body["traction"] = [each for load in body["traction"] for each in (
+            {"on": load["on"], "value": [load["value"][0], 0.0]},
+            {"on": load["on"], "value": [0.0, load["value"][1]], "history": "shear"})]
+    times = [float(k) for k in range(len(SHIFTS))]
+    scene["history"] = {"shift": {"times": times, "factors": list(SHIFTS)},
+                        "shear": {"times": times, "factors": list(SHEARS)}}
+    scene["contact"][0]["kind"] = kind
+    return scene | {"time": {"points": times[1:]} | time}, limit, bound
+
+
+def sheared_blocks(**time) -> dict:
+    """The pinched blocks, pressed and then pulled to and fro, so that zones slip, stick and open."""
+    scene = pinched_blocks(3, tolerance=1e-10)
+    scene["body"][0]["traction"][0]["history"] = "press"
+    scene["body"][0]["traction"][1] |= {"value": [6.0e7, 3.0e7], "history": "pull"}
+    scene["body"][1]["traction"][0]["history"] = "press"
+    scene["history"] = {"press": {"times": [0.0, 1.0], "factors": [0.0, 1.0]},
+                        "pull": {"times": [1.0, 2.0, 3.0], "factors": [0.0, 1.0, 0.4]}}
+    return scene | {"time": {"points": [1.0, 2.0, 3.0]} | time}
+
+
+def circle(**time) -> dict:
+    """Unlike blocks that touch along y = 0 with the gap of a circle, pressed: nodes slip while the contact grows."""
+    def block(name: str, y: float, young: float, clamp: list) -> dict:
+        return {"name": name, "clamp": clamp, "material": {"young": young, "poisson": 0.3},
+                "mesh": {"shape": "rectangle", "origin": [-4.0, y], "size": [8.0, 4.0], "divisions": [32, 16]}}
+
+    x = np.linspace(-4.0, 4.0, 33)
+    return {"body": [block("soft", 0.0, 1.0, [{"on": "top", "x": 0.0, "y": -0.06, "history": "press"}]),
+                     block("hard", -4.0, 10.0, ["bottom"])],
+            "contact": [{"bodies": ["soft", "hard"], "on": ["bottom", "top"], "friction": COULOMB,
+                         "gap": {"along": "x", "points": x.tolist(), "values": (x**2 / 60.0).tolist()}}],
+            "history": {"press": {"times": [0.0, 1.0], "factors": [0.0, 1.0]}},
+            "time": {"points": [1.0]} | time}
+
+
+@pytest.mark.parametrize("steps", [1, 3])
+def test_friction_remembers_how_it_was_sheared(steps):
+    """Stress, slip and dissipation of a stack that is sheared to and fro are those of an elastic, perfectly plastic
+    spring, in any number of steps a leg; unloaded, it keeps its stress."""
+    scene, limit, bound = turned_stack(steps=steps)
+    answer = solve(scene)
+    (contact,) = answer.contacts.values()
+    (name,) = answer.contacts
+    width = contact.interface.area.sum()
+    steps_of = {step["time"]: step["contacts"][name] for step in answer.summary["steps"]}
+    assert len(steps_of) == 5 * steps
+    for time, factor in enumerate(SHEARS[1:], start=1):
+        assert abs(steps_of[float(time)]["force"][0]) == pytest.approx(abs(factor) * bound * width, abs=1e-6 * bound)
+    assert steps_of[3.0]["force"][0] == pytest.approx(-steps_of[2.0]["force"][0], rel=1e-6)
+    assert np.abs(contact.shear).max() <= 1e-6 * bound
+    total = 2.0 * bound * limit * width
+    assert answer.summary["contacts"][name]["dissipated"] == pytest.approx(total, rel=1e-6)
+    energy = answer.summary["energy"]
+    assert energy["residual"] <= 1e-9
+    assert energy["dissipated"] == pytest.approx(total, rel=1e-6)
+    assert energy["external_work"] == pytest.approx(energy["strain_energy"] + energy["interface_work"], rel=1e-9)
+
+
+@pytest.mark.mpi(ranks=2, timeout=60, unit="s")
+def test_two_ranks_remember_the_same(comm):
+    """Load steps do not depend on how many ranks there are."""
+    scene = sheared_blocks(steps=2)
+    two = solve(scene, comm)
+    if comm.rank == 0:
+        one = solve(scene)
+        ours, theirs = two.summary["steps"], one.summary["steps"]
+        for each, other in zip(ours, theirs, strict=True):
+            assert each["contacts"]["upper-lower"]["force"] == pytest.approx(other["contacts"]["upper-lower"]["force"],
+                                                                             rel=1e-8)
+
+
+def test_a_bonded_stack_has_no_memory():
+    """A contact that nothing slides in ends unloaded where it began, without dissipation."""
+    scene, _, bound = turned_stack(kind="bonded", steps=2)
+    del scene["contact"][0]["friction"]
+    scene["history"]["shear"]["factors"] = list(SHIFTS)
+    answer = solve(scene)
+    (contact,) = answer.contacts.values()
+    assert np.abs(contact.shear).max() <= 1e-6 * bound
+    assert answer.summary["energy"]["dissipated"] == pytest.approx(0.0, abs=1e-6 * answer.summary["energy"][
+        "strain_energy"])
+
+
+def test_one_load_step_is_the_run_without_time():
+    """With all factors at 1 and one step, forces and iterations are those of a scene without [time], bit for bit."""
+    scene = pinched_blocks(3)
+    plain, timed = solve(scene), solve(scene | {"time": {"points": [1.0], "steps": 1}})
+    one, other = (answer.contacts["upper-lower"] for answer in (plain, timed))
+    assert np.array_equal(one.forces, other.forces) and np.array_equal(one.slip, other.slip)
+    assert np.array_equal(other.slip_total, other.slip)
+    assert plain.summary["n_A"] == timed.summary["n_A"]
+    assert plain.summary["steps"] == timed.summary["steps"]
+    assert "energy" not in plain.summary
+    assert any("nothing follows a history" in warning for warning in timed.summary["warnings"])
+
+
+def test_forces_of_a_history_are_not_those_of_its_end():
+    """What is left after pulling depends on the way; the number of steps on a leg does not matter here."""
+    answers = [solve(sheared_blocks(steps=steps)) for steps in (1, 4)]
+    one, four = (answer.contacts["upper-lower"] for answer in answers)
+    size = np.abs(one.forces).max()
+    scene = sheared_blocks(steps=1)
+    scene["time"]["points"] = [3.0]
+    for history in scene["history"].values():
+        history |= {"times": [0.0, 3.0], "factors": [0.0, history["factors"][-1]]}
+    direct = solve(scene).contacts["upper-lower"]
+    assert np.abs(one.forces - direct.forces).max() > 0.01 * size
+    assert np.abs(one.forces - four.forces).max() < 0.2 * np.abs(one.forces - direct.forces).max()
+    assert all(answer.summary["energy"]["residual"] <= 1e-9 for answer in answers)
+
+
+def test_legs_are_solved_in_as_many_steps_as_the_tolerance_asks_for():
+    """Where nodes slip while they come into contact, the forces come as close to those of many steps as is asked."""
+    fine = solve(circle(steps=64)).contacts["soft-hard"]
+    size = 0.3 * np.linalg.norm(fine.normal_force)
+    errors = {}
+    for tolerance in (0.2, 0.05):
+        answer = solve(circle(tolerance=tolerance))
+        contact = answer.contacts["soft-hard"]
+        errors[tolerance] = np.linalg.norm(contact.tangential_force - fine.tangential_force) / size
+        times = [step["time"] for step in answer.summary["steps"]]
+        assert len(times) >= 2 and times[-1] == 1.0
+        assert times[0] < 0.5 / len(times)  # steps equal in the growth of the contact are short at first
+    once = solve(circle(steps=1)).contacts["soft-hard"]
+    assert errors[0.05] <= 0.05 < errors[0.2] < np.linalg.norm(once.tangential_force - fine.tangential_force) / size
+
+
+def test_a_step_that_fails_is_halved_from_the_state_before(monkeypatch):
+    """The forces after a cut are those of a run that was asked for the shorter steps."""
+    scene, failed = sheared_blocks(steps=1), []
+    run = Newton.run
+
+    def fail_once(self, tolerance):
+        stopped = run(self, tolerance)
+        if march._now.time == 1.0 and march._ahead[0] == 2.0 and not failed:
+            failed.append(self._s)
+            return "max_iterations"
+        return stopped
+
+    begin = March.__init__
+
+    def note(self, *parts):
+        nonlocal march
+        march = self
+        begin(self, *parts)
+
+    march = None
+    monkeypatch.setattr(March, "__init__", note)
+    monkeypatch.setattr(Newton, "run", fail_once)
+    cut = solve(scene)
+    monkeypatch.undo()
+    assert failed and [step["time"] for step in cut.summary["steps"]] == [1.0, 1.5, 2.0, 3.0]
+    scene["time"]["points"] = [1.0, 1.5, 2.0, 3.0]
+    assert np.array_equal(solve(scene).contacts["upper-lower"].forces, cut.contacts["upper-lower"].forces)
+
+
+def test_a_step_without_equilibrium_is_named_by_its_time(tmp_path):
+    """A block that is pushed harder and harder on a rigid floor: exit code 3, the time, and the steps before."""
+    block = {"name": "block", "mesh": {"shape": "rectangle", "size": [2.0, 1.0], "divisions": [4, 2]},
+             "material": {"young": 1.0e9, "poisson": 0.3},
+             "traction": [{"on": "top", "value": [0.0, -1.0e5]},
+                          {"on": "left", "value": [1.0e5, 0.0], "history": "push"}]}
+    scene = {"body": [block], "rigid": [{"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}],
+             "contact": [{"bodies": ["block", "floor"], "on": ["bottom"], "friction": COULOMB}],
+             "history": {"push": {"times": [0.0, 1.0], "factors": [0.0, 1.0]}},
+             "time": {"points": [1.0], "steps": 4}}
+    done = run_command(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures", ranks=1)
+    assert done.code == 3
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["reason"].startswith("no equilibrium: block would slide") and "to time 0.75" in summary["reason"]
+    assert [step["time"] for step in summary["steps"]] == [0.25, 0.5]
+
+
+def test_a_rigid_partner_and_clamps_follow_histories():
+    """Without friction, and with loads that come back, a later step is the single step with the same loads."""
+    wall = {"name": "wall", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0], "displacement": [0.0, 2e-4],
+            "history": "push"}
+    body = {"name": "block", "mesh": {"shape": "rectangle", "size": [2.0, 1.0], "divisions": [4, 2]},
+            "material": {"young": 1.0e9, "poisson": 0.3},
+            "clamp": [{"on": "left", "x": 0.0}, {"on": "top", "y": -1e-4, "history": "press"}],
+            "volume_force": {"value": [0.0, -1.0e4], "history": "push"}}
+    scene = {"body": [body], "rigid": [wall], "contact": [{"bodies": ["block", "wall"], "on": ["bottom"]}],
+             "history": {"push": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.5]},
+                         "press": {"times": [1.0, 2.0], "factors": [0.0, 3.0]}}, "time": {"points": [2.0]}}
+    answer = solve(scene)
+    assert [step["time"] for step in answer.summary["steps"]] == [1.0, 2.0]  # a kink ends a leg
+    at_end = {"push": 0.5, "press": 3.0}
+    del scene["history"], scene["time"]
+    single = json.loads(json.dumps(scene))
+    del single["rigid"][0]["history"], single["body"][0]["clamp"][1]["history"]
+    single["rigid"][0]["displacement"] = [0.0, at_end["push"] * 2e-4]
+    single["body"][0]["clamp"][1]["y"] = at_end["press"] * -1e-4
+    single["body"][0]["volume_force"] = [0.0, at_end["push"] * -1.0e4]
+    expected = solve(single).contacts["block-wall"]
+    assert answer.contacts["block-wall"].normal_force == pytest.approx(expected.normal_force, rel=1e-6)
+    assert answer.summary["energy"]["residual"] <= 1e-12
+    assert answer.summary["energy"]["interface_work"] != 0.0 or expected.normal_force.sum() > 0.0
+
+
+def test_a_node_slips_from_where_it_touches():
+    """The slip of an open node begins when its gap, going on as in the last step, closes; others keep theirs."""
+    (contact,) = solve(circle(steps=1)).contacts.values()
+    interface, m = contact.interface, contact.interface.m
+    s, moved, rate = np.zeros(interface.size), np.zeros(interface.size), np.zeros(interface.size)
+    moved[:m] = interface.gap - 2.0  # all gaps are 2
+    moved[m:] = 5.0
+    rate[:m], rate[m:] = 4.0, 1.0
+    assert slip_start(interface, s, moved, rate, 0.0)[m:] == pytest.approx(np.full(m, 5.0))
+    assert slip_start(interface, s, moved, rate, 1.0)[m:] == pytest.approx(np.full(m, 5.5))
+    assert slip_start(interface, s, moved, rate, 0.25)[m:] == pytest.approx(np.full(m, 5.25))
+    assert slip_start(interface, s, moved, -rate, 1.0)[m:] == pytest.approx(np.full(m, 5.0))
+    s[:m] = 1.0
+    assert slip_start(interface, s, moved, rate, 1.0)[m:] == pytest.approx(np.full(m, 5.0))
+    assert not slip_start(interface, s, moved, rate, 1.0)[:m].any()
+
+
+def test_a_run_goes_on_within_a_load_step_bit_for_bit(tmp_path):
+    """Killed in a later leg, and continued: the files of an uninterrupted run."""
+    scene = write_scene(sheared_blocks() | {"output": {"steps": "all"}}, tmp_path / "scene.toml")
+    code = """
+import os, signal, sys
+from ddmpi.body.compliance import Compliance
+mult, calls, limit = Compliance.mult, [], int(sys.argv.pop(1))
+def count(self, *arguments):
+    calls.append(0)
+    if len(calls) == limit:
+        os.kill(os.getpid(), signal.SIGTERM)
+    return mult(self, *arguments)
+Compliance.mult = count
+from ddmpi.cli.main import main
+sys.exit(main())
+"""
+    whole = run_command(scene, tmp_path / "whole", "--no-figures", ranks=1)
+    assert whole.code == 0
+    folder = tmp_path / "killed"
+    killed = run_python(["-c", code, "250", "run", str(scene), "--output", str(folder), "--no-figures"], 1)
+    assert killed.code == 6, killed.stderr
+    again = run_python(["-m", "ddmpi", "run", str(scene), "--restart", str(folder), "--no-figures"], 1)
+    assert again.code == 0, again.stderr
+    for name in os.listdir(folder):
+        if name.endswith((".csv", ".xdmf")):
+            assert (folder / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), name
+    ours, theirs = (json.loads((each / "summary.json").read_text()) for each in (folder, tmp_path / "whole"))
+    assert all(ours[key] == theirs[key] for key in ("steps", "energy", "contacts", "certificate", "n_A", "exchange"))
+
+
+def test_files_of_load_steps(tmp_path):
+    """Fields of the legs' ends are a time series; steps.csv, energy.csv and history.csv have a line per step."""
+    scene = write_scene(sheared_blocks(steps=2), tmp_path / "scene.toml")
+    assert run_command(scene, tmp_path / "out", "--no-figures", ranks=1).code == 0
+    rows = {name: list(csv.DictReader((tmp_path / "out" / f"{name}.csv").open())) for name in
+            ("steps", "energy", "history", "contact_upper-lower")}
+    times = [0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
+    assert [float(row["time"]) for row in rows["steps"]] == times == [float(row["time"]) for row in rows["energy"]]
+    assert {int(row["step"]) for row in rows["history"]} == {1, 2, 3, 4, 5, 6}
+    assert any(row["slip"] != row["slip_total"] for row in rows["contact_upper-lower"])
+    dissipated = sum(float(row["dissipated"]) for row in rows["steps"])
+    assert float(rows["energy"][-1]["dissipated"]) == pytest.approx(dissipated, rel=1e-12)
+    with meshio.xdmf.TimeSeriesReader(tmp_path / "out" / "result.xdmf") as reader:
+        reader.read_points_cells()
+        found = [reader.read_data(k) for k in range(reader.num_steps)]
+    assert [time for time, _, _ in found] == [1.0, 2.0, 3.0]
+    pressed = solve(sheared_blocks(steps=2), time__points=[1.0])
+    u = np.concatenate([pressed.bodies[name].displacement for name in ("upper", "lower")])
+    assert found[0][1]["displacement"][:, :2] == pytest.approx(u, rel=1e-9, abs=1e-9 * np.abs(u).max())
+
+
+@pytest.mark.parametrize("change, words", [
+    ({"history": {"pull": {"times": [0.0], "factors": [1.0]}}}, ["history.pull", "[time]"]),
+    ({"time": {"points": [1.0], "steps": 2, "tolerance": 0.1}}, ["time", "steps and tolerance"]),
+    ({"time": {"points": [1.0, 1.0]}}, ["time", "ascend"]),
+    ({"time": {"points": [0.0]}}, ["time", "positive"]),
+    ({"time": {"points": [1.0]}, "method": {"outer": "anderson"}}, ["time", "anderson", "newton"]),
+    ({"time": {"points": [1.0]}, "method": {"target_error": 0.1}}, ["time", "target_error"]),
+    ({"time": {"points": [1.0]}, "history": {"pull": {"times": [0.0, 0.0], "factors": [1.0, 2.0]}}},
+     ["history.pull", "ascend"]),
+    ({"time": {"points": [1.0]}, "history": {"a": {"times": [0.0], "factors": [1.0]}, "b": {"times": [0.0, 1.0],
+                                                                                       "factors": [1.0]}}},
+     ["history.b", "equally many"]),
+    ({"time": {"points": [1.0]}, "history": {'"a b"': {"times": [0.0], "factors": [1.0]}}}, ["history", "name"])])
+def test_what_load_steps_cannot_be_is_refused_by_its_key(change, words):
+    """Bad histories and load steps are refused before any work, by one message that names the key."""
+    with pytest.raises(InputError) as caught:
+        ddmpi.solve(to_toml(pinched_blocks(2) | change), MPI.COMM_SELF)
+    assert all(word in str(caught.value) for word in words), caught.value
+
+
+def test_followers_name_histories_that_there_are():
+    """A load that follows no existing history, and clamps that contradict each other by theirs, are refused."""
+    scene = sheared_blocks()
+    scene["body"][0]["traction"][1]["history"] = "pul"
+    with pytest.raises(InputError, match=r"body.upper.traction.1.history: .*did you mean 'pull'"):
+        ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
+    scene = sheared_blocks()
+    scene["body"][0]["clamp"] = [{"on": "left", "x": 1e-4, "history": "pull"},
+                                 {"on": "left", "x": 1e-4, "y": 0.0, "history": "press"}]
+    with pytest.raises(InputError, match="body.upper.clamp: x at .*prescribed twice.*another history"):
+        ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
