@@ -45,7 +45,7 @@ RESTORED = "run/test_checkpoint.py::test_a_restored_state_is_the_whole_state"
 SKFEM = "body/test_elasticity.py::test_stiffness_is_that_of_skfem"
 RANDOM = "qp/test_mprgp.py::test_random_programs"
 LAW, SIDES, LEGS = "interface/test_law.py", "interface/test_interface.py", "coupling/test_exchange.py"
-MEMBER = "coupling/test_member.py"
+MEMBER, MORTAR = "coupling/test_member.py", "interface/test_mortar.py"
 ANSWER, NODES = "run/test_answer.py", f"{CERTIFICATE}::test_the_state_of_the_nodes"
 
 MUTANTS = [Mutant(*row) for row in (
@@ -128,8 +128,21 @@ MUTANTS = [Mutant(*row) for row in (
      f"{SIDES}::test_area_and_normal_are_those_of_both_sides"),
     ("initial gap ignored", "interface/matching", 'gap = np.einsum("ij,ij->i", offset, normal)',
      "gap = np.zeros(len(match))", f"{SIDES}::test_gap_and_overlap"),
-    ("clamped neighbours forgotten", "interface/matching", "held[node][to_held] += 1.0 / distance[to_held]", "pass",
-     f"{SIDES}::test_clamped_nodes_drop_out"),
+    ("clamped neighbours forgotten", "interface/matching", "        to = dropped[neighbour]\n",
+     "        to = np.zeros(len(node), bool)\n", f"{SIDES}::test_clamped_nodes_drop_out"),
+    ("arcs of curved sides ignored", "interface/cover",
+     "slave.bulge(link, at, ray)", "0.0",
+     f"{MORTAR}::test_arcs_of_circles_have_their_true_gap"),
+    ("sides seen through the slave", "interface/cover",
+     "seen = ~_hidden(own, fans, on[piece], middle[piece], distance)", "seen = np.ones(len(piece), bool)",
+     f"{MORTAR}::test_the_far_side_of_a_ring_is_no_partner"),
+    ("slave chosen by spacing alone", "interface/mortar", "/ (side.links.shape[1] - 1) / side.modulus)",
+     "/ (side.links.shape[1] - 1))", f"{MORTAR}::test_the_slave_is_coarse_and_soft"),
+    ("held rows like others", "interface/mortar", "motion=motion if motion.min() < 1.0 else None,", "motion=None,",
+     f"{MORTAR}::test_clamped_nodes_keep_their_rows"),
+    ("closed chains left open", "methods/half_plane",
+     "self._around[node, np.arange(len(node))] = sign * np.sqrt(inverse[whole] / length[node])", "pass",
+     "methods/test_newton.py::test_half_plane_stiffness_of_a_closed_chain"),
     ("sign of the second body's trace", "interface/trace", "return 1.0 if side == 0 else -1.0", "return 1.0",
      f"{SIDES}::test_displacement_trace_has_the_signs_of_the_slides"),
     ("slip bound without area", "interface/law", "values(friction.slip_bound) * area[sliding]",
@@ -147,7 +160,7 @@ MUTANTS = [Mutant(*row) for row in (
      NODES),
     ("status: open is called slip", "interface/state", 'status[~law.closed(s, CLOSED)] = "open"', "pass", NODES),
     ("sign of the force", "interface/state", 'return -np.einsum("mc,mcd->md"', 'return np.einsum("mc,mcd->md"', NODES),
-    ("sign of the moment", "interface/state", "float((x * fy - y * fx).sum())", "float((y * fx - x * fy).sum())",
+    ("sign of the moment", "interface/state", "return x * fy - y * fx", "return y * fx - x * fy",
      NODES),
     ("pressure not divided by area", "interface/state", "return self.normal_force / self.interface.area",
      "return self.normal_force", NODES),

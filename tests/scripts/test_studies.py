@@ -47,6 +47,19 @@ def test_study(tmp_path, name):
     assert len(list(output.glob("figures/*.png"))) == figures
 
 
+def test_verification(tmp_path):
+    """Some problems on their coarsest meshes: a page with aims and tables, a picture of each, nothing in docs/."""
+    output = tmp_path / "out"
+    done = start(tmp_path, "verification", "--coarse", "--only", "cgs-1", "rings", "--output", str(output))
+    assert done.returncode == 0, done.stdout + done.stderr
+    page = (output / "verification.md").read_text(encoding="utf-8")
+    for words in ("| NAFEMS CGS-1: contact patch test of unlike bodies, every variant, worst node | ≤ 1e-08 | ",
+                  "## Two rings with interference", "| mean pressure, gap given (Pa) | 2575.5 | ", "(exact) |"):
+        assert words in page
+    assert "**!**" not in page and "N = 48" not in page
+    assert {path.name for path in output.glob("figures/*")} == {"verification_cgs-1.png", "verification_rings.png"}
+
+
 def test_fault_injection_names_no_case(tmp_path):
     """Words that no fault's name has end the script with a message; tests/run/test_faults.py tries some faults."""
     done = start(tmp_path, "fault_injection", "no", "such", "fault")
