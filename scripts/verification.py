@@ -53,7 +53,7 @@ def aims(runs: Runs) -> Iterator[tuple[str, float, float | None]]:
         for what in ("p₀", "a (mm)"):
             yield (f"Hertz, order {order}, 8 nodes on a: {what.split()[0]}", 0.01,
                    largest(runs, "hertz", what, meshes=8, order=order))
-    for words in ("side means", "nodes"):
+    for words in ("side means", "nodes", "nodes: greatest of five meshes"):
         found = runs.get(("hertz", 16, 2))
         yield (f"Hertz, order 2, 16 nodes on a: pressure in L2, {words}", 0.01,
                found.values[f"pressure, {words}"].error if found else None)
@@ -133,7 +133,10 @@ def page(runs: Runs, seconds: float) -> str:
         lines += ["Quadratic elements of rings have straight sides at present, so that both kinds of order 2 "
                   "agree.", ""]
     if any(name == "work" for name, *_ in runs):
-        lines += ["Negative work is work that is saved.", ""]
+        lines += ["Steps and n_A are the worst of all meshes; less than zero is work that is saved.", ""]
+    if any(name == "hertz" for name, *_ in runs):
+        lines += ["With quadratic elements nodal pressures of Hertz err most next to the end of the contact: by how "
+                  "much is decided by where between two nodes it ends.", ""]
     for each in done:
         lines += section(each, runs)
     return "\n".join([*lines, f"All of it took {seconds / 60:.0f} minutes.", ""])

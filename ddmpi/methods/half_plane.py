@@ -119,13 +119,13 @@ class _Block:
         root = self._root[:, None]
         y = root * x
         shifted = self._solve(y)
-        if len(self._joint[0]):  # closed chains, by Sherman, Morrison and Woodbury
+        if self._around.size:  # closed chains, by Sherman, Morrison and Woodbury
             shifted -= self._turned @ np.linalg.solve(self._joint, self._around.T @ shifted)
         z = np.tensordot(self._weights, shifted, 1)
         Az = self._diagonal[:, None] * z
         Az[1:] += self._off[:, None] * z[:-1]
         Az[:-1] += self._off[:, None] * z[1:]
-        if len(self._joint[0]):
+        if self._around.size:
             Az += self._around @ (self._around.T @ z)
         return self._scale * root * Az
 
