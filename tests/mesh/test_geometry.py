@@ -155,6 +155,22 @@ def test_groups_without_names(tmp_path):
     assert set(mesh.groups) == {"7"} and lengths(mesh, "7").sum() == pytest.approx(4.0)
 
 
+def test_scripts_of_several_files(tmp_path):
+    """A script may include others and merge drawings that lie beside it, wherever the run was started."""
+    folder = tmp_path / "my parts"
+    folder.mkdir()
+    write(folder / "sides.geo", SURFACE)
+    mesh = drawn(write(folder / "plate.geo", 'Include "sides.geo";' + GROUPS))
+    assert set(mesh.groups) == {"bottom", "right", "top", "left"}
+    with gmsh_session():
+        gmsh.model.occ.addRectangle(0, 0, 0, 3, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.write(str(folder / "part.step"))
+    script = 'SetFactory("OpenCASCADE"); Merge "part.step"; Physical Curve("ends") = {2, 4};'
+    mesh = drawn(write(folder / "merged.geo", script))
+    assert area(mesh) == pytest.approx(3.0, rel=1e-9) and lengths(mesh, "ends").sum() == pytest.approx(2.0, rel=1e-9)
+
+
 # STEP and BREP
 
 
