@@ -32,7 +32,7 @@ from named_assemblies import Scene, arch, checkerboard, slabs, stack, wall
 
 import ddmpi
 from ddmpi.methods import newton
-from ddmpi.results.reader import read_results
+from ddmpi.results.tables import read_results
 from ddmpi.run.solve import solve
 
 sys.path.insert(0, str(ROOT / "tests"))

@@ -64,7 +64,7 @@ def block_mesh(path: Path, h: float, up: bool) -> None:
 def circle_on_plane(folder: Path, nodes: int, order: int, depth: float, histories: dict[str, tuple[list, list]],
                     points: list[float], shift: float = 0.0, soft: tuple[float, float] = (YOUNG, POISSON),
                     extra: str = "") -> str:
-    """The scene of two blocks pressed by `depth` and sheared by `shift` (mm), with so many nodes on half the contact."""
+    """The scene of two blocks pressed by `depth` and sheared by `shift` (mm), with so many `nodes` on a."""
     h = HALF / nodes * order
     for name in ("upper", "lower"):
         block_mesh(folder / f"{name}.msh", h, name == "upper")
@@ -138,7 +138,8 @@ def cattaneo_stress(x: np.ndarray, turns: list[float], pressed: float, force: fl
 
 def stress_error(contact, turns: list[float], pressed: float, force: float) -> float:
     """L2 of q − q_exact over that of μp; with quadratic elements of means over sides, which do not swing."""
-    edges, x, q, weight = contact.interface.edges, contact.interface.xy[:, 0], contact.shear[:, 0], contact.interface.area
+    interface, q = contact.interface, contact.shear[:, 0]
+    edges, x, weight = interface.edges, interface.xy[:, 0], interface.area
     exact = cattaneo_stress(x, turns, pressed, force)
     if len(edges):
         start, end, middle = edges.T
@@ -188,8 +189,9 @@ def cattaneo(folder: Path, nodes: int = 16) -> None:
                 exact_loop = loop_energy(abs(turns[-1]), pressed, P)
                 turn = abs(turns[-1])
         print(f"  order {order}: a = {pressed:.4f}, Q/μP = {turn:.3f}, errors after loading, reversal, reloading, "
-              f"unloading: {', '.join(f'{each:.2%}' for each in errors)}; energy of the loop {loop / exact_loop - 1:+.2%}, "
-              f"steps {len(rows)}, n = {answer.summary['n']}, residual of energy {answer.summary['energy']['residual']:.0e}",
+              f"unloading: {', '.join(f'{each:.2%}' for each in errors)}; energy of the loop "
+              f"{loop / exact_loop - 1:+.2%}, steps {len(rows)}, n = {answer.summary['n']}, residual of energy "
+              f"{answer.summary['energy']['residual']:.0e}",
               flush=True)
 
 
@@ -249,13 +251,14 @@ stress = false
         steps = {step["time"]: step["contacts"]["fit"] for step in answer.summary["steps"]}
         torques = [steps[t]["moment"] for t in (1.0, 2.0, 3.0, 4.0)]
         dissipated = sum(step["dissipated"] for step in steps.values())
-        print(f"  order {order}: p {steps[1.0]['normal_force'] / (2 * np.pi * b) / pressure - 1:+.2%}, torques over the "
-              f"limit {[round(t / limit, 4) for t in torques]}, dissipated {dissipated / (1.5 * limit * angle) - 1:+.2%}, "
+        print(f"  order {order}: p {steps[1.0]['normal_force'] / (2 * np.pi * b) / pressure - 1:+.2%}, torques over "
+              f"the limit {[round(t / limit, 4) for t in torques]}, dissipated "
+              f"{dissipated / (1.5 * limit * angle) - 1:+.2%}, "
               f"steps {len(answer.summary['steps'])}, residual {answer.summary['energy']['residual']:.0e}", flush=True)
 
 
 def raous(folder: Path) -> None:
-    """A block on a rigid plane, pressed and pulled, and let go: what is left of the tangential force, and how it goes."""
+    """A block on a rigid plane, pressed, pulled and let go: what is left of the tangential forces."""
     del folder
     scene = """
 [[body]]
@@ -285,15 +288,15 @@ points = [1.0, 2.0]
     for text, each in (("history", contact), ("without it", total)):
         print(f"  {text}: Σ|T|/N {np.abs(each.tangential_force).sum() / each.normal_force.sum():.3f}, "
               f"{each.count('slip')} slip, {each.count('stick')} stick")
-    print(f"  forces apart by {np.linalg.norm(contact.tangential_force - total.tangential_force) / np.linalg.norm(total.normal_force):.1%} "
-          f"of the pressure; energy residual {answer.summary['energy']['residual']:.0e}")
+    apart = np.linalg.norm(contact.tangential_force - total.tangential_force) / np.linalg.norm(total.normal_force)
+    print(f"  forces apart by {apart:.1%} of the pressure; energy residual {answer.summary['energy']['residual']:.0e}")
 
 
 def paths(folder: Path, number: int = 100) -> None:
     """Random paths of the tangential load: iterations by step, and that none cycles."""
     histories = {"press": ([0.0, 1.0], [0.0, 1.0])}
     scene = circle_on_plane(folder, 8, 1, PRESS, histories | {"shear": ([0.0], [1.0])}, [1.0], shift=SHIFT)
-    rng, counts, cold = np.random.default_rng(0), [], []
+    rng, found, cold = np.random.default_rng(0), [], []
     for _ in range(number):
         turns = [0.0, 0.0, *rng.uniform(-1.2, 1.2, 6).tolist()]
         times = [float(k) for k in range(8)]
@@ -301,9 +304,9 @@ def paths(folder: Path, number: int = 100) -> None:
                        time__steps=4)
         iterations = [step["outer_iterations"] for step in answer.summary["steps"]]
         cold.append(iterations[0])
-        counts += iterations[4:]
-    counts = np.array(counts)
-    print(f"{number} random paths of 6 turns, 4 steps a leg: {len(counts)} sheared steps, {counts.mean():.1f} iterations "
+        found += iterations[4:]
+    counts = np.array(found)
+    print(f"{number} random paths of 6 turns, 4 steps a leg: {len(counts)} sheared steps, {counts.mean():.1f} steps "
           f"on average, {np.percentile(counts, 95):.0f} in 95 %, {counts.max()} at most; the first step "
           f"{np.mean(cold):.1f}")
 

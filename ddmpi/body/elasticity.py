@@ -95,7 +95,9 @@ class Elasticity:
     def under(self, factors: Mapping[str | None, float]) -> Elasticity:
         """The same body under its load cases times `factors`. `load` stays what forces are compared with."""
         case = _sum_cases([(factors[name], case) for name, case in self.cases.items()])
-        return replace(self, b=_vector(case.b, self.b.comm), acting=case)
+        b = self.b.duplicate()  # vectors around arrays of numpy's are never freed
+        b.array[:] = case.b
+        return replace(self, b=b, acting=case)
 
     def largest(self, factors: Sequence[Mapping[str | None, float]]) -> Elasticity:
         """The same body with the largest `load` of its cases times any of `factors`."""
@@ -144,7 +146,9 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     matrix.setBlockSize(2)  # createAIJWithArrays ignores its bsize
     matrix.setOption(PETSc.Mat.Option.SYMMETRIC if motions.size else PETSc.Mat.Option.SPD, True)
     matrix.setNearNullSpace(near_null_space(mesh.points[nodes], loose, comm))
-    return Elasticity(matrix, _vector(case.b, comm), int(loose.sum()), nodes, free, case, motions, case.size,
+    load = PETSc.Vec().createWithArray(case.b, bsize=2, comm=comm)
+    load.setBlockSize(2)
+    return Elasticity(matrix, load, int(loose.sum()), nodes, free, case, motions, case.size,
                       lost_loads(mesh, body, free), cases)
 
 
@@ -160,9 +164,3 @@ def _sum_cases(parts: Sequence[tuple[float, LoadCase]]) -> LoadCase:
         if case.taken is not None:
             taken = k * case.taken if taken is None else taken + k * case.taken
     return LoadCase(f, prescribed, taken, b)
-
-
-def _vector(b: np.ndarray, comm) -> PETSc.Vec:
-    vector = PETSc.Vec().createWithArray(b, bsize=2, comm=comm)
-    vector.setBlockSize(2)
-    return vector

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ddmpi.results.reader import Columns, Results
+from ddmpi.results.tables import Columns, Results
 
 DRAWN = 0.08
 """Displacements and shifts are drawn as at most this fraction of the bodies' extent."""

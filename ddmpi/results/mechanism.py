@@ -13,8 +13,7 @@ import numpy as np
 from ddmpi.errors import InputError
 from ddmpi.judge.equilibrium import Mechanism, describe
 from ddmpi.results.pictures import STYLE, draw_all, identity
-from ddmpi.results.reader import read_results
-from ddmpi.results.tables import writing
+from ddmpi.results.tables import read_results, writing
 
 FILE, PICTURE = "mechanism.json", "mechanism.png"
 

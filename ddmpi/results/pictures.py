@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from ddmpi.results.fields import areas_at_nodes, at_nodes, boundary_edges, linear_triangles, middles
+from ddmpi.results.histories import draw_steps
 from ddmpi.results.magnify import magnify, owners, surfaces
-from ddmpi.results.reader import Columns, Results, pieces, read_results, starts
-from ddmpi.results.tables import writing
+from ddmpi.results.tables import Columns, Results, pieces, read_results, starts, writing
 
 STYLE = {"font.size": 10, "axes.titlesize": 11, "figure.titlesize": 11, "axes.spines.top": False,
          "axes.spines.right": False, "legend.frameon": False, "figure.constrained_layout.use": True,
@@ -49,8 +49,8 @@ def draw_all(folder: str | Path) -> list[Path]:
     """Draw all pictures of the results in `folder` into it; their paths.
 
     bodies.png, contact.png (of several contacts contacts.png, and contact_NAME.png of each if there are not more than
-    EACH), convergence.png, and error.png if the results have the estimated error. Not collective. Raises InputError if
-    the results cannot be read, OutputError if a picture cannot be written.
+    EACH), convergence.png, steps.png if there are load steps, and error.png if the results have the estimated error.
+    Not collective. Raises InputError if the results cannot be read, OutputError if a picture cannot be written.
     """
     import matplotlib
 
@@ -86,6 +86,8 @@ def _figures(results: Results) -> Iterator[tuple[str, Any]]:
     for name in results.contacts if len(results.contacts) <= EACH else ():
         yield f"contact_{name}.png" if several else "contact.png", draw_contact(results, name)
     yield "convergence.png", draw_convergence(results)
+    if len(results.energy.get("time", ())):
+        yield "steps.png", draw_steps(results, _title(results))
     if "error" in results.fields:
         yield "error.png", draw_error(results)
 

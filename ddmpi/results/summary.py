@@ -12,10 +12,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.interface.state import ContactState
-from ddmpi.results.tables import writing
-
-FORMAT = 2
-"""Version of the layout of all result files. Names and meanings of one format stay; entries may be added."""
+from ddmpi.results.tables import FORMAT, writing
 
 BY_CONTACT = ("force_mismatch", "penetration", "complementarity", "friction")
 """The residuals that a certificate has for each contact."""

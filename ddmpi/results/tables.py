@@ -1,22 +1,30 @@
-"""The tables of a run: contact_NAME.csv, contact_NAME_sides.csv, history.csv, steps.csv and energy.csv."""
+"""The tables of a run: contact_NAME.csv, contact_NAME_sides.csv, contact_NAME_legs.csv, history.csv, steps.csv and
+energy.csv; all files of a run, read back."""
 
 from __future__ import annotations
 
 import contextlib
 import csv
+import json
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from ddmpi.errors import OutputError
+from ddmpi.errors import InputError, OutputError
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.elements import side_lengths
+
+FORMAT = 2
+"""Version of the layout of all result files. Names and meanings of one format stay; entries may be added."""
 
 CONTACT = ("x", "y", "nx", "ny", "length", "normal_force", "tangential_force", "normal_stress", "tangential_stress",
            "gap", "slip", "slip_total", "status")
 
 SIDES = ("x", "y", "length", "normal_stress", "tangential_stress")
+
+LEGS = ("time", "x", "y", "length", "normal_stress", "tangential_stress")
 
 HISTORY = ("step", "iteration", "update", "residual", "inner_precision", "open", "slip", "stick", "n_A")
 
@@ -56,6 +64,22 @@ def write_sides(path: Path, name: str, state: ContactState) -> None:
     length = side_lengths(xy[state.interface.edges])
     means = ((stress[start] + 4 * stress[middle] + stress[end]) / 6 for stress in (state.pressure, state.shear.ravel()))
     _write_csv(path / f"contact_{name}_sides.csv", SIDES, zip(*xy[middle].T, length, *means, strict=True))
+
+
+def write_legs(path: Path, name: str, state: ContactState, stresses: Iterable[tuple[float, np.ndarray]]) -> None:
+    """Write contact_NAME_legs.csv into the folder `path`: a line per contact node and load step whose fields are kept.
+
+    Parameters
+    ----------
+    state : of the contact, for its nodes
+    stresses : time, and normal and tangential stresses (m, 2), of each load step
+
+    Not collective. Raises OutputError.
+    """
+    lines = state.interface.shown
+    _write_csv(path / f"contact_{name}_legs.csv", LEGS, (
+        (time, *row) for time, values in stresses
+        for row in zip(*lines.xy.T, lines.area, *values[lines.row].T, strict=True)))
 
 
 def write_history(path: Path, rows: Iterable[Sequence]) -> None:
@@ -109,3 +133,88 @@ def _cell(value: object) -> object:
     if value is None:
         return "nan"
     return repr(float(value)) if isinstance(value, float | np.floating) else value
+
+
+Columns = dict[str, np.ndarray]
+"""A table: the arrays of its columns by name; `status` and `contact` hold words, all others numbers."""
+
+APART = 1.75
+"""Consecutive nodes belong to separate pieces if they are farther apart than this times their mean nodal length.
+
+Neighbours are at most 4/3 of it apart on a uniform mesh, at the end of a piece; across one missing node it is 2.
+"""
+
+
+@dataclass(frozen=True)
+class Results:
+    """All results of a run.
+
+    Attributes
+    ----------
+    summary : the content of summary.json
+    contacts : of each contact contact_NAME.csv
+    sides : the same of contact_NAME_sides.csv; empty with linear elements
+    history, steps : history.csv and steps.csv
+    energy : energy.csv, and legs : of each contact contact_NAME_legs.csv; empty without [time]
+    fields : the data of result.h5 of the last load step; `fields["body"]` numbers the bodies as summary["bodies"] lists
+        them
+    """
+
+    summary: dict
+    contacts: dict[str, Columns]
+    sides: dict[str, Columns]
+    history: Columns
+    steps: Columns
+    fields: dict[str, np.ndarray]
+    energy: Columns = field(default_factory=dict)
+    legs: dict[str, Columns] = field(default_factory=dict)
+
+
+def read_results(folder: str | Path) -> Results:
+    """Read all results of a run from its folder. Not collective.
+
+    Raises InputError if the results are not complete, or of another format.
+    """
+    import h5py
+
+    folder = Path(folder)
+    try:
+        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+        if summary.get("format", 1) != FORMAT:
+            raise InputError(f"{folder}: results in format {summary.get('format', 1)}; this version reads format "
+                             f"{FORMAT}")
+        tables = {name: folder / f"contact_{name}.csv" for name in summary["contacts"]}
+        sides = {name: folder / f"contact_{name}_sides.csv" for name in tables if summary["order"] == 2}
+        with h5py.File(folder / "result.h5", "r") as file:
+            fields = {name: data[()] for name, data in file.items() if isinstance(data, h5py.Dataset)}
+        steps = summary["scene"].get("time") is not None
+        return Results(summary, {name: _read_csv(path) for name, path in tables.items()},
+                       {name: _read_csv(path) for name, path in sides.items() if path.exists()},
+                       _read_csv(folder / "history.csv"), _read_csv(folder / "steps.csv"), fields,
+                       _read_csv(folder / "energy.csv") if steps else {},
+                       {name: _read_csv(folder / f"contact_{name}_legs.csv") for name in tables if steps})
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(f"{folder}: not a complete folder of results: {error}") from None
+
+
+def _read_csv(path: Path) -> Columns:
+    with open(path, newline="", encoding="utf-8") as file:
+        header, *rows = csv.reader(file)
+    columns = zip(*rows, strict=True) if rows else ((),) * len(header)
+    return {name: np.array(column, str if name in ("status", "contact") else float)
+            for name, column in zip(header, columns, strict=True)}
+
+
+def starts(table: Columns) -> np.ndarray:
+    """Rows of nodes or sides with which another piece of the contact begins."""
+    distance, length = np.hypot(np.diff(table["x"]), np.diff(table["y"])), table["length"]
+    return 1 + np.flatnonzero(distance > APART * (length[1:] + length[:-1]) / 2)
+
+
+def pieces(table: Columns) -> list[np.ndarray]:
+    """Rows of nodes, piece by piece; a closed contact ends with the node that it begins with."""
+    found = np.split(np.arange(len(table["x"])), starts(table))
+    distance = np.hypot(table["x"][0] - table["x"][-1], table["y"][0] - table["y"][-1])
+    if len(found) == 1 and len(found[0]) > 2 and distance <= APART * table["length"][[0, -1]].mean():
+        found[0] = np.append(found[0], 0)
+    return found

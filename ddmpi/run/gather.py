@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from array import array
 from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
@@ -22,6 +23,9 @@ from ddmpi.results.summary import BodyResult, ContactResult, RunResult, summariz
 from ddmpi.run.solve import Solution
 from ddmpi.system.provenance import peak_memory, provenance
 
+WIDTH = 9
+"""Columns of history.csv."""
+
 KINDS = tuple(field.name for field in fields(ContactResiduals))
 
 
@@ -36,9 +40,10 @@ class StepLog:
         sticking nodes, dissipated energy
     energies : external work, strain energy, interface work and dissipated energy since time 0, and what the step's
         balance leaves, of each (J)
-    rows : a row of history.csv for each iteration
+    rows : WIDTH numbers of history.csv for each iteration, one after the other, so that they take little room
     worst : (nc, 4) the largest residuals of contacts so far, and (nb,) of bodies
-    kept : time, forces and motions of the steps whose fields are to be written
+    kept : time, forces (size,), motions, and normal and tangential stresses (m, 2) of all contacts, of the steps whose
+        fields are to be written
     """
 
     def __init__(self, contacts: Sequence[str], bodies: Sequence[str]) -> None:
@@ -46,8 +51,8 @@ class StepLog:
         self.steps: list[tuple[float, int]] = []
         self.resultants: list[np.ndarray] = []
         self.energies: list[np.ndarray] = []
-        self.rows: list[tuple[float, ...]] = []
-        self.kept: list[tuple[float, np.ndarray, np.ndarray]] = []
+        self.rows = array("d")
+        self.kept: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]] = []
         self.worst = np.zeros((len(self.contacts), len(KINDS))), np.zeros(len(self.bodies))
 
     def judge(self, certificate: Certificate) -> Certificate:
@@ -97,7 +102,8 @@ class StepLog:
 
     def history(self) -> list[tuple[float, ...]]:
         """The rows of history.csv."""
-        return [(int(row[0]), int(row[1]), *row[2:5], *map(int, row[5:])) for row in self.rows]
+        rows = np.array(self.rows).reshape(-1, WIDTH).tolist()
+        return [(int(row[0]), int(row[1]), *row[2:5], *map(int, row[5:])) for row in rows]
 
     def lengths(self) -> dict[str, Any]:
         """What `shorten` needs to come back to the present state."""
@@ -113,16 +119,18 @@ class StepLog:
         self.worst = lengths["contacts"], lengths["bodies"]
 
     def state(self) -> dict[str, Any]:
-        times, forces, motions = zip(*self.kept, strict=True) if self.kept else ((), (), ())
+        times, forces, motions, stresses = zip(*self.kept, strict=True) if self.kept else ((),) * 4
         return {"steps": list(self.steps), "resultants": list(self.resultants), "energies": list(self.energies),
-                "rows": list(self.rows), "times": list(times), "forces": list(forces), "motions": list(motions),
+                "rows": np.array(self.rows), "times": list(times), "forces": list(forces), "motions": list(motions),
+                "stresses": list(stresses),
                 "contacts": self.worst[0], "bodies": self.worst[1]}
 
     def restore(self, state: dict[str, Any]) -> None:
         self.steps = [(float(time), int(number)) for time, number in state["steps"]]
         self.resultants, self.energies = list(state["resultants"]), list(state["energies"])
-        self.rows = [tuple(row) for row in np.asarray(state["rows"]).tolist()]
-        self.kept = list(zip(np.asarray(state["times"]).tolist(), state["forces"], state["motions"], strict=True))
+        self.rows = array("d", np.asarray(state["rows"], float).tolist())
+        self.kept = list(zip(np.asarray(state["times"]).tolist(), state["forces"], state["motions"], state["stresses"],
+                             strict=True))
         self.worst = state["contacts"], state["bodies"]
 
 
@@ -154,7 +162,7 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     run = RunResult(
         converged=solution.certified and not ladder.missed,
         reason=(solution.certified and ladder.missed) or solution.reason, order=scene.body[0].mesh.order,
-        ranks=world.allreduce(len(ranks)), outer_iterations=len(steps.rows) if steps else len(outer.history),
+        ranks=world.allreduce(len(ranks)), outer_iterations=len(steps.rows) // WIDTH if steps else len(outer.history),
         inner_iterations=sum(inner) if published else inner[0],
         certificate_limit=solution.limit, energy_norm=error.relative,
         levels=[level._asdict() for level in ladder.levels],

@@ -27,7 +27,7 @@ from ddmpi.petsc.versions import free_garbage
 from ddmpi.results.fields import Fields, write_fields, write_xdmf
 from ddmpi.results.folder import Staging, choose_folder
 from ddmpi.results.summary import write_summary
-from ddmpi.results.tables import write_contact, write_energy, write_history, write_sides, write_steps
+from ddmpi.results.tables import write_contact, write_energy, write_history, write_legs, write_sides, write_steps
 from ddmpi.run.checkpoint import Checkpoints, continue_from, identify, levels_kept
 from ddmpi.run.gather import StepLog, gather_summary
 from ddmpi.run.report import describe_files, log_end, log_plan, log_step, log_warnings
@@ -276,7 +276,7 @@ def _write_steps(path: Path, solved: Solved, sizes: Sequence[tuple[int, int]]) -
     """Write the fields of the load steps that are kept, computed anew from their forces; their times. Collective."""
     assembly, times = solved.assembly, []
     world, joint = assembly.world, assembly.joint
-    for number, (time, s, alpha) in enumerate(solved.steps.kept if solved.steps else ()):
+    for number, (time, s, alpha, _) in enumerate(solved.steps.kept if solved.steps else ()):
         times.append(time)
         if time == solved.solution.time:  # the last one is there
             continue
@@ -301,6 +301,10 @@ def _write_tables(path: Path, solved: Solved) -> None:
     write_steps(path, solved.summary["steps"])
     if solved.steps:
         write_energy(path, solved.steps.energy())
+        start = 0
+        for name, state in solution.contacts.items():
+            part = slice(start, start := start + state.interface.m)
+            write_legs(path, name, state, [(time, stresses[part]) for time, _, _, stresses in solved.steps.kept])
 
 
 def _outlines(solved: Solved) -> list[tuple[str, np.ndarray, np.ndarray]]:

@@ -232,15 +232,16 @@ class March:
                           sum(float(each.interface.area[each.status != "open"].sum()) for each in contacts))
         del self._ahead[0]
         if not self._ahead or scene.output.steps == "all":
-            self.log.kept.append((time, s, outer.motions))
+            self.log.kept.append((time, s, outer.motions, np.vstack(
+                [np.column_stack([state.pressure, state.shear[:, 0]]) for state in contacts])))
         self._leave()
         self._cuts = 0
         counts = [sum(state.count(status) for state in contacts) for status in ("open", "slip", "stick")]
         log.info("time %-10.6g %3d iterations; %d open, %d slip, %d stick nodes", time, self.log.steps[-1][1], *counts)
 
     def _note_iterations(self, number: int) -> None:
-        self.log.rows += [(number, *step[:-1], *counts, step.n_A) for step, counts in
-                          zip(self.outer.history, self.iteration.statuses.counts, strict=True)]
+        for step, counts in zip(self.outer.history, self.iteration.statuses.counts, strict=True):
+            self.log.rows.extend((number, *step[:-1], *counts, step.n_A))
 
     def _leave(self) -> None:
         """Count the iterations of a step that is over."""

@@ -9,7 +9,7 @@ from ddmpi.interface.trace import displacement_trace
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.results.magnify import magnify
 from ddmpi.results.pictures import draw_bodies
-from ddmpi.results.reader import Results
+from ddmpi.results.tables import Results
 
 TOUCHES = 1e-12
 

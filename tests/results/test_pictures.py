@@ -11,8 +11,7 @@ from ddmpi.errors import InputError, OutputError
 from ddmpi.results import pictures
 from ddmpi.results.magnify import magnify
 from ddmpi.results.pictures import draw_all, draw_bodies, draw_contact, draw_contacts, draw_convergence
-from ddmpi.results.reader import Results, pieces, read_results
-from ddmpi.results.tables import write_history
+from ddmpi.results.tables import Results, pieces, read_results, write_history
 
 
 @pytest.fixture(autouse=True)

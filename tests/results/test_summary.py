@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ddmpi.errors import InputError
-from ddmpi.results.reader import read_results
 from ddmpi.results.summary import ContactResult, summarize, write_summary
+from ddmpi.results.tables import read_results
 
 TOP = {"format", "title", "converged", "reason", "outer", "order", "n", "m", "ranks", "outer_iterations",
        "inner_iterations", "n_A", "bodies", "contacts", "certificate", "steps", "discretization_error",

@@ -336,5 +336,5 @@ def test_followers_name_histories_that_there_are():
     scene = sheared_blocks()
     scene["body"][0]["clamp"] = [{"on": "left", "x": 1e-4, "history": "pull"},
                                  {"on": "left", "x": 1e-4, "y": 0.0, "history": "press"}]
-    with pytest.raises(InputError, match="body.upper.clamp: x at .*prescribed twice.*another history"):
+    with pytest.raises(InputError, match=r"body\.upper\.clamp: x at .*prescribed twice.*another history"):
         ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
