@@ -68,7 +68,6 @@ def mesh_geometry(path: Path, body: BodySpec, contacts: Collection[str], sizes: 
         with gmsh_session() as gmsh:
             _open(gmsh, path, label, Path(folder))
             _choose_groups(gmsh, path, body, contacts, label)
-            gmsh.model.mesh.clear()  # the file may have said Mesh 2;
             for option, value in _OPTIONS.items():
                 gmsh.option.setNumber(option, value)
             if sizes:

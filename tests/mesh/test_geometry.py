@@ -123,6 +123,15 @@ def test_given_sizes_are_followed(tmp_path):
     assert 0.15 < lengths(meshes[0], "right").min() < 0.26
 
 
+def test_given_sizes_are_followed_in_opencascade(tmp_path):
+    """Sizes by an accuracy target replace numbers of nodes on curves of the other kernel, too."""
+    text = ('SetFactory("OpenCASCADE"); Rectangle(1) = {0, 0, 0, 2, 1}; Physical Curve("bottom") = {1};'
+            "Transfinite Curve {1} = 2;")
+    start = drawn(write(tmp_path / "start.geo", SURFACE + GROUPS))
+    mesh = drawn(write(tmp_path / "plate.geo", text), sizes=graded(start, np.full(len(start.triangles), 0.1)))
+    assert lengths(mesh, "bottom") == pytest.approx(np.full(20, 0.1), rel=0.1)
+
+
 def test_sizes_grow_slowly():
     """Sizes at nodes grow by no more than GRADE with the distance, and are the elements' where these vary little."""
     spec = MeshSpec(shape="rectangle", size=(1.0, 1.0), divisions=(20, 20))
@@ -138,8 +147,9 @@ def test_sizes_grow_slowly():
     assert np.allclose(graded(mesh, np.full(len(mesh.triangles), 0.3)).sizes, 0.3)
 
 
-@pytest.mark.parametrize("also", ["Mesh 2;", "Mesh.ElementOrder = 2; Mesh 2;", "Mesh.RecombineAll = 1;",
-                                  "Recombine Surface {1};", "Mesh.SaveAll = 1; Mesh.MshFileVersion = 2.2;",
+@pytest.mark.parametrize("also", ["Mesh 2;", "Mesh.ElementOrder = 2; Mesh 2;", "Mesh 2; RefineMesh;",
+                                  "Mesh.RecombineAll = 1;", "Recombine Surface {1};",
+                                  "Mesh.SaveAll = 1; Mesh.MshFileVersion = 2.2;",
                                   "Transfinite Surface {1}; Recombine Surface {1};", "Mesh.Algorithm = 8;",
                                   "General.NumThreads = 2; Mesh.ScalingFactor = 1000;"])
 def test_scripts_that_also_mesh(tmp_path, also):
@@ -198,7 +208,7 @@ def test_curves_of_cad_files_are_groups_by_number(cad):
 
 
 @pytest.mark.parametrize(("text", "words"), [
-    (PLATE + "foo bar;", "cannot be read (gmsh: "),
+    (PLATE + "Point(9) = {1, 0, 0,};\nfoo bar;\n", "cannot be read (gmsh: "),
     (PLATE + GROUPS, "has no surface"),
     (SURFACE, "has no physical curves"),
     (SURFACE + GROUPS + "Extrude {0, 0, 1} { Surface{1}; }", "holds a solid"),

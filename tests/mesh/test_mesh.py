@@ -486,8 +486,8 @@ def test_truncated_file(tmp_path, version):
 
 def test_quadrilaterals_are_cut_along_the_shorter_diagonal(tmp_path):
     """Quadrilaterals of a file are cut into triangles, whatever the order of their corners, convex or not."""
-    points = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [2, 0], [3, 0.2], [2, 1], [4, 0], [5, 2], [4.2, 0.5],
-                       [3.4, 1.6]], float)
+    points = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [2, 0], [3, 0.2], [2, 1], [4, -5], [4.5, 1], [4.2, 0],
+                       [3.9, 1]], float)
     quads = [[0, 1, 2, 3], [1, 4, 6, 2], [4, 5, 6, 2], [7, 8, 9, 10]]  # two squares, a kite, one with an inner corner
     expected = {(0, 1, 2), (0, 2, 3), (1, 4, 6), (1, 2, 6), (4, 5, 6), (2, 4, 6), (7, 8, 9), (7, 9, 10)}
     for turn in range(4):
