@@ -15,6 +15,8 @@ import ddmpi
 from ddmpi.errors import InputError
 from ddmpi.interface.state import slip_start
 from ddmpi.methods.newton import Newton
+from ddmpi.results.histories import draw_steps
+from ddmpi.results.tables import read_results
 from ddmpi.run.answer import Answer
 from ddmpi.run.steps import March
 
@@ -287,7 +289,8 @@ sys.exit(main())
 
 
 def test_files_of_load_steps(tmp_path):
-    """Fields of the legs' ends are a time series; steps.csv, energy.csv and history.csv have a line per step."""
+    """Fields of the legs' ends are a time series; steps.csv, energy.csv and history.csv have a line per step, and the
+    picture has the loop of the forces."""
     scene = write_scene(sheared_blocks(steps=2), tmp_path / "scene.toml")
     assert run_command(scene, tmp_path / "out", "--no-figures", ranks=1).code == 0
     rows = {name: list(csv.DictReader((tmp_path / "out" / f"{name}.csv").open())) for name in
@@ -302,6 +305,14 @@ def test_files_of_load_steps(tmp_path):
         reader.read_points_cells()
         found = [reader.read_data(k) for k in range(reader.num_steps)]
     assert [time for time, _, _ in found] == [1.0, 2.0, 3.0]
+    results = read_results(tmp_path / "out")
+    legs, last = results.legs["upper-lower"], results.contacts["upper-lower"]
+    assert np.unique(legs["time"]).tolist() == [1.0, 2.0, 3.0]
+    assert np.array_equal(legs["tangential_stress"][legs["time"] == 3.0], last["tangential_stress"])
+    (loop, energies, *_) = draw_steps(results, "").axes
+    assert loop.lines[0].get_xdata().tolist() == [0.0, 0.0, 0.0, 0.5, 1.0, 0.7, 0.4]
+    assert loop.lines[0].get_ydata()[1:].tolist() == results.steps["tangential_force"].tolist()
+    assert len(energies.lines) == 5  # with the axis
     pressed = solve(sheared_blocks(steps=2), time__points=[1.0])
     u = np.concatenate([pressed.bodies[name].displacement for name in ("upper", "lower")])
     assert found[0][1]["displacement"][:, :2] == pytest.approx(u, rel=1e-9, abs=1e-9 * np.abs(u).max())
