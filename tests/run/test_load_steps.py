@@ -151,6 +151,9 @@ def test_forces_of_a_history_are_not_those_of_its_end():
     assert np.abs(one.forces - direct.forces).max() > 0.01 * size
     assert np.abs(one.forces - four.forces).max() < 0.2 * np.abs(one.forces - direct.forces).max()
     assert all(answer.summary["energy"]["residual"] <= 1e-9 for answer in answers)
+    newton = answers[1].solved.solution.outer
+    assert newton.run(1e-7) == "converged"  # with gaps that are computed afresh
+    assert [step.update for step in newton.history] == [0.0] and newton.history[0].residual <= 1e-9
 
 
 def test_legs_are_solved_in_as_many_steps_as_the_tolerance_asks_for():
