@@ -70,7 +70,7 @@ ON_SCENE = {
                                            ["scene.toml", "contact.upper-lower.on", "topp"]),
     "body that is not held, where it must be": (changed(0, clamp=[{"on": "left", "x": 0.0}]), RELAXATION,
                                                 ["scene.toml", "method.outer", "do not hold 'upper'"]),
-    "meshes that do not match": (changed(), ["--set", "body.upper.mesh.divisions=[7, 2]"],
+    "meshes that do not match": (changed(), ["--set", "body.upper.mesh.divisions=[7, 2]", "contact.0.pairing=nodes"],
                                  ["scene.toml", "contact.upper-lower", "8 and 7"]),
 }
 

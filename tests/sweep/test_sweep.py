@@ -42,7 +42,7 @@ def small(tmp_path_factory) -> Path:
 
 # One sweep in which cases end in every way
 
-MIXED = ["--set", "petsc.body_ksp_type=cg", "petsc.body_pc_type=none",
+MIXED = ["--set", "petsc.body_ksp_type=cg", "petsc.body_pc_type=none", "contact.0.pairing=nodes",
          "--vary", "body.upper.mesh.divisions=[7,2],[6,2]", "petsc.body_ksp_max_it=3,1000",
          "method.max_iterations=1,500"]
 GIVEN = ["-body_ksp_norm_type", "unpreconditioned", "-not_an_option", "7"]
@@ -93,7 +93,7 @@ def test_table_repeats_the_summaries(mixed):
 
 def test_as_if_it_had_run_alone(mixed, small, tmp_path):
     """The same numbers to the last bit as the command makes, after six failures in the same processes."""
-    alone = scenes.run_command(small, tmp_path / "alone", *MIXED[:3], "petsc.body_ksp_max_it=1000", "--no-figures",
+    alone = scenes.run_command(small, tmp_path / "alone", *MIXED[:4], "petsc.body_ksp_max_it=1000", "--no-figures",
                                "-body_ksp_norm_type", "unpreconditioned", limit=LIMIT)
     assert alone.code == 0, alone.output
     swept = mixed.folder / rows(mixed)[7]["folder"]
@@ -205,7 +205,8 @@ def test_gathering_what_is_not_complete(small, tmp_path):
 
 
 def test_a_single_case_ends_with_its_own_exit_code(small, tmp_path):
-    run = run_sweep(small, tmp_path / "out", "--vary", "body.upper.mesh.divisions=[7,2],[6,2]", "--index", "0")
+    run = run_sweep(small, tmp_path / "out", "--set", "contact.0.pairing=nodes", "--vary",
+                    "body.upper.mesh.divisions=[7,2],[6,2]", "--index", "0")
     assert run.code == 2
     assert len(run.messages) == 1 and "contact.upper-lower" in run.messages[0]
 
