@@ -34,6 +34,9 @@ GRADE = 0.3
 NEAR = 2.0
 """Elements have the size of contacts up to so many times this size away from them."""
 
+TOO_MANY = 2e7
+"""So many triangles of a body come from a size in other units than the drawing; gmsh takes minutes and all memory."""
+
 OFF = 1e22
 """What gmsh takes for no limit."""
 
@@ -73,6 +76,7 @@ def mesh_geometry(path: Path, body: BodySpec, contacts: Collection[str], sizes: 
             if sizes:
                 _follow(gmsh, sizes, body.mesh.largest, Path(folder))
             else:
+                _refuse_tiny(gmsh, body, contacts, label)
                 _refine_towards(gmsh, body, contacts, Path(folder))
             with _gmsh_errors(f"{label} cannot be meshed"):
                 gmsh.model.mesh.generate(2)
@@ -145,14 +149,50 @@ def _name_curves(gmsh, body: BodySpec, contacts: Collection[str], label: str) ->
         gmsh.model.addPhysicalGroup(1, tags, name=name)
 
 
+def _refuse_tiny(gmsh, body: BodySpec, contacts: Collection[str], label: str) -> None:
+    """Raise InputError where the sizes of the scene would make far too many elements."""
+    largest, finest = body.mesh.largest, body.mesh.contact_size or body.mesh.largest
+    area = sum(_area(gmsh, surface) for surface in _of_groups(gmsh, 2))
+    band = NEAR * finest * sum(np.linalg.norm(np.diff(_samples(gmsh, curve), axis=0), axis=1).sum()
+                               for curve in _of_groups(gmsh, 1, contacts))
+    for key, size, covered in (("size", largest, area), ("contact_size", finest, min(area, band))):
+        triangles = covered / (np.sqrt(3) / 4 * size**2)
+        if triangles > TOO_MANY:
+            low, high = np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3))
+            width, height = (high - low)[:2]
+            raise InputError(f"{label}: {key} = {size:g} would make {triangles:.1g} triangles of a drawing of "
+                             f"{width:.3g} by {height:.3g}; is it in the units of the drawing?")
+
+
+def _of_groups(gmsh, dimension: int, names: Collection[str] | None = None) -> np.ndarray:
+    """The numbers of the curves (1) or surfaces (2) of physical groups, all or those of some names."""
+    groups = [tag for _, tag in gmsh.model.getPhysicalGroups(dimension)
+              if names is None or gmsh.model.getPhysicalName(dimension, tag) in names]
+    return np.unique([each for tag in groups for each in gmsh.model.getEntitiesForPhysicalGroup(dimension, tag)])
+
+
+def _samples(gmsh, curve: int) -> np.ndarray:
+    """Points (SAMPLES, 3) on a curve."""
+    (low,), (high,) = gmsh.model.getParametrizationBounds(1, curve)
+    return np.reshape(gmsh.model.getValue(1, curve, np.linspace(low, high, SAMPLES)), (-1, 3))
+
+
+def _area(gmsh, surface: int) -> float:
+    """The area of a plane surface, by its boundary: ½ ∮ (x dy − y dx)."""
+    total = 0.0
+    for _, curve in gmsh.model.getBoundary([(2, surface)], oriented=True):
+        x, y, _ = _samples(gmsh, abs(curve)).T
+        total += np.sign(curve) * float((x[:-1] * y[1:] - x[1:] * y[:-1]).sum()) / 2
+    return abs(total)
+
+
 def _refine_towards(gmsh, body: BodySpec, contacts: Collection[str], folder: Path) -> None:
     """Limit the sizes of the file, and make elements finer along the curves of the groups in `contacts`."""
     largest, finest = body.mesh.largest, body.mesh.contact_size or body.mesh.largest
     number = gmsh.option.getNumber
     gmsh.option.setNumber("Mesh.MeshSizeMax", min(number("Mesh.MeshSizeMax"), largest))
     gmsh.option.setNumber("Mesh.MeshSizeMin", min(number("Mesh.MeshSizeMin"), finest))
-    groups = [tag for _, tag in gmsh.model.getPhysicalGroups(1) if gmsh.model.getPhysicalName(1, tag) in contacts]
-    curves = np.unique([curve for tag in groups for curve in gmsh.model.getEntitiesForPhysicalGroup(1, tag)])
+    curves = _of_groups(gmsh, 1, contacts)
     own = _background(gmsh, folder)
     fields = _around(gmsh, largest) + [own] * bool(own)
     if len(curves) and finest < largest:
@@ -186,9 +226,7 @@ def _around(gmsh, largest: float) -> list[int]:
     """Fields that make elements along curved curves small enough for their radii."""
     alike: dict[int, list[tuple[float, int]]] = {}
     for _, tag in gmsh.model.getEntities(1):
-        (low,), (high,) = gmsh.model.getParametrizationBounds(1, tag)
-        points = np.reshape(gmsh.model.getValue(1, tag, np.linspace(low, high, SAMPLES)), (-1, 3))
-        steps = np.diff(points, axis=0)
+        steps = np.diff(_samples(gmsh, tag), axis=0)
         length = np.linalg.norm(steps, axis=1)
         bend = np.linalg.norm(np.diff(steps / length[:, None], axis=0), axis=1).max() / length.mean()  # 1 / radius
         size = max(2 * np.pi / AROUND / max(bend, 1 / OFF), length.sum() / MOST)

@@ -1,5 +1,6 @@
 """Geometries: .geo, .step and .brep as gmsh meshes them in the run, how fine, and what is refused."""
 
+import re
 from pathlib import Path
 
 import gmsh
@@ -264,3 +265,16 @@ def test_quadrilaterals_keep_curved_sides(tmp_path):
                     material=Material(young=1.0, poisson=0.3))
     mesh = build_mesh(spec)
     assert mesh.cut > 20 and mesh.areas().sum() == pytest.approx(np.pi, rel=1e-4, abs=0.0)
+
+
+@pytest.mark.parametrize("key", ["size", "contact_size"])
+@pytest.mark.parametrize("text", [HOLE, """SetFactory("OpenCASCADE"); Rectangle(1) = {0, 0, 0, 2, 1};
+Disk(2) = {1, 0.5, 0, 0.2}; BooleanDifference(3) = { Surface{1}; Delete; }{ Surface{2}; Delete; };
+Physical Curve("hole") = {Curve In BoundingBox{0.7, 0.2, -1, 1.3, 0.8, 1}};"""])
+def test_a_size_in_other_units_is_refused(tmp_path, text, key):
+    """A size that would make millions of elements is refused before gmsh begins, with key, number and extent."""
+    path = write(tmp_path / "plate.geo", text)
+    triangles = (2 - 0.04 * np.pi if key == "size" else 2e-8 * 0.4 * np.pi) / (np.sqrt(3) / 4 * 1e-16)
+    message = f"plate.geo: {key} = 1e-08 would make {triangles:.1g} triangles of a drawing of 2 by 1; is it in the"
+    with pytest.raises(InputError, match=re.escape(message)):
+        drawn(path, **{"size": 0.5, key: 1e-8}, contacts=("hole",))
