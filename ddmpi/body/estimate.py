@@ -37,6 +37,9 @@ SOLVABLE = 1e-8
 REACH = 4
 """How many edges from a node the patch may lie whose fit the node borrows."""
 
+ROUNDING = 1e-9
+"""Distances that differ relatively by less than this are the same."""
+
 
 @dataclass(frozen=True)
 class ErrorEstimate:
@@ -213,7 +216,8 @@ def _fits(mesh: Mesh, moments: np.ndarray, sums: np.ndarray, upper: tuple[np.nda
     near = corners[~good[corners].all(axis=1)]
     links = np.concatenate([near[:, pair] for pair in ([0, 1], [1, 2], [2, 0], [1, 0], [2, 1], [0, 2])])
     distance = np.linalg.norm(mesh.points[links[:, 0]] - mesh.points[links[:, 1]], axis=1)
-    links = links[np.argsort(-distance, kind="stable")]  # the nearest one is assigned last
+    alike = np.round(np.log(distance / distance.max(initial=0.0)) / ROUNDING)  # so that rounding does not choose
+    links = links[np.argsort(-alike, kind="stable")]  # the nearest one is assigned last
     for _ in range(REACH):
         open_links = links[(owner[links[:, 0]] >= 0) & (owner[links[:, 1]] < 0)]
         owner[open_links[:, 1]] = owner[open_links[:, 0]]

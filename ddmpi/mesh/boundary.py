@@ -13,7 +13,7 @@ from ddmpi.scene.keys import nearest
 
 def boundary_group(mesh: Mesh, name: str, key: str) -> np.ndarray:
     """Edges (k, 2 or 3) of the group `name`. Raises InputError, naming `key`, if the mesh has no such group."""
-    if name in mesh.vertices:
+    if name in mesh.vertices and name not in mesh.groups:
         raise InputError(f"{key}: {name!r} is a physical point of the mesh, which only a clamp may name; where a force "
                          "acts on a point, the displacement has no limit as the mesh gets finer")
     if name in mesh.surfaces and name not in mesh.groups:
@@ -28,9 +28,12 @@ def boundary_group(mesh: Mesh, name: str, key: str) -> np.ndarray:
 
 
 def group_nodes(mesh: Mesh, name: str, key: str) -> np.ndarray:
-    """Nodes (k,) of a boundary group or of a physical point. Raises InputError, naming `key`, if there are none."""
+    """Nodes (k,) of a boundary group or of a physical point. Raises InputError, naming `key`, unless there is one."""
     if name not in mesh.vertices:
         return np.unique(boundary_group(mesh, name, key))
+    if name in mesh.groups:
+        raise InputError(f"{key}: {name!r} is the name of both a physical curve and a physical point of the mesh; "
+                         "rename one")
     if len(mesh.vertices[name]) == 0:
         raise InputError(f"{key}: the physical point {name!r} of the mesh is at none of its triangles")
     return mesh.vertices[name]
@@ -78,8 +81,10 @@ def turn_outward(mesh: Mesh, edges: np.ndarray, key: str) -> np.ndarray:
     keys = around[:, 0] * size + around[:, 1]
     forward = np.isin(edges[:, 0] * size + edges[:, 1], keys)
     backward = np.isin(edges[:, 1] * size + edges[:, 0], keys)
-    if not (forward ^ backward).all():
-        raise InputError(f"{key}: the group has lines that are not on the body's boundary")
+    inner = edges[~(forward ^ backward)]
+    if len(inner):
+        x, y = mesh.points[inner[0, :2]].mean(axis=0)
+        raise InputError(f"{key}: the group has lines that are not on the body's boundary, as at ({x:.6g}, {y:.6g})")
     return np.where(forward[:, None], edges, edges[:, [1, 0, *range(2, edges.shape[1])]])
 
 

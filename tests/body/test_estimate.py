@@ -115,6 +115,19 @@ def test_units_do_not_matter(order, length, young):
     assert other.squares == pytest.approx(usual.squares * young * length**2, rel=1e-6)
 
 
+@ORDERS
+def test_rounding_does_not_choose(order):
+    """Turned with its displacement, a body has the same estimate, also where nodes are equally near to several."""
+    mesh = rectangle(4, order)
+    points = mesh.points @ [[1.0, 0.0], [-0.5, np.sqrt(0.75)]]  # triangles of equal sides
+    squares = []
+    for angle in np.linspace(0.0, 1.0, 6):
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        turned = Mesh(points @ turn.T, mesh.triangles, mesh.groups)
+        squares.append(estimate_error(turned, STEEL, wave(points) @ turn.T).squares)
+    assert np.array(squares) == pytest.approx(np.tile(squares[0], (6, 1)), rel=1e-6, abs=1e-9 * squares[0].max())
+
+
 @pytest.mark.parametrize("material", [Material(young=1.0, poisson=0.0), Material(young=1.0, poisson=0.4999),
                                       Material(young=1.0, poisson=0.3, plane="stress")], ids=str)
 def test_energy_is_twice_the_strain_energy(material):

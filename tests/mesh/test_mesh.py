@@ -11,7 +11,7 @@ import pytest
 from scenes import run_command, write_scene
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.boundary import boundary_group, segments, turn_outward
+from ddmpi.mesh.boundary import boundary_group, group_nodes, segments, turn_outward
 from ddmpi.mesh.build import build_mesh, generate_rectangle
 from ddmpi.mesh.mesh import Mesh, signed_double_areas
 from ddmpi.mesh.read import cut_quadrilaterals, file_order, read_mesh
@@ -308,6 +308,16 @@ def test_points_may_be_clamped_only(tmp_path):
         build_mesh(body_with(mesh, traction=[Traction(on="heel", value=(0.0, 1.0))]))
     with pytest.raises(InputError, match=r"^body\.upper\.clamp: 'left part' is a physical surface .* these are bottom"):
         build_mesh(body_with(mesh, clamp=["left part"]))
+
+
+def test_a_clamp_on_a_curve_and_a_point_of_one_name_is_refused():
+    """A clamp does not hold a point where the curve of the same name may be meant, nor the other way round."""
+    mesh = generate_rectangle(MeshSpec(shape="rectangle", size=(2.0, 1.0), divisions=(2, 1)))
+    twice = Mesh(mesh.points, mesh.triangles, mesh.groups, {"left": np.array([0])})
+    assert len(group_nodes(mesh, "left", "body.upper.clamp")) == 2
+    with pytest.raises(InputError, match=r"^body\.upper\.clamp: 'left' is the name of both a physical curve and a"):
+        group_nodes(twice, "left", "body.upper.clamp")
+    assert len(boundary_group(twice, "left", "body.upper.traction")) == 1
 
 
 def test_materials_are_those_of_the_files_surfaces(tmp_path):
