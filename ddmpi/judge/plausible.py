@@ -6,12 +6,15 @@ from collections.abc import Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
+import scipy.sparse as sparse
 from mpi4py import MPI
+from scipy.sparse import csgraph
 
 from ddmpi.body.estimate import DiscretizationError
 from ddmpi.body.stiffness import forces_at
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.interface import Interface
+from ddmpi.interface.side import SHARPEST
 from ddmpi.interface.state import ContactState
 from ddmpi.judge.overlap import RESOLVED, Outline, Overlap, run_through
 from ddmpi.mesh.boundary import outline
@@ -33,6 +36,15 @@ UNRESOLVED = 1e-8
 
 LARGE_TURN = 0.1
 """Nodes that slid around a rigid circle by more than this part of its radius meet it where its normal is another."""
+
+RESOLVED_BY = (3, 5)
+"""Pressure on fewer nodes says little of its size, with linear and with quadratic elements."""
+
+CURVED = 1e-6
+"""Boundaries part where a gap grows by more than this part of the distance of nodes."""
+
+SHARE = 0.1
+"""Zones with less than this part of a contact's normal force do not count."""
 
 LOST = 1e-6
 """Rounding of the displacements that changes contact forces by more than this part is worth a warning."""
@@ -82,7 +94,7 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
         state, (first, second) = contacts[interface.name], both[interface.name]
         slid = _far_around(assembly, state, first) if second is None else _far_slip(state, first - second)
         carries = len(contacts) == 1 or state.normal_force.max(initial=0.0) > IDLE * pressed
-        doubts[interface.name] = slid + (_lost_in_rounding(state, largest) if carries else [])
+        doubts[interface.name] = slid + (_lost_in_rounding(state, largest) + _unresolved_zone(state) if carries else [])
     by_contact = merged(world, doubts)
     found += [warning for name in contacts for warning in by_contact[name]]
     return (found + _unresolved(assembly, contacts) + _run_through(assembly, displacements)
@@ -154,6 +166,42 @@ def _lost_in_rounding(state: ContactState, moved: float) -> list[str]:
         return []
     return [f"contact.{name}: its forces are uncertain by about {noise / largest:.1g} of the largest ({largest:.3g} at "
             f"a node), because the bodies move by {moved:.3g}, and rounding of that makes forces of {noise:.1g}"]
+
+
+def _unresolved_zone(state: ContactState) -> list[str]:
+    """A warning where the pressure of a contact zone between boundaries that curve apart stands on too few nodes.
+
+    At corners and ends of a boundary it does so by right: there no mesh resolves it. Zones between boundaries that are
+    flat are what is left of a contact that parts.
+    """
+    interface, number = state.interface, len(state.status)
+    if interface.law.name == "bonded" or number < 3:
+        return []
+    follow = np.flatnonzero(interface.joined)
+    pairs = np.vstack([np.column_stack([follow, follow + 1]), interface.closings])
+    closed, steps = state.status != "open", interface.xy[pairs[:, 1]] - interface.xy[pairs[:, 0]]
+    both = closed[pairs].all(axis=1)
+    links = sparse.csr_matrix((np.ones(both.sum()), pairs[both].T), (number, number))
+    zone = csgraph.connected_components(links, directed=False)[1]
+    parting = pairs[closed[pairs[:, 0]] != closed[pairs[:, 1]]]
+    inner, outer = np.where(closed[parting[:, :1]], parting, parting[:, ::-1]).T
+    apart = interface.gap[outer] > interface.gap[inner] + CURVED * interface.area[inner]
+    ends = np.bincount(zone[inner[apart]], minlength=number)  # at which the boundaries curve apart
+    angle = np.arctan2(steps[:, 1], steps[:, 0])
+    before, after = np.full((2, number), np.nan)
+    after[pairs[:, 0]], before[pairs[:, 1]] = angle, angle
+    turn = np.abs(np.angle(np.exp(1j * np.nan_to_num(after - before))))
+    cornered = np.bincount(zone, turn > SHARPEST, number) > 0
+    size, force = np.bincount(zone, closed, number), np.bincount(zone, state.normal_force, number)
+    least = RESOLVED_BY[1 if len(interface.edges) else 0]
+    poor = (size > 0) & (size < least) & (ends >= 2) & ~cornered & (force > SHARE * force.sum())
+    if not poor.any():
+        return []
+    k = int(np.argmax(np.where(poor, force, -np.inf)))
+    x, y = interface.xy[zone == k].mean(axis=0)
+    return [f"contact.{interface.name}: the pressure at ({x:.4g}, {y:.4g}) stands on too few nodes to resolve it, "
+            f"{size[k]:.0f}: the force is right in sum, the largest pressure and the approach of the bodies are not; a "
+            "finer mesh there would be right"]
 
 
 def _run_through(assembly: Assembly, displacements: Mapping[str, np.ndarray]) -> list[str]:

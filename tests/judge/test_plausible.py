@@ -298,3 +298,18 @@ def test_slip_around_a_rigid_circle_warns(tmp_path, push, warns):
                               ranks=1)
     assert done.code == 0, done.output
     assert any("the radius of 'knob' around it" in warning for warning in done.summary["warnings"]) == warns
+
+
+@pytest.mark.parametrize(("around", "order", "warned"), [(16, 1, True), (160, 1, False), (16, 2, True), (96, 2, False)])
+def test_pressure_on_too_few_nodes_is_a_warning(tmp_path, around, order, warned):
+    """A wheel on a plane whose contact is narrower than its elements has a force, but no pressure."""
+    wheel = {"name": "wheel", "material": {"young": 1e9, "poisson": 0.3}, "clamp": [{"on": "inner", "x": 0, "y": -0.01}],
+             "mesh": {"shape": "annulus", "center": [0.0, 1.0], "radii": [0.5, 1.0], "angles": [180, 360],
+                      "divisions": [around, 4], "order": order}}
+    scene = {"body": [wheel], "rigid": [{"name": "floor", "shape": "plane", "point": [0, 0], "normal": [0, 1]}],
+             "contact": [{"bodies": ["wheel", "floor"], "on": ["outer"]}]}
+    done = scenes.run_command(scenes.write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures",
+                              ranks=1)
+    found = [each for each in warnings_of(done) if "too few nodes" in each]
+    assert len(found) == warned, found
+    assert all("contact.wheel-floor" in each and "at (" in each for each in found)
