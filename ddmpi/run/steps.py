@@ -219,10 +219,11 @@ class March:
         work += 0.5 * (factors - now.factors) @ (solution.work[1] + now.work[1]) + driven
         lost = work - (solution.energy - now.energy) - interface_work
         dissipated = sum(state.dissipated for state in contacts)
-        before = self.log.energies[-1] if self.log.energies else np.zeros(5)
-        self.log.energies.append(np.array([before[0] + work, solution.energy, before[2] + interface_work,
-                                           before[3] + dissipated, lost]))
-        self.log.steps.append((time, len(outer.history)))
+        before = self.log.energies.all[-1] if len(self.log.energies) else np.zeros(5)
+        self.log.energies.append([before[0] + work, solution.energy, before[2] + interface_work,
+                                  before[3] + dissipated, lost])
+        number = len(outer.history)
+        self.log.steps.append((time, number))
         self.log.note_contacts(contacts)
         self._note_iterations(len(self.log.steps))
         self.log.judge(solution.certificate)
@@ -232,16 +233,16 @@ class March:
                           sum(float(each.interface.area[each.status != "open"].sum()) for each in contacts))
         del self._ahead[0]
         if not self._ahead or scene.output.steps == "all":
-            self.log.kept.append((time, s, outer.motions, np.vstack(
-                [np.column_stack([state.pressure, state.shear[:, 0]]) for state in contacts])))
+            self.log.keep(time, s, outer.motions, np.vstack(
+                [np.empty((0, 2)), *(np.column_stack([state.pressure, state.shear[:, 0]]) for state in contacts)]))
         self._leave()
         self._cuts = 0
         counts = [sum(state.count(status) for state in contacts) for status in ("open", "slip", "stick")]
-        log.info("time %-10.6g %3d iterations; %d open, %d slip, %d stick nodes", time, self.log.steps[-1][1], *counts)
+        log.info("time %-10.6g %3d iterations; %d open, %d slip, %d stick nodes", time, number, *counts)
 
     def _note_iterations(self, number: int) -> None:
         for step, counts in zip(self.outer.history, self.iteration.statuses.counts, strict=True):
-            self.log.rows.extend((number, *step[:-1], *counts, step.n_A))
+            self.log.iterations.append((number, *step[:-1], *counts, step.n_A))
 
     def _leave(self) -> None:
         """Count the iterations of a step that is over."""
