@@ -2,12 +2,14 @@
 
 import csv
 import dataclasses
+import itertools
 import json
 import os
 import tomllib
 
 import meshio
 import numpy as np
+import PIL.Image
 import pytest
 from mpi4py import MPI
 from scenes import ROOT, pinched_blocks, run_command, run_python, sheared_stack, to_toml, write_scene
@@ -17,6 +19,7 @@ from ddmpi.errors import InputError
 from ddmpi.interface.state import slip_start
 from ddmpi.methods.newton import Newton
 from ddmpi.results.histories import draw_steps
+from ddmpi.results.magnify import surfaces
 from ddmpi.results.tables import read_results
 from ddmpi.run.answer import Answer
 from ddmpi.run.steps import March
@@ -324,6 +327,7 @@ def test_files_of_load_steps(tmp_path):
     ({"time": {"points": [1.0], "steps": 2, "tolerance": 0.1}}, ["time", "steps and tolerance"]),
     ({"time": {"points": [1.0, 1.0]}}, ["time", "ascend"]),
     ({"time": {"points": [0.0]}}, ["time", "positive"]),
+    ({"output": {"animation": True}}, ["output.animation", "[time]"]),
     ({"time": {"points": [1.0]}, "method": {"outer": "anderson"}}, ["time", "anderson", "newton"]),
     ({"time": {"points": [1.0]}, "method": {"target_error": 0.1}}, ["time", "target_error"]),
     ({"time": {"points": [1.0]}, "history": {"pull": {"times": [0.0, 0.0], "factors": [1.0, 2.0]}}},
@@ -400,3 +404,43 @@ def test_a_wheel_of_two_materials_follows_a_history():
         assert np.abs(forces - expected).max() <= 1e-6 * np.abs(expected).max()
         assert answer.summary["energy"]["residual"] <= 1e-9
         contact["friction"] = {"law": "none"}
+
+
+def test_an_animation_has_a_frame_for_each_step_written(tmp_path):
+    """The frames of animation.gif are the steps whose fields are written, and differ; a rigid partner moves along."""
+    block = {"name": "block", "mesh": {"shape": "rectangle", "size": [2.0, 1.0], "divisions": [4, 2]},
+             "material": {"young": 1.0e9, "poisson": 0.3}, "clamp": ["top"]}
+    floor = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0],
+             "displacement": [0.0, 0.02], "history": "rise"}
+    scene = write_scene({"body": [block], "rigid": [floor],
+                         "contact": [{"bodies": ["block", "floor"], "on": ["bottom"], "friction": COULOMB}],
+                         "history": {"rise": {"times": [0.0, 3.0], "factors": [0.0, 1.5]}},
+                         "time": {"points": [3.0], "steps": 3},
+                         "output": {"steps": "all", "animation": True}}, tmp_path / "scene.toml")
+    done = run_command(scene, tmp_path / "out", ranks=1)
+    assert done.code == 0, done.messages
+    with PIL.Image.open(tmp_path / "out" / "animation.gif") as picture:
+        frames = []
+        for k in range(picture.n_frames):
+            picture.seek(k)
+            frames.append(np.asarray(picture.convert("RGB")).copy())
+    assert len(frames) == 3 and all(np.abs(a - b.astype(int)).max() > 50 for a, b in itertools.pairwise(frames))
+    results = read_results(tmp_path / "out")
+    heights = [next(surfaces(results, 1.0, time))[0][0, 1] for time in (1.0, 3.0)]
+    assert heights == pytest.approx([0.01, 0.03]) and next(surfaces(results, 1.0))[0][0, 1] == heights[1]
+
+
+def test_the_shipped_fretting_scene():
+    """The pad slips at its edges and sticks in its middle, each later cycle dissipates as much as the one before, and
+    shear stays when the load is gone."""
+    answer = ddmpi.solve(ROOT / "configs" / "fretting.toml", MPI.COMM_SELF)
+    assert answer.certified and answer.summary["warnings"] == [], answer.reason
+    steps = {step["time"]: step["contacts"]["pad-base"] for step in answer.summary["steps"]}
+    first, second = (sum(step["dissipated"] for time, step in steps.items() if begin < time <= begin + 2.0)
+                     for begin in (1.5, 3.5))
+    assert first > 0.0 and second == pytest.approx(first, rel=0.1)
+    assert steps[5.5]["slip"] > 0 < steps[5.5]["stick"]
+    contact = answer.contacts["pad-base"]
+    assert np.abs(contact.shear).max() > 0.1 * 0.3 * contact.pressure.max()
+    assert abs(steps[6.0]["tangential_force"]) < 0.1 * abs(steps[5.5]["tangential_force"])
+    assert answer.summary["energy"]["residual"] <= 1e-10
