@@ -55,7 +55,7 @@ IDLE = 1e-6
 
 def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
                  contacts: Mapping[str, ContactState]) -> list[str]:
-    """Warnings of an answer, the same on all ranks.
+    """Warnings of an answer, the same on all ranks; none where it is not even finite, which its certificate says.
 
     Parameters
     ----------
@@ -65,6 +65,8 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
     Collective.
     """
     world, own = assembly.world, {}
+    if not all(world.allgather(all(bool(np.isfinite(u).all()) for u in displacements.values()))):
+        return []
     mine: dict[tuple[str, int], np.ndarray] = {}
     for body in assembly.bodies:
         name, u = body.spec.name, displacements[body.spec.name]

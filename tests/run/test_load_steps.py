@@ -11,6 +11,7 @@ import meshio
 import numpy as np
 import PIL.Image
 import pytest
+from fault_cases import run_in_one_go
 from mpi4py import MPI
 from scenes import ROOT, pinched_blocks, run_command, run_python, sheared_stack, to_toml, write_scene
 
@@ -444,3 +445,55 @@ def test_the_shipped_fretting_scene():
     assert np.abs(contact.shear).max() > 0.1 * 0.3 * contact.pressure.max()
     assert abs(steps[6.0]["tangential_force"]) < 0.1 * abs(steps[5.5]["tangential_force"])
     assert answer.summary["energy"]["residual"] <= 1e-10
+
+
+def test_faults_in_a_later_load_step_end_the_run_on_all_ranks(tmp_path):
+    """An error, a signal, broken numbers and results that cannot be written in a later step: the right exit code, one
+    message; where a checkpoint is left, the run that goes on from it has the files of one without a fault."""
+    scene = write_scene(sheared_blocks(steps=2), tmp_path / "scene.toml")
+    late = ("ddmpi.coupling.member.Member.displacement", 4)
+    faults = {"SolverError": (1, *late, 4, False), "SIGTERM": (1, *late, 6, True), "nan": (0, *late, 3, False),
+              "OutputError": (0, "ddmpi.run.run.write_fields", 2, 5, True)}
+    runs = run_in_one_go([(rank, target, call, kind, str(tmp_path / kind), ())
+                          for kind, (rank, target, call, *_) in faults.items()], "run", str(scene), "--no-figures",
+                         limit=60.0)
+    whole = run_command(scene, tmp_path / "whole", "--no-figures")
+    assert whole.code == 0
+    for run, (kind, (*_, code, kept)) in zip(runs, faults.items(), strict=True):
+        assert (run.code, len(run.messages)) == (code, 1), (kind, run.output)
+        assert ("checkpoint.h5" in run.files) == kept, kind
+        if kept:
+            assert run_command(scene, run.folder, "--restart", str(run.folder), "--no-figures").code == 0
+            for name in ("steps.csv", "energy.csv", "history.csv", "contact_upper-lower_legs.csv"):
+                assert (run.folder / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), (kind, name)
+    failed = json.loads((tmp_path / "nan" / "summary.json").read_text())
+    assert "to time" in failed["reason"] and [step["time"] for step in failed["steps"]] == [0.5, 1.0, 1.5]
+
+
+def test_any_number_of_steps_gives_the_same_forces_at_constant_pressure():
+    """Where pressures stay as they are while the blocks are sheared, forces after loading and after a reversal do not
+    depend on the number of steps, to what the method leaves."""
+    x = np.linspace(0.0, 4.0, 25)
+
+    def block(name: str, corners: list, divisions: list, clamped: str, sign: float) -> dict:
+        return {"name": name, "material": {"young": 1.0, "poisson": 0.3},
+                "mesh": {"shape": "quadrilateral", "corners": corners, "divisions": divisions},
+                "clamp": [{"on": clamped, "y": -0.01 * sign}, {"on": clamped, "x": 0.01 * sign, "history": "shear"}]}
+
+    def forces(steps: int, last: float) -> np.ndarray:
+        scene = {"body": [block("upper", [[0.0, 0.0], [4.0, 0.0], [4.0, 1.0], [0.0, 1.0]], [24, 6], "top", 1.0),
+                          block("lower", [[4.0, -1.0], [4.0, 0.0], [0.0, 0.0], [0.0, -1.0]], [6, 24], "left", -1.0)],
+                 "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "right"], "friction": COULOMB,
+                              "gap": {"along": "x", "points": x.tolist(), "values": (4e-3 * (x - 2.0)**2).tolist()}}],
+                 "history": {"shear": {"times": [0.0, 1.0, 2.0, 3.0], "factors": [0.0, 0.0, 0.8, -0.6]}},
+                 "time": {"points": [point for point in (1.0, 2.0, 3.0) if point <= last], "steps": steps},
+                 "method": {"tolerance": 1e-13}}
+        contact = solve(scene).contacts["upper-lower"]
+        if last > 1.0:
+            assert min(contact.count(status) for status in ("open", "slip", "stick")) >= 2
+        return contact.forces
+
+    for last in (2.0, 3.0):
+        one = forces(1, last)
+        for steps in (4, 16):
+            assert np.abs(forces(steps, last) - one).max() <= 1e-10 * np.abs(one).max()
