@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
@@ -41,6 +42,7 @@ class StepLog:
     energies : external work, strain energy, interface work and dissipated energy since time 0, and what the step's
         balance leaves, of each (J)
     iterations : a line of history.csv for each
+    doubts : warnings of answers at the ends of legs before the last one, of each kind the first
     worst : (nc, 4) the largest residuals of contacts so far, and (nb,) of bodies
     """
 
@@ -48,6 +50,7 @@ class StepLog:
         self.contacts, self.bodies = tuple(contacts), tuple(bodies)
         self.steps, self.resultants, self.energies, self.iterations = Rows(), Rows(), Rows(), Rows()
         self._kept, self._ends = Rows(), np.zeros(0, int)
+        self.doubts: dict[str, str] = {}
         self.worst = np.zeros((len(self.contacts), len(KINDS))), np.zeros(len(self.bodies))
 
     @property
@@ -69,6 +72,16 @@ class StepLog:
         self.resultants.append(np.concatenate([np.empty(0), *(
             [*state.force, state.moment, state.normal_force.sum(), state.tangential_force.sum(),
              *(state.count(status) for status in ("open", "slip", "stick")), state.dissipated] for state in contacts)]))
+
+    def doubt(self, time: float, warnings: Sequence[str]) -> None:
+        """Note the warnings of the answer at the end of a leg, unless there are such that differ in numbers alone."""
+        for warning in warnings:
+            self.doubts.setdefault(_kind(warning), f"{warning} (at time {time:g})")
+
+    def doubts_beside(self, warnings: Sequence[str]) -> list[str]:
+        """The doubts of a kind that is not among the `warnings` of the last step."""
+        known = {_kind(warning) for warning in warnings}
+        return [doubt for kind, doubt in self.doubts.items() if kind not in known]
 
     def keep(self, time: float, forces: np.ndarray, motions: np.ndarray, stresses: np.ndarray) -> None:
         """Note what the fields of a step follow from: forces (size,), motions; (m, 2) stresses of all contacts."""
@@ -132,12 +145,19 @@ class StepLog:
 
     def state(self) -> dict[str, Any]:
         return {name: rows.all for name, rows in self._tables.items()} | {
-            "ends": self._ends, "contacts": self.worst[0], "bodies": self.worst[1]}
+            "doubts": tuple(self.doubts.values()), "ends": self._ends,
+            "contacts": self.worst[0], "bodies": self.worst[1]}
 
     def restore(self, state: dict[str, Any]) -> None:
         self.steps, self.resultants, self.energies, self.iterations, self._kept = (
             Rows(state[name]) for name in self._tables)
+        self.doubts = {_kind(doubt.rpartition(" (at time")[0]): doubt for doubt in state["doubts"]}
         self._ends, self.worst = state["ends"], (state["contacts"], state["bodies"])
+
+
+def _kind(warning: str) -> str:
+    """A warning without its numbers."""
+    return re.sub(r"-?\d+(\.\d*)?(e[-+]?\d+)?", "#", warning)
 
 
 def gather_summary(assembly: Assembly, solution: Solution, error: DiscretizationError, own_fields: dict[str, Fields],

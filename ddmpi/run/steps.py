@@ -21,6 +21,7 @@ import numpy as np
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.interface.state import slip_start
 from ddmpi.judge.equilibrium import Mechanism
+from ddmpi.judge.plausible import doubt_answer
 from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Report, no_report
 from ddmpi.run.checkpoint import Checkpoints
@@ -154,6 +155,7 @@ class March:
             if not self._ahead and not self._refine():
                 if self._leg == len(self._legs) - 1:
                     break
+                self.log.doubt(time, doubt_answer(self.assembly, solution.displacements, solution.contacts, True))
                 self._next_leg()
             self._keep()
         worst = self.log.judge(solution.certificate)

@@ -497,3 +497,14 @@ def test_any_number_of_steps_gives_the_same_forces_at_constant_pressure():
         one = forces(1, last)
         for steps in (4, 16):
             assert np.abs(forces(steps, last) - one).max() <= 1e-10 * np.abs(one).max()
+
+
+def test_motions_that_come_back_are_doubted():
+    """A stack that slides far and comes back is warned of once, with the time; one that slides a little is not."""
+    scene, *_ = turned_stack(steps=1)
+    for factor, warned in ((1.0, False), (4000.0, True)):
+        scene["history"]["shift"]["factors"] = [0.0, 1.0, factor, 0.0, -factor, 0.0]
+        summary = solve(scene).summary
+        told = [warning for warning in summary["warnings"] if "node pairs slid" in warning]
+        assert bool(told) == warned and len(told) <= 1, summary["warnings"]
+        assert not warned or told[0].endswith("(at time 2)")
