@@ -292,6 +292,16 @@ points = [1.0, 2.0]
     print(f"  forces apart by {apart:.1%} of the pressure; energy residual {answer.summary['energy']['residual']:.0e}")
 
 
+def steps(folder: Path) -> None:
+    """Sheared to and fro at constant pressure in 1, 2, …, 16 steps a leg: how far apart forces are at the end."""
+    histories = {"press": ([0.0, 1.0], [0.0, 1.0]), "shear": ([0.0, 1.0, 2.0, 3.0], [0.0, 0.0, 1.0, -0.6])}
+    scene = circle_on_plane(folder, 16, 1, PRESS, histories, [1.0, 2.0, 3.0], shift=SHIFT)
+    runs = {k: solve(scene, time__steps=k, method__tolerance=1e-13).contacts["seam"] for k in (1, 2, 4, 8, 16)}
+    apart = {k: np.abs(each.forces - runs[1].forces).max() / np.abs(runs[1].forces).max() for k, each in runs.items()}
+    print(f"Constant pressure, {runs[1].count('slip')} slip, {runs[1].count('stick')} stick: forces apart from those "
+          f"of one step a leg by {', '.join(f'{k}: {value:.0e}' for k, value in apart.items() if k > 1)}")
+
+
 def paths(folder: Path, number: int = 100) -> None:
     """Random paths of the tangential load: iterations by step, and that none cycles."""
     histories = {"press": ([0.0, 1.0], [0.0, 1.0])}
@@ -362,7 +372,7 @@ SHIFT = 0.0093
 
 
 if __name__ == "__main__":
-    studies = sys.argv[1:] or ["cattaneo", "dissimilar", "torsion", "raous", "paths", "fretting", "cost"]
+    studies = sys.argv[1:] or ["cattaneo", "dissimilar", "torsion", "steps", "raous", "paths", "fretting", "cost"]
     with tempfile.TemporaryDirectory() as path:
         for name in studies:
             start = time.time()

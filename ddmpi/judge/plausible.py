@@ -66,21 +66,25 @@ IDLE = 1e-6
 
 
 def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
-                 contacts: Mapping[str, ContactState]) -> list[str]:
-    """Warnings of an answer, the same on all ranks.
+                 contacts: Mapping[str, ContactState], passing: bool = False) -> list[str]:
+    """Warnings of an answer, the same on all ranks; none where it is not even finite, which its certificate says.
 
     Parameters
     ----------
     displacements : (nv, d) of each body of this rank (m)
     contacts : state by contact
+    passing : whether other load steps follow; then motions alone are looked at, since a body that is unloaded on its
+        way may have next to no forces
 
     Collective.
     """
     world, own = assembly.world, {}
+    if not all(world.allgather(all(bool(np.isfinite(u).all()) for u in displacements.values()))):
+        return []
     mine: dict[tuple[str, int], np.ndarray] = {}
     for body in assembly.bodies:
         name, u = body.spec.name, displacements[body.spec.name]
-        warnings = _large_motion(body, u) + _points_that_carry(body, u, contacts)
+        warnings = _large_motion(body, u) + ([] if passing else _points_that_carry(body, u, contacts))
         own[body.number] = warnings, float(np.linalg.norm(u, axis=1).max())
         for interface in body.member.interfaces:
             side = interface.side(name)
@@ -93,11 +97,11 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
     for interface in assembly.space.interfaces:
         state, (first, second) = contacts[interface.name], both[interface.name]
         slid = _far_around(assembly, state, first) if second is None else _far_slip(state, first - second)
-        carries = len(contacts) == 1 or state.normal_force.max(initial=0.0) > IDLE * pressed
+        carries = not passing and (len(contacts) == 1 or state.normal_force.max(initial=0.0) > IDLE * pressed)
         doubts[interface.name] = slid + (_lost_in_rounding(state, largest) + _unresolved_zone(state) if carries else [])
     by_contact = merged(world, doubts)
     found += [warning for name in contacts for warning in by_contact[name]]
-    return (found + _unresolved(assembly, contacts) + _run_through(assembly, displacements)
+    return (found + ([] if passing else _unresolved(assembly, contacts)) + _run_through(assembly, displacements)
             + _run_through_rigid(assembly, displacements, contacts))
 
 
@@ -340,7 +344,7 @@ def _far_around(assembly: Assembly, state: ContactState, moved: np.ndarray) -> l
     circle = next(rigid for rigid in assembly.scene.rigid if rigid.name == interface.bodies[1])
     if not isinstance(circle, Circle):
         return []
-    along = np.linalg.norm(np.einsum("mcd,md->mc", interface.frame[:, 1:], moved - circle.displacement), axis=1)
+    along = np.linalg.norm(np.einsum("mcd,md->mc", interface.frame[:, 1:], moved - interface.displacement), axis=1)
     turned = np.where(state.status != "open", along, 0.0) / circle.radius
     k = int(np.argmax(turned))
     if turned[k] <= LARGE_TURN:

@@ -104,8 +104,8 @@ class LinearProblem:
         self._size = size
         K = PETSc.Mat().createPython(((len(right), None), (len(right), None)), context=self, comm=comm)
         K.setUp()
-        b = PETSc.Vec().createWithArray(right, comm=comm)
-        w = b.duplicate()
+        w, b = K.createVecs()  # a vector around an array of numpy's would keep it for ever
+        b.array[:] = right
         ksp = self._ksp = PETSc.KSP().create(comm)
         try:
             ksp.setOptionsPrefix("newton_")

@@ -74,7 +74,7 @@ def write_fields(path: Path, fields: Fields, body: int, sizes: Sequence[tuple[in
     if fields.error is not None:
         parts["error"] = fields.error
     if step is not None:
-        parts = {f"{_group(step)}/{name}": parts[name] for name in parts if name in AT_STEPS}
+        parts = {f"{group_of(step)}/{name}": parts[name] for name in parts if name in AT_STEPS}
     target, mode = path / "result.h5", "r+" if body or step is not None else "w"
     with writing(target), FileOfHDF5(target, f"{mode[0]}+") as storage, h5py.File(storage, mode) as file:
         for name, part in parts.items():
@@ -104,12 +104,12 @@ def write_xdmf(path: Path, times: Sequence[float] = ()) -> None:
             grid = ElementTree.SubElement(parent, "Grid", Name="bodies", GridType="Uniform")
             if time is not None:
                 ElementTree.SubElement(grid, "Time", Value=repr(time))
-            _describe(grid, file, _group(k) if _group(k) in file else "")
+            _describe(grid, file, group_of(k) if group_of(k) in file else "")
         ElementTree.indent(root)
         ElementTree.ElementTree(root).write(path / "result.xdmf", encoding="utf-8", xml_declaration=True)
 
 
-def _group(step: int) -> str:
+def group_of(step: int) -> str:
     """Where result.h5 has the fields of a load step before the last one."""
     return f"step_{step:06d}"
 

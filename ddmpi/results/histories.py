@@ -1,15 +1,22 @@
-"""The picture of load steps: loops of the forces, energies, and contact stresses at the ends of legs."""
+"""Pictures of load steps: loops of the forces, energies, contact stresses at the ends of legs; and an animation."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ddmpi.results.tables import Columns, Results
+from ddmpi.results.fields import at_nodes, boundary_edges, group_of, linear_triangles
+from ddmpi.results.magnify import magnify, surfaces
+from ddmpi.results.tables import Columns, Results, writing
 
 LOOPS = 3
 """At most so many contacts, those with the largest forces, have their loop and their stresses drawn."""
+
+FRAMES, SECONDS, SLOWEST, FASTEST = 200, 6.0, 2.0, 20.0
+"""An animation has at most so many frames, and takes about so long, within these limits of frames a second."""
 
 CURVES = 8
 """Of more ends of legs than this, so many are drawn, from the first to the last."""
@@ -81,4 +88,73 @@ def _draw_stresses(axes: Any, name: str, legs: Columns, units: dict) -> None:
             axis.plot(arc, legs[f"{kind}_stress"][own], color=colour, linewidth=1.2, label=f"time {time:g}")
         axis.axhline(0.0, color="black", linewidth=0.6)
         axis.set(xlabel=f"along {name} ({units['length']})", ylabel=f"{kind} stress ({units['stress']})")
-    axes[1].legend(fontsize=7)
+    axes[1].legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+
+
+def animate(results: Results, folder: Path, title: str) -> Path:
+    """Write animation.gif: the deformed bodies at the load steps whose fields are in the `folder`; its path.
+
+    Colours are von Mises stress, or displacement if there is no stress. All frames have the same colours, limits and
+    magnification: the one that suits the largest displacement of all. Not collective. Raises OutputError.
+    """
+    import matplotlib.pyplot as plt
+    from matplotlib.animation import PillowWriter
+    from matplotlib.collections import LineCollection
+
+    points, output = results.fields["points"][:, :2], results.summary["scene"]["output"]
+    cells, owner = linear_triangles(results.fields["cells"])
+    largest, top, low, high = 0.0, 0.0, points.min(axis=0), points.max(axis=0)
+    size = np.ptp(points, axis=0).max()
+    for _, u, values in _frames(folder):
+        largest = max(largest, np.linalg.norm(u, axis=1).max())
+        top = max(top, float(np.percentile(values, 99.5)))
+    factor, shift = magnify(results, largest)
+    for _, u, _ in _frames(folder):
+        low = np.minimum(low, (points + shift + factor * u).min(axis=0))
+        high = np.maximum(high, (points + shift + factor * u).max(axis=0))
+    width, height = high - low
+    wide = width > height
+    stressed = "von_mises" in results.fields
+    label = f"von Mises stress ({output['stress_unit']})" if stressed else f"displacement ({output['length_unit']})"
+    figure, axes = plt.subplots(figsize=np.clip((8.0, 1.8 + 7.2 * height / width) if wide else
+                                                (2.2 + 5.0 * width / height, 6.4), 3.6, 9.0))
+    colours = plt.cm.ScalarMappable(plt.Normalize(0.0, top or 1.0), "viridis")
+    figure.colorbar(colours, ax=axes, label=label, orientation="horizontal" if wide else "vertical",
+                    extend="max", aspect=40 if wide else 25)
+    edges, path = boundary_edges(cells), folder / "animation.gif"
+    figure.suptitle(title.strip())
+    number = sum(1 for _ in _frames(folder))
+    writer = PillowWriter(fps=float(np.clip(number / SECONDS, SLOWEST, FASTEST)))
+    with writing(path), writer.saving(figure, path, dpi=80):
+        for time, u, values in _frames(folder):
+            axes.clear()
+            at = points + shift + factor * u
+            shown = at_nodes(values[owner], points, cells) if stressed else values
+            axes.tripcolor(*at.T, cells, shown, shading="gouraud", norm=colours.norm, cmap="viridis")
+            axes.add_collection(LineCollection(at[edges], color="black", linewidth=0.6))
+            for line, _ in surfaces(results, factor, time):
+                axes.plot(*line.T, color="#404040", linewidth=1.4)
+            axes.set(aspect="equal", xlim=(low[0] - 0.03 * size, high[0] + 0.03 * size),
+                     ylim=(low[1] - 0.03 * size, high[1] + 0.03 * size), xlabel=f"x ({output['length_unit']})",
+                     ylabel=f"y ({output['length_unit']})",
+                     title=f"time {time:.4g}, displacement × {factor:g}")
+            figure.canvas.draw()
+            figure.set_layout_engine("none")  # as the first frame has it
+            writer.grab_frame()
+    plt.close(figure)
+    return path
+
+
+def _frames(folder: Path) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
+    """Time, displacement (nv, 2), and von Mises stress by cell or else displacement by node, of what an animation shows
+    of the time series result.xdmf."""
+    from xml.etree import ElementTree
+
+    import h5py
+
+    times = [float(each.attrib["Value"]) for each in ElementTree.parse(folder / "result.xdmf").iter("Time")]
+    with h5py.File(folder / "result.h5", "r") as file:
+        for k in np.unique(np.linspace(0, len(times) - 1, min(FRAMES, len(times))).round().astype(int)):
+            fields = file.get(group_of(k), file)
+            u = fields["displacement"][:, :2]
+            yield times[k], u, fields["von_mises"][()] if "von_mises" in fields else np.linalg.norm(u, axis=1)

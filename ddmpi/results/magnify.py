@@ -60,19 +60,21 @@ class _Pairs:
         yield from (visible + into[overlapping]) / (into - self.gap)[overlapping]
 
 
-def magnify(results: Results) -> tuple[float, np.ndarray]:
+def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
     """The magnification F and a shift (nv, 2) in metres: a node at x that moves by u is drawn at x + shift + F u.
 
     Each body is shifted as a whole, by F − 1 times the gap that its contact had at first; negative for an overlap.
     Nodes are then drawn F times as far apart as they are, and touch where they touch. If gaps vary, as in rings, this
     holds for their mean only. F is then so small that no error at touching nodes, and no overlap at others, is visible;
-    at F = 1 there are none. A scene that gives ``output.magnification`` accepts what it does. Not collective.
+    at F = 1 there are none. A scene that gives ``output.magnification`` accepts what it does. `largest` is a
+    displacement of an earlier load step that F has to suit as well (m). Not collective.
     """
     points, u = results.fields["points"][:, :2], results.fields["displacement"][:, :2]
     owner = owners(results)
     names = list(results.summary["bodies"])
     at = {name: (points[owner == k], u[owner == k]) for k, name in enumerate(names)}
-    pairs = [_pairs(results.contacts[contact["name"]], contact["bodies"], names, at, _rigid(results))
+    pairs = [_pairs(results.contacts[contact["name"]], contact["bodies"], names, at, _rigid(results),
+                    results.summary["contacts"][contact["name"]].get("slave"))
              for contact in results.summary["scene"]["contact"]]
     apart = np.zeros((len(pairs), len(names)))
     for row, each in zip(apart, pairs, strict=True):
@@ -83,7 +85,7 @@ def magnify(results: Results) -> tuple[float, np.ndarray]:
     shifts = np.zeros((len(names), 2))
     if distances.any():
         shifts = mobile[:, None] * (np.linalg.pinv(apart * mobile) @ distances)  # mostly of the body that moves most
-    extent, size = np.ptp(points, axis=0).max(), max(moved.max(), np.abs(shifts).max())
+    extent, size = np.ptp(points, axis=0).max(), max(moved.max(), largest, np.abs(shifts).max())
     limits = [limit for each, shift in zip(pairs, apart @ shifts, strict=True)
               for limit in each.limits(shift, INVISIBLE * extent)]
     chosen = _round_down(min([DRAWN * extent / size, *limits])) if size else 1.0
@@ -98,19 +100,30 @@ def owners(results: Results) -> np.ndarray:
     return found
 
 
-def _rigid(results: Results) -> dict[str, dict]:
-    return {each["name"]: each for each in results.summary["scene"].get("rigid", ())}
+def _rigid(results: Results, time: float | None = None) -> dict[str, dict]:
+    """Rigid partners by name, with their displacement at `time`, else at the last load step."""
+    scene, histories = results.summary["scene"], results.summary["scene"].get("history", {})
+    if time is None and "time" in results.energy:
+        time = results.energy["time"].max(initial=0.0)
+
+    def factor(name: str | None) -> float:
+        return 1.0 if name is None else float(np.interp(time or 0.0, histories[name]["times"],
+                                                        histories[name]["factors"]))
+
+    return {each["name"]: each | {"displacement": factor(each.get("history")) * np.array(each["displacement"])}
+            for each in scene.get("rigid", ())}
 
 
-def surfaces(results: Results, factor: float = 0.0) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def surfaces(results: Results, factor: float = 0.0,
+             time: float | None = None) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Points (k, 2) along each rigid surface that bodies may touch, and its unit normals there, towards the bodies.
 
-    Drawn where it has gone to, its displacement times `factor`.
+    Drawn where it has gone to at `time`, else in the last load step, its displacement times `factor`.
     """
     fields, contacts = results.fields, results.summary["scene"]["contact"]
     extent, owner = np.ptp(fields["points"][:, :2], axis=0).max(), owners(results)
     names = list(results.summary["bodies"])
-    for name, rigid in _rigid(results).items():
+    for name, rigid in _rigid(results, time).items():
         near = [each for each in contacts if each["bodies"][1] == name]
         if not near:
             continue
@@ -135,28 +148,30 @@ def surfaces(results: Results, factor: float = 0.0) -> Iterator[tuple[np.ndarray
             t = np.linspace(begin - margin, begin + length + margin, 400)
             outward = np.column_stack([np.cos(t), np.sin(t)])
             at, normals = center + radius * outward, -outward if rigid["inside"] else outward
-        yield at + factor * np.array(rigid["displacement"]), normals
+        yield at + factor * rigid["displacement"], normals
 
 
 def _pairs(nodes: Columns, bodies: list[str], names: list[str], at: dict[str, tuple[np.ndarray, np.ndarray]],
-           rigid: dict[str, dict]) -> _Pairs:
-    """The pairs of a contact. The second body's node is the one nearest to where gap and slip say that it has moved.
+           rigid: dict[str, dict], slave: str | None) -> _Pairs:
+    """The pairs of a contact, of which `nodes` are on the body that rows stand at: by mortar it may be the second one.
 
-    A rigid partner has no nodes: what is opposite moved as all of it did.
+    The other body's node is the one nearest to where gap and slip say that it has moved. A rigid partner has no nodes:
+    what is opposite moved as all of it did.
     """
     from scipy.spatial import cKDTree
 
     xy, normal = (np.column_stack([nodes[x], nodes[y]]) for x, y in (("x", "y"), ("nx", "ny")))
     tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
-    (ours, u), second = at[bodies[0]], bodies[1]
+    swapped, second = slave == bodies[1], bodies[1]
+    (ours, u), other, sign = (at[second], bodies[0], -1.0) if swapped else (at[bodies[0]], second, 1.0)
     moved = xy + u[cKDTree(ours).query(xy)[1]]
-    opposite = moved + nodes["gap"][:, None] * normal - nodes["slip"][:, None] * tangent
+    opposite = moved + sign * (nodes["gap"][:, None] * normal - nodes["slip_total"][:, None] * tangent)
     if second in rigid:
         partner = opposite - rigid[second]["displacement"]
     else:
-        theirs, v = at[second]
+        theirs, v = at[other]
         partner = theirs[cKDTree(theirs + v).query(opposite)[1]]
-    before = np.einsum("ij,ij->i", partner - xy, normal)[:, None] * normal
+    before = sign * np.einsum("ij,ij->i", partner - xy, normal)[:, None] * normal
     numbers = [names.index(name) for name in bodies if name not in rigid]
     return _Pairs(numbers, before, normal, nodes["gap"], nodes["status"] != "open")
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.results.fields import areas_at_nodes, at_nodes, boundary_edges, linear_triangles, middles
-from ddmpi.results.histories import draw_steps
+from ddmpi.results.histories import animate, draw_steps
 from ddmpi.results.magnify import magnify, owners, surfaces
 from ddmpi.results.tables import Columns, Results, pieces, read_results, starts, writing
 
@@ -49,7 +49,8 @@ def draw_all(folder: str | Path) -> list[Path]:
     """Draw all pictures of the results in `folder` into it; their paths.
 
     bodies.png, contact.png (of several contacts contacts.png, and contact_NAME.png of each if there are not more than
-    EACH), convergence.png, steps.png if there are load steps, and error.png if the results have the estimated error.
+    EACH), convergence.png, steps.png if there are load steps, animation.gif if the scene wants it, and error.png if the
+    results have the estimated error.
     Not collective. Raises InputError if the results cannot be read, OutputError if a picture cannot be written.
     """
     import matplotlib
@@ -66,6 +67,8 @@ def draw_all(folder: str | Path) -> list[Path]:
                     figure.savefig(drawn[-1], metadata=identity(results.summary))
             finally:
                 plt.close(figure)
+        if results.summary["scene"]["output"].get("animation") and len(results.energy.get("time", ())):
+            drawn.append(animate(results, Path(folder), _title(results)))
     return drawn
 
 

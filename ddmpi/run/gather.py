@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from array import array
+import re
 from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
@@ -21,39 +21,42 @@ from ddmpi.petsc.options import unused_options
 from ddmpi.results.fields import Fields
 from ddmpi.results.summary import BodyResult, ContactResult, RunResult, summarize
 from ddmpi.run.solve import Solution
+from ddmpi.system.numbers import Rows
 from ddmpi.system.provenance import peak_memory, provenance
 
-WIDTH = 9
-"""Columns of history.csv."""
+RESULTANTS = 9
+"""Numbers that are noted of a contact at each step."""
 
 KINDS = tuple(field.name for field in fields(ContactResiduals))
 
 
 class StepLog:
-    """What is kept of the load steps, in their order.
+    """What is kept of the load steps, in their order, as rows of numbers: a step costs no more than these.
 
     Attributes
     ----------
     contacts, bodies : names
     steps : time and number of iterations of each
-    resultants : (nc, 9) of each, by contact: force, moment, normal and tangential force, numbers of open, slipping and
+    resultants : by contact its RESULTANTS: force, moment, normal and tangential force, numbers of open, slipping and
         sticking nodes, dissipated energy
     energies : external work, strain energy, interface work and dissipated energy since time 0, and what the step's
         balance leaves, of each (J)
-    rows : WIDTH numbers of history.csv for each iteration, one after the other, so that they take little room
+    iterations : a line of history.csv for each
+    doubts : warnings of answers at the ends of legs before the last one, of each kind the first
     worst : (nc, 4) the largest residuals of contacts so far, and (nb,) of bodies
-    kept : time, forces (size,), motions, and normal and tangential stresses (m, 2) of all contacts, of the steps whose
-        fields are to be written
     """
 
     def __init__(self, contacts: Sequence[str], bodies: Sequence[str]) -> None:
         self.contacts, self.bodies = tuple(contacts), tuple(bodies)
-        self.steps: list[tuple[float, int]] = []
-        self.resultants: list[np.ndarray] = []
-        self.energies: list[np.ndarray] = []
-        self.rows = array("d")
-        self.kept: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]] = []
+        self.steps, self.resultants, self.energies, self.iterations = Rows(), Rows(), Rows(), Rows()
+        self._kept, self._ends = Rows(), np.zeros(0, int)
+        self.doubts: dict[str, str] = {}
         self.worst = np.zeros((len(self.contacts), len(KINDS))), np.zeros(len(self.bodies))
+
+    @property
+    def _tables(self) -> dict[str, Rows]:
+        return {"steps": self.steps, "resultants": self.resultants, "energies": self.energies,
+                "iterations": self.iterations, "kept": self._kept}
 
     def judge(self, certificate: Certificate) -> Certificate:
         """Note the residuals of a step; the largest ones so far."""
@@ -66,15 +69,39 @@ class StepLog:
 
     def note_contacts(self, contacts: Sequence[ContactState]) -> None:
         """Note the resultants of a step."""
-        self.resultants.append(np.array([
+        self.resultants.append(np.concatenate([np.empty(0), *(
             [*state.force, state.moment, state.normal_force.sum(), state.tangential_force.sum(),
-             *(state.count(status) for status in ("open", "slip", "stick")), state.dissipated] for state in contacts]))
+             *(state.count(status) for status in ("open", "slip", "stick")), state.dissipated] for state in contacts)]))
+
+    def doubt(self, time: float, warnings: Sequence[str]) -> None:
+        """Note the warnings of the answer at the end of a leg, unless there are such that differ in numbers alone."""
+        for warning in warnings:
+            self.doubts.setdefault(_kind(warning), f"{warning} (at time {time:g})")
+
+    def doubts_beside(self, warnings: Sequence[str]) -> list[str]:
+        """The doubts of a kind that is not among the `warnings` of the last step."""
+        known = {_kind(warning) for warning in warnings}
+        return [doubt for kind, doubt in self.doubts.items() if kind not in known]
+
+    def keep(self, time: float, forces: np.ndarray, motions: np.ndarray, stresses: np.ndarray) -> None:
+        """Note what the fields of a step follow from: forces (size,), motions; (m, 2) stresses of all contacts."""
+        self._ends = np.cumsum([1, len(forces), len(motions)])
+        self._kept.append(np.concatenate([[time], forces, motions, stresses.ravel()]))
+
+    @property
+    def kept(self) -> list[tuple[float, np.ndarray, np.ndarray, np.ndarray]]:
+        """Time, forces, motions, and normal and tangential stresses (m, 2), of the steps whose fields are written."""
+        parts = (np.split(row, self._ends) for row in self._kept.all)
+        return [(float(time[0]), s, alpha, stresses.reshape(-1, 2)) for time, s, alpha, stresses in parts]
+
+    def _by_contact(self) -> np.ndarray:
+        """The resultants (k, nc, RESULTANTS)."""
+        return self.resultants.all.reshape(len(self.steps), len(self.contacts), RESULTANTS)
 
     @property
     def dissipated(self) -> dict[str, float]:
         """The frictional work of all steps by contact (J)."""
-        total = sum((each[:, -1] for each in self.resultants), np.zeros(len(self.contacts)))
-        return dict(zip(self.contacts, total.tolist(), strict=True))
+        return dict(zip(self.contacts, self._by_contact()[:, :, -1].sum(axis=0).tolist(), strict=True))
 
     def summary(self) -> list[dict]:
         """The entry ``steps`` of summary.json."""
@@ -85,53 +112,52 @@ class StepLog:
 
         return [{"time": time, "outer_iterations": int(number),
                  "contacts": {name: contact(row) for name, row in zip(self.contacts, rows, strict=True)}}
-                for (time, number), rows in zip(self.steps, self.resultants, strict=True)]
+                for (time, number), rows in zip(self.steps.all.tolist(), self._by_contact(), strict=True)]
 
     def energy(self) -> list[tuple[float, ...]]:
         """The rows of energy.csv."""
-        return [(time, *row.tolist()) for (time, _), row in zip(self.steps, self.energies, strict=True)]
+        return [(time, *row) for (time, _), row in zip(self.steps.all.tolist(), self.energies.all.tolist(),
+                                                       strict=True)]
 
     def balance(self) -> dict[str, float]:
         """The entry ``energy`` of summary.json: the balance at the end; the worst residual over the largest energy."""
-        external, strain, interface, dissipated, _ = self.energies[-1] if self.energies else np.zeros(5)
-        rows = np.array(self.energies).reshape(-1, 5)
-        size = np.abs(rows[:, :3]).max(initial=0.0)
+        rows = self.energies.all if len(self.energies) else np.zeros((1, 5))
+        external, strain, interface, dissipated, _ = rows[-1].tolist()
+        size = float(np.abs(rows[:, :3]).max())
         return {"external_work": external, "strain_energy": strain, "interface_work": interface,
                 "dissipated": dissipated, "lost": interface - dissipated,
-                "residual": float(np.abs(rows[:, 4]).max(initial=0.0) / size) if size else 0.0}
+                "residual": float(np.abs(rows[:, 4]).max()) / size if size else 0.0}
 
     def history(self) -> list[tuple[float, ...]]:
         """The rows of history.csv."""
-        rows = np.array(self.rows).reshape(-1, WIDTH).tolist()
-        return [(int(row[0]), int(row[1]), *row[2:5], *map(int, row[5:])) for row in rows]
+        return [(int(row[0]), int(row[1]), *row[2:5], *map(int, row[5:])) for row in self.iterations.all.tolist()]
 
     def lengths(self) -> dict[str, Any]:
         """What `shorten` needs to come back to the present state."""
-        return {"steps": len(self.steps), "rows": len(self.rows), "kept": len(self.kept), "contacts": self.worst[0],
-                "bodies": self.worst[1]}
+        return {name: len(rows) for name, rows in self._tables.items()} | {"contacts": self.worst[0],
+                                                                         "bodies": self.worst[1]}
 
     def shorten(self, lengths: dict[str, Any]) -> None:
         """Forget what was noted since `lengths`."""
-        for each in (self.steps, self.resultants, self.energies):
-            del each[lengths["steps"]:]
-        del self.rows[lengths["rows"]:]
-        del self.kept[lengths["kept"]:]
+        for name, rows in self._tables.items():
+            rows.shorten(lengths[name])
         self.worst = lengths["contacts"], lengths["bodies"]
 
     def state(self) -> dict[str, Any]:
-        times, forces, motions, stresses = zip(*self.kept, strict=True) if self.kept else ((),) * 4
-        return {"steps": list(self.steps), "resultants": list(self.resultants), "energies": list(self.energies),
-                "rows": np.array(self.rows), "times": list(times), "forces": list(forces), "motions": list(motions),
-                "stresses": list(stresses),
-                "contacts": self.worst[0], "bodies": self.worst[1]}
+        return {name: rows.all for name, rows in self._tables.items()} | {
+            "doubts": tuple(self.doubts.values()), "ends": self._ends,
+            "contacts": self.worst[0], "bodies": self.worst[1]}
 
     def restore(self, state: dict[str, Any]) -> None:
-        self.steps = [(float(time), int(number)) for time, number in state["steps"]]
-        self.resultants, self.energies = list(state["resultants"]), list(state["energies"])
-        self.rows = array("d", np.asarray(state["rows"], float).tolist())
-        self.kept = list(zip(np.asarray(state["times"]).tolist(), state["forces"], state["motions"], state["stresses"],
-                             strict=True))
-        self.worst = state["contacts"], state["bodies"]
+        self.steps, self.resultants, self.energies, self.iterations, self._kept = (
+            Rows(state[name]) for name in self._tables)
+        self.doubts = {_kind(doubt.rpartition(" (at time")[0]): doubt for doubt in state["doubts"]}
+        self._ends, self.worst = state["ends"], (state["contacts"], state["bodies"])
+
+
+def _kind(warning: str) -> str:
+    """A warning without its numbers."""
+    return re.sub(r"-?\d+(\.\d*)?(e[-+]?\d+)?", "#", warning)
 
 
 def gather_summary(assembly: Assembly, solution: Solution, error: DiscretizationError, own_fields: dict[str, Fields],
@@ -162,7 +188,7 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     run = RunResult(
         converged=solution.certified and not ladder.missed,
         reason=(solution.certified and ladder.missed) or solution.reason, order=scene.body[0].mesh.order,
-        ranks=world.allreduce(len(ranks)), outer_iterations=len(steps.rows) // WIDTH if steps else len(outer.history),
+        ranks=world.allreduce(len(ranks)), outer_iterations=len(steps.iterations) if steps else len(outer.history),
         inner_iterations=sum(inner) if published else inner[0],
         certificate_limit=solution.limit, energy_norm=error.relative,
         levels=[level._asdict() for level in ladder.levels],

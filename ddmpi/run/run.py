@@ -194,9 +194,9 @@ def _finish(assembly: Assembly, solution: Solution, steps: StepLog | None, error
     with clock.phase("recover"), agreed(assembly.world), event("Stress"):
         fields = {body.spec.name: _fields(assembly, body, solution.displacements[body.spec.name], error)
                   for body in assembly.bodies}
-    warnings = [*assembly.warnings, *(body.locking for body in assembly.scene.body if body.locking),
-                *doubt_answer(assembly, solution.displacements, solution.contacts),
-                *doubt_mesh(assembly.scene.body, error)]
+    doubts = doubt_answer(assembly, solution.displacements, solution.contacts)
+    warnings = [*assembly.warnings, *(body.locking for body in assembly.scene.body if body.locking), *doubts,
+                *(steps.doubts_beside(doubts) if steps else ()), *doubt_mesh(assembly.scene.body, error)]
     summary = gather_summary(assembly, solution, error, fields, ladder, warnings, clock.started, steps)
     log_end(summary, solution)
     log_warnings(warnings, told)

@@ -21,6 +21,7 @@ import numpy as np
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.interface.state import slip_start
 from ddmpi.judge.equilibrium import Mechanism
+from ddmpi.judge.plausible import doubt_answer
 from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Report, no_report
 from ddmpi.run.checkpoint import Checkpoints
@@ -154,6 +155,7 @@ class March:
             if not self._ahead and not self._refine():
                 if self._leg == len(self._legs) - 1:
                     break
+                self.log.doubt(time, doubt_answer(self.assembly, solution.displacements, solution.contacts, True))
                 self._next_leg()
             self._keep()
         worst = self.log.judge(solution.certificate)
@@ -219,10 +221,11 @@ class March:
         work += 0.5 * (factors - now.factors) @ (solution.work[1] + now.work[1]) + driven
         lost = work - (solution.energy - now.energy) - interface_work
         dissipated = sum(state.dissipated for state in contacts)
-        before = self.log.energies[-1] if self.log.energies else np.zeros(5)
-        self.log.energies.append(np.array([before[0] + work, solution.energy, before[2] + interface_work,
-                                           before[3] + dissipated, lost]))
-        self.log.steps.append((time, len(outer.history)))
+        before = self.log.energies.all[-1] if len(self.log.energies) else np.zeros(5)
+        self.log.energies.append([before[0] + work, solution.energy, before[2] + interface_work,
+                                  before[3] + dissipated, lost])
+        number = len(outer.history)
+        self.log.steps.append((time, number))
         self.log.note_contacts(contacts)
         self._note_iterations(len(self.log.steps))
         self.log.judge(solution.certificate)
@@ -232,16 +235,16 @@ class March:
                           sum(float(each.interface.area[each.status != "open"].sum()) for each in contacts))
         del self._ahead[0]
         if not self._ahead or scene.output.steps == "all":
-            self.log.kept.append((time, s, outer.motions, np.vstack(
-                [np.column_stack([state.pressure, state.shear[:, 0]]) for state in contacts])))
+            self.log.keep(time, s, outer.motions, np.vstack(
+                [np.empty((0, 2)), *(np.column_stack([state.pressure, state.shear[:, 0]]) for state in contacts)]))
         self._leave()
         self._cuts = 0
         counts = [sum(state.count(status) for state in contacts) for status in ("open", "slip", "stick")]
-        log.info("time %-10.6g %3d iterations; %d open, %d slip, %d stick nodes", time, self.log.steps[-1][1], *counts)
+        log.info("time %-10.6g %3d iterations; %d open, %d slip, %d stick nodes", time, number, *counts)
 
     def _note_iterations(self, number: int) -> None:
         for step, counts in zip(self.outer.history, self.iteration.statuses.counts, strict=True):
-            self.log.rows.extend((number, *step[:-1], *counts, step.n_A))
+            self.log.iterations.append((number, *step[:-1], *counts, step.n_A))
 
     def _leave(self) -> None:
         """Count the iterations of a step that is over."""

@@ -131,7 +131,7 @@ class SettledTime(Time, frozen=True, kw_only=True):
 class Output(Table, frozen=True, kw_only=True):
     """Which fields and pictures are written beside the tables; the others are not computed.
 
-    ``steps`` says of which load steps fields are written: of those that end legs, or of all.
+    ``steps`` says of which load steps fields are written: of those that end legs, or of all; ``animation`` plays them.
 
     The units only label pictures and the summary: any consistent set of units gives the same results.
     ``magnification`` is the factor by which bodies.png enlarges displacements and gaps; left out, it is chosen.
@@ -141,6 +141,7 @@ class Output(Table, frozen=True, kw_only=True):
     error: bool = False
     figures: bool = True
     steps: Literal["legs", "all"] = "legs"
+    animation: bool = False
     length_unit: str = "m"
     stress_unit: str = "Pa"
     magnification: Positive | None = None

@@ -90,6 +90,8 @@ class Scene(Table, frozen=True, kw_only=True):
         if self.history and self.time is None:
             raise ValueError(f"history.{next(iter(self.history))}: a history needs [time], as in [time], points = "
                              "[1.0, 2.0]; without it all loads act at once")
+        if self.output.animation and self.time is None:
+            raise ValueError("output.animation: plays load steps, and without [time] there is only one; leave it out")
         if self.time is not None and self.method.for_two:
             raise ValueError(f"time: method.{self.method.for_two} solves one load step; what knows several is outer = "
                              '"newton", the default')

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 
@@ -27,3 +29,32 @@ def bisect(points: np.ndarray, parts: int) -> np.ndarray:
             cut = len(members) * (number // 2) // number
             todo += [(order[:cut], first, number // 2), (order[cut:], first + number // 2, number - number // 2)]
     return part
+
+
+class Rows:
+    """Rows of equally many numbers, which grow in place: a row costs its numbers, however many there are.
+
+    Attributes
+    ----------
+    all : (k, width) those so far; what grows later, or is cut off, leaves this array as it is
+    """
+
+    def __init__(self, rows: np.ndarray | None = None) -> None:
+        self.all = np.empty((0, 0)) if rows is None else np.asarray(rows, float)
+        self._data = self.all
+
+    def __len__(self) -> int:
+        return len(self.all)
+
+    def append(self, row: Sequence[float] | np.ndarray) -> None:
+        """Add a row, as wide as all others."""
+        k = len(self.all)
+        if k == len(self._data):
+            self._data = np.empty((max(16, 2 * k), len(row)))
+            self._data[:k] = self.all if k else 0.0
+        self._data[k] = row
+        self.all = self._data[:k + 1]
+
+    def shorten(self, k: int) -> None:
+        """Keep the first k rows."""
+        self._data = self.all = self.all[:k].copy()

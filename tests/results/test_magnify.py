@@ -15,8 +15,8 @@ TOUCHES = 1e-12
 
 
 def deformed(meshes: dict[str, Mesh], u: dict[str, np.ndarray], contacts: dict[str, tuple[str, str]],
-             magnification: float | None = None) -> tuple[Results, list]:
-    """Results of bodies with displacements `u`, and their interfaces."""
+             magnification: float | None = None, rows: int = 0) -> tuple[Results, list]:
+    """Results of bodies with displacements `u`, whose tables have the nodes of role `rows`; and their interfaces."""
     start = np.cumsum([0, *(len(mesh.points) for mesh in meshes.values())])
     fields = {"points": np.concatenate([mesh.points for mesh in meshes.values()]),
               "displacement": np.concatenate([np.broadcast_to(u[name], mesh.points.shape)
@@ -32,11 +32,13 @@ def deformed(meshes: dict[str, Mesh], u: dict[str, np.ndarray], contacts: dict[s
             for k, body in enumerate(bodies)), 2)
         gap = interface.gap - closing
         assert gap.min() > -TOUCHES
-        tables[name] = {"x": interface.xy[:, 0], "y": interface.xy[:, 1], "nx": interface.normal[:, 0],
-                        "ny": interface.normal[:, 1], "gap": gap, "slip": slip,
+        xy = meshes[bodies[1]].points[interface.nodes[1]] if rows else interface.xy
+        tables[name] = {"x": xy[:, 0], "y": xy[:, 1], "nx": interface.normal[:, 0],
+                        "ny": interface.normal[:, 1], "gap": gap, "slip": slip, "slip_total": slip,
                         "status": np.where(gap > TOUCHES, "open", "stick")}
         interfaces.append(interface)
-    summary = {"title": "", "bodies": dict.fromkeys(meshes), "scene": made_up.scene(list(contacts))}
+    summary = {"title": "", "bodies": dict.fromkeys(meshes), "scene": made_up.scene(list(contacts)),
+               "contacts": {name: {"slave": name.split("-")[1] if rows else None} for name in contacts}}
     summary["scene"]["output"]["magnification"] = magnification
     return Results(summary, tables, {}, {}, {}, fields), interfaces
 
@@ -101,6 +103,14 @@ def test_a_shrink_fit_is_drawn_without_air(overlap):
     factor, (gaps,) = drawn_gaps(*deformed(meshes, u, RINGS))
     assert factor == {1e-6: 5000.0, 1e-3: 5.0, 0.05: 1.0}[overlap]
     assert np.abs(gaps).max() <= 0.002 * 4.0
+
+
+def test_rows_on_the_second_body_are_drawn_alike():
+    """The magnification does not depend on which body the rows of a table stand at, as by mortar they may at either."""
+    meshes = {"inner": made_up.ring((0.2, 0.999)), "outer": made_up.ring((1.0, 2.0))}
+    u = {"inner": [0.0, -0.001], "outer": [0.0, 0.0]}
+    (one, shift), (other, again) = (magnify(deformed(meshes, u, RINGS, rows=rows)[0]) for rows in (0, 1))
+    assert one == other > 1.0 and again == pytest.approx(shift, abs=1e-3)
 
 
 @pytest.mark.parametrize("clearance", [1e-4, 1e-2, 0.2])

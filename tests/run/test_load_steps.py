@@ -2,20 +2,25 @@
 
 import csv
 import dataclasses
+import itertools
 import json
 import os
+import tomllib
 
 import meshio
 import numpy as np
+import PIL.Image
 import pytest
+from fault_cases import run_in_one_go
 from mpi4py import MPI
-from scenes import pinched_blocks, run_command, run_python, sheared_stack, to_toml, write_scene
+from scenes import ROOT, pinched_blocks, run_command, run_python, sheared_stack, to_toml, write_scene
 
 import ddmpi
 from ddmpi.errors import InputError
 from ddmpi.interface.state import slip_start
 from ddmpi.methods.newton import Newton
 from ddmpi.results.histories import draw_steps
+from ddmpi.results.magnify import surfaces
 from ddmpi.results.tables import read_results
 from ddmpi.run.answer import Answer
 from ddmpi.run.steps import March
@@ -326,6 +331,7 @@ def test_files_of_load_steps(tmp_path):
     ({"time": {"points": [1.0], "steps": 2, "tolerance": 0.1}}, ["time", "steps and tolerance"]),
     ({"time": {"points": [1.0, 1.0]}}, ["time", "ascend"]),
     ({"time": {"points": [0.0]}}, ["time", "positive"]),
+    ({"output": {"animation": True}}, ["output.animation", "[time]"]),
     ({"time": {"points": [1.0]}, "method": {"outer": "anderson"}}, ["time", "anderson", "newton"]),
     ({"time": {"points": [1.0]}, "method": {"target_error": 0.1}}, ["time", "target_error"]),
     ({"time": {"points": [1.0]}, "history": {"pull": {"times": [0.0, 0.0], "factors": [1.0, 2.0]}}},
@@ -352,3 +358,156 @@ def test_followers_name_histories_that_there_are():
                                  {"on": "left", "x": 1e-4, "y": 0.0, "history": "press"}]
     with pytest.raises(InputError, match=r"body\.upper\.clamp: x at .*prescribed twice.*another history"):
         ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
+
+
+def test_a_curved_fit_whose_nodes_do_not_match_remembers():
+    """A shrink fit of curved quadratic rings, joined by mortar, turned by formulas beyond its limit and back: torques
+    and dissipation are those of an elastic, perfectly plastic spring."""
+    inner, fit, outer, overlap, young = 20.0, 40.0, 60.0, 0.02, 2.1e5
+    shear = young / 2.6
+    bulk = 2 * shear / 0.4
+    pressure = overlap / sum(abs(fit - rim**2 / fit) / (bulk + 2 * shear * rim**2 / fit**2) for rim in (inner, outer))
+    limit = 2 * np.pi * fit**2 * 0.3 * pressure
+    angle = limit * ((1 / inner**2 - 1 / fit**2) + (1 / fit**2 - 1 / outer**2)) / (4 * np.pi * shear)
+
+    def ring(name: str, radii: list, around: int, clamp: dict) -> dict:
+        return {"name": name, "material": {"young": young, "poisson": 0.3}, "clamp": [clamp],
+                "mesh": {"shape": "annulus", "center": [0.0, 0.0], "radii": radii, "angles": [0.0, 360.0],
+                         "divisions": [around, 2], "order": 2}}
+
+    scene = {"body": [ring("shaft", [inner, fit], 24, {"on": "inner", "x": 0.0, "y": 0.0}),
+                      ring("hub", [fit, outer], 30, {"on": "outer", "x": f"-{angle!r} * y", "y": f"{angle!r} * x",
+                                                     "history": "turn"})],
+             "contact": [{"name": "fit", "bodies": ["shaft", "hub"], "on": ["outer", "inner"], "friction": COULOMB,
+                          "gap": -overlap}],
+             "history": {"turn": {"times": [0.0, 1.0, 2.0, 3.0, 4.0], "factors": [0.0, 0.5, 1.5, -1.5, 0.0]}},
+             "time": {"points": [1.0, 2.0, 3.0, 4.0], "steps": 1}}
+    summary = solve(scene).summary
+    assert summary["contacts"]["fit"]["pairing"] == "mortar"
+    torques = [step["contacts"]["fit"]["moment"] / limit for step in summary["steps"]]
+    assert torques == pytest.approx([0.5, 1.0, -1.0, 0.5], abs=2e-3)
+    assert summary["contacts"]["fit"]["dissipated"] == pytest.approx(1.5 * limit * angle, rel=2e-3)
+    assert summary["energy"]["residual"] <= 1e-10
+
+
+def test_a_wheel_of_two_materials_follows_a_history():
+    """A pressure by a formula on a curved wheel of two materials: the first leg in one step is the run without [time];
+    without friction the next one depends on its end alone; works balance."""
+    scene = tomllib.loads((ROOT / "configs" / "lined_wheel.toml").read_text(encoding="utf-8"))
+    (body,), (contact,) = scene["body"], scene["contact"]
+    body["mesh"]["file"] = str(ROOT / "meshes" / "lined_wheel.msh")
+    for factors in ([1.0], [1.0, 0.5]):
+        body["traction"] = [{"on": "bore", "pressure": f"{factors[-1]} * 1.5 * max(0, -y/8)"}]
+        expected = solve(scene).contacts["wheel-ground"].forces
+        body["traction"] = [{"on": "bore", "pressure": "1.5 * max(0, -y/8)", "history": "press"}]
+        times = [0.0, 1.0, 2.0][:len(factors) + 1]
+        answer = solve(scene | {"history": {"press": {"times": times, "factors": [0.0, *factors]}},
+                                "time": {"points": times[1:], "steps": 1}})
+        assert len(answer.summary["steps"]) == len(factors)
+        forces = answer.contacts["wheel-ground"].forces
+        assert np.abs(forces - expected).max() <= 1e-6 * np.abs(expected).max()
+        assert answer.summary["energy"]["residual"] <= 1e-9
+        contact["friction"] = {"law": "none"}
+
+
+def test_an_animation_has_a_frame_for_each_step_written(tmp_path):
+    """The frames of animation.gif are the steps whose fields are written, and differ; a rigid partner moves along."""
+    block = {"name": "block", "mesh": {"shape": "rectangle", "size": [2.0, 1.0], "divisions": [4, 2]},
+             "material": {"young": 1.0e9, "poisson": 0.3}, "clamp": ["top"]}
+    floor = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0],
+             "displacement": [0.0, 0.02], "history": "rise"}
+    scene = write_scene({"body": [block], "rigid": [floor],
+                         "contact": [{"bodies": ["block", "floor"], "on": ["bottom"], "friction": COULOMB}],
+                         "history": {"rise": {"times": [0.0, 3.0], "factors": [0.0, 1.5]}},
+                         "time": {"points": [3.0], "steps": 3},
+                         "output": {"steps": "all", "animation": True}}, tmp_path / "scene.toml")
+    done = run_command(scene, tmp_path / "out", ranks=1)
+    assert done.code == 0, done.messages
+    with PIL.Image.open(tmp_path / "out" / "animation.gif") as picture:
+        frames = []
+        for k in range(picture.n_frames):
+            picture.seek(k)
+            frames.append(np.asarray(picture.convert("RGB")).copy())
+    assert len(frames) == 3 and all(np.abs(a - b.astype(int)).max() > 50 for a, b in itertools.pairwise(frames))
+    results = read_results(tmp_path / "out")
+    heights = [next(surfaces(results, 1.0, time))[0][0, 1] for time in (1.0, 3.0)]
+    assert heights == pytest.approx([0.01, 0.03]) and next(surfaces(results, 1.0))[0][0, 1] == heights[1]
+
+
+def test_the_shipped_fretting_scene():
+    """The pad slips at its edges and sticks in its middle, each later cycle dissipates as much as the one before, and
+    shear stays when the load is gone."""
+    answer = ddmpi.solve(ROOT / "configs" / "fretting.toml", MPI.COMM_SELF)
+    assert answer.certified and answer.summary["warnings"] == [], answer.reason
+    steps = {step["time"]: step["contacts"]["pad-base"] for step in answer.summary["steps"]}
+    first, second = (sum(step["dissipated"] for time, step in steps.items() if begin < time <= begin + 2.0)
+                     for begin in (1.5, 3.5))
+    assert first > 0.0 and second == pytest.approx(first, rel=0.1)
+    assert steps[5.5]["slip"] > 0 < steps[5.5]["stick"]
+    contact = answer.contacts["pad-base"]
+    assert np.abs(contact.shear).max() > 0.1 * 0.3 * contact.pressure.max()
+    assert abs(steps[6.0]["tangential_force"]) < 0.1 * abs(steps[5.5]["tangential_force"])
+    assert answer.summary["energy"]["residual"] <= 1e-10
+
+
+def test_faults_in_a_later_load_step_end_the_run_on_all_ranks(tmp_path):
+    """An error, a signal, broken numbers and results that cannot be written in a later step: the right exit code, one
+    message; where a checkpoint is left, the run that goes on from it has the files of one without a fault."""
+    scene = write_scene(sheared_blocks(steps=2), tmp_path / "scene.toml")
+    late = ("ddmpi.coupling.member.Member.displacement", 4)
+    faults = {"SolverError": (1, *late, 4, False), "SIGTERM": (1, *late, 6, True), "nan": (0, *late, 3, False),
+              "OutputError": (0, "ddmpi.run.run.write_fields", 2, 5, True)}
+    runs = run_in_one_go([(rank, target, call, kind, str(tmp_path / kind), ())
+                          for kind, (rank, target, call, *_) in faults.items()], "run", str(scene), "--no-figures",
+                         limit=60.0)
+    whole = run_command(scene, tmp_path / "whole", "--no-figures")
+    assert whole.code == 0
+    for run, (kind, (*_, code, kept)) in zip(runs, faults.items(), strict=True):
+        assert (run.code, len(run.messages)) == (code, 1), (kind, run.output)
+        assert ("checkpoint.h5" in run.files) == kept, kind
+        if kept:
+            assert run_command(scene, run.folder, "--restart", str(run.folder), "--no-figures").code == 0
+            for name in ("steps.csv", "energy.csv", "history.csv", "contact_upper-lower_legs.csv"):
+                assert (run.folder / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), (kind, name)
+    failed = json.loads((tmp_path / "nan" / "summary.json").read_text())
+    assert "to time" in failed["reason"] and [step["time"] for step in failed["steps"]] == [0.5, 1.0, 1.5]
+
+
+def test_any_number_of_steps_gives_the_same_forces_at_constant_pressure():
+    """Where pressures stay as they are while the blocks are sheared, forces after loading and after a reversal do not
+    depend on the number of steps, to what the method leaves."""
+    x = np.linspace(0.0, 4.0, 25)
+
+    def block(name: str, corners: list, divisions: list, clamped: str, sign: float) -> dict:
+        return {"name": name, "material": {"young": 1.0, "poisson": 0.3},
+                "mesh": {"shape": "quadrilateral", "corners": corners, "divisions": divisions},
+                "clamp": [{"on": clamped, "y": -0.01 * sign}, {"on": clamped, "x": 0.01 * sign, "history": "shear"}]}
+
+    def forces(steps: int, last: float) -> np.ndarray:
+        scene = {"body": [block("upper", [[0.0, 0.0], [4.0, 0.0], [4.0, 1.0], [0.0, 1.0]], [24, 6], "top", 1.0),
+                          block("lower", [[4.0, -1.0], [4.0, 0.0], [0.0, 0.0], [0.0, -1.0]], [6, 24], "left", -1.0)],
+                 "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "right"], "friction": COULOMB,
+                              "gap": {"along": "x", "points": x.tolist(), "values": (4e-3 * (x - 2.0)**2).tolist()}}],
+                 "history": {"shear": {"times": [0.0, 1.0, 2.0, 3.0], "factors": [0.0, 0.0, 0.8, -0.6]}},
+                 "time": {"points": [point for point in (1.0, 2.0, 3.0) if point <= last], "steps": steps},
+                 "method": {"tolerance": 1e-13}}
+        contact = solve(scene).contacts["upper-lower"]
+        if last > 1.0:
+            assert min(contact.count(status) for status in ("open", "slip", "stick")) >= 2
+        return contact.forces
+
+    for last in (2.0, 3.0):
+        one = forces(1, last)
+        for steps in (4, 16):
+            assert np.abs(forces(steps, last) - one).max() <= 1e-10 * np.abs(one).max()
+
+
+def test_motions_that_come_back_are_doubted():
+    """A stack that slides far and comes back is warned of once, with the time; one that slides a little is not."""
+    scene, *_ = turned_stack(steps=1)
+    for factor, warned in ((1.0, False), (4000.0, True)):
+        scene["history"]["shift"]["factors"] = [0.0, 1.0, factor, 0.0, -factor, 0.0]
+        summary = solve(scene).summary
+        told = [warning for warning in summary["warnings"] if "node pairs slid" in warning]
+        assert bool(told) == warned and len(told) <= 1, summary["warnings"]
+        assert not warned or told[0].endswith("(at time 2)")

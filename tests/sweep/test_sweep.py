@@ -40,6 +40,24 @@ def small(tmp_path_factory) -> Path:
     return scenes.write_scene(pinched_blocks(2), tmp_path_factory.mktemp("scene") / "scene.toml")
 
 
+def test_a_sweep_over_load_steps(tmp_path):
+    """Cases may have load steps, whose number is varied like any key; each case has the files of them."""
+    scene = pinched_blocks(2)
+    scene["body"][0]["traction"][1]["history"] = "pull"
+    scene["history"] = {"pull": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.3]}}
+    scene["time"] = {"points": [1.0, 2.0]}
+    run = run_sweep(scenes.write_scene(scene, tmp_path / "scene.toml"), tmp_path / "sweep", "--vary",
+                    "time.steps=1,3", "history.pull.factors=[0.0,1.0,0.3],[0.0,0.5,0.5]", "--set",
+                    "output.figures=false", ranks=1)
+    assert run.code == 0, run.output
+    assert [row["status"] for row in rows(run)] == ["certified"] * 4
+    folders = sorted(path.parent for path in run.folder.glob("*/summary.json"))
+    steps = [json.loads((folder / "summary.json").read_text())["steps"] for folder in folders]
+    assert [len(each) for each in steps] == [2, 2, 6, 6]
+    assert all((folder / "energy.csv").read_text().count("\n") == len(each) + 1
+               for folder, each in zip(folders, steps, strict=True))
+
+
 # One sweep in which cases end in every way
 
 MIXED = ["--set", "petsc.body_ksp_type=cg", "petsc.body_pc_type=none", "contact.0.pairing=nodes",
