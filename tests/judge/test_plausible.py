@@ -300,7 +300,8 @@ def test_slip_around_a_rigid_circle_warns(tmp_path, push, warns):
     assert any("the radius of 'knob' around it" in warning for warning in done.summary["warnings"]) == warns
 
 
-@pytest.mark.parametrize(("around", "order", "warned"), [(16, 1, True), (160, 1, False), (16, 2, True), (96, 2, False)])
+@pytest.mark.parametrize(("around", "order", "warned"),
+                         [(16, 1, True), (160, 1, False), (16, 2, True), (96, 2, False)])
 def test_pressure_on_too_few_nodes_is_a_warning(tmp_path, around, order, warned):
     """A wheel on a plane whose contact is narrower than its elements has a force, but no pressure."""
     wheel = {"name": "wheel", "material": {"young": 1e9, "poisson": 0.3}, "clamp": [{"on": "inner", "x": 0, "y": -0.01}],
