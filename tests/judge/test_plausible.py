@@ -10,7 +10,7 @@ COULOMB = {"law": "coulomb", "coefficient": 0.3}
 
 def run(scene: dict, folder, *arguments: str) -> Run:
     path = scenes.write_scene(scene, folder / "scene.toml")
-    return scenes.run_command(path, folder / "out", "--no-figures", *arguments)
+    return scenes.run_command(path, folder / "out", "--no-figures", *arguments, ranks=1)
 
 
 def warnings_of(done: Run) -> list[str]:
@@ -304,7 +304,8 @@ def test_slip_around_a_rigid_circle_warns(tmp_path, push, warns):
                          [(16, 1, True), (160, 1, False), (16, 2, True), (96, 2, False)])
 def test_pressure_on_too_few_nodes_is_a_warning(tmp_path, around, order, warned):
     """A wheel on a plane whose contact is narrower than its elements has a force, but no pressure."""
-    wheel = {"name": "wheel", "material": {"young": 1e9, "poisson": 0.3}, "clamp": [{"on": "inner", "x": 0, "y": -0.01}],
+    wheel = {"name": "wheel", "material": {"young": 1e9, "poisson": 0.3},
+             "clamp": [{"on": "inner", "x": 0, "y": -0.01}],
              "mesh": {"shape": "annulus", "center": [0.0, 1.0], "radii": [0.5, 1.0], "angles": [180, 360],
                       "divisions": [around, 4], "order": order}}
     scene = {"body": [wheel], "rigid": [{"name": "floor", "shape": "plane", "point": [0, 0], "normal": [0, 1]}],
