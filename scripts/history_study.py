@@ -195,6 +195,23 @@ def cattaneo(folder: Path, nodes: int = 16) -> None:
               flush=True)
 
 
+def edges(folder: Path, nodes: int = 16) -> None:
+    """Sheared and let go, by several shifts: q after unloading over where the edge of back slip lies between nodes."""
+    histories = {"press": ([0.0, 1.0], [0.0, 1.0]), "shear": ([0.0, 1.0, 2.0, 3.0], [0.0, 0.0, 1.0, 0.0])}
+    for order in (1, 2):
+        errors = []
+        for share in (0.8, 0.85, 0.9, 0.95, 1.0, 1.05, 1.1):
+            scene = circle_on_plane(folder, nodes, order, PRESS, histories, [1.0, 2.0, 3.0], shift=share * SHIFT)
+            answer = solve(scene, time__steps=1)
+            at = {t: (Q, P) for t, Q, P in shear_forces(answer)}
+            P = at[3.0][1]
+            pressed = np.sqrt(4 * P * RADIUS / (np.pi * stiffness()))
+            errors.append(stress_error(answer.contacts["seam"], [at[t][0] / (FRICTION * P) for t in (2.0, 3.0)],
+                                       pressed, P))
+        print(f"order {order}, after unloading, by shift: {', '.join(f'{each:.1%}' for each in errors)}; mean "
+              f"{np.mean(errors):.1%}", flush=True)
+
+
 def dissimilar(folder: Path, nodes: int = 16) -> None:
     """Pressed only, with unlike materials, so that nodes slip as they touch: error of a run to time.tolerance."""
     histories = {"press": ([0.0, 1.0], [0.0, 1.0])}
@@ -372,7 +389,8 @@ SHIFT = 0.0093
 
 
 if __name__ == "__main__":
-    studies = sys.argv[1:] or ["cattaneo", "dissimilar", "torsion", "steps", "raous", "paths", "fretting", "cost"]
+    studies = sys.argv[1:] or ["cattaneo", "edges", "dissimilar", "torsion", "steps", "raous", "paths", "fretting",
+                                "cost"]
     with tempfile.TemporaryDirectory() as path:
         for name in studies:
             start = time.time()
