@@ -233,7 +233,10 @@ def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | Non
         interface = join(first, second, contact.friction, contact.name, refinement, contact.gap, contact.kind,
                          contact.pairing, contact.slave)
         overlaps = check_overlap(interface, first, second)
-    return interface, overlaps + uncovered_profile(interface, contact.friction, contact.gap)
+    idle = [] if contact.slave is None or interface.slave else [
+        f"contact.{contact.name}.slave: no side is a slave, because nodes match and are paired; pairing = \"mortar\" "
+        "makes one of them the slave"]
+    return interface, idle + overlaps + uncovered_profile(interface, contact.friction, contact.gap)
 
 
 def _check_method(scene: Settled, bodies: Mapping[str, Elasticity], interfaces: Sequence[Interface]) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 RESOLVED = 1e-3
 """Overlaps below this part of the largest displacement are not reported."""
@@ -99,6 +100,37 @@ class Overlap:
 
 
 NOWHERE = Overlap(0.0, np.zeros(2))
+
+
+def through_itself(body: Outline) -> np.ndarray | None:
+    """Where (2,) the boundary of a body crosses itself in the answer, but not as drawn; None if it does not.
+
+    Of two segments that cross, the middle of the shorter one is no farther from that of the longer one than the latter
+    is long. Segments with a common node do not count.
+    """
+    ends, (a, b) = body.moved[body.segments], body.segments.T
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    middles = ends.mean(axis=1)
+    near = cKDTree(middles).query_ball_point(middles, lengths)
+    one, other = np.repeat(np.arange(len(a)), [len(each) for each in near]), np.concatenate(near).astype(int)
+    shorter = (lengths[other] < lengths[one]) | ((lengths[other] == lengths[one]) & (other < one))
+    apart = (a[one] != a[other]) & (a[one] != b[other]) & (b[one] != a[other]) & (b[one] != b[other])
+    one, other = one[shorter & apart], other[shorter & apart]
+    crossed = _cross_over(ends[one], ends[other])
+    drawn = body.at[body.segments]
+    crossed &= ~_cross_over(drawn[one], drawn[other])
+    return middles[other[crossed][0]] if crossed.any() else None
+
+
+def _cross_over(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(k,) whether segments (k, 2, 2) cross each other by more than rounding."""
+    def sides(line: np.ndarray, points: np.ndarray) -> np.ndarray:
+        along = line[:, 1] - line[:, 0]
+        beside = _cross(along[:, None], points - line[:, :1])
+        slack = ROUNDING * np.abs(line).max(axis=(1, 2)) * np.abs(along).max(axis=1)
+        return (beside.min(axis=1) < -slack) & (beside.max(axis=1) > slack)
+
+    return sides(first, second) & sides(second, first)
 
 
 def run_through(first: Outline, second: Outline, pairs: np.ndarray, normal: np.ndarray) -> tuple[Overlap, float]:

@@ -16,7 +16,7 @@ from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.side import SHARPEST
 from ddmpi.interface.state import ContactState
-from ddmpi.judge.overlap import RESOLVED, Outline, Overlap, run_through
+from ddmpi.judge.overlap import RESOLVED, Outline, Overlap, run_through, through_itself
 from ddmpi.mesh.boundary import outline
 from ddmpi.scene.bodies import SettledBody
 from ddmpi.scene.rigid import Circle, Plane, Rigid
@@ -57,6 +57,10 @@ COARSE = 0.5
 
 BESIDE = 1e-9
 """Overlaps with a rigid partner below this part of the body's size are rounding."""
+
+BETWEEN = 0.25
+"""A rigid circle that lies deeper between two contact nodes than this part of their distance, or of its radius, is too
+small for them."""
 
 POINT = 0.01
 """A point that carries a larger part of a body's forces than this does not only fix its position."""
@@ -223,6 +227,11 @@ def _run_through(assembly: Assembly, displacements: Mapping[str, np.ndarray]) ->
     at_hand = own | {number: world.recv(None, boxes[number][0], number) for number, rank in away if rank == world.rank}
     MPI.Request.waitall(sending)
     contacts, found = {body.number: body.member.interfaces for body in assembly.bodies}, {}
+    for number, each in own.items():
+        place = through_itself(each)
+        found[number, number] = [] if place is None else [
+            f"body.{names[number]} runs through itself, as at ({place[0]:.4g}, {place[1]:.4g}), where nothing keeps "
+            "its sides apart; for sides that touch make two bodies of it, bonded where they hang together"]
     for a, b in near:
         if a in own:
             kept = _kept_apart(contacts[a], (names[a], names[b]), (at_hand[a], at_hand[b]))
@@ -258,15 +267,25 @@ def _beside(body: Body, u: np.ndarray, interfaces: Sequence[Interface], rigid: R
     segments = outline(body.mesh)
     kept = np.isin(segments, np.concatenate([np.empty(0, int), *(part for each in interfaces for part in (
         each.nodes[0], each.fixed.nodes[0]))]))
-    segments, kept = segments[~kept.all(axis=1)], kept[~kept.all(axis=1)]
-    ends = (body.mesh.points + u - U)[segments]
+    at, contact = body.mesh.points + u - U, kept.all(axis=1)
     if isinstance(rigid, Circle) and not rigid.inside:
+        ends = at[segments]
         along, offset = ends[:, 1] - ends[:, 0], np.array(rigid.center) - ends[:, 0]
         part = np.clip(np.einsum("sd,sd->s", offset, along) / np.einsum("sd,sd->s", along, along), 0.0, 1.0)
-        beside = ~np.where(part == 0.0, kept[:, 0], (part == 1.0) & kept[:, 1])
-        places = (ends[:, 0] + part[:, None] * along)[beside]
-        depth = rigid.radius - np.linalg.norm(places - rigid.center, axis=1)
+        places = ends[:, 0] + part[:, None] * along
+        depth, at_ends = (rigid.radius - np.linalg.norm(each - rigid.center, axis=-1) for each in (places, ends))
+        large = BETWEEN * np.minimum(np.linalg.norm(along, axis=1), rigid.radius)
+        sunk = np.where(contact, depth - np.maximum(at_ends.max(axis=1), 0.0) - large, -np.inf)
+        if len(sunk) and sunk.max() > 0.0:
+            x, y = places[k := int(np.argmax(sunk))] + U
+            return [f"contact.{interfaces[0].name}: {rigid.name} is small beside the distance of nodes of "
+                    f"{body.spec.name}, and lies {depth[k]:.3g} deep between two of them, as at ({x:.4g}, {y:.4g}); a "
+                    "finer mesh there would be right"]
+        beside = ~contact & ~np.where(part == 0.0, kept[:, 0], (part == 1.0) & kept[:, 1])
+        places, depth = places[beside], depth[beside]
     else:
+        segments, kept = segments[~contact], kept[~contact]
+        ends = at[segments]
         places, drawn = ends[~kept], body.mesh.points[segments][~kept]
         depth = _behind(rigid, places)
         through = _behind(rigid, drawn).max(initial=0.0) > BESIDE * body.mesh.extent

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ddmpi.judge.overlap import Outline, run_through
+from ddmpi.judge.overlap import Outline, run_through, through_itself
 from ddmpi.mesh.boundary import outline
 from ddmpi.mesh.build import generate_rectangle
 from ddmpi.mesh.mesh import Mesh
@@ -151,3 +151,21 @@ def test_displacements_that_mean_nothing_leave_the_drawing():
     fixed, apart = of(rectangle((0, 0), (1, 1))), rectangle((1, 0), (1, 1))
     for size in (np.nan, np.inf, 1e300):
         assert run_through(fixed, of(apart, (size, 0.0)), *NO_PAIRS)[0].depth == 0.0
+
+
+@pytest.mark.parametrize(("turn", "closed"), [(0.0, False), (0.05, False), (0.2, True), (-0.2, False)])
+@pytest.mark.parametrize("scale", [1.0, 1e-6])
+def test_a_clip_that_closes_through_itself_is_found(turn, closed, scale):
+    """The upper arm of a C is turned down by an angle; sides that touch as drawn, at its root, do not count."""
+    corners = np.array([[0, 0], [4, 0], [4, 1], [1, 1], [1, 1.4], [4, 1.4], [4, 2.4], [0, 2.4]], float) * scale
+    sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
+    at = np.concatenate([a + np.arange(n)[:, None] / n * (b - a)
+                         for n, (a, b) in zip((8, 3, 13, 1, 7, 2, 9, 5), sides, strict=True)])
+    root, (c, s) = np.array([0.5, 1.9]) * scale, (np.cos(turn), np.sin(turn))
+    upper = (at[:, 1] > 1.2 * scale) & (at[:, 0] > 0.9 * scale)
+    moved = np.where(upper[:, None], root + (at - root) @ np.array([[c, -s], [s, c]]), at)
+    numbers = np.arange(len(at))
+    place = through_itself(Outline(at, moved, np.column_stack([numbers, np.roll(numbers, -1)])))
+    assert (place is not None) == closed
+    if closed:
+        assert 0.9 * scale < place[0] < 4.1 * scale and 0.5 * scale < place[1] < 1.5 * scale

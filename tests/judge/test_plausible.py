@@ -240,7 +240,7 @@ def split_bottom(path, mirror: bool = False):
 
 
 @pytest.mark.parametrize("name", ["pinched_blocks", "pinched_blocks_coulomb", "pinched_blocks_tresca",
-                                  "pinched_blocks_frictionless", "punch", "roller"])
+                                  "pinched_blocks_frictionless", "punch", "roller", "shaft_in_hub", "wall"])
 def test_no_shipped_scene_warns(tmp_path, name):
     done = scenes.run_command(scenes.ROOT / "configs" / f"{name}.toml", tmp_path / "out", "--no-figures")
     assert warnings_of(done) == []
@@ -315,3 +315,25 @@ def test_pressure_on_too_few_nodes_is_a_warning(tmp_path, around, order, warned)
     found = [each for each in warnings_of(done) if "too few nodes" in each]
     assert len(found) == warned, found
     assert all("contact.wheel-floor" in each and "at (" in each for each in found)
+
+
+@pytest.mark.parametrize(("radius", "warned"), [(0.3, True), (2.0, False)])
+def test_a_rigid_circle_between_two_nodes_is_a_warning(tmp_path, radius, warned):
+    """Nodes alone touch a rigid partner, so a small disc passes between them."""
+    upper = block("upper", 0.0, 0.0, (2, 1), [{"on": "top", "x": 0.0, "y": -0.08}], divisions=(4, 2))
+    disc = {"name": "disc", "shape": "circle", "center": [0.75, -radius], "radius": radius}
+    scene = {"body": [upper], "rigid": [disc], "contact": [{"bodies": ["upper", "disc"], "on": ["bottom"]}]}
+    found = [each for each in warnings_of(run(scene, tmp_path)) if "between two of them" in each]
+    assert len(found) == warned, found
+    assert all("contact.upper-disc: disc is small" in each and "deep" in each for each in found)
+
+
+@pytest.mark.parametrize(("pairing", "warned"), [(None, True), ("mortar", False)])
+def test_a_slave_that_is_none_is_a_warning(tmp_path, pairing, warned):
+    """Where nodes match and are paired there is no slave; what the scene names has no effect."""
+    scene = pinched_blocks(4)
+    scene["contact"][0] |= {"slave": "lower"} | ({"pairing": pairing} if pairing else {})
+    done = run(scene, tmp_path)
+    found = [each for each in warnings_of(done) if "contact.upper-lower.slave" in each]
+    assert len(found) == warned, found
+    assert done.summary["contacts"]["upper-lower"]["slave"] == (None if warned else "lower")
