@@ -249,6 +249,11 @@ def worst(state: ContactState, pressure: float, shear: float | None = 0.0) -> fl
                  / max(abs(pressure), abs(shear)))
 
 
+def degrees(xy: np.ndarray) -> np.ndarray:
+    """The angles (k,) of places (k, 2) about the origin, from x (degrees)."""
+    return np.degrees(np.arctan2(xy[:, 1], xy[:, 0]))
+
+
 def along(state: ContactState, exact: Callable[[np.ndarray], np.ndarray], position: Callable[[np.ndarray], np.ndarray],
           xlabel: str, ylabel: str, limit: float = np.inf, values: np.ndarray | None = None) -> Curve:
     """The pressure (or other values) over a position of the nodes (k, 2), up to a limit of it, and the exact one."""

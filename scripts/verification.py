@@ -4,8 +4,8 @@
 __doc__ = """Contacts verified: closed forms, published benchmarks and fine solutions, on three meshes and both orders.
 
 Writes verification.md and its figures to the folder --output and, once all problems are solved, to docs/. The problems
-stand in flat_problems.py and curved_problems.py; tests run them on their coarsest meshes. Ends with exit code 1 if a
-value is farther from the exact one than its problem allows. One rank; 5 minutes.
+stand in flat_problems.py, curved_problems.py and fine_problems.py; tests run them on their coarsest meshes. Ends with
+exit code 1 if a value is farther from the exact one than its problem allows. One rank; 5 minutes.
 """
 
 import logging
@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import curved_problems
+import fine_problems
 import flat_problems
 import numpy as np
 import problem
@@ -26,8 +27,8 @@ from ddmpi.mesh.boundary import outline
 from ddmpi.mesh.mesh import Mesh
 
 PAGE, FIGURES = "verification.md", "verification"
-PROBLEMS = {name: each for module in (flat_problems, curved_problems) for name, each in problem.PROBLEMS.items()
-            if each.measure.__module__ == module.__name__}
+PROBLEMS = {name: each for module in (flat_problems, curved_problems, fine_problems)
+            for name, each in problem.PROBLEMS.items() if each.measure.__module__ == module.__name__}
 """By name, in the order of the page."""
 
 Runs = dict[tuple[str, int, Order], Found]

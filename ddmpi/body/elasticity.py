@@ -95,7 +95,7 @@ class Elasticity:
     def under(self, factors: Mapping[str | None, float]) -> Elasticity:
         """The same body under its load cases times `factors`. `load` stays what forces are compared with."""
         case = _sum_cases([(factors[name], case) for name, case in self.cases.items()])
-        b = self.b.duplicate()  # vectors around arrays of numpy's are never freed
+        b = self.b.duplicate()
         b.array[:] = case.b
         return replace(self, b=b, acting=case)
 

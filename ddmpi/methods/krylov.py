@@ -104,7 +104,7 @@ class LinearProblem:
         self._size = size
         K = PETSc.Mat().createPython(((len(right), None), (len(right), None)), context=self, comm=comm)
         K.setUp()
-        w, b = K.createVecs()  # a vector around an array of numpy's would keep it for ever
+        w, b = K.createVecs()
         b.array[:] = right
         ksp = self._ksp = PETSc.KSP().create(comm)
         try:

@@ -2,13 +2,11 @@
 
 import numpy as np
 import pytest
-from reference import basis_of
+from reference import basis_of, solve
 from scipy.sparse import csr_matrix
-from scipy.sparse.linalg import spsolve
 from skfem import BilinearForm, asm
 from skfem.helpers import ddot, eye, sym_grad, trace
 
-from ddmpi.body.elasticity import assemble
 from ddmpi.body.estimate import estimate_error
 from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.body.stress import (
@@ -48,14 +46,6 @@ def layered(order: int, divisions=(6, 8)) -> Mesh:
 def body(*parts: dict, **rest) -> BodySpec:
     return BodySpec(name="block", mesh=MeshSpec(file="unused.msh"), material=[PartMaterial(**part) for part in parts],
                     **rest)
-
-
-def solve(mesh: Mesh, spec: BodySpec) -> np.ndarray:
-    problem = assemble(mesh, spec)
-    indptr, indices, data = problem.A.getValuesCSR()
-    u = problem.b.duplicate()
-    u.array[:] = spsolve(csr_matrix((data, indices, indptr)).tocsc(), problem.b.array_r)
-    return problem.expand(u)
 
 
 @both_orders

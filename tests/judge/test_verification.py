@@ -1,6 +1,7 @@
 """The verification problems on their coarsest meshes."""
 
 import curved_problems
+import fine_problems
 import flat_problems
 import pytest
 from problem import PROBLEMS, Value
@@ -23,7 +24,8 @@ def test_problem(name, order, tmp_path):
 
 def test_all_problems_are_there():
     """Those of both modules, each under its name, on ascending meshes."""
-    assert {each.measure.__module__ for each in PROBLEMS.values()} == {flat_problems.__name__, curved_problems.__name__}
+    assert {each.measure.__module__ for each in PROBLEMS.values()} == {
+        module.__name__ for module in (flat_problems, curved_problems, fine_problems)}
     assert len(PROBLEMS) == 17
     for name, each in PROBLEMS.items():
         assert each.name == name and sorted(set(each.meshes)) == list(each.meshes)
