@@ -27,11 +27,12 @@ def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None
 
     scene = from_first(world, lambda: read_scene_file(options.scene, options.set, order_of_files(options.scene)))
     _init_petsc(world, scene.petsc, petsc)
-    from ddmpi.cli.verify import verify
     from ddmpi.run.run import run
 
     interrupt.listen()
     if options.command == "verify":
+        from ddmpi.cli.verify import verify
+
         verify(world, scene, options.scene)
     else:
         run(world, scene, options.scene, options.output, figures=scene.output.figures and not options.no_figures,

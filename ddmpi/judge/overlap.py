@@ -16,8 +16,8 @@ RESOLVED = 1e-3
 DRAWN = 1e-6
 """Nor are those in the drawing below this part of the distance between nodes."""
 
-CORNER = 1.0
-"""Boundaries that turn by less than this angle (rad) from segment to segment are drawn curved."""
+CORNER, STRAIGHT = 1.0, 1e-6
+"""Boundaries that turn by an angle (rad) between these from segment to segment are drawn curved."""
 
 INWARD = 0.25
 """Bodies with a common boundary are looked into at this part of a segment's length from its middle."""
@@ -61,23 +61,30 @@ class Outline:
         u = self.moved - self.at
         return float((np.linalg.norm(np.subtract(*u[self.segments.T]), axis=1) / self.lengths()).max())
 
-    def sagittas(self) -> np.ndarray:
-        """(s,) how far at most a curved boundary is from its segments (m)."""
+    def sagittas(self) -> tuple[np.ndarray, np.ndarray]:
+        """How far at most the true boundary lies inside of the body's segments (s,), and of its nodes (n,) (m).
+
+        It does so where it is hollow. Nodes lie on it, but for those in the middle of straight sides.
+        """
         along = np.subtract(*self.at[self.segments[:, ::-1].T])
         before, after = np.zeros((2, *self.at.shape))
         before[self.segments[:, 1]], after[self.segments[:, 0]] = along, along
-        turn = np.abs(np.arctan2(_cross(before, after), np.einsum("nd,nd->n", before, after)))
-        turn[turn > CORNER] = 0.0
-        return self.lengths() * turn[self.segments].max(axis=1) / 4.0  # an eighth, if neighbours are equally long
+        turn = np.arctan2(_cross(after, before), np.einsum("nd,nd->n", before, after))  # clockwise
+        turn[np.abs(turn) > CORNER] = 0.0
+        hollow = np.maximum(turn, 0.0)[self.segments].max(axis=1)
+        sagitta, bow = self.lengths() * hollow / 4.0, np.zeros(len(self.at))  # an eighth, if neighbours are as long
+        np.maximum.at(bow, self.segments, sagitta[:, None])
+        return sagitta, np.where(np.abs(turn) > STRAIGHT, 0.0, bow)
 
 
 @dataclass(frozen=True)
 class Polygons:
-    """A body's boundary in one position: points (n, 2), segments and sagittas (s,) as in `Outline`."""
+    """A body's boundary in one position: points (n, 2), segments (s, 2), `Outline.sagittas` of both."""
 
     points: np.ndarray
     segments: np.ndarray
     sagittas: np.ndarray
+    bows: np.ndarray
 
     @property
     def ends(self) -> np.ndarray:
@@ -155,7 +162,7 @@ def run_through(first: Outline, second: Outline, pairs: np.ndarray, normal: np.n
         gap = np.einsum("kd,kd->k", apart, normal)
         near = gap <= np.linalg.norm(apart - gap[:, None] * normal, axis=1) + rounding
         least += float(max(0.0, -gap.min(initial=0.0)))
-        a, b = Polygons(x, first.segments, sagittas[0]), Polygons(y, second.segments, sagittas[1])
+        a, b = Polygons(x, first.segments, *sagittas[0]), Polygons(y, second.segments, *sagittas[1])
         return max(deepest_in(a, b, pairs[0][near], least), deepest_in(b, a, pairs[1][near], least), key=_depth)
 
     drawn = deepest(first.at, second.at, rounding)
@@ -183,10 +190,8 @@ def deepest_in(a: Polygons, b: Polygons, kept: np.ndarray, least: float = 0.0) -
     loose = np.flatnonzero(free[a.segments].any(axis=1))
     middles, of = _pieces(a.ends[loose], b.ends)
     inside, under = _within(a.ends[loose], a.ends)
-    bow = np.zeros(len(a.points))
-    np.maximum.at(bow, a.segments, a.sagittas[:, None])
     points = np.concatenate([a.points[free], middles, inside])
-    slack = least + np.concatenate([bow[free], a.sagittas[loose[of]], a.sagittas[loose[under]]])
+    slack = least + np.concatenate([a.bows[free], a.sagittas[loose[of]], a.sagittas[loose[under]]])
     near = np.flatnonzero(((points >= b.points.min(axis=0)) & (points <= b.points.max(axis=0))).all(axis=1))
     near = near[_contains(b.ends, points[near])]
     best, worst = NOWHERE, 0.0

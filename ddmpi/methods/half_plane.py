@@ -100,39 +100,42 @@ class _Block:
         self._d, self._e, info = lapack.dpttrf(d, e)
         if info:
             raise ValueError("the shifted interface operators are not positive definite")
-        self._turned = self._solve(self._around)
-        self._joint = np.eye(whole.sum()) + self._around.T @ self._turned
+        if not self._around.size:
+            return
+        self._turned = self._solve(self._around.T)
+        self._joint = np.linalg.inv(np.eye(whole.sum()) + np.einsum("mi,jtm->tij", self._around, self._turned))
 
     def mult(self, x: np.ndarray) -> np.ndarray:
         """M x of columns x (size, c)."""
-        y, m = np.empty_like(x), len(self._root)
+        y, m, mt = np.empty_like(x), len(self._root), len(self._sliding)
         if self._motion is not None:
             x = x / self._motion
-        y[:m] = self._apply(x[:m])
-        if len(self._sliding):
-            spread = np.zeros((m, x[m:].size // len(self._sliding)))
-            spread[self._sliding] = x[m:].reshape(len(self._sliding), -1)
-            y[m:] = self._apply(spread)[self._sliding].reshape(x[m:].shape)
+        rows = np.zeros((1 + self._law.components * bool(mt), x.shape[1], m))  # the normal one, the tangential ones
+        rows[0] = x[:m].T
+        rows[1:, :, self._sliding] = x[m:].reshape(mt, len(rows) - 1, x.shape[1]).transpose(1, 2, 0)
+        rows = self._apply(rows.reshape(-1, m)).reshape(rows.shape)
+        y[:m] = rows[0].T
+        y[m:] = rows[1:, :, self._sliding].transpose(2, 0, 1).reshape(x[m:].shape)
         return y if self._motion is None else y / self._motion
 
     def _apply(self, x: np.ndarray) -> np.ndarray:
-        root = self._root[:, None]
-        y = root * x
-        shifted = self._solve(y)
+        """The root of the operator on rows x (c, m)."""
+        shifted = self._solve(self._root * x)
         if self._around.size:  # closed chains, by Sherman, Morrison and Woodbury
-            shifted -= self._turned @ np.linalg.solve(self._joint, self._around.T @ shifted)
-        z = np.tensordot(self._weights, shifted, 1)
-        Az = self._diagonal[:, None] * z
-        Az[1:] += self._off[:, None] * z[:-1]
-        Az[:-1] += self._off[:, None] * z[1:]
+            shifted -= np.einsum("jtm,tji,cti->ctm", self._turned, self._joint, shifted @ self._around, optimize=True)
+        z = self._weights @ shifted
+        Az = self._diagonal * z
+        Az[:, 1:] += self._off * z[:, :-1]
+        Az[:, :-1] += self._off * z[:, 1:]
         if self._around.size:
-            Az += self._around @ (self._around.T @ z)
-        return self._scale * root * Az
+            Az += (z @ self._around) @ self._around.T
+        return self._scale * self._root * Az
 
     def _solve(self, y: np.ndarray) -> np.ndarray:
-        """The solutions (t, m, c) of all shifted tridiagonal systems for the same columns y (m, c)."""
-        shifted, _ = lapack.dpttrs(self._d, self._e, np.tile(y, (len(self._weights), 1)))
-        return shifted.reshape(len(self._weights), *y.shape)
+        """The solutions (c, t, m) of all shifted tridiagonal systems for the same rows y (c, m)."""
+        each = np.repeat(y[:, None], len(self._weights), axis=1)
+        shifted, _ = lapack.dpttrs(self._d, self._e, each.reshape(len(y), -1).T, overwrite_b=True)
+        return shifted.T.reshape(each.shape)
 
 
 def smooth_modes(member: Member, limit: float) -> tuple[np.ndarray, np.ndarray]:

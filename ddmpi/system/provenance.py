@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import os
 import resource
@@ -21,6 +22,7 @@ SLURM = {"job_id": "SLURM_JOB_ID", "job_name": "SLURM_JOB_NAME", "array_job_id":
 """Environment variables in which Slurm describes the job."""
 
 
+@functools.cache
 def versions() -> dict[str, str]:
     """Versions of the software that a result depends on. After petsc4py.init only: importing PETSc starts it."""
     from petsc4py import PETSc
@@ -30,8 +32,8 @@ def versions() -> dict[str, str]:
              "mpi": MPI.Get_library_version().split("\n")[0].split(",")[0].strip("\0 ")}
     for name in ("petsc4py", "mpi4py", "numpy", "scipy", "gmsh", "meshio", "h5py"):
         try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:  # Debian's petsc4py and h5py carry no metadata
+            found[name] = sys.modules[name].__version__ if name in sys.modules else metadata.version(name)
+        except metadata.PackageNotFoundError:  # Debian's h5py carries no metadata
             try:
                 found[name] = getattr(importlib.import_module(name), "__version__", "unknown")
             except ImportError:

@@ -93,7 +93,7 @@ def test_bodies_that_touch_do_not_run_through_each_other(name):
 
 @pytest.mark.parametrize("phase", [0.0, 0.3])
 def test_the_sagitta_of_a_curve_is_no_overlap(phase):
-    """A disc in a hole of the same radius, their nodes apart; a millimetre more is one."""
+    """A disc in a hole of the same radius, their nodes apart; what is more than twice the hole's own sagitta is one."""
     hole = arc(1.0, 2 * np.pi, 0.0, 41)[:-1]
     ring = np.concatenate([hole, 2.0 * hole[::-1]])
     numbers = np.arange(40)
@@ -101,8 +101,9 @@ def test_the_sagitta_of_a_curve_is_no_overlap(phase):
                                                for k in (0, 40)]))
     sagitta = 1.0 - np.cos(np.pi / 40)
     assert run_through(polygon(arc(1.0, phase, phase + 2 * np.pi, 31)[:-1]), ring, *NO_PAIRS)[0].depth == 0.0
-    disc = polygon(arc(1.0 + 10 * sagitta, phase, phase + 2 * np.pi, 31)[:-1])
-    assert run_through(disc, ring, *NO_PAIRS)[0].depth == pytest.approx(10 * sagitta, rel=0.2)
+    for depth in (3.3 * sagitta, 10 * sagitta):
+        disc = polygon(arc(1.0 + depth, phase, phase + 2 * np.pi, 31)[:-1])
+        assert run_through(disc, ring, *NO_PAIRS)[0].depth == pytest.approx(depth, abs=sagitta)
 
 
 def test_a_roller_near_a_flat_is_no_overlap():
