@@ -36,14 +36,16 @@ NAMED = 15
 """Names are written on at most this many bodies."""
 
 
-def draw_results(folder: str | Path) -> list[Path]:
+def draw_results(folder: str | Path, number: int = 0, drawers: int = 1) -> list[Path]:
     """Draw the pictures of a folder of results: the mechanism where there is one, else all that `draw_all` draws.
+
+    Where several `drawers` share the work, this is the one with that `number`.
 
     Not collective. Raises InputError if the results cannot be read, OutputError if a picture cannot be written.
     """
     if not (Path(folder) / FILE).exists():
-        return draw_all(folder)
-    return [draw_mechanism(folder, identity(read_results(folder).summary))]
+        return draw_all(folder, number, drawers)
+    return [] if number else [draw_mechanism(folder, identity(read_results(folder).summary))]
 
 
 def write_mechanism(folder: Path, mechanism: Mechanism, bodies: Iterable[tuple[str, np.ndarray, np.ndarray]],

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import functools
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -45,8 +46,8 @@ MARKED = 100
 PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 
 
-def draw_all(folder: str | Path) -> list[Path]:
-    """Draw all pictures of the results in `folder` into it; their paths.
+def draw_all(folder: str | Path, number: int = 0, drawers: int = 1) -> list[Path]:
+    """Draw all pictures of the results in `folder` into it, or this one's share if several `drawers` do; their paths.
 
     bodies.png, contact.png (of several contacts contacts.png, and contact_NAME.png of each if there are not more than
     EACH), convergence.png, steps.png if there are load steps, animation.gif if the scene wants it, and error.png if the
@@ -60,14 +61,18 @@ def draw_all(folder: str | Path) -> list[Path]:
 
     results, drawn = read_results(folder), []
     with plt.rc_context(STYLE):
-        for name, figure in _figures(results):
+        for turn, (name, draw) in enumerate(_figures(results)):
+            if number not in (turn % (2 * drawers), 2 * drawers - 1 - turn % (2 * drawers)):  # there and back
+                continue
+            figure = draw()
             drawn.append(Path(folder) / name)
             try:
                 with writing(drawn[-1]):
                     figure.savefig(drawn[-1], metadata=identity(results.summary))
             finally:
                 plt.close(figure)
-        if results.summary["scene"]["output"].get("animation") and len(results.energy.get("time", ())):
+        animated = number == drawers - 1 and results.summary["scene"]["output"].get("animation")
+        if animated and len(results.energy.get("time", ())):
             drawn.append(animate(results, Path(folder), _title(results)))
     return drawn
 
@@ -80,19 +85,19 @@ def identity(summary: dict) -> dict[str, str]:
     return {"Title": summary["title"], "Software": f"ddmpi {version}", "Description": run}
 
 
-def _figures(results: Results) -> Iterator[tuple[str, Any]]:
-    """Each picture's file name and figure."""
-    yield "bodies.png", draw_bodies(results)
+def _figures(results: Results) -> Iterator[tuple[str, Callable[[], Any]]]:
+    """Each picture's file name and what draws its figure, the longest work first."""
+    yield "bodies.png", lambda: draw_bodies(results)
+    yield "convergence.png", lambda: draw_convergence(results)
     several = len(results.contacts) > 1
     if several:
-        yield "contacts.png", draw_contacts(results)
+        yield "contacts.png", lambda: draw_contacts(results)
     for name in results.contacts if len(results.contacts) <= EACH else ():
-        yield f"contact_{name}.png" if several else "contact.png", draw_contact(results, name)
-    yield "convergence.png", draw_convergence(results)
+        yield f"contact_{name}.png" if several else "contact.png", functools.partial(draw_contact, results, name)
     if len(results.energy.get("time", ())):
-        yield "steps.png", draw_steps(results, _title(results))
+        yield "steps.png", lambda: draw_steps(results, _title(results))
     if "error" in results.fields:
-        yield "error.png", draw_error(results)
+        yield "error.png", lambda: draw_error(results)
 
 
 def draw_bodies(results: Results):
@@ -278,6 +283,7 @@ def draw_convergence(results: Results):
     axes.axhline(tolerance, color=COLOURS["bound"], linestyle="--", linewidth=1, label=f"tolerance {tolerance:g}")
     axes.grid(True, which="major", color="#e3e3e3")
     axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:.0e}".replace("e-0", "e-"))
     axes.set(xlabel="outer iteration k", ylabel="relative change (–)")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
     axes.set_title(f"{_title(results)}{summary['outer_iterations']} outer iterations, n$_A$ = {summary['n_A']}, "

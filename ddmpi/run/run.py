@@ -40,6 +40,9 @@ from ddmpi.system.provenance import versions
 
 log = logging.getLogger("ddmpi")
 
+DRAWERS = 2
+"""So many ranks share the pictures, if they are on one host: files of another one may come late."""
+
 
 @dataclass(frozen=True)
 class Solved:
@@ -245,8 +248,9 @@ def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, che
                         _write_mechanism(path, solved, outlines)
                     write_summary(path, summary)
             if figures:
+                near = [rank for rank, host in enumerate(summary["hosts"]) if host == summary["hosts"][0]][:DRAWERS]
                 with agreed(world), event("Figures"):
-                    picture_error = _draw(path) if staging else None
+                    picture_error = _draw(path, near.index(world.rank), len(near)) if world.rank in near else None
         seconds = clock.largest(world)
         with agreed(world):
             if staging:
@@ -326,12 +330,12 @@ def _write_mechanism(path: Path, solved: Solved, bodies: list[tuple[str, np.ndar
     write_mechanism(path, solution.mechanism, bodies, surfaces, scene.title, scene.output.length_unit)
 
 
-def _draw(path: Path) -> OutputError | None:
-    """Draw the pictures; an error there is reported after the numbers are safe."""
+def _draw(path: Path, number: int, drawers: int) -> OutputError | None:
+    """Draw this rank's share of the pictures; an error there is reported after the numbers are safe."""
     from ddmpi.results.mechanism import draw_results
 
     try:
-        draw_results(path)
+        draw_results(path, number, drawers)
     except Exception as error:  # matplotlib raises what it likes
         return OutputError(f"the pictures could not be drawn ({type(error).__name__}: {error}); the other results "
                            "are complete")

@@ -205,6 +205,16 @@ def test_resultants_are_drawn_where_they_act(tmp_path):
     assert x * fy - y * fx == pytest.approx(moment, rel=1e-9)
 
 
+@pytest.mark.parametrize("drawers", [2, 3])
+def test_several_ranks_share_the_pictures(tmp_path, drawers):
+    """Each picture is drawn once, whoever draws it."""
+    made_up.results(tmp_path, error=True)
+    shares = [[path.name for path in draw_all(tmp_path, number, drawers)] for number in range(drawers)]
+    names = ["bodies.png", "contact.png", "convergence.png", "error.png"]
+    assert sorted(name for share in shares for name in share) == names
+    assert max(map(len, shares)) == 2
+
+
 @pytest.mark.parametrize("contacts, single", [(2, 2), (6, 6), (7, 0)])
 def test_of_many_contacts_only_the_overview_is_drawn(tmp_path, monkeypatch, contacts, single):
     """Up to six contacts have pictures of their own."""
