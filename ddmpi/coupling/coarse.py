@@ -127,7 +127,7 @@ class CoarseSystem:
                     each.nbytes for each in (local.row, local.col, local.data)))
             row, column, value = (np.concatenate(each) for each in zip(*entries, strict=True))
             S = sparse.csc_matrix((value, (row, column)), (motions.size, motions.size))
-            self._factors = splu((S + sparse.diags(diagonal)).tocsc())
+            self._factors = splu((S + sparse.diags(diagonal)).tocsc(), permc_spec="MMD_AT_PLUS_A")  # nearly symmetric
 
     def __len__(self) -> int:
         return self._factors.shape[0]
