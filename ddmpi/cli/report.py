@@ -80,7 +80,7 @@ def _sweep(folder: Path) -> tuple[str, list[Html]]:
                   Column("solves", [row["n_A"] for row in rows]),
                   Column("displacement", [row["displacement_max"] for row in rows], unit),
                   Column("estimated error", [error and 100 * error for error in errors], "%"),
-                  Column("time", [row.get("seconds.total") for row in rows], "s"), digits=3)
+                  Column("time", [row.get("seconds.total") for row in rows], "s", decimals=2), digits=3)
     plots = [picture(path, path.stem, f"Plot of {path.stem}") for path in sorted(folder.glob("*.png"))]
     head = [element("p", "Report of a sweep of ddmpi", kind="over"), element("h1", title), element(
         "div", element("strong", f"{certified} of {len(rows)} cases certified"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import html
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,11 +28,15 @@ class Html(str):
 
 @dataclass(frozen=True)
 class Column:
-    """What a column of a table is, its entries, and their unit: numbers of one unit share a prefix."""
+    """What a column of a table is, its entries, and their unit: numbers of one unit share a prefix.
+
+    `decimals` of all its numbers, where they are not to have equally many digits.
+    """
 
     head: str
     entries: Sequence[Cell]
     unit: str = ""
+    decimals: int | None = None
 
 
 def text(value: object) -> Html:
@@ -76,14 +79,14 @@ def table(caption: str, *columns: Column, digits: int = 4) -> Html:
     heads = []
     for column in columns:
         unit = scales[column.unit][1]
-        numeric = all(map(_is_number, column.entries))
+        numeric = not any(isinstance(entry, str) for entry in column.entries)
         heads.append(element("th", column.head, element("small", " ", unit) if unit else "", scope="col",
                              **{"kind": "number"} if numeric else {}))
     rows = []
     for entries in zip(*(column.entries for column in columns), strict=True):
-        first, *others = (_cell(entry, digits, *scales[column.unit]) for column, entry in
+        first, *others = (_cell(entry, digits, column.decimals, *scales[column.unit]) for column, entry in
                           zip(columns, entries, strict=True))
-        kinds: list[dict[str, str]] = [{"kind": "number"} if _is_number(entry) else {} for entry in entries]
+        kinds: list[dict[str, str]] = [{} if isinstance(entry, str) else {"kind": "number"} for entry in entries]
         rows.append(element("tr", element("th", first, scope="row", **kinds[0]), *(
             element("td", cell, **kind) for cell, kind in zip(others, kinds[1:], strict=True))))
     whole = element("table", element("thead", element("tr", *heads)), element("tbody", *rows))
@@ -91,14 +94,11 @@ def table(caption: str, *columns: Column, digits: int = 4) -> Html:
         "div", whole, kind="wide", role="region", tabindex="0", **{"aria-label": caption}), kind="table")
 
 
-def _is_number(entry: Cell) -> bool:
-    """Whether an entry is a number, missing or written out."""
-    return not isinstance(entry, str) or bool(re.fullmatch(r"\d+\.\d+", entry))
-
-
-def _cell(entry: Cell, digits: int, factor: float, unit: str, noise: float) -> object:
+def _cell(entry: Cell, digits: int, decimals: int | None, factor: float, unit: str, noise: float) -> str:
     if isinstance(entry, str):
         return entry
+    if entry is not None and decimals is not None:
+        return f"{entry / factor:.{decimals}f}"
     if entry is not None and 0.0 < abs(entry) < noise:
         return "≈ 0"
     return number(entry if entry is None or factor == 1.0 else entry / factor, digits)

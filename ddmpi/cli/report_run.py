@@ -310,9 +310,9 @@ class RunReport:
         target, levels = error.get("target"), error.get("levels") or []
         inside: list[Any] = [element(
             "p", f"The mesh is off by about {percent(self._estimate)} of the energy norm" +
-            (f"; {percent(target)} was asked for. " if target else ". ") + "This is an estimate, by recovery of the "
-            "stress from its neighbours, and no bound: it has been found too small by a fifth with linear elements and "
-            "a tenth with quadratic ones. Displacements and resultants are mostly better, stresses at corners worse.")
+            (f"; {percent(target)} was asked for. " if target else ". ") + "This is an estimate, by patch recovery of "
+            "the stress, and no bound: it has been found too small by a fifth with linear elements, by a tenth with "
+            "quadratic ones.")
             if self._estimate is not None else element("p", "There is no estimate for this run.")]
         if len(levels) > 1:
             inside.append(table("The meshes on the way", Column("mesh", [f"{k}" for k in range(1, len(levels) + 1)]),
@@ -339,7 +339,7 @@ class RunReport:
                   ] if path.exists() else []
         if seconds:
             inside.append(table("Time of the slowest rank", Column("phase", list(seconds)),
-                                Column("seconds", [f"{value:.2f}" for value in seconds.values()]),
+                                Column("time", list(seconds.values()), "s", decimals=2),
                                 Column("what it is", [PHASES.get(name, "") for name in seconds])))
         return section("work", "Work", pairs(lines), *inside, folded_if_long("By body", len(bodies), table(
             "By body", Column("body", list(self.bodies)), Column("ranks", [_ranks(body["ranks"]) for body in bodies]),

@@ -104,7 +104,7 @@ def test_a_report_has_verdict_numbers_and_pictures(run):
     assert page.column("Force and moment", "slip") == [str(contact["slip"])]
     assert page.column("Largest displacement", "von Mises MPa") == ["80.00", "80.00"]
     assert page.column("The worst", "verdict") == ["holds"] * 5
-    assert page.column("Time of", "seconds") == ["2.00"]
+    assert page.column("Time of", "time s") == ["2.00"]
     assert [src[:15] for src in page.pictures.values()] == ["data:image/png;", "data:image/png;", "data:image/gif;",
                                                           "data:image/png;"]
     assert all(page.pictures)  # each says what it shows
@@ -212,7 +212,7 @@ def test_a_sweep_has_a_report(tmp_path):
     (tmp_path / "n_A-theta.png").write_bytes(PIXEL)
     page = report(tmp_path)
     assert "Two <blocks>" in page.text and "1 of 2 cases certified" in page.text and list(page.pictures)
-    assert page.table("A line")[1:] == [["0", "0.2", "certified", "9", "120", "1.00", "–", "0.500"],
+    assert page.table("A line")[1:] == [["0", "0.2", "certified", "9", "120", "1.00", "–", "0.50"],
                                         ["1", "2", "not converged: diverged", "–", "–", "–", "–", "–"]]
 
 
