@@ -62,6 +62,14 @@ def build_parser() -> argparse.ArgumentParser:
     plot = commands.add_parser("sweep-plot", help="draw a result of a sweep against a parameter", allow_abbrev=False)
     plot.add_argument("folder", type=_named, metavar="DIR", help="folder of the sweep")
     plot.add_argument("plots", nargs="+", metavar="RESULT:KEY", help="two columns of its table, as in n_A:theta")
+    report = commands.add_parser(
+        "report", help="write one HTML file that reports a run", allow_abbrev=False,
+        description="Write a report of a run, converged or not, or of a sweep: one HTML file with its verdict, "
+        "warnings, pictures, numbers, certificate, scene and versions. It needs no other file and no network, so it "
+        "can be mailed.")
+    report.add_argument("folder", type=_named, metavar="DIR", help="folder with the results of a run or of a sweep")
+    report.add_argument("--output", type=_named, metavar="FILE", help="file to write (default: DIR/report.html); an "
+                        "earlier report is overwritten, any other file is not")
     commands.add_parser("info", help="print versions and which solvers are there", allow_abbrev=False)
     return parser
 

@@ -78,6 +78,15 @@ def _draw(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> Non
                     print(draw_plot(Path(options.folder), plot))
 
 
+def _report(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
+    interrupt.leave()
+    from ddmpi.cli.report import write_report
+
+    with agreed(world), printing(world):
+        if world.rank == 0:
+            print(write_report(options.folder, options.output))
+
+
 def _info(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
     interrupt.leave()
     _init_petsc(world, {}, petsc)
@@ -88,7 +97,8 @@ def _info(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> Non
             print(describe_installation(), end="")
 
 
-COMMANDS = {"run": _run, "verify": _run, "sweep": _sweep, "figures": _draw, "sweep-plot": _draw, "info": _info}
+COMMANDS = {"run": _run, "verify": _run, "sweep": _sweep, "figures": _draw, "sweep-plot": _draw, "report": _report,
+            "info": _info}
 
 
 @contextlib.contextmanager

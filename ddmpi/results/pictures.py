@@ -13,6 +13,7 @@ from ddmpi.results.fields import areas_at_nodes, at_nodes, boundary_edges, linea
 from ddmpi.results.histories import animate, draw_steps
 from ddmpi.results.magnify import magnify, owners, surfaces
 from ddmpi.results.tables import Columns, Results, pieces, read_results, starts, writing
+from ddmpi.system.numbers import scaled_unit
 
 STYLE = {"font.size": 10, "axes.titlesize": 11, "figure.titlesize": 11, "axes.spines.top": False,
          "axes.spines.right": False, "legend.frameon": False, "figure.constrained_layout.use": True,
@@ -42,8 +43,6 @@ RESOLVED = 1e-6
 
 MARKED = 100
 """Curves of at most this many nodes have a marker at each."""
-
-PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 
 
 def draw_all(folder: str | Path, number: int = 0, drawers: int = 1) -> list[Path]:
@@ -112,14 +111,14 @@ def draw_bodies(results: Results):
     else:
         values, unit, quantity = moved, length_unit, "displacement"
         low, top = values.min(), values.max()
-    factor, unit = _scaled_unit(values.max(), unit)
+    factor, unit = scaled_unit(values.max(), unit)
     rigid = list(surfaces(results, scale))
     figure, axes = _axes(points + scale * u, cells, length_unit, rigid)
     axes.add_collection(_outline(points, cells, color="#9aa0a8", linewidth=0.7, zorder=1))
     image = axes.tripcolor(*(points + scale * u).T, cells, values / factor, shading="gouraud", cmap="viridis",
                            vmin=low / factor, vmax=top / factor or 1.0, rasterized=True, zorder=2)
     _colour_bar(figure, axes, image, f"{quantity} ({unit})", "max" if values.max() > top else "neither")
-    factor, unit = _scaled_unit(moved.max(), length_unit)
+    factor, unit = scaled_unit(moved.max(), length_unit)
     figure.suptitle(f"{_title(results)}displacement × {scale:g}, largest {moved.max() / factor:.3g} {unit}")
     return figure
 
@@ -173,7 +172,7 @@ def draw_contacts(results: Results):
         for name, at in zip(bodies, middles(points, cells, owner), strict=True):
             axes.annotate(name, at, ha="center", va="center", fontsize=7, color="#50555c", zorder=7,
                           path_effects=[withStroke(linewidth=2, foreground="#ffffffc0")])
-    (factor, unit), (times, of_force) = (_scaled_unit(*each) for each in (
+    (factor, unit), (times, of_force) = (scaled_unit(*each) for each in (
         (top, stress_unit), (largest, results.summary["units"]["force"])))
     legend: list[Any] = [Patch(facecolor=COLOURS["normal"] + "60", edgecolor=COLOURS["normal"],
                                label=f"{kind}, largest {top / factor:.3g} {unit}"),
@@ -225,7 +224,7 @@ def draw_contact(results: Results, name: str):
         shown, extent = sides, ",\nmean over sides"
     figure, (stresses, motion) = plt.subplots(2, 1, sharex=True, figsize=(8.6, 6.0),
                                               gridspec_kw={"height_ratios": (3, 2)})
-    factor, unit = _scaled_unit(np.abs(nodes["normal_stress"]).max(), stress_unit)
+    factor, unit = scaled_unit(np.abs(nodes["normal_stress"]).max(), stress_unit)
     for kind, label in {"normal": "normal (pressure)", "tangential": "tangential"}.items():
         if kind == "normal" or frictional:
             if sides:
@@ -242,7 +241,7 @@ def draw_contact(results: Results, name: str):
 
     largest = max(np.abs(nodes["gap"]).max(), np.abs(nodes["slip"]).max())
     visible = RESOLVED * results.summary["displacement_max"]
-    factor, unit = _scaled_unit(max(largest, visible), length_unit)
+    factor, unit = scaled_unit(max(largest, visible), length_unit)
     if 0 < largest < visible:  # rounding, not motion
         motion.set_ylim(-visible / factor, visible / factor)
     _curve(motion, nodes, position, nodes["gap"] / factor, color=COLOURS["normal"], label="gap")
@@ -295,14 +294,6 @@ def _units(results: Results) -> tuple[str, str]:
     """The units of length and stress."""
     output = results.summary["scene"]["output"]
     return output["length_unit"], output["stress_unit"]
-
-
-def _scaled_unit(value: float, unit: str) -> tuple[float, str]:
-    """A factor and a unit with a prefix in which `value` is easy to read; units other than SI stay as they are."""
-    if unit not in ("m", "Pa", "N/m") or not value or not np.isfinite(value):
-        return 1.0, unit
-    factor, prefix = next(((f, p) for f, p in PREFIXES if value >= f), (1.0, ""))
-    return factor, prefix + unit
 
 
 def _title(results: Results) -> str:

@@ -178,11 +178,8 @@ def read_results(folder: str | Path) -> Results:
     import h5py
 
     folder = Path(folder)
+    summary = read_summary(folder)
     try:
-        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-        if summary.get("format", 1) != FORMAT:
-            raise InputError(f"{folder}: results in format {summary.get('format', 1)}; this version reads format "
-                             f"{FORMAT}")
         tables = {name: folder / f"contact_{name}.csv" for name in summary["contacts"]}
         sides = {name: folder / f"contact_{name}_sides.csv" for name in tables if summary["order"] == 2}
         with h5py.File(folder / "result.h5", "r") as file:
@@ -195,6 +192,18 @@ def read_results(folder: str | Path) -> Results:
                        {name: _read_csv(folder / f"contact_{name}_legs.csv") for name in tables if steps})
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{folder}: not a complete folder of results: {error}") from None
+
+
+def read_summary(folder: str | Path) -> dict:
+    """The content of summary.json of a folder of results. Not collective. Raises InputError as `read_results` does."""
+    try:
+        summary = json.loads((Path(folder) / "summary.json").read_text(encoding="utf-8"))
+        format_found = summary.get("format", 1)
+    except (OSError, ValueError, AttributeError) as error:
+        raise InputError(f"{folder}: not a complete folder of results: {error}") from None
+    if format_found != FORMAT:
+        raise InputError(f"{folder}: results in format {format_found}; this version reads format {FORMAT}")
+    return summary
 
 
 def _read_csv(path: Path) -> Columns:

@@ -1,10 +1,13 @@
-"""Reading a scene: TOML text and ``--set`` to a settled scene, or one InputError with file and key."""
+"""Reading a scene: TOML text and ``--set`` to a settled scene, or one InputError with file and key; and writing it."""
 
 from __future__ import annotations
 
+import json
+import re
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -58,3 +61,46 @@ def read_text(path: str | Path) -> str:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise InputError(f"{path}: not a text file in UTF-8") from None
+
+
+def write_toml(scene: dict) -> str:
+    """A resolved scene, `Settled.resolved`, as TOML text that is read as this scene again. Not collective."""
+    plain = {key: value for key, value in scene.items() if not _is_table(value)}
+    lines = [f"{_key(key)} = {_value(value)}\n" for key, value in plain.items() if value not in (None, [], {})]
+    for key, value in scene.items():
+        if isinstance(value, list) and key not in plain:
+            lines += [f"\n[[{_key(key)}]]\n{_entries(each)}" for each in value]
+        elif key not in plain and all(_is_table(each) for each in value.values()):
+            lines += [f"\n[{_key(key)}.{_key(name)}]\n{_entries(each)}" for name, each in value.items()]
+        elif key not in plain:
+            lines.append(f"\n[{_key(key)}]\n{_entries(value)}")
+    return "".join(lines)
+
+
+def _is_table(value: Any) -> bool:
+    """Whether `value` is a table that holds something, or a list of tables."""
+    return bool(value) and (isinstance(value, dict) or (isinstance(value, list) and isinstance(value[0], dict)))
+
+
+def _entries(table: dict) -> str:
+    """A line for each key that has a value."""
+    return "".join(f"{_key(key)} = {_value(value)}\n" for key, value in table.items()
+                   if value not in (None, [], {}))
+
+
+def _key(key: str) -> str:
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _value(key)
+
+
+def _value(value: Any) -> str:
+    """A value on one line, but for lists of several tables."""
+    if isinstance(value, dict):
+        inside = ", ".join(f"{_key(key)} = {_value(each)}" for key, each in value.items() if each is not None)
+        return f"{{ {inside} }}" if inside else "{}"
+    if isinstance(value, list):
+        several = len(value) > 1 and _is_table(value)
+        start, between, end = ("[\n    ", ",\n    ", ",\n]") if several else ("[", ", ", "]")
+        return start + between.join(map(_value, value)) + end
+    if isinstance(value, str | bool):  # JSON's words and strings are TOML's
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return repr(value)

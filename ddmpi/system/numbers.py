@@ -6,10 +6,23 @@ from collections.abc import Sequence
 
 import numpy as np
 
+SI = ("m", "Pa", "N/m", "N·m/m", "J/m")
+"""Units that take a prefix."""
+
+PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
+
 
 def norm(x: np.ndarray) -> float:
     """‖x‖₂ of a vector."""
     return float(np.linalg.norm(x))
+
+
+def scaled_unit(value: float, unit: str) -> tuple[float, str]:
+    """A factor and a unit with a prefix in which `value` is easy to read; units other than SI stay as they are."""
+    if unit not in SI or not value or not np.isfinite(value):
+        return 1.0, unit
+    factor, prefix = next(((f, p) for f, p in PREFIXES if value >= f), (1.0, ""))
+    return factor, prefix + unit
 
 
 def bisect(points: np.ndarray, parts: int) -> np.ndarray:

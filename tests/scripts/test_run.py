@@ -74,4 +74,5 @@ def test_arguments_are_handed_on(root):
     """The command gets its arguments as they are."""
     assert start(root, "5.toml", "--set", "title=a b")[2:] == \
         ["python", "-m", "ddmpi", "run", "5.toml", "--set", "title=a b"]
+    assert start(root, "report", "out")[2:] == ["python", "-m", "ddmpi", "report", "out"]
     assert start(root)[2:] == ["python", "-m", "ddmpi", "run", f"{root}/configs/pinched_blocks.toml"]

@@ -1,0 +1,94 @@
+"""A report of a run: one HTML file with its verdict, pictures and numbers, made from the files of the run only."""
+
+from __future__ import annotations
+
+import json
+import string
+from importlib import resources
+from pathlib import Path
+
+from ddmpi import __version__
+from ddmpi.cli.report_markup import (
+    Column,
+    Html,
+    element,
+    picture,
+    scene_section,
+    section,
+    table,
+    text,
+)
+from ddmpi.cli.report_run import RunReport
+from ddmpi.errors import InputError
+from ddmpi.results.tables import read_summary
+from ddmpi.scene.reader import write_toml
+from ddmpi.sweep.table import read_table
+from ddmpi.system.files import CHECKPOINT, SUMMARY, SWEEP, TABLE, write_atomically
+
+MARK = '<meta name="generator" content="ddmpi '
+"""What a report begins with, and a file that may be overwritten."""
+
+
+def write_report(folder: str | Path, output: str | None = None) -> Path:
+    """Write the report of a run or a sweep, by default as report.html into its `folder`; its path. Not collective.
+
+    A report is overwritten, any other file is not. Raises InputError where the folder has no results or the file is no
+    report, OutputError where it cannot be written.
+    """
+    folder = Path(folder)
+    path = Path(output) if output else folder / "report.html"
+    title, parts = _sweep(folder) if (folder / SWEEP).exists() else _run(folder)
+    if path.exists() and not (path.is_file() and MARK.encode() in path.read_bytes()[:1000]):
+        raise InputError(f"--output {path}: is there already, and no report of ddmpi; name another file")
+    page = string.Template(resources.files("ddmpi.cli").joinpath("report.html").read_text(encoding="utf-8"))
+    content = page.substitute(version=text(__version__), title=text(title), content="\n".join(parts))
+    write_atomically(path, content.encode())
+    return path
+
+
+def _run(folder: Path) -> tuple[str, list[Html]]:
+    """Title and content of the report of a run. Raises InputError."""
+    if (folder / CHECKPOINT).exists() and not (folder / SUMMARY).exists():
+        raise InputError(f"{folder}: the run was not completed; go on from its checkpoint with --restart {folder}")
+    if not (folder / SUMMARY).exists():
+        raise InputError(f"{folder}: not the folder of a run or a sweep: there is no {SUMMARY}")
+    summary = read_summary(folder)
+    try:
+        run = RunReport(folder, summary)
+        return run.title, run.parts()
+    except KeyError as error:
+        raise InputError(f"{folder}: not a complete folder of results: {SUMMARY} has no {error}") from None
+
+
+def _sweep(folder: Path) -> tuple[str, list[Html]]:
+    """Title and content of the report of a sweep. Raises InputError."""
+    if not (folder / TABLE).exists():
+        raise InputError(f"{folder}: the sweep has no {TABLE} yet; it is written at its end, or by sweep … --gather")
+    rows = read_table(folder / TABLE)
+    scene = json.loads((folder / SWEEP).read_text(encoding="utf-8"))["scene"]
+    title = scene.get("title") or folder.resolve().name
+    names = list(rows[0])
+    settings, unit = names[1:names.index("status")], scene.get("output", {}).get("length_unit", "m")
+    certified = sum(row["status"] == "certified" for row in rows)
+    ends = [": ".join(filter(None, (row["status"], _entry(row["reason"]) * (row["status"] != "certified"))))
+            for row in rows]
+    errors = [row.get("discretization_error.energy_norm") for row in rows]
+    cases = table("A line for each case; sweep.csv has all results",
+                  Column("case", [_entry(row["case"]) for row in rows]),
+                  *(Column(name, [_entry(row[name]) for row in rows]) for name in settings), Column("ended", ends),
+                  Column("outer iterations", [row["outer_iterations"] for row in rows]),
+                  Column("solves", [row["n_A"] for row in rows]),
+                  Column("displacement", [row["displacement_max"] for row in rows], unit),
+                  Column("estimated error", [error and 100 * error for error in errors], "%"),
+                  Column("time", [row.get("seconds.total") for row in rows], "s", decimals=2), digits=3)
+    plots = [picture(path, path.stem, f"Plot of {path.stem}") for path in sorted(folder.glob("*.png"))]
+    head = [element("p", "Report of a sweep of ddmpi", kind="over"), element("h1", title), element(
+        "div", element("strong", f"{certified} of {len(rows)} cases certified"),
+        element("p", f"Varied: {', '.join(settings)}."), kind=f"verdict {'good' if certified == len(rows) else 'bad'}")]
+    return title, [element("header", *head), section("cases", "Cases", cases),
+                   *([section("plots", "Plots", *plots)] if plots else []),
+                   scene_section(write_toml(scene), "The scene as it was written, before anything was varied.")]
+
+
+def _entry(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else "" if value is None else str(value)
