@@ -1,6 +1,5 @@
 """The package as others get it: wheel, sdist, one version, and recipes that want what pyproject.toml wants."""
 
-import importlib
 import os
 import re
 import shutil
@@ -12,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import scenes
+import yaml
 from scenes import pinched_blocks
 
 import ddmpi
@@ -129,5 +129,42 @@ def test_extras_are_in_the_tests():
     modules = " ".join(re.findall(r'^MODULES\+?="(.*)"', setup, re.M)).split()
     names = {re.match(r"[\w-]+", each)[0].replace("-", "_") for each in PROJECT["dependencies"] + extras["test"]}
     assert {*modules} == names - {"setuptools", "scikit_fem"} | {"skfem"}
-    for name in modules:
-        importlib.import_module(name)
+
+
+def wanted() -> dict[str, str]:
+    """The lower bound of each package that runs and draws, by its name on PyPI."""
+    requirements = PROJECT["dependencies"] + PROJECT["optional-dependencies"]["figures"]
+    return dict(requirement.split(">=") for requirement in requirements)
+
+
+def test_conda_recipe():
+    """The conda recipe names this version, this command, and the packages and lower bounds of pyproject.toml."""
+    recipe = yaml.safe_load((ROOT / "packaging" / "conda" / "recipe.yaml").read_text(encoding="utf-8"))
+    assert recipe["context"]["version"] == ddmpi.__version__
+    assert recipe["build"]["python"]["entry_points"] == [f"{k} = {v}" for k, v in PROJECT["scripts"].items()]
+    names = {"python": "python", "gmsh": "python-gmsh", "matplotlib": "matplotlib-base"}
+    bounds = {"python": PROJECT["requires-python"].removeprefix(">="), **wanted()}
+    assert sorted(recipe["requirements"]["run"]) == sorted(f"{names.get(k, k)} >={v}" for k, v in bounds.items())
+    assert recipe["about"]["summary"] == PROJECT["description"] and recipe["about"]["license"] == PROJECT["license"]
+
+
+def test_spack_package():
+    """The Spack package names this version, and the packages and lower bounds of pyproject.toml."""
+    text = (ROOT / "packaging" / "spack" / "package.py").read_text(encoding="utf-8")
+    compile(text, "package.py", "exec")
+    assert re.findall(r'^    version\("(.*)"\)$', text, re.M) == [ddmpi.__version__]
+    found = dict(re.findall(r'^        depends_on\("(?:py-)?([\w-]+)@([\d.]+):', text, re.M))
+    assert found == {"python": PROJECT["requires-python"].removeprefix(">="), **wanted()}
+
+
+def test_containers_copy_what_is_there():
+    """Both container recipes copy the same files, which exist, and set up by scripts/run.sh."""
+    folder = ROOT / "packaging" / "container"
+    docker, apptainer = ((folder / name).read_text(encoding="utf-8") for name in ("Dockerfile", "ddmpi.def"))
+    copied = re.findall(r"^    (\S+) (/opt/ddmpi/\S+)$", apptainer, re.M)
+    assert copied == [(source, f"/opt/ddmpi/{source}") for source, _ in copied]
+    assert [source for sources in re.findall(r"^COPY (.*) /", docker, re.M) for source in sources.split()] \
+        == [source for source, _ in copied] == ["pyproject.toml", "README.md", "LICENSE", "ddmpi", "scripts", "configs",
+                                                "meshes"]
+    assert all((ROOT / source).exists() for source, _ in copied)
+    assert all("/opt/ddmpi/scripts/run.sh info" in text for text in (docker, apptainer))
