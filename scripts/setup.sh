@@ -12,7 +12,8 @@ STAMP=$VENV/ddmpi-setup
 DEBIAN_PACKAGES="python3-venv python3-petsc4py python3-mpi4py python3-h5py python3-h5py-mpi python3-scipy
     python3-matplotlib openmpi-bin libopenblas0-pthread libgl1 libglu1-mesa libxrender1 libxcursor1
     libxft2 libxinerama1 libxfixes3"
-MODULES="numpy scipy mpi4py petsc4py h5py gmsh meshio skfem msgspec simpleeval matplotlib pytest pytest_isolate_mpi ruff mypy"
+MODULES="numpy scipy mpi4py petsc4py h5py gmsh meshio msgspec simpleeval matplotlib skfem pytest pytest_isolate_mpi ruff mypy"
+MODULES+=" mkdocs jsonschema"
 
 say() { printf 'ddmpi set-up: %s\n' "$*" >&2; }
 give_up() { say "$*"; exit 1; }
@@ -87,7 +88,7 @@ PY
     "$VENV/bin/python" -c 'import numpy; print("numpy==" + numpy.__version__)' >"$VENV/constraints.txt"
     "$VENV/bin/pip" install --quiet --disable-pip-version-check -r "$VENV/requirements.txt" -c "$VENV/constraints.txt" \
         >"$LOG" 2>&1 || { tail -n 20 "$LOG" >&2; give_up "pip could not install the Python packages (above)"; }
-    "$VENV/bin/pip" install --quiet --disable-pip-version-check --no-deps -e "$ROOT" \
+    "$VENV/bin/pip" install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e "$ROOT" \
         >"$LOG" 2>&1 || { tail -n 20 "$LOG" >&2; give_up "pip could not install ddmpi itself (above)"; }
 }
 

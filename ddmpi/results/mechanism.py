@@ -12,8 +12,9 @@ import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.judge.equilibrium import Mechanism, describe
-from ddmpi.results.pictures import STYLE, draw_all, identity
+from ddmpi.results.pictures import STYLE, draw_all, start_drawing
 from ddmpi.results.tables import read_results, writing
+from ddmpi.system.provenance import identity
 
 FILE, PICTURE = "mechanism.json", "mechanism.png"
 
@@ -41,7 +42,7 @@ def draw_results(folder: str | Path, number: int = 0, drawers: int = 1) -> list[
 
     Where several `drawers` share the work, this is the one with that `number`.
 
-    Not collective. Raises InputError if the results cannot be read, OutputError if a picture cannot be written.
+    Not collective. Raises InputError without results or matplotlib, OutputError if a picture cannot be written.
     """
     if not (Path(folder) / FILE).exists():
         return draw_all(folder, number, drawers)
@@ -74,13 +75,9 @@ def write_mechanism(folder: Path, mechanism: Mechanism, bodies: Iterable[tuple[s
 def draw_mechanism(folder: str | Path, metadata: dict[str, str] | None = None) -> Path:
     """Draw mechanism.png from mechanism.json of the same folder; its path. Not collective.
 
-    Raises InputError if the file cannot be read, OutputError if the picture cannot be written.
+    Raises InputError if the file cannot be read or without matplotlib, OutputError if the picture cannot be written.
     """
-    import matplotlib
-
-    matplotlib.use("agg")
-    import matplotlib.pyplot as plt
-
+    plt = start_drawing()
     folder = Path(folder)
     try:
         content = json.loads((folder / FILE).read_text(encoding="utf-8"))

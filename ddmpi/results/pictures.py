@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from ddmpi.errors import InputError
 from ddmpi.results.fields import areas_at_nodes, at_nodes, boundary_edges, linear_triangles, middles
 from ddmpi.results.histories import animate, draw_steps
 from ddmpi.results.magnify import magnify, owners, surfaces
 from ddmpi.results.tables import Columns, Results, pieces, read_results, starts, writing
 from ddmpi.system.numbers import scaled_unit
+from ddmpi.system.provenance import NO_MATPLOTLIB, has_matplotlib, identity
 
 STYLE = {"font.size": 10, "axes.titlesize": 11, "figure.titlesize": 11, "axes.spines.top": False,
          "axes.spines.right": False, "legend.frameon": False, "figure.constrained_layout.use": True,
@@ -45,19 +47,27 @@ MARKED = 100
 """Curves of at most this many nodes have a marker at each."""
 
 
+def start_drawing() -> Any:
+    """matplotlib.pyplot, to draw into files. Not collective. Raises InputError where matplotlib is not installed."""
+    if not has_matplotlib():
+        raise InputError(f"no pictures can be drawn; {NO_MATPLOTLIB}")
+    import matplotlib
+
+    matplotlib.use("agg")
+    from matplotlib import pyplot
+
+    return pyplot
+
+
 def draw_all(folder: str | Path, number: int = 0, drawers: int = 1) -> list[Path]:
     """Draw all pictures of the results in `folder` into it, or this one's share if several `drawers` do; their paths.
 
     bodies.png, contact.png (of several contacts contacts.png, and contact_NAME.png of each if there are not more than
     EACH), convergence.png, steps.png if there are load steps, animation.gif if the scene wants it, and error.png if the
     results have the estimated error.
-    Not collective. Raises InputError if the results cannot be read, OutputError if a picture cannot be written.
+    Not collective. Raises InputError without results or matplotlib, OutputError if a picture cannot be written.
     """
-    import matplotlib
-
-    matplotlib.use("agg")
-    import matplotlib.pyplot as plt
-
+    plt = start_drawing()
     results, drawn = read_results(folder), []
     with plt.rc_context(STYLE):
         for turn, (name, draw) in enumerate(_figures(results)):
@@ -74,14 +84,6 @@ def draw_all(folder: str | Path, number: int = 0, drawers: int = 1) -> list[Path
         if animated and len(results.energy.get("time", ())):
             drawn.append(animate(results, Path(folder), _title(results)))
     return drawn
-
-
-def identity(summary: dict) -> dict[str, str]:
-    """Metadata of a picture (PNG text chunks) that name its run. Not collective."""
-    version = summary.get("versions", {}).get("ddmpi", "of unknown version")
-    run = (f"run {summary['run']}: {summary['command']}, in {summary['working_folder']}" if "run" in summary
-           else "unknown run")
-    return {"Title": summary["title"], "Software": f"ddmpi {version}", "Description": run}
 
 
 def _figures(results: Results) -> Iterator[tuple[str, Callable[[], Any]]]:

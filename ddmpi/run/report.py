@@ -17,6 +17,7 @@ from ddmpi.run.solve import Solution
 from ddmpi.scene.method import PRESETS, SettledMethod
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import merged
+from ddmpi.system.provenance import NO_MATPLOTLIB, has_matplotlib
 
 log = logging.getLogger("ddmpi")
 
@@ -61,6 +62,8 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
         left_out.append("stress in the files (not asked for)")
     if not figures:
         left_out.append("pictures (not asked for)")
+    elif not has_matplotlib():
+        left_out.append(f"pictures ({NO_MATPLOTLIB})")
     left_out += _target_left_out(scene)
     log.info("%s; left out: %s", _describe(scene.method), ", ".join(left_out) or "nothing")
     log.info("%5s  %10s  %10s  %6s", "k", "update", "residual", "n_A")

@@ -36,7 +36,7 @@ from ddmpi.run.steps import solve_scene
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agreed, merged
 from ddmpi.system.clock import Clock
-from ddmpi.system.provenance import versions
+from ddmpi.system.provenance import has_matplotlib, versions
 
 log = logging.getLogger("ddmpi")
 
@@ -67,7 +67,7 @@ def run(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, fi
     ----------
     scene_path : the scene's file; mesh files are looked for beside it first
     output : folder for the results, or None for that of `restart` or a new one under results/
-    figures : whether pictures are drawn
+    figures : whether pictures are drawn, if matplotlib is installed
     restart : folder with the checkpoint to go on from, or None
 
     Raises
@@ -331,9 +331,11 @@ def _write_mechanism(path: Path, solved: Solved, bodies: list[tuple[str, np.ndar
 
 
 def _draw(path: Path, number: int, drawers: int) -> OutputError | None:
-    """Draw this rank's share of the pictures; an error there is reported after the numbers are safe."""
+    """Draw this rank's share of the pictures, where matplotlib is installed; its error waits for the numbers."""
     from ddmpi.results.mechanism import draw_results
 
+    if not has_matplotlib():
+        return None
     try:
         draw_results(path, number, drawers)
     except Exception as error:  # matplotlib raises what it likes

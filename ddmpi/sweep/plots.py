@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from ddmpi.errors import InputError
-from ddmpi.results.pictures import COLOURS, STYLE, identity
+from ddmpi.results.pictures import COLOURS, STYLE, start_drawing
 from ddmpi.sweep.table import find_column, read_outcome, read_table
 from ddmpi.system.files import TABLE, write_atomically
+from ddmpi.system.provenance import identity
 
 MOST_CURVES = 12  # that a legend can tell apart
 
@@ -29,14 +30,10 @@ UNITS = {"seconds": "s", "memory_mib": "MiB", "displacement_max": "{length}", "y
 def draw_plot(folder: Path, plot: str) -> Path:
     """Draw RESULT:KEY from the table in `folder`, as RESULT-KEY.png beside it; its path.
 
-    Not collective. Raises InputError where there is no such column or nothing to draw, OutputError where the picture
-    cannot be written.
+    Not collective. Raises InputError where there is no such column, nothing to draw or no matplotlib, OutputError where
+    the picture cannot be written.
     """
-    import matplotlib
-
-    matplotlib.use("agg")
-    import matplotlib.pyplot as plt
-
+    plt = start_drawing()
     rows = read_table(folder / TABLE)
     summary = next(filter(None, (read_outcome(folder / str(row["folder"])).summary for row in rows)), None)
     if not summary:

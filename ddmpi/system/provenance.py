@@ -10,6 +10,7 @@ import shlex
 import sys
 import time
 from importlib import metadata
+from importlib.util import find_spec
 
 from mpi4py import MPI
 
@@ -20,6 +21,8 @@ SLURM = {"job_id": "SLURM_JOB_ID", "job_name": "SLURM_JOB_NAME", "array_job_id":
          "array_task_id": "SLURM_ARRAY_TASK_ID", "restarts": "SLURM_RESTART_COUNT", "cluster": "SLURM_CLUSTER_NAME",
          "nodes": "SLURM_JOB_NODELIST"}
 """Environment variables in which Slurm describes the job."""
+
+NO_MATPLOTLIB = "matplotlib is not installed: pip install matplotlib, or Debian's python3-matplotlib"
 
 
 @functools.cache
@@ -41,6 +44,11 @@ def versions() -> dict[str, str]:
     return found
 
 
+def has_matplotlib() -> bool:
+    """Whether pictures can be drawn. Not collective."""
+    return find_spec("matplotlib") is not None
+
+
 def provenance(world: MPI.Comm, started: float) -> dict:
     """What leads from a result back to its run: the run's name, start, command, folder, batch job, hosts and versions.
 
@@ -51,6 +59,14 @@ def provenance(world: MPI.Comm, started: float) -> dict:
     return {"run": world.bcast(name), "started": world.bcast(utc(seconds)), "command": command(),
             "working_folder": os.getcwd(), "slurm": batch_job(), "hosts": world.allgather(MPI.Get_processor_name()),
             "versions": versions()}
+
+
+def identity(summary: dict) -> dict[str, str]:
+    """Metadata of a picture (PNG text chunks) that name its run. Not collective."""
+    version = summary.get("versions", {}).get("ddmpi", "of unknown version")
+    run = (f"run {summary['run']}: {summary['command']}, in {summary['working_folder']}" if "run" in summary
+           else "unknown run")
+    return {"Title": summary["title"], "Software": f"ddmpi {version}", "Description": run}
 
 
 def peak_memory() -> float:

@@ -128,7 +128,7 @@ REFUSED = {
     "stranger in path": (["body.0.name=a/b"],
                          ["body.a/b.name: a name has no '.', '=', '/', blank or control character (got 'a/b')"]),
     "huge integer": (["body.upper.material.young=1" + 400 * "0"],
-                     ["body.upper.material.young", "out of range"]),
+                     ["body.upper.material.young: "]),  # msgspec's words, which differ between its versions
     # words that are not in the list
     "bad plane": (["body.upper.material.plane=stres"],
                   ["body.upper.material.plane: 'stres' is not valid; expected one of strain, stress",
