@@ -1,0 +1,188 @@
+"""The pages that are run: docs/tutorial.md and docs/drawing.md, and what docs/theory.md says of the code."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pages
+import pytest
+import scenes
+from mpi4py import MPI
+
+from ddmpi.errors import InputError
+from ddmpi.interface import mortar, side
+from ddmpi.judge import accuracy, certificate
+from ddmpi.methods import newton
+from ddmpi.methods.krylov import FORCING
+
+DOCS = scenes.ROOT / "docs"
+
+
+@pytest.mark.parametrize("name", ["tutorial.md", "drawing.md"])
+def test_commands_of_a_page_do_what_it_says(name, tmp_path):
+    """Each command of the page runs as its reader would run it, prints what is shown, and makes the pictures."""
+    page = (DOCS / name).read_text(encoding="utf-8")
+    outcomes = pages.run(page, tmp_path, scenes.clean_environment())
+    assert len(outcomes) > 3
+    assert pages.differences(outcomes, pages.slack(page)) == []
+    for picture, made in pages.IMAGE.findall(page):
+        assert (DOCS / picture).is_file()
+        assert (tmp_path / made).is_file()
+
+
+@pytest.mark.parametrize(("shown", "printed", "same"), [
+    ("largest pressure 95.02", "largest pressure 95.02", True),
+    ("largest pressure 95.02", "largest pressure 95.04", False),
+    ("3 open, 4 slip", "3 open, 5 slip", False),
+    ("force (-48, 240) on foot", "force (-48, -240) on foot", False),
+    ("penetration 2.2e-11, …", "penetration 7.0e-15, friction 0.0e+00", True),
+    ("error 0.28", "error 0.285", True),
+    ("error 0.28", "error 0.28 of it", False),
+    ("error 2.8e-01", "error 3.2e-01", False),
+    ("certified: …", "not certified: it failed", False),
+])
+def test_lines_are_compared_word_by_word_and_digit_by_digit(shown, printed, same):
+    """A shown line is another one if a word differs, or a number in a digit that is shown; … stands for anything."""
+    assert pages.agrees(shown, printed) == same
+
+
+def test_what_a_page_shows_and_is_not_so_is_found(tmp_path):
+    """A command that fails, an exit code and a line that are not as the page says are differences."""
+    page = "```console\n$ echo 'a 1'; false\n$ echo $?\n0\n$ false\n$ cat made.txt\none\n…\ntwo\n```\n"
+    outcomes = pages.run("```\n# made.txt\none\n```\n" + page, tmp_path, scenes.clean_environment())
+    assert [outcome.code for outcome in outcomes] == [1, 0, 1, 0]
+    assert [each.splitlines()[0] for each in pages.differences(outcomes)] == ["$ echo $?", "$ false", "$ cat made.txt"]
+
+
+PLATE = """Point(1) = {0, 0, 0}; Point(2) = {2, 0, 0}; Point(3) = {2, 1, 0}; Point(4) = {0, 1, 0};
+Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 1};
+Curve Loop(1) = {1 : 4};
+Plane Surface(1) = {1};
+"""
+BODY = 'Physical Surface("plate") = {1};\n'
+NAMES = 'Physical Curve("bottom") = {1};\nPhysical Curve("left") = {4};\nPhysical Curve("top") = {3};\n'
+UPPER = PLATE.replace(", 1, 0}", ", 2, 0}").replace(", 0, 0}", ", 1, 0}") + BODY + NAMES
+SQUARES = 'SetFactory("OpenCASCADE");\nRectangle(1) = {0, 0, 0, 1, 1};\nRectangle(2) = {1, 0, 0, 1, 1};\n'
+SOLID = 'SetFactory("OpenCASCADE");\nBox(1) = {0, 0, 0, 1, 1, 1};\nPhysical Curve("bottom") = {1};\n'
+POINT = 'Physical Point("corner") = {2};\n'
+ENDS = 'Physical Curve("bottom") = {1};\nPhysical Curve("top") = {3};\n'
+
+MISTAKES: dict[str, dict] = {
+    "no name for any curve": {"geo": PLATE + BODY},
+    "a name that is spelt otherwise in the scene": {"clamp": ["Bottom"]},
+    "the surface's name in the place of a curve's": {"clamp": ["plate"]},
+    "one name for a curve and a surface": {"geo": PLATE + BODY.replace("plate", "left") + NAMES},
+    "a force on a point": {"geo": PLATE + BODY + NAMES + POINT, "traction": [{"on": "corner", "value": [1.0, 0.0]}]},
+    "several surfaces, none named": {"geo": SQUARES + ENDS},
+    "surfaces that touch without common nodes": {"geo": SQUARES + ENDS + 'Physical Surface("plate") = {1, 2};\n'},
+    "a named surface without a material": {
+        "geo": SQUARES + 'Coherence;\nPhysical Surface("one") = {1};\nPhysical Surface("two") = {2};\n' + ENDS,
+        "material": [{"on": "one", "young": 1.0, "poisson": 0.3}]},
+    "no `Plane Surface`": {"geo": PLATE.replace("Plane Surface(1) = {1};\n", "") + NAMES},
+    "a solid": {"geo": SOLID},
+    "a tilted plane": {"geo": PLATE.replace("1, 0}", "1, 1}") + BODY + NAMES},
+    "a missing semicolon": {"geo": PLATE.replace("{1 : 4};", "{1 : 4}") + BODY + NAMES},
+    "a size in other units than the drawing": {"mesh": {"size": 5e-5}},
+    "`contact_size` larger than `size`": {"mesh": {"contact_size": 5.0}},
+    "a mesh as a geometry": {"mesh": {"geometry": "plate.msh"}},
+    "the names of a contact in the wrong order, or bodies drawn on each other's wrong side": {
+        "contact": {"on": ["top", "bottom"]}},
+    "a contact along a line inside the body": {
+        "geo": SQUARES + 'Coherence;\nPhysical Surface("plate") = {1, 2};\nPhysical Curve("top") = {2, 3};\n'
+        'Physical Curve("bottom") = {1};\n'},
+    '`pairing = "nodes"` without matching nodes': {"mesh": {"size": 0.3}, "contact": {"pairing": "nodes"}},
+    "a contact between clamped sides": {"clamp": ["top"], "above": "bottom"},
+    "a mesh file saved without any groups": {"saved": PLATE},
+    "a mesh file with groups of curves only": {"saved": PLATE + NAMES},
+    "a mesh of a solid": {"saved": SOLID + 'Physical Volume("solid") = {1};\n'},
+    "a curve of a STEP file by a wrong name": {"step": True},
+}
+"""What is drawn and written otherwise than it should be, by the words of the page."""
+
+
+def messages() -> dict[str, str]:
+    """The table of the page: the messages by their mistakes."""
+    rows = re.findall(r"^\| (.+) \| `(.+)` \|$", (DOCS / "drawing.md").read_text(encoding="utf-8"), re.M)
+    return {mistake: message.strip("`") for mistake, message in rows}
+
+
+def save(folder: Path, script: str, name: str) -> dict:
+    """Write a drawing by gmsh as a file of another format; the mesh of a scene that names it."""
+    import gmsh
+
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    (folder / "script.geo").write_text(script)
+    gmsh.open(str(folder / "script.geo"))
+    if name.endswith(".msh"):
+        gmsh.model.mesh.generate(3)
+    gmsh.write(str(folder / name))
+    gmsh.finalize()
+    return {"file": name} if name.endswith(".msh") else {"geometry": name, "size": 0.5}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_each_mistake_has_the_message_of_the_page(mistake, tmp_path, monkeypatch):
+    """A mistake in a drawing is refused with the message that docs/drawing.md shows for it."""
+    monkeypatch.chdir(tmp_path)
+    made = dict(MISTAKES[mistake])
+    Path("upper.geo").write_text(UPPER)
+    Path("plate.geo").write_text(made.pop("geo", PLATE + BODY + NAMES))
+    mesh = {"geometry": "plate.geo", "size": 0.5} | made.pop("mesh", {})
+    if "saved" in made:
+        mesh = save(tmp_path, made.pop("saved"), "plate.msh")
+    if made.pop("step", False):
+        mesh = save(tmp_path, 'SetFactory("OpenCASCADE");\nRectangle(1) = {0, 0, 0, 2, 1};\n', "plate.step")
+    steel = {"young": 1.0, "poisson": 0.3}
+    scene = {"contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"]} | made.pop("contact", {})],
+             "body": [{"name": "upper", "mesh": {"geometry": "upper.geo", "size": 0.5}, "material": steel,
+                       "clamp": [made.pop("above", "top")]},
+                      {"name": "lower", "mesh": mesh, "material": steel, "clamp": ["bottom"]} | made]}
+    with pytest.raises(InputError) as refused:
+        scenes.prepare_scene(MPI.COMM_SELF, scene)
+    assert pages.agrees(messages()[mistake], str(refused.value)), refused.value
+
+
+def test_all_messages_of_the_page_are_provoked():
+    """The table of mistakes in docs/drawing.md has no message that no test has seen."""
+    assert set(messages()) == set(MISTAKES)
+
+
+def test_theory_has_the_numbers_of_the_code():
+    """The constants that docs/theory.md names are those of the code."""
+    page = " ".join((DOCS / "theory.md").read_text(encoding="utf-8").split())
+    count = {3: "three", 6: "six", 10: "ten"}
+    for words in (
+            f"three and more bodies also the deformations v = M_a⁻¹x with C_a x = μ M_a⁻¹ x, μ > {newton.SMOOTH:g}",
+            f"loose bodies or {count[newton.MANY]} and more bodies",
+            f"1 to {newton.LENGTHS[-1]:g}, is the one",
+            f"is below {count[int(newton.ERROR)]} times that",
+            f"Where {count[newton.PATIENCE]} steps bring no",
+            f"ε = 1e{np.log10(newton.HELD_LOOSELY):.0f}, and D_s",
+            f"GMRES solves it to 1e{np.log10(FORCING):.0f}",
+            f"all below {certificate.FACTOR:g} times the tolerance",
+            f"covered by less than {100 * mortar.UNCOVERED:g} %",
+            f"turns by more than {np.rad2deg(side.SHARPEST):.0f}°"):
+        assert words in page
+    assert accuracy.CAUTION == {1: 1 - 1 / 5, 2: 1 - 1 / 10}  # "by a fifth in order 1 and a tenth in order 2"
+
+
+def test_theory_points_to_what_there_is():
+    """Classes, attributes and modules in the table of symbols of docs/theory.md exist."""
+    page = (DOCS / "theory.md").read_text(encoding="utf-8")
+    table = page[page.index("## Symbols"):page.index("## Sources")]
+    sources = {path: path.read_text(encoding="utf-8") for path in (scenes.ROOT / "ddmpi").rglob("*.py")}
+    cells = [row.split("|")[-2] for row in table.splitlines()[4:] if row.startswith("|")]
+    assert len(cells) > 10
+    for cell in cells:
+        owner = ""
+        for name in re.findall(r"`([^`]+)`", cell):
+            if "/" in name:
+                assert (scenes.ROOT / name).is_file()
+                continue
+            first, _, attribute = name.partition(".")
+            owner = first or owner
+            where = [text for text in sources.values() if re.search(rf"^(class|def) {owner}\b", text, re.M)]
+            where = where or [text for text in sources.values() if re.search(rf"\b{owner}\b", text)]
+            assert where, name
+            assert any(re.search(rf"\b{attribute}\b", text) for text in where), name
