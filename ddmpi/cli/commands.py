@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import contextlib
 import io
+import json
 import signal
 import sys
 from collections.abc import Iterator
@@ -87,7 +88,16 @@ def _info(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> Non
             print(describe_installation(), end="")
 
 
-COMMANDS = {"run": _run, "verify": _run, "sweep": _sweep, "figures": _draw, "sweep-plot": _draw, "info": _info}
+def _schema(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
+    interrupt.leave()
+    from ddmpi.cli.schema import scene_schema
+
+    with agreed(world), printing(world):
+        print(json.dumps(scene_schema(), indent=1, ensure_ascii=False))
+
+
+COMMANDS = {"run": _run, "verify": _run, "sweep": _sweep, "figures": _draw, "sweep-plot": _draw, "info": _info,
+            "schema": _schema}
 
 
 @contextlib.contextmanager

@@ -18,6 +18,7 @@ class ContactState:
 
     Attributes
     ----------
+    interface : that it is of; interface.xy (m, d) are the nodes, interface.area (m,) their lengths
     normal_force : (m,) positive under pressure, negative under tension, which bonded nodes may bear (N)
     tangential_force, slip : (m, d − 1) in N and m; zero at nodes without tangential unknowns
     gap : (m,) opening (m)
