@@ -74,7 +74,7 @@ class PartMaterial(Material, frozen=True, kw_only=True):
 
 
 class Clamp(Table, frozen=True, kw_only=True):
-    """Prescribed displacement on a boundary group or a physical point.
+    """Prescribed displacement on a boundary group or a physical point, as in { on = "top", x = 0.01, y = "-0.02 * x" }.
 
     Attributes
     ----------

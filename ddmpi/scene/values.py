@@ -201,6 +201,8 @@ def evaluate(value: Any, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 class Profile(Table, frozen=True, kw_only=True):
     """A number that varies along the contact: linear between points, constant beyond the first and the last.
 
+    With { along = "x", points = [0, 1, 1, 3], values = [0.1, 0.1, 0.3, 0.3] } it jumps from 0.1 to 0.3 at x = 1.
+
     Attributes
     ----------
     along : a coordinate, or the arc length from the first contact node
