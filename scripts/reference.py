@@ -240,8 +240,10 @@ def python_page() -> str:
     for heading, kind in {"Answer": answer.Answer, "BodyAnswer": answer.BodyAnswer,
                           "ContactState": ddmpi.interface.state.ContactState}.items():
         words, rows = read_docstring(kind.__doc__)[0], dict(meanings(kind))
-        rows |= {name: inspect.cleandoc(value.__doc__ or "").split("\n\n")[0].replace("\n", " ")
-                 for name, value in vars(kind).items() if isinstance(value, property)}
+        for name, value in vars(kind).items():
+            if isinstance(value, property):
+                first = " ".join(inspect.cleandoc(value.__doc__ or "").split("\n\n")[0].split()).rstrip(".")
+                rows[name] = first[:1].lower() + first[1:]
         lines += [f"## {heading}", "", words, "", *table(("attribute", "meaning"), _coded(rows))]
     lines += ["## ddmpi.mprgp.MPRGP", "", *_described(ddmpi.qp.mprgp.MPRGP), inspect.cleandoc(ddmpi.qp.mprgp.__doc__)]
     return "\n".join(lines)

@@ -65,7 +65,7 @@ def _plain(text: str) -> str:
 
 def _tidy(node: Any, titles: list[tuple[dict, dict]]) -> Any:
     """A part of the schema in terms of DIALECT, without what TOML cannot write: null, numbers that are not finite."""
-    if isinstance(node, list):
+    if isinstance(node, list | tuple):
         return [_tidy(each, titles) for each in node]
     if not isinstance(node, dict):
         return node

@@ -5,7 +5,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from scenes import pinched_blocks
+from scenes import pinched_blocks, run_python
 from test_studies import start
 
 from ddmpi.cli.schema import scene_schema
@@ -47,6 +47,13 @@ def test_schema_refuses(key, value, where):
     scene = json.loads(json.dumps(pinched_blocks(2)))
     assert mistakes(scene) == []
     assert mistakes(scene | {key: value}) == [where]
+
+
+def test_the_command_prints_the_schema():
+    """``ddmpi schema`` prints the schema, once, on any number of ranks."""
+    done = run_python(["-m", "ddmpi", "schema"], ranks=2)
+    assert done.code == 0, done.messages
+    assert json.loads(done.stdout) == scene_schema()
 
 
 def test_every_key_has_a_meaning():
