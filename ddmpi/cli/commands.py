@@ -90,10 +90,11 @@ def _info(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> Non
 
 def _schema(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
     interrupt.leave()
-    from ddmpi.cli.schema import scene_schema
+    from ddmpi.scene.keys import json_schema
+    from ddmpi.scene.scene import Scene
 
     with agreed(world), printing(world):
-        print(json.dumps(scene_schema(), indent=1, ensure_ascii=False))
+        print(json.dumps(json_schema(Scene), indent=1, ensure_ascii=False))
 
 
 COMMANDS = {"run": _run, "verify": _run, "sweep": _sweep, "figures": _draw, "sweep-plot": _draw, "info": _info,

@@ -8,7 +8,8 @@ import pytest
 from scenes import pinched_blocks, run_python
 from test_studies import start
 
-from ddmpi.cli.schema import scene_schema
+from ddmpi.scene.keys import json_schema
+from ddmpi.scene.scene import Scene
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "configs").rglob("*.toml"))
@@ -17,7 +18,7 @@ SCENES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "configs")
 def mistakes(scene: dict) -> list[str]:
     jsonschema = pytest.importorskip("jsonschema", reason="needs the package jsonschema")
     return ["/".join(map(str, error.absolute_path))
-            for error in jsonschema.Draft7Validator(scene_schema()).iter_errors(scene)]
+            for error in jsonschema.Draft7Validator(json_schema(Scene)).iter_errors(scene)]
 
 
 def test_committed_pages_are_those_of_the_code(tmp_path):
@@ -53,12 +54,12 @@ def test_the_command_prints_the_schema():
     """``ddmpi schema`` prints the schema, once, on any number of ranks."""
     done = run_python(["-m", "ddmpi", "schema"], ranks=2)
     assert done.code == 0, done.messages
-    assert json.loads(done.stdout) == scene_schema()
+    assert json.loads(done.stdout) == json_schema(Scene)
 
 
 def test_every_key_has_a_meaning():
     """Every key of a scene is described, but for those that only choose a table."""
-    described = {f"{name}.{key}": "description" in value for name, table in scene_schema()["$defs"].items()
+    described = {f"{name}.{key}": "description" in value for name, table in json_schema(Scene)["$defs"].items()
                  for key, value in table["properties"].items()}
     assert len(described) > 90
     assert {key for key, has in described.items() if not has} == {
