@@ -14,25 +14,25 @@ class DdmpiError(Exception):
 
 
 class InputError(DdmpiError):
-    """The scene, a mesh or the command line is not acceptable; raised before any work is done."""
+    """Bad input: the scene, a mesh or the command line; one message with file and key, and nothing was computed."""
 
     exit_code = 2
 
 
 class NotConvergedError(DdmpiError):
-    """The outer iteration stopped without a certified answer."""
+    """Not converged, accuracy not reached, or no equilibrium; results are written, with converged = false."""
 
     exit_code = 3
 
 
 class SolverError(DdmpiError):
-    """A linear or quadratic subproblem could not be solved to the precision it needs."""
+    """A linear or quadratic solver failed: a subproblem could not be solved to the precision that it needs."""
 
     exit_code = 4
 
 
 class OutputError(DdmpiError):
-    """Results could not be written."""
+    """Results could not be written; a checkpoint is, where there is room for it."""
 
     exit_code = 5
 
@@ -42,7 +42,9 @@ class TakenError(OutputError):
 
 
 class InterruptionError(DdmpiError):
-    """A signal asked the run to end; where it is `kept`, what it had computed is in a checkpoint.
+    """Interrupted by SIGTERM or SIGUSR1 to scripts/run.sh or a rank, or SIGUSR1 to mpirun; a checkpoint is written.
+
+    Where it is `kept`, what the run had computed is in that checkpoint.
 
     Parameters
     ----------

@@ -14,7 +14,8 @@ Sections, each with a table of its own:
               `git worktree add DIR COMMIT`): smallest times of all repetitions
 
 Writes to the folder --output a CSV file for each section (a line per measurement, written at once, so that an
-interrupted study continues) and assemblies_table.md; once all sections are there, the table is also written to docs/.
+interrupted study continues) and assemblies_table.md; once all sections are there, the table is also written to
+docs/tables/.
 """
 
 import argparse

@@ -14,7 +14,7 @@ each mesh, several times over, on two ranks:
 
 The smallest time and the largest memory of all repetitions count. Writes to the folder --output benchmark.csv (a line
 per repetition, written at once, so that an interrupted study continues) and benchmark_table.md; once all meshes are
-done, the table is also written to docs/.
+done, the table is also written to docs/tables/.
 """
 
 import argparse

@@ -185,8 +185,8 @@ def _line(cells: Iterable) -> str:
 
 
 def publish(name: str, text: str, folder: Path, complete: bool, draw: Callable[[Path], None] | None = None) -> None:
-    """Write a page to `folder`, and to docs/ if the study is complete; `draw` draws its figures beside it."""
-    for place in [folder, ROOT / "docs"] if complete else [folder]:
+    """Write a page to `folder`, and to docs/tables/ if the study is complete; `draw` draws its figures beside it."""
+    for place in [folder, ROOT / "docs" / "tables"] if complete else [folder]:
         (place / name).write_text(text, encoding="utf-8")
         if draw:
             draw(place / "figures")

@@ -10,7 +10,7 @@ slower rank, the least of several runs where they are short; start-up and files 
 
 Writes to the folder --output: tradeoff.csv (a line per case, written at once, so that an interrupted study continues),
 tradeoff_table.md and figures; once all axes are done with the usual reference, page and figures are also written to
-docs/.
+docs/tables/.
 """
 
 import ctypes

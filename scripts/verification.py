@@ -3,9 +3,9 @@
 
 __doc__ = """Contacts verified: closed forms, published benchmarks and fine solutions, on three meshes and both orders.
 
-Writes verification.md and its figures to the folder --output and, once all problems are solved, to docs/. The problems
-stand in flat_problems.py, curved_problems.py and fine_problems.py; tests run them on their coarsest meshes. Ends with
-exit code 1 if a value is farther from the exact one than its problem allows. One rank; 5 minutes.
+Writes verification.md and its figures to the folder --output and, once all problems are solved, to docs/tables/. The
+problems stand in flat_problems.py, curved_problems.py and fine_problems.py; tests run them on their coarsest meshes.
+Ends with exit code 1 if a value is farther from the exact one than its problem allows. One rank; 5 minutes.
 """
 
 import logging
@@ -189,7 +189,7 @@ def main() -> None:
     parser = arguments(__doc__, "verification")
     parser.add_argument("--only", nargs="+", choices=PROBLEMS, default=list(PROBLEMS), metavar="NAME",
                         help=f"of the problems {', '.join(PROBLEMS)}")
-    parser.add_argument("--coarse", action="store_true", help="the coarsest meshes only; nothing goes to docs/")
+    parser.add_argument("--coarse", action="store_true", help="the coarsest meshes only; nothing goes to docs/tables/")
     options = parser.parse_args()
     logging.getLogger("ddmpi").setLevel(logging.ERROR)  # what is small enough to warn of is meant here
     runs: Runs = {}

@@ -39,7 +39,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"ddmpi {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     scene = _Parser(add_help=False)
-    scene.add_argument("scene", metavar="SCENE.toml")
+    scene.add_argument("scene", metavar="SCENE.toml", help="the scene")
     scene.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
                        help="override any key of the scene, as in body.upper.material.young=1e9")
     scene.add_argument("--quiet", action="store_true", help="print nothing but errors")
@@ -47,7 +47,7 @@ def build_parser() -> argparse.ArgumentParser:
                        "also those that --quiet keeps off the screen")
     formats: dict[str, Any] = {"epilog": EPILOG, "formatter_class": argparse.RawDescriptionHelpFormatter,
                                "allow_abbrev": False}
-    run = commands.add_parser("run", help="solve a scene, on as many ranks as it has bodies",
+    run = commands.add_parser("run", help="solve a scene, best on as many ranks as it has bodies",
                               parents=[scene], **formats)
     run.add_argument("--output", type=_named, metavar="DIR",
                      help="folder for the results (default: a new one in results/)")
@@ -58,7 +58,7 @@ def build_parser() -> argparse.ArgumentParser:
                         "and compare", parents=[scene], **formats)
     _add_sweep(commands, scene, formats)
     figures = commands.add_parser("figures", help="draw the pictures of saved results anew", allow_abbrev=False)
-    figures.add_argument("folder", type=_named, metavar="DIR")
+    figures.add_argument("folder", type=_named, metavar="DIR", help="folder of results")
     plot = commands.add_parser("sweep-plot", help="draw a result of a sweep against a parameter", allow_abbrev=False)
     plot.add_argument("folder", type=_named, metavar="DIR", help="folder of the sweep")
     plot.add_argument("plots", nargs="+", metavar="RESULT:KEY", help="two columns of its table, as in n_A:theta")
@@ -71,6 +71,7 @@ def build_parser() -> argparse.ArgumentParser:
     report.add_argument("--output", type=_named, metavar="FILE", help="file to write (default: DIR/report.html); an "
                         "earlier report is overwritten, any other file is not")
     commands.add_parser("info", help="print versions and which solvers are there", allow_abbrev=False)
+    commands.add_parser("schema", help="print the JSON schema of scenes, for editors", allow_abbrev=False)
     return parser
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import contextlib
 import io
+import json
 import signal
 import sys
 from collections.abc import Iterator
@@ -97,8 +98,17 @@ def _info(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> Non
             print(describe_installation(), end="")
 
 
+def _schema(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
+    interrupt.leave()
+    from ddmpi.scene.keys import json_schema
+    from ddmpi.scene.scene import Scene
+
+    with agreed(world), printing(world):
+        print(json.dumps(json_schema(Scene), indent=1, ensure_ascii=False))
+
+
 COMMANDS = {"run": _run, "verify": _run, "sweep": _sweep, "figures": _draw, "sweep-plot": _draw, "report": _report,
-            "info": _info}
+            "info": _info, "schema": _schema}
 
 
 @contextlib.contextmanager

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from ddmpi.coupling.team import Team
 from ddmpi.errors import DdmpiError, InputError
-from ddmpi.scene.bodies import MeshSpec
+from ddmpi.scene.meshes import MeshSpec
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agree
 from ddmpi.system.memory import give_back

@@ -15,8 +15,7 @@ from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface, Places
 from ddmpi.interface.law import law_of
 from ddmpi.interface.side import Side, closings
-from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
-from ddmpi.scene.rigid import Circle, Plane
+from ddmpi.scene.contacts import Circle, Coulomb, NoFriction, Plane, Tresca
 from ddmpi.scene.values import Profile
 
 LARGEST_OFFSET = 1e-2

@@ -18,9 +18,11 @@ class ContactState:
 
     Attributes
     ----------
+    interface : that it is of; interface.xy (m, d) are the nodes, interface.area (m,) their lengths
     normal_force : (m,) positive under pressure, negative under tension, which bonded nodes may bear (N)
-    tangential_force, slip : (m, d − 1) in N and m; zero at nodes without tangential unknowns
+    tangential_force : (m, d − 1) along t; zero at nodes without tangential unknowns (N)
     gap : (m,) opening (m)
+    slip : (m, d − 1) how far the first body has moved along t past the second, in this load step (m)
     status : (m,) "open", "slip" or "stick"
     between : (q,) opening between the nodes, where they do not match (m)
     before : (m, d − 1) slip of the load steps before (m)

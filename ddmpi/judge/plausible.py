@@ -19,7 +19,7 @@ from ddmpi.interface.state import ContactState
 from ddmpi.judge.overlap import RESOLVED, Outline, Overlap, run_through, through_itself
 from ddmpi.mesh.boundary import outline
 from ddmpi.scene.bodies import SettledBody
-from ddmpi.scene.rigid import Circle, Plane, Rigid
+from ddmpi.scene.contacts import Circle, Plane, Rigid
 from ddmpi.system.agreement import merged
 
 LARGE_MOTION = 0.1

@@ -8,7 +8,7 @@ import numpy as np
 
 from ddmpi.mesh.mesh import SIDES, Mesh
 from ddmpi.mesh.refine import raise_order
-from ddmpi.scene.bodies import MeshSpec
+from ddmpi.scene.meshes import MeshSpec
 
 
 def generate_rectangle(spec: MeshSpec) -> Mesh:

@@ -23,6 +23,32 @@ from ddmpi.system.provenance import whereabouts
 MOVED = ".moved"
 """A file that lists the results while they are moved into place: what to remove if the run is killed just then."""
 
+FILES = {
+    "summary.json": "how the run ended and everything that is not an array",
+    "contact_NAME.csv": "a line per contact node along the contact; where meshes do not match the slave's nodes",
+    "contact_NAME_sides.csv": "with quadratic elements: mean stresses over the elements' sides, which are what to plot "
+                              "there; sides with a node that carries no force are left out",
+    "contact_NAME_legs.csv": "with load steps: contact stresses of the steps whose fields are written",
+    "history.csv": "a line per outer iteration",
+    "steps.csv": "a line per load step and contact",
+    "energy.csv": "with load steps: the balance of energy, a line per step",
+    "result.xdmf": "for ParaView and meshio.read: displacement, stress and von Mises stress of all bodies, and the "
+                   "estimated error if asked for; with load steps a time series",
+    "result.h5": "the data of result.xdmf: points, displacement by node; cells, body (its number), stress "
+                 "(xx, xy, xz, yy, yz, zz), von_mises, error by triangle; earlier load steps in groups step_000001, …",
+    "bodies.png": "deformed bodies, enlarged, with von Mises stress; what touches is drawn touching",
+    "contact.png": "of one contact: stresses, slip bound, zones and gap",
+    "contacts.png": "of several contacts: pressures, resultants and status of all in one picture",
+    "contact_NAME.png": "contact.png of each of up to six contacts",
+    "convergence.png": "outer iterations",
+    "error.png": "estimated discretization error, if asked for",
+    "steps.png": "with load steps: loops, energies, stresses at the ends of legs",
+    "animation.gif": "with load steps: the moving bodies, if asked for",
+    "mechanism.json": "where there is no equilibrium: how the bodies would move",
+    "mechanism.png": "its picture",
+    "checkpoint.h5": "of an interrupted run, for --restart; completed runs have none"}
+"""What a folder of results may hold; NAME is that of a contact. docs/reference/results.md shows this."""
+
 
 @contextlib.contextmanager
 def choose_folder(wanted: str | None, restart: str | None, scene: str) -> Iterator[Path]:

@@ -17,28 +17,98 @@ from ddmpi.results.tables import FORMAT, writing
 BY_CONTACT = ("force_mismatch", "penetration", "complementarity", "friction")
 """The residuals that a certificate has for each contact."""
 
+SUMMARY = {
+    "format": "version of the layout of all files; names and meanings of one format stay, entries may be added",
+    "title": "the scene's",
+    "converged": "whether there is a certified answer, and the accuracy target, if any, is met",
+    "reason": "how the run ended, in words",
+    "outer": "the method's", "algorithm": "the method's", "splitting": "the method's",
+    "friction": "the laws of all contacts",
+    "order": "of the elements",
+    "n": "unknowns of all bodies: degrees of freedom that no clamp holds",
+    "m": "contact nodes",
+    "ranks": "their number",
+    "outer_iterations": "of all load steps",
+    "inner_iterations": "of GMRES, or of the QPs of the published iteration",
+    "n_A": "multiplications by A⁻¹ of all bodies",
+    "eff": "n_A / (2 m)",
+    "bodies.NAME.n": "its unknowns",
+    "bodies.NAME.ranks": "that it lives on",
+    "bodies.NAME.n_A": "multiplications by A⁻¹",
+    "bodies.NAME.held": "whether its clamps alone prevent every rigid motion",
+    "bodies.NAME.displacement_max": "largest displacement",
+    "bodies.NAME.von_mises_max": "largest von Mises stress; null if stresses were not asked for",
+    "bodies.NAME.energy": "strain energy",
+    "bodies.NAME.reaction": "[x, y], resultant of the forces of its clamps",
+    "bodies.NAME.discretization_error": "its part of the estimated error, relative to the energy norm of all bodies",
+    "bodies.NAME.n_A_by_purpose": "n_A in parts",
+    "bodies.NAME.inner_steps": "steps of inner solvers, by kind",
+    "bodies.NAME.solver": "how A is solved with",
+    "bodies.NAME.compliance": "how C = B A⁻¹ Bᵀ is applied: explicit, direct or iterative",
+    "bodies.NAME.memory_mib": "the most memory that its ranks have held, MiB",
+    "bodies.NAME.certificate.equilibrium": "residual of its equilibrium",
+    "contacts.NAME.m": "its nodes",
+    "contacts.NAME.pairing": "nodes or mortar",
+    "contacts.NAME.slave": "the body whose nodes carry the forces; null with pairing by nodes",
+    "contacts.NAME.friction": "its law",
+    "contacts.NAME.force": "[x, y], resultant on the first body: −Σ (normal_force · n + tangential_force · t)",
+    "contacts.NAME.moment": "x F_y − y F_x of the same forces, about the origin",
+    "contacts.NAME.normal_force": "sum over the nodes",
+    "contacts.NAME.tangential_force": "sum over the nodes",
+    "contacts.NAME.open": "number of open nodes",
+    "contacts.NAME.slip": "number of slipping nodes",
+    "contacts.NAME.stick": "number of sticking nodes",
+    "contacts.NAME.dissipated": "frictional work of all load steps",
+    "contacts.NAME.pressure_max": "largest normal stress of a node",
+    "contacts.NAME.certificate.force_mismatch": "how well the two bodies' contact forces cancel",
+    "contacts.NAME.certificate.penetration": "how far the bodies overlap",
+    "contacts.NAME.certificate.complementarity": "whether only closed nodes carry force",
+    "contacts.NAME.certificate.friction": "whether tangential forces obey the friction law",
+    "contacts.NAME.pointwise_penetration": "largest overlap at any point, also between the nodes; without a limit",
+    "contacts.NAME.moment_imbalance": "where nodes do not match: by how much the moments of the two bodies' forces "
+                                      "differ, because they act on nodes that stand apart; without a limit",
+    "contacts.NAME.moment_imbalance_bound": "the bound on it",
+    "certificate.force_mismatch": "the worst of all contacts and load steps; so are the next three",
+    "certificate.penetration": "", "certificate.complementarity": "", "certificate.friction": "",
+    "certificate.equilibrium": "the worst of all bodies and load steps",
+    "certificate_limit": "the largest residual of a certified answer: 50 times the tolerance",
+    "steps": "load steps in the order of time: time, outer_iterations, and contacts by name with force, moment, "
+             "normal_force, tangential_force, open, slip, stick and dissipated, of the step",
+    "energy.external_work": "with load steps: the last line of energy.csv; so are the next three",
+    "energy.strain_energy": "", "energy.interface_work": "", "energy.dissipated": "",
+    "energy.lost": "interface work less dissipation: what interference, closing gaps and time stepping take",
+    "energy.residual": "the largest residual of a step over the largest energy",
+    "discretization_error.energy_norm": "estimated, relative to the energy norm of all bodies; null where there is no "
+                                        "estimate",
+    "discretization_error.target": "method.target_error",
+    "discretization_error.levels": "for each mesh that was solved on: refinement, unknowns n, estimated error, and "
+                                   "dofs, clamped ones included",
+    "displacement_max": "largest displacement of all bodies",
+    "units": "labels of lengths, stresses and forces; forces and energies are per unit of depth",
+    "warnings": "each once, in words",
+    "undetermined": "rigid motions that no contact resists, in words",
+    "seconds": "by phase, of the slowest rank",
+    "exchange": "the most that a rank has sent: messages and bytes of interface vectors to its neighbours; reductions "
+                "over all ranks, of flags, scalars and coarse problems, and reduced_bytes, what it gave to them; "
+                "without PETSc's own in Krylov methods",
+    "solvers": "qp: TAO type of the quadratic subproblems, or none",
+    "options": "PETSc's",
+    "options_unused": "those that nothing has used",
+    "scene": "with every default filled in",
+    "run": "its name: start, host, process, batch job",
+    "started": "UTC",
+    "command": "command line",
+    "working_folder": "where it was given",
+    "slurm": "the batch job as Slurm describes it",
+    "hosts": "of all ranks",
+    "versions": "of the software that a result depends on"}
+"""What each entry of summary.json means, by its dotted name; NAME is that of a body or contact.
+docs/reference/results.md shows this."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class BodyResult:
-    """What the summary says of one body.
-
-    Attributes
-    ----------
-    n : degrees of freedom that no clamp holds
-    ranks : that the body lives on
-    held : whether its clamps alone prevent every rigid motion
-    displacement_max : largest displacement (m)
-    von_mises_max : largest von Mises stress (Pa); None if stresses were not computed
-    energy : strain energy (J per metre of depth)
-    reaction : resultant of the forces of its clamps (N per metre of depth)
-    discretization_error : its part of the estimated error, relative to the energy norm of all bodies; nan where
-        there is none
-    equilibrium : relative residual of its equilibrium
-    n_A_by_purpose : multiplications by A⁻¹
-    inner_steps : steps of its quadratic subproblems, by kind
-    solver, compliance : how A is solved with and how C is applied
-    memory_mib : the most memory that its ranks have held
-    """
+    """What the summary says of one body, by the names in SUMMARY."""
 
     name: str
     n: int
@@ -93,23 +163,7 @@ class ContactResult:
 
 @dataclass(frozen=True, kw_only=True)
 class RunResult:
-    """What the summary says of the run as a whole.
-
-    Attributes
-    ----------
-    order : of the elements
-    ranks : their number
-    inner_iterations : of all inner solves, GMRES or quadratic subproblems
-    certificate_limit : the largest residual of a certified answer
-    energy_norm : estimated discretization error, relative to the energy norm of all bodies; nan where there is none
-    levels : for each mesh that was solved on, its refinement, unknowns and error
-    exchange : the most that a rank has sent: messages and bytes of interface vectors to its neighbours; reductions over
-        all ranks, of flags, scalars and coarse problems, and reduced_bytes, what it gave to them; without PETSc's own
-        in Krylov methods
-    qp : TAO type of the quadratic subproblems, or "none"
-    undetermined : rigid motions that no contact resists, in words
-    steps : what is said of each load step, and energy : of the balance of energy; None where there is one step
-    """
+    """What the summary says of the run as a whole, by the names in SUMMARY; steps and energy are None in one step."""
 
     converged: bool
     reason: str

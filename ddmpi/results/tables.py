@@ -19,19 +19,47 @@ from ddmpi.mesh.elements import side_lengths
 FORMAT = 2
 """Version of the layout of all result files. Names and meanings of one format stay; entries may be added."""
 
-CONTACT = ("x", "y", "nx", "ny", "length", "normal_force", "tangential_force", "normal_stress", "tangential_stress",
-           "gap", "slip", "slip_total", "status")
+# What each table has: the meaning of its columns by name. docs/reference/results.md shows these.
 
-SIDES = ("x", "y", "length", "normal_stress", "tangential_stress")
+CONTACT = {
+    "x": "position of the node", "y": "",
+    "nx": "outer normal n of the first body", "ny": "",
+    "length": "nodal length: the integral of the node's shape function over what faces the other side",
+    "normal_force": "positive under pressure",
+    "tangential_force": "along t = (−n_y, n_x), n turned counterclockwise; a positive one pushes the second body along "
+                        "t, the first against it",
+    "normal_stress": "normal force over length", "tangential_stress": "tangential force over length",
+    "gap": "opening along the normal",
+    "slip": "how far the first body has moved along t past the second in this load step", "slip_total": "in all",
+    "status": "open, slip or stick"}
 
-LEGS = ("time", "x", "y", "length", "normal_stress", "tangential_stress")
+SIDES = {
+    "x": "middle of the side", "y": "", "length": "its arc length",
+    "normal_stress": "mean over the side", "tangential_stress": "mean over the side"}
 
-HISTORY = ("step", "iteration", "update", "residual", "inner_precision", "open", "slip", "stick", "n_A")
+LEGS = {
+    "time": "of the load step", "x": "position of the node", "y": "", "length": "nodal length",
+    "normal_stress": "as in contact_NAME.csv", "tangential_stress": ""}
 
-STEPS = ("time", "contact", "force_x", "force_y", "moment", "normal_force", "tangential_force", "open", "slip",
-         "stick", "dissipated")
+HISTORY = {
+    "step": "number of the load step", "iteration": "outer iteration, from 1 on",
+    "update": "relative change of the contact forces; in the published iteration of the contact displacement λ",
+    "residual": "of the contact equations over the forces; in the published iteration ‖s₁ − s₂‖ / ‖s₂‖",
+    "inner_precision": "tolerance of GMRES; in the published iteration that of the QPs, a length",
+    "open": "nodes of all contacts", "slip": "", "stick": "",
+    "n_A": "multiplications by A⁻¹ of all bodies so far"}
 
-ENERGY = ("time", "external_work", "strain_energy", "interface_work", "dissipated", "residual")
+STEPS = {
+    "time": "end of the load step", "contact": "its name",
+    "force_x": "resultant on the first body", "force_y": "", "moment": "x F_y − y F_x of the same forces",
+    "normal_force": "sum over the nodes", "tangential_force": "sum over the nodes",
+    "open": "nodes", "slip": "", "stick": "", "dissipated": "frictional work of the step"}
+
+ENERGY = {
+    "time": "end of the load step", "external_work": "of loads, clamps and rigid partners since time 0",
+    "strain_energy": "of all bodies", "interface_work": "of the contact forces since time 0",
+    "dissipated": "its part that friction takes",
+    "residual": "what external work exceeds the growth of strain energy and interface work by, of the step"}
 
 
 def write_contact(path: Path, name: str, state: ContactState) -> None:
@@ -97,16 +125,14 @@ def write_steps(path: Path, steps: Iterable[dict]) -> None:
     `steps` is the entry of that name in the summary (`summary.summarize`). Not collective. Raises OutputError.
     """
     _write_csv(path / "steps.csv", STEPS, (
-        (step["time"], name, *contact["force"], *(contact[column] for column in STEPS[4:]))
+        (step["time"], name, *contact["force"], *(contact[column] for column in list(STEPS)[4:]))
         for step in steps for name, contact in step["contacts"].items()))
 
 
 def write_energy(path: Path, rows: Iterable[Sequence]) -> None:
     """Write energy.csv into the folder `path`: one line per load step.
 
-    A row has the time; external work, strain energy, interface work and dissipated energy since time 0; and the
-    residual of the step, what its external work exceeds the growth of strain energy and its interface work by (J).
-    Not collective. Raises OutputError.
+    A row has the columns ENERGY. Not collective. Raises OutputError.
     """
     _write_csv(path / "energy.csv", ENERGY, rows)
 
@@ -121,7 +147,7 @@ def writing(path: Path) -> Iterator[None]:
                           f"{error.strerror or error}") from None
 
 
-def _write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence]) -> None:
+def _write_csv(path: Path, columns: Iterable[str], rows: Iterable[Sequence]) -> None:
     with writing(path), open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)

@@ -1,22 +1,20 @@
-"""Types of one body: mesh, material, clamps and loads."""
+"""Types of one body: material, clamps and loads."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import msgspec
 
+from ddmpi.scene.meshes import TOWARDS_CONTACTS, MeshSpec, SettledMesh
 from ddmpi.scene.values import (
     AffineScalar,
     AffineVector,
-    Count,
     Formula,
     Group,
     Name,
     Number,
-    Point,
     Positive,
     Table,
     Vector,
@@ -24,168 +22,20 @@ from ddmpi.scene.values import (
     settle,
 )
 
-SHAPES = {"rectangle": {"size": "[width, height]", "divisions": "[nx, ny]"},
-          "quadrilateral": {"corners": "[[x, y], …]", "divisions": "[nx, ny]"},
-          "annulus": {"center": "[x, y]", "radii": "[inner, outer]", "angles": "[start, end]",
-                      "divisions": "[around, across]"}}
-"""The keys that each shape needs, and how to write them. A rectangle may have an ``origin``, too."""
-
-CORNER = 1e-8
-"""Smallest sine of a corner of a quadrilateral; the triangles at a flatter one have almost no area."""
-
-GEOMETRIES = (".geo", ".step", ".stp", ".brep", ".brp")
-"""Endings of the files of geometries."""
-
-TOWARDS_CONTACTS = 0.25
-"""The size of elements at contacts as a part of ``size``, if a geometry has no ``contact_size``."""
-
-CLOSED = 1e-9
-"""How far from 360 the angle (degrees) of a closed ring may be, because of rounding."""
-
-TwoOrOne = Annotated[tuple[Positive, ...], msgspec.Meta(min_length=2, max_length=2)] | Positive
-"""A pair, or one number. Beside tuple[Positive, Positive], msgspec 0.22 crashes at such a number."""
-
-Angle = Annotated[float, msgspec.Meta(ge=-720, le=720)]
-
-
-class MeshSpec(Table, frozen=True, kw_only=True):
-    """Either a generated ``shape`` with its keys and ``divisions``, a gmsh ``file``, or a ``geometry``.
-
-    A rectangle has ``origin`` and ``size``, a convex quadrilateral four ``corners`` (counter-clockwise), an annulus
-    ``center``, ``radii`` (inner, outer) and ``angles`` (start, end, in degrees; it is closed if they are 360 apart)
-    with ``divisions`` around and across.
-    A ``geometry`` (.geo, .step, .brep) is meshed by gmsh in the run: ``size`` is the largest size of an element (m),
-    ``contact_size`` that along contacts, a quarter of it if left out. Smaller sizes in a .geo remain.
-    ``order`` 1 means linear triangles; 2 means quadratic triangles, with a further node in the middle of each side.
-    Their sides are curved along the circles of an annulus, along the curves of a geometry, and where those of a
-    second-order file are. Left out, the order follows another body that names one, then the preset, then the files;
-    otherwise it is 1.
-    ``refine`` is how often the sides of a file's mesh are halved, or "as needed" for ``method.target_error``.
-    """
-
-    shape: Literal["rectangle", "quadrilateral", "annulus"] | None = None
-    origin: Point = (0.0, 0.0)
-    size: TwoOrOne | None = None
-    corners: tuple[Point, Point, Point, Point] | None = None
-    center: Point | None = None
-    radii: tuple[Positive, Positive] | None = None
-    angles: tuple[Angle, Angle] | None = None
-    divisions: tuple[Count, Count] | None = None
-    file: str | None = None
-    geometry: str | None = None
-    contact_size: Positive | None = None
-    order: Literal[1, 2] | None = None
-    refine: Annotated[int, msgspec.Meta(ge=0, le=8)] | Literal["as needed"] = 0
-
-    @property
-    def halvings(self) -> int:
-        """How often the sides of the file's mesh are halved."""
-        return self.refine if isinstance(self.refine, int) else 0
-
-    @property
-    def refinable(self) -> bool:
-        """Whether an accuracy target may make the mesh finer."""
-        return self.file is None or self.refine == "as needed"
-
-    @property
-    def closed(self) -> bool:
-        """Whether an annulus is a whole ring, without start and end."""
-        return self.angles is not None and abs(self.angles[1] - self.angles[0] - 360) <= CLOSED
-
-    def __post_init__(self) -> None:
-        if self.file is None and self.refine:
-            raise ValueError("refine belongs to a file; for a shape, raise divisions, for a geometry, lower size")
-        if sum(each is not None for each in (self.shape, self.file, self.geometry)) != 1:
-            raise ValueError('a mesh is either { file = "….msh" } or { geometry = "….geo", size = … } or has a shape, '
-                             f'one of {", ".join(SHAPES)}, as in {{ shape = "rectangle", size = …, divisions = … }}')
-        if self.origin != (0.0, 0.0) and self.shape != "rectangle":
-            raise ValueError(f"origin belongs to a rectangle, not to {self._what}")
-        if self.geometry is not None:
-            self._check_sizes()
-        elif self.contact_size is not None:
-            raise ValueError(f"contact_size belongs to a geometry, not to {self._what}")
-        self._check_keys(SHAPES.get(self.shape or "", {}))
-        if self.shape == "rectangle" and not isinstance(self.size, tuple):
-            raise ValueError(f"a rectangle has size = [width, height], got {self.size!r}")
-        if self.corners:
-            _check_corners(self.corners)
-        if self.radii and self.angles and self.divisions:
-            self._check_ring(self.radii, self.angles, self.divisions[0])
-
-    @property
-    def _what(self) -> str:
-        return f'shape = "{self.shape}"' if self.shape else "a file" if self.file else "a geometry"
-
-    @property
-    def largest(self) -> float:
-        """The largest size of an element of a geometry (m)."""
-        assert isinstance(self.size, float)
-        return self.size
-
-    def _check_sizes(self) -> None:
-        """Raise ValueError unless file and sizes are those of a geometry."""
-        if not str(self.geometry).lower().endswith(GEOMETRIES):
-            mesh = "; a mesh is given by file = …" * str(self.geometry).endswith(".msh")
-            raise ValueError(f"geometry = {self.geometry!r} must end with one of {', '.join(GEOMETRIES)}{mesh}")
-        if not isinstance(self.size, float):
-            got = f", got {list(self.size)}" if self.size else ""
-            raise ValueError(f"a geometry needs size = h, the largest size of an element{got}")
-        if self.contact_size is not None and self.contact_size > self.size:
-            raise ValueError(f"contact_size = {self.contact_size:g}, along contacts, must not exceed size = "
-                             f"{self.size:g}, which is the largest")
-
-    def _check_keys(self, needed: dict[str, str]) -> None:
-        """Raise ValueError unless all the `needed` keys are given, and those of no other shape."""
-        for shape, keys in SHAPES.items():
-            for key in keys:
-                if getattr(self, key) is None and key in needed:
-                    how = ", ".join(f"{key} = {form}" for key, form in needed.items())
-                    raise ValueError(f"{self._what} needs {how}; {key} is missing")
-                if getattr(self, key) is not None and key not in needed and not (key == "size" and self.geometry):
-                    owner = "a shape" if key == "divisions" else f'shape = "{shape}"'
-                    raise ValueError(f"{key} belongs to {owner}, not to {self._what}")
-
-    def _check_ring(self, radii: tuple[float, float], angles: tuple[float, float], around: int) -> None:
-        if radii[0] >= radii[1]:
-            raise ValueError(f"radii = [inner, outer] must ascend, got [{radii[0]:g}, {radii[1]:g}]")
-        span = angles[1] - angles[0]
-        if not 0 < span <= 360 + CLOSED:
-            raise ValueError(f"angles = [start, end] must ascend by at most 360 degrees, which make a whole ring; got "
-                             f"[{angles[0]:g}, {angles[1]:g}]")
-        if span / around >= 180:
-            raise ValueError(f"divisions = [around, across]: {around} around make cells of {span / around:g} degrees; "
-                             "they must be less than 180")
-
-
-def _check_corners(corners: tuple[Point, ...]) -> None:
-    """Raise ValueError unless the corners are those of a convex quadrilateral, counter-clockwise."""
-    sides = [(b[0] - a[0], b[1] - a[1]) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
-    units = [(x / length, y / length) if (length := math.hypot(x, y)) else (0.0, 0.0) for x, y in sides]
-    sines = [a[0] * b[1] - a[1] * b[0] for a, b in zip(units, units[1:] + units[:1], strict=True)]
-    if all(sine < -CORNER for sine in sines):
-        turned = ", ".join(f"[{x!r}, {y!r}]" for x, y in (corners[0], *corners[:0:-1]))
-        raise ValueError(f"corners run clockwise; write them counter-clockwise, as in corners = [{turned}]")
-    if not all(sine > CORNER for sine in sines):
-        raise ValueError("corners must be those of a convex quadrilateral in their order along its boundary, without "
-                         "corners of 0 or 180 degrees")
-
-
-class SettledMesh(MeshSpec, frozen=True, kw_only=True):
-    """A mesh of known order; a shape has no ``file`` and no keys of another shape, a file has neither.
-
-    A geometry has all of its own keys.
-    """
-
-    order: Literal[1, 2]
-
-
 LOCKING = 0.48
 """Largest Poisson's ratio at which the error estimate of linear triangles can be trusted: measured values below 0.3
 are right to within a fifth."""
 
 
 class Material(Table, frozen=True, kw_only=True):
-    """Isotropic linear elasticity; ``young`` in Pa."""
+    """Isotropic linear elasticity.
+
+    Attributes
+    ----------
+    young : Young's modulus (Pa)
+    poisson : Poisson's ratio; linear triangles lock near 0.5, quadratic ones do not
+    plane : plane strain or plane stress
+    """
 
     young: Positive
     poisson: Annotated[float, msgspec.Meta(gt=-1, lt=0.5)]
@@ -213,15 +63,24 @@ class Material(Table, frozen=True, kw_only=True):
 
 
 class PartMaterial(Material, frozen=True, kw_only=True):
-    """The material of the physical surface ``on`` of a mesh file; without ``on``, that of all triangles left."""
+    """The material of a part of a body; see docs/loads.md.
+
+    Attributes
+    ----------
+    on : physical surface of the mesh file; left out, all triangles that no other entry names
+    """
 
     on: Group | None = None
 
 
 class Clamp(Table, frozen=True, kw_only=True):
-    """Prescribed displacement (m) on a boundary group or physical point; a component that is left out stays free.
+    """Prescribed displacement on a boundary group or a physical point, as in { on = "top", x = 0.01, y = "-0.02 * x" }.
 
-    Where there is a ``history``, it is times the factor of that name in ``[history]``; so are loads.
+    Attributes
+    ----------
+    on : boundary group or physical point
+    x, y : component of the displacement (m); left out, it is free
+    history : [history.NAME] whose factor multiplies it
     """
 
     on: Group
@@ -237,7 +96,15 @@ class Clamp(Table, frozen=True, kw_only=True):
 
 
 class Traction(Table, frozen=True, kw_only=True):
-    """Surface traction (Pa) on a boundary group: a ``value``, or a ``pressure`` along the inner normal."""
+    """Surface load on a boundary group: a ``value`` or a ``pressure``; see docs/loads.md.
+
+    Attributes
+    ----------
+    on : boundary group
+    value : force per area (Pa), as in [0.0, "-6e7 * (1 + x/3)"]
+    pressure : normal stress (Pa) against the outer normal
+    history : [history.NAME] whose factor multiplies it
+    """
 
     on: Group
     value: Vector | AffineVector | None = None
@@ -260,7 +127,13 @@ class Traction(Table, frozen=True, kw_only=True):
 
 
 class VolumeForce(AffineVector, frozen=True, kw_only=True):
-    """Force per volume (N/m³), either linear in the coordinates or a ``value``, which may follow a ``history``."""
+    """Force per volume (N/m³): linear in the coordinates, or a ``value``.
+
+    Attributes
+    ----------
+    value : the force, in place of constant, x_slope and y_slope
+    history : [history.NAME] whose factor multiplies the value
+    """
 
     value: Vector | AffineVector | None = None
     history: Name | None = None
@@ -276,7 +149,17 @@ class VolumeForce(AffineVector, frozen=True, kw_only=True):
 
 
 class BodySpec(Table, frozen=True, kw_only=True):
-    """One elastic body."""
+    """One elastic body. Where clamps do not hold it, its contacts do, or the run says that it can move.
+
+    Attributes
+    ----------
+    name : unique among bodies and rigid partners
+    mesh : see below
+    material : one, or a list with an entry for each part of a mesh file
+    clamp : boundary groups or physical points: by name, whose displacements are zero, or with given displacements
+    traction : loads on boundary groups
+    volume_force : such as weight (N/m³), a pair [x, y] or a table
+    """
 
     name: Name
     mesh: MeshSpec

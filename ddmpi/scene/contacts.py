@@ -1,4 +1,5 @@
-"""Types of one contact: its name, the two sides, what holds between them."""
+"""Types of one contact: its name, the two sides, what holds between them; and of rigid partners, which are surfaces
+without mesh, material and rank."""
 
 from __future__ import annotations
 
@@ -6,34 +7,61 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from ddmpi.scene.values import Group, Name, NonNegative, Number, Profile, SignedProfile, Table, settle
+from ddmpi.scene.values import (
+    Group,
+    Name,
+    NonNegative,
+    Number,
+    Point,
+    Positive,
+    Profile,
+    SignedProfile,
+    Table,
+    settle,
+)
 
 
 class Coulomb(Table, frozen=True, kw_only=True, tag_field="law", tag="coulomb"):
-    """Slip bound = coefficient × contact pressure."""
+    """Friction with the slip bound coefficient × contact pressure.
+
+    Attributes
+    ----------
+    coefficient : of friction, a number or a profile
+    """
 
     coefficient: NonNegative | Profile
 
 
 class Tresca(Table, frozen=True, kw_only=True, tag_field="law", tag="tresca"):
-    """Given slip bound (Pa), which holds at every contact node, open or not (as in the slides)."""
+    """Friction with a given slip bound, which holds at every contact node, open or not (as in the slides).
+
+    Attributes
+    ----------
+    slip_bound : a stress (Pa), a number or a profile
+    """
 
     slip_bound: NonNegative | Profile
 
 
 class NoFriction(Table, frozen=True, kw_only=True, tag_field="law", tag="none"):
-    """Tangential unknowns do not exist."""
+    """No friction: there are no tangential forces."""
 
 
 class ContactSpec(Table, frozen=True, kw_only=True):
-    """Two bodies that may touch, or a body and a rigid partner, which then comes second.
+    """Two bodies that may touch, or a body and a rigid partner. Their meshes need not match; a side may overhang.
 
-    Normals and forces of the results are the first body's. ``on`` has a boundary group of each body, so only one if
-    the partner is rigid. ``gap`` (m) is the initial one along the normal: positive is open, negative an interference.
-    It is measured where it is None.
-
-    ``pairing`` is by nodes where those of both sides match, else by mortar, whose rows stand at the nodes of the
-    ``slave``: by default of the side with the larger spacing over plane modulus.
+    Attributes
+    ----------
+    name : unique among contacts; left out, the names in bodies with a dash between
+    bodies : two bodies, or a body and then a rigid partner; normals and forces of the results are the first one's
+    on : a boundary group of each body, so only one if the partner is rigid
+    kind : "bonded" neither parts nor slides
+    friction : law of friction; left out, none
+    gap : initial gap along the normal (m), positive open, negative an interference; left out, it is measured, on curved
+        sides between the arcs over their chords
+    pairing : "nodes" with nodes, or "mortar"; left out, by nodes where those of both sides match, else by (dual) mortar
+    slave : with mortar, the body whose nodes carry the forces; left out, the one with the larger spacing of nodes over
+        E/(1 − ν²)
     """
 
     name: Name | None = None
@@ -66,3 +94,50 @@ class SettledContact(ContactSpec, frozen=True, kw_only=True):
 def default_name(bodies: tuple[str, ...] | list[str]) -> str:
     """The name of a contact between `bodies` that is given none."""
     return "-".join(bodies)
+
+
+class Plane(Table, frozen=True, kw_only=True, tag_field="shape", tag="plane"):
+    """A straight rigid surface.
+
+    Attributes
+    ----------
+    name : unique among bodies and rigid partners
+    point : any of its points (m)
+    normal : points towards the bodies and has any length
+    displacement : how it is moved (m)
+    history : [history.NAME] whose factor multiplies the displacement
+    """
+
+    name: Name
+    point: Point
+    normal: Point
+    displacement: Point = (0.0, 0.0)
+    history: Name | None = None
+
+    def __post_init__(self) -> None:
+        if self.normal == (0.0, 0.0):
+            raise ValueError("normal must not be zero; it points towards the bodies")
+
+
+class Circle(Table, frozen=True, kw_only=True, tag_field="shape", tag="circle"):
+    """A rigid disc that bodies touch from outside, or a bore that they touch from inside.
+
+    Attributes
+    ----------
+    name : unique among bodies and rigid partners
+    center : its centre (m)
+    radius : its radius (m)
+    inside : whether it is a bore
+    displacement : how it is moved (m)
+    history : [history.NAME] whose factor multiplies the displacement
+    """
+
+    name: Name
+    center: Point
+    radius: Positive
+    inside: bool = False
+    displacement: Point = (0.0, 0.0)
+    history: Name | None = None
+
+
+Rigid = Plane | Circle

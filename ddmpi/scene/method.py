@@ -25,13 +25,28 @@ Splitting = Literal["none", "step1", "step2", "step1+2"]
 
 
 class Method(Table, frozen=True, kw_only=True):
-    """How the iterations run.
+    """How the scene is solved, and how accurately; see docs/methods.md and docs/accuracy.md.
 
-    ``outer`` is "newton" (the default, no parameter to tune), "anderson" (the published map, weighted by
-    stiffness and accelerated), or "relaxation", the published iteration with fixed theta. A scene that names
-    ``algorithm``, ``splitting`` or ``theta`` means "relaxation". ``target_error`` is the estimated discretization
-    error, relative in the energy norm; meshes are refined until they meet it, up to ``max_unknowns``. It is at
-    most 0.3, because estimates on coarser meshes mean little. ``preset`` fills in several keys, see `PRESETS`.
+    Attributes
+    ----------
+    outer : "newton", which has no parameter to tune; for two held bodies with one contact also "anderson", the
+        published map, weighted by stiffness and accelerated, and "relaxation", the published iteration. Left out,
+        "relaxation" where algorithm, splitting or theta is given, else "newton"
+    algorithm : of the published iteration; left out, "original"
+    splitting : of the published iteration, in which step Gauss-Seidel sweeps replace QPs; left out, "none"
+    theta : relaxation of the published iteration; left out, 0.2
+    tolerance : where the outer iteration ends: Newton's relative residual, the relative update of other methods; the
+        residuals of the certificate must lie below 50 times it. Left out, 1e-8, in the published iteration 1e-4, with
+        a preset the preset's, and no more than a hundredth of target_error
+    max_iterations : most outer iterations of a load step
+    target_error : discretization error to reach, estimated, relative in the energy norm; meshes are refined until the
+        estimate is safely below it
+    max_unknowns : no finer mesh is made for target_error
+    preset : fills in order, tolerance and target_error where they are left out, see below
+    compliance : how C = B A⁻¹ Bᵀ of each body is applied: "explicit", a dense matrix; "direct", a solve for each
+        multiplication; "iterative", the same by multigrid. Left out, sizes and free memory decide
+    inner_precision : of the published iteration: inner solves are as precise as this times the last outer update, or
+        with "fixed" always as precise as the last one needs
     """
 
     outer: Literal["newton", "anderson", "relaxation"] | None = None
@@ -99,10 +114,14 @@ class Published(SettledMethod, frozen=True, kw_only=True):
 
 
 class Time(Table, frozen=True, kw_only=True):
-    """Load steps: legs from time 0 to the first of ``points`` and from each to the next.
+    """Load steps, in which friction has a memory; see docs/load_steps.md.
 
-    A leg has as many ``steps`` as given, or is solved in 1, 2, 4, … until the forces at its end change by less than
-    ``tolerance``, relative to the forces.
+    Attributes
+    ----------
+    points : the ends of legs, of which the first starts at time 0; kinks of histories end legs, too
+    steps : load steps of each leg
+    tolerance : without steps, a leg is solved in 1, 2, 4, … load steps until the forces at its end change by less than
+        this, relative to the forces; left out, 0.02
     """
 
     points: Annotated[list[Number], msgspec.Meta(min_length=1)]
@@ -131,10 +150,15 @@ class SettledTime(Time, frozen=True, kw_only=True):
 class Output(Table, frozen=True, kw_only=True):
     """Which fields and pictures are written beside the tables; the others are not computed.
 
-    ``steps`` says of which load steps fields are written: of those that end legs, or of all; ``animation`` plays them.
-
-    The units only label pictures and the summary: any consistent set of units gives the same results.
-    ``magnification`` is the factor by which bodies.png enlarges displacements and gaps; left out, it is chosen.
+    Attributes
+    ----------
+    stress : stress and von Mises stress of the bodies
+    error : field and picture of the estimated discretization error
+    figures : pictures
+    steps : load steps whose fields are written: those that end legs, or all
+    animation : animation.gif plays the load steps whose fields are written
+    length_unit, stress_unit : labels of pictures and summary; the numbers mean what the scene's own units make of them
+    magnification : of displacements and gaps in bodies.png; left out, as much as suits the picture
     """
 
     stress: bool = True
@@ -148,9 +172,12 @@ class Output(Table, frozen=True, kw_only=True):
 
 
 class Checkpoint(Table, frozen=True, kw_only=True):
-    """How often the state of the iteration is written, apart from signals; zero means never.
+    """How often the state of the iteration is written, apart from signals; see docs/restart.md.
 
-    A checkpoint is due ``seconds`` after the last one, and after every multiple of ``iterations``.
+    Attributes
+    ----------
+    seconds : time between checkpoints (s); zero for never
+    iterations : outer iterations between checkpoints; zero for never
     """
 
     seconds: NonNegative = 600.0

@@ -13,10 +13,9 @@ from typing import Annotated, Literal
 import msgspec
 
 from ddmpi.scene.bodies import BodySpec, Clamp, SettledBody, Traction
-from ddmpi.scene.contacts import ContactSpec, SettledContact
+from ddmpi.scene.contacts import ContactSpec, Rigid, SettledContact
 from ddmpi.scene.keys import nearest
 from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod, SettledTime, Time
-from ddmpi.scene.rigid import Rigid
 from ddmpi.scene.values import History, Name, Number, Table, settle
 
 FileOrder = Callable[[BodySpec], Literal[1, 2]]
@@ -26,7 +25,21 @@ PETScOptions = dict[str, str | int | Number | bool]
 
 
 class Scene(Table, frozen=True, kw_only=True):
-    """A whole scene as a user writes it."""
+    """A whole scene as a user writes it.
+
+    Attributes
+    ----------
+    title : heads pictures and summary
+    body : elastic bodies
+    rigid : partners of contacts without mesh and material, which take no rank
+    contact : where bodies meet each other or a rigid partner
+    history : factors over time by name, [history.NAME]
+    time : load steps; left out, all loads act at once
+    method : how the scene is solved
+    output : what is written
+    checkpoint : how often the state is written
+    petsc : PETSc options by name without the dash, such as body_ksp_type = "cg"; the command line wins
+    """
 
     title: str = ""
     body: Annotated[list[BodySpec], msgspec.Meta(min_length=1)]

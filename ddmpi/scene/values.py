@@ -47,7 +47,13 @@ def settle(table: Table, kind: type[AnyTable], **values: Any) -> AnyTable:
 
 
 class AffineVector(Table, frozen=True, kw_only=True):
-    """A vector that is linear in the coordinates: ``constant + x_slope * x + y_slope * y``."""
+    """A vector that is linear in the coordinates: ``constant + x_slope * x + y_slope * y``.
+
+    Attributes
+    ----------
+    constant : value at the origin
+    x_slope, y_slope : growth per unit of the coordinate
+    """
 
     constant: Point = (0.0, 0.0)
     x_slope: Point = (0.0, 0.0)
@@ -55,7 +61,13 @@ class AffineVector(Table, frozen=True, kw_only=True):
 
 
 class AffineScalar(Table, frozen=True, kw_only=True):
-    """A number that is linear in the coordinates: ``constant + x_slope * x + y_slope * y``."""
+    """A number that is linear in the coordinates: ``constant + x_slope * x + y_slope * y``.
+
+    Attributes
+    ----------
+    constant : value at the origin
+    x_slope, y_slope : growth per unit of the coordinate
+    """
 
     constant: Number = 0.0
     x_slope: Number = 0.0
@@ -187,10 +199,15 @@ def evaluate(value: Any, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 class Profile(Table, frozen=True, kw_only=True):
-    """A number that varies along the interface, linear between points; a repeated point is a jump.
+    """A number that varies along the contact: linear between points, constant beyond the first and the last.
 
-    ``along`` is a coordinate or the arc length from the first contact node; ``points`` are values of it in
-    ascending order. Beyond its ends the profile is constant.
+    With { along = "x", points = [0, 1, 1, 3], values = [0.1, 0.1, 0.3, 0.3] } it jumps from 0.1 to 0.3 at x = 1.
+
+    Attributes
+    ----------
+    along : a coordinate, or the arc length from the first contact node
+    points : values of it in ascending order; a repeated point is a jump
+    values : the number at each point
     """
 
     along: Literal["x", "y", "arc"] = "x"
@@ -216,9 +233,12 @@ class Profile(Table, frozen=True, kw_only=True):
 
 
 class History(Table, frozen=True, kw_only=True):
-    """The factor of a load, clamp or rigid displacement over time: linear between ``times``, which ascend strictly.
+    """The factor of loads, clamps and rigid displacements over time: linear between times, constant beyond them.
 
-    Before the first time and after the last one it is constant.
+    Attributes
+    ----------
+    times : they ascend strictly
+    factors : the factor at each time
     """
 
     times: list[Number]
@@ -244,6 +264,11 @@ class History(Table, frozen=True, kw_only=True):
 
 
 class SignedProfile(Profile, frozen=True, kw_only=True):
-    """A profile whose values may be negative."""
+    """A profile whose values may be negative.
+
+    Attributes
+    ----------
+    values : the number at each point
+    """
 
     values: list[Number]

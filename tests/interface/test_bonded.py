@@ -13,8 +13,7 @@ from ddmpi.interface.trace import displacement_trace, trace
 from ddmpi.judge.diagnosis import StatusLog
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Clamp, Traction
-from ddmpi.scene.contacts import Coulomb, NoFriction
-from ddmpi.scene.rigid import Plane
+from ddmpi.scene.contacts import Coulomb, NoFriction, Plane
 from ddmpi.scene.values import Profile
 
 LAW = BondedLaw(4, np.array([0, 2, 3]), 1)

@@ -10,8 +10,7 @@ from ddmpi.interface.side import Side, cross
 from ddmpi.mesh.elements import LINE, side_lengths
 from ddmpi.mesh.mesh import SIDES, Mesh
 from ddmpi.mesh.refine import bend
-from ddmpi.scene.contacts import NoFriction
-from ddmpi.scene.rigid import Circle
+from ddmpi.scene.contacts import Circle, NoFriction
 
 UNEVEN = np.cumsum([0.0, 0.2, 0.12, 0.25, 0.16, 0.2, 0.1, 0.22, 0.15])
 

@@ -8,8 +8,7 @@ from ddmpi.errors import InputError
 from ddmpi.interface.interface import check_overlap
 from ddmpi.interface.matching import touch
 from ddmpi.interface.trace import displacement_trace, trace
-from ddmpi.scene.contacts import Coulomb, NoFriction
-from ddmpi.scene.rigid import Circle, Plane
+from ddmpi.scene.contacts import Circle, Coulomb, NoFriction, Plane
 from ddmpi.scene.values import Profile
 
 COULOMB = Coulomb(coefficient=0.3)

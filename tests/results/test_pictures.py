@@ -3,6 +3,7 @@
 import made_up
 import numpy as np
 import pytest
+from documented import undocumented
 from matplotlib import image
 from matplotlib import pyplot as plt
 from matplotlib.collections import LineCollection
@@ -40,9 +41,13 @@ def pressure(results: Results):
     ({"kind": "row", "error": True}, ["contact_left-middle.png", "contact_middle-right.png", "contacts.png",
                                         "error.png"])])
 def test_there_is_a_picture_of_everything(tmp_path, how, contacts):
-    """Bodies share a picture, several contacts as well, and each contact has its own; a single one's is contact.png."""
+    """Bodies share a picture, several contacts as well, and each contact has its own; a single one's is contact.png.
+
+    These files and those that they are drawn from are documented.
+    """
     made_up.results(tmp_path, **how)
     drawn = draw_all(tmp_path)
+    assert undocumented(tmp_path) == []
     assert sorted(path.name for path in drawn) == sorted(["bodies.png", "convergence.png", *contacts])
     for path in drawn:
         pixels = image.imread(path)

@@ -6,10 +6,13 @@ import json
 import made_up
 import numpy as np
 import pytest
+from documented import entries
+from mpi4py import MPI
 
 from ddmpi.errors import InputError
-from ddmpi.results.summary import ContactResult, summarize, write_summary
+from ddmpi.results.summary import SUMMARY, ContactResult, summarize, write_summary
 from ddmpi.results.tables import read_results
+from ddmpi.system.provenance import provenance
 
 TOP = {"format", "title", "converged", "reason", "outer", "order", "n", "m", "ranks", "outer_iterations",
        "inner_iterations", "n_A", "bodies", "contacts", "certificate", "steps", "discretization_error",
@@ -56,6 +59,13 @@ def test_everything_has_a_name():
     assert step["contacts"] == {name: {key: contact[key] for key in STEP}
                                 for name, contact in summary["contacts"].items()}
     assert summary["warnings"] == []
+
+
+def test_every_entry_is_documented():
+    """What a summary holds, load steps included, is what the reference says."""
+    balance = dict.fromkeys(("external_work", "strain_energy", "interface_work", "dissipated", "lost", "residual"), 0.0)
+    summary = summary_of(row(), made_up.run(energy=balance)) | provenance(MPI.COMM_SELF, 0.0)
+    assert set(entries(summary)) == set(SUMMARY)
 
 
 @pytest.mark.parametrize("length, stress, force", [("m", "Pa", "N/m"), ("mm", "MPa", "N/mm"), ("in", "psi", "psi·in")])

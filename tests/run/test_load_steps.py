@@ -11,6 +11,7 @@ import meshio
 import numpy as np
 import PIL.Image
 import pytest
+from documented import undocumented
 from fault_cases import run_in_one_go
 from mpi4py import MPI
 from scenes import ROOT, pinched_blocks, run_command, run_python, sheared_stack, to_toml, write_scene
@@ -423,6 +424,7 @@ def test_an_animation_has_a_frame_for_each_step_written(tmp_path):
                          "output": {"steps": "all", "animation": True}}, tmp_path / "scene.toml")
     done = run_command(scene, tmp_path / "out", ranks=1)
     assert done.code == 0, done.messages
+    assert undocumented(tmp_path / "out") == []
     with PIL.Image.open(tmp_path / "out" / "animation.gif") as picture:
         frames = []
         for k in range(picture.n_frames):

@@ -7,9 +7,8 @@ from scenes import to_toml
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.build import build_mesh
-from ddmpi.scene.contacts import Coulomb, NoFriction
+from ddmpi.scene.contacts import Circle, Coulomb, NoFriction, Plane
 from ddmpi.scene.reader import read_scene
-from ddmpi.scene.rigid import Circle, Plane
 from ddmpi.scene.scene import Settled
 from ddmpi.scene.values import SignedProfile
 

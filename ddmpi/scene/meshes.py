@@ -1,0 +1,177 @@
+"""Types of the mesh of one body: a shape, a file, or a geometry."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+import msgspec
+
+from ddmpi.scene.values import Count, Point, Positive, Table
+
+SHAPES = {"rectangle": {"size": "[width, height]", "divisions": "[nx, ny]"},
+          "quadrilateral": {"corners": "[[x, y], …]", "divisions": "[nx, ny]"},
+          "annulus": {"center": "[x, y]", "radii": "[inner, outer]", "angles": "[start, end]",
+                      "divisions": "[around, across]"}}
+"""The keys that each shape needs, and how to write them. A rectangle may have an ``origin``, too."""
+
+CORNER = 1e-8
+"""Smallest sine of a corner of a quadrilateral; the triangles at a flatter one have almost no area."""
+
+GEOMETRIES = (".geo", ".step", ".stp", ".brep", ".brp")
+"""Endings of the files of geometries."""
+
+TOWARDS_CONTACTS = 0.25
+"""The size of elements at contacts as a part of ``size``, if a geometry has no ``contact_size``."""
+
+CLOSED = 1e-9
+"""How far from 360 the angle (degrees) of a closed ring may be, because of rounding."""
+
+TwoOrOne = Annotated[tuple[Positive, ...], msgspec.Meta(min_length=2, max_length=2)] | Positive
+"""A pair, or one number. Beside tuple[Positive, Positive], msgspec 0.22 crashes at such a number."""
+
+Angle = Annotated[float, msgspec.Meta(ge=-720, le=720)]
+
+
+class MeshSpec(Table, frozen=True, kw_only=True):
+    """The mesh of one body: a generated ``shape``, a ``file``, or a ``geometry`` that gmsh meshes in the run.
+
+    Files are looked for beside the scene, then in the current folder.
+
+    Attributes
+    ----------
+    shape : "rectangle" needs size and divisions and has the boundary groups left, right, bottom and top;
+        "quadrilateral", a convex one, needs corners and divisions and has bottom, right, top and left in the order of
+        its corners; "annulus" needs center, radii, angles and divisions and has inner, outer, start and end
+    origin : lower left corner of a rectangle (m)
+    size : of a rectangle [width, height] (m); of a geometry the largest size of an element (m): smaller sizes in a .geo
+        remain, contacts have finer elements, and an accuracy target makes the mesh finer where the error is
+    corners : of a quadrilateral, counter-clockwise (m)
+    center : of an annulus (m)
+    radii : of an annulus, [inner, outer] (m)
+    angles : of an annulus, [start, end] in degrees; if they are 360 apart, it is closed and has no start and end
+    divisions : numbers of cells, each cut into two triangles: [nx, ny], of an annulus [around, across]
+    file : triangles with physical groups as gmsh writes them, "x.msh" in any version of its format; quadrilaterals are
+        cut into two triangles
+    geometry : a drawing (.geo, .step, .brep) with physical groups, see docs/drawn_parts.md
+    contact_size : size of a geometry's elements along contacts (m); left out, a quarter of size
+    order : 1 for linear triangles, 2 for quadratic ones, whose sides are curved along circles of an annulus, curves of
+        a geometry, and as a second-order file has them; the same for all bodies. Left out, it follows another body
+        that names it, then the preset, then the files; otherwise it is 1; see docs/elements.md
+    refine : how often the sides of a file's mesh are halved, or "as needed" for method.target_error
+    """
+
+    shape: Literal["rectangle", "quadrilateral", "annulus"] | None = None
+    origin: Point = (0.0, 0.0)
+    size: TwoOrOne | None = None
+    corners: tuple[Point, Point, Point, Point] | None = None
+    center: Point | None = None
+    radii: tuple[Positive, Positive] | None = None
+    angles: tuple[Angle, Angle] | None = None
+    divisions: tuple[Count, Count] | None = None
+    file: str | None = None
+    geometry: str | None = None
+    contact_size: Positive | None = None
+    order: Literal[1, 2] | None = None
+    refine: Annotated[int, msgspec.Meta(ge=0, le=8)] | Literal["as needed"] = 0
+
+    @property
+    def halvings(self) -> int:
+        """How often the sides of the file's mesh are halved."""
+        return self.refine if isinstance(self.refine, int) else 0
+
+    @property
+    def refinable(self) -> bool:
+        """Whether an accuracy target may make the mesh finer."""
+        return self.file is None or self.refine == "as needed"
+
+    @property
+    def closed(self) -> bool:
+        """Whether an annulus is a whole ring, without start and end."""
+        return self.angles is not None and abs(self.angles[1] - self.angles[0] - 360) <= CLOSED
+
+    def __post_init__(self) -> None:
+        if self.file is None and self.refine:
+            raise ValueError("refine belongs to a file; for a shape, raise divisions, for a geometry, lower size")
+        if sum(each is not None for each in (self.shape, self.file, self.geometry)) != 1:
+            raise ValueError('a mesh is either { file = "….msh" } or { geometry = "….geo", size = … } or has a shape, '
+                             f'one of {", ".join(SHAPES)}, as in {{ shape = "rectangle", size = …, divisions = … }}')
+        if self.origin != (0.0, 0.0) and self.shape != "rectangle":
+            raise ValueError(f"origin belongs to a rectangle, not to {self._what}")
+        if self.geometry is not None:
+            self._check_sizes()
+        elif self.contact_size is not None:
+            raise ValueError(f"contact_size belongs to a geometry, not to {self._what}")
+        self._check_keys(SHAPES.get(self.shape or "", {}))
+        if self.shape == "rectangle" and not isinstance(self.size, tuple):
+            raise ValueError(f"a rectangle has size = [width, height], got {self.size!r}")
+        if self.corners:
+            _check_corners(self.corners)
+        if self.radii and self.angles and self.divisions:
+            self._check_ring(self.radii, self.angles, self.divisions[0])
+
+    @property
+    def _what(self) -> str:
+        return f'shape = "{self.shape}"' if self.shape else "a file" if self.file else "a geometry"
+
+    @property
+    def largest(self) -> float:
+        """The largest size of an element of a geometry (m)."""
+        assert isinstance(self.size, float)
+        return self.size
+
+    def _check_sizes(self) -> None:
+        """Raise ValueError unless file and sizes are those of a geometry."""
+        if not str(self.geometry).lower().endswith(GEOMETRIES):
+            mesh = "; a mesh is given by file = …" * str(self.geometry).endswith(".msh")
+            raise ValueError(f"geometry = {self.geometry!r} must end with one of {', '.join(GEOMETRIES)}{mesh}")
+        if not isinstance(self.size, float):
+            got = f", got {list(self.size)}" if self.size else ""
+            raise ValueError(f"a geometry needs size = h, the largest size of an element{got}")
+        if self.contact_size is not None and self.contact_size > self.size:
+            raise ValueError(f"contact_size = {self.contact_size:g}, along contacts, must not exceed size = "
+                             f"{self.size:g}, which is the largest")
+
+    def _check_keys(self, needed: dict[str, str]) -> None:
+        """Raise ValueError unless all the `needed` keys are given, and those of no other shape."""
+        for shape, keys in SHAPES.items():
+            for key in keys:
+                if getattr(self, key) is None and key in needed:
+                    how = ", ".join(f"{key} = {form}" for key, form in needed.items())
+                    raise ValueError(f"{self._what} needs {how}; {key} is missing")
+                if getattr(self, key) is not None and key not in needed and not (key == "size" and self.geometry):
+                    owner = "a shape" if key == "divisions" else f'shape = "{shape}"'
+                    raise ValueError(f"{key} belongs to {owner}, not to {self._what}")
+
+    def _check_ring(self, radii: tuple[float, float], angles: tuple[float, float], around: int) -> None:
+        if radii[0] >= radii[1]:
+            raise ValueError(f"radii = [inner, outer] must ascend, got [{radii[0]:g}, {radii[1]:g}]")
+        span = angles[1] - angles[0]
+        if not 0 < span <= 360 + CLOSED:
+            raise ValueError(f"angles = [start, end] must ascend by at most 360 degrees, which make a whole ring; got "
+                             f"[{angles[0]:g}, {angles[1]:g}]")
+        if span / around >= 180:
+            raise ValueError(f"divisions = [around, across]: {around} around make cells of {span / around:g} degrees; "
+                             "they must be less than 180")
+
+
+def _check_corners(corners: tuple[Point, ...]) -> None:
+    """Raise ValueError unless the corners are those of a convex quadrilateral, counter-clockwise."""
+    sides = [(b[0] - a[0], b[1] - a[1]) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
+    units = [(x / length, y / length) if (length := math.hypot(x, y)) else (0.0, 0.0) for x, y in sides]
+    sines = [a[0] * b[1] - a[1] * b[0] for a, b in zip(units, units[1:] + units[:1], strict=True)]
+    if all(sine < -CORNER for sine in sines):
+        turned = ", ".join(f"[{x!r}, {y!r}]" for x, y in (corners[0], *corners[:0:-1]))
+        raise ValueError(f"corners run clockwise; write them counter-clockwise, as in corners = [{turned}]")
+    if not all(sine > CORNER for sine in sines):
+        raise ValueError("corners must be those of a convex quadrilateral in their order along its boundary, without "
+                         "corners of 0 or 180 degrees")
+
+
+class SettledMesh(MeshSpec, frozen=True, kw_only=True):
+    """A mesh of known order; a shape has no ``file`` and no keys of another shape, a file has neither.
+
+    A geometry has all of its own keys.
+    """
+
+    order: Literal[1, 2]

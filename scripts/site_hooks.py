@@ -1,0 +1,59 @@
+"""Hooks of mkdocs.yml: files of the repository outside docs/ that pages link to come into the site.
+
+README.md, CONTRIBUTING.md and CHANGELOG.md become pages, the README the front page; all others are copied to files/.
+Links lead to where a file is in the site, so that the same pages work in the repository.
+"""
+
+import posixpath
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).resolve().parents[1]
+
+PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")
+
+LINK = re.compile(r"(?<=\]\()(?!\w+:|[#/<])([^()\s#]+)")
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the three pages, and what any page links to outside docs/."""
+    for name in PAGES:
+        files.append(File.generated(config, name, content=(ROOT / name).read_text(encoding="utf-8")))
+    for file in files.documentation_pages():
+        for target in _targets(file.src_uri, file.content_string):
+            if files.get_file_from_path(_place(target)) is None and (ROOT / target).is_file():
+                files.append(File.generated(config, _place(target), content=(ROOT / target).read_bytes()))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Lead links from where files are in the repository to where they are in the site."""
+    source = page.file.src_uri
+
+    def lead(link: re.Match) -> str:
+        target = _place(_resolve(source, link[1]))
+        return posixpath.relpath(target, posixpath.dirname(source) or ".")
+
+    return LINK.sub(lead, markdown)
+
+
+def _targets(source: str, markdown: str) -> Iterator[str]:
+    return (_resolve(source, link) for link in LINK.findall(markdown))
+
+
+def _resolve(source: str, link: str) -> str:
+    """The path in the repository that a page's link leads to."""
+    page = source if source in PAGES else f"docs/{source}"
+    return posixpath.normpath(posixpath.join(posixpath.dirname(page), link))
+
+
+def _place(path: str) -> str:
+    """Where a file of the repository is in the site."""
+    if path in PAGES:
+        return path
+    return path.removeprefix("docs/") if path.startswith("docs/") else f"files/{path}"

@@ -1,0 +1,26 @@
+"""What docs/reference/results.md says that results hold."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from ddmpi.results.folder import FILES
+from ddmpi.results.summary import SUMMARY
+
+CONTACT = re.compile(r"contact_.+?((?:_sides|_legs)?\.csv|\.png)")
+
+
+def undocumented(folder: Path) -> list[str]:
+    """Files in a folder of results that FILES does not know."""
+    return sorted(path.name for path in folder.iterdir() if CONTACT.sub(r"contact_NAME\1", path.name) not in FILES)
+
+
+def entries(value: Any, path: str = "") -> Iterator[str]:
+    """The names of a summary's entries, as SUMMARY has them, with NAME for those of bodies and contacts."""
+    if path in SUMMARY or not isinstance(value, dict):
+        yield path
+        return
+    for name, entry in value.items():
+        part = "NAME" if path in ("bodies", "contacts") else name
+        yield from entries(entry, f"{path}.{part}" if path else part)
