@@ -2,6 +2,7 @@
 #   attend COMMAND   runs it and passes signals on; sets `code`, its exit code, and `caught`, the last signal or nothing
 # SIGTERM, SIGINT and SIGUSR1 all ask a run for a checkpoint. They are passed on as SIGUSR1, which mpirun hands to the
 # ranks, whose exit code it then returns. At SIGTERM mpirun would kill the ranks after a second and return 1.
+# BARE_SIGNALS says that mpirun returns the bare number of a signal that has ended a rank; our own codes end at 6.
 # HAND_ON=TERM is for programs that handle no signal.
 attend() {
     local came last=0 signal
@@ -19,5 +20,6 @@ attend() {
         last=$code
     done
     [ "$code" != 127 ] || code=$last # the signal came when the command had ended
+    if [ -n "${BARE_SIGNALS:-}" ] && [ "$code" -gt 6 ] && [ "$code" -lt 32 ]; then code=$((code + 128)); fi
     trap - TERM INT USR1
 }

@@ -1,7 +1,7 @@
 # Sourced by run.sh and test.sh: brings this machine to a working state and sets
 #   PYTHON   an interpreter that imports all that pyproject.toml names
-#   MPIRUN   how to start a run on several ranks
-#   and the environment that Open MPI and OpenBLAS want.
+#   MPIRUN   how to start a run on several ranks, and BARE_SIGNALS for scripts/attend.sh
+#   and the environment that Open MPI and OpenBLAS want; MPICH wants none.
 # It looks, in this order, at DDMPI_PYTHON, at the .venv of an earlier set-up, at the python3 on PATH
 # (conda, modules, Spack), and last at Debian's packages, which it installs where it may.
 # A set-up that is there costs one file comparison.
@@ -144,9 +144,13 @@ export OMPI_MCA_reachable=${OMPI_MCA_reachable:-weighted}
 if [ "${SLURM_JOB_NUM_NODES:-1}" = 1 ] && [ -z "${PBS_NODEFILE:-}${LSB_HOSTS:-}${PE_HOSTFILE:-}" ]; then
     export OMPI_MCA_pml=${OMPI_MCA_pml:-ob1}
 fi
-# Open MPI 4 can leave out its own words on a run that ends with an error; 5 has no such option.
-MPIRUN=mpirun
-case "$(mpirun --version 2>/dev/null)" in *"(Open MPI) 4."*) MPIRUN="mpirun --quiet" ;; esac
+# Open MPI 4 can leave out its own words on a run that ends with an error; 5 and MPICH have no such option. MPICH's Hydra
+# returns 9, say, for a rank that is ended by signal 9, and not 137.
+MPIRUN=mpirun BARE_SIGNALS=""
+case "$(mpirun --version 2>/dev/null)" in
+    *"(Open MPI) 4."*) MPIRUN="mpirun --quiet" ;;
+    *HYDRA*) BARE_SIGNALS=yes ;;
+esac
 export MPIRUN
 if [ "$(id -u)" = 0 ]; then # Open MPI (4: OMPI, 5: PRTE) wants this said twice
     export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1

@@ -244,7 +244,7 @@ def messages(run: scenes.Run) -> list[str]:
     """Where a message about the end begins: ours, PETSc's about a deadly signal, or else mpirun's about it."""
     ours = [line for line in run.output.splitlines()
             if re.match(r"ddmpi: (error|internal error|interrupted)|\[\d\]PETSC ERROR: Caught signal", line)]
-    return ours or re.findall(r"noticed that process rank \d", run.output)
+    return ours or re.findall(r"noticed that process rank \d|BAD TERMINATION OF ONE", run.output)  # Open MPI, MPICH
 
 
 def contents(folder: Path) -> dict:

@@ -32,7 +32,7 @@ def versions() -> dict[str, str]:
 
     found = {"ddmpi": ddmpi.__version__, "python": sys.version.split()[0],
              "petsc": ".".join(str(v) for v in PETSc.Sys.getVersion()),
-             "mpi": MPI.Get_library_version().split("\n")[0].split(",")[0].strip("\0 ")}
+             "mpi": " ".join(MPI.Get_library_version().split("\n")[0].split(",")[0].strip("\0").split())}
     for name in ("petsc4py", "mpi4py", "numpy", "scipy", "gmsh", "meshio", "h5py"):
         try:
             found[name] = sys.modules[name].__version__ if name in sys.modules else metadata.version(name)
