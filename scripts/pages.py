@@ -88,7 +88,7 @@ def blocks(page: str) -> list[File | Command]:
 
 def run(page: str, folder: Path, environment: dict[str, str], limit: float = 600.0) -> list[Outcome]:
     """Write the files and run the commands of a page in an empty `folder`, in `limit` seconds."""
-    for part in ("configs", "ddmpi", "meshes", "scripts"):
+    for part in ("configs", "ddmpi", "meshes", "pyproject.toml", "scripts"):
         (folder / part).symlink_to(ROOT / part)
     programs, printed = folder / ".venv" / "bin", folder / ".printed"
     programs.mkdir(parents=True)
