@@ -103,6 +103,13 @@ def test_graded_meshes_are_not_torn(tmp_path):
     assert not np.isnan(pressure(results).get_xdata()).any()
 
 
+def test_ends_that_overhang_are_joined(tmp_path):
+    """The first and the last node of a side that overhangs, with hardly any length, belong to the curve."""
+    results = made(tmp_path)
+    results.contacts["upper-lower"]["length"][[0, 1, -2, -1]] = [-0.01, 0.06, 0.08, 0.001]
+    assert not np.isnan(pressure(results).get_xdata()).any()
+
+
 def test_a_lone_node_is_visible(tmp_path):
     """Long curves have no markers, but for nodes that no line reaches."""
     curve = pressure(made(tmp_path, *range(49, 60), *range(61, 71), divisions=(150, 4)))
