@@ -9,6 +9,7 @@ from matplotlib.collections import LineCollection
 
 from ddmpi.errors import InputError, OutputError
 from ddmpi.results import pictures
+from ddmpi.results.histories import draw_steps
 from ddmpi.results.magnify import magnify
 from ddmpi.results.pictures import draw_all, draw_bodies, draw_contact, draw_contacts, draw_convergence
 from ddmpi.results.tables import Results, pieces, read_results, write_history
@@ -122,6 +123,21 @@ def test_a_vertical_contact_is_drawn_over_y(tmp_path):
     assert draw_contact(results, "left-middle").axes[1].get_xlabel() == "y (m)"
     results.contacts["left-middle"]["x"][4] += 0.1
     assert draw_contact(results, "left-middle").axes[1].get_xlabel() == "arc length along the contact (m)"
+
+
+def test_bonded_contacts_have_no_loops(tmp_path):
+    """steps.png draws the loops of contacts that can slip, and of bonded ones only if there are no others."""
+    results = made(tmp_path, kind="row")
+    energies = ("external_work", "strain_energy", "interface_work", "dissipated")
+    results.energy.update(dict.fromkeys(("time", *energies), np.ones(1)))
+    results.legs.update({name: {"time": np.ones(len(table["x"])), **table} for name, table in results.contacts.items()})
+    results.summary["scene"]["history"] = {}
+    for bonded, shown in ((0, {"left-middle", "middle-right"}), (1, {"middle-right"}),
+                          (2, {"left-middle", "middle-right"})):
+        for contact in results.summary["scene"]["contact"][:bonded]:
+            contact["kind"] = "bonded"
+        labels = {line.get_label() for line in draw_steps(results, "").axes[0].lines}
+        assert {label for label in labels if not label.startswith("_")} == shown
 
 
 def test_units_have_prefixes(tmp_path):
