@@ -33,7 +33,9 @@ def draw_steps(results: Results, title: str) -> Any:
     steps, summary = results.steps, results.summary
     largest = {name: np.abs(steps["normal_force"][steps["contact"] == name]).max(initial=0.0)
                for name in results.contacts}
-    shown = sorted(largest, key=lambda name: -largest[name])[:LOOPS]
+    bonded = {contact["name"] for contact in summary["scene"]["contact"] if contact.get("kind") == "bonded"}
+    loops = [name for name in largest if name not in bonded] or largest
+    shown = sorted(loops, key=lambda name: -largest[name])[:LOOPS]
     figure, grid = plt.subplots(len(shown) + 1, 2, figsize=(9.6, 2.9 * (len(shown) + 1)), squeeze=False)
     loop, energies = grid[0]
     label, driver = _driver(summary, results.energy["time"])
@@ -41,13 +43,13 @@ def draw_steps(results: Results, title: str) -> Any:
         own = steps["contact"] == name
         loop.plot(driver, np.append(0.0, steps["tangential_force"][own]), marker=".", label=name)
     unit = summary["units"]["force"]
-    loop.set(xlabel=label, ylabel=f"tangential force ({unit})", title="loops")
+    loop.set(xlabel=label, ylabel=f"tangential force ({unit})")
     _draw_energies(energies, results.energy, unit, summary["units"]["length"])
     for axes, name in zip(grid[1:], shown, strict=True):
         _draw_stresses(axes, name, results.legs[name], summary["units"])
     for axes in (loop, energies):
         axes.axhline(0.0, color="black", linewidth=0.6)
-        axes.legend(fontsize=8)
+        axes.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     figure.suptitle(f"{title}{len(results.energy['time'])} load steps")
     return figure
 
@@ -71,7 +73,7 @@ def _draw_energies(axes: Any, energy: Columns, force: str, length: str) -> None:
     for name, values in {"external work": energy["external_work"], "strain energy": energy["strain_energy"],
                          "dissipated by friction": energy["dissipated"], "other interface work": lost}.items():
         axes.plot(time, np.append(0.0, values), marker=".", label=name)
-    axes.set(xlabel="time", ylabel=f"energy ({force}·{length})", title="energies")
+    axes.set(xlabel="time", ylabel=f"energy ({force}·{length})")
 
 
 def _draw_stresses(axes: Any, name: str, legs: Columns, units: dict) -> None:

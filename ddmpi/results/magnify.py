@@ -156,7 +156,8 @@ def _pairs(nodes: Columns, bodies: list[str], names: list[str], at: dict[str, tu
     """The pairs of a contact, of which `nodes` are on the body that rows stand at: by mortar it may be the second one.
 
     The other body's node is the one nearest to where gap and slip say that it has moved. A rigid partner has no nodes:
-    what is opposite moved as all of it did.
+    what is opposite moved as all of it did. The gap before is that of the run, which a scene may give in place of the
+    drawn one.
     """
     from scipy.spatial import cKDTree
 
@@ -164,14 +165,14 @@ def _pairs(nodes: Columns, bodies: list[str], names: list[str], at: dict[str, tu
     tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
     swapped, second = slave == bodies[1], bodies[1]
     (ours, u), other, sign = (at[second], bodies[0], -1.0) if swapped else (at[bodies[0]], second, 1.0)
-    moved = xy + u[cKDTree(ours).query(xy)[1]]
-    opposite = moved + sign * (nodes["gap"][:, None] * normal - nodes["slip_total"][:, None] * tangent)
+    own = u[cKDTree(ours).query(xy)[1]]
     if second in rigid:
-        partner = opposite - rigid[second]["displacement"]
+        their = rigid[second]["displacement"]
     else:
         theirs, v = at[other]
-        partner = theirs[cKDTree(theirs + v).query(opposite)[1]]
-    before = sign * np.einsum("ij,ij->i", partner - xy, normal)[:, None] * normal
+        opposite = xy + own + sign * (nodes["gap"][:, None] * normal - nodes["slip_total"][:, None] * tangent)
+        their = v[cKDTree(theirs + v).query(opposite)[1]]
+    before = (nodes["gap"] + sign * np.einsum("ij,ij->i", own - their, normal))[:, None] * normal
     numbers = [names.index(name) for name in bodies if name not in rigid]
     return _Pairs(numbers, before, normal, nodes["gap"], nodes["status"] != "open")
 

@@ -121,7 +121,7 @@ def draw_bodies(results: Results):
                            vmin=low / factor, vmax=top / factor or 1.0, rasterized=True, zorder=2)
     _colour_bar(figure, axes, image, f"{quantity} ({unit})", "max" if values.max() > top else "neither")
     factor, unit = scaled_unit(moved.max(), length_unit)
-    figure.suptitle(f"{_title(results)}displacement × {scale:g}, largest {moved.max() / factor:.3g} {unit}")
+    figure.suptitle(f"{_title(results)}displacement × {scale:g}, largest {_number(moved.max() / factor)} {unit}")
     return figure
 
 
@@ -146,13 +146,14 @@ def draw_contacts(results: Results):
     top = max(np.abs(table["normal_stress"]).max() for table, _ in entries)
     kind = "normal stress" if any((table["normal_stress"] < 0.0).any() for table, _ in entries) else "pressure"
     largest = max(float(np.hypot(*contact["force"])) for _, contact in entries)
-    areas, zones, forces, colours = [], [], [], []
+    areas, rims, zones, forces, colours = [], [], [], [], []
     for table, contact in entries:
         xy, normal = (np.column_stack([table[a], table[b]]) for a, b in (("x", "y"), ("nx", "ny")))
         stress = 0.8 * table["normal_stress"] / (top or 1.0)
         for piece in pieces(table):
             ends = xy[piece] - size * stress[piece, None] * normal[piece]
             areas.append(np.vstack([xy[piece], ends[::-1]]))
+            rims.append(ends if piece[0] == piece[-1] else np.vstack([xy[piece[:1]], ends, xy[piece[-1:]]]))
             middle = (xy[piece][1:] + xy[piece][:-1]) / 2
             edges = np.vstack([xy[piece][:1], middle, xy[piece][-1:]])
             zones += [edges[[k, k + 1]] for k in range(len(piece))]
@@ -165,8 +166,9 @@ def draw_contacts(results: Results):
             at = centre + arm * np.array([force[1], -force[0]]) / (force @ force)
             if np.linalg.norm(at - centre) <= np.ptp(xy, axis=0).max() + size:
                 forces.append(at + np.outer((-1.0, 1.0), size / largest * force))
-    axes.add_collection(PolyCollection(areas, facecolor=COLOURS["normal"] + "60", edgecolor=COLOURS["normal"],
-                                       linewidth=0.6, zorder=4))
+    axes.add_collection(PolyCollection(areas, facecolor=COLOURS["normal"] + "60", edgecolor="none", zorder=4))
+    axes.add_collection(PolyCollection(rims, closed=False, facecolor="none", edgecolor=COLOURS["normal"], linewidth=0.6,
+                                       zorder=4))
     axes.add_collection(LineCollection(zones, colors=colours, linewidth=2.2, capstyle="butt", zorder=5))
     axes.add_collection(LineCollection(forces, colors="#8c1a3a", linewidth=1.4, zorder=6))
     axes.autoscale_view()
@@ -177,14 +179,14 @@ def draw_contacts(results: Results):
     (factor, unit), (times, of_force) = (scaled_unit(*each) for each in (
         (top, stress_unit), (largest, results.summary["units"]["force"])))
     legend: list[Any] = [Patch(facecolor=COLOURS["normal"] + "60", edgecolor=COLOURS["normal"],
-                               label=f"{kind}, largest {top / factor:.3g} {unit}"),
-                         Line2D([], [], color="#8c1a3a", label=f"resultants, largest {largest / times:.3g} {of_force}")]
-    for zone, colour in LINES.items():
-        number = sum(contact[zone] for _, contact in entries)
-        if number:
-            legend.append(Line2D([], [], color=colour, linewidth=2.2, label=f"{zone} ({number} nodes)"))
-    axes.legend(handles=legend, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3 if _is_wide(points) else 2,
-                fontsize=8)
+                               label=f"{kind}, largest {_number(top / factor)} {unit}"),
+                         Line2D([], [], color="#8c1a3a",
+                                label=f"resultants, largest {_number(largest / times)} {of_force}")]
+    counts = {zone: sum(contact[zone] for _, contact in entries) for zone in LINES}
+    legend += [Line2D([], [], color=LINES[zone], linewidth=2.2, label=f"{zone} ({number} node{'s' * (number > 1)})")
+               for zone, number in counts.items() if number]
+    figure.set_figheight(figure.get_figheight() + 0.5)  # for the legend
+    axes.legend(handles=legend, loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=8, ncols=2 + _is_wide(points))
     figure.suptitle(f"{_title(results)}contact forces")
     return figure
 
@@ -296,6 +298,11 @@ def _units(results: Results) -> tuple[str, str]:
     """The units of length and stress."""
     output = results.summary["scene"]["output"]
     return output["length_unit"], output["stress_unit"]
+
+
+def _number(value: float) -> str:
+    """Three digits, without an exponent below a million."""
+    return f"{float(f'{value:.3g}'):g}"
 
 
 def _title(results: Results) -> str:

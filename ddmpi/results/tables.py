@@ -241,9 +241,17 @@ def _read_csv(path: Path) -> Columns:
 
 
 def starts(table: Columns) -> np.ndarray:
-    """Rows of nodes or sides with which another piece of the contact begins."""
+    """Rows of nodes or sides with which another piece of the contact begins.
+
+    The first and the last node of a side that overhangs have small or even negative lengths: they count as apart only
+    if they are also farther off than their neighbour is from the next node.
+    """
     distance, length = np.hypot(np.diff(table["x"]), np.diff(table["y"])), table["length"]
-    return 1 + np.flatnonzero(distance > APART * (length[1:] + length[:-1]) / 2)
+    apart = distance > APART * (length[1:] + length[:-1]) / 2
+    if len(distance) > 1:
+        for end, inner in ((0, 1), (-1, -2)):
+            apart[end] &= distance[end] > APART * distance[inner]
+    return 1 + np.flatnonzero(apart)
 
 
 def pieces(table: Columns) -> list[np.ndarray]:

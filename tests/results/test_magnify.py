@@ -105,6 +105,19 @@ def test_a_shrink_fit_is_drawn_without_air(overlap):
     assert np.abs(gaps).max() <= 0.002 * 4.0
 
 
+@pytest.mark.parametrize("overlap", [1e-6, 1e-3])
+def test_an_interference_that_the_scene_gives_is_drawn_without_air(overlap):
+    """Rings drawn without an overlap that the scene says they have are pressed apart: no air is seen between them."""
+    meshes = rings(1.0, 1.0)
+    u = {name: sign * overlap / 2 * mesh.points / np.linalg.norm(mesh.points, axis=1)[:, None]
+         for (name, mesh), sign in zip(meshes.items(), (-1, 1), strict=True)}
+    results, interfaces = deformed(meshes, u, RINGS)
+    results.contacts["inner-outer"] |= {"gap": np.zeros(24), "status": np.full(24, "stick")}
+    factor, (gaps,) = drawn_gaps(results, interfaces)
+    assert factor == {1e-6: 5000.0, 1e-3: 5.0}[overlap]
+    assert np.abs(gaps).max() <= 0.002 * 4.0 + overlap
+
+
 def test_rows_on_the_second_body_are_drawn_alike():
     """The magnification does not depend on which body the rows of a table stand at, as by mortar they may at either."""
     meshes = {"inner": made_up.ring((0.2, 0.999)), "outer": made_up.ring((1.0, 2.0))}

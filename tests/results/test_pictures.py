@@ -10,6 +10,7 @@ from matplotlib.collections import LineCollection
 
 from ddmpi.errors import InputError, OutputError
 from ddmpi.results import pictures
+from ddmpi.results.histories import draw_steps
 from ddmpi.results.magnify import magnify
 from ddmpi.results.pictures import draw_all, draw_bodies, draw_contact, draw_contacts, draw_convergence
 from ddmpi.results.tables import Results, pieces, read_results, write_history
@@ -108,6 +109,13 @@ def test_graded_meshes_are_not_torn(tmp_path):
     assert not np.isnan(pressure(results).get_xdata()).any()
 
 
+def test_ends_that_overhang_are_joined(tmp_path):
+    """The first and the last node of a side that overhangs, with hardly any length, belong to the curve."""
+    results = made(tmp_path)
+    results.contacts["upper-lower"]["length"][[0, 1, -2, -1]] = [-0.01, 0.06, 0.08, 0.001]
+    assert not np.isnan(pressure(results).get_xdata()).any()
+
+
 def test_a_lone_node_is_visible(tmp_path):
     """Long curves have no markers, but for nodes that no line reaches."""
     curve = pressure(made(tmp_path, *range(49, 60), *range(61, 71), divisions=(150, 4)))
@@ -120,6 +128,21 @@ def test_a_vertical_contact_is_drawn_over_y(tmp_path):
     assert draw_contact(results, "left-middle").axes[1].get_xlabel() == "y (m)"
     results.contacts["left-middle"]["x"][4] += 0.1
     assert draw_contact(results, "left-middle").axes[1].get_xlabel() == "arc length along the contact (m)"
+
+
+def test_bonded_contacts_have_no_loops(tmp_path):
+    """steps.png draws the loops of contacts that can slip, and of bonded ones only if there are no others."""
+    results = made(tmp_path, kind="row")
+    energies = ("external_work", "strain_energy", "interface_work", "dissipated")
+    results.energy.update(dict.fromkeys(("time", *energies), np.ones(1)))
+    results.legs.update({name: {"time": np.ones(len(table["x"])), **table} for name, table in results.contacts.items()})
+    results.summary["scene"]["history"] = {}
+    for bonded, shown in ((0, {"left-middle", "middle-right"}), (1, {"middle-right"}),
+                          (2, {"left-middle", "middle-right"})):
+        for contact in results.summary["scene"]["contact"][:bonded]:
+            contact["kind"] = "bonded"
+        labels = {line.get_label() for line in draw_steps(results, "").axes[0].lines}
+        assert {label for label in labels if not label.startswith("_")} == shown
 
 
 def test_units_have_prefixes(tmp_path):

@@ -1,0 +1,191 @@
+#!/usr/bin/env bash
+"exec" "bash" "-c" '. "${0%/*}/setup.sh"; exec "$PYTHON" "$0" "$@"' "$0" "$@"  # to Python, a string
+
+__doc__ = """The gallery: runs its scenes as a user would, checks the number of each, and keeps a picture of each.
+
+    scripts/gallery.py [--only NAME ...] [--skip NAME ...] [--output docs/figures]
+
+Pictures are gallery_NAME.png in the folder --output. The words are in docs/gallery.md; tests/scripts/test_gallery.py
+has the numbers of `EXHIBITS` checked on coarser meshes or in fewer load steps, and that the page shows them.
+"""
+
+import argparse
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from PIL import Image, ImageOps
+
+from ddmpi.results.tables import read_results
+
+ROOT = Path(__file__).resolve().parents[1]
+
+WIDEST = 1000
+"""A picture in the page is at most so wide and high (pixels)."""
+
+MARGIN = 16
+"""White margin that is left around a picture (pixels)."""
+
+
+@dataclass(frozen=True)
+class Exhibit:
+    """A scene of the gallery and its number.
+
+    Attributes
+    ----------
+    scene : its file in configs/, without .toml
+    picture : the file of the run that the page shows
+    value, unit : what the number should be
+    within : by which part of it a run may differ from it
+    source : where the value comes from
+    measure : the number, from the summary of a run
+    settings : what makes the run of the test cheaper
+    refused : words of the reason, where the run ends without an answer
+    """
+
+    scene: str
+    picture: str
+    value: float
+    unit: str
+    within: float
+    source: str
+    measure: Callable[[dict], float]
+    settings: dict[str, Any] = field(default_factory=dict)
+    refused: str = ""
+
+    @property
+    def name(self) -> str:
+        return self.scene.rpartition("/")[2]
+
+    @property
+    def path(self) -> Path:
+        return ROOT / "configs" / f"{self.scene}.toml"
+
+    @property
+    def told(self) -> str:
+        """The number as the page has it."""
+        return f"{self.value:g} {self.unit}"
+
+    def check(self, summary: dict) -> None:
+        """Raise ValueError if a run did not end as it should, warned, or has another number."""
+        if summary["converged"] == bool(self.refused) or self.refused not in summary["reason"]:
+            raise ValueError(f"{self.scene}: {summary['reason']}")
+        if summary["warnings"]:
+            raise ValueError(f"{self.scene}: {summary['warnings']}")
+        found = self.measure(summary)
+        if not abs(found - self.value) <= self.within * abs(self.value):
+            raise ValueError(f"{self.scene}: {found:.6g} {self.unit} instead of {self.told} ± {self.within:.1%}")
+
+
+def contact(name: str, key: str, part: int | None = None, factor: float = 1.0) -> Callable[[dict], float]:
+    """A number of a contact, or a `part` of a pair of them, times `factor`."""
+    def measure(summary: dict) -> float:
+        value = summary["contacts"][name][key]
+        return factor * (value if part is None else value[part])
+    return measure
+
+
+def floor_resultant(summary: dict) -> float:
+    """Where the resultant of the floor's forces passes y = 0 (m)."""
+    floor = [each for name, each in summary["contacts"].items() if name.endswith("-floor")]
+    return sum(each["moment"] for each in floor) / sum(each["force"][1] for each in floor)
+
+
+def tipping_edge(summary: dict) -> float:
+    """x of the point about which the bodies tip (m), as the reason says it."""
+    found = re.search(r"about \(([^,]*),", summary["reason"])
+    return float(found[1]) if found else float("nan")
+
+
+def second_cycle(summary: dict) -> float:
+    """What the pad dissipates in the second cycle (N mm/mm)."""
+    return sum(step["contacts"]["pad-base"]["dissipated"] for step in summary["steps"] if 3.5 < step["time"] <= 5.5)
+
+
+EXHIBITS = [
+    Exhibit("pinched_blocks", "bodies.png", 8.36886, "MN/m", 1e-5, "brute force, ddmpi verify",
+            contact("upper-lower", "tangential_force", factor=1e-6)),
+    Exhibit("punch", "bodies.png", 190.8, "N/mm", 1e-3, "mesh halved: 1.0 % less; twice: 1.3 % less",
+            contact("punch-base", "tangential_force")),
+    Exhibit("roller", "bodies.png", 3585, "MPa", 0.01, "Hertz", contact("cylinder-block", "pressure_max")),
+    Exhibit("drawn/pin_in_lug", "bodies.png", 162, "MPa", 0.01, "target 0.5 %: 161.9 MPa",
+            contact("pin-lug", "pressure_max"), {"method.target_error": 0.04}),
+    Exhibit("drawn/dovetail", "bodies.png", 400, "N/mm", 1e-5, "balance",
+            contact("root-disc", "force", 0, -1.0), {"method.target_error": 0.1}),
+    Exhibit("drawn/wedge_in_slot", "bodies.png", 831.46, "N/mm", 1e-4, "balance",
+            contact("left", "force", 0), {"method.target_error": 0.1}),
+    Exhibit("shrink_fit", "steps.png", 283.9, "kN m/m", 1e-3, "Lamé and Coulomb",
+            contact("fit", "moment", factor=-1e-3), {"time.steps": 1}),
+    Exhibit("shaft_in_hub", "contacts.png", 2.0106, "kN m/m", 1e-3, "balance",
+            contact("bush-hub", "moment", factor=-1e-3)),
+    Exhibit("press_fit", "contact.png", 0.0326, "mm", 0.01, "rod theory",
+            lambda summary: summary["displacement_max"], {"time.steps": 1}),
+    Exhibit("fretting", "steps.png", 0.424, "N mm/mm", 1e-3, "mesh twice as fine: 2.8 % less", second_cycle,
+            {"time.steps": 2}),
+    Exhibit("bolted_plates", "contacts.png", 3200, "N/mm", 1e-5, "balance",
+            lambda summary: summary["bodies"]["middle"]["reaction"][0], {"time.steps": 1}),
+    Exhibit("sliding_floor", "steps.png", 5, "kN/m", 1e-5, "balance",
+            contact("crate-floor", "force", 0, 1e-3), {"time.steps": 1}),
+    Exhibit("wall", "contacts.png", 0.47745, "m", 1e-4, "balance", floor_resultant),
+    Exhibit("arch", "bodies.png", 40.194, "kN/m", 1e-4, "statics: the least thrust",
+            contact("v5-v6", "force", 0, -1e-3), {f"body.v{k}.mesh.divisions": [6, 4] for k in range(1, 11)}),
+    Exhibit("tipping_tower", "mechanism.png", 1, "m", 1e-6, "balance", tipping_edge,
+            refused="no equilibrium: second, third and fourth tip to the right"),
+    Exhibit("bonded_block", "contacts.png", 3, "MN/m", 1e-5, "balance",
+            lambda summary: -1e-6 * sum(summary["contacts"][name]["force"][1] for name in ("lower", "upper"))),
+    Exhibit("lined_wheel", "bodies.png", 18.85, "N/mm", 0.02, "balance, with a round bore",
+            contact("wheel-ground", "force", 1)),
+]
+
+
+def show(exhibit: Exhibit, figures: Path) -> str:
+    """Run a scene as a user would and keep its picture; a line about it. Raises ValueError."""
+    with tempfile.TemporaryDirectory() as folder:
+        output = Path(folder) / "results"
+        done = subprocess.run([ROOT / "scripts" / "run.sh", exhibit.path, "--output", output], text=True,
+                              capture_output=True, env=os.environ | {"MPLBACKEND": "agg"})
+        if done.returncode != (3 if exhibit.refused else 0):
+            raise ValueError(f"{exhibit.scene} ended with {done.returncode}:\n{done.stdout}{done.stderr}")
+        summary = read_results(output).summary
+        exhibit.check(summary)
+        keep(output / exhibit.picture, figures / f"gallery_{exhibit.name}.png")
+    return f"{exhibit.scene}: {exhibit.measure(summary):.6g} {exhibit.unit}, of {exhibit.told} ({exhibit.source})"
+
+
+def keep(picture: Path, path: Path) -> None:
+    """A smaller copy of a picture, without its white margins."""
+    with Image.open(picture) as opened:
+        image = opened.convert("RGB")
+    drawn = image.convert("L").point(lambda shade: 255 * (shade < 250)).getbbox()
+    image = ImageOps.expand(image.crop(drawn), MARGIN, "white")
+    image.thumbnail((WIDEST, WIDEST), Image.Resampling.LANCZOS)
+    image.save(path, optimize=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    names = [exhibit.name for exhibit in EXHIBITS]
+    parser.add_argument("--only", nargs="+", choices=names, default=names, metavar="NAME")
+    parser.add_argument("--skip", nargs="+", choices=names, default=[], metavar="NAME")
+    parser.add_argument("--output", type=Path, default=ROOT / "docs" / "figures")
+    asked = parser.parse_args()
+    asked.output.mkdir(parents=True, exist_ok=True)
+    wrong = False
+    for exhibit in EXHIBITS:
+        if exhibit.name in asked.only and exhibit.name not in asked.skip:
+            try:
+                print(show(exhibit, asked.output), flush=True)
+            except ValueError as error:
+                wrong = True
+                print(error, file=sys.stderr)
+    sys.exit(wrong)
+
+
+if __name__ == "__main__":
+    main()

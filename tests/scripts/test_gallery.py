@@ -1,0 +1,64 @@
+"""The gallery: each of its scenes has the number, and the end, that docs/gallery.md tells."""
+
+import re
+import subprocess
+import sys
+
+import pytest
+from gallery import EXHIBITS, ROOT, WIDEST
+from matplotlib import image
+from mpi4py import MPI
+from scenes import clean_environment
+
+import ddmpi
+
+SECTIONS = re.split(r"^## ", (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
+
+
+@pytest.mark.parametrize("exhibit", EXHIBITS, ids=lambda exhibit: exhibit.name)
+def test_exhibit(exhibit):
+    """A scene of the gallery ends as the page says, with its number, and warns of nothing."""
+    exhibit.check(ddmpi.solve(exhibit.path, MPI.COMM_SELF, exhibit.settings).summary)
+
+
+def test_the_page_shows_every_scene():
+    """Each section of the page names a scene of the gallery, in their order, with its picture and number."""
+    assert len(SECTIONS) == len(EXHIBITS) >= 14
+    for section, exhibit in zip(SECTIONS, EXHIBITS, strict=True):
+        picture = f"figures/gallery_{exhibit.name}.png"
+        assert f"\nscripts/run.sh configs/{exhibit.scene}.toml\n" in section
+        assert f"]({picture})" in section and (ROOT / "docs" / picture).stat().st_size < 250_000
+        assert f"**{exhibit.told}**" in section, exhibit.told
+
+
+def test_what_the_page_quotes_stands_in_the_scenes():
+    """Every line of TOML in the page is a line of the section's scene."""
+    for section, exhibit in zip(SECTIONS, EXHIBITS, strict=True):
+        lines = {line.split(" # ")[0].strip() for line in exhibit.path.read_text(encoding="utf-8").splitlines()}
+        quoted = [line.strip() for block in re.findall(r"```toml\n(.*?)```", section, re.DOTALL)
+                  for line in block.splitlines() if line.strip()]
+        assert quoted and [line for line in quoted if line not in lines] == [], exhibit.name
+
+
+def test_a_wrong_run_is_found():
+    """Another number, a warning, and an answer where there should be none are told."""
+    plain, tower = EXHIBITS[0], next(each for each in EXHIBITS if each.refused)
+    right = {"converged": True, "reason": "", "warnings": [],
+             "contacts": {"upper-lower": {"tangential_force": 1e6 * plain.value}}}
+    plain.check(right)
+    for wrong, exhibit in [(right | {"warnings": ["a doubt"]}, plain), (right | {"converged": False}, plain),
+                           (right | {"contacts": {"upper-lower": {"tangential_force": 8.3e6}}}, plain),
+                           (right, tower), (right | {"converged": False, "reason": "no equilibrium"}, tower)]:
+        with pytest.raises(ValueError):
+            exhibit.check(wrong)
+
+
+def test_the_script_keeps_pictures(tmp_path):
+    """The script runs a scene as a user would and leaves its picture, small enough for a page."""
+    done = subprocess.run([ROOT / "scripts" / "gallery.py", "--only", "tipping_tower", "--output", tmp_path], text=True,
+                          capture_output=True, timeout=200, env=clean_environment() | {"DDMPI_PYTHON": sys.executable})
+    assert done.returncode == 0 and done.stdout.startswith("tipping_tower: 1 m, of 1 m"), done.stdout + done.stderr
+    (picture,) = tmp_path.iterdir()
+    assert picture.name == "gallery_tipping_tower.png" and picture.stat().st_size < 250_000
+    pixels = image.imread(picture)
+    assert 300 < max(pixels.shape[:2]) <= WIDEST
