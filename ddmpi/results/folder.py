@@ -46,6 +46,7 @@ FILES = {
     "animation.gif": "with load steps: the moving bodies, if asked for",
     "mechanism.json": "where there is no equilibrium: how the bodies would move",
     "mechanism.png": "its picture",
+    "report.html": "what `ddmpi report` has made of all these",
     "checkpoint.h5": "of an interrupted run, for --restart; completed runs have none"}
 """What a folder of results may hold; NAME is that of a contact. docs/reference/results.md shows this."""
 
