@@ -100,8 +100,6 @@ class _Block:
         self._d, self._e, info = lapack.dpttrf(d, e)
         if info:
             raise ValueError("the shifted interface operators are not positive definite")
-        if not self._around.size:
-            return
         self._turned = self._solve(self._around.T)
         self._joint = np.linalg.inv(np.eye(whole.sum()) + np.einsum("mi,jtm->tij", self._around, self._turned))
 
@@ -134,6 +132,8 @@ class _Block:
     def _solve(self, y: np.ndarray) -> np.ndarray:
         """The solutions (c, t, m) of all shifted tridiagonal systems for the same rows y (c, m)."""
         each = np.repeat(y[:, None], len(self._weights), axis=1)
+        if not each.size:
+            return each
         shifted, _ = lapack.dpttrs(self._d, self._e, each.reshape(len(y), -1).T, overwrite_b=True)
         return shifted.T.reshape(each.shape)
 

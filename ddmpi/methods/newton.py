@@ -37,8 +37,8 @@ LENGTHS = (1.0, 0.8, 0.65, 0.5, 0.4, 0.3, 0.2, 0.15, 0.1, 0.05, 0.02)
 GAIN = 0.7
 """The full step is taken when it reduces the residual to this or less."""
 
-PATIENCE = 6
-"""A rescue begins after so many steps without a new smallest residual."""
+PATIENCE, PROGRESS = 6, 0.7
+"""A rescue begins after so many steps that together leave more than this of the smallest residual."""
 
 ERROR = 10.0
 """The forces are converged when the error estimated for them is below this times the tolerance."""
@@ -173,8 +173,9 @@ class Newton:
 
     def _iterate(self, residual: float, tolerance: float) -> float:
         """One step, of Newton's method or of a rescue; returns the residual after it."""
-        self._stalled = 0 if residual < self._smallest or self._rescue.left else self._stalled + 1
-        self._smallest = min(self._smallest, residual)
+        gained = residual < PROGRESS * self._smallest
+        self._stalled = 0 if gained or self._rescue.left else self._stalled + 1
+        self._smallest = residual if gained else self._smallest
         before = self._s
         self.joint.neglected = NEGLECTED * tolerance * self._size()
         if self._stalled >= PATIENCE:

@@ -116,6 +116,12 @@ def test_half_plane_stiffness_of_a_closed_chain(start):
     assert np.fft.fft(P[0]).real == pytest.approx(0.5 * MODULUS * chord * waves, rel=1e-3)
 
 
+def test_half_plane_stiffness_of_no_columns():
+    """An interface whose bodies have no coarse motions asks for none."""
+    contact = interface([0.0, 1.0], [0, 1])
+    assert HalfPlaneStiffness(Space([contact])).on_interface(0, np.empty((contact.size, 0))).shape == (contact.size, 0)
+
+
 def test_half_plane_stiffness_of_one_node():
     """Its only neighbour, 0.5 m away, is clamped."""
     one = interface([0.0], [0], 1, area=np.array([0.25]), held=np.array([2.0]))
