@@ -52,7 +52,8 @@ install_packages() {
 mumps_from_source() {
     local folder=$VENV/source apt archive
     mkdir -p "$folder/lists"
-    echo "deb-src http://deb.debian.org/debian $(. /etc/os-release && echo "$VERSION_CODENAME") main" >"$folder/sources.list"
+    apt-get indextargets --format 'deb-src $(SITE) $(RELEASE) $(COMPONENT)' 'Created-By: Packages' 'Component: main' |
+        sort -u >"$folder/sources.list"
     apt="apt-get -o Dir::Etc::SourceList=$folder/sources.list -o Dir::Etc::SourceParts=/dev/null
         -o Dir::State::lists=$folder/lists"
     $apt update && (cd "$folder" && $apt source --download-only mumps) &&
