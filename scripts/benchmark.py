@@ -28,7 +28,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from experiment import ROOT, Ledger, Row, arguments, publish, table
+from experiment import ROOT, Ledger, Row, arguments, publish, save_figures, table
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -219,7 +219,29 @@ def page(rows: list[Row]) -> str:
         "method, tolerance 1e-8) with squares of side 1/N, two ranks. The smallest time of "
         f"{min(r['repetitions'] for r in found.values())} to {max(r['repetitions'] for r in found.values())} "
         f"repetitions. {processor}, PETSc {have['petsc']}, {have['mpi']}.", "",
-        *times_table(found), *ratios_table(found), *growth_table(found)])
+        *times_table(found), "![Phases of a run over its size](figures/benchmark_phases.png)", "",
+        *ratios_table(found), *growth_table(found)])
+
+
+def draw_phases(found: dict[int, dict]):
+    """The phases of a whole command over the number of unknowns, stacked: in seconds, and as parts; a figure."""
+    import matplotlib.pyplot as plt
+
+    n = [row["n"] for row in found.values()]
+    phases = {phase: np.array([row[phase] for row in found.values()]) for phase in PHASES}
+    whole = np.array([row["whole"] for row in found.values()])
+    phases = {"start of Python, MPI, PETSc": np.maximum(whole - sum(phases.values()), 0.0)} | phases
+    figure, (seconds_axes, parts) = plt.subplots(1, 2, figsize=(10.0, 4.0))
+    colours = ["#b9bec6", *plt.get_cmap("viridis")(np.linspace(0.0, 0.95, len(PHASES)))]
+    seconds_axes.stackplot(n, list(phases.values()), labels=list(phases), colors=colours)
+    parts.stackplot(n, [100 * each / whole for each in phases.values()], colors=colours)
+    for axes, label in ((seconds_axes, "seconds of the whole command"), (parts, "per cent")):
+        axes.margins(x=0)
+        axes.set(xscale="log", xlabel="unknowns of both bodies", ylabel=label)
+        axes.grid(False)
+    parts.set_ylim(0, 100)
+    figure.legend(*seconds_axes.get_legend_handles_labels(), loc="upper center", ncols=4, bbox_to_anchor=(0.5, 0.0))
+    return figure
 
 
 def main() -> None:
@@ -237,7 +259,8 @@ def main() -> None:
     rows = ledger.fill([(N, k) for N in options.sizes for k in range(options.repeats or SIZES.get(N, 2))],
                        lambda N, _: repeat(N))
     text = page(rows)
-    publish(PAGE, text, options.output, set(SIZES) <= {row["N"] for row in rows})
+    publish(PAGE, text, options.output, set(SIZES) <= {row["N"] for row in rows},
+            lambda folder: save_figures(folder, {"benchmark_phases": lambda: draw_phases(best(rows))}, dpi=110))
     print(text)
 
 

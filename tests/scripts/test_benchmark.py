@@ -36,6 +36,7 @@ def test_benchmark_measures_and_continues(tmp_path):
     ratio = (row["pair_factor"] + row["pair_outer"]) / (row["chosen_factor"] + row["chosen_solve"])
     assert f"| {ratio:.2f} |" in page
     assert (tmp_path / "benchmark_table.md").read_text(encoding="utf-8").strip() == page.strip()
+    assert (tmp_path / "figures/benchmark_phases.png").stat().st_size > 10_000
 
     start(tmp_path, "4", "--repeats", "2")
     assert rows(tmp_path)[0] == row
