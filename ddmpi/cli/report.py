@@ -65,7 +65,12 @@ def _sweep(folder: Path) -> tuple[str, list[Html]]:
     if not (folder / TABLE).exists():
         raise InputError(f"{folder}: the sweep has no {TABLE} yet; it is written at its end, or by sweep … --gather")
     rows = read_table(folder / TABLE)
-    scene = json.loads((folder / SWEEP).read_text(encoding="utf-8"))["scene"]
+    try:
+        scene = json.loads((folder / SWEEP).read_text(encoding="utf-8"))["scene"]
+    except (ValueError, KeyError) as error:
+        raise InputError(f"{folder / SWEEP}: not the record of a sweep: {error}") from None
+    if not rows:
+        raise InputError(f"{folder / TABLE}: has no cases; sweep … --gather writes it anew")
     title = scene.get("title") or folder.resolve().name
     names = list(rows[0])
     settings, unit = names[1:names.index("status")], scene.get("output", {}).get("length_unit", "m")

@@ -232,7 +232,11 @@ def test_only_reports_are_overwritten(run):
 @pytest.mark.parametrize(("files", "words"), [
     ({}, "not the folder of a run or a sweep"), ({"checkpoint.h5": ""}, "--restart"),
     ({"summary.json": "["}, "not a complete folder"), ({"summary.json": "[]"}, "not a complete folder"),
-    ({"summary.json": '{"format": 7}'}, "format 7"), ({"summary.json": '{"format": 2}'}, "has no 'scene'")])
+    ({"summary.json": '{"format": 7}'}, "format 7"), ({"summary.json": '{"format": 2}'}, "has no 'scene'"),
+    ({"sweep.json": '{"scene": {}}'}, "has no sweep.csv yet"),
+    ({"sweep.json": "{", "sweep.csv": "case\n1\n"}, "not the record of a sweep"),
+    ({"sweep.json": "{}", "sweep.csv": "case\n1\n"}, "not the record of a sweep"),
+    ({"sweep.json": '{"scene": {}}', "sweep.csv": "case,status\n"}, "has no cases")])
 def test_what_is_no_run_is_refused(tmp_path, capsys, files, words):
     """Another folder is refused with one message and exit code 2, and nothing is written into it."""
     for name, content in files.items():
