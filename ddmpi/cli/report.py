@@ -12,6 +12,8 @@ from ddmpi.cli.report_markup import (
     Column,
     Html,
     element,
+    folded_if_long,
+    noted,
     picture,
     scene_section,
     section,
@@ -65,7 +67,12 @@ def _sweep(folder: Path) -> tuple[str, list[Html]]:
     if not (folder / TABLE).exists():
         raise InputError(f"{folder}: the sweep has no {TABLE} yet; it is written at its end, or by sweep … --gather")
     rows = read_table(folder / TABLE)
-    scene = json.loads((folder / SWEEP).read_text(encoding="utf-8"))["scene"]
+    try:
+        scene = json.loads((folder / SWEEP).read_text(encoding="utf-8"))["scene"]
+    except (ValueError, KeyError) as error:
+        raise InputError(f"{folder / SWEEP}: not the record of a sweep: {error}") from None
+    if not rows:
+        raise InputError(f"{folder / TABLE}: has no cases; sweep … --gather writes it anew")
     title = scene.get("title") or folder.resolve().name
     names = list(rows[0])
     settings, unit = names[1:names.index("status")], scene.get("output", {}).get("length_unit", "m")
@@ -81,11 +88,14 @@ def _sweep(folder: Path) -> tuple[str, list[Html]]:
                   Column("displacement", [row["displacement_max"] for row in rows], unit),
                   Column("estimated error", [error and 100 * error for error in errors], "%"),
                   Column("time", [row.get("seconds.total") for row in rows], "s", decimals=2), digits=3)
+    warnings = [f"Case {_entry(row['case'])}: {row['warnings']}" for row in rows if row.get("warnings")]
     plots = [picture(path, path.stem, f"Plot of {path.stem}") for path in sorted(folder.glob("*.png"))]
     head = [element("p", "Report of a sweep of ddmpi", kind="over"), element("h1", title), element(
         "div", element("strong", f"{certified} of {len(rows)} cases certified"),
-        element("p", f"Varied: {', '.join(settings)}."), kind=f"verdict {'good' if certified == len(rows) else 'bad'}")]
-    return title, [element("header", *head), section("cases", "Cases", cases),
+        element("p", f"Varied: {', '.join(settings)}." + (f" Cases that warn: {len(warnings)}." if warnings else "")),
+        kind=f"verdict {'good' if certified == len(rows) else 'bad'}")]
+    said = [section("warnings", "Warnings", folded_if_long("Warnings", len(warnings), noted(warnings)))]
+    return title, [element("header", *head), *(said if warnings else []), section("cases", "Cases", cases),
                    *([section("plots", "Plots", *plots)] if plots else []),
                    scene_section(write_toml(scene), "The scene as it was written, before anything was varied.")]
 

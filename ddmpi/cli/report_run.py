@@ -95,7 +95,7 @@ class RunReport:
     def _verdict(self) -> list[str]:
         """How the run ended in a word or two, and the sentences that explain it."""
         summary, warnings = self.summary, len(self.summary.get("warnings", ()))
-        limit = f"{summary['certificate_limit']:.0e}"
+        limit = f"{summary['certificate_limit']:.2g}"
         if summary["converged"]:
             found = [f"All residuals of the coupled problem are below {limit}."]
             if self._estimate is not None:
@@ -292,7 +292,7 @@ class RunReport:
                   for body in self.bodies.values()]
         return section("certificate", "Certificate", element(
             "p", "Residuals of the coupled problem, computed afresh from the final forces and displacements, without "
-            f"units. All must lie below {limit:.0e}. They say how well the discrete problem is solved, not how good "
+            f"units. All must lie below {limit:.2g}. They say how well the discrete problem is solved, not how good "
             "the mesh is."), table(
                 f"The worst of all contacts{', bodies and load steps' if self._has_steps else ' and bodies'}",
                 Column("residual", [RESIDUALS[kind][0] for kind in kinds]), Column("value", list(kinds.values())),

@@ -47,4 +47,4 @@ def _verify(world: MPI.Comm, scene: Settled, scene_path: str) -> None:
     with agreed(world):
         if not (solution.certified and distance <= solution.limit):
             raise NotConvergedError(f"{solution.reason}, and the contact forces differ from those of the coupled "
-                                    f"problem by {distance:.1e}; {solution.limit:.0e} is the limit")
+                                    f"problem by {distance:.1e}; {solution.limit:.2g} is the limit")

@@ -71,7 +71,7 @@ SUMMARY = {
     "certificate.force_mismatch": "the worst of all contacts and load steps; so are the next three",
     "certificate.penetration": "", "certificate.complementarity": "", "certificate.friction": "",
     "certificate.equilibrium": "the worst of all bodies and load steps",
-    "certificate_limit": "the largest residual of a certified answer: 50 times the tolerance",
+    "certificate_limit": "the largest residual of a certified answer: 50 times the tolerance, but at most 0.05",
     "steps": "load steps in the order of time: time, outer_iterations, and contacts by name with force, moment, "
              "normal_force, tangential_force, open, slip, stick and dissipated, of the step",
     "energy.external_work": "with load steps: the last line of energy.csv; so are the next three",

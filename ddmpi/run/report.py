@@ -155,7 +155,7 @@ def log_end(summary: dict, solution: Solution) -> None:
     if not solution.mechanism:
         _log_contacts(summary, solution)
         _log_bodies(summary)
-        log.info("certificate (limit %.0e): %s", solution.limit,
+        log.info("certificate (limit %.2g): %s", solution.limit,
                  ", ".join(f"{kind.replace('_', ' ')} {value:.1e}"
                            for kind, (value, _) in solution.certificate.worst().items()))
         _log_between_nodes(summary["contacts"])

@@ -67,7 +67,7 @@ class PartMaterial(Material, frozen=True, kw_only=True):
 
     Attributes
     ----------
-    on : physical surface of the mesh file; left out, all triangles that no other entry names
+    on : physical surface of the drawing or the mesh file; left out, all triangles that no other entry names
     """
 
     on: Group | None = None
@@ -155,7 +155,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
     ----------
     name : unique among bodies and rigid partners
     mesh : see below
-    material : one, or a list with an entry for each part of a mesh file
+    material : one, or a list with an entry for each part of a drawing or a mesh file
     clamp : boundary groups or physical points: by name, whose displacements are zero, or with given displacements
     traction : loads on boundary groups
     volume_force : such as weight (N/m³), a pair [x, y] or a table

@@ -53,7 +53,7 @@ class MeshSpec(Table, frozen=True, kw_only=True):
     divisions : numbers of cells, each cut into two triangles: [nx, ny], of an annulus [around, across]
     file : triangles with physical groups as gmsh writes them, "x.msh" in any version of its format; quadrilaterals are
         cut into two triangles
-    geometry : a drawing (.geo, .step, .brep) with physical groups, see docs/drawn_parts.md
+    geometry : a drawing (.geo, .step, .brep) with physical groups, see docs/drawing.md
     contact_size : size of a geometry's elements along contacts (m); left out, a quarter of size
     order : 1 for linear triangles, 2 for quadratic ones, whose sides are curved along circles of an annulus, curves of
         a geometry, and as a second-order file has them; the same for all bodies. Left out, it follows another body

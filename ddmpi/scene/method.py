@@ -37,7 +37,8 @@ class Method(Table, frozen=True, kw_only=True):
     theta : relaxation of the published iteration; left out, 0.2
     tolerance : where the outer iteration ends: Newton's relative residual, the relative update of other methods; the
         residuals of the certificate must lie below 50 times it. Left out, 1e-8, in the published iteration 1e-4, with
-        a preset the preset's, and no more than a hundredth of target_error
+        a preset the preset's, with target_error a hundredth of it (in the published iteration times theta), with both
+        the smaller one
     max_iterations : most outer iterations of a load step
     target_error : discretization error to reach, estimated, relative in the energy norm; meshes are refined until the
         estimate is safely below it

@@ -184,6 +184,8 @@ def _describe(place: Path) -> str:
         end += f", {outcome.summary['outer_iterations']} outer iterations, n_A = {outcome.summary['n_A']}"
         if unused := outcome.summary["options_unused"]:
             end += f"; PETSc options that nothing used: {', '.join(unused)}"
+        if warnings := len(outcome.warnings):
+            end += f"; {warnings} warning{'s' * (warnings > 1)}"
     return end
 
 
@@ -198,8 +200,15 @@ def _gather(sweep: Sweep) -> None:
 
 
 def _judge(sweep: Sweep) -> None:
-    """Count the chosen cases by how they ended. Not collective. Raises NotConvergedError unless all are certified."""
-    counts = Counter(read_outcome(sweep.place(case)).status for case in sweep.chosen)
+    """Count the chosen cases by how they ended, and those that warn. Not collective.
+
+    Raises NotConvergedError unless all are certified.
+    """
+    outcomes = [read_outcome(sweep.place(case)) for case in sweep.chosen]
+    if warning := [outcome.warnings for outcome in outcomes if outcome.warnings]:
+        log.warning("%d of %d cases warn, each in its run.log; the first: %s", len(warning), len(outcomes),
+                    warning[0][0])
+    counts = Counter(outcome.status for outcome in outcomes)
     verdict = f"{counts.pop('certified', 0)} of {len(sweep.chosen)} cases in {sweep.folder} have a certified answer"
     if counts:
         rest = ", ".join(f"{number} {status}" for status, number in counts.most_common())

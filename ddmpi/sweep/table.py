@@ -47,6 +47,11 @@ class Outcome:
     reason: str = ""
     summary: dict | None = None
 
+    @property
+    def warnings(self) -> list[str]:
+        """What its answer may still not mean, as in summary.json."""
+        return (self.summary or {}).get("warnings", [])
+
 
 def identify(scene: dict, petsc: list[str], cases: list[Case], scene_folder: Path) -> dict:
     """What a sweep is, but for its --vary: the data of the scene, PETSc options of the command line, mesh files.
@@ -133,13 +138,13 @@ def gather(folder: Path, cases: list[Case]) -> Path:
     results = [numbers(outcome.summary or {}) for outcome in outcomes]
     found = dict.fromkeys([*RESULTS, *(name for result in results for name in result)])
     text = io.StringIO()
-    writer = csv.DictWriter(text, ["case", *cases[0].settings, "status", "exit", "reason", *found, "started", "folder"],
-                            lineterminator="\n")
+    writer = csv.DictWriter(text, ["case", *cases[0].settings, "status", "exit", "reason", *found, "started", "folder",
+                                  "warnings"], lineterminator="\n")
     writer.writeheader()
     for case, outcome, result in zip(cases, outcomes, results, strict=True):  # what is missing is an empty field
         writer.writerow({"case": case.number, **case.values, "status": outcome.status, "exit": outcome.exit,
                          "reason": outcome.reason, **result, "started": (outcome.summary or {}).get("started"),
-                         "folder": case.folder})
+                         "folder": case.folder, "warnings": " | ".join(outcome.warnings)})
     write_atomically(folder / TABLE, text.getvalue().encode())
     return folder / TABLE
 

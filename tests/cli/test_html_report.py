@@ -207,11 +207,12 @@ def test_a_sweep_has_a_report(tmp_path):
     with pytest.raises(InputError, match=r"no sweep\.csv yet"):
         write_report(tmp_path)
     (tmp_path / "sweep.csv").write_text(
-        "case,method.theta,status,exit,reason,outer_iterations,n_A,displacement_max,seconds.total,folder\n"
-        "0,0.2,certified,0,,9,120,0.001,0.5,a\n1,2.0,not converged,3,diverged,,,,,b\n")
+        "case,method.theta,status,exit,reason,outer_iterations,n_A,displacement_max,seconds.total,folder,"
+        "warnings\n0,0.2,certified,0,,9,120,0.001,0.5,a,slid <far>\n1,2.0,not converged,3,diverged,,,,,b,\n")
     (tmp_path / "n_A-theta.png").write_bytes(PIXEL)
     page = report(tmp_path)
     assert "Two <blocks>" in page.text and "1 of 2 cases certified" in page.text and list(page.pictures)
+    assert "Cases that warn: 1." in page.text and "Case 0: slid <far>" in page.text
     assert page.table("A line")[1:] == [["0", "0.2", "certified", "9", "120", "1.00", "–", "0.50"],
                                         ["1", "2", "not converged: diverged", "–", "–", "–", "–", "–"]]
 
@@ -232,7 +233,11 @@ def test_only_reports_are_overwritten(run):
 @pytest.mark.parametrize(("files", "words"), [
     ({}, "not the folder of a run or a sweep"), ({"checkpoint.h5": ""}, "--restart"),
     ({"summary.json": "["}, "not a complete folder"), ({"summary.json": "[]"}, "not a complete folder"),
-    ({"summary.json": '{"format": 7}'}, "format 7"), ({"summary.json": '{"format": 2}'}, "has no 'scene'")])
+    ({"summary.json": '{"format": 7}'}, "format 7"), ({"summary.json": '{"format": 2}'}, "has no 'scene'"),
+    ({"sweep.json": '{"scene": {}}'}, "has no sweep.csv yet"),
+    ({"sweep.json": "{", "sweep.csv": "case\n1\n"}, "not the record of a sweep"),
+    ({"sweep.json": "{}", "sweep.csv": "case\n1\n"}, "not the record of a sweep"),
+    ({"sweep.json": '{"scene": {}}', "sweep.csv": "case,status\n"}, "has no cases")])
 def test_what_is_no_run_is_refused(tmp_path, capsys, files, words):
     """Another folder is refused with one message and exit code 2, and nothing is written into it."""
     for name, content in files.items():

@@ -155,12 +155,13 @@ def test_theory_has_the_numbers_of_the_code():
     for words in (
             f"three and more bodies also the deformations v = M_a⁻¹x with C_a x = μ M_a⁻¹ x, μ > {newton.SMOOTH:g}",
             f"loose bodies or {count[newton.MANY]} and more bodies",
-            f"1 to {newton.LENGTHS[-1]:g}, is the one",
+            f"where it leaves at most {newton.GAIN:g} of the residual",
+            f"the length, 1 to {newton.LENGTHS[-1]:g}, that leaves least",
             f"is below {count[int(newton.ERROR)]} times that",
-            f"Where {count[newton.PATIENCE]} steps bring no",
+            f"Where {count[newton.PATIENCE]} steps leave more than {newton.PROGRESS:g} of the smallest residual",
             f"ε = 1e{np.log10(newton.HELD_LOOSELY):.0f}, and D_s",
             f"GMRES solves it to 1e{np.log10(FORCING):.0f}",
-            f"all below {certificate.FACTOR:g} times the tolerance",
+            f"all below {certificate.FACTOR:g} times the tolerance (and {certificate.LARGEST_LIMIT:g}, whatever",
             f"covered by less than {100 * mortar.UNCOVERED:g} %",
             f"turns by more than {np.rad2deg(side.SHARPEST):.0f}°"):
         assert words in page

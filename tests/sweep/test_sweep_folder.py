@@ -171,7 +171,7 @@ SUMMARY = {
                       "memory_mib": 80} for name, energy in {"a": 1.5, "b": 2, "c": 3}.items()},
     "contacts": {name: {"m": 3, "pairing": "nodes", "slave": None, "normal_force": 5.0, "force": [0.5, 0.25], "open": 1,
                         "certificate": {"friction": 1e-9}} for name in ("a-b", "b-c")},
-    "certificate": {"friction": 1e-9, "equilibrium": 1e-10}, "steps": [{"time": 1.0}], "warnings": [],
+    "certificate": {"friction": 1e-9, "equilibrium": 1e-10}, "steps": [{"time": 1.0}], "warnings": ["one", "two"],
     "discretization_error": {"energy_norm": None, "levels": [{"n": 1}, {"n": 2}]}, "seconds": {"total": 1.0}}
 
 
@@ -190,8 +190,9 @@ def test_columns_follow_from_the_summaries(tmp_path):
             for entry in ("n", "energy", "reaction.x", "reaction.y", "memory_mib")]
     contact = [f"contacts.{name}.{entry}" for name in ("a-b", "b-c")
                for entry in ("m", "normal_force", "force.x", "force.y", "open", "certificate.friction")]
-    rest = ["certificate.friction", "certificate.equilibrium", "seconds.total", "started", "folder"]
+    rest = ["certificate.friction", "certificate.equilibrium", "seconds.total", "started", "folder", "warnings"]
     assert sorted(names[12:]) == sorted([*body, *contact, *rest, "contacts.a-b.dissipated"])
+    assert [row["warnings"] for row in table] == ["one | two", "one | two", None]
     assert [row["bodies.c.energy"] for row in table] == [3, 3, None]
     assert [row["contacts.b-c.force.x"] for row in table] == [0.5, None, None]
     assert [row["contacts.a-b.dissipated"] for row in table] == [None, 3.0, None]
