@@ -58,7 +58,7 @@ def permitted() -> None:
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory) -> dict[tuple[int, str, str], Run]:
-    """By number of ranks, scene and hosts; "interrupted" is "newton" with a signal on rank 1."""
+    """By number of ranks, scene and hosts; "interrupted" is the first scene with a signal on rank 1."""
     here, found = tmp_path_factory.mktemp("hosts"), {}
     given = [word for name in ENVIRONMENT for word in ("-x", name)]
     for ranks, some in SCENES.items():
@@ -68,9 +68,9 @@ def runs(tmp_path_factory) -> dict[tuple[int, str, str], Run]:
             launcher = [SCRIPTS / "local_hosts.sh", "mpirun", "--quiet", "--host", hosts, "--map-by", "node", *given]
             faults = {name: (0, "", 0, "", str(here / f"{name} {ranks} {where}"), [str(here / f"{name}.toml")])
                       for name in some}
-            if ranks == 2:
-                faults["interrupted"] = (1, MULT, 34, "SIGUSR1", str(here / f"interrupted {where}"),
-                                         [str(here / "newton.toml")])
+            first = next(iter(some))
+            faults["interrupted"] = (1, MULT, 20, "SIGUSR1", str(here / f"interrupted {ranks} {where}"),
+                                     [str(here / f"{first}.toml")])
             with pytest.MonkeyPatch.context() as patch:
                 patch.setenv("MPIRUN", " ".join(map(str, launcher)))
                 ended = run_in_one_go(list(faults.values()), "run", "--no-figures", limit=LIMIT, ranks=ranks)
@@ -96,9 +96,10 @@ def test_two_hosts_give_the_results_of_one(runs, ranks, name):
     assert was["status"].tolist() == now["status"].tolist()
 
 
-def test_two_hosts_leave_the_checkpoint_of_one(runs):
+@pytest.mark.parametrize("ranks", SCENES)
+def test_two_hosts_leave_the_checkpoint_of_one(runs, ranks):
     """All that is in it; the file itself has times of HDF5, too."""
-    one, two = (runs[2, "interrupted", where] for where in HOSTS)
+    one, two = (runs[ranks, "interrupted", where] for where in HOSTS)
     assert one.code == two.code == 6, one.output + two.output
     assert one.files == two.files == {"checkpoint.h5"}
     np.testing.assert_equal(read(one.folder / "checkpoint.h5"), read(two.folder / "checkpoint.h5"))
