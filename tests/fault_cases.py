@@ -126,7 +126,6 @@ def all_cases() -> list[Case]:
         Case("publishing: SIGKILL between two files", target="ddmpi.system.files.os.rename", call=3, fault="SIGKILL",
              kept=True, torn=True),
         Case("one rank for two bodies of the published iteration", "published", ranks=1, codes=frozenset({2})),
-        Case("three ranks for two bodies", ranks=3, whole=True),
         Case("folder below a file", folder="a file/results", codes=frozenset({2})),
         Case("folder with results", folder="earlier", codes=frozenset({2})),
         Case("no checkpoint to go on from", more=("--restart", "nowhere"), codes=frozenset({2})),
