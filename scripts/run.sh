@@ -28,6 +28,5 @@ case "${1:-}" in
 esac
 
 attend $MPIRUN -n "${DDMPI_RANKS:-$(choose_ranks "$@")}" "$PYTHON" -m ddmpi "$@"
-# A quiet mpirun does not say that a signal has ended a rank (9: out of memory, or kill).
-[ "$code" -le 128 ] || [ "$code" -gt 192 ] || echo "ddmpi: error: a rank was ended by signal $((code - 128)) ($(kill -l "$code"))" >&2
+explain
 exit "$code"

@@ -12,6 +12,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "scripts"))  # what th
 def pytest_configure(config: pytest.Config) -> None:
     """-q is ignored: pytest-isolate-mpi would start its ranks with an argument that pytest does not know."""
     config.option.verbose = max(config.option.verbose, 0)
+    config.addinivalue_line("markers", "hosts: runs on several hosts, which scripts/local_hosts.sh makes")
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ method `target`, as in ``ddmpi.coupling.assembly.assemble``, has the `fault` fro
 
 * the name of an exception, a builtin one, one in `ddmpi.errors` or ``PETSc.Error``: every call raises it;
 * the name of a signal, SIGTERM or SIGKILL, say: the process sends it to itself, once;
+* ``dead host``, ``cut host``: the host, one of scripts/local_hosts.sh, ends with all on it, or has no network any more;
 * ``nan``, ``singular``: every call spoils what it computes;
 * ``full``: no file can grow any more, ``little room``: none beyond 6000 bytes, so that it breaks off within one;
   ``gone``: the folder of the results is no longer there; once.
@@ -21,7 +22,9 @@ import os
 import resource
 import shutil
 import signal
+import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -67,6 +70,11 @@ def act(fault: str, folder: str) -> None:
     """What happens once, before the call."""
     if hasattr(signal, fault):
         os.kill(os.getpid(), getattr(signal, fault))
+    elif fault == "dead host":
+        os.kill(1, signal.SIGTERM)
+        time.sleep(60)
+    elif fault == "cut host":
+        subprocess.run(["ip", "link", "set", "eth0", "down"], check=True)
     elif fault in ("full", "little room"):
         resource.setrlimit(resource.RLIMIT_FSIZE, (0 if fault == "full" else 6000, resource.RLIM_INFINITY))
     elif fault == "gone":

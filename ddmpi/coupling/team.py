@@ -156,6 +156,10 @@ class Share:
         """The most memory (MiB) that a rank has held."""
         return max(self.comm.allgather(peak_memory()))
 
+    def hosts(self, given: None = None) -> list[str]:
+        """The host of each rank."""
+        return self.comm.allgather(MPI.Get_processor_name())
+
     def _ordered(self, x: np.ndarray) -> np.ndarray:
         """The root's vector in the order of the ranks."""
         y = np.empty_like(x)

@@ -9,6 +9,7 @@ from dataclasses import fields
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from ddmpi.body.estimate import DiscretizationError
@@ -176,13 +177,15 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     team = team_of(world)
     ranks = team.ranks if team else [world.rank]
     memory = team.do("peak") if team else peak_memory()
+    hosts = team.do("hosts") if team else [MPI.Get_processor_name()]
     own = [(body.number, _body(assembly, body, solution, error, own_fields[body.spec.name], ranks, memory))
            for body in assembly.bodies]
-    everyone = world.allgather((own, unused_options(), sum(outer.inner_steps.values()), assembly.exchange.state()))
+    everyone = world.allgather((own, unused_options(), sum(outer.inner_steps.values()), assembly.exchange.state(),
+                                hosts))
     bodies = [body for _, body in sorted(itertools.chain(*(each for each, *_ in everyone)), key=lambda pair: pair[0])]
     unused = sorted(set.intersection(*(set(left) for _, left, *_ in everyone)))
-    inner = [steps for _, _, steps, _ in everyone]
-    sent = [counts for *_, counts in everyone]
+    inner = [steps for _, _, steps, *_ in everyone]
+    sent = [counts for *_, counts, _ in everyone]
     published = scene.method.outer != "newton"
     rescued = any(body.n_A_by_purpose.get("approximation") for body in bodies)
     run = RunResult(
@@ -200,7 +203,8 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     dissipated = steps.dissipated if steps else {}
     contacts = [ContactResult(state, solution.certificate.of_contact(name), dissipated.get(name))
                 for name, state in solution.contacts.items()]
-    return summarize(scene.resolved(), run, bodies, contacts) | provenance(world, started)
+    hosts = [host for *_, part in everyone for host in part]
+    return summarize(scene.resolved(), run, bodies, contacts) | provenance(world, started, hosts)
 
 
 def _body(assembly: Assembly, body: Body, solution: Solution, error: DiscretizationError, fields: Fields,

@@ -248,7 +248,8 @@ def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, che
                         _write_mechanism(path, solved, outlines)
                     write_summary(path, summary)
             if figures:
-                near = [rank for rank, host in enumerate(summary["hosts"]) if host == summary["hosts"][0]][:DRAWERS]
+                hosts = world.allgather(MPI.Get_processor_name())
+                near = [rank for rank, host in enumerate(hosts) if host == hosts[0]][:DRAWERS]
                 with agreed(world), event("Figures"):
                     picture_error = _draw(path, near.index(world.rank), len(near)) if world.rank in near else None
         seconds = clock.largest(world)

@@ -33,6 +33,6 @@ requeue_or_exit() {
         echo "the time is up: back into the queue, to go on from here"
         scontrol requeue "$SLURM_JOB_ID" || echo "Slurm does not requeue this job; submit it again to go on" >&2
     fi
-    [ "$code" -le 128 ] || echo "ended by signal $((code - 128)) ($(kill -l "$code"))" >&2 # a quiet mpirun does not say
+    explain
     exit "$code"
 }

@@ -59,7 +59,7 @@ def both_ways(comm, scene: dict) -> tuple[Answer, Answer, dict, dict]:
 def compare(comm, scene: dict) -> None:
     few, many, u, v = both_ways(comm, scene)
     assert few.certified and many.certified
-    assert many.summary["ranks"] == comm.size
+    assert many.summary["ranks"] == len(many.summary["hosts"]) == comm.size
     assert sorted(rank for body in many.summary["bodies"].values() for rank in body["ranks"]) == list(range(comm.size))
     assert set(u) == set(v) == {body["name"] for body in scene["body"]}
     for name in u:

@@ -19,7 +19,7 @@ def root(tmp_path: Path) -> Path:
     for name in ("run.sh", "attend.sh"):
         shutil.copy(scenes.ROOT / "scripts" / name, tmp_path / "scripts")
     (tmp_path / "scripts" / "setup.sh").write_text(f"ROOT={tmp_path} MPIRUN=mpirun PYTHON=python OMP_NUM_THREADS=1\n")
-    programs = {"mpirun": "printf '%s\\n' \"$@\" >calls\nexit 7\n", "nproc": "echo ${OMP_NUM_THREADS:-${CORES:-8}}\n"}
+    programs = {"mpirun": "printf '%s\\n' \"$@\" >calls\nexit 3\n", "nproc": "echo ${OMP_NUM_THREADS:-${CORES:-8}}\n"}
     for name, text in programs.items():
         (tmp_path / "bin" / name).write_text(f"#!/bin/sh\n{text}")
         (tmp_path / "bin" / name).chmod(0o755)
@@ -38,7 +38,7 @@ def start(root: Path, *arguments: str, **environment: str) -> list[str]:
     clean = {key: value for key, value in scenes.clean_environment().items() if not key.startswith("DDMPI_")}
     done = subprocess.run(["bash", root / "scripts" / "run.sh", *arguments], env=clean | environment, cwd=root,
                           capture_output=True, text=True, timeout=20)
-    assert (done.returncode, done.stdout, done.stderr) == (7, "", "")
+    assert (done.returncode, done.stdout, done.stderr) == (3, "", "")
     return (root / "calls").read_text().splitlines()
 
 
