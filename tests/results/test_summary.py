@@ -64,7 +64,7 @@ def test_everything_has_a_name():
 def test_every_entry_is_documented():
     """What a summary holds, load steps included, is what the reference says."""
     balance = dict.fromkeys(("external_work", "strain_energy", "interface_work", "dissipated", "lost", "residual"), 0.0)
-    summary = summary_of(row(), made_up.run(energy=balance)) | provenance(MPI.COMM_SELF, 0.0)
+    summary = summary_of(row(), made_up.run(energy=balance)) | provenance(MPI.COMM_SELF, 0.0, ["host"])
     assert set(entries(summary)) == set(SUMMARY)
 
 
