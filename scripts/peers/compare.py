@@ -223,9 +223,9 @@ def effort_table(left_out: dict[str, str]) -> list[str]:
          "`FF_LOADPATH` for its MUMPS; bodies moved apart in one mesh", "the scale of the active set"],
         ["CalculiX", f"a deck of {own_deck()} lines without its tables; sides of elements for both surfaces; "
          "resultants are taken from its clamps, because it numbers the contact nodes anew",
-         f"three numbers, found in some twenty runs: stiffness of the springs {calculix.STIFFNESS:g} E/h and the same "
-         f"while they stick, h the least nodal length; tension of open springs {calculix.TENSION:g} E: with its own "
-         "one the blocks with friction at N = 22 move by 5 % differently"],
+         "three numbers, found in some twenty runs with the answer known: stiffness of the springs "
+         f"{calculix.STIFFNESS:g} E/h and the same while they stick, h the least nodal length; tension of open "
+         f"springs {calculix.TENSION:g} E: with its own one the blocks with friction at N = 22 move by 5 % differently"],
     ]
     lines = ["## What it took", "", *table(["", "to write", "to choose"], rows)]
     if left_out:
