@@ -225,7 +225,7 @@ def effort_table(left_out: dict[str, str]) -> list[str]:
          "resultants are taken from its clamps, because it numbers the contact nodes anew",
          "three numbers, found in some twenty runs with the answer known: stiffness of the springs "
          f"{calculix.STIFFNESS:g} E/h and the same while they stick, h the least nodal length; tension of open "
-         f"springs {calculix.TENSION:g} E: with its own one the blocks with friction at N = 22 move by 5 % differently"],
+         f"springs {calculix.TENSION:g} E: with its own one the blocks with friction at N = 22 move 5 % differently"],
     ]
     lines = ["## What it took", "", *table(["", "to write", "to choose"], rows)]
     if left_out:
