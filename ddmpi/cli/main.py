@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import gc
 import sys
+import termios
+import time
 import traceback
 from typing import TYPE_CHECKING
 
@@ -29,15 +33,27 @@ def main(arguments: list[str] | None = None) -> None:
         # This rank may be alone with the error, and others wait for it, so it ends them all.
         if isinstance(error, DdmpiError):
             logs.report_error(f"ddmpi: {error.kind}: {error}")
-            world.Abort(error.exit_code)
+            _abort(world, error.exit_code)
         if isinstance(error, KeyboardInterrupt) and world.size == 1:
             logs.report_error("ddmpi: interrupted")
             sys.exit(130)
         text = "".join(traceback.format_exception(error))
         logs.report_error(f"ddmpi: internal error on rank {world.rank}:\n{text}")
-        world.Abort(1)
+        _abort(world, 1)
     interrupt.ignore()
     sys.exit(code)
+
+
+def _abort(world: MPI.Comm, code: int) -> None:
+    """End all ranks, once mpirun has read what this one has said, or after a second.
+
+    MPICH's mpirun may otherwise take the wish to abort first, and drop the message with the process.
+    """
+    late = time.monotonic() + 1.0
+    with contextlib.suppress(OSError):  # stderr is no pipe
+        while any(fcntl.ioctl(sys.stderr.fileno(), termios.FIONREAD, bytes(4))) and time.monotonic() < late:
+            time.sleep(0.005)
+    world.Abort(code)
 
 
 def _main(world: MPI.Comm, own: list[str], petsc: list[str]) -> int:

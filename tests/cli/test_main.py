@@ -1,0 +1,45 @@
+"""How the command ends."""
+
+import os
+import sys
+import threading
+import time
+
+import pytest
+
+from ddmpi.cli import main as cli
+
+
+class World:
+    """Notes what mpirun, which reads `pipe`, has not read when a rank aborts."""
+
+    rank, size = 1, 2
+
+    def __init__(self, pipe: int) -> None:
+        self.pipe = pipe
+
+    def Abort(self, code: int) -> None:
+        os.set_blocking(self.pipe, False)
+        try:
+            self.unread = os.read(self.pipe, 100)
+        except BlockingIOError:
+            self.unread = b""
+        self.code = code
+
+
+@pytest.mark.parametrize("reads", [True, False])
+def test_an_abort_waits_for_the_message_to_be_read(monkeypatch, reads):
+    """But not for ever. MPICH's mpirun drops what it has not read by then."""
+    pipe, end = os.pipe()
+    world = World(pipe)
+    with os.fdopen(end, "w") as stderr:
+        monkeypatch.setattr(sys, "stderr", stderr)
+        print("the message", file=stderr, flush=True)
+        mpirun = threading.Timer(0.2, os.read, (pipe, 100))
+        if reads:
+            mpirun.start()
+        start = time.monotonic()
+        cli._abort(world, 3)
+    os.close(pipe)
+    assert world.code == 3 and time.monotonic() - start < 10.0
+    assert world.unread == (b"" if reads else b"the message\n")
