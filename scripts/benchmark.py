@@ -230,7 +230,7 @@ def draw_phases(found: dict[int, dict]):
     n = [row["n"] for row in found.values()]
     phases = {phase: np.array([row[phase] for row in found.values()]) for phase in PHASES}
     whole = np.array([row["whole"] for row in found.values()])
-    phases = {"start of Python, MPI, PETSc": np.maximum(whole - sum(phases.values()), 0.0)} | phases
+    phases = {"start, checks, the rest": np.maximum(whole - sum(phases.values()), 0.0)} | phases
     figure, (seconds_axes, parts) = plt.subplots(1, 2, figsize=(10.0, 4.0))
     colours = ["#b9bec6", *plt.get_cmap("viridis")(np.linspace(0.0, 0.95, len(PHASES)))]
     seconds_axes.stackplot(n, list(phases.values()), labels=list(phases), colors=colours)

@@ -347,12 +347,16 @@ def _name_overlap(first: str, second: str, overlap: Overlap, drawn: float) -> li
 
 def _large_gradient(body: Body, u: np.ndarray) -> list[str]:
     """A warning where a triangle of the own mesh is strained or turned much, by its corners alone."""
-    at, moved = (field[body.mesh.triangles[:, :3]] for field in (body.mesh.points, u))
-    gradient = np.linalg.norm(np.linalg.solve(at[:, 1:] - at[:, :1], moved[:, 1:] - moved[:, :1]), 2, axis=(1, 2))
+    corners = body.mesh.triangles[:, :3].T
+    (X, Y), (U, V) = (field[corners[1:]].transpose(2, 0, 1) - field[corners[0]].T[:, None] for field in
+                      (body.mesh.points, u))  # (2, nt) from the first corner to the others
+    Ux, Vx, Uy, Vy = np.stack([U[0] * Y[1] - U[1] * Y[0], V[0] * Y[1] - V[1] * Y[0], X[0] * U[1] - X[1] * U[0],
+                               X[0] * V[1] - X[1] * V[0]]) / (X[0] * Y[1] - X[1] * Y[0])
+    gradient = (np.hypot(Ux + Vy, Vx - Uy) + np.hypot(Ux - Vy, Vx + Uy)) / 2.0  # the larger singular value
     k = int(np.argmax(gradient))
     if gradient[k] <= LARGE_GRADIENT:
         return []
-    x, y = at[k].mean(axis=0)
+    x, y = body.mesh.points[corners[:, k]].mean(axis=0)
     return [f"body.{body.spec.name}: strains and rotations reach {gradient[k]:.2g}, as at ({x:.4g}, {y:.4g}); "
             "small-strain theory means small ones"]
 
