@@ -5,11 +5,11 @@ import subprocess
 import sys
 from html.parser import HTMLParser
 
+import made_up
 import numpy as np
 import pytest
 import scenes
 from mpi4py import MPI
-from results import made_up
 
 from ddmpi.cli import main as cli
 from ddmpi.cli.report import write_report
