@@ -307,18 +307,22 @@ def _least_squares(A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.nd
 
     Finite bounds [−g, g], Tresca's, become those of non-negative unknowns by rows x + y = 2g of a large weight.
     """
-    from scipy.optimize import nnls
+    from scipy.optimize import lsq_linear, nnls
 
     k, free, boxed = len(lower), np.isinf(lower), np.isfinite(upper)
     start = np.where(free, 0.0, lower)
     limits = np.eye(k)[boxed]
     extended = np.block([[A, -A[:, free], np.zeros((len(b), len(limits)))],
                          [WEIGHT * limits, np.zeros((len(limits), free.sum())), WEIGHT * np.eye(len(limits))]])
+    right = np.concatenate([b - A @ start, WEIGHT * (upper - start)[boxed]])
     try:
-        x, _ = nnls(extended, np.concatenate([b - A @ start, WEIGHT * (upper - start)[boxed]]),
-                    maxiter=ITERATIONS * extended.shape[1])
+        x, _ = nnls(extended, right, maxiter=ITERATIONS * extended.shape[1])
     except RuntimeError:
         return np.full(k, np.nan)
+    gradient = extended.T @ (extended @ x - right)
+    if not max(-gradient.min(initial=0.0), np.abs(gradient[x > 0.0]).max(initial=0.0)) <= (
+            PROVEN * np.abs(extended.T @ right).max(initial=0.0)):  # SciPy 1.17 has returned what is no minimum
+        x = lsq_linear(extended, right, (0.0, np.inf), method="bvls").x
     full = start + x[:k]
     full[free] -= x[k:k + free.sum()]
     return full

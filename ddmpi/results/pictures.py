@@ -286,7 +286,7 @@ def draw_convergence(results: Results):
     axes.axhline(tolerance, color=COLOURS["bound"], linestyle="--", linewidth=1, label=f"tolerance {tolerance:g}")
     axes.grid(True, which="major", color="#e3e3e3")
     axes.xaxis.get_major_locator().set_params(integer=True)
-    axes.yaxis.set_major_formatter(lambda value, _: f"{value:.0e}".replace("e-0", "e-"))
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:.0e}".replace("e-0", "e-").replace("e+00", ""))
     axes.set(xlabel="outer iteration k", ylabel="relative change (–)")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
     axes.set_title(f"{_title(results)}{summary['outer_iterations']} outer iterations, n$_A$ = {summary['n_A']}, "
