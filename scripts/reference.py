@@ -176,7 +176,7 @@ def _type(node: Mapping) -> str:
             signs = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
             limits = [f"{sign} {node[limit]:g}" for limit, sign in signs.items() if limit in node]
             return f"{'whole ' * (kind == 'integer')}number {' and '.join(limits)}".strip()
-    raise NotImplementedError(f"no words for {node}")
+    raise TypeError(f"no words for {node}")
 
 
 def _anchor(heading: str) -> str:
