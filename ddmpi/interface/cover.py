@@ -8,6 +8,7 @@ import numpy as np
 
 from ddmpi.interface.matching import DEEPEST, FACING
 from ddmpi.interface.side import Side, cross
+from ddmpi.system.numbers import spans
 
 POINTS = 5
 """Gauss points on each piece of a side."""
@@ -130,9 +131,7 @@ def _hidden(links: np.ndarray, fans: np.ndarray, link: np.ndarray, at: np.ndarra
 
 def _together(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """All pairs of places of equal numbers in `one` (q,) and the sorted `other` (p,), in the order of `one`."""
-    first, last = np.searchsorted(other, one), np.searchsorted(other, one, "right")
-    place = np.repeat(np.arange(len(one)), last - first)
-    return place, np.arange(len(place)) - np.repeat(np.cumsum(last - first) - last, last - first)
+    return spans(np.searchsorted(other, one), np.searchsorted(other, one, "right"))
 
 
 def _pieces(link: np.ndarray, segments: np.ndarray, links: np.ndarray,

@@ -16,6 +16,7 @@ from ddmpi.interface.law import Law
 from ddmpi.interface.side import Side
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
 from ddmpi.scene.values import Profile
+from ddmpi.system.numbers import spans
 
 LARGE_OVERLAP = 0.02
 """An initial overlap of this part of the thinner body's depth is worth a warning."""
@@ -189,13 +190,12 @@ class Interface:
             if transfer is None:
                 a, b, normal = [*a, nodes[0]], [*b, nodes[1]], [*normal, outward]
                 continue
-            both = [each.tocsr() for each in transfer]
-            for row in range(len(outward)):
-                one, other = (nodes[side][each.indices[each.indptr[row]:each.indptr[row + 1]]]
-                              for side, each in enumerate(both))
-                a.append(np.repeat(one, len(other)))
-                b.append(np.tile(other, len(one)))
-                normal.append(np.tile(outward[row], (len(a[-1]), 1)))
+            first, second = (each.tocsr() for each in transfer)
+            row = np.repeat(np.arange(len(outward)), np.diff(first.indptr))  # of the entries of the first
+            entry, facing = spans(second.indptr[row], second.indptr[row + 1])  # each with those of the second
+            a.append(nodes[0][first.indices[entry]])
+            b.append(nodes[1][second.indices[facing]])
+            normal.append(outward[row[entry]])
         return np.concatenate(a), np.concatenate(b), np.vstack(normal)
 
 

@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ddmpi.system.numbers import spans
+
 RESOLVED = 1e-3
 """Overlaps below this part of the largest displacement are not reported."""
 
@@ -218,7 +220,7 @@ def _contains(polygons: np.ndarray, points: np.ndarray) -> np.ndarray:
     order = np.argsort(points[:, 1])
     height, ends = points[order, 1], polygons[:, :, 1]
     start, stop = np.searchsorted(height, ends.min(axis=1)), np.searchsorted(height, ends.max(axis=1))
-    segment, place = _spread(start, stop)
+    segment, place = spans(start, stop)
     point = order[place]
     (x0, y0), (x1, y1) = polygons[segment].transpose(1, 2, 0)
     left = points[point, 0] < x0 + (points[point, 1] - y0) / (y1 - y0) * (x1 - x0)
@@ -264,16 +266,9 @@ def _overlapping(low: np.ndarray, high: np.ndarray, low2: np.ndarray, high2: np.
                  ) -> tuple[np.ndarray, np.ndarray]:
     """All pairs of intervals that overlap: the second begins in the first, or the first within the second."""
     order, order2 = np.argsort(low), np.argsort(low2)
-    i, j = _spread(np.searchsorted(low2[order2], low), np.searchsorted(low2[order2], high, "right"))
-    k, m = _spread(np.searchsorted(low[order], low2, "right"), np.searchsorted(low[order], high2, "right"))
+    i, j = spans(np.searchsorted(low2[order2], low), np.searchsorted(low2[order2], high, "right"))
+    k, m = spans(np.searchsorted(low[order], low2, "right"), np.searchsorted(low[order], high2, "right"))
     return np.concatenate([i, order[m]]), np.concatenate([order2[j], k])
-
-
-def _spread(start: np.ndarray, stop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For ranges from `start` to `stop` (s,): the number of the range and the place of each of their members."""
-    count = np.maximum(stop - start, 0)
-    owner = np.repeat(np.arange(len(count)), count)
-    return owner, np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(start, count)
 
 
 def _distance(points: np.ndarray, segments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

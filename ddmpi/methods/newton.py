@@ -111,7 +111,7 @@ class Newton:
         self._left = joint.imbalance(self._s)
         self._rescue = Rescue(joint, self._stiffness)
         self._measured: tuple[np.ndarray | None, float] = (None, 0.0)
-        self._residual: float | None = None
+        self._far: float | None = None  # `_distances` of the iterate
         self._least = max(self._least, NO_FORCE * max(self.space.norm(self._c * joint.d), norm(joint.e)))
         self._start, self._settled, self._error = True, False, 0.0
         self._stalled, self._smallest = 0, np.inf
@@ -152,12 +152,13 @@ class Newton:
         if self._settled:  # the forces were moved onto their bounds; the gaps must follow
             self.joint.neglected = NEGLECTED * tolerance * self._size()
             self._follow(self.joint.product(self._s, "newton"))
-            self._settled, self._residual = False, None
+            self._settled, self._far = False, None
         while True:
             self.checkpoint()
-            if self._residual is None:
-                self._residual = self._relative(self._distance(self._s, self._r, self._left))
-            residual = self._residual
+            if self._far is None:
+                self._far = self._distances([(self._s, self._r, self._left)])[0]
+            far = self._far
+            residual = self._relative(far)
             done = (residual <= tolerance and self._error <= ERROR * tolerance
                     and not (self._start and residual > 0.0))
             if (done or not np.isfinite(residual)) and not self.history:
@@ -169,10 +170,11 @@ class Newton:
             if done or len(self.history) >= self.max_iterations:
                 self._settle()
                 return "converged" if done else "max_iterations"
-            self._residual = self._iterate(residual, tolerance)
+            self._far = self._iterate(far, tolerance)
 
-    def _iterate(self, residual: float, tolerance: float) -> float:
-        """One step, of Newton's method or of a rescue; returns the residual after it."""
+    def _iterate(self, far: float, tolerance: float) -> float:
+        """One step, of Newton's method or of a rescue, from and to where `_distances` is `far` and what is returned."""
+        residual = self._relative(far)
         gained = residual < PROGRESS * self._smallest
         self._stalled = 0 if gained or self._rescue.left else self._stalled + 1
         self._smallest = residual if gained else self._smallest
@@ -186,18 +188,19 @@ class Newton:
                                                                             self._size())
             self.inner_steps["mprgp"] += iterations
             self._follow(Cs)
+            far = self._distances([(self._s, self._r, self._left)])[0]
         else:
             with event("NewtonStep"):
-                self._newton_step()
+                far = self._newton_step(far)
         if self._start:
             self._rescue.remember(self._s, self._alpha)
         self._start = False
-        after = self._relative(self._distance(self._s, self._r, self._left))
+        after = self._relative(far)
         size = self._norm()
         update = self.space.norm(self._s - before) / size if size else 0.0
         self._error = update * after / residual if residual else 0.0
         self._note(after, update)
-        return after
+        return far
 
     def _follow(self, Cs: np.ndarray) -> None:
         """Take the gaps and the imbalance afresh from the product C s (size,)."""
@@ -228,21 +231,20 @@ class Newton:
             self._measured = self._s, self.space.norm(self._s)
         return self._measured[1]
 
-    def _distance(self, s: np.ndarray, r: np.ndarray, left: np.ndarray) -> float:
-        """The norm (N) of the residuals of all equations at forces s with gaps r and the imbalance `left`.
-
-        Contact and friction want s = P(s − c r), loose bodies G s = e. Collective.
-        """
-        return self._distances([(s, r, left)])[0]
-
     def _distances(self, points: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> list[float]:
-        """`_distance` at several points (s, r, left), in one reduction. Collective."""
+        """The norms (N) of the residuals of all equations at forces s with gaps r and the imbalance `left`.
+
+        Contact and friction want s = P(s − c r), loose bodies G s = e. All points in one reduction. Collective.
+        """
         points = list(points)
         contact = self.space.norms([s - self._laws.project(s - self._c * r) for s, r, _ in points])
         return [math.hypot(each, norm(left)) for each, (_, _, left) in zip(contact, points, strict=True)]
 
-    def _newton_step(self) -> None:
-        """Solve for the forces that the active sets of the iterate imply, and go there as far as it helps."""
+    def _newton_step(self, far: float) -> float:
+        """Solve for the forces that the active sets of the iterate imply, and go there as far as it helps.
+
+        It takes and returns `_distances` of the iterate (N).
+        """
         joint, rigid = self.joint, self.joint.rigid
         active = self._laws.active_sets(self._s - self._c * self._r)
         if self._start:  # nothing is known yet
@@ -269,22 +271,24 @@ class Newton:
             change, C_change = change + dy, C_change + joint.product(dy, "newton")
         left = joint.imbalance(self._s + change) - self._left
         r_change = C_change - rigid.spread(alpha)
-        length = 1.0 if self._start else self._length(change, r_change, left)
+        far, length = self._length(far, change, r_change, left)
         self._s = self._s + length * change
         self._r = self._r + length * r_change
         self._alpha = self._alpha + length * alpha
         self._left = self._left + length * left
+        return far
 
-    def _length(self, change: np.ndarray, r_change: np.ndarray, left: np.ndarray) -> float:
-        """The length of the step that makes the residual smallest; the full one if it gains enough."""
+    def _length(self, far: float, change: np.ndarray, r_change: np.ndarray,
+                left: np.ndarray) -> tuple[float, float]:
+        """The smallest residual (N) and the length of the step to it; the full one if it gains enough on `far`."""
         def there(lengths: Sequence[float]) -> list[float]:
             return self._distances((self._s + length * change, self._r + length * r_change, self._left + length * left)
                                    for length in lengths)
 
-        now, full = there((0.0, 1.0))
-        if full <= GAIN * now:
-            return 1.0
-        return min(zip([full, *there(LENGTHS[1:])], LENGTHS, strict=True))[1]
+        full = there(LENGTHS[:1])
+        if self._start or full[0] <= GAIN * far:
+            return full[0], LENGTHS[0]
+        return min(zip(full + there(LENGTHS[1:]), LENGTHS, strict=True))
 
     def body_forces(self) -> list[np.ndarray]:
         return self.joint.spread(self._s)
@@ -295,7 +299,7 @@ class Newton:
     def state(self) -> dict[str, Any]:
         return {"s": self._s, "r": self._r, "alpha": self._alpha, "left": self._left, "start": self._start,
                 "warm": self._warm, "least": self._least, "settled": self._settled, "error": self._error,
-                "residual": self._residual, "norm": self._norm(),
+                "far": self._far, "norm": self._norm(),
                 "stalled": self._stalled, "smallest": self._smallest, "rescue": self._rescue.state(),
                 "inner_steps": dict(self.inner_steps), "history": list(self.history)}
 
@@ -305,7 +309,7 @@ class Newton:
         self._warm, self._least = bool(state["warm"]), float(state["least"])
         self._error, self._smallest = float(state["error"]), float(state["smallest"])
         self._stalled, self.inner_steps = int(state["stalled"]), dict(state["inner_steps"])
-        self._residual = None if state["residual"] is None else float(state["residual"])
+        self._far = None if state["far"] is None else float(state["far"])
         self._measured = self._s, float(state["norm"])
         self._rescue.restore(state["rescue"])
         self.history = steps_of(state["history"])

@@ -246,7 +246,8 @@ def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, che
                     _write_tables(path, solved)
                     if solved.solution.mechanism:
                         _write_mechanism(path, solved, outlines)
-                    write_summary(path, summary)
+                    if figures:  # they show it
+                        write_summary(path, summary)
             if figures:
                 hosts = world.allgather(MPI.Get_processor_name())
                 near = [rank for rank, host in enumerate(hosts) if host == hosts[0]][:DRAWERS]

@@ -25,6 +25,13 @@ def scaled_unit(value: float, unit: str) -> tuple[float, str]:
     return factor, prefix + unit
 
 
+def spans(start: np.ndarray, stop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """For ranges from `start` to `stop` (s,): the number of the range and the place of each of their members."""
+    count = np.maximum(stop - start, 0)
+    owner = np.repeat(np.arange(len(count)), count)
+    return owner, np.arange(len(owner)) + np.repeat(start - np.cumsum(count) + count, count)
+
+
 def bisect(points: np.ndarray, parts: int) -> np.ndarray:
     """The part (k,) of each of the `points` (k, d): halves along the longest extent, halved again. Not collective.
 

@@ -59,7 +59,7 @@ def random_joint(seed: int, m: int = 6, coefficient: float = 1.0) -> Dense:
 def residuals(newton: Newton) -> list[float]:
     """Norms of the residual (N) before every step, for the forces' present size does not count here."""
     found: list[float] = []
-    newton.checkpoint = lambda: found.append(newton._distance(newton._s, newton._r, newton._left))
+    newton.checkpoint = lambda: found.extend(newton._distances([(newton._s, newton._r, newton._left)]))
     assert newton.run(1e-8) == "converged"
     return found
 
@@ -82,8 +82,12 @@ def test_the_full_step_is_taken_where_it_gains_and_the_best_one_elsewhere():
 
     def length(change: np.ndarray) -> float:
         C_change = newton.joint.C @ change
-        norms.update((t, newton._distance(s + t * change, r + t * C_change, joint.e)) for t in (*LENGTHS, 0.0))
-        return newton._length(change, C_change, joint.e)
+        ways = (*LENGTHS, 0.0)
+        found = newton._distances((s + t * change, r + t * C_change, joint.e) for t in ways)
+        norms.update(zip(ways, found, strict=True))
+        norm, way = newton._length(norms[0.0], change, C_change, joint.e)
+        assert norm == norms[way]
+        return way
 
     taken = [(length(far * (exact - s) + 0.1 * rng.standard_normal(len(s))), min(LENGTHS, key=norms.get),
               norms[1.0] <= GAIN * norms[0.0]) for far in np.linspace(0.2, 8.0, 40)]
@@ -95,7 +99,7 @@ def test_the_full_step_is_taken_where_it_gains_and_the_best_one_elsewhere():
 def test_newton_goes_on_from_its_whole_state():
     """What is restored is what the state held, entry by entry; no entry is as in a new iteration."""
     state = {"s": np.arange(12.0), "r": np.arange(12.0) - 5.0, "alpha": np.arange(3.0), "left": -np.arange(3.0),
-             "start": False, "warm": True, "least": 2.5, "settled": True, "error": 0.25, "residual": 0.5, "norm": 3.0,
+             "start": False, "warm": True, "least": 2.5, "settled": True, "error": 0.25, "far": 0.5, "norm": 3.0,
              "stalled": 4, "smallest": 0.125, "inner_steps": {"gmres": 7, "mprgp": 3},
              "rescue": {"number": 2, "left": 3, "bound": np.arange(6.0), "relaxation": 0.49, "change": 17.0,
                         "s": np.arange(12.0) + 1.0, "alpha": np.arange(3.0) + 1.0, "imbalances": [0.5, 0.25],
