@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from ddmpi.errors import OutputError
 from ddmpi.system import interrupt, logs
 from ddmpi.system.agreement import agreed, from_first
+from ddmpi.system.memory import loading
 
 if TYPE_CHECKING:
     import argparse
@@ -28,7 +29,8 @@ def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None
 
     scene = from_first(world, lambda: read_scene_file(options.scene, options.set, order_of_files(options.scene)))
     _init_petsc(world, scene.petsc, petsc)
-    from ddmpi.run.run import run
+    with loading():
+        from ddmpi.run.run import run
 
     interrupt.listen()
     if options.command == "verify":
@@ -52,7 +54,8 @@ def _sweep(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> No
         data = read_data(options.scene, text, options.set)
         chosen = choose(cases, options.index)
     _init_petsc(world, {}, petsc)
-    from ddmpi.sweep.sweep import Sweep, gather_sweep, list_cases, run_sweep
+    with loading():
+        from ddmpi.sweep.sweep import Sweep, gather_sweep, list_cases, run_sweep
 
     sweep = Sweep(options.scene, data, Path(options.output), cases, chosen, petsc, options.figures, options.plot)
     if options.list or options.gather:

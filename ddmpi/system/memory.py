@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import gc
+from collections.abc import Iterator
 from pathlib import Path
 
 _MALLOC = {-1: 2**20, -3: 2**20, -4: 2**16}
@@ -50,3 +52,17 @@ def _read(path: Path) -> str:
         return path.read_text(encoding="ascii")
     except OSError:
         return ""
+
+
+@contextlib.contextmanager
+def loading() -> Iterator[None]:
+    """Load modules without looking for garbage meanwhile, nor among all that is there ever after. Not collective.
+
+    For the start of a process only: what is there must have no PETSc objects, which would outlive PETSc.
+    """
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        gc.enable()
