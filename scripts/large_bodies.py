@@ -58,6 +58,10 @@ def measure(folder: Path, millions: float, ranks: int, kind: str, limit: float) 
         "in_all": sum(memory)}
 
 
+def number(value: float, digits: int) -> str:
+    return "–" if math.isnan(value) else f"{value:.{digits}f}"
+
+
 def main() -> None:
     parser = arguments(__doc__, "large_bodies")
     parser.add_argument("--millions", nargs="+", type=float, default=MILLIONS, help="of unknowns in all")
@@ -82,9 +86,9 @@ def main() -> None:
             best = min((row["total"] for row in own if row["total"] == row["total"]), default=math.nan)
             lines += [f"## {millions:g} million unknowns on {ranks} ranks", ""]
             lines += table(("compliance", "became", "n_A", "memory", "in all", *PHASES, "total / best"),
-                           [(row["kind"], row["compliance"], row["n_A"], *(f"{row[name]:.0f}" for name in
-                             ("memory", "in_all")), *(f"{row[phase]:.2f}" for phase in PHASES),
-                             f"{row['total'] / best:.2f}") for row in own])
+                           [(row["kind"], row["compliance"], row["n_A"] or "–", *(number(row[name], 0) for name in
+                             ("memory", "in_all")), *(number(row[phase], 2) for phase in PHASES),
+                             number(row["total"] / best, 2)) for row in own])
     text = "\n".join(lines)
     publish(PAGE, text, options.output, tuple(options.millions) == MILLIONS and tuple(options.ranks) == RANKS)
     print(text)
