@@ -1,13 +1,18 @@
 """Load steps against closed forms: the numbers of docs/load_steps.md.
 
-    OMP_NUM_THREADS=1 python scripts/history_study.py [cattaneo dissimilar torsion raous paths fretting cost ...]
+    OMP_NUM_THREADS=1 python scripts/history_study.py [SECTION ...]
 
-On one rank. Lengths in mm, stresses in MPa, forces in N/mm. Contacts of circles are blocks that touch along the x axis,
-with the gap x²/2R between them, on meshes that gmsh refines towards the contact.
+A section is one of STUDIES; all of them take about ten minutes, on one rank. Lengths in mm, stresses in MPa, forces in
+N/mm. Contacts of circles are blocks that touch along the x axis, with the gap x²/2R between them, on meshes that gmsh
+refines towards the contact.
 """
 
 from __future__ import annotations
 
+import itertools
+import logging
+import resource
+import subprocess
 import sys
 import tempfile
 import time
@@ -30,14 +35,15 @@ GROWTH = 0.15
 """Elements grow by this part of the distance from the contact."""
 
 
-def block_mesh(path: Path, h: float, up: bool) -> None:
-    """A block above or below the x axis with sides h within 1.4 a of the origin; groups contact and end."""
+def block_mesh(path: Path, h: float, up: bool, far: float = FAR) -> None:
+    """A block above or below the x axis, of `far` half widths, with sides h within 1.4 a of the origin; groups contact
+    and end."""
     import gmsh
 
     gmsh.initialize(interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
-        add, sign, size = gmsh.model.geo, 1.0 if up else -1.0, FAR * HALF
+        add, sign, size = gmsh.model.geo, 1.0 if up else -1.0, far * HALF
         near = 1.4 * HALF
         corners = [(-size, 0.0), (-near, 0.0), (near, 0.0), (size, 0.0), (size, sign * size), (-size, sign * size)]
         points = [add.addPoint(x, y, 0.0) for x, y in corners]
@@ -63,11 +69,15 @@ def block_mesh(path: Path, h: float, up: bool) -> None:
 
 def circle_on_plane(folder: Path, nodes: int, order: int, depth: float, histories: dict[str, tuple[list, list]],
                     points: list[float], shift: float = 0.0, soft: tuple[float, float] = (YOUNG, POISSON),
-                    extra: str = "") -> str:
-    """The scene of two blocks pressed by `depth` and sheared by `shift` (mm), with so many `nodes` on a."""
+                    extra: str = "", far: float = FAR) -> str:
+    """The scene of two blocks pressed by `depth` and sheared by `shift` (mm), with so many `nodes` on a.
+
+    Blocks of `far` half widths instead of FAR are pressed further, as logarithms of both go.
+    """
     h = HALF / nodes * order
     for name in ("upper", "lower"):
-        block_mesh(folder / f"{name}.msh", h, name == "upper")
+        block_mesh(folder / f"{name}.msh", h, name == "upper", far)
+    depth += HALF**2 / (2 * RADIUS) * float(np.log(far / FAR))
     x = np.linspace(-2.0 * HALF, 2.0 * HALF, 4 * 1401)
     gap = {"along": "x", "points": x.tolist(), "values": (x**2 / (2 * RADIUS)).tolist()}
     history = "\n".join(f"[history.{name}]\ntimes = {times}\nfactors = {factors}"
@@ -136,18 +146,68 @@ def cattaneo_stress(x: np.ndarray, turns: list[float], pressed: float, force: fl
     return q
 
 
-def stress_error(contact, turns: list[float], pressed: float, force: float) -> float:
-    """L2 of q − q_exact over that of μp; with quadratic elements of means over sides, which do not swing."""
-    interface, q = contact.interface, contact.shear[:, 0]
-    edges, x, weight = interface.edges, interface.xy[:, 0], interface.area
-    exact = cattaneo_stress(x, turns, pressed, force)
-    if len(edges):
-        start, end, middle = edges.T
-        q, weight = (q[start] + 4 * q[middle] + q[end]) / 6, np.abs(x[end] - x[start])
-        places = x[start][:, None] + np.linspace(0.0, 1.0, 201) * (x[end] - x[start])[:, None]
-        exact, x = cattaneo_stress(places, turns, pressed, force).mean(axis=1), x[middle]
-    bound = FRICTION * 2 * force / (np.pi * pressed) * ellipse(x, pressed) / pressed
-    return float(np.sqrt(weight @ (np.sign(q @ exact) * q - exact) ** 2 / (weight @ bound**2)))
+def sides(contact) -> tuple[np.ndarray, np.ndarray]:
+    """The sides of the contact between x[0] and x[1] (2, ns), and their nodes (ns, k): ends, and the middle if any."""
+    interface = contact.interface
+    nodes = interface.edges if len(interface.edges) else np.column_stack([np.arange(interface.m - 1),
+                                                                          np.arange(1, interface.m)])
+    ends = interface.xy[nodes[:, :2], 0].T
+    return ends, nodes
+
+
+SHAPES = {2: lambda t: np.array([1 - t, t]),
+          3: lambda t: np.array([(1 - t) * (1 - 2 * t), t * (2 * t - 1), 4 * t * (1 - t)])}
+"""Shape functions of sides with so many nodes, over t from 0 to 1."""
+
+FINE = (np.arange(2000) + 0.5) / 2000
+"""Points on a side at which q_exact is looked at."""
+
+
+def errors_of(contact, q: np.ndarray, turns: list[float], pressed: float, force: float) -> dict[str, float]:
+    """L2 of q − q_exact over that of μp, of nodal stresses q (m,) after the `turns`.
+
+    "means": of means over sides, which do not swing with quadratic elements; "nodes": at the nodes; "forces": of the
+    means that the exact nodal forces ∫ q_exact φ would have; "edges": the part of the squared error of the means
+    within one side of where q has a kink or a vertical tangent; "beyond": by how much an exact nodal force exceeds the
+    slip bound of the exact pressure at a node under pressure, over its length and the largest μp.
+    """
+    (start, end), nodes = sides(contact)
+    length, shapes = np.abs(end - start), SHAPES[nodes.shape[1]]
+    places = start[:, None] + FINE * (end - start)[:, None]
+    exact, bound = (cattaneo_stress(places, each, pressed, force) for each in (turns, [1.0]))
+    q = q * np.sign(q[nodes[:, 0]] @ exact.mean(axis=1))
+    forces, bounds = np.zeros((2, len(q)))
+    for sums, values in ((forces, exact), (bounds, bound)):
+        np.add.at(sums, nodes, length[:, None] * values @ shapes(FINE).T / len(FINE))
+    weights = shapes(FINE).mean(axis=1)
+    size = np.sqrt(length @ (bound**2).mean(axis=1))
+
+    def l2(error: np.ndarray, weight: np.ndarray) -> float:
+        return float(np.sqrt(weight @ error**2) / size)
+
+    means = q[nodes] @ weights - exact.mean(axis=1)
+    kinks = [pressed, *(pressed * np.sqrt(1 - abs(turn - last) / (2 if k else 1))
+                        for k, (last, turn) in enumerate(itertools.pairwise([0.0, *turns])))]
+    near = np.min([np.abs(np.abs(start + end) / 2 - kink) for kink in kinks], axis=0) <= length
+    x, area = contact.interface.xy[:, 0], contact.interface.area
+    inside = np.abs(x) < pressed
+    return {"means": l2(means, length), "nodes": l2(q - cattaneo_stress(x, turns, pressed, force), area),
+            "forces": l2((forces / area)[nodes] @ weights - exact.mean(axis=1), length),
+            "edges": l2(means[near], length[near]) ** 2 / l2(means, length) ** 2,
+            "beyond": max(float(((np.abs(forces) - bounds) / area)[inside].max() / bound.max()), 0.0)}
+
+
+def nearest(contact, turns: list[float], pressed: float) -> float:
+    """The smallest L2 of q_h − q_exact over that of μp that a continuous function q_h on the sides can have."""
+    (start, end), nodes = sides(contact)
+    length, shapes = np.abs(end - start), SHAPES[nodes.shape[1]](FINE)
+    places = start[:, None] + FINE * (end - start)[:, None]
+    exact, bound = cattaneo_stress(places, turns, pressed, 1.0), cattaneo_stress(places, [1.0], pressed, 1.0)
+    A, b = np.zeros((nodes.max() + 1,) * 2), np.zeros(nodes.max() + 1)
+    np.add.at(A, (nodes[:, :, None], nodes[:, None]), length[:, None, None] * (shapes @ shapes.T) / len(FINE))
+    np.add.at(b, nodes, length[:, None] * exact @ shapes.T / len(FINE))
+    left = length @ (exact**2).mean(axis=1) - b @ np.linalg.solve(A, b)
+    return float(np.sqrt(left / (length @ (bound**2).mean(axis=1))))
 
 
 def loop_energy(turn: float, pressed: float, force: float) -> float:
@@ -166,50 +226,65 @@ def shear_forces(answer: Answer) -> list[tuple[float, float, float]]:
             for step in answer.summary["steps"]]
 
 
+def loop(folder: Path, nodes: int, order: int, turns: list[float], share: float = 1.0, far: float = FAR,
+         **values) -> tuple[Answer, dict[float, dict[str, float]], dict[float, float], float]:
+    """Pressed by time 1, then sheared to the `turns` (over SHIFT times `share`) at times 2, 3, …
+
+    Returns the answer, `errors_of` the stresses and `nearest` by time, Q/μP by time, and the error of the energy that
+    the last leg dissipates, a half of a loop.
+    """
+    times = [float(k) for k in range(len(turns) + 2)]
+    histories = {"press": ([0.0, 1.0], [0.0, 1.0]), "shear": (times, [0.0, 0.0, *turns])}
+    answer = solve(circle_on_plane(folder, nodes, order, PRESS, histories, times[1:], shift=share * SHIFT, far=far),
+                   **values)
+    contact, P = answer.contacts["seam"], answer.contacts["seam"].normal_force.sum()
+    pressed = float(np.sqrt(4 * P * RADIUS / (np.pi * stiffness())))
+    at = {t: Q / (FRICTION * P) for t, Q, _ in shear_forces(answer)}
+    errors = {}
+    for t, _, _, stresses in answer.solved.steps.kept[1:]:
+        so_far = [at[each] for each in times[2:] if each <= t]
+        errors[t] = errors_of(contact, stresses[:, 1], so_far, pressed, P) | {
+            "nearest": nearest(contact, so_far, pressed)}
+    dissipated = sum(s["contacts"]["seam"]["dissipated"] for s in answer.summary["steps"] if s["time"] > times[-2])
+    energy = dissipated / (0.5 * loop_energy(abs(at[times[-1]] - at[times[-2]]) / 2, pressed, P)) - 1
+    return answer, errors, at, float(energy)
+
+
 def cattaneo(folder: Path, nodes: int = 16) -> None:
-    """Pressed, sheared to Q, to −Q, to Q again and to none: stresses and the energy of the loop."""
-    print(f"Cattaneo and Mindlin, {nodes} nodes on a: L2 of q − q_exact over that of μp")
-    times = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
-    histories = {"press": ([0.0, 1.0], [0.0, 1.0]), "shear": (times, [0.0, 0.0, 1.0, -1.0, 1.0, 0.0])}
+    """Pressed, sheared to Q, to −Q, to Q again and to none: stresses, and the energy of a loop."""
+    print(f"Cattaneo and Mindlin, {nodes} nodes on a: L2 of q − q_exact over that of μp, means over sides (at nodes)")
     for order in (1, 2):
-        scene = circle_on_plane(folder, nodes, order, PRESS, histories, times[1:], shift=SHIFT)
-        errors, rows = [], None
-        for last in (2.0, 3.0, 4.0, 5.0):
-            points = [point for point in times[1:] if point <= last]
-            answer = solve(scene, time__points=points)
-            rows, contact = shear_forces(answer), answer.contacts["seam"]
-            at = {t: (Q, P) for t, Q, P in rows}
-            P = at[last][1]
-            pressed = np.sqrt(4 * P * RADIUS / (np.pi * stiffness()))
-            turns = [at[t][0] / (FRICTION * P) for t in points[1:]]
-            errors.append(stress_error(contact, turns, pressed, P))
-            if last == 4.0:
-                dissipated = {s["time"]: s["contacts"]["seam"]["dissipated"] for s in answer.summary["steps"]}
-                loop = sum(value for t, value in dissipated.items() if 2.0 < t <= 4.0)
-                exact_loop = loop_energy(abs(turns[-1]), pressed, P)
-                turn = abs(turns[-1])
-        print(f"  order {order}: a = {pressed:.4f}, Q/μP = {turn:.3f}, errors after loading, reversal, reloading, "
-              f"unloading: {', '.join(f'{each:.2%}' for each in errors)}; energy of the loop "
-              f"{loop / exact_loop - 1:+.2%}, steps {len(rows)}, n = {answer.summary['n']}, residual of energy "
-              f"{answer.summary['energy']['residual']:.0e}",
-              flush=True)
+        _, errors, at, _ = loop(folder, nodes, order, [1.0, -1.0, 1.0, 0.0])
+        answer, _, _, energy = loop(folder, nodes, order, [1.0, -1.0, 1.0])
+        found = ", ".join(f"{each['means']:.2%} ({each['nodes']:.2%})" for each in errors.values())
+        print(f"  order {order}: Q/μP = {abs(at[2.0]):.3f}, after loading, reversal, reloading, unloading: {found}; "
+              f"energy of the loop {energy:+.2%}, steps {len(answer.summary['steps'])}, n = {answer.summary['n']}, "
+              f"residual of energy {answer.summary['energy']['residual']:.0e}", flush=True)
 
 
-def edges(folder: Path, nodes: int = 16) -> None:
-    """Sheared and let go, by several shifts: q after unloading over where the edge of back slip lies between nodes."""
-    histories = {"press": ([0.0, 1.0], [0.0, 1.0]), "shear": ([0.0, 1.0, 2.0, 3.0], [0.0, 0.0, 1.0, 0.0])}
-    for order in (1, 2):
-        errors = []
-        for share in (0.8, 0.85, 0.9, 0.95, 1.0, 1.05, 1.1):
-            scene = circle_on_plane(folder, nodes, order, PRESS, histories, [1.0, 2.0, 3.0], shift=share * SHIFT)
-            answer = solve(scene, time__steps=1)
-            at = {t: (Q, P) for t, Q, P in shear_forces(answer)}
-            P = at[3.0][1]
-            pressed = np.sqrt(4 * P * RADIUS / (np.pi * stiffness()))
-            errors.append(stress_error(answer.contacts["seam"], [at[t][0] / (FRICTION * P) for t in (2.0, 3.0)],
-                                       pressed, P))
-        print(f"order {order}, after unloading, by shift: {', '.join(f'{each:.1%}' for each in errors)}; mean "
-              f"{np.mean(errors):.1%}", flush=True)
+def edges(folder: Path) -> None:
+    """Sheared, let go, and sheared to and fro, by seven shifts, so that the edges of slip lie elsewhere in a side."""
+    print("By seven shifts: L2 of q − q_exact over that of μp after unloading; energy of a loop")
+    for nodes, far in ((16, FAR), (32, FAR), (64, FAR), (64, 2 * FAR)):
+        for order in (1, 2) if far == FAR else (2,):
+            found, energies = [], []
+            for share in (0.8, 0.85, 0.9, 0.95, 1.0, 1.05, 1.1):
+                _, errors, _, energy = loop(folder, nodes, order, [1.0, 0.0, 1.0, -1.0], share, far, time__steps=1)
+                found.append(errors[3.0])
+                energies.append(energy)
+
+            def row(values: list[float], digits: str = ".1%") -> str:
+                return f"{', '.join(f'{value:{digits}}' for value in values)}; mean {np.mean(values):{digits}}"
+
+            def of(kind: str, found: list[dict[str, float]] = found) -> list[float]:
+                return [each[kind] for each in found]
+
+            print(f"  {nodes} nodes on a, blocks of {far:.0f} a, order {order}: means over sides {row(of('means'))}\n"
+                  f"    at nodes {row(of('nodes'))}\n    means of the exact nodal forces {row(of('forces'))}\n"
+                  f"    nearest function on the sides {row(of('nearest'))}\n"
+                  f"    within a side of the edges {np.mean(of('edges')):.0%} of the squared error of the means; exact "
+                  f"nodal forces beyond the bound by {max(of('beyond')):.1%} of the largest μp at most\n"
+                  f"    energy {row(energies, '+.1%')}", flush=True)
 
 
 def dissimilar(folder: Path, nodes: int = 16) -> None:
@@ -319,23 +394,30 @@ def steps(folder: Path) -> None:
           f"of one step a leg by {', '.join(f'{k}: {value:.0e}' for k, value in apart.items() if k > 1)}")
 
 
-def paths(folder: Path, number: int = 100) -> None:
+def paths(folder: Path) -> None:
     """Random paths of the tangential load: iterations by step, and that none cycles."""
     histories = {"press": ([0.0, 1.0], [0.0, 1.0])}
     scene = circle_on_plane(folder, 8, 1, PRESS, histories | {"shear": ([0.0], [1.0])}, [1.0], shift=SHIFT)
-    rng, found, cold = np.random.default_rng(0), [], []
-    for _ in range(number):
-        turns = [0.0, 0.0, *rng.uniform(-1.2, 1.2, 6).tolist()]
-        times = [float(k) for k in range(8)]
-        answer = solve(scene, history__shear__times=times, history__shear__factors=turns, time__points=times[1:],
-                       time__steps=4)
-        iterations = [step["outer_iterations"] for step in answer.summary["steps"]]
-        cold.append(iterations[0])
-        found += iterations[4:]
-    counts = np.array(found)
-    print(f"{number} random paths of 6 turns, 4 steps a leg: {len(counts)} sheared steps, {counts.mean():.1f} steps "
-          f"on average, {np.percentile(counts, 95):.0f} in 95 %, {counts.max()} at most; the first step "
-          f"{np.mean(cold):.1f}")
+    for number, split in ((100, 4), (100, 1), (20, 16)):
+        rng, found, sizes, cold = np.random.default_rng(0), [], [], []
+        for _ in range(number):
+            turns = [0.0, 0.0, *rng.uniform(-1.2, 1.2, 6).tolist()]
+            times = [float(k) for k in range(8)]
+            answer = solve(scene, history__shear__times=times, history__shear__factors=turns, time__points=times[1:],
+                           time__steps=split)
+            iterations = [step["outer_iterations"] for step in answer.summary["steps"]]
+            P = answer.contacts["seam"].normal_force.sum()
+            Q = np.array([0.0, *(Q for _, Q, _ in shear_forces(answer))])
+            cold.append(iterations[0])
+            found += iterations[split:]
+            sizes += (np.abs(np.diff(Q))[split:] / (FRICTION * P)).tolist()
+        counts, changes = np.array(found).reshape(-1, split), np.array(sizes).reshape(-1, split)
+        many = np.sort(changes[counts >= 5])
+        print(f"{number} random paths of 6 turns, {split} steps a leg: {counts.size} sheared steps, "
+              f"{counts.mean():.2f} steps of Newton's method on average (first of a leg {counts[:, 0].mean():.2f}, "
+              f"others {counts[:, 1:].mean() if split > 1 else np.nan:.2f}), at most {counts.max()}; ΔQ/μP median "
+              f"{np.median(changes):.2f}; {len(many)} took 5 or more" + (f", with ΔQ/μP {many[0]:.2f} to {many[-1]:.2f}"
+              if len(many) else "") + f"; the first step {np.mean(cold):.1f}", flush=True)
 
 
 def fretting(folder: Path, cycles: int = 8) -> None:
@@ -354,12 +436,11 @@ def fretting(folder: Path, cycles: int = 8) -> None:
 
 
 def cost(folder: Path) -> None:
-    """What a later step costs beside the first run, at N = 86 of the pinched blocks."""
+    """What a later step costs beside the first run, at N = 86 of the pinched blocks; the least of three times each."""
     scene = Path(__file__).resolve().parents[1] / "configs" / "pinched_blocks.toml"
-    del folder
     text = scene.read_text(encoding="utf-8").replace("value = [2.0e7, 3.0e7]",
                                                      'value = [2.0e7, 3.0e7], history = "pull"')
-    text += """
+    text = text.replace("divisions = [66, 22]", "divisions = [258, 86]") + """
 [history.pull]
 times = [0.0, 10.0]
 factors = [1.0, 0.0]
@@ -367,17 +448,92 @@ factors = [1.0, 0.0]
 points = [10.0]
 steps = 1
 """
-    seconds, phases = {}, {}
-    for steps in (1, 41):
-        begin = time.time()
-        answer = solve(text, time__steps=steps, body__upper__mesh__divisions=[258, 86],
-                       body__lower__mesh__divisions=[258, 86])
-        seconds[steps], phases[steps] = time.time() - begin, answer.summary["seconds"]
-    later = {name: (phases[41][name] - phases[1][name]) / 40 for name in ("outer", "recover")}
+    spent: dict[str, list[float]] = {name: [] for name in ("run", "outer", "recover", "files", "all")}
+    (folder / "scene.toml").write_text(text, encoding="utf-8")
+    for _ in range(3):
+        phases = {}
+        for steps in (1, 41):
+            begin = time.perf_counter()
+            answer = solve(text, time__steps=steps)
+            phases[steps] = answer.summary["seconds"]
+            if steps == 1:
+                spent["run"].append(time.perf_counter() - begin)
+        for name in ("outer", "recover"):
+            spent[name].append((phases[41][name] - phases[1][name]) / 40)
+        for name, options in (("files", ["--no-figures"]), ("all", [])):
+            begin = time.perf_counter()
+            subprocess.run([sys.executable, "-m", "ddmpi", "run", str(folder / "scene.toml"), "--output",
+                            tempfile.mkdtemp(dir=folder) + "/run", *options], check=True, capture_output=True)
+            spent[name].append(time.perf_counter() - begin)
+    least = {name: min(values) for name, values in spent.items()}
+    later = least["outer"] + least["recover"]
     iterations = [step["outer_iterations"] for step in answer.summary["steps"]]
-    print(f"N = 86, n = {answer.summary['n']}: one step {seconds[1]:.2f} s in all; a later step "
-          f"{1e3 * later['outer']:.0f} ms of Newton steps ({np.mean(iterations[1:]):.1f} of them) and "
-          f"{1e3 * later['recover']:.0f} ms of recovery, {sum(later.values()) / seconds[1]:.1%} of the first run")
+    print(f"N = 86, n = {answer.summary['n']}, one rank: a later step {1e3 * least['outer']:.0f} ms of Newton steps "
+          f"({np.mean(iterations[1:]):.1f} of them) and {1e3 * least['recover']:.0f} ms of recovery: "
+          f"{later / least['all']:.1%} of the whole first run ({least['all']:.1f} s, the command), "
+          f"{later / least['files']:.1%} of it without pictures ({least['files']:.1f} s), "
+          f"{later / least['run']:.1%} of it without files and the start of Python ({least['run']:.2f} s)")
+
+
+class Watch(logging.Handler):
+    """Notes CPU seconds and resident memory (MiB) after each load step, of which the run's log has a line."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.INFO)
+        self.seconds, self.memory = [time.process_time()], [0.0]
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if record.getMessage().startswith("time "):
+            self.seconds.append(time.process_time())
+            pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+            self.memory.append(pages * resource.getpagesize() / 2**20)
+
+
+def long(folder: Path, number: int = 10_000) -> None:
+    """Two small blocks rubbed to and fro, ten steps a leg: seconds and memory on the way."""
+    del folder
+
+    def block(name: str, y: float, divisions: list[int], clamp: str) -> str:
+        return (f'[[body]]\nname = "{name}"\nmesh = {{ shape = "rectangle", origin = [0.0, {y}], size = [3.0, 1.0], '
+                f"divisions = {divisions} }}\nmaterial = {{ young = {YOUNG}, poisson = {POISSON} }}\n"
+                f"clamp = [{clamp}]\n")
+
+    legs = number // 10
+    times = [float(k) for k in range(legs + 1)]
+    factors = [1.0 if k % 2 else -0.6 for k in range(legs + 1)]
+    scene = (block("upper", 1.0, [12, 4], '{ on = "top", y = -1e-3 }, { on = "top", x = 3e-3, history = "rub" }')
+             + block("lower", 0.0, [12, 4], '"bottom"') + f"""
+[[contact]]
+name = "seam"
+bodies = ["upper", "lower"]
+on = ["bottom", "top"]
+friction = {{ law = "coulomb", coefficient = {FRICTION} }}
+[history.rub]
+times = {times}
+factors = {factors}
+[time]
+points = {times[1:]}
+steps = 10
+[output]
+stress = false
+""")
+    watch, log = Watch(), logging.getLogger("ddmpi")
+    log.addHandler(watch)
+    level = log.level
+    log.setLevel(logging.INFO)
+    try:
+        answer = solve(scene)
+    finally:
+        log.removeHandler(watch)
+        log.setLevel(level)
+    each = np.diff(watch.seconds[::1000])
+    at = ", ".join(f"{k}: {watch.memory[k]:.1f} MiB" for k in (1000, 5000, number))
+    contact = answer.contacts["seam"]
+    print(f"{len(answer.summary['steps'])} steps of two small blocks, n = {answer.summary['n']}, at last "
+          f"{contact.count('slip')} slip, {contact.count('stick')} stick: CPU seconds by thousand "
+          f"{', '.join(f'{value:.1f}' for value in each)}; resident memory after {at}; "
+          f"{np.mean([step['outer_iterations'] for step in answer.summary['steps']]):.1f} steps of Newton's method on "
+          "average")
 
 
 SOFT = (7.0e4 / 3.0, 0.3)
@@ -388,11 +544,12 @@ SHIFT = 0.0093
 """Displacement of the upper end along x (mm), for about 0.6 of the largest tangential force."""
 
 
+STUDIES = ("cattaneo", "edges", "dissimilar", "torsion", "steps", "raous", "paths", "fretting", "cost", "long")
+
+
 if __name__ == "__main__":
-    studies = sys.argv[1:] or ["cattaneo", "edges", "dissimilar", "torsion", "steps", "raous", "paths", "fretting",
-                                "cost"]
     with tempfile.TemporaryDirectory() as path:
-        for name in studies:
+        for name in sys.argv[1:] or STUDIES:
             start = time.time()
             globals()[name](Path(path))
             print(f"  ({time.time() - start:.0f} s)\n", flush=True)

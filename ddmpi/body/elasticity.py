@@ -101,7 +101,7 @@ class Elasticity:
 
     def largest(self, factors: Sequence[Mapping[str | None, float]]) -> Elasticity:
         """The same body with the largest `load` of its cases times any of `factors`."""
-        sums = [_sum_cases([(each[name], case) for name, case in self.cases.items()]) for each in factors]
+        sums = (_sum_cases([(each[name], case) for name, case in self.cases.items()]) for each in factors)
         return replace(self, load=max(case.size for case in sums))
 
     @property

@@ -91,7 +91,7 @@ class Newton:
         self._least = 0.0
         self.begin()
 
-    def begin(self, warm: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None) -> None:
+    def begin(self, warm: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None, foreseen: bool = False) -> None:
         """Begin a load step, for the present loads of the joint. Collective.
 
         The first step of Newton's method takes the nodes under pressure as closed and all of them as sticking, which
@@ -101,6 +101,7 @@ class Newton:
         Parameters
         ----------
         warm : forces s (size,), gaps r (size,) and motions α of the step before under the present loads; None for none
+        foreseen : they are a guess of this step's, and nodes are closed and slip as they say
         """
         joint = self.joint
         self._s: np.ndarray
@@ -113,7 +114,9 @@ class Newton:
         self._measured: tuple[np.ndarray | None, float] = (None, 0.0)
         self._far: float | None = None  # `_distances` of the iterate
         self._least = max(self._least, NO_FORCE * max(self.space.norm(self._c * joint.d), norm(joint.e)))
-        self._start, self._settled, self._error = True, False, 0.0
+        self._start, self._settled, self._error = not foreseen, False, math.inf if foreseen else 0.0
+        if foreseen:
+            self._rescue.remember(self._s, self._alpha)
         self._stalled, self._smallest = 0, np.inf
         self.history: list[Step] = []
 

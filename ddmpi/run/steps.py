@@ -1,8 +1,9 @@
 """Load steps: friction has a memory.
 
 A load step is the problem of a single one, but tangential displacements count from those at the end of the step before.
-It starts from the last forces, with the nodes under pressure closed and sticking. Factors of the stiffness, compliances
-and the coarse problem are those of the first step; only right-hand sides change.
+The first step of a leg starts from the last forces, with the nodes under pressure closed and sticking; a later one from
+what follows if all goes on as in the step before it. Factors of the stiffness, compliances and the coarse problem are
+those of the first step; only right-hand sides change.
 
 A leg, from one turning point of the loads to the next, is solved in 1, 2, 4, … steps until the forces at its end
 change little, unless the scene says in how many. Where the contact grows the steps are equal in its growth.
@@ -56,7 +57,8 @@ class _Mark:
     span : its length; zero where the next step is not like it
     s, alpha : forces (size,) in N and motions of loose bodies in m
     d : (size,) free displacements less gaps, tangentially from the beginning (m)
-    moved, rate : (size,) relative displacements, and what the step has added to them (m)
+    moved : (size,) relative displacements (m)
+    s_gain, alpha_gain, moved_gain : what the step has added to s, alpha and moved
     prescribed : (size,) displacements of rigid partners (m)
     factors : (k,) by history
     work : (2, k), as `Solution.work` (J)
@@ -70,7 +72,9 @@ class _Mark:
     alpha: np.ndarray
     d: np.ndarray
     moved: np.ndarray
-    rate: np.ndarray
+    s_gain: np.ndarray
+    alpha_gain: np.ndarray
+    moved_gain: np.ndarray
     prescribed: np.ndarray
     factors: np.ndarray
     work: np.ndarray
@@ -82,9 +86,9 @@ class _Mark:
         """Time 0, free of stress."""
         space, zero = assembly.space, np.zeros(assembly.space.size)
         touching = sum(float(each.area[each.gap <= 0.0].sum()) for each in space.interfaces)
-        k = len(assembly.scene.followed) + 1
-        return cls(0.0, 0.0, zero, np.zeros(assembly.joint.rigid.size), zero, zero, zero, zero, np.zeros(k),
-                   np.zeros((2, k)), 0.0, float(space.add(np.array([touching]))[0]))
+        still, k = np.zeros(assembly.joint.rigid.size), len(assembly.scene.followed) + 1
+        return cls(0.0, 0.0, zero, still, zero, zero, zero, still, zero, zero, np.zeros(k), np.zeros((2, k)), 0.0,
+                   float(space.add(np.array([touching]))[0]))
 
 
 def solve_scene(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoints | None = None,
@@ -163,25 +167,38 @@ class March:
 
     def _step(self, time: float) -> Solution:
         """Solve the load step to `time`."""
-        assembly, now = self.assembly, self._now
-        joint, space = assembly.joint, assembly.space
+        assembly, joint = self.assembly, self.assembly.joint
         mechanism = self._mechanism(time)
         assembly.act(time)
         self._d = joint.d
         start = self._slip_begins(time)
         joint.begin_slip(start)
         if not self._resumed:
-            self.iteration.begin()
-            first = now.time == 0.0
-            self.outer.begin(None if first else
-                             (now.s, now.d - self._d + space.opening - now.moved + start, now.alpha))
+            self._begin(time, start)
         self._resumed = False
         return replace(self.iteration.solve(mechanism, start), time=time)
+
+    def _begin(self, time: float, start: np.ndarray) -> None:
+        """Begin to iterate for the step to `time`, whose slip begins at `start` (size,).
+
+        After a cut, and where a leg begins, nothing is known of the way on.
+        """
+        now, opening = self._now, self.assembly.space.opening
+        self.iteration.begin()
+        if now.time == 0.0:
+            self.outer.begin()
+        elif now.span and not self._cuts:
+            share = (time - now.time) / now.span
+            moved = now.moved + share * now.moved_gain  # if forces grow so, since loads are linear along a leg
+            self.outer.begin((now.s + share * now.s_gain, opening - moved + start, now.alpha + share * now.alpha_gain),
+                             foreseen=True)
+        else:
+            self.outer.begin((now.s, now.d - self._d + opening - now.moved + start, now.alpha))
 
     def _slip_begins(self, time: float) -> np.ndarray:
         """Where the slip of the step to `time` begins (size,)."""
         now, ahead = self._now, (time - self._now.time) / self._now.span if self._now.span else 0.0
-        parts = [slip_start(interface, now.s[part], now.moved[part], now.rate[part], ahead)
+        parts = [slip_start(interface, now.s[part], now.moved[part], now.moved_gain[part], ahead)
                  for interface, part in self.assembly.space.each()]
         return np.concatenate([np.empty(0), *parts])
 
@@ -230,8 +247,9 @@ class March:
         self._note_iterations(len(self.log.steps))
         self.log.judge(solution.certificate)
         alike = not (self._sudden and now.time == 0.0)
-        self._now = _Mark(time, time - now.time if alike else 0.0, s, outer.motions, self._d, moved, moved - now.moved,
-                          space.prescribed, factors, solution.work, solution.energy,
+        self._now = _Mark(time, time - now.time if alike else 0.0, s, outer.motions, self._d, moved, s - now.s,
+                          outer.motions - now.alpha, moved - now.moved, space.prescribed, factors, solution.work,
+                          solution.energy,
                           sum(float(each.interface.area[each.status != "open"].sum()) for each in contacts))
         del self._ahead[0]
         if not self._ahead or scene.output.steps == "all":
