@@ -12,7 +12,7 @@ from scipy.linalg.blas import dsymv
 
 from ddmpi.errors import SolverError
 from ddmpi.petsc.messages import petsc_message, reason_name
-from ddmpi.petsc.schur import INTERIOR, invert_on_first, inverted_schur, request_schur
+from ddmpi.petsc.schur import hold_schur, invert_on_first, inverted_schur, request_schur
 
 REFINEMENTS = 3
 """An iterative solve with too large a true residual is refined this often; then it is an error."""
@@ -234,12 +234,14 @@ class SharedSolver(StiffnessSolver):
             definite = self.inverse is not None
         if code < 0 or not comm.bcast(definite):
             raise SolverError(f"body {self.name!r}: the stiffness cannot be factored (MUMPS: INFOG(1) = {code})")
-        self._factors.setMumpsIcntl(INTERIOR, 0)
+        hold_schur(self._factors)
         start, stop = self.A.getOwnershipRange()
         self._held, self._comm = np.flatnonzero((schur >= start) & (schur < stop)), comm
         self._own = schur[self._held] - start
         self._spread, self._work = self.A.createVecs()
         self._spread.set(0.0)
+        self._right, self._found = (PETSc.Mat().createDense((self._work.sizes, 1), comm=self.A.comm,
+                                                            array=np.zeros((stop - start, 1))) for _ in range(2))
         self._moved = np.zeros(len(schur))
 
     def _solve(self, f: PETSc.Vec, u: PETSc.Vec) -> None:
@@ -261,7 +263,9 @@ class SharedSolver(StiffnessSolver):
 
     def _interior(self, f: PETSc.Vec, u: PETSc.Vec) -> None:
         """u ← the displacement under f with the dofs of the Schur complement held."""
-        self._factors.solve(f, u)
+        self._right.getDenseArray()[:, 0] = f.array_r
+        self._factors.matSolve(self._right, self._found)
+        u.array[:] = self._found.getDenseArray()[:, 0]
         u.array[self._own] = 0.0
 
     def _move(self, residual: PETSc.Vec) -> None:
@@ -276,7 +280,7 @@ class SharedSolver(StiffnessSolver):
 
     def destroy(self) -> None:
         """Free what PETSc holds of it."""
-        work = () if self._held is None else (self._spread, self._work)
+        work = () if self._held is None else (self._spread, self._work, self._right, self._found)
         for each in (self.ksp, self._residual, self._correction, *work):
             each.destroy()
 

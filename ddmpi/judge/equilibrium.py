@@ -310,6 +310,8 @@ def _least_squares(A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.nd
     from scipy.optimize import lsq_linear, nnls
 
     k, free, boxed = len(lower), np.isinf(lower), np.isfinite(upper)
+    if not k:
+        return np.zeros(0)  # SciPy 1.17's nnls would free its memory twice
     start = np.where(free, 0.0, lower)
     limits = np.eye(k)[boxed]
     extended = np.block([[A, -A[:, free], np.zeros((len(b), len(limits)))],

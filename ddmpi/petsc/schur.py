@@ -19,10 +19,6 @@ MIRRORED = 256
 """Columns that are mirrored at a time."""
 
 
-INTERIOR = 26
-"""MUMPS's ICNTL that says what a solve does beside a Schur complement; zero: leave these unknowns out, as zeros."""
-
-
 def request_schur(pc: PETSc.PC, dofs: np.ndarray) -> None:
     """Make the next factorization keep the Schur complement on `dofs` (unique; ascending on a single rank).
 
@@ -66,6 +62,16 @@ def invert_on_first(pc: PETSc.PC, size: int) -> np.ndarray | None:
         square = S[start:stop, start:stop]
         square[:] = np.triu(square) + np.triu(square, 1).T
     return S
+
+
+def hold_schur(factors: PETSc.Mat) -> None:
+    """From now on `factors.matSolve` solves with the dofs of the Schur complement held, on several ranks too.
+
+    PETSc refuses other solves on several ranks. From 3.20 on it refuses `solve` even with the dofs held, but `matSolve`
+    only by ICNTL(19), which MUMPS does not read after the analysis. Collective.
+    """
+    factors.setMumpsIcntl(19, 0)  # whether there is a Schur complement
+    factors.setMumpsIcntl(26, 0)  # what a solve does beside it; zero: these dofs are left out
 
 
 def _schur_array(pc: PETSc.PC, size: int) -> np.ndarray:

@@ -144,8 +144,9 @@ def from_outside(here) -> dict[str, tuple[Run, Run]]:
 
 
 def test_a_signal_to_mpirun_is_heard(from_outside):
+    """MPICH's mpirun may then return zero instead of the exit code of the ranks."""
     run, _ = of(from_outside, "run")
-    assert run.code == 6
+    assert run.code == 6 or (run.code == 0 and os.environ.get("BARE_SIGNALS"))
     assert only_message(run).startswith("ddmpi: interrupted by SIGUSR1: ")
 
 

@@ -14,7 +14,8 @@ from ddmpi.run.answer import Answer
 from ddmpi.system.numbers import bisect
 
 LIMIT = 100.0
-KINDS = ("explicit", "direct", "iterative")
+METHODS = {"explicit": {"compliance": "explicit"}, "direct": {"compliance": "direct"},
+           "iterative": {"compliance": "iterative", "tolerance": 1e-11}}
 
 
 def loose_block(**method) -> dict:
@@ -71,18 +72,17 @@ def compare(comm, scene: dict) -> None:
 
 
 @pytest.mark.mpi(ranks=3, timeout=200, unit="s")
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", METHODS)
 @pytest.mark.parametrize("name", SCENES)
 def test_three_ranks_answer_as_one_for_each_body(comm, name, kind):
     """However a body's compliance is made, and whether clamps hold it: displacements to 1e-9, the same statuses."""
-    method = {"compliance": kind} | ({"tolerance": 1e-11} if kind == "iterative" else {})
-    compare(comm, SCENES[name](**(method | ({"N": 6} if name == "two blocks" else {}))))
+    compare(comm, SCENES[name](**(METHODS[kind] | ({"N": 6} if name == "two blocks" else {}))))
 
 
 @pytest.mark.mpi(ranks=2, timeout=200, unit="s")
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", METHODS)
 def test_two_ranks_on_one_body(comm, kind):
-    compare(comm, loose_block(compliance=kind))
+    compare(comm, loose_block(**METHODS[kind]))
 
 
 @pytest.mark.mpi(ranks=4, timeout=200, unit="s")
