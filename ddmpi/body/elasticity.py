@@ -61,7 +61,7 @@ class Elasticity:
         is held, else its null space are the motions
     b : PETSc vector (2k,) (N per metre of depth)
     n : number of free dofs: 2k less the clamped components of nodes that stay
-    nodes : (k,) the mesh nodes that A acts on
+    nodes : (k,) the mesh nodes that A acts on, in the order of its rows
     free : (nv, 2) bool, dofs that are not prescribed
     acting : the load case at present
     motions : (nv, 2, j) the rigid motions that clamps leave free, see `body_motions`; zero at prescribed dofs
@@ -116,8 +116,13 @@ class Elasticity:
         return full
 
 
-def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
+def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF, last: np.ndarray | None = None) -> Elasticity:
     """Assemble stiffness and load of `body` and eliminate its clamped dofs symmetrically.
+
+    Parameters
+    ----------
+    last : nodes that have the last rows of A; the others have theirs by falling distance from them in the mesh. If
+        it is left out, rows are in the order of the mesh
 
     Collective on `comm`. Raises InputError if the clamps contradict each other, or leave a part of the body loose
     that is not connected to the rest.
@@ -126,6 +131,8 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     free, prescribed = clamp_nodes(mesh, body)
     motions = body_motions(mesh, K, free, body.name)
     nodes = np.flatnonzero(free.any(axis=1))
+    if last is not None:
+        nodes = nodes[np.argsort(-K.steps(last)[nodes], kind="stable")]
     loose = free[nodes]
     cases = {}
     for history, moved in prescribed.items():
@@ -135,7 +142,7 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
         refuse_underflow(mesh, body, right, moved, float(K.diagonal.max()))
         cases[history] = LoadCase(f, moved, taken, (right[nodes] * loose).ravel())
     case = _sum_cases([(1.0, each) for each in cases.values()])
-    indptr, indices, data = K.to_csr(free)
+    indptr, indices, data = K.to_csr(free, nodes)
     if not (np.isfinite(data).all() and np.isfinite(case.b).all() and K.diagonal[nodes][:, [0, 1], [0, 1]].min() > 0.0):
         raise InputError(f"body.{body.name}: material, loads and lengths give numbers out of the range of "
                          "double precision; choose other units")

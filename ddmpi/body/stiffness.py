@@ -52,29 +52,42 @@ class Stiffness:
 
     def connected(self) -> tuple[int, np.ndarray]:
         """The number of connected pieces of the body, and for each node (nv,) the number of its piece."""
+        return csgraph.connected_components(self._links(), directed=False)
+
+    def steps(self, nodes: np.ndarray) -> np.ndarray:
+        """How many pairs lie between each node (nv,) and the nearest of `nodes`; infinity where nothing connects."""
+        return csgraph.dijkstra(self._links(), directed=False, unweighted=True, indices=nodes, min_only=True)
+
+    def _links(self) -> sparse.csr_matrix:
         size = len(self.diagonal)
         indptr = np.concatenate([[0], np.cumsum(np.bincount(self.first, minlength=size))])
-        links = sparse.csr_matrix((np.ones(len(self.first)), self.second, indptr), (size, size))
-        return csgraph.connected_components(links, directed=False)
+        return sparse.csr_matrix((np.ones(len(self.first)), self.second, indptr), (size, size))
 
-    def to_csr(self, free: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The rows and columns of the nodes with a free component, as sorted CSR arrays.
+    def to_csr(self, free: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The rows and columns of some nodes, as sorted CSR arrays.
 
         Parameters
         ----------
         free : (nv, 2) bool; if one component of a node is held, it is decoupled and keeps its diagonal entry
+        nodes : (k,) in the order of the rows
 
         Returns
         -------
-        indptr, indices, data of the (2k, 2k) matrix, nodes numbered in their order
+        indptr, indices, data of the (2k, 2k) matrix
         """
-        stays = free.any(axis=1)
-        loose = free[stays]
-        place = np.cumsum(stays, dtype=np.int32) - np.int32(1)
-        size = len(loose)
-        inside = stays[self.first] & stays[self.second]
+        loose, size = free[nodes], len(nodes)
+        place = np.full(len(free), -1, dtype=np.int32)
+        place[nodes] = np.arange(size)
+        inside = (place[self.first] >= 0) & (place[self.second] >= 0)
         a, b = place[self.first[inside]], place[self.second[inside]]
-        upper, diagonal = self.upper[inside], self.diagonal[stays]
+        upper, diagonal = self.upper[inside], self.diagonal[nodes]
+        if (nodes[1:] < nodes[:-1]).any():  # pairs as they are in the mesh's order have to be sorted again
+            turned = a > b
+            a, b = np.where(turned, b, a), np.where(turned, a, b)
+            upper[turned] = upper[turned].swapaxes(1, 2)
+            order = sort_stably(b, size)
+            order = order[sort_stably(a[order], size)]
+            a, b, upper = a[order], b[order], upper[order]
         if not loose.all():
             upper *= loose[a][:, :, None] & loose[b][:, None, :]
             diagonal *= (loose[:, :, None] & loose[:, None, :]) | np.eye(2, dtype=bool)
@@ -92,8 +105,8 @@ class Stiffness:
                 data[at] = blocks[:, i]
                 at += count[rows]
 
-        nodes = np.arange(size)
-        put(nodes, before, nodes, diagonal)
+        own = np.arange(size)
+        put(own, before, own, diagonal)
         numbers = np.arange(len(a))
         put(a, before[a] + 1 + numbers - (np.cumsum(after) - after)[a], b, upper)
         lower = sort_stably(b, size)

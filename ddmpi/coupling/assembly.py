@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from ddmpi.body.compliance import choose_kind
 from ddmpi.body.elasticity import Elasticity, assemble
 from ddmpi.body.stress import Composite, material_of, modulus_beside
 from ddmpi.coupling.exchange import Ends, Exchange
@@ -35,6 +36,10 @@ from ddmpi.system.clock import Clock
 from ddmpi.system.memory import free_memory
 
 NO_SIZES: Mapping[str, Sizes] = {}
+
+FEWEST = 50_000
+"""Nodes from which on a generated mesh is numbered towards its contacts for the factorization. It gains nothing in
+smaller ones."""
 
 
 @dataclass(frozen=True)
@@ -142,13 +147,16 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     with clock.phase("assemble"):
         with agreed(world):
             for spec in mine:
-                mesh, elasticity = meshes[spec.name], assemble(meshes[spec.name], spec)
+                mesh = meshes[spec.name]
+                facing = [edges[contact.name, side] for contact, side in _contacts_of(spec, contacts)]
+                alone = team is None or team.size == 1
+                elasticity = assemble(mesh, spec, last=_last(mesh, spec, facing, scene) if alone else None)
                 material = material_of(mesh, spec)
                 bodies[spec.name] = elasticity
                 for contact, side in _contacts_of(spec, contacts):
-                    facing, key = edges[contact.name, side], _key(contact)
-                    sides[contact.name, side] = contact_side(mesh, facing, elasticity.free, spec.name,
-                                                             modulus_beside(mesh, material, facing, key), key)
+                    links, key = edges[contact.name, side], _key(contact)
+                    sides[contact.name, side] = contact_side(mesh, links, elasticity.free, spec.name,
+                                                             modulus_beside(mesh, material, links, key), key)
                 interrupt.check()
         both = exchange.swap_objects(sides)
         with agreed(world):
@@ -205,6 +213,18 @@ def _doubts(scene: Settled, by_body: Mapping[str, list[str]], by_contact: Mappin
 def _contacts_of(spec: SettledBody, contacts: Sequence[SettledContact]) -> list[tuple[SettledContact, int]]:
     """The contacts of a body, and its side in each."""
     return [(contact, contact.bodies.index(spec.name)) for contact in contacts if spec.name in contact.bodies]
+
+
+def _last(mesh: Mesh, spec: SettledBody, facing: Sequence[np.ndarray], scene: Settled) -> np.ndarray | None:
+    """The nodes at contacts, given by their edges, if the rows of the body are to end with them.
+
+    Beside a Schur complement MUMPS orders by minimum degree, which depends on the numbers: see docs/benchmark.md.
+    """
+    if not facing or not spec.mesh.shape or len(mesh.points) < FEWEST:
+        return None
+    nodes = np.unique(np.concatenate([edges.ravel() for edges in facing]))
+    chosen = scene.method.compliance or choose_kind(mesh.points.size, nodes.size * mesh.dimension, np.inf)[0]
+    return nodes if chosen == "explicit" else None
 
 
 def _deal(team: Team | None, elasticity: Elasticity, mesh: Mesh) -> Elasticity:
