@@ -37,9 +37,9 @@ from ddmpi.system.memory import free_memory
 
 NO_SIZES: Mapping[str, Sizes] = {}
 
-FEWEST = 50_000
-"""Nodes from which on a generated mesh is numbered towards its contacts for the factorization. It gains nothing in
-smaller ones."""
+FEWEST = 10_000
+"""Nodes from which on a body's rows are numbered towards its contacts for the factorization; in smaller ones it gains
+nothing."""
 
 
 @dataclass(frozen=True)
@@ -220,7 +220,7 @@ def _last(mesh: Mesh, spec: SettledBody, facing: Sequence[np.ndarray], scene: Se
 
     Beside a Schur complement MUMPS orders by minimum degree, which depends on the numbers: see docs/benchmark.md.
     """
-    if not facing or not spec.mesh.shape or len(mesh.points) < FEWEST:
+    if not facing or len(mesh.points) < FEWEST:
         return None
     nodes = np.unique(np.concatenate([edges.ravel() for edges in facing]))
     chosen = scene.method.compliance or choose_kind(mesh.points.size, nodes.size * mesh.dimension, np.inf)[0]

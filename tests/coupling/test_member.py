@@ -376,7 +376,7 @@ def test_loose_body_that_touches_nothing(kind):
 
 
 def test_rows_end_with_the_contact(monkeypatch):
-    """In large generated bodies with an explicit compliance, rows end with the contact; answers are the same."""
+    """In large bodies with an explicit compliance, rows end with the contact; answers are the same."""
     scene = pinched_blocks(6)
     usual = solve_scene(MPI.COMM_SELF, scene)
     monkeypatch.setattr("ddmpi.coupling.assembly.FEWEST", 0)
