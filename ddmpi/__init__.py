@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from ddmpi.run.answer import Answer
 
-__version__ = "0.5.0"
+__version__ = "0.6.0"
 
 
 def solve(scene: str | Path, comm: MPI.Comm | None = None, overrides: Mapping[str, Any] | None = None) -> Answer:
