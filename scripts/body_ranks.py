@@ -1,12 +1,13 @@
-"""Memory and time of one body on several ranks: a block that is clamped on its left and pressed on a rigid floor.
+#!/usr/bin/env bash
+"exec" "bash" "-c" '. "${0%/*}/setup.sh"; exec "$PYTHON" "$0" "$@"' "$0" "$@"  # to Python, a string
 
-    python scripts/body_ranks.py --divisions 408 --ranks 1 2 4
+__doc__ = """Memory and time of one body on several ranks, clamped on its left, on a rigid floor.
+
+    scripts/body_ranks.py --divisions 408 --ranks 1 2 4
 
 prints a table: the most memory that a rank has held, seconds by phase, and how far the answer is
 from that of one rank. With 408 divisions of its height the body has a million unknowns.
 """
-
-from __future__ import annotations
 
 import argparse
 import json

@@ -1,13 +1,14 @@
-"""Load steps against closed forms: the numbers of docs/load_steps.md.
+#!/usr/bin/env bash
+"exec" "bash" "-c" '. "${0%/*}/setup.sh"; exec "$PYTHON" "$0" "$@"' "$0" "$@"  # to Python, a string
 
-    OMP_NUM_THREADS=1 python scripts/history_study.py [SECTION ...]
+__doc__ = """Load steps against closed forms: the numbers of docs/load_steps.md.
+
+    scripts/history_study.py [SECTION ...]
 
 A section is one of STUDIES; all of them take about ten minutes, on one rank. Lengths in mm, stresses in MPa, forces in
 N/mm. Contacts of circles are blocks that touch along the x axis, with the gap x²/2R between them, on meshes that gmsh
 refines towards the contact.
 """
-
-from __future__ import annotations
 
 import itertools
 import logging

@@ -1,5 +1,7 @@
-#!/usr/bin/env python3
-"""Random assemblies: ddmpi against the brute-force reference of the tests, seed by seed.
+#!/usr/bin/env bash
+"exec" "bash" "-c" '. "${0%/*}/setup.sh"; exec "$PYTHON" "$0" "$@"' "$0" "$@"  # to Python, a string
+
+__doc__ = """Random assemblies: ddmpi against the brute-force reference of the tests, seed by seed.
 
     scripts/random_assemblies.py --seeds 0:300                    # ddmpi on one rank
     mpirun -n 3 python scripts/random_assemblies.py --seeds 7     # on several
@@ -19,8 +21,6 @@ found         the same, but ddmpi certifies an answer, which is a solution
 solved, none  with --reference-only: solution, or certainly no equilibrium
 failed        ddmpi raised an error
 """
-
-from __future__ import annotations
 
 import argparse
 import sys

@@ -1,5 +1,6 @@
 """Every script of a study is started, in its smallest form."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 STUDIES = {
     # script: arguments; words of what it prints and of its pages; numbers of tables and figures
     "assembly_study": ("--sections messages --rows 3", ("| 3 | 2 | 384 |",), 1, 0),
+    "body_ranks": ("--divisions 6 --ranks 1 2", ("| 1 | ", "| 2 | "), 0, 0),
     "checkpoint_cost": ("--size 6 --seconds 0.5 --every 0.1", ("anderson", "newton", "share of the run"), 0, 0),
     "compare_qp_solvers": ("--size 6 --types python bntr", ("No type failed on any QP.",), 1, 0),
     "extremes": ("--tables numbers --most 22",
@@ -31,6 +33,15 @@ STUDIES = {
 def start(folder: Path, name: str, *arguments: str) -> subprocess.CompletedProcess:
     return subprocess.run([ROOT / f"scripts/{name}.py", *arguments], text=True, capture_output=True, timeout=200,
                           cwd=folder, env=clean_environment() | {"DDMPI_PYTHON": sys.executable})
+
+
+@pytest.mark.parametrize("path", [path for path in sorted((ROOT / "scripts").glob("*.py"))
+                                  if "__main__" in path.read_text(encoding="utf-8")], ids=lambda path: path.stem)
+def test_start(path):
+    """Whatever is a command can be given as one, without a Python of one's own."""
+    assert os.access(path, os.X_OK)
+    assert path.read_text(encoding="utf-8").startswith(("#!/usr/bin/env bash\n\"exec\" ",
+                                                        "#!/usr/bin/env python3\n"))
 
 
 @pytest.mark.parametrize("name", STUDIES)
