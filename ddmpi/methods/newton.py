@@ -199,7 +199,7 @@ class Newton:
             self._rescue.remember(self._s, self._alpha)
         self._start = False
         after = self._relative(far)
-        size = self._norm()
+        size = self._size()
         update = self.space.norm(self._s - before) / size if size else 0.0
         self._error = update * after / residual if residual else 0.0
         self._note(after, update)
@@ -330,6 +330,6 @@ def precondition(joint: Joint, c: np.ndarray) -> Preconditioner:
         motions, more = joint.add_motions([v for v, _ in found], [1.0 / (mu - 0.5) for _, mu in found])
         stiffness = np.append(stiffness, more)
     if motions.size:
-        log.info("coarse problem: %d rigid motions and %d smooth modes of %d bodies", rigid.size,
-                 motions.size - rigid.size, joint.bodies)
+        log.info("coarse problem: %d rigid motions and %d smooth modes of %d bod%s", rigid.size,
+                 motions.size - rigid.size, joint.bodies, "ies" if joint.bodies > 1 else "y")
     return Preconditioner(half_plane, motions, stiffness, np.where(joint.shared, SHARED / (2.0 * c), 0.0))

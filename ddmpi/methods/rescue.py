@@ -5,7 +5,7 @@ makes one of them, and every further one twice as many as the one before.
 
 Bodies that nothing holds hang on springs about where they are, and move on with every approximation (the augmented
 Lagrangian method with their motions α as multipliers). The springs get weaker from rescue to rescue. The first one
-begins where all nodes stick, the next where the last one ended: Newton's iterate may have carried bodies off.
+begins where Newton's method began, the next where the last one ended: its iterate may have carried bodies off.
 """
 
 from __future__ import annotations

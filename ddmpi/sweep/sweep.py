@@ -101,8 +101,6 @@ def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
     order = world.bcast(order)
     log.info("%d cases in %s: %d to run, %d finished", len(sweep.chosen), sweep.folder, len(order),
              len(sweep.chosen) - len(order))
-    gc.collect()
-    gc.freeze()  # the objects made so far stay, so the collection after each case need not look at them
     for done, number in enumerate(order, 1):
         case, taken, start = sweep.cases[number], "", time.perf_counter()
         with agreed(world):
@@ -118,7 +116,6 @@ def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
         if isinstance(error, InterruptionError):
             log.info("the same command goes on with the sweep from here")
             raise error
-    gc.unfreeze()
     options.use({})
     with agreed(world):
         if world.rank == 0 and len(sweep.chosen) == len(sweep.cases):
