@@ -90,10 +90,8 @@ class Interface:
     fixed : nodes without unknowns, because clamps hold both bodies there
     joined : (m − 1,) bool, whether a node and the next one are neighbours
     closings : (c, 2) neighbours that do not follow each other: the last and the first node of each closed chain
-    motion : (size,) how much of a motion of both bodies along them the unknowns see where clamps hold nearly all of
-        their nodes, else one; None where all are one
     edges : (ns, 3) quadratic edges whose nodes all carry unknowns, by ends and middle, in the order of the middles
-    held : (m,) inverse distances to the dropped neighbours, summed (1/m); zero where there are none
+    held : (m,) inverse distances to neighbours that clamps hold, summed (1/m); zero where there are none
     one_sided : (size,) bool, unknowns along which only one of the bodies can move
     prescribed : (size,) contact displacement of a rigid partner (m), with the sign of the second side; zero for bodies
     at : of each side (m, d), where the forces of the rows act on it (m); None where this is not known
@@ -125,7 +123,6 @@ class Interface:
     lines: Lines | None = None
     probes: Places = field(default_factory=Places)
     closings: np.ndarray = field(default_factory=lambda: np.empty((0, 2), int))
-    motion: np.ndarray | None = None
     displacement: np.ndarray = field(default_factory=lambda: np.zeros(2))
     history: str | None = None
 

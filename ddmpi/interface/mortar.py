@@ -12,6 +12,8 @@ constant pressure is exact on any meshes. Gaps are those of the boundaries that 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy.sparse as sparse
 
@@ -31,9 +33,9 @@ SLIVER = 0.02
 UNCOVERED = 0.15
 """A node of whose length a smaller part is covered shares the row of its neighbour."""
 
-BARELY, NEXT_TO_NOTHING = 0.5, 1e-3
-"""A row that clamps let move by less than this moves so little that the preconditioner must know; what counts at
-least."""
+BARELY = 0.5
+"""A row that clamps let move by less than this, where free nodes move by one, is its neighbour's: what they leave of it
+has entries of both signs, a condition on curvature, with any force."""
 
 NOTHING = 1e-12
 """Entries of P below this are rounding."""
@@ -131,13 +133,86 @@ def _is_rigid(side: Side, over: Cover) -> bool:
     return bool(is_held(side.normal[nodes], side.free[nodes]).all())
 
 
-def _rows_held(transfer: sparse.csr_matrix, direction: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Whether clamps hold all of a side's nodes that a row moves with along its direction (m, 2); and how far it moves
-    where the others move by one; each (m,)."""
-    entries = transfer.tocoo()
-    moves = ~is_held(direction[entries.row], free[entries.col])
-    return (np.bincount(entries.row, moves, len(direction)) == 0,
-            np.abs(np.bincount(entries.row, entries.data * moves, len(direction))))
+@dataclass(frozen=True)
+class _Rows:
+    """The rows of the slave's nodes.
+
+    Attributes
+    ----------
+    shown, row : (k,) nodes that have one, and which
+    rooted : (m,) the node that each stands at
+    area : (m,) ∫ ψ (m)
+    transfers : of the slave and of the other side, (m, ·), rows that sum to one
+    normal : (m, 2) the slave's
+    """
+
+    shown: np.ndarray
+    row: np.ndarray
+    rooted: np.ndarray
+    area: np.ndarray
+    transfers: tuple[sparse.csr_matrix, sparse.csr_matrix]
+    normal: np.ndarray
+
+    @property
+    def tangent(self) -> np.ndarray:
+        return np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
+
+    def of(self, size: int) -> np.ndarray:
+        """The row of each of the slave's `size` nodes, or −1."""
+        place = np.full(size, -1)
+        place[self.shown] = self.row
+        return place
+
+    def held(self, sides: tuple[Side, Side], direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Whether clamps hold all nodes of each side (2, m) that a row moves with along its direction (m, 2); and how
+        far it moves where free nodes of a side move by one, the larger of both (m,)."""
+        held, most = np.empty((2, len(direction)), bool), np.zeros(len(direction))
+        for number, (side, transfer) in enumerate(zip(sides, self.transfers, strict=True)):
+            entries = transfer.tocoo()
+            moves = ~is_held(direction[entries.row], side.free[entries.col])
+            held[number] = np.bincount(entries.row, moves, len(direction)) == 0
+            most = np.maximum(most, np.abs(np.bincount(entries.row, entries.data * moves, len(direction))))
+        return held, most
+
+
+def _rows(sides: tuple[Side, Side], over: Cover, weighted: np.ndarray, D: np.ndarray, root: np.ndarray) -> _Rows:
+    """The rows of the slave, the first side, whose nodes share those of their `root`."""
+    side, other = sides
+    shown = np.flatnonzero(root >= 0)
+    rooted, row = np.unique(root[shown], return_inverse=True)
+    area, place = np.bincount(row, D[shown]), np.full(len(D), -1)
+    place[shown] = row
+
+    def spread(at: np.ndarray, nodes: np.ndarray, size: int) -> sparse.csr_matrix:
+        """D⁻¹ ∫ ψ φ as a matrix (m, size), of the shape functions of `nodes` (q, c) of links at points (q,)."""
+        entries = np.einsum("qj,qc->qjc", weighted, shapes(at, nodes.shape[1]))
+        rows = np.broadcast_to(place[side.links[over.link]][:, :, None], entries.shape)
+        columns = np.broadcast_to(nodes[:, None, :], entries.shape)
+        found = sparse.csr_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), (len(area), size))
+        found.data[np.abs(found.data) <= NOTHING * area.repeat(np.diff(found.indptr))] = 0.0
+        found.eliminate_zeros()
+        return (sparse.diags(1.0 / np.asarray(found.sum(axis=1)).ravel()) @ found).tocsr()
+
+    S = spread(over.at, side.links[over.link], len(side.nodes))
+    P = spread(over.there, other.links[over.other], len(other.nodes))
+    seen, met = np.zeros(len(side.links), bool), np.zeros(len(other.links), bool)
+    seen[over.link], met[over.other] = True, True
+    return _Rows(shown, row, rooted, area, (S, P), unit(S @ _normals(side, seen) - P @ _normals(other, met)))
+
+
+def _unclamped(sides: tuple[Side, Side], over: Cover, rows: _Rows, tangential: bool, root: np.ndarray) -> np.ndarray:
+    """The `root` of each of the slave's nodes (k,), where a row that clamps nearly hold is its neighbour's."""
+    held, most = rows.held(sides, rows.normal)
+    if tangential:
+        both, along = rows.held(sides, rows.tangent)
+        most = np.where(both.all(axis=0), most, np.minimum(most, along))
+    links, found = rows.of(len(root))[sides[0].links[np.unique(over.link)]], root.copy()
+    for number in np.flatnonzero((most < BARELY) & ~held.all(axis=0)):
+        near = links[(links == number).any(axis=1)]
+        best = max(near[near >= 0], key=lambda row: most[row])
+        if most[best] >= BARELY:
+            found[root == rows.rooted[number]] = rows.rooted[best]
+    return found
 
 
 def _merged(side: Side, over: Cover, D: np.ndarray) -> np.ndarray:
@@ -165,74 +240,51 @@ def _merged(side: Side, over: Cover, D: np.ndarray) -> np.ndarray:
 def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tresca | NoFriction, name: str,
          gap: float | Profile | None, kind: str) -> Interface:
     """The interface whose rows stand at the nodes of the slave, `sides[own]`, that face the other side."""
-    side, other = sides[own], sides[1 - own]
+    side, other = slave = sides[own], sides[1 - own]
     weighted, phi = duals(side, over)
-    nodes = side.links[over.link]
-    share = np.bincount(over.link, over.weight, len(side.links))
-    length = side.lengths
+    nodes, share = side.links[over.link], np.bincount(over.link, over.weight, len(side.links))
     D = np.bincount(nodes.ravel(), weighted.ravel(), len(side.nodes))
+    bonded = kind == "bonded"
+    has_tangents = bonded or not isinstance(friction, NoFriction)
     root = _merged(side, over, D)
-    shown = np.flatnonzero(root >= 0)
-    rooted, row = np.unique(root[shown], return_inverse=True)
-    m, place = len(rooted), np.full(len(side.nodes), -1)
-    place[shown] = row
-    area = np.bincount(row, D[shown], m)
-
-    def spread(values: np.ndarray, columns: np.ndarray, size: int) -> sparse.csr_matrix:
-        """D⁻¹ ∫ ψ f as a matrix (m, size), of f with values (q, c) in columns (q, c); rows of f that sum to one."""
-        entries = np.einsum("qj,qc->qjc", weighted, values)
-        rows = np.broadcast_to(place[nodes][:, :, None], entries.shape)
-        where = np.broadcast_to(columns[:, None, :], entries.shape)
-        found = sparse.csr_matrix((entries.ravel(), (rows.ravel(), where.ravel())), (m, size))
-        found.data[np.abs(found.data) <= NOTHING * area.repeat(np.diff(found.indptr))] = 0.0
-        found.eliminate_zeros()
-        return sparse.diags(1.0 / np.asarray(found.sum(axis=1)).ravel()) @ found
-
-    S = spread(phi, nodes, len(side.nodes)).tocsr()
-    P = spread(shapes(over.there, other.links.shape[1]), other.links[over.other], len(other.nodes)).tocsr()
-    seen, met = np.zeros(len(side.links), bool), np.zeros(len(other.links), bool)
-    seen[over.link], met[over.other] = True, True
-    normal = unit(S @ _normals(side, seen) - P @ _normals(other, met))
+    rows = _rows(slave, over, weighted, D, root)
+    free = _unclamped(slave, over, rows, has_tangents, root)
+    if (free != root).any():
+        rows = _rows(slave, over, weighted, D, free)
+    rooted, area, normal = rows.rooted, rows.area, rows.normal
+    m, place = len(rooted), rows.of(len(side.nodes))
     ray = unit(_means(weighted, place[nodes], over.direction, m))
     measured = _means(weighted, place[nodes], over.gap[:, None], m)[:, 0] / area
     measured *= np.einsum("ij,ij->i", ray, normal)
     measured[np.abs(measured) <= NO_GAP * side.spacing[rooted]] = 0.0
-    if own == 1:
-        normal = -normal
-    transfers = (S, P) if own == 0 else (P, S)
-    tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
     start = initial_gap(gap, kind, measured, side.xy[rooted])
 
-    bonded = kind == "bonded"
-    stays = [[_rows_held(transfer, direction, each.free) for transfer, each in zip(transfers, sides, strict=True)]
-             for direction in (normal, tangent)]
-    held_normal, held_tangential = (one[0] & other[0] for one, other in stays)
-    one_sided = [one[0] | other[0] for one, other in stays]
-    most = [np.maximum(one[1], other[1]) for one, other in stays]
-    dropped = held_normal & held_tangential if bonded else held_normal
+    (held_normal, _), (held_tangential, _) = (rows.held(slave, each) for each in (normal, rows.tangent))
+    dropped = (held_normal & held_tangential if bonded else held_normal).all(axis=0)
     keep = np.flatnonzero(~dropped)
     if len(keep) == 0:
         raise InputError(f"contact.{name}: all nodes of the contact are clamped; there is nothing to solve")
-    has_tangents = bonded or not isinstance(friction, NoFriction)
-    sliding = np.flatnonzero(~held_tangential[keep]) if has_tangents else np.empty(0, int)
+    sliding = np.flatnonzero(~held_tangential[:, keep].all(axis=0)) if has_tangents else np.empty(0, int)
 
-    motion = np.concatenate([most[0][keep], most[1][keep][sliding]])
-    motion = np.where(motion < BARELY, np.maximum(motion, NEXT_TO_NOTHING), 1.0)
-
-    xy = side.xy[rooted]
+    transfers = rows.transfers if own == 0 else rows.transfers[::-1]
+    normal = normal if own == 0 else -normal
+    tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
+    xy, seen = side.xy[rooted], np.bincount(over.link, minlength=len(side.links)) > 0
     next_to = (np.diff(rooted) == 1) & side.joined_over(seen)[np.minimum(rooted[:-1], len(side.joined) - 1)]
     own_row = np.full(len(side.nodes), -1)
     own_row[rooted] = np.arange(m)
     closed = closings(side.links[seen], own_row)
     held = held_beside(xy, next_to, closed, dropped)
-    alone = np.bincount(row, minlength=m) == 1
+    clamped = np.flatnonzero(free != root)
+    np.add.at(held, place[clamped], 1.0 / np.linalg.norm(side.xy[free[clamped]] - side.xy[clamped], axis=1))
+    alone = np.bincount(rows.row, minlength=m) == 1
     kept = np.full(m, -1)
     kept[keep] = np.arange(len(keep))
-    line, closed = kept[row], kept[closed]
+    line, closed = kept[rows.row], kept[closed]
     at_node = np.full(len(side.nodes), -1)
     at_node[rooted[alone]] = kept[alone]
     edges = at_node[side.edges] if len(side.edges) else np.empty((0, 3), int)
-    whole = (edges >= 0).all(axis=1) & (share >= (1.0 - 1e-6) * length)[:len(edges)]
+    whole = (edges >= 0).all(axis=1) & (share >= (1.0 - 1e-6) * side.lengths)[:len(edges)]
     forward = over.direction if own == 0 else -over.direction
     probes = [_at(phi, nodes, len(side.nodes)),
               _at(shapes(over.there, other.links.shape[1]), other.links[over.other], len(other.nodes))]
@@ -245,13 +297,12 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
         law=law_of(friction, xy[keep], area[keep], sliding, kind),
         modulus=1.0 / (1.0 / side.modulus + 1.0 / other.modulus), joined=next_to[keep[:-1]] & (np.diff(keep) == 1),
         edges=edges[whole], held=held[keep], closings=closed[(closed >= 0).all(axis=1)],
-        one_sided=np.concatenate([one_sided[0][keep], one_sided[1][keep][sliding]]),
-        motion=motion if motion.min() < 1.0 else None,
+        one_sided=np.concatenate([held_normal.any(axis=0)[keep], held_tangential.any(axis=0)[keep][sliding]]),
         prescribed=np.zeros(len(keep) + len(sliding)),
         fixed=Places((sides[0].nodes, sides[1].nodes), normal[dropped], start[dropped],
                      (transfers[0][dropped], transfers[1][dropped])),
         at=(transfers[0][keep] @ sides[0].xy, transfers[1][keep] @ sides[1].xy), slave=side.body,
-        lines=Lines(line[line >= 0], side.xy[shown][line >= 0], D[shown][line >= 0]),
+        lines=Lines(line[line >= 0], side.xy[rows.shown][line >= 0], D[rows.shown][line >= 0]),
         probes=Places((sides[0].nodes, sides[1].nodes), forward, between,
                       (probes[own], probes[1 - own])))
 

@@ -3,7 +3,7 @@
 Two elastic half-planes pressed by the stresses σ give way by u = (2/E*) |∂|⁻¹ σ, with 1/E* the sum of
 the plane compliances (1−ν²)/E (Johnson, Contact Mechanics, 1985, ch. 2) and |∂| the square root of −d²/ds²
 along the interface, which goes on from the end of a closed chain to its beginning, with nothing moving where a clamp
-holds the next node, or nearly all of the nodes that it moves with; normal and tangential parts
+holds the next node; normal and tangential parts
 decouple when the materials are alike, and nearly so else. Every body looks like a half-plane to loads that
 vary over a few elements, which is what makes the compliance ill-conditioned; the few smooth modes that see
 the body's shape are left to the Krylov method. So the preconditioner needs no second factorization, knows
@@ -35,20 +35,11 @@ MODE_STEPS, MODE_PRECISION = 60, 0.05
 
 
 class HalfPlaneStiffness:
-    """M ≈ C⁻¹ (N/m): a block for each interface, which knows nothing of the others. Not collective.
-
-    Attributes
-    ----------
-    motion : `Interface.motion` of all interfaces of the space, or None
-    """
+    """M ≈ C⁻¹ (N/m): a block for each interface, which knows nothing of the others. Not collective."""
 
     def __init__(self, space: Space) -> None:
         self._parts = list(space.parts.values())
         self._blocks = [_Block(interface) for interface in space.interfaces]
-        self.motion: np.ndarray | None = None
-        if any(interface.motion is not None for interface in space.interfaces):
-            self.motion = np.concatenate([np.ones(interface.size) if interface.motion is None else interface.motion
-                                          for interface in space.interfaces])
 
     def mult(self, x: np.ndarray) -> np.ndarray:
         """M x (size,) in newtons, of x (size,) in metres."""
@@ -70,22 +61,16 @@ class _Block:
         length = interface.area
         distance = np.linalg.norm(np.diff(interface.xy, axis=0), axis=1)
         link = np.where(interface.joined, 1.0 / np.where(distance > 0, distance, 1.0), 0.0)
-        self._motion = None if interface.motion is None else interface.motion[:, None]
-        weak = np.zeros(len(length), bool) if interface.motion is None else interface.motion[:len(length)] < 1.0
         total = length.sum()
         diagonal = (1.5 / total) ** 2 + interface.held / length  # the longest wave is about the interface itself
         diagonal[1:] += link / length[1:]
         diagonal[:-1] += link / length[:-1]
         last, first = interface.closings.T
         inverse = 1.0 / np.linalg.norm(interface.xy[last] - interface.xy[first], axis=1)
-        whole = ~(weak[last] | weak[first])
-        for node in (last, first):
-            np.add.at(diagonal, node[~whole], inverse[~whole] / length[node[~whole]])
-        self._around = np.zeros((len(length), whole.sum()))
-        for node, sign in ((last[whole], 1.0), (first[whole], -1.0)):
-            self._around[node, np.arange(len(node))] = sign * np.sqrt(inverse[whole] / length[node])
+        self._around = np.zeros((len(length), len(last)))
+        for node, sign in ((last, 1.0), (first, -1.0)):
+            self._around[node, np.arange(len(node))] = sign * np.sqrt(inverse / length[node])
         self._diagonal = diagonal
-        link = np.where(weak[1:] | weak[:-1], 0.0, link)  # to the neighbours of a weak node it is as good as held
         self._off = -link / np.sqrt(length[1:] * length[:-1])
         self._root = np.sqrt(length)
         self._scale = 0.5 * interface.modulus
@@ -101,20 +86,18 @@ class _Block:
         if info:
             raise ValueError("the shifted interface operators are not positive definite")
         self._turned = self._solve(self._around.T)
-        self._joint = np.linalg.inv(np.eye(whole.sum()) + np.einsum("mi,jtm->tij", self._around, self._turned))
+        self._joint = np.linalg.inv(np.eye(len(last)) + np.einsum("mi,jtm->tij", self._around, self._turned))
 
     def mult(self, x: np.ndarray) -> np.ndarray:
         """M x of columns x (size, c)."""
         y, m, mt = np.empty_like(x), len(self._root), len(self._sliding)
-        if self._motion is not None:
-            x = x / self._motion
         rows = np.zeros((1 + self._law.components * bool(mt), x.shape[1], m))  # the normal one, the tangential ones
         rows[0] = x[:m].T
         rows[1:, :, self._sliding] = x[m:].reshape(mt, len(rows) - 1, x.shape[1]).transpose(1, 2, 0)
         rows = self._apply(rows.reshape(-1, m)).reshape(rows.shape)
         y[:m] = rows[0].T
         y[m:] = rows[1:, :, self._sliding].transpose(2, 0, 1).reshape(x[m:].shape)
-        return y if self._motion is None else y / self._motion
+        return y
 
     def _apply(self, x: np.ndarray) -> np.ndarray:
         """The root of the operator on rows x (c, m)."""

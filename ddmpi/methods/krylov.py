@@ -67,8 +67,6 @@ class LinearProblem:
         self.joint, self.linearised, self._half_plane = joint, linearised, preconditioner.half_plane
         self._unknown, self._whole = linearised.unknown, np.zeros(joint.size)
         self._D = preconditioner.shared[linearised.unknown]
-        motion = preconditioner.half_plane.motion
-        self._motion = None if motion is None else motion[linearised.unknown]
         self._rigid = joint.rigid.size
         self._coarse: CoarseSystem | None = None
         if preconditioner.motions.size:
@@ -97,7 +95,6 @@ class LinearProblem:
         all bodies. Raises SolverError; what the products raise is deferred by the caller.
         """
         comm = self.joint.space.comm
-        right = self._by_motion(right)
         size = self.joint.space.norm(right)
         if not size:
             return np.zeros_like(right), np.zeros(self._rigid), 0
@@ -125,7 +122,7 @@ class LinearProblem:
             elif reason < 0:
                 raise SolverError(f"the linear problem of a Newton step failed with "
                                   f"{reason_name(PETSc.KSP.ConvergedReason, reason)}")
-            y, alpha = self.precondition(self._times_motion(w.array_r))
+            y, alpha = self.precondition(w.array_r)
             return y, alpha, ksp.getIterationNumber()
         except PETSc.Error as error:
             raise SolverError(f"the linear problem of a Newton step: {petsc_message(error)}") from None
@@ -138,19 +135,11 @@ class LinearProblem:
         """The first row of the system at the preconditioned point; called by PETSc."""
         left = (self._ksp.getResidualNorm() or self._size) / self._size
         relative = STEERING * min(self._ksp.getTolerances()[0] / left, 1.0)
-        y, alpha = self.precondition(self._times_motion(x.array_r))
+        y, alpha = self.precondition(x.array_r)
         product = self.joint.product(self.linearised.expand(y), "newton", relative)
         if self._rigid:
             product -= self.joint.rigid.spread(alpha)
-        z.array[:] = self._by_motion(product[self._unknown] + self._D * y)
-
-    def _by_motion(self, residual: np.ndarray) -> np.ndarray:
-        """A residual (k,) in metres, larger where a row sees little of its bodies' motion: as GMRES measures it."""
-        return residual if self._motion is None else residual / self._motion
-
-    def _times_motion(self, residual: np.ndarray) -> np.ndarray:
-        """The residual (k,) in metres that GMRES measures so."""
-        return residual if self._motion is None else residual * self._motion
+        z.array[:] = product[self._unknown] + self._D * y
 
     def _converged(self, ksp: PETSc.KSP, iteration: int, residual: float) -> PETSc.KSP.ConvergedReason | None:
         """Whether the residual is small beside the right-hand side and beside the half-planes' displacement w."""

@@ -88,6 +88,24 @@ def test_inclined_contact(kind, order):
     assert contact.force == pytest.approx([0.2 * PRESSURE, 2.0 * PRESSURE], rel=1e-9)
 
 
+@orders
+@pytest.mark.parametrize("sides", [(48, 40), (48, 36), (30, 48)])
+def test_two_clamped_leaves(sides, order):
+    """Whatever the meshes, two leaves with one clamp carry about what they do on matching ones."""
+    def force(upper: int, lower: int) -> float:
+        bodies = [{"name": name, "mesh": {"shape": "rectangle", "origin": [0.0, y], "size": [length, 6.0],
+                                          "divisions": [n, 4], "order": order},
+                   "material": {"young": 2.06e5, "poisson": 0.3}, "clamp": ["left"]}
+                  for name, y, length, n in (("upper", 6.0, 100.0, upper), ("lower", 0.0, 80.0, lower))]
+        bodies[0]["traction"] = [{"on": "top", "value": [0.0, -1.0]}]
+        answer = ddmpi.solve(to_toml({"body": bodies, "contact": [{"bodies": ["upper", "lower"],
+                                                                   "on": ["bottom", "top"]}]}))
+        assert answer.certified
+        return answer.contacts["upper-lower"].normal_force.sum()
+
+    assert force(*sides) == pytest.approx(force(50, 40), rel=0.4)
+
+
 @pytest.mark.parametrize("law", ["none", "coulomb"])
 def test_a_clamped_end_costs_no_iterations(law):
     """Where a clamp holds the end of the slave, a solve takes no more multiplications than on matching meshes."""
