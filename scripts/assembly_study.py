@@ -68,8 +68,11 @@ SCENES: dict[str, tuple[Callable[[], Scene], float | None, float]] = {
 }
 WORK = {"wall": lambda N: wall(6, 4, N), "two clamped blocks": lambda N: stack(2, True, N),
         "two blocks, one loose": lambda N: stack(2, False, N)}
-SPREAD = {"16 blocks, clamped": SCENES["16 blocks, clamped"][0], "wall 4 x 3, N = 4": lambda: wall(4, 3, 4)}
-RANKS, ROWS, DIVISIONS = (1, 2, 3, 5, 8, 16), (4, 16, 64), (6, 8)
+RANKS = (1, 2, 3, 5, 8, 16)
+SPREAD = {"16 blocks, clamped": (SCENES["16 blocks, clamped"][0], RANKS),
+          "wall 4 x 3, N = 4": (lambda: wall(4, 3, 4), RANKS),
+          "wall 14 x 14, N = 4": (lambda: wall(14, 14, 4), (1, 2, 4, 16))}
+ROWS, DIVISIONS = (4, 16, 64), (6, 8)
 SIZES = {22: 10, 86: 6, 160: 3}
 """N of two blocks, and how often both checkouts are measured."""
 
@@ -115,7 +118,7 @@ def run_on(folder: Path, scene: Scene, ranks: int) -> Path:
 def measure_ranks(name: str, ranks: int) -> Row:
     """Two runs on so many ranks, compared with one on one rank and with each other."""
     with tempfile.TemporaryDirectory() as place:
-        folder, scene = Path(place), SPREAD[name]()
+        folder, scene = Path(place), SPREAD[name][0]()
         one, start = read_results(run_on(folder, scene, 1)), time.perf_counter()
         paths = [run_on(folder, scene, ranks) for _ in range(2)]
         end, found = time.perf_counter(), read_results(paths[0])
@@ -266,7 +269,7 @@ def main() -> None:
     work: dict[str, tuple[list[tuple], Callable[..., Row]]] = {
         "iterations": ([(name, modes) for name in options.scenes for modes in (True, False)], measure_iterations),
         "work": ([(name, N) for N in DIVISIONS for name in WORK], measure_work),
-        "ranks": ([(name, ranks) for name in SPREAD for ranks in RANKS], measure_ranks),
+        "ranks": ([(name, ranks) for name, (_, several) in SPREAD.items() for ranks in several], measure_ranks),
         "messages": ([(K,) for K in options.rows], measure_messages),
         "before": ([(N, k) for N in options.sizes for k in range(SIZES.get(N, 3))],
                    lambda N, _: measure_before(options.older.resolve(), N))}
