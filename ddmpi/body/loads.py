@@ -170,7 +170,7 @@ def lost_loads(mesh: Mesh, body: BodySpec, free: np.ndarray) -> list[str]:
             if acts[component] and not free[nodes, component].any():
                 found.append(f"{key}: the load on {traction.on!r} along {axis} is lost, because clamps hold the whole "
                              "group in this direction")
-    for group, number in Counter(traction.on for traction in body.traction).items():
+    for (group, _), number in Counter((traction.on, traction.history) for traction in body.traction).items():
         if number > 1:
             found.append(f"{key}: {group!r} is loaded {number} times; the loads add up")
     return found

@@ -37,6 +37,9 @@ SPRUNG_ROUNDING = 1e-12
 WEAKER = 10.0
 """From rescue to rescue the springs get weaker by this."""
 
+UNSEEN = 1e-20
+"""Squares of motions at contacts below this part of the largest are rounding."""
+
 DRIFT, PROGRESS, BACK = 1e-4, 0.97, 5
 """Loose bodies drift in a rescue when their imbalance, over the loads, stays above the first and has not come below the
 second times what it was so many approximations before."""
@@ -206,7 +209,8 @@ class _Hung:
         self._joint, self.size = joint, joint.size
         ones = joint.space.add(np.asarray(joint.rigid.Z.multiply(joint.rigid.Z).sum(axis=0)).ravel())
         self._norm = joint.norm()
-        self.compliance = weakness * self._norm / np.where(ones > 0.0, ones, 1.0)
+        seen = ones > UNSEEN * ones.max(initial=0.0)  # the others are motions that no contact resists
+        self.compliance = np.where(seen, weakness * self._norm / np.where(seen, ones, 1.0), 0.0)
         self._norm *= 1.0 + 6.0 * weakness  # at most three motions of two bodies
 
     def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:

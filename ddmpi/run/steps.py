@@ -36,6 +36,9 @@ log = logging.getLogger("ddmpi")
 MOST = 1024
 """A leg is solved in at most so many steps for the sake of ``time.tolerance``."""
 
+SHORT = 0.01
+"""Where nodes touch along a leg, its first step is divided after this part: only then is known how gaps close."""
+
 CUTS = 6
 """A step that fails is halved at most so often."""
 
@@ -289,7 +292,7 @@ class March:
         self._safe = None
         self._coarse: np.ndarray | None = None
         self._changed = math.nan
-        self._number = self._steps or 1
+        self._number, self._closing = self._steps or 1, False
         self._ahead = self._times(None)
 
     def _times(self, length: float | None) -> list[float]:
@@ -301,13 +304,15 @@ class March:
         x, first = np.arange(1, self._number) / self._number, self._base.length
         if length is not None and length > first:
             x = ((first + x * (length - first)) ** 2 - first**2) / (length**2 - first**2)
+        if self._closing:
+            x = np.insert(x, 0, SHORT * x[0])
         return [*(start + x * (end - start)).tolist(), end]
 
     def _refine(self) -> bool:
         """Whether to solve the leg, which has come to its end, once more in twice as many steps."""
         space, s = self.assembly.space, self._now.s
-        if self._steps or not space.any(np.array([len(each.sliding) for each in space.interfaces
-                                                  if each.law.name != "bonded"])):
+        frictional = [(part, each.m) for each, part in space.each() if len(each.sliding) and each.law.name != "bonded"]
+        if self._steps or not space.any(np.array([len(frictional)])):
             return False  # without friction there is no memory
         size = space.norm(s)
         bound = space.norm(np.minimum(space.laws.bound_at(s), size))
@@ -324,6 +329,8 @@ class March:
                 log.warning("the leg to time %g misses time.tolerance in %d steps: they change the forces by %.2g",
                             self._legs[self._leg], self._number, self._changed)
             return False
+        self._closing |= space.any(np.array([((s[part][:m] > 0.0) & (self._base.s[part][:m] <= 0.0)).any()
+                                             for part, m in frictional]))
         self._coarse, self._number = s, 2 * self._number
         length, self._now = self._now.length, self._base
         self.log.shorten(self._noted)
@@ -343,8 +350,8 @@ class March:
         self._state = {
             "now": asdict(self._now), "base": asdict(self._base), "leg": self._leg, "start": self._start,
             "number": self._number, "ahead": list(self._ahead), "coarse": self._coarse, "changed": self._changed,
-            "largest": self._largest, "cuts": self._cuts, "iterations": self.iterations, "noted": self._noted,
-            "log": self.log.state()}
+            "largest": self._largest, "closing": self._closing, "cuts": self._cuts, "iterations": self.iterations,
+            "noted": self._noted, "log": self.log.state()}
 
     def state(self) -> dict[str, Any]:
         return self._state
@@ -355,6 +362,7 @@ class March:
         self._leg, self._number, self._cuts = int(state["leg"]), int(state["number"]), int(state["cuts"])
         self._start, self._changed, self._largest = float(state["start"]), float(state["changed"]), state["largest"]
         self._ahead, self._coarse = np.asarray(state["ahead"]).tolist(), state["coarse"]
+        self._closing = bool(state["closing"])
         self.iterations, self._noted, self._safe = int(state["iterations"]), state["noted"], None
         self.log.restore(state["log"])
         self._state, self._resumed = state, True

@@ -178,6 +178,29 @@ def test_legs_are_solved_in_as_many_steps_as_the_tolerance_asks_for():
     assert errors[0.05] <= 0.05 < errors[0.2] < np.linalg.norm(once.tangential_force - fine.tangential_force) / size
 
 
+def test_gaps_that_close_within_the_first_step_do_not_agree_by_accident():
+    """One step and two of a leg would place the slip of all nodes that touch alike, and wrongly."""
+    def crowned(**time) -> dict:
+        def block(name: str, y: float, young: float, clamp: list) -> dict:
+            return {"name": name, "clamp": clamp, "material": {"young": young, "poisson": 0.3},
+                    "mesh": {"shape": "rectangle", "origin": [0.0, y], "size": [2.0, 1.0], "divisions": [5, 2]}}
+
+        x = np.linspace(0.0, 2.0, 5)
+        top = [{"on": "top", "y": -1.84e-3, "x": -1.17e-3, "history": "press"}]
+        load = [{"on": "right", "value": [0.0, 94.4], "history": "press"}]
+        upper, lower = block("upper", 0.0, 1.0e5, top), block("lower", -1.0, 1.43e6, ["bottom"])
+        return {"body": [upper | {"traction": load}, lower],
+                "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"],
+                             "friction": COULOMB | {"coefficient": 0.5},
+                             "gap": {"along": "x", "points": x.tolist(), "values": (3.15e-4 * (x - 1.0)**2).tolist()}}],
+                "history": {"press": {"times": [0.0, 1.0], "factors": [0.0, 1.0]}},
+                "time": {"points": [1.0]} | time}
+
+    fine, found = (solve(crowned(**time)).contacts["upper-lower"] for time in ({"steps": 64}, {"tolerance": 0.02}))
+    error = np.linalg.norm(found.tangential_force - fine.tangential_force)
+    assert error <= 0.02 * np.linalg.norm(0.5 * fine.normal_force)
+
+
 def test_a_later_step_of_a_leg_begins_where_the_one_before_leads():
     """Under loads that grow in proportion all load steps but the first take one step of Newton's method."""
     answer = solve(sheared_blocks(steps=8))

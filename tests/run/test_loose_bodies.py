@@ -51,6 +51,14 @@ def test_a_body_falls_across_a_gap_though_it_touches_something_above(clearance):
     assert np.mean(answer.bodies["disc"].displacement[:, 1]) == pytest.approx(-2.0 * clearance, rel=0.01)
 
 
+def test_a_disc_that_a_bore_does_not_keep_from_turning_stays_where_it_falls():
+    """Springs do not hang on motions that no contact resists, whose part at the contact is but rounding."""
+    bore = {"name": "bore", "shape": "circle", "center": [0.0, 0.0], "radius": 1.001, "inside": True}
+    answer = solve([ring("disc")], [bore], [{"bodies": ["disc", "bore"], "on": ["outer"]}])
+    assert answer.certified, answer.reason
+    assert answer.summary["displacement_max"] == pytest.approx(1e-3, rel=0.05) and not answer.summary["warnings"]
+
+
 def test_a_body_that_nothing_touches_stays_where_it_is():
     """Pulled from both sides: what rounding leaves of the sum must not move it."""
     pulled = block("pulled", 3.0, 0.0, traction=[{"on": "left", "value": [-1e6, 0.0]},
