@@ -42,6 +42,10 @@ FEWEST = 10_000
 nothing."""
 
 
+GROUND = ""
+"""What clamps and rigid partners are, among the names of bodies."""
+
+
 @dataclass(frozen=True)
 class Body:
     """One body on its rank: its number in the order of the scene, what was asked for, its mesh, and its contacts."""
@@ -161,6 +165,10 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
         both = exchange.swap_objects(sides)
         with agreed(world):
             found = [_join(scene, contact, both[contact.name], refinement) for contact in contacts]
+        looped = _looped(world, scene, [interface for interface, _ in found], both)
+        with agreed(world):
+            found = [_join(scene, contact, both[contact.name], refinement, looped[contact.name])
+                     if contact.name in looped else each for contact, each in zip(contacts, found, strict=True)]
             interfaces = [interface for interface, _ in found]
             doubts = {interface.name: warnings for interface, warnings in found}
             _check_method(scene, bodies, interfaces)
@@ -239,9 +247,100 @@ def _key(contact: SettledContact) -> str:
     return f"contact.{contact.name}.on"
 
 
-def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | None],
-          refinement: int) -> tuple[Interface, list[str]]:
-    """The interface of two sides, or of one and a rigid partner, and warnings. Raises InputError."""
+@dataclass(frozen=True)
+class _Tips:
+    """Where the chains of a contact end.
+
+    Attributes
+    ----------
+    bodies : of the contact
+    xy, reach : (k, 2) and (k,) their places, and the distance to the next row (m)
+    held : of each side (k,), whether a clamp holds it there
+    ties : whether the contact may hold both components of the motion; without friction it does not
+    mortar : whether its nodes do not match
+    """
+
+    bodies: tuple[str, str]
+    xy: np.ndarray
+    reach: np.ndarray
+    held: tuple[np.ndarray, np.ndarray]
+    ties: bool
+    mortar: bool
+
+
+def _tips(interface: Interface, sides: tuple[Side, Side | None]) -> _Tips:
+    """The tips of an interface but those at clamps of both bodies, which are dealt with there."""
+    m, joined = interface.m, np.concatenate([[False], interface.joined, [False]])
+    single = ~(joined[1:] & joined[:-1]) & (interface.held == 0.0)
+    single[interface.closings.ravel()] = False
+    tips = np.flatnonzero(single)
+    xy = interface.xy[tips]
+    step = np.concatenate([[np.inf], np.where(interface.joined, np.linalg.norm(np.diff(interface.xy, axis=0), axis=1),
+                                              np.inf), [np.inf]])
+    reach = np.minimum(step[1:], step[:-1])[tips] if m else np.empty(0)
+    reach = np.where(np.isfinite(reach), reach, interface.area[tips])
+    held = []
+    for side in sides:
+        near = np.empty((len(tips), 0), bool) if side is None else (
+            np.linalg.norm(xy[:, None] - side.xy[~side.free.any(axis=1)], axis=2) <= reach[:, None])
+        held.append(near.any(axis=1))
+    return _Tips(interface.bodies, xy, reach, (held[0], held[1]), len(interface.sliding) > 0,
+                 interface.slave is not None)
+
+
+def _looped(world: MPI.Comm, scene: Settled, interfaces: Sequence[Interface],
+            both: Mapping[str, tuple[Side, Side | None]]) -> dict[str, np.ndarray]:
+    """Places (k, 2) by contact where a row is nearly given by others: contacts and clamps close a loop of bodies there.
+
+    Of contacts whose nodes do not match only; where matching ones meet, `Space.shared` nodes do no harm. Collective.
+    """
+    if len(scene.contact) == 1:
+        return {}
+    tips = merged(world, {each.name: _tips(each, both[each.name]) for each in interfaces})
+    if not any(each.mortar for each in tips.values()):
+        return {}
+    import scipy.sparse as sparse
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    names = [contact.name for contact in scene.contact]
+    owner = np.concatenate([np.full(len(tips[name].xy), number) for number, name in enumerate(names)])
+    place = np.concatenate([np.arange(len(tips[name].xy)) for name in names])
+    xy, reach = (np.concatenate([part(tips[name]) for name in names]) for part in (lambda t: t.xy, lambda t: t.reach))
+    one, other = cKDTree(xy).query_pairs(reach.max(), output_type="ndarray").T
+    near = np.linalg.norm(xy[one] - xy[other], axis=1) <= np.maximum(reach[one], reach[other])
+    graph = sparse.coo_array((np.ones(near.sum()), (one[near], other[near])), (len(xy), len(xy)))
+    cluster = connected_components(graph, directed=False)[1]
+    found: dict[str, list[np.ndarray]] = {}
+    deformable = {body.name for body in scene.body}
+    for number in np.flatnonzero(np.bincount(cluster) > 1):
+        here = np.flatnonzero(cluster == number)
+        ties = [(owner[k], *(name if name in deformable else GROUND for name in tips[names[owner[k]]].bodies))
+                for k in here if tips[names[owner[k]]].ties]
+        ties += [(-1, body, GROUND) for k in here for body, held in
+                 zip(tips[names[owner[k]]].bodies, tips[names[owner[k]]].held, strict=True) if held[place[k]]]
+        for k in here:
+            own = tips[names[owner[k]]]
+            if own.mortar and _connected(*own.bodies, [(a, b) for by, a, b in ties if by != owner[k]]):
+                found.setdefault(names[owner[k]], []).append(xy[k])
+    return {name: np.array(places) for name, places in found.items()}
+
+
+def _connected(first: str, second: str, ties: Sequence[tuple[str, str]]) -> bool:
+    """Whether a way along `ties` leads from the first to the second."""
+    reached, before = {first}, 0
+    while len(reached) > before:
+        before = len(reached)
+        reached |= {end for tie in ties if reached & set(tie) for end in tie}
+    return second in reached
+
+
+def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | None], refinement: int,
+          looped: np.ndarray | None = None) -> tuple[Interface, list[str]]:
+    """The interface of two sides, or of one and a rigid partner, and warnings. Raises InputError.
+
+    `looped` as in `ddmpi.interface.mortar.mortar`.
+    """
     first, second = sides
     if second is None:
         (rigid,) = (each for each in scene.rigid if each.name == contact.bodies[1])
@@ -251,7 +350,7 @@ def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | Non
         if any(body.mesh.geometry for body in scene.body if body.name in contact.bodies):
             refinement = 1  # its nodes match by their number alone
         interface = join(first, second, contact.friction, contact.name, refinement, contact.gap, contact.kind,
-                         contact.pairing, contact.slave)
+                         contact.pairing, contact.slave, looped)
         overlaps = check_overlap(interface, first, second)
     idle = [] if contact.slave is None or interface.slave else [
         f"contact.{contact.name}.slave: no side is a slave, because nodes match and are paired; pairing = \"mortar\" "

@@ -43,7 +43,7 @@ NOTHING = 1e-12
 
 def join(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, name: str, refinement: int = 1,
          gap: float | Profile | None = None, kind: str = "unilateral", pairing: str | None = None,
-         slave: str | None = None) -> Interface:
+         slave: str | None = None, looped: np.ndarray | None = None) -> Interface:
     """The interface of two sides: by pairs of nodes where they match, else by mortar; or as `pairing` says.
 
     Parameters
@@ -58,11 +58,12 @@ def join(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, nam
         except InputError:
             if pairing == "nodes":
                 raise
-    return mortar(first, second, friction, name, gap, kind, slave)
+    return mortar(first, second, friction, name, gap, kind, slave, looped)
 
 
 def mortar(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, name: str,
-           gap: float | Profile | None = None, kind: str = "unilateral", slave: str | None = None) -> Interface:
+           gap: float | Profile | None = None, kind: str = "unilateral", slave: str | None = None,
+           looped: np.ndarray | None = None) -> Interface:
     """The interface of two sides whose nodes need not match.
 
     Parameters
@@ -71,6 +72,7 @@ def mortar(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, n
     friction, name, gap, kind : as for `pair`
     slave : name of the body whose nodes carry the rows; by default the one with the larger spacing of nodes over
         plane modulus, and not one that clamps hold all along the contact
+    looped : places (k, 2) of rows that share their neighbours', because a loop of contacts ends there
 
     Raises
     ------
@@ -89,7 +91,7 @@ def mortar(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, n
     assert over is not None
     if _is_rigid(here, over):
         raise InputError(f"contact.{name}: clamps hold all of {here.body!r} at this contact; it cannot be the slave")
-    return _lay(sides, own, over, friction, name, gap, kind)
+    return _lay(sides, own, over, friction, name, gap, kind, looped)
 
 
 def duals(side: Side, over: Cover) -> tuple[np.ndarray, np.ndarray]:
@@ -200,18 +202,25 @@ def _rows(sides: tuple[Side, Side], over: Cover, weighted: np.ndarray, D: np.nda
     return _Rows(shown, row, rooted, area, (S, P), unit(S @ _normals(side, seen) - P @ _normals(other, met)))
 
 
-def _unclamped(sides: tuple[Side, Side], over: Cover, rows: _Rows, tangential: bool, root: np.ndarray) -> np.ndarray:
-    """The `root` of each of the slave's nodes (k,), where a row that clamps nearly hold is its neighbour's."""
+def _unbound(sides: tuple[Side, Side], over: Cover, rows: _Rows, tangential: bool, root: np.ndarray,
+             looped: np.ndarray | None) -> np.ndarray:
+    """The `root` of each of the slave's nodes (k,), where a row that clamps nearly hold, or that other contacts make
+    nearly dependent, is its neighbour's."""
     held, most = rows.held(sides, rows.normal)
     if tangential:
         both, along = rows.held(sides, rows.tangent)
         most = np.where(both.all(axis=0), most, np.minimum(most, along))
     links, found = rows.of(len(root))[sides[0].links[np.unique(over.link)]], root.copy()
+    most[held.all(axis=0)] = 0.0
+    if looped is not None:
+        apart = np.linalg.norm(sides[0].xy[rows.rooted][:, None] - looped, axis=2)
+        most[np.argmin(apart, axis=0)] = 0.0
     for number in np.flatnonzero((most < BARELY) & ~held.all(axis=0)):
-        near = links[(links == number).any(axis=1)]
-        best = max(near[near >= 0], key=lambda row: most[row])
-        if most[best] >= BARELY:
-            found[root == rows.rooted[number]] = rows.rooted[best]
+        near = np.unique(links[(links == number).any(axis=1)])
+        near = rows.rooted[near[(near >= 0) & (most[near] >= BARELY)]]
+        if len(near):
+            here = rows.rooted[number]
+            found[root == here] = near[np.argmin(np.linalg.norm(sides[0].xy[near] - sides[0].xy[here], axis=1))]
     return found
 
 
@@ -238,7 +247,7 @@ def _merged(side: Side, over: Cover, D: np.ndarray) -> np.ndarray:
 
 
 def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tresca | NoFriction, name: str,
-         gap: float | Profile | None, kind: str) -> Interface:
+         gap: float | Profile | None, kind: str, looped: np.ndarray | None) -> Interface:
     """The interface whose rows stand at the nodes of the slave, `sides[own]`, that face the other side."""
     side, other = slave = sides[own], sides[1 - own]
     weighted, phi = duals(side, over)
@@ -248,7 +257,7 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
     has_tangents = bonded or not isinstance(friction, NoFriction)
     root = _merged(side, over, D)
     rows = _rows(slave, over, weighted, D, root)
-    free = _unclamped(slave, over, rows, has_tangents, root)
+    free = _unbound(slave, over, rows, has_tangents, root, looped)
     if (free != root).any():
         rows = _rows(slave, over, weighted, D, free)
     rooted, area, normal = rows.rooted, rows.area, rows.normal

@@ -328,6 +328,16 @@ def test_rows_that_clamps_nearly_hold_are_shared(order, slave):
         assert contact.area.sum() == pytest.approx(2.0)
 
 
+@pytest.mark.parametrize("law, reach, lost", [(NoFriction(), 0.1, 0), (COULOMB, 0.1, 1), (COULOMB, 9.0, 0)])
+def test_rows_that_clamps_nearly_hold_along_the_contact(law, reach, lost):
+    """They count with friction, unless nothing can slide anywhere."""
+    held = {"where": lambda x, y: x < reach, "x": True}
+    upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y)) for n, y in ((5, 1.0), (8, 0.0)))
+    contact = mortar(side(upper, "bottom", body="upper", **held), side(lower, "top", body="lower", **held), law, "seam",
+                     slave="upper")
+    assert contact.m == 6 - lost and len(contact.sliding) == 5 * lost
+
+
 def test_rows_that_no_body_moves_are_dropped():
     held = {"where": lambda x, y: x < 0.1, "x": True, "y": True}
     upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y)) for n, y in ((10, 1.0), (4, 0.0)))

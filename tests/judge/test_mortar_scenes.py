@@ -89,21 +89,53 @@ def test_inclined_contact(kind, order):
 
 
 @orders
+@pytest.mark.parametrize("held", ["clamps", "bonds"])
 @pytest.mark.parametrize("sides", [(48, 40), (48, 36), (30, 48)])
-def test_two_clamped_leaves(sides, order):
-    """Whatever the meshes, two leaves with one clamp carry about what they do on matching ones."""
+def test_two_leaves_held_at_one_end(sides, held, order):
+    """Whatever the meshes, they carry about what they do on matching ones."""
+    wall = {"name": "wall", "shape": "plane", "point": [0.0, 0.0], "normal": [1.0, 0.0]}
+
     def force(upper: int, lower: int) -> float:
         bodies = [{"name": name, "mesh": {"shape": "rectangle", "origin": [0.0, y], "size": [length, 6.0],
                                           "divisions": [n, 4], "order": order},
-                   "material": {"young": 2.06e5, "poisson": 0.3}, "clamp": ["left"]}
+                   "material": {"young": 2.06e5, "poisson": 0.3}, "clamp": ["left"] * (held == "clamps")}
                   for name, y, length, n in (("upper", 6.0, 100.0, upper), ("lower", 0.0, 80.0, lower))]
         bodies[0]["traction"] = [{"on": "top", "value": [0.0, -1.0]}]
-        answer = ddmpi.solve(to_toml({"body": bodies, "contact": [{"bodies": ["upper", "lower"],
-                                                                   "on": ["bottom", "top"]}]}))
+        bonds = [{"bodies": [name, "wall"], "on": ["left"], "kind": "bonded"} for name in ("upper", "lower")]
+        scene = {"body": bodies, "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"]}]}
+        if held == "bonds":
+            scene = {"rigid": [wall], "body": bodies, "contact": bonds + scene["contact"]}
+        answer = ddmpi.solve(to_toml(scene))
         assert answer.certified
         return answer.contacts["upper-lower"].normal_force.sum()
 
     assert force(*sides) == pytest.approx(force(50, 40), rel=0.4)
+
+
+@orders
+def test_bonded_blocks_around_a_point(order):
+    """Bonds that close a loop at a point carry what they do on matching meshes, in whatever order they are named."""
+    def forces(divisions: list, turn: int = 1) -> np.ndarray:
+        places = {"ll": [0.0, 0.0], "lr": [1.0, 0.0], "ul": [0.0, 0.5], "ur": [1.0, 0.5]}
+        bodies = [{"name": name, "material": {"young": 2.0e11, "poisson": 0.3},
+                   "mesh": {"shape": "rectangle", "origin": origin, "size": [1.0, 0.5], "divisions": each,
+                            "order": order}} for (name, origin), each in zip(places.items(), divisions, strict=True)]
+        for body in bodies:
+            if body["name"].endswith("l"):
+                body["clamp"] = ["left"]
+            if body["name"].startswith("u"):
+                body["traction"] = [{"on": "top", "value": [0.0, -3.0e5]}]
+        bonds = [{"bodies": list(pair), "on": list(on), "kind": "bonded"} for pair, on in (
+            (("ll", "lr"), ("right", "left")), (("ul", "ur"), ("right", "left")), (("ul", "ll"), ("bottom", "top")),
+            (("ur", "lr"), ("bottom", "top")))]
+        answer = ddmpi.solve(to_toml({"body": bodies, "contact": bonds[::turn]}))
+        assert answer.certified
+        return np.concatenate([answer.contacts["-".join(bond["bodies"])].force for bond in bonds])
+
+    matching, mixed = forces([[8, 4]] * 4), [[8, 4], [9, 4], [8, 5], [9, 4]]
+    found = forces(mixed)
+    assert found == pytest.approx(matching, abs=0.1 * np.abs(matching).max())
+    assert forces(mixed, -1) == pytest.approx(found, abs=1e-7 * np.abs(found).max())
 
 
 @pytest.mark.parametrize("law", ["none", "coulomb"])
