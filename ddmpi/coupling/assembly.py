@@ -294,35 +294,31 @@ def _looped(world: MPI.Comm, scene: Settled, interfaces: Sequence[Interface],
 
     Of contacts whose nodes do not match only; where matching ones meet, `Space.shared` nodes do no harm. Collective.
     """
-    if len(scene.contact) == 1:
+    if len(scene.contact) == 1 or not world.allreduce(any(each.slave for each in interfaces), MPI.LOR):
         return {}
     tips = merged(world, {each.name: _tips(each, both[each.name]) for each in interfaces})
-    if not any(each.mortar for each in tips.values()):
+    ends = [(contact.name, k) for contact in scene.contact for k in range(len(tips[contact.name].xy))]
+    if not ends:
         return {}
     import scipy.sparse as sparse
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    names = [contact.name for contact in scene.contact]
-    owner = np.concatenate([np.full(len(tips[name].xy), number) for number, name in enumerate(names)])
-    place = np.concatenate([np.arange(len(tips[name].xy)) for name in names])
-    xy, reach = (np.concatenate([part(tips[name]) for name in names]) for part in (lambda t: t.xy, lambda t: t.reach))
+    xy, reach = np.array([tips[name].xy[k] for name, k in ends]), np.array([tips[name].reach[k] for name, k in ends])
     one, other = cKDTree(xy).query_pairs(reach.max(), output_type="ndarray").T
-    near = np.linalg.norm(xy[one] - xy[other], axis=1) <= np.maximum(reach[one], reach[other])
-    graph = sparse.coo_array((np.ones(near.sum()), (one[near], other[near])), (len(xy), len(xy)))
-    cluster = connected_components(graph, directed=False)[1]
-    found: dict[str, list[np.ndarray]] = {}
-    deformable = {body.name for body in scene.body}
-    for number in np.flatnonzero(np.bincount(cluster) > 1):
-        here = np.flatnonzero(cluster == number)
-        ties = [(owner[k], *(name if name in deformable else GROUND for name in tips[names[owner[k]]].bodies))
-                for k in here if tips[names[owner[k]]].ties]
-        ties += [(-1, body, GROUND) for k in here for body, held in
-                 zip(tips[names[owner[k]]].bodies, tips[names[owner[k]]].held, strict=True) if held[place[k]]]
-        for k in here:
-            own = tips[names[owner[k]]]
-            if own.mortar and _connected(*own.bodies, [(a, b) for by, a, b in ties if by != owner[k]]):
-                found.setdefault(names[owner[k]], []).append(xy[k])
+    meet = np.linalg.norm(xy[one] - xy[other], axis=1) <= np.maximum(reach[one], reach[other])
+    graph = sparse.coo_array((np.ones(meet.sum()), (one[meet], other[meet])), (len(ends), len(ends)))
+    point = connected_components(graph, directed=False)[1]
+    deformable, found = {body.name for body in scene.body}, dict[str, list[np.ndarray]]()
+    for group in np.split(np.argsort(point, kind="stable"), np.cumsum(np.bincount(point))[:-1]):
+        here = [ends[i] for i in group]
+        ties = [(name, *(body if body in deformable else GROUND for body in tips[name].bodies))
+                for name, _ in here if tips[name].ties]
+        ties += [("", body, GROUND) for name, k in here
+                 for body, held in zip(tips[name].bodies, tips[name].held, strict=True) if held[k]]
+        for name, k in here:
+            if tips[name].mortar and _connected(*tips[name].bodies, [(a, b) for by, a, b in ties if by != name]):
+                found.setdefault(name, []).append(tips[name].xy[k])
     return {name: np.array(places) for name, places in found.items()}
 
 
