@@ -218,8 +218,8 @@ def draw_contact(results: Results, name: str):
 
     nodes, sides = results.contacts[name], results.sides.get(name)
     length_unit, stress_unit = _units(results)
-    friction = next(c["friction"] for c in results.summary["scene"]["contact"] if c["name"] == name)
-    frictional = friction["law"] != "none"
+    contact = next(each for each in results.summary["scene"]["contact"] if each["name"] == name)
+    friction, frictional = contact["friction"], contact["friction"]["law"] != "none"
     position, along = _position(nodes)
     shown, place, extent = nodes, position, ""
     if sides:  # the middle of a side is a node
@@ -230,7 +230,7 @@ def draw_contact(results: Results, name: str):
                                               gridspec_kw={"height_ratios": (3, 2)})
     factor, unit = scaled_unit(np.abs(nodes["normal_stress"]).max(), stress_unit)
     for kind, label in {"normal": "normal (pressure)", "tangential": "tangential"}.items():
-        if kind == "normal" or frictional:
+        if kind == "normal" or frictional or contact.get("kind") == "bonded":
             if sides:
                 stresses.plot(position, nodes[f"{kind}_stress"] / factor, ".", markersize=2, alpha=0.45,
                               color=COLOURS[kind])

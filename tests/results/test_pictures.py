@@ -94,6 +94,15 @@ def test_pieces_of_a_contact_are_not_joined(tmp_path, order):
         assert reach and not any(box.x0 < middle < box.x1 for box in reach)
 
 
+@pytest.mark.parametrize("kind, drawn", [("unilateral", False), ("bonded", True)])
+def test_bonds_carry_shear(tmp_path, kind, drawn):
+    """The tangential stress of a contact without a friction law is drawn where it is bonded."""
+    results = made(tmp_path, friction=made_up.NoFriction())
+    results.summary["scene"]["contact"][0]["kind"] = kind
+    lines = draw_contact(results, "upper-lower").axes[0].lines
+    assert ("tangential" in [line.get_label() for line in lines]) == drawn
+
+
 def test_one_missing_node_is_a_break(tmp_path):
     """A clamped node in the middle of a contact separates its neighbours."""
     assert np.flatnonzero(np.isnan(pressure(made(tmp_path, 10)).get_xdata())).tolist() == [10]
