@@ -37,6 +37,9 @@ from ddmpi.system.memory import free_memory
 
 NO_SIZES: Mapping[str, Sizes] = {}
 
+ROUNDING = 1e-9
+"""Distances that differ by less are equal."""
+
 FEWEST = 10_000
 """Nodes from which on a body's rows are numbered towards its contacts for the factorization; in smaller ones it gains
 nothing."""
@@ -271,7 +274,7 @@ class _Tips:
 def _tips(interface: Interface, sides: tuple[Side, Side | None]) -> _Tips:
     """The tips of an interface but those at clamps of both bodies, which are dealt with there."""
     m, joined = interface.m, np.concatenate([[False], interface.joined, [False]])
-    single = ~(joined[1:] & joined[:-1]) & (interface.held == 0.0)
+    single = ~(joined[1:] & joined[:-1]) & ((interface.held == 0.0) | ~(joined[1:] | joined[:-1]))
     single[interface.closings.ravel()] = False
     tips = np.flatnonzero(single)
     xy = interface.xy[tips]
@@ -294,7 +297,7 @@ def _looped(world: MPI.Comm, scene: Settled, interfaces: Sequence[Interface],
 
     Of contacts whose nodes do not match only; where matching ones meet, `Space.shared` nodes do no harm. Collective.
     """
-    if len(scene.contact) == 1 or not world.allreduce(any(each.slave for each in interfaces), MPI.LOR):
+    if not world.allreduce(any(each.slave for each in interfaces), MPI.LOR):
         return {}
     tips = merged(world, {each.name: _tips(each, both[each.name]) for each in interfaces})
     ends = [(contact.name, k) for contact in scene.contact for k in range(len(tips[contact.name].xy))]
@@ -306,7 +309,14 @@ def _looped(world: MPI.Comm, scene: Settled, interfaces: Sequence[Interface],
 
     xy, reach = np.array([tips[name].xy[k] for name, k in ends]), np.array([tips[name].reach[k] for name, k in ends])
     one, other = cKDTree(xy).query_pairs(reach.max(), output_type="ndarray").T
-    meet = np.linalg.norm(xy[one] - xy[other], axis=1) <= np.maximum(reach[one], reach[other])
+    apart = np.linalg.norm(xy[one] - xy[other], axis=1)
+    contact = np.unique([name for name, _ in ends], return_inverse=True)[1]
+    met, far = np.stack([one, other]) * len(ends) + contact[np.stack([other, one])], np.stack([apart, apart])
+    keys, place = np.unique(met, return_inverse=True)
+    nearest = np.full(len(keys), np.inf)
+    np.minimum.at(nearest, place.ravel(), far.ravel())  # of each tip the distance to the tips of another contact
+    meet = (far <= (1.0 + ROUNDING) * nearest[place.reshape(met.shape)]).all(axis=0)
+    meet &= (apart <= np.maximum(reach[one], reach[other])) & (contact[one] != contact[other])
     graph = sparse.coo_array((np.ones(meet.sum()), (one[meet], other[meet])), (len(ends), len(ends)))
     point = connected_components(graph, directed=False)[1]
     deformable, found = {body.name for body in scene.body}, dict[str, list[np.ndarray]]()

@@ -214,7 +214,9 @@ def _unbound(sides: tuple[Side, Side], over: Cover, rows: _Rows, tangential: boo
     most[held.all(axis=0)] = 0.0
     if looped is not None:
         apart = np.linalg.norm(sides[0].xy[rows.rooted][:, None] - looped, axis=2)
-        most[np.argmin(apart, axis=0)] = 0.0
+        ends = np.unique(np.argmin(apart, axis=0))
+        if np.count_nonzero(np.delete(most, ends) >= BARELY) > 1:  # one row would be a hinge
+            most[ends] = 0.0
     for number in np.flatnonzero((most < BARELY) & ~held.all(axis=0)):
         near = np.unique(links[(links == number).any(axis=1)])
         near = rows.rooted[near[(near >= 0) & (most[near] >= BARELY)]]

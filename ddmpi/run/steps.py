@@ -311,7 +311,7 @@ class March:
     def _refine(self) -> bool:
         """Whether to solve the leg, which has come to its end, once more in twice as many steps."""
         space, s = self.assembly.space, self._now.s
-        frictional = [(part, each.m) for each, part in space.each() if len(each.sliding) and each.law.name != "bonded"]
+        frictional = [(each, part) for each, part in space.each() if len(each.sliding) and each.law.name != "bonded"]
         if self._steps or not space.any(np.array([len(frictional)])):
             return False  # without friction there is no memory
         size = space.norm(s)
@@ -329,8 +329,9 @@ class March:
                 log.warning("the leg to time %g misses time.tolerance in %d steps: they change the forces by %.2g",
                             self._legs[self._leg], self._number, self._changed)
             return False
-        self._closing |= space.any(np.array([((s[part][:m] > 0.0) & (self._base.s[part][:m] <= 0.0)).any()
-                                             for part, m in frictional]))
+        self._closing |= space.any(np.array([
+            ((s[part][:each.m] > 0.0) & (self._base.s[part][:each.m] <= 0.0)
+             & (self._base.moved[part][:each.m] < each.gap)).any() for each, part in frictional]))
         self._coarse, self._number = s, 2 * self._number
         length, self._now = self._now.length, self._base
         self.log.shorten(self._noted)

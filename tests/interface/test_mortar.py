@@ -338,6 +338,14 @@ def test_rows_that_clamps_nearly_hold_along_the_contact(law, reach, lost):
     assert contact.m == 6 - lost and len(contact.sliding) == 5 * lost
 
 
+@pytest.mark.parametrize("sides, rows", [((2, 3), 3), ((3, 4), 2), ((5, 8), 4)])
+def test_ends_of_loops_are_shared_but_no_hinge_is_left(sides, rows):
+    upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y)) for n, y in zip(sides, (1.0, 0.0), strict=True))
+    contact = met((side(upper, "bottom", body="upper"), side(lower, "top", body="lower")), slave="upper",
+                  looped=np.array([[0.0, 1.0], [2.0, 1.0]]))
+    assert contact.m == rows and contact.area.sum() == pytest.approx(2.0)
+
+
 def test_rows_that_no_body_moves_are_dropped():
     held = {"where": lambda x, y: x < 0.1, "x": True, "y": True}
     upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y)) for n, y in ((10, 1.0), (4, 0.0)))
