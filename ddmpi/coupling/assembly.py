@@ -44,7 +44,6 @@ FEWEST = 10_000
 """Nodes from which on a body's rows are numbered towards its contacts for the factorization; in smaller ones it gains
 nothing."""
 
-
 GROUND = ""
 """What clamps and rigid partners are, among the names of bodies."""
 
@@ -273,14 +272,14 @@ class _Tips:
 
 def _tips(interface: Interface, sides: tuple[Side, Side | None]) -> _Tips:
     """The tips of an interface but those at clamps of both bodies, which are dealt with there."""
-    m, joined = interface.m, np.concatenate([[False], interface.joined, [False]])
+    joined = np.concatenate([[False], interface.joined, [False]])
     single = ~(joined[1:] & joined[:-1]) & ((interface.held == 0.0) | ~(joined[1:] | joined[:-1]))
     single[interface.closings.ravel()] = False
     tips = np.flatnonzero(single)
     xy = interface.xy[tips]
     step = np.concatenate([[np.inf], np.where(interface.joined, np.linalg.norm(np.diff(interface.xy, axis=0), axis=1),
                                               np.inf), [np.inf]])
-    reach = np.minimum(step[1:], step[:-1])[tips] if m else np.empty(0)
+    reach = np.minimum(step[1:], step[:-1])[tips]
     reach = np.where(np.isfinite(reach), reach, interface.area[tips])
     held = []
     for side in sides:
@@ -295,7 +294,8 @@ def _looped(world: MPI.Comm, scene: Settled, interfaces: Sequence[Interface],
             both: Mapping[str, tuple[Side, Side | None]]) -> dict[str, np.ndarray]:
     """Places (k, 2) by contact where a row is nearly given by others: contacts and clamps close a loop of bodies there.
 
-    Of contacts whose nodes do not match only; where matching ones meet, `Space.shared` nodes do no harm. Collective.
+    Of contacts whose nodes do not match only; rows of matching ones that depend on each other do no
+    harm (`Joint.shared`). Collective.
     """
     if not world.allreduce(any(each.slave for each in interfaces), MPI.LOR):
         return {}

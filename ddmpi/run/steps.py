@@ -37,7 +37,7 @@ MOST = 1024
 """A leg is solved in at most so many steps for the sake of ``time.tolerance``."""
 
 SHORT = 0.01
-"""Where nodes touch along a leg, its first step is divided after this part: only then is known how gaps close."""
+"""Where gaps close along a leg, its first step is divided after this part: only then is known how fast."""
 
 CUTS = 6
 """A step that fails is halved at most so often."""
