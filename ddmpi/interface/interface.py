@@ -91,7 +91,7 @@ class Interface:
     joined : (m − 1,) bool, whether a node and the next one are neighbours
     closings : (c, 2) neighbours that do not follow each other: the last and the first node of each closed chain
     edges : (ns, 3) quadratic edges whose nodes all carry unknowns, by ends and middle, in the order of the middles
-    held : (m,) inverse distances to neighbours that clamps hold, summed (1/m); zero where there are none
+    held : (m,) inverse distances to neighbours that clamps or loops of contacts hold, summed (1/m), else zero
     one_sided : (size,) bool, unknowns along which only one of the bodies can move
     prescribed : (size,) contact displacement of a rigid partner (m), with the sign of the second side; zero for bodies
     at : of each side (m, d), where the forces of the rows act on it (m); None where this is not known

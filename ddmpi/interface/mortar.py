@@ -141,15 +141,14 @@ class _Rows:
 
     Attributes
     ----------
-    shown, row : (k,) nodes that have one, and which
+    place : (k,) the row of each node, or −1
     rooted : (m,) the node that each stands at
     area : (m,) ∫ ψ (m)
     transfers : of the slave and of the other side, (m, ·), rows that sum to one
     normal : (m, 2) the slave's
     """
 
-    shown: np.ndarray
-    row: np.ndarray
+    place: np.ndarray
     rooted: np.ndarray
     area: np.ndarray
     transfers: tuple[sparse.csr_matrix, sparse.csr_matrix]
@@ -158,12 +157,6 @@ class _Rows:
     @property
     def tangent(self) -> np.ndarray:
         return np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
-
-    def of(self, size: int) -> np.ndarray:
-        """The row of each of the slave's `size` nodes, or −1."""
-        place = np.full(size, -1)
-        place[self.shown] = self.row
-        return place
 
     def held(self, sides: tuple[Side, Side], direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Whether clamps hold all nodes of each side (2, m) that a row moves with along its direction (m, 2); and how
@@ -199,7 +192,7 @@ def _rows(sides: tuple[Side, Side], over: Cover, weighted: np.ndarray, D: np.nda
     P = spread(over.there, other.links[over.other], len(other.nodes))
     seen, met = np.zeros(len(side.links), bool), np.zeros(len(other.links), bool)
     seen[over.link], met[over.other] = True, True
-    return _Rows(shown, row, rooted, area, (S, P), unit(S @ _normals(side, seen) - P @ _normals(other, met)))
+    return _Rows(place, rooted, area, (S, P), unit(S @ _normals(side, seen) - P @ _normals(other, met)))
 
 
 def _unbound(sides: tuple[Side, Side], over: Cover, rows: _Rows, tangential: bool, root: np.ndarray,
@@ -210,7 +203,7 @@ def _unbound(sides: tuple[Side, Side], over: Cover, rows: _Rows, tangential: boo
     if tangential:
         both, along = rows.held(sides, rows.tangent)
         most = np.where(both.all(axis=0), most, np.minimum(most, along))
-    links, found = rows.of(len(root))[sides[0].links[np.unique(over.link)]], root.copy()
+    links, found = rows.place[sides[0].links[np.unique(over.link)]], root.copy()
     most[held.all(axis=0)] = 0.0
     if looped is not None:
         apart = np.linalg.norm(sides[0].xy[rows.rooted][:, None] - looped, axis=2)
@@ -263,7 +256,7 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
     if (free != root).any():
         rows = _rows(slave, over, weighted, D, free)
     rooted, area, normal = rows.rooted, rows.area, rows.normal
-    m, place = len(rooted), rows.of(len(side.nodes))
+    m, place = len(rooted), rows.place
     ray = unit(_means(weighted, place[nodes], over.direction, m))
     measured = _means(weighted, place[nodes], over.gap[:, None], m)[:, 0] / area
     measured *= np.einsum("ij,ij->i", ray, normal)
@@ -286,12 +279,13 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
     own_row[rooted] = np.arange(m)
     closed = closings(side.links[seen], own_row)
     held = held_beside(xy, next_to, closed, dropped)
-    clamped = np.flatnonzero(free != root)
-    np.add.at(held, place[clamped], 1.0 / np.linalg.norm(side.xy[free[clamped]] - side.xy[clamped], axis=1))
-    alone = np.bincount(rows.row, minlength=m) == 1
+    bound = np.flatnonzero(free != root)
+    np.add.at(held, place[bound], 1.0 / np.linalg.norm(side.xy[free[bound]] - side.xy[bound], axis=1))
+    shown = np.flatnonzero(place >= 0)
+    alone = np.bincount(place[shown], minlength=m) == 1
     kept = np.full(m, -1)
     kept[keep] = np.arange(len(keep))
-    line, closed = kept[rows.row], kept[closed]
+    line, closed = kept[place[shown]], kept[closed]
     at_node = np.full(len(side.nodes), -1)
     at_node[rooted[alone]] = kept[alone]
     edges = at_node[side.edges] if len(side.edges) else np.empty((0, 3), int)
@@ -313,7 +307,7 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
         fixed=Places((sides[0].nodes, sides[1].nodes), normal[dropped], start[dropped],
                      (transfers[0][dropped], transfers[1][dropped])),
         at=(transfers[0][keep] @ sides[0].xy, transfers[1][keep] @ sides[1].xy), slave=side.body,
-        lines=Lines(line[line >= 0], side.xy[rows.shown][line >= 0], D[rows.shown][line >= 0]),
+        lines=Lines(line[line >= 0], side.xy[shown][line >= 0], D[shown][line >= 0]),
         probes=Places((sides[0].nodes, sides[1].nodes), forward, between,
                       (probes[own], probes[1 - own])))
 
