@@ -1,11 +1,13 @@
 """Fixtures that several test modules share."""
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+os.environ["DDMPI_LOCKSTEP"] = "1"  # a rank that leaves the others is an error in every test, instead of a hang
 sys.path.append(str(Path(__file__).resolve().parents[1] / "scripts"))  # what the studies share is tested, too
 
 
@@ -13,6 +15,14 @@ def pytest_configure(config: pytest.Config) -> None:
     """-q is ignored: pytest-isolate-mpi would start its ranks with an argument that pytest does not know."""
     config.option.verbose = max(config.option.verbose, 0)
     config.addinivalue_line("markers", "hosts: runs on several hosts, which scripts/local_hosts.sh makes")
+
+
+@pytest.fixture
+def comm(comm):
+    """All ranks; their collectives are compared."""
+    from ddmpi.system.agreement import in_lockstep
+
+    return in_lockstep(comm)
 
 
 @pytest.fixture

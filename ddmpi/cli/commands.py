@@ -135,8 +135,9 @@ def printing(world: MPI.Comm) -> Iterator[None]:
 def _init_petsc(world: MPI.Comm, table: dict, petsc: list[str]) -> None:
     """Start PETSc with a scene's options and those of the command line, which win. Collective."""
     import petsc4py
+    from mpi4py import MPI
 
     from ddmpi.petsc.options import as_arguments, silence_left
 
-    petsc4py.init([sys.argv[0], *as_arguments(table), *petsc], comm=world)
+    petsc4py.init([sys.argv[0], *as_arguments(table), *petsc], comm=MPI.Intracomm(world))
     atexit.register(silence_left)

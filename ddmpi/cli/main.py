@@ -26,7 +26,9 @@ def main(arguments: list[str] | None = None) -> None:
     own, petsc = split_arguments(sys.argv[1:] if arguments is None else arguments)
     from mpi4py import MPI
 
-    world = MPI.COMM_WORLD
+    from ddmpi.system.agreement import in_lockstep
+
+    world = in_lockstep(MPI.COMM_WORLD)
     try:
         code = _main(world, own, petsc)
     except BaseException as error:

@@ -13,7 +13,7 @@ from ddmpi.coupling.team import Team
 from ddmpi.errors import DdmpiError, InputError
 from ddmpi.scene.meshes import MeshSpec
 from ddmpi.scene.scene import Settled
-from ddmpi.system.agreement import agree
+from ddmpi.system.agreement import agree, in_lockstep
 from ddmpi.system.memory import give_back
 
 T = TypeVar("T")
@@ -43,6 +43,8 @@ def on_working_ranks(world: MPI.Comm, scene: Settled, work: Callable[[MPI.Comm],
     number, beside = place_ranks([count_nodes(body.mesh) for body in scene.body], world.size), ranks_beside(world)
     own = world.Split(number[world.rank])
     roots = world.Split(0 if own.rank == 0 else MPI.UNDEFINED)
+    if own.rank == 0:
+        roots = in_lockstep(roots)
     team = Team(own, [rank for rank, body in enumerate(number) if body == number[world.rank]], beside)
     result, failure = None, None
     give_back()  # several ranks are asked for where memory counts

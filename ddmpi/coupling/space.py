@@ -30,6 +30,7 @@ class Space:
     ----------
     parts : slice of a vector by name of the interface
     size : length of this rank's vectors
+    petsc_comm : `comm` as PETSc takes it
     laws : of the owned interfaces, on vectors of this space
     opening : (size,) initial gaps at the normal entries (m), zero at the tangential ones
     prescribed : (size,) what rigid partners move (m)
@@ -39,6 +40,7 @@ class Space:
     def __init__(self, interfaces: Sequence[Interface], comm: MPI.Comm = MPI.COMM_SELF,
                  sent: Counter[str] | None = None) -> None:
         self.interfaces, self.comm, self.sent = tuple(interfaces), comm, Counter() if sent is None else sent
+        self.petsc_comm = MPI.Intracomm(comm)
         self.parts: dict[str, slice] = {}
         start = 0
         for interface in self.interfaces:

@@ -94,7 +94,7 @@ class LinearProblem:
         residual of displacements says little of its forces. Returns them and the number of iterations. Collective on
         all bodies. Raises SolverError; what the products raise is deferred by the caller.
         """
-        comm = self.joint.space.comm
+        comm = self.joint.space.petsc_comm
         size = self.joint.space.norm(right)
         if not size:
             return np.zeros_like(right), np.zeros(self._rigid), 0

@@ -116,7 +116,7 @@ class Rescue:
         hung = _Hung(joint, WEAKER ** (self._number - 1)) if self._loose else joint
         d = self._linear_term(hung, alpha)
         qp = QP(hung, d, self._laws.frozen(bound), self._space.norm,
-                self._space.comm if self._space.comm.size > 1 else None)
+                self._space.petsc_comm if self._space.comm.size > 1 else None)
         precision = max(0.1 ** (1 + self._number) * residual, MOST_PRECISE)
         precision = (min(precision, LOOSE_PRECISE) if self._loose else precision) * size / self._stiffness
         if self._loose:  # springs add and subtract large displacements

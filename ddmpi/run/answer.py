@@ -19,7 +19,7 @@ from ddmpi.petsc.options import RunOptions
 from ddmpi.run.run import Solved, compute
 from ddmpi.scene.reader import read_scene, read_text
 from ddmpi.scene.scene import Settled
-from ddmpi.system.agreement import from_first
+from ddmpi.system.agreement import from_first, in_lockstep
 from ddmpi.system.clock import Clock
 
 
@@ -91,7 +91,7 @@ def solve(scene: str | Path, comm: MPI.Comm | None = None, overrides: Mapping[st
     InputError, SolverError, InterruptionError
         the same on all ranks. Collective on `comm`.
     """
-    world = MPI.COMM_WORLD if comm is None else comm
+    world = in_lockstep(MPI.COMM_WORLD if comm is None else comm)
     path, text = ("scene", str(scene)) if "\n" in str(scene) else (str(scene), None)
 
     def read() -> Settled:
