@@ -2,36 +2,48 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.linalg import eigh_tridiagonal
 
+Product = Callable[[np.ndarray, np.ndarray], None]
 
-def estimate_norm(mult, size: int, change: float = 1e-2, limit: int = 30) -> float:
+
+def estimate_norm(mult: Product, size: int, change: float = 1e-2, limit: int = 30,
+                  products: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.matmul, steps: int | None = None,
+                  ) -> float:
     """Estimate ‖H‖₂ of a symmetric positive definite H by the Lanczos method, from below.
 
     Parameters
     ----------
-    mult : mult(x, y) does y ← H x for (size,) arrays
+    mult : mult(x, y) does y ← H x for (size,) arrays, of which each rank has a part
     change : relative change of the estimate at which it stops
     limit : largest number of multiplications
+    products : of the rows of a matrix (k, size) with a vector, over all ranks
+    steps : length of the vectors of all ranks together
 
     Collective where `mult` is. Returns NaN if a product is not finite.
     """
+    def length(x: np.ndarray) -> float:
+        return float(np.sqrt(products(x[None], x)[0]))
+
     v = 1.0 + 0.3 * np.random.default_rng(0).standard_normal(size)  # the same in every run, and in no eigenspace
-    basis, diagonal = [v / np.linalg.norm(v)], []
+    basis, diagonal = [v / length(v)], []
     off: list[float] = []
     y = np.empty(size)
     norm = 0.0
-    for _ in range(min(limit, size)):
+    for _ in range(min(limit, size if steps is None else steps)):
         mult(basis[-1], y)
-        if not np.isfinite(y).all():
+        if not np.isfinite(length(y)):
             return float("nan")
-        diagonal.append(basis[-1] @ y)
         V = np.array(basis)
-        r = y - V.T @ (V @ y)
-        r -= V.T @ (V @ r)
+        along = products(V, y)
+        diagonal.append(float(along[-1]))
+        r = y - V.T @ along
+        r -= V.T @ products(V, r)
         previous, norm = norm, eigh_tridiagonal(diagonal, off, eigvals_only=True)[-1]
-        left = np.linalg.norm(r)
+        left = length(r)
         if abs(norm - previous) <= change * norm or left <= 1e-14 * norm:
             break
         off.append(float(left))

@@ -16,6 +16,7 @@ Differences from the paper:
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable
 
@@ -25,12 +26,18 @@ from petsc4py import PETSc
 from ddmpi.petsc.lanczos import estimate_norm
 from ddmpi.petsc.versions import TaoReason
 from ddmpi.qp.box import Box
+from ddmpi.system.agreement import in_lockstep
+
+log = logging.getLogger("ddmpi")
 
 PROPORTION = 1.0
 """Γ of the paper: a step frees indices when the chopped gradient exceeds Γ times the free one."""
 
 STEP = 1.9
 """Fixed step times ‖H‖; descent needs less than 2, and ‖H‖ is estimated from below."""
+
+TELLING = 1000
+"""After so many steps, and again and again, the log shows how far the solve has come."""
 
 
 class MPRGP:
@@ -65,18 +72,22 @@ class MPRGP:
         G = tao.getGradient()[0]
         tao.computeGradient(X, G)
         self.steps = dict.fromkeys(self.steps, 0)
-        norm, dot, least = _norm(H, X), *_reductions(X)
+        reduce = _reduction(X)
+        norm = _norm(H, X, reduce)
 
         def multiply(direction: np.ndarray) -> np.ndarray:
             P.array[:] = direction
             H.mult(P, HP)
-            return HP.array_r
+            return HP.array_r.copy()  # the next product overwrites it
 
         x, g = X.array, G.array
-        iteration, restart, p = 0, True, np.empty(0)
+        iteration, p = 0, np.empty(0)
+        Hp, curvature = np.zeros_like(x), 0.0  # without curvature the next conjugate gradient step is the first one
         while True:
             free, chopped = feasible.split(g, x)
-            residual = math.sqrt(dot(free + chopped, free + chopped))
+            gradient, leading, gain, beta = reduce(free + chopped, free + chopped, chopped, chopped,
+                                                   feasible.reduced(free, x, STEP / norm), free, free, Hp)
+            residual = math.sqrt(gradient)
             if not np.isfinite(residual):
                 reason = TaoReason.DIVERGED_NAN
                 break
@@ -87,64 +98,73 @@ class MPRGP:
                 reason = TaoReason.DIVERGED_MAXITS
                 break
             iteration += 1
-            if dot(chopped, chopped) <= PROPORTION**2 * dot(feasible.reduced(free, x, STEP / norm), free):
-                if restart:
-                    p, restart = free, False
-                Hp = multiply(p).copy()  # the next product overwrites it
-                curvature = dot(p, Hp)
+            if iteration % TELLING == 0:
+                log.info("        %d steps of MPRGP: projected gradient %.1e, %.1e is asked for", iteration, residual,
+                         tolerance)
+            expansion, proportional = False, leading <= PROPORTION**2 * gain
+            if proportional:
+                p = free - (beta / curvature) * p if curvature else free
+                Hp = multiply(p)
+                curvature, slope, size, longest = reduce(p, Hp, g, p, p, p, least=feasible.longest_step(x, p))
                 if not curvature > 0.0:  # underflow, or not a number
                     reason = TaoReason.DIVERGED_NAN
                     break
-                norm = max(norm, curvature / dot(p, p))
-                step = dot(g, p) / curvature
-                longest = least(feasible.longest_step(x, p))
-                if step <= longest:
-                    self.steps["cg"] += 1
-                    x -= step * p
-                    g -= step * Hp
-                    x[:] = feasible.project(x)  # rounding in the last bit
-                    free = feasible.split(g, x)[0]
-                    p = free - (dot(free, Hp) / curvature) * p
-                    continue
+                norm, step = max(norm, curvature / size), slope / curvature
+                expansion = step > longest
+            if not proportional:
+                self.steps["proportioning"] += 1
+                H_chopped = multiply(chopped)
+                bent, slope, size, longest = reduce(chopped, H_chopped, g, chopped, chopped, chopped,
+                                                    least=feasible.longest_step(x, chopped))
+                norm, step = max(norm, bent / size), min(slope / bent, longest)
+                change, H_change, curvature = -step * chopped, -step * H_chopped, 0.0
+            elif not expansion:
+                self.steps["cg"] += 1
+                change, H_change = -step * p, -step * Hp
+            else:
                 self.steps["expansion"] += 1
-                restart = True
-                change = feasible.project(x - step * p) - x
+                curvature, change = 0.0, feasible.project(x - step * p) - x
                 H_change = multiply(change)
-                if dot(change, g) + 0.5 * dot(change, H_change) >= 0.0:
+                falls, bent = reduce(change, g, change, H_change)
+                if falls + 0.5 * bent >= 0.0:
                     half_x, half_g = x - longest * p, g - longest * Hp
                     half_free = feasible.split(half_g, half_x)[0]
                     while True:
                         change = feasible.project(half_x - STEP / norm * half_free) - x
                         H_change = multiply(change)
-                        if not dot(change, g) + 0.5 * dot(change, H_change) > 0.0:
+                        falls, bent = reduce(change, g, change, H_change)
+                        if not falls + 0.5 * bent > 0.0:
                             break
                         norm *= 2.0  # the estimate, from below, was too small
-            else:
-                self.steps["proportioning"] += 1
-                restart = True
-                H_chopped = multiply(chopped)
-                curvature = dot(chopped, H_chopped)
-                norm = max(norm, curvature / dot(chopped, chopped))
-                step = min(dot(g, chopped) / curvature, least(feasible.longest_step(x, chopped)))
-                change, H_change = -step * chopped, step * -H_chopped
             x += change
             g += H_change
-            x[:] = feasible.project(x)
+            x[:] = feasible.project(x)  # rounding in the last bit
         tao.setIterationNumber(iteration)
         tao.setConvergedReason(reason)
         P.destroy()
         HP.destroy()
 
 
-def _reductions(X: PETSc.Vec) -> tuple[Callable[[np.ndarray, np.ndarray], float], Callable[[float], float]]:
-    """The scalar product of local arrays over all ranks of X, and the least of a number of each rank."""
-    if X.comm.size == 1:
-        return np.dot, lambda value: value
-    comm = X.comm.tompi4py()
-    return lambda a, b: sum(comm.allgather(float(a @ b))), lambda value: min(comm.allgather(value))
+def _reduction(X: PETSc.Vec) -> Callable[..., list[float]]:
+    """The scalar products of pairs of local arrays over all ranks of X, and the `least` of a number of each rank.
+
+    All in one reduction, the same on all ranks.
+    """
+    comm = in_lockstep(X.comm.tompi4py())
+
+    def reduce(*vectors: np.ndarray, least: float | None = None) -> list[float]:
+        own = [float(a @ b) for a, b in zip(vectors[::2], vectors[1::2], strict=True)]
+        if comm.size == 1:
+            return own if least is None else [*own, least]
+        mine = np.array(own if least is None else [*own, least])
+        everyone = np.empty((comm.size, len(mine)))
+        comm.Allgather(mine, everyone)
+        return [*everyone[:, :len(own)].sum(axis=0).tolist(), *everyone[:, len(own):].min(axis=0).tolist()]
+
+    return reduce
 
 
-def _norm(H: PETSc.Mat, like: PETSc.Vec) -> float:
+def _norm(H: PETSc.Mat, like: PETSc.Vec, reduce: Callable[..., list[float]]) -> float:
     """‖H‖₂ from below, as the context of H knows it or by Lanczos steps on vectors `like` this one."""
     context = H.getPythonContext() if H.getType() == PETSc.Mat.Type.PYTHON else None
     if context is not None and hasattr(context, "norm"):
@@ -156,4 +176,7 @@ def _norm(H: PETSc.Mat, like: PETSc.Vec) -> float:
         H.mult(v, w)
         y[:] = w.array_r
 
-    return estimate_norm(mult, like.getLocalSize())
+    def products(V: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return np.array(reduce(*(each for v in V for each in (v, y))))
+
+    return estimate_norm(mult, like.getLocalSize(), products=products, steps=like.getSize())

@@ -29,6 +29,9 @@ GRADIENT_ROUNDING = float(8 * np.finfo(float).eps)
 ON_BOUND = 1e-12
 """An unknown of PETSc's TAO types this near a bound, relative to the largest unknown, is meant to be on it."""
 
+MOST = 200
+"""Most iterations, times one more than the number of unknowns: it ends what would never end."""
+
 STRICTER = 0.1
 """Factor on the tolerance when one of PETSc's types stops too early by its own norm (bncg: Fischer's)."""
 
@@ -81,11 +84,11 @@ class QPSolver:
             return product
 
         start = qp.constraints.project(s)
-        if not np.array_equal(start, s):
+        if qp.norm(start - s) != 0.0:  # of all ranks, since a product is made by all
             Cs = multiply(start, max(qp.norm(qp.d), qp.norm(Cs)))
         if qp.residual(start, Cs) <= tolerance:
             return QPResult(start, Cs, qp.residual(start, Cs), 0, {})
-        solve = self._mprgp if self.type == "python" or not qp.constraints.bounded else self._petsc
+        solve = self._mprgp if self.type == "python" or qp.comm or not qp.constraints.bounded else self._petsc
         try:
             with event("ContactQP"):
                 result = solve(qp, start, Cs, tolerance, multiply)
@@ -145,7 +148,7 @@ class QPSolver:
         tao.setObjective(problem.objective)
         H = problem.hessian()
         tao.setHessian(lambda *_: None, H)
-        tao.setMaximumIterations(20 * len(problem.moving) + 200)
+        tao.setMaximumIterations(MOST * (x.getSize() + 1))  # of all ranks: they must stop together
         tao.setTolerances(gatol=tolerance / problem.displacement, grtol=0.0, gttol=0.0)
         if kind == self.type:  # otherwise the options are meant for another type
             tao.setFromOptions()
@@ -172,6 +175,7 @@ class _Scaled:
 
     def __init__(self, qp: QP, moving: np.ndarray, s: np.ndarray, Cs: np.ndarray, multiply: Product) -> None:
         self.moving, self._multiply, self._whole = moving, multiply, np.zeros(qp.C.size)
+        self._length = qp.norm
         self.comm = qp.comm or PETSc.COMM_SELF
         self._change = qp.norm(Cs - qp.d)  # a step changes C s by about the gradient
         self._norm = qp.C.norm()
@@ -216,7 +220,7 @@ class _Scaled:
         v.set(1.0)
 
     def _gradient(self, x: np.ndarray) -> np.ndarray:
-        if not np.array_equal(x, self._at):
+        if self._length(x - self._at) != 0.0:
             self._g = self._start_gradient + self._apply(x - self._start)
             self._at = x.copy()
         return self._g
