@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.errors import InputError
-from ddmpi.interface.cover import Cover, cover, unit
+from ddmpi.interface.cover import Cover, cover, faced_arc, unit
 from ddmpi.interface.interface import Interface, Lines, Places
 from ddmpi.interface.law import law_of
 from ddmpi.interface.matching import NO_GAP, held_beside, initial_gap, is_held, pair
@@ -261,7 +261,8 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
     measured = _means(weighted, place[nodes], over.gap[:, None], m)[:, 0] / area
     measured *= np.einsum("ij,ij->i", ray, normal)
     measured[np.abs(measured) <= NO_GAP * side.spacing[rooted]] = 0.0
-    start = initial_gap(gap, kind, measured, side.xy[rooted])
+    arc = side.arc[rooted] if own == 0 else faced_arc(side.xy[rooted], place[nodes], over, other)
+    start = initial_gap(gap, kind, measured, side.xy[rooted], arc)
 
     (held_normal, _), (held_tangential, _) = (rows.held(slave, each) for each in (normal, rows.tangent))
     dropped = (held_normal & held_tangential if bonded else held_normal).all(axis=0)
@@ -297,9 +298,9 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
     used = [_used(each.nodes, transfer[keep]) for each, transfer in zip(sides, transfers, strict=True)]
     return Interface(
         name=name, bodies=(sides[0].body, sides[1].body), xy=xy[keep],
-        frame=np.stack([normal[keep], tangent[keep]], axis=1), area=area[keep], gap=start[keep],
+        frame=np.stack([normal[keep], tangent[keep]], axis=1), area=area[keep], gap=start[keep], arc=arc[keep],
         nodes=(used[0][0], used[1][0]), transfer=(used[0][1], used[1][1]),
-        law=law_of(friction, xy[keep], area[keep], sliding, kind),
+        law=law_of(friction, xy[keep], arc[keep], area[keep], sliding, kind),
         modulus=1.0 / (1.0 / side.modulus + 1.0 / other.modulus), joined=next_to[keep[:-1]] & (np.diff(keep) == 1),
         edges=edges[whole], held=held[keep], closings=closed[(closed >= 0).all(axis=1)],
         one_sided=np.concatenate([held_normal.any(axis=0)[keep], held_tangential.any(axis=0)[keep][sliding]]),
