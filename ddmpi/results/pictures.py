@@ -14,6 +14,7 @@ from ddmpi.results.fields import areas_at_nodes, at_nodes, boundary_edges, linea
 from ddmpi.results.histories import animate, draw_steps
 from ddmpi.results.magnify import magnify, owners, surfaces
 from ddmpi.results.tables import Columns, Results, pieces, read_results, starts, writing
+from ddmpi.system.files import contact_files
 from ddmpi.system.numbers import scaled_unit
 from ddmpi.system.provenance import NO_MATPLOTLIB, has_matplotlib, identity
 
@@ -94,7 +95,7 @@ def _figures(results: Results) -> Iterator[tuple[str, Callable[[], Any]]]:
     if several:
         yield "contacts.png", lambda: draw_contacts(results)
     for name in results.contacts if len(results.contacts) <= EACH else ():
-        yield f"contact_{name}.png" if several else "contact.png", functools.partial(draw_contact, results, name)
+        yield contact_files(name).picture if several else "contact.png", functools.partial(draw_contact, results, name)
     if len(results.energy.get("time", ())):
         yield "steps.png", lambda: draw_steps(results, _title(results))
     if "error" in results.fields:
