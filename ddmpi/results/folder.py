@@ -25,7 +25,8 @@ MOVED = ".moved"
 
 FILES = {
     "summary.json": "how the run ended and everything that is not an array",
-    "contact_NAME.csv": "a line per contact node along the contact; where meshes do not match the slave's nodes",
+    "contact_NAME.csv": "a line per contact node along the contact; where meshes do not match of the slave's "
+                        "nodes that face the other side",
     "contact_NAME_sides.csv": "with quadratic elements: mean stresses over the elements' sides, which are what to plot "
                               "there; sides with a node that carries no force are left out",
     "contact_NAME_legs.csv": "with load steps: contact stresses of the steps whose fields are written",
