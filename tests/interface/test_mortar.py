@@ -188,6 +188,24 @@ def test_pairs_of_middles_have_the_gap_of_their_arcs(gap):
     assert pair(*straight, COULOMB, "seam").gap == pytest.approx(gap, rel=1e-9)
 
 
+@orders
+@slaves
+@pytest.mark.parametrize("angle", [0.0, 0.2, 0.5])
+def test_the_gap_of_a_wedge_counts_along_the_normal(angle, slave, order):
+    """The normal of the contact halves the angle of the sides; the distance is found along that of the slave."""
+    upper = rectangle((7, 2), (2.0, 1.0), order=order)
+    lower = rectangle((8, 2), (3.0, 1.0), (-0.5, -1.0), order=order)
+    tilt, height = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]), 0.1
+    sides = [side(Mesh(upper.points @ tilt + [0.0, height], upper.triangles, upper.groups), "bottom", body="upper"),
+             side(lower, "top", body="lower")]
+    contact = met(sides, slave=slave)
+    inner = (contact.xy[:, 0] > 0.4) & (contact.xy[:, 0] < 1.2)  # around which all is covered
+    assert contact.normal[inner] == pytest.approx(np.tile([np.sin(angle / 2), -np.cos(angle / 2)], (inner.sum(), 1)))
+    above = contact.xy[:, 1] if slave == "upper" else height + contact.xy[:, 0] * np.tan(angle)
+    upright = above / np.cos(angle) if slave == "upper" else above
+    assert inner.sum() >= 2 and contact.gap[inner] == pytest.approx((upright * np.cos(angle / 2))[inner])
+
+
 def test_arcs_of_an_ellipse():
     """Halving the sides divides the error by more than eight."""
     errors = []
