@@ -154,7 +154,8 @@ def _frames(folder: Path) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
 
     import h5py
 
-    times = [float(each.attrib["Value"]) for each in ElementTree.parse(folder / "result.xdmf").iter("Time")]
+    times = [float(each.attrib["Value"]) for each in ElementTree.parse(folder / "result.xdmf").findall(
+        "Domain/Grid/Grid/Time")]
     with h5py.File(folder / "result.h5", "r") as file:
         for k in np.unique(np.linspace(0, len(times) - 1, min(FRAMES, len(times))).round().astype(int)):
             fields = file.get(group_of(k), file)
