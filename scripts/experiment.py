@@ -61,7 +61,7 @@ def prepare_laws(world: MPI.Comm, N: int, laws: Iterable[str] = LAWS,
     (body,), (interface,) = first.bodies, first.member.interfaces
 
     def with_law(scene: Settled) -> Assembly:
-        law = law_of(scene.contact[0].friction, interface.xy, interface.area, interface.sliding)
+        law = law_of(scene.contact[0].friction, interface.xy, interface.arc, interface.area, interface.sliding)
         member = copy.copy(body.member)  # with the same factors and counts
         member.interfaces = (dataclasses.replace(interface, law=law),)
         space = Space(member.interfaces if first.space.interfaces else (), world)

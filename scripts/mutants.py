@@ -23,7 +23,7 @@ RESTORED = "run/test_checkpoint.py::test_a_restored_state_is_the_whole_state"
 SKFEM = "body/test_elasticity.py::test_stiffness_is_that_of_skfem"
 RANDOM = "qp/test_mprgp.py::test_random_programs"
 LAW, SIDES, LEGS = "interface/test_law.py", "interface/test_interface.py", "coupling/test_exchange.py"
-MEMBER, MORTAR = "coupling/test_member.py", "interface/test_mortar.py"
+MEMBER, MORTAR, ARC = "coupling/test_member.py", "interface/test_mortar.py", "interface/test_profiles.py"
 ANSWER, NODES = "run/test_answer.py", f"{CERTIFICATE}::test_the_state_of_the_nodes"
 
 MUTANTS = [Mutant(*row) for row in (
@@ -126,6 +126,21 @@ MUTANTS = [Mutant(*row) for row in (
      f"{MORTAR}::test_the_far_side_of_a_ring_is_no_partner"),
     ("slave chosen by spacing alone", "interface/mortar", "/ (side.links.shape[1] - 1) / side.modulus)",
      "/ (side.links.shape[1] - 1))", f"{MORTAR}::test_the_slave_is_coarse_and_soft"),
+    ("slivers left out", "interface/mortar", "np.where(sliver[part, None], nearest[part], psi)",
+     "np.where(sliver[part, None], 0.0, psi)", MORTAR),
+    ("small pieces left out", "interface/cover", "TOUCHING = 1e-9", "TOUCHING = 1e-3", MORTAR),
+    ("gap along the ray", "interface/mortar", '    measured *= np.einsum("ij,ij->i", ray, normal)\n', "", MORTAR),
+    ("lines without the part of slivers", "interface/mortar", "    length[entries.col[own]] = (rows.area",
+     "    length[entries.col[own]] = (0.0 * rows.area",
+     f"{MORTAR}::test_forces_at_the_nodes_have_the_resultant_and_the_moment"),
+    ("lines that face nothing", "interface/mortar", "UNSEEN = 1e-7", "UNSEEN = -1.0",
+     f"{MORTAR}::test_nodes_that_face_nothing_are_no_lines"),
+    ("arc length from the other end", "interface/side", "np.setdiff1d(edges[:, 0], edges[:, 1])",
+     "np.setdiff1d(edges[:, 1], edges[:, 0])", ARC),
+    ("a closed chain ends beyond its start", "interface/cover", "at < 1.0 - TOUCHING", "at < 2.0", ARC),
+    ("arc length along the second body", "interface/mortar", "side.arc[rooted] if own == 0 else",
+     "side.arc[rooted] if True else",
+     ARC),
     ("held rows like others", "interface/mortar", "    if (free != root).any():", "    if False:",
      f"{MORTAR}::test_rows_that_clamps_nearly_hold_are_shared"),
     ("closed chains left open", "methods/half_plane",
@@ -148,6 +163,8 @@ MUTANTS = [Mutant(*row) for row in (
      NODES),
     ("status: open is called slip", "interface/state", 'status[~law.closed(s, CLOSED)] = "open"', "pass", NODES),
     ("sign of the force", "interface/state", 'return -np.einsum("mc,mcd->md"', 'return np.einsum("mc,mcd->md"', NODES),
+    ("moment on the second body's nodes", "interface/state", "else self.interface.at[0],", "else self.interface.at[1],",
+     f"{MORTAR}::test_forces_at_the_nodes_have_the_resultant_and_the_moment"),
     ("sign of the moment", "interface/state", "return x * fy - y * fx", "return y * fx - x * fy",
      NODES),
     ("pressure not divided by area", "interface/state", "return self.normal_force / self.interface.area",

@@ -1,7 +1,9 @@
 """Results of runs that never were: blocks and contacts with plausible fields, written by the writers of results/."""
 
 from pathlib import Path
+from xml.etree import ElementTree
 
+import h5py
 import numpy as np
 
 from ddmpi.body.stress import stress, von_mises
@@ -12,7 +14,7 @@ from ddmpi.interface.state import ContactState
 from ddmpi.mesh.build import generate_rectangle
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
-from ddmpi.results.fields import Fields, write_fields, write_xdmf
+from ddmpi.results.fields import Fields, write_contact_fields, write_fields, write_xdmf
 from ddmpi.results.summary import BodyResult, ContactResult, RunResult, summarize, write_summary
 from ddmpi.results.tables import write_contact, write_history, write_sides, write_steps
 from ddmpi.scene.bodies import Material, MeshSpec
@@ -121,7 +123,9 @@ def results(folder: Path, kind: str = "stack", order: int = 1, friction=COULOMB,
     sizes = [(len(mesh.points), len(mesh.triangles)) for mesh in meshes.values()]
     for number, part in enumerate(parts):
         write_fields(folder, part, number, sizes)
-    write_xdmf(folder)
+    for number, each in enumerate(states):
+        write_contact_fields(folder, number, each)
+    write_xdmf(folder, (), dict(zip(meshes, sizes, strict=True)), list(CONTACTS[kind]))
     for each in states:
         write_contact(folder, each.interface.name, each)
         write_sides(folder, each.interface.name, each)
@@ -130,3 +134,30 @@ def results(folder: Path, kind: str = "stack", order: int = 1, friction=COULOMB,
     write_steps(folder, summary["steps"])
     write_summary(folder, summary)
     return summary
+
+
+def named_grids(folder: Path) -> dict[str, list[dict]]:
+    """What ParaView finds: by name of a body or contact, for each time its arrays by name, and the time."""
+    root = ElementTree.parse(folder / "result.xdmf").getroot()
+    (top,) = root.find("Domain")
+    assert top.get("Reference") == "XML"
+    hidden = root.find("." + top.text.strip().removeprefix("/Xdmf"))
+    assert (hidden.get("GridType"), hidden.get("CollectionType")) == ("Collection", "Spatial")
+    with h5py.File(folder / "result.h5") as file:
+
+        def array(item):
+            if item.get("ItemType") != "HyperSlab":
+                found = file[item.text.removeprefix("result.h5:")][()]
+                assert item.get("Dimensions") == " ".join(map(str, found.shape))
+                return found
+            start, stride, count = np.array(item[0].text.split(), int).reshape(3, -1)
+            assert (stride == 1).all() and item.get("Dimensions") == " ".join(map(str, count))
+            return array(item[1])[tuple(slice(a, a + n) for a, n in zip(start, count, strict=True))]
+
+        def grid(each):
+            found = {child.get("Name", child.tag): array(child[0]) for child in each if child.tag != "Time"}
+            found["Topology"] = found["Topology"] - int(each.find("Topology").get("BaseOffset", 0))
+            return found | {"time": float(each.find("Time").get("Value"))}
+
+        return {each.get("Name"): [grid(one) for one in (each if each.get("GridType") == "Collection" else [each])]
+                for each in hidden}

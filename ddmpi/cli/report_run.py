@@ -26,6 +26,7 @@ from ddmpi.cli.report_markup import (
     table,
 )
 from ddmpi.scene.reader import write_toml
+from ddmpi.system.files import contact_files
 
 MOST_STEPS = 24
 """Of more load steps those at the ends of legs are listed, and of more of these so many."""
@@ -181,7 +182,7 @@ class RunReport:
             "contacts.png": ("All contacts: pressures as areas, zones as lines, resultants.",
                              f"Contact forces of all contacts: {contacts}"),
             "contact.png": ("Stresses, gap and slip along the contact.", f"Contact stresses of {contacts}"),
-            **{f"contact_{name}.png": (f"Stresses, gap and slip along {name}.", f"Contact stresses of {name}")
+            **{contact_files(name).picture: (f"Stresses, gap and slip along {name}.", f"Contact stresses of {name}")
                for name in self.contacts},
             "steps.png": ("Load steps: loops of the tangential force, energies, contact stresses.",
                           "Loops of forces, energies and contact stresses over the load steps"),

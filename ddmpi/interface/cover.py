@@ -79,6 +79,22 @@ def cover(slave: Side, master: Side) -> Cover:
                  weight * ratio, ray, gap)
 
 
+def faced_arc(xy: np.ndarray, rows: np.ndarray, over: Cover, master: Side) -> np.ndarray:
+    """Arc lengths (m,) of the master's places nearest to `xy` (m, 2), on the links that the rows (q, c) of points face.
+
+    Not collective.
+    """
+    row, link = np.unique(np.stack([rows.ravel(), np.repeat(over.other, rows.shape[1])]), axis=1)
+    start, end = master.links[link, :2].T
+    along = master.along[link]
+    away = xy[row] - master.xy[start]
+    at = np.clip(np.einsum("pi,pi->p", away, along) / np.einsum("pi,pi->p", along, along), 0.0, 1.0)
+    order = np.lexsort((np.linalg.norm(away - at[:, None] * along, axis=1), row))
+    nearest = order[np.flatnonzero(np.diff(row[order], prepend=-1))]
+    arc = np.where(at < 1.0 - TOUCHING, master.arc[start] + at * master.lengths[link], master.arc[end])
+    return arc[nearest]  # where a closed chain ends, it starts
+
+
 def _swept(segments: np.ndarray, links: np.ndarray, fans: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The pairs of a link (·, 2, 2) and a segment (·, 2, 2) whose line rays from the link can meet, link by link.
 

@@ -83,6 +83,7 @@ class Interface:
     frame : (m, d, d) unit vectors of the first body: outer normal, then tangents; the second body's are opposite
     area : (m,) nodal lengths, in three dimensions areas, of what faces the other side (m)
     gap : (m,) initial gap along the normal (m); negative for an initial overlap
+    arc : (m,) arc lengths along the first body's boundary, from which profiles count (m)
     nodes : of each side (k,), numbers in its body's mesh; none of a rigid partner
     transfer : of each side (m, k), sparse: a contact node moves as the rows say that the side's nodes move
     law : of contact and friction at these nodes
@@ -108,6 +109,7 @@ class Interface:
     frame: np.ndarray
     area: np.ndarray
     gap: np.ndarray
+    arc: np.ndarray
     nodes: tuple[np.ndarray, np.ndarray]
     transfer: tuple[sparse.csr_matrix, sparse.csr_matrix]
     law: Law
@@ -234,7 +236,7 @@ def uncovered_profile(interface: Interface, friction: Coulomb | Tresca | NoFrict
     for key, values in (("friction", given), ("gap", gap)):
         if not isinstance(values, Profile) or len(values.points) < 2:
             continue
-        along = values.position(interface.xy)
+        along = values.position(interface.xy, interface.arc)
         low, high, slack = values.points[0], values.points[-1], 1e-6 * float(np.ptp(along))
         if along.min() < low - slack or along.max() > high + slack:
             found.append(f"contact.{interface.name}.{key}: the profile covers {values.along} from {low:g} to {high:g}, "

@@ -281,14 +281,14 @@ class BondedLaw(Law):
         return float(magnitude(stiffness * slip).max(initial=0.0))
 
 
-def law_of(friction: Coulomb | Tresca | NoFriction, xy: np.ndarray, area: np.ndarray, sliding: np.ndarray,
-           kind: str = "unilateral") -> Law:
+def law_of(friction: Coulomb | Tresca | NoFriction, xy: np.ndarray, arc: np.ndarray, area: np.ndarray,
+           sliding: np.ndarray, kind: str = "unilateral") -> Law:
     """The law that a scene asks for, evaluated at the contact nodes. Not collective.
 
     Parameters
     ----------
     friction : does not count for a bonded contact
-    xy : (m, d) positions (m)
+    xy, arc : (m, d) positions, and (m,) arc lengths along the first body (m)
     area : (m,) nodal lengths or areas, with which a slip-bound stress becomes a force
     sliding : (mt,) the nodes that carry tangential forces
     kind : "unilateral" or "bonded"
@@ -296,7 +296,7 @@ def law_of(friction: Coulomb | Tresca | NoFriction, xy: np.ndarray, area: np.nda
     shape = len(area), sliding, xy.shape[1] - 1
 
     def values(value) -> np.ndarray:
-        at_nodes = np.full(len(area), value) if isinstance(value, float | int) else value.at(xy)
+        at_nodes = np.full(len(area), value) if isinstance(value, float | int) else value.at(xy, arc)
         return at_nodes[sliding].astype(float)
 
     if kind == "bonded":

@@ -138,7 +138,7 @@ def carry(opposite: Opposite, friction: Coulomb | Tresca | NoFriction, name: str
     (first, second), (here, there) = opposite.sides, opposite.place
     normal = opposite.normal
     tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
-    start = initial_gap(gap, kind, opposite.gap, first.xy[here])
+    start = initial_gap(gap, kind, opposite.gap, first.xy[here], first.arc[here])
     bonded = kind == "bonded"
 
     free = first.free[here], second.free[there]
@@ -156,11 +156,11 @@ def carry(opposite: Opposite, friction: Coulomb | Tresca | NoFriction, name: str
     place[here[keep]] = np.arange(len(keep))
     edges, closed = place[first.edges], place[here[opposite.closings]]
     alone = sparse.identity(len(keep), format="csr")
-    xy, area = first.xy[here][keep], opposite.area[keep]
+    xy, arc, area = first.xy[here][keep], first.arc[here][keep], opposite.area[keep]
     return Interface(
         name=name, bodies=(first.body, second.body), xy=xy, frame=np.stack([normal[keep], tangent[keep]], axis=1),
-        area=area, gap=start[keep], nodes=(first.nodes[here][keep], second.nodes[there][keep]),
-        transfer=(alone, alone), law=law_of(friction, xy, area, sliding, kind),
+        area=area, gap=start[keep], arc=arc, nodes=(first.nodes[here][keep], second.nodes[there][keep]),
+        transfer=(alone, alone), law=law_of(friction, xy, arc, area, sliding, kind),
         modulus=1.0 / (1.0 / first.modulus + 1.0 / second.modulus),
         joined=opposite.joined[keep[:-1]] & (np.diff(keep) == 1), edges=edges[(edges >= 0).all(axis=1)],
         held=held[keep], closings=closed[(closed >= 0).all(axis=1)],
@@ -179,10 +179,11 @@ def held_beside(xy: np.ndarray, joined: np.ndarray, closings: np.ndarray, droppe
     return held
 
 
-def initial_gap(gap: float | Profile | None, kind: str, measured: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    """The initial gap (k,) at nodes `xy` (k, 2): the given one, else the measured one, or zero of a bond."""
+def initial_gap(gap: float | Profile | None, kind: str, measured: np.ndarray, xy: np.ndarray,
+                arc: np.ndarray) -> np.ndarray:
+    """The initial gap (k,) at nodes `xy` (k, 2), at arc lengths (k,): given, else measured, or zero of a bond."""
     if isinstance(gap, Profile):
-        return gap.at(xy).astype(float)
+        return gap.at(xy, arc).astype(float)
     if gap is not None:
         return np.full(len(xy), float(gap))
     return np.zeros(len(xy)) if kind == "bonded" else measured

@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.errors import InputError
-from ddmpi.interface.cover import Cover, cover, unit
+from ddmpi.interface.cover import Cover, cover, faced_arc, unit
 from ddmpi.interface.interface import Interface, Lines, Places
 from ddmpi.interface.law import law_of
 from ddmpi.interface.matching import NO_GAP, held_beside, initial_gap, is_held, pair
@@ -36,6 +36,12 @@ UNCOVERED = 0.15
 BARELY = 0.5
 """A row that clamps let move by less than this, where free nodes move by one, is its neighbour's: what they leave of it
 has entries of both signs, a condition on curvature, with any force."""
+
+UNSEEN = 1e-7
+"""A node of whose length no more than this part is covered faces nothing: the other side ends at its neighbour."""
+
+LACKING = 1e-3
+"""A side of which no more than this part is not covered has a mean stress."""
 
 NOTHING = 1e-12
 """Entries of P below this are rounding."""
@@ -261,7 +267,8 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
     measured = _means(weighted, place[nodes], over.gap[:, None], m)[:, 0] / area
     measured *= np.einsum("ij,ij->i", ray, normal)
     measured[np.abs(measured) <= NO_GAP * side.spacing[rooted]] = 0.0
-    start = initial_gap(gap, kind, measured, side.xy[rooted])
+    arc = side.arc[rooted] if own == 0 else faced_arc(side.xy[rooted], place[nodes], over, other)
+    start = initial_gap(gap, kind, measured, side.xy[rooted], arc)
 
     (held_normal, _), (held_tangential, _) = (rows.held(slave, each) for each in (normal, rows.tangent))
     dropped = (held_normal & held_tangential if bonded else held_normal).all(axis=0)
@@ -281,15 +288,13 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
     held = held_beside(xy, next_to, closed, dropped)
     bound = np.flatnonzero(free != root)
     np.add.at(held, place[bound], 1.0 / np.linalg.norm(side.xy[free[bound]] - side.xy[bound], axis=1))
-    shown = np.flatnonzero(place >= 0)
-    alone = np.bincount(place[shown], minlength=m) == 1
-    kept = np.full(m, -1)
+    lines, kept = _lines(side, rows, seen), np.full(m, -1)
     kept[keep] = np.arange(len(keep))
-    line, closed = kept[place[shown]], kept[closed]
+    alone, carry, closed = np.bincount(lines.row, minlength=m) == 1, kept[lines.row] >= 0, kept[closed]
     at_node = np.full(len(side.nodes), -1)
     at_node[rooted[alone]] = kept[alone]
     edges = at_node[side.edges] if len(side.edges) else np.empty((0, 3), int)
-    whole = (edges >= 0).all(axis=1) & (share >= (1.0 - 1e-6) * side.lengths)[:len(edges)]
+    whole = (edges >= 0).all(axis=1) & (share >= (1.0 - LACKING) * side.lengths)[:len(edges)]
     forward = over.direction if own == 0 else -over.direction
     probes = [_at(phi, nodes, len(side.nodes)),
               _at(shapes(over.there, other.links.shape[1]), other.links[over.other], len(other.nodes))]
@@ -297,9 +302,9 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
     used = [_used(each.nodes, transfer[keep]) for each, transfer in zip(sides, transfers, strict=True)]
     return Interface(
         name=name, bodies=(sides[0].body, sides[1].body), xy=xy[keep],
-        frame=np.stack([normal[keep], tangent[keep]], axis=1), area=area[keep], gap=start[keep],
+        frame=np.stack([normal[keep], tangent[keep]], axis=1), area=area[keep], gap=start[keep], arc=arc[keep],
         nodes=(used[0][0], used[1][0]), transfer=(used[0][1], used[1][1]),
-        law=law_of(friction, xy[keep], area[keep], sliding, kind),
+        law=law_of(friction, xy[keep], arc[keep], area[keep], sliding, kind),
         modulus=1.0 / (1.0 / side.modulus + 1.0 / other.modulus), joined=next_to[keep[:-1]] & (np.diff(keep) == 1),
         edges=edges[whole], held=held[keep], closings=closed[(closed >= 0).all(axis=1)],
         one_sided=np.concatenate([held_normal.any(axis=0)[keep], held_tangential.any(axis=0)[keep][sliding]]),
@@ -307,9 +312,25 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
         fixed=Places((sides[0].nodes, sides[1].nodes), normal[dropped], start[dropped],
                      (transfers[0][dropped], transfers[1][dropped])),
         at=(transfers[0][keep] @ sides[0].xy, transfers[1][keep] @ sides[1].xy), slave=side.body,
-        lines=Lines(line[line >= 0], side.xy[shown][line >= 0], D[shown][line >= 0]),
+        lines=Lines(kept[lines.row[carry]], lines.xy[carry], lines.area[carry]),
         probes=Places((sides[0].nodes, sides[1].nodes), forward, between,
                       (probes[own], probes[1 - own])))
+
+
+def _lines(side: Side, rows: _Rows, seen: np.ndarray) -> Lines:
+    """The nodes on which the rows act, each with its part of its row's length.
+
+    So the forces on the nodes have the rows' resultant and moment. A node whose part is no more than UNSEEN of what the
+    links `seen` (ns,) give it faces nothing and is left out.
+    """
+    entries, length = rows.transfers[0].tocoo(), np.zeros(len(rows.place))
+    own = rows.place[entries.col] == entries.row
+    length[entries.col[own]] = (rows.area[entries.row] * entries.data)[own]
+    faces = np.abs(length) > UNSEEN * side.lengths_over(seen)
+    faces[rows.rooted] = True
+    node = np.flatnonzero(faces)
+    length[rows.rooted] += rows.area - np.bincount(rows.place[node], length[node])  # what is left out
+    return Lines(rows.place[node], side.xy[node], length[node])
 
 
 def _normals(side: Side, some: np.ndarray) -> np.ndarray:

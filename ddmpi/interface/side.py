@@ -20,6 +20,9 @@ STRAIGHT = 1e-9
 FLAT = 1e-3
 """So are turns below this part of that at the other end of an element's side."""
 
+COARSE = 1e-6
+"""Nodes are put in order by their places in multiples of this part of the mesh's extent: rounding decides nothing."""
+
 STEEPEST = 0.24
 """Lines that meet a curved link count as no nearer to its direction at an end than this; at 1/4 they touch it there."""
 
@@ -41,6 +44,8 @@ class Side:
         two thirds of its edge for a middle, a sixth of the adjacent edges for a corner, where these are straight
     free : (k, 2) bool, components that are not clamped
     extent : (2,) width and height of the body (m)
+    arc : (k,) arc length from the start of the node's chain, on the way with the body to the left (m). A closed chain
+        starts at the first node of the group's first line on it
     joined : (k − 1,) bool, whether a node and the next one are neighbours; where not, another chain begins
     links : (ns, 2 or 3) all edges by the places of their two ends and, in order 2, their middle; the body lies to the
         left on the way from the first end to the second; in the order of the last column
@@ -54,6 +59,7 @@ class Side:
     area: np.ndarray
     free: np.ndarray
     extent: np.ndarray
+    arc: np.ndarray
     joined: np.ndarray
     links: np.ndarray
 
@@ -239,7 +245,7 @@ def contact_side(mesh: Mesh, edges: np.ndarray, free: np.ndarray, body: str, mod
 
     Raises InputError naming `key` when an edge does not lie on the boundary.
     """
-    edges = turn_outward(mesh, edges, key)
+    origins, edges = edges[:, 0], turn_outward(mesh, edges, key)
     neighbours = segments(edges)
     nodes = _order(neighbours, mesh.points)
     sides = mesh.points[edges]
@@ -254,7 +260,26 @@ def contact_side(mesh: Mesh, edges: np.ndarray, free: np.ndarray, body: str, mod
     place[nodes] = np.arange(len(nodes))
     links = place[edges]
     return Side(body, modulus, nodes, mesh.points[nodes], normal, length[nodes], free[nodes],
-                np.ptp(mesh.points, axis=0), joined, links[np.argsort(links[:, -1])])
+                np.ptp(mesh.points, axis=0), _arc(edges, mesh.points, origins)[nodes], joined,
+                links[np.argsort(links[:, -1])])
+
+
+def _arc(edges: np.ndarray, points: np.ndarray, origins: np.ndarray) -> np.ndarray:
+    """Arc lengths (nv,) of the nodes of turned edges (k, 2 or 3) from the start of their chain.
+
+    Each chain counts from its own start: where no edge ends, else at the first of `origins` (k,) that is on it.
+    """
+    length = side_lengths(points[edges])
+    after = dict(zip(edges[:, 0].tolist(), zip(edges[:, 1].tolist(), length.tolist(), strict=True), strict=True))
+    arc = np.full(len(points), np.nan)
+    for start in [*np.setdiff1d(edges[:, 0], edges[:, 1]), *origins]:
+        node, at = int(start), 0.0
+        while np.isnan(arc[node]):
+            arc[node] = at
+            node, step = after.get(node, (node, 0.0))
+            at += step
+    arc[edges[:, 2:]] = arc[edges[:, :1]] + length[:, None] / 2
+    return arc
 
 
 def _across(sides: np.ndarray) -> list[np.ndarray]:
@@ -275,11 +300,12 @@ def _keys(a: np.ndarray, b: np.ndarray, size: int) -> np.ndarray:
 
 def _order(pairs: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Nodes of pairs of neighbours, walked chain by chain; each chain starts at its end with the smaller x, y."""
+    places = np.round((points - points.min(axis=0)) / (COARSE * np.ptp(points, axis=0).max()))
     neighbours: dict[int, list[int]] = {}
     for a, b in pairs.tolist():
         neighbours.setdefault(a, []).append(b)
         neighbours.setdefault(b, []).append(a)
-    ranked = sorted(neighbours, key=lambda node: (len(neighbours[node]) != 1, *points[node]))
+    ranked = sorted(neighbours, key=lambda node: (len(neighbours[node]) != 1, *places[node]))
     ordered: list[int] = []
     seen: set[int] = set()
     node: int | None

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ddmpi.results.tables import writing
+from ddmpi.interface.state import ContactState
+from ddmpi.results.tables import pieces, writing
 from ddmpi.system.files import FileOfHDF5
 
-TOPOLOGY = {3: "Triangle", 6: "Triangle_6"}
-"""What XDMF calls triangles, by their number of nodes."""
+TOPOLOGY = {2: "Polyline", 3: "Triangle", 6: "Triangle_6"}
+"""What XDMF calls lines and triangles, by their number of nodes."""
 
 KIND = {1: "Scalar", 3: "Vector", 6: "Tensor6"}
 """What XDMF calls a field, by its number of components."""
@@ -21,8 +22,20 @@ KIND = {1: "Scalar", 3: "Vector", 6: "Tensor6"}
 AT_STEPS = ("displacement", "stress", "von_mises", "error")
 """The datasets that differ from load step to load step."""
 
-AT_NODES = ("points", "displacement")
+AT_CONTACT = ("pressure", "friction", "gap", "slip", "slip_total", "status")
+"""The datasets of a contact, with a row per line of its table: those of contact_NAME.csv, stresses by other names."""
+
+STATUS = ("open", "slip", "stick")
+"""What the numbers of the dataset `status` mean."""
+
+AT_NODES = ("points", "displacement", *AT_CONTACT)
 """The datasets with a row per node; all others have a row per triangle."""
+
+CONTACTS = "contacts"
+"""The group of result.h5 with a group for each contact, by its number in the order of the scene."""
+
+MANY = 10_000
+"""Of more bodies and contacts than this, times load steps, result.xdmf has no grids of their own."""
 
 
 @dataclass(frozen=True)
@@ -84,29 +97,102 @@ def write_fields(path: Path, fields: Fields, body: int, sizes: Sequence[tuple[in
             file[name][before[kind]:before[kind] + len(part)] = part
 
 
-def write_xdmf(path: Path, times: Sequence[float] = ()) -> None:
-    """Write result.xdmf into the folder `path`: the mesh and all fields of result.h5 as one grid.
+def write_contact_fields(path: Path, number: int, state: ContactState,
+                         stresses: Iterable[tuple[int, np.ndarray]] = ()) -> None:
+    """Write what happens on a contact into result.h5 in the folder `path`: lines between its nodes, and AT_CONTACT.
 
-    The grid has no time: meshio.read refuses grids that have one, and ParaView does not need it for a single step. With
-    the `times` of load steps whose fields have been written, the last one's without a number, there is a grid for each,
-    which ParaView plays and meshio.xdmf.TimeSeriesReader reads. Not collective. Raises OutputError.
+    Parameters
+    ----------
+    number : of the contact, in the order of the scene
+    stresses : number, and normal and tangential stresses (m, 2), of each load step before the last one that is kept
+
+    Not collective. Raises OutputError.
+    """
+    import h5py
+
+    lines, components = state.interface.shown, len(state.interface.xy[0]) - 1
+    table = dict(zip("xyz", lines.xy.T, strict=False)) | {"length": lines.area}
+    follow = [np.column_stack([piece[:-1], piece[1:]]) if len(piece) > 1 else piece[[0, 0]][None]
+              for piece in pieces(table)]
+    values = (state.pressure, state.shear, state.gap, state.slip, state.slip_total,
+              np.argmax(state.status[:, None] == np.array(STATUS), axis=1))
+    parts = {"points": np.pad(lines.xy, ((0, 0), (0, 2 - components))), "cells": np.concatenate(follow)}
+    parts |= {name: (each.ravel() if components == 1 else each)[lines.row]
+              for name, each in zip(AT_CONTACT, values, strict=True)}
+    for step, each in stresses:
+        normal, tangential = each[lines.row].T
+        parts |= {f"{group_of(step)}/pressure": normal, f"{group_of(step)}/friction": tangential}
+    target = path / "result.h5"
+    with writing(target), FileOfHDF5(target, "r+") as storage, h5py.File(storage, "r+") as file:
+        for name, part in parts.items():
+            file[f"{CONTACTS}/{number:06d}/{name}"] = part
+
+
+def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, tuple[int, int]] | None = None,
+               contacts: Sequence[str] = ()) -> None:
+    """Write result.xdmf into the folder `path`: the mesh and all fields of result.h5 as one grid without time.
+
+    With the `times` of load steps whose fields have been written, the last one's without a number, there is a grid for
+    each. meshio.read takes the grid of a single step, meshio.xdmf.TimeSeriesReader those of several; both refuse more.
+    So grids of bodies and contacts by name, with their times, stand where meshio does not look, in an Information.
+    ParaView and pyvista are referred to them (Reference="XML", as XDMF 2 has it).
+
+    Parameters
+    ----------
+    bodies : numbers of nodes and triangles by name, in the order of the scene
+    contacts : names of those that have fields, in the order of the scene
+
+    Not collective. Raises OutputError.
     """
     from xml.etree import ElementTree
 
     import h5py
 
+    bodies = bodies or {}
     root = ElementTree.Element("Xdmf", Version="3.0")
-    parent = ElementTree.SubElement(root, "Domain")
-    if times:
-        parent = ElementTree.SubElement(parent, "Grid", Name="steps", GridType="Collection", CollectionType="Temporal")
+    domain = ElementTree.SubElement(root, "Domain")
     with writing(path / "result.xdmf"), h5py.File(path / "result.h5", "r") as file:
-        for k, time in enumerate(times or [None]):
-            grid = ElementTree.SubElement(parent, "Grid", Name="bodies", GridType="Uniform")
-            if time is not None:
-                ElementTree.SubElement(grid, "Time", Value=repr(time))
-            _describe(grid, file, group_of(k) if group_of(k) in file else "")
+        steps = [group if (group := group_of(k)) in file else "" for k in range(len(times))]
+        plain = [_grid(parent, "bodies", time) for parent, time in _over(domain, "steps", times, None)]
+        for grid, group in zip(plain, steps or [""], strict=True):
+            _describe(grid, _datasets(file, group))
+        if 0 < (len(bodies) + len(contacts)) * len(plain) <= MANY:
+            domain[0].set("Reference", "XML")
+            domain[0].text = f"/Xdmf/Domain/Grid{'/Grid[1]' * bool(times)}/Information/Grid"
+            hidden = ElementTree.SubElement(plain[0], "Information", Name="named")
+            hidden.text = "<none/>"  # as meshio reads it
+            named = ElementTree.SubElement(hidden, "Grid", Name="results", GridType="Collection",
+                                           CollectionType="Spatial")
+            first = np.zeros(2, int)
+            for name, number in bodies.items():
+                for (parent, time), group in zip(_over(named, name, times), steps or [""], strict=True):
+                    _describe(_grid(parent, name, time), _datasets(file, group), (first, np.array(number)))
+                first = first + number
+            for k, name in enumerate(contacts):
+                for (parent, time), group in zip(_over(named, name, times), steps or [""], strict=True):
+                    _describe(_grid(parent, name, time), _datasets(file[f"{CONTACTS}/{k:06d}"], group))
         ElementTree.indent(root)
         ElementTree.ElementTree(root).write(path / "result.xdmf", encoding="utf-8", xml_declaration=True)
+
+
+def _over(parent: Any, name: str, times: Sequence[float],
+          time: float | None = 1.0) -> list[tuple[Any, float | None]]:
+    """Where the grid of each time stands, and the time: in a collection, or in `parent` where there is one `time`."""
+    from xml.etree import ElementTree
+
+    if not times:
+        return [(parent, time)]
+    series = ElementTree.SubElement(parent, "Grid", Name=name, GridType="Collection", CollectionType="Temporal")
+    return [(series, time) for time in times]
+
+
+def _grid(parent: Any, name: str, time: float | None) -> Any:
+    from xml.etree import ElementTree
+
+    grid = ElementTree.SubElement(parent, "Grid", Name=name, GridType="Uniform")
+    if time is not None:
+        ElementTree.SubElement(grid, "Time", Value=repr(time))
+    return grid
 
 
 def group_of(step: int) -> str:
@@ -114,30 +200,49 @@ def group_of(step: int) -> str:
     return f"step_{step:06d}"
 
 
-def _describe(grid: Any, file: Any, group: str) -> None:
-    """Add to an XDMF grid the mesh of an HDF5 file, and its fields: those in `group`, if that has a name."""
-    from xml.etree import ElementTree
-
+def _datasets(file: Any, group: str) -> dict[str, Any]:
+    """The datasets of an HDF5 group by name; those of a load step `group` in it, if that has a name, in their place."""
     import h5py
 
-    fields = {name: data for name, data in file.items() if isinstance(data, h5py.Dataset)
-              and not (group and name in AT_STEPS)}
-    if group:
-        fields |= {f"{group}/{name}": data for name, data in file[group].items()}
-    for path, data in fields.items():
-        name = path.rpartition("/")[2]
+    own = {name: data for name, data in file.items() if isinstance(data, h5py.Dataset)}
+    if not group:
+        return own
+    return {name: own[name] for name in own if name not in (*AT_STEPS, *AT_CONTACT)} | dict(file[group].items())
+
+
+def _describe(grid: Any, fields: Mapping[str, Any], part: tuple[np.ndarray, np.ndarray] | None = None) -> None:
+    """Add datasets to an XDMF grid: a mesh and its fields; of the nodes and triangles (2,) that a `part` begins with
+    and has in number."""
+    from xml.etree import ElementTree
+
+    for name, data in fields.items():
+        kind = 0 if name in AT_NODES else 1
+        start, number = (0, len(data)) if part is None else (int(each[kind]) for each in part)
         if name == "points":
             parent = ElementTree.SubElement(grid, "Geometry", GeometryType="XYZ")
         elif name == "cells":
-            number, nodes = data.shape
-            parent = ElementTree.SubElement(grid, "Topology", TopologyType=TOPOLOGY[nodes],
+            parent = ElementTree.SubElement(grid, "Topology", TopologyType=TOPOLOGY[data.shape[1]],
                                             NumberOfElements=str(number))
+            if data.shape[1] == 2:
+                parent.set("NodesPerElement", "2")
+            if part is not None:
+                parent.set("BaseOffset", str(part[0][0]))
         else:
             parent = ElementTree.SubElement(grid, "Attribute", Name=name, AttributeType=KIND[data[:1].size],
                                             Center="Node" if name in AT_NODES else "Cell")
+        if part is not None:
+            parent = ElementTree.SubElement(parent, "DataItem", ItemType="HyperSlab",
+                                            Dimensions=_words(number, *data.shape[1:]))
+            rest = np.array([[0, 1, size] for size in data.shape[1:]], int).reshape(-1, 3)
+            ElementTree.SubElement(parent, "DataItem", DataType="Int", Format="XML", Dimensions=f"3 {data.ndim}",
+                                   ).text = _words(*np.vstack([[start, 1, number], rest]).T.ravel())
         ElementTree.SubElement(parent, "DataItem", DataType="Int" if data.dtype.kind == "i" else "Float",
-                               Precision="8", Format="HDF", Dimensions=" ".join(map(str, data.shape)),
-                               ).text = f"result.h5:/{path}"
+                               Precision="8", Format="HDF", Dimensions=_words(*data.shape),
+                               ).text = f"result.h5:{data.name}"
+
+
+def _words(*numbers: int) -> str:
+    return " ".join(map(str, numbers))
 
 
 def _padded(array: np.ndarray) -> np.ndarray:

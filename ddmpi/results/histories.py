@@ -10,7 +10,7 @@ import numpy as np
 
 from ddmpi.results.fields import at_nodes, boundary_edges, group_of, linear_triangles
 from ddmpi.results.magnify import magnify, surfaces
-from ddmpi.results.tables import Columns, Results, writing
+from ddmpi.results.tables import Columns, Results, facing_rows, writing
 
 LOOPS = 3
 """At most so many contacts, those with the largest forces, have their loop and their stresses drawn."""
@@ -85,9 +85,9 @@ def _draw_stresses(axes: Any, name: str, legs: Columns, units: dict) -> None:
     colours = mpl.colormaps["viridis"](np.linspace(0.0, 0.9, len(chosen)))
     for kind, axis in zip(("normal", "tangential"), axes, strict=True):
         for time, colour in zip(chosen, colours, strict=True):
-            own = legs["time"] == time
-            arc = np.append(0.0, np.cumsum(np.hypot(np.diff(legs["x"][own]), np.diff(legs["y"][own]))))
-            axis.plot(arc, legs[f"{kind}_stress"][own], color=colour, linewidth=1.2, label=f"time {time:g}")
+            step = facing_rows({column: values[legs["time"] == time] for column, values in legs.items()})
+            arc = np.append(0.0, np.cumsum(np.hypot(np.diff(step["x"]), np.diff(step["y"]))))
+            axis.plot(arc, step[f"{kind}_stress"], color=colour, linewidth=1.2, label=f"time {time:g}")
         axis.axhline(0.0, color="black", linewidth=0.6)
         axis.set(xlabel=f"along {name} ({units['length']})", ylabel=f"{kind} stress ({units['stress']})")
     axes[1].legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0))
@@ -154,7 +154,8 @@ def _frames(folder: Path) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
 
     import h5py
 
-    times = [float(each.attrib["Value"]) for each in ElementTree.parse(folder / "result.xdmf").iter("Time")]
+    times = [float(each.attrib["Value"]) for each in ElementTree.parse(folder / "result.xdmf").findall(
+        "Domain/Grid/Grid/Time")]
     with h5py.File(folder / "result.h5", "r") as file:
         for k in np.unique(np.linspace(0, len(times) - 1, min(FRAMES, len(times))).round().astype(int)):
             fields = file.get(group_of(k), file)

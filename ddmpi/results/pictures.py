@@ -13,7 +13,8 @@ from ddmpi.errors import InputError
 from ddmpi.results.fields import areas_at_nodes, at_nodes, boundary_edges, linear_triangles, middles
 from ddmpi.results.histories import animate, draw_steps
 from ddmpi.results.magnify import magnify, owners, surfaces
-from ddmpi.results.tables import Columns, Results, pieces, read_results, starts, writing
+from ddmpi.results.tables import Columns, Results, facing_rows, pieces, read_results, starts, writing
+from ddmpi.system.files import contact_files
 from ddmpi.system.numbers import scaled_unit
 from ddmpi.system.provenance import NO_MATPLOTLIB, has_matplotlib, identity
 
@@ -94,7 +95,7 @@ def _figures(results: Results) -> Iterator[tuple[str, Callable[[], Any]]]:
     if several:
         yield "contacts.png", lambda: draw_contacts(results)
     for name in results.contacts if len(results.contacts) <= EACH else ():
-        yield f"contact_{name}.png" if several else "contact.png", functools.partial(draw_contact, results, name)
+        yield contact_files(name).picture if several else "contact.png", functools.partial(draw_contact, results, name)
     if len(results.energy.get("time", ())):
         yield "steps.png", lambda: draw_steps(results, _title(results))
     if "error" in results.fields:
@@ -142,7 +143,7 @@ def draw_contacts(results: Results):
     bodies = results.summary["bodies"]
     area = np.bincount(owner, areas_at_nodes(points, cells), len(bodies))
     size = WIDEST * float(np.median(np.sqrt(area)))
-    entries = [(table, results.summary["contacts"][name]) for name, table in results.contacts.items()]
+    entries = [(facing_rows(table), results.summary["contacts"][name]) for name, table in results.contacts.items()]
     top = max(np.abs(table["normal_stress"]).max() for table, _ in entries)
     kind = "normal stress" if any((table["normal_stress"] < 0.0).any() for table, _ in entries) else "pressure"
     largest = max(float(np.hypot(*contact["force"])) for _, contact in entries)
@@ -216,7 +217,7 @@ def draw_contact(results: Results, name: str):
     import matplotlib.pyplot as plt
     from matplotlib.patches import Patch
 
-    nodes, sides = results.contacts[name], results.sides.get(name)
+    nodes, sides = facing_rows(results.contacts[name]), results.sides.get(name)
     length_unit, stress_unit = _units(results)
     contact = next(each for each in results.summary["scene"]["contact"] if each["name"] == name)
     friction, frictional = contact["friction"], contact["friction"]["law"] != "none"

@@ -52,7 +52,9 @@ SUMMARY = {
     "contacts.NAME.slave": "the body whose nodes carry the forces; null with pairing by nodes",
     "contacts.NAME.friction": "its law",
     "contacts.NAME.force": "[x, y], resultant on the first body: −Σ (normal_force · n + tangential_force · t)",
-    "contacts.NAME.moment": "x F_y − y F_x of the same forces, about the origin",
+    "contacts.NAME.moment": "x F_y − y F_x of the same forces, about the origin, on the first body's nodes. That of "
+                            "the lines of contact_NAME.csv is the same; where the second body is the slave it differs "
+                            "by moment_imbalance",
     "contacts.NAME.normal_force": "sum over the nodes",
     "contacts.NAME.tangential_force": "sum over the nodes",
     "contacts.NAME.open": "number of open nodes",

@@ -15,6 +15,7 @@ import numpy as np
 from ddmpi.errors import InputError, OutputError
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.elements import side_lengths
+from ddmpi.system.files import contact_files
 
 FORMAT = 2
 """Version of the layout of all result files. Names and meanings of one format stay; entries may be added."""
@@ -76,7 +77,7 @@ def write_contact(path: Path, name: str, state: ContactState) -> None:
                *(each.ravel()[lines.row] for each in (state.pressure, state.shear, state.gap, state.slip,
                                                       state.slip_total, state.status)))
     columns = (*lines.xy.T, *interface.normal[lines.row].T, lines.area, *columns)
-    _write_csv(path / f"contact_{name}.csv", CONTACT, zip(*columns, strict=True))
+    _write_csv(path / contact_files(name).table, CONTACT, zip(*columns, strict=True))
 
 
 def write_sides(path: Path, name: str, state: ContactState) -> None:
@@ -91,7 +92,7 @@ def write_sides(path: Path, name: str, state: ContactState) -> None:
         return
     length = side_lengths(xy[state.interface.edges])
     means = ((stress[start] + 4 * stress[middle] + stress[end]) / 6 for stress in (state.pressure, state.shear.ravel()))
-    _write_csv(path / f"contact_{name}_sides.csv", SIDES, zip(*xy[middle].T, length, *means, strict=True))
+    _write_csv(path / contact_files(name).sides, SIDES, zip(*xy[middle].T, length, *means, strict=True))
 
 
 def write_legs(path: Path, name: str, state: ContactState, stresses: Iterable[tuple[float, np.ndarray]]) -> None:
@@ -105,7 +106,7 @@ def write_legs(path: Path, name: str, state: ContactState, stresses: Iterable[tu
     Not collective. Raises OutputError.
     """
     lines = state.interface.shown
-    _write_csv(path / f"contact_{name}_legs.csv", LEGS, (
+    _write_csv(path / contact_files(name).legs, LEGS, (
         (time, *row) for time, values in stresses
         for row in zip(*lines.xy.T, lines.area, *values[lines.row].T, strict=True)))
 
@@ -206,8 +207,8 @@ def read_results(folder: str | Path) -> Results:
     folder = Path(folder)
     summary = read_summary(folder)
     try:
-        tables = {name: folder / f"contact_{name}.csv" for name in summary["contacts"]}
-        sides = {name: folder / f"contact_{name}_sides.csv" for name in tables if summary["order"] == 2}
+        tables = {name: folder / contact_files(name).table for name in summary["contacts"]}
+        sides = {name: folder / contact_files(name).sides for name in tables if summary["order"] == 2}
         with h5py.File(folder / "result.h5", "r") as file:
             fields = {name: data[()] for name, data in file.items() if isinstance(data, h5py.Dataset)}
         steps = summary["scene"].get("time") is not None
@@ -215,7 +216,7 @@ def read_results(folder: str | Path) -> Results:
                        {name: _read_csv(path) for name, path in sides.items() if path.exists()},
                        _read_csv(folder / "history.csv"), _read_csv(folder / "steps.csv"), fields,
                        _read_csv(folder / "energy.csv") if steps else {},
-                       {name: _read_csv(folder / f"contact_{name}_legs.csv") for name in tables if steps})
+                       {name: _read_csv(folder / contact_files(name).legs) for name in tables if steps})
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{folder}: not a complete folder of results: {error}") from None
 
@@ -238,6 +239,23 @@ def _read_csv(path: Path) -> Columns:
     columns = zip(*rows, strict=True) if rows else ((),) * len(header)
     return {name: np.array(column, str if name in ("status", "contact") else float)
             for name, column in zip(header, columns, strict=True)}
+
+
+FEW = 0.02
+"""Pictures leave out a node that shares the stresses of its neighbour and has less than this part of its length."""
+
+
+def facing_rows(table: Columns) -> Columns:
+    """The rows without those of nodes that stand beyond what they face, of which hardly anything faces the other side.
+
+    Such a node shares its neighbour's row: drawn, the stress would go on outside of the body.
+    """
+    length, stresses = table["length"], (table["normal_stress"], table["tangential_stress"])
+    shared = np.all([np.diff(each) == 0.0 for each in stresses], axis=0)
+    beyond = np.zeros(len(length), bool)
+    beyond[1:] |= shared & (length[1:] < FEW * length[:-1])
+    beyond[:-1] |= shared & (length[:-1] < FEW * length[1:])
+    return {name: column[~beyond] for name, column in table.items()}
 
 
 def starts(table: Columns) -> np.ndarray:

@@ -24,7 +24,7 @@ from ddmpi.judge.plausible import doubt_answer, doubt_mesh
 from ddmpi.mesh.geometry import Sizes
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
-from ddmpi.results.fields import Fields, write_fields, write_xdmf
+from ddmpi.results.fields import Fields, write_contact_fields, write_fields, write_xdmf
 from ddmpi.results.folder import Staging, choose_folder
 from ddmpi.results.summary import write_summary
 from ddmpi.results.tables import write_contact, write_energy, write_history, write_legs, write_sides, write_steps
@@ -242,8 +242,9 @@ def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, che
             times = _write_steps(path, solved, sizes)
             with agreed(world), event("WriteTables"):
                 if staging:
-                    write_xdmf(path, times)
                     _write_tables(path, solved)
+                    write_xdmf(path, times, dict(zip((body.name for body in solved.assembly.scene.body), sizes,
+                                                     strict=True)), list(solved.solution.contacts))
                     if solved.solution.mechanism:
                         _write_mechanism(path, solved, outlines)
                     if figures:  # they show it
@@ -307,10 +308,13 @@ def _write_tables(path: Path, solved: Solved) -> None:
     write_steps(path, solved.summary["steps"])
     if solved.steps:
         write_energy(path, solved.steps.energy())
-        start = 0
-        for name, state in solution.contacts.items():
-            part = slice(start, start := start + state.interface.m)
-            write_legs(path, name, state, [(time, stresses[part]) for time, _, _, stresses in solved.steps.kept])
+    start, kept = 0, [(time, stresses) for time, _, _, stresses in solved.steps.kept] if solved.steps else []
+    for number, (name, state) in enumerate(solution.contacts.items()):
+        part = slice(start, start := start + state.interface.m)
+        if solved.steps:
+            write_legs(path, name, state, [(time, stresses[part]) for time, stresses in kept])
+        write_contact_fields(path, number, state, [(step, stresses[part]) for step, (time, stresses) in enumerate(kept)
+                                                   if time != solution.time])
 
 
 def _outlines(solved: Solved) -> list[tuple[str, np.ndarray, np.ndarray]]:

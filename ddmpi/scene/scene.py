@@ -6,6 +6,7 @@ work with.
 
 from __future__ import annotations
 
+import unicodedata
 from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import Annotated, Literal
@@ -17,6 +18,7 @@ from ddmpi.scene.contacts import ContactSpec, Rigid, SettledContact
 from ddmpi.scene.keys import nearest
 from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod, SettledTime, Time
 from ddmpi.scene.values import History, Name, Number, Table, settle
+from ddmpi.system.files import LONGEST, contact_files
 
 FileOrder = Callable[[BodySpec], Literal[1, 2]]
 """Gives the order of the elements in the mesh file of a body; raises InputError."""
@@ -56,6 +58,7 @@ class Scene(Table, frozen=True, kw_only=True):
         if not self.contact:
             raise ValueError('contact: a scene needs at least one contact; write [[contact]], bodies = ["…", "…"]')
         self._check_names()
+        self._check_files()
         for contact in self.contact:
             self._check_partners(contact.settled())
         if len({body.mesh.order for body in self.body} - {None}) > 1:
@@ -93,6 +96,20 @@ class Scene(Table, frozen=True, kw_only=True):
             if rigid.name in {body.name for body in self.body}:
                 raise ValueError(f"rigid.{rigid.name}: a [[body]] has this name, too; rename one of them, because "
                                  "contacts name both in the same way")
+
+    def _check_files(self) -> None:
+        """Each contact has files of its own, also where a file system takes capitals and small letters for the same."""
+        found: dict[str, tuple[str, str]] = {}
+        for name, file in ((contact.settled().name, file) for contact in self.contact
+                           for file in contact_files(contact.settled().name)):
+            if (size := len(file.encode())) > LONGEST:
+                raise ValueError(f"contact.{name}: is too long for the name of a file; {file} has {size} bytes, and "
+                                 f'{LONGEST} are allowed; give the contact a shorter name = "…"')
+            other, same = found.setdefault(unicodedata.normalize("NFC", file).casefold(), (name, file))
+            if other != name:
+                alike = f" and {same}, which are the same on some file systems" * (same != file)
+                raise ValueError(f"contact.{name}: this contact and contact.{other} would both write {file}{alike}; "
+                                 'rename one of them by name = "…"')
 
     def _check_histories(self) -> None:
         """What follows a history names one that there is, and load steps are what this method can do."""

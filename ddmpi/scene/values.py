@@ -203,9 +203,15 @@ class Profile(Table, frozen=True, kw_only=True):
 
     With { along = "x", points = [0, 1, 1, 3], values = [0.1, 0.1, 0.3, 0.3] } it jumps from 0.1 to 0.3 at x = 1.
 
+    Arc length is that of the first body's boundary which `on` names. It counts from the start of this boundary, on the
+    way with the body to the left: counterclockwise around a body, clockwise around a hole. Each piece of a boundary
+    counts from its own start. A closed boundary starts where its mesh does: at the angle where a ring begins, and in
+    files and geometries where the first line of the group begins. Clamps and the choice of the slave make no
+    difference: nodes of the second body have the arc length of the place that they face.
+
     Attributes
     ----------
-    along : a coordinate, or the arc length from the first contact node
+    along : a coordinate, or the arc length along the first body's boundary
     points : values of it in ascending order; a repeated point is a jump
     values : the number at each point
     """
@@ -221,15 +227,13 @@ class Profile(Table, frozen=True, kw_only=True):
         if any(b < a for a, b in zip(self.points, self.points[1:], strict=False)):
             raise ValueError("points must ascend (a repeated point is a jump)")
 
-    def position(self, xy: np.ndarray) -> np.ndarray:
-        """Where on the profile (m,) the contact nodes `xy` (m, 2) lie, which are ordered along the interface."""
-        if self.along == "arc":
-            return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(xy, axis=0), axis=1))])
-        return xy[:, "xy".index(self.along)]
+    def position(self, xy: np.ndarray, arc: np.ndarray) -> np.ndarray:
+        """Where on the profile (m,) the contact nodes `xy` (m, d) lie, at arc lengths `arc` (m,)."""
+        return arc if self.along == "arc" else xy[:, "xy".index(self.along)]
 
-    def at(self, xy: np.ndarray) -> np.ndarray:
-        """Values (m,) at the contact nodes `xy` (m, 2)."""
-        return np.interp(self.position(xy), self.points, self.values)
+    def at(self, xy: np.ndarray, arc: np.ndarray) -> np.ndarray:
+        """Values (m,) at the contact nodes `xy` (m, d), at arc lengths `arc` (m,)."""
+        return np.interp(self.position(xy, arc), self.points, self.values)
 
 
 class History(Table, frozen=True, kw_only=True):

@@ -20,7 +20,7 @@ LARGEST_SWEEP = 10_000
 """Most cases of one sweep; more than that is a typing error."""
 
 LONGEST_NAME = 150
-"""Longest name of a case's folder before it is cut (file systems allow 255 bytes)."""
+"""Longest name of a case's folder, or of a plot, before it is cut, in bytes (file systems allow 255)."""
 
 _RANGE = "KEY=first:last:number, with :log at the end for equal ratios (of positive numbers), or KEY=value,value,…"
 
@@ -56,9 +56,13 @@ class Case:
         """Name of the case's folder: its settings, whatever the other cases are, in characters that no shell minds."""
         parts = [f"{key}={_plain(text)}" for key, text in self.named.items()]
         safe = ",".join(re.sub(r"[^\w.+=-]", "_", part, flags=re.ASCII) for part in parts)
-        if safe == ",".join(parts) and len(safe) <= LONGEST_NAME:
-            return safe
-        return f"{safe[:LONGEST_NAME]}-{hashlib.sha256(self.label.encode()).hexdigest()[:8]}"
+        return cut(safe, self.label, safe != ",".join(parts))
+
+
+def cut(name: str, label: str, changed: bool = False) -> str:
+    """The name of a file or folder, not too long; one that is cut, or was `changed`, ends with a hash of its label."""
+    short = name.encode()[:LONGEST_NAME].decode(errors="ignore")
+    return name if name == short and not changed else f"{short}-{hashlib.sha256(label.encode()).hexdigest()[:8]}"
 
 
 def _plain(text: str) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 
 from ddmpi.errors import InputError
 from ddmpi.results.pictures import COLOURS, STYLE, start_drawing
+from ddmpi.sweep.cases import cut
 from ddmpi.sweep.table import find_column, read_outcome, read_table
 from ddmpi.system.files import TABLE, write_atomically
 from ddmpi.system.provenance import identity
@@ -28,7 +29,7 @@ UNITS = {"seconds": "s", "memory_mib": "MiB", "displacement_max": "{length}", "y
 
 
 def draw_plot(folder: Path, plot: str) -> Path:
-    """Draw RESULT:KEY from the table in `folder`, as RESULT-KEY.png beside it; its path.
+    """Draw RESULT:KEY from the table in `folder`, as RESULT-KEY.png beside it; its path. A long name is cut.
 
     Not collective. Raises InputError where there is no such column, nothing to draw or no matplotlib, OutputError where
     the picture cannot be written.
@@ -43,7 +44,8 @@ def draw_plot(folder: Path, plot: str) -> Path:
         figure, picture = draw_curves(rows, result, key, summary), io.BytesIO()
         figure.savefig(picture, format="png", metadata=identity(summary))
         plt.close(figure)
-    path = folder / f"{result}-{key}.png"
+    name = f"{result}-{key}"
+    path = folder / f"{cut(name, name)}.png"
     write_atomically(path, picture.getvalue())
     return path
 

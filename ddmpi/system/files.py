@@ -8,7 +8,7 @@ import os
 import socket
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ddmpi.errors import OutputError
 
@@ -20,6 +20,25 @@ SWEEP, TABLE, RECORD = "sweep.json", "sweep.csv", "case.json"
 
 UNFINISHED = ".unfinished"
 """Names of what a run has not finished begin like this."""
+
+
+LONGEST = 255
+"""The longest name of a file that common file systems take, in bytes."""
+
+
+class ContactFiles(NamedTuple):
+    """The files that a contact may have in a folder of results; nothing else there begins with ``contact_``."""
+
+    table: str
+    sides: str
+    legs: str
+    picture: str
+
+
+def contact_files(name: str) -> ContactFiles:
+    """The names of the files of the contact `name`."""
+    return ContactFiles(f"contact_{name}.csv", f"contact_{name}_sides.csv", f"contact_{name}_legs.csv",
+                        f"contact_{name}.png")
 
 
 class FileOfHDF5(io.FileIO):

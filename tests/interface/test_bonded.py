@@ -94,9 +94,9 @@ def test_bonded_and_other_laws_mix():
 
 
 def test_the_kind_chooses_the_law():
-    xy, area = np.zeros((4, 2)), np.ones(4)
-    assert isinstance(law_of(NoFriction(), xy, area, np.arange(4), "bonded"), BondedLaw)
-    assert law_of(NoFriction(), xy, area, np.empty(0, int)).name == "none"
+    xy, arc, area = np.zeros((4, 2)), np.zeros(4), np.ones(4)
+    assert isinstance(law_of(NoFriction(), xy, arc, area, np.arange(4), "bonded"), BondedLaw)
+    assert law_of(NoFriction(), xy, arc, area, np.empty(0, int)).name == "none"
 
 
 # The interface

@@ -71,10 +71,11 @@ def test_laws_of_several_interfaces_are_those_of_each():
 
 def test_a_slip_bound_is_a_stress_and_a_coefficient_a_number():
     """Tresca's bound is multiplied with the nodal areas, Coulomb's coefficient is not."""
-    xy, area = np.column_stack([np.arange(4.0), np.zeros(4)]), np.array([0.5, 1.0, 2.0, 4.0])
+    xy, arc = np.column_stack([np.arange(4.0), np.zeros(4)]), np.arange(4.0)
+    area = np.array([0.5, 1.0, 2.0, 4.0])
     pressure = np.array([1.0, 2.0, 3.0, 4.0])
-    assert law_of(Tresca(slip_bound=3.0), xy, area, SLIDING).slip_bound(pressure).tolist() == [1.5, 6.0, 12.0]
-    coulomb = law_of(Coulomb(coefficient=0.5), xy, area, SLIDING)
+    assert law_of(Tresca(slip_bound=3.0), xy, arc, area, SLIDING).slip_bound(pressure).tolist() == [1.5, 6.0, 12.0]
+    coulomb = law_of(Coulomb(coefficient=0.5), xy, arc, area, SLIDING)
     assert coulomb.slip_bound(pressure).tolist() == [0.5, 1.5, 2.0]
     assert coulomb.slope(pressure).tolist() == [0.5, 0.5, 0.5]
-    assert law_of(NoFriction(), xy, area, SLIDING[:0]).size == 4
+    assert law_of(NoFriction(), xy, arc, area, SLIDING[:0]).size == 4

@@ -12,6 +12,7 @@ from ddmpi.interface.interface import Interface
 from ddmpi.interface.matching import pair
 from ddmpi.interface.mortar import join, mortar, shapes
 from ddmpi.interface.side import Side
+from ddmpi.interface.state import ContactState, contact_state
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Coulomb, NoFriction
 
@@ -187,6 +188,24 @@ def test_pairs_of_middles_have_the_gap_of_their_arcs(gap):
     assert pair(*straight, COULOMB, "seam").gap == pytest.approx(gap, rel=1e-9)
 
 
+@orders
+@slaves
+@pytest.mark.parametrize("angle", [0.0, 0.2, 0.5])
+def test_the_gap_of_a_wedge_counts_along_the_normal(angle, slave, order):
+    """The normal of the contact halves the angle of the sides; the distance is found along that of the slave."""
+    upper = rectangle((7, 2), (2.0, 1.0), order=order)
+    lower = rectangle((8, 2), (3.0, 1.0), (-0.5, -1.0), order=order)
+    tilt, height = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]), 0.1
+    sides = [side(Mesh(upper.points @ tilt + [0.0, height], upper.triangles, upper.groups), "bottom", body="upper"),
+             side(lower, "top", body="lower")]
+    contact = met(sides, slave=slave)
+    inner = (contact.xy[:, 0] > 0.4) & (contact.xy[:, 0] < 1.2)  # around which all is covered
+    assert contact.normal[inner] == pytest.approx(np.tile([np.sin(angle / 2), -np.cos(angle / 2)], (inner.sum(), 1)))
+    above = contact.xy[:, 1] if slave == "upper" else height + contact.xy[:, 0] * np.tan(angle)
+    upright = above / np.cos(angle) if slave == "upper" else above
+    assert inner.sum() >= 2 and contact.gap[inner] == pytest.approx((upright * np.cos(angle / 2))[inner])
+
+
 def test_arcs_of_an_ellipse():
     """Halving the sides divides the error by more than eight."""
     errors = []
@@ -294,6 +313,51 @@ def test_nearly_uncovered_nodes_share_a_row(part, order):
     assert len(contact.shown.row) >= contact.m
     assert contact.area.sum() == pytest.approx(0.25 * (3 + part))
     assert len(contact.shown.row) == len(contact.shown.xy) and set(contact.shown.row) == set(range(contact.m))
+
+
+def forces_on_lines(state: ContactState) -> tuple[np.ndarray, float]:
+    """Resultant and moment of the forces on the first body that contact_NAME.csv has at its nodes."""
+    lines = state.interface.shown
+    forces = state.forces[lines.row] * (lines.area / state.interface.area[lines.row])[:, None]
+    return forces.sum(axis=0), float(lines.xy[:, 0] @ forces[:, 1] - lines.xy[:, 1] @ forces[:, 0])
+
+
+@orders
+@pytest.mark.parametrize("slave", [0, 1])
+@pytest.mark.parametrize("seed", range(30))
+def test_forces_at_the_nodes_have_the_resultant_and_the_moment(seed, slave, order):
+    """Of any meshes, gaps and slivers; the moment is that on the first body's nodes, which the imbalance tells apart
+    from that on the second body's."""
+    rng = np.random.default_rng(seed)
+    above, below = rng.integers(3, 12, 2)
+    sliver = rng.choice([1e-6, 1e-4, 4e-3, 0.018, 0.03, 0.3, rng.random()])
+    x = 2.0 * (rng.integers(0, below) + sliver * rng.choice([-1, 1])) / below
+    sides = [blocks(above, below, order, x, 0.02 * rng.random(), angle=rng.normal(), mirrored=bool(seed % 2)),
+             arcs(above, below, order, 0.02 * rng.random())][seed % 3 == 2]
+    contact = met(sides, slave=sides[slave].body)
+    s = np.concatenate([rng.random(contact.m), rng.normal(size=len(contact.sliding))])
+    state = contact_state(contact, s, contact.law.bound_at(s), np.zeros(contact.size))
+    (force, moment), size = forces_on_lines(state), np.abs(state.forces).sum() * np.abs(contact.xy).max()
+    assert force == pytest.approx(state.force, abs=1e-12 * size)
+    own, other = (float((at[:, 0] * f[:, 1] - at[:, 1] * f[:, 0]).sum()) for at, f in zip(
+        contact.at, (state.forces, state.forces), strict=True))
+    assert state.moment == pytest.approx(own, abs=1e-14 * size)
+    assert state.moment_imbalance[0] == pytest.approx(abs(other - own), abs=1e-12 * size)
+    assert moment == pytest.approx((own, other)[slave], abs=1e-7 * size)
+    assert contact.shown.area.sum() == pytest.approx(contact.area.sum(), rel=1e-13)
+    assert np.abs(contact.shown.area).min() > 1e-9 * np.median(contact.area)
+
+
+@orders
+@pytest.mark.parametrize("part", [0.0, 1e-12, 1e-9, 8e-6, 1e-4])
+def test_nodes_that_face_nothing_are_no_lines(part, order):
+    """Where the other side ends next to a node, up to rounding of coordinates, the nodes beyond are not in tables."""
+    for below in (8, 9):
+        contact = met(blocks(8, below, order, 2.0 - 0.25 * (3 + part)), slave="upper")
+        x = contact.shown.xy[:, 0]
+        assert (contact.shown.area > 0.0).all() and len(x) == contact.m == 3 * order + 1
+        assert x.max() == pytest.approx(2.0 - 0.25 * part, abs=1e-12)
+        assert len(contact.edges) == (3 if order == 2 else 0)
 
 
 # Clamps

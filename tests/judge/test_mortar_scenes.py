@@ -253,3 +253,24 @@ def test_a_wheel_comes_down_on_a_block(slave, order):
     assert y == pytest.approx(contact["normal_force"], rel=1e-2) and abs(x) < 0.02 * y
     assert y == pytest.approx(-answer.summary["bodies"]["wheel"]["reaction"][1], rel=1e-6)
     assert contact["pointwise_penetration"] < 0.01 and contact["certificate"]["penetration"] <= 5e-7
+
+
+@pytest.mark.parametrize("moved", [0.0, 2.3e-16, -2.3e-16])
+@pytest.mark.parametrize("slave", [None, "left", "right"])
+def test_friction_along_the_arc_is_the_same_whatever_the_slave(slave, moved):
+    """Of an upright contact, of which rounding decides whose corner is farther to the left; bodies swapped as well."""
+    sizes = {"left": (0.0, 1.0 + moved), "right": (1.0, 2.0)}
+    bodies = [body(name, {"shape": "quadrilateral", "corners": [[a, 0.0], [b, 0.0], [a + 1.0, 3.0], [a, 3.0]],
+                         "divisions": [4, number]}, clamp, load)
+              for (name, (a, b)), number, clamp, load in zip(
+                  sizes.items(), (12, 12 if slave is None else 10), (["left"], ["bottom"]),
+                  ({"on": "top", "value": [0.0, -PRESSURE]}, {"on": "right", "value": [-PRESSURE, 0.3 * PRESSURE]}),
+                  strict=True)]
+    forces = []
+    for turn, values in ((1, [0.0, 0.0, 0.8]), (-1, [0.8, 0.0, 0.0])):
+        friction = {"law": "coulomb", "coefficient": {"along": "arc", "points": [0.0, 1.5, 3.0], "values": values}}
+        contact = {"name": "seam", "bodies": ["left", "right"][::turn], "on": ["right", "left"][::turn],
+                   "friction": friction} | ({} if slave is None else {"pairing": "mortar", "slave": slave})
+        forces.append(turn * solved(bodies, [contact], 1e-8).contacts["seam"].force)
+    assert forces[0] == pytest.approx(forces[1], rel=1e-6)
+    assert forces[0] == pytest.approx([-2.5e6, 4.0e5], rel=0.02)

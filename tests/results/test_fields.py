@@ -1,4 +1,7 @@
-"""The fields of all bodies in one file, for ParaView and meshio."""
+"""The fields of all bodies and contacts in one file, for ParaView, pyvista and meshio."""
+
+import csv
+from dataclasses import replace
 
 import h5py
 import made_up
@@ -6,7 +9,8 @@ import meshio
 import numpy as np
 import pytest
 
-from ddmpi.results.fields import write_fields, write_xdmf
+from ddmpi.interface.interface import Lines
+from ddmpi.results.fields import MANY, STATUS, write_contact_fields, write_fields, write_xdmf
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -44,3 +48,52 @@ def test_fields_that_nobody_asks_for_are_left_out(tmp_path):
     with h5py.File(tmp_path / "result.h5") as file:
         assert set(file) == {"points", "cells", "body", "displacement"}
     assert set(meshio.read(tmp_path / "result.xdmf").cell_data) == {"body"}
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_bodies_and_contacts_are_grids_of_their_names(tmp_path, order):
+    """With a time, also of a single step; contacts have what their tables have, on lines between their nodes."""
+    made_up.results(tmp_path, "row", order)
+    grids = made_up.named_grids(tmp_path)
+    assert list(grids) == [*made_up.ROW, *made_up.CONTACTS["row"]]
+    for name, origin in made_up.ROW.items():
+        (grid,), mesh = grids[name], made_up.block(origin, (24, 8), order)
+        part = made_up.fields(mesh)
+        assert grid["time"] == 1.0 and np.array_equal(grid["Topology"], mesh.triangles)
+        assert np.array_equal(grid["Geometry"][:, :2], mesh.points)
+        assert np.array_equal(grid["displacement"][:, :2], part.displacement)
+        assert np.array_equal(grid["von_mises"], part.von_mises) and len(grid["stress"]) == len(mesh.triangles)
+    for name in made_up.CONTACTS["row"]:
+        (grid,), table = grids[name], list(csv.DictReader((tmp_path / f"contact_{name}.csv").open()))
+        for ours, theirs in {"pressure": "normal_stress", "friction": "tangential_stress", "gap": "gap", "slip": "slip",
+                             "slip_total": "slip_total"}.items():
+            assert grid[ours].tolist() == [float(row[theirs]) for row in table], ours
+        assert [STATUS[k] for k in grid["status"]] == [row["status"] for row in table]
+        assert grid["Geometry"].tolist() == [[float(row["x"]), float(row["y"]), 0.0] for row in table]
+        assert grid["Topology"].tolist() == [[k, k + 1] for k in range(len(table) - 1)]
+    assert len(meshio.read(tmp_path / "result.xdmf").points) == sum(len(grids[name][0]["Geometry"])
+                                                                    for name in made_up.ROW)
+
+
+def test_contacts_in_pieces_and_of_one_node(tmp_path):
+    """Lines join neighbours only, close closed contacts, and are points where a node has no neighbour."""
+    made_up.results(tmp_path)
+    upper, lower = (made_up.block(origin) for origin in made_up.STACK.values())
+    flat = made_up.interface("upper-lower", upper, lower, ("bottom", "top"))
+    inner, outer = (made_up.ring(radii) for radii in ((1.0, 2.0), (2.0, 3.0)))
+    closed = made_up.interface("inner-outer", inner, outer, ("outside", "inside"))
+    for number, (contact, nodes, joined) in enumerate((
+            (flat, [3, 4, 7, 8, 9], [[0, 1], [2, 3], [3, 4]]), (flat, [5], [[0, 0]]),
+            (closed, list(range(24)), [[k, (k + 1) % 24] for k in range(24)])), 1):
+        lines = Lines(np.array(nodes), contact.xy[nodes], contact.area[nodes])
+        write_contact_fields(tmp_path, number, made_up.state(replace(contact, lines=lines)))
+        with h5py.File(tmp_path / "result.h5") as file:
+            assert file[f"contacts/{number:06d}/cells"][()].tolist() == joined
+
+
+def test_very_many_grids_have_no_names(tmp_path):
+    """Then the file is the plain one that meshio reads."""
+    made_up.results(tmp_path)
+    sizes = {f"body{k}": (1, 1) for k in range(MANY + 1)}
+    write_xdmf(tmp_path, (), sizes)
+    assert (tmp_path / "result.xdmf").stat().st_size < 10_000

@@ -14,10 +14,10 @@ import scenes
 
 from ddmpi.cli.commands import COMMANDS
 from ddmpi.errors import InputError, OutputError, TakenError
-from ddmpi.results.folder import MOVED, Staging, choose_folder, running
+from ddmpi.results.folder import FILES, MOVED, Staging, choose_folder, running
 from ddmpi.results.summary import write_summary
 from ddmpi.system import logs
-from ddmpi.system.files import CHECKPOINT, RECORD, UNFINISHED, write_atomically
+from ddmpi.system.files import CHECKPOINT, RECORD, UNFINISHED, contact_files, write_atomically
 from ddmpi.system.provenance import whereabouts
 
 HOST = whereabouts().split()[0]
@@ -31,6 +31,11 @@ def chosen(wanted: Path | None = None, restart: Path | None = None) -> Path:
     """The folder of a run that ends at once."""
     with choose_folder(wanted and str(wanted), restart and str(restart), "scene.toml") as folder:
         return folder
+
+
+def test_the_files_of_a_contact_are_known():
+    """What is refused where two contacts would have one file is all that a contact may write."""
+    assert set(contact_files("NAME")) == {name for name in FILES if "NAME" in name}
 
 
 @pytest.mark.parametrize("step", ["fsync", "replace"])

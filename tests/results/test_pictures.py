@@ -13,7 +13,7 @@ from ddmpi.results import pictures
 from ddmpi.results.histories import draw_steps
 from ddmpi.results.magnify import magnify
 from ddmpi.results.pictures import draw_all, draw_bodies, draw_contact, draw_contacts, draw_convergence
-from ddmpi.results.tables import Results, pieces, read_results, write_history
+from ddmpi.results.tables import Results, facing_rows, pieces, read_results, write_history
 
 
 @pytest.fixture(autouse=True)
@@ -123,6 +123,21 @@ def test_ends_that_overhang_are_joined(tmp_path):
     results = made(tmp_path)
     results.contacts["upper-lower"]["length"][[0, 1, -2, -1]] = [-0.01, 0.06, 0.08, 0.001]
     assert not np.isnan(pressure(results).get_xdata()).any()
+
+
+@pytest.mark.parametrize("end", [0, -1])
+def test_the_curve_ends_where_the_contact_ends(tmp_path, end):
+    """A node that hardly faces anything and shares the row of its neighbour is not drawn, in any picture."""
+    results = made(tmp_path)
+    whole = pressure(results).get_xdata()
+    table, inner = results.contacts["upper-lower"], (1, -2)[end]
+    for column in ("normal_stress", "tangential_stress"):
+        table[column][end] = table[column][inner]
+    typical, less = table["length"][inner], np.delete(whole, end)
+    for length, shown in ((0.03 * typical, whole), (0.01 * typical, less), (-0.001, less)):
+        table["length"][end] = length
+        assert pressure(results).get_xdata().tolist() == shown.tolist()
+        assert facing_rows(table)["x"].tolist() == shown.tolist()
 
 
 def test_a_lone_node_is_visible(tmp_path):

@@ -7,6 +7,7 @@ import json
 import os
 import tomllib
 
+import made_up
 import meshio
 import numpy as np
 import PIL.Image
@@ -348,6 +349,14 @@ def test_files_of_load_steps(tmp_path):
     assert [time for time, _, _ in found] == [1.0, 2.0, 3.0]
     results = read_results(tmp_path / "out")
     legs, last = results.legs["upper-lower"], results.contacts["upper-lower"]
+    grids = made_up.named_grids(tmp_path / "out")
+    assert [grid["time"] for grid in grids["upper"]] == [1.0, 2.0, 3.0]
+    assert list(grids) == ["upper", "lower", "upper-lower"]
+    for grid in grids["upper-lower"]:
+        assert grid["pressure"].tolist() == legs["normal_stress"][legs["time"] == grid["time"]].tolist()
+        assert ("status" in grid) == (grid["time"] == 3.0)
+    assert np.array_equal(np.concatenate([grids[name][0]["displacement"] for name in ("upper", "lower")]),
+                          found[0][1]["displacement"])
     assert np.unique(legs["time"]).tolist() == [1.0, 2.0, 3.0]
     assert np.array_equal(legs["tangential_stress"][legs["time"] == 3.0], last["tangential_stress"])
     (loop, energies, *_) = draw_steps(results, "").axes

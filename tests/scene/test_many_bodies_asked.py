@@ -227,6 +227,17 @@ REFUSED = {
                          "(bodies: shaft, hub, plate; rigid: floor, bore)"]),
     "second contact": (["contact.1={bodies=['hub', 'shaft'], on=['a', 'b']}"],
                        ["contact.1: a second contact between 'hub' and 'shaft' must be named; add name ="]),
+    "two contacts with one file": (["contact.0.name=c", "contact.1.name=c_sides"],
+                                   ["contact.c_sides: this contact and contact.c would both write contact_c_sides.csv; "
+                                    'rename one of them by name = "…"']),
+    "the file of load steps": (["contact.0.name=c_legs", "contact.1.name=c"],
+                               ["contact.c_legs would both write contact_c_legs.csv;"]),
+    "capitals": (["contact.0.name=Éa", "contact.1.name=E\u0301A"],
+                 [".csv, which are the same on some file systems; rename"]),
+    "long name of a contact": ([f"contact.0.name={'€' * 100}"],
+                               ["is too long for the name of a file", ".csv has 312 bytes, and 255 are allowed"]),
+    "long names of bodies": ([f"body.0.name={'€' * 90}", f"contact.0.bodies=['{'€' * 90}','hub']"],
+                             ["is too long for the name of a file", 'give the contact a shorter name = "…"']),
     # who touches whom
     "rigid first": (["contact.1.bodies=['floor', 'plate']"],
                     ["contact.floor-plate.bodies: 'floor' is rigid and comes second; write bodies = "

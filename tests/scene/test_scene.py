@@ -623,15 +623,15 @@ def test_profile_is_linear_between_points_with_jumps_and_constant_ends():
     """A profile is linear between its points, jumps at repeated ones and is constant beyond."""
     xy = np.array([[-1.0, 7.0], [0.5, 7.0], [0.99, 7.0], [1.01, 7.0], [9.0, 7.0]])
     profile = Profile(along="x", points=[0.0, 1.0, 1.0, 2.0], values=[0.0, 2.0, 10.0, 10.0])
-    assert profile.at(xy) == pytest.approx([0.0, 1.0, 1.98, 10.0, 10.0])
-    assert Profile(along="y", points=[6.0, 8.0], values=[0.0, 1.0]).at(xy) == pytest.approx([0.5] * 5)
+    arc = np.zeros(5)
+    assert profile.at(xy, arc) == pytest.approx([0.0, 1.0, 1.98, 10.0, 10.0])
+    assert Profile(along="y", points=[6.0, 8.0], values=[0.0, 1.0]).at(xy, arc) == pytest.approx([0.5] * 5)
 
 
 def test_profile_along_the_arc():
-    """A profile along the arc is measured from the first contact node."""
-    xy = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 5.0]])
+    """A profile along the arc takes the arc lengths that its contact nodes have."""
     profile = Profile(along="arc", points=[0.0, 10.0], values=[0.0, 1.0])
-    assert profile.at(xy) == pytest.approx([0.0, 0.5, 0.6])
+    assert profile.at(np.zeros((3, 2)), np.array([6.0, 0.0, 5.0])) == pytest.approx([0.6, 0.0, 0.5])
 
 
 SHIPPED = sorted(str(path.relative_to(ROOT / "configs")) for path in (ROOT / "configs").rglob("*.toml"))

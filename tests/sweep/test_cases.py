@@ -6,7 +6,7 @@ import pytest
 import scenes
 
 from ddmpi.errors import InputError
-from ddmpi.sweep.cases import build_cases, choose, parse_axis
+from ddmpi.sweep.cases import build_cases, choose, cut, parse_axis
 
 TEXT = scenes.to_toml(scenes.pinched_blocks(2, outer="relaxation"))
 
@@ -120,6 +120,13 @@ def test_folders_tell_cases_apart_and_stay_when_the_sweep_grows():
         assert all(c.isascii() and (c.isalnum() or c in ".,=+-_") for c in folder) and len(folder) < 200
     assert build("method.theta=0.1,0.2,0.3", "title=a_b,c")[2].folder == next(
         case.folder for case in few if tuple(case.values.values()) == (0.2, "a_b"))
+
+
+def test_long_names_of_plots_are_cut():
+    """Whatever the lengths of names in keys; what is cut differs as the whole does."""
+    names = [f"contacts.{'é' * length}.pressure_max-{key}" for length in (9, 99) for key in ("x" * 80, "y" * 80)]
+    found = [cut(name, name) for name in names]
+    assert found[:2] == names[:2] and len(set(found)) == 4 and all(len(name.encode()) < 200 for name in found)
 
 
 def test_cases_that_would_share_a_folder(monkeypatch):

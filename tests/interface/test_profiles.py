@@ -1,0 +1,129 @@
+"""Profiles along the arc length of a contact: from where they count, and which way."""
+
+import numpy as np
+import pytest
+from boundaries import rectangle, ring, side
+
+from ddmpi.interface.interface import Interface, uncovered_profile
+from ddmpi.interface.matching import pair, touch
+from ddmpi.interface.mortar import join
+from ddmpi.interface.side import Side
+from ddmpi.mesh.mesh import Mesh
+from ddmpi.scene.contacts import Coulomb, Plane
+from ddmpi.scene.values import Profile, SignedProfile
+
+LENGTH = 3.0
+RISING = Coulomb(coefficient=Profile(along="arc", points=[0.0, 9.0], values=[0.0, 9.0]))
+GAP = SignedProfile(along="arc", points=[0.0, 9.0], values=[0.0, -9.0])
+orders = pytest.mark.parametrize("order", [1, 2])
+slaves = pytest.mark.parametrize("slave", [None, "left", "right"])
+
+
+def columns(order: int, divisions: tuple[int, int] = (6, 6), angle: float = 0.0, lean: float = 0.0,
+            clamped: tuple[str, ...] = ()) -> list[Side]:
+    """Two blocks side by side that touch along an upright line, which leans by `lean`, all turned by `angle`."""
+    c, s = np.cos(angle), np.sin(angle)
+    found = []
+    for name, group, x, number in (("left", "right", -1.0, divisions[0]), ("right", "left", 0.0, divisions[1])):
+        mesh = rectangle((2, number), (1.0, LENGTH), (x, 0.0), order)
+        mesh.points[:, 0] += lean * (1.0 - mesh.points[:, 1] / LENGTH)
+        hold = {"where": lambda x, y: y == 0.0, "x": True, "y": True} if name in clamped else {}
+        found.append(side(Mesh(mesh.points @ np.array([[c, s], [-s, c]]), mesh.triangles, mesh.groups), group,
+                          body=name, **hold))
+    return found
+
+
+def along(contact: Interface, angle: float = 0.0) -> np.ndarray:
+    """How far up the contact nodes lie, before they are turned."""
+    return contact.xy @ [-np.sin(angle), np.cos(angle)]
+
+
+def check(contact: Interface, expected: np.ndarray, tolerance: float = 1e-9) -> None:
+    """Arc lengths, the friction and the gap that follow from them."""
+    assert contact.arc == pytest.approx(expected, abs=tolerance)
+    assert contact.law.coefficient == pytest.approx(contact.arc[contact.sliding])
+    assert contact.gap == pytest.approx(-contact.arc)
+
+
+@orders
+@slaves
+@pytest.mark.parametrize("lean", [1e-16, -2e-16, 1e-3, -1e-3])
+@pytest.mark.parametrize("angle", [0.0, 0.4, np.pi])
+def test_arc_length_counts_along_the_first_body(angle, lean, slave, order):
+    """From where its boundary starts with the body on the left, whatever the slave, the coordinates, or rounding."""
+    for divisions in ((6, 6), (6, 9), (9, 6)):
+        left, right = columns(order, divisions, angle, lean)
+        pairing = None if slave is None else "mortar"
+        contact = join(left, right, RISING, "seam", 1, GAP, pairing=pairing, slave=slave)
+        check(contact, along(contact, angle), 2e-6)
+        assert uncovered_profile(contact, RISING, GAP) == []
+        contact = join(right, left, RISING, "seam", 1, GAP, pairing=pairing, slave=slave)
+        check(contact, LENGTH - along(contact, angle), 2e-6)
+
+
+@slaves
+@pytest.mark.parametrize("clamped", [("left",), ("right",), ("left", "right")])
+def test_clamps_do_not_move_the_origin(clamped, slave):
+    """Friction and gap count from the start of the boundary, also where clamps hold its first node."""
+    left, right = columns(1, clamped=clamped)
+    contact = join(left, right, RISING, "seam", 1, GAP, pairing=slave and "mortar", slave=slave)
+    check(contact, along(contact))
+    assert contact.m == 7 - (len(clamped) == 2)
+    assert contact.fixed.gap == pytest.approx([0.0] * (len(clamped) == 2))
+
+
+@slaves
+def test_what_does_not_face_the_partner_counts_as_well(slave):
+    """The origin is that of the first body's boundary, not that of the contact."""
+    first, second = rectangle((2, 12), (1.0, LENGTH), (-1.0, 0.0)), rectangle((2, 5), (1.0, 1.0), (0.0, 1.3))
+    contact = join(side(first, "right", body="left"), side(second, "left", body="right"), RISING, "seam", 1, GAP,
+                   slave=slave)
+    places = np.clip(along(contact), 1.3, 2.3) if slave == "right" else along(contact)
+    check(contact, places)
+
+
+@orders
+@pytest.mark.parametrize("slave", ["shaft", "hub"])
+@pytest.mark.parametrize("begin", [0.0, 1.0, np.pi])
+@pytest.mark.parametrize("numbers", [(12, 12), (12, 17), (17, 12)])
+def test_a_closed_chain_starts_where_the_mesh_starts(numbers, begin, slave, order):
+    """A shaft counts counterclockwise from the first node of its group, a bore clockwise."""
+    for nudge in (0.0, 1e-15, -1e-15):
+        angles = [begin + np.linspace(0.0, 2 * np.pi, n + 1)[:-1] for n in numbers]
+        shaft = side(ring(0.5, 1.0, angles[0], order), "outer", body="shaft")
+        hub = side(ring(1.0, 2.0, angles[1] + nudge, order), "inner", body="hub")
+        contact = join(shaft, hub, RISING, "fit", 1, GAP, pairing="mortar", slave=slave)
+        for first, found, sign in (
+                (shaft, contact, 1.0),
+                (hub, join(hub, shaft, RISING, "fit", 1, GAP, pairing="mortar", slave=slave), -1.0)):
+            angle = sign * (np.arctan2(*found.xy.T[::-1]) - begin) % (2 * np.pi)
+            angle[angle > 2 * np.pi - 1e-6] = 0.0
+            perimeter = first.lengths.sum()
+            check(found, perimeter * angle / (2 * np.pi), 0.02 * perimeter / min(numbers))
+            assert (angle.min(), found.arc[np.argmin(angle)]) == pytest.approx((0.0, 0.0), abs=1e-12)
+
+
+def test_every_chain_counts_from_its_own_start():
+    """So their order makes no difference: two feet of a table on one floor."""
+    feet = [rectangle((4, 1), (1.0, 1.0), (x, 1.0)) for x in (2.0, 0.0)]
+    size = len(feet[0].points)
+    both = Mesh(np.concatenate([foot.points for foot in feet]), np.concatenate([foot.triangles + k * size for k, foot
+                                                                                in enumerate(feet)]),
+                {"soles": np.concatenate([foot.groups["bottom"] + k * size for k, foot in enumerate(feet)])})
+    soles = side(both, "soles", body="table")
+    ground = side(rectangle((12, 1), (3.0, 1.0)), "top", body="ground")
+    for contact in (pair(soles, ground, RISING, "stand", gap=GAP),
+                    join(soles, ground, RISING, "stand", 1, GAP, pairing="mortar", slave="ground"),
+                    touch(soles, Plane(name="ground", point=(0.0, 1.0), normal=(0.0, 1.0)), RISING, "stand", GAP)):
+        inside = np.abs(contact.xy[:, 0] - 1.5) >= 0.5
+        expected = np.where(contact.xy[:, 0] < 1.5, contact.xy[:, 0], contact.xy[:, 0] - 2.0)
+        assert contact.m - inside.sum() <= 2
+        assert contact.arc[inside] == pytest.approx(expected[inside])
+
+
+@orders
+def test_the_order_of_nodes_does_not_depend_on_rounding(order):
+    """Tables of an upright contact begin at its lower end."""
+    for lean in (0.0, 1e-16, -1e-16, 3e-16):
+        for found in columns(order, lean=lean):
+            assert found.xy[0, 1] == 0.0
