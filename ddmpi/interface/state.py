@@ -24,7 +24,7 @@ class ContactState:
     gap : (m,) opening (m)
     slip : (m, d − 1) how far the first body has moved along t past the second, in this load step (m)
     status : (m,) "open", "slip" or "stick"
-    between : (q,) opening between the nodes, where they do not match (m)
+    between : (q,) opening at the probes of the interface (m), see `Interface`
     before : (m, d − 1) slip of the load steps before (m)
     """
 
