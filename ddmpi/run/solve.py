@@ -287,9 +287,9 @@ def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, stat
             probes = interface.probes
             between = probes.gap + probes.normal @ interface.displacement - sum(
                 each for each in places[interface.name] if each is not None)
-            state = contact_state(interface, forces[part], bound[start:stop], u1 + u2, between,
-                                  None if before is None else before[part])
             yielding = max(bodies[name]["yielding"] for name in interface.bodies if name in bodies)
+            state = contact_state(interface, forces[part], bound[start:stop], u1 + u2, between,
+                                  None if before is None else before[part], yielding)
             found[interface.name] = state, contact_residuals(state, forces[part], mismatch[part], (u1, u2), load,
                                                              yielding, everywhere)
             start = stop

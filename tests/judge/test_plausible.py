@@ -330,6 +330,23 @@ def test_pressure_on_too_few_nodes_is_a_warning(tmp_path, around, order, warned)
     assert all("contact.wheel-floor" in each and "at (" in each for each in found)
 
 
+@pytest.mark.parametrize(("slave", "scale", "warned"), [("base", 1.0, True), ("base", 1e-3, True),
+                                                       ("layer", 1.0, False)])
+def test_a_deep_overlap_between_nodes_is_a_warning(tmp_path, slave, scale, warned):
+    """Rows at the nodes of a coarse base do not see the ripples of a layer that is pressed on it."""
+    base = block("base", 0.0, 0.0, (2 * scale, scale), ["bottom"], divisions=(2, 2))
+    layer = block("layer", 0.1 * scale, scale, (1.8 * scale, 0.1 * scale), [
+        {"on": "top", "x": 0.0, "y": f"-{1e-5 * scale} * cos(6 * pi * x / {scale})"}], divisions=(32, 4))
+    scene = pair_of(layer, base, {"law": "none"})
+    scene["contact"][0]["slave"] = slave
+    done = run(scene, tmp_path)
+    found = [each for each in warnings_of(done) if "between nodes" in each]
+    assert len(found) == warned
+    assert all("contact.layer-base: the bodies overlap by" in each and "slave = 'layer'" in each for each in found)
+    deepest = done.summary["contacts"]["layer-base"]["pointwise_penetration"]
+    assert (deepest > 0.5e-5 * scale) == warned
+
+
 @pytest.mark.parametrize(("radius", "warned"), [(0.3, True), (2.0, False)])
 def test_a_rigid_circle_between_two_nodes_is_a_warning(tmp_path, radius, warned):
     """Nodes alone touch a rigid partner, so a small disc passes between them."""
