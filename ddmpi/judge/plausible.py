@@ -51,8 +51,9 @@ answers on coarse meshes it is up to 0.1."""
 LOST = 1e-6
 """Rounding of the displacements that changes contact forces by more than this part is worth a warning."""
 
-UNDECIDED = 100.0
-"""An open contact whose gaps are all below so many rounding errors of the displacements might as well be closed."""
+UNDECIDED = 1e-9
+"""An open contact whose gaps are all below this part of the displacements might as well be closed: rounding makes gaps
+of up to 1e-13 of them, loads that matter larger ones by far."""
 
 COARSE = 0.5
 """Linear elements with a larger estimated discretization error lock; the true one is larger still."""
@@ -106,7 +107,7 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
         found_here = _far_around(assembly, state, first) if second is None else _far_slip(state, first - second)
         found_here += _overlap_between(assembly, state, here)
         if not passing and state.normal_force.max(initial=0.0) >= IDLE * pressed:
-            found_here += _lost_in_rounding(state, max(moved.values())) + _unresolved_zone(state)
+            found_here += _lost_in_rounding(state, here) + _unresolved_zone(state)
         doubts[interface.name] = found_here
     by_contact = merged(world, doubts)
     found += [warning for name in contacts for warning in by_contact[name]]
@@ -169,12 +170,12 @@ def doubt_mesh(bodies: Sequence[SettledBody], error: DiscretizationError) -> lis
 
 def _lost_in_rounding(state: ContactState, moved: float) -> list[str]:
     """A warning where rounding of displacements up to `moved` (m) decides on forces, or whether there are any."""
-    name, rounding = state.interface.name, float(np.finfo(float).eps) * moved
+    name, widest = state.interface.name, float(np.abs(state.gap).max())
     largest = float(state.normal_force.max(initial=0.0))
-    if not largest and 0.0 < np.abs(state.gap).max() <= UNDECIDED * rounding:
-        return [f"contact.{name}: rounding decides that it is open: its gaps, up to {np.abs(state.gap).max():.3g}, are "
-                f"nothing beside the displacements of up to {moved:.3g}"]
-    noise = state.interface.modulus * rounding  # a node's compliance is about 1 / modulus
+    if not largest and moved and widest <= UNDECIDED * moved:
+        return [f"contact.{name}: rounding decides that it is open: its gaps, up to {widest:.3g}, are nothing beside "
+                f"the displacements of up to {moved:.3g}"]
+    noise = state.interface.modulus * float(np.finfo(float).eps) * moved  # a node's compliance is about 1 / modulus
     if not largest or noise <= LOST * largest:
         return []
     return [f"contact.{name}: its forces are uncertain by about {noise / largest:.1g} of the largest ({largest:.3g} at "

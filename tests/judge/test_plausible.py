@@ -1,5 +1,7 @@
 """Answers that mean nothing are refused, not certified, or come with a warning that has the number in it."""
 
+import re
+
 import numpy as np
 import pytest
 import scenes
@@ -201,11 +203,17 @@ def test_bodies_that_run_through_each_other_beside_an_open_contact_are_a_warning
     assert all(f"run through each other {depth}" in each for each in found), found
 
 
+EITHER = "its forces are uncertain by about|rounding decides that it is open"
+
+
 @pytest.mark.parametrize(("pull", "words"), [
-    (0.0, ""), (1e6, ""), (1e14, "its forces are uncertain by about 0.1 of the largest"),
-    (1e18, "its forces are uncertain by about 3 of the largest"), (-1e18, "rounding decides that it is open")])
+    (0.0, ""), (1e6, ""), (1e14, "its forces are uncertain by about 0.1 of the largest"), (1e18, EITHER),
+    (-1e18, EITHER)])
 def test_forces_that_rounding_makes_are_a_warning(tmp_path, pull, words):
-    """A sideways pull moves no node of a body with nu = 0 across, but its rounding does, one way or the other."""
+    """A sideways pull moves no node of a body with nu = 0 across, but its rounding does, one way or the other.
+
+    Which way, depends on the processor; that there is a warning does not.
+    """
     scene = pinched_blocks(4, "none")
     upper, lower = scene["body"]
     for body in (upper, lower):
@@ -214,7 +222,21 @@ def test_forces_that_rounding_makes_are_a_warning(tmp_path, pull, words):
     lower |= {"traction": [], "clamp": ["bottom"]}
     found = warnings_of(run(scene, tmp_path))
     assert len(found) == bool(words)
-    assert all(f"contact.upper-lower: {words}" in each for each in found), found
+    assert all(re.match(f"contact.upper-lower: ({words})", each) for each in found), found
+
+
+@pytest.mark.parametrize("processor", ["SkylakeX", "Haswell", "Zen", "Sandybridge"])
+@pytest.mark.parametrize("divisions", [4, 24])
+def test_rounding_is_told_on_every_processor(tmp_path, monkeypatch, processor, divisions):
+    """Whatever the kernels of OpenBLAS make of gaps that are nothing beside the displacements."""
+    monkeypatch.setenv("OPENBLAS_CORETYPE", processor)
+    scene = pinched_blocks(divisions, "none")
+    for body in scene["body"]:
+        body["traction"], body["material"]["poisson"] = [], 0.0
+    scene["body"][0]["traction"] = [{"on": "right", "value": [-1e7, 0.0]}]
+    scene["body"][1]["clamp"] = ["bottom"]
+    (found,) = warnings_of(run(scene, tmp_path))
+    assert re.match(f"contact.upper-lower: ({EITHER})", found), found
 
 
 @pytest.mark.parametrize(("order", "warned"), [(1, True), (2, False)])
