@@ -42,7 +42,7 @@ CURVED = 1e-6
 """Boundaries part where a gap grows by more than this part of the distance of nodes."""
 
 SHARE = 0.1
-"""Zones with less than this part of a contact's normal force do not count."""
+"""Zones with less than this part of a contact's normal force do not count, nor does friction with less of all."""
 
 DEEP = 0.25
 """An overlap between nodes of this part of what contact forces move bodies by is no small error of the mesh; in good
@@ -92,20 +92,21 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
     for body in assembly.bodies:
         name, u = body.spec.name, displacements[body.spec.name]
         warnings = _large_motion(body, u) + ([] if passing else _points_that_carry(body, u, contacts))
-        own[body.number] = warnings, float(np.linalg.norm(u, axis=1).max())
+        own[body.number] = warnings, float(np.linalg.norm(u, axis=1).max()), body.member.elasticity.load
         for interface in body.member.interfaces:
             side = interface.side(name)
             mine[interface.name, side] = interface.transfer[side] @ u[interface.nodes[side]]
     bodies = merged(world, own)
     found = [warning for number in sorted(bodies) for warning in bodies[number][0]]
-    moved = {assembly.scene.body[number].name: each for number, (_, each) in bodies.items()}
+    moved = {assembly.scene.body[number].name: each for number, (_, each, _) in bodies.items()}
+    least = IDLE * max(load for *_, load in bodies.values())
     pressed = max(state.normal_force.max(initial=0.0) for state in contacts.values())
     both, doubts = assembly.exchange.swap_objects(mine), {}
     for interface in assembly.space.interfaces:
         state, (first, second) = contacts[interface.name], both[interface.name]
         here = max(moved.get(name, 0.0) for name in interface.bodies)
         found_here = _far_around(assembly, state, first) if second is None else _far_slip(state, first - second)
-        found_here += _overlap_between(assembly, state, here)
+        found_here += _overlap_between(assembly, state, here) + _held_through_air(state, least)
         if not passing and state.normal_force.max(initial=0.0) >= IDLE * pressed:
             found_here += _lost_in_rounding(state, here) + _unresolved_zone(state)
         doubts[interface.name] = found_here
@@ -180,6 +181,21 @@ def _lost_in_rounding(state: ContactState, moved: float) -> list[str]:
         return []
     return [f"contact.{name}: its forces are uncertain by about {noise / largest:.1g} of the largest ({largest:.3g} at "
             f"a node), because the bodies move by {moved:.3g}, and rounding of that makes forces of {noise:.1g}"]
+
+
+def _held_through_air(state: ContactState, least: float) -> list[str]:
+    """A warning where friction of open nodes, of more than `least` (N), bears a good part of what a contact bears.
+
+    Tresca's bound does not ask for pressure, as it is published.
+    """
+    sizes, name = np.linalg.norm(state.forces, axis=1), state.interface.name
+    air = np.where(state.status == "open", sizes, 0.0)
+    if not air.sum() > max(SHARE * sizes.sum(), least):
+        return []
+    (x, y), gap = state.interface.xy[np.argmax(air)], state.gap[np.argmax(air)]
+    return [f"contact.{name}: friction of open nodes bears {air.sum() / sizes.sum():.0%} of its forces, as at "
+            f'({x:.4g}, {y:.4g}), where the gap is {gap:.3g}: the bound of law = "tresca" asks for no pressure; with '
+            'law = "coulomb" open nodes bear nothing']
 
 
 def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> list[str]:

@@ -352,6 +352,36 @@ def test_pressure_on_too_few_nodes_is_a_warning(tmp_path, around, order, warned)
     assert all("contact.wheel-floor" in each and "at (" in each for each in found)
 
 
+@pytest.mark.parametrize(("law", "bound", "warned"), [
+    ("tresca", 1e5, True), ("tresca", 1e3, True), ("coulomb", 0.3, False)])
+def test_friction_across_air_is_a_warning(tmp_path, law, bound, warned):
+    """Tresca's bound, as it is published, holds a block half a metre from the wall; a clamp bears it, too."""
+    held = block("block", 0.5, 0.0, (1, 1), [{"on": "right", "x": 0.0, "y": 0.0}])
+    held["volume_force"] = [0.0, -1e4]
+    scene = {"body": [held], "rigid": [{"name": "wall", "shape": "plane", "point": [0, 0], "normal": [1, 0]}],
+             "contact": [{"bodies": ["block", "wall"], "on": ["left"], "friction": {
+                 "law": law, "slip_bound" if law == "tresca" else "coefficient": bound}}]}
+    done = run(scene, tmp_path)
+    found = warnings_of(done)
+    assert len(found) == warned, found
+    assert all("contact.block-wall: friction of open nodes bears 100% of its forces, as at (0.5, " in each
+               and "the gap is 0.5:" in each for each in found)
+    assert "closed nowhere: block-wall (at least 0.5 apart)\n" in done.stdout
+
+
+def test_a_contact_that_was_closed_before_is_not_said_to_be_open(tmp_path):
+    """Nor is its friction worth a warning, when at last it holds nothing."""
+    upper = block("upper", 0.0, 1.0, (2, 1), [{"on": "top", "x": 0.0, "y": -1e-4, "history": "press"}])
+    scene = pair_of(upper, block("lower", 0.0, 0.0, (2, 1), ["bottom"]), {"law": "tresca", "slip_bound": 1e6})
+    scene |= {"time": {"points": [1.0, 2.0]}, "history": {"press": {"times": [0.0, 1.0, 2.0], "factors": [0, 1, 0]}}}
+    done = run(scene, tmp_path)
+    assert "closed nowhere" not in done.stdout
+    assert not any("open nodes" in each for each in warnings_of(done))
+    scene["contact"][0]["friction"], scene["history"]["press"]["factors"] = {"law": "none"}, [0, -1, -2]
+    done = scenes.run_command(scenes.write_scene(scene, tmp_path / "up.toml"), tmp_path / "up", "--no-figures", ranks=1)
+    assert "closed nowhere at any time: upper-lower (at least 0.000" in done.stdout, done.output[-2000:]
+
+
 @pytest.mark.parametrize(("slave", "scale", "warned"), [("base", 1.0, True), ("base", 1e-3, True),
                                                        ("layer", 1.0, False)])
 def test_a_deep_overlap_between_nodes_is_a_warning(tmp_path, slave, scale, warned):
