@@ -62,7 +62,7 @@ class Elasticity:
     b : PETSc vector (2k,) (N per metre of depth)
     n : number of free dofs: 2k less the clamped components of nodes that stay
     nodes : (k,) the mesh nodes that A acts on, in the order of its rows
-    free : (nv, 2) bool, dofs that are not prescribed
+    clamps : (nv, 2) the number of the clamp that prescribes each dof, −1 if none does
     acting : the load case at present
     motions : (nv, 2, j) the rigid motions that clamps leave free, see `body_motions`; zero at prescribed dofs
     load : sum of the absolute nodal loads (N), tractions and volume forces; where displacements are
@@ -75,12 +75,17 @@ class Elasticity:
     b: PETSc.Vec
     n: int
     nodes: np.ndarray
-    free: np.ndarray
+    clamps: np.ndarray
     acting: LoadCase
     motions: np.ndarray
     load: float
     warnings: list[str]
     cases: Mapping[str | None, LoadCase]
+
+    @property
+    def free(self) -> np.ndarray:
+        """(nv, 2) bool, dofs that are not prescribed."""
+        return self.clamps < 0
 
     @property
     def prescribed(self) -> np.ndarray:
@@ -128,7 +133,8 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF, last: np.ndarray 
     that is not connected to the rest.
     """
     K = sum_stiffness(mesh, material_of(mesh, body))
-    free, prescribed = clamp_nodes(mesh, body)
+    clamps, prescribed = clamp_nodes(mesh, body)
+    free = clamps < 0
     motions = body_motions(mesh, K, free, body.name)
     nodes = np.flatnonzero(free.any(axis=1))
     if last is not None:
@@ -155,7 +161,7 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF, last: np.ndarray 
     matrix.setNearNullSpace(near_null_space(mesh.points[nodes], loose, comm))
     load = PETSc.Vec().createWithArray(case.b, bsize=2, comm=comm)
     load.setBlockSize(2)
-    return Elasticity(matrix, load, int(loose.sum()), nodes, free, case, motions, case.size,
+    return Elasticity(matrix, load, int(loose.sum()), nodes, clamps, case, motions, case.size,
                       lost_loads(mesh, body, free), cases)
 
 

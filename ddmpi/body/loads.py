@@ -110,17 +110,17 @@ def _values(value: Any, points: np.ndarray, key: str) -> np.ndarray:
 
 
 def clamp_nodes(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, dict[str | None, np.ndarray]]:
-    """Which components are free (nv, 2) bool, and the displacements (nv, 2) in metres prescribed for the others.
+    """Which clamp holds each component (nv, 2), −1 if it is free, and the displacements (nv, 2) in metres prescribed.
 
     The latter by the history that they follow, at its factor 1; None stands for those that follow none.
 
     Not collective. Raises InputError where two clamps prescribe different displacements of one component.
     """
-    free = np.ones((len(mesh.points), 2), dtype=bool)
+    clamps = np.full((len(mesh.points), 2), -1)
     prescribed = np.zeros((len(mesh.points), 2))
     names = [None, *body.histories]
     followed = np.zeros((len(mesh.points), 2), int)
-    for clamp in body.clamps:
+    for which, clamp in enumerate(body.clamps):
         key = f"body.{body.name}.clamp"
         nodes = group_nodes(mesh, clamp.on, key)
         x, y = mesh.points[nodes].T
@@ -131,15 +131,15 @@ def clamp_nodes(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, dict[str | None
                 number = names.index(clamp.history)
                 otherwise = (np.abs(wanted - before) > SAME * size) | (
                     (followed[nodes, component] != number) & (size > 0.0))
-                clash = np.flatnonzero(~free[nodes, component] & otherwise)
+                clash = np.flatnonzero((clamps[nodes, component] >= 0) & otherwise)
                 if len(clash):
                     k = clash[0]
                     raise InputError(f"{key}: {'xy'[component]} at ({x[k]:.6g}, {y[k]:.6g}) is "
                                      f"prescribed twice, as {before[k]:.6g} and, on {clamp.on!r}, as {wanted[k]:.6g}"
                                      + (", with another history" if wanted[k] == before[k] else ""))
-                free[nodes, component] = False
+                clamps[nodes, component] = which
                 prescribed[nodes, component], followed[nodes, component] = wanted, number
-    return free, {name: np.where(followed == number, prescribed, 0.0) for number, name in enumerate(names)}
+    return clamps, {name: np.where(followed == number, prescribed, 0.0) for number, name in enumerate(names)}
 
 
 def refuse_underflow(mesh: Mesh, body: BodySpec, f: np.ndarray, prescribed: np.ndarray, stiffest: float) -> None:

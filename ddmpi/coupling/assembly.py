@@ -19,7 +19,7 @@ from ddmpi.coupling.ranks import homes_of, ranks_beside, team_of
 from ddmpi.coupling.space import Space
 from ddmpi.coupling.team import Team, TeamMatrix
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import Interface, check_overlap, uncovered_profile
+from ddmpi.interface.interface import Interface, Mover, check_overlap, refuse_contradiction, uncovered_profile
 from ddmpi.interface.matching import touch
 from ddmpi.interface.mortar import join
 from ddmpi.interface.side import Side, contact_side
@@ -27,7 +27,7 @@ from ddmpi.mesh.boundary import boundary_group
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.geometry import Sizes
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.scene.bodies import Material, SettledBody
+from ddmpi.scene.bodies import Clamp, Material, SettledBody
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.scene.scene import Settled
 from ddmpi.system import interrupt
@@ -161,7 +161,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                 bodies[spec.name] = elasticity
                 for contact, side in _contacts_of(spec, contacts):
                     links, key = edges[contact.name, side], _key(contact)
-                    sides[contact.name, side] = contact_side(mesh, links, elasticity.free, spec.name,
+                    sides[contact.name, side] = contact_side(mesh, links, elasticity.clamps, spec.name,
                                                              modulus_beside(mesh, material, links, key), key)
                 interrupt.check()
         both = exchange.swap_objects(sides)
@@ -347,17 +347,23 @@ def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | Non
 
     `looped` as in `ddmpi.interface.mortar.mortar`.
     """
-    first, second = sides
+    (first, second), clamps = sides, {body.name: body.clamps for body in scene.body}
     if second is None:
         (rigid,) = (each for each in scene.rigid if each.name == contact.bodies[1])
         interface = touch(first, rigid, contact.friction, contact.name, contact.gap, contact.kind)
         overlaps = check_overlap(interface, first)
+        x, y = rigid.displacement
+        partner = Mover(rigid.name, [Clamp(on=rigid.name, x=x, y=y, history=rigid.history)])
     else:
         if any(body.mesh.geometry for body in scene.body if body.name in contact.bodies):
             refinement = 1  # its nodes match by their number alone
         interface = join(first, second, contact.friction, contact.name, refinement, contact.gap, contact.kind,
                          contact.pairing, contact.slave, looped)
         overlaps = check_overlap(interface, first, second)
+        partner = Mover(second.body, clamps[second.body], second)
+    times = scene.legs if scene.time is None or scene.time.steps == 1 else [0.0, *scene.legs]
+    refuse_contradiction(interface, [Mover(first.body, clamps[first.body], first), partner],
+                         {time: scene.factors(time) for time in times})
     idle = [] if contact.slave is None or interface.slave else [
         f"contact.{contact.name}.slave: no side is a slave, because nodes match and are paired; pairing = \"mortar\" "
         "makes one of them the slave"]

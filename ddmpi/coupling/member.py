@@ -154,14 +154,10 @@ class Member:
         """B u (size,) in metres, of a displacement (nv, d) of all nodes. Not collective."""
         return self._all(displacement_trace(each, each.side(self.name), u) for each in self.interfaces)
 
-    def normal_parts(self, u: np.ndarray) -> dict[tuple[str, int], tuple[np.ndarray, np.ndarray]]:
-        """Normal displacements in metres at the places of its interfaces that clamps hold on both sides, and at the
-        probes between nodes, by contact and side. Not collective."""
-        found = {}
-        for each in self.interfaces:
-            side = each.side(self.name)
-            found[each.name, side] = (normal_trace(each, side, each.fixed, u), normal_trace(each, side, each.probes, u))
-        return found
+    def normal_parts(self, u: np.ndarray) -> dict[tuple[str, int], np.ndarray]:
+        """Normal displacements in metres at the probes of its interfaces, by contact and side. Not collective."""
+        sides = [(each, each.side(self.name)) for each in self.interfaces]
+        return {(each.name, side): normal_trace(side, each.probes, u) for each, side in sides}
 
     @staticmethod
     def _all(parts: Iterable[np.ndarray]) -> np.ndarray:

@@ -11,7 +11,7 @@ from ddmpi.interface.side import Side, cross
 from ddmpi.system.numbers import spans
 
 POINTS = 5
-"""Gauss points on each piece of a side."""
+"""Gauss points on each piece of a side, between its two ends, which have no weight."""
 
 TOUCHING = 1e-9
 """Parts of a side below this are rounding: they are no pieces."""
@@ -65,12 +65,13 @@ def cover(slave: Side, master: Side) -> Cover:
     nearest = order[np.flatnonzero(np.diff(piece[order], prepend=-1))]
     piece, one, distance = piece[nearest], one[pair[nearest]], distance[nearest]
     seen = ~_hidden(own, fans, on[piece], middle[piece], distance)
-    piece, one = piece[seen], np.repeat(one[seen], POINTS)
+    piece, one = piece[seen], np.repeat(one[seen], POINTS + 2)
     link, low, size = on[piece], low[piece], (high - low)[piece]
-    points, weights = np.polynomial.legendre.leggauss(POINTS)
+    points, weights = (np.pad(each, 1) for each in np.polynomial.legendre.leggauss(POINTS))
+    points[[0, -1]] = -1.0, 1.0
     at = (low[:, None] + size[:, None] * (1.0 + points) / 2).ravel()
     weight = ((length[link] * size)[:, None] * weights / 2).ravel()
-    link = np.repeat(link, POINTS)
+    link = np.repeat(link, POINTS + 2)
     there, distance, ray = _meet(own, fans, link, at, corners[one])
     gap = distance - slave.bulge(link, at, ray) - master.bulge(one, np.clip(there, 0.0, 1.0), -ray)
     height, ratio = slave.off_chords(link, at)

@@ -6,6 +6,7 @@ Every rank that holds the interface computes the same one from the same sides.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,8 +15,9 @@ import scipy.sparse as sparse
 from ddmpi.errors import InputError
 from ddmpi.interface.law import Law
 from ddmpi.interface.side import Side
+from ddmpi.scene.bodies import Clamp
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
-from ddmpi.scene.values import Profile
+from ddmpi.scene.values import Profile, evaluate
 from ddmpi.system.numbers import spans
 
 LARGE_OVERLAP = 0.02
@@ -23,6 +25,9 @@ LARGE_OVERLAP = 0.02
 
 MANY_ELEMENTS = 5.0
 """So is one of so many distances between neighbouring nodes."""
+
+SAME = 1e-6
+"""Displacements that differ by less than this part of them are the same; so are places by this part of a side."""
 
 BEHIND = 1.0 - 1e-9
 """A body that lies this part of its depth or more inside a rigid partner lies behind its surface."""
@@ -36,7 +41,7 @@ class Places:
     ----------
     nodes : of each side (j,), numbers in its body's mesh; none of a rigid partner
     normal : (k, d) outer normals of the first body
-    gap : (k,) initial gap (m); with a rigid partner, after its displacement
+    gap : (k,) initial gap (m)
     transfer : of each side (k, j), sparse: a place moves as the rows say that the side's nodes move; None where the
         places are the nodes
     """
@@ -88,7 +93,7 @@ class Interface:
     transfer : of each side (m, k), sparse: a contact node moves as the rows say that the side's nodes move
     law : of contact and friction at these nodes
     modulus : E* (Pa), 1/E* being the sum of both bodies' (1 − ν²)/E, of which a rigid partner's is zero
-    fixed : nodes without unknowns, because clamps hold both bodies there
+    fixed : nodes without unknowns, because clamps hold both bodies there; the gap they keep is no residual
     joined : (m − 1,) bool, whether a node and the next one are neighbours
     closings : (c, 2) neighbours that do not follow each other: the last and the first node of each closed chain
     edges : (ns, 3) quadratic edges whose nodes all carry unknowns, by ends and middle, in the order of the middles
@@ -98,7 +103,7 @@ class Interface:
     at : of each side (m, d), where the forces of the rows act on it (m); None where this is not known
     slave : name of the body whose nodes carry the rows where the nodes do not match, else None
     lines : the slave's nodes; None where each has a row of its own
-    probes : places between the nodes of sides that do not match
+    probes : places between the nodes of sides that do not match; of others, fixed nodes that can still move a little
     displacement : (d,) of a rigid partner (m)
     history : that the displacement of the rigid partner follows, or None
     """
@@ -130,8 +135,7 @@ class Interface:
 
     def displaced(self, U: np.ndarray) -> Interface:
         """The same interface with the rigid partner displaced by `U` (d,)."""
-        fixed = replace(self.fixed, gap=self.fixed.gap + self.fixed.normal @ (U - self.displacement))
-        return replace(self, prescribed=-(self.directions @ U), fixed=fixed, displacement=U)
+        return replace(self, prescribed=-(self.directions @ U), displacement=U)
 
     @property
     def m(self) -> int:
@@ -226,6 +230,101 @@ def check_overlap(interface: Interface, *sides: Side) -> list[str]:
                 f"{of} and {overlap / spacing:.3g} times the distance of contact nodes; "
                 "small-strain theory means small overlaps"]
     return []
+
+
+@dataclass(frozen=True)
+class Mover:
+    """What moves a side whatever the forces are: the clamps of a body, or a rigid partner.
+
+    Attributes
+    ----------
+    name : of the body or the partner
+    clamps : of the body; of a partner its displacement, as one clamp
+    side : of the body; None of a partner
+    """
+
+    name: str
+    clamps: Sequence[Clamp]
+    side: Side | None = None
+
+    def free(self, places: Places, k: int) -> np.ndarray:
+        """(n, d) the share in the motion of `places` that this side, the k-th, has without clamps."""
+        return np.zeros_like(places.normal) if self.side is None else abs(self.at(places, k, 1.0 * self.side.free))
+
+    def moved(self, places: Places, k: int, factors: Mapping[str | None, float]) -> np.ndarray:
+        """(n, d) the displacement of places that clamps prescribe (m), with these factors by history."""
+        xy = np.zeros_like(places.normal) if self.side is None else self.side.xy
+        held, u = np.zeros(xy.shape, int) if self.side is None else self.side.clamps, np.zeros_like(xy)
+        for number, clamp in enumerate(self.clamps):
+            for axis, value in enumerate((clamp.x, clamp.y)):
+                nodes = held[:, axis] == number
+                if value is not None:
+                    u[nodes, axis] = factors[clamp.history] * evaluate(value, *xy[nodes].T)
+        return self.at(places, k, u)
+
+    def at(self, places: Places, k: int, values: np.ndarray) -> np.ndarray:
+        """(n, d) at places, from the values (j, d) at the nodes of the side."""
+        if self.side is None:
+            return values
+        whole = np.zeros((self.side.nodes.max() + 1, values.shape[1]))
+        whole[self.side.nodes] = values
+        return places.moved(k, whole)
+
+    def words(self, places: Places, k: int, place: int, axes: Sequence[int], u: np.ndarray) -> str:
+        """What prescribes the displacement u (d,) of one of the places along some axes."""
+        values = [f"{'xyz'[axis]} = {u[axis] + 0.0:.6g}" for axis in axes]
+        if self.side is None:
+            return f"rigid.{self.name}.displacement prescribes {', '.join(values)}"
+        node = place if places.transfer is None else int(np.argmax(abs(places.transfer[k][[place]].toarray())))
+        numbers = self.side.clamps[self.side.nodes == places.nodes[k][node]][0, axes]
+        return ", ".join(f"body.{self.name}.clamp.{number} on {self.clamps[number].on!r} prescribes {value}"
+                         for value, number in zip(values, numbers, strict=True))
+
+
+def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
+                         factors: Mapping[float, Mapping[str | None, float]]) -> None:
+    """InputError where clamps move both sides into each other, so that no force can keep them apart. Not collective.
+
+    The sides of a bond they must not move against each other at all. An overlap that is drawn or given may stay between
+    clamps: a fit is no contradiction.
+
+    Parameters
+    ----------
+    movers : of both sides
+    factors : by time and history; displacements are linear between the times
+    """
+    if any(mover.side and (mover.side.clamps < 0).all() for mover in movers):
+        return
+    worst, message, bonded = 0.0, "", interface.law.name == "bonded"
+    pairs = [Places(interface.nodes, interface.normal, interface.gap), interface.fixed]
+    for places in [interface.probes] if interface.slave else pairs:
+        free = sum(mover.free(places, k) for k, mover in enumerate(movers)) > SAME
+        gap, across = places.gap[:, None], np.abs(places.normal) > SAME
+        for time, now in factors.items():
+            u = np.array([mover.moved(places, k, now) for k, mover in enumerate(movers)])
+            closing, slack = u[0] - u[1], SAME * (np.abs(gap) + np.linalg.norm(u, axis=2).sum(axis=0)[:, None])
+            if bonded:
+                ends = np.stack([0.0 * places.normal, gap * places.normal])
+                beyond = np.maximum(closing - ends.max(axis=0), ends.min(axis=0) - closing)
+                beyond[free] = 0.0
+            else:
+                beyond = (closing * places.normal).sum(axis=1, keepdims=True) - np.maximum(gap, 0.0)
+                beyond[(free & across).any(axis=1)] = 0.0
+            beyond[beyond <= slack] = 0.0
+            if not beyond.max(initial=0.0) > worst:
+                continue
+            worst = float(beyond.max())
+            place, axis = (int(each) for each in np.unravel_index(np.argmax(beyond), beyond.shape))
+            axes = [axis] if bonded else np.flatnonzero(across[place]).tolist()
+            first, second = (mover.words(places, k, place, axes, u[k, place]) for k, mover in enumerate(movers))
+            assert movers[0].side
+            x, y = movers[0].at(places, 0, movers[0].side.xy)[place]
+            message = (f"contact.{interface.name}: at ({x:.6g}, {y:.6g}){f', at time {time:g},' * (len(factors) > 1)} "
+                       f"{first}, and {second}: " + ("they tear the bond apart" if bonded else
+                                                     "they push the bodies into each other")
+                       + f" by {worst:.3g}, and no force can prevent that; prescribe motions that go together")
+    if message:
+        raise InputError(message)
 
 
 def uncovered_profile(interface: Interface, friction: Coulomb | Tresca | NoFriction,

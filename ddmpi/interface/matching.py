@@ -12,7 +12,7 @@ import scipy.sparse as sparse
 from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import Interface, Places
+from ddmpi.interface.interface import SAME, Interface, Places
 from ddmpi.interface.law import law_of
 from ddmpi.interface.side import Side, closings
 from ddmpi.scene.contacts import Circle, Coulomb, NoFriction, Plane, Tresca
@@ -94,7 +94,7 @@ def touch(side: Side, rigid: Plane | Circle, friction: Coulomb | Tresca | NoFric
 
     Normals and gaps are those of the rigid surface at the body's nodes, exactly. Nodes that do not face it, such as
     the far side of a roller, carry no row. The second side has no nodes: the partner's displacement U gives
-    `Interface.prescribed`, and at nodes that clamps hold the gap, from which it is taken at once.
+    `Interface.prescribed`.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def touch(side: Side, rigid: Plane | Circle, friction: Coulomb | Tresca | NoFric
         raise InputError(f"contact.{name}: near ({x:.6g}, {y:.6g}) the boundary of {side.body!r} does not face "
                          f"{rigid.name!r}")
     partner = replace(side, body=rigid.name, modulus=np.inf, xy=side.xy - measured[:, None] * outward, normal=outward,
-                      free=np.zeros_like(side.free))
+                      clamps=np.zeros_like(side.clamps))
     joined = np.zeros(len(here) - 1, bool)
     on = np.diff(here) == 1
     joined[on] = side.joined_over(towards)[here[:-1][on]]
@@ -126,10 +126,10 @@ def touch(side: Side, rigid: Plane | Circle, friction: Coulomb | Tresca | NoFric
                         measured[here], joined, closings(side.links[towards], place))
     found = carry(opposite, friction, name, gap, kind)
     U, none = np.array(rigid.displacement), np.empty(0, int)
-    fixed = Places((found.fixed.nodes[0], none), found.fixed.normal, found.fixed.gap + found.fixed.normal @ U)
+    fixed, probes = (replace(each, nodes=(each.nodes[0], none)) for each in (found.fixed, found.probes))
     return replace(found, nodes=(found.nodes[0], none), modulus=side.modulus, prescribed=-(found.directions @ U),
-                   transfer=(found.transfer[0], sparse.csr_matrix((found.m, 0))), fixed=fixed, displacement=U,
-                   history=rigid.history)
+                   transfer=(found.transfer[0], sparse.csr_matrix((found.m, 0))), fixed=fixed, probes=probes,
+                   displacement=U, history=rigid.history)
 
 
 def carry(opposite: Opposite, friction: Coulomb | Tresca | NoFriction, name: str, gap: float | Profile | None,
@@ -156,6 +156,9 @@ def carry(opposite: Opposite, friction: Coulomb | Tresca | NoFriction, name: str
     place[here[keep]] = np.arange(len(keep))
     edges, closed = place[first.edges], place[here[opposite.closings]]
     alone = sparse.identity(len(keep), format="csr")
+    moves = sum(np.abs(normal * each).max(axis=1) for each in free) > SAME
+    fixed, probes = (Places((first.nodes[here][at], second.nodes[there][at]), normal[at], gap_of[at])
+                     for at, gap_of in ((dropped, start), (dropped & moves, np.maximum(start, 0.0))))
     xy, arc, area = first.xy[here][keep], first.arc[here][keep], opposite.area[keep]
     return Interface(
         name=name, bodies=(first.body, second.body), xy=xy, frame=np.stack([normal[keep], tangent[keep]], axis=1),
@@ -166,7 +169,7 @@ def carry(opposite: Opposite, friction: Coulomb | Tresca | NoFriction, name: str
         held=held[keep], closings=closed[(closed >= 0).all(axis=1)],
         one_sided=np.concatenate([one_sided[0][keep], one_sided[1][keep][sliding]]),
         prescribed=np.zeros(len(keep) + len(sliding)), at=(xy, second.xy[there][keep]),
-        fixed=Places((first.nodes[here][dropped], second.nodes[there][dropped]), normal[dropped], start[dropped]))
+        fixed=fixed, probes=probes)
 
 
 def held_beside(xy: np.ndarray, joined: np.ndarray, closings: np.ndarray, dropped: np.ndarray) -> np.ndarray:

@@ -299,6 +299,9 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
     probes = [_at(phi, nodes, len(side.nodes)),
               _at(shapes(over.there, other.links.shape[1]), other.links[over.other], len(other.nodes))]
     between = over.gap if gap is None and not bonded else _means_at(phi, place[nodes], start)
+    if not bonded:  # what overlaps between clamps stays
+        stays = [at @ is_held(each.normal, each.free) for at, each in zip(probes, slave, strict=True)]
+        between = between - np.clip(np.min(stays, axis=0), 0.0, 1.0) * np.minimum(between, 0.0)
     used = [_used(each.nodes, transfer[keep]) for each, transfer in zip(sides, transfers, strict=True)]
     return Interface(
         name=name, bodies=(sides[0].body, sides[1].body), xy=xy[keep],

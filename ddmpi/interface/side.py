@@ -42,7 +42,7 @@ class Side:
     area : (k,) nodal lengths (m): the integral of the node's shape function along the boundary, so that
         a constant stress times them gives its nodal forces. Half the adjacent edges in order 1; in order 2
         two thirds of its edge for a middle, a sixth of the adjacent edges for a corner, where these are straight
-    free : (k, 2) bool, components that are not clamped
+    clamps : (k, 2) the number of the clamp that prescribes each component, −1 if none does
     extent : (2,) width and height of the body (m)
     arc : (k,) arc length from the start of the node's chain, on the way with the body to the left (m). A closed chain
         starts at the first node of the group's first line on it
@@ -57,11 +57,16 @@ class Side:
     xy: np.ndarray
     normal: np.ndarray
     area: np.ndarray
-    free: np.ndarray
+    clamps: np.ndarray
     extent: np.ndarray
     arc: np.ndarray
     joined: np.ndarray
     links: np.ndarray
+
+    @property
+    def free(self) -> np.ndarray:
+        """(k, 2) bool, components that are not clamped."""
+        return self.clamps < 0
 
     @property
     def edges(self) -> np.ndarray:
@@ -240,8 +245,10 @@ def turn_right(vectors: np.ndarray) -> np.ndarray:
     return np.column_stack([vectors[:, 1], -vectors[:, 0]])
 
 
-def contact_side(mesh: Mesh, edges: np.ndarray, free: np.ndarray, body: str, modulus: float, key: str) -> Side:
+def contact_side(mesh: Mesh, edges: np.ndarray, clamps: np.ndarray, body: str, modulus: float, key: str) -> Side:
     """The contact boundary made of `edges` (k, 2 or 3), ordered from its first end. Not collective.
+
+    `clamps` (nv, 2) as those of a `Side`, of all nodes of the body.
 
     Raises InputError naming `key` when an edge does not lie on the boundary.
     """
@@ -259,7 +266,7 @@ def contact_side(mesh: Mesh, edges: np.ndarray, free: np.ndarray, body: str, mod
     place = np.empty(size, int)
     place[nodes] = np.arange(len(nodes))
     links = place[edges]
-    return Side(body, modulus, nodes, mesh.points[nodes], normal, length[nodes], free[nodes],
+    return Side(body, modulus, nodes, mesh.points[nodes], normal, length[nodes], clamps[nodes],
                 np.ptp(mesh.points, axis=0), _arc(edges, mesh.points, origins)[nodes], joined,
                 links[np.argsort(links[:, -1])])
 

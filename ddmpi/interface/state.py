@@ -24,8 +24,9 @@ class ContactState:
     gap : (m,) opening (m)
     slip : (m, d − 1) how far the first body has moved along t past the second, in this load step (m)
     status : (m,) "open", "slip" or "stick"
-    between : (q,) opening between the nodes, where they do not match (m)
+    between : (q,) opening at the probes of the interface (m), see `Interface`
     before : (m, d − 1) slip of the load steps before (m)
+    yielding : how far contact forces move the bodies at their contacts, at most (m)
     """
 
     interface: Interface
@@ -36,6 +37,7 @@ class ContactState:
     status: np.ndarray
     between: np.ndarray = field(default_factory=lambda: np.empty(0))
     before: np.ndarray | float = 0.0
+    yielding: float = 0.0
 
     @property
     def slip_total(self) -> np.ndarray:
@@ -101,7 +103,8 @@ class ContactState:
 
 
 def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.ndarray,
-                  between: np.ndarray | None = None, before: np.ndarray | None = None) -> ContactState:
+                  between: np.ndarray | None = None, before: np.ndarray | None = None,
+                  yielding: float = 0.0) -> ContactState:
     """The state of the contact nodes. Not collective.
 
     Parameters
@@ -111,6 +114,7 @@ def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.
     u : (size,) relative displacement, the sum of both bodies' traces (m)
     between : (q,) opening at the interface's probes (m), if any
     before : (size,) displacement from which the slip of this load step counts (m), if there have been others
+    yielding : as of a `ContactState`
     """
     law, m, sliding = interface.law, interface.m, interface.sliding
     normal, moved = s[:m].copy(), law.split(u)
@@ -123,7 +127,7 @@ def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.
     status[sliding[law.reaches_bound(s, bound)]] = "slip"
     status[~law.closed(s, CLOSED)] = "open"
     return ContactState(interface, normal, tangential, interface.gap - moved[0], slip, status,
-                        np.empty(0) if between is None else between, 0.0 if before is None else former)
+                        np.empty(0) if between is None else between, 0.0 if before is None else former, yielding)
 
 
 def slip_start(interface: Interface, s: np.ndarray, moved: np.ndarray, rate: np.ndarray, ahead: float) -> np.ndarray:

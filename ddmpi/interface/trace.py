@@ -32,7 +32,7 @@ def displacement_trace(interface: Interface, side: int, u: np.ndarray) -> np.nda
     return _sign(side) * np.einsum("ij,ij->i", moved, interface.directions)
 
 
-def normal_trace(interface: Interface, side: int, places: Places, u: np.ndarray) -> np.ndarray:
+def normal_trace(side: int, places: Places, u: np.ndarray) -> np.ndarray:
     """Normal displacement (k,) in metres at places of the interface. Not collective."""
     return _sign(side) * np.einsum("ij,ij->i", places.normal, places.moved(side, u))
 

@@ -100,8 +100,7 @@ def equilibrium_residual(left: float, acting: float, load: float) -> float:
 
 
 def contact_residuals(state: ContactState, s: np.ndarray, mismatch: np.ndarray, u: tuple[np.ndarray, np.ndarray],
-                      fixed_gap: np.ndarray, load: float, yielding: float,
-                      everywhere: tuple[float, float]) -> ContactResiduals:
+                      load: float, yielding: float, everywhere: tuple[float, float]) -> ContactResiduals:
     """Residuals of one contact.
 
     Parameters
@@ -110,7 +109,6 @@ def contact_residuals(state: ContactState, s: np.ndarray, mismatch: np.ndarray, 
     s : (size,) contact forces that obey the bounds (N)
     mismatch : (size,) difference of the forces (N) as the two bodies see them
     u : contact displacements (size,) of both bodies (m)
-    fixed_gap : (k,) opening at the node pairs that clamps hold on both sides (m)
     load : sum of the absolute nodal loads of the bodies (N), with which contact forces are compared
         where there are none, and where they are below NO_FORCE of it per node
     yielding : largest contact displacement that the contact forces cause in a body (m). Displacements
@@ -124,7 +122,7 @@ def contact_residuals(state: ContactState, s: np.ndarray, mismatch: np.ndarray, 
     """
     interface, law = state.interface, state.interface.law
     floor = (NO_FORCE if s.any() else 1.0) * load / np.sqrt(interface.m)
-    overlap = max(law.misfit(state.gap), law.misfit(fixed_gap))
+    overlap = law.misfit(state.gap)
     U = np.inf if interface.on_rigid else max(np.abs(each).max(initial=0.0) for each in u)
     S = np.abs(s).max(initial=0.0)
     moved, largest = everywhere

@@ -1,15 +1,22 @@
-"""Where two bodies run through each other although no contact keeps them apart. Geometry of closed polygons.
+"""Where bodies run through each other, or themselves, although no contact keeps them apart.
 
 A body's boundary is a set of closed polygons, so whether a point lies in the body is decided by counting crossings.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
+from mpi4py import MPI
 from scipy.spatial import cKDTree
 
+from ddmpi.coupling.assembly import Assembly, Body
+from ddmpi.interface.interface import Interface
+from ddmpi.mesh.boundary import outline
+from ddmpi.system.agreement import merged
 from ddmpi.system.numbers import spans
 
 RESOLVED = 1e-3
@@ -109,6 +116,69 @@ class Overlap:
 
 
 NOWHERE = Overlap(0.0, np.zeros(2))
+
+
+def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray]) -> list[str]:
+    """Warnings where two bodies run through each other outside their contacts, the same on all ranks.
+
+    Of two bodies on different ranks whose bounding boxes overlap one sends its outline to the other. Collective.
+    """
+    world, names = assembly.world, [body.name for body in assembly.scene.body]
+    own = {body.number: _outline(body, displacements[body.spec.name]) for body in assembly.bodies}
+    boxes = merged(world, {number: (world.rank, *_box(each)) for number, each in own.items()})
+    near = [(a, b) for a, b in combinations(sorted(boxes), 2) if (boxes[a][1] <= boxes[b][2]).all()
+            and (boxes[b][1] <= boxes[a][2]).all()]
+    away = sorted({(b, boxes[a][0]) for a, b in near if boxes[a][0] != boxes[b][0]})
+    sending = [world.isend(own[number], rank, number) for number, rank in away if number in own]
+    at_hand = own | {number: world.recv(None, boxes[number][0], number) for number, rank in away if rank == world.rank}
+    MPI.Request.waitall(sending)
+    contacts, found = {body.number: body.member.interfaces for body in assembly.bodies}, {}
+    for number, each in own.items():
+        place = through_itself(each)
+        found[number, number] = [] if place is None else [
+            f"body.{names[number]} runs through itself, as at ({place[0]:.4g}, {place[1]:.4g}), where nothing keeps "
+            "its sides apart; for sides that touch make two bodies of it, bonded where they hang together"]
+    for a, b in near:
+        if a in own:
+            kept = _kept_apart(contacts[a], (names[a], names[b]), (at_hand[a], at_hand[b]))
+            found[a, b] = _name_overlap(names[a], names[b], *run_through(at_hand[a], at_hand[b], *kept))
+    return [warning for _, warnings in sorted(merged(world, found).items()) for warning in warnings]
+
+
+def _kept_apart(interfaces: Sequence[Interface], names: tuple[str, str],
+                outlines: tuple[Outline, Outline]) -> tuple[np.ndarray, np.ndarray]:
+    """The nodes (2, k) of two outlines that contacts keep apart, and the first one's outer normals there (k, 2)."""
+    pairs, normals = [np.empty((2, 0), int)], [np.empty((0, 2))]
+    for interface in interfaces:
+        if set(interface.bodies) == set(names):
+            side = interface.side(names[0])
+            *nodes, normal = interface.facing()
+            pairs.append(np.stack([each.places(nodes[k]) for each, k in zip(outlines, (side, 1 - side), strict=True)]))
+            normals.append((1.0 - 2.0 * side) * normal)
+    return np.hstack(pairs), np.vstack(normals)
+
+
+def _outline(body: Body, u: np.ndarray) -> Outline:
+    """The boundary of a body that moved by `u` (nv, 2)."""
+    segments = outline(body.mesh)
+    nodes = np.unique(segments)
+    points = body.mesh.points[nodes]
+    return Outline(points, points + u[nodes], np.searchsorted(nodes, segments), nodes)
+
+
+def _box(each: Outline) -> tuple[np.ndarray, np.ndarray]:
+    """The corners of the box around an outline, as drawn and in the answer."""
+    both = np.vstack([each.at, each.moved])
+    return both.min(axis=0), both.max(axis=0)
+
+
+def _name_overlap(first: str, second: str, overlap: Overlap, drawn: float) -> list[str]:
+    """The warning of an overlap of two bodies, if there is one."""
+    if not overlap.depth:
+        return []
+    (x, y), before = overlap.place, f" ({drawn:.3g} as drawn)" if drawn else ""
+    return [f"body.{first} and body.{second} run through each other by {overlap.depth:.3g}{before}, as at ({x:.4g}, "
+            f"{y:.4g}), where no contact keeps them apart; name the whole boundary that may touch in `on`"]
 
 
 def through_itself(body: Outline) -> np.ndarray | None:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations
 
 import numpy as np
 import scipy.sparse as sparse
-from mpi4py import MPI
 from scipy.sparse import csgraph
 
 from ddmpi.body.estimate import DiscretizationError
@@ -16,7 +14,7 @@ from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.side import SHARPEST
 from ddmpi.interface.state import ContactState
-from ddmpi.judge.overlap import RESOLVED, Outline, Overlap, run_through, through_itself
+from ddmpi.judge.overlap import RESOLVED, doubt_overlaps
 from ddmpi.mesh.boundary import outline
 from ddmpi.scene.bodies import SettledBody
 from ddmpi.scene.contacts import Circle, Plane, Rigid
@@ -44,13 +42,18 @@ CURVED = 1e-6
 """Boundaries part where a gap grows by more than this part of the distance of nodes."""
 
 SHARE = 0.1
-"""Zones with less than this part of a contact's normal force do not count."""
+"""Zones with less than this part of a contact's normal force do not count, nor does friction with less of all."""
+
+DEEP = 0.25
+"""An overlap between nodes of this part of what contact forces move bodies by is no small error of the mesh; in good
+answers on coarse meshes it is up to 0.1."""
 
 LOST = 1e-6
 """Rounding of the displacements that changes contact forces by more than this part is worth a warning."""
 
-UNDECIDED = 100.0
-"""An open contact whose gaps are all below so many rounding errors of the displacements might as well be closed."""
+UNDECIDED = 1e-9
+"""An open contact whose gaps are all below this part of the displacements might as well be closed: rounding makes gaps
+of up to 1e-13 of them, loads that matter larger ones by far."""
 
 COARSE = 0.5
 """Linear elements with a larger estimated discretization error lock; the true one is larger still."""
@@ -89,23 +92,27 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
     for body in assembly.bodies:
         name, u = body.spec.name, displacements[body.spec.name]
         warnings = _large_motion(body, u) + ([] if passing else _points_that_carry(body, u, contacts))
-        own[body.number] = warnings, float(np.linalg.norm(u, axis=1).max())
+        own[body.number] = warnings, float(np.linalg.norm(u, axis=1).max()), body.member.elasticity.load
         for interface in body.member.interfaces:
             side = interface.side(name)
             mine[interface.name, side] = interface.transfer[side] @ u[interface.nodes[side]]
     bodies = merged(world, own)
     found = [warning for number in sorted(bodies) for warning in bodies[number][0]]
-    largest = max(moved for _, moved in bodies.values())
+    moved = {assembly.scene.body[number].name: each for number, (_, each, _) in bodies.items()}
+    least = IDLE * max(load for *_, load in bodies.values())
     pressed = max(state.normal_force.max(initial=0.0) for state in contacts.values())
     both, doubts = assembly.exchange.swap_objects(mine), {}
     for interface in assembly.space.interfaces:
         state, (first, second) = contacts[interface.name], both[interface.name]
-        slid = _far_around(assembly, state, first) if second is None else _far_slip(state, first - second)
-        carries = not passing and (len(contacts) == 1 or state.normal_force.max(initial=0.0) > IDLE * pressed)
-        doubts[interface.name] = slid + (_lost_in_rounding(state, largest) + _unresolved_zone(state) if carries else [])
+        here = max(moved.get(name, 0.0) for name in interface.bodies)
+        found_here = _far_around(assembly, state, first) if second is None else _far_slip(state, first - second)
+        found_here += _overlap_between(assembly, state, here) + _held_through_air(state, least)
+        if not passing and state.normal_force.max(initial=0.0) >= IDLE * pressed:
+            found_here += _lost_in_rounding(state, here) + _unresolved_zone(state)
+        doubts[interface.name] = found_here
     by_contact = merged(world, doubts)
     found += [warning for name in contacts for warning in by_contact[name]]
-    return (found + ([] if passing else _unresolved(assembly, contacts)) + _run_through(assembly, displacements)
+    return (found + ([] if passing else _unresolved(assembly, contacts)) + doubt_overlaps(assembly, displacements)
             + _run_through_rigid(assembly, displacements, contacts))
 
 
@@ -164,16 +171,48 @@ def doubt_mesh(bodies: Sequence[SettledBody], error: DiscretizationError) -> lis
 
 def _lost_in_rounding(state: ContactState, moved: float) -> list[str]:
     """A warning where rounding of displacements up to `moved` (m) decides on forces, or whether there are any."""
-    name, rounding = state.interface.name, float(np.finfo(float).eps) * moved
+    name, widest = state.interface.name, float(np.abs(state.gap).max())
     largest = float(state.normal_force.max(initial=0.0))
-    if not largest and 0.0 < np.abs(state.gap).max() <= UNDECIDED * rounding:
-        return [f"contact.{name}: rounding decides that it is open: its gaps, up to {np.abs(state.gap).max():.3g}, are "
-                f"nothing beside the displacements of up to {moved:.3g}"]
-    noise = state.interface.modulus * rounding  # a node's compliance is about 1 / modulus
+    if not largest and moved and widest <= UNDECIDED * moved:
+        return [f"contact.{name}: rounding decides that it is open: its gaps, up to {widest:.3g}, are nothing beside "
+                f"the displacements of up to {moved:.3g}"]
+    noise = state.interface.modulus * float(np.finfo(float).eps) * moved  # a node's compliance is about 1 / modulus
     if not largest or noise <= LOST * largest:
         return []
     return [f"contact.{name}: its forces are uncertain by about {noise / largest:.1g} of the largest ({largest:.3g} at "
             f"a node), because the bodies move by {moved:.3g}, and rounding of that makes forces of {noise:.1g}"]
+
+
+def _held_through_air(state: ContactState, least: float) -> list[str]:
+    """A warning where friction of open nodes, of more than `least` (N), bears a good part of what a contact bears.
+
+    Tresca's bound does not ask for pressure, as it is published.
+    """
+    sizes, name = np.linalg.norm(state.forces, axis=1), state.interface.name
+    air = np.where(state.status == "open", sizes, 0.0)
+    if not air.sum() > max(SHARE * sizes.sum(), least):
+        return []
+    (x, y), gap = state.interface.xy[np.argmax(air)], state.gap[np.argmax(air)]
+    return [f"contact.{name}: friction of open nodes bears {air.sum() / sizes.sum():.0%} of its forces, as at "
+            f'({x:.4g}, {y:.4g}), where the gap is {gap:.3g}: the bound of law = "tresca" asks for no pressure; with '
+            'law = "coulomb" open nodes bear nothing']
+
+
+def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> list[str]:
+    """A warning where bodies that move by up to `moved` (m) overlap much between the nodes of a contact."""
+    interface, overlap = state.interface, -state.between
+    k = int(np.argmax(overlap)) if len(overlap) else 0
+    if not len(overlap) or not overlap[k] > max(DEEP * state.yielding, RESOLVED * moved):
+        return []
+    body = next(each for each in assembly.bodies if each.spec.name in interface.bodies)
+    x, y = interface.probes.moved(interface.side(body.spec.name), body.mesh.points)[k]
+    where, other = "at nodes that clamps nearly hold", ""
+    if interface.slave:
+        where, slave = "between nodes", interface.side(interface.slave)
+        if len(interface.nodes[1 - slave]) > len(interface.nodes[slave]):
+            other = f" or slave = {interface.bodies[1 - slave]!r}"
+    return [f"contact.{interface.name}: the bodies overlap by {overlap[k]:.3g} {where}, as at ({x:.4g}, {y:.4g}), "
+            f"though contact forces move them by {state.yielding:.3g} at most; a finer mesh{other} would be right"]
 
 
 def _unresolved_zone(state: ContactState) -> list[str]:
@@ -210,33 +249,6 @@ def _unresolved_zone(state: ContactState) -> list[str]:
     return [f"contact.{interface.name}: the pressure at ({x:.4g}, {y:.4g}) stands on too few nodes to resolve it, "
             f"{size[k]:.0f}: the force is right in sum, the largest pressure and the approach of the bodies are not; a "
             "finer mesh there would be right"]
-
-
-def _run_through(assembly: Assembly, displacements: Mapping[str, np.ndarray]) -> list[str]:
-    """Warnings where two bodies run through each other outside their contacts, the same on all ranks.
-
-    Of two bodies on different ranks whose bounding boxes overlap one sends its outline to the other. Collective.
-    """
-    world, names = assembly.world, [body.name for body in assembly.scene.body]
-    own = {body.number: _outline(body, displacements[body.spec.name]) for body in assembly.bodies}
-    boxes = merged(world, {number: (world.rank, *_box(each)) for number, each in own.items()})
-    near = [(a, b) for a, b in combinations(sorted(boxes), 2) if (boxes[a][1] <= boxes[b][2]).all()
-            and (boxes[b][1] <= boxes[a][2]).all()]
-    away = sorted({(b, boxes[a][0]) for a, b in near if boxes[a][0] != boxes[b][0]})
-    sending = [world.isend(own[number], rank, number) for number, rank in away if number in own]
-    at_hand = own | {number: world.recv(None, boxes[number][0], number) for number, rank in away if rank == world.rank}
-    MPI.Request.waitall(sending)
-    contacts, found = {body.number: body.member.interfaces for body in assembly.bodies}, {}
-    for number, each in own.items():
-        place = through_itself(each)
-        found[number, number] = [] if place is None else [
-            f"body.{names[number]} runs through itself, as at ({place[0]:.4g}, {place[1]:.4g}), where nothing keeps "
-            "its sides apart; for sides that touch make two bodies of it, bonded where they hang together"]
-    for a, b in near:
-        if a in own:
-            kept = _kept_apart(contacts[a], (names[a], names[b]), (at_hand[a], at_hand[b]))
-            found[a, b] = _name_overlap(names[a], names[b], *run_through(at_hand[a], at_hand[b], *kept))
-    return [warning for _, warnings in sorted(merged(world, found).items()) for warning in warnings]
 
 
 def _run_through_rigid(assembly: Assembly, displacements: Mapping[str, np.ndarray],
@@ -307,42 +319,6 @@ def _behind(rigid: Plane | Circle, points: np.ndarray) -> np.ndarray:
     if isinstance(rigid, Circle):
         return np.linalg.norm(points - rigid.center, axis=1) - rigid.radius
     return (np.array(rigid.point) - points) @ rigid.normal / np.linalg.norm(rigid.normal)
-
-
-def _kept_apart(interfaces: Sequence[Interface], names: tuple[str, str],
-                outlines: tuple[Outline, Outline]) -> tuple[np.ndarray, np.ndarray]:
-    """The nodes (2, k) of two outlines that contacts keep apart, and the first one's outer normals there (k, 2)."""
-    pairs, normals = [np.empty((2, 0), int)], [np.empty((0, 2))]
-    for interface in interfaces:
-        if set(interface.bodies) == set(names):
-            side = interface.side(names[0])
-            *nodes, normal = interface.facing()
-            pairs.append(np.stack([each.places(nodes[k]) for each, k in zip(outlines, (side, 1 - side), strict=True)]))
-            normals.append((1.0 - 2.0 * side) * normal)
-    return np.hstack(pairs), np.vstack(normals)
-
-
-def _outline(body: Body, u: np.ndarray) -> Outline:
-    """The boundary of a body that moved by `u` (nv, 2)."""
-    segments = outline(body.mesh)
-    nodes = np.unique(segments)
-    points = body.mesh.points[nodes]
-    return Outline(points, points + u[nodes], np.searchsorted(nodes, segments), nodes)
-
-
-def _box(each: Outline) -> tuple[np.ndarray, np.ndarray]:
-    """The corners of the box around an outline, as drawn and in the answer."""
-    both = np.vstack([each.at, each.moved])
-    return both.min(axis=0), both.max(axis=0)
-
-
-def _name_overlap(first: str, second: str, overlap: Overlap, drawn: float) -> list[str]:
-    """The warning of an overlap of two bodies, if there is one."""
-    if not overlap.depth:
-        return []
-    (x, y), before = overlap.place, f" ({drawn:.3g} as drawn)" if drawn else ""
-    return [f"body.{first} and body.{second} run through each other by {overlap.depth:.3g}{before}, as at ({x:.4g}, "
-            f"{y:.4g}), where no contact keeps them apart; name the whole boundary that may touch in `on`"]
 
 
 def _large_gradient(body: Body, u: np.ndarray) -> list[str]:

@@ -66,7 +66,7 @@ SUMMARY = {
     "contacts.NAME.certificate.penetration": "how far the bodies overlap",
     "contacts.NAME.certificate.complementarity": "whether only closed nodes carry force",
     "contacts.NAME.certificate.friction": "whether tangential forces obey the friction law",
-    "contacts.NAME.pointwise_penetration": "largest overlap at any point, also between the nodes; without a limit",
+    "contacts.NAME.pointwise_penetration": "largest overlap at any point, also between the nodes; warned of",
     "contacts.NAME.moment_imbalance": "where nodes do not match: by how much the moments of the two bodies' forces "
                                       "differ, because they act on nodes that stand apart; without a limit",
     "contacts.NAME.moment_imbalance_bound": "the bound on it",

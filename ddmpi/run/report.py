@@ -187,6 +187,12 @@ def _log_contacts(summary: dict, solution: Solution) -> None:
         log.info("%s: %d open, %d slip, %d stick nodes; force %s on %s, largest pressure %.4g", name, contact["open"],
                  contact["slip"], contact["stick"], _vector(contact["force"]), bodies[name][0],
                  _number(contact["pressure_max"]))
+    closed = {name for step in summary["steps"] for name, each in step["contacts"].items()
+              if each["slip"] + each["stick"]}
+    apart = [f"{name} (at least {max(solution.contacts[name].gap.min(), 0.0):.3g} apart)" for name in contacts
+             if name not in closed]
+    if apart:
+        log.info("closed nowhere%s: %s", " at any time" * (len(summary["steps"]) > 1), some(apart, "contacts"))
 
 
 def _log_between_nodes(contacts: dict) -> None:

@@ -284,13 +284,14 @@ def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, stat
         for interface, part in space.each():
             stop = start + len(interface.sliding)
             u1, u2 = both[0][part], both[1][part] + interface.prescribed
-            at_fixed, between = (at.gap - sum(each[kind] for each in places[interface.name] if each is not None)
-                                 for kind, at in enumerate((interface.fixed, interface.probes)))
-            state = contact_state(interface, forces[part], bound[start:stop], u1 + u2, between,
-                                  None if before is None else before[part])
+            probes = interface.probes
+            between = probes.gap + probes.normal @ interface.displacement - sum(
+                each for each in places[interface.name] if each is not None)
             yielding = max(bodies[name]["yielding"] for name in interface.bodies if name in bodies)
-            found[interface.name] = state, contact_residuals(state, forces[part], mismatch[part], (u1, u2), at_fixed,
-                                                             load, yielding, everywhere)
+            state = contact_state(interface, forces[part], bound[start:stop], u1 + u2, between,
+                                  None if before is None else before[part], yielding)
+            found[interface.name] = state, contact_residuals(state, forces[part], mismatch[part], (u1, u2), load,
+                                                             yielding, everywhere)
             start = stop
     found = merged(assembly.world, found)
     names, contacts = [body.name for body in assembly.scene.body], [contact.name for contact in assembly.scene.contact]

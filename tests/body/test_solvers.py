@@ -277,9 +277,9 @@ def contact_problem(divisions=(8, 4), clamp=("left",), order=1) -> tuple[Elastic
         upper, lower = (raise_order(mesh, "mesh") for mesh in (upper, lower))
     spec = BodySpec(name="upper", mesh=MeshSpec(file="unused.msh"), clamp=list(clamp),
                     material=Material(young=2e11, poisson=0.3), traction=[Traction(on="top", value=(1e6, -2e6))])
-    problem, free = assemble(upper, spec), assemble(lower, spec).free
-    sides = [contact_side(upper, upper.groups["bottom"], problem.free, "upper", 2e11, "contact.upper-lower.on"),
-             contact_side(lower, lower.groups["top"], free, "lower", 2e11, "contact.upper-lower.on")]
+    problem, clamps = assemble(upper, spec), assemble(lower, spec).clamps
+    sides = [contact_side(upper, upper.groups["bottom"], problem.clamps, "upper", 2e11, "contact.upper-lower.on"),
+             contact_side(lower, lower.groups["top"], clamps, "lower", 2e11, "contact.upper-lower.on")]
     B = trace(pair(*sides, Coulomb(coefficient=0.3), "upper-lower"), 0, problem)
     dense = B.toarray()
     return problem, B, dense @ np.linalg.solve(to_scipy(problem.A).toarray(), dense.T)

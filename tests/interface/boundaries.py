@@ -32,15 +32,15 @@ def ring(inner: float, outer: float, angles: np.ndarray, order: int = 1, closed:
 
 def side(mesh: Mesh, *groups: str, body: str = "body", where=None, x: bool = False, y: bool = False) -> Side:
     """The boundary `groups`; nodes for which `where` holds are clamped along x, y or both."""
-    free = np.ones((len(mesh.points), 2), bool)
+    clamps = np.full((len(mesh.points), 2), -1)
     if where is not None:
-        free[np.ix_(where(*mesh.points.T), [x, y])] = False
+        clamps[np.ix_(where(*mesh.points.T), [x, y])] = 0
     edges = np.concatenate([mesh.groups[group] for group in groups])
-    return contact_side(mesh, edges, free, body, YOUNG / (1 - POISSON**2), "contact.seam.on")
+    return contact_side(mesh, edges, clamps, body, YOUNG / (1 - POISSON**2), "contact.seam.on")
 
 
 def body_side(mesh: Mesh, body: Elasticity, group: str, name: str = "body") -> Side:
-    return contact_side(mesh, mesh.groups[group], body.free, name, YOUNG / (1 - POISSON**2), "contact.seam.on")
+    return contact_side(mesh, mesh.groups[group], body.clamps, name, YOUNG / (1 - POISSON**2), "contact.seam.on")
 
 
 def elastic(mesh: Mesh, clamp: list, **loads) -> Elasticity:

@@ -86,9 +86,9 @@ def test_points_that_face_each_other_lie_on_one_ray():
     over = cover(slave, master)
     here, there = points(slave, over.link, over.at), points(master, over.other, over.there)
     inside = (over.there > 1e-6) & (over.there < 1 - 1e-6)
-    assert inside.mean() > 0.9
+    assert inside.mean() > 0.8
     assert cross(there - here, over.direction)[inside] == pytest.approx(0.0, abs=1e-14)
-    assert np.abs(cross(there - here, over.direction)).max() < 1e-4
+    assert np.abs(cross(there - here, over.direction)[over.weight > 0.0]).max() < 1e-4
     assert np.bincount(over.link, over.weight) == pytest.approx(slave.lengths, rel=1e-7)
     assert over.gap == pytest.approx(0.01, abs=1e-7)
 

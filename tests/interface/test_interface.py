@@ -35,7 +35,8 @@ def side(mesh: Mesh, group: str, free: np.ndarray | None = None) -> Side:
 
 
 def side_of(mesh: Mesh, edges: np.ndarray, free: np.ndarray | None = None) -> Side:
-    return contact_side(mesh, edges, all_free(mesh) if free is None else free, "body", 2e11, f"contact.{NAME}.on")
+    clamps = np.where(all_free(mesh) if free is None else free, -1, 0)
+    return contact_side(mesh, edges, clamps, "body", 2e11, f"contact.{NAME}.on")
 
 
 def moved(mesh: Mesh, shift=(0.0, 0.0), scale: float = 1.0) -> Mesh:

@@ -187,16 +187,19 @@ def test_a_partner_that_comes_closer_closes_the_gap():
     assert not touch(side(block(), "bottom"), FLOOR, COULOMB, "seam").prescribed.any()
 
 
-def test_a_partner_that_moves_into_clamped_nodes_overlaps_them():
-    """Nodes that clamps hold along the normal carry no row; their gap is the one after the partner's displacement."""
+def test_nodes_that_clamps_hold_along_the_normal_carry_no_row():
+    """They keep the gap that they have at first, however the partner moves."""
     moving = Plane(name="floor", point=(0.0, 0.0), normal=(0.0, 1.0), displacement=(0.2, 0.03))
     boundary = side(block(origin=(0.0, 0.01)), "bottom", where=lambda x, y: x == 0.0, y=True)
     contact = touch(boundary, moving, COULOMB, "seam")
     assert (contact.m, contact.dropped) == (6, 1)
     assert contact.gap == pytest.approx(np.full(6, 0.01))
-    assert contact.fixed.gap == pytest.approx([-0.02])
+    assert contact.fixed.gap == pytest.approx([0.01]) and len(contact.probes.gap) == 0
     assert len(contact.fixed.nodes[0]) == 1 and len(contact.fixed.nodes[1]) == 0
     assert contact.held == pytest.approx([2.0, 0, 0, 0, 0, 0])
+    slope = touch(boundary, Plane(name="slope", point=(0.0, 0.0), normal=(0.1, 1.0)), COULOMB, "seam")
+    assert slope.dropped == len(slope.probes.gap) == 1  # it can still move a little along the normal
+    assert len(slope.probes.nodes[0]) == 1 and len(slope.probes.nodes[1]) == 0
     boundary = side(block(), "bottom", where=lambda x, y: x == 0.0, x=True)  # held along the tangent only
     contact = touch(boundary, moving, COULOMB, "seam")
     assert (contact.m, contact.sliding.tolist()) == (7, [1, 2, 3, 4, 5, 6])

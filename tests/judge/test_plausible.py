@@ -1,5 +1,7 @@
 """Answers that mean nothing are refused, not certified, or come with a warning that has the number in it."""
 
+import re
+
 import numpy as np
 import pytest
 import scenes
@@ -68,6 +70,34 @@ def test_a_component_that_is_clamped_twice_differently_is_refused(tmp_path):
     assert "body.upper.clamp: x at (0, 2) is prescribed twice, as 0 and, on 'top', as 0.001" in done.messages[0]
 
 
+@pytest.mark.parametrize("below", [8, 7], ids=["pairs", "mortar"])
+@pytest.mark.parametrize(("approach", "gap"), [(0.0, None), (0.05, None), (0.0, -1e-5)])
+def test_clamps_that_push_bodies_into_each_other_are_refused(tmp_path, below, approach, gap):
+    """No force can keep apart what clamps of both bodies move; a fit that they keep is certified."""
+    upper = block("upper", 0.0, 1.0, (2, 1), [{"on": on, "x": 0.0, "y": -approach} for on in ("top", "left")])
+    scene = pair_of(upper, block("lower", 0.0, 0.0, (2, 1), ["bottom", "left"], divisions=(below, 8)))
+    scene["contact"][0] |= {} if gap is None else {"gap": gap}
+    done = run(scene, tmp_path)
+    if not approach:
+        assert warnings_of(done) == []
+        assert below == 7 or done.summary["contacts"]["upper-lower"]["m"] == 8  # one of nine pairs is clamped
+        return
+    assert done.code == 2 and len(done.messages) == 1
+    for words in ("scene.toml: contact.upper-lower: at (0, 1) body.upper.clamp.1 on 'left' prescribes y = -0.05",
+                  "body.lower.clamp.1 on 'left' prescribes y = 0", "into each other by 0.05"):
+        assert words in done.messages[0]
+
+
+def test_clamps_that_contradict_each_other_on_the_way_are_refused(tmp_path):
+    """In the midst of a history, though they agree at its ends."""
+    upper = block("upper", 0.0, 1.0, (2, 1), [{"on": "left", "x": 0.0, "y": 1e-4, "history": "swing"}])
+    scene = pair_of(upper, block("lower", 0.0, 0.0, (2, 1), ["bottom", "left"]))
+    scene |= {"time": {"points": [3.0]}, "history": {"swing": {"times": [0.0, 1.0, 2.0, 3.0],
+                                                               "factors": [0.0, 1.0, -1.0, 0.0]}}}
+    done = run(scene, tmp_path)
+    assert done.code == 2 and "at (0, 1), at time 2, body.upper.clamp.0" in done.messages[0], done.output
+
+
 def test_lost_and_doubled_loads_are_warnings(tmp_path):
     """A load on a group that is clamped in its direction acts on nothing; one of its components may act."""
     scene = pinched_blocks(4)
@@ -97,21 +127,6 @@ def test_loads_whose_squares_underflow_are_refused(tmp_path):
 
 
 # Of the answer
-
-
-@pytest.mark.parametrize(("approach", "certified"), [(0.0, True), (0.05, False)])
-def test_overlaps_that_clamps_prescribe_are_in_the_certificate(tmp_path, approach, certified):
-    """Nodes that both bodies clamp carry no unknown; that they overlap by 0.05 m must not be certified."""
-    upper = block("upper", 0.0, 1.0, (2, 1), ["top", {"on": "left", "x": 0.0, "y": -approach}])
-    if approach:
-        upper["clamp"][0] = {"on": "top", "x": 0.0, "y": -approach}
-    done = run(pair_of(upper, block("lower", 0.0, 0.0, (2, 1), ["bottom", "left"])), tmp_path)
-    assert done.code == (0 if certified else 3), done.output
-    assert done.summary["contacts"]["upper-lower"]["m"] == 8  # one of nine pairs is clamped
-    if not certified:
-        assert "penetration" in done.messages[0] or "penetration" in done.stderr
-        assert done.summary["certificate"]["penetration"] > 0.5
-        assert done.summary["outer_iterations"] < 60  # tightening it again and again would not help
 
 
 def test_large_displacements_and_far_slips_are_warnings(tmp_path):
@@ -188,11 +203,17 @@ def test_bodies_that_run_through_each_other_beside_an_open_contact_are_a_warning
     assert all(f"run through each other {depth}" in each for each in found), found
 
 
+EITHER = "its forces are uncertain by about|rounding decides that it is open"
+
+
 @pytest.mark.parametrize(("pull", "words"), [
-    (0.0, ""), (1e6, ""), (1e14, "its forces are uncertain by about 0.1 of the largest"),
-    (1e18, "its forces are uncertain by about 3 of the largest"), (-1e18, "rounding decides that it is open")])
+    (0.0, ""), (1e6, ""), (1e14, "its forces are uncertain by about 0.1 of the largest"), (1e18, EITHER),
+    (-1e18, EITHER)])
 def test_forces_that_rounding_makes_are_a_warning(tmp_path, pull, words):
-    """A sideways pull moves no node of a body with nu = 0 across, but its rounding does, one way or the other."""
+    """A sideways pull moves no node of a body with nu = 0 across, but its rounding does, one way or the other.
+
+    Which way, depends on the processor; that there is a warning does not.
+    """
     scene = pinched_blocks(4, "none")
     upper, lower = scene["body"]
     for body in (upper, lower):
@@ -201,7 +222,21 @@ def test_forces_that_rounding_makes_are_a_warning(tmp_path, pull, words):
     lower |= {"traction": [], "clamp": ["bottom"]}
     found = warnings_of(run(scene, tmp_path))
     assert len(found) == bool(words)
-    assert all(f"contact.upper-lower: {words}" in each for each in found), found
+    assert all(re.match(f"contact.upper-lower: ({words})", each) for each in found), found
+
+
+@pytest.mark.parametrize("processor", ["SkylakeX", "Haswell", "Zen", "Sandybridge"])
+@pytest.mark.parametrize("divisions", [4, 24])
+def test_rounding_is_told_on_every_processor(tmp_path, monkeypatch, processor, divisions):
+    """Whatever the kernels of OpenBLAS make of gaps that are nothing beside the displacements."""
+    monkeypatch.setenv("OPENBLAS_CORETYPE", processor)
+    scene = pinched_blocks(divisions, "none")
+    for body in scene["body"]:
+        body["traction"], body["material"]["poisson"] = [], 0.0
+    scene["body"][0]["traction"] = [{"on": "right", "value": [-1e7, 0.0]}]
+    scene["body"][1]["clamp"] = ["bottom"]
+    (found,) = warnings_of(run(scene, tmp_path))
+    assert re.match(f"contact.upper-lower: ({EITHER})", found), found
 
 
 @pytest.mark.parametrize(("order", "warned"), [(1, True), (2, False)])
@@ -315,6 +350,53 @@ def test_pressure_on_too_few_nodes_is_a_warning(tmp_path, around, order, warned)
     found = [each for each in warnings_of(done) if "too few nodes" in each]
     assert len(found) == warned, found
     assert all("contact.wheel-floor" in each and "at (" in each for each in found)
+
+
+@pytest.mark.parametrize(("law", "bound", "warned"), [
+    ("tresca", 1e5, True), ("tresca", 1e3, True), ("coulomb", 0.3, False)])
+def test_friction_across_air_is_a_warning(tmp_path, law, bound, warned):
+    """Tresca's bound, as it is published, holds a block half a metre from the wall; a clamp bears it, too."""
+    held = block("block", 0.5, 0.0, (1, 1), [{"on": "right", "x": 0.0, "y": 0.0}])
+    held["volume_force"] = [0.0, -1e4]
+    scene = {"body": [held], "rigid": [{"name": "wall", "shape": "plane", "point": [0, 0], "normal": [1, 0]}],
+             "contact": [{"bodies": ["block", "wall"], "on": ["left"], "friction": {
+                 "law": law, "slip_bound" if law == "tresca" else "coefficient": bound}}]}
+    done = run(scene, tmp_path)
+    found = warnings_of(done)
+    assert len(found) == warned, found
+    assert all("contact.block-wall: friction of open nodes bears 100% of its forces, as at (0.5, " in each
+               and "the gap is 0.5:" in each for each in found)
+    assert "closed nowhere: block-wall (at least 0.5 apart)\n" in done.stdout
+
+
+def test_a_contact_that_was_closed_before_is_not_said_to_be_open(tmp_path):
+    """Nor is its friction worth a warning, when at last it holds nothing."""
+    upper = block("upper", 0.0, 1.0, (2, 1), [{"on": "top", "x": 0.0, "y": -1e-4, "history": "press"}])
+    scene = pair_of(upper, block("lower", 0.0, 0.0, (2, 1), ["bottom"]), {"law": "tresca", "slip_bound": 1e6})
+    scene |= {"time": {"points": [1.0, 2.0]}, "history": {"press": {"times": [0.0, 1.0, 2.0], "factors": [0, 1, 0]}}}
+    done = run(scene, tmp_path)
+    assert "closed nowhere" not in done.stdout
+    assert not any("open nodes" in each for each in warnings_of(done))
+    scene["contact"][0]["friction"], scene["history"]["press"]["factors"] = {"law": "none"}, [0, -1, -2]
+    done = scenes.run_command(scenes.write_scene(scene, tmp_path / "up.toml"), tmp_path / "up", "--no-figures", ranks=1)
+    assert "closed nowhere at any time: upper-lower (at least 0.000" in done.stdout, done.output[-2000:]
+
+
+@pytest.mark.parametrize(("slave", "scale", "warned"), [("base", 1.0, True), ("base", 1e-3, True),
+                                                       ("layer", 1.0, False)])
+def test_a_deep_overlap_between_nodes_is_a_warning(tmp_path, slave, scale, warned):
+    """Rows at the nodes of a coarse base do not see the ripples of a layer that is pressed on it."""
+    base = block("base", 0.0, 0.0, (2 * scale, scale), ["bottom"], divisions=(2, 2))
+    layer = block("layer", 0.1 * scale, scale, (1.8 * scale, 0.1 * scale), [
+        {"on": "top", "x": 0.0, "y": f"-{1e-5 * scale} * cos(6 * pi * x / {scale})"}], divisions=(32, 4))
+    scene = pair_of(layer, base, {"law": "none"})
+    scene["contact"][0]["slave"] = slave
+    done = run(scene, tmp_path)
+    found = [each for each in warnings_of(done) if "between nodes" in each]
+    assert len(found) == warned
+    assert all("contact.layer-base: the bodies overlap by" in each and "slave = 'layer'" in each for each in found)
+    deepest = done.summary["contacts"]["layer-base"]["pointwise_penetration"]
+    assert (deepest > 0.5e-5 * scale) == warned
 
 
 @pytest.mark.parametrize(("radius", "warned"), [(0.3, True), (2.0, False)])
