@@ -10,7 +10,10 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "scripts"))  # what th
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """-q is ignored: pytest-isolate-mpi would start its ranks with an argument that pytest does not know."""
+    """One time limit for all tests on several ranks. -q is ignored: pytest-isolate-mpi would break."""
+    from scenes import LIMIT
+
+    config.option.mpi_default_test_timeout = config.option.mpi_default_test_timeout or LIMIT
     config.option.verbose = max(config.option.verbose, 0)
     config.addinivalue_line("markers", "hosts: runs on several hosts, which scripts/local_hosts.sh makes")
 
