@@ -4,10 +4,21 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 import scenes
+
+SCRIPTS = scenes.ROOT / "scripts"
+
+
+def executable(path: Path, text: str) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(f"#!/bin/sh\n{text}\n", encoding="utf-8")
+    path.chmod(0o755)
+    return path
+
 
 def run(*command: str | Path, cwd: Path, code: int = 0, **environment: str) -> str:
     """What a command prints, without the settings of ddmpi's scripts."""
@@ -76,3 +87,67 @@ def test_no_test_has_a_time_limit_of_its_own():
     found["test_peers.py"] -= 2  # of programs to compare with: what is tested
     found["scenes.py"] -= 1  # until mpirun, which is told to end, is killed
     assert {name: times for name, times in found.items() if times} == {}
+
+
+# The scripts
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """A checkout with the scripts, on a machine whose commands, python too, note how they were called."""
+    for folder in ("scripts", ".ci"):
+        shutil.copytree(scenes.ROOT / folder, tmp_path / folder)
+    (tmp_path / "scripts" / "setup.sh").write_text(
+        'ROOT=$PWD PYTHON=$PWD/bin/python; say() { echo "$@"; }\n'
+        'install_packages() { echo "installs $DEBIAN_PACKAGES" >>calls; }\n')
+    executable(tmp_path / "bin" / "python",
+               'echo "$*" >>calls; case "$*" in *--collect-only*) cat collected 2>/dev/null;; esac; true')
+    executable(tmp_path / "bin" / "apt-get", "true")
+    for name in ("bash", "dirname", "cat", "mktemp", "env"):
+        (tmp_path / "bin" / name).symlink_to(shutil.which(name))
+    return tmp_path
+
+
+def calls(checkout: Path, script: str, *arguments: str) -> list[str]:
+    (checkout / "calls").unlink(missing_ok=True)
+    run(checkout / script, *arguments, cwd=checkout, PATH=str(checkout / "bin"))
+    return (checkout / "calls").read_text().splitlines()
+
+
+def test_test_sh_runs_tests_and_nothing_else(checkout):
+    """Neither types nor style stand before the tests of a user."""
+    assert calls(checkout, "scripts/test.sh", "-x", "a test") == ["-m pytest --collect-only -x a test",
+                                                                  "-m pytest -x a test"]
+
+
+@pytest.mark.skipif(shutil.which("slurmctld", path="/usr/sbin:/sbin") is not None, reason="Slurm is installed")
+def test_slurm_is_installed_where_its_tests_are_asked_for(checkout):
+    """What pytest would run decides, whatever the arguments are."""
+    (checkout / "collected").write_text("<Module test_slurm.py>\n")
+    assert calls(checkout, "scripts/test.sh", "-x")[1] == "installs slurm-wlm munge libpmix-dev"
+    (checkout / "collected").write_text("<Module test_law.py>\n")
+    assert calls(checkout, "scripts/test.sh", "tests/interface") == ["-m pytest --collect-only tests/interface",
+                                                                     "-m pytest tests/interface"]
+
+
+def test_ci_checks_and_then_tests(checkout):
+    """.ci/run runs the checks of check.sh and ends with the tests; a fault that the checks find ends it."""
+    executable(checkout / "scripts" / "check.sh", "echo checks >>calls")
+    assert [line.split()[0] for line in calls(checkout, ".ci/run", "-x")] == ["checks", "-m", "-m"]
+    executable(checkout / "scripts" / "check.sh", "exit 1")
+    run(checkout / ".ci" / "run", cwd=checkout, code=1)
+
+
+def test_checks_have_one_set_of_versions():
+    """What check.sh runs and what types are checked against is pinned, and the tests do not ask for it."""
+    extras = tomllib.loads((scenes.ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+        "optional-dependencies"]
+    pinned = dict(each.split("==") for each in extras["dev"])
+    assert {"ruff", "mypy", "numpy"} <= set(pinned)
+    assert not {"ruff", "mypy"} & {re.split("[>=]", each)[0] for each in extras["test"]}
+
+
+def test_a_checkout_of_somebody_else_asks_for_a_folder(tmp_path):
+    """Who cannot write where the set-up would go is told of DDMPI_VENV."""
+    said = run("bash", SCRIPTS / "run.sh", cwd=tmp_path, code=1, DDMPI_VENV="/dev/null/venv")
+    assert said == "ddmpi set-up: cannot write /dev/null/venv; name a folder of yours in DDMPI_VENV\n"
