@@ -151,3 +151,19 @@ def test_a_checkout_of_somebody_else_asks_for_a_folder(tmp_path):
     """Who cannot write where the set-up would go is told of DDMPI_VENV."""
     said = run("bash", SCRIPTS / "run.sh", cwd=tmp_path, code=1, DDMPI_VENV="/dev/null/venv")
     assert said == "ddmpi set-up: cannot write /dev/null/venv; name a folder of yours in DDMPI_VENV\n"
+
+
+def test_kernels_one_after_the_other(checkout):
+    """Each kernel that OpenBLAS takes runs the tests that are named. A failure counts to the end."""
+    executable(checkout / "bin" / "python", """case "$1 $OPENBLAS_CORETYPE" in
+        "-c Zen") echo Core: Generic;;
+        -c*) echo "Core: $OPENBLAS_CORETYPE";;
+        *Haswell) echo "$4: 1 failed"; exit 1;;
+        *) echo "$4: 2 passed";;
+    esac""")
+    for name in ("grep", "tee", "tail", "rm"):
+        (checkout / "bin" / name).symlink_to(shutil.which(name))
+    said = run(checkout / "scripts" / "kernels.sh", "-x", "tests/qp", cwd=checkout, code=1, PATH=str(checkout / "bin"))
+    assert said.splitlines()[-4:] == ["SkylakeX     tests/qp: 2 passed", "Haswell      tests/qp: 1 failed",
+                                      "Zen          not run: this OpenBLAS does not use it here",
+                                      "Sandybridge  tests/qp: 2 passed"]
