@@ -7,6 +7,7 @@ import csv
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -94,7 +95,8 @@ def jobs(cluster) -> Cluster:
     small = str(scenes.write_scene(pinched_blocks(2), here / "small.toml"))
     long = str(scenes.write_scene(pinched_blocks(2, outer="relaxation"), here / "long.toml"))
     python = here / "python"
-    python.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{scenes.ROOT}/tests/preempted.py" "$@"\n')
+    preempted = shlex.join([sys.executable, f"{scenes.ROOT}/tests/preempted.py"])
+    python.write_text(f'#!/bin/sh\nexec {preempted} "$@"\n')
     python.chmod(0o755)
     cluster.submit("preempted", "run.sbatch", long, "--no-figures", "--output", str(here / "preempted"),
                    DDMPI_PYTHON=str(python))
