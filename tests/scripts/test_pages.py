@@ -24,7 +24,7 @@ DOCS = scenes.ROOT / "docs"
 def test_commands_of_a_page_do_what_it_says(name, tmp_path):
     """Each command of the page runs as its reader would run it, prints what is shown, and makes the pictures."""
     page = (DOCS / name).read_text(encoding="utf-8")
-    outcomes = pages.run(page, tmp_path, scenes.clean_environment())
+    outcomes = pages.run(page, tmp_path, scenes.clean_environment(), scenes.LIMIT)
     assert len(outcomes) > 3
     assert pages.differences(outcomes, pages.slack(page)) == []
     for picture, made in pages.IMAGE.findall(page):
