@@ -12,7 +12,7 @@ STAMP=$VENV/ddmpi-setup
 DEBIAN_PACKAGES="python3-venv python3-petsc4py python3-mpi4py python3-h5py python3-h5py-mpi python3-scipy
     python3-matplotlib openmpi-bin libopenblas0-pthread libgl1 libglu1-mesa libxrender1 libxcursor1
     libxft2 libxinerama1 libxfixes3"
-MODULES="numpy scipy mpi4py petsc4py h5py gmsh meshio msgspec simpleeval matplotlib skfem pytest pytest_isolate_mpi ruff mypy"
+MODULES="numpy scipy mpi4py petsc4py h5py gmsh meshio msgspec simpleeval matplotlib skfem pytest pytest_isolate_mpi"
 MODULES+=" mkdocs jsonschema"
 
 say() { printf 'ddmpi set-up: %s\n' "$*" >&2; }
@@ -86,10 +86,10 @@ for requirement in project["dependencies"] + project["optional-dependencies"]["t
         print(requirement)
 PY
     "$VENV/bin/python" -c 'import numpy; print("numpy==" + numpy.__version__)' >"$VENV/constraints.txt"
-    "$VENV/bin/pip" install --quiet --disable-pip-version-check -r "$VENV/requirements.txt" -c "$VENV/constraints.txt" \
-        >"$LOG" 2>&1 || { tail -n 20 "$LOG" >&2; give_up "pip could not install the Python packages (above)"; }
-    "$VENV/bin/pip" install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e "$ROOT" \
-        >"$LOG" 2>&1 || { tail -n 20 "$LOG" >&2; give_up "pip could not install ddmpi itself (above)"; }
+    "$VENV/bin/python" -m pip install --quiet --disable-pip-version-check -r "$VENV/requirements.txt" \
+        -c "$VENV/constraints.txt" >"$LOG" 2>&1 ||
+        { tail -n 20 "$LOG" >&2; give_up "pip could not install the Python packages (above)"; }
+    printf '%s\n' "$ROOT" >"$site/ddmpi.pth" # the checkout itself; pip would write into it
 }
 
 set_up() {
@@ -117,7 +117,8 @@ choose_python() {
         return
     fi
     if ! ready; then
-        mkdir -p "$(dirname "$VENV")"
+        { mkdir -p "$(dirname "$VENV")" && true >>"$VENV.lock"; } 2>/dev/null ||
+            give_up "cannot write $VENV; name a folder of yours in DDMPI_VENV"
         exec 9>"$VENV.lock" # two jobs that start at once set up once
         flock 9
         ready || set_up

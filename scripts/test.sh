@@ -1,13 +1,14 @@
 #!/usr/bin/env bash
 # All tests: scripts/test.sh [pytest arguments]. Sets up the machine first where needed.
-# The tests of the batch scripts (-m slurm) want Debian's Slurm: it is installed when they, or all tests, are asked for
-# and that can be done here. Where it cannot, these tests are skipped, and say so.
+# The tests of the batch scripts (-m slurm) want Debian's Slurm: it is installed when they are among those asked for and
+# that can be done here. Where it cannot, these tests are skipped, and say so.
 set -euo pipefail
 . "$(dirname "${BASH_SOURCE[0]}")/setup.sh"
 cd "$ROOT"
 
 install_slurm() {
     PATH=$PATH:/usr/sbin:/sbin command -v slurmctld >/dev/null && return
+    case "$("$PYTHON" -m pytest --collect-only "$@" 2>&1)" in *test_slurm.py*) ;; *) return ;; esac
     if ! command -v apt-get >/dev/null; then
         say "there is no Slurm here and no apt-get to install it; the tests of the batch scripts will be skipped"
         return
@@ -17,8 +18,6 @@ install_slurm() {
         say "Slurm could not be installed (above); the tests of the batch scripts will be skipped"
 }
 
-case "$*" in "" | *slurm*) install_slurm ;; esac
 export MPLBACKEND=agg
-"$PYTHON" -m ruff check .
-"$PYTHON" -m mypy
+install_slurm "$@"
 exec "$PYTHON" -m pytest "$@"

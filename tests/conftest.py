@@ -1,6 +1,7 @@
-"""Fixtures that several test modules share."""
+"""Fixtures that several test modules share, and what pytest-isolate-mpi leaves to be mended."""
 
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,10 +12,40 @@ os.environ["DDMPI_LOCKSTEP"] = "1"  # a rank that leaves the others is an error 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "scripts"))  # what the studies share is tested, too
 
 
+class Quiet(int):
+    """The verbosity of -q. Because it is false, pytest-isolate-mpi does not hand it on to its ranks, as "-"."""
+
+    def __bool__(self) -> bool:
+        return False
+
+
 def pytest_configure(config: pytest.Config) -> None:
-    """-q is ignored: pytest-isolate-mpi would start its ranks with an argument that pytest does not know."""
-    config.option.verbose = max(config.option.verbose, 0)
+    """One time limit for all tests on several ranks; -q works."""
+    from scenes import LIMIT
+
+    config.option.mpi_default_test_timeout = config.option.mpi_default_test_timeout or LIMIT
+    if config.option.verbose < 0:
+        config.option.verbose = Quiet(config.option.verbose)
     config.addinivalue_line("markers", "hosts: runs on several hosts, which scripts/local_hosts.sh makes")
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """What ranks report gets the test's own name, which can be pasted back, and --lf and the progress know.
+
+    Failures come last, as a rank that passes would make --lf forget one that does not.
+    """
+    def named(report: pytest.TestReport) -> pytest.TestReport:
+        path, line, name = report.location
+        if rank := re.search(r"\[rank=(\d+)\]$", report.nodeid):
+            report.nodeid = report.nodeid.removesuffix(rank[0])
+            report.location = path, line, name.removesuffix(rank[0])
+            report.sections.append((f"on rank {rank[1]}", ""))
+        return report
+
+    for plugin in session.config.pluginmanager.get_plugins():
+        if ranks := getattr(plugin, "_mpi_runtestprotocol", None):
+            plugin._mpi_runtestprotocol = lambda item, ranks=ranks: [
+                named(report) for report in sorted(ranks(item), key=lambda report: report.failed)]
 
 
 @pytest.fixture

@@ -21,7 +21,6 @@ import h5py
 import numpy as np
 import scenes
 
-LIMIT = 60.0
 """Seconds after which a run counts as hanging; on a machine with nothing else to do it takes two or three."""
 
 RESULTS = scenes.DATA
@@ -133,12 +132,11 @@ def all_cases() -> list[Case]:
     return cases
 
 
-def run_in_one_go(faults: list[tuple], *arguments: str, limit: float, cwd: Path | None = None,
-                  ranks: int = 2) -> list[scenes.Run]:
+def run_in_one_go(faults: list[tuple], *arguments: str, cwd: Path | None = None, ranks: int = 2) -> list[scenes.Run]:
     """The command once for each of the `faults` (see fault.py) that end in an orderly way, all in the same
     processes. The codes of all ranks must be the same.
     """
-    everything = scenes.run_python([fault.__file__, json.dumps(faults), *arguments], ranks, limit, cwd=cwd)
+    everything = scenes.run_python([fault.__file__, json.dumps(faults), *arguments], ranks, cwd=cwd)
     assert everything.code == 0, everything.output
     *stdout, _ = re.split(rf"^{fault.END} .*\n", everything.stdout, flags=re.MULTILINE)
     *stderr, _ = re.split(rf"^{fault.END} .*\n", everything.stderr, flags=re.MULTILINE)
@@ -178,7 +176,7 @@ class Ground:
             scene = scenes.pinched_blocks(2, **method)
             scene |= {"checkpoint": {"iterations": 1}, "output": {"figures": False}}
             path = scenes.write_scene(scene, here / f"{name}.toml")
-            run = scenes.run_command(path, here / ("earlier" if name == "newton" else name), limit=LIMIT)
+            run = scenes.run_command(path, here / ("earlier" if name == "newton" else name))
             assert run.code == 0 and run.files == set(RESULTS), run.output
             self.reference[name] = contents(run.folder)
         self.earlier = digest(here / "earlier")
@@ -194,9 +192,9 @@ class Ground:
             command = ["-m", "ddmpi", *arguments, "--output", str(folder), *case.more]
         start = time.monotonic()
         try:
-            run = scenes.run_python(command, case.ranks, LIMIT, folder, self.here, quiet=False)
+            run = scenes.run_python(command, case.ranks, folder, self.here, quiet=False)
         except AssertionError as late:
-            return Outcome(case, None, LIMIT, ["hangs"], str(late))
+            return Outcome(case, None, scenes.LIMIT, ["hangs"], str(late))
         outcome = Outcome(case, run.code, time.monotonic() - start, output=run.output)
         self._judge(outcome, run)
         return outcome
@@ -231,8 +229,7 @@ class Ground:
         if left and case.folder != "earlier":
             faults.append("leftovers")
         if case.kept and code != 0:
-            again = scenes.run_command(self.here / f"{case.method}.toml", run.folder, "--restart", str(run.folder),
-                                       limit=LIMIT)
+            again = scenes.run_command(self.here / f"{case.method}.toml", run.folder, "--restart", str(run.folder))
             if again.code != 0 or contents(run.folder) != self.reference[case.method]:
                 faults.append("lost results")
                 outcome.output += "\nand with --restart:\n" + again.output

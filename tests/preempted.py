@@ -10,6 +10,8 @@ import subprocess
 import sys
 import time
 
+import scenes
+
 
 def main() -> None:
     from mpi4py import MPI
@@ -23,7 +25,7 @@ def main() -> None:
     def neumann(*arguments):
         if next(calls) == 10 and MPI.COMM_WORLD.rank == 0 and "SLURM_RESTART_COUNT" not in os.environ:
             subprocess.run(["scancel", "--batch", "--signal=USR1", os.environ["SLURM_JOB_ID"]], check=True)
-            end = time.monotonic() + 20
+            end = time.monotonic() + scenes.LIMIT
             while not interrupt.interruption() and time.monotonic() < end:
                 time.sleep(0.01)
         return original(*arguments)

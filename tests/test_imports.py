@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from scenes import LIMIT
 
 PACKAGE = Path(__file__).resolve().parents[1] / "ddmpi"
 
@@ -100,7 +101,7 @@ for module in ("cli.main", "sweep.sweep"):
     importlib.import_module("ddmpi." + module)
     print(module, *[name for name in ("gmsh", "matplotlib", "meshio", "h5py", "scipy.optimize") if name in sys.modules])
 """
-    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60,
+    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=LIMIT,
                            cwd=PACKAGE.parent)
     assert child.returncode == 0, child.stderr
     assert child.stdout.splitlines() == ["cli.main", "sweep.sweep"]

@@ -30,7 +30,7 @@ def solved(comm, method: dict) -> tuple:
     return assembly, answer, outer, taken[0]
 
 
-@pytest.mark.mpi(ranks=2, timeout=120, unit="s")
+@pytest.mark.mpi(ranks=2)
 @pytest.mark.parametrize("name", METHODS)
 def test_kinds_take_the_same_steps(comm, name):
     """The same iterates to the accuracy asked for, and multiplications counted alike, whatever computes them."""
@@ -49,7 +49,7 @@ def test_kinds_take_the_same_steps(comm, name):
         assert state.status.tolist() == assembly.world.bcast(state.status.tolist())
 
 
-@pytest.mark.mpi(ranks=2, timeout=120, unit="s")
+@pytest.mark.mpi(ranks=2)
 @pytest.mark.parametrize("name", ["newton", "relaxation"])
 def test_iterative_solves_follow_the_precision_that_is_needed(comm, name, petsc_options):
     """Fewer CG iterations than with all solves as precise as the last; a precision that is given is kept."""
@@ -60,7 +60,7 @@ def test_iterative_solves_follow_the_precision_that_is_needed(comm, name, petsc_
     assert taken < 0.85 * fixed
 
 
-@pytest.mark.mpi(ranks=2, timeout=60, unit="s")
+@pytest.mark.mpi(ranks=2)
 def test_explicit_without_mumps_takes_blocks_of_solves(comm, petsc_options):
     exact = solved(comm, {"compliance": "explicit"})[2].forces
     for package in ("petsc", "cholmod"):
@@ -104,7 +104,7 @@ def test_kind_of_next_to_nothing(n):
     assert choose_kind(n, n, np.inf)[0] == "explicit"
 
 
-@pytest.mark.mpi(ranks=2, timeout=60, unit="s")
+@pytest.mark.mpi(ranks=2)
 def test_memory_decides_in_a_run(comm, monkeypatch):
     """On one rank only: bodies of unlike kinds work together."""
     import ddmpi.coupling.assembly
@@ -137,7 +137,7 @@ def test_an_option_too_coarse_for_a_certificate_is_named(tmp_path, method):
     assert "going on" not in run.stdout and "TAO" not in run.stderr and "rounding" not in run.stderr
 
 
-@pytest.mark.mpi(ranks=2, timeout=60, unit="s")
+@pytest.mark.mpi(ranks=2)
 def test_a_solver_that_fails_names_an_option_too_coarse(comm, petsc_options, monkeypatch):
     """A SolverError under a coarse -body_ksp_rtol names the option."""
     import ddmpi.run.solve as module

@@ -150,7 +150,7 @@ CASES = ([("wedged", n, order) for order in SIZES for n in SIZES[order]]
 @pytest.fixture(scope="module")
 def solutions(tmp_path_factory) -> dict[tuple, dict]:
     cases = {str(case): wedged(*case[1:])[0] if case[0] == "wedged" else weighed_down(*case[1:]) for case in CASES}
-    solved = scenes.solve_all(cases, tmp_path_factory.mktemp("convergence"), limit=90.0)
+    solved = scenes.solve_all(cases, tmp_path_factory.mktemp("convergence"))
     return {case: solved[str(case)] for case in CASES}
 
 

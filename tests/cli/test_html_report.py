@@ -263,7 +263,7 @@ finally:
     print(*[name for name in ("petsc4py.PETSc", "matplotlib", "h5py", "gmsh", "meshio") if name in sys.modules])
 """
     child = subprocess.run([sys.executable, "-c", code, run, run / "a b.html"], capture_output=True, text=True,
-                           timeout=30, env=scenes.clean_environment(), cwd=scenes.ROOT)
+                           timeout=scenes.LIMIT, env=scenes.clean_environment(), cwd=scenes.ROOT)
     assert (child.returncode, child.stdout.splitlines()) == (0, [str(run / "a b.html"), ""]), child.stderr
     assert "Certified" in Page((run / "a b.html").read_text(encoding="utf-8")).text
 

@@ -14,9 +14,9 @@ from ddmpi.errors import DdmpiError, InputError, InterruptionError, OutputError,
 from ddmpi.system import interrupt
 from ddmpi.system.agreement import agreed
 
-two_ranks = pytest.mark.mpi(ranks=2, timeout=60, unit="s")
-three_ranks = pytest.mark.mpi(ranks=3, timeout=60, unit="s")
-one_to_four_ranks = pytest.mark.mpi(ranks=[1, 2, 3, 4], timeout=60, unit="s")
+two_ranks = pytest.mark.mpi(ranks=2)
+three_ranks = pytest.mark.mpi(ranks=3)
+one_to_four_ranks = pytest.mark.mpi(ranks=[1, 2, 3, 4])
 WORD = 8
 """Bytes of a double."""
 
@@ -159,7 +159,7 @@ def test_objects_of_both_bodies_come_to_both_ranks(comm):
                     for key, (first, second, _) in bodies.contacts.items()}
 
 
-@pytest.mark.mpi(ranks=4, timeout=60, unit="s")
+@pytest.mark.mpi(ranks=4)
 def test_messages_and_bytes_of_vectors_are_counted(comm):
     """One message to each neighbour and back, with the vectors of all common interfaces; objects do not count."""
     bodies = Bodies(comm)
@@ -182,7 +182,7 @@ def test_messages_and_bytes_of_vectors_are_counted(comm):
     assert comm.allreduce(messages) == 2 * 10
 
 
-@pytest.mark.mpi(ranks=4, timeout=60, unit="s")
+@pytest.mark.mpi(ranks=4)
 def test_a_rank_without_a_common_contact_gets_no_message(comm):
     """In a chain each rank talks to the one before and the one after; all together, only of errors."""
     bodies = Bodies(comm, CHAIN)
@@ -273,7 +273,7 @@ def test_deferred_error_of_one_of_two_is_raised_on_both(comm):
         assert caught.value.agreed
 
 
-@pytest.mark.mpi(ranks=1, timeout=60, unit="s")
+@pytest.mark.mpi(ranks=1)
 def test_errors_of_a_single_rank_are_raised_at_the_same_point(comm):
     bodies = Bodies(comm)
     with bodies.exchange.deferred():
@@ -353,7 +353,7 @@ def test_ranks_at_different_points_notice_it(comm, way):
         assert caught.value.agreed
 
 
-@pytest.mark.mpi(ranks=2, timeout=15, unit="s")
+@pytest.mark.mpi(ranks=2)
 def test_ranks_at_different_points_notice_it_whatever_they_send(comm):
     """The vectors of different points have different lengths: one message is longer than the other expects."""
     for longer in (0, 1):
@@ -425,7 +425,7 @@ def test_newton_moves_interface_vectors_only(comm):
         assert not exchange.collectives["reductions"]
 
 
-@pytest.mark.mpi(ranks=3, timeout=60, unit="s")
+@pytest.mark.mpi(ranks=3)
 def test_a_product_is_a_message_there_and_back(comm):
     """More bodies: a rank tells its neighbours only, by one message each, and all ranks agree once."""
     assembly = scenes.prepare_scene(comm, scenes.tower(3, 2))

@@ -26,7 +26,7 @@ from ddmpi.scene.method import PRESETS
 from ddmpi.scene.reader import read_scene
 
 PUNCH = "configs/punch.toml"
-two_ranks = pytest.mark.mpi(ranks=2, timeout=120, unit="s")
+two_ranks = pytest.mark.mpi(ranks=2)
 
 
 def scene_of(made: dict, *settings: str):

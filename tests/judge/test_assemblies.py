@@ -9,7 +9,7 @@ from scipy.optimize import linprog
 import ddmpi
 from ddmpi.run.answer import Answer
 
-two_ranks = pytest.mark.mpi(ranks=2, timeout=60, unit="s")
+two_ranks = pytest.mark.mpi(ranks=2)
 
 YOUNG, POISSON = 2.0e10, 0.25
 MATERIAL = {"young": YOUNG, "poisson": POISSON}

@@ -14,7 +14,7 @@ from ddmpi.judge.certificate import Certificate, ContactResiduals, certificate_l
 from ddmpi.methods.newton import Newton
 from ddmpi.run.solve import Solution, solve
 
-two_ranks = pytest.mark.mpi(ranks=2, timeout=60, unit="s")
+two_ranks = pytest.mark.mpi(ranks=2)
 
 LIMIT = certificate_limit(1e-8)
 KINDS = ("force_mismatch", "penetration", "complementarity", "friction")

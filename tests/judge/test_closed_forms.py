@@ -123,7 +123,7 @@ RUNS = runs()
 @pytest.fixture(scope="module")
 def solutions(tmp_path_factory) -> dict[str, dict]:
     cases = {name: stack.scene(tolerance=TOLERANCE, **method) for name, (stack, method) in RUNS.items()}
-    return scenes.solve_all(cases, tmp_path_factory.mktemp("closed_forms"), limit=120.0)
+    return scenes.solve_all(cases, tmp_path_factory.mktemp("closed_forms"))
 
 
 @pytest.mark.parametrize("name", RUNS)

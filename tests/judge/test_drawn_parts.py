@@ -16,7 +16,7 @@ def parts(tmp_path_factory) -> dict[str, Run]:
 
     def run(name: str) -> Run:
         return run_command(ROOT / "configs" / "drawn" / f"{name}.toml", folder / name, "--no-figures", "--set",
-                           f"method.target_error={TARGETS[name]}", ranks=1, limit=100.0)
+                           f"method.target_error={TARGETS[name]}", ranks=1)
     with ThreadPoolExecutor(2) as pool:
         return dict(zip(TARGETS, pool.map(run, TARGETS), strict=True))
 

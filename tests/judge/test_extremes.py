@@ -13,7 +13,7 @@ from scenes import everywhere, exact_forces, pinched_blocks, prepare_scene, the_
 
 N = 6
 TOLERANCE, DISTANCE = 1e-8, 1e-6
-two_ranks = pytest.mark.mpi(ranks=2, timeout=120, unit="s")
+two_ranks = pytest.mark.mpi(ranks=2)
 
 
 def scene(*changes, N: int = N, law: str = "coulomb") -> dict:

@@ -62,8 +62,8 @@ SUMMARY_KEYS = {
 """Keys and types of summary.json in format 2."""
 
 
-def run(scene, folder, *arguments: str, limit: float = 60.0) -> Run:
-    done = scenes.run_command(scene, folder, *arguments, limit=limit)
+def run(scene, folder, *arguments: str) -> Run:
+    done = scenes.run_command(scene, folder, *arguments)
     assert done.code == 0, done.output
     return done
 
@@ -123,7 +123,7 @@ def in_units(folder) -> dict[tuple, dict]:
     cases |= {("coulomb", "published, to the end", unit): pinched_blocks(6, "coulomb", *unit, **PUBLISHED | EXACT)
               for unit in (BASE, ROUNDED_UNITS["MPa and mm"])}
     cases |= {(law, 22): pinched_blocks(22, law, **PUBLISHED) for law in ("coulomb", "tresca")}
-    solved = scenes.solve_all({str(case): scene for case, scene in cases.items()}, folder, limit=120.0)
+    solved = scenes.solve_all({str(case): scene for case, scene in cases.items()}, folder)
     return {case: solved[str(case)] for case in cases}
 
 

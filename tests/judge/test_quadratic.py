@@ -33,7 +33,7 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def done(folder) -> scenes.Run:
     scene = scenes.write_scene(blocks(22, 2), folder / "blocks.toml")
-    run = scenes.run_command(scene, folder / "results", limit=60.0)
+    run = scenes.run_command(scene, folder / "results")
     assert run.code == 0, run.output
     return run
 
@@ -45,7 +45,7 @@ def solutions(folder) -> dict[str, dict]:
     cases |= {law: blocks(22, 2, law) for law in ("tresca", "none")}
     cases |= {"quadratic, fine": blocks(44, 2)}
     cases |= {"published": blocks(12, 2, outer="relaxation", tolerance=1e-6), "newton": blocks(12, 2)}
-    return scenes.solve_all(cases, folder, limit=120.0)
+    return scenes.solve_all(cases, folder)
 
 
 def test_size(done):

@@ -35,7 +35,7 @@ from ddmpi.scene.bodies import Material, MeshSpec
 
 STEEL = Material(young=2e11, poisson=0.3)
 ORDERS = pytest.mark.parametrize("order", [1, 2])
-two_ranks = pytest.mark.mpi(ranks=2, timeout=60, unit="s")
+two_ranks = pytest.mark.mpi(ranks=2)
 
 
 def rectangle(factor: int, order: int) -> tuple[Mesh, MeshSpec]:

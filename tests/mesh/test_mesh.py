@@ -8,7 +8,7 @@ import gmsh
 import meshio
 import numpy as np
 import pytest
-from scenes import run_command, write_scene
+from scenes import LIMIT, run_command, write_scene
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group, group_nodes, segments, turn_outward
@@ -345,7 +345,7 @@ for number in interrupt.SIGNALS:
     os.kill(os.getpid(), number)
 print(*sorted(interrupt._received))
 """
-    child = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True, timeout=60)
+    child = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True, timeout=LIMIT)
     assert (child.returncode, child.stdout) == (0, "SIGTERM SIGUSR1\n"), child.stderr
 
 

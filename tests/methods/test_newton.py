@@ -28,7 +28,7 @@ from ddmpi.interface.law import CoulombLaw
 from ddmpi.judge.diagnosis import StatusLog
 from ddmpi.methods.half_plane import HalfPlaneStiffness
 
-two_ranks = pytest.mark.mpi(ranks=2, timeout=120, unit="s")
+two_ranks = pytest.mark.mpi(ranks=2)
 MODULUS = 3e11
 
 

@@ -12,7 +12,7 @@ from ddmpi.errors import SolverError
 from ddmpi.methods.newton import Newton
 from ddmpi.run.solve import solve
 
-two_ranks = pytest.mark.mpi(ranks=2, timeout=60, unit="s")
+two_ranks = pytest.mark.mpi(ranks=2)
 
 
 def approach() -> dict:

@@ -48,7 +48,7 @@ def coupled(assembly) -> np.ndarray:
     return s
 
 
-@pytest.mark.mpi(ranks=2, timeout=120, unit="s")
+@pytest.mark.mpi(ranks=2)
 def test_every_variant_reaches_the_answer_of_the_coupled_problem(comm):
     for law in ("tresca", "coulomb"):
         assembly = prepare_scene(comm, pinched_blocks(6, law))
@@ -61,7 +61,7 @@ def test_every_variant_reaches_the_answer_of_the_coupled_problem(comm):
             assert error <= 1e-7, (law, kind)
 
 
-@pytest.mark.mpi(ranks=2, timeout=120, unit="s")
+@pytest.mark.mpi(ranks=2)
 def test_outer_iterations_do_not_depend_on_the_mesh(comm):
     for law in ("tresca", "coulomb"):
         assemblies = [prepare_scene(comm, pinched_blocks(N, law)) for N in (6, 22)]
@@ -75,7 +75,7 @@ def test_outer_iterations_do_not_depend_on_the_mesh(comm):
             assert k == pytest.approx(expected, rel=0.15 if swings else 0.1), (law, kind, k)
 
 
-@pytest.mark.mpi(ranks=2, timeout=60, unit="s")
+@pytest.mark.mpi(ranks=2)
 def test_unsplit_original_fails_at_a_large_theta_and_says_so(comm):
     """The paper's observation: splitting stabilises."""
     from ddmpi.run.solve import solve

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenes import LIMIT
 from scipy.optimize import lsq_linear
 
 from ddmpi.errors import SolverError
@@ -428,7 +429,7 @@ for kind in ("gpcg", "tron", "bntr"):
     t.check(qp, result, 1e-9)
     assert np.linalg.norm(result.s - np.linalg.solve(qp.C.matrix, qp.d)) < 1e-6 * np.linalg.norm(result.s)
 """
-    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60,
+    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=LIMIT,
                            cwd=Path(__file__).parent)
     assert child.returncode == 0, child.stderr[-2000:]
 

@@ -45,7 +45,7 @@ def test_warm_start_and_start_at_the_answer(name, petsc_options):
     assert np.array_equal(again.s, result.s)
 
 
-@pytest.mark.mpi(ranks=2, timeout=120, unit="s")
+@pytest.mark.mpi(ranks=2)
 def test_types_give_the_same_run(comm, petsc_options):
     """Role 1 has no bounds in the original algorithm; splitting holds half of the forces."""
     from ddmpi.run.solve import solve
@@ -66,7 +66,7 @@ def test_types_give_the_same_run(comm, petsc_options):
             assert np.linalg.norm(found[name][1] - forces) <= 1e-4 * np.linalg.norm(forces), name
 
 
-@pytest.mark.mpi(ranks=2, timeout=60, unit="s")
+@pytest.mark.mpi(ranks=2)
 def test_dense_matrix_is_made_once_and_counted(comm):
     C = prepare_scene(comm, pinched_blocks(6, compliance="direct")).member.C
     matrix = C.dense()

@@ -9,7 +9,7 @@ from scenes import confined_blocks, pinched_blocks, sheared_stack, to_toml
 import ddmpi
 from ddmpi.errors import InputError
 
-two_ranks = pytest.mark.mpi(ranks=2, timeout=60, unit="s")
+two_ranks = pytest.mark.mpi(ranks=2)
 
 
 @two_ranks

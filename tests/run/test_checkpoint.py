@@ -31,7 +31,7 @@ from ddmpi.scene.reader import read_scene
 from ddmpi.system import interrupt
 from ddmpi.system.clock import Clock
 
-two_ranks = pytest.mark.mpi(ranks=2, timeout=60, unit="s")
+two_ranks = pytest.mark.mpi(ranks=2)
 
 VERSIONS = {name: "1" for name in ("ddmpi", "petsc", "numpy", "scipy")}
 
@@ -148,7 +148,7 @@ def test_restart_gives_the_same_bits(comm, shared, monkeypatch, kind):
     assert len(met) >= 3
 
 
-@pytest.mark.mpi(ranks=[2, 3], timeout=120, unit="s")
+@pytest.mark.mpi(ranks=[2, 3])
 @pytest.mark.parametrize("loose", [True, False])
 def test_restart_of_three_bodies_gives_the_same_bits(comm, shared, monkeypatch, loose):
     """Also where one rank holds two of them."""

@@ -13,7 +13,6 @@ import pytest
 import scenes
 from scenes import Run, pinched_blocks
 
-LIMIT = 60.0
 """Seconds after which a run counts as hanging."""
 
 AT_ONCE = 2
@@ -81,7 +80,7 @@ def bad_input(tmp_path_factory) -> dict[str, Run]:
         folder = tmp_path_factory.mktemp("bad_input")
         path = folder / "scene.toml"
         path.write_text(scene if isinstance(scene, str) else scenes.to_toml(scene))
-        return lambda: scenes.run_command("scene.toml", folder / "out", *arguments, limit=LIMIT, cwd=folder)
+        return lambda: scenes.run_command("scene.toml", folder / "out", *arguments, cwd=folder)
 
     return run_all({name: job(scene, arguments) for name, (scene, arguments, _) in ON_SCENE.items()})
 
@@ -114,10 +113,10 @@ def surroundings(tmp_path_factory) -> dict[str, Run]:
     (taken / "summary.json").write_text("precious")
 
     def command(folder: Path, *arguments: str, path: Path = scene, ranks: int = 2) -> Callable[[], Run]:
-        return lambda: scenes.run_command(path, folder, *arguments, ranks=ranks, limit=LIMIT, cwd=here)
+        return lambda: scenes.run_command(path, folder, *arguments, ranks=ranks, cwd=here)
 
     def question(*arguments: str) -> Callable[[], Run]:
-        return lambda: scenes.run_python(["-m", "ddmpi", *arguments], limit=LIMIT, cwd=here)
+        return lambda: scenes.run_python(["-m", "ddmpi", *arguments], cwd=here)
 
     return run_all({
         "one rank": command(here / "one", *RELAXATION, ranks=1),
@@ -189,7 +188,7 @@ def unsuccessful(tmp_path_factory) -> dict[str, Run]:
     here = tmp_path_factory.mktemp("unsuccessful")
     scene = scenes.write_scene(pinched_blocks(4), here / "scene.toml")
     return run_all({name: lambda name=name, arguments=arguments: scenes.run_command(
-        scene, here / name, "--no-figures", *arguments, limit=LIMIT)
+        scene, here / name, "--no-figures", *arguments)
         for name, arguments in (UNSUCCESSFUL | FAILING_SOLVERS).items()})
 
 

@@ -15,7 +15,6 @@ import scenes
 from fault_cases import RESULTS, Ground, Outcome, all_cases, run_in_one_go
 from scenes import Run, pinched_blocks
 
-LIMIT = 60.0
 RELAXATION = ("--set", "method.outer=relaxation")
 WHOLE = set(RESULTS)
 
@@ -72,7 +71,7 @@ def own_errors(tmp_path_factory) -> dict[tuple, list[Run]]:
     here = tmp_path_factory.mktemp("own errors")
     scene = scenes.write_scene(pinched_blocks(2), here / "scene.toml")
     runs = [run_in_one_go([(rank, *PHASES[phase][:2], error, str(here / f"{phase} {rank} {error}"), PHASES[phase][2])
-                           for phase, rank in CASES], "run", str(scene), "--no-figures", limit=2 * LIMIT)
+                           for phase, rank in CASES], "run", str(scene), "--no-figures")
             for error in KINDS]
     return dict(zip(CASES, map(list, zip(*runs, strict=True)), strict=True))
 
@@ -118,14 +117,14 @@ def test_a_sweep_on_a_full_disk_ends_in_good_order(small_disk, tmp_path, leave):
     fill(small_disk, leave)
     sweep = ["-m", "ddmpi", "sweep", str(scene), "--vary", "contact.0.friction.coefficient=0.1:0.4:2", "--output",
              str(small_disk / "out"), "--set", "output.figures=false"]
-    run = scenes.run_python(sweep, limit=LIMIT)
+    run = scenes.run_python(sweep)
     assert run.code in (3, 5), run.output
     assert len(run.messages) == 1 and "Traceback" not in run.output
     for folder in (small_disk / "out").glob("*/"):
         there = {path.name for path in folder.iterdir()}
         assert there >= WHOLE if "summary.json" in there else not there & WHOLE, there
     (small_disk / "filler").unlink()
-    again = scenes.run_python(sweep, limit=LIMIT)
+    again = scenes.run_python(sweep)
     assert again.code == 0, again.output
 
 
@@ -135,12 +134,11 @@ def test_a_run_on_a_full_disk_ends_in_good_order(small_disk, tmp_path, leave):
     folder = small_disk / "out"
     folder.mkdir()
     fill(small_disk, leave)
-    run = scenes.run_command(scene, folder, "--no-figures", "--log", str(small_disk / "run.log"), limit=LIMIT)
+    run = scenes.run_command(scene, folder, "--no-figures", "--log", str(small_disk / "run.log"))
     assert run.code == 5 and len(run.messages) == 1 and "Traceback" not in run.output, run.output
     assert "No space left on device" in run.messages[0] and str(folder) in run.messages[0]
     assert run.files <= {"checkpoint.h5"}
     (small_disk / "filler").unlink()
     (small_disk / "run.log").unlink(missing_ok=True)
-    again = scenes.run_command(scene, folder, "--no-figures", *(["--restart", str(folder)] if run.files else []),
-                               limit=LIMIT)
+    again = scenes.run_command(scene, folder, "--no-figures", *(["--restart", str(folder)] if run.files else []))
     assert again.code == 0 and again.files == WHOLE, again.output

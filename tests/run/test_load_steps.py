@@ -107,7 +107,7 @@ def test_friction_remembers_how_it_was_sheared(steps):
     assert energy["external_work"] == pytest.approx(energy["strain_energy"] + energy["interface_work"], rel=1e-9)
 
 
-@pytest.mark.mpi(ranks=2, timeout=60, unit="s")
+@pytest.mark.mpi(ranks=2)
 def test_two_ranks_remember_the_same(comm):
     """Load steps do not depend on how many ranks there are."""
     scene = sheared_blocks(steps=2)
@@ -501,8 +501,7 @@ def test_faults_in_a_later_load_step_end_the_run_on_all_ranks(tmp_path):
     faults = {"SolverError": (1, *late, 4, False), "SIGTERM": (1, *late, 6, True), "nan": (0, *late, 3, False),
               "OutputError": (0, "ddmpi.run.run.write_fields", 2, 5, True)}
     runs = run_in_one_go([(rank, target, call, kind, str(tmp_path / kind), ())
-                          for kind, (rank, target, call, *_) in faults.items()], "run", str(scene), "--no-figures",
-                         limit=60.0)
+                          for kind, (rank, target, call, *_) in faults.items()], "run", str(scene), "--no-figures")
     whole = run_command(scene, tmp_path / "whole", "--no-figures")
     assert whole.code == 0
     for run, (kind, (*_, code, kept)) in zip(runs, faults.items(), strict=True):

@@ -16,7 +16,6 @@ from scipy.spatial import cKDTree
 
 from ddmpi.run.answer import solve  # starts PETSc, on all ranks together
 
-LIMIT = 120.0
 SAME = 1e-9
 """Distance of displacements, over the largest one, that the accuracy of the iteration allows between two runs."""
 
@@ -47,7 +46,7 @@ def solved(comm, scene: dict, ranks: int | None = None) -> dict:
 
 # Ranks
 
-@pytest.mark.mpi(ranks=2, timeout=LIMIT, unit="s")
+@pytest.mark.mpi(ranks=2)
 @pytest.mark.parametrize("law", ["coulomb", "tresca", "none"])
 def test_two_bodies_have_one_answer_on_one_and_two_ranks(comm, law):
     """More ranks than bodies are tested in test_team.py."""
@@ -58,7 +57,7 @@ def test_two_bodies_have_one_answer_on_one_and_two_ranks(comm, law):
     assert found["summary"]["outer_iterations"] == first["summary"]["outer_iterations"]
 
 
-@pytest.mark.mpi(ranks=4, timeout=LIMIT, unit="s")
+@pytest.mark.mpi(ranks=4)
 @pytest.mark.parametrize("loose", [True, False])
 def test_a_tower_has_one_answer_on_any_number_of_ranks(comm, loose):
     """Four blocks, those above the lowest held by friction alone or by clamps, on one to four ranks."""
@@ -73,7 +72,7 @@ def test_a_tower_has_one_answer_on_any_number_of_ranks(comm, loose):
         assert placed == [[k * ranks // 4] for k in range(4)], ranks
 
 
-@pytest.mark.mpi(ranks=[1, 3], timeout=LIMIT, unit="s")
+@pytest.mark.mpi(ranks=[1, 3])
 @pytest.mark.parametrize("kind", ["direct", "iterative"])
 def test_a_tower_has_one_answer_with_any_compliance(comm, kind):
     exact = solved(comm, tower(3, 3))
@@ -140,7 +139,7 @@ CHANGES: dict[str, tuple[Callable[[dict], dict], np.ndarray, float]] = {
 }
 
 
-@pytest.mark.mpi(ranks=2, timeout=LIMIT, unit="s")
+@pytest.mark.mpi(ranks=2)
 @pytest.mark.parametrize("loose", [True, False])
 def test_order_units_and_position_do_not_matter(comm, loose):
     scene = tower(4, 2, loose)
@@ -161,7 +160,7 @@ def test_order_units_and_position_do_not_matter(comm, loose):
 
 # Bytes, and bits
 
-@pytest.mark.mpi(ranks=8, timeout=2 * LIMIT, unit="s")
+@pytest.mark.mpi(ranks=8)
 def test_what_an_inner_rank_sends_does_not_grow_with_the_number_of_bodies(comm):
     """A multiplication by the joint compliance is a message to each neighbour, in a row of four blocks or eight."""
     sent = {}
@@ -183,7 +182,7 @@ def test_what_an_inner_rank_sends_does_not_grow_with_the_number_of_bodies(comm):
 def test_the_same_run_gives_the_same_bits(tmp_path, ranks):
     """Where every body lives on one rank, sums are taken in one order."""
     scene = scenes.write_scene(tower(3, 3), tmp_path / "scene.toml")
-    first, second = (scenes.run_command(scene, tmp_path / name, "--no-figures", ranks=ranks, limit=LIMIT)
+    first, second = (scenes.run_command(scene, tmp_path / name, "--no-figures", ranks=ranks)
                      for name in ("first", "second"))
     assert first.code == second.code == 0, first.output + second.output
     files = first.files - {"summary.json", "result.h5", "result.xdmf"}
@@ -216,7 +215,7 @@ def test_a_fault_on_any_of_three_ranks_ends_them_all_with_one_message(tmp_path, 
     scene = scenes.write_scene(tower(3, 2) | {"output": {"figures": False}}, tmp_path / "scene.toml")
     cases = [(place, kind) for place in PLACES for kind in KINDS if kind != "OutputError" or place in ITERATES]
     runs = run_in_one_go([(rank, *PLACES[place], kind, str(tmp_path / f"{place} {kind}"), []) for place, kind in cases],
-                         "run", str(scene), limit=LIMIT, ranks=3)
+                         "run", str(scene), ranks=3)
     for (place, kind), run in zip(cases, runs, strict=True):
         assert run.code == KINDS[kind], (place, kind, run.output)
         assert len(run.messages) == 1, (place, kind, run.output)
@@ -226,8 +225,8 @@ def test_a_fault_on_any_of_three_ranks_ends_them_all_with_one_message(tmp_path, 
     for ranks in (2, 1):
         refused = scenes.run_command(scene, interrupted.folder, "--restart", str(interrupted.folder), ranks=ranks)
         assert refused.code == 2 and "mpirun -n 3" in refused.messages[0]
-    usual = scenes.run_command(scene, tmp_path / "usual", ranks=3, limit=LIMIT)
-    again = scenes.run_command(scene, interrupted.folder, "--restart", str(interrupted.folder), ranks=3, limit=LIMIT)
+    usual = scenes.run_command(scene, tmp_path / "usual", ranks=3)
+    again = scenes.run_command(scene, interrupted.folder, "--restart", str(interrupted.folder), ranks=3)
     assert again.code == usual.code == 0, again.output
     assert bits(again.folder) == bits(usual.folder)
     for name in ("history.csv", "contact_block2-block1.csv", "contact_block3-block2.csv"):
@@ -237,7 +236,7 @@ def test_a_fault_on_any_of_three_ranks_ends_them_all_with_one_message(tmp_path, 
 def test_an_internal_error_on_the_last_of_three_ranks_is_reported_once(tmp_path):
     scene = scenes.write_scene(tower(3, 2), tmp_path / "scene.toml")
     faults = [[2, *PLACES["outer"], "RuntimeError", str(tmp_path / "out"), []]]
-    run = scenes.run_python([fault.__file__, json.dumps(faults), "run", str(scene)], 3, LIMIT, tmp_path / "out")
+    run = scenes.run_python([fault.__file__, json.dumps(faults), "run", str(scene)], 3, tmp_path / "out")
     assert run.code == 1
     assert run.messages == ["ddmpi: internal error on rank 2:"]
     assert run.files <= {".unfinished"}  # rank 0 has no time to clear up
@@ -250,13 +249,13 @@ def test_a_sweep_over_three_bodies(tmp_path):
     scene = scenes.write_scene(tower(3, 2) | {"output": {"figures": False}}, tmp_path / "scene.toml")
     key = "contact.block3-block2.friction.coefficient"
     run = scenes.run_python(["-m", "ddmpi", "sweep", str(scene), "--vary", f"{key}=0.2,0.4", "--output",
-                             str(tmp_path / "sweep")], 2, LIMIT, tmp_path / "sweep")
+                             str(tmp_path / "sweep")], 2, tmp_path / "sweep")
     assert run.code == 0, run.output
     with open(run.folder / "sweep.csv", newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [row["exit"] for row in rows] == ["0", "0"]
     for value, row in zip((0.2, 0.4), rows, strict=True):
         assert float(row[key]) == value
-        alone = scenes.run_command(scene, tmp_path / f"alone {value}", "--set", f"{key}={value}", ranks=2, limit=LIMIT)
+        alone = scenes.run_command(scene, tmp_path / f"alone {value}", "--set", f"{key}={value}", ranks=2)
         assert bits(run.folder / row["folder"]) == bits(alone.folder)
         assert alone.summary["scene"]["contact"][1]["friction"]["coefficient"] == value

@@ -23,7 +23,6 @@ from fault_cases import RESULTS, contents, run_in_one_go
 from scenes import Run, pinched_blocks
 from test_failures import of, only_message, run_all
 
-LIMIT = 60.0
 FILES = set(RESULTS)
 
 METHODS = {
@@ -64,7 +63,7 @@ def here(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def undisturbed(here) -> dict[str, Run]:
     runs = run_in_one_go([(0, "", 0, "", str(here / f"undisturbed {name}"), [str(here / f"{name}.toml")])
-                          for name in METHODS], "run", "--no-figures", limit=LIMIT)
+                          for name in METHODS], "run", "--no-figures")
     return dict(zip(METHODS, runs, strict=True))
 
 
@@ -73,7 +72,7 @@ def interrupted(here) -> dict[str, Run]:
     """By name, the runs that a signal ended."""
     runs = run_in_one_go([(rank, target, call, number, str(here / name), [str(here / f"{method}.toml")])
                           for name, (method, number, rank, target, call, _) in INTERRUPTED.items()],
-                         "run", "--no-figures", limit=2 * LIMIT)
+                         "run", "--no-figures")
     return dict(zip(INTERRUPTED, runs, strict=True))
 
 
@@ -89,7 +88,7 @@ def continued(here, interrupted, files_then) -> dict[str, Run]:
     names = [name for name, row in INTERRUPTED.items() if row[5]]
     runs = run_in_one_go([(0, "", 0, "", str(here / name),
                            [str(here / f"{INTERRUPTED[name][0]}.toml"), "--restart", str(here / name)])
-                          for name in names], "run", "--no-figures", limit=2 * LIMIT)
+                          for name in names], "run", "--no-figures")
     return dict(zip(names, runs, strict=True))
 
 
@@ -129,15 +128,15 @@ def from_outside(here) -> dict[str, tuple[Run, Run]]:
                    str(scene), "--output", str(folder), "--set", "checkpoint.iterations=5"]
         with subprocess.Popen(command, env=scenes.clean_environment(), text=True, stdin=subprocess.DEVNULL,
                               stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
-            end = time.monotonic() + LIMIT
+            end = time.monotonic() + scenes.LIMIT
             while not (folder / "checkpoint.h5").exists() and time.monotonic() < end:
                 time.sleep(0.1)
             child.send_signal(signal.SIGUSR1)
-            stdout, stderr = child.communicate(timeout=LIMIT)
+            stdout, stderr = child.communicate(timeout=scenes.LIMIT)
         run = Run(child.returncode, stdout, stderr, folder)
         k = int(re.search(r"after iteration (\d+)", run.stderr)[1])
         more = scenes.run_command(scene, folder, "--restart", str(folder), "--set", f"method.max_iterations={k + 2}",
-                                  "--no-figures", limit=LIMIT)
+                                  "--no-figures")
         return run, more
 
     return run_all({"run": job})
@@ -186,7 +185,7 @@ def run_with(hook: str, here: Path, monkeypatch, *arguments: str, ranks: int = 2
     folder.mkdir()
     (folder / "sitecustomize.py").write_text(hook)
     monkeypatch.setenv("PYTHONPATH", str(folder))
-    return scenes.run_python(["-m", "ddmpi", *arguments], ranks, LIMIT, here / "out")
+    return scenes.run_python(["-m", "ddmpi", *arguments], ranks, here / "out")
 
 
 @pytest.mark.parametrize("number", ["SIGUSR1", "SIGTERM"])
@@ -220,7 +219,7 @@ def refused(here, interrupted) -> dict[str, tuple[Run, bytes]]:
     """Runs that must not go on, from the checkpoint of a run that was interrupted, and this afterwards."""
     source = here / "source"
     kind = [MULT, 34, "SIGTERM", str(source), []]
-    scenes.run_python([fault.__file__, json.dumps([[0, *kind]]), "run", str(here / "newton.toml")], limit=LIMIT)
+    scenes.run_python([fault.__file__, json.dumps([[0, *kind]]), "run", str(here / "newton.toml")])
     whole = (source / "checkpoint.h5").read_bytes()
 
     def job(name: str, *arguments: str, data: bytes = whole, restart: bool = True) -> Callable[[], tuple]:
@@ -230,8 +229,7 @@ def refused(here, interrupted) -> dict[str, tuple[Run, bytes]]:
         more = ["--restart", str(folder)] if restart else ["--output", str(folder)]
 
         def run() -> tuple[Run, bytes]:
-            run = scenes.run_python(["-m", "ddmpi", "run", str(here / "newton.toml"), *more, *arguments],
-                                    limit=LIMIT, folder=folder)
+            run = scenes.run_python(["-m", "ddmpi", "run", str(here / "newton.toml"), *more, *arguments], folder=folder)
             return run, (folder / "checkpoint.h5").read_bytes() == data
         return run
 
@@ -241,7 +239,7 @@ def refused(here, interrupted) -> dict[str, tuple[Run, bytes]]:
         "a damaged file": job("a damaged file", data=whole[:-100] + bytes(byte ^ 1 for byte in whole[-100:])),
         "no restart": job("no restart", restart=False),
         "nothing there": lambda: (scenes.run_command(here / "newton.toml", here / "new", "--restart",
-                                                     str(here / "nowhere"), limit=LIMIT), True),
+                                                     str(here / "nowhere")), True),
     })
 
 
@@ -297,7 +295,7 @@ def repeated(here) -> dict[tuple[str, str], Run]:
         return run_in_one_go([(0, "", 0, "", str(here / " ".join(name) / "out"), [
             os.path.relpath(here / " ".join(name) / "scene.toml", cwd),
             *([] if name in (("newton", "first"), ("newton", "again")) else ["--no-figures"])]) for name in names],
-            "run", limit=2 * LIMIT, cwd=cwd)
+            "run", cwd=cwd)
 
     there = [name for name in variants if name[1] == "again"]
     rest = [name for name in variants if name[1] != "again"]

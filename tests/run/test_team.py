@@ -13,7 +13,6 @@ from ddmpi.coupling.ranks import place_ranks
 from ddmpi.run.answer import Answer
 from ddmpi.system.numbers import bisect
 
-LIMIT = 100.0
 METHODS = {"explicit": {"compliance": "explicit"}, "direct": {"compliance": "direct"},
            "iterative": {"compliance": "iterative", "tolerance": 1e-11}}
 
@@ -71,7 +70,7 @@ def compare(comm, scene: dict) -> None:
         assert many.summary["bodies"][name]["compliance"] == body["compliance"]
 
 
-@pytest.mark.mpi(ranks=3, timeout=200, unit="s")
+@pytest.mark.mpi(ranks=3)
 @pytest.mark.parametrize("kind", METHODS)
 @pytest.mark.parametrize("name", SCENES)
 def test_three_ranks_answer_as_one_for_each_body(comm, name, kind):
@@ -79,18 +78,18 @@ def test_three_ranks_answer_as_one_for_each_body(comm, name, kind):
     compare(comm, SCENES[name](**(METHODS[kind] | ({"N": 6} if name == "two blocks" else {}))))
 
 
-@pytest.mark.mpi(ranks=2, timeout=200, unit="s")
+@pytest.mark.mpi(ranks=2)
 @pytest.mark.parametrize("kind", METHODS)
 def test_two_ranks_on_one_body(comm, kind):
     compare(comm, loose_block(**METHODS[kind]))
 
 
-@pytest.mark.mpi(ranks=4, timeout=200, unit="s")
+@pytest.mark.mpi(ranks=4)
 def test_two_ranks_on_each_of_two_bodies(comm):
     compare(comm, pinched_blocks(6))
 
 
-@pytest.mark.mpi(ranks=5, timeout=200, unit="s")
+@pytest.mark.mpi(ranks=5)
 def test_five_ranks_on_two_bodies_and_on_a_body_of_a_few_nodes(comm):
     compare(comm, pinched_blocks(6))
     scene = loose_block()
@@ -98,7 +97,7 @@ def test_five_ranks_on_two_bodies_and_on_a_body_of_a_few_nodes(comm):
     compare(comm, scene)
 
 
-@pytest.mark.mpi(ranks=3, timeout=200, unit="s")
+@pytest.mark.mpi(ranks=3)
 def test_quadratic_elements_and_meshes_that_become_finer(comm):
     """Each mesh of an accuracy target is dealt out anew."""
     scene = pinched_blocks(4, target_error=0.05)
@@ -107,7 +106,7 @@ def test_quadratic_elements_and_meshes_that_become_finer(comm):
     compare(comm, scene)
 
 
-@pytest.mark.mpi(ranks=3, timeout=200, unit="s")
+@pytest.mark.mpi(ranks=3)
 def test_options_reach_the_solvers_of_all_ranks(comm, petsc_options):
     petsc_options(body_ksp_type="cg", body_pc_type="jacobi")
     answer = ddmpi.solve(to_toml(pinched_blocks(4)), comm)
@@ -142,7 +141,7 @@ def test_an_error_on_any_rank_ends_all(where, tmp_path):
     rank, target, call, kind, codes = FAULTS[where]
     scene = scenes.write_scene(pinched_blocks(2), tmp_path / "scene.toml")
     faults = [(rank, target, call, kind, str(tmp_path / "results"), [])]
-    run = scenes.run_python([fault.__file__, json.dumps(faults), "run", str(scene), "--no-figures"], 4, LIMIT)
+    run = scenes.run_python([fault.__file__, json.dumps(faults), "run", str(scene), "--no-figures"], 4)
     codes_of_ranks = [line for line in run.stderr.splitlines() if line.startswith(fault.END)]
     if codes is None:
         assert run.code != 0

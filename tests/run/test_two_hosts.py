@@ -23,7 +23,6 @@ from ddmpi.run.checkpoint import read
 pytestmark = pytest.mark.hosts
 
 SCRIPTS = scenes.ROOT / "scripts"
-LIMIT = 60.0
 MULT = "ddmpi.body.compliance.Compliance.mult"
 ENVIRONMENT = [name for name in ("PYTHONPATH", "PYTHONPYCACHEPREFIX", "OMP_NUM_THREADS")
                if name in scenes.clean_environment()]
@@ -45,7 +44,7 @@ HOSTS = {"one": "a:4", "two": "a:2,b:2"}
 @pytest.fixture(scope="module", autouse=True)
 def permitted() -> None:
     tried = subprocess.run([SCRIPTS / "local_hosts.sh", "mpirun", "--version"], capture_output=True, text=True,
-                           timeout=20)
+                           timeout=scenes.LIMIT)
     if tried.returncode == 125:
         pytest.skip(tried.stderr.strip())
     assert tried.returncode == 0, tried.stderr
@@ -73,7 +72,7 @@ def runs(tmp_path_factory) -> dict[tuple[int, str, str], Run]:
                                      [str(here / f"{first}.toml")])
             with pytest.MonkeyPatch.context() as patch:
                 patch.setenv("MPIRUN", " ".join(map(str, launcher)))
-                ended = run_in_one_go(list(faults.values()), "run", "--no-figures", limit=LIMIT, ranks=ranks)
+                ended = run_in_one_go(list(faults.values()), "run", "--no-figures", ranks=ranks)
             found |= {(ranks, name, where): run for name, run in zip(faults, ended, strict=True)}
     return found
 
@@ -136,7 +135,7 @@ class Hosts:
         (self.here / "hosts").write_text("".join(f"{host} slots={number}\n" for host, number in slots.items()))
         out, err = self.here / "stdout", self.here / "stderr"
         command = shlex.join([str(SCRIPTS / "run.sh"), "run", str(self.scene), "--no-figures", *arguments])
-        self.shell.stdin.write(f"timeout -k 5 {LIMIT} {command} >{out} 2>{err} </dev/null; echo $?\n")
+        self.shell.stdin.write(f"timeout -k 5 {scenes.LIMIT} {command} >{out} 2>{err} </dev/null; echo $?\n")
         self.shell.stdin.flush()
         return Run(int(self.shell.stdout.readline()), out.read_text(), err.read_text(), folder)
 
@@ -145,7 +144,7 @@ class Hosts:
 def hosts(tmp_path) -> Iterator[Hosts]:
     started = Hosts(tmp_path)
     yield started
-    started.shell.communicate(timeout=LIMIT)
+    started.shell.communicate(timeout=scenes.LIMIT)
 
 
 LOST = {

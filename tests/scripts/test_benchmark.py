@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import benchmark
-from scenes import clean_environment
+from scenes import LIMIT, clean_environment
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -15,7 +15,7 @@ def start(folder: Path, *arguments: str) -> str:
     """The script on a tiny mesh; its output."""
     environment = clean_environment() | {"DDMPI_PYTHON": sys.executable}
     done = subprocess.run([ROOT / "scripts/benchmark.py", "--output", folder, "--sizes", *arguments], text=True,
-                          capture_output=True, timeout=120, env=environment, cwd=folder)
+                          capture_output=True, timeout=LIMIT, env=environment, cwd=folder)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 

@@ -8,7 +8,7 @@ import pytest
 from gallery import EXHIBITS, ROOT, WIDEST
 from matplotlib import image
 from mpi4py import MPI
-from scenes import clean_environment
+from scenes import LIMIT, clean_environment
 
 import ddmpi
 
@@ -56,7 +56,8 @@ def test_a_wrong_run_is_found():
 def test_the_script_keeps_pictures(tmp_path):
     """The script runs a scene as a user would and leaves its picture, small enough for a page."""
     done = subprocess.run([ROOT / "scripts" / "gallery.py", "--only", "tipping_tower", "--output", tmp_path], text=True,
-                          capture_output=True, timeout=200, env=clean_environment() | {"DDMPI_PYTHON": sys.executable})
+                          timeout=LIMIT, capture_output=True,
+                          env=clean_environment() | {"DDMPI_PYTHON": sys.executable})
     assert done.returncode == 0 and done.stdout.startswith("tipping_tower: 1 m, of 1 m"), done.stdout + done.stderr
     (picture,) = tmp_path.iterdir()
     assert picture.name == "gallery_tipping_tower.png" and picture.stat().st_size < 250_000

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import scenes
 import yaml
-from scenes import pinched_blocks
+from scenes import LIMIT, pinched_blocks
 
 import ddmpi
 
@@ -25,7 +25,7 @@ def build(kind: str, folder: Path, output: Path) -> Path:
     pytest.importorskip("setuptools", "77")
     output.mkdir()
     code = f"from setuptools import build_meta; build_meta.build_{kind}({str(output)!r})"
-    done = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, timeout=LIMIT)
     assert done.returncode == 0 and "eprecat" not in done.stderr, done.stderr
     (built,) = output.iterdir()
     return built
@@ -39,7 +39,7 @@ def digests(wheel: Path) -> dict[str, int]:
 @pytest.fixture(scope="module")
 def clean(tmp_path_factory) -> Path:
     """The files that git follows, in a folder of their own."""
-    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, timeout=20) \
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, timeout=LIMIT) \
         if shutil.which("git") else None
     if not listed or listed.returncode:
         pytest.skip("not a git checkout")
@@ -65,7 +65,7 @@ def installed(wheel) -> Path:
     """The folder in which pip has installed the wheel, without what it depends on."""
     target = wheel.parents[1] / "installed"
     pip = [sys.executable, "-m", "pip", "install", "--no-deps", "--no-index"]
-    done = subprocess.run([*pip, "--target", target, wheel], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([*pip, "--target", target, wheel], capture_output=True, text=True, timeout=LIMIT)
     assert done.returncode == 0, done.stderr
     return target
 
@@ -99,7 +99,7 @@ def test_the_wheel_runs_outside_of_the_checkout(installed, tmp_path):
     environment = scenes.clean_environment() | {"PYTHONPATH": os.pathsep.join([str(installed), *paths])}
 
     def start(*command: str | Path) -> str:
-        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60)
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=LIMIT)
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout
 

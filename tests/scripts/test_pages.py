@@ -1,6 +1,8 @@
 """The pages that are run: docs/tutorial.md and docs/drawing.md, and what docs/theory.md says of the code."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -22,12 +24,28 @@ DOCS = scenes.ROOT / "docs"
 def test_commands_of_a_page_do_what_it_says(name, tmp_path):
     """Each command of the page runs as its reader would run it, prints what is shown, and makes the pictures."""
     page = (DOCS / name).read_text(encoding="utf-8")
-    outcomes = pages.run(page, tmp_path, scenes.clean_environment())
+    outcomes = pages.run(page, tmp_path, scenes.clean_environment(), scenes.LIMIT)
     assert len(outcomes) > 3
     assert pages.differences(outcomes, pages.slack(page)) == []
     for picture, made in pages.IMAGE.findall(page):
         assert (DOCS / picture).is_file()
         assert (tmp_path / made).is_file()
+
+
+@pytest.mark.parametrize("name", ["tutorial.md", "drawing.md"])
+def test_the_line_that_shows_a_drawing(name, tmp_path):
+    """gmsh opens the drawing as the page says, also where no command is called python."""
+    programs = Path(sys.executable).parent
+    if not (programs / "gmsh").exists():
+        pytest.skip("needs gmsh of PyPI, beside this Python")
+    page = (DOCS / name).read_text(encoding="utf-8")
+    *command, drawing = re.search(r"`(\.venv/bin/[^`]*gmsh [^`]*)`", page)[1].split()
+    command = [word.replace(".venv/bin", str(programs)) for word in command]
+    text = next(part.text for part in pages.blocks(page) if getattr(part, "name", "") == drawing)
+    (tmp_path / "drawing.geo").write_text(text)
+    done = subprocess.run([*command, "drawing.geo", "-parse_and_exit"], cwd=tmp_path, capture_output=True, text=True,
+                          timeout=scenes.LIMIT, env=scenes.clean_environment() | {"PATH": ""})
+    assert done.returncode == 0 and "Done reading 'drawing.geo'" in done.stdout, done.stdout + done.stderr
 
 
 @pytest.mark.parametrize(("shown", "printed", "same"), [

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import assemblies
 import pytest
 import random_assemblies
+import scenes
 from assembly_scenes import random_scene
 
 SCRIPT = Path(random_assemblies.__file__)
@@ -18,7 +19,7 @@ SOLVED, NONE = 1, 2
 
 def run(*arguments: str) -> str:
     return subprocess.run([sys.executable, SCRIPT, *arguments], text=True, capture_output=True, check=True,
-                          timeout=60).stdout
+                          timeout=scenes.LIMIT).stdout
 
 
 def test_the_reference_alone():

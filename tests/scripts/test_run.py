@@ -37,7 +37,7 @@ def start(root: Path, *arguments: str, **environment: str) -> list[str]:
     environment = {"OMP_NUM_THREADS": "1", **environment, "PATH": f"{root / 'bin'}:{os.environ['PATH']}"}
     clean = {key: value for key, value in scenes.clean_environment().items() if not key.startswith("DDMPI_")}
     done = subprocess.run(["bash", root / "scripts" / "run.sh", *arguments], env=clean | environment, cwd=root,
-                          capture_output=True, text=True, timeout=20)
+                          capture_output=True, text=True, timeout=scenes.LIMIT)
     assert (done.returncode, done.stdout, done.stderr) == (3, "", "")
     return (root / "calls").read_text().splitlines()
 

@@ -7,6 +7,7 @@ import csv
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -21,7 +22,6 @@ from scenes import pinched_blocks
 from ddmpi.results.summary import write_summary
 
 SLURM = scenes.ROOT / "scripts" / "slurm"
-LIMIT = 120.0
 COEFFICIENT = "contact.0.friction.coefficient"
 
 CONTROL = """#!/bin/sh
@@ -45,13 +45,13 @@ class Cluster:
 
     def ask(self, *command: str, **environment: str) -> str:
         done = subprocess.run(command, env=self.environment | environment, cwd=scenes.ROOT, capture_output=True,
-                              text=True, timeout=30)
+                              text=True, timeout=scenes.LIMIT)
         assert done.returncode == 0, f"{command}: {done.stderr}"
         return done.stdout
 
     def wait(self, name: str) -> list[dict[str, str]]:
         """What Slurm knows of the job, or of each task of an array, once it has ended."""
-        end = time.monotonic() + LIMIT
+        end = time.monotonic() + scenes.LIMIT
         while True:
             text = self.ask("scontrol", "show", "job", "--oneliner", self.jobs[name])
             tasks = [dict(re.findall(r"(\w+)=(\S*)", line)) for line in text.splitlines() if line]
@@ -78,13 +78,13 @@ def cluster(tmp_path_factory):
     for name in ("MPIRUN", "PYTHON"):
         environment.pop(name, None)
     started = subprocess.run([SLURM / "local_cluster.sh", "start"], env=environment, capture_output=True, text=True,
-                             timeout=60)
+                             timeout=scenes.LIMIT)
     assert started.returncode == 0, started.stderr
     environment["SLURM_CONF"] = re.fullmatch(r"export SLURM_CONF='(.*)'\n", started.stdout)[1]
     yield Cluster(environment, folder, {})
-    subprocess.run([SLURM / "local_cluster.sh", "stop"], env=environment, check=True, timeout=60)
+    subprocess.run([SLURM / "local_cluster.sh", "stop"], env=environment, check=True, timeout=scenes.LIMIT)
     after = subprocess.run([SLURM / "local_cluster.sh", "status"], env=environment, capture_output=True, text=True,
-                           timeout=10)
+                           timeout=scenes.LIMIT)
     assert after.returncode == 1 and "does not run" in after.stdout
 
 
@@ -95,7 +95,8 @@ def jobs(cluster) -> Cluster:
     small = str(scenes.write_scene(pinched_blocks(2), here / "small.toml"))
     long = str(scenes.write_scene(pinched_blocks(2, outer="relaxation"), here / "long.toml"))
     python = here / "python"
-    python.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{scenes.ROOT}/tests/preempted.py" "$@"\n')
+    preempted = shlex.join([sys.executable, f"{scenes.ROOT}/tests/preempted.py"])
+    python.write_text(f'#!/bin/sh\nexec {preempted} "$@"\n')
     python.chmod(0o755)
     cluster.submit("preempted", "run.sbatch", long, "--no-figures", "--output", str(here / "preempted"),
                    DDMPI_PYTHON=str(python))
@@ -112,7 +113,7 @@ def jobs(cluster) -> Cluster:
 
 def test_the_scripts_are_bash():
     for path in SLURM.iterdir():
-        subprocess.run(["bash", "-n", path], check=True, timeout=10)
+        subprocess.run(["bash", "-n", path], check=True, timeout=scenes.LIMIT)
 
 
 @pytest.mark.slurm
@@ -167,7 +168,7 @@ def test_a_job_whose_time_is_up_goes_back_and_continues(jobs, tmp_path):
     assert (job["JobState"], job["ExitCode"], job["Restarts"]) == ("COMPLETED", "0:0", "1"), said
     assert "interrupted by SIGUSR1" in said and "back into the queue" in said
     assert said.index("start number 2") < said.index("continuing after iteration") < said.index("converged and")
-    whole = scenes.run_command(jobs.folder / "long.toml", tmp_path / "whole", "--no-figures", limit=LIMIT)
+    whole = scenes.run_command(jobs.folder / "long.toml", tmp_path / "whole", "--no-figures")
     assert whole.code == 0, whole.output
     for name in ("contact_upper-lower.csv", "history.csv"):
         assert (jobs.folder / "preempted" / name).read_bytes() == (whole.folder / name).read_bytes()
@@ -186,10 +187,10 @@ def test_tables(jobs):
 @pytest.mark.slurm
 def test_a_second_cluster_in_the_same_folder_is_refused(cluster):
     again = subprocess.run([SLURM / "local_cluster.sh", "start"], env=cluster.environment, capture_output=True,
-                           text=True, timeout=30)
+                           text=True, timeout=scenes.LIMIT)
     assert again.returncode == 1 and "running already" in again.stderr
     status = subprocess.run([SLURM / "local_cluster.sh", "status"], env=cluster.environment, capture_output=True,
-                            text=True, timeout=30)
+                            text=True, timeout=scenes.LIMIT)
     assert status.returncode == 0 and status.stdout.startswith("running")
 
 
@@ -224,11 +225,11 @@ def test_signals_are_handed_on(tmp_path, command):
     script = f'set -euo pipefail; . "{SLURM}/job.sh"; output=out; attend bash -c "$1"; requeue_or_exit'
     with subprocess.Popen(["bash", "-c", script, "bash", waits], env=environment, cwd=tmp_path, text=True,
                           stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as job:
-        end = time.monotonic() + 20
+        end = time.monotonic() + scenes.LIMIT
         while not (tmp_path / "ready").exists() and time.monotonic() < end:
             time.sleep(0.02)
         job.send_signal(getattr(signal, f"SIG{name}"))
-        said, _ = job.communicate(timeout=20)
+        said, _ = job.communicate(timeout=scenes.LIMIT)
     assert job.returncode == code, said
     calls = tmp_path / "scontrol.calls"
     assert (calls.read_text() if calls.exists() else "") == ("requeue 7\n" if requeued else "")
@@ -245,7 +246,7 @@ def start_job(here: Path, *arguments: str, **environment: str) -> tuple[subproce
     environment |= {"DDMPI_ROOT": str(here), "SLURM_SUBMIT_DIR": str(here), "SLURM_JOB_ID": "7",
                     "SLURM_JOB_NODELIST": "n"}
     job = subprocess.run(["bash", SLURM / "run.sbatch", "scene.toml", *arguments], capture_output=True, text=True,
-                         env=scenes.clean_environment() | environment, timeout=20)
+                         env=scenes.clean_environment() | environment, timeout=scenes.LIMIT)
     calls = here / "calls"
     return job, calls.read_text().split("\n")[:-1] if calls.exists() else []
 
@@ -291,7 +292,7 @@ def test_a_job_does_not_go_back_for_ever(tmp_path):
         "ROOT": str(tmp_path), "SLURM_SUBMIT_DIR": str(tmp_path), "SLURM_JOB_ID": "7", "SLURM_JOB_NODELIST": "n",
         "SLURM_RESTART_COUNT": "3", "DDMPI_REQUEUES": "3"}
     script = f'. "{SLURM}/job.sh"; code=6; caught=USR1; scontrol() {{ echo called; }}; requeue_or_exit'
-    job = subprocess.run(["bash", "-c", script], env=environment, capture_output=True, text=True, timeout=20)
+    job = subprocess.run(["bash", "-c", script], env=environment, capture_output=True, text=True, timeout=scenes.LIMIT)
     assert job.returncode == 6 and "called" not in job.stdout
 
 
@@ -302,7 +303,7 @@ def start_task(root: Path, **variables: int) -> subprocess.CompletedProcess:
     environment = scenes.clean_environment() | {"DDMPI_ROOT": str(root)} | {
         f"SLURM_ARRAY_TASK_{name}": str(value) for name, value in variables.items()}
     return subprocess.run(["bash", SLURM / "sweep.sbatch", "s.toml", "--output", "D"], env=environment,
-                          capture_output=True, text=True, timeout=20)
+                          capture_output=True, text=True, timeout=scenes.LIMIT)
 
 
 ARRAYS = {

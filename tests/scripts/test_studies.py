@@ -9,7 +9,7 @@ import mutation
 import pytest
 from experiment import Ledger
 from mpi4py import MPI
-from scenes import clean_environment
+from scenes import LIMIT, clean_environment
 
 ROOT = Path(__file__).resolve().parents[2]
 STUDIES = {
@@ -31,7 +31,7 @@ STUDIES = {
 
 
 def start(folder: Path, name: str, *arguments: str) -> subprocess.CompletedProcess:
-    return subprocess.run([ROOT / f"scripts/{name}.py", *arguments], text=True, capture_output=True, timeout=200,
+    return subprocess.run([ROOT / f"scripts/{name}.py", *arguments], text=True, capture_output=True, timeout=LIMIT,
                           cwd=folder, env=clean_environment() | {"DDMPI_PYTHON": sys.executable})
 
 

@@ -16,12 +16,11 @@ from ddmpi.sweep.table import find_column, numbers, read_table
 from ddmpi.system.files import UNFINISHED
 from ddmpi.system.provenance import whereabouts
 
-LIMIT = 60.0
 COEFFICIENT = "contact.0.friction.coefficient"
 
 
 def run_sweep(scene: Path, folder: Path, *arguments: str, ranks: int = 2) -> Run:
-    return scenes.run_python(["-m", "ddmpi", "sweep", str(scene), "--output", str(folder), *arguments], ranks, LIMIT,
+    return scenes.run_python(["-m", "ddmpi", "sweep", str(scene), "--output", str(folder), *arguments], ranks,
                              folder)
 
 
@@ -112,7 +111,7 @@ def test_table_repeats_the_summaries(mixed):
 def test_as_if_it_had_run_alone(mixed, small, tmp_path):
     """The same numbers to the last bit as the command makes, after six failures in the same processes."""
     alone = scenes.run_command(small, tmp_path / "alone", *MIXED[:4], "petsc.body_ksp_max_it=1000", "--no-figures",
-                               "-body_ksp_norm_type", "unpreconditioned", limit=LIMIT)
+                               "-body_ksp_norm_type", "unpreconditioned")
     assert alone.code == 0, alone.output
     swept = mixed.folder / rows(mixed)[7]["folder"]
     for name in ("contact_upper-lower.csv", "history.csv"):
@@ -231,7 +230,7 @@ def test_a_single_case_ends_with_its_own_exit_code(small, tmp_path):
 
 def inject(small: Path, folder: Path, target: str, call: int, what: str, *arguments: str) -> Run:
     faults = [(1, target, call, what, str(folder), [])]
-    return scenes.run_python([fault.__file__, json.dumps(faults), "sweep", str(small), *arguments], limit=LIMIT,
+    return scenes.run_python([fault.__file__, json.dumps(faults), "sweep", str(small), *arguments],
                              folder=folder)
 
 
@@ -257,7 +256,7 @@ def test_a_signal_ends_the_sweep_and_the_next_start_continues_the_case(small, tm
     # in the middle of the second case: every case has the same calls or more
     neumann = int(rows(whole)[0]["outer_iterations"]) + 5
     faults = [(1, "ddmpi.methods.subproblem.Subproblem.neumann", neumann, "SIGUSR1", str(tmp_path / "out"), [])]
-    run = scenes.run_python([fault.__file__, json.dumps(faults), "sweep", str(small), *arguments], limit=LIMIT,
+    run = scenes.run_python([fault.__file__, json.dumps(faults), "sweep", str(small), *arguments],
                             folder=tmp_path / "out")
     assert f"{fault.END} 6 6" in run.stderr, run.output
     assert "interrupted by SIGUSR1" in run.stderr
@@ -408,6 +407,6 @@ def test_plot_from_the_table(mixed):
 
 
 def test_a_plot_later(mixed):
-    run = scenes.run_python(["-m", "ddmpi", "sweep-plot", str(mixed.folder), "eff:max_iterations"], 1, LIMIT)
+    run = scenes.run_python(["-m", "ddmpi", "sweep-plot", str(mixed.folder), "eff:max_iterations"], 1)
     assert run.code == 0, run.output
     assert (mixed.folder / "eff-method.max_iterations.png").is_file()

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 import scenes
 from scenes import pinched_blocks
-from test_sweep import COEFFICIENT, LIMIT, inject, rows, run_sweep, stamp
+from test_sweep import COEFFICIENT, inject, rows, run_sweep, stamp
 
 from ddmpi.errors import InputError
 from ddmpi.sweep import table as sweep_table
@@ -155,7 +155,7 @@ def test_after_an_update_the_interrupted_case_goes_on(interrupted, small, tmp_pa
     hook.write_text("import sys\nfrom ddmpi.cli import main as cli\nfrom ddmpi.system import provenance\n"
                     "provenance.ddmpi.__version__ = '9.9'\ncli.main(sys.argv[1:])\n")
     arguments = ["sweep", str(small), "--set", "method.outer=relaxation", *TWO, "--output", str(folder)]
-    run = scenes.run_python([str(hook), *arguments], limit=LIMIT, folder=folder)
+    run = scenes.run_python([str(hook), *arguments], folder=folder)
     assert run.code == 0, run.output
     log = (folder / rows(run)[0]["folder"] / "run.log").read_text()
     assert "ddmpi is '9.9' here" in log and "continuing after iteration" in log
@@ -256,7 +256,7 @@ def test_a_list_that_nobody_reads_to_its_end(small, tmp_path):
                           stderr=subprocess.PIPE) as run:
         run.stdout.close()
         said = run.stderr.read()
-        assert (run.wait(LIMIT), said) == (0, b"")
+        assert (run.wait(scenes.LIMIT), said) == (0, b"")
 
 
 CLOSED = """
@@ -281,7 +281,7 @@ def test_a_folder_one_may_not_search(small, tmp_path, arguments, ranks):
     locked.mkdir(mode=0o000)
     try:
         run = scenes.run_python([str(hook), "sweep", str(small), *TWO, "--output", str(locked / "x"), *arguments],
-                                ranks, LIMIT)
+                                ranks)
     finally:
         locked.chmod(0o755)
     assert run.code == 2 and len(run.messages) == 1, run.output

@@ -7,7 +7,7 @@ from mpi4py import MPI
 from ddmpi.coupling.space import Space
 from ddmpi.system.agreement import LOCKSTEP, Lockstep, LockstepError, agree, in_lockstep, merged
 
-two_ranks = pytest.mark.mpi(ranks=2, timeout=60, unit="s")
+two_ranks = pytest.mark.mpi(ranks=2)
 
 
 @two_ranks

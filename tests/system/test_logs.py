@@ -12,7 +12,6 @@ from scenes import Run, pinched_blocks
 
 from ddmpi.errors import InputError
 
-LIMIT = 60.0
 STAMP = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ"
 
 
@@ -27,7 +26,7 @@ def here(tmp_path_factory):
 @pytest.fixture(scope="module")
 def runs(here) -> dict[str, Run]:
     def run(name: str, *arguments: str) -> Run:
-        return scenes.run_command("scene.toml", here / name, "--log", "the.log", *arguments, limit=LIMIT, cwd=here)
+        return scenes.run_command("scene.toml", here / name, "--log", "the.log", *arguments, cwd=here)
 
     return {"said": run("said"), "quiet": run("quiet", "--quiet", "--no-figures"),
             "failed": run("failed", "--quiet", "--no-figures", "--set", "method.max_iterations=1")}
@@ -69,15 +68,14 @@ def test_the_first_line_says_where_and_what(log):
 
 def test_a_log_that_cannot_be_written_is_refused_at_once(here, tmp_path):
     (tmp_path / "no").write_text("not a folder")
-    run = scenes.run_command(here / "scene.toml", tmp_path / "out", "--log", str(tmp_path / "no" / "x.log"),
-                             limit=LIMIT)
+    run = scenes.run_command(here / "scene.toml", tmp_path / "out", "--log", str(tmp_path / "no" / "x.log"))
     assert run.code == 2 and "--log" in run.messages[0]
     assert not run.folder.exists()
 
 
 def test_a_log_may_be_in_the_new_folder_of_the_results(here, tmp_path):
     folder = tmp_path / "new" / "out"
-    run = scenes.run_command(here / "scene.toml", folder, "--log", str(folder / "run.log"), "--no-figures", limit=LIMIT)
+    run = scenes.run_command(here / "scene.toml", folder, "--log", str(folder / "run.log"), "--no-figures")
     assert run.code == 0, run.output
     assert run.files == scenes.DATA | {"run.log"}
     assert "converged and certified" in (folder / "run.log").read_text()
@@ -169,7 +167,7 @@ def test_what_cannot_be_printed_is_told(arguments):
     for unbuffered in ("", "1"):
         with open("/dev/full", "w") as full:
             child = subprocess.run([sys.executable, "-m", "ddmpi", *arguments.split()], stdout=full, text=True,
-                                   stderr=subprocess.PIPE, timeout=LIMIT,
+                                   stderr=subprocess.PIPE, timeout=scenes.LIMIT,
                                    env=scenes.clean_environment() | {"PYTHONUNBUFFERED": unbuffered})
         assert child.returncode == 5
         assert scenes.own_lines(child.stderr) == (
@@ -183,7 +181,7 @@ def test_whoever_reads_may_have_seen_enough(arguments):
     os.close(reads)
     with open(writes, "w") as closed:
         child = subprocess.run([sys.executable, "-m", "ddmpi", arguments], stdout=closed, stderr=subprocess.PIPE,
-                               text=True, timeout=LIMIT, env=scenes.clean_environment())
+                               text=True, timeout=scenes.LIMIT, env=scenes.clean_environment())
     assert (child.returncode, scenes.own_lines(child.stderr)) == (0, "")
 
 
@@ -198,14 +196,14 @@ for k in range(3):
 """
     with open("/dev/full", "w") as full:
         child = subprocess.run([sys.executable, "-c", code], stdout=full, stderr=subprocess.PIPE, text=True,
-                               timeout=LIMIT, env=scenes.clean_environment() | {"PYTHONUNBUFFERED": ""})
+                               timeout=scenes.LIMIT, env=scenes.clean_environment() | {"PYTHONUNBUFFERED": ""})
     assert child.returncode == 0
     ours = scenes.own_lines(child.stderr)
     assert ours.count("\n") == 1 and "No space left on device" in ours
 
 
 def test_info(tmp_path):
-    run = scenes.run_python(["-m", "ddmpi", "info"], 1, LIMIT, cwd=tmp_path)
+    run = scenes.run_python(["-m", "ddmpi", "info"], 1, cwd=tmp_path)
     assert run.code == 0 and run.own_stderr == ""
     lines = dict(re.split(r" {2,}", line, maxsplit=1) for line in run.stdout.splitlines())
     assert lines.keys() >= {"ddmpi", "petsc", "mpi", "gmsh", "Cholesky factorizations", "machine"}
@@ -214,13 +212,13 @@ def test_info(tmp_path):
 
 
 def test_info_is_said_once_on_two_ranks():
-    run = scenes.run_python(["-m", "ddmpi", "info"], 2, LIMIT)
+    run = scenes.run_python(["-m", "ddmpi", "info"], 2)
     assert run.code == 0 and len(re.findall("^petsc ", run.stdout, re.MULTILINE)) == 1
 
 
 def test_options_that_nothing_used_are_named_once(here):
     """By us, and not by PETSc as well when it ends."""
-    run = scenes.run_command(here / "scene.toml", here / "unused", "--no-figures", "-not_an_option", "1", limit=LIMIT)
+    run = scenes.run_command(here / "scene.toml", here / "unused", "--no-figures", "-not_an_option", "1")
     assert run.code == 0 and run.output.count("not_an_option") == 1
     assert run.summary["options_unused"] == ["not_an_option"] and run.summary["options"] == {"not_an_option": "1"}
 

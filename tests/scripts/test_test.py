@@ -1,0 +1,169 @@
+"""What tests/conftest.py makes of pytest; test.sh, check.sh and setup.sh of scripts/."""
+
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+import scenes
+
+SCRIPTS = scenes.ROOT / "scripts"
+
+
+def executable(path: Path, text: str) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(f"#!/bin/sh\n{text}\n", encoding="utf-8")
+    path.chmod(0o755)
+    return path
+
+
+def run(*command: str | Path, cwd: Path, code: int = 0, **environment: str) -> str:
+    """What a command prints, without the settings of ddmpi's scripts."""
+    clean = {key: value for key, value in scenes.clean_environment().items() if not key.startswith("DDMPI_")}
+    done = subprocess.run(command, cwd=cwd, env=clean | environment, timeout=scenes.LIMIT, text=True,
+                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    assert done.returncode == code, done.stdout
+    return done.stdout
+
+
+# Tests on several ranks
+
+EXAMPLE = """
+import time
+import pytest
+
+@pytest.mark.mpi(ranks=2)
+@pytest.mark.parametrize("rank", [0, 1])
+def test_bad(comm, mpi_ranks, rank):
+    assert comm.rank != rank
+
+@pytest.mark.mpi(ranks=2)
+def test_good(comm, mpi_ranks):
+    pass
+
+@pytest.mark.mpi(ranks=2)
+def test_hangs(comm, mpi_ranks):
+    time.sleep(30 if comm.rank else 0)
+"""
+
+
+@pytest.fixture
+def example(tmp_path: Path) -> Path:
+    """A folder with this conftest.py and tests of two ranks, three of which fail."""
+    for name in ("conftest.py", "scenes.py"):
+        shutil.copy(scenes.ROOT / "tests" / name, tmp_path)
+    (tmp_path / "test_example.py").write_text(EXAMPLE)
+    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers =\n    mpi\n")
+    return tmp_path
+
+
+def test_ranks_report_under_the_name_of_their_test(example):
+    """Names can be pasted back, --lf finds failures of any rank, the progress ends at 100 %, and a hang has an end."""
+    pytest_ = (sys.executable, "-m", "pytest")
+    said = run(*pytest_, cwd=example, code=1, DDMPI_TEST_LIMIT="5")
+    names = [f"test_example.py::test_{name}" for name in ("bad[2-0]", "bad[2-1]", "hangs[2]")]
+    assert re.findall(r"^FAILED (\S+)", said, re.M) == names
+    assert all(f"- on rank {rank} -" in said for rank in (0, 1)) and "time limit of 5.0s" in said
+    assert re.findall(r"\[ *(\d+)%\]", said)[-1] == "100"
+    listed = run(*pytest_, "--lf", "--collect-only", "-q", cwd=example)
+    assert listed.splitlines()[:3] == names
+    assert "1 failed, 1 passed" in run(*pytest_, names[0], cwd=example, code=1)
+
+
+def test_quiet_is_quiet(example):
+    """-q leaves out what pytest says at the start, and tests on several ranks run as without it."""
+    said = run(sys.executable, "-m", "pytest", "-q", "-k", "good", cwd=example)
+    assert said.splitlines()[0].split()[0] == ".." and len(said.splitlines()) == 2
+
+
+def test_no_test_has_a_time_limit_of_its_own():
+    """The limit is to catch what hangs, on any machine, and stands in one place."""
+    own = re.compile(r"\b(?:timeout|limit)=\d|monotonic\(\) \+ \d|^LIMIT = \d", re.M)
+    found = {path.name: len(own.findall(path.read_text(encoding="utf-8")))
+             for path in (scenes.ROOT / "tests").rglob("*.py")}
+    found["test_peers.py"] -= 2  # of programs to compare with: what is tested
+    found["scenes.py"] -= 1  # until mpirun, which is told to end, is killed
+    assert {name: times for name, times in found.items() if times} == {}
+
+
+# The scripts
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """A checkout with the scripts, on a machine whose commands, python too, note how they were called."""
+    for folder in ("scripts", ".ci"):
+        shutil.copytree(scenes.ROOT / folder, tmp_path / folder)
+    (tmp_path / "scripts" / "setup.sh").write_text(
+        'ROOT=$PWD PYTHON=$PWD/bin/python; say() { echo "$@"; }\n'
+        'install_packages() { echo "installs $DEBIAN_PACKAGES" >>calls; }\n')
+    executable(tmp_path / "bin" / "python",
+               'echo "$*" >>calls; case "$*" in *--collect-only*) cat collected 2>/dev/null;; esac; true')
+    executable(tmp_path / "bin" / "apt-get", "true")
+    for name in ("bash", "dirname", "cat", "mktemp", "env"):
+        (tmp_path / "bin" / name).symlink_to(shutil.which(name))
+    return tmp_path
+
+
+def calls(checkout: Path, script: str, *arguments: str) -> list[str]:
+    (checkout / "calls").unlink(missing_ok=True)
+    run(checkout / script, *arguments, cwd=checkout, PATH=str(checkout / "bin"))
+    return (checkout / "calls").read_text().splitlines()
+
+
+def test_test_sh_runs_tests_and_nothing_else(checkout):
+    """Neither types nor style stand before the tests of a user."""
+    assert calls(checkout, "scripts/test.sh", "-x", "a test") == ["-m pytest --collect-only -x a test",
+                                                                  "-m pytest -x a test"]
+
+
+@pytest.mark.skipif(shutil.which("slurmctld", path="/usr/sbin:/sbin") is not None, reason="Slurm is installed")
+def test_slurm_is_installed_where_its_tests_are_asked_for(checkout):
+    """What pytest would run decides, whatever the arguments are."""
+    (checkout / "collected").write_text("<Module test_slurm.py>\n")
+    assert calls(checkout, "scripts/test.sh", "-x")[1] == "installs slurm-wlm munge libpmix-dev"
+    (checkout / "collected").write_text("<Module test_law.py>\n")
+    assert calls(checkout, "scripts/test.sh", "tests/interface") == ["-m pytest --collect-only tests/interface",
+                                                                     "-m pytest tests/interface"]
+
+
+def test_ci_checks_and_then_tests(checkout):
+    """.ci/run runs the checks of check.sh and ends with the tests; a fault that the checks find ends it."""
+    executable(checkout / "scripts" / "check.sh", "echo checks >>calls")
+    assert [line.split()[0] for line in calls(checkout, ".ci/run", "-x")] == ["checks", "-m", "-m"]
+    executable(checkout / "scripts" / "check.sh", "exit 1")
+    run(checkout / ".ci" / "run", cwd=checkout, code=1)
+
+
+def test_checks_have_one_set_of_versions():
+    """What check.sh runs and what types are checked against is pinned, and the tests do not ask for it."""
+    extras = tomllib.loads((scenes.ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+        "optional-dependencies"]
+    pinned = dict(each.split("==") for each in extras["dev"])
+    assert {"ruff", "mypy", "numpy"} <= set(pinned)
+    assert not {"ruff", "mypy"} & {re.split("[>=]", each)[0] for each in extras["test"]}
+
+
+def test_a_checkout_of_somebody_else_asks_for_a_folder(tmp_path):
+    """Who cannot write where the set-up would go is told of DDMPI_VENV."""
+    said = run("bash", SCRIPTS / "run.sh", cwd=tmp_path, code=1, DDMPI_VENV="/dev/null/venv")
+    assert said == "ddmpi set-up: cannot write /dev/null/venv; name a folder of yours in DDMPI_VENV\n"
+
+
+def test_kernels_one_after_the_other(checkout):
+    """Each kernel that OpenBLAS takes runs the tests that are named. A failure counts to the end."""
+    executable(checkout / "bin" / "python", """case "$1 $OPENBLAS_CORETYPE" in
+        "-c Zen") echo Core: Generic;;
+        -c*) echo "Core: $OPENBLAS_CORETYPE";;
+        *Haswell) echo "$4: 1 failed"; exit 1;;
+        *) echo "$4: 2 passed";;
+    esac""")
+    for name in ("grep", "tee", "tail", "rm"):
+        (checkout / "bin" / name).symlink_to(shutil.which(name))
+    said = run(checkout / "scripts" / "kernels.sh", "-x", "tests/qp", cwd=checkout, code=1, PATH=str(checkout / "bin"))
+    assert said.splitlines()[-4:] == ["SkylakeX     tests/qp: 2 passed", "Haswell      tests/qp: 1 failed",
+                                      "Zen          not run: this OpenBLAS does not use it here",
+                                      "Sandybridge  tests/qp: 2 passed"]
