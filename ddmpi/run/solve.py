@@ -190,7 +190,7 @@ class Iteration:
         self.goal.restore(_Goal(self.method.tolerance).state())
         self.statuses.clear()
 
-    def solve(self, mechanism: Mechanism | None, before: np.ndarray | None = None) -> Solution:
+    def solve(self, mechanism: Mechanism | None, since: tuple[np.ndarray, np.ndarray] | None = None) -> Solution:
         """Iterate until the answer is certified, or nothing helps any more.
 
         Where the iteration stops by its criterion but the certificate fails, it goes on with a tighter one.
@@ -198,7 +198,7 @@ class Iteration:
         Parameters
         ----------
         mechanism : that shows that there is no equilibrium, so that nothing is tried
-        before : (size,) where the slip of this load step begins (m); None for the only one
+        since : (size,) where the slip of this load step begins (m), and the forces there (N); None for the only one
 
         Collective. Raises as the function `solve`.
         """
@@ -213,7 +213,7 @@ class Iteration:
                                   f"{method.tolerance:g}: leave that option out",)
                 raise
             with self.clock.phase("recover"):
-                solution = _conclude(assembly, outer, stopped, self.limit, self.statuses, self.given, before)
+                solution = _conclude(assembly, outer, stopped, self.limit, self.statuses, self.given, since)
                 if stopped == "drift":
                     solution = replace(solution, drift=describe_drift(assembly, outer.motions))
             worst = max(value for value, _ in solution.certificate.worst().values())
@@ -255,7 +255,7 @@ def choose_outer(assembly: Assembly, method: SettledMethod, report: Report = no_
 
 
 def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, statuses: StatusLog,
-              given: float = 0.0, before: np.ndarray | None = None) -> Solution:
+              given: float = 0.0, since: tuple[np.ndarray, np.ndarray] | None = None) -> Solution:
     """Displacements, contact states and certificate of the forces at hand. Collective."""
     exchange, space, joint = assembly.exchange, assembly.space, assembly.joint
     forces, mismatch, bound = outer.forces, outer.mismatch, outer.bound
@@ -287,7 +287,7 @@ def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, stat
             at_fixed, between = (at.gap - sum(each[kind] for each in places[interface.name] if each is not None)
                                  for kind, at in enumerate((interface.fixed, interface.probes)))
             state = contact_state(interface, forces[part], bound[start:stop], u1 + u2, between,
-                                  None if before is None else before[part])
+                                  since and (since[0][part], since[1][part]))
             yielding = max(bodies[name]["yielding"] for name in interface.bodies if name in bodies)
             found[interface.name] = state, contact_residuals(state, forces[part], mismatch[part], (u1, u2), at_fixed,
                                                              load, yielding, everywhere)

@@ -179,7 +179,7 @@ class March:
         if not self._resumed:
             self._begin(time, start)
         self._resumed = False
-        return replace(self.iteration.solve(mechanism, start), time=time)
+        return replace(self.iteration.solve(mechanism, (start, self._now.s)), time=time)
 
     def _begin(self, time: float, start: np.ndarray) -> None:
         """Begin to iterate for the step to `time`, whose slip begins at `start` (size,).

@@ -106,6 +106,30 @@ def test_friction_remembers_how_it_was_sheared(steps):
     assert energy["external_work"] == pytest.approx(energy["strain_energy"] + energy["interface_work"], rel=1e-9)
 
 
+def test_a_proportional_load_dissipates_the_same_in_any_number_of_steps():
+    """Blocks that are pressed onto a floor and slide as they spread: friction dissipates all that the contacts take,
+    whether in one step, in four, in as many as the tolerance asks for, or without [time]."""
+    def block(name: str, y: float, divisions: list, young: float) -> dict:
+        return {"name": name, "material": {"young": young, "poisson": 0.3}, "clamp": [{"on": "left", "x": 0.0}],
+                "mesh": {"shape": "rectangle", "origin": [0.0, y], "size": [2.0, 1.0], "divisions": divisions}}
+
+    scene = {"body": [block("upper", 1.0, [12, 6], 1.0e9), block("lower", 0.0, [8, 4], 3.0e9)],
+             "rigid": [{"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}],
+             "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": COULOMB},
+                         {"bodies": ["lower", "floor"], "on": ["bottom"], "friction": COULOMB | {"coefficient": 0.1}}],
+             "method": {"tolerance": 1e-10}}
+    scene["body"][0]["traction"] = [{"on": "top", "value": [0.0, -1.0e6], "history": "press"}]
+    scene["history"] = {"press": {"times": [0.0, 1.0], "factors": [0.0, 1.0]}}
+    ends = [solve(scene | {"time": {"points": [1.0]} | time}) for time in ({"steps": 1}, {"steps": 4}, {})]
+    for answer in ends:
+        energy = answer.summary["energy"]
+        assert energy["dissipated"] == pytest.approx(energy["interface_work"], rel=1e-7) != 0.0
+    del scene["history"], scene["body"][0]["traction"][0]["history"]
+    for name, contact in solve(scene).summary["contacts"].items():
+        assert contact["slip"] > 0
+        assert contact["dissipated"] == pytest.approx(ends[1].summary["contacts"][name]["dissipated"], rel=1e-7)
+
+
 @pytest.mark.mpi(ranks=2, timeout=60, unit="s")
 def test_two_ranks_remember_the_same(comm):
     """Load steps do not depend on how many ranks there are."""
