@@ -23,6 +23,7 @@ RESTORED = "run/test_checkpoint.py::test_a_restored_state_is_the_whole_state"
 SKFEM = "body/test_elasticity.py::test_stiffness_is_that_of_skfem"
 RANDOM = "qp/test_mprgp.py::test_random_programs"
 LAW, SIDES, LEGS = "interface/test_law.py", "interface/test_interface.py", "coupling/test_exchange.py"
+UNLOADED = "run/test_load_steps.py::test_what_is_unloaded_is_zero"
 DISSIPATED = "interface/test_state.py"
 MEMBER, MORTAR = "coupling/test_member.py", "interface/test_mortar.py"
 ANSWER, NODES = "run/test_answer.py", f"{CERTIFICATE}::test_the_state_of_the_nodes"
@@ -243,7 +244,11 @@ MUTANTS = [Mutant(*row) for row in (
      "methods/test_subproblem.py::test_each_role_has_the_bounds_of_the_algorithm"),
     ("published iteration ignores the gap", "methods/subproblem", "d[self._normal] -= self.interface.gap", "pass",
      "methods/test_subproblem.py::test_the_second_role_takes_the_gap"),
+    ("rounding of an unloaded contact is a force", "methods/newton", "max(initial=0.0) <= self.nothing",
+     "max(initial=0.0) < 0.0", UNLOADED),
     # judge
+    ("residuals know nothing of the steps before", "judge/certificate", "NO_FORCE * before)", "0.0)",
+     f"{CERTIFICATE}::test_what_is_small_beside_the_loads_of_other_steps_is_judged_by_itself"),
     ("force mismatch set to zero", "judge/certificate",
      "force_mismatch=_ratio(norm(mismatch), max(norm(s), norm(s + mismatch), floor)),", "force_mismatch=0.0,", SPOILT),
     ("penetration set to zero", "judge/certificate", "penetration=_ratio(overlap, U)", "penetration=0.0", SPOILT),
@@ -294,6 +299,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("a checkpoint of another mesh accepted", "run/checkpoint",
      'if self._begin["mesh"] != self._fixed["mesh"]:', "if False:",
      "run/test_checkpoint.py::test_another_mesh_is_refused_on_both_ranks"),
+    ("rounding of an unloaded body is a result", "run/solve", "np.abs(u).max() <= moved", "False", UNLOADED),
     ("slip bounds of the step before forgotten", "run/steps", "(start, self._now.s))", "(start, 0.0 * start))",
      "run/test_load_steps.py::test_a_proportional_load_dissipates_the_same_in_any_number_of_steps"),
     ("sign of the reactions", "run/gather", "reaction=-(member", "reaction=(member",

@@ -28,7 +28,7 @@ from ddmpi.methods.outer import Report, no_report
 from ddmpi.run.checkpoint import Checkpoints
 from ddmpi.run.equilibrium import look_for_mechanism
 from ddmpi.run.gather import StepLog
-from ddmpi.run.solve import Iteration, Solution, solve, with_undetermined
+from ddmpi.run.solve import NOTHING, Iteration, Past, Solution, solve, with_undetermined
 from ddmpi.system.clock import Clock
 
 log = logging.getLogger("ddmpi")
@@ -179,7 +179,8 @@ class March:
         if not self._resumed:
             self._begin(time, start)
         self._resumed = False
-        return replace(self.iteration.solve(mechanism, (start, self._now.s)), time=time)
+        self.outer.nothing = NOTHING * self.log.largest[0]
+        return replace(self.iteration.solve(mechanism, Past(start, self._now.s, self.log.largest)), time=time)
 
     def _begin(self, time: float, start: np.ndarray) -> None:
         """Begin to iterate for the step to `time`, whose slip begins at `start` (size,).
@@ -249,6 +250,7 @@ class March:
         self.log.note_contacts(contacts)
         self._note_iterations(len(self.log.steps))
         self.log.judge(solution.certificate)
+        self.log.largest = np.maximum(self.log.largest, solution.sizes)
         alike = not (self._sudden and now.time == 0.0)
         self._now = _Mark(time, time - now.time if alike else 0.0, s, outer.motions, self._d, moved, s - now.s,
                           outer.motions - now.alpha, moved - now.moved, space.prescribed, factors, solution.work,
