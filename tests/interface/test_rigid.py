@@ -195,6 +195,9 @@ def test_a_partner_that_moves_into_clamped_nodes_overlaps_them():
     assert (contact.m, contact.dropped) == (6, 1)
     assert contact.gap == pytest.approx(np.full(6, 0.01))
     assert contact.fixed.gap == pytest.approx([-0.02])
+    further = contact.displaced(np.array([-0.4, 0.05]))
+    assert further.fixed.gap == pytest.approx([-0.04]) and further.displacement.tolist() == [-0.4, 0.05]
+    assert further.displaced(np.zeros(2)).fixed.gap == pytest.approx([0.01])
     assert len(contact.fixed.nodes[0]) == 1 and len(contact.fixed.nodes[1]) == 0
     assert contact.held == pytest.approx([2.0, 0, 0, 0, 0, 0])
     boundary = side(block(), "bottom", where=lambda x, y: x == 0.0, x=True)  # held along the tangent only

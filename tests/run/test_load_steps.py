@@ -6,6 +6,7 @@ import itertools
 import json
 import os
 import tomllib
+from pathlib import Path
 
 import meshio
 import numpy as np
@@ -23,8 +24,11 @@ from ddmpi.methods.newton import Newton
 from ddmpi.results.histories import draw_steps
 from ddmpi.results.magnify import surfaces
 from ddmpi.results.tables import read_results
+from ddmpi.run import checkpoint
 from ddmpi.run.answer import Answer
+from ddmpi.run.run import run as run_scene
 from ddmpi.run.steps import March
+from ddmpi.scene.reader import read_scene_file
 
 COULOMB = {"law": "coulomb", "coefficient": 0.3}
 SHIFTS, SHEARS = (0.0, 1.0, 2.0, 0.0, -1.0, 0.0), (0.0, 1.0, 1.0, -1.0, -1.0, 0.0)
@@ -139,7 +143,7 @@ def test_a_proportional_load_dissipates_the_same_in_any_number_of_steps():
 @pytest.mark.parametrize("law", [COULOMB, {"law": "none"}])
 def test_what_is_unloaded_is_zero(caplog, law):
     """Unloading is a step like any other; then forces, displacements and stresses are zero, not what rounding leaves,
-    also where factors leave it; loaded once more all is as before."""
+    also where factors leave it; loaded once more all is as before. The certificate is the worst of all steps."""
     caplog.set_level("INFO", "ddmpi")
     left = 0.1 + 0.2 - 0.3
     answer = solve(pressed_blocks([0.0, 1.0, left, 1.0, left], law))
@@ -151,6 +155,9 @@ def test_what_is_unloaded_is_zero(caplog, law):
         assert steps[3.0][name]["force"] == pytest.approx(steps[1.0][name]["force"], rel=1e-6, abs=1.0)
         assert steps[2.0][name]["force"] == [0.0, 0.0]
     assert not any(body.displacement.any() or body.stress.any() for body in answer.bodies.values())
+    pressed = solve(pressed_blocks([0.0, 1.0], law)).summary["certificate"]
+    worst = answer.summary["certificate"]
+    assert all(worst[kind] >= pressed[kind] for kind in worst) and pressed["penetration"] > 0.0
     assert all(np.abs(body["reaction"]).max() <= 1e-9 for body in answer.summary["bodies"].values())
 
 
@@ -385,6 +392,33 @@ sys.exit(main())
             assert (folder / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), name
     ours, theirs = (json.loads((each / "summary.json").read_text()) for each in (folder, tmp_path / "whole"))
     assert all(ours[key] == theirs[key] for key in ("steps", "energy", "contacts", "certificate", "n_A", "exchange"))
+
+
+def test_adaptive_steps_go_on_from_wherever_they_were(tmp_path, monkeypatch):
+    """From checkpoints here and there in legs of large, of smaller and of no forces, in as many steps as the tolerance
+    asks for: the tables of an uninterrupted run, byte for byte."""
+    times = [0.0, 1.0, 2.0, 3.0, 4.0]
+    scene = circle(points=times[1:], tolerance=0.07)
+    scene["history"]["press"] = {"times": times, "factors": [0.0, 1.0, 0.02, 0.2, 0.0]}
+    scene |= {"checkpoint": {"iterations": 9}, "output": {"steps": "all", "stress": False}}
+    path, kept = write_scene(scene, tmp_path / "scene.toml"), []
+    write = checkpoint.write
+
+    def keep(target: Path, *arguments) -> None:
+        kept.append(tmp_path / f"{len(kept)}")
+        kept[-1].mkdir()
+        write(kept[-1] / target.name, *arguments)
+
+    def compute(folder: Path, restart: Path | None = None) -> dict[str, bytes]:
+        run_scene(MPI.COMM_SELF, read_scene_file(path), str(path), str(folder), False, restart and str(restart))
+        return {each.name: each.read_bytes() for each in folder.glob("*.csv")}
+
+    monkeypatch.setattr(checkpoint, "write", keep)
+    whole = compute(tmp_path / "whole")
+    monkeypatch.setattr(checkpoint, "write", lambda *_: None)
+    assert len(kept) > 10
+    for folder in kept:
+        assert compute(folder, folder) == whole
 
 
 def test_files_of_load_steps(tmp_path):
