@@ -68,7 +68,8 @@ def state(interface: Interface, pressure: float = 5e7) -> ContactState:
     slip = 1e-4 * np.sign(t - 0.5) * np.maximum(np.abs(t - 0.5) - 1 / 6, 0.0) * frictional
     status = np.where(p == 0.0, "open", np.where((slip != 0.0) | (not frictional), "slip", "stick"))
     return ContactState(interface, p * interface.area, (shear * interface.area)[:, None],
-                        np.where(p == 0.0, 2e-4 * (t - 1 / 1.2), 0.0), slip[:, None], status)
+                        np.where(p == 0.0, 2e-4 * (t - 1 / 1.2), 0.0), slip[:, None], status,
+                        resistance=np.where(status == "slip", 0.15 * p * interface.area * frictional, 0.0))
 
 
 def fields(mesh: Mesh, error: bool = False, stresses: bool = True) -> Fields:

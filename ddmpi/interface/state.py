@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ddmpi.interface.interface import Interface
+from ddmpi.interface.law import magnitude
 
 CLOSED = 1e-8
 """A node whose normal force is this part of the largest one, or less, counts as open, unless it is bonded."""
@@ -27,6 +28,8 @@ class ContactState:
     between : (q,) opening at the probes of the interface (m), see `Interface`
     before : (m, d − 1) slip of the load steps before (m)
     yielding : how far contact forces move the bodies at their contacts, at most (m)
+    resistance : (m,) the mean of the slip bounds at the beginning and at the end of the load step, where the node slips
+        and pressure or the law gives it a bound; zero elsewhere (N)
     """
 
     interface: Interface
@@ -38,6 +41,7 @@ class ContactState:
     between: np.ndarray = field(default_factory=lambda: np.empty(0))
     before: np.ndarray | float = 0.0
     yielding: float = 0.0
+    resistance: np.ndarray | float = 0.0
 
     @property
     def slip_total(self) -> np.ndarray:
@@ -46,12 +50,12 @@ class ContactState:
 
     @property
     def dissipated(self) -> float:
-        """Frictional work of the load step, Σ s_t · u_t (J per metre of depth).
+        """Frictional work of the load step, Σ ½ (g_n + g_n−1) |u_t| over the nodes that slip (J per metre of depth).
 
-        Sticking nodes dissipate nothing: their slip is an error of the iteration, and left out.
+        It is exact where slip and slip bound g grow together from zero, and where the bound is constant. Sticking nodes
+        dissipate nothing: their slip is an error of the iteration, and left out.
         """
-        moves = self.status != "stick"
-        return float((self.tangential_force[moves] * self.slip[moves]).sum())
+        return float((self.resistance * magnitude(self.slip)).sum())
 
     @property
     def pressure(self) -> np.ndarray:
@@ -103,7 +107,7 @@ class ContactState:
 
 
 def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.ndarray,
-                  between: np.ndarray | None = None, before: np.ndarray | None = None,
+                  between: np.ndarray | None = None, since: tuple[np.ndarray, np.ndarray] | None = None,
                   yielding: float = 0.0) -> ContactState:
     """The state of the contact nodes. Not collective.
 
@@ -113,21 +117,25 @@ def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.
     bound : (mt,) slip bound that held for them (N)
     u : (size,) relative displacement, the sum of both bodies' traces (m)
     between : (q,) opening at the interface's probes (m), if any
-    before : (size,) displacement from which the slip of this load step counts (m), if there have been others
+    since : (size,) displacement from which the slip of this load step counts (m), and forces at its beginning (N);
+        left out, nothing has moved, free of stress
     yielding : as of a `ContactState`
     """
     law, m, sliding = interface.law, interface.m, interface.sliding
+    none = np.zeros(interface.size)
+    start, former = since or (none, none)
     normal, moved = s[:m].copy(), law.split(u)
-    tangential, slip, former = np.zeros((3, m, law.components))
-    tangential[sliding], slip[sliding] = law.split(s)[1], moved[1]
-    if before is not None:
-        former[sliding] = law.split(before)[1]
-        slip -= former
-    status = np.full(m, "slip" if law.name == "none" else "stick", dtype="U5")
-    status[sliding[law.reaches_bound(s, bound)]] = "slip"
-    status[~law.closed(s, CLOSED)] = "open"
+    tangential, slip, before = np.zeros((3, m, law.components))
+    tangential[sliding], slip[sliding], before[sliding] = law.split(s)[1], moved[1], law.split(start)[1]
+    slip -= before
+    status, resistance = np.full(m, "slip" if law.name == "none" else "stick", dtype="U5"), np.zeros(m)
+    slips, closed = law.reaches_bound(s, bound), law.closed(s, CLOSED)
+    status[sliding[slips]] = "slip"
+    status[~closed] = "open"
+    slips &= closed[sliding] | (law.bound_at(none) > 0.0)
+    resistance[sliding[slips]] = 0.5 * bound[slips] + 0.5 * law.bound_at(former)[slips]
     return ContactState(interface, normal, tangential, interface.gap - moved[0], slip, status,
-                        np.empty(0) if between is None else between, 0.0 if before is None else former, yielding)
+                        np.empty(0) if between is None else between, before, yielding, resistance)
 
 
 def slip_start(interface: Interface, s: np.ndarray, moved: np.ndarray, rate: np.ndarray, ahead: float) -> np.ndarray:

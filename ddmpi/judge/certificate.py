@@ -6,7 +6,7 @@ found them enters. All residuals are free of units.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 
 import numpy as np
@@ -100,7 +100,8 @@ def equilibrium_residual(left: float, acting: float, load: float) -> float:
 
 
 def contact_residuals(state: ContactState, s: np.ndarray, mismatch: np.ndarray, u: tuple[np.ndarray, np.ndarray],
-                      load: float, yielding: float, everywhere: tuple[float, float]) -> ContactResiduals:
+                      load: float, yielding: float, everywhere: Sequence[float],
+                      former: Sequence[float] = (0.0, 0.0)) -> ContactResiduals:
     """Residuals of one contact.
 
     Parameters
@@ -117,6 +118,8 @@ def contact_residuals(state: ContactState, s: np.ndarray, mismatch: np.ndarray, 
         partner the body may not move at all, and displacements are compared with the first
     everywhere : largest displacement of all bodies, and largest yielding (m). Nothing is compared with less than
         RESOLVED times the first. A contact that carries next to no force is compared with the second
+    former : the largest of the same in the load steps before. Nothing is compared with less than RESOLVED times the
+        first and NO_FORCE times the second
 
     Not collective.
     """
@@ -125,8 +128,9 @@ def contact_residuals(state: ContactState, s: np.ndarray, mismatch: np.ndarray, 
     overlap = law.misfit(state.gap)
     U = np.inf if interface.on_rigid else max(np.abs(each).max(initial=0.0) for each in u)
     S = np.abs(s).max(initial=0.0)
-    moved, largest = everywhere
-    U = max(min(U, max(yielding, overlap)), RESOLVED * moved, largest if floor >= S else NO_FORCE * largest)
+    (moved, largest), (moved_before, before) = everywhere, former
+    U = max(min(U, max(yielding, overlap)), RESOLVED * max(moved, moved_before),
+            largest if floor >= S else NO_FORCE * largest, NO_FORCE * before)
     work, tension = law.complementarity(state.normal_force, state.gap)
     complementarity = max(_ratio(work, np.maximum(state.normal_force, 0.0).sum() * U), _ratio(tension, max(S, floor)))
     friction, size = 0.0, S or floor or 1.0

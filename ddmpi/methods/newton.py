@@ -78,6 +78,7 @@ class Newton:
     ----------
     forces : (size,) contact forces (N)
     history : the steps of the present load step; `residual` is that of the equations over the forces
+    nothing : nodal forces that are rounding beside those of the load steps before (N)
     """
 
     def __init__(self, joint: Joint, max_iterations: int, report: Report = no_report) -> None:
@@ -89,6 +90,7 @@ class Newton:
         self._preconditioner = precondition(joint, self._c)
         self._stiffness = self.space.largest(self._c)
         self._least = 0.0
+        self.nothing = 0.0
         self.begin()
 
     def begin(self, warm: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None, foreseen: bool = False) -> None:
@@ -211,8 +213,11 @@ class Newton:
         self._left = self.joint.imbalance(self._s)
 
     def _settle(self) -> None:
-        """Move the forces onto their bounds, so that they obey all of them exactly."""
+        """Move the forces onto their bounds, so that they obey all of them exactly; what is rounding becomes zero."""
         self._s = self._laws.settle(self._s, self._laws.active_sets(self._s - self._c * self._r))
+        for _, part in self.space.each():
+            if np.abs(self._s[part]).max(initial=0.0) <= self.nothing:
+                self._s[part] = 0.0
         self._settled = True
 
     def _note(self, residual: float, update: float) -> None:

@@ -54,7 +54,7 @@ STEPS = {
     "time": "end of the load step", "contact": "its name",
     "force_x": "resultant on the first body", "force_y": "", "moment": "x F_y − y F_x of the same forces",
     "normal_force": "sum over the nodes", "tangential_force": "sum over the nodes",
-    "open": "nodes", "slip": "", "stick": "", "dissipated": "frictional work of the step"}
+    "open": "nodes", "slip": "", "stick": "", "dissipated": "frictional work of the step, Σ ½ (g_n + g_n−1) |u_t|"}
 
 ENERGY = {
     "time": "end of the load step", "external_work": "of loads, clamps and rigid partners since time 0",

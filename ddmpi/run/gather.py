@@ -45,6 +45,7 @@ class StepLog:
     iterations : a line of history.csv for each
     doubts : warnings of answers at the ends of legs before the last one, of each kind the first
     worst : (nc, 4) the largest residuals of contacts so far, and (nb,) of bodies
+    largest : (3,) `Solution.sizes` so far
     """
 
     def __init__(self, contacts: Sequence[str], bodies: Sequence[str]) -> None:
@@ -53,6 +54,7 @@ class StepLog:
         self._kept, self._ends = Rows(), np.zeros(0, int)
         self.doubts: dict[str, str] = {}
         self.worst = np.zeros((len(self.contacts), len(KINDS))), np.zeros(len(self.bodies))
+        self.largest = np.zeros(3)
 
     @property
     def _tables(self) -> dict[str, Rows]:
@@ -135,25 +137,26 @@ class StepLog:
 
     def lengths(self) -> dict[str, Any]:
         """What `shorten` needs to come back to the present state."""
-        return {name: len(rows) for name, rows in self._tables.items()} | {"contacts": self.worst[0],
-                                                                         "bodies": self.worst[1]}
+        return {name: len(rows) for name, rows in self._tables.items()} | {
+            "contacts": self.worst[0], "bodies": self.worst[1], "largest": self.largest}
 
     def shorten(self, lengths: dict[str, Any]) -> None:
         """Forget what was noted since `lengths`."""
         for name, rows in self._tables.items():
             rows.shorten(lengths[name])
-        self.worst = lengths["contacts"], lengths["bodies"]
+        self.worst, self.largest = (lengths["contacts"], lengths["bodies"]), lengths["largest"]
 
     def state(self) -> dict[str, Any]:
         return {name: rows.all for name, rows in self._tables.items()} | {
             "doubts": tuple(self.doubts.values()), "ends": self._ends,
-            "contacts": self.worst[0], "bodies": self.worst[1]}
+            "contacts": self.worst[0], "bodies": self.worst[1], "largest": self.largest}
 
     def restore(self, state: dict[str, Any]) -> None:
         self.steps, self.resultants, self.energies, self.iterations, self._kept = (
             Rows(state[name]) for name in self._tables)
         self.doubts = {_kind(doubt.rpartition(" (at time")[0]): doubt for doubt in state["doubts"]}
         self._ends, self.worst = state["ends"], (state["contacts"], state["bodies"])
+        self.largest = state["largest"]
 
 
 def _kind(warning: str) -> str:
@@ -218,7 +221,7 @@ def _body(assembly: Assembly, body: Body, solution: Solution, error: Discretizat
         displacement_max=solution.displacement_max[name],
         von_mises_max=None if fields.von_mises is None else float(fields.von_mises.max()),
         energy=error.own[name].energy / 2,  # of the stresses: free of what moves the body without strain
-        reaction=-(member.elasticity.resultant + contact), discretization_error=error.by_body[name],
+        reaction=0.0 - (member.elasticity.resultant + contact), discretization_error=error.by_body[name],
         equilibrium=solution.certificate.equilibrium[name], n_A_by_purpose=dict(member.C.count),
         inner_steps=dict(solution.outer.inner_steps), solver=member.C.solver.description, compliance=member.C.kind,
         memory_mib=memory)

@@ -31,7 +31,7 @@ from ddmpi.results.tables import write_contact, write_energy, write_history, wri
 from ddmpi.run.checkpoint import Checkpoints, continue_from, identify, levels_kept
 from ddmpi.run.gather import StepLog, gather_summary
 from ddmpi.run.report import describe_files, log_end, log_plan, log_step, log_warnings
-from ddmpi.run.solve import Solution
+from ddmpi.run.solve import Solution, recover
 from ddmpi.run.steps import solve_scene
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agreed, merged
@@ -281,9 +281,11 @@ def _write_in_turn(world: MPI.Comm, path: Path, fields: Mapping[int, Fields], si
 
 def _write_steps(path: Path, solved: Solved, sizes: Sequence[tuple[int, int]]) -> list[float]:
     """Write the fields of the load steps that are kept, computed anew from their forces; their times. Collective."""
-    assembly, times = solved.assembly, []
+    assembly, times, steps = solved.assembly, [], solved.steps
     world, joint = assembly.world, assembly.joint
-    for number, (time, s, alpha, _) in enumerate(solved.steps.kept if solved.steps else ()):
+    if not steps:
+        return []
+    for number, (time, s, alpha, _) in enumerate(steps.kept):
         times.append(time)
         if time == solved.solution.time:  # the last one is there
             continue
@@ -291,7 +293,7 @@ def _write_steps(path: Path, solved: Solved, sizes: Sequence[tuple[int, int]]) -
         parts, fields = joint.spread(s), {}
         with agreed(world):
             for body, part in zip(assembly.bodies, parts, strict=True):
-                u, *_ = body.member.displacement(part, alpha[joint.slices[body.spec.name]])
+                u, *_ = recover(body.member, part, alpha[joint.slices[body.spec.name]], steps.largest)
                 fields[body.number] = _fields(assembly, body, u)
         _write_in_turn(world, path, fields, sizes, number)
     return times

@@ -6,12 +6,13 @@ import logging
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from mpi4py import MPI
 
 from ddmpi.coupling.assembly import Assembly
+from ddmpi.coupling.member import Member
 from ddmpi.errors import SolverError
 from ddmpi.interface.state import ContactState, contact_state
 from ddmpi.judge.certificate import (
@@ -44,6 +45,26 @@ USEFUL = 0.9
 """Steps that leave more than this of the certificate's largest residual are the last ones."""
 
 
+NOTHING = 1e-10
+"""Below this part of the largest ones of the load steps before, forces of a contact and displacements of a body are
+rounding, and zero."""
+
+
+class Past(NamedTuple):
+    """The load steps before.
+
+    Attributes
+    ----------
+    start : (size,) where the slip of the next step begins (m)
+    forces : (size,) at its beginning (N)
+    largest : (3,) `Solution.sizes` of all of them
+    """
+
+    start: np.ndarray
+    forces: np.ndarray
+    largest: np.ndarray
+
+
 @dataclass(frozen=True)
 class Solution:
     """The end of an iteration, as one rank holds it.
@@ -65,6 +86,7 @@ class Solution:
     drift : where loose bodies drift, in words
     moved : (size,) how far the bodies have moved against each other at the interfaces that this rank owns (m)
     energy : strain energy of all bodies (J)
+    sizes : (3,) largest nodal contact force (N), displacement, and displacement by contact forces (m)
     work : (2, cases) of all bodies, as `Member.work`, by history in the order of the scene
     time : of the load step, where there are several
     """
@@ -83,6 +105,7 @@ class Solution:
     drift: str = ""
     moved: np.ndarray = field(default_factory=lambda: np.empty(0))
     energy: float = 0.0
+    sizes: np.ndarray = field(default_factory=lambda: np.zeros(3))
     work: np.ndarray = field(default_factory=lambda: np.empty((2, 0)))
     time: float | None = None
 
@@ -190,7 +213,7 @@ class Iteration:
         self.goal.restore(_Goal(self.method.tolerance).state())
         self.statuses.clear()
 
-    def solve(self, mechanism: Mechanism | None, before: np.ndarray | None = None) -> Solution:
+    def solve(self, mechanism: Mechanism | None, past: Past | None = None) -> Solution:
         """Iterate until the answer is certified, or nothing helps any more.
 
         Where the iteration stops by its criterion but the certificate fails, it goes on with a tighter one.
@@ -198,7 +221,7 @@ class Iteration:
         Parameters
         ----------
         mechanism : that shows that there is no equilibrium, so that nothing is tried
-        before : (size,) where the slip of this load step begins (m); None for the only one
+        past : None for the only load step
 
         Collective. Raises as the function `solve`.
         """
@@ -213,7 +236,7 @@ class Iteration:
                                   f"{method.tolerance:g}: leave that option out",)
                 raise
             with self.clock.phase("recover"):
-                solution = _conclude(assembly, outer, stopped, self.limit, self.statuses, self.given, before)
+                solution = _conclude(assembly, outer, stopped, self.limit, self.statuses, self.given, past)
                 if stopped == "drift":
                     solution = replace(solution, drift=describe_drift(assembly, outer.motions))
             worst = max(value for value, _ in solution.certificate.worst().values())
@@ -254,18 +277,29 @@ def choose_outer(assembly: Assembly, method: SettledMethod, report: Report = no_
     return Newton(assembly.joint, method.max_iterations, report)
 
 
+def recover(member: Member, s: np.ndarray, alpha: np.ndarray,
+            largest: np.ndarray) -> tuple[np.ndarray, float, float, float]:
+    """`Member.displacement`, but none where it and its forces are nothing beside the `largest` sizes (3,) so far."""
+    u, left, acting, energy = member.displacement(s, alpha)
+    force, moved, _ = NOTHING * largest
+    if acting <= force and np.abs(u).max() <= moved:
+        u, energy = np.zeros_like(u), 0.0
+    return u, left, acting, energy
+
+
 def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, statuses: StatusLog,
-              given: float = 0.0, before: np.ndarray | None = None) -> Solution:
+              given: float = 0.0, past: Past | None = None) -> Solution:
     """Displacements, contact states and certificate of the forces at hand. Collective."""
     exchange, space, joint = assembly.exchange, assembly.space, assembly.joint
     forces, mismatch, bound = outer.forces, outer.mismatch, outer.bound
+    largest = past.largest if past else np.zeros(3)
     moved, traces, stayed = {}, [], []
     numbers: dict[str, dict[str, Any]] = {}
     for body, s in zip(assembly.bodies, outer.body_forces(), strict=True):
         member, alpha = body.member, outer.motions[joint.slices[body.spec.name]]
         u, left, acting, energy = np.zeros_like(member.elasticity.prescribed), np.nan, 0.0, np.nan
         with exchange.deferred():
-            u, left, acting, energy = member.displacement(s, alpha)
+            u, left, acting, energy = recover(member, s, alpha, largest)
         own = member.trace(u)
         moved[member.name] = u
         traces.append(own)
@@ -278,7 +312,7 @@ def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, stat
     places = exchange.swap_objects({key: part for own in stayed for key, part in own.items()})
     bodies = merged(assembly.world, numbers)
     load = float(sum(body["load"] for body in bodies.values()))
-    everywhere = max(body["moved"] for body in bodies.values()), max(body["yielding"] for body in bodies.values())
+    now = [max(body[key] for body in bodies.values()) for key in ("moved", "yielding")]
     found, start = {}, 0
     with event("Certificate"):
         for interface, part in space.each():
@@ -289,11 +323,12 @@ def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, stat
                 each for each in places[interface.name] if each is not None)
             yielding = max(bodies[name]["yielding"] for name in interface.bodies if name in bodies)
             state = contact_state(interface, forces[part], bound[start:stop], u1 + u2, between,
-                                  None if before is None else before[part], yielding)
+                                  past and (past.start[part], past.forces[part]), yielding)
             found[interface.name] = state, contact_residuals(state, forces[part], mismatch[part], (u1, u2), load,
-                                                             yielding, everywhere)
+                                                             yielding, now, largest[1:].tolist())
             start = stop
     found = merged(assembly.world, found)
+    force = max((float(np.abs(state.forces).max()) for state, _ in found.values()), default=0.0)
     names, contacts = [body.name for body in assembly.scene.body], [contact.name for contact in assembly.scene.contact]
     certificate = Certificate({name: found[name][1] for name in contacts},
                               {name: equilibrium_residual(bodies[name]["left"], bodies[name]["acting"], load)
@@ -302,4 +337,5 @@ def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, stat
                     {name: found[name][0] for name in contacts}, certificate, limit, outer, statuses, given,
                     moved=both[0] + both[1] + space.prescribed,
                     energy=float(sum(bodies[name]["energy"] for name in names)),
+                    sizes=np.array([force, *now]),
                     work=np.sum([bodies[name]["work"] for name in names], axis=0))

@@ -28,7 +28,7 @@ from ddmpi.methods.outer import Report, no_report
 from ddmpi.run.checkpoint import Checkpoints
 from ddmpi.run.equilibrium import look_for_mechanism
 from ddmpi.run.gather import StepLog
-from ddmpi.run.solve import Iteration, Solution, solve, with_undetermined
+from ddmpi.run.solve import NOTHING, Iteration, Past, Solution, solve, with_undetermined
 from ddmpi.system.clock import Clock
 
 log = logging.getLogger("ddmpi")
@@ -179,7 +179,8 @@ class March:
         if not self._resumed:
             self._begin(time, start)
         self._resumed = False
-        return replace(self.iteration.solve(mechanism, start), time=time)
+        self.outer.nothing = NOTHING * self.log.largest[0]
+        return replace(self.iteration.solve(mechanism, Past(start, self._now.s, self.log.largest)), time=time)
 
     def _begin(self, time: float, start: np.ndarray) -> None:
         """Begin to iterate for the step to `time`, whose slip begins at `start` (size,).
@@ -249,6 +250,7 @@ class March:
         self.log.note_contacts(contacts)
         self._note_iterations(len(self.log.steps))
         self.log.judge(solution.certificate)
+        self.log.largest = np.maximum(self.log.largest, solution.sizes)
         alike = not (self._sudden and now.time == 0.0)
         self._now = _Mark(time, time - now.time if alike else 0.0, s, outer.motions, self._d, moved, s - now.s,
                           outer.motions - now.alpha, moved - now.moved, space.prescribed, factors, solution.work,
@@ -292,19 +294,20 @@ class March:
         self._safe = None
         self._coarse: np.ndarray | None = None
         self._changed = math.nan
-        self._number, self._closing = self._steps or 1, False
-        self._ahead = self._times(None)
+        self._number = self._steps or 1
+        self._ahead = self._times()
 
-    def _times(self, length: float | None) -> list[float]:
-        """The times of the steps of the present leg; equal in growth where its end has a larger closed `length`.
+    def _times(self, length: float = 0.0, closing: bool = False) -> list[float]:
+        """The times of the steps of the present leg.
 
-        The closed length squared is taken as linear in the loads, as in the contact of a circle and a plane.
+        They are equal in growth where the leg's end has a larger closed `length`. Its square is taken as linear in the
+        loads, as in the contact of a circle and a plane. Where gaps are `closing`, the first step is divided.
         """
         start, end = self._start, self._legs[self._leg]
         x, first = np.arange(1, self._number) / self._number, self._base.length
-        if length is not None and length > first:
+        if length > first:
             x = ((first + x * (length - first)) ** 2 - first**2) / (length**2 - first**2)
-        if self._closing:
+        if closing:
             x = np.insert(x, 0, SHORT * x[0])
         return [*(start + x * (end - start)).tolist(), end]
 
@@ -329,13 +332,13 @@ class March:
                 log.warning("the leg to time %g misses time.tolerance in %d steps: they change the forces by %.2g",
                             self._legs[self._leg], self._number, self._changed)
             return False
-        self._closing |= space.any(np.array([
+        closing = space.any(np.array([
             ((s[part][:each.m] > 0.0) & (self._base.s[part][:each.m] <= 0.0)
              & (self._base.moved[part][:each.m] < each.gap)).any() for each, part in frictional]))
         self._coarse, self._number = s, 2 * self._number
         length, self._now = self._now.length, self._base
         self.log.shorten(self._noted)
-        self._ahead = self._times(length)
+        self._ahead = self._times(length, closing)
         return True
 
     def _change(self, change: np.ndarray) -> float:
@@ -351,7 +354,7 @@ class March:
         self._state = {
             "now": asdict(self._now), "base": asdict(self._base), "leg": self._leg, "start": self._start,
             "number": self._number, "ahead": list(self._ahead), "coarse": self._coarse, "changed": self._changed,
-            "largest": self._largest, "closing": self._closing, "cuts": self._cuts, "iterations": self.iterations,
+            "largest": self._largest, "cuts": self._cuts, "iterations": self.iterations,
             "noted": self._noted, "log": self.log.state()}
 
     def state(self) -> dict[str, Any]:
@@ -363,7 +366,6 @@ class March:
         self._leg, self._number, self._cuts = int(state["leg"]), int(state["number"]), int(state["cuts"])
         self._start, self._changed, self._largest = float(state["start"]), float(state["changed"]), state["largest"]
         self._ahead, self._coarse = np.asarray(state["ahead"]).tolist(), state["coarse"]
-        self._closing = bool(state["closing"])
         self.iterations, self._noted, self._safe = int(state["iterations"]), state["noted"], None
         self.log.restore(state["log"])
         self._state, self._resumed = state, True

@@ -121,6 +121,18 @@ def test_where_nothing_presses_forces_are_compared_with_the_loads():
     assert judged(parts).force_mismatch == pytest.approx(OFF)
 
 
+def test_what_is_small_beside_the_loads_of_other_steps_is_judged_by_itself():
+    """Late in a history errors of 1e-12 of what there was before are rounding; those of a small load still count."""
+    parts = {name: 1e-4 * values for name, values in answer().items()}
+    parts["second"][0] += 1e-4 * OFF * U
+    scale = {"moved": 1e-7, "yielding": 1e-4}
+    assert judged(parts, **scale, former=(1e-3, 1e-3)).penetration == pytest.approx(OFF, rel=1e-6)
+    nothing = {name: 1e-7 * values for name, values in parts.items()}
+    scale = {"moved": 1e-14, "yielding": 1e-14}
+    assert judged(nothing, **scale).penetration > LIMIT
+    assert judged(nothing, **scale, former=(1e-3, 1e-3)).penetration <= LIMIT
+
+
 def test_displacements_are_compared_with_what_the_forces_cause():
     """A body that moves far as a whole does not flatter the overlap."""
     parts = answer()

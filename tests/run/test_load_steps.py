@@ -6,6 +6,7 @@ import itertools
 import json
 import os
 import tomllib
+from pathlib import Path
 
 import made_up
 import meshio
@@ -24,8 +25,11 @@ from ddmpi.methods.newton import Newton
 from ddmpi.results.histories import draw_steps
 from ddmpi.results.magnify import surfaces
 from ddmpi.results.tables import read_results
+from ddmpi.run import checkpoint
 from ddmpi.run.answer import Answer
+from ddmpi.run.run import run as run_scene
 from ddmpi.run.steps import March
+from ddmpi.scene.reader import read_scene_file
 
 COULOMB = {"law": "coulomb", "coefficient": 0.3}
 SHIFTS, SHEARS = (0.0, 1.0, 2.0, 0.0, -1.0, 0.0), (0.0, 1.0, 1.0, -1.0, -1.0, 0.0)
@@ -84,6 +88,22 @@ def circle(**time) -> dict:
             "time": {"points": [1.0]} | time}
 
 
+def pressed_blocks(factors: list[float], friction: dict = COULOMB) -> dict:
+    """A loose block upon a loose one upon a floor, with a mirror at the left, pressed from above by `factors`."""
+    def block(name: str, y: float, divisions: list, young: float) -> dict:
+        return {"name": name, "material": {"young": young, "poisson": 0.3}, "clamp": [{"on": "left", "x": 0.0}],
+                "mesh": {"shape": "rectangle", "origin": [0.0, y], "size": [2.0, 1.0], "divisions": divisions}}
+
+    times = [float(k) for k in range(len(factors))]
+    upper = block("upper", 1.0, [12, 6], 1.0e9)
+    upper["traction"] = [{"on": "top", "value": [0.0, -1.0e6], "history": "press"}]
+    return {"body": [upper, block("lower", 0.0, [8, 4], 3.0e9)],
+            "rigid": [{"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}],
+            "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": friction},
+                        {"bodies": ["lower", "floor"], "on": ["bottom"], "friction": friction}],
+            "history": {"press": {"times": times, "factors": factors}}, "time": {"points": times[1:]}}
+
+
 @pytest.mark.parametrize("steps", [1, 3])
 def test_friction_remembers_how_it_was_sheared(steps):
     """Stress, slip and dissipation of a stack that is sheared to and fro are those of an elastic, perfectly plastic
@@ -105,6 +125,51 @@ def test_friction_remembers_how_it_was_sheared(steps):
     assert energy["residual"] <= 1e-9
     assert energy["dissipated"] == pytest.approx(total, rel=1e-6)
     assert energy["external_work"] == pytest.approx(energy["strain_energy"] + energy["interface_work"], rel=1e-9)
+
+
+def test_a_proportional_load_dissipates_the_same_in_any_number_of_steps():
+    """Blocks that slide as they are pressed: friction dissipates all that the contacts take, whether in one step, in
+    four, in as many as the tolerance asks for, or without [time]."""
+    scene = pressed_blocks([0.0, 1.0]) | {"method": {"tolerance": 1e-10}}
+    ends = [solve(scene | {"time": {"points": [1.0]} | time}) for time in ({"steps": 1}, {"steps": 4}, {})]
+    for answer in ends:
+        energy = answer.summary["energy"]
+        assert energy["dissipated"] == pytest.approx(energy["interface_work"], rel=1e-7) != 0.0
+    del scene["history"], scene["time"], scene["body"][0]["traction"][0]["history"]
+    for name, contact in solve(scene).summary["contacts"].items():
+        assert contact["slip"] > 0
+        assert contact["dissipated"] == pytest.approx(ends[1].summary["contacts"][name]["dissipated"], rel=1e-7)
+
+
+@pytest.mark.parametrize("law", [COULOMB, {"law": "none"}])
+def test_what_is_unloaded_is_zero(caplog, law):
+    """Unloading is a step like any other; then forces, displacements and stresses are zero, not what rounding leaves,
+    also where factors leave it; loaded once more all is as before. The certificate is the worst of all steps."""
+    caplog.set_level("INFO", "ddmpi")
+    left = 0.1 + 0.2 - 0.3
+    answer = solve(pressed_blocks([0.0, 1.0, left, 1.0, left], law))
+    said = " ".join(record.getMessage() for record in caplog.records)
+    assert left > 0.0 and "certificate fails" not in said and "halved" not in said
+    steps = {step["time"]: step["contacts"] for step in answer.summary["steps"]}
+    for name, contact in answer.contacts.items():
+        assert not contact.forces.any() and contact.count("open") == contact.interface.m
+        assert steps[3.0][name]["force"] == pytest.approx(steps[1.0][name]["force"], rel=1e-6, abs=1.0)
+        assert steps[2.0][name]["force"] == [0.0, 0.0]
+    assert not any(body.displacement.any() or body.stress.any() for body in answer.bodies.values())
+    pressed = solve(pressed_blocks([0.0, 1.0], law)).summary["certificate"]
+    worst = answer.summary["certificate"]
+    assert all(worst[kind] >= pressed[kind] for kind in worst) and pressed["penetration"] > 0.0
+    assert all(np.abs(body["reaction"]).max() <= 1e-9 for body in answer.summary["bodies"].values())
+
+
+@pytest.mark.parametrize("little", [1e-3, 1e-6, 1e-9])
+def test_a_small_load_after_a_large_one_is_solved_by_itself(little):
+    """What is left of a load is no rounding: without friction all is in proportion."""
+    full, left = (solve(pressed_blocks(factors, {"law": "none"})) for factors in ([0.0, 1.0], [0.0, 1.0, little]))
+    for name, body in full.bodies.items():
+        size = np.abs(body.displacement).max()
+        assert left.bodies[name].displacement / little == pytest.approx(body.displacement, abs=1e-5 * size)
+        assert left.bodies[name].stress.any()
 
 
 @pytest.mark.mpi(ranks=2)
@@ -328,6 +393,33 @@ sys.exit(main())
             assert (folder / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), name
     ours, theirs = (json.loads((each / "summary.json").read_text()) for each in (folder, tmp_path / "whole"))
     assert all(ours[key] == theirs[key] for key in ("steps", "energy", "contacts", "certificate", "n_A", "exchange"))
+
+
+def test_adaptive_steps_go_on_from_wherever_they_were(tmp_path, monkeypatch):
+    """From checkpoints here and there in legs of large, of smaller and of no forces, in as many steps as the tolerance
+    asks for: the tables of an uninterrupted run, byte for byte."""
+    times = [0.0, 1.0, 2.0, 3.0, 4.0]
+    scene = circle(points=times[1:], tolerance=0.07)
+    scene["history"]["press"] = {"times": times, "factors": [0.0, 1.0, 0.02, 0.2, 0.0]}
+    scene |= {"checkpoint": {"iterations": 9}, "output": {"steps": "all", "stress": False}}
+    path, kept = write_scene(scene, tmp_path / "scene.toml"), []
+    write = checkpoint.write
+
+    def keep(target: Path, *arguments) -> None:
+        kept.append(tmp_path / f"{len(kept)}")
+        kept[-1].mkdir()
+        write(kept[-1] / target.name, *arguments)
+
+    def compute(folder: Path, restart: Path | None = None) -> dict[str, bytes]:
+        run_scene(MPI.COMM_SELF, read_scene_file(path), str(path), str(folder), False, restart and str(restart))
+        return {each.name: each.read_bytes() for each in folder.glob("*.csv")}
+
+    monkeypatch.setattr(checkpoint, "write", keep)
+    whole = compute(tmp_path / "whole")
+    monkeypatch.setattr(checkpoint, "write", lambda *_: None)
+    assert len(kept) > 10
+    for folder in kept:
+        assert compute(folder, folder) == whole
 
 
 def test_files_of_load_steps(tmp_path):
