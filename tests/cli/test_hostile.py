@@ -1,0 +1,223 @@
+"""Files from elsewhere: whatever they hold, there is a message and an exit code, and only the output folder changes."""
+
+import hashlib
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import scenes
+from mpi4py import MPI
+
+from ddmpi.cli import main as cli
+from ddmpi.system import interrupt
+
+STEEL = {"young": 2.1e11, "poisson": 0.3}
+
+PLATE = """Point(1) = {0, 0, 0}; Point(2) = {2, 0, 0}; Point(3) = {2, 1, 0}; Point(4) = {0, 1, 0};
+Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 1};
+Curve Loop(1) = {1, 2, 3, 4}; Plane Surface(1) = {1};
+Physical Curve("bottom") = {1}; Physical Curve("top") = {3};
+"""
+
+TOUCH = "touch VICTIM/touched"
+
+
+def scene(**mesh) -> dict:
+    """A plate of any `mesh` under a block."""
+    return {"body": [{"name": "plate", "mesh": mesh, "material": STEEL, "clamp": ["bottom"]},
+                     {"name": "block", "material": STEEL, "clamp": [{"on": "top", "x": 0.0, "y": -1e-4}],
+                      "mesh": {"shape": "rectangle", "origin": [0.0, 1.0], "size": [2.0, 1.0], "divisions": [4, 2]}}],
+            "contact": [{"bodies": ["plate", "block"], "on": ["top", "bottom"]}]}
+
+
+def drawn(script: str = "", name: str = "plate.geo", **others: str) -> dict[str, str | bytes]:
+    """A plate with a further script, and other files, "a_geo" for "a.geo"."""
+    text = scenes.to_toml(scene(geometry=name, size=0.5))
+    return {"scene.toml": text, name: PLATE + script} | {name.replace("_", "."): text for name, text in others.items()}
+
+
+def filed(content: str | bytes, name: str = "plate.msh") -> dict[str, str | bytes]:
+    """A plate from a mesh file."""
+    return {"scene.toml": scenes.to_toml(scene(file=name)), name: content}
+
+
+class Place:
+    """Folders of a test: `given`, from elsewhere; `victim`, of somebody; `out`, of the results; and for the rest."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.given, self.victim, self.out = folder, folder / "given", folder / "victim", folder / "out"
+        for name in ("given", "victim/folder", "here", "tmp"):
+            (folder / name).mkdir(parents=True)
+        (self.victim / "thesis.txt").write_text("years of work")
+
+    def put(self, files: dict[str, str | bytes]) -> None:
+        for name, content in files.items():
+            path = self.given / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes((content.encode() if isinstance(content, str) else content)
+                             .replace(b"VICTIM", bytes(self.victim)))
+
+    def tree(self) -> dict[str, object]:
+        """All but the results: what each file holds, and where each link leads."""
+        return {str(path): os.readlink(path) if path.is_symlink() else
+                hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else path.is_dir()
+                for path in self.folder.rglob("*") if self.out not in (path, *path.parents)}
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch) -> Iterator[Place]:
+    """Folders, the current one among them; signals are as before at the end."""
+    found = Place(tmp_path)
+    monkeypatch.chdir(tmp_path / "here")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
+    before = {number: signal.getsignal(number) for number in interrupt.SIGNALS}
+    yield found
+    interrupt._handlers.clear()
+    for number, handler in before.items():
+        signal.signal(number, handler)
+    cli.logs.configure(0)
+
+
+def told(place: Place, capsys, *arguments: str) -> tuple[int, str]:
+    """Exit code and the one message of a command, after which nothing but the output folder has changed."""
+    before = place.tree()
+    code = cli._main(MPI.COMM_SELF, list(arguments), [])
+    lines = capsys.readouterr().err.splitlines()
+    assert place.tree() == before
+    assert len(lines) == (1 if code else 0), lines
+    return code, "\n".join(lines)
+
+
+def run(place: Place, capsys, *more: str) -> tuple[int, str]:
+    scene = str(place.given / "scene.toml")
+    return told(place, capsys, "run", scene, "--output", str(place.out), "--no-figures", *more)
+
+
+# Drawings and meshes
+
+HARM = "could start programs or write files"
+
+HIDDEN = f"a = 'Sys'; b = 'temCall'; c = '{TOUCH}';\n"
+
+DRAWINGS = {
+    "a command": (drawn(f'SystemCall "{TOUCH}";'), f"{HARM} (SystemCall in line 5 of plate.geo)"),
+    "a command behind a comment": (drawn(f'/* " */ SystemCall "{TOUCH}"; // "'), HARM),
+    "a command in the background": (drawn(f'NonBlockingSystemCall "{TOUCH}";'), HARM),
+    "a short word for it": (drawn(f'System "{TOUCH}";'), HARM),
+    "a word made of strings": (drawn(HIDDEN + "S2N[StrCat[a, b]] Str[c];"), HARM),
+    "a word made of strings, in full": (drawn(HIDDEN + f'StringToName[StrCat[a, b]] "{TOUCH}";'), HARM),
+    "a command in a loop": (drawn(f'For i In {{1:2}}\nSystemCall "{TOUCH}";\nEndFor'), HARM),
+    "a command in a macro": (drawn(f'Macro m\nSystemCall "{TOUCH}";\nReturn\nCall m;'), HARM),
+    "a command after a condition that reads on in a string":
+        (drawn(f"If(0)\nI\"x // \";\nEndIf SystemCall '{TOUCH}'; //\"\n"), HARM),
+    "a command after a long string": (drawn(f'a = "{"x" * 1023} ; SystemCall \'{TOUCH}\'; b = \'";'), HARM),
+    "a size field": (drawn(f'Field[1] = ExternalProcess; Field[1].CommandLine = "{TOUCH}"; Background Field = 1;'),
+                     HARM),
+    "a solver": (drawn(f'Solver.Executable0 = "{TOUCH}"; OnelabRun("a", "{TOUCH}");'), HARM),
+    "a mesh saved": (drawn('Mesh 2; Save "VICTIM/thesis.txt";'), HARM),
+    "a picture": (drawn('Print "VICTIM/thesis.txt";'), HARM),
+    "words into a file": (drawn('Printf("gone") > "VICTIM/thesis.txt";'), "cannot be read (gmsh: "),
+    "words added to a file": (drawn('Printf("%g", 1) >> "VICTIM/thesis.txt";'), "cannot be read (gmsh: "),
+    "a folder": (drawn('CreateDir "VICTIM/new";'), HARM),
+    "a plugin": (drawn('Plugin(BoundaryAngles).Dir = "VICTIM"; Plugin(BoundaryAngles).Run;'), HARM),
+    "a temporary file": (drawn('General.TmpFileName = "../victim/thesis.txt";'), HARM),
+    "an end": (drawn("Exit 3;"), "ends gmsh (exit code 3)"),
+    "an end of all": (drawn("Abort;", "plate.GEO") | {"plate.GEO": "Abort;" + PLATE}, "has no surface"),
+    "another script": (drawn('Include "other.geo";', other_geo=f'SystemCall "{TOUCH}";'), f"{HARM} (SystemCall in line"
+                       " 1 of other.geo)"),
+    "another script under a name made of strings": (drawn('Include StrCat["other", ".geo"];', other_geo=""),
+                                                    "reads a file whose name is not written out (Include in line 5"),
+    "a script first read as data": (drawn('a() = ListFromFile["a.dat"]; Include "a.dat";',
+                                          a_dat=f'SystemCall "{TOUCH}";'), HARM),
+    "a script as a drawing of CAD": (drawn("", "plate.Step") | {"plate.Step": f'SystemCall "{TOUCH}";'},
+                                     "cannot be read"),
+    "a script as a solid": (drawn("", "plate.step") | {"plate.step": f'SystemCall "{TOUCH}";'}, "cannot be read"),
+    "a script as a solid to merge": (drawn('Merge "a.STP";', a_STP=f'SystemCall "{TOUCH}";'), "cannot be read"),
+    "options beside a drawing": (drawn("foo;") | {"plate.geo.opt": f'SystemCall "{TOUCH}";'}, "syntax error"),
+    "a script that is not there": (drawn('Include "absent.geo";'), "absent.geo cannot be read: No such file"),
+    "itself": (drawn('Include "plate.geo";'), "cannot be "),
+    "a folder to include": (drawn('Include "..";'), "cannot be read: Is a directory"),
+    "noise": (drawn() | {"plate.geo": bytes(range(256)) * 40}, "cannot be read"),
+    "nothing": (drawn() | {"plate.geo": b""}, "has no surface")}
+
+
+@pytest.mark.parametrize("name", DRAWINGS)
+def test_a_drawing_starts_no_program_and_writes_no_file(place, capsys, name):
+    """A .geo that could do so is refused, whatever it hides it in, and so are files that gmsh would take for one."""
+    files, words = DRAWINGS[name]
+    place.put(files)
+    code, message = run(place, capsys)
+    assert code == 2 and words in message and "plate.mesh.geometry: " in message
+
+
+MESHES = {
+    "a script": filed(f'SystemCall "{TOUCH}";'),
+    "a script after a space": filed(f' \n$MeshFormat\nSystemCall "{TOUCH}";'),
+    "a script after a header": filed(f'$MeshFormat\n4.0 0 8\n$EndMeshFormat\nSystemCall "{TOUCH}";\n'),
+    "a script of an old version": filed(f'$NOD\n1\n1 0 0 0\n$ENDNOD\nSystemCall "{TOUCH}";\n'),
+    "options beside an old mesh": filed("$MeshFormat\n4.0 0 8\n$EndMeshFormat\n")
+    | {"plate.msh.opt": f'SystemCall "{TOUCH}";'},
+    "no version": filed("$MeshFormat\n"),
+    "an unknown version": filed("$MeshFormat\n9.9 0 8\n$EndMeshFormat\n"),
+    "more nodes than there are": filed("$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 99 1 99\n2 1 0 99\n1\n"),
+    "noise": filed(b"$MeshFormat\n4.1 1 8\n\1\0\0\0\n$EndMeshFormat\n$Nodes\n" + bytes(range(256)) * 40),
+    "a picture": filed(b"\x89PNG\r\n\x1a\n" + bytes(100)),
+    "nothing": filed("")}
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_a_mesh_file_is_no_script(place, capsys, name):
+    """gmsh runs files as scripts that do not begin as a mesh does; they are refused."""
+    place.put(MESHES[name])
+    code, message = run(place, capsys)
+    assert code == 2 and "plate.mesh.file: " in message and "is not a mesh that " in message
+
+
+def test_a_trusted_drawing_may_start_programs(place, capsys, monkeypatch):
+    """DDMPI_TRUST_GEOMETRY=1 allows all that gmsh does; nothing in a file can."""
+    script = f'SystemCall "{TOUCH}"; Printf("now") > "VICTIM/folder/said"; Include "more.geo";\n'
+    place.put(drawn(script, more_geo="a = 1;\n"))
+    monkeypatch.setenv("DDMPI_TRUST_GEOMETRY", "1")
+    arguments = ["run", str(place.given / "scene.toml"), "--output", str(place.out), "--no-figures"]
+    assert cli._main(MPI.COMM_SELF, arguments, []) == 0, capsys.readouterr().err
+    assert (place.victim / "touched").exists() and (place.victim / "folder" / "said").read_text() == "now\n"
+
+
+def test_harmless_scripts_are_drawn(place, capsys):
+    """Comments may hold any words; messages, options of pictures, lists from files and several scripts are no harm."""
+    place.put(drawn("""// Save the mesh, SystemCall by hand
+    /* Print "x"; */ Printf("Include %g", 1); Print.Text = 0; a() = ListFromFile["a.dat"]; Include 'b c.geo';
+    If (#a() == 2 && a(1) > 6 && b == 3 && FileExists("a.dat") && !FileExists("none"))
+      Physical Curve("right") = {2};
+    EndIf
+    """.replace("Include %g", "%g"), a_dat="5 7\n") | {"b c.geo": "b = 3; // the end"})
+    assert run(place, capsys, "--set", 'body.plate.clamp=["bottom","right"]') == (0, "")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_a_drawing_without_end_can_be_ended(place, number):
+    """A signal ends the run while gmsh draws, with exit code and message; gmsh ends with it."""
+    place.put(drawn("For i In {1:1000000000}\nEndFor"))
+    before = place.tree()
+    command = [sys.executable, "-m", "ddmpi", "run", place.given / "scene.toml", "--output", place.out]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=scenes.ROOT,
+                          env=scenes.clean_environment() | {"TMPDIR": str(place.folder / "tmp")}) as process:
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+        end = time.monotonic() + 120.0
+        while not (gmsh := children.read_text().split()):
+            assert time.monotonic() < end and process.poll() is None
+            time.sleep(0.05)
+        process.send_signal(number)
+        words = process.communicate(timeout=120.0)[1]
+        while any(Path(f"/proc/{each}").exists() for each in gmsh):
+            assert time.monotonic() < end
+            time.sleep(0.05)
+    if number == signal.SIGTERM:
+        assert process.returncode == 6 and "interrupted by SIGTERM" in words and len(words.splitlines()) == 1
+        assert place.tree() == before and not place.out.exists()
