@@ -87,6 +87,7 @@ def draw_mechanism(folder: str | Path, metadata: dict[str, str] | None = None) -
         figure = _figure(content)
         try:
             with writing(folder / PICTURE):
+                (folder / PICTURE).unlink(missing_ok=True)  # it may be a link
                 figure.savefig(folder / PICTURE, metadata=metadata)
         finally:
             plt.close(figure)

@@ -10,12 +10,14 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import made_up
 import pytest
 import scenes
 from mpi4py import MPI
 
 from ddmpi.cli import main as cli
 from ddmpi.system import interrupt
+from ddmpi.system.provenance import whereabouts
 
 STEEL = {"young": 2.1e11, "poisson": 0.3}
 
@@ -221,3 +223,83 @@ def test_a_drawing_without_end_can_be_ended(place, number):
     if number == signal.SIGTERM:
         assert process.returncode == 6 and "interrupted by SIGTERM" in words and len(words.splitlines()) == 1
         assert place.tree() == before and not place.out.exists()
+
+
+# Folders of results
+
+DEAD = f"{whereabouts().split()[0]} 999999999"
+"""The claim of a process that cannot be."""
+
+PLAIN = filed("") | {"scene.toml": scenes.to_toml(scene(shape="rectangle", size=[2.0, 1.0], divisions=[4, 2]))}
+
+
+@pytest.mark.parametrize("moved", ["../victim/thesis.txt", "VICTIM/thesis.txt", "a\n../given/scene.toml\nb", "a\0b",
+                                   b"\xff\xfe", "/", ""])
+def test_lists_of_moved_files_reach_no_other_folder(place, capsys, moved):
+    """What a killed run has left names files of its own folder; all else in such a list is no name."""
+    place.put(PLAIN | {f"../out/.unfinished/{DEAD}/.moved": moved})
+    assert run(place, capsys) == (0, "")
+    assert (place.out / "summary.json").exists() and not (place.out / ".unfinished").exists()
+
+
+def linked(place: Place) -> None:
+    """The claim of an output folder is a link to a folder of somebody."""
+    (place.victim / "folder" / DEAD).mkdir()
+    (place.victim / "folder" / DEAD / ".moved").write_text("thesis.txt")
+    place.out.mkdir()
+    (place.out / ".unfinished").symlink_to(place.victim / "folder")
+
+
+CLAIMS = {
+    "a link": (linked, "is a link"),
+    "a file": (lambda place: place.put({"../out/.unfinished": ""}), "cannot write there"),
+    **{f"the folder {name}": (lambda place, name=name: place.put({f"../out/.unfinished/{name}/.moved": "a"}),
+                                "another run is at work there")
+       for name in ("foreign", "a b", "a 1 2", "here 99999999999999999999", f"{DEAD} job", "héros 7")}}
+
+
+@pytest.mark.parametrize("name", CLAIMS)
+def test_folders_claimed_by_others_are_left_alone(place, capsys, name):
+    """What stands in the place of a claim and is none is not touched."""
+    put, words = CLAIMS[name]
+    place.put(PLAIN)
+    put(place)
+    inside = sorted(place.out.rglob("*"))
+    code, message = run(place, capsys)
+    assert code == 2 and words in message and sorted(place.out.rglob("*")) == inside
+
+
+@pytest.mark.parametrize(("name", "code", "words"), [
+    (".unfinished/foreign/.moved", 3, "1 not run"), ("run.log", 5, "run.log: is a link"), ("", 5, "is a link")])
+def test_sweeps_write_into_no_other_folder(place, capsys, name, code, words):
+    """Nor through links in a sweep's folder."""
+    place.put(PLAIN)
+    sweep = ["sweep", str(place.given / "scene.toml"), "--vary", "method.tolerance=1e-9,1e-8", "--output",
+             str(place.out), "--set", "output.figures=false"]
+    assert cli._main(MPI.COMM_SELF, [*sweep, "--index", "1"], []) == 0, capsys.readouterr().err
+    case = place.out / "method.tolerance=1e-9"
+    if name == "":
+        case.symlink_to(place.victim / "folder")
+    else:
+        (case / name).parent.mkdir(parents=True)
+        (case / name).symlink_to(place.victim / "thesis.txt")
+    ended, message = told(place, capsys, *sweep)
+    assert ended == code and words in message
+
+
+def test_reports_are_not_written_through_links(place, capsys):
+    """A link in the place of a report is no report."""
+    place.out.mkdir()
+    made_up.results(place.out, divisions=(6, 2))
+    (place.out / "report.html").symlink_to(place.victim / "thesis.txt")
+    assert told(place, capsys, "report", str(place.out))[0] == 2
+
+
+@pytest.mark.parametrize("file", ["bodies.png", "convergence.png", "contact.png"])
+def test_pictures_are_not_drawn_through_links(place, capsys, file):
+    """A picture takes the place of a link, and leaves alone what it leads to."""
+    place.out.mkdir()
+    made_up.results(place.out, divisions=(6, 2))
+    (place.out / file).symlink_to(place.victim / "thesis.txt")
+    assert told(place, capsys, "figures", str(place.out)) == (0, "")
+    assert not (place.out / file).is_symlink()
