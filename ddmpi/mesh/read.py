@@ -15,6 +15,7 @@ import numpy as np
 from ddmpi.errors import InputError, InterruptionError
 from ddmpi.mesh.mesh import SIDES, Mesh, signed_double_areas
 from ddmpi.mesh.refine import bend, raise_order
+from ddmpi.scene.values import LARGEST
 from ddmpi.system import interrupt
 
 MSH = (b"$MeshFormat", b"$Comments", b"$NOD", b"$NOE")
@@ -63,8 +64,8 @@ def read_mesh(path: Path, body: str, order: Literal[1, 2] = 1, label: str = "") 
     if len(triangles) == 0:
         raise InputError(f"{label} has no triangles; gmsh saves only elements in physical groups: "
                          'Physical Surface("body") = {1};')
-    if not np.isfinite(raw.points).all():
-        raise InputError(f"{label} has coordinates that are not numbers")
+    if not (np.abs(raw.points) <= LARGEST).all():
+        raise InputError(f"{label} has coordinates that are not numbers, or above {LARGEST:g}")
     if np.ptp(raw.points[:, 2]) > PLANE * np.ptp(raw.points):
         raise InputError(f"{label} is not plane (its z coordinates differ)")
     groups = _line_groups(raw, label)

@@ -1,6 +1,7 @@
 """Files from elsewhere: whatever they hold, there is a message and an exit code, and only the output folder changes."""
 
 import hashlib
+import json
 import os
 import signal
 import subprocess
@@ -9,6 +10,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from random import Random
 
 import made_up
 import pytest
@@ -16,6 +18,8 @@ import scenes
 from mpi4py import MPI
 
 from ddmpi.cli import main as cli
+from ddmpi.run import checkpoint
+from ddmpi.scene.reader import read_scene_file
 from ddmpi.system import interrupt
 from ddmpi.system.provenance import whereabouts
 
@@ -32,8 +36,8 @@ TOUCH = "touch VICTIM/touched"
 
 def scene(**mesh) -> dict:
     """A plate of any `mesh` under a block."""
-    return {"body": [{"name": "plate", "mesh": mesh, "material": STEEL, "clamp": ["bottom"]},
-                     {"name": "block", "material": STEEL, "clamp": [{"on": "top", "x": 0.0, "y": -1e-4}],
+    return {"body": [{"name": "plate", "mesh": mesh, "material": dict(STEEL), "clamp": ["bottom"]},
+                     {"name": "block", "material": dict(STEEL), "clamp": [{"on": "top", "x": 0.0, "y": -1e-4}],
                       "mesh": {"shape": "rectangle", "origin": [0.0, 1.0], "size": [2.0, 1.0], "divisions": [4, 2]}}],
             "contact": [{"bodies": ["plate", "block"], "on": ["top", "bottom"]}]}
 
@@ -303,3 +307,145 @@ def test_pictures_are_not_drawn_through_links(place, capsys, file):
     (place.out / file).symlink_to(place.victim / "thesis.txt")
     assert told(place, capsys, "figures", str(place.out)) == (0, "")
     assert not (place.out / file).is_symlink()
+
+
+# Scenes
+
+DEEP = 100_000
+
+
+def changed(path: str, value: object) -> str:
+    """The plain scene with another value at a dotted path."""
+    made = scene(shape="rectangle", size=[2.0, 1.0], divisions=[4, 2])
+    *parts, last = (int(part) if part.isdecimal() else part for part in path.split("."))
+    inner: dict = made
+    for part in parts:
+        inner = inner.setdefault(part, {}) if isinstance(inner, dict) else inner[part]
+    inner[last] = value
+    return scenes.to_toml(made)
+
+
+LOAD = "body.0.traction"
+
+SCENES = {
+    **{f"a load of {load}": (changed(LOAD, [{"on": "right", "value": [0.0, load]}]), 2, "traction.0.value.1: ")
+       for load in (1e200, -1e300, 1.7e308, float("inf"), 10**400)},
+    "a stiffness of 1e300": (changed("body.0.material.young", 1e300), 2, "young: expected float <= 1e+100"),
+    "a stiffness of 1e-99": (changed("body.0.material.young", 1e-99), 4, "1e-06 is needed"),
+    "a place of 1e99": (changed("body.0.mesh.origin", [1e99, 0.0]), 2, "plate.mesh: its triangles have no area"),
+    "a place of 1e300": (changed("body.0.mesh.origin", [1e300, 0.0]), 2, "origin.0: expected float <= 1e+100"),
+    "a size of 1e-300": (changed("body.0.mesh.size", [2e-300, 1e-300]), 2, "plate.mesh: its triangles have no area"),
+    "a clamp moved by 1e200": (changed("body.0.clamp", [{"on": "bottom", "x": 1e200}]), 2, "clamp.0.x: "),
+    "an error of 1e-300": (changed("method.target_error", 1e-300), 2, "target_error: expected float >= 1e-09"),
+    **{f"{number} divisions": (changed("body.0.mesh.divisions", number), 2, words) for number, words in (
+        ([10**9, 10**9], "divisions: 2e+18 triangles need more than 3.7e+11 GiB"), ([10**9, 1], "GiB are free"),
+        ([10**30, 1], "divisions.0: expected int <= 1000000000000"))},
+    "a list in lists": (f"title = {'[' * DEEP}{']' * DEEP}", 2, "is nested too deeply"),
+    "a table in tables": (f"title = {'{a=' * DEEP}1{'}' * DEEP}", 2, "is nested too deeply"),
+    "a key of keys": (f"a{'.a' * DEEP} = 1", 2, "is nested too deeply"),
+    "a header of keys": (f"[{'a . ' * DEEP}a]", 2, "is nested too deeply"),
+    "an integer of many digits": (f"title = {'9' * 5000}", 2, "not valid TOML: Exceeds the limit (4300 digits)"),
+    "noise": (bytes(range(256)), 2, "not a text file in UTF-8"),
+    "a formula of many powers": (changed(LOAD, [{"on": "right", "value": [0.0, "9**9**9"]}]), 2, "not a finite number"),
+    "a formula that imports": (changed(LOAD, [{"on": "right", "value": [0.0, "__import__('os').system('x')"]}]), 2,
+                               "cannot be evaluated"),
+    "a formula in brackets": (changed(LOAD, [{"on": "right", "value": [0.0, "(" * 400 + "x" + ")" * 400]}]), 2,
+                              "cannot be evaluated"),
+    **{f"PETSc's {name}": (changed(f"petsc.{name}", value), 2, f"petsc.{name}: could start a program or name a file")
+       for name, value in {
+           "body_ksp_view": "ascii:VICTIM/thesis.txt", "log_view": ":VICTIM/thesis.txt", "info": "thesis",
+           "log_trace": "thesis", "options_file": "given", "dll_append": "given", "qp_tao_python_type": "given.code",
+           "on_error_attach_debugger": True, "body_mat_mumps_ooc_tmpdir": "VICTIM", "a": "-options_file"}.items()}}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_scene_of_any_numbers_is_answered(place, capsys, name):
+    """Numbers out of range, more elements than memory, nesting and options beyond the run have a message each."""
+    text, code, words = SCENES[name]
+    place.put(PLAIN | {"scene.toml": text})
+    found, message = run(place, capsys)
+    assert found == code and words in message and not place.out.exists()
+
+
+def test_petsc_may_print(place, capsys):
+    """Options that only print, and ddmpi's own solver by its name, stand in a scene."""
+    place.put(PLAIN)
+    options = ("petsc.body_ksp_view=true", "petsc.log_view=::ascii_info_detail", "petsc.body_ksp_rtol=1e-9",
+               "petsc.qp_tao_python_type=ddmpi.mprgp.MPRGP", "petsc.newton_ksp_gmres_restart=-1")
+    read_scene_file(place.given / "scene.toml", options)
+
+
+# Summaries and records
+
+ODD: tuple[object, ...] = (None, True, 7, -1.5, "word", [], [1], [[None]], {}, {"a": None}, "../../victim/x", 10**400)
+
+
+def spoilt(summary: dict, seed: int) -> dict:
+    """A summary with another value in one place, of any depth."""
+    random = Random(seed)
+    result = json.loads(json.dumps(summary))
+    inner, depth = result, random.randint(1, 4)
+    while True:
+        keys = list(inner) if isinstance(inner, dict) else range(len(inner))
+        key = random.choice(keys)
+        depth -= 1
+        if depth == 0 or not (isinstance(inner[key], dict | list) and inner[key]):
+            inner[key] = random.choice(ODD)
+            return result
+        inner = inner[key]
+
+
+@pytest.mark.parametrize("command", ["report", "figures"])
+def test_summaries_of_other_types(place, capsys, command):
+    """A report or pictures of a summary with a value of another type: they are made, or there is one message."""
+    place.out.mkdir()
+    summary = made_up.results(place.out, divisions=(6, 2))
+    codes = []
+    for seed in range(60 if command == "report" else 12):
+        (place.out / "summary.json").write_text(json.dumps(spoilt(summary, seed)))
+        codes.append(told(place, capsys, command, str(place.out))[0])
+    assert set(codes) == {0, 2}
+
+
+@pytest.mark.parametrize("content", ["[]", "7", '"a"', "{}", '{"format": 2}', '{"format": 2, "contacts": 3}',
+                                     '{"format": 2, "contacts": {"/../../victim/x": {}}}', "nan", "\0", "[" * DEEP])
+@pytest.mark.parametrize("command", ["report", "figures", "gather", "sweep-plot"])
+def test_what_is_no_summary(place, capsys, command, content):
+    """Any JSON in the place of a summary or a sweep's record has one message and exit code 2."""
+    place.put(PLAIN | {"../out/summary.json": content, "../out/contact_/a": ""})
+    arguments = [command, str(place.out)]
+    if command in ("gather", "sweep-plot"):
+        place.put({"../out/sweep.json": content, "../out/sweep.csv": "case,n_A,status,folder\n0,1,certified,.\n"})
+        arguments = ["sweep-plot", str(place.out), "n_A:case"] if command == "sweep-plot" else [
+            "sweep", str(place.given / "scene.toml"), "--vary", "method.tolerance=1e-9,1e-8", "--gather", "--output",
+            str(place.out)]
+    assert told(place, capsys, *arguments)[0] == 2
+
+
+def test_plots_stay_in_the_folder_of_their_sweep(place, capsys):
+    """Whatever the columns of its table are called."""
+    place.out.mkdir()
+    made_up.results(place.out, divisions=(6, 2))
+    (place.out / "sweep.csv").write_text("case,/../../victim/x.n_A,status,folder\n0,1,certified,.\n")
+    (place.out / "sweep.json").write_text('{"scene": {}}')
+    assert told(place, capsys, "sweep-plot", str(place.out), "n_A:case") == (0, "")
+
+
+@pytest.mark.parametrize("spoil", [lambda i, s: i.clear(), lambda i, s: s[0].clear(), lambda i, s: s[0].update(outer=7),
+                                   lambda i, s: s[0].update(ladder={"levels": "a"}), lambda i, s: i.update(scene=[])])
+def test_checkpoints_of_other_types(place, capsys, spoil):
+    """A checkpoint that is whole, and holds something else, is refused."""
+    place.put(PLAIN)
+    here = place.given / "here"
+    here.mkdir()
+    command = ["run", str(place.given / "scene.toml"), "--no-figures", "--set", "checkpoint.iterations=1"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("ddmpi.run.checkpoint.Checkpoints.remove", lambda self: None)
+        cli._main(MPI.COMM_SELF, [*command, "--output", str(here)], [])
+    capsys.readouterr()
+    identity, states = checkpoint.read(here / "checkpoint.h5")
+    spoil(identity, states)
+    place.out.mkdir()
+    checkpoint.write(place.out / "checkpoint.h5", identity, states)
+    code, message = told(place, capsys, *command, "--restart", str(place.out))
+    assert code == 2 and "checkpoint" in message
