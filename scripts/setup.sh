@@ -66,6 +66,8 @@ or name a Python that has $MODULES in DDMPI_PYTHON (conda-forge has them all).";
 make_venv() {
     local site
     say "making $VENV"
+    [ ! -e "$VENV" ] || [ -z "$(ls -A "$VENV")" ] || [ -e "$VENV/pyvenv.cfg" ] || [ -e "$VENV/bin/python.found" ] ||
+        give_up "$VENV is there, and no virtual environment; name another folder in DDMPI_VENV"
     rm -rf "$VENV"
     /usr/bin/python3 -m venv --system-site-packages "$VENV" || give_up "python3 -m venv failed"
     site=$("$VENV/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')

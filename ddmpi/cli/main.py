@@ -60,7 +60,7 @@ def _abort(world: MPI.Comm, code: int) -> None:
 
 def _main(world: MPI.Comm, own: list[str], petsc: list[str]) -> int:
     from ddmpi.cli.commands import COMMANDS, printing
-    from ddmpi.system.agreement import agreed
+    from ddmpi.system.agreement import agreed, explained
     from ddmpi.system.provenance import command, whereabouts
 
     try:
@@ -73,7 +73,8 @@ def _main(world: MPI.Comm, own: list[str], petsc: list[str]) -> int:
             logs.configure(world.rank, getattr(options, "quiet", False), getattr(options, "log", None),
                            f"ddmpi {__version__} on {whereabouts()}: {command()}")
             interrupt.check()
-        COMMANDS[options.command](world, options, petsc)
+        with explained():
+            COMMANDS[options.command](world, options, petsc)
     except DdmpiError as error:
         if not error.agreed and world.size > 1:
             raise

@@ -22,7 +22,7 @@ from ddmpi.cli.report_markup import (
 )
 from ddmpi.cli.report_run import RunReport
 from ddmpi.errors import InputError
-from ddmpi.results.tables import read_summary
+from ddmpi.results.tables import read_summary, reading
 from ddmpi.scene.reader import write_toml
 from ddmpi.sweep.table import read_table
 from ddmpi.system.files import CHECKPOINT, SUMMARY, SWEEP, TABLE, write_atomically
@@ -39,7 +39,8 @@ def write_report(folder: str | Path, output: str | None = None) -> Path:
     """
     folder = Path(folder)
     path = Path(output) if output else folder / "report.html"
-    title, parts = _sweep(folder) if (folder / SWEEP).exists() else _run(folder)
+    with reading(folder):
+        title, parts = _sweep(folder) if (folder / SWEEP).exists() else _run(folder)
     if path.exists() and not (path.is_file() and MARK.encode() in path.read_bytes()[:1000]):
         raise InputError(f"--output {path}: is there already, and no report of ddmpi; name another file")
     page = string.Template(resources.files("ddmpi.cli").joinpath("report.html").read_text(encoding="utf-8"))

@@ -13,14 +13,18 @@ from typing import Literal
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group, group_nodes, material_numbers
 from ddmpi.mesh.geometry import Sizes, mesh_geometry
-from ddmpi.mesh.mesh import Mesh, refuse_folded
+from ddmpi.mesh.mesh import Mesh, refuse_folded, signed_double_areas
 from ddmpi.mesh.read import file_order, read_mesh
 from ddmpi.mesh.refine import halve, raise_order
 from ddmpi.mesh.shapes import generate_annulus, generate_quadrilateral, generate_rectangle
 from ddmpi.scene.bodies import BodySpec
+from ddmpi.system.memory import free_memory
 
 SHAPES = {"rectangle": generate_rectangle, "quadrilateral": generate_quadrilateral, "annulus": generate_annulus}
 """What generates the mesh of a shape."""
+
+EACH = 200.0
+"""Bytes that a linear triangle needs at least: its nodes and groups, and its part of the stiffness."""
 
 
 def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[str] = (),
@@ -38,13 +42,19 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
     spec = body.mesh
     key = f"body.{body.name}.mesh"
     if spec.shape:
+        assert spec.divisions
+        _refuse_huge(2.0 * spec.divisions[0] * spec.divisions[1], f"{key}.divisions")
         mesh = SHAPES[spec.shape](spec)
+        if not signed_double_areas(mesh.points, mesh.triangles).min() > 0.0:
+            raise InputError(f"{key}: its triangles have no area in double precision; sizes, place and units do not "
+                             "fit together")
     elif spec.geometry is not None:
         mesh = mesh_geometry(locate_mesh(body, folder), body, contacts, sizes)
     else:
         mesh = read_mesh(locate_mesh(body, folder), body.name, spec.order or 1)
     cut = mesh.cut
     for _ in range(spec.halvings):
+        _refuse_huge(4.0 * len(mesh.triangles), f"{key}.refine")
         mesh = halve(mesh, key)
     if spec.order == 2 and mesh.order == 1:
         mesh = raise_order(mesh, key)
@@ -55,6 +65,14 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
     for traction in body.traction:
         boundary_group(mesh, traction.on, f"body.{body.name}.traction")
     return replace(mesh, cut=cut)
+
+
+def _refuse_huge(triangles: float, key: str) -> None:
+    """Raise InputError where the memory that is free cannot hold so many triangles and their stiffness."""
+    needed, free = EACH * triangles, free_memory()
+    if needed > free:
+        raise InputError(f"{key}: {triangles:.2g} triangles need more than {needed / 2**30:.2g} GiB of memory; "
+                         f"{free / 2**30:.2g} GiB are free")
 
 
 def order_of_files(scene_path: str | Path) -> Callable[[BodySpec], Literal[1, 2]]:

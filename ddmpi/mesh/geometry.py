@@ -1,8 +1,12 @@
-"""Geometries (.geo, .step, .brep): meshed by gmsh, finer towards contacts, or as an estimated error asks for."""
+"""Geometries (.geo, .step, .brep): meshed by gmsh, finer towards contacts, or as an estimated error asks for.
+
+A .geo is a program. gmsh gets a copy of it, in a folder of its own, in which nothing starts programs or writes files.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import tempfile
 from collections.abc import Collection, Iterator
@@ -15,8 +19,26 @@ from scipy.sparse import csgraph
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.mesh import Mesh, signed_double_areas
-from ddmpi.mesh.read import gmsh_session, name_groups, read_mesh
+from ddmpi.mesh.read import MSH, gmsh_session, name_groups, read_mesh
 from ddmpi.scene.bodies import BodySpec
+from ddmpi.system.interrupt import apart
+
+TRUST = "DDMPI_TRUST_GEOMETRY"
+"""The variable that allows drawings to start programs and write files, if it is 1. No file can set it."""
+
+HARMFUL = re.compile(rb"\b(System|SystemCall|NonBlockingSystemCall|OnelabRun|ExternalProcess|Plugin|SendToServer|Save"
+                     rb"|CreateDir|(?:Tmp|Session|Options|Error)FileName|S2N|StringToName|Print(?!\s*\.))\b")
+"""What starts programs or writes files in a .geo, and what makes such a word out of strings."""
+
+SKIPPED = re.compile(rb"""("[^"]*"|'[^']*')|//[^\n]*|/\*.*?\*/""", re.S)
+"""A string of a .geo, or a comment."""
+
+READS = re.compile(rb"""\b(Include|Merge|MergeWithBoundingBox|ShapeFromFile|ListFromFile|FileExists|FileName)\b"""
+                   rb"""([\s=(\[]*)(?:"([^"\n]{1,999})"|'([^'\n]{1,999})')?""")
+"""What reads another file in a .geo, and its name; gmsh cuts strings at 1023 characters and reads on."""
+
+READ_AS_DATA = (".step", ".stp", ".brep", ".brp", ".iges", ".igs", ".stl")
+"""Endings, in small letters, of files that gmsh takes for no script whatever they hold."""
 
 AROUND = 24
 """Elements around a full circle, at least: beyond 40 degrees from one side to the next a contact has a corner. Not by
@@ -66,24 +88,22 @@ def mesh_geometry(path: Path, body: BodySpec, contacts: Collection[str], sizes: 
     Not collective. Raises InputError for a file that gmsh cannot read or mesh, or that is not plane.
     """
     label = f"body.{body.name}.mesh.geometry: {path}"
-    with tempfile.TemporaryDirectory() as folder:
-        target = Path(folder) / "drawn.msh"
-        with gmsh_session() as gmsh:
-            _open(gmsh, path, label, Path(folder))
-            _choose_groups(gmsh, path, body, contacts, label)
-            for option, value in _OPTIONS.items():
-                gmsh.option.setNumber(option, value)
-            if sizes:
-                _follow(gmsh, sizes, body.mesh.largest, Path(folder))
-            else:
-                _refuse_tiny(gmsh, body, contacts, label)
-                _refine_towards(gmsh, body, contacts, Path(folder))
-            with _gmsh_errors(f"{label} cannot be meshed"):
-                gmsh.model.mesh.generate(2)
-                gmsh.model.mesh.setOrder(body.mesh.order or 1)
-                gmsh.write(str(target))
-        return read_mesh(target, body.name, body.mesh.order or 1, label)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name).resolve()
+        copies: dict[Path, Path] = {}
+        source = _copy(path.resolve(), copies, folder, label)
+        try:
+            apart(folder, _draw, source, path.suffix.lower() == ".geo", body, contacts, sizes, label)
+        except InputError as error:
+            for original, copy in copies.items():
+                error.args = (str(error).replace(str(copy), str(original)),)
+            raise
+        except ChildProcessError as error:
+            raise InputError(f"{label} ends gmsh ({error}); leave out Exit, if it is there") from None
+        return read_mesh(folder / DRAWN, body.name, body.mesh.order or 1, label)
 
+
+DRAWN = "drawn.msh"
 
 _OPTIONS = {"General.NumThreads": 1, "Mesh.MaxNumThreads1D": 1, "Mesh.MaxNumThreads2D": 1, "Mesh.RandomSeed": 1,
             "Mesh.ElementOrder": 1, "Mesh.SecondOrderLinear": 0, "Mesh.MshFileVersion": 4.1, "Mesh.Binary": 1,
@@ -92,27 +112,95 @@ _OPTIONS = {"General.NumThreads": 1, "Mesh.MaxNumThreads1D": 1, "Mesh.MaxNumThre
 """What the options of a file do not change."""
 
 
-def _open(gmsh, path: Path, label: str, folder: Path) -> None:
-    """Open the file. Raises InputError where gmsh cannot, or where it holds no plane geometry."""
-    source = path
-    if path.suffix.lower() == ".geo":
-        script = re.sub(r"//[^\n]*|/\*.*?\*/", "", path.read_text(encoding="utf-8", errors="replace"), flags=re.S)
-        if re.search(r"\b(Exit|Abort)\s*;", script):
-            raise InputError(f"{label} ends gmsh by Exit or Abort; leave this out")
-        source = folder / "whole.geo"  # a file whose last line has no end would lose statements in gmsh 4.15
-        source.write_text(f'Include "{path.resolve()}";\n', encoding="utf-8")
-    with _gmsh_errors(f"{label} cannot be read", gmsh):
-        gmsh.open(str(source))
-    if gmsh.model.getEntities(3):
-        raise InputError(f"{label} holds a solid; the geometry of a plane body is a surface in the plane z = 0")
-    if not gmsh.model.getEntities(2):
-        raise InputError(f"{label} has no surface: Plane Surface(1) = {{1}};")
+def _copy(path: Path, copies: dict[Path, Path], folder: Path, label: str) -> Path:
+    """A copy in `folder` that gmsh may open, of a drawing and of all that it includes; `copies` has those made so far.
+
+    Its name tells gmsh what it is, and no file of options lies beside it, which gmsh would run. Raises InputError for a
+    script that could do more than draw.
+    """
+    if path in copies:
+        return copies[path]
+    suffix, content = path.suffix.lower(), _content(path, label)
+    if suffix not in READ_AS_DATA:
+        suffix = ".msh" if content.startswith(MSH) else ".geo"
+    copy = copies[path] = folder / f"{len(copies)}{suffix}"
+    copy.write_bytes(_tamed(content, path, copies, folder, label) if suffix == ".geo" else content)
+    return copy
 
 
-def _choose_groups(gmsh, path: Path, body: BodySpec, contacts: Collection[str], label: str) -> None:
+def _content(path: Path, label: str) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{label}: {path} cannot be read: {error.strerror}") from None
+
+
+def _tamed(script: bytes, path: Path, copies: dict[Path, Path], folder: Path, label: str) -> bytes:
+    """The `script` without comments, and with copies of the files that it names. Raises InputError for a harmful one.
+
+    Comments go because gmsh skips loops and conditions by other rules than those by which it reads them.
+    """
+    if os.environ.get(TRUST) == "1":
+        return b'Include "%b";\n' % os.fsencode(path)
+    script = SKIPPED.sub(lambda each: each[1] or b" " + b"\n" * each[0].count(b"\n"), script)
+
+    def refuse(word: re.Match[bytes], what: str) -> None:
+        line = 1 + script.count(b"\n", 0, word.start())
+        raise InputError(f"{label} {what} ({word[1].decode()} in line {line} of {path.name}); for a drawing that you "
+                         f"trust as you would a program, set {TRUST}=1 in the environment")
+
+    def use_copy(read: re.Match[bytes]) -> bytes:
+        word, between, *names = read.groups()
+        name = names[0] or names[1]
+        data = word in (b"ListFromFile", b"FileExists", b"FileName")
+        if name is None and not data:
+            refuse(read, "reads a file whose name is not written out")
+        other = (path.parent / os.fsdecode(name or b"")).resolve()
+        if data and not other.is_file():
+            return read[0]
+        if data:
+            copy = folder / f"data{len(os.listdir(folder))}"
+            copy.write_bytes(_content(other, label))
+        else:
+            copy = _copy(other, copies, folder, label)
+        return b'%b%b"%b"' % (word, between, os.fsencode(copy))
+
+    if found := HARMFUL.search(script):
+        refuse(found, "could start programs or write files")
+    printing = re.sub(rb"\bPrintf\b", b"Warning", script)  # Printf may write into a file
+    return READS.sub(use_copy, printing) + b"\n"  # without it gmsh 4.15 would lose statements
+
+
+def _draw(source: Path, script: bool, body: BodySpec, contacts: Collection[str], sizes: Sizes | None,
+          label: str) -> None:
+    """Write the mesh of the drawing `source` as DRAWN into the current folder; for a process that does nothing else.
+
+    Raises InputError.
+    """
+    with gmsh_session() as gmsh:
+        with _gmsh_errors(f"{label} cannot be read"):
+            gmsh.open(str(source))
+        if gmsh.model.getEntities(3):
+            raise InputError(f"{label} holds a solid; the geometry of a plane body is a surface in the plane z = 0")
+        if not gmsh.model.getEntities(2):
+            raise InputError(f"{label} has no surface: Plane Surface(1) = {{1}};")
+        _choose_groups(gmsh, script, body, contacts, label)
+        for option, value in _OPTIONS.items():
+            gmsh.option.setNumber(option, value)
+        if sizes:
+            _follow(gmsh, sizes, body.mesh.largest, label)
+        else:
+            _refuse_tiny(gmsh, body, contacts, label)
+            _refine_towards(gmsh, body, contacts)
+        with _gmsh_errors(f"{label} cannot be meshed"):
+            gmsh.model.mesh.generate(2)
+            gmsh.model.mesh.setOrder(body.mesh.order or 1)
+            gmsh.write(DRAWN)
+
+
+def _choose_groups(gmsh, script: bool, body: BodySpec, contacts: Collection[str], label: str) -> None:
     """See to it that the groups have names, and that the surface is saved. Raises InputError."""
-    drawn = path.suffix.lower() == ".geo"  # other files have no physical groups
-    if not drawn:
+    if not script:  # other files have no physical groups
         _name_curves(gmsh, body, contacts, label)
     name_groups(gmsh)
     names = [{gmsh.model.getPhysicalName(d, tag) for _, tag in gmsh.model.getPhysicalGroups(d)} - {""} for d in (1, 2)]
@@ -123,7 +211,7 @@ def _choose_groups(gmsh, path: Path, body: BodySpec, contacts: Collection[str], 
         raise InputError(f"{label}: {name!r} is the name of both a physical curve and a physical surface; rename one")
     surfaces = [tag for _, tag in gmsh.model.getEntities(2)]
     if not gmsh.model.getPhysicalGroups(2):
-        if len(surfaces) > 1 and drawn:
+        if len(surfaces) > 1 and script:
             raise InputError(f"{label} has {len(surfaces)} surfaces and no physical one; name those of the body: "
                              'Physical Surface("body") = {1};')
         gmsh.model.addPhysicalGroup(2, surfaces)
@@ -186,14 +274,14 @@ def _area(gmsh, surface: int) -> float:
     return abs(total)
 
 
-def _refine_towards(gmsh, body: BodySpec, contacts: Collection[str], folder: Path) -> None:
+def _refine_towards(gmsh, body: BodySpec, contacts: Collection[str]) -> None:
     """Limit the sizes of the file, and make elements finer along the curves of the groups in `contacts`."""
     largest, finest = body.mesh.largest, body.mesh.contact_size or body.mesh.largest
     number = gmsh.option.getNumber
     gmsh.option.setNumber("Mesh.MeshSizeMax", min(number("Mesh.MeshSizeMax"), largest))
     gmsh.option.setNumber("Mesh.MeshSizeMin", min(number("Mesh.MeshSizeMin"), finest))
     curves = _of_groups(gmsh, 1, contacts)
-    own = _background(gmsh, folder)
+    own = _background(gmsh)
     fields = _around(gmsh, largest) + [own] * bool(own)
     if len(curves) and finest < largest:
         fields.append(_near(gmsh, curves, finest, largest))
@@ -201,15 +289,17 @@ def _refine_towards(gmsh, body: BodySpec, contacts: Collection[str], folder: Pat
         gmsh.model.mesh.field.setAsBackgroundMesh(_field(gmsh, "Min", FieldsList=fields))
 
 
-def _follow(gmsh, sizes: Sizes, largest: float, folder: Path) -> None:
+def _follow(gmsh, sizes: Sizes, largest: float, label: str) -> None:
     """Have elements of the given sizes, whatever the file says of its own."""
     gmsh.model.mesh.removeConstraints()  # numbers of nodes on curves; but those of gmsh's own kernel remain
-    script = _unrolled(gmsh, folder)
+    script = _unrolled(gmsh)
     free = re.sub(r"^(Transfinite|Recombine) .*\n", "", script, flags=re.M)
     if free != script:
         gmsh.clear()
-        (folder / "free.geo").write_text(free, encoding="utf-8")
-        gmsh.open(str(folder / "free.geo"))
+        free_of_them, again = Path("free.geo").resolve(), Path("again").resolve()
+        free_of_them.write_text(free, encoding="utf-8")
+        again.mkdir()
+        gmsh.open(str(_copy(free_of_them, {}, again, label)))  # its names of groups may be anything
     plane = gmsh.model.getBoundingBox(-1, -1)[2::3]
     xyz = np.column_stack([sizes.points, np.full(len(sizes.points), sum(plane) / 2)])
     corners = xyz[sizes.triangles].transpose(0, 2, 1).reshape(-1, 9)
@@ -253,29 +343,24 @@ def _field(gmsh, kind: str, **values) -> int:
     return int(field)
 
 
-def _background(gmsh, folder: Path) -> int:
+def _background(gmsh) -> int:
     """The number of the file's own background field; 0 if it has none."""
-    found = re.search(r"^Background Field = (\d+);", _unrolled(gmsh, folder), re.M)
+    found = re.search(r"^Background Field = (\d+);", _unrolled(gmsh), re.M)
     return int(found[1]) if found else 0
 
 
-def _unrolled(gmsh, folder: Path) -> str:
+def _unrolled(gmsh) -> str:
     """The model as a script without loops and variables, which has more than the interface tells."""
-    script = folder / "model.geo_unrolled"
-    gmsh.write(str(script))
-    return script.read_text(encoding="utf-8", errors="replace")
+    gmsh.write("model.geo_unrolled")
+    return Path("model.geo_unrolled").read_text(encoding="utf-8", errors="replace")
 
 
 @contextlib.contextmanager
-def _gmsh_errors(what: str, gmsh=None) -> Iterator[None]:
-    """Errors of gmsh as InputError that says `what`. A parser stopped by an error must come to an end of a file."""
+def _gmsh_errors(what: str) -> Iterator[None]:
+    """Errors of gmsh as InputError that says `what`."""
     try:
         yield
     except Exception as error:  # gmsh raises bare ones
-        if gmsh:
-            with tempfile.NamedTemporaryFile("w", suffix=".geo") as other, contextlib.suppress(Exception):
-                print("ended = 1;", file=other, flush=True)
-                gmsh.merge(other.name)
         raise InputError(f"{what} (gmsh: {error})") from None
 
 

@@ -1,7 +1,8 @@
-"""Mesh files: read through meshio, and where it cannot read them, converted by gmsh first."""
+"""Mesh files: read through meshio; versions of MSH that it cannot read are converted by gmsh first."""
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,10 +12,14 @@ from typing import Literal
 
 import numpy as np
 
-from ddmpi.errors import InputError
+from ddmpi.errors import InputError, InterruptionError
 from ddmpi.mesh.mesh import SIDES, Mesh, signed_double_areas
 from ddmpi.mesh.refine import bend, raise_order
+from ddmpi.scene.values import LARGEST
 from ddmpi.system import interrupt
+
+MSH = (b"$MeshFormat", b"$Comments", b"$NOD", b"$NOE")
+"""How files of meshes by gmsh begin. Only these does it open: what it does not know it runs as a script."""
 
 TRIANGLES, LINES, QUADS = ("triangle", "triangle6"), ("line", "line3"), ("quad", "quad8", "quad9")
 """The element types, in meshio's words, that are read."""
@@ -59,8 +64,8 @@ def read_mesh(path: Path, body: str, order: Literal[1, 2] = 1, label: str = "") 
     if len(triangles) == 0:
         raise InputError(f"{label} has no triangles; gmsh saves only elements in physical groups: "
                          'Physical Surface("body") = {1};')
-    if not np.isfinite(raw.points).all():
-        raise InputError(f"{label} has coordinates that are not numbers")
+    if not (np.abs(raw.points) <= LARGEST).all():
+        raise InputError(f"{label} has coordinates that are not numbers, or above {LARGEST:g}")
     if np.ptp(raw.points[:, 2]) > PLANE * np.ptp(raw.points):
         raise InputError(f"{label} is not plane (its z coordinates differ)")
     groups = _line_groups(raw, label)
@@ -128,28 +133,39 @@ def _load(path: Path, label: str):
     """The file as a mesh of meshio. Raises InputError where neither meshio nor gmsh can read it."""
     import meshio
 
+    with open(path, "rb") as file:
+        begin = file.read(len(MSH[0]))
+    if not begin.startswith(MSH):
+        raise InputError(f"{label} is not a mesh that meshio or gmsh can read: it does not begin with $MeshFormat; a "
+                         "drawing is given by geometry = …")
     try:
         return meshio.gmsh.read(path)
     except Exception as error:  # meshio raises many kinds, some of them without a message
         refusal = f"meshio: {type(error).__name__} {error}"
-    with tempfile.TemporaryDirectory() as folder:
-        converted = Path(folder) / "converted.msh"
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name).resolve()
+        shutil.copyfile(path, folder / "old.msh")  # where no file of options lies beside it
         try:
-            _convert(path, converted)
-            return meshio.gmsh.read(converted)
-        except Exception as error:  # gmsh raises bare ones; meshio refuses a file without elements
+            interrupt.apart(folder, _convert)
+            return meshio.gmsh.read(folder / "converted.msh")
+        except InterruptionError:
+            raise
+        except Exception as error:  # meshio refuses a file without elements
             raise InputError(f"{label} is not a mesh that meshio or gmsh can read "
                              f"({refusal}; gmsh: {error})") from None
 
 
-def _convert(path: Path, target: Path) -> None:
-    """Write any mesh file that gmsh reads (MSH 1.0 and 4.0, among others) in MSH 4.1, binary and thus exact."""
+def _convert() -> None:
+    """Write "old.msh", of any version, in MSH 4.1, binary and thus exact; for a process that does nothing else."""
     with gmsh_session() as gmsh:
-        gmsh.open(str(path))
+        try:
+            gmsh.open("old.msh")
+        except Exception as error:  # gmsh raises bare ones
+            raise InputError(str(error)) from None
         name_groups(gmsh)
         for option, value in (("MshFileVersion", 4.1), ("Binary", 1), ("SaveAll", 1)):
             gmsh.option.setNumber(f"Mesh.{option}", value)
-        gmsh.write(str(target))
+        gmsh.write("converted.msh")
 
 
 def name_groups(gmsh) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -109,9 +110,11 @@ def running(folder: Path) -> str:
 
 def _has_ended(name: str) -> bool:
     ours, _, *our_job = whereabouts().split()
-    host, process, *job = name.split()
     if name == whereabouts():  # an earlier run, whose number this process has got
         return True
+    if not re.fullmatch(r"\S+ \d{1,9}( job \S+)?", name, re.ASCII):  # nothing of ours
+        return False
+    host, process, *job = name.split()
     return not _is_alive(int(process)) if host == ours else bool(job) and job == our_job
 
 
@@ -132,6 +135,8 @@ def _claim(folder: Path) -> None:
     Of several runs that come upon the claim of a killed one, the one that renames the folder in it has it.
     """
     claim, ours = folder / UNFINISHED, folder / f"{UNFINISHED}-{whereabouts()}"
+    if claim.is_symlink():
+        raise InputError(f"--output {folder}: {claim} is a link; remove it")
     found = list(claim.glob("*"))
     if all(_has_ended(left.name) for left in found):
         try:
@@ -175,8 +180,8 @@ def _clear(claim: Path) -> None:
     if not os.path.lexists(claim):
         return
     if not os.path.lexists(claim.parent / SUMMARY):
-        for moved in claim.glob(f"*/{MOVED}"):
-            for name in moved.read_text(encoding="utf-8").split("\n"):
+        for moved in filter(Path.is_file, claim.glob(f"*/{MOVED}")):
+            for name in re.findall(r"^[^/\0\n]+$", moved.read_text(encoding="utf-8", errors="replace"), re.M):
                 (claim.parent / name).unlink(missing_ok=True)
     shutil.rmtree(claim)
 

@@ -127,6 +127,8 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     figure.suptitle(title.strip())
     number = sum(1 for _ in _frames(folder))
     writer = PillowWriter(fps=float(np.clip(number / SECONDS, SLOWEST, FASTEST)))
+    with writing(path):
+        path.unlink(missing_ok=True)  # it may be a link
     with writing(path), writer.saving(figure, path, dpi=80):
         for time, u, values in _frames(folder):
             axes.clear()

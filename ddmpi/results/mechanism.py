@@ -13,7 +13,7 @@ import numpy as np
 from ddmpi.errors import InputError
 from ddmpi.judge.equilibrium import Mechanism, describe
 from ddmpi.results.pictures import STYLE, draw_all, start_drawing
-from ddmpi.results.tables import read_results, writing
+from ddmpi.results.tables import read_results, reading, writing
 from ddmpi.system.provenance import identity
 
 FILE, PICTURE = "mechanism.json", "mechanism.png"
@@ -44,9 +44,10 @@ def draw_results(folder: str | Path, number: int = 0, drawers: int = 1) -> list[
 
     Not collective. Raises InputError without results or matplotlib, OutputError if a picture cannot be written.
     """
-    if not (Path(folder) / FILE).exists():
-        return draw_all(folder, number, drawers)
-    return [] if number else [draw_mechanism(folder, identity(read_results(folder).summary))]
+    with reading(folder):
+        if not (Path(folder) / FILE).exists():
+            return draw_all(folder, number, drawers)
+        return [] if number else [draw_mechanism(folder, identity(read_results(folder).summary))]
 
 
 def write_mechanism(folder: Path, mechanism: Mechanism, bodies: Iterable[tuple[str, np.ndarray, np.ndarray]],
@@ -87,6 +88,7 @@ def draw_mechanism(folder: str | Path, metadata: dict[str, str] | None = None) -
         figure = _figure(content)
         try:
             with writing(folder / PICTURE):
+                (folder / PICTURE).unlink(missing_ok=True)  # it may be a link
                 figure.savefig(folder / PICTURE, metadata=metadata)
         finally:
             plt.close(figure)

@@ -78,6 +78,7 @@ def draw_all(folder: str | Path, number: int = 0, drawers: int = 1) -> list[Path
             drawn.append(Path(folder) / name)
             try:
                 with writing(drawn[-1]):
+                    drawn[-1].unlink(missing_ok=True)  # it may be a link
                     figure.savefig(drawn[-1], metadata=identity(results.summary))
             finally:
                 plt.close(figure)

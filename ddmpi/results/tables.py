@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ddmpi.errors import InputError, OutputError
+from ddmpi.errors import DdmpiError, InputError, OutputError
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.elements import side_lengths
 from ddmpi.system.files import contact_files
@@ -148,6 +148,18 @@ def writing(path: Path) -> Iterator[None]:
                           f"{error.strerror or error}") from None
 
 
+@contextlib.contextmanager
+def reading(path: str | Path, what: str = "a complete folder of results") -> Iterator[None]:
+    """A context in which files are read that may hold anything: what their types lead to becomes an InputError."""
+    try:
+        yield
+    except DdmpiError:
+        raise
+    except Exception as error:
+        first = str(error).partition("\n")[0][:200]
+        raise InputError(f"{path}: not {what}: {type(error).__name__} {first}") from None
+
+
 def _write_csv(path: Path, columns: Iterable[str], rows: Iterable[Sequence]) -> None:
     with writing(path), open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -206,7 +218,10 @@ def read_results(folder: str | Path) -> Results:
 
     folder = Path(folder)
     summary = read_summary(folder)
-    try:
+    with reading(folder):
+        for name in summary["contacts"]:
+            if "/" in name:
+                raise ValueError(f"the contact {name!r} is no part of a file's name")
         tables = {name: folder / contact_files(name).table for name in summary["contacts"]}
         sides = {name: folder / contact_files(name).sides for name in tables if summary["order"] == 2}
         with h5py.File(folder / "result.h5", "r") as file:
@@ -217,20 +232,16 @@ def read_results(folder: str | Path) -> Results:
                        _read_csv(folder / "history.csv"), _read_csv(folder / "steps.csv"), fields,
                        _read_csv(folder / "energy.csv") if steps else {},
                        {name: _read_csv(folder / contact_files(name).legs) for name in tables if steps})
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError(f"{folder}: not a complete folder of results: {error}") from None
 
 
 def read_summary(folder: str | Path) -> dict:
     """The content of summary.json of a folder of results. Not collective. Raises InputError as `read_results` does."""
-    try:
+    with reading(folder):
         summary = json.loads((Path(folder) / "summary.json").read_text(encoding="utf-8"))
         format_found = summary.get("format", 1)
-    except (OSError, ValueError, AttributeError) as error:
-        raise InputError(f"{folder}: not a complete folder of results: {error}") from None
-    if format_found != FORMAT:
-        raise InputError(f"{folder}: results in format {format_found}; this version reads format {FORMAT}")
-    return summary
+        if format_found != FORMAT:
+            raise InputError(f"{folder}: results in format {format_found}; this version reads format {FORMAT}")
+        return summary
 
 
 def _read_csv(path: Path) -> Columns:

@@ -26,6 +26,7 @@ from ddmpi.coupling.assembly import Assembly
 from ddmpi.errors import InputError, InterruptionError, OutputError, TakenError
 from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.methods.outer import Outer
+from ddmpi.results.tables import reading
 from ddmpi.scene.keys import differences
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agreed
@@ -36,6 +37,8 @@ log = logging.getLogger("ddmpi")
 
 FORMAT, BLOCK = b"ddmpi checkpoint 5 sha256 ", 512
 """What stands in HDF5's user block, before the digest of the rest; its size, the smallest that HDF5 has."""
+
+KIND = "a checkpoint of this version of ddmpi"
 
 MAY_DIFFER = ("title", "output", "checkpoint", "petsc")
 """Keys of a scene that no iterate depends on; [petsc] is compared as the options it sets."""
@@ -70,8 +73,9 @@ def identify(scene: Settled, options: dict[str, str], versions: dict[str, str]) 
     return json.loads(json.dumps(found))  # as it comes out of a file
 
 
-def continue_from(world: MPI.Comm, folder: str, identity: dict[str, dict]) -> dict[str, Any]:
-    """The own part of the state in the checkpoint of `folder`. Collective.
+def continue_from(world: MPI.Comm, folder: str, identity: dict[str, dict],
+                  ladder: MeshLadder | None = None) -> dict[str, Any]:
+    """The own part of the state in the checkpoint of `folder`; a `ladder` is restored. Collective.
 
     Raises InputError, on all ranks, when there is no checkpoint, or it is damaged, or of a run of another `identity`.
     """
@@ -80,17 +84,22 @@ def continue_from(world: MPI.Comm, folder: str, identity: dict[str, dict]) -> di
         if world.rank == 0:
             path = Path(folder) / CHECKPOINT
             theirs, states = read(path)
-            for what, ours in identity.items():
-                differing = differences(ours, theirs[what])
-                message = f"{path}: is of a run with other {what}: {differing}"
-                if differing and what != "versions":
-                    raise InputError(f"{message}; only the same run can be continued")
-                if differing:
-                    log.warning("%s: the answer will be as good, but not the same to the last digit", message)
-            if len(states) != world.size:
-                raise InputError(f"{path}: was written on {len(states)} ranks that hold bodies, this run has "
-                                 f"{world.size}; continue it with mpirun -n {len(states)}")
-    return world.scatter(states)
+            with reading(path, KIND):
+                for what, ours in identity.items():
+                    differing = differences(ours, theirs[what])
+                    message = f"{path}: is of a run with other {what}: {differing}"
+                    if differing and what != "versions":
+                        raise InputError(f"{message}; only the same run can be continued")
+                    if differing:
+                        log.warning("%s: the answer will be as good, but not the same to the last digit", message)
+                if len(states) != world.size:
+                    raise InputError(f"{path}: was written on {len(states)} ranks that hold bodies, this run has "
+                                     f"{world.size}; continue it with mpirun -n {len(states)}")
+    state = world.scatter(states)
+    with agreed(world), reading(folder, KIND):
+        if ladder:
+            ladder.restore(state["ladder"])
+    return state
 
 
 @contextlib.contextmanager
@@ -152,8 +161,9 @@ class Checkpoints:
                 if self._begin["mesh"] != self._fixed["mesh"]:
                     names = " or ".join(repr(body.spec.name) for body in bodies)
                     raise InputError(f"the checkpoint is of another mesh of body {names}")
-            for name, part in self._parts.items():
-                part.restore(self._begin[name])
+                with reading(CHECKPOINT, KIND):
+                    for name, part in self._parts.items():
+                        part.restore(self._begin[name])
             same = (self._begin["kind"] == self._fixed["kind"]
                     and np.array_equal(self._begin["h"], self._fixed["h"]))
             if not all(assembly.world.allgather(same)):
@@ -259,8 +269,8 @@ def read(path: Path) -> tuple[dict[str, dict], list[dict[str, Any]]]:
     except OSError as error:
         raise InputError(f"--restart {path.parent}: {path} cannot be read: {error.strerror}") from None
     if data[:BLOCK] != _head(data[BLOCK:]):
-        raise InputError(f"{path}: damaged, or not a checkpoint of this version of ddmpi")
-    with h5py.File(io.BytesIO(data), "r") as file:
+        raise InputError(f"{path}: damaged, or not {KIND}")
+    with reading(path, KIND), h5py.File(io.BytesIO(data), "r") as file:
         return _get(file["identity"]), [_get(file[f"rank {rank}"]) for rank in range(len(file) - 1)]
 
 

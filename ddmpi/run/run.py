@@ -116,11 +116,9 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, fold
     Other parameters and what is raised as for `run`.
     """
     identity = identify(scene, PETSc.Options().getAll(), versions())
-    state = continue_from(world, restart, identity) if restart else None
     ladder = MeshLadder(scene)
+    state = continue_from(world, restart, identity, ladder) if restart else None
     told: list[str] = []
-    if state:
-        ladder.restore(state["ladder"])
 
     def attempt() -> Solved | None:
         """Solve on the ladder's present mesh and write the results; None if the ladder goes on to another mesh."""

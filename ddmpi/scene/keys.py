@@ -48,7 +48,7 @@ def parse_value(text: str) -> Any:
     """The meaning of the text after ``KEY=``: a TOML value, or else a plain string."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         return text.strip()
 
 

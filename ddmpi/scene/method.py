@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -56,7 +58,7 @@ class Method(Table, frozen=True, kw_only=True):
     theta: Positive | None = None
     tolerance: Tolerance | None = None
     max_iterations: Count = 500
-    target_error: Annotated[float, msgspec.Meta(gt=0, le=0.3)] | None = None
+    target_error: Annotated[float, msgspec.Meta(ge=1e-9, le=0.3)] | None = None
     max_unknowns: Count = 3_000_000
     preset: Literal["fast", "balanced", "accurate"] | None = None
     compliance: Literal["explicit", "direct", "iterative"] | None = None
@@ -146,6 +148,22 @@ class Time(Table, frozen=True, kw_only=True):
 
 class SettledTime(Time, frozen=True, kw_only=True):
     """Load steps of which either ``steps`` or ``tolerance`` is None."""
+
+
+REACHING = re.compile("debug|dll|python|file|string|info|trace|history|citations|malloc|mpe|tmpdir|saws|draw|display")
+"""Names of PETSc's options that start programs, load code, or name files."""
+
+OWN = "ddmpi.mprgp.MPRGP"
+"""The only Python class that an option of a scene may name."""
+
+
+def check_petsc(options: Mapping[str, object]) -> None:
+    """Raise ValueError where PETSc's options would reach beyond the run. Not collective."""
+    for name, value in options.items():
+        reaching = REACHING.search(name.lower()) and (isinstance(value, str) or "debug" in name.lower())
+        if value != OWN and (reaching or not re.fullmatch(r"(?!-\D)[^/:\s]*(::[^/:\s]*)?", str(value))):
+            raise ValueError(f"petsc.{name}: could start a program or name a file, which no scene may do; give it on "
+                             f"the command line, as -{name.lstrip('-')} …")
 
 
 class Output(Table, frozen=True, kw_only=True):

@@ -15,13 +15,22 @@ from ddmpi.errors import InputError
 from ddmpi.scene.keys import explain, override
 from ddmpi.scene.scene import FileOrder, Scene, Settled
 
+DEEP = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){100}""")
+"""A key of a hundred parts; tomllib's time grows with the square of their number."""
+
 
 def read_data(path: str, text: str, settings: Sequence[str] = ()) -> dict:
     """The data of TOML `text` with ``KEY=VALUE`` settings, not yet checked; parameters and errors of `read_scene`."""
+    if DEEP.search(text):
+        raise InputError(f"{path}: is nested too deeply")
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not valid TOML: {error}") from None
+    except RecursionError:
+        raise InputError(f"{path}: is nested too deeply") from None
+    except ValueError as error:  # an integer of too many digits
+        raise InputError(f"{path}: not valid TOML: {str(error).split(';')[0]}") from None
     for setting in settings:
         override(data, setting)
     return data

@@ -16,7 +16,7 @@ import msgspec
 from ddmpi.scene.bodies import BodySpec, Clamp, SettledBody, Traction
 from ddmpi.scene.contacts import ContactSpec, Rigid, SettledContact
 from ddmpi.scene.keys import nearest
-from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod, SettledTime, Time
+from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod, SettledTime, Time, check_petsc
 from ddmpi.scene.values import History, Name, Number, Table, settle
 from ddmpi.system.files import LONGEST, contact_files
 
@@ -40,7 +40,8 @@ class Scene(Table, frozen=True, kw_only=True):
     method : how the scene is solved
     output : what is written
     checkpoint : how often the state is written
-    petsc : PETSc options by name without the dash, such as body_ksp_type = "cg"; the command line wins
+    petsc : PETSc options by name without the dash, such as body_ksp_type = "cg"; the command line wins, and it
+        alone may name files and programs
     """
 
     title: str = ""
@@ -65,6 +66,7 @@ class Scene(Table, frozen=True, kw_only=True):
             raise ValueError("bodies have mesh.order 1 and 2; forces at their common nodes would mean different "
                              "pressures, so give all bodies the same")
         self._check_histories()
+        check_petsc(self.petsc)
         two = (len(self.body), len(self.rigid), len(self.contact)) == (2, 0, 1)
         if self.method.for_two and not (two and self.contact[0].kind == "unilateral"):
             raise ValueError(f"method.{self.method.for_two} is for two held bodies with one unilateral contact; beyond "

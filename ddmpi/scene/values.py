@@ -6,20 +6,19 @@ from __future__ import annotations
 import ast
 import functools
 import operator
-import sys
 import warnings
 from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 import numpy as np
 
-LARGEST = sys.float_info.max
-"""Bounds numbers, because TOML has inf and nan, too."""
+LARGEST = 1e100
+"""Bounds numbers: squares and products of larger ones have no place in double precision. TOML has inf and nan, too."""
 
 Number = Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, msgspec.Meta(gt=0, le=LARGEST)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0, le=LARGEST)]
-Count = Annotated[int, msgspec.Meta(ge=1)]
+Count = Annotated[int, msgspec.Meta(ge=1, le=10**12)]
 Point = tuple[Number, Number]
 
 Formula = Annotated[str, msgspec.Meta(min_length=1, max_length=1000)]

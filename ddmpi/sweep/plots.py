@@ -11,6 +11,7 @@ from typing import Any
 
 from ddmpi.errors import InputError
 from ddmpi.results.pictures import COLOURS, STYLE, start_drawing
+from ddmpi.results.tables import reading
 from ddmpi.sweep.cases import cut
 from ddmpi.sweep.table import find_column, read_outcome, read_table
 from ddmpi.system.files import TABLE, write_atomically
@@ -34,6 +35,11 @@ def draw_plot(folder: Path, plot: str) -> Path:
     Not collective. Raises InputError where there is no such column, nothing to draw or no matplotlib, OutputError where
     the picture cannot be written.
     """
+    with reading(folder, "the folder of a sweep"):
+        return _draw_plot(folder, plot)
+
+
+def _draw_plot(folder: Path, plot: str) -> Path:
     plt = start_drawing()
     rows = read_table(folder / TABLE)
     summary = next(filter(None, (read_outcome(folder / str(row["folder"])).summary for row in rows)), None)
@@ -44,7 +50,7 @@ def draw_plot(folder: Path, plot: str) -> Path:
         figure, picture = draw_curves(rows, result, key, summary), io.BytesIO()
         figure.savefig(picture, format="png", metadata=identity(summary))
         plt.close(figure)
-    name = f"{result}-{key}"
+    name = f"{result}-{key}".replace("/", "_")
     path = folder / f"{cut(name, name)}.png"
     write_atomically(path, picture.getvalue())
     return path

@@ -19,7 +19,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from ddmpi.coupling.ranks import check_ranks
-from ddmpi.errors import DdmpiError, InputError, InterruptionError, NotConvergedError
+from ddmpi.errors import DdmpiError, InputError, InterruptionError, NotConvergedError, OutputError
 from ddmpi.petsc.options import RunOptions
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.results.folder import running
@@ -149,6 +149,8 @@ def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions) ->
     with contextlib.ExitStack() as stack:
         with agreed(world):
             if world.rank == 0:
+                if place.is_symlink():
+                    raise OutputError(f"{place}: is a link, and no case is written elsewhere")
                 with writing(place):
                     place.mkdir(exist_ok=True)
                 record_case(place, case, None, f"started {utc()} on {whereabouts()}")

@@ -20,6 +20,7 @@ from typing import Any
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.build import locate_mesh
+from ddmpi.results.tables import reading
 from ddmpi.scene.keys import differences, nearest
 from ddmpi.sweep.cases import Case
 from ddmpi.system.files import RECORD, SUMMARY, SWEEP, TABLE, write_atomically
@@ -90,6 +91,11 @@ def check_sweep(folder: Path, identity: dict) -> None:
     theirs, ours = _read_json(folder / SWEEP, PATIENCE), json.loads(json.dumps(identity))
     if theirs is None:
         raise InputError(f"--output {folder}: there is no {SWEEP}, so it is not the folder of a sweep; name another")
+    with reading(folder / SWEEP, "the record of a sweep"):
+        _compare(folder, ours, theirs)
+
+
+def _compare(folder: Path, ours: dict, theirs: dict) -> None:
     common = sorted(ours["mesh files"].keys() & theirs["mesh files"].keys())
     for side in (ours, theirs):
         side["mesh files"] = {name: side["mesh files"][name] for name in common}
@@ -107,12 +113,15 @@ def record_case(folder: Path, case: Case, code: int | None, reason: str) -> None
 
 def read_outcome(folder: Path) -> Outcome:
     """How the case in `folder` has ended, from what is on disk. Raises InputError where that cannot be read."""
-    summary = _read_json(folder / SUMMARY)
-    record = {"exit": 0 if summary["converged"] else 3, "reason": summary["reason"]} if summary else \
-        _read_json(folder / RECORD)
-    if record is None:
-        return Outcome("not run")
-    return Outcome(STATUS.get(record["exit"], "failed"), record["exit"], record["reason"], summary)
+    with reading(folder):
+        summary = _read_json(folder / SUMMARY)
+        record = {"exit": 0 if summary["converged"] else 3, "reason": summary["reason"]} if summary else \
+            _read_json(folder / RECORD)
+        if record is None:
+            return Outcome("not run")
+        outcome = Outcome(STATUS.get(record["exit"], "failed"), record["exit"], record["reason"], summary)
+        " ".join(outcome.warnings)  # which are words
+        return outcome
 
 
 def numbers(summary: dict) -> dict[str, float]:
@@ -179,8 +188,8 @@ def _read_json(path: Path, patience: float = 0.0) -> dict | None:
             return json.loads(path.read_text(encoding="utf-8"))
         except FileNotFoundError:
             return None
-        except (OSError, ValueError) as error:
-            if isinstance(error, OSError) or time.monotonic() > end:
+        except (OSError, ValueError, RecursionError) as error:
+            if not isinstance(error, ValueError) or time.monotonic() > end:
                 raise InputError(f"{path}: cannot be read ({error}); remove it, or name another --output") from None
         time.sleep(0.1)
 

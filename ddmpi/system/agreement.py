@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from mpi4py import MPI
 
-from ddmpi.errors import DdmpiError
+from ddmpi.errors import DdmpiError, SolverError
 
 K = TypeVar("K")
 T = TypeVar("T")
@@ -107,11 +107,23 @@ def agree(world: MPI.Comm, error: DdmpiError | None) -> None:
 
 
 @contextlib.contextmanager
+def explained() -> Iterator[None]:
+    """Numbers and arrays that are too large for the machine become a SolverError that says so. Not collective."""
+    try:
+        yield
+    except MemoryError as error:
+        raise SolverError(": ".join(filter(None, ("not enough memory", str(error))))) from None
+    except (OverflowError, FloatingPointError, np.linalg.LinAlgError) as error:
+        raise SolverError(f"numbers out of the range of double precision ({error}); choose other units") from None
+
+
+@contextlib.contextmanager
 def agreed(world: MPI.Comm) -> Iterator[None]:
     """Run local work; afterwards all ranks raise the first error that any of them met. Collective."""
     error = None
     try:
-        yield
+        with explained():
+            yield
     except DdmpiError as failure:
         error = failure
     agree(world, error)

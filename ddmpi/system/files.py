@@ -79,11 +79,13 @@ class FileOfHDF5(io.FileIO):
 def write_atomically(path: Path, data: bytes, durable: bool = False) -> None:
     """Write `path` under another name and rename it: a reader finds the old file or the new one, whole.
 
-    With `durable` the file also outlives a power cut once this returns. Raises OutputError. Not collective.
+    The file takes the place of a link. With `durable` it also outlives a power cut once this returns. Raises
+    OutputError. Not collective.
     """
     temporary = path.with_name(f"{UNFINISHED}-{socket.gethostname()}-{os.getpid()}-{path.name}")
     try:
-        with open(temporary, "wb") as file:
+        temporary.unlink(missing_ok=True)
+        with open(temporary, "xb") as file:
             file.write(data)
             if durable:
                 file.flush()

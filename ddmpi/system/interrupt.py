@@ -1,15 +1,25 @@
 """Signals that ask a run to end in good order: SIGTERM and SIGUSR1, as batch systems send them.
 
 The handler only notes the signal. The run looks at the note between the phases of the set-up, at every multiplication
-by a compliance, and at every exchange, where other ranks learn of it too.
+by a compliance, and at every exchange, where other ranks learn of it too. Work within a library that does not return
+for long, such as gmsh, is done in another process, `apart`, which a signal ends.
 """
 
 from __future__ import annotations
 
+import os
+import pickle
+import select
 import signal
+import subprocess
+import sys
+import tempfile
+import threading
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
-from ddmpi.errors import InterruptionError
+from ddmpi.errors import DdmpiError, InterruptionError
 
 SIGNALS = (signal.SIGTERM, signal.SIGUSR1)
 
@@ -61,3 +71,62 @@ def check() -> None:
     error = interruption()
     if error:
         raise error
+
+
+PATIENCE = 0.2
+"""Seconds between two looks at the note while another process works."""
+
+OF_RANKS = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "HYDRA_", "MPI_LOCAL")
+"""How the variables begin by which a launcher tells a process that it is a rank."""
+
+
+def apart(folder: Path, work: Callable[..., Any], *arguments: Any) -> Any:
+    """What `work`, a function of a module, returns in a new process, whose current folder and home are `folder`.
+
+    The process is no rank and must not use MPI. It ends with this one, and where this one is told to end. Not
+    collective. Raises InterruptionError, any DdmpiError of `work`, and ChildProcessError, which says how the process
+    has ended, where it has not returned from `work`.
+    """
+    task = folder / "task"
+    task.write_bytes(pickle.dumps((work, arguments)))
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(OF_RANKS)}
+    environment |= {"HOME": str(folder), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    command = [sys.executable, "-P", "-c", "from ddmpi.system.interrupt import _serve; _serve()"]
+    with tempfile.TemporaryFile() as said, subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=said, cwd=folder, env=environment,
+            process_group=0) as child:
+        assert child.stdout
+        try:
+            while not select.select([child.stdout], [], [], PATIENCE)[0]:
+                check()
+            returned = child.stdout.read()
+            code = child.wait()
+        finally:
+            if child.poll() is None:
+                os.killpg(child.pid, signal.SIGKILL)
+        check()
+        if code or not returned:
+            said.seek(0)
+            words = said.read().decode(errors="replace").strip().split("\n")[-1]
+            how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+            raise ChildProcessError(": ".join(filter(None, (how, words))))
+    answer = pickle.loads(returned)
+    if isinstance(answer, DdmpiError):
+        raise answer
+    return answer
+
+
+def _serve() -> None:
+    """The other process: do the work, and return its result on what was standard output."""
+    back, parent = os.fdopen(os.dup(1), "wb"), os.dup(0)
+    os.dup2(2, 1)  # for what libraries print
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)  # for what they ask
+    threading.Thread(target=lambda: (os.read(parent, 1), os._exit(1)), daemon=True).start()  # its end ends this one
+    work, arguments = pickle.loads(Path("task").read_bytes())
+    try:
+        answer = work(*arguments)
+    except DdmpiError as error:
+        answer = error
+    pickle.dump(answer, back)
+    back.flush()
+    os._exit(0)  # nothing that a library would still do

@@ -107,6 +107,8 @@ def diverted(path: Path | None) -> Iterator[None]:
     """Within the block, append all messages to the file `path` instead, if there is one. Raises OutputError."""
     before = _logger.handlers
     try:
+        if path and path.is_symlink():
+            raise OutputError(f"{path}: is a link, and nothing is written elsewhere")
         if path:
             _logger.handlers = [_LogFile(path, encoding="utf-8")]
     except OSError as error:

@@ -9,6 +9,7 @@ set -euo pipefail
 
 DIR=${DDMPI_SLURM:-${TMPDIR:-/tmp}/ddmpi-slurm-$(id -u)}
 CONF=$DIR/slurm.conf
+OURS="# Written by local_cluster.sh for $DIR"
 DAEMONS="slurmd slurmctld munged"
 export PATH=$PATH:/usr/sbin:/sbin
 
@@ -44,6 +45,7 @@ write_configuration() {
     user=$(id -un)
     cores=$(nproc)
     cat >"$CONF" <<CONF
+$OURS
 ClusterName=local
 SlurmctldHost=localhost(127.0.0.1)
 SlurmctldPort=$(free_port)
@@ -90,9 +92,11 @@ start() {
     if status >/dev/null; then
         give_up "it is running already, in $DIR"
     fi
-    [ ! -e "$DIR" ] || [ -f "$CONF" ] || [ -z "$(ls -A "$DIR")" ] || give_up "$DIR is there, and is not ours; move it away"
-    rm -rf "$DIR"
-    mkdir -p "$DIR/state" "$DIR/spool"
+    [ ! -e "$DIR" ] || { [ -O "$DIR" ] && { [ -z "$(ls -A "$DIR")" ] || grep -qsxF "$OURS" "$CONF"; }; } ||
+        give_up "$DIR is there, and is not ours; move it away"
+    mkdir -p "$DIR"
+    (cd "$DIR" && rm -rf -- state spool munge.* munged.* slurm.conf slurmd.* slurmctld.* cgroup.conf start.log)
+    mkdir "$DIR/state" "$DIR/spool"
     chmod 755 "$DIR"
     head -c 1024 /dev/urandom >"$DIR/munge.key"
     chmod 600 "$DIR/munge.key"

@@ -133,6 +133,17 @@ def test_given_sizes_are_followed_in_opencascade(tmp_path):
     assert lengths(mesh, "bottom") == pytest.approx(np.full(20, 0.1), rel=0.1)
 
 
+def test_names_of_groups_are_no_script(tmp_path):
+    """Where sizes replace constraints, gmsh reads what it has written itself, whatever the names of groups hold."""
+    script = f"""Physical Curve(StrCat('x", 9) = {{1}}; Sys', 'temCall "touch {tmp_path}/touched"; Physical Curve("y'))
+    = {{2}}; Transfinite Curve {{2}} = 3;"""
+    start = drawn(write(tmp_path / "start.geo", SURFACE + GROUPS))
+    path = write(tmp_path / "plate.geo", SURFACE + script)
+    with pytest.raises(InputError, match="could start programs or write files"):
+        drawn(path, sizes=graded(start, np.full(len(start.triangles), 0.1)))
+    assert not (tmp_path / "touched").exists()
+
+
 def test_sizes_grow_slowly():
     """Sizes at nodes grow by no more than GRADE with the distance, and are the elements' where these vary little."""
     spec = MeshSpec(shape="rectangle", size=(1.0, 1.0), divisions=(20, 20))
@@ -213,7 +224,7 @@ def test_curves_of_cad_files_are_groups_by_number(cad):
     (PLATE + GROUPS, "has no surface"),
     (SURFACE, "has no physical curves"),
     (SURFACE + GROUPS + "Extrude {0, 0, 1} { Surface{1}; }", "holds a solid"),
-    (SURFACE + GROUPS + "Exit;", "ends gmsh by Exit"),
+    (SURFACE + GROUPS + "Exit;", "ends gmsh (exit code 0)"),
     (SURFACE + GROUPS + 'Physical Curve("plate") = {1};', "both a physical curve and a physical surface"),
     (SURFACE.replace("{2, 1, 0}", "{2, 1, 1}").replace("{0, 1, 0}", "{0, 1, 1}") + GROUPS, "is not plane"),
     (SURFACE.replace('Physical Surface("plate") = {1};', "") + GROUPS

@@ -110,6 +110,8 @@ MISTAKES: dict[str, dict] = {
         'Physical Curve("bottom") = {1};\n'},
     '`pairing = "nodes"` without matching nodes': {"mesh": {"size": 0.3}, "contact": {"pairing": "nodes"}},
     "a contact between clamped sides": {"clamp": ["top"], "above": "bottom"},
+    "a statement that writes a file": {"geo": PLATE + BODY + NAMES + 'Mesh 2; Save "plate.msh";\n'},
+    "`Exit`": {"geo": PLATE + BODY + NAMES + "Exit;\n"},
     "a mesh file saved without any groups": {"saved": PLATE},
     "a mesh file with groups of curves only": {"saved": PLATE + NAMES},
     "a mesh of a solid": {"saved": SOLID + 'Physical Volume("solid") = {1};\n'},

@@ -76,3 +76,19 @@ def test_arguments_are_handed_on(root):
         ["python", "-m", "ddmpi", "run", "5.toml", "--set", "title=a b"]
     assert start(root, "report", "out")[2:] == ["python", "-m", "ddmpi", "report", "out"]
     assert start(root)[2:] == ["python", "-m", "ddmpi", "run", f"{root}/configs/pinched_blocks.toml"]
+
+
+@pytest.mark.parametrize("name", ["thesis.txt", "pyvenv.cfg"])
+def test_a_set_up_removes_no_folder_of_others(tmp_path, name):
+    """DDMPI_VENV names a folder that is new, empty or a virtual environment; any other is left alone."""
+    place = tmp_path / "mine"
+    place.mkdir()
+    (place / name).write_text("years of work")
+    script = (scenes.ROOT / "scripts" / "setup.sh").read_text()
+    script = script.replace("\nchoose_python\n", "\nLOG=/dev/null; make_venv\n")
+    (tmp_path / "scripts").mkdir()
+    (tmp_path / "scripts" / "setup.sh").write_text(script.replace("/usr/bin/python3", "false"))
+    done = subprocess.run(["bash", tmp_path / "scripts" / "setup.sh"], capture_output=True, text=True, timeout=60,
+                          env=scenes.clean_environment() | {"DDMPI_VENV": str(place)})
+    assert done.returncode == 1 and place.exists() == (name == "thesis.txt")
+    assert ("no virtual environment; name another folder in DDMPI_VENV" in done.stderr) == place.exists()
