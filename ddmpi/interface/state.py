@@ -37,6 +37,9 @@ class ContactState:
     between: np.ndarray = field(default_factory=lambda: np.empty(0))
     before: np.ndarray | float = 0.0
 
+    def __repr__(self) -> str:
+        return f"ContactState({self.interface.name}, {len(self.gap)} nodes)"
+
     @property
     def slip_total(self) -> np.ndarray:
         """(m, d − 1) slip of all load steps (m)."""

@@ -57,7 +57,7 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     if not assembly.loose:
         left_out.append("rigid motions (clamps hold all bodies)")
     if world.size < len(scene.body):
-        log.info("%d bodies on %d ranks", len(scene.body), world.size)
+        log.info("%d bodies on %s", len(scene.body), "one rank" if world.size == 1 else f"{world.size} ranks")
     if not scene.output.stress:
         left_out.append("stress in the files (not asked for)")
     if not figures:
@@ -178,15 +178,20 @@ def _log_contacts(summary: dict, solution: Solution) -> None:
     listed = list(contacts)
     if len(contacts) > LISTED:
         highest = max(contacts, key=lambda name: _number(contacts[name]["pressure_max"]))
-        log.info("%d contacts: %d open, %d slip, %d stick nodes; largest pressure %.4g, of %s", len(contacts),
+        log.info("%d contacts: %d open, %d slip, %d stick nodes; largest pressure %.4g %s, of %s", len(contacts),
                  *(sum(contact[status] for contact in contacts.values()) for status in ("open", "slip", "stick")),
-                 _number(contacts[highest]["pressure_max"]), highest)
+                 _number(contacts[highest]["pressure_max"]), summary["units"]["stress"], highest)
         listed = [name for name in contacts if bodies[name][1] in rigid][:LISTED]
     for name in listed:
-        contact = contacts[name]
-        log.info("%s: %d open, %d slip, %d stick nodes; force %s on %s, largest pressure %.4g", name, contact["open"],
-                 contact["slip"], contact["stick"], _vector(contact["force"]), bodies[name][0],
-                 _number(contact["pressure_max"]))
+        log.info("%s", describe_contact(summary, name, bodies[name][0]))
+
+
+def describe_contact(summary: dict, name: str, body: str) -> str:
+    """The state of a contact in one line; `body` is its first one. Not collective."""
+    contact, units = summary["contacts"][name], summary["units"]
+    return (f"{name}: {contact['open']} open, {contact['slip']} slip, {contact['stick']} stick nodes; "
+            f"force {_vector(contact['force'])} {units['force']} on {body}, "
+            f"largest pressure {_number(contact['pressure_max']):.4g} {units['stress']}")
 
 
 def _log_between_nodes(contacts: dict) -> None:
@@ -202,22 +207,23 @@ def _log_between_nodes(contacts: dict) -> None:
 
 
 def _log_bodies(summary: dict) -> None:
-    bodies = summary["bodies"]
+    bodies, units = summary["bodies"], summary["units"]
     clamped = {each["name"] for each in summary["scene"]["body"] if each["clamp"]}
     listed = list(bodies)
     if len(bodies) > LISTED:
         moved, stressed = (max(bodies, key=lambda name: _number(bodies[name][key]))
                            for key in ("displacement_max", "von_mises_max"))
         stress = bodies[stressed]["von_mises_max"]
-        log.info("%d bodies: largest displacement %.4g, of %s%s", len(bodies),
-                 _number(bodies[moved]["displacement_max"]), moved,
-                 "" if stress is None else f"; largest von Mises stress {stress:.4g}, of {stressed}")
+        log.info("%d bodies: largest displacement %.4g %s, of %s%s", len(bodies),
+                 _number(bodies[moved]["displacement_max"]), units["length"], moved,
+                 "" if stress is None else f"; largest von Mises stress {stress:.4g} {units['stress']}, of {stressed}")
         listed = [name for name in bodies if name in clamped][:LISTED]
     for name in listed:
         body, stress = bodies[name], bodies[name]["von_mises_max"]
-        log.info("%s: %slargest displacement %.4g%s", name,
-                 f"reaction of its clamps {_vector(body['reaction'])}, " if name in clamped else "",
-                 _number(body["displacement_max"]), "" if stress is None else f", von Mises stress {stress:.4g}")
+        log.info("%s: %slargest displacement %.4g %s%s", name,
+                 f"reaction of its clamps {_vector(body['reaction'])} {units['force']}, " if name in clamped else "",
+                 _number(body["displacement_max"]), units["length"],
+                 "" if stress is None else f", von Mises stress {stress:.4g} {units['stress']}")
 
 
 def describe_files(names: Sequence[str]) -> str:
