@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.scene.keys import explain, override
+from ddmpi.scene.keys import explain, explain_syntax, override
 from ddmpi.scene.scene import FileOrder, Scene, Settled
 
 
@@ -23,7 +23,7 @@ def read_data(path: str, text: str, settings: Sequence[str] = ()) -> dict:
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not valid TOML: {error}") from None
+        raise InputError(f"{path}: not valid TOML: {explain_syntax(error, text)}") from None
     for setting in settings:
         override(data, setting)
     return data
