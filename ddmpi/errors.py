@@ -42,7 +42,7 @@ class TakenError(OutputError):
 
 
 class InterruptionError(DdmpiError):
-    """Interrupted by SIGTERM or SIGUSR1 to scripts/run.sh or a rank, or SIGUSR1 to mpirun; a checkpoint is written.
+    """Interrupted by Ctrl-C, SIGTERM or SIGUSR1, or by SIGUSR1 to mpirun itself; a checkpoint is written.
 
     Where it is `kept`, what the run had computed is in that checkpoint.
 

@@ -38,7 +38,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("a file is written in place", "system/files",
      'path.with_name(f"{UNFINISHED}-{socket.gethostname()}-{os.getpid()}-{path.name}")', "path",
      "results/test_files.py::test_a_file_that_cannot_be_written_leaves_the_former_one"),
-    ("a signal is not noted", "system/interrupt", "    _received.append(signal.Signals(number).name)\n", "    pass\n",
+    ("a signal is not noted", "system/interrupt", "    _received.append(name)\n", "    pass\n",
      "run/test_checkpoint.py::test_signals_are_noted_and_not_deadly"),
     # scene
     ("unknown keys are accepted", "scene/values", "forbid_unknown_fields=True", "forbid_unknown_fields=False",

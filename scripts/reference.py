@@ -237,7 +237,7 @@ def _call(action: argparse.Action) -> str:
 # Python
 
 def python_page() -> str:
-    lines = [PYTHON, f"## ddmpi.solve{_signature(answer.solve)}", "", *_described(answer.solve)]
+    lines = [PYTHON, f"## ddmpi.solve{_signature(ddmpi.solve)}", "", *_described(ddmpi.solve)]
     for heading, kind in {"Answer": answer.Answer, "BodyAnswer": answer.BodyAnswer,
                           "ContactState": ddmpi.interface.state.ContactState}.items():
         words, rows = read_docstring(kind.__doc__)[0], dict(meanings(kind))

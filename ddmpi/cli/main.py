@@ -36,9 +36,6 @@ def main(arguments: list[str] | None = None) -> None:
         if isinstance(error, DdmpiError):
             logs.report_error(f"ddmpi: {error.kind}: {error}")
             _abort(world, error.exit_code)
-        if isinstance(error, KeyboardInterrupt) and world.size == 1:
-            logs.report_error("ddmpi: interrupted")
-            sys.exit(130)
         text = "".join(traceback.format_exception(error))
         logs.report_error(f"ddmpi: internal error on rank {world.rank}:\n{text}")
         _abort(world, 1)

@@ -25,6 +25,7 @@ from ddmpi.cli.report_markup import (
     section,
     table,
 )
+from ddmpi.results.summary import moment_unit
 from ddmpi.scene.reader import write_toml
 from ddmpi.system.files import contact_files
 
@@ -68,7 +69,7 @@ class RunReport:
         self.refused = (folder / "mechanism.json").exists()
         units = summary["units"]
         self.length, self.stress, self.force = units["length"], units["stress"], units["force"]
-        self.moment = {"N/m": "N·m/m", "N/mm": "N·mm/mm"}.get(self.force, f"{self.force}·{self.length}")
+        self.moment = moment_unit(units)
         self.energy = {"N/m": "J/m", "N/mm": "mJ/mm"}.get(self.force, f"{self.force}·{self.length}")
 
     def parts(self) -> list[Html]:

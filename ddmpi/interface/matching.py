@@ -114,7 +114,8 @@ def touch(side: Side, rigid: Plane | Circle, friction: Coulomb | Tresca | NoFric
     if len(here) == 0:
         x, y = side.xy[np.argmin(np.einsum("ij,ij->i", outward, side.normal))]
         raise InputError(f"contact.{name}: near ({x:.6g}, {y:.6g}) the boundary of {side.body!r} does not face "
-                         f"{rigid.name!r}")
+                         f"{rigid.name!r}" + ("; a plane's normal points towards the bodies" if isinstance(rigid, Plane)
+                                              else "; bodies touch a circle from outside, unless inside = true"))
     partner = replace(side, body=rigid.name, modulus=np.inf, xy=side.xy - measured[:, None] * outward, normal=outward,
                       clamps=np.zeros_like(side.clamps))
     joined = np.zeros(len(here) - 1, bool)

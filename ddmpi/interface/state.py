@@ -43,6 +43,9 @@ class ContactState:
     yielding: float = 0.0
     resistance: np.ndarray | float = 0.0
 
+    def __repr__(self) -> str:
+        return f"ContactState({self.interface.name}, {len(self.gap)} nodes)"
+
     @property
     def slip_total(self) -> np.ndarray:
         """(m, d − 1) slip of all load steps (m)."""

@@ -20,8 +20,8 @@ def boundary_group(mesh: Mesh, name: str, key: str) -> np.ndarray:
         raise InputError(f"{key}: {name!r} is a physical surface of the mesh, not a boundary group; these are "
                          f"{', '.join(sorted(mesh.groups))} (a curve needs a name that no surface has)")
     if name not in mesh.groups:
-        raise InputError(f"{key}: the mesh has no boundary group {name!r}{nearest(name, list(mesh.groups))}; it has "
-                         f"{', '.join(sorted(mesh.groups))}")
+        raise InputError(f"{key}: the mesh has no boundary group {name!r}{nearest(name, list(mesh.groups))} (it has "
+                         f"{', '.join(sorted(mesh.groups))})")
     if len(mesh.groups[name]) == 0:
         raise InputError(f"{key}: the boundary group {name!r} of the mesh has a name, but no lines")
     return mesh.groups[name]
@@ -46,8 +46,8 @@ def material_numbers(mesh: Mesh, body: BodySpec) -> np.ndarray:
     for k, on in ((k, part.on) for k, part in enumerate(parts) if part.on is not None):
         key = f"body.{body.name}.material.{k}.on"
         if on not in mesh.surfaces:
-            raise InputError(f"{key}: the mesh has no physical surface {on!r}{nearest(on, list(mesh.surfaces))}; it "
-                             f"has {', '.join(sorted(mesh.surfaces)) or 'none with a name'}")
+            raise InputError(f"{key}: the mesh has no physical surface {on!r}{nearest(on, list(mesh.surfaces))} "
+                             f"(it has {', '.join(sorted(mesh.surfaces)) or 'none with a name'})")
         own = mesh.surfaces[on]
         if len(own) == 0:
             raise InputError(f"{key}: the physical surface {on!r} of the mesh has a name, but no triangles")

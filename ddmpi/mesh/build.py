@@ -89,7 +89,7 @@ def locate_mesh(body: BodySpec, folder: Path) -> Path:
     key, name = "geometry", Path(str(body.mesh.geometry))
     if body.mesh.geometry is None:
         key, name = "file", Path(str(body.mesh.file))
-    places = [name] if name.is_absolute() else [folder / name, name]
+    places = dict.fromkeys([folder / name, name])  # an absolute one stays what it is
     tried = []
     for place in places:
         try:

@@ -242,6 +242,12 @@ def _units(output: dict) -> dict[str, str]:
     return {"length": length, "stress": stress, "force": {"Pa·m": "N/m", "MPa·mm": "N/mm"}.get(product, product)}
 
 
+def moment_unit(units: dict[str, str]) -> str:
+    """The unit of moments, per unit of depth, beside the summary's `units`."""
+    length, force = units["length"], units["force"]
+    return {"N/m": "N·m/m", "N/mm": "N·mm/mm"}.get(force, f"{force}·{length}")
+
+
 def _body(body: BodyResult) -> dict:
     entry = {"n": body.n, "ranks": body.ranks, "n_A": body.n_A} | vars(body)
     del entry["name"]

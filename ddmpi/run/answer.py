@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,9 +15,11 @@ from ddmpi.errors import InputError
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.build import order_of_files
 from ddmpi.petsc.options import RunOptions
+from ddmpi.run.report import LISTED, describe_contact
 from ddmpi.run.run import Solved, compute
-from ddmpi.scene.reader import read_scene, read_text
+from ddmpi.scene.reader import read_scene, read_text, write_table, write_value
 from ddmpi.scene.scene import Settled
+from ddmpi.system import logs
 from ddmpi.system.agreement import from_first, in_lockstep
 from ddmpi.system.clock import Clock
 
@@ -41,6 +42,9 @@ class BodyAnswer:
     displacement: np.ndarray
     stress: np.ndarray | None
     von_mises: np.ndarray | None
+
+    def __repr__(self) -> str:
+        return f"BodyAnswer({len(self.points)} nodes, {len(self.triangles)} triangles)"
 
 
 @dataclass(frozen=True)
@@ -71,37 +75,40 @@ class Answer:
         """How the run ended, in words."""
         return self.summary["reason"]
 
+    def __repr__(self) -> str:
+        summary, contacts = self.summary, list(self.summary["contacts"])
+        lines = [f"Answer({summary['title']!r}, certified={self.certified}, reason={self.reason!r})",
+                 f"largest displacement {summary['displacement_max']:.4g} {summary['units']['length']}",
+                 *(describe_contact(summary, name, self.contacts[name].interface.bodies[0])
+                   for name in contacts[:LISTED])]
+        if len(contacts) > LISTED:
+            lines.append(f"and {len(contacts) - LISTED} more contacts")
+        return "\n    ".join(lines)
 
-def solve(scene: str | Path, comm: MPI.Comm | None = None, overrides: Mapping[str, Any] | None = None) -> Answer:
-    """Solve a scene; nothing is written.
 
-    Parameters
-    ----------
-    scene : a scene's file, or its text where it has several lines
-    comm : any number of ranks; MPI.COMM_WORLD if left out. PETSc starts on all ranks of
-        MPI.COMM_WORLD together: where `comm` is a part of it, call ``petsc4py.init()`` on all ranks before
-    overrides : values by key, as after ``--set``: ``{"contact.upper-lower.friction.coefficient": 0.5}``
-
-    Returns
-    -------
-    An answer, also where it is not certified: look at ``answer.certified``.
-
-    Raises
-    ------
-    InputError, SolverError, InterruptionError
-        the same on all ranks. Collective on `comm`.
-    """
+def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None, overrides: Mapping[str, Any] | None,
+          progress: bool) -> Answer:
+    """`ddmpi.solve`. Collective."""
     world = in_lockstep(MPI.COMM_WORLD if comm is None else comm)
-    path, text = ("scene", str(scene)) if "\n" in str(scene) else (str(scene), None)
+    in_words = isinstance(scene, Mapping) or "\n" in str(scene)
+    path = "scene" if in_words else str(scene)
 
     def read() -> Settled:
-        settings = [f"{key}={_toml(value)}" for key, value in (overrides or {}).items()]
-        return read_scene(path, text or read_text(path), settings, order_of_files(path))
+        what = "overrides"
+        try:
+            settings = [f"{key}={write_value(value)}" for key, value in (overrides or {}).items()]
+            what = path
+            text = write_table(scene) if isinstance(scene, Mapping) else str(scene) if in_words else ""
+        except InputError as error:
+            raise InputError(f"{what}: {error}") from None
+        text = text or read_text(path)
+        return read_scene(path, text, settings, order_of_files(path))
 
     settled, clock, options = from_first(world, read), Clock(), RunOptions()
     options.use(settled.petsc)
     try:
-        computed = on_working_ranks(world, settled, lambda part: compute(part, settled, path, clock, write=False))
+        with logs.told_by_first(world.rank, progress):
+            computed = on_working_ranks(world, settled, lambda part: compute(part, settled, path, clock, write=False))
     finally:
         options.use({})
     seconds, solved = clock.largest(world), computed[0] if computed else None
@@ -110,18 +117,3 @@ def solve(scene: str | Path, comm: MPI.Comm | None = None, overrides: Mapping[st
     own = {name: BodyAnswer(each.points, each.triangles, each.displacement, each.stress, each.von_mises)
            for name, each in (solved.fields.items() if solved else ())}
     return Answer(summary, contacts, own, solved)
-
-
-def _toml(value: Any) -> str:
-    """The value as TOML has it on one line. Raises InputError."""
-    if isinstance(value, np.generic | np.ndarray):
-        value = value.tolist()
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_toml(key)} = {_toml(entry)}" for key, entry in value.items()) + "}"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    if isinstance(value, bool | str):
-        return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, int | float):
-        return repr(value)
-    raise InputError(f"overrides: {value!r} is no value of a scene; give numbers, words, lists or tables")

@@ -13,6 +13,7 @@ from ddmpi.coupling.ranks import team_of
 from ddmpi.interface.interface import Interface
 from ddmpi.methods.outer import Step
 from ddmpi.qp.tao import QPSolver
+from ddmpi.results.summary import moment_unit
 from ddmpi.run.solve import Solution
 from ddmpi.scene.method import PRESETS, SettledMethod
 from ddmpi.scene.scene import Settled
@@ -27,6 +28,9 @@ NAMED = 4
 LISTED = 12
 """More contacts or bodies than this have one line in all at the end, but for contacts with rigid partners."""
 
+DIRECT = "preonly + cholesky (mumps)"
+"""How PETSc calls the solver that bodies have by default."""
+
 UNDETERMINED = 3
 """Of more undetermined motions than this, the first ones stand for all."""
 
@@ -39,7 +43,7 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     log.info("n = %d unknowns (%s triangles), m = %d contact nodes, friction: %s", assembly.n,
              ("linear", "quadratic")[scene.body[0].mesh.order - 1], assembly.m,
              ", ".join(dict.fromkeys(interface.law.name for interface in interfaces)))
-    for gap, names in grouped((_describe_gap(each), each.name) for each in interfaces):
+    for gap, names in grouped((_describe_gap(each, scene.output.length_unit), each.name) for each in interfaces):
         log.info("%s: %s", some(names, "contacts"), gap)
     team = team_of(world)
     own = {body.spec.name: _describe_body(body.member, team.size if team else 1, body.mesh.cut)
@@ -57,7 +61,7 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     if not assembly.loose:
         left_out.append("rigid motions (clamps hold all bodies)")
     if world.size < len(scene.body):
-        log.info("%d bodies on %d ranks", len(scene.body), world.size)
+        log.info("%d bodies on %s", len(scene.body), _count(world.size, "rank"))
     if not scene.output.stress:
         left_out.append("stress in the files (not asked for)")
     if not figures:
@@ -81,10 +85,12 @@ def _describe_body(member: Member, ranks: int, cut: int) -> tuple[str, bool]:
     """How a body is solved, on how many ranks, and whether loads act on it."""
     way = f"{cut} quadrilaterals cut into triangles; " if cut else ""
     way += "" if ranks == 1 else f"on {ranks} ranks; "
-    way += f"A by {member.C.solver.description}, compliance {member.C.kind} ({member.C.reason})"
-    motions = member.motions.shape[2]
+    motions, solver, compliance = member.motions.shape[2], member.C.solver.description, member.C
     if motions:
-        way += f"; clamps leave {motions} rigid motion{'s' * (motions > 1)} free"
+        way += f"not held by clamps ({_count(motions, 'rigid motion')}); "
+    way += "direct solver" if solver == DIRECT else f"solver {solver}"
+    if compliance.kind != "explicit" or compliance.reason == "asked for":
+        way += f", compliance {compliance.kind} ({compliance.reason})"
     return way, member.elasticity.b.norm() > 0.0
 
 
@@ -108,9 +114,9 @@ def _contact_left_out(interfaces: Sequence[Interface]) -> list[str]:
         if interface.law.name == "none":
             found.append(("tangential unknowns%s (no friction)", interface.name))
         elif held:
-            found.append((f"{held} tangential unknowns%s (held by clamps)", interface.name))
+            found.append((f"{_count(held, 'tangential unknown')}%s (held by clamps)", interface.name))
         if interface.dropped:
-            found.append((f"{interface.dropped} contact nodes%s (clamped)", interface.name))
+            found.append((f"{_count(interface.dropped, 'contact node')}%s (clamped)", interface.name))
         if not interface.gap.any():
             found.append(("initial gap%s (all nodes touch)", interface.name))
     return [what % ("" if len(names) == len(interfaces) else f" of {some(names, 'contacts')}")
@@ -127,12 +133,17 @@ def _target_left_out(scene: Settled) -> list[str]:
             'refined unless mesh.refine = "as needed")']
 
 
-def _describe_gap(interface: Interface) -> str:
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'s' * (number != 1)}"
+
+
+def _describe_gap(interface: Interface, unit: str) -> str:
     """How far the sides are apart at first, and what a load on them means."""
     gap = np.concatenate([interface.gap, interface.fixed.gap])
     if not gap.any():
         return "all nodes touch at first"
-    return f"initial gap up to {max(gap.max(), 0.0):.3g}, initial overlap up to {max(-gap.min(), 0.0) + 0.0:.3g}"
+    ends = {"gap": gap.max(), "overlap": -gap.min()}
+    return ", ".join(f"initial {kind} up to {end:.3g} {unit}" for kind, end in ends.items() if end > 0.0)
 
 
 def log_step(step: Step) -> None:
@@ -158,7 +169,7 @@ def log_end(summary: dict, solution: Solution) -> None:
         log.info("certificate (limit %.2g): %s", solution.limit,
                  ", ".join(f"{kind.replace('_', ' ')} {value:.1e}"
                            for kind, (value, _) in solution.certificate.worst().items()))
-        _log_between_nodes(summary["contacts"])
+        _log_between_nodes(summary["contacts"], summary["units"])
         error = summary["discretization_error"]["energy_norm"]
         if error is not None:
             log.info("estimated discretization error: %.2g of the energy norm", error)
@@ -168,7 +179,8 @@ def log_end(summary: dict, solution: Solution) -> None:
     if len(motions) > UNDETERMINED:
         log.info("and %d more such motions, which summary.json lists", len(motions) - UNDETERMINED)
     if summary["options_unused"]:
-        log.warning("PETSc options that nothing used: %s", ", ".join(summary["options_unused"]))
+        log.warning("PETSc options that nothing used: %s (solvers have those with the prefixes body_, newton_ and qp_)",
+                    ", ".join(summary["options_unused"]))
 
 
 def _log_contacts(summary: dict, solution: Solution) -> None:
@@ -178,15 +190,12 @@ def _log_contacts(summary: dict, solution: Solution) -> None:
     listed = list(contacts)
     if len(contacts) > LISTED:
         highest = max(contacts, key=lambda name: _number(contacts[name]["pressure_max"]))
-        log.info("%d contacts: %d open, %d slip, %d stick nodes; largest pressure %.4g, of %s", len(contacts),
+        log.info("%d contacts: %d open, %d slip, %d stick nodes; largest pressure %.4g %s, of %s", len(contacts),
                  *(sum(contact[status] for contact in contacts.values()) for status in ("open", "slip", "stick")),
-                 _number(contacts[highest]["pressure_max"]), highest)
+                 _number(contacts[highest]["pressure_max"]), summary["units"]["stress"], highest)
         listed = [name for name in contacts if bodies[name][1] in rigid][:LISTED]
     for name in listed:
-        contact = contacts[name]
-        log.info("%s: %d open, %d slip, %d stick nodes; force %s on %s, largest pressure %.4g", name, contact["open"],
-                 contact["slip"], contact["stick"], _vector(contact["force"]), bodies[name][0],
-                 _number(contact["pressure_max"]))
+        log.info("%s", describe_contact(summary, name, bodies[name][0]))
     closed = {name for step in summary["steps"] for name, each in step["contacts"].items()
               if each["slip"] + each["stick"]}
     apart = [f"{name} (at least {max(solution.contacts[name].gap.min(), 0.0):.3g} apart)" for name in contacts
@@ -195,35 +204,49 @@ def _log_contacts(summary: dict, solution: Solution) -> None:
         log.info("closed nowhere%s: %s", " at any time" * (len(summary["steps"]) > 1), some(apart, "contacts"))
 
 
-def _log_between_nodes(contacts: dict) -> None:
+def describe_contact(summary: dict, name: str, body: str) -> str:
+    """The state of a contact in one line; `body` is its first one. Not collective."""
+    contact, units = summary["contacts"][name], summary["units"]
+    return (f"{name}: {contact['open']} open, {contact['slip']} slip, {contact['stick']} stick nodes; "
+            f"force {_vector(contact['force'])} {units['force']} on {body}, "
+            f"largest pressure {_number(contact['pressure_max']):.4g} {units['stress']}")
+
+
+def _log_between_nodes(contacts: dict, units: dict) -> None:
     """What the certificate cannot promise where nodes do not match: the worst of all such contacts."""
     some = {name: contact for name, contact in contacts.items() if contact["slave"]}
     if not some:
         return
     deepest, turned = (max(some, key=lambda name: _number(some[name][key]))
                        for key in ("pointwise_penetration", "moment_imbalance"))
-    log.info("not certified, as nodes do not match: overlap between nodes %.2g, of %s; moments out of balance by %.2g, "
-             "at most %.2g, of %s", _number(some[deepest]["pointwise_penetration"]), deepest,
-             _number(some[turned]["moment_imbalance"]), _number(some[turned]["moment_imbalance_bound"]), turned)
+    words: dict[str, list[str]] = {}
+    words.setdefault(deepest, []).append(
+        f"overlap between nodes {_number(some[deepest]['pointwise_penetration']):.2g} {units['length']}")
+    words.setdefault(turned, []).append(
+        f"moments out of balance by {_number(some[turned]['moment_imbalance']):.2g}, at most "
+        f"{_number(some[turned]['moment_imbalance_bound']):.2g} {moment_unit(units)}")
+    for name, found in words.items():
+        log.info("mesh error at the non-matching contact %s (small is good): %s", name, "; ".join(found))
 
 
 def _log_bodies(summary: dict) -> None:
-    bodies = summary["bodies"]
+    bodies, units = summary["bodies"], summary["units"]
     clamped = {each["name"] for each in summary["scene"]["body"] if each["clamp"]}
     listed = list(bodies)
     if len(bodies) > LISTED:
         moved, stressed = (max(bodies, key=lambda name: _number(bodies[name][key]))
                            for key in ("displacement_max", "von_mises_max"))
         stress = bodies[stressed]["von_mises_max"]
-        log.info("%d bodies: largest displacement %.4g, of %s%s", len(bodies),
-                 _number(bodies[moved]["displacement_max"]), moved,
-                 "" if stress is None else f"; largest von Mises stress {stress:.4g}, of {stressed}")
+        log.info("%d bodies: largest displacement %.4g %s, of %s%s", len(bodies),
+                 _number(bodies[moved]["displacement_max"]), units["length"], moved,
+                 "" if stress is None else f"; largest von Mises stress {stress:.4g} {units['stress']}, of {stressed}")
         listed = [name for name in bodies if name in clamped][:LISTED]
     for name in listed:
         body, stress = bodies[name], bodies[name]["von_mises_max"]
-        log.info("%s: %slargest displacement %.4g%s", name,
-                 f"reaction of its clamps {_vector(body['reaction'])}, " if name in clamped else "",
-                 _number(body["displacement_max"]), "" if stress is None else f", von Mises stress {stress:.4g}")
+        log.info("%s: %slargest displacement %.4g %s%s", name,
+                 f"reaction of its clamps {_vector(body['reaction'])} {units['force']}, " if name in clamped else "",
+                 _number(body["displacement_max"]), units["length"],
+                 "" if stress is None else f", von Mises stress {stress:.4g} {units['stress']}")
 
 
 def describe_files(names: Sequence[str]) -> str:

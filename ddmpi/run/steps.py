@@ -324,8 +324,10 @@ class March:
             change = self._change(s - self._coarse)
             faster = self._changed / change - 1.0 if change else math.inf  # the error left is about change / faster
             before, self._changed = self._changed, change
-            log.info("leg to time %g: %d steps change the forces by %.2g", self._legs[self._leg], self._number, change)
-            if change <= self._tolerance * (1.0 if math.isnan(before) else min(max(faster, CERTAIN), 1.0)):
+            enough = change <= self._tolerance * (1.0 if math.isnan(before) else min(max(faster, CERTAIN), 1.0))
+            log.info("time %g reached: %d and %d steps agree to %.2g, %s", self._legs[self._leg], self._number // 2,
+                     self._number, change, "accepted" if enough else "not enough")
+            if enough:
                 return False
         if 2 * self._number > MOST or not self._largest.all():
             if self._largest.all():

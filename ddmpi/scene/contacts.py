@@ -3,7 +3,7 @@ without mesh, material and rank."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args, get_type_hints
 
 import msgspec
 
@@ -89,6 +89,11 @@ class SettledContact(ContactSpec, frozen=True, kw_only=True):
     """A contact without optional keys, but for a ``gap``, ``pairing`` or ``slave`` that is not given."""
 
     name: Name
+
+
+LAWS = {str(law.__struct_config__.tag): {"law", *law.__struct_fields__}
+        for law in get_args(get_type_hints(ContactSpec)["friction"])}
+"""The keys of each law of friction."""
 
 
 def default_name(bodies: tuple[str, ...] | list[str]) -> str:

@@ -20,7 +20,7 @@ import msgspec
 from msgspec import inspect
 
 from ddmpi.errors import InputError
-from ddmpi.scene.contacts import default_name
+from ddmpi.scene.contacts import LAWS, default_name
 from ddmpi.scene.values import LARGEST, Formula, Group, Name, Table
 
 DIALECT = "http://json-schema.org/draft-07/schema#"
@@ -28,6 +28,46 @@ DIALECT = "http://json-schema.org/draft-07/schema#"
 
 TITLES = {"name": Name, "group": Group, "formula": Formula}
 """What words are called that a scene's author chooses."""
+
+SIMILAR = 0.65
+"""Words that are less alike than this are no misspellings of each other."""
+
+MEANT = {
+    "E": "young", "youngs_modulus": "young", "modulus": "young", "nu": "poisson", "poissons_ratio": "poisson",
+    "mu": "coefficient", "ux": "x", "uy": "y", "group": "on", "centre": "center", "elements": "divisions",
+    "tied": "bonded", "glued": "bonded", "welded": "bonded", "contact": "unilateral", "frictionless": "unilateral",
+    "fix": "clamp", "fixed": "clamp", "support": "clamp", "boundary": "clamp", "dirichlet": "clamp",
+    "load": "traction", "loads": "traction", "BodySpec.force": "traction", "BodySpec.pressure": "traction",
+    "gravity": "volume_force", "body_force": "volume_force", "weight": "volume_force", "plane stress": "stress",
+    "plane strain": "strain", "solver": "outer", "interference": "a negative gap is an interference",
+    "Traction.force": "a load is a stress: divide the force by the length of the group, and write value = [x, y]",
+    "expansion": "thermal expansion is not modelled", "temperature": "thermal expansion is not modelled",
+    "density": "weight is the body's volume_force = [0, -density * gravity]",
+    "rho": "weight is the body's volume_force = [0, -density * gravity]",
+    "thickness": "forces are those on a unit of depth", "yield_stress": "materials are linear elastic",
+    "plasticity": "materials are linear elastic", "stiffness": "there is no contact stiffness to choose",
+    "penalty": "there is no contact stiffness to choose", "master": "it is the body that slave does not name",
+    "symmetry": "clamp = [{ on = …, x = 0.0 }] lets the group slide along y", "Clamp.normal": "give x or y",
+    "Plane.force": "a rigid partner is moved, not pushed", "Circle.force": "a rigid partner is moved, not pushed",
+    "rotation": "nothing is turned by an angle", "units": "any units that fit together do; [output] has labels",
+    "axisymmetric": "scenes are plane", "dimension": "scenes are plane", "steps": "load steps stand in [time]"}
+"""What engineers write, anywhere or as a key of one table, and what is right here: a key, a word, or an explanation."""
+
+WRITTEN = {
+    "friction": 'friction = { law = "coulomb", coefficient = 0.3 }',
+    "material": "material = { young = …, poisson = … }",
+    "mesh": 'mesh = { file = "….msh" }, { geometry = "….geo", size = … } or { shape = "rectangle", … }',
+    "value": "value = [x, y]", "bodies": 'bodies = ["…", "…"]', "divisions": "divisions = [nx, ny]",
+    "method": '[method], and below it a line for each key, such as preset = "accurate"'}
+"""How a table or a pair is written."""
+
+SLIPS = {
+    r"[=\[,] *[+-]?(\.\d|\d+\.(?!\d))": "a number has digits before and after its point, as in 0.5",
+    r"\d,\d+[eE]|\d *[dD] *[+-]?\d|\d *[*/^]": "a number is written like 2.1e11",
+    r"\b(True|False)\b": "write true or false",
+    r"[=\[,] *(?!(true|false|inf|nan)\b|[\w.-]+ *=)[A-Za-z_]": "words stand in quotation marks",
+    r"[{,][^}]*$|, *\}": "a table { … } stands on one line, without a comma at its end"}
+"""What is often wrong with a line that is not TOML, and what would be right."""
 
 
 def override(data: dict, setting: str) -> None:
@@ -41,7 +81,10 @@ def override(data: dict, setting: str) -> None:
         table = table[_index(table, part, key)] if isinstance(table, list) else table.setdefault(part, {})
         if not isinstance(table, dict | list):
             raise InputError(f"--set {key}: {'.'.join(parents[:depth + 1])} is a value, not a table")
-    table[_index(table, last, key) if isinstance(table, list) else last] = parse_value(value)
+    table[_index(table, last, key) if isinstance(table, list) else last] = meant = parse_value(value)
+    if last == "law" and meant in LAWS:  # what other laws need goes
+        for name in set(table) - LAWS[meant]:
+            del table[name]
 
 
 def parse_value(text: str) -> Any:
@@ -50,6 +93,15 @@ def parse_value(text: str) -> Any:
         return tomllib.loads(f"value = {text}")["value"]
     except (ValueError, RecursionError):
         return text.strip()
+
+
+def explain_syntax(error: tomllib.TOMLDecodeError, text: str) -> str:
+    """What is wrong with `text`, which is not TOML: the line, and what would be right."""
+    found = re.search(r"line (\d+)", str(error))
+    line = text.splitlines()[int(found[1]) - 1].strip() if found else ""
+    bare = re.sub(r"'[^']*'|\"[^\"]*\"|#.*", '""', line)
+    right = next((f"; {right}" for slip, right in SLIPS.items() if re.search(slip, bare)), "")
+    return f"{error}{right}" + f": {line}" * bool(line)
 
 
 def flatten(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
@@ -88,8 +140,16 @@ def _index(table: list, part: str, key: str) -> int:
 
 def nearest(word: str, words: list[str]) -> str:
     """The end of a message that proposes the most similar of `words`; empty if none is similar."""
-    close = difflib.get_close_matches(word, words, n=1, cutoff=0.5)
+    close = difflib.get_close_matches(word, words, n=1, cutoff=SIMILAR)
     return f"; did you mean {close[0]!r}?" if close else ""
+
+
+def _meant(word: str, words: list[str], tables: Sequence[str] = ()) -> str:
+    """`nearest`, or what `word` means elsewhere, as a key of one of the `tables` or in general."""
+    meant = next((MEANT[each] for each in (*(f"{table}.{word}" for table in tables), word) if each in MEANT), "")
+    if meant in words:
+        return f"; did you mean {meant!r}?"
+    return f"; {meant}" if " " in meant else nearest(word, words)
 
 
 def name_of(entry: Any) -> str | None:
@@ -106,11 +166,13 @@ def explain(message: str, data: dict, root: type) -> str:
     named, here, kinds = _locate(re.findall(r"\w+|\.\.\.", path), data, root)
     if found := re.search(r"(missing required|unknown) field `(.*?)`", problem):
         key = ".".join([*named, found[2]])
+        tables = [kind for kind in kinds if isinstance(kind, inspect.StructType)]
         if found[1] != "unknown":
-            return f"{key}: this key is required and missing"
-        fields = [name for kind in kinds if isinstance(kind, inspect.StructType)
-                  for name in (kind.tag_field, *(field.name for field in kind.fields)) if name]
-        return f"{key}: unknown key{nearest(found[2], fields)} (valid here: {', '.join(fields)})"
+            words = ", ".join(str(kind.tag) for kind in tables if kind.tag_field == found[2])
+            return f"{key}: this key is required and missing" + f" (one of {words})" * bool(words)
+        fields = [name for kind in tables for name in (kind.tag_field, *(field.name for field in kind.fields)) if name]
+        meant = _meant(found[2], fields, [kind.cls.__name__ for kind in tables])
+        return f"{key}: unknown key{meant} (valid here: {', '.join(fields)})"
     field, _, rest = problem.partition(": ")
     if rest and any(field == each.name for kind in kinds if isinstance(kind, inspect.StructType)
                     for each in kind.fields):  # the table's own check names a key
@@ -119,7 +181,7 @@ def explain(message: str, data: dict, root: type) -> str:
     allowed = [str(value) for kind in kinds if isinstance(kind, inspect.LiteralType) for value in kind.values]
     if problem.startswith("Invalid") and allowed:
         number = "a number or " * any(isinstance(kind, inspect.IntType | inspect.FloatType) for kind in kinds)
-        return f"{key}{here!r} is not valid; expected {number}one of {', '.join(allowed)}{nearest(str(here), allowed)}"
+        return f"{key}{here!r} is not valid; expected {number}one of {', '.join(allowed)}{_meant(str(here), allowed)}"
     if isinstance(here, float) and not math.isfinite(here):
         problem = "must be a finite number"
     if "matching regex" in problem:  # only names have a pattern
@@ -127,7 +189,8 @@ def explain(message: str, data: dict, root: type) -> str:
     if not isinstance(here, dict | list):
         problem = re.sub(r", got `.*?`$", "", problem) + f" (got {here!r})"
     problem = re.sub(r"`(.*?)`", lambda kind: kind[1].replace("object", "a table").replace("array", "a list")
-                     .replace(" | null", "").replace("|", "or"), problem)
+                     .replace("float", "a number").replace("int", "a whole number").replace("str", "words in quotes")
+                     .replace("bool", "true or false").replace(" | null", "").replace("|", "or"), problem)
     return key + problem[:1].lower() + problem[1:] + _remedy(named, kinds, here)
 
 
@@ -177,16 +240,21 @@ def _inside(kind: inspect.Type, part: str) -> list[inspect.Type]:
 
 
 def _remedy(named: list[str], kinds: list[inspect.Type], here: Any) -> str:
-    """The end of a message that shows how to write `here`, if it only lacks brackets or braces."""
+    """The end of a message that shows how to write `here`, if it only lacks quotation marks, brackets or braces."""
+    if isinstance(here, str) and here[:1] in ("[", "{"):  # from --set, after the shell has had it
+        quoted = re.sub(r"([=\[,] *)([A-Za-z_][^][{},=\"']*?)(?= *[],}])", r'\1"\2"', here)
+        return f"; the shell must leave quotation marks around words: '{'.'.join(named)}={quoted}'"
     for kind in kinds:
-        if isinstance(kind, inspect.StructType) and kind.tag and kind.tag == here:
+        if isinstance(kind, inspect.StructType) and kind.tag == here == "none":
             return f'; write {named[-1]} = {{ {kind.tag_field} = "{here}" }}'
         wanted = inspect.StrType if isinstance(here, str) else inspect.StructType if isinstance(here, dict) else ()
         is_list = isinstance(kind, inspect.ListType | inspect.VarTupleType)
         if is_list and any(isinstance(item, wanted) for item in _inside(kind, "0")):
             inner = f'"{here}"' if isinstance(here, str) else "{ … }"
             return f"; write {named[-1]} = [{inner}]" if named[1:] else f"; write [[{named[0]}]]"
-    return ""
+    compound = any(isinstance(kind, inspect.StructType | inspect.TupleType) for kind in kinds)
+    written = WRITTEN.get(named[-1]) if named and compound and not isinstance(here, dict | list) else None
+    return f"; write {written}" if written else ""
 
 
 def read_docstring(text: str | None) -> tuple[str, dict[str, dict[str, str]]]:

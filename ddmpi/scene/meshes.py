@@ -96,6 +96,9 @@ class MeshSpec(Table, frozen=True, kw_only=True):
         if sum(each is not None for each in (self.shape, self.file, self.geometry)) != 1:
             raise ValueError('a mesh is either { file = "….msh" } or { geometry = "….geo", size = … } or has a shape, '
                              f'one of {", ".join(SHAPES)}, as in {{ shape = "rectangle", size = …, divisions = … }}')
+        if str(self.file).lower().endswith(GEOMETRIES):
+            raise ValueError(f'{self.file} is a drawing; write geometry = "{self.file}", size = h, the largest size of '
+                             "an element")
         if self.origin != (0.0, 0.0) and self.shape != "rectangle":
             raise ValueError(f"origin belongs to a rectangle, not to {self._what}")
         if self.geometry is not None:

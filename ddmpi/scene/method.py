@@ -66,7 +66,8 @@ class Method(Table, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if self.outer not in (None, "relaxation") and self._published:
-            raise ValueError(f'{", ".join(self._published)} belong to outer = "relaxation", not to "{self.outer}"')
+            raise ValueError(f'{", ".join(self._published)} belong{"s" * (len(self._published) == 1)} to outer = '
+                             f'"relaxation", not to "{self.outer}"')
 
     @property
     def _published(self) -> list[str]:
@@ -176,7 +177,8 @@ class Output(Table, frozen=True, kw_only=True):
     figures : pictures
     steps : load steps whose fields are written: those that end legs, or all
     animation : animation.gif plays the load steps whose fields are written
-    length_unit, stress_unit : labels of pictures and summary; the numbers mean what the scene's own units make of them
+    length_unit, stress_unit : labels of pictures, summary and what is printed; the numbers mean what the scene's own
+        units make of them
     magnification : of displacements and gaps in bodies.png; left out, as much as suits the picture
     """
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.scene.keys import explain, override
+from ddmpi.scene.keys import explain, explain_syntax, override
 from ddmpi.scene.scene import FileOrder, Scene, Settled
 
 DEEP = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){100}""")
@@ -26,7 +28,7 @@ def read_data(path: str, text: str, settings: Sequence[str] = ()) -> dict:
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not valid TOML: {error}") from None
+        raise InputError(f"{path}: not valid TOML: {explain_syntax(error, text)}") from None
     except RecursionError:
         raise InputError(f"{path}: is nested too deeply") from None
     except ValueError as error:  # an integer of too many digits
@@ -75,7 +77,7 @@ def read_text(path: str | Path) -> str:
 def write_toml(scene: dict) -> str:
     """A resolved scene, `Settled.resolved`, as TOML text that is read as this scene again. Not collective."""
     plain = {key: value for key, value in scene.items() if not _is_table(value)}
-    lines = [f"{_key(key)} = {_value(value)}\n" for key, value in plain.items() if value not in (None, [], {})]
+    lines = [f"{_key(key)} = {write_value(value)}\n" for key, value in plain.items() if value not in (None, [], {})]
     for key, value in scene.items():
         if isinstance(value, list) and key not in plain:
             lines += [f"\n[[{_key(key)}]]\n{_entries(each)}" for each in value]
@@ -93,23 +95,40 @@ def _is_table(value: Any) -> bool:
 
 def _entries(table: dict) -> str:
     """A line for each key that has a value."""
-    return "".join(f"{_key(key)} = {_value(value)}\n" for key, value in table.items()
+    return "".join(f"{_key(key)} = {write_value(value)}\n" for key, value in table.items()
                    if value not in (None, [], {}))
 
 
 def _key(key: str) -> str:
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _value(key)
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else write_value(key)
 
 
-def _value(value: Any) -> str:
-    """A value on one line, but for lists of several tables."""
-    if isinstance(value, dict):
-        inside = ", ".join(f"{_key(key)} = {_value(each)}" for key, each in value.items() if each is not None)
+def write_table(table: Mapping[str, Any]) -> str:
+    """A table as TOML text, a line per key; errors and None as in `write_value`. Not collective."""
+    return "".join(f"{line}\n" for line in _lines(table))
+
+
+def _lines(table: Mapping[str, Any]) -> list[str]:
+    return [f"{_key(str(key))} = {write_value(value)}" for key, value in table.items() if value is not None]
+
+
+def write_value(value: Any) -> str:
+    """A value as TOML text, on one line but for lists of several tables; entries of tables that are None are left out.
+
+    Raises InputError where TOML has no such value. Not collective.
+    """
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        inside = ", ".join(_lines(value))
         return f"{{ {inside} }}" if inside else "{}"
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         several = len(value) > 1 and _is_table(value)
         start, between, end = ("[\n    ", ",\n    ", ",\n]") if several else ("[", ", ", "]")
-        return start + between.join(map(_value, value)) + end
-    if isinstance(value, str | bool):  # JSON's words and strings are TOML's
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    return repr(value)
+        return start + between.join(map(write_value, value)) + end
+    if isinstance(value, str | bool | os.PathLike):  # JSON's words and strings are TOML's
+        word = value if isinstance(value, bool) else os.fspath(value)
+        return json.dumps(word, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, int | float):
+        return repr(value)
+    raise InputError(f"{value!r} is no value of a scene; give numbers, words, lists or tables")

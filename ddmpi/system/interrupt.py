@@ -1,4 +1,4 @@
-"""Signals that ask a run to end in good order: SIGTERM and SIGUSR1, as batch systems send them.
+"""Signals that ask a run to end in good order: SIGTERM and SIGUSR1, as batch systems send them, and Ctrl-C.
 
 The handler only notes the signal. The run looks at the note between the phases of the set-up, at every multiplication
 by a compliance, and at every exchange, where other ranks learn of it too. Work within a library that does not return
@@ -7,6 +7,7 @@ for long, such as gmsh, is done in another process, `apart`, which a signal ends
 
 from __future__ import annotations
 
+import contextlib
 import os
 import pickle
 import select
@@ -21,7 +22,7 @@ from typing import Any
 
 from ddmpi.errors import DdmpiError, InterruptionError
 
-SIGNALS = (signal.SIGTERM, signal.SIGUSR1)
+SIGNALS = (signal.SIGTERM, signal.SIGUSR1, signal.SIGINT)
 
 _received: list[str] = []
 
@@ -47,7 +48,8 @@ def ignore() -> None:
 
 
 def _handle(handler: Callable | signal.Handlers) -> None:
-    _handlers.update(dict.fromkeys(SIGNALS, handler))
+    heard = [number for number in SIGNALS if number in _handlers or signal.getsignal(number) != signal.SIG_IGN]
+    _handlers.update(dict.fromkeys(heard, handler))  # a shell's job in the background ignores Ctrl-C
     listen_again()
 
 
@@ -58,7 +60,11 @@ def listen_again() -> None:
 
 
 def _note(number: int, _frame: object) -> None:
-    _received.append(signal.Signals(number).name)
+    name = signal.Signals(number).name
+    if number == signal.SIGUSR1:
+        with contextlib.suppress(KeyError, OSError):  # scripts/attend.sh hands others on as SIGUSR1, and says which
+            name = Path(os.environ["DDMPI_SIGNAL"]).read_text().strip() or name
+    _received.append(name)
 
 
 def interruption() -> InterruptionError | None:

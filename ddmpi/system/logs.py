@@ -72,12 +72,7 @@ def configure(rank: int, quiet: bool = False, file: str | None = None, heading: 
     if rank:
         _logger.handlers = [_LogFile(file, encoding="utf-8", delay=True)] if file else []
         return
-    screen, warnings = _Screen(sys.stdout), _Screen(sys.stderr)
-    screen.setLevel(logging.ERROR if quiet else logging.INFO)
-    screen.addFilter(lambda record: record.levelno < logging.WARNING)
-    warnings.setLevel(logging.WARNING)
-    warnings.setFormatter(logging.Formatter("ddmpi: warning: %(message)s"))
-    _logger.handlers = [screen, warnings]
+    _logger.handlers = _on_screen(quiet)
     if file:
         try:
             former = Path(file).read_bytes() if os.path.isfile(file) else b""  # and no device
@@ -88,6 +83,31 @@ def configure(rank: int, quiet: bool = False, file: str | None = None, heading: 
         except OSError as error:
             raise InputError(f"--log {file}: cannot be written: {error.strerror}") from None
         log.handle(logging.makeLogRecord({"msg": heading}))
+
+
+def _on_screen(quiet: bool = False) -> list[logging.Handler]:
+    screen, warnings = _Screen(sys.stdout), _Screen(sys.stderr)
+    screen.setLevel(logging.ERROR if quiet else logging.INFO)
+    screen.addFilter(lambda record: record.levelno < logging.WARNING)
+    warnings.setLevel(logging.WARNING)
+    warnings.setFormatter(logging.Formatter("ddmpi: warning: %(message)s"))
+    return [screen, warnings]
+
+
+@contextlib.contextmanager
+def told_by_first(rank: int, printed: bool) -> Iterator[None]:
+    """Within the block rank 0 alone has messages; they are `printed` as those of a command, or left to `logging`."""
+    before = _logger.handlers, _logger.level, _logger.propagate
+    if rank:
+        _logger.setLevel(logging.CRITICAL + 1)
+    elif printed:
+        _logger.handlers, _logger.propagate = _on_screen(), False
+        _logger.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        _logger.handlers, _logger.propagate = before[0], before[2]
+        _logger.setLevel(before[1])
 
 
 def close() -> None:

@@ -179,7 +179,7 @@ def test_surfaces_stay_when_meshes_are_refined():
 
 
 @pytest.mark.parametrize("parts, words", [
-    (["core", "rimm"], r"material\.1\.on: the mesh has no physical surface 'rimm'; did you mean 'rim'\?; it has core"),
+    (["core", "rimm"], r"material\.1\.on: the mesh has no physical surface 'rimm'; did you mean 'rim'\? \(it has core"),
     (["core"], r"material: the triangle at \(.*\), in the physical surface 'rim', has no material; add an entry"),
     (["core", "half", None], r"material\.1\.on: the triangle at \(.*\) is in the physical surfaces 'half' and 'core'"),
     (["core", "empty", None], r"material\.1\.on: the physical surface 'empty' of the mesh has a name, but no tri")])

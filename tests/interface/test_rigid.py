@@ -67,7 +67,7 @@ def test_rounding_is_no_gap():
 
 def test_a_boundary_that_does_not_face_the_surface_is_refused():
     text = refused(side(block(), "top"), FLOOR, COULOMB, "seam")
-    assert "near (0, 1) the boundary of 'body' does not face 'floor'" in text
+    assert "near (0, 1) the boundary of 'body' does not face 'floor'; a plane's normal points towards the" in text
     refused(side(block(), "left"), FLOOR, COULOMB, "seam")
     refused(side(block(), "bottom"), Plane(name="floor", point=(0.0, 0.0), normal=(0.0, -1.0)), COULOMB, "seam")
 

@@ -53,7 +53,7 @@ def test_a_large_initial_overlap_is_a_warning_and_every_one_is_in_the_plan(tmp_p
     """A body placed half inside the other is solved, but not without a word."""
     scene = pair_of(block("upper", 0.0, 1.0 - overlap, (1, 1), ["top"]), block("lower", 0.0, 0.0, (1, 1), ["bottom"]))
     done = run(scene, tmp_path)
-    assert f"upper-lower: initial gap up to 0, initial overlap up to {overlap:g}\n" in done.stdout
+    assert f"upper-lower: initial overlap up to {overlap:g} m\n" in done.stdout
     found = [warning for warning in warnings_of(done) if "at first" in warning]
     assert len(found) == warned
     assert all(f"overlap by {overlap:g} at first, {overlap:.1%} of the thinner one's depth" in each for each in found)

@@ -436,11 +436,11 @@ def test_the_plan_says_what_is_left_out(tmp_path):
     assert done.code == 0, done.output
     left_out = next(line for line in done.stdout.splitlines() if "left out: " in line).partition("left out: ")[2]
     assert left_out.split(", ") == [
-        "tangential unknowns (no friction)", "1 contact nodes (clamped)", "initial gap (all nodes touch)",
+        "tangential unknowns (no friction)", "1 contact node (clamped)", "initial gap (all nodes touch)",
         "loads of lower (there are none)", "rigid motions (clamps hold all bodies)",
         "stress in the files (not asked for)", "pictures (not asked for)"]
     assert "semi-smooth Newton, GMRES with half-plane preconditioner" in done.stdout
-    assert "compliance explicit" in done.stdout
+    assert "upper, lower: direct solver\n" in done.stdout
 
 
 # The command that checks

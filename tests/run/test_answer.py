@@ -1,10 +1,12 @@
 """The Python interface: resultants and counts of an answer against closed forms."""
 
 import dataclasses
+import inspect
+from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import confined_blocks, pinched_blocks, sheared_stack, to_toml
+from scenes import confined_blocks, pinched_blocks, run_python, sheared_stack, to_toml
 
 import ddmpi
 from ddmpi.errors import InputError
@@ -81,3 +83,64 @@ def test_overrides_are_values_of_a_scene(comm):
     for value in None, {1, 2}, 1j:
         with pytest.raises(InputError, match=r"overrides: .* is no value of a scene"):
             ddmpi.solve(scene, comm, {"title": value})
+
+
+@two_ranks
+def test_a_dict_is_a_scene(comm, tmp_path, monkeypatch):
+    """A dict is read and checked as a file: the same answer, the same messages, paths from the current folder."""
+    data = pinched_blocks(2)
+    expected = ddmpi.solve(to_toml(data), comm).contacts["upper-lower"]
+    data["body"][0] |= {"clamp": tuple(data["body"][0]["clamp"]), "volume_force": None}
+    data["body"][0]["mesh"] |= {"divisions": np.array(data["body"][0]["mesh"]["divisions"])}
+    found = ddmpi.solve(data, comm).contacts["upper-lower"]
+    assert np.array_equal(found.forces, expected.forces)
+    again = ddmpi.solve(ddmpi.solve(data, comm).summary["scene"], comm)
+    assert np.array_equal(again.contacts["upper-lower"].forces, expected.forces)
+    with pytest.raises(InputError, match=r"^scene: body.upper.titel: unknown key"):
+        ddmpi.solve(data | {"body": [data["body"][0] | {"titel": 1}, data["body"][1]]}, comm)
+    with pytest.raises(InputError, match=r"^scene: .* is no value of a scene"):
+        ddmpi.solve(data | {"title": {1, 2}}, comm)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=r"^scene: body.upper.mesh.file: there is no file none.msh$"):
+        ddmpi.solve(data | {"body": [data["body"][0] | {"mesh": {"file": Path("none.msh")}}, data["body"][1]]}, comm)
+
+
+@two_ranks
+def test_an_answer_and_its_parts_are_short_in_words(comm):
+    """An answer prints as a few lines: title, certificate, reason, largest displacement, forces; bodies as one line."""
+    answer = ddmpi.solve(pinched_blocks(6) | {"output": {"length_unit": "mm", "stress_unit": "MPa"}}, comm)
+    first, moved, contact = repr(answer).splitlines()
+    assert first == f"Answer({answer.summary['title']!r}, certified=True, reason='converged and certified')"
+    assert moved == f"    largest displacement {answer.summary['displacement_max']:.4g} mm"
+    x, y = answer.contacts["upper-lower"].force
+    assert f"; force ({x:.4g}, {y:.4g}) N/mm on upper, largest pressure " in contact and contact.endswith(" MPa")
+    assert repr(answer.contacts["upper-lower"]) == "ContactState(upper-lower, 18 nodes)"
+    assert all(repr(body).startswith("BodyAnswer(133 nodes") for body in answer.bodies.values())
+
+
+def test_help_says_it_all():
+    """help(ddmpi.solve) describes every parameter, and has an example."""
+    words = ddmpi.solve.__doc__
+    assert all(f"    {name} : " in words for name in inspect.signature(ddmpi.solve).parameters)
+    assert 'ddmpi.solve("scene.toml"' in words and "InputError" in words
+
+
+TOLD = """
+import logging, sys
+from mpi4py import MPI
+import ddmpi
+logging.basicConfig(level="INFO", format="%(levelname)s %(message)s", stream=sys.stderr)
+scene = {scene!r}
+for progress in (True, False):
+    ddmpi.solve(scene, progress=progress)
+logging.getLogger("ddmpi").warning("again")
+"""
+
+
+def test_progress_is_told_by_rank_0_alone():
+    """With progress=True rank 0 prints what the command does; else `logging` has it there."""
+    run = run_python(["-c", TOLD.format(scene=pinched_blocks(2))])
+    assert run.code == 0, run.output
+    assert run.stdout.count("converged and certified") == 1 and "INFO" not in run.stdout
+    assert run.stderr.count("INFO converged and certified") == 1
+    assert run.stderr.count("WARNING again") == 2

@@ -1,6 +1,9 @@
-"""Messages of a run stay short for many bodies and contacts."""
+"""Messages of a run stay short for many bodies and contacts, have units, and say what is meant."""
 
 import logging
+import re
+
+import scenes
 
 from ddmpi.run.report import _log_between_nodes, describe_files, grouped, some
 
@@ -30,10 +33,37 @@ def test_what_lies_between_nodes_is_said_of_the_worst_contacts(monkeypatch):
 
     messages: list[str] = []
     monkeypatch.setattr(logging.getLogger("ddmpi"), "info", lambda text, *values: messages.append(text % values))
-    _log_between_nodes({"a-b": contact(None, 1.0, 9.0, 9.0)})
+    units = {"length": "mm", "stress": "MPa", "force": "N/mm"}
+    _log_between_nodes({"a-b": contact(None, 1.0, 9.0, 9.0)}, units)
     assert not messages
     _log_between_nodes({"a-b": contact(None, 1.0, 9.0, 9.0), "b-c": contact("b", 2e-3, 0.5, 4.0),
-                        "c-d": contact("d", 1e-3, 0.75, 3.0)})
-    (message,) = messages
-    assert "overlap between nodes 0.002, of b-c" in message
-    assert "out of balance by 0.75, at most 3, of c-d" in message
+                        "c-d": contact("d", 1e-3, 0.75, 3.0)}, units)
+    said = "mesh error at the non-matching contact {} (small is good): {}".format
+    assert messages == [said("b-c", "overlap between nodes 0.002 mm"),
+                        said("c-d", "moments out of balance by 0.75, at most 3 N·mm/mm")]
+    messages.clear()
+    _log_between_nodes({"b-c": contact("b", 2e-3, 0.5, 4.0)}, units)
+    assert messages == [said("b-c", "overlap between nodes 0.002 mm; moments out of balance by 0.5, at most 4 N·mm/mm")]
+
+
+def test_what_is_printed_has_units_and_says_how_bodies_are_held(tmp_path):
+    """Forces, displacements and stresses have the scene's units; a body without clamps is said to have none."""
+    scene = scenes.tower(2, 2) | {"output": {"length_unit": "mm", "stress_unit": "MPa"}}
+    path = scenes.write_scene(scene, tmp_path / "scene.toml")
+    run = scenes.run_command(path, tmp_path / "out", "--no-figures", ranks=1)
+    assert run.code == 0, run.output
+    for word in ("not held by clamps (3 rigid motions); direct solver\n", " bodies on 1 rank\n", ") N/mm on ",
+                 " MPa\n", " N/mm, largest displacement ", " mm, von Mises stress "):
+        assert word in run.stdout, run.stdout
+
+
+def test_steps_that_agree_are_said_to_be_accepted(tmp_path):
+    """How far one number of load steps agrees with twice as many, and whether that is enough."""
+    scene = scenes.pinched_blocks(4) | {"time": {"points": [1.0]}, "history": {
+        "press": {"times": [0.0, 1.0], "factors": [0.0, 1.0]}}}
+    for body in scene["body"]:
+        body["traction"] = [load | {"history": "press"} for load in body["traction"]]
+    run = scenes.run_command(scenes.write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures")
+    assert run.code == 0, run.output
+    *_, last = re.findall(r"time 1 reached: (\d+) and (\d+) steps agree to \S+, (accepted|not enough)\n", run.stdout)
+    assert 2 * int(last[0]) == int(last[1]) and last[2] == "accepted"

@@ -86,35 +86,35 @@ REFUSED = {
     "unknown profile": ([PROFILE + "={point=[0],values=[1]}"],
                         [PROFILE + ".point: unknown key", "did you mean 'points'"]),
     # wrong types
-    "string for number": (["method.theta=fast"], ["method.theta: expected float", "'fast'"]),
-    "float for integer": (["method.max_iterations=1.5"], ["method.max_iterations: expected int", "1.5"]),
+    "string for number": (["method.theta=fast"], ["method.theta: expected a number", "'fast'"]),
+    "float for integer": (["method.max_iterations=1.5"], ["method.max_iterations: expected a whole number", "1.5"]),
     "bool for number": (["body.upper.material.young=true"],
-                        ["body.upper.material.young: expected float (got True)"]),
-    "number for string": (["title=3"], ["title: expected str", "3"]),
+                        ["body.upper.material.young: expected a number (got True)"]),
+    "number for string": (["title=3"], ["title: expected words in quotes", "3"]),
     "number for table": (["method=3"], ["method: ", "3"]),
     "number for list": (["body=3"], ["body: ", "3"]),
     "string for list": (["body.upper.clamp=left"],
                         ["body.upper.clamp: expected a list (got 'left')", 'write clamp = ["left"]']),
     "short pair": (["body.upper.traction.0.value=[1.0]"], ["body.upper.traction.0.value: ", "length 2", "1"]),
     "long pair": (["body.upper.mesh.divisions=[2,2,2]"], ["body.upper.mesh.divisions: ", "length 2", "3"]),
-    "table in petsc": (["petsc.qp_tao_type={a=1}"], ["petsc.qp_tao_type: ", "expected", "str"]),
+    "table in petsc": (["petsc.qp_tao_type={a=1}"], ["petsc.qp_tao_type: ", "expected", "words in quotes"]),
     # out of range
-    "zero theta": (["method.theta=0"], ["method.theta: expected float > 0", "got 0"]),
-    "tolerance one": (["method.tolerance=1.0"], ["method.tolerance: expected float < 1", "got 1.0"]),
-    "no iterations": (["method.max_iterations=0"], ["method.max_iterations: expected int >= 1", "got 0"]),
+    "zero theta": (["method.theta=0"], ["method.theta: expected a number > 0", "got 0"]),
+    "tolerance one": (["method.tolerance=1.0"], ["method.tolerance: expected a number < 1", "got 1.0"]),
+    "no iterations": (["method.max_iterations=0"], ["method.max_iterations: expected a whole number >= 1", "got 0"]),
     "inner precision": (["method.inner_precision=-0.1"],
-                        ["method.inner_precision: expected float > 0", "-0.1"]),
+                        ["method.inner_precision: expected a number > 0", "-0.1"]),
     "inner precision in words": (["method.inner_precision=fix"],
                                  ["method.inner_precision: 'fix' is not valid; expected a number or one of fixed"]),
     "negative young": (["body.upper.material.young=-1"],
-                       ["body.upper.material.young: expected float > 0", "-1"]),
+                       ["body.upper.material.young: expected a number > 0", "-1"]),
     "incompressible": (["body.upper.material.poisson=0.5"],
-                       ["body.upper.material.poisson: expected float < 0.5", "got 0.5"]),
-    "poisson -1": (["body.upper.material.poisson=-1"], ["body.upper.material.poisson: expected float > -1"]),
+                       ["body.upper.material.poisson: expected a number < 0.5", "got 0.5"]),
+    "poisson -1": (["body.upper.material.poisson=-1"], ["body.upper.material.poisson: expected a number > -1"]),
     "negative size": (["body.upper.mesh.size=[1.0, -1.0]"],
-                      ["body.upper.mesh.size.1: expected float > 0", "-1.0"]),
-    "zero divisions": (["body.upper.mesh.divisions.0=0"], ["body.upper.mesh.divisions.0: expected int >= 1"]),
-    "negative coefficient": ([PROFILE + "=-0.3"], [PROFILE + ": expected float >= 0", "-0.3"]),
+                      ["body.upper.mesh.size.1: expected a number > 0", "-1.0"]),
+    "zero divisions": (["body.upper.mesh.divisions.0=0"], ["mesh.divisions.0: expected a whole number >= 1"]),
+    "negative coefficient": ([PROFILE + "=-0.3"], [PROFILE + ": expected a number >= 0", "-0.3"]),
     "negative in profile": ([PROFILE + "={points=[0,1],values=[1,-2]}"],
                             [PROFILE + ".values.1: ", ">= 0", "-2"]),
     "table for list": (["body.upper.traction={on='top', value=[0.0, 1.0]}"],
@@ -124,7 +124,7 @@ REFUSED = {
     # names
     "empty body name": (['body.0.name=""'], ["body.0.name: ", "length >= 1"]),
     "empty contact name": (['contact.0.name=""'], ["contact.0.name: ", "length >= 1"]),
-    "name is a number": (["contact.0.name=3"], ["contact.0.name: expected str (got 3)"]),
+    "name is a number": (["contact.0.name=3"], ["contact.0.name: expected words in quotes (got 3)"]),
     "stranger in path": (["body.0.name=a/b"],
                          ["body.a/b.name: a name has no '.', '=', '/', blank or control character (got 'a/b')"]),
     "huge integer": (["body.upper.material.young=1" + 400 * "0"],
@@ -147,11 +147,42 @@ REFUSED = {
     "law is no table": (["contact.0.friction=none"], ["contact.upper-lower.friction: expected a table (got 'none')",
                                                          'write friction = { law = "none" }']),
     "key of another law": (["contact.0.friction.law=tresca"],
-                           ["contact.upper-lower.friction.coefficient: unknown key", "valid here: law, slip_bound"]),
+                           ["contact.upper-lower.friction.slip_bound: this key is required and missing"]),
     "bound missing": (['contact.0.friction={law="tresca"}'],
                       ["contact.upper-lower.friction.slip_bound: ", "required and missing"]),
     "coefficient missing": (['contact.0.friction={law="coulomb"}'],
                             ["contact.upper-lower.friction.coefficient: ", "required and missing"]),
+    # what engineers write at first
+    "friction is a number": (["contact.0.friction=0.3"], ["contact.upper-lower.friction: expected a table (got 0.3); "
+                                                          'write friction = { law = "coulomb", coefficient = 0.3 }']),
+    "law without a law": (["contact.0.friction={coefficient=0.3}"], ["missing (one of coulomb, tresca, none)"]),
+    "mu": (['contact.0.friction={law="coulomb", mu=0.3}'], ["mu: unknown key; did you mean 'coefficient'?"]),
+    "tied": (["contact.0.kind=tied"], ["'tied' is not valid", "did you mean 'bonded'?"]),
+    "penalty": (["contact.0.penalty=1e9"], ["penalty: unknown key; there is no contact stiffness to choose"]),
+    "interference": (["contact.0.interference=1e-5"], ["unknown key; a negative gap is an interference"]),
+    "expansion": (["body.upper.material.expansion=1e-5"],
+                  ["material.expansion: unknown key; thermal expansion is not modelled (valid"]),
+    "E": (["body.upper.material.E=1e-5"], ["material.E: unknown key; did you mean 'young'?"]),
+    "density": (["body.upper.material.density=1"], ["unknown key; weight is the body's volume_force = "]),
+    "steel": (["body.upper.material=steel"], ["(got 'steel'); write material = { young = …, poisson = … }"]),
+    "force on a group": (['body.upper.traction=[{on="top", force=[0.0, 1.0]}]'],
+                         ["traction.0.force: unknown key; a load is a stress: divide the force by the length",
+                          "valid here: on, value"]),
+    "force on a body": (["body.upper.force=[0.0, 1.0]"], ["body.upper.force: unknown key; did you mean 'traction'?"]),
+    "traction is a number": (["body.upper.traction.0.value=4e7"], ["write value = [x, y]"]),
+    "gravity": (["body.upper.gravity=[0.0, -9.81]"], ["gravity: unknown key; did you mean 'volume_force'?"]),
+    "fixed": (['body.upper.fixed=["left"]'], ["fixed: unknown key; did you mean 'clamp'?"]),
+    "ux": (['body.upper.clamp=[{on="left", ux=0.0}]'], ["ux: unknown key; did you mean 'x'?"]),
+    "no quotes": (["body.upper.clamp=[left, right]"],
+                  ["clamp: expected a list (got '[left, right]'); the shell must leave quotation marks around "
+                   """words: 'body.upper.clamp=["left", "right"]'"""]),
+    "no quotes in a table": (["body.upper.mesh={file=a.msh}"], ["""'body.upper.mesh={file="a.msh"}'"""]),
+    "mesh is a file": (["body.upper.mesh=a.msh"], ['write mesh = { file = "….msh" }']),
+    "drawing as a mesh": (['body.upper.mesh={file="a.step", size=1.0}'],
+                          ['body.upper.mesh: a.step is a drawing; write geometry = "a.step", size = h']),
+    "divisions is a number": (["body.upper.mesh.divisions=66"], ["write divisions = [nx, ny]"]),
+    "method is a word": (["method=newton"], ["method: expected a table (got 'newton'); write [method]"]),
+    "space": (["dimension=3"], ["dimension: unknown key; scenes are plane"]),
     # profiles
     "unequal profile": ([PROFILE + "={points=[0,1],values=[1]}"],
                         [PROFILE + ": points and values must be equally many", "2 points and 1 values"]),
@@ -204,8 +235,8 @@ REFUSED = {
     "constant that is none": (["body.upper.clamp.1.x=1/0"], ['body.upper.clamp.1.x: the formula "1/0" is inf']),
     "power": (["body.upper.clamp.1.x=x^2"], ["a power is written **"]),
     "arguments": (["body.upper.clamp.1.x=max(x)"], ["max takes 2 values, not 1"]),
-    "empty formula": (['body.upper.clamp.1.x=""'], ["body.upper.clamp.1.x: expected str of length >= 1"]),
-    "formula of a material": (["body.upper.material.young=2*x"], ["body.upper.material.young: expected float"]),
+    "empty formula": (['body.upper.clamp.1.x=""'], ["body.upper.clamp.1.x: expected words in quotes of length >= 1"]),
+    "formula of a material": (["body.upper.material.young=2*x"], ["body.upper.material.young: expected a number"]),
     "surface of a shape": (['body.upper.material=[{on="a", young=1.0, poisson=0.3}]'],
                            ['body.upper.material: on = "a" names a physical surface of a mesh file, and a rectangle']),
     "surface twice": (['body.lower.material=[{on="a", young=1.0, poisson=0.3}, {on="a", young=2.0, poisson=0.3}]'],
@@ -289,6 +320,33 @@ def test_missing_tables_are_named():
 def test_invalid_toml_is_refused(text):
     """A file that is not TOML is refused."""
     assert message(text=text).startswith("case.toml: not valid TOML: ")
+
+
+@pytest.mark.parametrize(("line", "right"), [
+    ("clamp = [left]", "words stand in quotation marks"), ("name = upper # a", "words stand in quotation marks"),
+    ("material = { young = 2,1e11, poisson = 0.3 }", "a number is written like 2.1e11"),
+    ("material = { young = 210*1e9, poisson = 0.3 }", "a number is written like 2.1e11"),
+    ("young = 2.1d11", "a number is written like 2.1e11"),
+    ("poisson = .3", "a number has digits before and after"), ("x = [1., 2.0]", "a number has digits before and after"),
+    ("inside = True", "write true or false"), ('name = "a', None),
+    ("material = { young = 1.0,", "a table { … } stands on one line"),
+    ("material = { young = 1.0, }", "a table { … } stands on one line")])
+def test_what_is_often_not_toml_is_explained(line, right):
+    """The message shows the line and, of what is often wrong in a first scene, what would be right."""
+    said = message(text=f'title = "a [b, c] .5 True"\n{line}\n')
+    assert said.startswith("case.toml: not valid TOML: ") and "at line 2" in said and said.endswith(f": {line}")
+    assert (f"; {right}" if right else "") in said
+    assert right or ";" not in said
+
+
+def test_a_law_by_setting_takes_the_keys_of_the_other_one_away():
+    """`--set …law=none` needs no more; a law by setting keeps what it shares with the one before."""
+    key = "contact.upper-lower.friction"
+    assert isinstance(scene(f"{key}.law=none").contact[0].friction, NoFriction)
+    for settings in ([f"{key}.law=tresca", f"{key}.slip_bound=2.0"], [f"{key}.slip_bound=2.0", f"{key}.law=tresca"]):
+        assert scene(*settings).contact[0].friction == Tresca(slip_bound=2.0)
+    both = scene(f"{key}.coefficient=0.7", f"{key}.law=coulomb").contact[0].friction
+    assert both == Coulomb(coefficient=0.7)
 
 
 def test_unreadable_files_are_refused(tmp_path):

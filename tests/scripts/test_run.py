@@ -1,8 +1,15 @@
-"""scripts/run.sh: how many ranks it starts, with a launcher that notes its arguments."""
+"""scripts/run.sh: how many ranks it starts, with a launcher that notes its arguments; and Ctrl-C."""
 
+import contextlib
 import os
+import pty
+import re
 import shutil
+import signal
 import subprocess
+import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -92,3 +99,124 @@ def test_a_set_up_removes_no_folder_of_others(tmp_path, name):
                           env=scenes.clean_environment() | {"DDMPI_VENV": str(place)})
     assert done.returncode == 1 and place.exists() == (name == "thesis.txt")
     assert ("no virtual environment; name another folder in DDMPI_VENV" in done.stderr) == place.exists()
+
+
+LIMIT = 120.0
+"""Seconds that nothing here may take; all wait for each other, not for a clock."""
+
+HELD = """
+import os, sys, time
+from ddmpi.body.compliance import Compliance
+from ddmpi.cli.main import main
+from ddmpi.system import interrupt
+
+original, calls = Compliance.mult, []
+
+def mult(*arguments):
+    calls.append(1)
+    if len(calls) == 12:
+        open(os.environ["READY"], "w").close()
+        end = time.monotonic() + 60
+        while not interrupt.interruption() and time.monotonic() < end:
+            time.sleep(0.01)
+    return original(*arguments)
+
+Compliance.mult = mult
+main(sys.argv[3:])
+"""
+"""The command, which at its twelfth multiplication waits for a signal."""
+
+DEAF = """
+import os, signal, time
+from mpi4py import MPI
+path = os.environ["READY"] + MPI.COMM_WORLD.rank * "1"
+signal.signal(signal.SIGUSR1, lambda *_: open(path + " heard", "w").close())
+MPI.COMM_WORLD.Barrier()
+open(path, "w").write(str(os.getpid()))
+end = time.monotonic() + 60
+while time.monotonic() < end:
+    time.sleep(0.1)
+"""
+"""A program that goes on at SIGUSR1, as one that factorizes."""
+
+
+def await_that(happens: Callable[[], bool], what: str) -> None:
+    end = time.monotonic() + LIMIT
+    while not happens():
+        assert time.monotonic() < end, what
+        time.sleep(0.02)
+
+
+def in_terminal(program: str, here: Path, command: list[str], *ready: str) -> tuple[int, str]:
+    """Start a command in a terminal of its own, press Ctrl-C when a file is there; its exit code and what it has said.
+
+    Once for each of the files `ready`.
+    """
+    (here / "program.py").write_text(program)
+    python = here / "python"
+    python.write_text(f'#!/bin/sh\nexec {sys.executable} {here}/program.py "$@"\n')
+    python.chmod(0o755)
+    said = b""
+    environment = scenes.clean_environment() | {"DDMPI_PYTHON": str(python), "READY": f"{here}/ready", "TERM": "dumb"}
+    process, terminal = pty.fork()
+    if process == 0:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # a shell's job in the background ignores it
+        os.execve(command[0], command, environment)
+    try:
+        for name in ready:
+            await_that((here / name).exists, f"no file {name!r}")
+            os.write(terminal, b"\x03")
+        with contextlib.suppress(OSError):  # Linux says so that the other end has gone
+            while piece := os.read(terminal, 4096):
+                said += piece
+    finally:
+        os.close(terminal)
+    return os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]), said.decode()
+
+
+@pytest.mark.parametrize("alone", [False, True], ids=["run.sh", "one rank, no mpirun"])
+def test_ctrl_c_leaves_a_checkpoint_and_one_message(tmp_path, alone):
+    """Ctrl-C, which a terminal sends to all that runs in it, ends a run with a checkpoint, its name, and code 6."""
+    scene, folder = scenes.write_scene(scenes.pinched_blocks(2), tmp_path / "scene.toml"), tmp_path / "out"
+    arguments = ["run", str(scene), "--no-figures", "--output", str(folder)]
+    command = [str(tmp_path / "python"), "-m", "ddmpi"] if alone else [str(scenes.ROOT / "scripts" / "run.sh")]
+    code, said = in_terminal(HELD, tmp_path, [*command, *arguments], "ready")
+    assert code == 6, said
+    message, = re.findall(r"ddmpi: .*", said)
+    kept = rf"ddmpi: interrupted by SIGINT: the state after iteration \d+ is kept, --restart {folder} goes on"
+    assert re.match(kept, message)
+    assert [path.name for path in folder.iterdir()] == ["checkpoint.h5"]
+
+
+def test_a_second_ctrl_c_does_not_wait(tmp_path):
+    """Ctrl-C twice ends also what hears no signal, all ranks of it; the exit code is a shell's."""
+    command = [str(scenes.ROOT / "scripts" / "run.sh"), "scene.toml"]
+    code, said = in_terminal(DEAF, tmp_path, command, "ready1", "ready heard")
+    assert (code, said.count("ddmpi: ")) == (130, 1), said
+    assert "ending at once" in said
+    for rank in ("", "1"):
+        number = (tmp_path / f"ready{rank}").read_text()
+        await_that(lambda number=number: not is_alive(number), f"process {number} is still there")
+
+
+def is_alive(process: str) -> bool:
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.parametrize("number", ["TERM", "HUP", "INT", "USR1"])
+def test_the_name_of_a_signal_is_handed_on(tmp_path, number):
+    """What run.sh hands on as SIGUSR1 is called by its own name; the file that has the name does not stay."""
+    waits = 'trap "echo heard $(cat $DDMPI_SIGNAL); exit 6" USR1\ntouch ready; while :; do sleep 0.02; done'
+    waits = waits.replace("$", "\\$", 1)  # read when the signal comes
+    script = f'set -euo pipefail; . {scenes.ROOT}/scripts/attend.sh; attend bash -c "$1"; explain; exit "$code"'
+    with subprocess.Popen(["bash", "-c", script, "bash", waits], cwd=tmp_path, text=True, stdout=subprocess.PIPE,
+                          env=scenes.clean_environment() | {"TMPDIR": str(tmp_path)},
+                          preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)) as job:
+        await_that((tmp_path / "ready").exists, "it does not start")
+        job.send_signal(getattr(signal, f"SIG{number}"))
+        said, _ = job.communicate(timeout=LIMIT)
+    assert (job.returncode, said) == (6, f"heard SIG{number}\n")
+    assert [path.name for path in tmp_path.iterdir()] == ["ready"]
