@@ -312,7 +312,7 @@ def _write_tables(path: Path, solved: Solved) -> None:
         start = 0
         for name, state in solution.contacts.items():
             part = slice(start, start := start + state.interface.m)
-            write_legs(path, name, state, [(time, stresses[part]) for time, _, _, stresses in solved.steps.kept])
+            write_legs(path, name, state, [(time, values[part]) for time, _, _, values in solved.steps.kept])
 
 
 def _outlines(solved: Solved) -> list[tuple[str, np.ndarray, np.ndarray]]:
