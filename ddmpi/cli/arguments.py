@@ -15,6 +15,8 @@ EPILOG = """exit codes: 0 certified answer, 2 bad input, 3 not converged, 4 a so
 Everything that starts with one dash is a PETSc option: -body_ksp_type cg -body_pc_type gamg for the
 solves with a body's stiffness, -qp_tao_type gpcg for the contact subproblems, -log_view for times."""
 
+STEP = "time of the load step to show, of those whose fields are written (default: the one of the largest load)"
+
 REPEATED = ("--set=", "--vary=")  # they may be followed by several KEY=VALUE
 
 
@@ -59,6 +61,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_sweep(commands, scene, formats)
     figures = commands.add_parser("figures", help="draw the pictures of saved results anew", allow_abbrev=False)
     figures.add_argument("folder", type=_named, metavar="DIR", help="folder of results")
+    figures.add_argument("--step", type=float, metavar="TIME", help=STEP)
     plot = commands.add_parser("sweep-plot", help="draw a result of a sweep against a parameter", allow_abbrev=False)
     plot.add_argument("folder", type=_named, metavar="DIR", help="folder of the sweep")
     plot.add_argument("plots", nargs="+", metavar="RESULT:KEY", help="two columns of its table, as in n_A:theta")
@@ -70,6 +73,7 @@ def build_parser() -> argparse.ArgumentParser:
     report.add_argument("folder", type=_named, metavar="DIR", help="folder with the results of a run or of a sweep")
     report.add_argument("--output", type=_named, metavar="FILE", help="file to write (default: DIR/report.html); an "
                         "earlier report is overwritten, any other file is not")
+    report.add_argument("--step", type=float, metavar="TIME", help=STEP)
     commands.add_parser("info", help="print versions and which solvers are there", allow_abbrev=False)
     commands.add_parser("schema", help="print the JSON schema of scenes, for editors", allow_abbrev=False)
     return parser

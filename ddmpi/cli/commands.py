@@ -76,7 +76,7 @@ def _draw(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> Non
     with agreed(world), printing(world):
         if world.rank == 0:
             if options.command == "figures":
-                draw_results(options.folder)
+                draw_results(options.folder, time=options.step)
             else:
                 for plot in options.plots:
                     print(draw_plot(Path(options.folder), plot))
@@ -88,7 +88,7 @@ def _report(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> N
 
     with agreed(world), printing(world):
         if world.rank == 0:
-            print(write_report(options.folder, options.output))
+            print(write_report(options.folder, options.output, options.step))
 
 
 def _info(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:

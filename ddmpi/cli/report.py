@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import string
+import tempfile
 from importlib import resources
 from pathlib import Path
 
@@ -22,25 +23,30 @@ from ddmpi.cli.report_markup import (
 )
 from ddmpi.cli.report_run import RunReport
 from ddmpi.errors import InputError
-from ddmpi.results.tables import read_summary, reading
+from ddmpi.results.histories import at_step
+from ddmpi.results.tables import read_results, read_summary, reading
 from ddmpi.scene.reader import write_toml
 from ddmpi.sweep.table import read_table
 from ddmpi.system.files import CHECKPOINT, SUMMARY, SWEEP, TABLE, write_atomically
+from ddmpi.system.provenance import has_matplotlib
 
 MARK = '<meta name="generator" content="ddmpi '
 """What a report begins with, and a file that may be overwritten."""
 
 
-def write_report(folder: str | Path, output: str | None = None) -> Path:
+def write_report(folder: str | Path, output: str | None = None, time: float | None = None) -> Path:
     """Write the report of a run or a sweep, by default as report.html into its `folder`; its path. Not collective.
 
-    A report is overwritten, any other file is not. Raises InputError where the folder has no results or the file is no
-    report, OutputError where it cannot be written.
+    It shows the load step at `time`, by default as `at_step` chooses it; for a `time` pictures are drawn anew. A report
+    is overwritten, any other file is not. Raises InputError where the folder has no results or the file is no report,
+    OutputError where it cannot be written.
     """
     folder = Path(folder)
     path = Path(output) if output else folder / "report.html"
+    if time is not None and (folder / SWEEP).exists():
+        raise InputError(f"{folder}: a sweep has no load steps; --step is for the report of a run")
     with reading(folder):
-        title, parts = _sweep(folder) if (folder / SWEEP).exists() else _run(folder)
+        title, parts = _sweep(folder) if (folder / SWEEP).exists() else _run(folder, time)
     if path.exists() and not (path.is_file() and MARK.encode() in path.read_bytes()[:1000]):
         raise InputError(f"--output {path}: is there already, and no report of ddmpi; name another file")
     page = string.Template(resources.files("ddmpi.cli").joinpath("report.html").read_text(encoding="utf-8"))
@@ -49,16 +55,24 @@ def write_report(folder: str | Path, output: str | None = None) -> Path:
     return path
 
 
-def _run(folder: Path) -> tuple[str, list[Html]]:
-    """Title and content of the report of a run. Raises InputError."""
+def _run(folder: Path, time: float | None) -> tuple[str, list[Html]]:
+    """Title and content of the report of a run that shows the load step at `time`. Raises InputError."""
     if (folder / CHECKPOINT).exists() and not (folder / SUMMARY).exists():
         raise InputError(f"{folder}: the run was not completed; go on from its checkpoint with --restart {folder}")
     if not (folder / SUMMARY).exists():
         raise InputError(f"{folder}: not the folder of a run or a sweep: there is no {SUMMARY}")
-    summary = read_summary(folder)
+    steps = time is not None or (folder / "energy.csv").exists()
+    results, drawn = at_step(read_results(folder), folder, time) if steps else None, None
+    summary = results.summary if results else read_summary(folder)
     try:
-        run = RunReport(folder, summary)
-        return run.title, run.parts()
+        with tempfile.TemporaryDirectory() as place:
+            if time is not None and has_matplotlib():
+                from ddmpi.results.pictures import draw_all
+
+                drawn = Path(place)
+                draw_all(folder, time=time, into=drawn)
+            run = RunReport(folder, summary, results.time if results else None, drawn)
+            return run.title, run.parts()
     except KeyError as error:
         raise InputError(f"{folder}: not a complete folder of results: {SUMMARY} has no {error}") from None
 

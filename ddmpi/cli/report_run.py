@@ -60,13 +60,16 @@ class RunReport:
     Attributes
     ----------
     refused : whether the run has found a mechanism, so that its numbers mean nothing
+    at : the time of the load step that numbers of contacts and bodies are of, in words; nothing for the last one
+    drawn : a folder with pictures of this step, in place of those in `folder`
     """
 
-    def __init__(self, folder: Path, summary: dict) -> None:
-        self.folder, self.summary = folder, summary
+    def __init__(self, folder: Path, summary: dict, time: float | None = None, drawn: Path | None = None) -> None:
+        self.folder, self.summary, self.drawn = folder, summary, drawn or folder
         self.scene, self.bodies, self.contacts = summary["scene"], summary["bodies"], summary["contacts"]
         self.title = summary["title"] or folder.resolve().name
-        self.refused = (folder / "mechanism.json").exists()
+        self.refused = (folder / "mechanism.json").exists() and not drawn
+        self.at = "" if time in (None, *(step["time"] for step in summary["steps"][-1:])) else f" at time {time:g}"
         units = summary["units"]
         self.length, self.stress, self.force = units["length"], units["stress"], units["force"]
         self.moment = moment_unit(units)
@@ -164,7 +167,8 @@ class RunReport:
             ("outer iterations", summary["outer_iterations"], f"{summary['n_A']} solves with a body's stiffness")]
         if {contact["friction"] for contact in self.contacts.values()} <= {"none", "bonded"}:
             del entries[4]
-        when = " Numbers of contacts and bodies are those of the last load step." * self._has_steps
+        when = (f" Numbers of contacts and bodies are those{self.at or ' of the last load step'}; report --step TIME "
+                "shows another one.") * self._has_steps
         return section("numbers", "At a glance", facts(entries), element(
             "p", f"Forces, moments and energies are per unit of depth.{when}"))
 
@@ -189,7 +193,8 @@ class RunReport:
                           "Loops of forces, energies and contact stresses over the load steps"),
             "animation.gif": ("The load steps, played.", "Animation of the deformed bodies"),
             "error.png": ("Where the estimated discretization error is.", "Estimated error of each triangle")}
-        found = [picture(self.folder / name, *words) for name, words in known.items() if (self.folder / name).exists()]
+        places = {name: self.folder / name for name in known} | {path.name: path for path in self.drawn.glob("*.png")}
+        found = [picture(places[name], *words) for name, words in known.items() if places[name].exists()]
         return section("pictures", "Pictures", *(found or [self._undrawn()]))
 
     def _contacts(self) -> Html:
@@ -210,7 +215,7 @@ class RunReport:
                             "overlap between nodes, and the moment that forces on nodes standing apart leave, are "
                             "errors of the mesh; the certificate does not limit them.")
         return section("contacts", "Contacts", table(
-            "Force and moment on the first body, about the origin; normal forces are positive under pressure",
+            f"Force and moment on the first body{self.at}, about the origin; normal forces are positive under pressure",
             Column("contact", names), *self._resultants(contacts),
             Column("pressure, largest", [contact["pressure_max"] for contact in contacts], self.stress),
             *self._states(contacts)), folded_if_long("How they are paired", len(names), table(
@@ -232,12 +237,11 @@ class RunReport:
         clamped = {each["name"] for each in self.scene.get("body", ()) if each["clamp"]}
         reactions = [body["reaction"] if name in clamped else (None, None) for name, body in self.bodies.items()]
         return section("bodies", "Bodies", table(
-            "Largest displacement and stress; the reaction of the clamps, where there are any",
+            f"Largest displacement and stress{self.at}; the reaction of the clamps, where there are any",
             Column("body", names), Column("unknowns", [body["n"] for body in bodies]),
             Column("displacement", [body["displacement_max"] for body in bodies], self.length),
             Column("von Mises", [body["von_mises_max"] for body in bodies], self.stress),
-            Column("reaction x", [x for x, _ in reactions], self.force),
-            Column("reaction y", [y for _, y in reactions], self.force),
+            *(Column(f"reaction {x}", [each[k] for each in reactions], self.force) for k, x in enumerate("xy")),
             Column("strain energy", [body["energy"] for body in bodies], self.energy),
             Column("held by", ["clamps" if body["held"] else "clamps and contacts" if name in clamped else "contacts"
                                for name, body in self.bodies.items()])))
@@ -315,7 +319,7 @@ class RunReport:
             (f"; {percent(target)} was asked for. " if target else ". ") + "This is an estimate, by patch recovery of "
             "the stress, and no bound: it has been found too small by a fifth with linear elements, by a tenth with "
             "quadratic ones.")
-            if self._estimate is not None else element("p", "There is no estimate for this run.")]
+            if self._estimate is not None else element("p", f"There is no estimate{self.at or ' for this run'}.")]
         if len(levels) > 1:
             inside.append(table("The meshes on the way", Column("mesh", [f"{k}" for k in range(1, len(levels) + 1)]),
                                 Column("refinement", [level["refinement"] for level in levels]),
@@ -391,6 +395,4 @@ def _ranks(ranks: Sequence[int]) -> str:
 
 def _some(steps: list[dict]) -> list[dict]:
     """At most MOST_STEPS of the steps, evenly chosen from the first to the last."""
-    if len(steps) <= MOST_STEPS:
-        return steps
-    return [steps[round(k * (len(steps) - 1) / (MOST_STEPS - 1))] for k in range(MOST_STEPS)]
+    return [steps[k] for k in sorted({round(k * (len(steps) - 1) / (MOST_STEPS - 1)) for k in range(MOST_STEPS)})]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.interface.state import ContactState
-from ddmpi.results.tables import pieces, writing
+from ddmpi.results.tables import leg_values, pieces, writing
 from ddmpi.system.files import FileOfHDF5
 
 TOPOLOGY = {2: "Polyline", 3: "Triangle", 6: "Triangle_6"}
@@ -25,7 +25,6 @@ AT_STEPS = ("displacement", "stress", "von_mises", "error")
 AT_CONTACT = ("pressure", "friction", "gap", "slip", "slip_total", "status")
 """The datasets of a contact, with a row per line of its table: those of contact_NAME.csv, stresses by other names."""
 
-STATUS = ("open", "slip", "stick")
 """What the numbers of the dataset `status` mean."""
 
 AT_NODES = ("points", "displacement", *AT_CONTACT)
@@ -98,13 +97,13 @@ def write_fields(path: Path, fields: Fields, body: int, sizes: Sequence[tuple[in
 
 
 def write_contact_fields(path: Path, number: int, state: ContactState,
-                         stresses: Iterable[tuple[int, np.ndarray]] = ()) -> None:
+                         steps: Iterable[tuple[int, np.ndarray]] = ()) -> None:
     """Write what happens on a contact into result.h5 in the folder `path`: lines between its nodes, and AT_CONTACT.
 
     Parameters
     ----------
     number : of the contact, in the order of the scene
-    stresses : number, and normal and tangential stresses (m, 2), of each load step before the last one that is kept
+    steps : number, and `leg_values` of the contact, of each load step before the last one that is kept
 
     Not collective. Raises OutputError.
     """
@@ -114,14 +113,9 @@ def write_contact_fields(path: Path, number: int, state: ContactState,
     table = dict(zip("xyz", lines.xy.T, strict=False)) | {"length": lines.area}
     follow = [np.column_stack([piece[:-1], piece[1:]]) if len(piece) > 1 else piece[[0, 0]][None]
               for piece in pieces(table)]
-    values = (state.pressure, state.shear, state.gap, state.slip, state.slip_total,
-              np.argmax(state.status[:, None] == np.array(STATUS), axis=1))
     parts = {"points": np.pad(lines.xy, ((0, 0), (0, 2 - components))), "cells": np.concatenate(follow)}
-    parts |= {name: (each.ravel() if components == 1 else each)[lines.row]
-              for name, each in zip(AT_CONTACT, values, strict=True)}
-    for step, each in stresses:
-        normal, tangential = each[lines.row].T
-        parts |= {f"{group_of(step)}/pressure": normal, f"{group_of(step)}/friction": tangential}
+    for group, values in [("", leg_values(state)), *((f"{group_of(step)}/", each) for step, each in steps)]:
+        parts |= {f"{group}{name}": each for name, each in zip(AT_CONTACT, values[lines.row].T, strict=True)}
     target = path / "result.h5"
     with writing(target), FileOfHDF5(target, "r+") as storage, h5py.File(storage, "r+") as file:
         for name, part in parts.items():

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ddmpi.errors import InputError
 from ddmpi.results.fields import at_nodes, boundary_edges, group_of, linear_triangles
-from ddmpi.results.magnify import magnify, surfaces
-from ddmpi.results.tables import Columns, Results, facing_rows, writing
+from ddmpi.results.magnify import magnify, owners, surfaces
+from ddmpi.results.tables import LEGS, Columns, Results, facing_rows, writing
 
 LOOPS = 3
 """At most so many contacts, those with the largest forces, have their loop and their stresses drawn."""
@@ -20,6 +22,77 @@ FRAMES, SECONDS, SLOWEST, FASTEST = 200, 6.0, 2.0, 20.0
 
 CURVES = 8
 """Of more ends of legs than this, so many are drawn, from the first to the last."""
+
+
+def step_times(folder: Path) -> list[float]:
+    """The ends of the load steps whose fields are in the `folder`; none without [time]."""
+    from xml.etree import ElementTree
+
+    return [float(each.attrib["Value"]) for each in ElementTree.parse(folder / "result.xdmf").findall(
+        "Domain/Grid/Grid/Time")]
+
+
+def at_step(results: Results, folder: Path, asked: float | None = None) -> Results:
+    """The results of a load step whose fields are in the `folder`: that at the time `asked` for, by default the one
+    of the largest load, the last one if there are several.
+
+    The load is the sum of the factors of all histories, without signs, each over its largest one.
+
+    What the summary has of the last step alone is None: reactions, strain energies, estimated errors, overlaps between
+    nodes. The certificate and what friction dissipates stay those of all steps. Without load steps, or without an
+    answer, `results` are as they were read. Not collective. Raises InputError where there are no fields of the time
+    `asked` for.
+    """
+    import h5py
+
+    complete = results.energy and all("gap" in legs for legs in results.legs.values())  # no run of version 0.6 is
+    times = np.array(step_times(folder) if complete else [])
+    if asked is None:
+        if len(times) == 0 or not results.summary["converged"]:
+            return results
+        loads = np.zeros(len(times))
+        for history in results.summary["scene"].get("history", {}).values():
+            loads += np.abs(np.interp(times, history["times"], history["factors"])) / (
+                np.abs(history["factors"]).max() or 1.0)
+        asked = times[loads >= loads.max() - 1e-9][-1]
+    there = np.flatnonzero(np.abs(times - asked) <= 1e-9 * abs(asked))
+    if len(there) == 0:
+        raise InputError(f"{folder}: there are no fields of time {asked:g}; the times that have some: "
+                         f"{', '.join(f'{time:g}' for time in times) or 'none'}")
+    time = float(times[there[0]])
+    with h5py.File(folder / "result.h5", "r") as file:
+        if group_of(there[0]) not in file:  # it is the last step
+            return replace(results, time=time)
+        fields = results.fields | {name: data[()] for name, data in file[group_of(there[0])].items()}
+    contacts = {}
+    for name, legs in results.legs.items():
+        table = results.contacts[name] | {column: legs[column][legs["time"] == time] for column in list(LEGS)[4:]}
+        contacts[name] = table | {f"{kind}_force": table[f"{kind}_stress"] * table["length"]
+                                  for kind in ("normal", "tangential")}
+    step = next(each for each in results.summary["steps"] if each["time"] == time)["contacts"]
+    moved, owner = np.linalg.norm(fields["displacement"], axis=1), owners(results)
+    unknown = {"energy": None, "reaction": (None, None), "discretization_error": None}
+    bodies = {name: entry | unknown | {"displacement_max": float(moved[owner == k].max())} | (
+        {"von_mises_max": float(fields["von_mises"][fields["body"] == k].max())} if "von_mises" in fields else {})
+        for k, (name, entry) in enumerate(results.summary["bodies"].items())}
+    unknown = dict.fromkeys(("pointwise_penetration", "moment_imbalance", "moment_imbalance_bound"))
+    summary = results.summary | {
+        "displacement_max": float(moved.max()), "bodies": bodies,
+        "discretization_error": results.summary["discretization_error"] | {"energy_norm": None},
+        "contacts": {name: entry | unknown | step[name] | {"dissipated": entry["dissipated"],
+                                                           "pressure_max": float(contacts[name]["normal_stress"].max())}
+                     for name, entry in results.summary["contacts"].items()}}
+    return replace(results, summary=summary, contacts=contacts, fields=fields, time=time,
+                   sides={name: _means(table, contacts[name]) for name, table in results.sides.items()})
+
+
+def _means(sides: Columns, nodes: Columns) -> Columns:
+    """The table of sides with the means of the stresses at their `nodes`: their middles, and the nodes beside these."""
+    row = {place: k for k, place in enumerate(zip(nodes["x"], nodes["y"], strict=True))}
+    middle = np.array([row[place] for place in zip(sides["x"], sides["y"], strict=True)], int)
+    after = (middle + 1) % len(row)
+    return sides | {column: (nodes[column][middle - 1] + 4 * nodes[column][middle] + nodes[column][after]) / 6
+                    for column in ("normal_stress", "tangential_stress")}
 
 
 def draw_steps(results: Results, title: str) -> Any:
@@ -152,12 +225,9 @@ def animate(results: Results, folder: Path, title: str) -> Path:
 def _frames(folder: Path) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
     """Time, displacement (nv, 2), and von Mises stress by cell or else displacement by node, of what an animation shows
     of the time series result.xdmf."""
-    from xml.etree import ElementTree
-
     import h5py
 
-    times = [float(each.attrib["Value"]) for each in ElementTree.parse(folder / "result.xdmf").findall(
-        "Domain/Grid/Grid/Time")]
+    times = step_times(folder)
     with h5py.File(folder / "result.h5", "r") as file:
         for k in np.unique(np.linspace(0, len(times) - 1, min(FRAMES, len(times))).round().astype(int)):
             fields = file.get(group_of(k), file)

@@ -101,8 +101,9 @@ def owners(results: Results) -> np.ndarray:
 
 
 def _rigid(results: Results, time: float | None = None) -> dict[str, dict]:
-    """Rigid partners by name, with their displacement at `time`, else at the last load step."""
+    """Rigid partners by name, with their displacement at `time`, else at that of the results."""
     scene, histories = results.summary["scene"], results.summary["scene"].get("history", {})
+    time = results.time if time is None else time
     if time is None and "time" in results.energy:
         time = results.energy["time"].max(initial=0.0)
 
@@ -118,7 +119,7 @@ def surfaces(results: Results, factor: float = 0.0,
              time: float | None = None) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Points (k, 2) along each rigid surface that bodies may touch, and its unit normals there, towards the bodies.
 
-    Drawn where it has gone to at `time`, else in the last load step, its displacement times `factor`.
+    Drawn where it has gone to at `time`, else at that of the results, its displacement times `factor`.
     """
     fields, contacts = results.fields, results.summary["scene"]["contact"]
     extent, owner = np.ptp(fields["points"][:, :2], axis=0).max(), owners(results)

@@ -37,16 +37,17 @@ NAMED = 15
 """Names are written on at most this many bodies."""
 
 
-def draw_results(folder: str | Path, number: int = 0, drawers: int = 1) -> list[Path]:
+def draw_results(folder: str | Path, number: int = 0, drawers: int = 1, time: float | None = None) -> list[Path]:
     """Draw the pictures of a folder of results: the mechanism where there is one, else all that `draw_all` draws.
 
-    Where several `drawers` share the work, this is the one with that `number`.
+    Where several `drawers` share the work, this is the one with that `number`. With a `time`, the pictures are those of
+    the load step there.
 
     Not collective. Raises InputError without results or matplotlib, OutputError if a picture cannot be written.
     """
     with reading(folder):
-        if not (Path(folder) / FILE).exists():
-            return draw_all(folder, number, drawers)
+        if time is not None or not (Path(folder) / FILE).exists():
+            return draw_all(folder, number, drawers, time)
         return [] if number else [draw_mechanism(folder, identity(read_results(folder).summary))]
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.results.fields import areas_at_nodes, at_nodes, boundary_edges, linear_triangles, middles
-from ddmpi.results.histories import animate, draw_steps
+from ddmpi.results.histories import animate, at_step, draw_steps
 from ddmpi.results.magnify import magnify, owners, surfaces
 from ddmpi.results.tables import Columns, Results, facing_rows, pieces, read_results, starts, writing
 from ddmpi.system.files import contact_files
@@ -60,8 +60,12 @@ def start_drawing() -> Any:
     return pyplot
 
 
-def draw_all(folder: str | Path, number: int = 0, drawers: int = 1) -> list[Path]:
+def draw_all(folder: str | Path, number: int = 0, drawers: int = 1, time: float | None = None,
+             into: Path | None = None) -> list[Path]:
     """Draw all pictures of the results in `folder` into it, or this one's share if several `drawers` do; their paths.
+
+    Those of bodies and contacts are of the load step at `time`, by default as `at_step` chooses it. `into` another
+    folder go pictures without the animation.
 
     bodies.png, contact.png (of several contacts contacts.png, and contact_NAME.png of each if there are not more than
     EACH), convergence.png, steps.png if there are load steps, animation.gif if the scene wants it, and error.png if the
@@ -69,27 +73,28 @@ def draw_all(folder: str | Path, number: int = 0, drawers: int = 1) -> list[Path
     Not collective. Raises InputError without results or matplotlib, OutputError if a picture cannot be written.
     """
     plt = start_drawing()
-    results, drawn = read_results(folder), []
+    last, drawn = read_results(folder), []
+    results = at_step(last, Path(folder), time)
     with plt.rc_context(STYLE):
-        for turn, (name, draw) in enumerate(_figures(results)):
+        for turn, (name, draw) in enumerate(_figures(results, last)):
             if number not in (turn % (2 * drawers), 2 * drawers - 1 - turn % (2 * drawers)):  # there and back
                 continue
             figure = draw()
-            drawn.append(Path(folder) / name)
+            drawn.append((into or Path(folder)) / name)
             try:
                 with writing(drawn[-1]):
                     drawn[-1].unlink(missing_ok=True)  # it may be a link
                     figure.savefig(drawn[-1], metadata=identity(results.summary))
             finally:
                 plt.close(figure)
-        animated = number == drawers - 1 and results.summary["scene"]["output"].get("animation")
+        animated = not into and number == drawers - 1 and results.summary["scene"]["output"].get("animation")
         if animated and len(results.energy.get("time", ())):
-            drawn.append(animate(results, Path(folder), _title(results)))
+            drawn.append(animate(results, Path(folder), results.heading()))
     return drawn
 
 
-def _figures(results: Results) -> Iterator[tuple[str, Callable[[], Any]]]:
-    """Each picture's file name and what draws its figure, the longest work first."""
+def _figures(results: Results, last: Results) -> Iterator[tuple[str, Callable[[], Any]]]:
+    """Each picture's file name and what draws its figure, the longest work first; errors are of the `last` step."""
     yield "bodies.png", lambda: draw_bodies(results)
     yield "convergence.png", lambda: draw_convergence(results)
     several = len(results.contacts) > 1
@@ -98,9 +103,9 @@ def _figures(results: Results) -> Iterator[tuple[str, Callable[[], Any]]]:
     for name in results.contacts if len(results.contacts) <= EACH else ():
         yield contact_files(name).picture if several else "contact.png", functools.partial(draw_contact, results, name)
     if len(results.energy.get("time", ())):
-        yield "steps.png", lambda: draw_steps(results, _title(results))
+        yield "steps.png", lambda: draw_steps(results, results.heading())
     if "error" in results.fields:
-        yield "error.png", lambda: draw_error(results)
+        yield "error.png", lambda: draw_error(last)
 
 
 def draw_bodies(results: Results):
@@ -123,7 +128,7 @@ def draw_bodies(results: Results):
                            vmin=low / factor, vmax=top / factor or 1.0, rasterized=True, zorder=2)
     _colour_bar(figure, axes, image, f"{quantity} ({unit})", "max" if values.max() > top else "neither")
     factor, unit = scaled_unit(moved.max(), length_unit)
-    figure.suptitle(f"{_title(results)}displacement × {scale:g}, largest {_number(moved.max() / factor)} {unit}")
+    figure.suptitle(f"{results.heading(True)}displacement × {scale:g}, largest {_number(moved.max() / factor)} {unit}")
     return figure
 
 
@@ -189,7 +194,7 @@ def draw_contacts(results: Results):
                for zone, number in counts.items() if number]
     figure.set_figheight(figure.get_figheight() + 0.5)  # for the legend
     axes.legend(handles=legend, loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=8, ncols=2 + _is_wide(points))
-    figure.suptitle(f"{_title(results)}contact forces")
+    figure.suptitle(f"{results.heading(True)}contact forces")
     return figure
 
 
@@ -197,15 +202,14 @@ def draw_error(results: Results):
     """The estimated discretization error of each triangle; a figure."""
     from matplotlib.colors import LogNorm
 
-    points = results.fields["points"][:, :2]
-    cells, owner = linear_triangles(results.fields["cells"])
+    points, (cells, owner) = results.fields["points"][:, :2], linear_triangles(results.fields["cells"])
     values = results.fields["error"][owner]
     top = values.max() or 1.0
     figure, axes = _axes(points, cells, _units(results)[0])
     image = axes.tripcolor(*points.T, cells, facecolors=np.maximum(values, 1e-3 * top), cmap="magma_r",
                            rasterized=True, norm=LogNorm(1e-3 * top, top))
     _colour_bar(figure, axes, image, "estimated error, over the mean (energy norm per area)", "min")
-    figure.suptitle(f"{_title(results)}estimated discretization error "
+    figure.suptitle(f"{results.heading()}estimated discretization error "
                     f"{results.summary['discretization_error']['energy_norm']:.2g} of the energy norm")
     return figure
 
@@ -243,7 +247,8 @@ def draw_contact(results: Results, name: str):
             _curve(stresses, shown, place, sign * bound / factor, marker="", color=COLOURS["bound"], linestyle="--",
                    linewidth=1, label=label)
     stresses.set_ylabel(f"contact stress ({unit})")
-    stresses.set_title(f"{_title(results)}contact stresses" + (f" of {name}" if len(results.contacts) > 1 else ""))
+    of_one = f" of {name}" if len(results.contacts) > 1 else ""
+    stresses.set_title(f"{results.heading(True)}contact stresses{of_one}")
 
     largest = max(np.abs(nodes["gap"]).max(), np.abs(nodes["slip"]).max())
     visible = RESOLVED * results.summary["displacement_max"]
@@ -258,13 +263,10 @@ def draw_contact(results: Results, name: str):
     for axes in (stresses, motion):
         axes.axhline(0.0, color="black", linewidth=0.6)
         _shade(axes, position, nodes)
-    handles, labels = stresses.get_legend_handles_labels()
-    for zone, colour in ZONES.items():
-        number = results.summary["contacts"][name][zone]
-        if number:
-            handles.append(Patch(facecolor=colour, edgecolor="#b5b5b5"))
-            labels.append(f"{zone} ({number} node{'s' if number > 1 else ''})")
-    stresses.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    handles, counts = stresses.get_legend_handles_labels()[0], results.summary["contacts"][name]
+    handles += [Patch(facecolor=colour, edgecolor="#b5b5b5", label=f"{zone} ({number} node{'s' * (number > 1)})")
+                for zone, colour in ZONES.items() if (number := counts[zone])]
+    stresses.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     motion.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
 
@@ -291,7 +293,7 @@ def draw_convergence(results: Results):
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:.0e}".replace("e-0", "e-").replace("e+00", ""))
     axes.set(xlabel="outer iteration k", ylabel="relative change (–)")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
-    axes.set_title(f"{_title(results)}{summary['outer_iterations']} outer iterations, n$_A$ = {summary['n_A']}, "
+    axes.set_title(f"{results.heading()}{summary['outer_iterations']} outer iterations, n$_A$ = {summary['n_A']}, "
                    f"{summary['reason']}", wrap=True)
     return figure
 
@@ -305,11 +307,6 @@ def _units(results: Results) -> tuple[str, str]:
 def _number(value: float) -> str:
     """Three digits, without an exponent below a million."""
     return f"{float(f'{value:.3g}'):g}"
-
-
-def _title(results: Results) -> str:
-    title = results.summary["title"].replace("$", r"\$")  # no formula
-    return f"{title}\n" if title else ""
 
 
 def _position(nodes: Columns) -> tuple[np.ndarray, str]:

@@ -40,7 +40,13 @@ SIDES = {
 
 LEGS = {
     "time": "of the load step", "x": "position of the node", "y": "", "length": "nodal length",
-    "normal_stress": "as in contact_NAME.csv", "tangential_stress": ""}
+    "normal_stress": "as in contact_NAME.csv", "tangential_stress": "", "gap": "", "slip": "", "slip_total": "",
+    "status": ""}
+
+STATUS = ("open", "slip", "stick")
+
+LEG_VALUES = 6
+"""Numbers that are kept of a contact node and load step: the columns of LEGS from the stresses on."""
 
 HISTORY = {
     "step": "number of the load step", "iteration": "outer iteration, from 1 on",
@@ -95,20 +101,27 @@ def write_sides(path: Path, name: str, state: ContactState) -> None:
     _write_csv(path / contact_files(name).sides, SIDES, zip(*xy[middle].T, length, *means, strict=True))
 
 
-def write_legs(path: Path, name: str, state: ContactState, stresses: Iterable[tuple[float, np.ndarray]]) -> None:
+def leg_values(state: ContactState) -> np.ndarray:
+    """The numbers (m, LEG_VALUES) of the columns of LEGS from the stresses on; of the status its place in STATUS."""
+    status = np.argmax(state.status[:, None] == np.array(STATUS), axis=1)
+    return np.column_stack([state.pressure, state.shear[:, 0], state.gap, state.slip[:, 0], state.slip_total[:, 0],
+                            status])
+
+
+def write_legs(path: Path, name: str, state: ContactState, steps: Iterable[tuple[float, np.ndarray]]) -> None:
     """Write contact_NAME_legs.csv into the folder `path`: a line per contact node and load step whose fields are kept.
 
     Parameters
     ----------
     state : of the contact, for its nodes
-    stresses : time, and normal and tangential stresses (m, 2), of each load step
+    steps : time, and `leg_values` (m, LEG_VALUES), of each load step
 
     Not collective. Raises OutputError.
     """
     lines = state.interface.shown
     _write_csv(path / contact_files(name).legs, LEGS, (
-        (time, *row) for time, values in stresses
-        for row in zip(*lines.xy.T, lines.area, *values[lines.row].T, strict=True)))
+        (time, *row, STATUS[int(status)]) for time, values in steps
+        for *row, status in zip(*lines.xy.T, lines.area, *values[lines.row].T, strict=True)))
 
 
 def write_history(path: Path, rows: Iterable[Sequence]) -> None:
@@ -195,8 +208,8 @@ class Results:
     sides : the same of contact_NAME_sides.csv; empty with linear elements
     history, steps : history.csv and steps.csv
     energy : energy.csv, and legs : of each contact contact_NAME_legs.csv; empty without [time]
-    fields : the data of result.h5 of the last load step; `fields["body"]` numbers the bodies as summary["bodies"] lists
-        them
+    fields : the data of result.h5 of a load step; `fields["body"]` numbers the bodies as summary["bodies"] lists them
+    time : of the load step that summary, contacts, sides and fields are of; None without [time], and of the last one
     """
 
     summary: dict
@@ -207,6 +220,13 @@ class Results:
     fields: dict[str, np.ndarray]
     energy: Columns = field(default_factory=dict)
     legs: dict[str, Columns] = field(default_factory=dict)
+    time: float | None = None
+
+    def heading(self, timed: bool = False) -> str:
+        """What a picture's title begins with: the scene's title, and the time of the load step if it is `timed`."""
+        title = self.summary["title"].replace("$", r"\$")  # no formula
+        when = f"time {self.time:g}: " if timed and self.time is not None else ""
+        return (f"{title}\n" if title else "") + when
 
 
 def read_results(folder: str | Path) -> Results:

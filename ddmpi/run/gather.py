@@ -21,6 +21,7 @@ from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.petsc.options import unused_options
 from ddmpi.results.fields import Fields
 from ddmpi.results.summary import BodyResult, ContactResult, RunResult, summarize
+from ddmpi.results.tables import LEG_VALUES, leg_values
 from ddmpi.run.solve import Solution
 from ddmpi.system.numbers import Rows
 from ddmpi.system.provenance import peak_memory, provenance
@@ -86,16 +87,16 @@ class StepLog:
         known = {_kind(warning) for warning in warnings}
         return [doubt for kind, doubt in self.doubts.items() if kind not in known]
 
-    def keep(self, time: float, forces: np.ndarray, motions: np.ndarray, stresses: np.ndarray) -> None:
-        """Note what the fields of a step follow from: forces (size,), motions; (m, 2) stresses of all contacts."""
+    def keep(self, time: float, forces: np.ndarray, motions: np.ndarray, contacts: Sequence[ContactState]) -> None:
+        """Note what the fields of a step follow from: forces (size,), motions; and the state of all contacts."""
         self._ends = np.cumsum([1, len(forces), len(motions)])
-        self._kept.append(np.concatenate([[time], forces, motions, stresses.ravel()]))
+        self._kept.append(np.concatenate([[time], forces, motions, *(leg_values(each).ravel() for each in contacts)]))
 
     @property
     def kept(self) -> list[tuple[float, np.ndarray, np.ndarray, np.ndarray]]:
-        """Time, forces, motions, and normal and tangential stresses (m, 2), of the steps whose fields are written."""
+        """Time, forces, motions, and `leg_values` of all contacts, of the steps whose fields are written."""
         parts = (np.split(row, self._ends) for row in self._kept.all)
-        return [(float(time[0]), s, alpha, stresses.reshape(-1, 2)) for time, s, alpha, stresses in parts]
+        return [(float(time[0]), s, alpha, values.reshape(-1, LEG_VALUES)) for time, s, alpha, values in parts]
 
     def _by_contact(self) -> np.ndarray:
         """The resultants (k, nc, RESULTANTS)."""

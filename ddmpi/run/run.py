@@ -308,12 +308,12 @@ def _write_tables(path: Path, solved: Solved) -> None:
     write_steps(path, solved.summary["steps"])
     if solved.steps:
         write_energy(path, solved.steps.energy())
-    start, kept = 0, [(time, stresses) for time, _, _, stresses in solved.steps.kept] if solved.steps else []
+    start, kept = 0, [(time, values) for time, _, _, values in solved.steps.kept] if solved.steps else []
     for number, (name, state) in enumerate(solution.contacts.items()):
         part = slice(start, start := start + state.interface.m)
         if solved.steps:
-            write_legs(path, name, state, [(time, stresses[part]) for time, stresses in kept])
-        write_contact_fields(path, number, state, [(step, stresses[part]) for step, (time, stresses) in enumerate(kept)
+            write_legs(path, name, state, [(time, values[part]) for time, values in kept])
+        write_contact_fields(path, number, state, [(step, values[part]) for step, (time, values) in enumerate(kept)
                                                    if time != solution.time])
 
 

@@ -258,8 +258,7 @@ class March:
                           sum(float(each.interface.area[each.status != "open"].sum()) for each in contacts))
         del self._ahead[0]
         if not self._ahead or scene.output.steps == "all":
-            self.log.keep(time, s, outer.motions, np.vstack(
-                [np.empty((0, 2)), *(np.column_stack([state.pressure, state.shear[:, 0]]) for state in contacts)]))
+            self.log.keep(time, s, outer.motions, contacts)
         self._leave()
         self._cuts = 0
         counts = [sum(state.count(status) for state in contacts) for status in ("open", "slip", "stick")]

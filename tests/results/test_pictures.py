@@ -277,7 +277,7 @@ def test_of_many_contacts_only_the_overview_is_drawn(tmp_path, monkeypatch, cont
     results.contacts.clear()
     results.contacts.update(dict.fromkeys(names, table))
     results.summary["scene"]["contact"] = [results.summary["scene"]["contact"][0] | {"name": name} for name in names]
-    drawn = [name for name, _ in pictures._figures(results)]
+    drawn = [name for name, _ in pictures._figures(results, results)]
     assert "contacts.png" in drawn and sum(name.startswith("contact_") for name in drawn) == single
 
 

@@ -19,11 +19,13 @@ from mpi4py import MPI
 from scenes import ROOT, pinched_blocks, run_command, run_python, sheared_stack, to_toml, write_scene
 
 import ddmpi
+from ddmpi.cli.report import write_report
 from ddmpi.errors import InputError
 from ddmpi.interface.state import slip_start
 from ddmpi.methods.newton import Newton
-from ddmpi.results.histories import draw_steps
-from ddmpi.results.magnify import surfaces
+from ddmpi.results.histories import at_step, draw_steps
+from ddmpi.results.magnify import magnify, surfaces
+from ddmpi.results.pictures import draw_all
 from ddmpi.results.tables import read_results
 from ddmpi.run import checkpoint
 from ddmpi.run.answer import Answer
@@ -458,6 +460,46 @@ def test_files_of_load_steps(tmp_path):
     pressed = solve(sheared_blocks(steps=2), time__points=[1.0])
     u = np.concatenate([pressed.bodies[name].displacement for name in ("upper", "lower")])
     assert found[0][1]["displacement"][:, :2] == pytest.approx(u, rel=1e-9, abs=1e-9 * np.abs(u).max())
+
+
+def test_the_step_of_the_largest_load_is_shown(tmp_path):
+    """Pictures and report are those of a run that ends with the largest load, or with any other step that is written;
+    their titles say which."""
+    folders = {}
+    for name, factors in (("whole", [0.0, 0.5, 1.0, 1.0, 0.0]), ("end", [0.0, 0.5, 1.0, 1.0])):
+        scene = pressed_blocks(factors)
+        scene["rigid"][0] |= {"displacement": [0.0, 1e-4], "history": "press"}
+        scene["time"]["steps"], scene["output"] = 1, {"error": True}
+        for body in scene["body"]:
+            body["mesh"]["order"] = 2
+        folders[name] = tmp_path / name
+        path = write_scene(scene, tmp_path / f"{name}.toml")
+        run_scene(MPI.COMM_SELF, read_scene_file(path), str(path), str(folders[name]), False)
+    whole, end = (read_results(folder) for folder in folders.values())
+    shown = at_step(whole, folders["whole"])
+    assert (shown.time, shown.heading(True)) == (3.0, "time 3: ")
+    assert shown.summary["displacement_max"] == end.summary["displacement_max"] > 0.0
+    for name, table in end.contacts.items():
+        assert end.sides[name]["normal_stress"].any()
+        for ours, theirs in ((shown.contacts[name], table), (shown.sides[name], end.sides[name])):
+            assert all(np.array_equal(ours[column], values) if column == "status" else
+                       ours[column] == pytest.approx(values, rel=1e-12) for column, values in theirs.items())
+        for key in ("force", "normal_force", "open", "slip", "stick", "pressure_max"):
+            assert shown.summary["contacts"][name][key] == end.summary["contacts"][name][key], key
+    for name in ("displacement", "stress", "von_mises"):
+        assert np.array_equal(shown.fields[name], end.fields[name])
+    assert np.array_equal(magnify(shown)[1], magnify(end)[1])
+    assert np.array_equal(next(surfaces(shown, 1.0))[0], next(surfaces(end, 1.0))[0])
+    last = at_step(whole, folders["whole"], 4.0)
+    assert last.fields is whole.fields and not last.fields["displacement"].any()
+    with pytest.raises(InputError, match=r"no fields of time 1.5; the times that have some: 1, 2, 3, 4"):
+        at_step(whole, folders["whole"], 1.5)
+    refused = run_python(["-m", "ddmpi", "figures", str(folders["whole"]), "--step", "1.5"], 1)
+    assert refused.code == 2 and "no fields of time 1.5" in refused.messages[0]
+    assert {path.name for path in draw_all(folders["whole"], time=2.0, into=tmp_path)} >= {"bodies.png", "error.png"}
+    for time, words in ((None, "at time 3"), (2.0, "at time 2"), (4.0, "of the last load step")):
+        page = write_report(folders["whole"], str(tmp_path / "report.html"), time).read_text(encoding="utf-8")
+        assert f"are those {words};" in page and ("data:image/png" in page) == (time is not None)
 
 
 @pytest.mark.parametrize("change, words", [
