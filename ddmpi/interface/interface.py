@@ -83,7 +83,6 @@ class Interface:
     frame : (m, d, d) unit vectors of the first body: outer normal, then tangents; the second body's are opposite
     area : (m,) nodal lengths, in three dimensions areas, of what faces the other side (m)
     gap : (m,) initial gap along the normal (m); negative for an initial overlap
-    arc : (m,) arc lengths along the first body's boundary, from which profiles count (m)
     nodes : of each side (k,), numbers in its body's mesh; none of a rigid partner
     transfer : of each side (m, k), sparse: a contact node moves as the rows say that the side's nodes move
     law : of contact and friction at these nodes
@@ -101,6 +100,7 @@ class Interface:
     probes : places between the nodes of sides that do not match
     displacement : (d,) of a rigid partner (m)
     history : that the displacement of the rigid partner follows, or None
+    arc : (m,) arc lengths along the first body's boundary, by which profiles count (m); empty where there are none
     """
 
     name: str
@@ -109,7 +109,6 @@ class Interface:
     frame: np.ndarray
     area: np.ndarray
     gap: np.ndarray
-    arc: np.ndarray
     nodes: tuple[np.ndarray, np.ndarray]
     transfer: tuple[sparse.csr_matrix, sparse.csr_matrix]
     law: Law
@@ -127,6 +126,7 @@ class Interface:
     closings: np.ndarray = field(default_factory=lambda: np.empty((0, 2), int))
     displacement: np.ndarray = field(default_factory=lambda: np.zeros(2))
     history: str | None = None
+    arc: np.ndarray = field(default_factory=lambda: np.empty(0))
 
     def displaced(self, U: np.ndarray) -> Interface:
         """The same interface with the rigid partner displaced by `U` (d,)."""
