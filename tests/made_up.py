@@ -14,7 +14,7 @@ from ddmpi.interface.state import ContactState
 from ddmpi.mesh.build import generate_rectangle
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
-from ddmpi.results.fields import Fields, write_contact_fields, write_fields, write_xdmf
+from ddmpi.results.fields import Fields, contact_fields, write_fields, write_xdmf
 from ddmpi.results.summary import BodyResult, ContactResult, RunResult, summarize, write_summary
 from ddmpi.results.tables import write_contact, write_history, write_sides, write_steps
 from ddmpi.scene.bodies import Material, MeshSpec
@@ -124,9 +124,8 @@ def results(folder: Path, kind: str = "stack", order: int = 1, friction=COULOMB,
     sizes = [(len(mesh.points), len(mesh.triangles)) for mesh in meshes.values()]
     for number, part in enumerate(parts):
         write_fields(folder, part, number, sizes)
-    for number, each in enumerate(states):
-        write_contact_fields(folder, number, each)
-    write_xdmf(folder, (), dict(zip(meshes, sizes, strict=True)), list(CONTACTS[kind]))
+    write_xdmf(folder, (), dict(zip(meshes, sizes, strict=True)),
+               {each.interface.name: [contact_fields(each)] for each in states})
     for each in states:
         write_contact(folder, each.interface.name, each)
         write_sides(folder, each.interface.name, each)
@@ -148,16 +147,21 @@ def named_grids(folder: Path) -> dict[str, list[dict]]:
 
         def array(item):
             if item.get("ItemType") != "HyperSlab":
-                found = file[item.text.removeprefix("result.h5:")][()]
-                assert item.get("Dimensions") == " ".join(map(str, found.shape))
+                shape = [int(number) for number in item.get("Dimensions").split()]
+                found = (file[item.text.removeprefix("result.h5:")][()] if item.get("Format") == "HDF" else
+                         np.array(item.text.split(), item.get("DataType").lower()).reshape(shape))
+                assert list(found.shape) == shape
                 return found
             start, stride, count = np.array(item[0].text.split(), int).reshape(3, -1)
             assert (stride == 1).all() and item.get("Dimensions") == " ".join(map(str, count))
             return array(item[1])[tuple(slice(a, a + n) for a, n in zip(start, count, strict=True))]
 
         def grid(each):
-            found = {child.get("Name", child.tag): array(child[0]) for child in each if child.tag != "Time"}
-            found["Topology"] = found["Topology"] - int(each.find("Topology").get("BaseOffset", 0))
+            children = [root.find("." + child.text.removeprefix("/Xdmf")) if child.get("Reference") else child
+                        for child in each if child.tag != "Time"]
+            found = {child.get("Name", child.tag): array(child[0]) for child in children}
+            (topology,) = (child for child in children if child.tag == "Topology")
+            found["Topology"] = found["Topology"] - int(topology.get("BaseOffset", 0))
             return found | {"time": float(each.find("Time").get("Value"))}
 
         return {each.get("Name"): [grid(one) for one in (each if each.get("GridType") == "Collection" else [each])]

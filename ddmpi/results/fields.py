@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,19 +19,17 @@ TOPOLOGY = {2: "Polyline", 3: "Triangle", 6: "Triangle_6"}
 KIND = {1: "Scalar", 3: "Vector", 6: "Tensor6"}
 """What XDMF calls a field, by its number of components."""
 
+MESH = {"points": "Geometry", "cells": "Topology"}
+"""What XDMF calls the datasets of a mesh."""
+
 AT_STEPS = ("displacement", "stress", "von_mises", "error")
 """The datasets that differ from load step to load step."""
 
 AT_CONTACT = ("pressure", "friction", "gap", "slip", "slip_total", "status")
-"""The datasets of a contact, with a row per line of its table: those of contact_NAME.csv, stresses by other names."""
-
-"""What the numbers of the dataset `status` mean."""
+"""The fields of a contact, with a row per line of its table: columns of contact_NAME.csv, stresses by other names."""
 
 AT_NODES = ("points", "displacement", *AT_CONTACT)
-"""The datasets with a row per node; all others have a row per triangle."""
-
-CONTACTS = "contacts"
-"""The group of result.h5 with a group for each contact, by its number in the order of the scene."""
+"""What has a row per node; all else has a row per triangle."""
 
 MANY = 10_000
 """Of more bodies and contacts than this, times load steps, result.xdmf has no grids of their own."""
@@ -96,34 +94,23 @@ def write_fields(path: Path, fields: Fields, body: int, sizes: Sequence[tuple[in
             file[name][before[kind]:before[kind] + len(part)] = part
 
 
-def write_contact_fields(path: Path, number: int, state: ContactState,
-                         steps: Iterable[tuple[int, np.ndarray]] = ()) -> None:
-    """Write what happens on a contact into result.h5 in the folder `path`: lines between its nodes, and AT_CONTACT.
+def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dict[str, np.ndarray]:
+    """Points (l, 3) of a contact, its `cells` (·, 2), lines between neighbouring nodes, and AT_CONTACT (l, …).
 
-    Parameters
-    ----------
-    number : of the contact, in the order of the scene
-    steps : number, and `leg_values` of the contact, of each load step before the last one that is kept
-
-    Not collective. Raises OutputError.
+    `values` are the `leg_values` of an earlier load step, or the present ones. A node without neighbours has a line to
+    itself. Not collective.
     """
-    import h5py
-
-    lines, components = state.interface.shown, len(state.interface.xy[0]) - 1
+    lines, components = state.interface.shown, state.interface.dimension - 1
     table = dict(zip("xyz", lines.xy.T, strict=False)) | {"length": lines.area}
-    follow = [np.column_stack([piece[:-1], piece[1:]]) if len(piece) > 1 else piece[[0, 0]][None]
+    joined = [np.column_stack([piece[:-1], piece[1:]]) if len(piece) > 1 else piece[[0, 0]][None]
               for piece in pieces(table)]
-    parts = {"points": np.pad(lines.xy, ((0, 0), (0, 2 - components))), "cells": np.concatenate(follow)}
-    for group, values in [("", leg_values(state)), *((f"{group_of(step)}/", each) for step, each in steps)]:
-        parts |= {f"{group}{name}": each for name, each in zip(AT_CONTACT, values[lines.row].T, strict=True)}
-    target = path / "result.h5"
-    with writing(target), FileOfHDF5(target, "r+") as storage, h5py.File(storage, "r+") as file:
-        for name, part in parts.items():
-            file[f"{CONTACTS}/{number:06d}/{name}"] = part
+    values = leg_values(state) if values is None else values
+    return {"points": np.pad(lines.xy, ((0, 0), (0, 2 - components))), "cells": np.concatenate(joined)} | dict(
+        zip(AT_CONTACT, values[lines.row].T, strict=True))
 
 
 def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, tuple[int, int]] | None = None,
-               contacts: Sequence[str] = ()) -> None:
+               contacts: Mapping[str, Sequence[Mapping[str, np.ndarray]]] | None = None) -> None:
     """Write result.xdmf into the folder `path`: the mesh and all fields of result.h5 as one grid without time.
 
     With the `times` of load steps whose fields have been written, the last one's without a number, there is a grid for
@@ -134,7 +121,7 @@ def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, tup
     Parameters
     ----------
     bodies : numbers of nodes and triangles by name, in the order of the scene
-    contacts : names of those that have fields, in the order of the scene
+    contacts : by name the `contact_fields` at each time
 
     Not collective. Raises OutputError.
     """
@@ -142,7 +129,7 @@ def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, tup
 
     import h5py
 
-    bodies = bodies or {}
+    bodies, contacts = bodies or {}, contacts or {}
     root = ElementTree.Element("Xdmf", Version="3.0")
     domain = ElementTree.SubElement(root, "Domain")
     with writing(path / "result.xdmf"), h5py.File(path / "result.h5", "r") as file:
@@ -162,9 +149,10 @@ def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, tup
                 for (parent, time), group in zip(_over(named, name, times), steps or [""], strict=True):
                     _describe(_grid(parent, name, time), _datasets(file, group), (first, np.array(number)))
                 first = first + number
-            for k, name in enumerate(contacts):
-                for (parent, time), group in zip(_over(named, name, times), steps or [""], strict=True):
-                    _describe(_grid(parent, name, time), _datasets(file[f"{CONTACTS}/{k:06d}"], group))
+            for name, fields in contacts.items():
+                for (parent, time), each in zip(_over(named, name, times), fields, strict=True):
+                    former = f"{domain[0].text}/Grid[{len(named)}]/Grid[1]" if times and len(parent) else ""
+                    _describe(_grid(parent, name, time), each, mesh=former)
         ElementTree.indent(root)
         ElementTree.ElementTree(root).write(path / "result.xdmf", encoding="utf-8", xml_declaration=True)
 
@@ -195,23 +183,27 @@ def group_of(step: int) -> str:
 
 
 def _datasets(file: Any, group: str) -> dict[str, Any]:
-    """The datasets of an HDF5 group by name; those of a load step `group` in it, if that has a name, in their place."""
+    """The datasets of result.h5 by name; those of a load step, if its `group` has a name, in their place."""
     import h5py
 
     own = {name: data for name, data in file.items() if isinstance(data, h5py.Dataset)}
     if not group:
         return own
-    return {name: own[name] for name in own if name not in (*AT_STEPS, *AT_CONTACT)} | dict(file[group].items())
+    return {name: own[name] for name in own if name not in AT_STEPS} | dict(file[group].items())
 
 
-def _describe(grid: Any, fields: Mapping[str, Any], part: tuple[np.ndarray, np.ndarray] | None = None) -> None:
-    """Add datasets to an XDMF grid: a mesh and its fields; of the nodes and triangles (2,) that a `part` begins with
-    and has in number."""
+def _describe(grid: Any, fields: Mapping[str, Any], part: tuple[np.ndarray, np.ndarray] | None = None,
+              mesh: str = "") -> None:
+    """Add datasets or arrays to an XDMF grid: a mesh and its fields; of the nodes and triangles (2,) that a `part`
+    begins with and has in number. The `mesh` may be that of another grid, named by its XPath."""
     from xml.etree import ElementTree
 
     for name, data in fields.items():
         kind = 0 if name in AT_NODES else 1
         start, number = (0, len(data)) if part is None else (int(each[kind]) for each in part)
+        if mesh and name in MESH:
+            ElementTree.SubElement(grid, MESH[name], Reference="XML").text = f"{mesh}/{MESH[name]}"
+            continue
         if name == "points":
             parent = ElementTree.SubElement(grid, "Geometry", GeometryType="XYZ")
         elif name == "cells":
@@ -229,14 +221,15 @@ def _describe(grid: Any, fields: Mapping[str, Any], part: tuple[np.ndarray, np.n
                                             Dimensions=_words(number, *data.shape[1:]))
             rest = np.array([[0, 1, size] for size in data.shape[1:]], int).reshape(-1, 3)
             ElementTree.SubElement(parent, "DataItem", DataType="Int", Format="XML", Dimensions=f"3 {data.ndim}",
-                                   ).text = _words(*np.vstack([[start, 1, number], rest]).T.ravel())
+                                   ).text = _words(*np.vstack([[start, 1, number], rest]).T.ravel().tolist())
+        stored = not isinstance(data, np.ndarray)
         ElementTree.SubElement(parent, "DataItem", DataType="Int" if data.dtype.kind == "i" else "Float",
-                               Precision="8", Format="HDF", Dimensions=_words(*data.shape),
-                               ).text = f"result.h5:{data.name}"
+                               Precision="8", Format="HDF" if stored else "XML", Dimensions=_words(*data.shape),
+                               ).text = f"result.h5:{data.name}" if stored else _words(*data.ravel().tolist())
 
 
-def _words(*numbers: int) -> str:
-    return " ".join(map(str, numbers))
+def _words(*numbers: float) -> str:
+    return " ".join(map(repr, numbers))
 
 
 def _padded(array: np.ndarray) -> np.ndarray:

@@ -35,14 +35,12 @@ FILES = {
     "steps.csv": "a line per load step and contact",
     "energy.csv": "with load steps: the balance of energy, a line per step",
     "result.xdmf": "for ParaView, pyvista and meshio: displacement, stress and von Mises stress of bodies, and the "
-                   "estimated error if asked for; pressure, friction, gap, slip and status of contacts; with load "
-                   "steps a time series. ParaView and pyvista find a grid for each body and contact, by its name; "
-                   "meshio.read, or with load steps meshio.xdmf.TimeSeriesReader, finds all bodies as one",
+                   "estimated error if asked for; pressure, friction, gap, slip, slip_total and status (0 open, 1 "
+                   "slip, 2 stick) of contacts; with load steps a time series. ParaView and pyvista find "
+                   "a grid for each body and contact, by its name; meshio.read, or with load steps "
+                   "meshio.xdmf.TimeSeriesReader, finds all bodies as one",
     "result.h5": "the data of result.xdmf: points, displacement by node; cells, body (its number), stress "
-                 "(xx, xy, xz, yy, yz, zz), von_mises, error by triangle; earlier load steps in groups step_000001, …; "
-                 "of contacts in groups contacts/000000, …: points, cells (lines), pressure and friction (normal and "
-                 "tangential stress, also of earlier load steps), gap, slip, slip_total, status (0 open, 1 slip, 2 "
-                 "stick) by node",
+                 "(xx, xy, xz, yy, yz, zz), von_mises, error by triangle; earlier load steps in groups step_000001, …",
     "bodies.png": "deformed bodies, enlarged, with von Mises stress; what touches is drawn touching",
     "contact.png": "of one contact: stresses, slip bound, zones and gap",
     "contacts.png": "of several contacts: pressures, resultants and status of all in one picture",

@@ -24,7 +24,7 @@ from ddmpi.judge.plausible import doubt_answer, doubt_mesh
 from ddmpi.mesh.geometry import Sizes
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
-from ddmpi.results.fields import Fields, write_contact_fields, write_fields, write_xdmf
+from ddmpi.results.fields import Fields, contact_fields, write_fields, write_xdmf
 from ddmpi.results.folder import Staging, choose_folder
 from ddmpi.results.summary import write_summary
 from ddmpi.results.tables import write_contact, write_energy, write_history, write_legs, write_sides, write_steps
@@ -240,9 +240,9 @@ def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, che
             times = _write_steps(path, solved, sizes)
             with agreed(world), event("WriteTables"):
                 if staging:
-                    _write_tables(path, solved)
-                    write_xdmf(path, times, dict(zip((body.name for body in solved.assembly.scene.body), sizes,
-                                                     strict=True)), list(solved.solution.contacts))
+                    fields = _write_tables(path, solved)
+                    names = (body.name for body in solved.assembly.scene.body)
+                    write_xdmf(path, times, dict(zip(names, sizes, strict=True)), fields)
                     if solved.solution.mechanism:
                         _write_mechanism(path, solved, outlines)
                     if figures:  # they show it
@@ -294,10 +294,11 @@ def _write_steps(path: Path, solved: Solved, sizes: Sequence[tuple[int, int]]) -
                 u, *_ = recover(body.member, part, alpha[joint.slices[body.spec.name]], steps.largest)
                 fields[body.number] = _fields(assembly, body, u)
         _write_in_turn(world, path, fields, sizes, number)
-    return times
+    return times or ([solved.solution.time] if solved.solution.time is not None else [])
 
 
-def _write_tables(path: Path, solved: Solved) -> None:
+def _write_tables(path: Path, solved: Solved) -> dict[str, list[dict[str, np.ndarray]]]:
+    """Write the tables; by contact `contact_fields` at the times whose fields are written."""
     solution = solved.solution
     write_history(path, solved.steps.history() if solved.steps else
                   [(1, *step[:-1], *counts, step.n_A) for step, counts in
@@ -308,13 +309,16 @@ def _write_tables(path: Path, solved: Solved) -> None:
     write_steps(path, solved.summary["steps"])
     if solved.steps:
         write_energy(path, solved.steps.energy())
-    start, kept = 0, [(time, values) for time, _, _, values in solved.steps.kept] if solved.steps else []
-    for number, (name, state) in enumerate(solution.contacts.items()):
+    start, found = 0, {name: [contact_fields(state)] for name, state in solution.contacts.items()}
+    if not solved.steps:
+        return found
+    for name, state in solution.contacts.items():
         part = slice(start, start := start + state.interface.m)
-        if solved.steps:
-            write_legs(path, name, state, [(time, values[part]) for time, values in kept])
-        write_contact_fields(path, number, state, [(step, values[part]) for step, (time, values) in enumerate(kept)
-                                                   if time != solution.time])
+        values = [(time, each[part]) for time, _, _, each in solved.steps.kept]
+        write_legs(path, name, state, values)
+        found[name] = [contact_fields(state, None if time == solution.time else each)
+                       for time, each in values] or found[name]
+    return found
 
 
 def _outlines(solved: Solved) -> list[tuple[str, np.ndarray, np.ndarray]]:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ddmpi.interface.interface import Lines
-from ddmpi.results.fields import MANY, STATUS, write_contact_fields, write_fields, write_xdmf
+from ddmpi.results.fields import MANY, STATUS, contact_fields, write_fields, write_xdmf
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -75,20 +75,16 @@ def test_bodies_and_contacts_are_grids_of_their_names(tmp_path, order):
                                                                     for name in made_up.ROW)
 
 
-def test_contacts_in_pieces_and_of_one_node(tmp_path):
+def test_contacts_in_pieces_and_of_one_node():
     """Lines join neighbours only, close closed contacts, and are points where a node has no neighbour."""
-    made_up.results(tmp_path)
     upper, lower = (made_up.block(origin) for origin in made_up.STACK.values())
     flat = made_up.interface("upper-lower", upper, lower, ("bottom", "top"))
     inner, outer = (made_up.ring(radii) for radii in ((1.0, 2.0), (2.0, 3.0)))
     closed = made_up.interface("inner-outer", inner, outer, ("outside", "inside"))
-    for number, (contact, nodes, joined) in enumerate((
-            (flat, [3, 4, 7, 8, 9], [[0, 1], [2, 3], [3, 4]]), (flat, [5], [[0, 0]]),
-            (closed, list(range(24)), [[k, (k + 1) % 24] for k in range(24)])), 1):
+    for contact, nodes, joined in ((flat, [3, 4, 7, 8, 9], [[0, 1], [2, 3], [3, 4]]), (flat, [5], [[0, 0]]),
+                                   (closed, list(range(24)), [[k, (k + 1) % 24] for k in range(24)])):
         lines = Lines(np.array(nodes), contact.xy[nodes], contact.area[nodes])
-        write_contact_fields(tmp_path, number, made_up.state(replace(contact, lines=lines)))
-        with h5py.File(tmp_path / "result.h5") as file:
-            assert file[f"contacts/{number:06d}/cells"][()].tolist() == joined
+        assert contact_fields(made_up.state(replace(contact, lines=lines)))["cells"].tolist() == joined
 
 
 def test_very_many_grids_have_no_names(tmp_path):
