@@ -423,8 +423,8 @@ def clean_environment() -> dict[str, str]:
 
 
 def run_python(arguments: list[str], ranks: int = 2, folder: Path | None = None, cwd: Path | None = None,
-               quiet: bool = True) -> Run:
-    """``mpirun -n RANKS python ARGUMENTS``; an AssertionError when it has not ended after `LIMIT` seconds.
+               quiet: bool = True, limit: float = LIMIT) -> Run:
+    """``mpirun -n RANKS python ARGUMENTS``; an AssertionError when it has not ended after `limit` seconds.
 
     Unless `quiet`, mpirun says what it has to say of a rank that was killed, also where it is told to be quiet.
     Open MPI 5 ends what it says about a run that failed with a zero byte, which is taken out.
@@ -434,7 +434,7 @@ def run_python(arguments: list[str], ranks: int = 2, folder: Path | None = None,
     with subprocess.Popen(command, env=clean_environment(), cwd=cwd, text=True, encoding="utf-8",
                           stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
         try:
-            stdout, stderr = child.communicate(timeout=LIMIT)
+            stdout, stderr = child.communicate(timeout=limit)
         except subprocess.TimeoutExpired:
             child.terminate()  # mpirun ends its ranks
             try:
@@ -442,14 +442,15 @@ def run_python(arguments: list[str], ranks: int = 2, folder: Path | None = None,
             except subprocess.TimeoutExpired:
                 child.kill()
                 stdout, stderr = child.communicate()
-            raise AssertionError(f"still running after {LIMIT:g} s: {' '.join(command)}\n{stdout}{stderr}") from None
+            raise AssertionError(f"still running after {limit:g} s: {' '.join(command)}\n{stdout}{stderr}") from None
     return Run(child.returncode, stdout, stderr.replace("\0", ""), folder)
 
 
-def run_command(scene: Path | str, folder: Path, *arguments: str, ranks: int = 2,
-                cwd: Path | None = None) -> Run:
+def run_command(scene: Path | str, folder: Path, *arguments: str, ranks: int = 2, cwd: Path | None = None,
+                limit: float = LIMIT) -> Run:
     """``mpirun -n RANKS python -m ddmpi run SCENE --output FOLDER ARGUMENTS``."""
-    return run_python(["-m", "ddmpi", "run", str(scene), "--output", str(folder), *arguments], ranks, folder, cwd)
+    return run_python(["-m", "ddmpi", "run", str(scene), "--output", str(folder), *arguments], ranks, folder, cwd,
+                      limit=limit)
 
 
 def write_scene(scene: dict, path: Path) -> Path:

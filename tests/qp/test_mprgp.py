@@ -1,6 +1,7 @@
 """Quadratic programs with bounds: MPRGP and PETSc's types against exact solutions; products are counted."""
 
 import itertools
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -430,7 +431,8 @@ for kind in ("gpcg", "tron", "bntr"):
     assert np.linalg.norm(result.s - np.linalg.solve(qp.C.matrix, qp.d)) < 1e-6 * np.linalg.norm(result.s)
 """
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=LIMIT,
-                           cwd=Path(__file__).parent)
+                           cwd=Path(__file__).parent,
+                           env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))})
     assert child.returncode == 0, child.stderr[-2000:]
 
 
