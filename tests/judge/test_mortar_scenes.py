@@ -119,6 +119,30 @@ def test_two_leaves_held_at_one_end(sides, held, order):
         assert value == pytest.approx(right, rel=within)
 
 
+def plates(seed: int) -> dict:
+    """Four plates around a point, on the ground, whose meshes do not match; the diagonal ones have no contact."""
+    rng = np.random.default_rng(seed)
+    at = np.array([[[i, j] + 0.1 * rng.uniform(-1, 1, 2) * [1, j > 0] for j in range(3)] for i in range(3)])
+    bodies = [{"name": f"b{i}{j}", "material": {"young": float(10 ** rng.uniform(9, 10)), "poisson": 0.3},
+               "mesh": {"shape": "quadrilateral", "divisions": rng.integers(3, 9, 2).tolist(),
+                        "corners": [at[i + a, j + b].tolist() for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))]},
+               **({"traction": [{"on": "top", "pressure": 6e4}]} if j else {"clamp": ["bottom"]})}
+              for i in (0, 1) for j in (0, 1)]
+    pairs = (("b00", "b10", "right", "left"), ("b01", "b11", "right", "left"), ("b00", "b01", "top", "bottom"),
+             ("b10", "b11", "top", "bottom"))
+    kinds = [{"kind": "bonded"}, {"friction": {"law": "coulomb", "coefficient": 0.6}}]
+    return {"body": bodies, "contact": [{"bodies": [a, b], "on": [on, facing], **kinds[int(rng.integers(0, 2))]}
+                                        for a, b, on, facing in pairs]}
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_bodies_that_meet_at_a_point_do_not_run_through_each_other(seed):
+    """Diagonally across a point of four bodies, their corners overlap as the meshes of its contacts do."""
+    answer = ddmpi.solve(to_toml(plates(seed)))
+    assert answer.certified
+    assert [each for each in answer.summary["warnings"] if "run through" in each] == []
+
+
 @orders
 def test_bonded_blocks_around_a_point(order):
     """Bonds that close a loop at a point carry what they do on matching meshes, in whatever order they are named."""
