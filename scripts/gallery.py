@@ -47,6 +47,7 @@ class Exhibit:
     measure : the number, from the summary of a run
     settings : what makes the run of the test cheaper
     refused : words of the reason, where the run ends without an answer
+    warned : words of the only warning of the run, if it has one
     """
 
     scene: str
@@ -58,6 +59,7 @@ class Exhibit:
     measure: Callable[[dict], float]
     settings: dict[str, Any] = field(default_factory=dict)
     refused: str = ""
+    warned: str = ""
 
     @property
     def name(self) -> str:
@@ -76,7 +78,7 @@ class Exhibit:
         """Raise ValueError if a run did not end as it should, warned, or has another number."""
         if summary["converged"] == bool(self.refused) or self.refused not in summary["reason"]:
             raise ValueError(f"{self.scene}: {summary['reason']}")
-        if summary["warnings"]:
+        if [self.warned in each for each in summary["warnings"]] != [True] * bool(self.warned):
             raise ValueError(f"{self.scene}: {summary['warnings']}")
         found = self.measure(summary)
         if not abs(found - self.value) <= self.within * abs(self.value):
@@ -117,9 +119,11 @@ EXHIBITS = [
     Exhibit("drawn/pin_in_lug", "bodies.png", 162, "MPa", 0.01, "target 0.5 %: 161.9 MPa",
             contact("pin-lug", "pressure_max"), {"method.target_error": 0.04}),
     Exhibit("drawn/dovetail", "bodies.png", 400, "N/mm", 1e-5, "balance",
-            contact("root-disc", "force", 0, -1.0), {"method.target_error": 0.1}),
+            contact("root-disc", "force", 0, -1.0), {"method.target_error": 0.1},
+            warned="re-entrant corner at (13, -1)"),
     Exhibit("drawn/wedge_in_slot", "bodies.png", 831.46, "N/mm", 1e-4, "balance",
-            contact("left", "force", 0), {"method.target_error": 0.1}),
+            contact("left", "force", 0), {"method.target_error": 0.1},
+            warned="re-entrant corner at (-2.321, -10)"),
     Exhibit("shrink_fit", "steps.png", 283.9, "kN m/m", 1e-3, "Lamé and Coulomb",
             contact("fit", "moment", factor=-1e-3), {"time.steps": 1}),
     Exhibit("shaft_in_hub", "contacts.png", 2.0106, "kN m/m", 1e-3, "balance",

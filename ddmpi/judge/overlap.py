@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.interface import Interface
+from ddmpi.interface.state import ContactState
 from ddmpi.mesh.boundary import outline
 from ddmpi.system.agreement import merged
 from ddmpi.system.numbers import spans
@@ -36,6 +37,9 @@ STEPS = 16
 
 ROUNDING = 32 * float(np.finfo(float).eps)
 """Relative error of coordinates after a few operations."""
+
+WIDEN, ADD = "name the whole boundary that may touch in `on`", "add a [[contact]] between them"
+"""What helps where bodies run through each other that a contact names, and those that none does."""
 
 PAIRS = 2**20
 """So many pairs of points and segments at a time."""
@@ -118,7 +122,8 @@ class Overlap:
 NOWHERE = Overlap(0.0, np.zeros(2))
 
 
-def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray]) -> list[str]:
+def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
+                   states: Mapping[str, ContactState]) -> list[str]:
     """Warnings where two bodies run through each other outside their contacts, the same on all ranks.
 
     Of two bodies on different ranks whose bounding boxes overlap one sends its outline to the other. Collective.
@@ -140,9 +145,19 @@ def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray]) 
             "its sides apart; for sides that touch make two bodies of it, bonded where they hang together"]
     for a, b in near:
         if a in own:
-            kept = _kept_apart(contacts[a], (names[a], names[b]), (at_hand[a], at_hand[b]))
-            found[a, b] = _name_overlap(names[a], names[b], *run_through(at_hand[a], at_hand[b], *kept))
+            pair = names[a], names[b]
+            kept = _kept_apart(contacts[a], pair, (at_hand[a], at_hand[b]))
+            overlap, drawn = run_through(at_hand[a], at_hand[b], *kept, _between(pair, states))
+            touch = any(set(contact.bodies) == set(pair) for contact in assembly.scene.contact)
+            found[a, b] = _name_overlap(*pair, overlap, drawn, touch)
     return [warning for _, warnings in sorted(merged(world, found).items()) for warning in warnings]
+
+
+def _between(pair: tuple[str, str], states: Mapping[str, ContactState]) -> float:
+    """By how much two bodies may overlap where they meet at a corner of others: as these contacts do at some place."""
+    met = [{body: state.deepest for state in states.values() for body in state.interface.bodies
+            if name in state.interface.bodies and body not in pair} for name in pair]
+    return sum(each[body] for each in met for body in met[0].keys() & met[1].keys())
 
 
 def _kept_apart(interfaces: Sequence[Interface], names: tuple[str, str],
@@ -172,13 +187,14 @@ def _box(each: Outline) -> tuple[np.ndarray, np.ndarray]:
     return both.min(axis=0), both.max(axis=0)
 
 
-def _name_overlap(first: str, second: str, overlap: Overlap, drawn: float) -> list[str]:
-    """The warning of an overlap of two bodies, if there is one."""
+def _name_overlap(first: str, second: str, overlap: Overlap, drawn: float, touch: bool) -> list[str]:
+    """The warning of an overlap of two bodies, which a contact names or not, if there is one."""
     if not overlap.depth:
         return []
     (x, y), before = overlap.place, f" ({drawn:.3g} as drawn)" if drawn else ""
     return [f"body.{first} and body.{second} run through each other by {overlap.depth:.3g}{before}, as at ({x:.4g}, "
-            f"{y:.4g}), where no contact keeps them apart; name the whole boundary that may touch in `on`"]
+            f"{y:.4g}), where no contact keeps them apart; "
+            f"{WIDEN if touch else ADD}"]
 
 
 def through_itself(body: Outline) -> np.ndarray | None:
@@ -212,7 +228,8 @@ def _cross_over(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return sides(first, second) & sides(second, first)
 
 
-def run_through(first: Outline, second: Outline, pairs: np.ndarray, normal: np.ndarray) -> tuple[Overlap, float]:
+def run_through(first: Outline, second: Outline, pairs: np.ndarray, normal: np.ndarray,
+                slack: float = 0.0) -> tuple[Overlap, float]:
     """The deepest overlap beyond rounding, curvature and second-order effects, and how deep the drawing has one.
 
     Parameters
@@ -220,6 +237,7 @@ def run_through(first: Outline, second: Outline, pairs: np.ndarray, normal: np.n
     first, second : outlines of two bodies
     pairs : (2, k) nodes of the first and of the second that contacts keep apart
     normal : (k, 2) outer normals of the first body there
+    slack : overlaps of the answer below this do not count (m)
 
     The answer's overlaps are looked for on the way from the drawing, so that a body which has passed a thin one is
     found. If there are none, those of the drawing count.
@@ -244,7 +262,7 @@ def run_through(first: Outline, second: Outline, pairs: np.ndarray, normal: np.n
     if not np.abs(motions).max() <= size:  # or is no number
         return as_drawn, as_drawn.depth
     largest = float(np.linalg.norm(motions - motions.mean(axis=0), axis=1).max())
-    least = rounding + min(drawn.depth, DRAWN * typical)
+    least = rounding + slack + min(drawn.depth, DRAWN * typical)
     least += max(RESOLVED, first.gradient(), second.gradient()) * largest  # of second order in the displacement
     steps = int(np.clip(np.ceil(largest / spacing.min()), 1, STEPS))
     now = max((deepest(first.at + way * u, second.at + way * v, least) for way in np.linspace(1 / steps, 1.0, steps)),

@@ -14,8 +14,8 @@ from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.side import SHARPEST
 from ddmpi.interface.state import ContactState
-from ddmpi.judge.overlap import RESOLVED, doubt_overlaps
-from ddmpi.mesh.boundary import outline
+from ddmpi.judge.overlap import ADD, RESOLVED, WIDEN, doubt_overlaps
+from ddmpi.mesh.boundary import corners, outline
 from ddmpi.scene.bodies import SettledBody
 from ddmpi.scene.contacts import Circle, Plane, Rigid
 from ddmpi.system.agreement import merged
@@ -38,8 +38,8 @@ LARGE_TURN = 0.1
 RESOLVED_BY = (3, 5)
 """Pressure on fewer nodes says little of its size, with linear and with quadratic elements."""
 
-CURVED = 1e-6
-"""Boundaries part where a gap grows by more than this part of the distance of nodes."""
+CURVED = ALIKE = 1e-6
+"""Gaps are alike that differ by less than this part of the distance of nodes, and stresses by this part of them."""
 
 SHARE = 0.1
 """Zones with less than this part of a contact's normal force do not count, nor does friction with less of all."""
@@ -98,22 +98,22 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
             mine[interface.name, side] = interface.transfer[side] @ u[interface.nodes[side]]
     bodies = merged(world, own)
     found = [warning for number in sorted(bodies) for warning in bodies[number][0]]
-    moved = {assembly.scene.body[number].name: each for number, (_, each, _) in bodies.items()}
-    least = IDLE * max(load for *_, load in bodies.values())
+    moved = {assembly.scene.body[number].name: size for number, (_, size, _) in bodies.items()}
+    loads = {assembly.scene.body[number].name: load for number, (*_, load) in bodies.items()}
     pressed = max(state.normal_force.max(initial=0.0) for state in contacts.values())
     both, doubts = assembly.exchange.swap_objects(mine), {}
     for interface in assembly.space.interfaces:
         state, (first, second) = contacts[interface.name], both[interface.name]
         here = max(moved.get(name, 0.0) for name in interface.bodies)
         found_here = _far_around(assembly, state, first) if second is None else _far_slip(state, first - second)
-        found_here += _overlap_between(assembly, state, here) + _held_through_air(state, least)
+        found_here += _overlap_between(assembly, state, here) + _held_through_air(state, IDLE * max(loads.values()))
         if not passing and state.normal_force.max(initial=0.0) >= IDLE * pressed:
             found_here += _lost_in_rounding(state, here) + _unresolved_zone(state)
         doubts[interface.name] = found_here
     by_contact = merged(world, doubts)
     found += [warning for name in contacts for warning in by_contact[name]]
-    return (found + ([] if passing else _unresolved(assembly, contacts)) + doubt_overlaps(assembly, displacements)
-            + _run_through_rigid(assembly, displacements, contacts))
+    return [*found, *([] if passing else _unresolved(assembly, contacts, loads)),
+            *doubt_overlaps(assembly, displacements, contacts), *_run_through_rigid(assembly, displacements, contacts)]
 
 
 def _large_motion(body: Body, u: np.ndarray) -> list[str]:
@@ -125,9 +125,8 @@ def _large_motion(body: Body, u: np.ndarray) -> list[str]:
     return _large_gradient(body, u)
 
 
-def _unresolved(assembly: Assembly, contacts: Mapping[str, ContactState]) -> list[str]:
-    """Warnings of loose bodies whose loads and contact forces are nothing beside the loads of others. Collective."""
-    loads = merged(assembly.world, {body.spec.name: body.member.elasticity.load for body in assembly.bodies})
+def _unresolved(assembly: Assembly, contacts: Mapping[str, ContactState], loads: Mapping[str, float]) -> list[str]:
+    """Warnings of loose bodies whose loads and contact forces are nothing beside the loads of others."""
     most, found = max(loads.values()), []
     for name in assembly.loose:
         acting = max([loads[name], *(float(np.abs(contacts[contact.name].forces).sum())
@@ -167,6 +166,36 @@ def doubt_mesh(bodies: Sequence[SettledBody], error: DiscretizationError) -> lis
     return [f"body.{bodies[k].name}: linear elements make it too stiff: the estimated discretization error is "
             f"{error.relative:.2g}, {error.by_body[bodies[k].name]:.2g} by this body; quadratic elements "
             "(mesh.order = 2) or a finer mesh would be right"]
+
+
+def doubt_stress(assembly: Assembly, stresses: Mapping[str, np.ndarray | None]) -> list[str]:
+    """Warnings of bodies whose largest stress stands where that of the continuum is infinite. Collective.
+
+    `stresses` (nt,) are von Mises stresses (Pa) of the bodies of this rank, or None where they are not wanted.
+    """
+    own = {body.spec.name: (float(sigma.max()), _singular(body, sigma)) for body in assembly.bodies
+           for sigma in [stresses[body.spec.name]] if sigma is not None}
+    found = merged(assembly.world, own)
+    least = SHARE * max((largest for largest, _ in found.values()), default=0.0)
+    return [warning for body in assembly.scene.body if body.name in found and found[body.name][0] >= least
+            for warning in found[body.name][1]]
+
+
+def _singular(body: Body, stress: np.ndarray) -> list[str]:
+    """A warning where the largest of the stresses (nt,) of a body stands at a re-entrant corner, or where a clamp ends.
+
+    Clamps that end at an outer corner do not count: the singularity there is much weaker.
+    """
+    nodes, neighbours, angle = corners(body.mesh)
+    held = (body.member.elasticity.clamps >= 0).any(axis=1)
+    ends = held[nodes] & (held[neighbours].sum(axis=1) == 1) & (angle > np.pi - SHARPEST)
+    top = np.unique(body.mesh.triangles[stress >= (1.0 - ALIKE) * stress.max()])
+    for what, where, cure in (("a re-entrant corner", angle > np.pi + SHARPEST, "; draw it rounded, or read it nearby"),
+                              ("the end of a clamp", ends, "; read it nearby")):
+        for x, y in body.mesh.points[np.intersect1d(nodes[where], top)[:1]]:
+            return [f"body.{body.spec.name}: the largest von Mises stress, {stress.max():.4g}, stands at {what} at "
+                    f"({x:.4g}, {y:.4g}), where it grows without limit as the mesh is refined{cure}"]
+    return []
 
 
 def _lost_in_rounding(state: ContactState, moved: float) -> list[str]:
@@ -309,9 +338,11 @@ def _beside(body: Body, u: np.ndarray, interfaces: Sequence[Interface], rigid: R
     if not depth.size or not depth.max() > least:
         return []
     x, y = places[np.argmax(depth)] + U
-    where = f"contact.{interfaces[0].name}: beside the contact" if interfaces else "no contact keeps them apart:"
-    return [f"{where} {body.spec.name} runs through {rigid.name} by {depth.max():.3g}, as at ({x:.4g}, {y:.4g}); name "
-            "the whole boundary that may touch in `on`" + ("; a plane has no end" if isinstance(rigid, Plane) else "")]
+    where, cure = "no contact keeps them apart:", ADD
+    if interfaces:
+        where, cure = f"contact.{interfaces[0].name}: beside the contact", WIDEN
+    return [f"{where} {body.spec.name} runs through {rigid.name} by {depth.max():.3g}, as at ({x:.4g}, {y:.4g}); {cure}"
+            + "; a plane has no end" * isinstance(rigid, Plane)]
 
 
 def _behind(rigid: Plane | Circle, points: np.ndarray) -> np.ndarray:

@@ -101,3 +101,13 @@ def outline(mesh: Mesh) -> np.ndarray:
     steps = sparse.csr_matrix((np.ones(len(a)), (a, b)), shape=(size, size))
     alone = (steps - steps.T).tocoo()  # inside, two triangles walk along a side, there and back
     return np.column_stack([alone.row, alone.col])[alone.data > 0.0].astype(np.int64)
+
+
+def corners(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The nodes (k,) of the boundary, their neighbours (k, 2) on it, and the angle (k,) of the body there (rad)."""
+    pairs = outline(mesh)
+    nodes, neighbours = np.unique(pairs), np.empty((len(mesh.points), 2), int)
+    neighbours[pairs[:, 1], 0], neighbours[pairs[:, 0], 1] = pairs.T
+    before, after = (mesh.points[neighbours[nodes, k]] - mesh.points[nodes] for k in (0, 1))
+    turn = np.arctan2(after[:, 0] * before[:, 1] - after[:, 1] * before[:, 0], np.einsum("kd,kd->k", after, before))
+    return nodes, neighbours[nodes], turn % (2.0 * np.pi)

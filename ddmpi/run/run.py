@@ -20,7 +20,7 @@ from ddmpi.coupling.ranks import on_working_ranks
 from ddmpi.errors import InputError, NotConvergedError, OutputError, SolverError
 from ddmpi.judge.accuracy import MeshLadder, demand, refine_scene
 from ddmpi.judge.diagnosis import diagnose
-from ddmpi.judge.plausible import doubt_answer, doubt_mesh
+from ddmpi.judge.plausible import doubt_answer, doubt_mesh, doubt_stress
 from ddmpi.mesh.geometry import Sizes
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
@@ -196,8 +196,9 @@ def _finish(assembly: Assembly, solution: Solution, steps: StepLog | None, error
         fields = {body.spec.name: _fields(assembly, body, solution.displacements[body.spec.name], error)
                   for body in assembly.bodies}
     doubts = doubt_answer(assembly, solution.displacements, solution.contacts)
+    singular = doubt_stress(assembly, {name: each.von_mises for name, each in fields.items()})
     warnings = [*assembly.warnings, *(body.locking for body in assembly.scene.body if body.locking), *doubts,
-                *(steps.doubts_beside(doubts) if steps else ()), *doubt_mesh(assembly.scene.body, error)]
+                *(steps.doubts_beside(doubts) if steps else ()), *doubt_mesh(assembly.scene.body, error), *singular]
     summary = gather_summary(assembly, solution, error, fields, ladder, warnings, clock.started, steps)
     log_end(summary, solution)
     log_warnings(warnings, told)

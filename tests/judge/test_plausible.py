@@ -302,6 +302,7 @@ def test_a_body_that_moves_through_a_rigid_partner_of_another_is_a_warning(tmp_p
     scene = {"body": [pushed, other], "rigid": [{"name": "stop", **partner}],
              "contact": [{"bodies": ["other", "stop"], "on": [on]}]}
     found = [each for each in warnings_of(run(scene, tmp_path)) if "runs through" in each]
+    assert all("no contact keeps them apart" in each and "add a [[contact]] between them" in each for each in found)
     assert len(found) == bool(words), found
     assert all(f"no contact keeps them apart: {words}" in each for each in found), found
 
@@ -350,6 +351,68 @@ def test_pressure_on_too_few_nodes_is_a_warning(tmp_path, around, order, warned)
     found = [each for each in warnings_of(done) if "too few nodes" in each]
     assert len(found) == warned, found
     assert all("contact.wheel-floor" in each and "at (" in each for each in found)
+
+
+BRACKET = """SetFactory("OpenCASCADE");
+Rectangle(1) = {0, 1, 0, 2, 0.5};
+Rectangle(2) = {0, 1, 0, 0.5, 3};
+BooleanUnion(3) = { Surface{1}; Delete; }{ Surface{2}; Delete; };
+%s
+Physical Curve("bottom") = {Curve In BoundingBox{-0.1, 0.9, -1, 2.1, 1.1, 1}};
+Physical Curve("end") = {Curve In BoundingBox{1.9, 0.9, -1, 2.1, 1.6, 1}};
+Physical Curve("top") = {Curve In BoundingBox{-0.1, 3.9, -1, 0.6, 4.1, 1}};
+"""
+FILLET = """Disk(9) = {0.8, 1.8, 0, 0.3};
+Rectangle(8) = {0.5, 1.5, 0, 0.3, 0.3};
+BooleanDifference(7) = { Surface{8}; Delete; }{ Surface{9}; Delete; };
+BooleanUnion(6) = { Surface{3}; Delete; }{ Surface{7}; Delete; };"""
+
+
+@pytest.mark.parametrize(("rounding", "size", "warned"), [("", 0.2, True), ("", 0.1, True), (FILLET, 0.1, False)])
+@pytest.mark.parametrize("order", [1, 2])
+def test_the_largest_stress_at_a_sharp_corner_is_a_warning(tmp_path, rounding, size, warned, order):
+    """A bracket, bent open: at its inner corner no mesh has the stress, and with a fillet every fine one has."""
+    (tmp_path / "bracket.geo").write_text(BRACKET % rounding)
+    bracket = {"name": "bracket", "mesh": {"geometry": "bracket.geo", "size": size, "order": order},
+               "material": {"young": 2e11, "poisson": 0.3}, "clamp": ["end"],
+               "traction": [{"on": "top", "value": [-1e6, 0.0]}]}
+    base = block("base", 0.0, 0.0, (2, 1), ["bottom"])
+    base["mesh"]["order"] = order
+    found = [each for each in warnings_of(run(pair_of(bracket, base), tmp_path)) if "von Mises" in each]
+    assert len(found) == warned, found
+    for words in ("body.bracket: the largest von Mises stress, ", "at a re-entrant corner at (0.5, 1.5), where it"):
+        assert all(words in each for each in found)
+
+
+@pytest.mark.parametrize(("on", "warned"), [("part", True), ("bottom", False)])
+def test_the_largest_stress_at_the_end_of_a_clamp_is_a_warning(tmp_path, on, warned):
+    """A clamp that ends on a straight boundary; at the corners of a block it does what it does in all scenes."""
+    base = {"name": "base", "mesh": {"file": str(split_bottom(tmp_path / "base.msh"))}, "clamp": [on],
+            "material": {"young": 2e11, "poisson": 0.3}}
+    upper = block("upper", 0.0, 1.0, (2, 1), [], [{"on": "top", "value": [0.0, -1e6]}], (16, 8))
+    upper["clamp"] = [{"on": "left", "x": 0.0}]
+    found = [each for each in warnings_of(run(pair_of(upper, base), tmp_path)) if "von Mises" in each]
+    assert len(found) == warned, found
+    assert all("body.base: the largest von Mises stress, " in each and "stands at the end of a clamp at (1, 0)" in each
+               for each in found)
+
+
+def test_bodies_without_a_contact_need_one(tmp_path):
+    """A row of blocks slides over the edge of the row below; no boundary of a contact is too short."""
+    ll, lr, ul, ur = bodies = [
+        block(name, x, y, (1, 1), ["bottom"] if y == 0.0 else [], [], divisions) for name, x, y, divisions in (
+            ("ll", 0.0, 0.0, (4, 4)), ("lr", 1.0, 0.0, (5, 6)), ("ul", 0.0, 1.0, (7, 5)), ("ur", 1.0, 1.0, (6, 7)))]
+    for each in (ul, ur):
+        each["traction"] = [{"on": "top", "value": [4e7, -2e8]}]
+    ul["traction"] += [{"on": "left", "pressure": 2e8}]
+    ll["traction"] = [{"on": "left", "pressure": 2e8}]
+    lr["traction"] = [{"on": "right", "pressure": 1e8}]
+    ur["traction"] += [{"on": "right", "pressure": 1e8}]
+    contacts = [{"bodies": list(pair), "on": list(on), "friction": COULOMB | {"coefficient": 0.5}} for pair, on in (
+        (("ll", "lr"), ("right", "left")), (("ul", "ur"), ("right", "left")), (("ul", "ll"), ("bottom", "top")),
+        (("ur", "lr"), ("bottom", "top")))]
+    (found,) = [each for each in warnings_of(run({"body": bodies, "contact": contacts}, tmp_path)) if "through" in each]
+    assert "body.lr and body.ul run through each other" in found and "add a [[contact]] between them" in found
 
 
 @pytest.mark.parametrize(("law", "bound", "warned"), [
