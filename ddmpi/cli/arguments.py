@@ -10,7 +10,7 @@ from ddmpi import __version__
 from ddmpi.errors import InputError
 
 EPILOG = """exit codes: 0 certified answer, 2 bad input, 3 not converged, 4 a solver failed,
-5 results could not be written, 6 interrupted by Ctrl-C, SIGTERM or SIGUSR1 (--restart goes on), 1 anything else.
+5 results could not be written, 6 interrupted (--restart goes on), 1 anything else.
 
 Everything that starts with one dash is a PETSc option: -body_ksp_type cg -body_pc_type gamg for the
 solves with a body's stiffness, -qp_tao_type gpcg for the contact subproblems, -log_view for times."""
@@ -36,7 +36,7 @@ def _named(word: str) -> str:
 def build_parser() -> argparse.ArgumentParser:
     """The parser of everything that is not a PETSc option."""
     parser = _Parser(
-        prog="ddmpi", description="Contact of elastic bodies with friction, by domain decomposition on MPI.",
+        prog="ddmpi", description="Contact of plane elastic bodies with friction, by domain decomposition on MPI.",
         epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False)
     parser.add_argument("--version", action="version", version=f"ddmpi {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")

@@ -34,6 +34,21 @@ def test_links(page):
     assert {link for link in links if not (ROOT / link).exists()} == set()
 
 
+def test_the_search_box_stays_in_sight():
+    """The theme scrolls its menu to the current page; the box above it stays where it is."""
+    style = (ROOT / "docs" / "site.css").read_text(encoding="utf-8")
+    assert re.search(r"\.wy-side-nav-search \{[^}]*position: sticky; top: 0;", style)
+
+
+def test_what_is_said_first():
+    """README and limits begin with what the program is for: parts of two dimensions. The README leads to the peers."""
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    first = {"README.md": readme.split("\n\n")[1],
+             "docs/limits.md": (ROOT / "docs" / "limits.md").read_text(encoding="utf-8").split("\n\n")[2]}
+    assert all("two-dimensional" in words for words in first.values()), first
+    assert "(docs/tables/peers.md)" in readme
+
+
 def test_a_readme_of_two_screens():
     """The README stays short; what is more stands in docs/."""
     lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
