@@ -24,6 +24,17 @@ MSH = (b"$MeshFormat", b"$Comments", b"$NOD", b"$NOE")
 TRIANGLES, LINES, QUADS = ("triangle", "triangle6"), ("line", "line3"), ("quad", "quad8", "quad9")
 """The element types, in meshio's words, that are read."""
 
+FORMATS = {".inp": "abaqus", ".med": "med", ".vtu": "vtu", ".vtk": "vtk"}
+"""What meshio calls the formats of other programs, by the ending of a file. Files of all other endings are gmsh's."""
+
+NUMBERED = ("cell_tags", "gmsh:physical", "CellEntityIds")
+"""What numbers the groups of elements in these formats."""
+
+PLANE_ELEMENTS = {f"{kind}{corners}{variant}": name
+                  for corners, name in ((3, "triangle"), (4, "quad"), (6, "triangle6"), (8, "quad8"))
+                  for kind in ("CPE", "CPS", "CAX", "S") for variant in ("", "R", "H", "I", "M", "RH", "MH")}
+"""Abaqus's names of plane elements, of which meshio does not know all."""
+
 HALVES = np.array([[0, 1, 2, 4, 5, -1], [2, 3, 0, 6, 7, -1]])
 """Corners and middles of the triangles that a quadrilateral is cut into, and no middle of the cut."""
 
@@ -42,13 +53,14 @@ FLAT = 1e-14
 
 
 def read_mesh(path: Path, body: str, order: Literal[1, 2] = 1, label: str = "") -> Mesh:
-    """Read triangles, boundary lines and points with their physical groups from a mesh file, as a mesh of the `order`.
+    """Read triangles, boundary lines and points with their groups from a mesh file, as a mesh of the `order`.
 
     In order 2 the sides of second-order elements are curved as they are in the file; in order 1 only corners are kept.
-    Sides of first-order elements are straight. Quadrilaterals are cut into triangles. In formats without names of
-    groups (MSH 1.0) a group is called by its number. Errors begin with `label`. Not collective. Raises InputError for a
-    file that neither meshio nor gmsh can read, that has other elements or no named boundary groups, or that is
-    degenerate.
+    Sides of first-order elements are straight. Quadrilaterals are cut into triangles. Groups are physical groups of
+    gmsh, sets of elements, and sets of nodes: the sides on the boundary whose ends are in the set, or else the nodes.
+    In formats without names of groups (MSH 1.0, VTK) a group is called by its number. Errors begin with `label`. Not
+    collective. Raises InputError for a file that neither meshio nor gmsh can read, that has other elements or no named
+    boundary groups, or that is degenerate.
     """
     label = label or f"body.{body}.mesh.file: {path}"
     raw = _load(path, label)
@@ -68,11 +80,11 @@ def read_mesh(path: Path, body: str, order: Literal[1, 2] = 1, label: str = "") 
         raise InputError(f"{label} has coordinates that are not numbers, or above {LARGEST:g}")
     if np.ptp(raw.points[:, 2]) > PLANE * np.ptp(raw.points):
         raise InputError(f"{label} is not plane (its z coordinates differ)")
-    groups = _line_groups(raw, label)
+    groups, alone = _line_groups(raw, label, triangles)
     surfaces = {name: np.unique(place[_pieces(members, len(whole))])
                 for name, members in _members(raw, 2, (*TRIANGLES, *QUADS)).items()}
     points_of = raw.cells_dict.get("vertex", np.empty((0, 1), int))[:, 0]
-    vertices = {name: np.unique(points_of[members]) for name, members in _members(raw, 0, ("vertex",)).items()}
+    vertices = alone | {name: np.unique(points_of[members]) for name, members in _members(raw, 0, ("vertex",)).items()}
 
     bends = _bends(raw.points[:, :2], triangles) if order == 2 else None
     used, renumbered = np.unique(triangles[:, :3], return_inverse=True)
@@ -133,6 +145,13 @@ def _load(path: Path, label: str):
     """The file as a mesh of meshio. Raises InputError where neither meshio nor gmsh can read it."""
     import meshio
 
+    kind = FORMATS.get(path.suffix.lower())
+    if kind:
+        meshio.abaqus._abaqus.abaqus_to_meshio_type.update(PLANE_ELEMENTS)
+        try:
+            return _with_sets(getattr(meshio, kind).read(path))
+        except Exception as error:
+            raise InputError(f"{label} is not a mesh that meshio can read ({type(error).__name__} {error})") from None
     with open(path, "rb") as file:
         begin = file.read(len(MSH[0]))
     if not begin.startswith(MSH):
@@ -153,6 +172,29 @@ def _load(path: Path, label: str):
         except Exception as error:  # meshio refuses a file without elements
             raise InputError(f"{label} is not a mesh that meshio or gmsh can read "
                              f"({refusal}; gmsh: {error})") from None
+
+
+def _with_sets(raw):
+    """The mesh of another program, with sets by name of what it numbers; its points have three coordinates."""
+    numbers: list = next((raw.cell_data[kind] for kind in NUMBERED if kind in raw.cell_data), [])
+    raw.cell_sets |= _sets(numbers, getattr(raw, "cell_tags", None))
+    nodes = [raw.point_data["point_tags"]] if "point_tags" in raw.point_data else []
+    raw.point_sets |= {name: own[0] for name, own in _sets(nodes, getattr(raw, "point_tags", None)).items()}
+    raw.points, raw.field_data = np.pad(raw.points, ((0, 0), (0, 3 - raw.points.shape[1]))), {}
+    if max((block.data.max(initial=0) for block in raw.cells), default=0) >= len(raw.points):
+        raise ValueError("elements of nodes that are not there")
+    return raw
+
+
+def _sets(blocks: list, names: dict[int, list[str]] | None) -> dict[str, list[np.ndarray]]:
+    """The entries of each of the `blocks` of numbers that a group has, by the names of the numbers, or by these."""
+    found: dict[str, list[np.ndarray]] = {}
+    for number in np.unique(np.concatenate(blocks)) if blocks else ():
+        for name in names.get(number, ()) if names else [str(int(number))] * bool(number):
+            own = [np.flatnonzero(np.asarray(block) == number) for block in blocks]
+            before = found.get(name.strip(" \0"), own)
+            found[name.strip(" \0")] = [np.union1d(*each) for each in zip(own, before, strict=True)]
+    return found
 
 
 def _convert() -> None:
@@ -193,21 +235,35 @@ def gmsh_session() -> Iterator:
         interrupt.listen_again()
 
 
-def _line_groups(raw, label: str) -> dict[str, np.ndarray]:
-    """The lines (k, 2) of each named physical group of lines. Raises InputError where none is named."""
+def _line_groups(raw, label: str, triangles: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """The lines (k, 2) of each named group of lines or set of nodes, and the nodes of sets that have no sides.
+
+    Raises InputError where no group has lines.
+    """
     members = _members(raw, 1, LINES)
-    if not members:
+    lines = np.concatenate([_elements(raw, kind, 2)[:, :2] for kind in LINES])
+    groups = {name: lines[own][_distinct(lines[own])[0]] for name, own in members.items()}
+    alone: dict[str, np.ndarray] = {}
+    if raw.point_sets and not raw.field_data:
+        sides, count = np.unique(np.sort(triangles[:, SIDES[:, :2]].reshape(-1, 2), axis=1), axis=0, return_counts=True)
+        for name, nodes in raw.point_sets.items():
+            own = sides[(count == 1) & np.isin(sides, nodes).all(axis=1)]
+            if name not in raw.cell_sets:
+                (groups if len(own) else alone)[name] = own if len(own) else np.asarray(nodes, int)
+    if not groups:
         raise InputError(f"{label} has no named physical groups of lines; "
                          "clamps, tractions and contacts refer to boundaries by such names: "
                          'Physical Curve("left") = {4};')
-    lines = np.concatenate([_elements(raw, kind, 2)[:, :2] for kind in LINES])
-    return {name: lines[own][_distinct(lines[own])[0]] for name, own in members.items()}
+    return groups, alone
 
 
 def _members(raw, dimension: int, kinds: tuple[str, ...]) -> dict[str, np.ndarray]:
     """Which elements, counted through all `kinds`, each named physical group of a dimension has."""
     tags = {int(tag): name for name, (tag, of) in raw.field_data.items() if of == dimension}
     sets = raw.cell_sets_dict  # of version 4 files, where an element may be in several groups
+    if not raw.field_data:
+        tags |= {-k: name for k, name in enumerate(sets, 1) if not name.startswith("gmsh:")  # meshio's own
+                 and any(len(sets[name].get(kind, ())) for kind in kinds)}
     members: dict[str, list[np.ndarray]] = {name: [] for name in tags.values()}
     before = 0
     for kind in kinds:

@@ -51,8 +51,8 @@ class MeshSpec(Table, frozen=True, kw_only=True):
     radii : of an annulus, [inner, outer] (m)
     angles : of an annulus, [start, end] in degrees; if they are 360 apart, it is closed and has no start and end
     divisions : numbers of cells, each cut into two triangles: [nx, ny], of an annulus [around, across]
-    file : triangles with physical groups as gmsh writes them, "x.msh" in any version of its format; quadrilaterals are
-        cut into two triangles
+    file : triangles with groups: "x.msh" as gmsh writes it, in any version of its format; "x.inp" of Abaqus or
+        CalculiX; "x.med"; "x.vtu" and "x.vtk"; quadrilaterals are cut into two triangles; see docs/drawing.md
     geometry : a drawing (.geo, .step, .brep) with physical groups, see docs/drawing.md
     contact_size : size of a geometry's elements along contacts (m); left out, a quarter of size
     order : 1 for linear triangles, 2 for quadratic ones, whose sides are curved along circles of an annulus, curves of

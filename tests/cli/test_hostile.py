@@ -173,6 +173,16 @@ MESHES = {
     "an unknown version": filed("$MeshFormat\n9.9 0 8\n$EndMeshFormat\n"),
     "more nodes than there are": filed("$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 99 1 99\n2 1 0 99\n1\n"),
     "noise": filed(b"$MeshFormat\n4.1 1 8\n\1\0\0\0\n$EndMeshFormat\n$Nodes\n" + bytes(range(256)) * 40),
+    "an input that includes itself": filed("*INCLUDE, INPUT=VICTIM/../given/plate.inp\n", "plate.inp"),
+    "an input of other words": filed("*NODE\n1, a, b\n", "plate.inp"),
+    "an empty input": filed("", "plate.inp"),
+    "a script as an input": filed(f'SystemCall "{TOUCH}";', "plate.inp"),
+    "no HDF5": filed(f'SystemCall "{TOUCH}";', "plate.med"),
+    "an XML of entities": filed("<!DOCTYPE a [<!ENTITY a 'aaaaaaaaaa'>" + "".join(
+        f"<!ENTITY a{k} '{f'&a{k - 1 or str()};' * 10}'>" for k in range(1, 12)) + "]><VTKFile>&a11;</VTKFile>",
+        "plate.vtu"),
+    "a header of VTK": filed("# vtk DataFile Version 4.2\n\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 99999999999 "
+                             "double\n0 0 0\n", "plate.vtk"),
     "a picture": filed(b"\x89PNG\r\n\x1a\n" + bytes(100)),
     "nothing": filed("")}
 
