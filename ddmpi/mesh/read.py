@@ -262,7 +262,8 @@ def _members(raw, dimension: int, kinds: tuple[str, ...]) -> dict[str, np.ndarra
     tags = {int(tag): name for name, (tag, of) in raw.field_data.items() if of == dimension}
     sets = raw.cell_sets_dict  # of version 4 files, where an element may be in several groups
     if not raw.field_data:
-        tags |= {-k: name for k, name in enumerate(sets, 1) if any(len(sets[name].get(kind, ())) for kind in kinds)}
+        tags |= {-k: name for k, name in enumerate(sets, 1) if not name.startswith("gmsh:")  # meshio's own
+                 and any(len(sets[name].get(kind, ())) for kind in kinds)}
     members: dict[str, list[np.ndarray]] = {name: [] for name in tags.values()}
     before = 0
     for kind in kinds:
