@@ -42,11 +42,11 @@ CURVED = ALIKE = 1e-6
 """Gaps are alike that differ by less than this part of the distance of nodes, and stresses by this part of them."""
 
 SHARE = 0.1
-"""Zones with less than this part of a contact's normal force do not count, nor does friction with less of all."""
+"""Zones with less than this part of a contact's normal force do not count, nor do bodies of less stress than others."""
 
-DEEP = 0.25
-"""An overlap between nodes of this part of what contact forces move bodies by is no small error of the mesh; in good
-answers on coarse meshes it is up to 0.1."""
+DEEP = AIR = 0.25
+"""An overlap between nodes of this part of what contact forces move bodies by is no small error of the mesh, nor is it
+nothing if friction of open nodes bears this part of a contact; in good answers both are up to 0.12."""
 
 LOST = 1e-6
 """Rounding of the displacements that changes contact forces by more than this part is worth a warning."""
@@ -100,14 +100,14 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
     found = [warning for number in sorted(bodies) for warning in bodies[number][0]]
     moved = {assembly.scene.body[number].name: size for number, (_, size, _) in bodies.items()}
     loads = {assembly.scene.body[number].name: load for number, (*_, load) in bodies.items()}
-    pressed = max(state.normal_force.max(initial=0.0) for state in contacts.values())
+    pressed = max(np.abs(state.normal_force).max(initial=0.0) for state in contacts.values())
     both, doubts = assembly.exchange.swap_objects(mine), {}
     for interface in assembly.space.interfaces:
         state, (first, second) = contacts[interface.name], both[interface.name]
         here = max(moved.get(name, 0.0) for name in interface.bodies)
         found_here = _far_around(assembly, state, first) if second is None else _far_slip(state, first - second)
         found_here += _overlap_between(assembly, state, here) + _held_through_air(state, IDLE * max(loads.values()))
-        if not passing and state.normal_force.max(initial=0.0) >= IDLE * pressed:
+        if not passing and np.abs(state.normal_force).max(initial=0.0) >= IDLE * pressed:
             found_here += _lost_in_rounding(state, here) + _unresolved_zone(state)
         doubts[interface.name] = found_here
     by_contact = merged(world, doubts)
@@ -177,7 +177,7 @@ def doubt_stress(assembly: Assembly, stresses: Mapping[str, np.ndarray | None]) 
            for sigma in [stresses[body.spec.name]] if sigma is not None}
     found = merged(assembly.world, own)
     least = SHARE * max((largest for largest, _ in found.values()), default=0.0)
-    return [warning for body in assembly.scene.body if body.name in found and found[body.name][0] >= least
+    return [warning for body in assembly.scene.body if body.name in found and found[body.name][0] > least
             for warning in found[body.name][1]]
 
 
@@ -201,8 +201,8 @@ def _singular(body: Body, stress: np.ndarray) -> list[str]:
 def _lost_in_rounding(state: ContactState, moved: float) -> list[str]:
     """A warning where rounding of displacements up to `moved` (m) decides on forces, or whether there are any."""
     name, widest = state.interface.name, float(np.abs(state.gap).max())
-    largest = float(state.normal_force.max(initial=0.0))
-    if not largest and moved and widest <= UNDECIDED * moved:
+    largest = float(np.abs(state.normal_force).max(initial=0.0))
+    if (state.status == "open").all() and moved and widest <= UNDECIDED * moved:
         return [f"contact.{name}: rounding decides that it is open: its gaps, up to {widest:.3g}, are nothing beside "
                 f"the displacements of up to {moved:.3g}"]
     noise = state.interface.modulus * float(np.finfo(float).eps) * moved  # a node's compliance is about 1 / modulus
@@ -219,7 +219,7 @@ def _held_through_air(state: ContactState, least: float) -> list[str]:
     """
     sizes, name = np.linalg.norm(state.forces, axis=1), state.interface.name
     air = np.where(state.status == "open", sizes, 0.0)
-    if not air.sum() > max(SHARE * sizes.sum(), least):
+    if not air.sum() > max(AIR * sizes.sum(), least):
         return []
     (x, y), gap = state.interface.xy[np.argmax(air)], state.gap[np.argmax(air)]
     return [f"contact.{name}: friction of open nodes bears {air.sum() / sizes.sum():.0%} of its forces, as at "
