@@ -11,7 +11,7 @@ attend() {
     local came last=0 signal
     caught="" hurried=""
     export DDMPI_SIGNAL
-    DDMPI_SIGNAL=$(mktemp 2>/dev/null) || DDMPI_SIGNAL=/dev/null
+    DDMPI_SIGNAL=$(mktemp -t ddmpi-signal.XXXXXX 2>/dev/null) || DDMPI_SIGNAL=/dev/null
     setsid "$@" <&0 &
     child=$!
     for signal in TERM INT USR1 HUP QUIT; do trap "came=yes; pass_on $signal" "$signal"; done
