@@ -18,6 +18,7 @@ class Mutant(NamedTuple):
 CERTIFICATE = "judge/test_certificate.py"
 SPOILT = f"{CERTIFICATE}::test_a_wrong_answer_has_the_residual_of_its_error"
 SOLVED = f"{CERTIFICATE}::test_a_solved_scene_that_is_spoilt_is_not_certified"
+PATH = "methods/test_newton.py::test_each_path_alone_leads_to_the_same_answer"
 STATE = "methods/test_steps.py::test_newton_goes_on_from_its_whole_state"
 RESTORED = "run/test_checkpoint.py::test_a_restored_state_is_the_whole_state"
 SKFEM = "body/test_elasticity.py::test_stiffness_is_that_of_skfem"
@@ -247,9 +248,16 @@ MUTANTS = [Mutant(*row) for row in (
      "methods/test_steps.py::test_the_full_step_is_taken_where_it_gains_and_the_best_one_elsewhere"),
     ("`stalled` left out of checkpoints", "methods/newton", 'self._stalled, self.inner_steps = int(state["stalled"])',
      "self._stalled, self.inner_steps = 0", STATE),
-    ("`relaxation` left out of checkpoints", "methods/rescue",
-     'self._relaxation, self._change = float(state["relaxation"])',
-     "self._relaxation, self._change = 1.0", STATE),
+    ("what a path depends on left out of checkpoints", "methods/paths",
+     'setattr(path, name, state[name.lstrip("_")])', "pass", STATE),
+    ("the layer left out of the linear problem", "methods/newton", "right -= layer[unknown] * y", "pass", PATH),
+    ("full steps on every path", "methods/paths", "if slopes[-1] <= SLOPE * falls:", "if True:",
+     "methods/test_paths.py::test_a_step_ends_where_the_energy_is_least"),
+    ("the bound does not follow the pressure at interior points", "methods/paths",
+     "coupling = np.where(sliding, slope *", "coupling = np.where(sliding, 0.0 * slope *", PATH),
+    ("bodies on their way to a contact are given up", "methods/paths",
+     "return not self._space.any(closing > CLOSING * largest)", "return True",
+     "methods/test_paths.py::test_a_body_on_its_way_to_a_contact_does_not_drift"),
     ("`smallest` left out of Anderson's checkpoints", "methods/anderson",
      'self._smallest = float(state["smallest"])', "self._smallest = np.inf", RESTORED),
     ("`step_size` left out of checkpoints", "methods/published", 'self._step_size = float(state["step_size"])', "pass",

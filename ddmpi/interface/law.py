@@ -15,7 +15,7 @@ from __future__ import annotations
 import itertools
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sparse
@@ -78,6 +78,17 @@ class Linearised:
         x[self.unknown] = y
         x[self.rows] += self.coupling * x[self.source]
         return x
+
+    def move(self, s: np.ndarray) -> np.ndarray:
+        """The change (size,) of the forces s that keeps the unknown ones and gives the others what is implied."""
+        return self.expand(s[self.unknown]) + self.given - s
+
+    def frozen(self, q: np.ndarray) -> Linearised:
+        """The same with the slip bounds that the pressures of q = s − c r (size,) imply, whatever the forces."""
+        pressure = np.maximum(q, 0.0)
+        given = self.given.copy()
+        given[self.rows] += self.coupling * pressure[self.source]
+        return replace(self, coupling=np.zeros_like(self.coupling), given=given)
 
     @property
     def expansion(self) -> sparse.csr_matrix:

@@ -1,12 +1,13 @@
-"""The linear problem of a Newton step: GMRES on the unknown forces; prefix ``newton_``.
+"""The linear problem of a step: GMRES on the unknown forces; prefix ``newton_``.
 
     [ IᵀCE + D  −G̃ᵀ ] [ y ]   [ f ]
     [ Ĝ          εE* ] [ α ] = [ h ]        Ĝ = G E, G̃ = G I
 
-with the rigid motions α of bodies that nothing holds. The preconditioner is the same system with the half-plane
-stiffness M in the place of C⁻¹, whose coarse problem is solved exactly. The second row then holds from the first
-iteration on, and GMRES, preconditioned from the right, works on the first row alone. D and ε are in the matrix only:
-they steer, and bias nothing.
+with the rigid motions α of bodies that nothing holds. D is that of a layer between the bodies, or of a barrier
+(`ddmpi.methods.paths`); of Newton's method itself it is zero but for a part that steers, as ε does, and biases
+nothing. The preconditioner is the same system with W M W in the place of (C + D)⁻¹, M being the half-plane stiffness
+and W = (1 + D c)^−½, whose coarse problem is solved exactly. The second row then holds from the first iteration on, and
+GMRES, preconditioned from the right, works on the first row alone.
 """
 
 from __future__ import annotations
@@ -43,12 +44,13 @@ class Preconditioner:
     motions : coarse motions, the rigid ones first
     diagonal : (motions.size,) what stands for them in the lower right block (N/m): ε E* of rigid motions,
         1/(μ − ½) of modes
-    shared : (space.size,) compliances D (m/N) at nodes that several interfaces share, zero elsewhere
+    shared : (space.size,) compliances (m/N) that steer at nodes that several interfaces share, zero elsewhere
+    c : (space.size,) stiffness of half-planes against short waves (N/m)
     """
 
     def __init__(self, half_plane: HalfPlaneStiffness, motions: Motions, diagonal: np.ndarray,
-                 shared: np.ndarray) -> None:
-        self.half_plane, self.motions, self.diagonal, self.shared = half_plane, motions, diagonal, shared
+                 shared: np.ndarray, c: np.ndarray) -> None:
+        self.half_plane, self.motions, self.diagonal, self.shared, self.c = half_plane, motions, diagonal, shared, c
 
 
 class LinearProblem:
@@ -59,19 +61,28 @@ class LinearProblem:
     joint : the operator of all bodies
     preconditioner : for all active sets
     linearised : the forces that the active set implies
+    layer : (joint.size,) compliance D (m/N) of a layer or a barrier; None for none
 
     Construction is collective.
     """
 
-    def __init__(self, joint: Joint, preconditioner: Preconditioner, linearised: Linearised) -> None:
+    def __init__(self, joint: Joint, preconditioner: Preconditioner, linearised: Linearised,
+                 layer: np.ndarray | None = None) -> None:
         self.joint, self.linearised, self._half_plane = joint, linearised, preconditioner.half_plane
         self._unknown, self._whole = linearised.unknown, np.zeros(joint.size)
-        self._D = preconditioner.shared[linearised.unknown]
+        D = np.zeros(joint.size) if layer is None else layer
+        self._D = (preconditioner.shared + D)[linearised.unknown]
+        self._weight = 1.0 / np.sqrt(1.0 + D * preconditioner.c)
         self._rigid = joint.rigid.size
         self._coarse: CoarseSystem | None = None
         if preconditioner.motions.size:
-            self._coarse = CoarseSystem(preconditioner.motions, linearised.expansion, self._unknown,
-                                        preconditioner.half_plane.on_interface, preconditioner.diagonal)
+            weights = [self._weight[part, None] for part in joint.space.parts.values()]
+
+            def stiffness(number: int, x: np.ndarray) -> np.ndarray:
+                return weights[number] * self._half_plane.on_interface(number, weights[number] * x)
+
+            self._coarse = CoarseSystem(preconditioner.motions, linearised.expansion, self._unknown, stiffness,
+                                        preconditioner.diagonal)
 
     def precondition(self, w: np.ndarray, h: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """The unknown forces y (k,) and rigid motions α of the half-plane system for w (k,) in metres, h in newtons.
@@ -79,7 +90,7 @@ class LinearProblem:
         `h` (joint.rigid.size,) is zero if left out. Collective.
         """
         self._whole[self._unknown] = w
-        y = self._half_plane.mult(self._whole)[self._unknown]
+        y = (self._weight * self._half_plane.mult(self._weight * self._whole))[self._unknown]
         if not self._coarse:
             return y, np.zeros(0)
         if h is not None:

@@ -6,8 +6,8 @@ equations of this (Alart and Curnier 1991; Christensen, Klarbring, Pang and Str�
 primal–dual active set step: the projections say which nodes are open, slip and stick, and GMRES solves the linear
 problem that follows, preconditioned with the stiffness of half-planes. Since r is linear in s, the residual of the
 equations is known along the whole step without a further multiplication, and the step is as long as makes it
-smallest: this stops the active sets from cycling. Where that gets nowhere, successive approximations move the iterate
-(`ddmpi.methods.rescue`).
+smallest: this stops the active sets from cycling. Where that gets nowhere, a layer between the bodies leads to where it
+does, and where that fails, interior points do (`ddmpi.methods.paths`).
 
 Bodies that no clamp holds have rigid motions α: unknowns with an equation each, G s = e, in every step.
 """
@@ -22,10 +22,11 @@ from typing import Any
 import numpy as np
 
 from ddmpi.coupling.joint import Joint
+from ddmpi.interface.law import Linearised
 from ddmpi.methods.half_plane import HalfPlaneStiffness, smooth_modes
 from ddmpi.methods.krylov import FORCING, LinearProblem, Preconditioner
-from ddmpi.methods.outer import Report, Step, no_report, steps_of
-from ddmpi.methods.rescue import Rescue
+from ddmpi.methods.outer import Report, Step, no_report, rows_of, steps_of
+from ddmpi.methods.paths import DRIFT, NEAR, InteriorPoints, Path, Point, Softening
 from ddmpi.petsc.events import event
 from ddmpi.system.numbers import norm
 
@@ -37,8 +38,14 @@ LENGTHS = (1.0, 0.8, 0.65, 0.5, 0.4, 0.3, 0.2, 0.15, 0.1, 0.05, 0.02)
 GAIN = 0.7
 """The full step is taken when it reduces the residual to this or less."""
 
-PATIENCE, PROGRESS = 6, 0.7
-"""A rescue begins after so many steps that together leave more than this of the smallest residual."""
+PATIENCE, PROGRESS = 3, 0.7
+"""A path begins after so many steps that together leave more than this of the smallest residual."""
+
+WORTH = 0.3
+"""Newton's own steps are tried from a path as long as each leaves less than this of the residual."""
+
+PATHS = {path.kind: path for path in (Softening, InteriorPoints)}
+"""The paths that are tried, one after the other."""
 
 ERROR = 10.0
 """The forces are converged when the error estimated for them is below this times the tolerance."""
@@ -83,12 +90,11 @@ class Newton:
 
     def __init__(self, joint: Joint, max_iterations: int, report: Report = no_report) -> None:
         self.joint, self.space, self.max_iterations, self.report = joint, joint.space, max_iterations, report
-        self.inner_steps = {"gmres": 0, "mprgp": 0}
+        self.inner_steps = {"gmres": 0}
         self.checkpoint: Callable[[], None] = lambda: None
         self._laws = self.space.laws
         self._c = self.space.spread([0.5 * interface.modulus for interface in self.space.interfaces])
         self._preconditioner = precondition(joint, self._c)
-        self._stiffness = self.space.largest(self._c)
         self._least = 0.0
         self.nothing = 0.0
         self.begin()
@@ -106,37 +112,33 @@ class Newton:
         foreseen : they are a guess of this step's, and nodes are closed and slip as they say
         """
         joint = self.joint
-        self._s: np.ndarray
-        self._r: np.ndarray
-        self._alpha: np.ndarray
-        self._s, self._r, self._alpha = warm or (np.zeros(joint.size), -joint.d, np.zeros(joint.rigid.size))
+        s, r, alpha = warm or (np.zeros(joint.size), -joint.d, np.zeros(joint.rigid.size))
+        self._at = Point(s, r, alpha, joint.imbalance(s))
         self._warm = warm is not None and self.space.any(self._pressed())
-        self._left = joint.imbalance(self._s)
-        self._rescue = Rescue(joint, self._stiffness)
+        self._path: Path | None = None
+        self._trying = False  # Newton's own steps, from the path's point
         self._measured: tuple[np.ndarray | None, float] = (None, 0.0)
         self._far: float | None = None  # `_distances` of the iterate
         self._least = max(self._least, NO_FORCE * max(self.space.norm(self._c * joint.d), norm(joint.e)))
         self._start, self._settled, self._error = not foreseen, False, math.inf if foreseen else 0.0
-        if foreseen:
-            self._rescue.remember(self._s, self._alpha)
         self._stalled, self._smallest = 0, np.inf
         self.history: list[Step] = []
 
     def _pressed(self) -> np.ndarray:
         """The nodes (m,) bool of all interfaces that are under pressure."""
-        return np.concatenate([np.empty(0, bool), *(self._s[part][:interface.m] > 0.0
+        return np.concatenate([np.empty(0, bool), *(self._at.s[part][:interface.m] > 0.0
                                                     for interface, part in self.space.each())])
 
     @property
     def forces(self) -> np.ndarray:
-        return self._s
+        return self._at.s
 
     @property
     def motions(self) -> np.ndarray:
         """Rigid motions α (joint.rigid.size,) of loose bodies (m)."""
-        return self._alpha
+        return self._at.alpha
 
-    qp_type = "python"
+    qp_type = "none"
 
     @property
     def mismatch(self) -> np.ndarray:
@@ -145,7 +147,7 @@ class Newton:
 
     @property
     def bound(self) -> np.ndarray:
-        return self._laws.bound_at(self._s)
+        return self._laws.bound_at(self._at.s)
 
     def run(self, tolerance: float) -> str:
         """Iterate until the residual of the equations is below `tolerance` times the forces, and their error too.
@@ -156,12 +158,14 @@ class Newton:
         """
         if self._settled:  # the forces were moved onto their bounds; the gaps must follow
             self.joint.neglected = NEGLECTED * tolerance * self._size()
-            self._follow(self.joint.product(self._s, "newton"))
+            Cs = self.joint.product(self._at.s, "newton")
+            r = Cs - self.joint.d - self.joint.rigid.spread(self._at.alpha)
+            self._at = self._at._replace(r=r, left=self.joint.imbalance(self._at.s))
             self._settled, self._far = False, None
         while True:
             self.checkpoint()
             if self._far is None:
-                self._far = self._distances([(self._s, self._r, self._left)])[0]
+                self._far = self._distances([self._at])[0]
             far = self._far
             residual = self._relative(far)
             done = (residual <= tolerance and self._error <= ERROR * tolerance
@@ -170,58 +174,67 @@ class Newton:
                 self._note(residual, 0.0)
             if not np.isfinite(residual):
                 return "diverged"
-            if self._rescue.drifts:
-                return "drift"
             if done or len(self.history) >= self.max_iterations:
                 self._settle()
                 return "converged" if done else "max_iterations"
+            if self._path and not self._trying and (self._path.drifts or (self._path.failed and not self._next_path())):
+                return "drift" if norm(self._at.left) > DRIFT * norm(self.joint.e) else "stalled"
             self._far = self._iterate(far, tolerance)
 
     def _iterate(self, far: float, tolerance: float) -> float:
-        """One step, of Newton's method or of a rescue, from and to where `_distances` is `far` and what is returned."""
+        """One step, of Newton's method or of a path, from and to where `_distances` is `far` and what is returned."""
         residual = self._relative(far)
         gained = residual < PROGRESS * self._smallest
-        self._stalled = 0 if gained or self._rescue.left else self._stalled + 1
+        self._stalled = 0 if gained or self._path else self._stalled + 1
         self._smallest = residual if gained else self._smallest
-        before = self._s
+        before = self._at.s
         self.joint.neglected = NEGLECTED * tolerance * self._size()
-        if self._stalled >= PATIENCE:
-            self._s, self._alpha = self._rescue.begin(self._s, self._alpha)
-            self._stalled, self._smallest = 0, np.inf
-        if self._rescue.left:
-            self._s, Cs, self._alpha, iterations = self._rescue.approximate(self._s, self._alpha, residual,
-                                                                            self._size())
-            self.inner_steps["mprgp"] += iterations
-            self._follow(Cs)
-            far = self._distances([(self._s, self._r, self._left)])[0]
+        if self._stalled >= PATIENCE and not self._path:
+            self._path = Softening(self.joint, self._c)
+        stage = "" if self._trying or not self._path else self._path.stage
+        if stage and self._path:
+            with event("NewtonStep"):
+                self._path.step(self.direction)
+            self._at = self._path.point
+            far = self._distances([self._at])[0]
+            self._trying = self._path.ready and (self._path.kind == "softening" or self._relative(far) < NEAR)
         else:
             with event("NewtonStep"):
                 far = self._newton_step(far)
-        if self._start:
-            self._rescue.remember(self._s, self._alpha)
         self._start = False
         after = self._relative(far)
         size = self._size()
-        update = self.space.norm(self._s - before) / size if size else 0.0
+        update = self.space.norm(self._at.s - before) / size if size else 0.0
+        if not update:
+            self._stalled = PATIENCE  # the next step would be the same
         self._error = update * after / residual if residual else 0.0
-        self._note(after, update)
+        self._note(after, update, stage)
+        if self._path and self._trying and not stage and not after <= WORTH * residual:
+            self._trying, self._at = False, self._path.point  # back to where the path was left
+            self._path.go_on()
+            far = self._distances([self._at])[0]
         return far
 
-    def _follow(self, Cs: np.ndarray) -> None:
-        """Take the gaps and the imbalance afresh from the product C s (size,)."""
-        self._r = Cs - self.joint.d - self.joint.rigid.spread(self._alpha)
-        self._left = self.joint.imbalance(self._s)
+    def _next_path(self) -> bool:
+        """Whether there is another path, which begins then. Collective."""
+        assert self._path
+        if self._path.kind != "softening":
+            return False
+        self._path = InteriorPoints(self.joint, self._c)
+        return True
 
     def _settle(self) -> None:
         """Move the forces onto their bounds, so that they obey all of them exactly; what is rounding becomes zero."""
-        self._s = self._laws.settle(self._s, self._laws.active_sets(self._s - self._c * self._r))
+        s, r, *_ = self._at
+        s = self._laws.settle(s, self._laws.active_sets(s - self._c * r))
         for _, part in self.space.each():
-            if np.abs(self._s[part]).max(initial=0.0) <= self.nothing:
-                self._s[part] = 0.0
+            if np.abs(s[part]).max(initial=0.0) <= self.nothing:
+                s[part] = 0.0
+        self._at = self._at._replace(s=s)
         self._settled = True
 
-    def _note(self, residual: float, update: float) -> None:
-        step = Step(len(self.history) + 1, update, residual, FORCING, self.joint.multiplications())
+    def _note(self, residual: float, update: float, stage: str = "") -> None:
+        step = Step(len(self.history) + 1, update, residual, FORCING, self.joint.multiplications(), stage)
         self.history.append(step)
         self.report(step)
 
@@ -235,63 +248,74 @@ class Newton:
 
     def _norm(self) -> float:
         """‖s‖ (N), with one reduction for each iterate."""
-        if self._measured[0] is not self._s:
-            self._measured = self._s, self.space.norm(self._s)
+        if self._measured[0] is not self._at.s:
+            self._measured = self._at.s, self.space.norm(self._at.s)
         return self._measured[1]
 
-    def _distances(self, points: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> list[float]:
-        """The norms (N) of the residuals of all equations at forces s with gaps r and the imbalance `left`.
+    def _distances(self, points: Iterable[Point]) -> list[float]:
+        """The norms (N) of the residuals of all equations at some points.
 
         Contact and friction want s = P(s − c r), loose bodies G s = e. All points in one reduction. Collective.
         """
         points = list(points)
-        contact = self.space.norms([s - self._laws.project(s - self._c * r) for s, r, _ in points])
-        return [math.hypot(each, norm(left)) for each, (_, _, left) in zip(contact, points, strict=True)]
+        contact = self.space.norms([s - self._laws.project(s - self._c * r) for s, r, *_ in points])
+        return [math.hypot(each, norm(point.left)) for each, point in zip(contact, points, strict=True)]
 
     def _newton_step(self, far: float) -> float:
         """Solve for the forces that the active sets of the iterate imply, and go there as far as it helps.
 
         It takes and returns `_distances` of the iterate (N).
         """
-        joint, rigid = self.joint, self.joint.rigid
-        active = self._laws.active_sets(self._s - self._c * self._r)
+        s, r, *_ = self._at
+        active = self._laws.active_sets(s - self._c * r)
         if self._start:  # nothing is known yet
-            active = self._laws.sticking(self._pressed() if self._warm else joint.first_closed())
+            active = self._laws.sticking(self._pressed() if self._warm else self.joint.first_closed())
         linearised = self._laws.linearise(active)
-        change = linearised.expand(self._s[linearised.unknown]) + linearised.given - self._s
-        alpha, C_change = np.zeros(rigid.size), np.zeros_like(change)
-        problem = None
-        if self.space.any(linearised.unknown):
-            problem = LinearProblem(joint, self._preconditioner, linearised)
-            if rigid.size:  # the nearest forces by half-planes that balance the loads
-                y, alpha = problem.precondition(np.zeros(linearised.number), joint.imbalance(self._s + change))
-                change = change + linearised.expand(y)
-        if self.space.any(change):
-            C_change = joint.product(change, "newton")
-        if problem:
-            y = np.zeros(linearised.number)
-            with joint.deferred():
-                right = -(self._r + C_change - rigid.spread(alpha))[linearised.unknown]
-                y, more, iterations = problem.solve(right)
-                alpha = alpha + more
-                self.inner_steps["gmres"] += iterations
-            dy = linearised.expand(y)
-            change, C_change = change + dy, C_change + joint.product(dy, "newton")
-        left = joint.imbalance(self._s + change) - self._left
-        r_change = C_change - rigid.spread(alpha)
-        far, length = self._length(far, change, r_change, left)
-        self._s = self._s + length * change
-        self._r = self._r + length * r_change
-        self._alpha = self._alpha + length * alpha
-        self._left = self._left + length * left
+        change = self.direction(self._at, linearised, linearised.move(s), np.zeros_like(s))
+        far, length = self._length(far, change)
+        self._at = self._at.along(change, length)
         return far
 
-    def _length(self, far: float, change: np.ndarray, r_change: np.ndarray,
-                left: np.ndarray) -> tuple[float, float]:
+    def direction(self, point: Point, linearised: Linearised, change: np.ndarray, wanted: np.ndarray,
+                  layer: np.ndarray | None = None) -> Point:
+        """The change of `point` with which r + D y = `wanted` at unknown rows, and G s = e.
+
+        Parameters
+        ----------
+        linearised : all forces by the unknown ones y
+        change : (size,) of the forces (N) that comes before y, which is counted from there
+        wanted : (size,) in metres
+        layer : D (size,) in m/N, zero if left out
+
+        Collective. Raises SolverError.
+        """
+        joint, rigid, space = self.joint, self.joint.rigid, self.space
+        alpha, C_change, unknown = np.zeros(rigid.size), np.zeros_like(change), linearised.unknown
+        problem, y = None, np.zeros(linearised.number)
+        if space.any(unknown):
+            problem = LinearProblem(joint, self._preconditioner, linearised, layer)
+            if rigid.size:  # the nearest forces by half-planes that balance the loads
+                y, alpha = problem.precondition(y, joint.imbalance(point.s + change))
+                change = change + linearised.expand(y)
+        if space.any(change):
+            C_change = joint.product(change, "newton")
+        if problem:
+            more = np.zeros_like(y)
+            with joint.deferred():
+                right = (wanted - point.r - C_change + rigid.spread(alpha))[unknown]
+                if layer is not None:
+                    right -= layer[unknown] * y
+                more, turn, iterations = problem.solve(right)
+                alpha = alpha + turn
+                self.inner_steps["gmres"] += iterations
+            dy = linearised.expand(more)
+            change, C_change = change + dy, C_change + joint.product(dy, "newton")
+        return Point(change, C_change - rigid.spread(alpha), alpha, joint.imbalance(point.s + change) - point.left)
+
+    def _length(self, far: float, change: Point) -> tuple[float, float]:
         """The smallest residual (N) and the length of the step to it; the full one if it gains enough on `far`."""
         def there(lengths: Sequence[float]) -> list[float]:
-            return self._distances((self._s + length * change, self._r + length * r_change, self._left + length * left)
-                                   for length in lengths)
+            return self._distances(self._at.along(change, length) for length in lengths)
 
         full = there(LENGTHS[:1])
         if self._start or full[0] <= GAIN * far:
@@ -299,28 +323,33 @@ class Newton:
         return min(zip(full + there(LENGTHS[1:]), LENGTHS, strict=True))
 
     def body_forces(self) -> list[np.ndarray]:
-        return self.joint.spread(self._s)
+        return self.joint.spread(self._at.s)
 
     def refresh(self, u: list[np.ndarray]) -> None:
         """Nothing to do: the gaps are computed afresh where the iteration goes on."""
 
     def state(self) -> dict[str, Any]:
-        return {"s": self._s, "r": self._r, "alpha": self._alpha, "left": self._left, "start": self._start,
-                "warm": self._warm, "least": self._least, "settled": self._settled, "error": self._error,
-                "far": self._far, "norm": self._norm(),
-                "stalled": self._stalled, "smallest": self._smallest, "rescue": self._rescue.state(),
-                "inner_steps": dict(self.inner_steps), "history": list(self.history)}
+        path = {"kind": self._path.kind} | self._path.state() if self._path else {}
+        return self._at._asdict() | {
+            "start": self._start, "warm": self._warm, "least": self._least, "settled": self._settled,
+            "error": self._error, "far": self._far, "norm": self._norm(), "stalled": self._stalled,
+            "smallest": self._smallest, "path": path, "trying": self._trying, "inner_steps": dict(self.inner_steps),
+            "history": rows_of(self.history), "stages": ";".join(step.stage for step in self.history)}
 
     def restore(self, state: dict[str, Any]) -> None:
-        self._s, self._r, self._alpha, self._left = (state[name] for name in ("s", "r", "alpha", "left"))
-        self._start, self._settled = bool(state["start"]), bool(state["settled"])
+        self._at = Point(*(state[name] for name in Point._fields))
+        self._start, self._settled, self._trying = (bool(state[name]) for name in ("start", "settled", "trying"))
         self._warm, self._least = bool(state["warm"]), float(state["least"])
         self._error, self._smallest = float(state["error"]), float(state["smallest"])
         self._stalled, self.inner_steps = int(state["stalled"]), dict(state["inner_steps"])
         self._far = None if state["far"] is None else float(state["far"])
-        self._measured = self._s, float(state["norm"])
-        self._rescue.restore(state["rescue"])
-        self.history = steps_of(state["history"])
+        self._measured = self._at.s, float(state["norm"])
+        self._path = None
+        if state["path"]:
+            self._path = PATHS[state["path"]["kind"]](self.joint, self._c)
+            self._path.restore(state["path"])
+        self.history = [step._replace(stage=stage) for step, stage in
+                        zip(steps_of(state["history"]), state["stages"].split(";"), strict=False)]
 
 
 def precondition(joint: Joint, c: np.ndarray) -> Preconditioner:
@@ -337,4 +366,4 @@ def precondition(joint: Joint, c: np.ndarray) -> Preconditioner:
     if motions.size:
         log.info("coarse problem: %d rigid motions and %d smooth modes of %d bod%s", rigid.size,
                  motions.size - rigid.size, joint.bodies, "ies" if joint.bodies > 1 else "y")
-    return Preconditioner(half_plane, motions, stiffness, np.where(joint.shared, SHARED / (2.0 * c), 0.0))
+    return Preconditioner(half_plane, motions, stiffness, np.where(joint.shared, SHARED / (2.0 * c), 0.0), c)

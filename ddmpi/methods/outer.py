@@ -14,7 +14,7 @@ class Step(NamedTuple):
     ``update`` is the relative change of the unknown (the contact forces; in the published iteration the contact
     displacement λ), ``residual`` that of the contact equations over the forces (there the force mismatch
     ‖s_1 − s_2‖ / ‖s_2‖), ``inner_precision`` the tolerance of the subproblems (m; for Newton, of GMRES), ``n_A`` the
-    multiplications by A_a⁻¹ of all bodies so far.
+    multiplications by A_a⁻¹ of all bodies so far, ``stage`` the way that Newton's method is on, in a word or two.
     """
 
     iteration: int
@@ -22,6 +22,7 @@ class Step(NamedTuple):
     residual: float
     inner_precision: float
     n_A: int
+    stage: str = ""
 
 
 Report = Callable[[Step], None]
@@ -74,8 +75,8 @@ class Outer(Protocol):
     def run(self, tolerance: float) -> str:
         """Iterate until the method's criterion is below `tolerance`; may be called again to go on.
 
-        Returns "converged", "diverged" or "max_iterations". Raises SolverError, and InterruptionError when a signal
-        came to a rank; the same on all ranks. Collective.
+        Returns "converged", "diverged", "max_iterations", "stalled" or "drift". Raises SolverError, and
+        InterruptionError when a signal came to a rank; the same on all ranks. Collective.
         """
 
     def refresh(self, u: list[np.ndarray]) -> None:
@@ -89,6 +90,11 @@ class Outer(Protocol):
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from what `state` returned."""
+
+
+def rows_of(history: list[Step]) -> list[tuple]:
+    """The numbers of a history, which a checkpoint keeps."""
+    return [step[:5] for step in history]
 
 
 def steps_of(rows: Any) -> list[Step]:

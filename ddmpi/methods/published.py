@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.coupling.assembly import Assembly
-from ddmpi.methods.outer import Report, Step, no_report, steps_of
+from ddmpi.methods.outer import Report, Step, no_report, rows_of, steps_of
 from ddmpi.methods.subproblem import Subproblem, friction_role
 from ddmpi.scene.method import SettledMethod
 from ddmpi.system.numbers import norm
@@ -179,7 +179,7 @@ class PublishedIteration:
 
     def state(self) -> dict[str, Any]:
         return {"lam": self.lam, "s1": self.s1, "s2": self.s2, "bound": self._bound, "step_size": self._step_size,
-                "subproblem": self.subproblem.state(), "history": list(self.history)}
+                "subproblem": self.subproblem.state(), "history": rows_of(self.history)}
 
     def restore(self, state: dict[str, Any]) -> None:
         self.lam, self.s1, self.s2, self._bound = (state[name] for name in ("lam", "s1", "s2", "bound"))

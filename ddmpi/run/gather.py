@@ -191,7 +191,6 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     inner = [steps for _, _, steps, *_ in everyone]
     sent = [counts for *_, counts, _ in everyone]
     published = scene.method.outer != "newton"
-    rescued = any(body.n_A_by_purpose.get("approximation") for body in bodies)
     run = RunResult(
         converged=solution.certified and not ladder.missed,
         reason=(solution.certified and ladder.missed) or solution.reason, order=scene.body[0].mesh.order,
@@ -200,7 +199,7 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
         certificate_limit=solution.limit, energy_norm=error.relative,
         levels=[level._asdict() for level in ladder.levels],
         exchange={name: max(counts[name] for counts in sent) for name in sent[0]},
-        qp=outer.qp_type if published or rescued else "none",
+        qp=outer.qp_type,
         options=PETSc.Options().getAll(), options_unused=unused, warnings=warnings,
         undetermined=solution.undetermined, steps=steps.summary() if steps else None,
         energy=steps.balance() if steps else None)

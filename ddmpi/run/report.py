@@ -147,7 +147,8 @@ def _describe_gap(interface: Interface, unit: str) -> str:
 
 
 def log_step(step: Step) -> None:
-    log.info("%5d  %10.3e  %10.3e  %6d", step.iteration, step.update, step.residual, step.n_A)
+    log.info("%5d  %10.3e  %10.3e  %6d%s", step.iteration, step.update, step.residual, step.n_A,
+             f"  {step.stage}" if step.stage else "")
 
 
 def _describe(method: SettledMethod) -> str:

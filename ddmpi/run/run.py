@@ -302,7 +302,7 @@ def _write_tables(path: Path, solved: Solved) -> dict[str, list[dict[str, np.nda
     """Write the tables; by contact `contact_fields` at the times whose fields are written."""
     solution = solved.solution
     write_history(path, solved.steps.history() if solved.steps else
-                  [(1, *step[:-1], *counts, step.n_A) for step, counts in
+                  [(1, *step[:4], *counts, step.n_A) for step, counts in
                    zip(solution.outer.history, solution.statuses.counts, strict=True)])
     for name, state in solution.contacts.items():
         write_contact(path, name, state)

@@ -71,8 +71,8 @@ class Solution:
 
     Attributes
     ----------
-    stopped : why the iteration ended: "converged", "diverged", "max_iterations"; "drift" where it found no equilibrium
-        of loose bodies, "mechanism" where there is none
+    stopped : why the iteration ended: "converged", "diverged", "max_iterations", "stalled"; "drift" where it found no
+        equilibrium of loose bodies, "mechanism" where there is none
     displacements : (nv, d) of each body of this rank (m), by name
     displacement_max : largest displacement by body (m)
     contacts : state by contact
@@ -141,7 +141,9 @@ class Solution:
             return (f"no answer can be certified: -body_ksp_rtol {self.given:g} leaves the bodies out of equilibrium; "
                     f"leave that option out, or give at most {0.1 * self.limit:.0e}")
         return {"converged": "the iteration stopped, but its certificate fails", "diverged": "diverged",
-                "max_iterations": "not converged: method.max_iterations is reached"}[self.stopped]
+                "max_iterations": "not converged: method.max_iterations is reached",
+                "stalled": "not converged: neither Newton's method nor softening nor interior points lead on"
+                }[self.stopped]
 
 
 @dataclass

@@ -42,7 +42,7 @@ SHORT = 0.01
 CUTS = 6
 """A step that fails is halved at most so often."""
 
-CURABLE = ("diverged", "max_iterations", "converged")
+CURABLE = ("diverged", "max_iterations", "stalled", "converged")
 """How an iteration ends that may do better in a shorter step; the last one is that its certificate fails."""
 
 CERTAIN = 0.25
@@ -266,7 +266,7 @@ class March:
 
     def _note_iterations(self, number: int) -> None:
         for step, counts in zip(self.outer.history, self.iteration.statuses.counts, strict=True):
-            self.log.iterations.append((number, *step[:-1], *counts, step.n_A))
+            self.log.iterations.append((number, *step[:4], *counts, step.n_A))
 
     def _leave(self) -> None:
         """Count the iterations of a step that is over."""

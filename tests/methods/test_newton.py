@@ -27,6 +27,7 @@ from ddmpi.interface.interface import Interface, Places
 from ddmpi.interface.law import CoulombLaw
 from ddmpi.judge.diagnosis import StatusLog
 from ddmpi.methods.half_plane import HalfPlaneStiffness
+from ddmpi.methods.paths import InteriorPoints, Softening
 
 two_ranks = pytest.mark.mpi(ranks=2)
 MODULUS = 3e11
@@ -253,17 +254,21 @@ def test_stiffness_contrast_costs_at_most_a_factor_of_two(comm):
 
 
 @two_ranks
-def test_the_fallback_alone_finds_the_same_answer(comm, monkeypatch):
-    """Newton steps are never given a chance: successive approximations have to do it."""
+@pytest.mark.parametrize("path", [Softening, InteriorPoints])
+def test_each_path_alone_leads_to_the_same_answer(comm, monkeypatch, path):
+    """Newton's method is left before its first step: softening, or interior points, have to do it."""
     for law in ("coulomb", "tresca", "none"):
         assembly = prepare_scene(comm, pinched_blocks(6, law))
         usual = solve(assembly).outer
         with monkeypatch.context() as patch:
             patch.setattr("ddmpi.methods.newton.PATIENCE", 0)
+            patch.setattr("ddmpi.methods.newton.Softening", path)
             answer = solve(assembly)
             outer = answer.outer
         assert answer.certified, (law, answer.reason)
-        assert multiplications(comm, assembly)["approximation"] > 0
+        word = {"softening": "layer", "interior points": "barrier"}[path.kind]
+        assert [step.stage.split()[0] for step in outer.history if step.stage][:4] == [word] * 4
+        assert len(outer.history) <= 25
         assert outer.forces == pytest.approx(usual.forces, rel=1e-5, abs=1e-6 * np.abs(usual.forces).max(initial=0.0))
 
 

@@ -11,8 +11,9 @@ from ddmpi.coupling.coarse import Motions
 from ddmpi.coupling.space import Space
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import CoulombLaw
-from ddmpi.methods.newton import GAIN, LENGTHS, Newton
+from ddmpi.methods.newton import GAIN, LENGTHS, PATHS, Newton
 from ddmpi.methods.outer import Step
+from ddmpi.methods.paths import Point
 
 
 class Dense:
@@ -59,7 +60,7 @@ def random_joint(seed: int, m: int = 6, coefficient: float = 1.0) -> Dense:
 def residuals(newton: Newton) -> list[float]:
     """Norms of the residual (N) before every step, for the forces' present size does not count here."""
     found: list[float] = []
-    newton.checkpoint = lambda: found.extend(newton._distances([(newton._s, newton._r, newton._left)]))
+    newton.checkpoint = lambda: found.extend(newton._distances([newton._at]))
     assert newton.run(1e-8) == "converged"
     return found
 
@@ -77,15 +78,13 @@ def test_the_full_step_is_taken_where_it_gains_and_the_best_one_elsewhere():
     newton = Newton(joint, 60)
     assert newton.run(1e-10) == "converged"
     exact = newton.forces
-    newton._s = s = exact + rng.standard_normal(len(exact))
-    newton._r = r = joint.C @ s - joint.d
+    s = exact + rng.standard_normal(len(exact))
+    newton._at = at = Point(s, joint.C @ s - joint.d, joint.e, joint.e)
 
     def length(change: np.ndarray) -> float:
-        C_change = newton.joint.C @ change
-        ways = (*LENGTHS, 0.0)
-        found = newton._distances((s + t * change, r + t * C_change, joint.e) for t in ways)
-        norms.update(zip(ways, found, strict=True))
-        norm, way = newton._length(norms[0.0], change, C_change, joint.e)
+        step, ways = Point(change, newton.joint.C @ change, joint.e, joint.e), (*LENGTHS, 0.0)
+        norms.update(zip(ways, newton._distances(at.along(step, t) for t in ways), strict=True))
+        norm, way = newton._length(norms[0.0], step)
         assert norm == norms[way]
         return way
 
@@ -96,22 +95,29 @@ def test_the_full_step_is_taken_where_it_gains_and_the_best_one_elsewhere():
     assert all(chosen == (1.0 if gains else best) for chosen, best, gains in taken)
 
 
-def test_newton_goes_on_from_its_whole_state():
+SIDE = {"s": np.arange(12.0) + 1.0, "r": np.arange(12.0) + 2.0, "alpha": np.arange(3.0) + 1.0,
+        "left": np.arange(3.0) + 2.0, "failed": True}
+
+
+@pytest.mark.parametrize("path", [
+    SIDE | {"kind": "softening", "delta": 10.0, "seen": 100.0, "drifting": 1, "steps": 5, "full": 2, "since": 3,
+            "far": 0.5, "smallest": 0.25, "ready": True},
+    SIDE | {"kind": "interior points", "w": np.arange(12.0) + 3.0, "p": np.arange(12.0) + 4.0,
+            "q": np.arange(12.0) + 5.0, "last": 0.25, "steps": 7, "shorts": 2, "barrier": 0.125}])
+def test_newton_goes_on_from_its_whole_state(path):
     """What is restored is what the state held, entry by entry; no entry is as in a new iteration."""
     state = {"s": np.arange(12.0), "r": np.arange(12.0) - 5.0, "alpha": np.arange(3.0), "left": -np.arange(3.0),
              "start": False, "warm": True, "least": 2.5, "settled": True, "error": 0.25, "far": 0.5, "norm": 3.0,
-             "stalled": 4, "smallest": 0.125, "inner_steps": {"gmres": 7, "mprgp": 3},
-             "rescue": {"number": 2, "left": 3, "bound": np.arange(6.0), "relaxation": 0.49, "change": 17.0,
-                        "s": np.arange(12.0) + 1.0, "alpha": np.arange(3.0) + 1.0, "imbalances": [0.5, 0.25],
-                        "drifting": 1},
-             "history": [Step(1, 0.5, 0.25, 1e-3, 12)]}
-    new = Newton(random_joint(0), 60)
+             "stalled": 4, "smallest": 0.125, "inner_steps": {"gmres": 7}, "trying": True, "path": path,
+             "history": [Step(1, 0.5, 0.25, 1e-3, 12)[:5]], "stages": "layer"}
+    new, fresh = Newton(random_joint(0), 60), Newton(random_joint(0), 60)
     new.restore(state)
     assert flat(new.state()) == flat(state)
     assert new._stalled == 4
-    fresh = flat(Newton(random_joint(0), 60).state())
-    assert [name for name, value in flat(state).items() if value == fresh[name]] == []
-    assert not set(state) ^ set(Newton(random_joint(0), 60).state())
+    fresh._path = PATHS[path["kind"]](random_joint(0), fresh._c)
+    other = flat(fresh.state())
+    assert [name for name, value in flat(state).items() if value == other[name]] == ["path.kind"]
+    assert not set(flat(state)) ^ set(other)
 
 
 def flat(state: dict, name: str = "") -> dict:

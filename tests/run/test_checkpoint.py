@@ -24,6 +24,7 @@ import ddmpi.methods.newton
 import ddmpi.run.solve
 from ddmpi.body.compliance import Compliance
 from ddmpi.errors import InputError, InterruptionError, OutputError, TakenError
+from ddmpi.methods.paths import InteriorPoints, Softening
 from ddmpi.run import checkpoint
 from ddmpi.run.checkpoint import Checkpoints, continue_from, identify
 from ddmpi.run.solve import solve
@@ -156,8 +157,10 @@ def test_restart_of_three_bodies_gives_the_same_bits(comm, shared, monkeypatch, 
 
 
 @two_ranks
-def test_restart_within_successive_approximations(comm, shared, monkeypatch):
+@pytest.mark.parametrize("path", [Softening, InteriorPoints])
+def test_restart_on_a_path(comm, shared, monkeypatch, path):
     monkeypatch.setattr(ddmpi.methods.newton, "PATIENCE", 0)
+    monkeypatch.setattr(ddmpi.methods.newton, "Softening", path)
     assert len(interrupt_everywhere(comm, pinched_blocks(4), shared, 23, monkeypatch)) >= 3
 
 
@@ -192,10 +195,10 @@ def test_a_run_that_is_interrupted_again_and_again_gets_there(comm, shared, monk
 
 
 @two_ranks
-@pytest.mark.parametrize("kind", ["newton", "rescue", "anderson", "relaxation"])
+@pytest.mark.parametrize("kind", ["newton", "path", "anderson", "relaxation"])
 def test_a_restored_state_is_the_whole_state(comm, shared, monkeypatch, kind):
     """Restored objects hold what the objects held that were noted, and a noted state does not change later."""
-    if kind == "rescue":
+    if kind == "path":
         monkeypatch.setattr(ddmpi.methods.newton, "PATIENCE", 0)
     law, method, _ = KINDS[kind if kind in KINDS else "newton"]
     scene = pinched_blocks(2, law, **method)
@@ -405,11 +408,11 @@ def accept(folder: Path, scene: dict | None = None, options: dict | None = None,
 
 
 def test_a_file_gives_back_what_was_written(tmp_path):
-    from ddmpi.methods.outer import Step, steps_of
+    from ddmpi.methods.outer import Step, rows_of, steps_of
 
     steps = [Step(1, 1.0, np.inf, 1e-300, 7), Step(2, 0.1, 0.3, 2.0 / 3.0, 2**40)]
-    state = {"outer": {"history": steps}, "a": np.array([np.nan, -0.0, 5e-324]), "b": np.float64(np.inf), "c": True,
-             "d": {"z": 3, "a": 1}, "e": [np.arange(3), np.arange(3)], "f": [], "g": "text"}
+    state = {"outer": {"history": rows_of(steps)}, "a": np.array([np.nan, -0.0, 5e-324]), "b": np.float64(np.inf),
+             "c": True, "d": {"z": 3, "a": 1}, "e": [np.arange(3), np.arange(3)], "f": [], "g": "text"}
     checkpoint.write(tmp_path / "c.h5", {"scene": {"a": 1}}, [state, {"a": np.empty(0)}])
     identity, (first, second) = checkpoint.read(tmp_path / "c.h5")
     assert identity == {"scene": {"a": 1}}

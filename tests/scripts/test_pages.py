@@ -14,7 +14,7 @@ from mpi4py import MPI
 from ddmpi.errors import InputError
 from ddmpi.interface import mortar, side
 from ddmpi.judge import accuracy, certificate
-from ddmpi.methods import newton
+from ddmpi.methods import newton, paths
 from ddmpi.methods.krylov import FORCING
 
 DOCS = scenes.ROOT / "docs"
@@ -179,6 +179,8 @@ def test_theory_has_the_numbers_of_the_code():
             f"the length, 1 to {newton.LENGTHS[-1]:g}, that leaves least",
             f"is below {count[int(newton.ERROR)]} times that",
             f"Where {count[newton.PATIENCE]} steps leave more than {newton.PROGRESS:g} of the smallest residual",
+            f"as long as each leaves less than {newton.WORTH:g} of the residual", f"δ = {paths.SOFTEST:g}, 100, 10",
+            f"are tried where the residual is below {paths.NEAR:g}",
             f"ε = 1e{np.log10(newton.HELD_LOOSELY):.0f}, and D_s",
             f"GMRES solves it to 1e{np.log10(FORCING):.0f}",
             f"all below {certificate.FACTOR:g} times the tolerance (and {certificate.LARGEST_LIMIT:g}, whatever",

@@ -1,0 +1,358 @@
+"""Two paths to where Newton's own steps converge: a layer that gets harder, and a barrier that gets lower.
+
+Where bodies hinge, jam or slide as wholes, a few closed nodes hold them, and a Newton step that guesses these wrong
+leads nowhere. Both paths solve a series of easier problems, each from the answer of the one before, by the same linear
+problem with a diagonal D added (`ddmpi.methods.krylov`).
+
+Softening puts a layer of compliance D = δ/c between the bodies, so that many nodes carry load: s = P(−r/D). As δ falls,
+hinges and zones that stick shrink gradually, and the active sets of one stage nearly fit the next.
+
+Interior points replace each bound by a barrier μ: s w = μ for forces s and gaps w, p (g − s_t) = μ and q (g + s_t) = μ
+for what slips at either bound, which follows the pressure (Wright, Primal-dual interior-point methods, 1997, for
+convex problems). They let bodies cross clearances, and move where friction decides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ddmpi.coupling.joint import Joint
+from ddmpi.interface.law import Linearised
+from ddmpi.system.numbers import norm
+
+SOFTEST, HARDEST, HARDER = 1e3, 1e-7, 0.1
+"""δ of the first and the last stage, and of each stage over that of the one before."""
+
+LATE, SETTLED, SETTLED_LATE = 0.2, 0.2, 0.02
+"""A stage is over when it leaves less than the second part of the forces; the third from the first δ on."""
+
+MOST_STEPS = 15
+"""Most steps of a stage."""
+
+STUCK, GAIN = 4, 0.9
+"""A stage that has not left less than the second part of its smallest residual for so many steps leads nowhere."""
+
+FULL, KEPT = 3, 0.8
+"""A stage has no answer where so many full steps running each leave more than the second part of the residual."""
+
+STIFF = 0.011
+"""Newton's own steps are tried after each stage from this δ on."""
+
+SLOPE, ZERO = 0.5, 0.1
+"""The full step is taken where the energy rises at its end by less than the first part of how it falls at the start;
+otherwise its least is looked for, until the second part is left."""
+
+SHORTEST, LENGTHS, CLOSER, REFINEMENTS = 1e-9, 46, 12, 3
+"""Shortest step; how many lengths down to it are looked at in one reduction, and how many between two of them, so many
+times."""
+
+DRIFT, CLOSING, DRIFTS = 1e-4, 1e-3, 2
+"""After so many late stages running without an answer no equilibrium is to be expected, where loads above the first
+part of all are left and nothing closes faster than the second part of the largest velocity at a contact."""
+
+UNSEEN = 1e-20
+"""Squares of motions at contacts below this part of the largest are rounding."""
+
+TO_BOUND = 0.99
+"""A step of interior points goes to this part of the way to the nearest bound."""
+
+LOWER = ((0.9, 0.1), (0.3, 0.3), (0.0, 0.8))
+"""The barrier falls to the second number where the last step was longer than the first."""
+
+NEAR = 1e-2
+"""Newton's own steps are tried from interior points with a smaller residual."""
+
+MOST_POINTS, SHORT, SHORTS = 60, 1e-3, 5
+"""Interior points are given up after so many steps, and after the last number of steps shorter than the second."""
+
+
+class Point(NamedTuple):
+    """Forces and what follows from them; also a change of these, along which all of it is linear.
+
+    Attributes
+    ----------
+    s, r : (size,) forces (N) and gaps (m)
+    alpha : motions of loose bodies (m)
+    left : e − G s, the loads on these motions that the forces leave (N)
+    """
+
+    s: np.ndarray
+    r: np.ndarray
+    alpha: np.ndarray
+    left: np.ndarray
+
+    def along(self, change: Point, length: float) -> Point:
+        """The point at this length of the step `change`."""
+        return Point(*(own + length * step for own, step in zip(self, change, strict=True)))
+
+
+Solve = Callable[..., Point]
+"""`Newton.direction`: solve(point, linearised, change, wanted, layer)."""
+
+
+class Softening:
+    """The stages of a layer, from the forces zero on.
+
+    Parameters
+    ----------
+    joint : the operator
+    c : (size,) half the joint moduli, which turn gaps into forces
+
+    Attributes
+    ----------
+    point : the iterate
+    ready : whether Newton's own steps are worth trying from it
+    failed : whether the path leads nowhere
+    drifts : whether loose bodies go on and on, so that no equilibrium is to be expected: a finding, not a proof
+    """
+
+    kind = "softening"
+
+    def __init__(self, joint: Joint, c: np.ndarray) -> None:
+        self._joint, self._space, self._laws, self._c = joint, joint.space, joint.space.laws, c
+        self._bonded = joint.space.spread([interface.law.name == "bonded" for interface in joint.space.interfaces]) > 0
+        self._sloped = joint.space.largest(np.array([self._laws.largest_slope])) > 0.0  # else there is an equilibrium
+        zero = np.zeros(joint.size)
+        self.point = Point(zero, -joint.d, np.zeros(joint.rigid.size), joint.imbalance(zero))
+        self._delta, self._seen = SOFTEST, 0.0  # of the present layer, and of the one that the active sets are of
+        self._drifting = 0
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begin a stage."""
+        self._steps = self._full = self._since = 0
+        self._far = self._smallest = np.inf
+        self.ready = self.failed = False
+
+    @property
+    def stage(self) -> str:
+        return f"layer {self._delta:.0e}"
+
+    @property
+    def drifts(self) -> bool:
+        return self._drifting >= DRIFTS
+
+    def go_on(self) -> None:
+        """Begin the next stage, as Newton's own steps have not converged."""
+        self._delta *= HARDER
+        self._begin()
+        self.failed = self._delta < 0.5 * HARDEST
+
+    def step(self, solve: Solve) -> None:
+        """One step of the stage, or the first one of the next. Collective; raises what `solve` raises."""
+        point, first = self.point, not self._seen
+        if first:
+            active, q = self._laws.sticking(self._joint.first_closed()), point.s
+        else:
+            q = self._pressed(point, self._seen)
+            active = self._laws.active_sets(q)
+        linearised, layer = self._laws.linearise(active), np.where(self._bonded, 0.0, self._delta / self._c)
+        change = self._towards(solve, linearised, layer)
+        length = 1.0 if first else self._length(change, None)
+        if not length:  # with the bound as it is the energy is convex, and falls
+            change = self._towards(solve, linearised.frozen(q), layer)
+            length = self._length(change, self._laws.bound_at(q)) or 1.0
+        self.point = point.along(change, length)
+        self._judge(length, change)
+
+    def _towards(self, solve: Solve, linearised: Linearised, layer: np.ndarray) -> Point:
+        s = self.point.s
+        change = linearised.move(s)
+        return solve(self.point, linearised, change, -layer * (s + change), layer)
+
+    def _pressed(self, point: Point, delta: float) -> np.ndarray:
+        """q (size,) whose projection are the forces of a layer; of bonded rows, the forces that close them."""
+        own = -self._c / delta * point.r
+        return np.where(self._bonded, point.s - self._c * point.r, own) if self._bonded.any() else own
+
+    def _slopes(self, change: Point, lengths: np.ndarray, bound: np.ndarray | None) -> np.ndarray:
+        """Derivatives (k,) of the energy (J) by the length of the step, at the `lengths` (k,), in one reduction.
+
+        φ' = dr·(s − P(−r/D)) − dα·(e − G s): what bodies and layer store less what the loads do. The bonded rows
+        stay closed. `bound` (mt,): of frozen slip bounds, None where they follow the pressure.
+        """
+        way, found = np.where(self._bonded, 0.0, change.r), []
+        project = self._laws.project if bound is None else self._laws.frozen(bound).project
+        for t in lengths:
+            there = self.point.along(change, t)
+            found.append(way @ (there.s - project(self._pressed(there, self._delta))))
+        rigid = change.alpha @ self.point.left + lengths * (change.alpha @ change.left)
+        return self._space.add(np.array(found)) - rigid
+
+    def _length(self, change: Point, bound: np.ndarray | None) -> float:
+        """The length of the step; zero where the energy does not fall along it."""
+        t = np.concatenate([[0.0], np.geomspace(SHORTEST, 1.0, LENGTHS)])
+        slopes = self._slopes(change, t, bound)
+        falls = -slopes[0]
+        if not falls > 0.0:
+            return 0.0
+        if slopes[-1] <= SLOPE * falls:
+            return 1.0
+        for _ in range(REFINEMENTS):
+            k = int(np.argmax(slopes > 0.0))
+            t = np.linspace(t[k - 1], t[k], CLOSER)
+            slopes = self._slopes(change, t, bound)
+            best = int(np.argmin(np.abs(slopes)))
+            if abs(slopes[best]) <= ZERO * falls:
+                return float(t[best])
+        return float(t[best])
+
+    def _judge(self, length: float, change: Point) -> None:
+        """Look at where a step of this length has led; whether the stage is over, and what follows. Collective."""
+        point, before = self.point, self._far
+        misfit = point.s - self._laws.project(self._pressed(point, self._delta))
+        contact, size, moved = self._space.norms([misfit, point.s, change.s])
+        self._far, self._seen = float(np.hypot(contact, norm(point.left))), self._delta
+        self._steps += 1
+        self._full = self._full + 1 if length == 1.0 and self._far > KEPT * before else 0
+        self._since = 0 if self._far <= GAIN * self._smallest else self._since + 1
+        self._smallest = min(self._smallest, self._far)
+        late = self._delta <= LATE
+        settled, hopeless = self._far <= (SETTLED_LATE if late else SETTLED) * size, self._full >= FULL
+        if not settled and not (moved or norm(change.alpha)):  # all is open, and what falls has nothing to fall on
+            self.failed = True
+            return
+        if not settled and not hopeless:
+            self.failed = self._since >= STUCK or self._steps >= MOST_STEPS
+            return
+        self._drifting = self._drifting + 1 if hopeless and not settled and late and self._falls() else 0
+        if self._delta <= STIFF:
+            self.ready = True
+        else:
+            self.go_on()
+
+    def _falls(self) -> bool:
+        """Whether loose bodies are out of balance and on the way to no contact that could hold them. Collective."""
+        joint, left = self._joint, self.point.left
+        if not self._sloped or not norm(left) > DRIFT * norm(joint.e):
+            return False
+        seen = self._space.add(np.asarray(joint.rigid.Z.multiply(joint.rigid.Z).sum(axis=0)).ravel())
+        ones = seen > UNSEEN * seen.max(initial=0.0)  # the others are motions that no contact resists
+        closing = joint.rigid.spread(np.where(ones, left / np.where(ones, seen, 1.0), 0.0))
+        largest = self._space.largest(closing)
+        for interface, part in self._space.each():
+            normal = slice(part.start, part.start + interface.m)
+            closing[part.start + interface.m:part.stop] = 0.0
+            closing[normal][self.point.s[normal] != 0.0] = 0.0
+        return not self._space.any(closing > CLOSING * largest)
+
+    def state(self) -> dict[str, Any]:
+        return _state(self)
+
+    def restore(self, state: dict[str, Any]) -> None:
+        _restore(self, state)
+
+
+class InteriorPoints:
+    """Interior points, from forces that are as large as the loads on.
+
+    Parameters and attributes as for `Softening`. Collective.
+    """
+
+    kind = "interior points"
+    drifts = False
+
+    def __init__(self, joint: Joint, c: np.ndarray) -> None:
+        self._joint, self._space, self._laws = joint, joint.space, joint.space.laws
+        size, space = joint.size, joint.space
+        self._normal, self._sliding, source = np.zeros(size, bool), np.zeros(size, bool), np.arange(size)
+        for interface, part in space.each():
+            if interface.law.name != "bonded":
+                end = part.start + interface.m
+                self._normal[part.start:end] = self._sliding[end:part.stop] = True
+                source[end:part.stop] = part.start + np.repeat(interface.law.sliding, interface.law.components)
+        self._source = source
+        number = float(space.add(np.array([float(np.count_nonzero(self._normal))]))[0])
+        force = max(norm(joint.e), space.norm(c * joint.d)) / np.sqrt(max(number, 1.0))
+        s = np.where(self._normal, force, 0.0)
+        bound, _ = self._bounds(s)
+        self._given = self._sliding & ~(bound > 0.0)  # no friction force at all
+        self._sliding = self._sliding & ~self._given
+        self._w = np.where(self._normal, np.maximum(space.opening, force / c), 0.0)
+        self._barrier = self._mean(s)
+        self._p = np.where(self._sliding, self._barrier / np.where(self._sliding, bound, 1.0), 0.0)
+        self._q = self._p.copy()
+        self.point = Point(s, -joint.d, np.zeros(joint.rigid.size), joint.imbalance(s))
+        self._last, self._steps, self._shorts, self.failed = 1.0, 0, 0, False
+
+    @property
+    def stage(self) -> str:
+        return f"barrier {self._barrier:.0e}"
+
+    ready = True
+    """Newton's own steps are tried wherever the residual is below NEAR."""
+
+    def go_on(self) -> None:
+        """Nothing to do: the next step goes on."""
+
+    def _bounds(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Slip bounds (N) and their slopes (size,) at tangential rows, under the forces s (size,)."""
+        bound, slope = np.zeros(len(s)), np.zeros(len(s))
+        for interface, part in self._space.each():
+            law, rows = interface.law, slice(part.start + interface.m, part.stop)
+            if law.name != "bonded":
+                bound[rows] = np.repeat(law.bound_at(s[part]), law.components)
+                slope[rows] = np.repeat(law.slope(np.maximum(s[part][:law.m], 0.0)), law.components)
+        return bound, slope
+
+    def _mean(self, s: np.ndarray) -> float:
+        """The mean of s w over the normal rows (J). Collective."""
+        work, number = self._space.add(np.array([s @ self._w, float(np.count_nonzero(self._normal))]))
+        return float(work / max(number, 1.0))
+
+    def step(self, solve: Solve) -> None:
+        """One step. Collective; raises what `solve` raises."""
+        normal, sliding, w = self._normal, self._sliding, self._w
+        if not self._steps:
+            self.point = self.point._replace(r=self._joint.product(self.point.s, "newton") - self._joint.d)
+        point, s = self.point, self.point.s
+        mu = self._barrier = self._mean(s) * next(part for least, part in LOWER if self._last >= least)
+        bound, slope = self._bounds(s)
+        one, two = (np.where(sliding, room, 1.0) for room in (bound - s, bound + s))
+        pressure = np.where(normal, s, 1.0)
+        layer = np.where(normal, w / pressure, self._p / one + self._q / two)
+        coupling = np.where(sliding, slope * (self._p / one - self._q / two) / np.where(sliding, layer, 1.0), 0.0)
+        rows = np.flatnonzero(sliding)
+        linearised = Linearised(~self._given, rows, self._source[rows], coupling[rows], np.zeros(len(s)))
+        wanted = np.where(normal, mu / pressure, np.where(sliding, mu / two - mu / one, 0.0))
+        change = solve(point, linearised, np.zeros(len(s)), wanted, layer)
+        ds, follows = change.s, slope * change.s[self._source]
+        moves = [(s, ds, normal), (w, (mu - w * ds) / pressure - w, normal),
+                 (one, follows - ds, sliding), (two, follows + ds, sliding),
+                 (self._p, (mu - self._p * (follows - ds)) / one - self._p, sliding),
+                 (self._q, (mu - self._q * (follows + ds)) / two - self._q, sliding)]
+        shrinks = [float((-step[where] / now[where]).max(initial=0.0)) for now, step, where in moves]
+        fastest = self._space.largest(np.array(shrinks))
+        length = min(1.0, TO_BOUND / fastest) if fastest else 1.0
+        self._w, self._p, self._q = (np.where(where, now + length * step, 0.0)
+                                     for now, step, where in (moves[1], moves[4], moves[5]))
+        self.point, self._last, self._steps = point.along(change, length), length, self._steps + 1
+        self._shorts = self._shorts + 1 if length < SHORT else 0
+        self.failed = self._steps >= MOST_POINTS or self._shorts >= SHORTS or not np.isfinite(fastest)
+
+    def state(self) -> dict[str, Any]:
+        return _state(self)
+
+    def restore(self, state: dict[str, Any]) -> None:
+        _restore(self, state)
+
+
+Path = Softening | InteriorPoints
+
+NOTED = {Softening: ("_delta", "_seen", "_drifting", "_steps", "_full", "_since", "_far", "_smallest", "ready",
+                     "failed"),
+         InteriorPoints: ("_w", "_p", "_q", "_last", "_steps", "_shorts", "_barrier", "failed")}
+"""What a path depends on from one iteration to the next, beside its point."""
+
+
+def _state(path: Path) -> dict[str, Any]:
+    return path.point._asdict() | {name.lstrip("_"): getattr(path, name) for name in NOTED[type(path)]}
+
+
+def _restore(path: Path, state: dict[str, Any]) -> None:
+    path.point = Point(*(state[name] for name in Point._fields))
+    for name in NOTED[type(path)]:
+        setattr(path, name, state[name.lstrip("_")])

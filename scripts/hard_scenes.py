@@ -1,0 +1,162 @@
+#!/usr/bin/env bash
+"exec" "bash" "-c" '. "${0%/*}/setup.sh"; exec "$PYTHON" "$0" "$@"' "$0" "$@"  # to Python, a string
+
+__doc__ = """Hard scenes: where bodies hinge, jam, fall or slide as wholes, and what Newton's method takes for them.
+
+    scripts/hard_scenes.py                         # the table docs/tables/hard_scenes.md, about a minute
+    scripts/hard_scenes.py --only arch             # the scenes whose name has this word, to the screen
+    mpirun -n 2 python scripts/hard_scenes.py      # the same on two ranks
+
+Products are multiplications by a body's compliance, all over the number of bodies. Ends with 1 where a scene takes more
+steps or products than its limit, or is not certified.
+"""
+
+import argparse
+import math
+import sys
+import tomllib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+import scenes
+from mpi4py import MPI
+
+import ddmpi
+
+ROOT = Path(__file__).resolve().parents[1]
+HARD = ROOT / "scripts" / "hard"
+Scene = dict[str, Any]
+STEPS, PRODUCTS, ANY = 30, 300, math.inf
+"""Most steps, and most products a body where these are limited."""
+
+
+def arch(nx: int, ny: int, spread: float) -> Scene:
+    """configs/arch.toml with other divisions, and its right springing moved by `spread` metres."""
+    scene = tomllib.loads((ROOT / "configs" / "arch.toml").read_text(encoding="utf-8"))
+    for body in scene["body"]:
+        body["mesh"]["divisions"] = [nx, ny]
+    scene["rigid"][1]["displacement"] = [spread, 0.0]
+    return scene
+
+
+def material(modulus: float = 2.1e11) -> dict[str, float]:
+    return {"young": modulus, "poisson": 0.3}
+
+
+def coulomb(coefficient: float) -> dict[str, Any]:
+    return {"law": "coulomb", "coefficient": coefficient}
+
+
+def turned(corners: list[tuple[float, float]], degrees: float) -> list[list[float]]:
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return [[c * x - s * y, s * x + c * y] for x, y in corners]
+
+
+def tube(friction: float) -> Scene:
+    """A tube that falls through the clearance of a rigid bore, far more than it gives way, and rolls aside."""
+    return {"body": [{"name": "tube", "material": material(), "volume_force": [0.0, -1e5],
+                      "mesh": {"shape": "annulus", "center": [0.0, 0.0], "radii": [0.9, 1.0],
+                               "angles": [0.0, 360.0], "divisions": [96, 4]},
+                      "traction": [{"on": "inner", "value": [3e3, 0.0]}]}],
+            "rigid": [{"name": "bore", "shape": "circle", "center": [0.0, 0.0], "radius": 1.002, "inside": True}],
+            "contact": [{"bodies": ["tube", "bore"], "on": ["outer"], "friction": coulomb(friction)}]}
+
+
+def falling_disc(clearance: float) -> Scene:
+    """A disc that touches the top of a bore falls to its bottom."""
+    return {"body": [{"name": "disc", "material": material(), "volume_force": [0.0, -1e5],
+                      "mesh": {"shape": "annulus", "center": [0.0, 0.0], "radii": [0.3, 1.0],
+                               "angles": [0.0, 360.0], "divisions": [48, 6]}}],
+            "rigid": [{"name": "bore", "shape": "circle", "center": [0.0, -clearance], "radius": 1.0 + clearance,
+                       "inside": True}],
+            "contact": [{"bodies": ["disc", "bore"], "on": ["outer"], "friction": coulomb(0.3)}]}
+
+
+def spanner(slack: float) -> Scene:
+    """An open spanner, two jaws bonded to a handle, turns a held square nut; it tilts by its slack before it bears."""
+    half, depth = 0.5, 0.4
+    gap = half + slack
+    parts = {"nut": [(-half, -half), (half, -half), (half, half), (-half, half)],
+             "upper": [(-half, gap), (half + depth, gap), (half + depth, gap + depth), (-half, gap + depth)],
+             "lower": [(-half, -gap - depth), (half + depth, -gap - depth), (half + depth, -gap), (-half, -gap)],
+             "handle": [(half + depth, -gap - depth), (4.0, -gap - depth), (4.0, gap + depth),
+                        (half + depth, gap + depth)]}
+    divisions = {"nut": [12, 12], "upper": [17, 5], "lower": [17, 5], "handle": [30, 19]}
+    bodies = [{"name": name, "material": material(), "clamp": [], "mesh": {
+        "shape": "quadrilateral", "corners": turned(corners, 7.0), "divisions": divisions[name]}}
+        for name, corners in parts.items()]
+    bodies[0]["mesh"] = {"shape": "quadrilateral", "corners": turned(parts["nut"], 7.0), "divisions": divisions["nut"]}
+    bodies[0]["clamp"] = ["left"]
+    bodies[3]["traction"] = [{"on": "right", "value": turned([(0.0, -2e5)], 7.0)[0]}]
+    return {"body": bodies, "contact": [
+        {"bodies": ["upper", "nut"], "on": ["bottom", "top"], "friction": coulomb(0.2)},
+        {"bodies": ["lower", "nut"], "on": ["top", "bottom"], "friction": coulomb(0.2)},
+        {"bodies": ["upper", "handle"], "on": ["right", "left"], "kind": "bonded"},
+        {"bodies": ["lower", "handle"], "on": ["right", "left"], "kind": "bonded"}]}
+
+
+def sprags(friction: float) -> Scene:
+    """Three leaning blocks jam between a race that is pressed down and dragged along, and a rigid one."""
+    lean, bodies, contacts = 0.25, [], []
+    for k in range(3):
+        x = 1.5 * k
+        bodies.append({"name": f"sprag{k}", "material": material(), "mesh": {
+            "shape": "quadrilateral", "divisions": [6, 12],
+            "corners": [[x, 0.0], [x + 0.5, 0.0], [x + 0.5 + lean, 1.0], [x + lean, 1.0]]}})
+        contacts += [{"bodies": ["race", f"sprag{k}"], "on": ["bottom", "top"], "friction": coulomb(friction)},
+                     {"bodies": [f"sprag{k}", "floor"], "on": ["bottom"], "friction": coulomb(friction)}]
+    race = {"name": "race", "material": material(), "traction": [{"on": "top", "value": [2e4, -1e5]}],
+            "mesh": {"shape": "rectangle", "origin": [-0.25, 1.0], "size": [4.75, 0.5], "divisions": [57, 6]}}
+    return {"body": [race, *bodies], "contact": contacts,
+            "rigid": [{"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}]}
+
+
+def cases() -> Iterator[tuple[str, Callable[[], str], int, float]]:
+    """Names, scenes as text or file, and limits of steps and products."""
+    for nx, ny, spread in ((12, 8, 5), (8, 8, 5), (8, 8, 1), (16, 16, 20), (16, 8, 5), (12, 12, 1), (12, 12, 5),
+                           (12, 12, 20)):
+        yield (f"arch, {nx} × {ny}, spread by {spread} mm",
+               lambda nx=nx, ny=ny, spread=spread: scenes.to_toml(arch(nx, ny, 1e-3 * spread)), STEPS, PRODUCTS)
+    yield "pipe clamp with two bolts", lambda: str(HARD / "clamp.toml"), 40, 400
+    for name in ("l100", "soft_springs"):
+        yield f"pad on a slope between soft springs, {name}", lambda name=name: str(HARD / f"{name}.toml"), 40, ANY
+    for friction in (0.1, 0.2, 0.3):
+        yield f"loose tube, 𝓕 = {friction}", lambda friction=friction: scenes.to_toml(tube(friction)), STEPS, ANY
+    for slack in (1e-4, 1e-3):
+        yield f"spanner on a nut, slack {slack:g}", lambda slack=slack: scenes.to_toml(spanner(slack)), STEPS, ANY
+    for friction in (0.3, 0.5):
+        yield f"sprags, 𝓕 = {friction}", lambda friction=friction: scenes.to_toml(sprags(friction)), STEPS, ANY
+    for fall in (1e-3, 1e-2):
+        yield f"disc that falls by {fall:g}", lambda fall=fall: scenes.to_toml(falling_disc(fall)), STEPS, ANY
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", default="", help="a word in the names of the scenes")
+    arguments = parser.parse_args()
+    rows, missed = [], False
+    for name, scene, steps, products in cases():
+        if arguments.only not in name:
+            continue
+        summary = ddmpi.solve(scene(), MPI.COMM_WORLD).summary
+        bodies = summary["bodies"].values()
+        made = sum(body["n_A_by_purpose"].get("newton", 0) for body in bodies) / len(bodies)
+        ok = summary["converged"] and summary["outer_iterations"] <= steps and made <= products
+        missed |= not ok
+        limits = f"{steps}, {products}" if products < ANY else f"{steps}"
+        rows.append(f"| {name} | {summary['outer_iterations']} | {made:.0f} | {limits} | "
+                    f"{'yes' if ok else 'NO: ' + summary['reason']} |")
+        if MPI.COMM_WORLD.rank == 0:
+            print(rows[-1], flush=True)
+    if MPI.COMM_WORLD.rank == 0 and not arguments.only:
+        page = ["# Hard scenes", "", "Made by `scripts/hard_scenes.py`, which says what the scenes are.", "",
+                "| scene | steps | products a body | limits | certified within them |", "|---|---|---|---|---|", *rows]
+        (ROOT / "docs" / "tables" / "hard_scenes.md").write_text("\n".join(page) + "\n", encoding="utf-8")
+    return int(missed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

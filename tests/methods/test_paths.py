@@ -1,0 +1,92 @@
+"""The paths to where Newton's method converges: their energy, their ends, and the scenes that need them."""
+
+import hard_scenes
+import numpy as np
+import pytest
+import scenes
+from mpi4py import MPI
+from test_steps import random_joint
+
+import ddmpi
+from ddmpi.methods.newton import Newton
+from ddmpi.methods.paths import Point, Softening
+
+FLOOR = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
+
+
+def energy(path: Softening, point: Point) -> float:
+    """½ sᵀCs of the bodies and what the layer stores, of a joint that clamps hold, with the slip bound zero."""
+    q = path._pressed(point, path._delta)
+    layer = path._delta / path._c
+    m = len(q) // 2
+    return 0.5 * point.s @ (point.r + path._joint.d) + 0.5 * (layer[:m] * np.maximum(q[:m], 0.0) ** 2).sum()
+
+
+@pytest.mark.parametrize("delta", [10.0, 0.1])
+def test_the_slope_along_a_step_is_that_of_the_energy(delta):
+    """Differences of the energy of bodies and layer, without friction, give the same."""
+    joint = random_joint(3, coefficient=0.0)
+    path, rng = Softening(joint, np.full(joint.size, 0.5)), np.random.default_rng(1)
+    path._delta = delta
+    s, ds = rng.standard_normal((2, joint.size))
+    path.point = Point(s, joint.C @ s - joint.d, joint.e, joint.e)
+    change = Point(ds, joint.C @ ds, joint.e, joint.e)
+    t, h = np.array([0.0, 0.3, 1.0]), 1e-5
+    slopes = path._slopes(change, t, None)
+    before, after = ([energy(path, path.point.along(change, x + step)) for x in t] for step in (-h, h))
+    assert slopes == pytest.approx((np.array(after) - before) / (2 * h), rel=1e-5)
+
+
+def test_a_step_ends_where_the_energy_is_least():
+    """The full step where the energy still falls there or hardly rises; none where it does not fall at the start."""
+    joint = random_joint(5, coefficient=0.0)
+    path, rng = Softening(joint, np.full(joint.size, 0.5)), np.random.default_rng(2)
+    s = rng.standard_normal(joint.size)
+    path.point = Point(s, joint.C @ s - joint.d, joint.e, joint.e)
+    path._delta, found = 1.0, []
+    for far in (1e-6, 1e-3, 1.0, 1e2, 1e5):
+        ds = far * rng.standard_normal(joint.size)
+        change = Point(ds, joint.C @ ds, joint.e, joint.e)
+        start, end = path._slopes(change, np.array([0.0, 1.0]), None)
+        length = path._length(change, None)
+        if start >= 0.0:
+            assert length == 0.0
+            back = Point(*(-each for each in change))
+            change, start, end = back, *path._slopes(back, np.array([0.0, 1.0]), None)
+            length = path._length(back, None)
+        assert (length == 1.0) == (end <= 0.5 * -start)
+        if length < 1.0:
+            there, = path._slopes(change, np.array([length]), None)
+            assert abs(there) <= 0.1 * -start
+        found.append(length)
+    assert min(found) < 1e-2 and max(found) == 1.0
+
+
+@pytest.mark.parametrize(("load", "falls"), [(-1e5, False), (1e5, True)])
+def test_a_body_on_its_way_to_a_contact_does_not_drift(load, falls):
+    """A block above a floor: what comes down will be held, what is lifted never will."""
+    mesh = {"shape": "rectangle", "origin": [0.0, 0.1], "size": [1.0, 1.0], "divisions": [3, 3]}
+    raised = {"name": "block", "mesh": mesh, "material": scenes.STEEL, "volume_force": [0.0, load]}
+    friction = {"law": "coulomb", "coefficient": 0.3}
+    assembly = scenes.prepare_scene(MPI.COMM_SELF, {
+        "body": [raised], "rigid": [FLOOR],
+        "contact": [{"bodies": ["block", "floor"], "on": ["bottom"], "friction": friction}]})
+    newton = Newton(assembly.joint, 10)
+    assert Softening(assembly.joint, newton._c)._falls() is falls
+
+
+@pytest.mark.parametrize("word", ["arch, 8 × 8, spread by 5", "soft_springs", "disc that falls by 0.01", "slack 0.001"])
+def test_hard_scenes_take_few_steps(word):
+    """Hinges, soft springs, a fall across a clearance, a slack spanner: certified within the study's limits."""
+    (name, scene, steps, products), = (case for case in hard_scenes.cases() if word in case[0])
+    summary = ddmpi.solve(scene(), MPI.COMM_SELF).summary
+    made = sum(body["n_A_by_purpose"]["newton"] for body in summary["bodies"].values()) / len(summary["bodies"])
+    assert summary["converged"] and summary["outer_iterations"] <= steps and made <= products, name
+
+
+@pytest.mark.mpi(ranks=[1, 2, 3])
+def test_ranks_of_unequal_unknowns_end_alike(comm):
+    """The scene that kept two ranks waiting for each other for ever; the same answer on any number of ranks."""
+    answer = ddmpi.solve(str(hard_scenes.HARD / "l100.toml"), comm)
+    assert answer.certified and answer.summary["outer_iterations"] <= 40
+    assert answer.summary["contacts"]["c"]["force"] == pytest.approx([-7732.0, 9391.6], rel=1e-4)
