@@ -108,8 +108,8 @@ MUTANTS = [Mutant(*row) for row in (
     # interface
     ("normals not averaged along a side", "interface/side", "np.add.at(normal, column, outward)",
      "normal[column] = outward", f"{SIDES}::test_side_around_a_corner_averages_normals_by_length"),
-    ("nodes at the ends have a whole edge", "interface/side", "length[nodes], free",
-     "np.maximum(length[nodes], length[nodes].mean()), free", f"{SIDES}::test_side_of_a_rectangle"),
+    ("nodes at the ends have a whole edge", "interface/side", "length[nodes], clamps",
+     "np.maximum(length[nodes], length[nodes].mean()), clamps", f"{SIDES}::test_side_of_a_rectangle"),
     ("integrals of curved sides along their chords", "interface/cover", "weight * ratio", "weight",
      "interface/test_curved_sides.py::test_points_that_face_each_other_lie_on_one_ray"),
     ("gaps of curved sides are those of parabolas", "interface/side", "- self.heights[links] * across", "",

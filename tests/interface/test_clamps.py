@@ -89,7 +89,9 @@ def test_a_bond_must_not_be_torn(x, y, gap, said, below):
 @meshes
 def test_what_clamps_leave_free_contradicts_nothing(below):
     """One body that can give way, or one component of a slanted normal."""
-    assert blocks(left(x=0.0), left(x=0.0, y=1.0), below) == ""
+    for kind in ("unilateral", "bonded"):
+        assert blocks(left(x=0.0), left(x=0.0, y=1.0), below, kind=kind) == ""
+        assert blocks(left(x=0.0, y=-1.0), left(x=0.0), below, kind=kind) == ""
     assert blocks(left(y=-1.0), left(y=0.0), below) != ""  # along y they cannot, whatever x does
     assert blocks(left(y=-1.0), left(y=0.0), below, angle=0.1) == ""  # along the normal they can, a little
     said = blocks(left(x=0.1, y=-1.0), left(x=0.0, y=0.0), below, angle=0.1)
