@@ -23,7 +23,7 @@ from ddmpi.coupling.joint import Joint
 from ddmpi.interface.law import Linearised
 from ddmpi.system.numbers import norm
 
-SOFTEST, HARDEST, HARDER = 1e3, 1e-7, 0.1
+SOFTEST, HARDEST, HARDER = 1e3, 1e-3, 0.1
 """δ of the first and the last stage, and of each stage over that of the one before."""
 
 LATE, SETTLED, SETTLED_LATE = 0.2, 0.2, 0.02
@@ -32,7 +32,7 @@ LATE, SETTLED, SETTLED_LATE = 0.2, 0.2, 0.02
 MOST_STEPS = 15
 """Most steps of a stage."""
 
-STUCK, GAIN = 4, 0.9
+STUCK, GAIN = 3, 0.9
 """A stage that has not left less than the second part of its smallest residual for so many steps leads nowhere."""
 
 FULL, KEPT = 3, 0.8
@@ -59,13 +59,13 @@ UNSEEN = 1e-20
 TO_BOUND = 0.99
 """A step of interior points goes to this part of the way to the nearest bound."""
 
-LOWER = ((0.9, 0.1), (0.3, 0.3), (0.0, 0.8))
+LOWER = ((0.9, 0.1), (0.5, 0.2), (0.2, 0.5), (0.0, 0.8))
 """The barrier falls to the second number where the last step was longer than the first."""
 
-NEAR = 1e-2
+NEAR = 3e-3
 """Newton's own steps are tried from interior points with a smaller residual."""
 
-MOST_POINTS, SHORT, SHORTS = 60, 1e-3, 5
+MOST_POINTS, SHORT, SHORTS = 25, 1e-3, 5
 """Interior points are given up after so many steps, and after the last number of steps shorter than the second."""
 
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from ddmpi.interface.interface import Lines
-from ddmpi.results.fields import MANY, STATUS, contact_fields, write_fields, write_xdmf
+from ddmpi.results.fields import MANY, contact_fields, write_fields, write_xdmf
+from ddmpi.results.tables import STATUS
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -68,7 +69,7 @@ def test_bodies_and_contacts_are_grids_of_their_names(tmp_path, order):
         for ours, theirs in {"pressure": "normal_stress", "friction": "tangential_stress", "gap": "gap", "slip": "slip",
                              "slip_total": "slip_total"}.items():
             assert grid[ours].tolist() == [float(row[theirs]) for row in table], ours
-        assert [STATUS[k] for k in grid["status"]] == [row["status"] for row in table]
+        assert [STATUS[int(k)] for k in grid["status"]] == [row["status"] for row in table]
         assert grid["Geometry"].tolist() == [[float(row["x"]), float(row["y"]), 0.0] for row in table]
         assert grid["Topology"].tolist() == [[k, k + 1] for k in range(len(table) - 1)]
     assert len(meshio.read(tmp_path / "result.xdmf").points) == sum(len(grids[name][0]["Geometry"])
