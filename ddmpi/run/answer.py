@@ -86,8 +86,8 @@ class Answer:
         return "\n    ".join(lines)
 
 
-def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None, overrides: Mapping[str, Any] | None,
-          progress: bool) -> Answer:
+def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
+          overrides: Mapping[str, Any] | None = None, progress: bool = False) -> Answer:
     """`ddmpi.solve`. Collective."""
     world = in_lockstep(MPI.COMM_WORLD if comm is None else comm)
     in_words = isinstance(scene, Mapping) or "\n" in str(scene)
