@@ -48,7 +48,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
                 named(report) for report in sorted(ranks(item), key=lambda report: report.failed)]
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def comm(comm):
     """All ranks; their collectives are compared."""
     from ddmpi.system.agreement import in_lockstep

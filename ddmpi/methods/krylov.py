@@ -62,18 +62,20 @@ class LinearProblem:
     preconditioner : for all active sets
     linearised : the forces that the active set implies
     layer : (joint.size,) compliance D (m/N) of a layer or a barrier; None for none
+    precise : whether the forces are to be known as well as the displacements, which slender bodies need
 
     Construction is collective.
     """
 
     def __init__(self, joint: Joint, preconditioner: Preconditioner, linearised: Linearised,
-                 layer: np.ndarray | None = None) -> None:
+                 layer: np.ndarray | None = None, precise: bool = False) -> None:
         self.joint, self.linearised, self._half_plane = joint, linearised, preconditioner.half_plane
         self._unknown, self._whole = linearised.unknown, np.zeros(joint.size)
         D = np.zeros(joint.size) if layer is None else layer
         self._D = (preconditioner.shared + D)[linearised.unknown]
         self._weight = 1.0 / np.sqrt(1.0 + D * preconditioner.c)
         self._rigid = joint.rigid.size
+        self._precise = precise or self._rigid > 0
         self._coarse: CoarseSystem | None = None
         if preconditioner.motions.size:
             weights = [self._weight[part, None] for part in joint.space.parts.values()]
@@ -123,7 +125,7 @@ class LinearProblem:
             ksp.getPC().setType(PETSc.PC.Type.NONE)
             ksp.setTolerances(rtol=FORCING, atol=0.0, max_it=KRYLOV_LIMIT)
             ksp.setFromOptions()
-            if self._rigid:
+            if self._precise:
                 ksp.setConvergenceTest(self._converged)
             call_solver(ksp.solve, b, w)
             reason = ksp.getConvergedReason()

@@ -293,7 +293,7 @@ class Newton:
         alpha, C_change, unknown = np.zeros(rigid.size), np.zeros_like(change), linearised.unknown
         problem, y = None, np.zeros(linearised.number)
         if space.any(unknown):
-            problem = LinearProblem(joint, self._preconditioner, linearised, layer)
+            problem = LinearProblem(joint, self._preconditioner, linearised, layer, self._path is not None)
             if rigid.size:  # the nearest forces by half-planes that balance the loads
                 y, alpha = problem.precondition(y, joint.imbalance(point.s + change))
                 change = change + linearised.expand(y)

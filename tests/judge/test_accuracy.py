@@ -93,7 +93,7 @@ def test_refined_scene_has_finer_meshes_and_nothing_else():
 
 def test_halved_mesh(tmp_path):
     """Halved meshes have the same shape, groups and orientation."""
-    mesh = read_mesh("meshes/punch_base.msh", "base")
+    mesh = read_mesh(Path("meshes/punch_base.msh"), "base")
     fine = halve(halve(mesh, "mesh"), "mesh")
     assert len(fine.triangles) == 16 * len(mesh.triangles)
     assert {name: len(edges) for name, edges in fine.groups.items()} == {

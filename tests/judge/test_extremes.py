@@ -241,7 +241,7 @@ def test_a_huge_friction_coefficient_ends_in_good_order(comm):
             "along": "x", "points": [0.0, 1.0, 2.0, 3.0], "values": [0.0, F, F, 0.5]}}
         made["method"]["max_iterations"] = 150
         _, answer, outer, _ = find_answer(comm, made)
-        assert answer.certified or answer.stopped == "max_iterations"
+        assert answer.certified or answer.stopped in ("max_iterations", "stalled")
         updates = [step.update for step in outer.history]
         assert sum(update == 0.0 for update in updates) <= 10, "iterations that do nothing"
 

@@ -339,7 +339,7 @@ def test_a_cluster_removes_only_what_it_has_made(tmp_path, folder, code):
 
     def start() -> int:
         return subprocess.run([SLURM / "local_cluster.sh", "start"], env=environment, capture_output=True,
-                              timeout=60).returncode
+                              timeout=scenes.LIMIT).returncode
 
     if folder == "ours":
         assert start() == 0
