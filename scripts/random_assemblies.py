@@ -6,8 +6,10 @@ __doc__ = """Random assemblies: ddmpi against the brute-force reference of the t
     scripts/random_assemblies.py --seeds 0:300                    # ddmpi on one rank
     mpirun -n 3 python scripts/random_assemblies.py --seeds 7     # on several
     scripts/random_assemblies.py --reference-only --seeds 0:50    # only the reference
+    scripts/random_assemblies.py --no-reference --seeds 0:600     # only steps and products of ddmpi; two minutes
 
-A line for each seed, then a table of families. Ends with 1 if a verdict is among `WRONG`. Verdicts:
+A line for each seed, then a table of families, and what ddmpi took: products are multiplications by a body's compliance
+over the number of bodies. Ends with 1 if a verdict is among `WRONG`. Verdicts:
 
 agrees        certified, displacement within --tolerance of the reference's
 another       certified, displacement elsewhere but a solution, too: friction need not leave one only
@@ -38,6 +40,9 @@ import scenes
 
 WRONG = {"differs", "missed", "unreported", "failed"}
 
+STEPS, PRODUCTS = 40, 400
+"""Seeds that take more of either are named."""
+
 SOLUTION = 1e-5
 """Violation (`assemblies.violation`) up to which displacements count as a solution."""
 
@@ -64,7 +69,13 @@ def solve(scene: dict[str, Any], comm: Any) -> SimpleNamespace:
     for part in comm.allgather({name: (body.points, body.displacement) for name, body in answer.bodies.items()}):
         bodies |= {name: SimpleNamespace(points=points, displacement=u) for name, (points, u) in part.items()}
     return SimpleNamespace(error="", certified=answer.certified, reason=answer.reason, bodies=bodies,
-                           steps=answer.summary.get("outer_iterations", 0))
+                           steps=answer.summary.get("outer_iterations", 0), products=products(answer.summary))
+
+
+def products(summary: dict[str, Any]) -> float:
+    """Multiplications by a body's compliance in the iteration, over the number of bodies."""
+    made = [body["n_A_by_purpose"].get("newton", 0) for body in summary["bodies"].values()]
+    return sum(made) / len(made)
 
 
 def reason_word(reference: assemblies.Solution) -> str:
@@ -99,6 +110,7 @@ def main() -> int:
     parser.add_argument("--seeds", type=numbers, default=numbers("0:300"), help="A:B, or seeds with commas")
     parser.add_argument("--tolerance", type=float, default=1e-6, help="of displacements, over the largest one")
     parser.add_argument("--reference-only", action="store_true")
+    parser.add_argument("--no-reference", action="store_true")
     parser.add_argument("--write", type=Path, help="folder for the scenes' TOML files; nothing is solved")
     arguments = parser.parse_args()
     if arguments.write:
@@ -115,18 +127,25 @@ def main() -> int:
         first = comm.rank == 0
     tally: Counter[tuple[str, str]] = Counter()
     attempts: Counter[str] = Counter()
+    taken: dict[int, tuple[int, float]] = {}
     if first:
         print("seed family         N law        dofs rows  reference        steps    s  verdict     ddmpi: steps    s")
     for seed in arguments.seeds:
         scene = assembly_scenes.random_scene(seed)
         reference, verdict, words, last = None, "", "", ""
         start = time.perf_counter()
-        if first:
+        if first and not arguments.no_reference:
             reference = assemblies.solve(scene)
         between = time.perf_counter()
         answer = solve(scene, comm) if comm else None
         end = time.perf_counter()
         if not first:
+            continue
+        if answer and not answer.error:
+            taken[seed] = answer.steps, answer.products
+        if reference is None:
+            print(f"{seed:4d} {scene['title']:42s} {taken.get(seed, (0, 0.0))[0]:3d} steps "
+                  f"{taken.get(seed, (0, 0.0))[1]:6.0f} products  {answer.error or answer.reason}", flush=True)
             continue
         if answer is None:
             verdict = "solved" if reference.converged else reason_word(reference)
@@ -142,6 +161,11 @@ def main() -> int:
               f"{reference.steps:5d} {between - start:5.1f}  {verdict:10s} {last}", flush=True)
     if not first:
         return 0
+    if taken:
+        steps, made = (sum(each[k] for each in taken.values()) for k in (0, 1))
+        above = [f"{seed} ({k}, {p:.0f})" for seed, (k, p) in taken.items() if k > STEPS or p > PRODUCTS]
+        print(f"\nddmpi: {steps} steps and {made:.0f} products a body; above {STEPS} or {PRODUCTS}: "
+              f"{', '.join(above) or 'none'}")
     verdicts = sorted({verdict for _, verdict in tally})
     print("\nfamily        " + "".join(f"{verdict:>12s}" for verdict in verdicts))
     for family in [*sorted({family for family, _ in tally}), "all"]:

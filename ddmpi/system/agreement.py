@@ -20,7 +20,8 @@ K = TypeVar("K")
 T = TypeVar("T")
 
 LOCKSTEP = "DDMPI_LOCKSTEP"
-"""With this environment variable set, every collective call of ours compares first where each rank calls it."""
+"""With this variable in the environment of rank 0, every collective call of ours compares first where each rank calls
+it. Launchers do not hand the environment on to other hosts."""
 
 COLLECTIVES = ("allgather", "Allgather", "allreduce", "Allreduce", "barrier", "Barrier", "bcast", "Bcast", "gather",
                "Gather", "Gatherv", "reduce", "Reduce", "scatter", "Scatter", "Scatterv", "Split", "Split_type", "Dup")
@@ -87,8 +88,8 @@ _meetings: list[MPI.Comm] = []
 
 
 def in_lockstep(comm: MPI.Comm) -> MPI.Comm:
-    """The communicator, as a `Lockstep` where the environment asks for it. Collective then."""
-    if not os.environ.get(LOCKSTEP) or comm.size == 1:
+    """The communicator, as a `Lockstep` where the environment of its first rank asks for it. Collective."""
+    if comm.size == 1 or not comm.bcast(bool(os.environ.get(LOCKSTEP))):
         return comm
     same = (each for each in _meetings if MPI.Comm.Compare(each, comm) in (MPI.IDENT, MPI.CONGRUENT))
     found = Lockstep(comm)
