@@ -129,14 +129,6 @@ class Joint:
         """e − G s (rigid.size,) in newtons: the loads on loose bodies that the forces s leave."""
         return self.e - self.rigid.sums(s)
 
-    def norm(self) -> float:
-        """An upper bound of ‖C‖ (m/N): the largest ‖C_a‖ + ‖C_b‖ of two bodies that touch each other."""
-        parts = [np.zeros(member.size) for member in self.members]
-        with self.deferred():
-            for member, part in zip(self.members, parts, strict=True):
-                part[:] = member.norm()
-        return self.space.largest(self._exchange.total(parts, "norm"))
-
     def dense(self) -> np.ndarray:
         """C as a dense matrix (m/N), where this rank or one of two holds all interfaces; the same on all ranks."""
         own = np.zeros((0, 0))

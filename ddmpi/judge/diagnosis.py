@@ -149,6 +149,8 @@ def _advice(stopped: str, factor: float, method: SettledMethod, last: Step, stuc
         return f"method.max_iterations of {wanted:.0f} or more; or leave theta out, the default method is faster"
     if method.outer == "anderson":
         return "method.outer = \"newton\", the default"
+    if stopped == "stalled":
+        return "less friction, to see where the trouble begins, or a finer mesh where few nodes bear"
     if stuck:
         return "a tighter -newton_ksp_rtol, or less friction to see where the trouble begins"
     return ("a larger method.max_iterations, a tighter -newton_ksp_rtol, method.outer = \"anderson\", "

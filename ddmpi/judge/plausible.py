@@ -231,9 +231,10 @@ def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> l
     """A warning where bodies that move by up to `moved` (m) overlap much between the nodes of a contact."""
     interface, overlap = state.interface, -state.between
     k = int(np.argmax(overlap)) if len(overlap) else 0
-    if not len(overlap) or not overlap[k] > max(DEEP * state.yielding, RESOLVED * moved):
-        return []
     body = next(each for each in assembly.bodies if each.spec.name in interface.bodies)
+    least = max(DEEP * state.yielding, RESOLVED * moved, 1e-3 * BESIDE * body.mesh.extent)
+    if not len(overlap) or not overlap[k] > least:
+        return []
     x, y = interface.probes.moved(interface.side(body.spec.name), body.mesh.points)[k]
     where, other = "at nodes that clamps nearly hold", ""
     if interface.slave:

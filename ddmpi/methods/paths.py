@@ -65,7 +65,7 @@ LOWER = ((0.9, 0.1), (0.5, 0.2), (0.2, 0.5), (0.0, 0.8))
 NEAR = 3e-3
 """Newton's own steps are tried from interior points with a smaller residual."""
 
-MOST_POINTS, SHORT, SHORTS = 25, 1e-3, 5
+MOST_POINTS, SHORT, SHORTS = 24, 1e-3, 5
 """Interior points are given up after so many steps, and after the last number of steps shorter than the second."""
 
 
@@ -192,7 +192,7 @@ class Softening:
         if slopes[-1] <= SLOPE * falls:
             return 1.0
         for _ in range(REFINEMENTS):
-            k = int(np.argmax(slopes > 0.0))
+            k = max(int(np.argmax(slopes > 0.0)), 1)
             t = np.linspace(t[k - 1], t[k], CLOSER)
             slopes = self._slopes(change, t, bound)
             best = int(np.argmin(np.abs(slopes)))
@@ -249,14 +249,16 @@ class Softening:
 class InteriorPoints:
     """Interior points, from forces that are as large as the loads on.
 
-    Parameters and attributes as for `Softening`. Collective.
+    Parameters and attributes as for `Softening`; where `before`, its last point, is given, the iterate comes back to it
+    when interior points fail. Collective.
     """
 
     kind = "interior points"
     drifts = False
 
-    def __init__(self, joint: Joint, c: np.ndarray) -> None:
+    def __init__(self, joint: Joint, c: np.ndarray, before: Point | None = None) -> None:
         self._joint, self._space, self._laws = joint, joint.space, joint.space.laws
+        self._before = before._asdict() if before else {}
         size, space = joint.size, joint.space
         self._normal, self._sliding, source = np.zeros(size, bool), np.zeros(size, bool), np.arange(size)
         for interface, part in space.each():
@@ -332,6 +334,8 @@ class InteriorPoints:
         self.point, self._last, self._steps = point.along(change, length), length, self._steps + 1
         self._shorts = self._shorts + 1 if length < SHORT else 0
         self.failed = self._steps >= MOST_POINTS or self._shorts >= SHORTS or not np.isfinite(fastest)
+        if self.failed and self._before:
+            self.point = Point(**self._before)
 
     def state(self) -> dict[str, Any]:
         return _state(self)
@@ -344,7 +348,7 @@ Path = Softening | InteriorPoints
 
 NOTED = {Softening: ("_delta", "_seen", "_drifting", "_steps", "_full", "_since", "_far", "_smallest", "ready",
                      "failed"),
-         InteriorPoints: ("_w", "_p", "_q", "_last", "_steps", "_shorts", "_barrier", "failed")}
+         InteriorPoints: ("_w", "_p", "_q", "_last", "_steps", "_shorts", "_barrier", "failed", "_before")}
 """What a path depends on from one iteration to the next, beside its point."""
 
 

@@ -129,7 +129,7 @@ class Time(Table, frozen=True, kw_only=True):
     """
 
     points: Annotated[list[Number], msgspec.Meta(min_length=1)]
-    steps: Count | None = None
+    steps: Annotated[int, msgspec.Meta(ge=1, le=10**6)] | None = None
     tolerance: Tolerance | None = None
 
     def __post_init__(self) -> None:
@@ -154,6 +154,9 @@ class SettledTime(Time, frozen=True, kw_only=True):
 REACHING = re.compile("debug|dll|python|file|string|info|trace|history|citations|malloc|mpe|tmpdir|saws|draw|display")
 """Names of PETSc's options that start programs, load code, or name files."""
 
+VIEWING, FILES = re.compile("view|monitor"), re.compile("binary|hdf5|vtk|matlab|socket|saws|adios|exodus|cgns|draw")
+"""Names of those that show something, and what has them do so in files or windows."""
+
 OWN = "ddmpi.mprgp.MPRGP"
 """The only Python class that an option of a scene may name."""
 
@@ -161,7 +164,8 @@ OWN = "ddmpi.mprgp.MPRGP"
 def check_petsc(options: Mapping[str, object]) -> None:
     """Raise ValueError where PETSc's options would reach beyond the run. Not collective."""
     for name, value in options.items():
-        reaching = REACHING.search(name.lower()) and (isinstance(value, str) or "debug" in name.lower())
+        reaching = ((REACHING.search(name.lower()) and (isinstance(value, str) or "debug" in name.lower()))
+                    or (VIEWING.search(name.lower()) and FILES.match(str(value).lower())))
         if value != OWN and (reaching or not re.fullmatch(r"(?!-\D)[^/:\s]*(::[^/:\s]*)?", str(value))):
             raise ValueError(f"petsc.{name}: could start a program or name a file, which no scene may do; give it on "
                              f"the command line, as -{name.lstrip('-')} …")

@@ -67,7 +67,7 @@ def read_scene_file(path: str | Path, settings: Sequence[str] = (), file_order: 
 def read_text(path: str | Path) -> str:
     """The text of a scene file, or an InputError that names it."""
     try:
-        return Path(path).read_text(encoding="utf-8")
+        return Path(path).read_text(encoding="utf-8-sig")
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:

@@ -363,7 +363,8 @@ SCENES = {
                               "cannot be evaluated"),
     **{f"PETSc's {name}": (changed(f"petsc.{name}", value), 2, f"petsc.{name}: could start a program or name a file")
        for name, value in {
-           "body_ksp_view": "ascii:VICTIM/thesis.txt", "log_view": ":VICTIM/thesis.txt", "info": "thesis",
+           "body_ksp_view": "ascii:VICTIM/thesis.txt", "body_ksp_view_mat": "binary",
+           "log_view": ":VICTIM/thesis.txt", "info": "thesis",
            "log_trace": "thesis", "options_file": "given", "dll_append": "given", "qp_tao_python_type": "given.code",
            "on_error_attach_debugger": True, "body_mat_mumps_ooc_tmpdir": "VICTIM", "a": "-options_file"}.items()}}
 

@@ -84,6 +84,15 @@ def test_hard_scenes_take_few_steps(word):
     assert summary["converged"] and summary["outer_iterations"] <= steps and made <= products, name
 
 
+@pytest.mark.parametrize("coefficient", [0.104, 0.2])
+def test_a_body_that_slides_off_is_named_where_interior_points_fail_too(coefficient):
+    """Friction that the linear program believes in and elastic bodies do not find: b02 slides along -x."""
+    answer = ddmpi.solve(str(hard_scenes.HARD / "drift.toml"), MPI.COMM_SELF,
+                         {"contact.c1.friction.coefficient": coefficient})
+    assert "no equilibrium found: nothing holds b02: it would move along -x" in answer.reason
+    assert answer.summary["outer_iterations"] <= 40
+
+
 @pytest.mark.mpi(ranks=[1, 2, 3])
 def test_ranks_of_unequal_unknowns_end_alike(comm):
     """The scene that kept two ranks waiting for each other for ever; the same answer on any number of ranks."""

@@ -103,7 +103,8 @@ SIDE = {"s": np.arange(12.0) + 1.0, "r": np.arange(12.0) + 2.0, "alpha": np.aran
     SIDE | {"kind": "softening", "delta": 10.0, "seen": 100.0, "drifting": 1, "steps": 5, "full": 2, "since": 3,
             "far": 0.5, "smallest": 0.25, "ready": True},
     SIDE | {"kind": "interior points", "w": np.arange(12.0) + 3.0, "p": np.arange(12.0) + 4.0,
-            "q": np.arange(12.0) + 5.0, "last": 0.25, "steps": 7, "shorts": 2, "barrier": 0.125}])
+            "q": np.arange(12.0) + 5.0, "last": 0.25, "steps": 7, "shorts": 2, "barrier": 0.125,
+            "before": {"s": np.arange(12.0), "r": np.arange(12.0), "alpha": np.arange(3.0), "left": np.arange(3.0)}}])
 def test_newton_goes_on_from_its_whole_state(path):
     """What is restored is what the state held, entry by entry; no entry is as in a new iteration."""
     state = {"s": np.arange(12.0), "r": np.arange(12.0) - 5.0, "alpha": np.arange(3.0), "left": -np.arange(3.0),
@@ -115,6 +116,8 @@ def test_newton_goes_on_from_its_whole_state(path):
     assert flat(new.state()) == flat(state)
     assert new._stalled == 4
     fresh._path = PATHS[path["kind"]](random_joint(0), fresh._c)
+    if path.get("before"):
+        fresh._path._before = dict.fromkeys(path["before"], np.zeros(0))
     other = flat(fresh.state())
     assert [name for name, value in flat(state).items() if value == other[name]] == ["path.kind"]
     assert not set(flat(state)) ^ set(other)
