@@ -123,6 +123,16 @@ class StepLog:
         return [(time, *row) for (time, _), row in zip(self.steps.all.tolist(), self.energies.all.tolist(),
                                                        strict=True)]
 
+    def excess(self, since: dict[str, Any]) -> float:
+        """How much more friction has dissipated since `lengths` than contacts took, over all that it has dissipated.
+
+        Never so in truth, it shows how coarse the steps are where slip begins within one of them.
+        """
+        rows, k = self.energies.all, int(since["energies"])
+        before = rows[k - 1] if k else np.zeros(5)
+        took, dissipated = rows[-1, 2:4] - before[2:4]
+        return max(0.0, dissipated - took) / rows[-1, 3] if rows[-1, 3] else 0.0
+
     def balance(self) -> dict[str, float]:
         """The entry ``energy`` of summary.json: the balance at the end; the worst residual over the largest energy."""
         rows = self.energies.all if len(self.energies) else np.zeros((1, 5))
