@@ -29,6 +29,9 @@ from ddmpi.system.provenance import peak_memory, provenance
 RESULTANTS = 9
 """Numbers that are noted of a contact at each step."""
 
+LITTLE = 0.1
+"""Frictional work below this part of the largest energy is little."""
+
 KINDS = tuple(field.name for field in fields(ContactResiduals))
 
 
@@ -126,12 +129,14 @@ class StepLog:
     def excess(self, since: dict[str, Any]) -> float:
         """How much more friction has dissipated since `lengths` than contacts took, over all that it has dissipated.
 
-        Never so in truth, it shows how coarse the steps are where slip begins within one of them.
+        Never so in truth, it shows how coarse the steps are where slip begins within one of them. Friction that
+        dissipates less than LITTLE of the largest energy is compared with that.
         """
         rows, k = self.energies.all, int(since["energies"])
         before = rows[k - 1] if k else np.zeros(5)
         took, dissipated = rows[-1, 2:4] - before[2:4]
-        return max(0.0, dissipated - took) / rows[-1, 3] if rows[-1, 3] else 0.0
+        size = max(rows[-1, 3], LITTLE * np.abs(rows[:, :3]).max())
+        return max(0.0, dissipated - took) / size if size else 0.0
 
     def balance(self) -> dict[str, float]:
         """The entry ``energy`` of summary.json: the balance at the end; the worst residual over the largest energy."""
