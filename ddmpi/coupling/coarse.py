@@ -18,6 +18,7 @@ from scipy.sparse.linalg import splu
 from ddmpi.coupling.exchange import Exchange
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.space import Space
+from ddmpi.errors import SolverError
 from ddmpi.petsc.events import event
 
 
@@ -127,7 +128,13 @@ class CoarseSystem:
                     each.nbytes for each in (local.row, local.col, local.data)))
             row, column, value = (np.concatenate(each) for each in zip(*entries, strict=True))
             S = sparse.csc_matrix((value, (row, column)), (motions.size, motions.size))
-            self._factors = splu((S + sparse.diags(diagonal)).tocsc(), permc_spec="MMD_AT_PLUS_A")  # nearly symmetric
+            try:
+                S = (S + sparse.diags(diagonal)).tocsc()
+                self._factors = splu(S, permc_spec="MMD_AT_PLUS_A")  # nearly symmetric
+            except (RuntimeError, ValueError) as cause:  # the same on all ranks
+                error = SolverError(f"the coarse problem of rigid motions cannot be solved: {cause}")
+                error.agreed = True
+                raise error from None
 
     def __len__(self) -> int:
         return self._factors.shape[0]

@@ -129,7 +129,7 @@ def _copy(path: Path, copies: dict[Path, Path], folder: Path, label: str) -> Pat
 
 
 def _content(path: Path, label: str) -> bytes:
-    if path.exists() and not path.is_file():  # a pipe has no end
+    if path.exists() and not path.is_file() and not path.is_dir():  # a pipe has no end
         raise InputError(f"{label}: {path} is no file")
     try:
         return path.read_bytes()

@@ -95,6 +95,7 @@ class Newton:
         self._laws = self.space.laws
         self._c = self.space.spread([0.5 * interface.modulus for interface in self.space.interfaces])
         self._preconditioner = precondition(joint, self._c)
+        self._coulomb = self.space.largest(np.array([self._laws.largest_slope])) > 0.0  # else forces can be found
         self._least = 0.0
         self.nothing = 0.0
         self.begin()
@@ -182,7 +183,7 @@ class Newton:
                 if self._path.failed and not over:
                     over = not self._next_path()
                 if over:
-                    return "drift" if norm(self._at.left) > DRIFT * norm(self.joint.e) else "stalled"
+                    return "drift" if self._coulomb and norm(self._at.left) > DRIFT * norm(self.joint.e) else "stalled"
             self._far = self._iterate(far, tolerance)
 
     def _iterate(self, far: float, tolerance: float) -> float:
@@ -201,7 +202,12 @@ class Newton:
                 self._path.step(self.direction)
             self._at = self._path.point
             far = self._distances([self._at])[0]
-            self._trying = self._path.ready and (self._path.kind == "softening" or self._relative(far) < NEAR)
+            self._path.see(self._relative(far))
+            if self._path.failed:
+                self._at = self._path.point
+                far = self._distances([self._at])[0]
+            near = self._path.kind == "softening" or self._relative(far) < NEAR
+            self._trying = self._path.ready and near and not self._path.failed
         else:
             with event("NewtonStep"):
                 far = self._newton_step(far)

@@ -65,8 +65,12 @@ LOWER = ((0.9, 0.1), (0.5, 0.2), (0.2, 0.5), (0.0, 0.8))
 NEAR = 3e-3
 """Newton's own steps are tried from interior points with a smaller residual."""
 
-MOST_POINTS, SHORT, SHORTS = 24, 1e-3, 5
+MOST_POINTS, SHORT, SHORTS = 60, 1e-3, 5
 """Interior points are given up after so many steps, and after the last number of steps shorter than the second."""
+
+IDLE, LOWEST = 8, 1e-18
+"""So they are after so many steps that neither lower the residual by a tenth nor halve the barrier, and with a barrier
+below the second part of the first one."""
 
 
 class Point(NamedTuple):
@@ -134,6 +138,9 @@ class Softening:
     @property
     def drifts(self) -> bool:
         return self._drifting >= DRIFTS
+
+    def see(self, residual: float) -> None:
+        """Nothing to do: stages are judged by what they are to solve themselves."""
 
     def go_on(self) -> None:
         """Begin the next stage, as Newton's own steps have not converged."""
@@ -279,6 +286,7 @@ class InteriorPoints:
         self._q = self._p.copy()
         self.point = Point(s, -joint.d, np.zeros(joint.rigid.size), joint.imbalance(s))
         self._last, self._steps, self._shorts, self.failed = 1.0, 0, 0, False
+        self._first, self._idle, self._smallest, self._lowest = 0.0, 0, np.inf, np.inf
 
     @property
     def stage(self) -> str:
@@ -311,8 +319,14 @@ class InteriorPoints:
         if not self._steps:
             self.point = self.point._replace(r=self._joint.product(self.point.s, "newton") - self._joint.d)
         point, s = self.point, self.point.s
-        mu = self._barrier = self._mean(s) * next(part for least, part in LOWER if self._last >= least)
+        mean = self._mean(s)
         bound, slope = self._bounds(s)
+        least = np.concatenate([s[normal], w[normal], (bound - np.abs(s))[sliding]]).min(initial=np.inf)
+        self._first = self._first or mean
+        if self._space.any(np.array([not least > 0.0])) or not mean > LOWEST * self._first:
+            self._give_up()
+            return
+        mu = self._barrier = mean * next(part for least, part in LOWER if self._last >= least)
         one, two = (np.where(sliding, room, 1.0) for room in (bound - s, bound + s))
         pressure = np.where(normal, s, 1.0)
         layer = np.where(normal, w / pressure, self._p / one + self._q / two)
@@ -333,8 +347,20 @@ class InteriorPoints:
                                      for now, step, where in (moves[1], moves[4], moves[5]))
         self.point, self._last, self._steps = point.along(change, length), length, self._steps + 1
         self._shorts = self._shorts + 1 if length < SHORT else 0
-        self.failed = self._steps >= MOST_POINTS or self._shorts >= SHORTS or not np.isfinite(fastest)
-        if self.failed and self._before:
+        if self._steps >= MOST_POINTS or self._shorts >= SHORTS or not np.isfinite(fastest):
+            self._give_up()
+
+    def see(self, residual: float) -> None:
+        """Note the residual that a step has left; give up after too many that get nowhere."""
+        gains = residual <= GAIN * self._smallest or self._barrier <= 0.5 * self._lowest
+        self._smallest, self._lowest = min(residual, self._smallest), min(self._barrier, self._lowest)
+        self._idle = 0 if gains else self._idle + 1
+        if self._idle >= IDLE:
+            self._give_up()
+
+    def _give_up(self) -> None:
+        self.failed = True
+        if self._before:
             self.point = Point(**self._before)
 
     def state(self) -> dict[str, Any]:
@@ -348,7 +374,8 @@ Path = Softening | InteriorPoints
 
 NOTED = {Softening: ("_delta", "_seen", "_drifting", "_steps", "_full", "_since", "_far", "_smallest", "ready",
                      "failed"),
-         InteriorPoints: ("_w", "_p", "_q", "_last", "_steps", "_shorts", "_barrier", "failed", "_before")}
+         InteriorPoints: ("_w", "_p", "_q", "_last", "_steps", "_shorts", "_barrier", "failed", "_before",
+                          "_first", "_idle", "_smallest", "_lowest")}
 """What a path depends on from one iteration to the next, beside its point."""
 
 

@@ -104,6 +104,7 @@ SIDE = {"s": np.arange(12.0) + 1.0, "r": np.arange(12.0) + 2.0, "alpha": np.aran
             "far": 0.5, "smallest": 0.25, "ready": True},
     SIDE | {"kind": "interior points", "w": np.arange(12.0) + 3.0, "p": np.arange(12.0) + 4.0,
             "q": np.arange(12.0) + 5.0, "last": 0.25, "steps": 7, "shorts": 2, "barrier": 0.125,
+            "first": 3.0, "idle": 4, "smallest": 0.5, "lowest": 0.25,
             "before": {"s": np.arange(12.0), "r": np.arange(12.0), "alpha": np.arange(3.0), "left": np.arange(3.0)}}])
 def test_newton_goes_on_from_its_whole_state(path):
     """What is restored is what the state held, entry by entry; no entry is as in a new iteration."""
