@@ -407,11 +407,12 @@ def own_lines(stderr: str) -> str:
 def clean_environment() -> dict[str, str]:
     """The environment without an outer MPI's traces, with what mpirun wants on a small machine or as root.
 
-    After a rank has ended with an error, Open MPI waits a second before it kills the others: not here.
+    After MPI_Abort, Open MPI 4 gives the other ranks a second to end. Told to kill them at once
+    (odls_base_sigkill_timeout 0), it deadlocked in PMIx_server_finalize in one or two of a hundred starts.
     """
     environment = {key: value for key, value in os.environ.items()
                    if not key.startswith(("OMPI_", "PMIX_", "PRTE_", "PMI_", "ORTE_", "OPAL_", "PYTEST_"))}
-    environment |= {"OMPI_MCA_rmaps_base_oversubscribe": "1", "OMPI_MCA_odls_base_sigkill_timeout": "0",
+    environment |= {"OMPI_MCA_rmaps_base_oversubscribe": "1",
                     "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
                     "OMPI_MCA_reachable": "weighted", "OMPI_MCA_pml": "ob1",
                     "OMP_NUM_THREADS": "1", "MPLBACKEND": "agg", "PYTHONUNBUFFERED": "1"}
