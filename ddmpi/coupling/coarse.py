@@ -103,23 +103,22 @@ class CoarseSystem:
 
     Parameters
     ----------
-    E : (owned size, k) sparse, all forces from the k unknown ones
-    unknown : (owned size,) bool
+    basis, E : I and E (owned size, k) sparse, along which forces are unknown, and all forces from these
     stiffness : M on columns of an owned interface, from its number and (its size, c) to the same
     diagonal : D (size,)
 
     Construction is collective.
     """
 
-    def __init__(self, motions: Motions, E: sparse.csr_matrix, unknown: np.ndarray,
+    def __init__(self, motions: Motions, basis: sparse.csr_matrix, E: sparse.csr_matrix,
                  stiffness: Callable[[int, np.ndarray], np.ndarray], diagonal: np.ndarray) -> None:
         self._space = motions.space
         with event("CoarseSystem"):
             smooth = []
             for number, (part, _, block) in enumerate(motions.blocks):
-                inside = unknown[part][:, None]
-                smooth.append(np.where(inside, stiffness(number, np.where(inside, block, 0.0)), 0.0))
-            self._MZ = motions.assemble(smooth)[unknown]
+                own = basis[part]
+                smooth.append(stiffness(number, own @ (own.T @ block)))
+            self._MZ = (basis.T @ motions.assemble(smooth)).tocsr()
             self._EZ = (E.T @ motions.Z).tocsr()
             local = (self._EZ.T @ self._MZ).tocoo()
             entries = self._space.comm.allgather((local.row, local.col, local.data))

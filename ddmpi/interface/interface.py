@@ -156,6 +156,12 @@ class Interface:
         return self.lines or Lines(np.arange(self.m), self.xy, self.area)
 
     @property
+    def stiffness(self) -> np.ndarray:
+        """c (size,), that of half-spaces against waves as short as the distance between nodes (N/m)."""
+        width = self.area ** (1.0 - 1.0 / self.law.components)  # 1 in the plane, per length
+        return 0.5 * self.modulus * width[self.law.node]
+
+    @property
     def dropped(self) -> int:
         """How many node pairs of the boundary carry no unknown."""
         return len(self.fixed.gap)

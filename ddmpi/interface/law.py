@@ -15,12 +15,13 @@ from __future__ import annotations
 import itertools
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sparse
 
-from ddmpi.qp.box import Box
+from ddmpi.qp.box import Box, Discs, magnitude, product, shorten
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
 
 ON_BOUND = 1e-8
@@ -41,61 +42,34 @@ class ActiveSet:
     closed : (m,) bool, nodes under pressure
     slip : (mt, d − 1) direction of the tangential force where it lies on its bound, zero where the node sticks
     bound : (mt,) slip bound (N)
+    excess : (mt,) κ = |q_t|/g − 1 where the node slips under pressure, zero elsewhere
     """
 
     pressure: np.ndarray
     closed: np.ndarray
     slip: np.ndarray
     bound: np.ndarray
+    excess: np.ndarray
 
 
-@dataclass(frozen=True)
-class Linearised:
-    """The forces x = E y + given that an active set implies, y being the unknown ones.
+class Tangent(NamedTuple):
+    """What an active set implies for the forces of one interface, in frames that are turned to the friction.
 
     Attributes
     ----------
     unknown : (size,) bool
-    rows, source : (k,) entries of tangential forces, and of the normal forces that they follow
-    coupling : (k,) change of the first with the second
+    source, coupling : (size,) the entry that each follows, and by how much (0: none)
     given : (size,) forces that are known (N)
+    spring : (size,) κ at the tangential entries of nodes that slip and can turn, zero elsewhere
+    turn : (size, size) sparse, the frames by their columns; None where none is turned
     """
 
     unknown: np.ndarray
-    rows: np.ndarray
     source: np.ndarray
     coupling: np.ndarray
     given: np.ndarray
-
-    @property
-    def number(self) -> int:
-        """How many forces are unknown."""
-        return int(np.count_nonzero(self.unknown))
-
-    def expand(self, y: np.ndarray) -> np.ndarray:
-        """E y (size,): all forces that follow from the unknown ones."""
-        x = np.zeros(len(self.unknown))
-        x[self.unknown] = y
-        x[self.rows] += self.coupling * x[self.source]
-        return x
-
-    def move(self, s: np.ndarray) -> np.ndarray:
-        """The change (size,) of the forces s that keeps the unknown ones and gives the others what is implied."""
-        return self.expand(s[self.unknown]) + self.given - s
-
-    def frozen(self, q: np.ndarray) -> Linearised:
-        """The same with the slip bounds that the pressures of q = s − c r (size,) imply, whatever the forces."""
-        pressure = np.maximum(q, 0.0)
-        given = self.given.copy()
-        given[self.rows] += self.coupling * pressure[self.source]
-        return replace(self, coupling=np.zeros_like(self.coupling), given=given)
-
-    @property
-    def expansion(self) -> sparse.csr_matrix:
-        """E (size, k) as a sparse matrix."""
-        size = len(self.unknown)
-        follow = sparse.csr_matrix((self.coupling, (self.rows, self.source)), (size, size))
-        return (sparse.identity(size, format="csr") + follow)[:, np.flatnonzero(self.unknown)]
+    spring: np.ndarray
+    turn: sparse.spmatrix | None = None
 
 
 @dataclass(frozen=True)
@@ -118,6 +92,11 @@ class Law:
     @property
     def size(self) -> int:
         return self.m + len(self.sliding) * self.components
+
+    @property
+    def node(self) -> np.ndarray:
+        """The node (size,) of each entry of a vector, which is also the entry of its normal force."""
+        return np.concatenate([np.arange(self.m), np.repeat(self.sliding, self.components)])
 
     @property
     def largest_slope(self) -> float:
@@ -147,27 +126,34 @@ class Law:
         normal, tangential = self.split(q)
         pressure = np.maximum(normal, 0.0)
         bound = self.slip_bound(pressure)
-        slips = magnitude(tangential) >= bound
-        return ActiveSet(pressure, normal > 0.0, np.where(slips[:, None], direction(tangential), 0.0), bound)
+        size = magnitude(tangential)
+        slips = size >= bound
+        excess = np.where(slips & (bound > 0.0), size / np.where(bound > 0.0, bound, 1.0) - 1.0, 0.0)
+        return ActiveSet(pressure, normal > 0.0, np.where(slips[:, None], direction(tangential), 0.0), bound, excess)
 
     def sticking(self, closed: np.ndarray) -> ActiveSet:
         """The nodes `closed` (m,) closed and sticking, the others open: the guess where nothing is known."""
-        none = np.zeros(self.m)
-        active = ActiveSet(none, closed, np.zeros((len(self.sliding), self.components)), self.slip_bound(none))
+        none, mt = np.zeros(self.m), len(self.sliding)
+        active = ActiveSet(none, closed, np.zeros((mt, self.components)), self.slip_bound(none), np.zeros(mt))
         free = ~closed[self.sliding] & (self.slope(none) > 0.0)  # the others may carry tangential forces though open
         active.slip[free, 0] = 1.0
         return active
 
-    def linearise(self, active: ActiveSet) -> Linearised:
+    def linearise(self, active: ActiveSet) -> Tangent:
         """The forces that an active set implies: zero where open, free where sticking, on the bound where slipping."""
-        slips = active.slip.any(axis=1)
-        unknown = np.concatenate([active.closed, np.repeat(~slips, self.components)])
+        slips, turns = active.slip.any(axis=1), active.bound > 0.0
+        unknown = np.repeat(~slips[:, None], self.components, axis=1)
+        unknown[:, 1:] |= turns[:, None]  # without a bound there is no friction to turn
         slope = self.slope(active.pressure)
-        given = np.zeros(self.size)
-        given[self.m:] = (active.slip * (active.bound - slope * active.pressure[self.sliding])[:, None]).ravel()
-        rows = np.arange(self.m, self.size)
-        return Linearised(unknown, rows, np.repeat(self.sliding, self.components),
-                          (active.slip * slope[:, None]).ravel(), given)
+        coupling, given, spring, turn = np.zeros(self.size), np.zeros(self.size), np.zeros(self.size), None
+        tangential = slice(self.m, self.size)
+        coupling[tangential] = (active.slip * slope[:, None]).ravel()
+        given[tangential] = (active.slip * (active.bound - slope * active.pressure[self.sliding])[:, None]).ravel()
+        if self.components > 1:
+            spring[tangential] = np.repeat(active.excess, self.components)
+            frames = np.where(slips[:, None, None], across(active.slip), np.eye(self.components))
+            turn = sparse.block_diag([sparse.identity(self.m), *frames])
+        return Tangent(np.concatenate([active.closed, unknown.ravel()]), self.node, coupling, given, spring, turn)
 
     def settle(self, s: np.ndarray, active: ActiveSet) -> np.ndarray:
         """The forces (size,) next to s that obey all bounds exactly, given which nodes are closed and slip."""
@@ -181,10 +167,13 @@ class Law:
         """The slip bound (mt,) under the forces s (size,), tension taken as no pressure."""
         return self.slip_bound(np.maximum(s[:self.m], 0.0))
 
-    def frozen(self, bound: np.ndarray) -> Box:
+    def cone(self, bound: np.ndarray) -> Box | Discs:
         """The forces that are allowed while the slip bound stays `bound` (mt,)."""
-        limit = np.repeat(bound, self.components)
-        return Box(np.concatenate([np.zeros(self.m), -limit]), np.concatenate([np.full(self.m, np.inf), limit]))
+        free, limit = np.full(self.size, np.inf), np.repeat(bound, self.components)
+        if self.components == 1:
+            return Box(np.concatenate([np.zeros(self.m), -limit]), np.concatenate([free[:self.m], limit]))
+        lower = np.where(np.arange(self.size) < self.m, 0.0, -free)
+        return Discs(lower, free, np.arange(self.m, self.size).reshape(-1, self.components), bound)
 
     def reaches_bound(self, s: np.ndarray, bound: np.ndarray) -> np.ndarray:
         """Nodes (mt,) whose tangential force lies on the slip bound (mt,), up to rounding."""
@@ -259,20 +248,21 @@ class BondedLaw(Law):
     def active_set(self, q: np.ndarray) -> ActiveSet:
         """All nodes closed and sticking; `pressure` may be tension."""
         normal, tangential = self.split(q)
-        return ActiveSet(normal.copy(), np.ones(self.m, bool), np.zeros_like(tangential), self.slip_bound(normal))
+        return ActiveSet(normal.copy(), np.ones(self.m, bool), np.zeros_like(tangential), self.slip_bound(normal),
+                         np.zeros(len(tangential)))
 
     def sticking(self, closed: np.ndarray) -> ActiveSet:
         return self.active_set(np.zeros(self.size))
 
-    def linearise(self, active: ActiveSet) -> Linearised:
+    def linearise(self, active: ActiveSet) -> Tangent:
         """All forces are unknown."""
-        none = np.empty(0, int)
-        return Linearised(np.ones(self.size, bool), none, none, np.empty(0), np.zeros(self.size))
+        none = np.zeros(self.size)
+        return Tangent(np.ones(self.size, bool), self.node, none, none, none)
 
     def settle(self, s: np.ndarray, active: ActiveSet) -> np.ndarray:
         return s.copy()
 
-    def frozen(self, bound: np.ndarray) -> Box:
+    def cone(self, bound: np.ndarray) -> Box:
         return Box(np.full(self.size, -np.inf), np.full(self.size, np.inf))
 
     def closed(self, s: np.ndarray, share: float = 0.0) -> np.ndarray:
@@ -350,13 +340,9 @@ class Laws:
         ends = np.cumsum([law.m for law in self.laws])[:-1]
         return [law.sticking(own) for law, own in zip(self.laws, np.split(closed, ends), strict=True)]
 
-    def linearise(self, active: list[ActiveSet]) -> Linearised:
-        parts = [law.linearise(each) for law, each in zip(self.laws, active, strict=True)]
-        return Linearised(np.concatenate([part.unknown for part in parts]),
-                          np.concatenate([part.rows + at.start for part, at in zip(parts, self._parts, strict=True)]),
-                          np.concatenate([part.source + at.start for part, at in zip(parts, self._parts, strict=True)]),
-                          np.concatenate([part.coupling for part in parts]),
-                          np.concatenate([part.given for part in parts]))
+    def linearise(self, active: list[ActiveSet]) -> list[Tangent]:
+        """What the active sets imply for the forces of each interface."""
+        return [law.linearise(each) for law, each in zip(self.laws, active, strict=True)]
 
     def settle(self, s: np.ndarray, active: list[ActiveSet]) -> np.ndarray:
         """The forces (size,) next to s that obey all bounds exactly."""
@@ -367,15 +353,9 @@ class Laws:
         """The slip bounds of all sliding nodes under the forces s (size,), in newtons."""
         return np.concatenate([law.bound_at(s[part]) for law, part in zip(self.laws, self._parts, strict=True)])
 
-    def frozen(self, bound: np.ndarray) -> Box:
+    def cone(self, bound: np.ndarray) -> Box | Discs:
         """The forces that are allowed while the slip bounds of all sliding nodes stay `bound`."""
-        boxes = [law.frozen(bound[part]) for law, part in zip(self.laws, self._bounds, strict=True)]
-        return Box(np.concatenate([box.lower for box in boxes]), np.concatenate([box.upper for box in boxes]))
-
-
-def magnitude(vectors: np.ndarray) -> np.ndarray:
-    """|v| (k,) of vectors (k, c)."""
-    return np.abs(vectors[:, 0]) if vectors.shape[1] == 1 else np.linalg.norm(vectors, axis=1)
+        return product([law.cone(bound[part]) for law, part in zip(self.laws, self._bounds, strict=True)])
 
 
 def direction(vectors: np.ndarray) -> np.ndarray:
@@ -387,12 +367,12 @@ def direction(vectors: np.ndarray) -> np.ndarray:
     return np.where(size > 0.0, vectors / np.where(size > 0.0, size, 1.0), first)
 
 
-def shorten(vectors: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    """The nearest vectors (k, c) that are no longer than the limits (k,)."""
-    if vectors.shape[1] == 1:
-        return np.clip(vectors, -limit[:, None], limit[:, None])
-    size = magnitude(vectors)
-    return vectors * np.where(size > limit, limit / np.where(size > 0.0, size, 1.0), 1.0)[:, None]
+def across(directions: np.ndarray) -> np.ndarray:
+    """Orthogonal matrices (k, c, c) whose first columns are unit vectors (k, c), up to the sign: Householder's."""
+    u = directions.copy()
+    u[:, 0] += np.where(u[:, 0] < 0.0, -1.0, 1.0)
+    size = 1.0 + np.abs(directions[:, :1, None])
+    return np.eye(u.shape[1]) - u[:, :, None] * u[:, None, :] / size
 
 
 def _slices(sizes: Sequence[int]) -> list[slice]:

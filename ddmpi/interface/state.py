@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.law import magnitude
+from ddmpi.qp.box import magnitude
 
 CLOSED = 1e-8
 """A node whose normal force is this part of the largest one, or less, counts as open, unless it is bonded."""

@@ -4,8 +4,8 @@
     [ Ĝ          εE* ] [ α ] = [ h ]        Ĝ = G E, G̃ = G I
 
 with the rigid motions α of bodies that nothing holds. D is that of a layer between the bodies, or of a barrier
-(`ddmpi.methods.paths`); of Newton's method itself it is zero but for a part that steers, as ε does, and biases
-nothing. The preconditioner is the same system with W M W in the place of (C + D)⁻¹, M being the half-plane stiffness
+(`ddmpi.methods.paths`). In Newton's method it holds the springs that friction turns against, which the plane does not
+have, and a part that steers, as ε does, and biases nothing. The preconditioner is the same system with W M W in the place of (C + D)⁻¹, M being the half-plane stiffness
 and W = (1 + D c)^−½, whose coarse problem is solved exactly. The second row then holds from the first iteration on, and
 GMRES, preconditioned from the right, works on the first row alone.
 """
@@ -13,14 +13,18 @@ GMRES, preconditioned from the right, works on the first row alone.
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+import scipy.sparse as sparse
 from petsc4py import PETSc
 
 from ddmpi.coupling.coarse import CoarseSystem, Motions
 from ddmpi.coupling.joint import STEERING, Joint
 from ddmpi.errors import SolverError
-from ddmpi.interface.law import Linearised
+from ddmpi.interface.law import Tangent
 from ddmpi.methods.half_plane import HalfPlaneStiffness
 from ddmpi.petsc.messages import petsc_message, reason_name
 from ddmpi.petsc.versions import call_solver
@@ -33,6 +37,77 @@ iterations a step, but more steps; 1e-3 is the cheapest from N = 54 on, and the 
 
 KRYLOV_LIMIT = 300
 """Most GMRES iterations in one Newton step; a step that is not solved to FORCING is used as it is."""
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """The forces x = E y + given that an active set implies, y being the unknown ones, with E = (1 + F) I.
+
+    A node that slips has its friction along q̂ = q_t/|q_t|, where it follows the pressure. Across q̂, a direction that
+    the plane does not have, its forces are unknown: they turn the friction against springs, r·e = −(κ/c) s·e.
+
+    Attributes
+    ----------
+    basis : I (size, k), sparse with orthonormal columns: the unknown forces, each at one node
+    follow : F (size, size), sparse: the change of friction with the pressure
+    given : (size,) forces that are known (N)
+    spring : (size,) κ at the tangential entries of nodes that slip and can turn, zero elsewhere
+    """
+
+    basis: sparse.csr_matrix
+    follow: sparse.csr_matrix
+    given: np.ndarray
+    spring: np.ndarray
+
+    @classmethod
+    def of(cls, parts: Sequence[Tangent]) -> Linearised:
+        """That of interfaces, one after the other. Each row of F has one entry."""
+        unknown, source, coupling, given, spring = (np.concatenate([getattr(part, name) for part in parts])
+                                                    for name in ("unknown", "source", "coupling", "given", "spring"))
+        starts = np.cumsum([0, *(len(part.unknown) for part in parts)])
+        size, rows = len(unknown), np.arange(len(unknown) + 1)
+        source = source + np.repeat(starts[:-1], np.diff(starts))
+        k = int(np.count_nonzero(unknown))
+        basis = sparse.csr_matrix((np.ones(k), np.arange(k), np.append(0, np.cumsum(unknown))), (size, k))
+        if any(part.turn is not None for part in parts):
+            turns = [sparse.identity(len(part.unknown)) if part.turn is None else part.turn for part in parts]
+            basis = (sparse.block_diag(turns, format="csr") @ basis).tocsr()
+        return cls(basis, sparse.csr_matrix((coupling, source, rows), (size, size)), given, spring)
+
+    @property
+    def number(self) -> int:
+        """How many forces are unknown."""
+        return self.basis.shape[1]
+
+    @cached_property
+    def expansion(self) -> sparse.csr_matrix:
+        """E (size, k)."""
+        return (self.basis + self.follow @ self.basis).tocsr()
+
+    @cached_property
+    def _transposed(self) -> sparse.csr_matrix:
+        """Iᵀ (k, size)."""
+        return self.basis.T.tocsr()
+
+    def expand(self, y: np.ndarray) -> np.ndarray:
+        """E y (size,): all forces that follow from the unknown ones."""
+        return self.expansion @ y
+
+    def restrict(self, x: np.ndarray) -> np.ndarray:
+        """Iᵀ x (k, …): the part of vectors (size, …) along the unknown forces."""
+        return self._transposed @ x
+
+    def diagonal(self, D: np.ndarray) -> np.ndarray:
+        """The diagonal (k,) of Iᵀ D I; D (size,) is the same for all tangential entries of a node."""
+        return self._transposed.multiply(self._transposed) @ D
+
+    def move(self, s: np.ndarray) -> np.ndarray:
+        """The change (size,) of the forces s that keeps the unknown ones and gives the others what is implied."""
+        return self.expand(self.restrict(s)) + self.given - s
+
+    def frozen(self, q: np.ndarray) -> Linearised:
+        """The same with the slip bounds that the pressures of q = s − c r (size,) imply, whatever the forces."""
+        return replace(self, follow=0.0 * self.follow, given=self.given + self.follow @ np.maximum(q, 0.0))
 
 
 class Preconditioner:
@@ -61,19 +136,17 @@ class LinearProblem:
     joint : the operator of all bodies
     preconditioner : for all active sets
     linearised : the forces that the active set implies
-    layer : (joint.size,) compliance D (m/N) of a layer or a barrier; None for none
+    layer : (joint.size,) compliance D (m/N) of a layer, a barrier, or the springs across friction
     precise : whether the forces are to be known as well as the displacements, which slender bodies need
 
     Construction is collective.
     """
 
     def __init__(self, joint: Joint, preconditioner: Preconditioner, linearised: Linearised,
-                 layer: np.ndarray | None = None, precise: bool = False) -> None:
+                 layer: np.ndarray, precise: bool = False) -> None:
         self.joint, self.linearised, self._half_plane = joint, linearised, preconditioner.half_plane
-        self._unknown, self._whole = linearised.unknown, np.zeros(joint.size)
-        D = np.zeros(joint.size) if layer is None else layer
-        self._D = (preconditioner.shared + D)[linearised.unknown]
-        self._weight = 1.0 / np.sqrt(1.0 + D * preconditioner.c)
+        self._D = linearised.diagonal(preconditioner.shared + layer)
+        self._weight = 1.0 / np.sqrt(1.0 + layer * preconditioner.c)
         self._rigid = joint.rigid.size
         self._precise = precise or self._rigid > 0
         self._coarse: CoarseSystem | None = None
@@ -83,7 +156,7 @@ class LinearProblem:
             def stiffness(number: int, x: np.ndarray) -> np.ndarray:
                 return weights[number] * self._half_plane.on_interface(number, weights[number] * x)
 
-            self._coarse = CoarseSystem(preconditioner.motions, linearised.expansion, self._unknown, stiffness,
+            self._coarse = CoarseSystem(preconditioner.motions, linearised.basis, linearised.expansion, stiffness,
                                         preconditioner.diagonal)
 
     def precondition(self, w: np.ndarray, h: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -91,8 +164,7 @@ class LinearProblem:
 
         `h` (joint.rigid.size,) is zero if left out. Collective.
         """
-        self._whole[self._unknown] = w
-        y = (self._weight * self._half_plane.mult(self._weight * self._whole))[self._unknown]
+        y = self.linearised.restrict(self._weight * self._half_plane.mult(self._weight * (self.linearised.basis @ w)))
         if not self._coarse:
             return y, np.zeros(0)
         if h is not None:
@@ -152,7 +224,7 @@ class LinearProblem:
         product = self.joint.product(self.linearised.expand(y), "newton", relative)
         if self._rigid:
             product -= self.joint.rigid.spread(alpha)
-        z.array[:] = product[self._unknown] + self._D * y
+        z.array[:] = self.linearised.restrict(product) + self._D * y
 
     def _converged(self, ksp: PETSc.KSP, iteration: int, residual: float) -> PETSc.KSP.ConvergedReason | None:
         """Whether the residual is small beside the right-hand side and beside the half-planes' displacement w."""

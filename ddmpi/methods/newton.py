@@ -22,9 +22,8 @@ from typing import Any
 import numpy as np
 
 from ddmpi.coupling.joint import Joint
-from ddmpi.interface.law import Linearised
 from ddmpi.methods.half_plane import HalfPlaneStiffness, smooth_modes
-from ddmpi.methods.krylov import FORCING, LinearProblem, Preconditioner
+from ddmpi.methods.krylov import FORCING, Linearised, LinearProblem, Preconditioner
 from ddmpi.methods.outer import Report, Step, no_report, rows_of, steps_of
 from ddmpi.methods.paths import DRIFT, NEAR, InteriorPoints, Path, Point, Softening
 from ddmpi.petsc.events import event
@@ -93,7 +92,7 @@ class Newton:
         self.inner_steps = {"gmres": 0}
         self.checkpoint: Callable[[], None] = lambda: None
         self._laws = self.space.laws
-        self._c = self.space.spread([0.5 * interface.modulus for interface in self.space.interfaces])
+        self._c = np.concatenate([np.empty(0), *(interface.stiffness for interface in self.space.interfaces)])
         self._preconditioner = precondition(joint, self._c)
         self._coulomb = self.space.largest(np.array([self._laws.largest_slope])) > 0.0  # else forces can be found
         self._least = 0.0
@@ -280,29 +279,30 @@ class Newton:
         active = self._laws.active_sets(s - self._c * r)
         if self._start:  # nothing is known yet
             active = self._laws.sticking(self._pressed() if self._warm else self.joint.first_closed())
-        linearised = self._laws.linearise(active)
-        change = self.direction(self._at, linearised, linearised.move(s), np.zeros_like(s))
+        linearised = Linearised.of(self._laws.linearise(active))
+        move, layer = linearised.move(s), linearised.spring / self._c
+        change = self.direction(self._at, linearised, move, -layer * (s + move), layer)
         far, length = self._length(far, change)
         self._at = self._at.along(change, length)
         return far
 
     def direction(self, point: Point, linearised: Linearised, change: np.ndarray, wanted: np.ndarray,
-                  layer: np.ndarray | None = None) -> Point:
-        """The change of `point` with which r + D y = `wanted` at unknown rows, and G s = e.
+                  layer: np.ndarray) -> Point:
+        """The change of `point` with which r + D y = `wanted` along unknown forces, and G s = e.
 
         Parameters
         ----------
         linearised : all forces by the unknown ones y
         change : (size,) of the forces (N) that comes before y, which is counted from there
         wanted : (size,) in metres
-        layer : D (size,) in m/N, zero if left out
+        layer : D (size,) in m/N, the same for all tangential entries of a node
 
         Collective. Raises SolverError.
         """
         joint, rigid, space = self.joint, self.joint.rigid, self.space
-        alpha, C_change, unknown = np.zeros(rigid.size), np.zeros_like(change), linearised.unknown
+        alpha, C_change = np.zeros(rigid.size), np.zeros_like(change)
         problem, y = None, np.zeros(linearised.number)
-        if space.any(unknown):
+        if space.any(np.ones(linearised.number)):
             problem = LinearProblem(joint, self._preconditioner, linearised, layer, self._path is not None)
             if rigid.size:  # the nearest forces by half-planes that balance the loads
                 y, alpha = problem.precondition(y, joint.imbalance(point.s + change))
@@ -312,9 +312,8 @@ class Newton:
         if problem:
             more = np.zeros_like(y)
             with joint.deferred():
-                right = (wanted - point.r - C_change + rigid.spread(alpha))[unknown]
-                if layer is not None:
-                    right -= layer[unknown] * y
+                right = linearised.restrict(wanted - point.r - C_change + rigid.spread(alpha))
+                right -= linearised.diagonal(layer) * y
                 more, turn, iterations = problem.solve(right)
                 alpha = alpha + turn
                 self.inner_steps["gmres"] += iterations

@@ -20,7 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ddmpi.coupling.joint import Joint
-from ddmpi.interface.law import Linearised
+from ddmpi.interface.law import Tangent
+from ddmpi.methods.krylov import Linearised
 from ddmpi.system.numbers import norm
 
 SOFTEST, HARDEST, HARDER = 1e3, 1e-3, 0.1
@@ -156,7 +157,8 @@ class Softening:
         else:
             q = self._pressed(point, self._seen)
             active = self._laws.active_sets(q)
-        linearised, layer = self._laws.linearise(active), np.where(self._bonded, 0.0, self._delta / self._c)
+        linearised = Linearised.of(self._laws.linearise(active))
+        layer = np.where(self._bonded, 0.0, self._delta / self._c)
         change = self._towards(solve, linearised, layer)
         length = 1.0 if first else self._length(change, None)
         if not length:  # with the bound as it is the energy is convex, and falls
@@ -167,7 +169,7 @@ class Softening:
 
     def _towards(self, solve: Solve, linearised: Linearised, layer: np.ndarray) -> Point:
         s = self.point.s
-        change = linearised.move(s)
+        change, layer = linearised.move(s), layer * (1.0 + linearised.spring)
         return solve(self.point, linearised, change, -layer * (s + change), layer)
 
     def _pressed(self, point: Point, delta: float) -> np.ndarray:
@@ -182,7 +184,7 @@ class Softening:
         stay closed. `bound` (mt,): of frozen slip bounds, None where they follow the pressure.
         """
         way, found = np.where(self._bonded, 0.0, change.r), []
-        project = self._laws.project if bound is None else self._laws.frozen(bound).project
+        project = self._laws.project if bound is None else self._laws.cone(bound).project
         for t in lengths:
             there = self.point.along(change, t)
             found.append(way @ (there.s - project(self._pressed(there, self._delta))))
@@ -331,8 +333,8 @@ class InteriorPoints:
         pressure = np.where(normal, s, 1.0)
         layer = np.where(normal, w / pressure, self._p / one + self._q / two)
         coupling = np.where(sliding, slope * (self._p / one - self._q / two) / np.where(sliding, layer, 1.0), 0.0)
-        rows = np.flatnonzero(sliding)
-        linearised = Linearised(~self._given, rows, self._source[rows], coupling[rows], np.zeros(len(s)))
+        none = np.zeros(len(s))
+        linearised = Linearised.of([Tangent(~self._given, self._source, coupling, none, none)])
         wanted = np.where(normal, mu / pressure, np.where(sliding, mu / two - mu / one, 0.0))
         change = solve(point, linearised, np.zeros(len(s)), wanted, layer)
         ds, follows = change.s, slope * change.s[self._source]

@@ -53,7 +53,7 @@ class Subproblem:
 
     def constraints(self, bound: np.ndarray, algorithm: str) -> Box:
         """The forces that the role allows in the algorithm, given the slip bound (mt,)."""
-        box = self.interface.law.frozen(bound)
+        box = self.interface.law.cone(bound)
         free = [part for part, role in ((self._normal, 2), (self._tangential, friction_role(algorithm)))
                 if role != self.role]
         for part in free:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,3 +69,46 @@ class Box:
         scaled, point = self.scaled(unit), self.project(unit * x)
         point = np.where(x <= scaled.lower + near, self.lower, point)
         return np.where(x >= scaled.upper - near, self.upper, point)
+
+
+@dataclass
+class Discs(Box):
+    """A box, some of whose points' components are vectors in discs (balls) about zero.
+
+    Attributes
+    ----------
+    entries : (k, c) indices of the components of the vectors, which the box leaves free
+    radius : (k,) not negative
+    """
+
+    entries: np.ndarray
+    radius: np.ndarray
+
+    def project(self, x: np.ndarray) -> np.ndarray:
+        y = super().project(x)
+        y[self.entries] = shorten(y[self.entries], self.radius)
+        return y
+
+
+def product(sets: Sequence[Box]) -> Box:
+    """The points whose parts, one after the other, lie in the `sets`. Their discs have equally many components."""
+    lower, upper = (np.concatenate([getattr(each, name) for each in sets]) for name in ("lower", "upper"))
+    starts = np.cumsum([0, *(len(each.lower) for each in sets)])
+    discs = [(each.entries + start, each.radius) for each, start in zip(sets, starts, strict=False)
+             if isinstance(each, Discs)]
+    if not discs:
+        return Box(lower, upper)
+    return Discs(lower, upper, *(np.concatenate(each) for each in zip(*discs, strict=True)))
+
+
+def magnitude(vectors: np.ndarray) -> np.ndarray:
+    """|v| (k,) of vectors (k, c)."""
+    return np.abs(vectors[:, 0]) if vectors.shape[1] == 1 else np.linalg.norm(vectors, axis=1)
+
+
+def shorten(vectors: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """The nearest vectors (k, c) that are no longer than the limits (k,)."""
+    if vectors.shape[1] == 1:
+        return np.clip(vectors, -limit[:, None], limit[:, None])
+    size = magnitude(vectors)
+    return vectors * np.where(size > limit, limit / np.where(size > 0.0, size, 1.0), 1.0)[:, None]

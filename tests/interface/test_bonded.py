@@ -12,6 +12,7 @@ from ddmpi.interface.state import contact_state
 from ddmpi.interface.trace import displacement_trace, trace
 from ddmpi.judge.diagnosis import StatusLog
 from ddmpi.mesh.mesh import Mesh
+from ddmpi.methods.krylov import Linearised
 from ddmpi.scene.bodies import Clamp, Traction
 from ddmpi.scene.contacts import Coulomb, NoFriction, Plane
 from ddmpi.scene.values import Profile
@@ -48,8 +49,8 @@ def test_all_nodes_are_closed_and_stick_whatever_the_sign():
         active = LAW.active_set(q)
         assert active.closed.all() and not active.slip.any()
         assert active.pressure.tolist() == q[:4].tolist()
-        linear = LAW.linearise(active)
-        assert linear.unknown.all() and not linear.given.any()
+        linear = Linearised.of([LAW.linearise(active)])
+        assert linear.number == 7 and not linear.given.any()
         assert linear.expand(q).tolist() == q.tolist()
         assert LAW.closed(q, 0.5).all()
 
@@ -57,7 +58,7 @@ def test_all_nodes_are_closed_and_stick_whatever_the_sign():
 def test_no_force_reaches_the_bound():
     for s in (np.zeros(7), np.full(7, 1e300), -np.full(7, 1e300)):
         assert not LAW.reaches_bound(s, LAW.bound_at(s)).any()
-    box = LAW.frozen(LAW.bound_at(np.zeros(7)))
+    box = LAW.cone(LAW.bound_at(np.zeros(7)))
     assert not box.bounded and len(box.lower) == 7
 
 
@@ -80,14 +81,15 @@ def test_bonded_and_other_laws_mix():
         active = together.active_sets(q)
         for law, part in zip(laws, parts, strict=True):
             assert together.project(q)[part].tolist() == law.project(q[part]).tolist()
-        settled, linear = together.settle(q, active), together.linearise(active)
+        settled, linear = together.settle(q, active), Linearised.of(together.linearise(active))
         assert settled[5:12].tolist() == q[5:12].tolist() and (settled[12:] >= 0.0).all()
-        assert linear.unknown[5:12].all() and linear.unknown[12:].tolist() == (q[12:] > 0.0).tolist()
+        unknown = np.diff(linear.basis.indptr) > 0
+        assert unknown[5:12].all() and unknown[12:].tolist() == (q[12:] > 0.0).tolist()
         bound = together.bound_at(q)
         assert bound[2:].tolist() == [NO_BOUND] * 3
         change = together.bound_at(other) - bound
         assert np.isfinite(np.linalg.norm(change)) and (change[2:] == 0.0).all()
-        box = together.frozen(bound + 0.5 * change)
+        box = together.cone(bound + 0.5 * change)
         assert np.isinf(box.lower[5:12]).all() and np.isinf(box.upper[5:12]).all()
         assert (box.lower[[0, 1, 2, 12, 13]] == 0.0).all() and np.isfinite(box.upper[3:5]).all()
     assert together.largest_slope == 0.5

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from ddmpi.interface.law import CoulombLaw, Law, Laws, TrescaLaw, law_of
+from ddmpi.interface.law import BondedLaw, CoulombLaw, Law, Laws, TrescaLaw, law_of
+from ddmpi.methods.krylov import Linearised
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
 
 SLIDING = np.array([0, 2, 3])
@@ -31,13 +32,35 @@ def test_projected_forces_obey_the_law_and_none_is_nearer(law):
 
 
 @every_law
-def test_the_linearised_law_is_the_tangent_of_the_projection(law):
+def test_the_linearised_law_is_the_tangent_of_the_equations(law):
+    """A change that obeys the linearised law leaves s = P(s − c r) to second order, in space with friction that turns.
+
+    Of gaps the law wants r = 0 along the unknown forces, and along those that turn the friction −κ/c of their change.
+    """
+    rng, c, step = np.random.default_rng(4), 2.0, 1e-6
     for q in points(law):
-        active = law.active_set(q)
-        linear, s, step = law.linearise(active), law.project(q), 1e-7
-        assert linear.expand(s[linear.unknown]) + linear.given == pytest.approx(s)
-        dq = step * np.where(linear.unknown, 1.0, 0.0)  # sticking and closed entries follow q itself
-        assert (law.project(q + dq) - s) / step == pytest.approx(linear.expand(dq[linear.unknown]) / step, abs=1e-6)
+        s = law.project(q)
+        r = (s - q) / c
+        linear = Linearised.of([law.linearise(law.active_set(q))])
+        assert linear.move(s) == pytest.approx(np.zeros(law.size), abs=1e-14)
+        assert linear.restrict(r) == pytest.approx(-linear.diagonal(linear.spring / c) * linear.restrict(s), abs=1e-14)
+        y = rng.standard_normal(linear.number)
+        dr = rng.standard_normal(law.size)
+        dr -= linear.basis @ (linear.restrict(dr) + linear.diagonal(linear.spring / c) * y)
+        s, r = s + step * linear.expand(y), r + step * dr
+        assert np.abs(s - law.project(s - c * r)).max() < 1e-3 * step
+
+
+def test_friction_turns_in_space_only():
+    """A node that slips has one unknown force in space and none in the plane; without a bound it has none at all."""
+    for components, unknown in ((1, 0), (2, 1), (3, 2)):
+        law = CoulombLaw(2, np.arange(2), components, np.full(2, 0.5))
+        q = np.concatenate([[2.0, -1.0], np.full(2 * components, 7.0)])
+        linear = Linearised.of([law.linearise(law.active_set(q))])
+        assert linear.number == 1 + unknown and (linear.spring[2:2 + components] > 0.0).all() == (unknown > 0)
+        assert (linear.basis.T @ linear.basis).toarray() == pytest.approx(np.eye(linear.number))
+        friction = law.project(q)[2:2 + components]
+        assert linear.basis.toarray()[2:2 + components].T @ friction == pytest.approx(np.zeros(linear.number))
 
 
 @every_law
@@ -50,8 +73,7 @@ def test_settled_forces_lie_on_their_bounds(law):
         size, slips = np.linalg.norm(tangential, axis=1), active.slip.any(axis=1)
         assert size[slips] == pytest.approx(law.bound_at(s)[slips])
         assert (size <= law.bound_at(s) * (1 + 1e-14)).all()
-        box = law.frozen(law.bound_at(s))
-        assert ((box.lower <= s) & (s <= box.upper)).all()
+        assert law.cone(law.bound_at(s)).project(s) == pytest.approx(s)
 
 
 def test_laws_of_several_interfaces_are_those_of_each():
@@ -65,8 +87,17 @@ def test_laws_of_several_interfaces_are_those_of_each():
     assert together.bound_at(q).tolist() == np.concatenate(
         [law.bound_at(part) for law, part in zip(laws, parts, strict=True)]).tolist()
     active = together.active_sets(q)
-    linear = together.linearise(active)
-    assert linear.expand(together.project(q)[linear.unknown]) + linear.given == pytest.approx(together.project(q))
+    assert Linearised.of(together.linearise(active)).move(together.project(q)) == pytest.approx(np.zeros(together.size))
+    assert together.cone(together.bound_at(q)).project(q).tolist() == together.project(q).tolist()
+
+
+def test_cones_of_laws_with_boxes_and_discs():
+    """The product of cones projects each part, in the plane and in space."""
+    together = Laws([LAWS["coulomb in space"], BondedLaw(2, np.arange(2), 2), Law(3, SLIDING[:0], 2)])
+    for q in np.random.default_rng(5).standard_normal((10, together.size)):
+        found = together.cone(together.bound_at(q)).project(q)
+        assert found == pytest.approx(together.project(q))
+        assert together.cone(together.bound_at(q)).project(found) == pytest.approx(found)
 
 
 def test_a_slip_bound_is_a_stress_and_a_coefficient_a_number():

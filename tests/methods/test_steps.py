@@ -13,7 +13,7 @@ from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import CoulombLaw
 from ddmpi.methods.newton import GAIN, LENGTHS, PATHS, Newton
 from ddmpi.methods.outer import Step
-from ddmpi.methods.paths import Point
+from ddmpi.methods.paths import Point, Softening
 
 
 class Dense:
@@ -21,17 +21,20 @@ class Dense:
 
     members, bodies, e = (), 2, np.empty(0)
 
-    def __init__(self, C: np.ndarray, d: np.ndarray, coefficient: float) -> None:
-        m = len(d) // 2
+    def __init__(self, C: np.ndarray, d: np.ndarray, coefficient: float, components: int = 1) -> None:
+        dimension, size = 1 + components, len(d)
+        m = size // dimension
         nodes, alone = np.arange(m), sparse.identity(m, format="csr")
         interface = Interface(
-            name="seam", bodies=("upper", "lower"), xy=np.column_stack([np.arange(m), np.zeros(m)]),
-            frame=np.tile([[0.0, -1.0], [1.0, 0.0]], (m, 1, 1)), area=np.ones(m), gap=np.zeros(m),
-            nodes=(nodes, nodes), transfer=(alone, alone), law=CoulombLaw(m, nodes, 1, np.full(m, coefficient)),
+            name="seam", bodies=("upper", "lower"), xy=np.eye(1, dimension) * nodes[:, None],
+            frame=np.tile(np.roll(np.eye(dimension), 1, axis=0), (m, 1, 1)), area=np.ones(m), gap=np.zeros(m),
+            nodes=(nodes, nodes), transfer=(alone, alone),
+            law=CoulombLaw(m, nodes, components, np.full(m, coefficient)),
             modulus=1.0, joined=np.ones(m - 1, bool), edges=np.empty((0, 3), int), held=np.zeros(m),
-            one_sided=np.zeros(2 * m, bool), prescribed=np.zeros(2 * m))
-        self.C, self.d, self.size, self.space, self.neglected = C, d, 2 * m, Space([interface]), 0.0
-        self.rigid, self.shared = Motions(self.space, 0, ()), np.zeros(2 * m, bool)
+            one_sided=np.zeros(size, bool), prescribed=np.zeros(size))
+        self.C, self.d, self.size, self.space, self.neglected = C, d, size, Space([interface]), 0.0
+        self.rigid, self.shared = Motions(self.space, 0, ()), np.zeros(size, bool)
+        self._m = m
 
     def product(self, x, purpose, relative=None):
         return self.C @ x
@@ -46,15 +49,43 @@ class Dense:
         return np.empty(0)
 
     def first_closed(self) -> np.ndarray:
-        return np.ones(self.size // 2, bool)
+        return np.ones(self._m, bool)
 
     deferred = contextlib.nullcontext
 
 
-def random_joint(seed: int, m: int = 6, coefficient: float = 1.0) -> Dense:
-    rng = np.random.default_rng(seed)
-    root = rng.standard_normal((2 * m, 2 * m))
-    return Dense(root @ root.T / m + 0.05 * np.eye(2 * m), rng.standard_normal(2 * m), coefficient)
+def random_joint(seed: int, m: int = 6, coefficient: float = 1.0, components: int = 1) -> Dense:
+    rng, size = np.random.default_rng(seed), m * (1 + components)
+    root = rng.standard_normal((size, size))
+    return Dense(root @ root.T / m + 0.05 * np.eye(size), rng.standard_normal(size), coefficient, components)
+
+
+def turned(joint: Dense, turns: np.ndarray) -> np.ndarray:
+    """The matrix (size, size) that turns the tangents of each node by `turns` (m,), of a joint in space."""
+    m, (cos, sin) = len(turns), (np.cos(turns), np.sin(turns))
+    blocks = np.moveaxis(np.array([[cos, -sin], [sin, cos]]), 2, 0)
+    return sparse.block_diag([sparse.identity(m), *blocks]).toarray()
+
+
+@pytest.mark.parametrize("path", [None, Softening])
+@pytest.mark.parametrize("seed", range(5))
+def test_friction_in_space_finds_its_direction(seed, path):
+    """Vectors of friction: few steps, by Newton's method or through a layer, and the same whatever the tangents are."""
+    joint = random_joint(seed, m=10, coefficient=0.4, components=2)
+    joint.C, joint.d[:10] = joint.C + 2.0 * np.eye(30), np.abs(joint.d[:10])  # held well, so that the answer is one
+    Q = turned(joint, np.random.default_rng(1).uniform(0.0, 6.0, 10))
+    found = []
+    for each in (joint, Dense(Q.T @ joint.C @ Q, Q.T @ joint.d, 0.4, components=2)):
+        newton = Newton(each, 40)
+        if path:
+            newton._path = path(each, newton._c)
+        assert newton.run(1e-10) == "converged" and len(newton.history) <= (30 if path else 12)
+        found.append(newton.forces)
+    s, r = found[0], joint.C @ found[0] - joint.d
+    law = joint.space.interfaces[0].law
+    assert s == pytest.approx(law.project(s - 3.0 * r), abs=1e-8)
+    assert (np.linalg.norm(law.split(s)[1], axis=1) > 0.0).sum() > 3 and law.active_set(s - r).excess.any()
+    assert Q @ found[1] == pytest.approx(s, abs=1e-8)
 
 
 def residuals(newton: Newton) -> list[float]:
