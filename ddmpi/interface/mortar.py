@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sparse
+from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
 from ddmpi.interface.cover import Cover, cover, faced_arc, unit
@@ -34,8 +35,8 @@ UNCOVERED = 0.15
 """A node of whose length a smaller part is covered shares the row of its neighbour."""
 
 BARELY = 0.5
-"""A row that clamps let move by less than this, where free nodes move by one, is its neighbour's: what they leave of it
-has entries of both signs, a condition on curvature, with any force."""
+"""Rows that clamps let move by less than this, where free nodes move by one, are merged with a neighbour. Alone they
+would constrain curvature and carry arbitrary forces."""
 
 UNSEEN = 1e-7
 """A node of whose length no more than this part is covered faces nothing: the other side ends at its neighbour."""
@@ -49,7 +50,7 @@ NOTHING = 1e-12
 
 def join(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, name: str, refinement: int = 1,
          gap: float | Profile | None = None, kind: str = "unilateral", pairing: str | None = None,
-         slave: str | None = None, looped: np.ndarray | None = None) -> Interface:
+         slave: str | None = None) -> Interface:
     """The interface of two sides: by pairs of nodes where they match, else by mortar; or as `pairing` says.
 
     Parameters
@@ -64,12 +65,11 @@ def join(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, nam
         except InputError:
             if pairing == "nodes":
                 raise
-    return mortar(first, second, friction, name, gap, kind, slave, looped)
+    return mortar(first, second, friction, name, gap, kind, slave)
 
 
 def mortar(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, name: str,
-           gap: float | Profile | None = None, kind: str = "unilateral", slave: str | None = None,
-           looped: np.ndarray | None = None) -> Interface:
+           gap: float | Profile | None = None, kind: str = "unilateral", slave: str | None = None) -> Interface:
     """The interface of two sides whose nodes need not match.
 
     Parameters
@@ -78,7 +78,6 @@ def mortar(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, n
     friction, name, gap, kind : as for `pair`
     slave : name of the body whose nodes carry the rows; by default the one with the larger spacing of nodes over
         plane modulus, and not one that clamps hold all along the contact
-    looped : places (k, 2) of rows that share their neighbours', because a loop of contacts ends there
 
     Raises
     ------
@@ -97,7 +96,7 @@ def mortar(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, n
     assert over is not None
     if _is_rigid(here, over):
         raise InputError(f"contact.{name}: clamps hold all of {here.body!r} at this contact; it cannot be the slave")
-    return _lay(sides, own, over, friction, name, gap, kind, looped)
+    return _lay(sides, own, over, friction, name, gap, kind)
 
 
 def duals(side: Side, over: Cover) -> tuple[np.ndarray, np.ndarray]:
@@ -201,21 +200,18 @@ def _rows(sides: tuple[Side, Side], over: Cover, weighted: np.ndarray, D: np.nda
     return _Rows(place, rooted, area, (S, P), unit(S @ _normals(side, seen) - P @ _normals(other, met)))
 
 
-def _unbound(sides: tuple[Side, Side], over: Cover, rows: _Rows, tangential: bool, root: np.ndarray,
-             looped: np.ndarray | None) -> np.ndarray:
-    """The `root` of each of the slave's nodes (k,), where a row that clamps nearly hold, or that other contacts make
-    nearly dependent, is its neighbour's."""
+def _unbound(sides: tuple[Side, Side], over: Cover, rows: _Rows, tangential: bool, root: np.ndarray) -> np.ndarray:
+    """The `root` of each of the slave's nodes (k,), where rows nearly fixed by clamps or other contacts are merged with
+    a neighbour."""
     held, most = rows.held(sides, rows.normal)
     if tangential:
         both, along = rows.held(sides, rows.tangent)
         most = np.where(both.all(axis=0), most, np.minimum(most, along))
     links, found = rows.place[sides[0].links[np.unique(over.link)]], root.copy()
     most[held.all(axis=0)] = 0.0
-    if looped is not None:
-        apart = np.linalg.norm(sides[0].xy[rows.rooted][:, None] - looped, axis=2)
-        ends = np.unique(np.argmin(apart, axis=0))
-        if np.count_nonzero(np.delete(most, ends) >= BARELY) > 1:  # one row would be a hinge
-            most[ends] = 0.0
+    ends = _tied_ends(*sides, over, rows)
+    if np.count_nonzero(np.delete(most, ends) >= BARELY) > 1:  # one row would be a hinge
+        most[ends] = 0.0
     for number in np.flatnonzero((most < BARELY) & ~held.all(axis=0)):
         near = np.unique(links[(links == number).any(axis=1)])
         near = rows.rooted[near[(near >= 0) & (most[near] >= BARELY)]]
@@ -223,6 +219,16 @@ def _unbound(sides: tuple[Side, Side], over: Cover, rows: _Rows, tangential: boo
             here = rows.rooted[number]
             found[root == here] = near[np.argmin(np.linalg.norm(sides[0].xy[near] - sides[0].xy[here], axis=1))]
     return found
+
+
+def _tied_ends(side: Side, other: Side, over: Cover, rows: _Rows) -> np.ndarray:
+    """The last rows at ends of the slave's covered part where both bodies are `tied`, the other at its nearest node."""
+    links = side.links[np.unique(over.link)]
+    ends = np.flatnonzero(np.bincount(links[:, :2].ravel(), minlength=len(side.nodes)) == 1)
+    ends = ends[side.tied[ends] & other.tied[cKDTree(other.xy).query(side.xy[ends])[1]]]
+    last = rows.place[links[(links == ends[:, None, None]).any(axis=2).argmax(axis=1)]]
+    away = np.linalg.norm(side.xy[rows.rooted[last]] - side.xy[ends][:, None], axis=2)
+    return last[np.arange(len(last)), away.argmin(axis=1)]
 
 
 def _merged(side: Side, over: Cover, D: np.ndarray) -> np.ndarray:
@@ -248,7 +254,7 @@ def _merged(side: Side, over: Cover, D: np.ndarray) -> np.ndarray:
 
 
 def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tresca | NoFriction, name: str,
-         gap: float | Profile | None, kind: str, looped: np.ndarray | None) -> Interface:
+         gap: float | Profile | None, kind: str) -> Interface:
     """The interface whose rows stand at the nodes of the slave, `sides[own]`, that face the other side."""
     side, other = slave = sides[own], sides[1 - own]
     weighted, phi = duals(side, over)
@@ -258,7 +264,7 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
     has_tangents = bonded or not isinstance(friction, NoFriction)
     root = _merged(side, over, D)
     rows = _rows(slave, over, weighted, D, root)
-    free = _unbound(slave, over, rows, has_tangents, root, looped)
+    free = _unbound(slave, over, rows, has_tangents, root)
     if (free != root).any():
         rows = _rows(slave, over, weighted, D, free)
     rooted, area, normal = rows.rooted, rows.area, rows.normal

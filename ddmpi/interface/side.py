@@ -43,6 +43,7 @@ class Side:
         a constant stress times them gives its nodal forces. Half the adjacent edges in order 1; in order 2
         two thirds of its edge for a middle, a sixth of the adjacent edges for a corner, where these are straight
     clamps : (k, 2) the number of the clamp that prescribes each component, −1 if none does
+    tied : (k,) bool, whether clamps hold a node in all components, or another contact can
     extent : (2,) width and height of the body (m)
     arc : (k,) arc length from the start of the node's chain, on the way with the body to the left (m). A closed chain
         starts at the first node of the group's first line on it
@@ -58,6 +59,7 @@ class Side:
     normal: np.ndarray
     area: np.ndarray
     clamps: np.ndarray
+    tied: np.ndarray
     extent: np.ndarray
     arc: np.ndarray
     joined: np.ndarray
@@ -245,10 +247,11 @@ def turn_right(vectors: np.ndarray) -> np.ndarray:
     return np.column_stack([vectors[:, 1], -vectors[:, 0]])
 
 
-def contact_side(mesh: Mesh, edges: np.ndarray, clamps: np.ndarray, body: str, modulus: float, key: str) -> Side:
+def contact_side(mesh: Mesh, edges: np.ndarray, clamps: np.ndarray, body: str, modulus: float, key: str,
+                 tied: np.ndarray | None = None) -> Side:
     """The contact boundary made of `edges` (k, 2 or 3), ordered from its first end. Not collective.
 
-    `clamps` (nv, 2) as those of a `Side`, of all nodes of the body.
+    `clamps` (nv, 2) and `tied` (nv,) as those of a `Side`, of all nodes of the body; without `tied` none is.
 
     Raises InputError naming `key` when an edge does not lie on the boundary.
     """
@@ -267,6 +270,7 @@ def contact_side(mesh: Mesh, edges: np.ndarray, clamps: np.ndarray, body: str, m
     place[nodes] = np.arange(len(nodes))
     links = place[edges]
     return Side(body, modulus, nodes, mesh.points[nodes], normal, length[nodes], clamps[nodes],
+                np.zeros(len(nodes), bool) if tied is None else tied[nodes],
                 np.ptp(mesh.points, axis=0), _arc(edges, mesh.points, origins)[nodes], joined,
                 links[np.argsort(links[:, -1])])
 

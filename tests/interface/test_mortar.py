@@ -403,11 +403,13 @@ def test_rows_that_clamps_nearly_hold_along_the_contact(law, reach, lost):
 
 
 @pytest.mark.parametrize("sides, rows", [((2, 3), 3), ((3, 4), 2), ((5, 8), 4)])
-def test_ends_of_loops_are_shared_but_no_hinge_is_left(sides, rows):
-    upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y)) for n, y in zip(sides, (1.0, 0.0), strict=True))
-    contact = met((side(upper, "bottom", body="upper"), side(lower, "top", body="lower")), slave="upper",
-                  looped=np.array([[0.0, 1.0], [2.0, 1.0]]))
+def test_ends_tied_in_both_bodies_are_shared_but_no_hinge_is_left(sides, rows):
+    """An end shares its neighbour's row where another contact or a clamp holds both bodies at that node."""
+    both = [replace(each, tied=np.abs(each.xy[:, 0] - 1.0) == 1.0) for each in blocks(*sides)]
+    contact = met((both[0], both[1]), slave="upper")
     assert contact.m == rows and contact.area.sum() == pytest.approx(2.0)
+    one = met((both[0], replace(both[1], tied=both[1].xy[:, 0] == 2.0)), slave="upper")
+    assert one.m == sides[0]
 
 
 def test_rows_that_no_body_moves_are_dropped():
