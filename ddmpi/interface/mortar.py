@@ -22,8 +22,8 @@ from ddmpi.errors import InputError
 from ddmpi.interface.cover import Cover, cover, faced_arc, unit
 from ddmpi.interface.interface import Interface, Lines, Places
 from ddmpi.interface.law import law_of
-from ddmpi.interface.matching import NO_GAP, held_beside, initial_gap, is_held, pair
-from ddmpi.interface.side import Side, closings
+from ddmpi.interface.matching import NO_GAP, initial_gap, is_held, pair
+from ddmpi.interface.side import Side
 from ddmpi.mesh.elements import shapes_on_side as shapes
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
 from ddmpi.scene.values import Profile
@@ -42,7 +42,7 @@ UNSEEN = 1e-7
 """A node of whose length no more than this part is covered faces nothing: the other side ends at its neighbour."""
 
 LACKING = 1e-3
-"""A side of which no more than this part is not covered has a mean stress."""
+"""A facet of which no more than this part is not covered has a mean stress."""
 
 NOTHING = 1e-12
 """Entries of P below this are rounding."""
@@ -287,20 +287,13 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
     normal = normal if own == 0 else -normal
     tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
     xy, seen = side.xy[rooted], np.bincount(over.link, minlength=len(side.links)) > 0
-    next_to = (np.diff(rooted) == 1) & side.joined_over(seen)[np.minimum(rooted[:-1], len(side.joined) - 1)]
-    own_row = np.full(len(side.nodes), -1)
-    own_row[rooted] = np.arange(m)
-    closed = closings(side.links[seen], own_row)
-    held = held_beside(xy, next_to, closed, dropped)
-    bound = np.flatnonzero(free != root)
-    np.add.at(held, place[bound], 1.0 / np.linalg.norm(side.xy[free[bound]] - side.xy[bound], axis=1))
-    lines, kept = _lines(side, rows, seen), np.full(m, -1)
+    lines, kept = _lines(side, rows, seen), np.full(m + 1, -1)
     kept[keep] = np.arange(len(keep))
-    alone, carry, closed = np.bincount(lines.row, minlength=m) == 1, kept[lines.row] >= 0, kept[closed]
+    alone, carry = np.bincount(lines.row, minlength=m) == 1, kept[lines.row] >= 0
     at_node = np.full(len(side.nodes), -1)
-    at_node[rooted[alone]] = kept[alone]
-    edges = at_node[side.edges] if len(side.edges) else np.empty((0, 3), int)
-    whole = (edges >= 0).all(axis=1) & (share >= (1.0 - LACKING) * side.lengths)[:len(edges)]
+    at_node[rooted[alone]] = kept[:-1][alone]
+    facets = at_node[side.links]
+    whole = (facets >= 0).all(axis=1) & (share >= (1.0 - LACKING) * side.lengths)
     forward = over.direction if own == 0 else -over.direction
     probes = [_at(phi, nodes, len(side.nodes)),
               _at(shapes(over.there, other.links.shape[1]), other.links[over.other], len(other.nodes))]
@@ -314,8 +307,8 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
         frame=np.stack([normal[keep], tangent[keep]], axis=1), area=area[keep], gap=start[keep], arc=arc[keep],
         nodes=(used[0][0], used[1][0]), transfer=(used[0][1], used[1][1]),
         law=law_of(friction, xy[keep], arc[keep], area[keep], sliding, kind),
-        modulus=1.0 / (1.0 / side.modulus + 1.0 / other.modulus), joined=next_to[keep[:-1]] & (np.diff(keep) == 1),
-        edges=edges[whole], held=held[keep], closings=closed[(closed >= 0).all(axis=1)],
+        modulus=1.0 / (1.0 / side.modulus + 1.0 / other.modulus), facets=facets[whole],
+        laplacian=side.laplacian(seen, kept[np.where(free == root, place, -1)], len(keep)),
         one_sided=np.concatenate([held_normal.any(axis=0)[keep], held_tangential.any(axis=0)[keep][sliding]]),
         prescribed=np.zeros(len(keep) + len(sliding)),
         fixed=Places((sides[0].nodes, sides[1].nodes), normal[dropped], start[dropped],

@@ -28,7 +28,7 @@ class Dense:
             name="seam", bodies=("upper", "lower"), xy=np.column_stack([np.arange(m), np.zeros(m)]),
             frame=np.tile([[0.0, -1.0], [1.0, 0.0]], (m, 1, 1)), area=np.ones(m), gap=np.zeros(m),
             nodes=(nodes, nodes), transfer=(alone, alone), law=CoulombLaw(m, nodes, 1, np.full(m, coefficient)),
-            modulus=1.0, joined=np.ones(m - 1, bool), edges=np.empty((0, 3), int), held=np.zeros(m),
+            modulus=1.0, facets=np.empty((0, 2), int), laplacian=sparse.csr_matrix((m, m)),
             one_sided=np.zeros(2 * m, bool), prescribed=np.zeros(2 * m))
         self.C, self.d, self.size, self.space, self.neglected = C, d, 2 * m, Space([interface]), 0.0
         self.rigid, self.shared = Motions(self.space, 0, ()), np.zeros(2 * m, bool)
