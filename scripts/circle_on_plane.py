@@ -141,10 +141,8 @@ def cattaneo_stress(x: np.ndarray, turns: list[float], pressed: float, force: fl
 def sides(contact) -> tuple[np.ndarray, np.ndarray]:
     """The sides of the contact between x[0] and x[1] (2, ns), and their nodes (ns, k): ends, and the middle if any."""
     interface = contact.interface
-    nodes = interface.edges if len(interface.edges) else np.column_stack([np.arange(interface.m - 1),
-                                                                          np.arange(1, interface.m)])
-    ends = interface.xy[nodes[:, :2], 0].T
-    return ends, nodes
+    ends = interface.xy[interface.facets[:, :2], 0].T
+    return ends, interface.facets
 
 
 SHAPES = {2: lambda t: np.array([1 - t, t]),

@@ -221,12 +221,8 @@ class SideMeans:
 def side_means(state: ContactState) -> SideMeans:
     """Of nodal pressures: by Simpson's rule on quadratic sides, of both ends on linear ones."""
     interface, p = state.interface, state.pressure
-    if len(interface.edges):
-        start, end, middle = interface.edges.T
-        mean = (p[start] + 4 * p[middle] + p[end]) / 6
-    else:
-        start, end = np.concatenate([np.flatnonzero(interface.joined)[:, None] + [0, 1], interface.closings]).T
-        mean = (p[start] + p[end]) / 2
+    start, end, *middle = interface.facets.T
+    mean = (p[start] + 4 * p[middle[0]] + p[end]) / 6 if middle else (p[start] + p[end]) / 2
     a, b = interface.xy[start], interface.xy[end]
     return SideMeans((a + b) / 2, np.linalg.norm(b - a, axis=1), mean)
 

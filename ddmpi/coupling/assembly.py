@@ -28,7 +28,7 @@ from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.geometry import Sizes
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Clamp, Material, SettledBody
-from ddmpi.scene.contacts import SettledContact
+from ddmpi.scene.contacts import NoFriction, SettledContact
 from ddmpi.scene.scene import Settled
 from ddmpi.system import interrupt
 from ddmpi.system.agreement import agreed, merged
@@ -37,15 +37,9 @@ from ddmpi.system.memory import free_memory
 
 NO_SIZES: Mapping[str, Sizes] = {}
 
-ROUNDING = 1e-9
-"""Distances that differ by less are equal."""
-
 FEWEST = 10_000
 """Nodes from which on a body's rows are numbered towards its contacts for the factorization; in smaller ones it gains
 nothing."""
-
-GROUND = ""
-"""What clamps and rigid partners are, among the names of bodies."""
 
 
 @dataclass(frozen=True)
@@ -161,16 +155,13 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                 bodies[spec.name] = elasticity
                 for contact, side in _contacts_of(spec, contacts):
                     links, key = edges[contact.name, side], _key(contact)
-                    sides[contact.name, side] = contact_side(mesh, links, elasticity.clamps, spec.name,
-                                                             modulus_beside(mesh, material, links, key), key)
+                    sides[contact.name, side] = contact_side(
+                        mesh, links, elasticity.clamps, spec.name, modulus_beside(mesh, material, links, key), key,
+                        _tied(spec, contacts, edges, elasticity.clamps, contact.name))
                 interrupt.check()
         both = exchange.swap_objects(sides)
         with agreed(world):
             found = [_join(scene, contact, both[contact.name], refinement) for contact in contacts]
-        looped = _looped(world, scene, [interface for interface, _ in found], both)
-        with agreed(world):
-            found = [_join(scene, contact, both[contact.name], refinement, looped[contact.name])
-                     if contact.name in looped else each for contact, each in zip(contacts, found, strict=True)]
             interfaces = [interface for interface, _ in found]
             doubts = {interface.name: warnings for interface, warnings in found}
             _check_method(scene, bodies, interfaces)
@@ -249,104 +240,20 @@ def _key(contact: SettledContact) -> str:
     return f"contact.{contact.name}.on"
 
 
-@dataclass(frozen=True)
-class _Tips:
-    """Where the chains of a contact end.
-
-    Attributes
-    ----------
-    bodies : of the contact
-    xy, reach : (k, 2) and (k,) their places, and the distance to the next row (m)
-    held : of each side (k,), whether a clamp holds it there
-    ties : whether the contact may hold both components of the motion; without friction it does not
-    mortar : whether its nodes do not match
-    """
-
-    bodies: tuple[str, str]
-    xy: np.ndarray
-    reach: np.ndarray
-    held: tuple[np.ndarray, np.ndarray]
-    ties: bool
-    mortar: bool
+def _tied(spec: SettledBody, contacts: Sequence[SettledContact], edges: Mapping[tuple[str, int], np.ndarray],
+          clamps: np.ndarray, name: str) -> np.ndarray:
+    """Nodes (nv,) bool of a body that clamps hold in all components, or that lie on other contacts than `name` that
+    can hold: bonded or frictional ones."""
+    tied = (clamps >= 0).all(axis=1)
+    for contact, side in _contacts_of(spec, contacts):
+        if contact.name != name and (contact.kind == "bonded" or not isinstance(contact.friction, NoFriction)):
+            tied[edges[contact.name, side]] = True
+    return tied
 
 
-def _tips(interface: Interface, sides: tuple[Side, Side | None]) -> _Tips:
-    """The tips of an interface but those at clamps of both bodies, which are dealt with there."""
-    joined = np.concatenate([[False], interface.joined, [False]])
-    single = ~(joined[1:] & joined[:-1]) & ((interface.held == 0.0) | ~(joined[1:] | joined[:-1]))
-    single[interface.closings.ravel()] = False
-    tips = np.flatnonzero(single)
-    xy = interface.xy[tips]
-    step = np.concatenate([[np.inf], np.where(interface.joined, np.linalg.norm(np.diff(interface.xy, axis=0), axis=1),
-                                              np.inf), [np.inf]])
-    reach = np.minimum(step[1:], step[:-1])[tips]
-    reach = np.where(np.isfinite(reach), reach, interface.area[tips])
-    held = []
-    for side in sides:
-        near = np.empty((len(tips), 0), bool) if side is None else (
-            np.linalg.norm(xy[:, None] - side.xy[~side.free.any(axis=1)], axis=2) <= reach[:, None])
-        held.append(near.any(axis=1))
-    return _Tips(interface.bodies, xy, reach, (held[0], held[1]), len(interface.sliding) > 0,
-                 interface.slave is not None)
-
-
-def _looped(world: MPI.Comm, scene: Settled, interfaces: Sequence[Interface],
-            both: Mapping[str, tuple[Side, Side | None]]) -> dict[str, np.ndarray]:
-    """Places (k, 2) by contact where a row is nearly given by others: contacts and clamps close a loop of bodies there.
-
-    Of contacts whose nodes do not match only; rows of matching ones that depend on each other do no
-    harm (`Joint.shared`). Collective.
-    """
-    if not world.allreduce(any(each.slave for each in interfaces), MPI.LOR):
-        return {}
-    tips = merged(world, {each.name: _tips(each, both[each.name]) for each in interfaces})
-    ends = [(contact.name, k) for contact in scene.contact for k in range(len(tips[contact.name].xy))]
-    if not ends:
-        return {}
-    import scipy.sparse as sparse
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    xy, reach = np.array([tips[name].xy[k] for name, k in ends]), np.array([tips[name].reach[k] for name, k in ends])
-    one, other = cKDTree(xy).query_pairs(reach.max(), output_type="ndarray").T
-    apart = np.linalg.norm(xy[one] - xy[other], axis=1)
-    contact = np.unique([name for name, _ in ends], return_inverse=True)[1]
-    met, far = np.stack([one, other]) * len(ends) + contact[np.stack([other, one])], np.stack([apart, apart])
-    keys, place = np.unique(met, return_inverse=True)
-    nearest = np.full(len(keys), np.inf)
-    np.minimum.at(nearest, place.ravel(), far.ravel())  # of each tip the distance to the tips of another contact
-    meet = (far <= (1.0 + ROUNDING) * nearest[place.reshape(met.shape)]).all(axis=0)
-    meet &= (apart <= np.maximum(reach[one], reach[other])) & (contact[one] != contact[other])
-    graph = sparse.coo_array((np.ones(meet.sum()), (one[meet], other[meet])), (len(ends), len(ends)))
-    point = connected_components(graph, directed=False)[1]
-    deformable, found = {body.name for body in scene.body}, dict[str, list[np.ndarray]]()
-    for group in np.split(np.argsort(point, kind="stable"), np.cumsum(np.bincount(point))[:-1]):
-        here = [ends[i] for i in group]
-        ties = [(name, *(body if body in deformable else GROUND for body in tips[name].bodies))
-                for name, _ in here if tips[name].ties]
-        ties += [("", body, GROUND) for name, k in here
-                 for body, held in zip(tips[name].bodies, tips[name].held, strict=True) if held[k]]
-        for name, k in here:
-            if tips[name].mortar and _connected(*tips[name].bodies, [(a, b) for by, a, b in ties if by != name]):
-                found.setdefault(name, []).append(tips[name].xy[k])
-    return {name: np.array(places) for name, places in found.items()}
-
-
-def _connected(first: str, second: str, ties: Sequence[tuple[str, str]]) -> bool:
-    """Whether a way along `ties` leads from the first to the second."""
-    reached, before = {first}, 0
-    while len(reached) > before:
-        before = len(reached)
-        reached |= {end for tie in ties if reached & set(tie) for end in tie}
-    return second in reached
-
-
-def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | None], refinement: int,
-          looped: np.ndarray | None = None) -> tuple[Interface, list[str]]:
-    """The interface of two sides, or of one and a rigid partner, and warnings. Raises InputError.
-
-    `looped` as in `ddmpi.interface.mortar.mortar`.
-    """
+def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | None],
+          refinement: int) -> tuple[Interface, list[str]]:
+    """The interface of two sides, or of one and a rigid partner, and warnings. Raises InputError."""
     (first, second), clamps = sides, {body.name: body.clamps for body in scene.body}
     if second is None:
         (rigid,) = (each for each in scene.rigid if each.name == contact.bodies[1])
@@ -358,7 +265,7 @@ def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | Non
         if any(body.mesh.geometry for body in scene.body if body.name in contact.bodies):
             refinement = 1  # its nodes match by their number alone
         interface = join(first, second, contact.friction, contact.name, refinement, contact.gap, contact.kind,
-                         contact.pairing, contact.slave, looped)
+                         contact.pairing, contact.slave)
         overlaps = check_overlap(interface, first, second)
         partner = Mover(second.body, clamps[second.body], second)
     times = scene.legs if scene.time is None or scene.time.steps == 1 else [0.0, *scene.legs]

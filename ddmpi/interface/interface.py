@@ -93,10 +93,10 @@ class Interface:
     law : of contact and friction at these nodes
     modulus : E* (Pa), 1/E* being the sum of both bodies' (1 − ν²)/E, of which a rigid partner's is zero
     fixed : nodes without unknowns, because clamps hold both bodies there; the gap they keep is no residual
-    joined : (m − 1,) bool, whether a node and the next one are neighbours
-    closings : (c, 2) neighbours that do not follow each other: the last and the first node of each closed chain
-    edges : (ns, 3) quadratic edges whose nodes all carry unknowns, by ends and middle, in the order of the middles
-    held : (m,) inverse distances to neighbours that clamps or loops of contacts hold, summed (1/m), else zero
+    facets : (f, 2 or 3) rows at the nodes of facets: segments by their ends and, in order 2, middle, directed with the
+        body to their left. Only of facets that wholly face the other side and whose nodes all have a row to themselves
+    laplacian : (m, m) sparse, of hat functions on all facets between the rows, m^(d − 3); nodes without a row that
+        clamps or other contacts hold are fixed. Rows with an entry are neighbours
     one_sided : (size,) bool, unknowns along which only one of the bodies can move
     prescribed : (size,) contact displacement of a rigid partner (m), with the sign of the second side; zero for bodies
     at : of each side (m, d), where the forces of the rows act on it (m); None where this is not known
@@ -118,9 +118,8 @@ class Interface:
     transfer: tuple[sparse.csr_matrix, sparse.csr_matrix]
     law: Law
     modulus: float
-    joined: np.ndarray
-    edges: np.ndarray
-    held: np.ndarray
+    facets: np.ndarray
+    laplacian: sparse.csr_matrix
     one_sided: np.ndarray
     prescribed: np.ndarray
     fixed: Places = field(default_factory=Places)
@@ -128,7 +127,6 @@ class Interface:
     slave: str | None = None
     lines: Lines | None = None
     probes: Places = field(default_factory=Places)
-    closings: np.ndarray = field(default_factory=lambda: np.empty((0, 2), int))
     displacement: np.ndarray = field(default_factory=lambda: np.zeros(2))
     history: str | None = None
     arc: np.ndarray = field(default_factory=lambda: np.empty(0))

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import SAME, Interface, Places
 from ddmpi.interface.law import law_of
-from ddmpi.interface.side import Side, closings
+from ddmpi.interface.side import Side
 from ddmpi.scene.contacts import Circle, Coulomb, NoFriction, Plane, Tresca
 from ddmpi.scene.values import Profile
 
@@ -44,8 +44,7 @@ class Opposite:
     normal : (k, 2) unit normals of the contact, out of the first body
     area : (k,) nodal lengths of the part that both sides have in common (m)
     gap : (k,) measured along the normals, between the arcs over the sides' chords (m)
-    joined : (k − 1,) bool, whether the common part goes on from a node to the next one
-    closings : (c, 2) neighbours that do not follow each other, as in `Interface`
+    common : (ns,) bool, which of the first side's links the common part has
     """
 
     sides: tuple[Side, Side]
@@ -53,8 +52,7 @@ class Opposite:
     normal: np.ndarray
     area: np.ndarray
     gap: np.ndarray
-    joined: np.ndarray
-    closings: np.ndarray
+    common: np.ndarray
 
 
 def pair(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, name: str, refinement: int = 1,
@@ -118,13 +116,8 @@ def touch(side: Side, rigid: Plane | Circle, friction: Coulomb | Tresca | NoFric
                                               else "; bodies touch a circle from outside, unless inside = true"))
     partner = replace(side, body=rigid.name, modulus=np.inf, xy=side.xy - measured[:, None] * outward, normal=outward,
                       clamps=np.zeros_like(side.clamps))
-    joined = np.zeros(len(here) - 1, bool)
-    on = np.diff(here) == 1
-    joined[on] = side.joined_over(towards)[here[:-1][on]]
-    place = np.full(len(side.nodes), -1)
-    place[here] = np.arange(len(here))
     opposite = Opposite((side, partner), (here, here), -outward[here], side.lengths_over(towards)[here],
-                        measured[here], joined, closings(side.links[towards], place))
+                        measured[here], towards)
     found = carry(opposite, friction, name, gap, kind)
     U, none = np.array(rigid.displacement), np.empty(0, int)
     fixed, probes = (replace(each, nodes=(each.nodes[0], none)) for each in (found.fixed, found.probes))
@@ -152,10 +145,9 @@ def carry(opposite: Opposite, friction: Coulomb | Tresca | NoFriction, name: str
         raise InputError(f"contact.{name}: all nodes of the contact are clamped; there is nothing to solve")
     has_tangents = bonded or not isinstance(friction, NoFriction)
     sliding = np.flatnonzero(~held_tangential[keep]) if has_tangents else np.empty(0, int)
-    held = held_beside(first.xy[here], opposite.joined, opposite.closings, dropped)
-    place = np.full(len(first.nodes), -1)
-    place[here[keep]] = np.arange(len(keep))
-    edges, closed = place[first.edges], place[here[opposite.closings]]
+    row = np.full(len(first.nodes), -1)
+    row[here[keep]] = np.arange(len(keep))
+    facets = row[first.links[opposite.common]]
     alone = sparse.identity(len(keep), format="csr")
     moves = sum(np.abs(normal * each).max(axis=1) for each in free) > SAME
     fixed, probes = (Places((first.nodes[here][at], second.nodes[there][at]), normal[at], gap_of[at])
@@ -166,21 +158,10 @@ def carry(opposite: Opposite, friction: Coulomb | Tresca | NoFriction, name: str
         area=area, gap=start[keep], arc=arc, nodes=(first.nodes[here][keep], second.nodes[there][keep]),
         transfer=(alone, alone), law=law_of(friction, xy, arc, area, sliding, kind),
         modulus=1.0 / (1.0 / first.modulus + 1.0 / second.modulus),
-        joined=opposite.joined[keep[:-1]] & (np.diff(keep) == 1), edges=edges[(edges >= 0).all(axis=1)],
-        held=held[keep], closings=closed[(closed >= 0).all(axis=1)],
+        facets=facets[(facets >= 0).all(axis=1)], laplacian=first.laplacian(opposite.common, row, len(keep)),
         one_sided=np.concatenate([one_sided[0][keep], one_sided[1][keep][sliding]]),
         prescribed=np.zeros(len(keep) + len(sliding)), at=(xy, second.xy[there][keep]),
         fixed=fixed, probes=probes)
-
-
-def held_beside(xy: np.ndarray, joined: np.ndarray, closings: np.ndarray, dropped: np.ndarray) -> np.ndarray:
-    """Inverse distances (k,) of nodes at `xy` (k, 2) to their neighbours that are `dropped` (k,), summed (1/m)."""
-    held = np.zeros(len(xy))
-    one, other = np.concatenate([np.flatnonzero(joined)[:, None] + [0, 1], closings]).T
-    for node, neighbour in ((one, other), (other, one)):
-        to = dropped[neighbour]
-        np.add.at(held, node[to], 1.0 / np.linalg.norm(xy[neighbour] - xy[node], axis=1)[to])
-    return held
 
 
 def initial_gap(gap: float | Profile | None, kind: str, measured: np.ndarray, xy: np.ndarray,
@@ -208,8 +189,7 @@ def _match_whole(first: Side, second: Side, name: str, refinement: int) -> Oppos
                          f"{_worst(first, second, match)}; their meshes must match node by node")
     here = np.arange(len(match))
     return Opposite((first, second), (here, match), normal, (first.area + second.area[match]) / 2,
-                    _over_arcs(gap, first, second, here, match, normal), first.joined,
-                    closings(first.links, here))
+                    _over_arcs(gap, first, second, here, match, normal), np.ones(len(first.links), bool))
 
 
 def _match_partly(first: Side, second: Side, refinement: int) -> Opposite | None:
@@ -238,14 +218,8 @@ def _match_partly(first: Side, second: Side, refinement: int) -> Opposite | None
     area = (first.lengths_over(common[0])[here] + second.lengths_over(common[1])[there]) / 2
     alone = area == 0.0  # no common edge: a contact of one node
     area[alone] = ((first.spacing[here] + second.spacing[there]) / 2)[alone]
-    joined = np.zeros(len(here) - 1, bool)
-    on = np.diff(here) == 1
-    joined[on] = first.joined_over(common[0])[here[:-1][on]]
-    place = np.full(len(first.nodes), -1)
-    place[here] = np.arange(len(here))
     return Opposite((first, second), (here, there), normal, area,
-                    _over_arcs(gap, first, second, here, there, normal), joined,
-                    closings(first.links[common[0]], place))
+                    _over_arcs(gap, first, second, here, there, normal), common[0])
 
 
 def _common_links(first: Side, second: Side, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -16,13 +16,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sparse
+from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
 from ddmpi.interface.cover import Cover, cover, faced_arc, unit
 from ddmpi.interface.interface import Interface, Lines, Places
 from ddmpi.interface.law import law_of
-from ddmpi.interface.matching import NO_GAP, held_beside, initial_gap, is_held, pair
-from ddmpi.interface.side import Side, closings
+from ddmpi.interface.matching import NO_GAP, initial_gap, is_held, pair
+from ddmpi.interface.side import Side
 from ddmpi.mesh.elements import shapes_on_side as shapes
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
 from ddmpi.scene.values import Profile
@@ -34,14 +35,14 @@ UNCOVERED = 0.15
 """A node of whose length a smaller part is covered shares the row of its neighbour."""
 
 BARELY = 0.5
-"""A row that clamps let move by less than this, where free nodes move by one, is its neighbour's: what they leave of it
-has entries of both signs, a condition on curvature, with any force."""
+"""Rows that clamps let move by less than this, where free nodes move by one, are merged with a neighbour. Alone they
+would constrain curvature and carry arbitrary forces."""
 
 UNSEEN = 1e-7
 """A node of whose length no more than this part is covered faces nothing: the other side ends at its neighbour."""
 
 LACKING = 1e-3
-"""A side of which no more than this part is not covered has a mean stress."""
+"""A facet of which no more than this part is not covered has a mean stress."""
 
 NOTHING = 1e-12
 """Entries of P below this are rounding."""
@@ -49,7 +50,7 @@ NOTHING = 1e-12
 
 def join(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, name: str, refinement: int = 1,
          gap: float | Profile | None = None, kind: str = "unilateral", pairing: str | None = None,
-         slave: str | None = None, looped: np.ndarray | None = None) -> Interface:
+         slave: str | None = None) -> Interface:
     """The interface of two sides: by pairs of nodes where they match, else by mortar; or as `pairing` says.
 
     Parameters
@@ -64,12 +65,11 @@ def join(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, nam
         except InputError:
             if pairing == "nodes":
                 raise
-    return mortar(first, second, friction, name, gap, kind, slave, looped)
+    return mortar(first, second, friction, name, gap, kind, slave)
 
 
 def mortar(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, name: str,
-           gap: float | Profile | None = None, kind: str = "unilateral", slave: str | None = None,
-           looped: np.ndarray | None = None) -> Interface:
+           gap: float | Profile | None = None, kind: str = "unilateral", slave: str | None = None) -> Interface:
     """The interface of two sides whose nodes need not match.
 
     Parameters
@@ -78,7 +78,6 @@ def mortar(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, n
     friction, name, gap, kind : as for `pair`
     slave : name of the body whose nodes carry the rows; by default the one with the larger spacing of nodes over
         plane modulus, and not one that clamps hold all along the contact
-    looped : places (k, 2) of rows that share their neighbours', because a loop of contacts ends there
 
     Raises
     ------
@@ -97,7 +96,7 @@ def mortar(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, n
     assert over is not None
     if _is_rigid(here, over):
         raise InputError(f"contact.{name}: clamps hold all of {here.body!r} at this contact; it cannot be the slave")
-    return _lay(sides, own, over, friction, name, gap, kind, looped)
+    return _lay(sides, own, over, friction, name, gap, kind)
 
 
 def duals(side: Side, over: Cover) -> tuple[np.ndarray, np.ndarray]:
@@ -201,21 +200,18 @@ def _rows(sides: tuple[Side, Side], over: Cover, weighted: np.ndarray, D: np.nda
     return _Rows(place, rooted, area, (S, P), unit(S @ _normals(side, seen) - P @ _normals(other, met)))
 
 
-def _unbound(sides: tuple[Side, Side], over: Cover, rows: _Rows, tangential: bool, root: np.ndarray,
-             looped: np.ndarray | None) -> np.ndarray:
-    """The `root` of each of the slave's nodes (k,), where a row that clamps nearly hold, or that other contacts make
-    nearly dependent, is its neighbour's."""
+def _unbound(sides: tuple[Side, Side], over: Cover, rows: _Rows, tangential: bool, root: np.ndarray) -> np.ndarray:
+    """The `root` of each of the slave's nodes (k,), where rows nearly fixed by clamps or other contacts are merged with
+    a neighbour."""
     held, most = rows.held(sides, rows.normal)
     if tangential:
         both, along = rows.held(sides, rows.tangent)
         most = np.where(both.all(axis=0), most, np.minimum(most, along))
     links, found = rows.place[sides[0].links[np.unique(over.link)]], root.copy()
     most[held.all(axis=0)] = 0.0
-    if looped is not None:
-        apart = np.linalg.norm(sides[0].xy[rows.rooted][:, None] - looped, axis=2)
-        ends = np.unique(np.argmin(apart, axis=0))
-        if np.count_nonzero(np.delete(most, ends) >= BARELY) > 1:  # one row would be a hinge
-            most[ends] = 0.0
+    ends = _tied_ends(*sides, over, rows)
+    if np.count_nonzero(np.delete(most, ends) >= BARELY) > 1:  # one row would be a hinge
+        most[ends] = 0.0
     for number in np.flatnonzero((most < BARELY) & ~held.all(axis=0)):
         near = np.unique(links[(links == number).any(axis=1)])
         near = rows.rooted[near[(near >= 0) & (most[near] >= BARELY)]]
@@ -223,6 +219,16 @@ def _unbound(sides: tuple[Side, Side], over: Cover, rows: _Rows, tangential: boo
             here = rows.rooted[number]
             found[root == here] = near[np.argmin(np.linalg.norm(sides[0].xy[near] - sides[0].xy[here], axis=1))]
     return found
+
+
+def _tied_ends(side: Side, other: Side, over: Cover, rows: _Rows) -> np.ndarray:
+    """The last rows at ends of the slave's covered part where both bodies are `tied`, the other at its nearest node."""
+    links = side.links[np.unique(over.link)]
+    ends = np.flatnonzero(np.bincount(links[:, :2].ravel(), minlength=len(side.nodes)) == 1)
+    ends = ends[side.tied[ends] & other.tied[cKDTree(other.xy).query(side.xy[ends])[1]]]
+    last = rows.place[links[(links == ends[:, None, None]).any(axis=2).argmax(axis=1)]]
+    away = np.linalg.norm(side.xy[rows.rooted[last]] - side.xy[ends][:, None], axis=2)
+    return last[np.arange(len(last)), away.argmin(axis=1)]
 
 
 def _merged(side: Side, over: Cover, D: np.ndarray) -> np.ndarray:
@@ -248,7 +254,7 @@ def _merged(side: Side, over: Cover, D: np.ndarray) -> np.ndarray:
 
 
 def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tresca | NoFriction, name: str,
-         gap: float | Profile | None, kind: str, looped: np.ndarray | None) -> Interface:
+         gap: float | Profile | None, kind: str) -> Interface:
     """The interface whose rows stand at the nodes of the slave, `sides[own]`, that face the other side."""
     side, other = slave = sides[own], sides[1 - own]
     weighted, phi = duals(side, over)
@@ -258,7 +264,7 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
     has_tangents = bonded or not isinstance(friction, NoFriction)
     root = _merged(side, over, D)
     rows = _rows(slave, over, weighted, D, root)
-    free = _unbound(slave, over, rows, has_tangents, root, looped)
+    free = _unbound(slave, over, rows, has_tangents, root)
     if (free != root).any():
         rows = _rows(slave, over, weighted, D, free)
     rooted, area, normal = rows.rooted, rows.area, rows.normal
@@ -281,20 +287,13 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
     normal = normal if own == 0 else -normal
     tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
     xy, seen = side.xy[rooted], np.bincount(over.link, minlength=len(side.links)) > 0
-    next_to = (np.diff(rooted) == 1) & side.joined_over(seen)[np.minimum(rooted[:-1], len(side.joined) - 1)]
-    own_row = np.full(len(side.nodes), -1)
-    own_row[rooted] = np.arange(m)
-    closed = closings(side.links[seen], own_row)
-    held = held_beside(xy, next_to, closed, dropped)
-    bound = np.flatnonzero(free != root)
-    np.add.at(held, place[bound], 1.0 / np.linalg.norm(side.xy[free[bound]] - side.xy[bound], axis=1))
-    lines, kept = _lines(side, rows, seen), np.full(m, -1)
+    lines, kept = _lines(side, rows, seen), np.full(m + 1, -1)
     kept[keep] = np.arange(len(keep))
-    alone, carry, closed = np.bincount(lines.row, minlength=m) == 1, kept[lines.row] >= 0, kept[closed]
+    alone, carry = np.bincount(lines.row, minlength=m) == 1, kept[lines.row] >= 0
     at_node = np.full(len(side.nodes), -1)
-    at_node[rooted[alone]] = kept[alone]
-    edges = at_node[side.edges] if len(side.edges) else np.empty((0, 3), int)
-    whole = (edges >= 0).all(axis=1) & (share >= (1.0 - LACKING) * side.lengths)[:len(edges)]
+    at_node[rooted[alone]] = kept[:-1][alone]
+    facets = at_node[side.links]
+    whole = (facets >= 0).all(axis=1) & (share >= (1.0 - LACKING) * side.lengths)
     forward = over.direction if own == 0 else -over.direction
     probes = [_at(phi, nodes, len(side.nodes)),
               _at(shapes(over.there, other.links.shape[1]), other.links[over.other], len(other.nodes))]
@@ -308,8 +307,8 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
         frame=np.stack([normal[keep], tangent[keep]], axis=1), area=area[keep], gap=start[keep], arc=arc[keep],
         nodes=(used[0][0], used[1][0]), transfer=(used[0][1], used[1][1]),
         law=law_of(friction, xy[keep], arc[keep], area[keep], sliding, kind),
-        modulus=1.0 / (1.0 / side.modulus + 1.0 / other.modulus), joined=next_to[keep[:-1]] & (np.diff(keep) == 1),
-        edges=edges[whole], held=held[keep], closings=closed[(closed >= 0).all(axis=1)],
+        modulus=1.0 / (1.0 / side.modulus + 1.0 / other.modulus), facets=facets[whole],
+        laplacian=side.laplacian(seen, kept[np.where(free == root, place, -1)], len(keep)),
         one_sided=np.concatenate([held_normal.any(axis=0)[keep], held_tangential.any(axis=0)[keep][sliding]]),
         prescribed=np.zeros(len(keep) + len(sliding)),
         fixed=Places((sides[0].nodes, sides[1].nodes), normal[dropped], start[dropped],

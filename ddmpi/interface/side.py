@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import factorial
 
 import numpy as np
+import scipy.sparse as sparse
 
 from ddmpi.mesh.boundary import segments, turn_outward
 from ddmpi.mesh.elements import bends, side_lengths, side_shares
@@ -43,6 +45,7 @@ class Side:
         a constant stress times them gives its nodal forces. Half the adjacent edges in order 1; in order 2
         two thirds of its edge for a middle, a sixth of the adjacent edges for a corner, where these are straight
     clamps : (k, 2) the number of the clamp that prescribes each component, −1 if none does
+    tied : (k,) bool, whether clamps hold a node in all components, or another contact can
     extent : (2,) width and height of the body (m)
     arc : (k,) arc length from the start of the node's chain, on the way with the body to the left (m). A closed chain
         starts at the first node of the group's first line on it
@@ -58,6 +61,7 @@ class Side:
     normal: np.ndarray
     area: np.ndarray
     clamps: np.ndarray
+    tied: np.ndarray
     extent: np.ndarray
     arc: np.ndarray
     joined: np.ndarray
@@ -223,21 +227,23 @@ class Side:
         size = np.linalg.norm(total, axis=1, keepdims=True)
         return np.where(size > 0.0, total / np.where(size > 0.0, size, 1.0), self.normal)
 
-    def joined_over(self, some: np.ndarray) -> np.ndarray:
-        """(k − 1,) bool, whether some of the links (ns,) join a node and the next one."""
-        pairs, size = segments(self.links[some]), len(self.nodes)
-        places = np.arange(size)
-        return np.isin(_keys(places[:-1], places[1:], size), _keys(pairs[:, 0], pairs[:, 1], size))
+    def laplacian(self, some: np.ndarray, row: np.ndarray, m: int) -> sparse.csr_matrix:
+        """That of some of the links (ns,) bool, as `laplacian`; of quadratic ones between neighbouring nodes."""
+        return laplacian(self.xy, segments(self.links[some]), row, m)
 
 
-def closings(links: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Places (c, 2) of neighbours that do not follow each other, because a closed chain begins between them.
+def laplacian(xy: np.ndarray, facets: np.ndarray, row: np.ndarray, m: int) -> sparse.csr_matrix:
+    """Laplacian (m, m) of the hat functions of rows on facets between nodes at `xy` (k, d), in m^(d − 3).
 
-    `place` (k,) is the one of each node, or −1; pairs with such a node are left out.
+    Facets (f, d) are straight simplices. The nodes with number j in `row` (k,) move with row j; −1 is held fast.
     """
-    pairs = segments(links)
-    pairs = place[pairs[np.abs(pairs[:, 0] - pairs[:, 1]) != 1]]
-    return pairs[(pairs >= 0).all(axis=1)]
+    along = xy[facets[:, 1:]] - xy[facets[:, :1]]
+    gram, order = along @ along.transpose(0, 2, 1), along.shape[1]
+    slopes = np.vstack([-np.ones(order), np.eye(order)])
+    local = slopes @ np.linalg.inv(gram) @ slopes.T * np.sqrt(np.linalg.det(gram))[:, None, None] / factorial(order)
+    one, other = np.broadcast_arrays(row[facets][:, :, None], row[facets][:, None, :])
+    moves = (one >= 0) & (other >= 0)
+    return sparse.csr_matrix((local[moves], (one[moves], other[moves])), (m, m))
 
 
 def turn_right(vectors: np.ndarray) -> np.ndarray:
@@ -245,10 +251,11 @@ def turn_right(vectors: np.ndarray) -> np.ndarray:
     return np.column_stack([vectors[:, 1], -vectors[:, 0]])
 
 
-def contact_side(mesh: Mesh, edges: np.ndarray, clamps: np.ndarray, body: str, modulus: float, key: str) -> Side:
+def contact_side(mesh: Mesh, edges: np.ndarray, clamps: np.ndarray, body: str, modulus: float, key: str,
+                 tied: np.ndarray | None = None) -> Side:
     """The contact boundary made of `edges` (k, 2 or 3), ordered from its first end. Not collective.
 
-    `clamps` (nv, 2) as those of a `Side`, of all nodes of the body.
+    `clamps` (nv, 2) and `tied` (nv,) as those of a `Side`, of all nodes of the body; without `tied` none is.
 
     Raises InputError naming `key` when an edge does not lie on the boundary.
     """
@@ -267,6 +274,7 @@ def contact_side(mesh: Mesh, edges: np.ndarray, clamps: np.ndarray, body: str, m
     place[nodes] = np.arange(len(nodes))
     links = place[edges]
     return Side(body, modulus, nodes, mesh.points[nodes], normal, length[nodes], clamps[nodes],
+                np.zeros(len(nodes), bool) if tied is None else tied[nodes],
                 np.ptp(mesh.points, axis=0), _arc(edges, mesh.points, origins)[nodes], joined,
                 links[np.argsort(links[:, -1])])
 

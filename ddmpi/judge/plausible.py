@@ -254,24 +254,24 @@ def _unresolved_zone(state: ContactState) -> list[str]:
     interface, number = state.interface, len(state.status)
     if interface.law.name == "bonded" or number < 3:
         return []
-    follow = np.flatnonzero(interface.joined)
-    pairs = np.vstack([np.column_stack([follow, follow + 1]), interface.closings])
-    closed, steps = state.status != "open", interface.xy[pairs[:, 1]] - interface.xy[pairs[:, 0]]
+    pairs = np.column_stack(sparse.triu(interface.laplacian, 1).nonzero())
+    ends, closed = interface.facets[:, :2], state.status != "open"
+    steps = interface.xy[ends[:, 1]] - interface.xy[ends[:, 0]]
     both = closed[pairs].all(axis=1)
     links = sparse.csr_matrix((np.ones(both.sum()), pairs[both].T), (number, number))
     zone = csgraph.connected_components(links, directed=False)[1]
     parting = pairs[closed[pairs[:, 0]] != closed[pairs[:, 1]]]
     inner, outer = np.where(closed[parting[:, :1]], parting, parting[:, ::-1]).T
     apart = interface.gap[outer] > interface.gap[inner] + CURVED * interface.area[inner]
-    ends = np.bincount(zone[inner[apart]], minlength=number)  # at which the boundaries curve apart
+    curving = np.bincount(zone[inner[apart]], minlength=number)  # ends at which the boundaries curve apart
     angle = np.arctan2(steps[:, 1], steps[:, 0])
     before, after = np.full((2, number), np.nan)
-    after[pairs[:, 0]], before[pairs[:, 1]] = angle, angle
+    after[ends[:, 0]], before[ends[:, 1]] = angle, angle
     turn = np.abs(np.angle(np.exp(1j * np.nan_to_num(after - before))))
     cornered = np.bincount(zone, turn > SHARPEST, number) > 0
     size, force = np.bincount(zone, closed, number), np.bincount(zone, state.normal_force, number)
-    least = RESOLVED_BY[1 if len(interface.edges) else 0]
-    poor = (size > 0) & (size < least) & (ends >= 2) & ~cornered & (force > SHARE * force.sum())
+    least = RESOLVED_BY[interface.facets.shape[1] - 2]
+    poor = (size > 0) & (size < least) & (curving >= 2) & ~cornered & (force > SHARE * force.sum())
     if not poor.any():
         return []
     k = int(np.argmax(np.where(poor, force, -np.inf)))

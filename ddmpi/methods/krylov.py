@@ -25,7 +25,7 @@ from ddmpi.coupling.coarse import CoarseSystem, Motions
 from ddmpi.coupling.joint import STEERING, Joint
 from ddmpi.errors import SolverError
 from ddmpi.interface.law import Tangent
-from ddmpi.methods.half_plane import HalfPlaneStiffness
+from ddmpi.methods.half_space import HalfSpace
 from ddmpi.petsc.messages import petsc_message, reason_name
 from ddmpi.petsc.versions import call_solver
 
@@ -123,9 +123,9 @@ class Preconditioner:
     c : (space.size,) stiffness of half-planes against short waves (N/m)
     """
 
-    def __init__(self, half_plane: HalfPlaneStiffness, motions: Motions, diagonal: np.ndarray,
+    def __init__(self, half_space: HalfSpace, motions: Motions, diagonal: np.ndarray,
                  shared: np.ndarray, c: np.ndarray) -> None:
-        self.half_plane, self.motions, self.diagonal, self.shared, self.c = half_plane, motions, diagonal, shared, c
+        self.half_space, self.motions, self.diagonal, self.shared, self.c = half_space, motions, diagonal, shared, c
 
 
 class LinearProblem:
@@ -144,7 +144,7 @@ class LinearProblem:
 
     def __init__(self, joint: Joint, preconditioner: Preconditioner, linearised: Linearised,
                  layer: np.ndarray, precise: bool = False) -> None:
-        self.joint, self.linearised, self._half_plane = joint, linearised, preconditioner.half_plane
+        self.joint, self.linearised, self._half_space = joint, linearised, preconditioner.half_space
         self._D = linearised.diagonal(preconditioner.shared + layer)
         self._weight = 1.0 / np.sqrt(1.0 + layer * preconditioner.c)
         self._rigid = joint.rigid.size
@@ -154,7 +154,7 @@ class LinearProblem:
             weights = [self._weight[part, None] for part in joint.space.parts.values()]
 
             def stiffness(number: int, x: np.ndarray) -> np.ndarray:
-                return weights[number] * self._half_plane.on_interface(number, weights[number] * x)
+                return weights[number] * self._half_space.on_interface(number, weights[number] * x)
 
             self._coarse = CoarseSystem(preconditioner.motions, linearised.basis, linearised.expansion, stiffness,
                                         preconditioner.diagonal)
@@ -164,7 +164,7 @@ class LinearProblem:
 
         `h` (joint.rigid.size,) is zero if left out. Collective.
         """
-        y = self.linearised.restrict(self._weight * self._half_plane.mult(self._weight * (self.linearised.basis @ w)))
+        y = self.linearised.restrict(self._weight * self._half_space.mult(self._weight * (self.linearised.basis @ w)))
         if not self._coarse:
             return y, np.zeros(0)
         if h is not None:

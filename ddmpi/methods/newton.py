@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.coupling.joint import Joint
-from ddmpi.methods.half_plane import HalfPlaneStiffness, smooth_modes
+from ddmpi.methods.half_space import HalfSpace, smooth_modes
 from ddmpi.methods.krylov import FORCING, Linearised, LinearProblem, Preconditioner
 from ddmpi.methods.outer import Report, Step, no_report, rows_of, steps_of
 from ddmpi.methods.paths import DRIFT, NEAR, InteriorPoints, Path, Point, Softening
@@ -363,7 +363,7 @@ class Newton:
 
 def precondition(joint: Joint, c: np.ndarray) -> Preconditioner:
     """The preconditioner for all active sets of `joint`, with c (size,) half the joint moduli. Collective."""
-    half_plane, rigid = HalfPlaneStiffness(joint.space), joint.rigid
+    half_space, rigid = HalfSpace(joint.space), joint.rigid
     motions, stiffness = rigid, HELD_LOOSELY * joint.rigid_moduli()
     if joint.bodies >= MANY or rigid.size:
         found = [(np.empty((0, member.size)), np.empty(0)) for member in joint.members]
@@ -375,4 +375,4 @@ def precondition(joint: Joint, c: np.ndarray) -> Preconditioner:
     if motions.size:
         log.info("coarse problem: %d rigid motions and %d smooth modes of %d bod%s", rigid.size,
                  motions.size - rigid.size, joint.bodies, "ies" if joint.bodies > 1 else "y")
-    return Preconditioner(half_plane, motions, stiffness, np.where(joint.shared, SHARED / (2.0 * c), 0.0), c)
+    return Preconditioner(half_space, motions, stiffness, np.where(joint.shared, SHARED / (2.0 * c), 0.0), c)

@@ -93,10 +93,11 @@ def write_sides(path: Path, name: str, state: ContactState) -> None:
     by Simpson's rule, do not. A line holds the middle of a side and its arc length; sides with a node that carries no
     force are left out. Linear elements have no such file. Not collective. Raises OutputError.
     """
-    xy, (start, end, middle) = state.interface.xy, state.interface.edges.T
-    if len(middle) == 0:
+    xy, facets = state.interface.xy, state.interface.facets
+    if len(facets) == 0 or facets.shape[1] == 2:
         return
-    length = side_lengths(xy[state.interface.edges])
+    start, end, middle = facets.T
+    length = side_lengths(xy[facets])
     means = ((stress[start] + 4 * stress[middle] + stress[end]) / 6 for stress in (state.pressure, state.shear.ravel()))
     _write_csv(path / contact_files(name).sides, SIDES, zip(*xy[middle].T, length, *means, strict=True))
 

@@ -5,6 +5,7 @@ import scipy.sparse as sparse
 from scipy.sparse.linalg import spsolve
 
 from ddmpi.body.elasticity import Elasticity, assemble
+from ddmpi.interface.interface import Interface
 from ddmpi.interface.side import Side, contact_side
 from ddmpi.mesh.build import generate_rectangle
 from ddmpi.mesh.mesh import Mesh
@@ -63,3 +64,13 @@ def respond(body: Elasticity, forces: np.ndarray | float = 0.0) -> np.ndarray:
 def compliance(body: Elasticity, B: np.ndarray) -> np.ndarray:
     """B A⁻¹ Bᵀ, dense."""
     return B @ spsolve(stiffness(body), B.T)
+
+
+def joined(contact: Interface) -> np.ndarray:
+    """(m − 1,) bool, whether a row and the next one are neighbours."""
+    return contact.laplacian.diagonal(1) != 0.0
+
+
+def held_beside(contact: Interface) -> np.ndarray:
+    """(m,) inverse distances to neighbours that are fixed, summed."""
+    return contact.laplacian @ np.ones(contact.m)

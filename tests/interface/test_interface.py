@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from boundaries import held_beside, joined
 
 from ddmpi.body.elasticity import assemble
 from ddmpi.errors import InputError
@@ -304,16 +305,16 @@ def test_clamped_nodes_drop_out():
     assert contact.area.sum() == pytest.approx(2.75)
     assert np.array_equal(contact.sliding, np.arange(6))
     assert all(len(x) == 6 for x in (*contact.nodes, contact.frame, contact.gap))
-    assert contact.joined.tolist() == [True] * 5
-    assert contact.held == pytest.approx([1 / 0.5, 0, 0, 0, 0, 0])
+    assert joined(contact).tolist() == [True] * 5
+    assert held_beside(contact) == pytest.approx([1 / 0.5, 0, 0, 0, 0, 0], abs=1e-12)
 
 
 def test_clamped_node_in_the_middle_parts_its_neighbours():
     upper, lower = blocks()
     held = [clamped(mesh, lambda x, y: x == 1.5, x=True, y=True) for mesh in (upper, lower)]
     contact = interface_of(upper, lower, COULOMB, *held)
-    assert contact.joined.tolist() == [True, True, False, True, True]
-    assert contact.held == pytest.approx([0, 0, 2, 2, 0, 0])
+    assert joined(contact).tolist() == [True, True, False, True, True]
+    assert held_beside(contact) == pytest.approx([0, 0, 2, 2, 0, 0], abs=1e-12)
 
 
 @pytest.mark.parametrize("which", [0, 1])
@@ -324,7 +325,7 @@ def test_node_that_one_body_holds_stays(which):
     contact = interface_of(*meshes, COULOMB, *free)
     assert (contact.m, contact.dropped, contact.size) == (7, 0, 14)
     assert np.flatnonzero(contact.one_sided).tolist() == [0, 7]
-    assert not contact.held.any()
+    assert held_beside(contact) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_roller_across_the_normal_keeps_the_normal_unknown():
@@ -470,10 +471,10 @@ def test_quadratic_edges_of_a_closed_contact_go_around(start):
     for mesh in meshes if start else ():  # turned so that the smallest x is a middle's
         mesh.points[:] = mesh.points @ [[np.cos(0.13), np.sin(0.13)], [-np.sin(0.13), np.cos(0.13)]]
     contact = pair(side(meshes[0], "outer"), side(meshes[1], "inner"), COULOMB, NAME)
-    assert contact.edges.shape == (24, 3)
-    assert np.unique(contact.edges[:, :2], return_counts=True)[1].tolist() == [2] * 24
-    ends = contact.xy[contact.edges[:, :2]]
-    assert ends.mean(axis=1) == pytest.approx(contact.xy[contact.edges[:, 2]], rel=1e-12)
+    assert contact.facets.shape == (24, 3)
+    assert np.unique(contact.facets[:, :2], return_counts=True)[1].tolist() == [2] * 24
+    ends = contact.xy[contact.facets[:, :2]]
+    assert ends.mean(axis=1) == pytest.approx(contact.xy[contact.facets[:, 2]], rel=1e-12)
 
 
 def test_quadratic_edges_with_a_node_without_unknowns_are_left_out():
@@ -482,8 +483,8 @@ def test_quadratic_edges_with_a_node_without_unknowns_are_left_out():
         meshes = [raise_order(mesh, "mesh") for mesh in blocks()]
         held = [clamped(mesh, lambda at, y, x=x: at == x, x=True, y=True) for mesh in meshes]
         contact = interface_of(*meshes, COULOMB, *held)
-        assert len(contact.edges) == left and contact.m == 12
-        assert contact.xy[contact.edges[:, :2]].mean(axis=1) == pytest.approx(contact.xy[contact.edges[:, 2]])
+        assert len(contact.facets) == left and contact.m == 12
+        assert contact.xy[contact.facets[:, :2]].mean(axis=1) == pytest.approx(contact.xy[contact.facets[:, 2]])
 
 
 @pytest.mark.parametrize("interference", [1e-3, -1e-3])

@@ -77,7 +77,7 @@ class Blocks:
             name=f"{first}-{second}", bodies=(first, second), xy=self.place(xy),
             frame=np.stack([normal, tangent], axis=1), area=np.ones(m),
             gap=np.zeros(m), nodes=(nodes, nodes), transfer=(alone, alone), law=made, modulus=1.0,
-            joined=np.ones(m - 1, bool), edges=np.empty((0, 3), int), held=np.zeros(m),
+            facets=np.empty((0, 2), int), laplacian=sparse.csr_matrix((m, m)),
             one_sided=np.zeros(made.size, bool), prescribed=np.zeros(made.size)))
         return self
 

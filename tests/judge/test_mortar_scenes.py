@@ -224,7 +224,7 @@ def test_shrink_fit_of_curved_sides(ratio, given):
         outer = b if given else b + fit
         answer = solved([ring("shaft", (a, outer), (shaft, 2 * n), 2), ring("hub", (b, c), (hub, 2 * n), 2)], [contact],
                         1e-10)
-        p, (start, end, middle) = answer.contacts["shaft-hub"].pressure, answer.contacts["shaft-hub"].interface.edges.T
+        p, (start, end, middle) = answer.contacts["shaft-hub"].pressure, answer.contacts["shaft-hub"].interface.facets.T
         sides = (p[start] + 4 * p[middle] + p[end]) / 6
         errors.append([np.sqrt(((each / exact - 1) ** 2).mean()) for each in (p, sides)])
     assert answer.summary["contacts"]["shaft-hub"]["pairing"] == ("mortar" if ratio == (4, 5) else "nodes")

@@ -25,8 +25,9 @@ from scenes import (
 from ddmpi.coupling.space import Space
 from ddmpi.interface.interface import Interface, Places
 from ddmpi.interface.law import CoulombLaw
+from ddmpi.interface.side import laplacian
 from ddmpi.judge.diagnosis import StatusLog
-from ddmpi.methods.half_plane import HalfPlaneStiffness
+from ddmpi.methods.half_space import HalfSpace
 from ddmpi.methods.paths import InteriorPoints, Softening
 
 two_ranks = pytest.mark.mpi(ranks=2)
@@ -35,25 +36,25 @@ MODULUS = 3e11
 
 # The preconditioner
 
-def interface(x, sliding: list[int], dropped: int = 0, area=None, joined=None, held=None) -> Interface:
+def interface(x, sliding: list[int], dropped: int = 0, area=None) -> Interface:
     """Contact nodes along y = 0 at `x`; nodes more than twice as far apart as others belong to two chains."""
     x, sliding = np.array(x), np.array(sliding, dtype=int)
     steps = np.diff(x)
     edges = np.where(steps < 2.0 * np.median(steps), steps, 0.0) if area is None else steps
     if area is None:
         area = 0.5 * (np.append(edges, 0.0) + np.insert(edges, 0, 0.0))
-        held = np.zeros(len(x))
         if dropped:  # the first node's neighbour is clamped
             area[0] += 0.5 * edges[0]
-            held[0] = 1.0 / edges[0]
     m, nodes = len(x), np.arange(len(x))
-    alone = sparse.identity(m, format="csr")
+    alone, segments = sparse.identity(m, format="csr"), np.column_stack([nodes[:-1], nodes[1:]])[edges > 0.0]
+    places, row = np.append(x, 2 * x[0] - x[min(1, m - 1)])[:, None], np.append(nodes, -1)
+    beside = np.array([[0, m]])[:dropped if m > 1 else 0]
     return Interface(
         name="upper-lower", bodies=("upper", "lower"), xy=np.column_stack([x, np.zeros(m)]),
         frame=np.tile([[0.0, -1.0], [1.0, 0.0]], (m, 1, 1)), area=area, gap=np.zeros(m), nodes=(nodes, nodes),
         transfer=(alone, alone), law=CoulombLaw(m, sliding, 1, np.full(len(sliding), 0.3)), modulus=MODULUS,
-        joined=edges > 0.0, edges=np.empty((0, 3), int), held=held, one_sided=np.zeros(m + len(sliding), bool),
-        prescribed=np.zeros(m + len(sliding)),
+        facets=segments, laplacian=laplacian(places, np.concatenate([segments, beside]), row, m),
+        one_sided=np.zeros(m + len(sliding), bool), prescribed=np.zeros(m + len(sliding)),
         fixed=Places(gap=np.zeros(dropped)))
 
 
@@ -93,9 +94,9 @@ def columns(operator, size: int) -> np.ndarray:
     ([*np.linspace(0, 1, 12), *np.linspace(2, 3, 12)], range(24), 0),
     ([0.0, 1.0], [0, 1], 0),
 ], ids=["even", "first node dropped", "some slide", "no friction", "graded", "two chains", "two nodes"])
-def test_half_plane_stiffness_is_the_square_root(x, sliding, dropped, scale):
+def test_half_space_is_the_square_root(x, sliding, dropped, scale):
     contact = interface([scale * value for value in x], list(sliding), dropped)
-    P, expected = columns(HalfPlaneStiffness(Space([contact])), contact.size), dense_stiffness(contact, MODULUS)
+    P, expected = columns(HalfSpace(Space([contact])), contact.size), dense_stiffness(contact, MODULUS)
     assert np.linalg.norm(P - expected, 2) <= 1e-3 * np.linalg.norm(expected, 2)
     assert np.linalg.norm(np.linalg.solve(expected, P) - np.eye(contact.size), 2) <= 1e-3
     assert np.abs(P - P.T).max() <= 1e-12 * np.abs(P).max()
@@ -103,38 +104,38 @@ def test_half_plane_stiffness_is_the_square_root(x, sliding, dropped, scale):
 
 
 @pytest.mark.parametrize("start", [0, 5])
-def test_half_plane_stiffness_of_a_closed_chain(start):
+def test_half_space_of_a_closed_chain(start):
     """A ring has no ends: wherever its numbers begin, its stiffness is the same, that of its Fourier modes."""
     m, radius = 24, 2.0
     angle = 2 * np.pi * (np.arange(m) + start) / m
     chord = 2 * radius * np.sin(np.pi / m)
-    ring = replace(interface(np.arange(m), range(m)), xy=radius * np.column_stack([np.cos(angle), np.sin(angle)]),
-                   area=np.full(m, chord), joined=np.ones(m - 1, bool), held=np.zeros(m),
-                   closings=np.array([[m - 1, 0]]))
-    P = columns(HalfPlaneStiffness(Space([ring])), 2 * m)[:m, :m]
+    xy, nodes = radius * np.column_stack([np.cos(angle), np.sin(angle)]), np.arange(m)
+    around = laplacian(xy, np.column_stack([nodes, np.roll(nodes, -1)]), nodes, m)
+    ring = replace(interface(nodes, nodes), xy=xy, area=np.full(m, chord), laplacian=around)
+    P = columns(HalfSpace(Space([ring])), 2 * m)[:m, :m]
     assert np.roll(P, (1, 1), (0, 1)) == pytest.approx(P, rel=1e-10)
     waves = np.hypot(2 * np.sin(np.pi * np.arange(m) / m) / chord, 1.5 / (m * chord))
     assert np.fft.fft(P[0]).real == pytest.approx(0.5 * MODULUS * chord * waves, rel=1e-3)
 
 
-def test_half_plane_stiffness_of_no_columns():
+def test_half_space_of_no_columns():
     """An interface whose bodies have no coarse motions asks for none."""
     contact = interface([0.0, 1.0], [0, 1])
-    assert HalfPlaneStiffness(Space([contact])).on_interface(0, np.empty((contact.size, 0))).shape == (contact.size, 0)
+    assert HalfSpace(Space([contact])).on_interface(0, np.empty((contact.size, 0))).shape == (contact.size, 0)
 
 
-def test_half_plane_stiffness_of_one_node():
+def test_half_space_of_one_node():
     """Its only neighbour, 0.5 m away, is clamped."""
-    one = interface([0.0], [0], 1, area=np.array([0.25]), held=np.array([2.0]))
+    one = replace(interface([0.0], [0], 1, area=np.array([0.25])), laplacian=sparse.csr_matrix([[2.0]]))
     expected = 0.5 * MODULUS * 0.25 * math.hypot(1.5 / 0.25, math.sqrt(1.0 / (0.5 * 0.25)))
-    assert columns(HalfPlaneStiffness(Space([one])), 2) == pytest.approx(expected * np.eye(2), rel=1e-3)
+    assert columns(HalfSpace(Space([one])), 2) == pytest.approx(expected * np.eye(2), rel=1e-3)
 
 
 def test_interfaces_do_not_see_each_other_in_the_preconditioner():
     """The preconditioner of two interfaces has their two blocks on its diagonal and nothing beside them."""
     one, two = interface(np.linspace(0, 3, 5), range(5)), interface(np.linspace(0, 1, 4), [1, 2])
-    both = columns(HalfPlaneStiffness(Space([one, replace(two, name="other")])), one.size + two.size)
-    parts = [columns(HalfPlaneStiffness(Space([each])), each.size) for each in (one, two)]
+    both = columns(HalfSpace(Space([one, replace(two, name="other")])), one.size + two.size)
+    parts = [columns(HalfSpace(Space([each])), each.size) for each in (one, two)]
     assert np.array_equal(both, scipy.linalg.block_diag(*parts))
 
 
@@ -149,7 +150,7 @@ def test_preconditioned_compliance_is_well_conditioned_at_every_h_and_contrast(c
             for body in scene["body"]:
                 body["mesh"]["order"] = order
             assembly = prepare_scene(comm, scene)
-            C, P = joint_compliance(assembly), HalfPlaneStiffness(Space([the_interface(assembly)]))
+            C, P = joint_compliance(assembly), HalfSpace(Space([the_interface(assembly)]))
             values = np.linalg.eigvals(np.column_stack([P.mult(column) for column in C.T]))
             assert np.abs(values.imag).max() <= 1e-9 * np.abs(values).max()
             conditions.append(values.real.max() / values.real.min())
@@ -305,7 +306,7 @@ def test_a_theta_too_large_diverges_and_is_told_from_running_out(comm):
 
 def line(m: int, coefficient: float = 0.5) -> Space:
     """One interface of m nodes at (0, 1), (1, 1), …"""
-    contact = interface(np.arange(float(m)), range(m), area=np.ones(m), held=np.zeros(m))
+    contact = interface(np.arange(float(m)), range(m), area=np.ones(m))
     law = replace(contact.law, coefficient=np.full(m, coefficient))
     return Space([replace(contact, xy=contact.xy + np.array([0.0, 1.0]), law=law)])
 

@@ -30,7 +30,7 @@ class Dense:
             frame=np.tile(np.roll(np.eye(dimension), 1, axis=0), (m, 1, 1)), area=np.ones(m), gap=np.zeros(m),
             nodes=(nodes, nodes), transfer=(alone, alone),
             law=CoulombLaw(m, nodes, components, np.full(m, coefficient)),
-            modulus=1.0, joined=np.ones(m - 1, bool), edges=np.empty((0, 3), int), held=np.zeros(m),
+            modulus=1.0, facets=np.empty((0, dimension), int), laplacian=sparse.csr_matrix((m, m)),
             one_sided=np.zeros(size, bool), prescribed=np.zeros(size))
         self.C, self.d, self.size, self.space, self.neglected = C, d, size, Space([interface]), 0.0
         self.rigid, self.shared = Motions(self.space, 0, ()), np.zeros(size, bool)
