@@ -40,7 +40,9 @@ FILES = {
                    "a grid for each body and contact, by its name; meshio.read, or with load steps "
                    "meshio.xdmf.TimeSeriesReader, finds all bodies as one",
     "result.h5": "the data of result.xdmf: points, displacement by node; cells, body (its number), stress "
-                 "(xx, xy, xz, yy, yz, zz), von_mises, error by triangle; earlier load steps in groups step_000001, …",
+                 "(xx, xy, xz, yy, yz, zz), von_mises, error by triangle; earlier load steps in groups step_000001, …; "
+                 "in contacts/NAME the facets, pairs of lines of contact_NAME.csv whose nodes are neighbours, and "
+                 "initial_gap of each line",
     "bodies.png": "deformed bodies, enlarged, with von Mises stress; what touches is drawn touching",
     "contact.png": "of one contact: stresses, slip bound, zones and gap",
     "contacts.png": "of several contacts: pressures, resultants and status of all in one picture",
@@ -49,7 +51,8 @@ FILES = {
     "error.png": "estimated discretization error, if asked for",
     "steps.png": "with load steps: loops, energies, stresses at the ends of legs",
     "animation.gif": "with load steps: the moving bodies, if asked for",
-    "mechanism.json": "where there is no equilibrium: how the bodies would move",
+    "mechanism.json": "where there is no equilibrium: centres of the bodies that no clamp holds and their velocities "
+                      "(x, y, turning) in the mechanism, of which the fastest node has 1",
     "mechanism.png": "its picture",
     "report.html": "what `ddmpi report` has made of all these",
     "checkpoint.h5": "of an interrupted run, for --restart; completed runs have none"}

@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 
 from ddmpi.interface.state import ContactState
+from ddmpi.judge.equilibrium import Mechanism, describe
 from ddmpi.results.tables import FORMAT, writing
+from ddmpi.system.files import MECHANISM
 
 BY_CONTACT = ("force_mismatch", "penetration", "complementarity", "friction")
 """The residuals that a certificate has for each contact."""
@@ -230,9 +232,23 @@ def summarize(scene: dict, run: RunResult, bodies: Sequence[BodyResult], contact
 
 def write_summary(path: Path, summary: dict) -> None:
     """Write summary.json into the folder `path`. Not collective. Raises OutputError."""
-    text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    with writing(path / "summary.json"):
-        (path / "summary.json").write_text(text, encoding="utf-8")
+    _write_json(path / "summary.json", summary)
+
+
+def write_mechanism(path: Path, mechanism: Mechanism) -> None:
+    """Write mechanism.json into the folder `path`: the loose bodies, their centres (m) and their velocities about them.
+
+    A velocity is (v_x, v_y, ω), such that the fastest node has velocity 1. Not collective. Raises OutputError.
+    """
+    _write_json(path / MECHANISM, _plain({
+        "reason": describe(mechanism), "imbalance": mechanism.imbalance,
+        "bodies": [{"name": body.name, "centre": body.centre, "velocity": velocity}
+                   for body, velocity in zip(mechanism.bodies, mechanism.velocities, strict=True)]}))
+
+
+def _write_json(path: Path, content: dict) -> None:
+    with writing(path):
+        path.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _units(output: dict) -> dict[str, str]:

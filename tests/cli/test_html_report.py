@@ -17,7 +17,7 @@ from ddmpi.cli.report_markup import Column, number, table
 from ddmpi.errors import InputError, OutputError
 from ddmpi.judge.equilibrium import Mechanism
 from ddmpi.judge.motions import MotionsOfBody
-from ddmpi.results.mechanism import write_mechanism
+from ddmpi.results.summary import write_mechanism
 from ddmpi.system import interrupt
 
 VOID = {"meta", "img"}
@@ -161,7 +161,7 @@ def test_a_mechanism_is_shown_instead_of_numbers(run):
     motions = np.stack([np.tile(axis, (4, 1)) for axis in np.eye(2)] + [square[:, ::-1] * (-1.0, 1.0)], axis=2)
     mechanism = Mechanism((MotionsOfBody.of("upper", square, motions),), np.array([[-0.35, 0.35, 0.7]]),
                           np.array([0.0, 0.0, 0.7]), 0.1, frozenset({frozenset({"upper", "lower"})}))
-    write_mechanism(run, mechanism, [("upper", square, np.array([[0, 1, 2], [0, 2, 3]]))])
+    write_mechanism(run, mechanism)
     reason = json.loads((run / "mechanism.json").read_text(encoding="utf-8"))["reason"]
     change(run, converged=False, reason=reason)
     page = report(run)
