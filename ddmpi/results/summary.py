@@ -19,6 +19,15 @@ from ddmpi.system.files import MECHANISM
 BY_CONTACT = ("force_mismatch", "penetration", "complementarity", "friction")
 """The residuals that a certificate has for each contact."""
 
+RESIDUALS = {
+    "force_mismatch": "how far the contact forces of the two bodies are from cancelling, over the forces",
+    "penetration": "the largest overlap at the nodes, or opening where bonded, over the size of the contact "
+                   "displacements",
+    "complementarity": "force across open nodes, and tension",
+    "friction": "how far tangential forces are from the friction law, over the largest force",
+    "equilibrium": "what is left of the balance of forces in a body, over its loads"}
+"""What each residual of the certificate means."""
+
 SUMMARY = {
     "format": "version of the layout of all files; names and meanings of one format stay, entries may be added",
     "title": "the scene's",
@@ -48,7 +57,7 @@ SUMMARY = {
     "bodies.NAME.solver": "how A is solved with",
     "bodies.NAME.compliance": "how C = B A⁻¹ Bᵀ is applied: explicit, direct or iterative",
     "bodies.NAME.memory_mib": "the most memory that its ranks have held, MiB",
-    "bodies.NAME.certificate.equilibrium": "residual of its equilibrium",
+    "bodies.NAME.certificate.equilibrium": RESIDUALS["equilibrium"],
     "contacts.NAME.m": "its nodes",
     "contacts.NAME.pairing": "nodes or mortar",
     "contacts.NAME.slave": "the body whose nodes carry the forces; null with pairing by nodes",
@@ -64,10 +73,7 @@ SUMMARY = {
     "contacts.NAME.stick": "number of sticking nodes",
     "contacts.NAME.dissipated": "frictional work of all load steps",
     "contacts.NAME.pressure_max": "largest normal stress of a node",
-    "contacts.NAME.certificate.force_mismatch": "how well the two bodies' contact forces cancel",
-    "contacts.NAME.certificate.penetration": "how far the bodies overlap",
-    "contacts.NAME.certificate.complementarity": "whether only closed nodes carry force",
-    "contacts.NAME.certificate.friction": "whether tangential forces obey the friction law",
+    **{f"contacts.NAME.certificate.{kind}": RESIDUALS[kind] for kind in BY_CONTACT},
     "contacts.NAME.pointwise_penetration": "largest overlap at any point, also between the nodes; warned of",
     "contacts.NAME.moment_imbalance": "where nodes do not match: by how much the moments of the two bodies' forces "
                                       "differ, because they act on nodes that stand apart; without a limit",
