@@ -14,7 +14,7 @@ from ddmpi.interface.state import ContactState
 from ddmpi.mesh.build import generate_rectangle
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
-from ddmpi.results.fields import Fields, contact_fields, write_fields, write_xdmf
+from ddmpi.results.fields import Fields, contact_fields, write_facets, write_fields, write_xdmf
 from ddmpi.results.summary import BodyResult, ContactResult, RunResult, summarize, write_summary
 from ddmpi.results.tables import write_contact, write_history, write_sides, write_steps
 from ddmpi.scene.bodies import Material, MeshSpec
@@ -126,6 +126,7 @@ def results(folder: Path, kind: str = "stack", order: int = 1, friction=COULOMB,
         write_fields(folder, part, number, sizes)
     write_xdmf(folder, (), dict(zip(meshes, sizes, strict=True)),
                {each.interface.name: [contact_fields(each)] for each in states})
+    write_facets(folder, (each.interface for each in states))
     for each in states:
         write_contact(folder, each.interface.name, each)
         write_sides(folder, each.interface.name, each)

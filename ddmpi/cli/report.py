@@ -3,24 +3,12 @@
 from __future__ import annotations
 
 import json
-import string
 import tempfile
 from importlib import resources
 from pathlib import Path
 
 from ddmpi import __version__
-from ddmpi.cli.report_markup import (
-    Column,
-    Html,
-    element,
-    folded_if_long,
-    noted,
-    picture,
-    scene_section,
-    section,
-    table,
-    text,
-)
+from ddmpi.cli.report_markup import Column, Html, fill, noted, picture, table
 from ddmpi.cli.report_run import RunReport
 from ddmpi.errors import InputError
 from ddmpi.results.histories import at_step
@@ -45,18 +33,17 @@ def write_report(folder: str | Path, output: str | None = None, time: float | No
     path = Path(output) if output else folder / "report.html"
     if time is not None and (folder / SWEEP).exists():
         raise InputError(f"{folder}: a sweep has no load steps; --step is for the report of a run")
+    template = resources.files("ddmpi.cli").joinpath("report.html").read_text(encoding="utf-8")
     with reading(folder):
-        title, parts = _sweep(folder) if (folder / SWEEP).exists() else _run(folder, time)
+        page = _sweep(folder, template) if (folder / SWEEP).exists() else _run(folder, template, time)
     if path.exists() and not (path.is_file() and MARK.encode() in path.read_bytes()[:1000]):
         raise InputError(f"--output {path}: is there already, and no report of ddmpi; name another file")
-    page = string.Template(resources.files("ddmpi.cli").joinpath("report.html").read_text(encoding="utf-8"))
-    content = page.substitute(version=text(__version__), title=text(title), content="\n".join(parts))
-    write_atomically(path, content.encode())
+    write_atomically(path, page.encode())
     return path
 
 
-def _run(folder: Path, time: float | None) -> tuple[str, list[Html]]:
-    """Title and content of the report of a run that shows the load step at `time`. Raises InputError."""
+def _run(folder: Path, template: str, time: float | None) -> str:
+    """The report of a run that shows the load step at `time`. Raises InputError."""
     if (folder / CHECKPOINT).exists() and not (folder / SUMMARY).exists():
         raise InputError(f"{folder}: the run was not completed; go on from its checkpoint with --restart {folder}")
     if not (folder / SUMMARY).exists():
@@ -71,14 +58,13 @@ def _run(folder: Path, time: float | None) -> tuple[str, list[Html]]:
 
                 drawn = Path(place)
                 draw_all(folder, time=time, into=drawn)
-            run = RunReport(folder, summary, results.time if results else None, drawn)
-            return run.title, run.parts()
+            return RunReport(folder, summary, results.time if results else None, drawn).page(template)
     except KeyError as error:
         raise InputError(f"{folder}: not a complete folder of results: {SUMMARY} has no {error}") from None
 
 
-def _sweep(folder: Path) -> tuple[str, list[Html]]:
-    """Title and content of the report of a sweep. Raises InputError."""
+def _sweep(folder: Path, template: str) -> str:
+    """The report of a sweep. Raises InputError."""
     if not (folder / TABLE).exists():
         raise InputError(f"{folder}: the sweep has no {TABLE} yet; it is written at its end, or by sweep … --gather")
     rows = read_table(folder / TABLE)
@@ -88,13 +74,12 @@ def _sweep(folder: Path) -> tuple[str, list[Html]]:
         raise InputError(f"{folder / SWEEP}: not the record of a sweep: {error}") from None
     if not rows:
         raise InputError(f"{folder / TABLE}: has no cases; sweep … --gather writes it anew")
-    title = scene.get("title") or folder.resolve().name
-    names = list(rows[0])
-    settings, unit = names[1:names.index("status")], scene.get("output", {}).get("length_unit", "m")
-    certified = sum(row["status"] == "certified" for row in rows)
+    names, unit = list(rows[0]), scene.get("output", {}).get("length_unit", "m")
+    settings, certified = names[1:names.index("status")], sum(row["status"] == "certified" for row in rows)
     ends = [": ".join(filter(None, (row["status"], _entry(row["reason"]) * (row["status"] != "certified"))))
             for row in rows]
     errors = [row.get("discretization_error.energy_norm") for row in rows]
+    warnings = [f"Case {_entry(row['case'])}: {row['warnings']}" for row in rows if row.get("warnings")]
     cases = table("A line for each case; sweep.csv has all results",
                   Column("case", [_entry(row["case"]) for row in rows]),
                   *(Column(name, [_entry(row[name]) for row in rows]) for name in settings), Column("ended", ends),
@@ -103,16 +88,14 @@ def _sweep(folder: Path) -> tuple[str, list[Html]]:
                   Column("displacement", [row["displacement_max"] for row in rows], unit),
                   Column("estimated error", [error and 100 * error for error in errors], "%"),
                   Column("time", [row.get("seconds.total") for row in rows], "s", decimals=2), digits=3)
-    warnings = [f"Case {_entry(row['case'])}: {row['warnings']}" for row in rows if row.get("warnings")]
-    plots = [picture(path, path.stem, f"Plot of {path.stem}") for path in sorted(folder.glob("*.png"))]
-    head = [element("p", "Report of a sweep of ddmpi", kind="over"), element("h1", title), element(
-        "div", element("strong", f"{certified} of {len(rows)} cases certified"),
-        element("p", f"Varied: {', '.join(settings)}." + (f" Cases that warn: {len(warnings)}." if warnings else "")),
-        kind=f"verdict {'good' if certified == len(rows) else 'bad'}")]
-    said = [section("warnings", "Warnings", folded_if_long("Warnings", len(warnings), noted(warnings)))]
-    return title, [element("header", *head), *(said if warnings else []), section("cases", "Cases", cases),
-                   *([section("plots", "Plots", *plots)] if plots else []),
-                   scene_section(write_toml(scene), "The scene as it was written, before anything was varied.")]
+    return fill(template, {
+        "version": __version__, "kind": "sweep", "title": scene.get("title") or folder.resolve().name,
+        "mood": "good" if certified == len(rows) else "bad",
+        "verdict": f"{certified} of {len(rows)} cases certified",
+        "because": f"Varied: {', '.join(settings)}." + f" Cases that warn: {len(warnings)}." * bool(warnings),
+        "warnings": noted(warnings), "cases": cases,
+        "plots": Html("".join(picture(path, path.stem) for path in sorted(folder.glob("*.png")))),
+        "scene": write_toml(scene), "scene_words": "The scene as it was written, before anything was varied."}, {"run"})
 
 
 def _entry(value: object) -> str:

@@ -1,10 +1,13 @@
-"""Pieces of a report in HTML: numbers, tables, pictures. All text is escaped."""
+"""Pieces of a report in HTML: numbers, tables, pictures, and the template that holds them. All text is escaped."""
 
 from __future__ import annotations
 
 import base64
 import html
-from collections.abc import Iterable, Sequence
+import re
+import string
+from collections import defaultdict
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +18,7 @@ NOISE = 1e-9
 """Numbers below this part of the largest one of their unit in a table are shown as about zero."""
 
 LONG = 12
-"""Tables of more rows are folded."""
+"""Minor tables of more rows are folded."""
 
 TYPES = {".png": "image/png", ".gif": "image/gif"}
 
@@ -37,6 +40,21 @@ class Column:
     entries: Sequence[Cell]
     unit: str = ""
     decimals: int | None = None
+
+
+def fill(template: str, values: Mapping[str, object], without: Collection[str] = ()) -> str:
+    """The `template` with its $names replaced, and `without` the sections of these ids.
+
+    Lines and sections that have names, but none with a value, are left out as well.
+    """
+    given = {name: text(value) for name, value in values.items() if value not in (None, "")}
+
+    def wanted(part: re.Match[str]) -> str:
+        known = given.keys() & re.findall(r"\$(\w+)", part[0])
+        return part[0] if known and part["id"] not in without else ""
+
+    template = re.sub(r'<section id="(?P<id>\w+)">.*?</section>\n', wanted, template, flags=re.DOTALL)
+    return string.Template(re.sub(r"(?P<id>).*\$.*\n", wanted, template)).substitute(defaultdict(str, given))
 
 
 def text(value: object) -> Html:
@@ -68,33 +86,32 @@ def percent(value: float | None) -> str:
     return "–" if value is None else f"{number(100 * value, 2)} %"
 
 
-def table(caption: str, *columns: Column, digits: int = 4) -> Html:
-    """A table whose first column names its rows. On narrow screens it scrolls."""
-    scales = {}
-    for unit in {column.unit for column in columns}:
-        found = [abs(entry) for column in columns if column.unit == unit
-                 for entry in column.entries if isinstance(entry, int | float)]
-        largest = max(found, default=0.0)
-        scales[unit] = (*scaled_unit(largest, unit), NOISE * largest if unit else 0.0)
-    heads = []
+def table(caption: str, *columns: Column, digits: int = 4, minor: bool = False) -> Html:
+    """A table whose first column names its rows. On narrow screens it scrolls; a long one that is `minor` is folded."""
+    largest = {unit: max((abs(entry) for column in columns if column.unit == unit
+                          for entry in column.entries if isinstance(entry, int | float)), default=0.0)
+               for unit in {column.unit for column in columns}}
+    heads: list[Html] = []
+    cells: list[list[Html]] = []
     for column in columns:
-        unit = scales[column.unit][1]
+        factor, unit = scaled_unit(largest[column.unit], column.unit)
+        noise = NOISE * largest[column.unit] if unit else 0.0
         numeric = not any(isinstance(entry, str) for entry in column.entries)
         heads.append(element("th", column.head, element("small", " ", unit) if unit else "", scope="col",
                              **{"kind": "number"} if numeric else {}))
-    rows = []
-    for entries in zip(*(column.entries for column in columns), strict=True):
-        first, *others = (_cell(entry, digits, column.decimals, *scales[column.unit]) for column, entry in
-                          zip(columns, entries, strict=True))
-        kinds: list[dict[str, str]] = [{} if isinstance(entry, str) else {"kind": "number"} for entry in entries]
-        rows.append(element("tr", element("th", first, scope="row", **kinds[0]), *(
-            element("td", cell, **kind) for cell, kind in zip(others, kinds[1:], strict=True))))
+        tag, named = ("td", {}) if cells else ("th", {"scope": "row"})
+        cells.append([element(tag, _cell(entry, digits, column.decimals, factor, noise),
+                              **named if isinstance(entry, str) else named | {"kind": "number"})
+                      for entry in column.entries])
+    rows = [element("tr", *row) for row in zip(*cells, strict=True)]
     whole = element("table", element("thead", element("tr", *heads)), element("tbody", *rows))
-    return element("figure", element("figcaption", caption), element(
+    figure = element("figure", element("figcaption", caption), element(
         "div", whole, kind="wide", role="region", tabindex="0", **{"aria-label": caption}), kind="table")
+    fold = minor and len(rows) > LONG
+    return element("details", element("summary", f"{caption} ({len(rows)})"), figure) if fold else figure
 
 
-def _cell(entry: Cell, digits: int, decimals: int | None, factor: float, unit: str, noise: float) -> str:
+def _cell(entry: Cell, digits: int, decimals: int | None, factor: float, noise: float) -> str:
     if isinstance(entry, str):
         return entry
     if entry is not None and decimals is not None:
@@ -104,51 +121,18 @@ def _cell(entry: Cell, digits: int, decimals: int | None, factor: float, unit: s
     return number(entry if entry is None or factor == 1.0 else entry / factor, digits)
 
 
-def facts(entries: Iterable[tuple[str, object, str]]) -> Html:
-    """What, its value, and a remark on it, of each, in boxes."""
-    return element("dl", *(element("div", element("dt", what), element("dd", value),
-                                   element("dd", remark, kind="remark") if remark else "")
-                           for what, value, remark in entries), kind="facts")
+def noted(entries: Sequence[object]) -> Html | str:
+    """A list of what is to be noticed, if there is anything."""
+    return element("ul", *(element("li", entry) for entry in entries), kind="note") if entries else ""
 
 
-def pairs(entries: Iterable[tuple[str, object]]) -> Html:
-    """What and its value, of each, on a line."""
-    return element("dl", *(element("div", element("dt", what), element("dd", value)) for what, value in entries),
-                   kind="pairs")
-
-
-def noted(entries: Iterable[object]) -> Html:
-    """A list of what is to be noticed."""
-    return element("ul", *(element("li", entry) for entry in entries), kind="note")
-
-
-def code(content: str) -> Html:
-    return element("code", content)
-
-
-def folded(summary: str, *inside: object) -> Html:
-    """Content that is unfolded by its summary, and on paper."""
-    return element("details", element("summary", summary), *inside)
-
-
-def folded_if_long(summary: str, rows: int, content: Html) -> Html:
-    """A table of so many rows that not every reader wants."""
-    return folded(f"{summary} ({rows})", content) if rows > LONG else content
-
-
-def section(name: str, title: str, *inside: object) -> Html:
-    return element("section", element("h2", title), *inside, id=name)
-
-
-def scene_section(toml: str, words: str) -> Html:
-    return section("scene", "Scene", element("p", words), folded("The scene as TOML", element("pre", code(toml))))
-
-
-def picture(path: Path, caption: str, alt: str, kind: str = "picture") -> Html:
-    """A picture within the page. Raises InputError where it cannot be read."""
+def picture(path: Path, caption: str, kind: str = "picture") -> Html:
+    """A picture within the page, if it is there. Raises InputError where it cannot be read."""
+    if not path.exists():
+        return Html("")
     try:
         data = base64.b64encode(path.read_bytes()).decode()
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    image = f'<img src="data:{TYPES[path.suffix]};base64,{data}" alt="{text(alt)}">'
+    image = f'<img src="data:{TYPES[path.suffix]};base64,{data}" alt="{text(caption)}">'
     return element("figure", Html(image), element("figcaption", caption), kind=kind)

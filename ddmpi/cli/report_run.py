@@ -1,49 +1,25 @@
-"""The report of one run: what it says, part by part, out of summary.json, mechanism.json and the pictures."""
+"""The report of one run: what report.html is filled with, out of summary.json, mechanism.json and the pictures."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from ddmpi import __version__
-from ddmpi.cli.report_markup import (
-    Column,
-    Html,
-    code,
-    element,
-    facts,
-    folded_if_long,
-    noted,
-    number,
-    pairs,
-    percent,
-    picture,
-    scene_section,
-    section,
-    table,
-)
-from ddmpi.results.summary import moment_unit
+from ddmpi.cli.report_markup import Cell, Column, Html, element, fill, noted, number, percent, picture, table
+from ddmpi.results.folder import FILES
+from ddmpi.results.summary import BY_CONTACT, RESIDUALS, moment_unit
 from ddmpi.scene.reader import write_toml
-from ddmpi.system.files import contact_files
+from ddmpi.system.files import MECHANISM, contact_files
 
 MOST_STEPS = 24
 """Of more load steps those at the ends of legs are listed, and of more of these so many."""
 
 FEW = 3
 """Of at most so many contacts each has its lines in the table of load steps."""
-
-RESIDUALS = {
-    "force_mismatch": ("force mismatch", "How far the contact forces of the two bodies are from cancelling, over the "
-                       "forces."),
-    "penetration": ("penetration", "The largest overlap at the nodes, or opening where bonded, over the size of the "
-                    "contact displacements."),
-    "complementarity": ("complementarity", "Force across open nodes, and tension."),
-    "friction": ("friction", "How far tangential forces are from the friction law, over the largest force."),
-    "equilibrium": ("equilibrium", "What is left of the balance of forces in a body, over its loads.")}
-"""Name and meaning of each residual of the certificate."""
 
 PHASES = {"mesh": "making or reading the meshes", "assemble": "stiffness, pairing of the contacts",
           "factor": "factorization of the stiffness", "outer": "the iteration", "recover": "displacements, stresses",
@@ -53,58 +29,102 @@ ENERGIES = {"external_work": "work of loads, clamps and rigid partners", "strain
             "interface_work": "work of the contact forces", "dissipated": "of it dissipated by friction",
             "lost": "of it taken by interference, closing gaps and time stepping"}
 
+METHODS = {"newton": "semi-smooth Newton", "anderson": "Anderson acceleration of the published iteration",
+           "relaxation": "published iteration, {algorithm} algorithm, splitting {splitting}"}
+
+Columns = dict[str, tuple[str, str]]
+"""Columns of a table by their heads: an entry of the summary, by its dotted name, and a quantity for its unit."""
+
+RESULTANTS: Columns = {"force x": ("force.0", "force"), "force y": ("force.1", "force"), "moment": ("moment", "moment"),
+                       "normal": ("normal_force", "force"), "tangential": ("tangential_force", "force")}
+
+STATES: Columns = {"open": ("open", ""), "slip": ("slip", ""), "stick": ("stick", ""),
+                   "dissipated": ("dissipated", "energy")}
+
+PRESSURE: Columns = {"pressure, largest": ("pressure_max", "stress")}
+
+BETWEEN: Columns = {"overlap": ("pointwise_penetration", "length"), "moment left": ("moment_imbalance", "moment"),
+                    "at most": ("moment_imbalance_bound", "moment")}
+"""Of contacts whose nodes do not match."""
+
+BODIES: Columns = {"unknowns": ("n", ""), "displacement": ("displacement_max", "length"),
+                   "von Mises": ("von_mises_max", "stress"), "reaction x": ("reaction.0", "force"),
+                   "reaction y": ("reaction.1", "force"), "strain energy": ("energy", "energy")}
+
+WORK: Columns = {"solves": ("n_A", ""), "solver": ("solver", ""), "compliance": ("compliance", "")}
+
 
 class RunReport:
-    """The summary of a run, and the parts of its report.
+    """The summary of a run, and what its report says.
 
     Attributes
     ----------
     refused : whether the run has found a mechanism, so that its numbers mean nothing
-    at : the time of the load step that numbers of contacts and bodies are of, in words; nothing for the last one
+    of_step : the load step that numbers of contacts and bodies are of, in words; nothing without load steps
     drawn : a folder with pictures of this step, in place of those in `folder`
     """
 
     def __init__(self, folder: Path, summary: dict, time: float | None = None, drawn: Path | None = None) -> None:
         self.folder, self.summary, self.drawn = folder, summary, drawn or folder
         self.scene, self.bodies, self.contacts = summary["scene"], summary["bodies"], summary["contacts"]
-        self.title = summary["title"] or folder.resolve().name
-        self.refused = (folder / "mechanism.json").exists() and not drawn
-        self.at = "" if time in (None, *(step["time"] for step in summary["steps"][-1:])) else f" at time {time:g}"
-        units = summary["units"]
-        self.length, self.stress, self.force = units["length"], units["stress"], units["force"]
-        self.moment = moment_unit(units)
-        self.energy = {"N/m": "J/m", "N/mm": "mJ/mm"}.get(self.force, f"{self.force}·{self.length}")
+        self.refused = (folder / MECHANISM).exists() and not drawn
+        self.error, self.stepped = summary["discretization_error"], self.scene.get("time") is not None
+        last = time in (None, *(step["time"] for step in summary["steps"][-1:]))
+        self.of_step = ("of the last load step" if last else f"at time {time:g}") if self.stepped else ""
+        length, force = summary["units"]["length"], summary["units"]["force"]
+        self.units = summary["units"] | {"": "", "moment": moment_unit(summary["units"]), "energy": {
+            "N/m": "J/m", "N/mm": "mJ/mm"}.get(force, f"{force}·{length}")}
 
-    def parts(self) -> list[Html]:
-        """The parts of the page, in order."""
-        found = [self._mechanism(), self._steps()] if self.refused else [
-            self._numbers(), self._pictures(), self._contacts(), self._bodies(), self._steps(), self._certificate(),
-            self._error()]
-        scene = scene_section(write_toml(self.scene), "The scene as the run has read it, with all that was left out "
-                              "filled in. A file of it can be run again.")
-        parts = [self._head(), self._warnings(), *found, self._work(), self._provenance(), scene]
-        return [part for part in parts if part]
+    def page(self, template: str) -> str:
+        """The filled template."""
+        values = self._run() | self._work() | self._pictures() | self._steps() | self._numbers()
+        if not self.refused:
+            return fill(template, values | self._contacts() | self._bodies() | self._certificate() | self._error())
+        mechanism = json.loads((self.folder / MECHANISM).read_text(encoding="utf-8"))
+        return fill(template, values | {"imbalance": number(mechanism["imbalance"], 2)}, {"numbers"})
 
-    def _head(self) -> Html:
-        summary = self.summary
-        kind = f"verdict {'good' if summary['converged'] else 'bad'}"
-        when = [f"run of {summary['started'].replace('T', ' ').replace('Z', ' UTC')}"] if "started" in summary else []
-        when += [f"on {', '.join(dict.fromkeys(summary['hosts']))}"] if summary.get("hosts") else []
-        when += [f"{summary['ranks']} rank{'s' * (summary['ranks'] != 1)}",
-                 f"ddmpi {summary.get('versions', {}).get('ddmpi', 'of unknown version')}"]
+    def _columns(self, columns: Columns, entries: Iterable[dict]) -> list[Column]:
+        def value(entry: Any, name: str) -> Cell:
+            for key in name.split("."):
+                entry = entry[int(key) if key.isdigit() else key]
+            return entry
+
+        entries = list(entries)
+        return [Column(head, [value(entry, name) for entry in entries], self.units[unit])
+                for head, (name, unit) in columns.items()]
+
+    def _run(self) -> dict[str, Any]:
+        """The verdict, warnings, provenance and scene, and the numbers of the summary by their names."""
+        summary, unused = self.summary, self.summary.get("options_unused", [])
         verdict, *sentences = self._verdict()
-        return element("header", element("p", "Report of a run of ddmpi", kind="over"), element("h1", self.title),
-                       element("div", element("strong", verdict), *(element("p", each) for each in sentences if each),
-                               kind=kind), element("p", ", ".join(when), kind="under"))
+        hosts, versions = ", ".join(dict.fromkeys(summary.get("hosts", ()))), summary.get("versions", {})
+        started = summary.get("started", "").replace("T", " ").replace("Z", " UTC")
+        when = [f"run of {started}" if started else "", f"on {hosts}" if hosts else "",
+                f"{summary['ranks']} rank{'s' * (summary['ranks'] != 1)}",
+                f"ddmpi {versions.get('ddmpi', 'of unknown version')}"]
+        options = " ".join(f"-{name} {value}".strip() for name, value in summary.get("options", {}).items())
+        return {name: value for name, value in summary.items() if isinstance(value, int | str)} | {
+            "kind": "run", "title": summary["title"] or self.folder.resolve().name,
+            "mood": "good" if summary["converged"] else "bad", "verdict": verdict, "because": sentences[0],
+            "more": " ".join(sentences[1:]), "when": ", ".join(filter(None, when)), "hosts": hosts,
+            "warnings": noted([*summary.get("warnings", ()), *(
+                f"{motion}; the position nearest to where it was is taken"
+                for motion in summary.get("undetermined", ())), *(
+                [f"PETSc options that nothing used: {', '.join(unused)}"] if unused else [])]),
+            "slurm": ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in summary.get("slurm", {}).items()),
+            "versions": ", ".join(f"{name} {value}" for name, value in versions.items()),
+            "options": options or "none", "version": __version__, "scene": write_toml(self.scene),
+            "scene_words": "The scene as the run has read it, with all that was left out filled in. A file of it can "
+            "be run again."}
 
     def _verdict(self) -> list[str]:
         """How the run ended in a word or two, and the sentences that explain it."""
         summary, warnings = self.summary, len(self.summary.get("warnings", ()))
-        limit = f"{summary['certificate_limit']:.2g}"
+        limit, estimate = f"{summary['certificate_limit']:.2g}", self.error["energy_norm"]
         if summary["converged"]:
             found = [f"All residuals of the coupled problem are below {limit}."]
-            if self._estimate is not None:
-                found.append(f"The mesh leaves an estimated error of {percent(self._estimate)} in the energy norm.")
+            if estimate is not None:
+                found.append(f"The mesh leaves an estimated error of {percent(estimate)} in the energy norm.")
             if warnings:
                 found.append(f"The run warns of {warnings} thing{'s' * (warnings > 1)}.")
             return ["Certified", " ".join(found)]
@@ -113,263 +133,158 @@ class RunReport:
         if reason.startswith("no equilibrium"):
             found, _, motion = reason.partition(": ")
             return [found.capitalize(), motion, no_answer]
-        failing = [f"{RESIDUALS[kind][0]} {number(value, 2)}" for kind, value in summary["certificate"].items()
+        failing = [f"{_words(kind)} {number(value, 2)}" for kind, value in summary["certificate"].items()
                    if self._fails(value)]
         if not failing:  # an accuracy target is missed
             return ["Accuracy not reached", reason, "The answer on this mesh is certified."]
-        return ["No certified answer", reason, f"Above the limit of {limit}: {', '.join(failing)}. {no_answer} The run "
-                "has printed what it saw, and what to try."]
-
-    @property
-    def _estimate(self) -> float | None:
-        return self.summary["discretization_error"]["energy_norm"]
+        return ["No certified answer", reason, f"Above the limit of {limit}: {', '.join(failing)}.", no_answer,
+                "The run has printed what it saw, and what to try."]
 
     def _fails(self, value: float | None) -> bool:
         return value is None or value > self.summary["certificate_limit"]
 
-    def _warnings(self) -> Html | None:
-        summary = self.summary
-        unused = summary.get("options_unused", [])
-        found = [*summary.get("warnings", ()), *(f"{motion}; the position nearest to where it was is taken"
-                                                 for motion in summary.get("undetermined", ())),
-                 *([f"PETSc options that nothing used: {', '.join(unused)}"] if unused else [])]
-        if not found:
-            return None
-        return section("warnings", "Warnings", noted(found))
-
-    def _mechanism(self) -> Html:
-        content = json.loads((self.folder / "mechanism.json").read_text(encoding="utf-8"))
-        words = element("p", "No contact forces within the laws of contact and friction balance the loads: the least "
-                        f"imbalance is {number(content['imbalance'], 2)} of the loads. So there are no forces and "
-                        "stresses to report. Clamps, contacts or friction may hold the bodies.")
-        path = self.folder / "mechanism.png"
-        return section("mechanism", "How the bodies would move", words, picture(
-            path, "The bodies as they stand and as they would move, not to scale.", f"Mechanism: {content['reason']}")
-            if path.exists() else self._undrawn())
-
-    def _undrawn(self) -> Html:
-        return element("p", "The run has drawn no pictures. ", code(f"python -m ddmpi figures {self.folder}"), " draws "
-                       "them; write the report again after that.", kind="note")
-
-    def _numbers(self) -> Html:
+    def _numbers(self) -> dict[str, Any]:
         """The numbers that are looked at first."""
-        summary, (nodes, counts) = self.summary, _counts(self.contacts)
-        entries = [
-            ("largest displacement", *self._largest(self.bodies, "displacement_max", self.length)),
-            ("largest von Mises stress", *self._largest(self.bodies, "von_mises_max", self.stress)),
-            ("largest contact pressure", *self._largest(self.contacts, "pressure_max", self.stress)),
-            ("contact nodes", nodes, counts),
-            ("friction dissipates", number(sum(each["dissipated"] or 0.0 for each in self.contacts.values()),
-                                           unit=self.energy), "in all load steps" if self._has_steps else ""),
-            ("estimated error", percent(self._estimate), "of the energy norm, by the mesh"),
-            ("unknowns", summary["n"], f"{('linear', 'quadratic')[summary['order'] - 1]} elements, "
-             f"{len(self.bodies)} bod{'y' if len(self.bodies) == 1 else 'ies'}"),
-            ("outer iterations", summary["outer_iterations"], f"{summary['n_A']} solves with a body's stiffness")]
-        if {contact["friction"] for contact in self.contacts.values()} <= {"none", "bonded"}:
-            del entries[4]
-        when = (f" Numbers of contacts and bodies are those{self.at or ' of the last load step'}; report --step TIME "
-                "shows another one.") * self._has_steps
-        return section("numbers", "At a glance", facts(entries), element(
-            "p", f"Forces, moments and energies are per unit of depth.{when}"))
+        contacts = self.contacts.values()
+        counts = [f"{sum(contact[status] for contact in contacts)} {status}" for status in ("open", "slip", "stick")]
+        found = {"m": sum(contact["m"] for contact in contacts), "nodes": ", ".join(counts), "of_step": self.of_step,
+                 "estimate": percent(self.error["energy_norm"]), "body_number": len(self.bodies),
+                 "elements": ("linear", "quadratic")[self.summary["order"] - 1]}
+        if not {contact["friction"] for contact in contacts} <= {"none", "bonded"}:
+            found["dissipated"] = number(sum(each["dissipated"] or 0.0 for each in contacts), unit=self.units["energy"])
+        for name, entries, key, unit in (("displacement", self.bodies, "displacement_max", "length"),
+                                         ("von_mises", self.bodies, "von_mises_max", "stress"),
+                                         ("pressure", self.contacts, "pressure_max", "stress")):
+            known = {of: entry[key] for of, entry in entries.items() if entry[key] is not None}
+            best = max(known, key=lambda of: known[of], default=None)
+            found[name] = number(known.get(best), unit=self.units[unit])
+            found[f"{name}_of"] = "not computed" if best is None else f"of {best}"
+        return found
 
-    def _largest(self, entries: dict, key: str, unit: str) -> tuple[str, str]:
-        """The largest value of a key, and of what it is."""
-        known = {name: entry[key] for name, entry in entries.items() if entry[key] is not None}
-        best = max(known, key=lambda name: known[name], default="")
-        return (number(known[best], unit=unit), f"of {best}") if known else ("–", "not computed")
+    def _pictures(self) -> dict[str, Any]:
+        captions: dict[str, str] = {}
+        for file, words in FILES.items():
+            words = words.partition(": ")[2] or words
+            if file == contact_files("NAME").picture:
+                captions |= {contact_files(name).picture: f"{name}: {words}" for name in self.contacts}
+            elif file.endswith((".png", ".gif")) and file not in ("convergence.png", "mechanism.png"):
+                captions[file] = words[:1].upper() + words[1:]
+        if self.refused:
+            captions = {"mechanism.png": self.summary["reason"]}
+        found = Html("".join(picture((self.drawn if (self.drawn / file).exists() else self.folder) / file, words)
+                             for file, words in captions.items()))
+        return {"pictures": found, "undrawn": "" if found else self.folder}
 
-    def _pictures(self) -> Html:
-        stress = "von Mises stress" if self.scene["output"].get("stress", True) else "displacement"
-        bodies, contacts = ", ".join(list(self.bodies)[:FEW]), ", ".join(list(self.contacts)[:FEW])
-        known = {
-            "bodies.png": ("Deformed bodies, displacements enlarged as the title says; the outlines are undeformed.",
-                           f"Deformed bodies coloured by {stress}: {bodies}"),
-            "contacts.png": ("All contacts: pressures as areas, zones as lines, resultants.",
-                             f"Contact forces of all contacts: {contacts}"),
-            "contact.png": ("Stresses, gap and slip along the contact.", f"Contact stresses of {contacts}"),
-            **{contact_files(name).picture: (f"Stresses, gap and slip along {name}.", f"Contact stresses of {name}")
-               for name in self.contacts},
-            "steps.png": ("Load steps: loops of the tangential force, energies, contact stresses.",
-                          "Loops of forces, energies and contact stresses over the load steps"),
-            "animation.gif": ("The load steps, played.", "Animation of the deformed bodies"),
-            "error.png": ("Where the estimated discretization error is.", "Estimated error of each triangle")}
-        places = {name: self.folder / name for name in known} | {path.name: path for path in self.drawn.glob("*.png")}
-        found = [picture(places[name], *words) for name, words in known.items() if places[name].exists()]
-        return section("pictures", "Pictures", *(found or [self._undrawn()]))
+    def _contacts(self) -> dict[str, Any]:
+        names, asked = Column("contact", list(self.contacts)), {each["name"]: each for each in self.scene["contact"]}
+        unmatched = [name for name, contact in self.contacts.items() if contact["slave"]]
+        contacts = [contact if contact["slave"] else contact | dict.fromkeys(key for key, _ in BETWEEN.values())
+                    for contact in self.contacts.values()]
+        return {
+            "contacts": table(
+                "Force and moment on the first body, about the origin; normal forces are positive under pressure",
+                names, *self._columns(RESULTANTS | PRESSURE | STATES, contacts)),
+            "pairing": table(
+                "Pairing; directions are those of the first body", names,
+                Column("bodies", [", ".join(asked[name]["bodies"]) for name in self.contacts]),
+                Column("law", [_law(asked[name]) for name in self.contacts]),
+                Column("nodes", [contact["m"] for contact in contacts]),
+                Column("pairing", [f"mortar, nodes of {contact['slave']}" if contact["slave"] else "node to node"
+                                   for contact in contacts]),
+                *(self._columns(BETWEEN, contacts) if unmatched else []), digits=3, minor=True),
+            "unmatched": ", ".join(unmatched[:FEW]) + ", …" * (len(unmatched) > FEW)}
 
-    def _contacts(self) -> Html:
-        names, contacts = list(self.contacts), list(self.contacts.values())
-        asked = {each["name"]: each for each in self.scene["contact"]}
-        paired = [Column("contact", names), Column("bodies", [", ".join(asked[name]["bodies"]) for name in names]),
-                  Column("law", [_law(asked[name]) for name in names]),
-                  Column("nodes", [contact["m"] for contact in contacts]),
-                  Column("pairing", [f"mortar, nodes of {contact['slave']}" if contact["slave"] else "node to node"
-                                     for contact in contacts])]
-        words = ""
-        if any(contact["slave"] for contact in contacts):
-            keys = {"overlap": ("pointwise_penetration", self.length), "moment left": ("moment_imbalance", self.moment),
-                    "at most": ("moment_imbalance_bound", self.moment)}
-            paired += [Column(head, [contact[key] if contact["slave"] else None for contact in contacts], unit)
-                       for head, (key, unit) in keys.items()]
-            words = element("p", "Where nodes do not match, the gap obeys the law in the mean around each node. The "
-                            "overlap between nodes, and the moment that forces on nodes standing apart leave, are "
-                            "errors of the mesh; the certificate does not limit them.")
-        return section("contacts", "Contacts", table(
-            f"Force and moment on the first body{self.at}, about the origin; normal forces are positive under pressure",
-            Column("contact", names), *self._resultants(contacts),
-            Column("pressure, largest", [contact["pressure_max"] for contact in contacts], self.stress),
-            *self._states(contacts)), folded_if_long("How they are paired", len(names), table(
-                "Pairing; directions are those of the first body", *paired, digits=3)), words)
-
-    def _resultants(self, contacts: Sequence[dict]) -> list[Column]:
-        return [Column("force x", [contact["force"][0] for contact in contacts], self.force),
-                Column("force y", [contact["force"][1] for contact in contacts], self.force),
-                Column("moment", [contact["moment"] for contact in contacts], self.moment),
-                Column("normal", [contact["normal_force"] for contact in contacts], self.force),
-                Column("tangential", [contact["tangential_force"] for contact in contacts], self.force)]
-
-    def _states(self, contacts: Sequence[dict]) -> list[Column]:
-        return [*(Column(status, [contact[status] for contact in contacts]) for status in ("open", "slip", "stick")),
-                Column("dissipated", [contact["dissipated"] for contact in contacts], self.energy)]
-
-    def _bodies(self) -> Html:
-        names, bodies = list(self.bodies), list(self.bodies.values())
+    def _bodies(self) -> dict[str, Any]:
         clamped = {each["name"] for each in self.scene.get("body", ()) if each["clamp"]}
-        reactions = [body["reaction"] if name in clamped else (None, None) for name, body in self.bodies.items()]
-        return section("bodies", "Bodies", table(
-            f"Largest displacement and stress{self.at}; the reaction of the clamps, where there are any",
-            Column("body", names), Column("unknowns", [body["n"] for body in bodies]),
-            Column("displacement", [body["displacement_max"] for body in bodies], self.length),
-            Column("von Mises", [body["von_mises_max"] for body in bodies], self.stress),
-            *(Column(f"reaction {x}", [each[k] for each in reactions], self.force) for k, x in enumerate("xy")),
-            Column("strain energy", [body["energy"] for body in bodies], self.energy),
+        bodies = [body if name in clamped else body | {"reaction": (None, None)} for name, body in self.bodies.items()]
+        return {"bodies": table(
+            "Largest displacement and stress; the reaction of the clamps, where there are any",
+            Column("body", list(self.bodies)), *self._columns(BODIES, bodies),
             Column("held by", ["clamps" if body["held"] else "clamps and contacts" if name in clamped else "contacts"
-                               for name, body in self.bodies.items()])))
+                               for name, body in self.bodies.items()]))}
 
-    @property
-    def _has_steps(self) -> bool:
-        return self.scene.get("time") is not None
-
-    def _steps(self) -> Html | None:
+    def _steps(self) -> dict[str, Any]:
         """The load steps, condensed where there are many, and the balance of energy."""
-        if not self._has_steps:
-            return None
-        every = self.summary["steps"]
-        if not every:
-            return section("steps", "Load steps", element("p", "No load step was completed."))
-        steps = every
+        every = steps = self.summary["steps"]
+        if not self.stepped or not every:
+            return {"no_steps": "No load step was completed." if self.stepped else ""}
         if len(every) > MOST_STEPS:
             steps = _some([step for step in every if step["time"] in self.scene["time"]["points"]] or every)
         if len(self.contacts) <= FEW:
             rows = [(step, name, contact) for step in steps for name, contact in step["contacts"].items()]
-            contacts = [contact for *_, contact in rows]
-            caption, columns = "Forces on the first body", self._resultants(contacts) + self._states(contacts)
-            if len(self.contacts) > 1:
-                columns.insert(0, Column("contact", [name for _, name, _ in rows]))
+            caption, columns = "Forces on the first body", RESULTANTS | STATES
         else:
             rows = [(step, "all", {key: sum(contact[key] or 0 for contact in step["contacts"].values())
-                                   for key in ("open", "slip", "stick", "dissipated")}) for step in steps]
-            caption, columns = "Nodes of all contacts", self._states([total for *_, total in rows])
+                                   for key, _ in STATES.values()}) for step in steps]
+            caption, columns = "Nodes of all contacts", STATES
+        several = [Column("contact", [name for _, name, _ in rows])] if 1 < len(self.contacts) <= FEW else []
         caption += f"; {len(steps)} of {len(every)} steps, steps.csv has all" * (len(steps) < len(every))
-        inside = [element("p", f"{len(every)} load steps to time {every[-1]['time']:g}. Friction has a memory: a step "
-                          "starts from the slip of the one before."), table(
+        found = {"step_number": f"{len(every)} load steps to time {every[-1]['time']:g}.", "steps": table(
             caption, Column("time", [f"{step['time']:g}" for step, *_ in rows]),
-            Column("iterations", [step["outer_iterations"] for step, *_ in rows]), *columns)]
-        energy = self.summary.get("energy")
-        if energy:
-            inside += [table("Energy since time 0: the first is the sum of the next two",
-                             Column("what", list(ENERGIES.values())),
-                             Column("energy", [energy[key] for key in ENERGIES], self.energy)),
-                       element("p", f"No step's balance misses by more than {number(energy['residual'], 2)} of the "
-                               "largest of these energies.")]
-        return section("steps", "Load steps", *inside)
+            Column("iterations", [step["outer_iterations"] for step, *_ in rows]), *several,
+            *self._columns(columns, [contact for *_, contact in rows]))}
+        if energy := self.summary.get("energy"):
+            found |= {"energy": table(
+                "Energy since time 0: the first is the sum of the next two", Column("what", list(ENERGIES.values())),
+                Column("energy", [energy[key] for key in ENERGIES], self.units["energy"])),
+                "imbalance_of_energy": number(energy["residual"], 2)}
+        return found
 
-    def _certificate(self) -> Html:
-        summary, limit = self.summary, self.summary["certificate_limit"]
-        of_contacts = {kind: {name: each["certificate"][kind] for name, each in self.contacts.items()}
-                       for kind in RESIDUALS if kind != "equilibrium"}
-        worst = of_contacts | {"equilibrium": {name: each["certificate"]["equilibrium"]
-                                               for name, each in self.bodies.items()}}
-        kinds = {kind: value for kind, value in summary["certificate"].items() if kind in RESIDUALS}
+    def _certificate(self) -> dict[str, Any]:
+        parts = {**self.contacts, **self.bodies}
+        kinds = {kind: value for kind, value in self.summary["certificate"].items() if kind in RESIDUALS}
+        by_kind = {kind: {name: each["certificate"][kind] for name, each in parts.items()
+                          if kind in each["certificate"]} for kind in kinds}
         verdicts = [element("span", "fails", kind="fails") if self._fails(value) else "holds"
                     for value in kinds.values()]
-        columns = [Column(RESIDUALS[kind][0], list(values.values())) for kind, values in of_contacts.items()]
-        shares = [None if (share := body["discretization_error"]) is None else 100 * share
+        errors = [None if (share := body["discretization_error"]) is None else 100 * share
                   for body in self.bodies.values()]
-        return section("certificate", "Certificate", element(
-            "p", "Residuals of the coupled problem, computed afresh from the final forces and displacements, without "
-            f"units. All must lie below {limit:.2g}. They say how well the discrete problem is solved, not how good "
-            "the mesh is."), table(
-                f"The worst of all contacts{', bodies and load steps' if self._has_steps else ' and bodies'}",
-                Column("residual", [RESIDUALS[kind][0] for kind in kinds]), Column("value", list(kinds.values())),
-                Column("verdict", verdicts), Column("worst of", [_worst(worst[kind]) for kind in kinds]),
-                Column("what it is", [element("div", RESIDUALS[kind][1], kind="words") for kind in kinds]), digits=2),
-            "" if len(self.contacts) < 2 else folded_if_long("By contact", len(self.contacts), table(
-                "By contact", Column("contact", list(self.contacts)), *columns, digits=2)),
-            folded_if_long("By body", len(self.bodies), table(
+        contacts = self._columns({_words(kind): (f"certificate.{kind}", "") for kind in BY_CONTACT},
+                                 self.contacts.values())
+        return {
+            "limit": f"{self.summary['certificate_limit']:.2g}",
+            "residuals": table(
+                f"The worst of all contacts{', bodies and load steps' if self.stepped else ' and bodies'}",
+                Column("residual", [_words(kind) for kind in kinds]), Column("value", list(kinds.values())),
+                Column("verdict", verdicts), Column("worst of", [_worst(each) for each in by_kind.values()]),
+                Column("what it is", [element("div", RESIDUALS[kind], kind="words") for kind in kinds]), digits=2),
+            "residuals_of_contacts": table("By contact", Column("contact", list(self.contacts)), *contacts, digits=2,
+                                           minor=True) if len(self.contacts) > 1 else "",
+            "residuals_of_bodies": table(
                 "By body, with its part of the estimated discretization error", Column("body", list(self.bodies)),
-                Column("equilibrium", list(worst["equilibrium"].values())), Column("estimated error", shares, "%"),
-                digits=2)))
+                Column("equilibrium", list(by_kind["equilibrium"].values())), Column("estimated error", errors, "%"),
+                digits=2, minor=True)}
 
-    def _error(self) -> Html:
-        error = self.summary["discretization_error"]
-        target, levels = error.get("target"), error.get("levels") or []
-        inside: list[Any] = [element(
-            "p", f"The mesh is off by about {percent(self._estimate)} of the energy norm" +
-            (f"; {percent(target)} was asked for. " if target else ". ") + "This is an estimate, by patch recovery of "
-            "the stress, and no bound: it has been found too small by a fifth with linear elements, by a tenth with "
-            "quadratic ones.")
-            if self._estimate is not None else element("p", f"There is no estimate{self.at or ' for this run'}.")]
-        if len(levels) > 1:
-            inside.append(table("The meshes on the way", Column("mesh", [f"{k}" for k in range(1, len(levels) + 1)]),
-                                Column("refinement", [level["refinement"] for level in levels]),
-                                Column("unknowns", [level["n"] for level in levels]),
-                                Column("estimated error", [percent(level["error"]) for level in levels])))
-        return section("error", "Estimated discretization error", *inside)
+    def _error(self) -> dict[str, Any]:
+        estimate, target, levels = self.error["energy_norm"], self.error.get("target"), self.error.get("levels") or []
+        if estimate is None:
+            return {"no_estimate": self.of_step if self.of_step.startswith("at") else "for this run"}
+        return {"error": percent(estimate), "target": f"; {percent(target)} was asked for" if target else "",
+                "meshes": table(
+                    "The meshes on the way", Column("mesh", [f"{k}" for k in range(1, len(levels) + 1)]),
+                    *self._columns({"refinement": ("refinement", ""), "unknowns": ("n", "")}, levels),
+                    Column("estimated error", [percent(level["error"]) for level in levels]))
+                if len(levels) > 1 else ""}
 
-    def _work(self) -> Html:
+    def _work(self) -> dict[str, Any]:
         """Times, memory, messages, and how each body was solved with."""
-        summary, seconds, exchange = self.summary, self.summary["seconds"], self.summary.get("exchange", {})
-        bodies = list(self.bodies.values())
-        method = {"newton": "semi-smooth Newton", "anderson": "Anderson acceleration of the published iteration",
-                  "relaxation": f"published iteration, {summary.get('algorithm')} algorithm, splitting "
-                  f"{summary.get('splitting')}"}
-        lines = [("method", f"{method[summary['outer']]}, to {self.scene['method']['tolerance']:g}"),
-                 ("iterations", f"{summary['outer_iterations']} outer, {summary['inner_iterations']} inner"),
-                 ("solves", f"{summary['n_A']} with the stiffness of a body (n_A)"),
-                 ("memory", f"at most {max(body['memory_mib'] for body in bodies):.0f} MiB on a rank"),
-                 ("messages", f"at most {exchange.get('messages', 0)} with {exchange.get('bytes', 0) / 1024:.1f} KiB "
-                  f"from a rank, {exchange.get('reductions', 0)} reductions")]
-        path = self.folder / "convergence.png"
-        inside = [picture(path, "The outer iteration.", "Update and residual over the outer iterations", "small")
-                  ] if path.exists() else []
-        if seconds:
-            inside.append(table("Time of the slowest rank", Column("phase", list(seconds)),
-                                Column("time", list(seconds.values()), "s", decimals=2),
-                                Column("what it is", [PHASES.get(name, "") for name in seconds])))
-        return section("work", "Work", pairs(lines), *inside, folded_if_long("By body", len(bodies), table(
-            "By body", Column("body", list(self.bodies)), Column("ranks", [_ranks(body["ranks"]) for body in bodies]),
-            Column("solves", [body["n_A"] for body in bodies]), Column("solver", [body["solver"] for body in bodies]),
-            Column("compliance", [body["compliance"] for body in bodies]),
-            Column("memory", [round(body["memory_mib"]) for body in bodies], "MiB"))))
-
-    def _provenance(self) -> Html:
-        summary = self.summary
-        job = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in summary.get("slurm", {}).items())
-        versions = ", ".join(f"{name} {value}" for name, value in summary.get("versions", {}).items())
-        options = [f"-{name} {value}".strip() for name, value in summary.get("options", {}).items()]
-        lines = [("run", summary.get("run", "unknown")), ("command", code(summary.get("command", "unknown"))),
-                 ("in", code(summary.get("working_folder", "unknown"))),
-                 ("hosts", ", ".join(dict.fromkeys(summary.get("hosts", []))) or "unknown"), ("batch job", job),
-                 ("versions", versions or "unknown"), ("PETSc options", code(" ".join(options)) if options else "none"),
-                 ("report", f"by ddmpi {__version__}")]
-        return section("run", "Which run it was", pairs(line for line in lines if line[1]))
+        summary, seconds, bodies = self.summary, self.summary["seconds"], self.bodies.values()
+        return summary.get("exchange", {}) | {
+            "method": METHODS[summary["outer"]].format_map(summary),
+            "tolerance": f"{self.scene['method']['tolerance']:g}",
+            "memory": f"{max(body['memory_mib'] for body in bodies):.0f}",
+            "convergence": picture(self.folder / "convergence.png", "The outer iteration.", "small"),
+            "times": table("Time of the slowest rank", Column("phase", list(seconds)),
+                           Column("time", list(seconds.values()), "s", decimals=2),
+                           Column("what it is", [PHASES.get(name, "") for name in seconds])) if seconds else "",
+            "work_of_bodies": table(
+                "By body", Column("body", list(self.bodies)),
+                Column("ranks", [_ranks(body["ranks"]) for body in bodies]), *self._columns(WORK, bodies),
+                Column("memory", [round(body["memory_mib"]) for body in bodies], "MiB"), minor=True)}
 
 
-def _counts(contacts: Mapping[str, dict]) -> tuple[int, str]:
-    """The number of contact nodes, and how many of them are open, slip and stick."""
-    counts = {status: sum(contact[status] for contact in contacts.values()) for status in ("open", "slip", "stick")}
-    return sum(contact["m"] for contact in contacts.values()), ", ".join(f"{k} {name}" for name, k in counts.items())
+def _words(kind: str) -> str:
+    return kind.replace("_", " ")
 
 
 def _law(contact: dict) -> str:

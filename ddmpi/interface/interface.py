@@ -66,11 +66,18 @@ class Lines:
     row : (l,) of each node
     xy : (l, d) positions (m)
     area : (l,) nodal lengths of what faces the other side (m); those of a row add up to its own
+    facets : (f, 2) pairs of neighbouring nodes, in the order of the nodes; a closed chain ends with (last, first)
     """
 
     row: np.ndarray
     xy: np.ndarray
     area: np.ndarray
+    facets: np.ndarray
+
+    def only(self, some: np.ndarray) -> Lines:
+        """Those of the nodes with `some` (l,) bool, and the facets between them."""
+        place = np.cumsum(some) - 1
+        return Lines(self.row[some], self.xy[some], self.area[some], place[self.facets[some[self.facets].all(axis=1)]])
 
 
 @dataclass(frozen=True)
@@ -151,7 +158,8 @@ class Interface:
     @property
     def shown(self) -> Lines:
         """The nodes of the rows."""
-        return self.lines or Lines(np.arange(self.m), self.xy, self.area)
+        neighbours = np.column_stack(sparse.triu(self.laplacian, 1).nonzero())
+        return self.lines or Lines(np.arange(self.m), self.xy, self.area, in_order(neighbours))
 
     @property
     def stiffness(self) -> np.ndarray:
@@ -204,6 +212,15 @@ class Interface:
             b.append(nodes[1][second.indices[facing]])
             normal.append(outward[row[entry]])
         return np.concatenate(a), np.concatenate(b), np.vstack(normal)
+
+
+def in_order(facets: np.ndarray) -> np.ndarray:
+    """Facets (f, 2) in the order of their nodes, each with the node before the other first: (k, k + 1), (last, first).
+    """
+    facets = np.sort(facets, axis=1)
+    closing = np.diff(facets, axis=1)[:, 0] > 1
+    facets[closing] = facets[closing, ::-1]
+    return facets[np.argsort(facets[:, 0])]
 
 
 def check_overlap(interface: Interface, *sides: Side) -> list[str]:

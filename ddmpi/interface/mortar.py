@@ -12,7 +12,7 @@ constant pressure is exact on any meshes. Gaps are those of the boundaries that 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sparse
@@ -20,10 +20,11 @@ from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
 from ddmpi.interface.cover import Cover, cover, faced_arc, unit
-from ddmpi.interface.interface import Interface, Lines, Places
+from ddmpi.interface.interface import Interface, Lines, Places, in_order
 from ddmpi.interface.law import law_of
 from ddmpi.interface.matching import NO_GAP, initial_gap, is_held, pair
 from ddmpi.interface.side import Side
+from ddmpi.mesh.boundary import segments
 from ddmpi.mesh.elements import shapes_on_side as shapes
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
 from ddmpi.scene.values import Profile
@@ -314,7 +315,7 @@ def _lay(sides: tuple[Side, Side], own: int, over: Cover, friction: Coulomb | Tr
         fixed=Places((sides[0].nodes, sides[1].nodes), normal[dropped], start[dropped],
                      (transfers[0][dropped], transfers[1][dropped])),
         at=(transfers[0][keep] @ sides[0].xy, transfers[1][keep] @ sides[1].xy), slave=side.body,
-        lines=Lines(kept[lines.row[carry]], lines.xy[carry], lines.area[carry]),
+        lines=replace(lines, row=kept[lines.row]).only(carry),
         probes=Places((sides[0].nodes, sides[1].nodes), forward, between,
                       (probes[own], probes[1 - own])))
 
@@ -330,9 +331,8 @@ def _lines(side: Side, rows: _Rows, seen: np.ndarray) -> Lines:
     length[entries.col[own]] = (rows.area[entries.row] * entries.data)[own]
     faces = np.abs(length) > UNSEEN * side.lengths_over(seen)
     faces[rows.rooted] = True
-    node = np.flatnonzero(faces)
-    length[rows.rooted] += rows.area - np.bincount(rows.place[node], length[node])  # what is left out
-    return Lines(rows.place[node], side.xy[node], length[node])
+    length[rows.rooted] += rows.area - np.bincount(rows.place[faces], length[faces])  # what is left out
+    return Lines(rows.place, side.xy, length, in_order(segments(side.links[seen]))).only(faces)
 
 
 def _normals(side: Side, some: np.ndarray) -> np.ndarray:

@@ -5,9 +5,10 @@
 
 with the rigid motions α of bodies that nothing holds. D is that of a layer between the bodies, or of a barrier
 (`ddmpi.methods.paths`). In Newton's method it holds the springs that friction turns against, which the plane does not
-have, and a part that steers, as ε does, and biases nothing. The preconditioner is the same system with W M W in the place of (C + D)⁻¹, M being the half-plane stiffness
-and W = (1 + D c)^−½, whose coarse problem is solved exactly. The second row then holds from the first iteration on, and
-GMRES, preconditioned from the right, works on the first row alone.
+have, and a part that steers, as ε does, and biases nothing. The preconditioner is the same system with W M W in the
+place of (C + D)⁻¹, M being the half-space stiffness and W = (1 + D c)^−½, whose coarse problem is solved exactly.
+The second row then holds from the first iteration on, and GMRES, preconditioned from the right, works on the first row
+alone.
 """
 
 from __future__ import annotations
@@ -111,7 +112,7 @@ class Linearised:
 
 
 class Preconditioner:
-    """The half-plane stiffness M of all interfaces with the coarse problem of all bodies.
+    """The half-space stiffness M of all interfaces with the coarse problem of all bodies.
 
     Parameters
     ----------
@@ -160,7 +161,7 @@ class LinearProblem:
                                         preconditioner.diagonal)
 
     def precondition(self, w: np.ndarray, h: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """The unknown forces y (k,) and rigid motions α of the half-plane system for w (k,) in metres, h in newtons.
+        """The unknown forces y (k,) and rigid motions α of the half-space system for w (k,) in metres, h in newtons.
 
         `h` (joint.rigid.size,) is zero if left out. Collective.
         """

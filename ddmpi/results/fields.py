@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ddmpi.interface.interface import Interface, Lines, in_order
 from ddmpi.interface.state import ContactState
-from ddmpi.results.tables import leg_values, pieces, writing
+from ddmpi.results.tables import leg_values, writing
 from ddmpi.system.files import FileOfHDF5
 
 TOPOLOGY = {2: "Polyline", 3: "Triangle", 6: "Triangle_6"}
@@ -33,6 +34,9 @@ AT_NODES = ("points", "displacement", *AT_CONTACT)
 
 MANY = 10_000
 """Of more bodies and contacts than this, times load steps, result.xdmf has no grids of their own."""
+
+FEW = 0.02
+"""A node that shares its neighbour's row and has less than this part of its length hardly faces the other side."""
 
 
 @dataclass(frozen=True)
@@ -95,18 +99,42 @@ def write_fields(path: Path, fields: Fields, body: int, sizes: Sequence[tuple[in
 
 
 def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dict[str, np.ndarray]:
-    """Points (l, 3) of a contact, its `cells` (·, 2), lines between neighbouring nodes, and AT_CONTACT (l, …).
+    """Points (l, 3) of a contact, its `cells` (·, 2), which are its `drawn_facets`, and AT_CONTACT (l, …).
 
-    `values` are the `leg_values` of an earlier load step, or the present ones. A node without neighbours has a line to
-    itself. Not collective.
+    `values` are the `leg_values` of an earlier load step, or the present ones. Not collective.
     """
     lines, components = state.interface.shown, state.interface.dimension - 1
-    table = dict(zip("xyz", lines.xy.T, strict=False)) | {"length": lines.area}
-    joined = [np.column_stack([piece[:-1], piece[1:]]) if len(piece) > 1 else piece[[0, 0]][None]
-              for piece in pieces(table)]
     values = leg_values(state) if values is None else values
-    return {"points": np.pad(lines.xy, ((0, 0), (0, 2 - components))), "cells": np.concatenate(joined)} | dict(
+    return {"points": np.pad(lines.xy, ((0, 0), (0, 2 - components))), "cells": drawn_facets(lines)} | dict(
         zip(AT_CONTACT, values[lines.row].T, strict=True))
+
+
+def drawn_facets(lines: Lines) -> np.ndarray:
+    """The facets (f, 2) of a contact that are drawn, by the lines of its table; a node without neighbours has (k, k).
+
+    A facet is left out if it hardly faces the other side: one of its nodes shares the row of the other one and has less
+    than FEW of its length. Drawn, the stress would go on outside of the body. Not collective.
+    """
+    facets, nodes = lines.facets, np.arange(len(lines.row))
+    row, area = lines.row[facets], lines.area[facets]
+    faces = (row[:, 0] != row[:, 1]) | (area.min(axis=1) >= FEW * area.max(axis=1))
+    return in_order(np.vstack([facets[faces], np.setdiff1d(nodes, facets)[:, None].repeat(2, axis=1)]))
+
+
+def write_facets(path: Path, interfaces: Iterable[Interface]) -> None:
+    """Add to result.h5 in the folder `path` what pictures need of contacts besides their tables. Not collective.
+
+    contacts/NAME/facets (f, 2), as `drawn_facets`, and contacts/NAME/initial_gap (l,) at the lines of the table (m).
+    Raises OutputError.
+    """
+    import h5py
+
+    target = path / "result.h5"
+    with writing(target), FileOfHDF5(target, "r+") as storage, h5py.File(storage, "r+") as file:
+        for interface in interfaces:
+            group = file.create_group(f"contacts/{interface.name}")
+            group["facets"] = drawn_facets(interface.shown)
+            group["initial_gap"] = interface.gap[interface.shown.row]
 
 
 def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, tuple[int, int]] | None = None,

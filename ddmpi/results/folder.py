@@ -40,17 +40,22 @@ FILES = {
                    "a grid for each body and contact, by its name; meshio.read, or with load steps "
                    "meshio.xdmf.TimeSeriesReader, finds all bodies as one",
     "result.h5": "the data of result.xdmf: points, displacement by node; cells, body (its number), stress "
-                 "(xx, xy, xz, yy, yz, zz), von_mises, error by triangle; earlier load steps in groups step_000001, …",
-    "bodies.png": "deformed bodies, enlarged, with von Mises stress; what touches is drawn touching",
-    "contact.png": "of one contact: stresses, slip bound, zones and gap",
-    "contacts.png": "of several contacts: pressures, resultants and status of all in one picture",
-    "contact_NAME.png": "contact.png of each of up to six contacts",
+                 "(xx, xy, xz, yy, yz, zz), von_mises, error by triangle; earlier load steps in groups step_000001, …; "
+                 "in contacts/NAME the facets, pairs of lines of contact_NAME.csv whose nodes are neighbours, and "
+                 "initial_gap of each line",
+    "bodies.png": "the deformed bodies, coloured by von Mises stress, else by displacement. Displacements are enlarged "
+                  "as the title says, grey outlines are undeformed, and what touches is drawn touching",
+    "contact.png": "of one contact: stresses, slip bound, gap and slip along the contact, and its zones",
+    "contacts.png": "of several contacts: pressures as areas, zones as lines, and resultants",
+    "contact_NAME.png": "of each of up to six contacts: stresses, slip bound, gap and slip along the contact, and its "
+                        "zones",
     "convergence.png": "outer iterations",
-    "error.png": "estimated discretization error, if asked for",
-    "steps.png": "with load steps: loops, energies, stresses at the ends of legs",
-    "animation.gif": "with load steps: the moving bodies, if asked for",
-    "mechanism.json": "where there is no equilibrium: how the bodies would move",
-    "mechanism.png": "its picture",
+    "steps.png": "with load steps: loops of the tangential force, energies, contact stresses at the ends of legs",
+    "animation.gif": "with load steps, if asked for: the moving bodies",
+    "error.png": "if asked for: where the estimated discretization error is",
+    "mechanism.json": "where there is no equilibrium: centres of the bodies that no clamp holds and their velocities "
+                      "(x, y, turning) in the mechanism, of which the fastest node has 1",
+    "mechanism.png": "the bodies as they stand and as the mechanism would move them, in place of all other pictures",
     "report.html": "what `ddmpi report` has made of all these",
     "checkpoint.h5": "of an interrupted run, for --restart; completed runs have none"}
 """What a folder of results may hold; NAME is that of a contact. docs/reference/results.md shows this."""

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.results.fields import at_nodes, boundary_edges, group_of, linear_triangles
+from ddmpi.results.fields import group_of, linear_triangles
+from ddmpi.results.frame import ABOVE, BESIDE, coloured, draw_colours, draw_outline, draw_rigid, map_of
 from ddmpi.results.magnify import magnify, owners, surfaces
-from ddmpi.results.tables import LEGS, Columns, Results, facing_rows, writing
+from ddmpi.results.tables import LEGS, Columns, Results, drawn_rows, writing
 
 LOOPS = 3
 """At most so many contacts, those with the largest forces, have their loop and their stresses drawn."""
@@ -119,10 +120,10 @@ def draw_steps(results: Results, title: str) -> Any:
     loop.set(xlabel=label, ylabel=f"tangential force ({unit})")
     _draw_energies(energies, results.energy, unit, summary["units"]["length"])
     for axes, name in zip(grid[1:], shown, strict=True):
-        _draw_stresses(axes, name, results.legs[name], summary["units"])
+        _draw_stresses(axes, name, results, summary["units"])
     for axes in (loop, energies):
         axes.axhline(0.0, color="black", linewidth=0.6)
-        axes.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+        axes.legend(ncols=2, **ABOVE)
     figure.suptitle(f"{title}{len(results.energy['time'])} load steps")
     return figure
 
@@ -149,21 +150,23 @@ def _draw_energies(axes: Any, energy: Columns, force: str, length: str) -> None:
     axes.set(xlabel="time", ylabel=f"energy ({force}·{length})")
 
 
-def _draw_stresses(axes: Any, name: str, legs: Columns, units: dict) -> None:
+def _draw_stresses(axes: Any, name: str, results: Results, units: dict) -> None:
     """Normal and tangential stress along a contact at the ends of legs."""
     import matplotlib as mpl
 
+    legs = results.legs[name]
     times = np.unique(legs["time"])
     chosen = times[np.unique(np.linspace(0, len(times) - 1, min(CURVES, len(times))).round().astype(int))]
     colours = mpl.colormaps["viridis"](np.linspace(0.0, 0.9, len(chosen)))
     for kind, axis in zip(("normal", "tangential"), axes, strict=True):
         for time, colour in zip(chosen, colours, strict=True):
-            step = facing_rows({column: values[legs["time"] == time] for column, values in legs.items()})
+            step = {column: values[legs["time"] == time] for column, values in legs.items()}
+            step, _ = drawn_rows(step, results.facets[name])
             arc = np.append(0.0, np.cumsum(np.hypot(np.diff(step["x"]), np.diff(step["y"]))))
             axis.plot(arc, step[f"{kind}_stress"], color=colour, linewidth=1.2, label=f"time {time:g}")
         axis.axhline(0.0, color="black", linewidth=0.6)
         axis.set(xlabel=f"along {name} ({units['length']})", ylabel=f"{kind} stress ({units['stress']})")
-    axes[1].legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    axes[1].legend(fontsize=7, **BESIDE)
 
 
 def animate(results: Results, folder: Path, title: str) -> Path:
@@ -174,47 +177,34 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     """
     import matplotlib.pyplot as plt
     from matplotlib.animation import PillowWriter
-    from matplotlib.collections import LineCollection
 
-    points, output = results.fields["points"][:, :2], results.summary["scene"]["output"]
-    cells, owner = linear_triangles(results.fields["cells"])
-    largest, top, low, high = 0.0, 0.0, points.min(axis=0), points.max(axis=0)
-    size = np.ptp(points, axis=0).max()
-    for _, u, values in _frames(folder):
-        largest = max(largest, np.linalg.norm(u, axis=1).max())
-        top = max(top, float(np.percentile(values, 99.5)))
+    points, cells = results.fields["points"][:, :2], linear_triangles(results.fields["cells"])[0]
+    largest = max(np.linalg.norm(fields["displacement"], axis=1).max() for _, fields in _frames(folder))
     factor, shift = magnify(results, largest)
-    for _, u, _ in _frames(folder):
-        low = np.minimum(low, (points + shift + factor * u).min(axis=0))
-        high = np.maximum(high, (points + shift + factor * u).max(axis=0))
-    width, height = high - low
-    wide = width > height
-    stressed = "von_mises" in results.fields
-    label = f"von Mises stress ({output['stress_unit']})" if stressed else f"displacement ({output['length_unit']})"
-    figure, axes = plt.subplots(figsize=np.clip((8.0, 1.8 + 7.2 * height / width) if wide else
-                                                (2.2 + 5.0 * width / height, 6.4), 3.6, 9.0))
-    colours = plt.cm.ScalarMappable(plt.Normalize(0.0, top or 1.0), "viridis")
-    figure.colorbar(colours, ax=axes, label=label, orientation="horizontal" if wide else "vertical",
-                    extend="max", aspect=40 if wide else 25)
-    edges, path = boundary_edges(cells), folder / "animation.gif"
+    top, number, low, high = 0.0, 0, np.full(2, np.inf), np.full(2, -np.inf)
+    for _, fields in _frames(folder):
+        at = points + shift + factor * fields["displacement"][:, :2]
+        low, high = np.minimum(low, at.min(axis=0)), np.maximum(high, at.max(axis=0))
+        values, quantity, unit = coloured(results, fields)
+        top, number = max(top, float(np.percentile(values, 99.5))), number + 1
+    margin = 0.03 * np.ptp(points, axis=0).max()
+    figure, axes = map_of(results, np.vstack([low - margin, high + margin]))
+    axes.set(xlim=(low[0] - margin, high[0] + margin), ylim=(low[1] - margin, high[1] + margin), title="time")
+    norm = plt.Normalize(0.0, top or 1.0)
+    draw_colours(figure, axes, plt.cm.ScalarMappable(norm, "viridis"), f"{quantity} ({unit})", "max")
     figure.suptitle(title.strip())
-    number = sum(1 for _ in _frames(folder))
-    writer = PillowWriter(fps=float(np.clip(number / SECONDS, SLOWEST, FASTEST)))
+    path, writer = folder / "animation.gif", PillowWriter(fps=float(np.clip(number / SECONDS, SLOWEST, FASTEST)))
     with writing(path):
         path.unlink(missing_ok=True)  # it may be a link
     with writing(path), writer.saving(figure, path, dpi=80):
-        for time, u, values in _frames(folder):
-            axes.clear()
-            at = points + shift + factor * u
-            shown = at_nodes(values[owner], points, cells) if stressed else values
-            axes.tripcolor(*at.T, cells, shown, shading="gouraud", norm=colours.norm, cmap="viridis")
-            axes.add_collection(LineCollection(at[edges], color="black", linewidth=0.6))
-            for line, _ in surfaces(results, factor, time):
-                axes.plot(*line.T, color="#404040", linewidth=1.4)
-            axes.set(aspect="equal", xlim=(low[0] - 0.03 * size, high[0] + 0.03 * size),
-                     ylim=(low[1] - 0.03 * size, high[1] + 0.03 * size), xlabel=f"x ({output['length_unit']})",
-                     ylabel=f"y ({output['length_unit']})",
-                     title=f"time {time:.4g}, displacement × {factor:g}")
+        for time, fields in _frames(folder):
+            for artist in (*axes.collections, *axes.lines):
+                artist.remove()
+            at = points + shift + factor * fields["displacement"][:, :2]
+            axes.tripcolor(*at.T, cells, coloured(results, fields)[0], shading="gouraud", norm=norm, cmap="viridis")
+            draw_outline(axes, at, cells)
+            draw_rigid(axes, surfaces(results, factor, time), float(np.ptp(points, axis=0).max()))
+            axes.set_title(f"time {time:.4g}, displacement × {factor:g}")
             figure.canvas.draw()
             figure.set_layout_engine("none")  # as the first frame has it
             writer.grab_frame()
@@ -222,14 +212,12 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     return path
 
 
-def _frames(folder: Path) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
-    """Time, displacement (nv, 2), and von Mises stress by cell or else displacement by node, of what an animation shows
-    of the time series result.xdmf."""
+def _frames(folder: Path) -> Iterator[tuple[float, dict[str, np.ndarray]]]:
+    """Time, and the fields that differ from step to step, of what an animation shows of the series result.xdmf."""
     import h5py
 
     times = step_times(folder)
     with h5py.File(folder / "result.h5", "r") as file:
         for k in np.unique(np.linspace(0, len(times) - 1, min(FRAMES, len(times))).round().astype(int)):
             fields = file.get(group_of(k), file)
-            u = fields["displacement"][:, :2]
-            yield times[k], u, fields["von_mises"][()] if "von_mises" in fields else np.linalg.norm(u, axis=1)
+            yield times[k], {name: fields[name][()] for name in ("displacement", "von_mises") if name in fields}

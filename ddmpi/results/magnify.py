@@ -30,7 +30,8 @@ class _Pairs:
     Attributes
     ----------
     bodies : numbers of the first and, unless it is rigid, the second body
-    before : (m, 2) from the first to the second body's node along the normal, undeformed (m)
+    before : (m, 2) from the first to the second body along the normal, undeformed (m): the initial gap of the run,
+        which a scene may give in place of the drawn one
     normal : (m, 2) of the first body
     gap : (m,) deformed (m)
     touching : (m,) bool
@@ -72,9 +73,8 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
     points, u = results.fields["points"][:, :2], results.fields["displacement"][:, :2]
     owner = owners(results)
     names = list(results.summary["bodies"])
-    at = {name: (points[owner == k], u[owner == k]) for k, name in enumerate(names)}
-    pairs = [_pairs(results.contacts[contact["name"]], contact["bodies"], names, at, _rigid(results),
-                    results.summary["contacts"][contact["name"]].get("slave"))
+    pairs = [_pairs(results.contacts[contact["name"]], [names.index(name) for name in contact["bodies"]
+                                                        if name in names])
              for contact in results.summary["scene"]["contact"]]
     apart = np.zeros((len(pairs), len(names)))
     for row, each in zip(apart, pairs, strict=True):
@@ -152,30 +152,9 @@ def surfaces(results: Results, factor: float = 0.0,
         yield at + factor * rigid["displacement"], normals
 
 
-def _pairs(nodes: Columns, bodies: list[str], names: list[str], at: dict[str, tuple[np.ndarray, np.ndarray]],
-           rigid: dict[str, dict], slave: str | None) -> _Pairs:
-    """The pairs of a contact, of which `nodes` are on the body that rows stand at: by mortar it may be the second one.
-
-    The other body's node is the one nearest to where gap and slip say that it has moved. A rigid partner has no nodes:
-    what is opposite moved as all of it did. The gap before is that of the run, which a scene may give in place of the
-    drawn one.
-    """
-    from scipy.spatial import cKDTree
-
-    xy, normal = (np.column_stack([nodes[x], nodes[y]]) for x, y in (("x", "y"), ("nx", "ny")))
-    tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
-    swapped, second = slave == bodies[1], bodies[1]
-    (ours, u), other, sign = (at[second], bodies[0], -1.0) if swapped else (at[bodies[0]], second, 1.0)
-    own = u[cKDTree(ours).query(xy)[1]]
-    if second in rigid:
-        their = rigid[second]["displacement"]
-    else:
-        theirs, v = at[other]
-        opposite = xy + own + sign * (nodes["gap"][:, None] * normal - nodes["slip_total"][:, None] * tangent)
-        their = v[cKDTree(theirs + v).query(opposite)[1]]
-    before = (nodes["gap"] + sign * np.einsum("ij,ij->i", own - their, normal))[:, None] * normal
-    numbers = [names.index(name) for name in bodies if name not in rigid]
-    return _Pairs(numbers, before, normal, nodes["gap"], nodes["status"] != "open")
+def _pairs(nodes: Columns, bodies: list[int]) -> _Pairs:
+    normal = np.column_stack([nodes["nx"], nodes["ny"]])
+    return _Pairs(bodies, nodes["initial_gap"][:, None] * normal, normal, nodes["gap"], nodes["status"] != "open")
 
 
 def _round_down(factor: float) -> float:

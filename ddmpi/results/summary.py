@@ -12,10 +12,21 @@ from typing import Any
 import numpy as np
 
 from ddmpi.interface.state import ContactState
+from ddmpi.judge.equilibrium import Mechanism, describe
 from ddmpi.results.tables import FORMAT, writing
+from ddmpi.system.files import MECHANISM
 
 BY_CONTACT = ("force_mismatch", "penetration", "complementarity", "friction")
 """The residuals that a certificate has for each contact."""
+
+RESIDUALS = {
+    "force_mismatch": "how far the contact forces of the two bodies are from cancelling, over the forces",
+    "penetration": "the largest overlap at the nodes, or opening where bonded, over the size of the contact "
+                   "displacements",
+    "complementarity": "force across open nodes, and tension",
+    "friction": "how far tangential forces are from the friction law, over the largest force",
+    "equilibrium": "what is left of the balance of forces in a body, over its loads"}
+"""What each residual of the certificate means."""
 
 SUMMARY = {
     "format": "version of the layout of all files; names and meanings of one format stay, entries may be added",
@@ -46,7 +57,7 @@ SUMMARY = {
     "bodies.NAME.solver": "how A is solved with",
     "bodies.NAME.compliance": "how C = B A⁻¹ Bᵀ is applied: explicit, direct or iterative",
     "bodies.NAME.memory_mib": "the most memory that its ranks have held, MiB",
-    "bodies.NAME.certificate.equilibrium": "residual of its equilibrium",
+    "bodies.NAME.certificate.equilibrium": RESIDUALS["equilibrium"],
     "contacts.NAME.m": "its nodes",
     "contacts.NAME.pairing": "nodes or mortar",
     "contacts.NAME.slave": "the body whose nodes carry the forces; null with pairing by nodes",
@@ -62,10 +73,7 @@ SUMMARY = {
     "contacts.NAME.stick": "number of sticking nodes",
     "contacts.NAME.dissipated": "frictional work of all load steps",
     "contacts.NAME.pressure_max": "largest normal stress of a node",
-    "contacts.NAME.certificate.force_mismatch": "how well the two bodies' contact forces cancel",
-    "contacts.NAME.certificate.penetration": "how far the bodies overlap",
-    "contacts.NAME.certificate.complementarity": "whether only closed nodes carry force",
-    "contacts.NAME.certificate.friction": "whether tangential forces obey the friction law",
+    **{f"contacts.NAME.certificate.{kind}": RESIDUALS[kind] for kind in BY_CONTACT},
     "contacts.NAME.pointwise_penetration": "largest overlap at any point, also between the nodes; warned of",
     "contacts.NAME.moment_imbalance": "where nodes do not match: by how much the moments of the two bodies' forces "
                                       "differ, because they act on nodes that stand apart; without a limit",
@@ -230,9 +238,23 @@ def summarize(scene: dict, run: RunResult, bodies: Sequence[BodyResult], contact
 
 def write_summary(path: Path, summary: dict) -> None:
     """Write summary.json into the folder `path`. Not collective. Raises OutputError."""
-    text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    with writing(path / "summary.json"):
-        (path / "summary.json").write_text(text, encoding="utf-8")
+    _write_json(path / "summary.json", summary)
+
+
+def write_mechanism(path: Path, mechanism: Mechanism) -> None:
+    """Write mechanism.json into the folder `path`: the loose bodies, their centres (m) and their velocities about them.
+
+    A velocity is (v_x, v_y, ω), such that the fastest node has velocity 1. Not collective. Raises OutputError.
+    """
+    _write_json(path / MECHANISM, _plain({
+        "reason": describe(mechanism), "imbalance": mechanism.imbalance,
+        "bodies": [{"name": body.name, "centre": body.centre, "velocity": velocity}
+                   for body, velocity in zip(mechanism.bodies, mechanism.velocities, strict=True)]}))
+
+
+def _write_json(path: Path, content: dict) -> None:
+    with writing(path):
+        path.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _units(output: dict) -> dict[str, str]:

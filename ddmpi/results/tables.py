@@ -191,12 +191,6 @@ def _cell(value: object) -> object:
 Columns = dict[str, np.ndarray]
 """A table: the arrays of its columns by name; `status` and `contact` hold words, all others numbers."""
 
-APART = 1.75
-"""Consecutive nodes belong to separate pieces if they are farther apart than this times their mean nodal length.
-
-Neighbours are at most 4/3 of it apart on a uniform mesh, at the end of a piece; across one missing node it is 2.
-"""
-
 
 @dataclass(frozen=True)
 class Results:
@@ -205,7 +199,8 @@ class Results:
     Attributes
     ----------
     summary : the content of summary.json
-    contacts : of each contact contact_NAME.csv
+    contacts : of each contact contact_NAME.csv, with the column initial_gap of result.h5
+    facets : of each contact the pairs of rows (f, 2) of its table that are neighbours, as in result.h5
     sides : the same of contact_NAME_sides.csv; empty with linear elements
     history, steps : history.csv and steps.csv
     energy : energy.csv, and legs : of each contact contact_NAME_legs.csv; empty without [time]
@@ -221,6 +216,7 @@ class Results:
     fields: dict[str, np.ndarray]
     energy: Columns = field(default_factory=dict)
     legs: dict[str, Columns] = field(default_factory=dict)
+    facets: dict[str, np.ndarray] = field(default_factory=dict)
     time: float | None = None
 
     def heading(self, timed: bool = False) -> str:
@@ -247,12 +243,15 @@ def read_results(folder: str | Path) -> Results:
         sides = {name: folder / contact_files(name).sides for name in tables if summary["order"] == 2}
         with h5py.File(folder / "result.h5", "r") as file:
             fields = {name: data[()] for name, data in file.items() if isinstance(data, h5py.Dataset)}
+            drawn = {name: {key: data[()] for key, data in group.items()}
+                     for name, group in file.get("contacts", {}).items()}
+        facets = {name: each.pop("facets") for name, each in drawn.items()}
         steps = summary["scene"].get("time") is not None
-        return Results(summary, {name: _read_csv(path) for name, path in tables.items()},
+        return Results(summary, {name: _read_csv(path) | drawn.get(name, {}) for name, path in tables.items()},
                        {name: _read_csv(path) for name, path in sides.items() if path.exists()},
                        _read_csv(folder / "history.csv"), _read_csv(folder / "steps.csv"), fields,
                        _read_csv(folder / "energy.csv") if steps else {},
-                       {name: _read_csv(folder / contact_files(name).legs) for name in tables if steps})
+                       {name: _read_csv(folder / contact_files(name).legs) for name in tables if steps}, facets)
 
 
 def read_summary(folder: str | Path) -> dict:
@@ -273,41 +272,13 @@ def _read_csv(path: Path) -> Columns:
             for name, column in zip(header, columns, strict=True)}
 
 
-FEW = 0.02
-"""Pictures leave out a node that shares the stresses of its neighbour and has less than this part of its length."""
+def drawn_rows(table: Columns, facets: np.ndarray) -> tuple[Columns, np.ndarray]:
+    """The rows of a contact's table that its facets (f, 2) join, and the facets by the numbers of these rows."""
+    rows, places = np.unique(facets, return_inverse=True)
+    return {name: column[rows] for name, column in table.items()}, places.reshape(facets.shape)
 
 
-def facing_rows(table: Columns) -> Columns:
-    """The rows without those of nodes that stand beyond what they face, of which hardly anything faces the other side.
-
-    Such a node shares its neighbour's row: drawn, the stress would go on outside of the body.
-    """
-    length, stresses = table["length"], (table["normal_stress"], table["tangential_stress"])
-    shared = np.all([np.diff(each) == 0.0 for each in stresses], axis=0)
-    beyond = np.zeros(len(length), bool)
-    beyond[1:] |= shared & (length[1:] < FEW * length[:-1])
-    beyond[:-1] |= shared & (length[:-1] < FEW * length[1:])
-    return {name: column[~beyond] for name, column in table.items()}
-
-
-def starts(table: Columns) -> np.ndarray:
-    """Rows of nodes or sides with which another piece of the contact begins.
-
-    The first and the last node of a side that overhangs have small or even negative lengths: they count as apart only
-    if they are also farther off than their neighbour is from the next node.
-    """
-    distance, length = np.hypot(np.diff(table["x"]), np.diff(table["y"])), table["length"]
-    apart = distance > APART * (length[1:] + length[:-1]) / 2
-    if len(distance) > 1:
-        for end, inner in ((0, 1), (-1, -2)):
-            apart[end] &= distance[end] > APART * distance[inner]
-    return 1 + np.flatnonzero(apart)
-
-
-def pieces(table: Columns) -> list[np.ndarray]:
-    """Rows of nodes, piece by piece; a closed contact ends with the node that it begins with."""
-    found = np.split(np.arange(len(table["x"])), starts(table))
-    distance = np.hypot(table["x"][0] - table["x"][-1], table["y"][0] - table["y"][-1])
-    if len(found) == 1 and len(found[0]) > 2 and distance <= APART * table["length"][[0, -1]].mean():
-        found[0] = np.append(found[0], 0)
-    return found
+def chains(facets: np.ndarray) -> list[np.ndarray]:
+    """The rows of the nodes that facets (f, 2) join, chain by chain; a closed one ends with the node it begins with."""
+    parts = np.split(facets, 1 + np.flatnonzero(facets[1:, 0] != facets[:-1, 1]))
+    return [np.append(part[:, 0], part[part[:, 0] != part[:, 1]][-1:, 1]) for part in parts]

@@ -24,9 +24,9 @@ from ddmpi.judge.plausible import doubt_answer, doubt_mesh, doubt_stress
 from ddmpi.mesh.geometry import Sizes
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
-from ddmpi.results.fields import Fields, contact_fields, write_fields, write_xdmf
+from ddmpi.results.fields import Fields, contact_fields, write_facets, write_fields, write_xdmf
 from ddmpi.results.folder import Staging, choose_folder
-from ddmpi.results.summary import write_summary
+from ddmpi.results.summary import write_mechanism, write_summary
 from ddmpi.results.tables import write_contact, write_energy, write_history, write_legs, write_sides, write_steps
 from ddmpi.run.checkpoint import Checkpoints, continue_from, identify, levels_kept
 from ddmpi.run.gather import StepLog, gather_summary
@@ -231,7 +231,6 @@ def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, che
     own = {body.number: (len(body.mesh.points), len(body.mesh.triangles)) for body in bodies}
     everyone = merged(world, own)
     sizes = [everyone[number] for number in range(len(everyone))]
-    outlines = _outlines(solved)
     try:
         with clock.phase("output"):
             with agreed(world):
@@ -245,7 +244,7 @@ def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, che
                     names = (body.name for body in solved.assembly.scene.body)
                     write_xdmf(path, times, dict(zip(names, sizes, strict=True)), fields)
                     if solved.solution.mechanism:
-                        _write_mechanism(path, solved, outlines)
+                        write_mechanism(path, solved.solution.mechanism)
                     if figures:  # they show it
                         write_summary(path, summary)
             if figures:
@@ -307,6 +306,7 @@ def _write_tables(path: Path, solved: Solved) -> dict[str, list[dict[str, np.nda
     for name, state in solution.contacts.items():
         write_contact(path, name, state)
         write_sides(path, name, state)
+    write_facets(path, (state.interface for state in solution.contacts.values()))
     write_steps(path, solved.summary["steps"])
     if solved.steps:
         write_energy(path, solved.steps.energy())
@@ -322,33 +322,14 @@ def _write_tables(path: Path, solved: Solved) -> dict[str, list[dict[str, np.nda
     return found
 
 
-def _outlines(solved: Solved) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Name, nodes and triangles of all bodies, on all ranks, where a mechanism is to be written. Collective."""
-    if not solved.solution.mechanism:
-        return []
-    everyone = merged(solved.assembly.world, {body.spec.name: body.mesh for body in solved.assembly.bodies})
-    return [(name, mesh.points, mesh.triangles) for name, mesh in everyone.items()]
-
-
-def _write_mechanism(path: Path, solved: Solved, bodies: list[tuple[str, np.ndarray, np.ndarray]]) -> None:
-    from ddmpi.results.mechanism import write_mechanism
-
-    solution, scene = solved.solution, solved.assembly.scene
-    assert solution.mechanism
-    rigid = {each.name for each in scene.rigid}
-    surfaces = [(state.interface.bodies[1], state.interface.xy) for state in solution.contacts.values()
-                if state.interface.bodies[1] in rigid]
-    write_mechanism(path, solution.mechanism, bodies, surfaces, scene.title, scene.output.length_unit)
-
-
 def _draw(path: Path, number: int, drawers: int) -> OutputError | None:
     """Draw this rank's share of the pictures, where matplotlib is installed; its error waits for the numbers."""
-    from ddmpi.results.mechanism import draw_results
+    from ddmpi.results.pictures import draw_all
 
     if not has_matplotlib():
         return None
     try:
-        draw_results(path, number, drawers)
+        draw_all(path, number, drawers)
     except Exception as error:  # matplotlib raises what it likes
         return OutputError(f"the pictures could not be drawn ({type(error).__name__}: {error}); the other results "
                            "are complete")

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ddmpi.errors import InputError
-from ddmpi.results.pictures import COLOURS, STYLE, start_drawing
+from ddmpi.results.frame import COLOURS, STYLE, start_drawing
 from ddmpi.results.tables import reading
 from ddmpi.sweep.cases import cut
 from ddmpi.sweep.table import find_column, read_outcome, read_table

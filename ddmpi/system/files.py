@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from ddmpi.errors import OutputError
 
-SUMMARY, CHECKPOINT = "summary.json", "checkpoint.h5"
+SUMMARY, CHECKPOINT, MECHANISM = "summary.json", "checkpoint.h5", "mechanism.json"
 """The last file of a result: where it is, the others are. The state of a run that was not completed."""
 
 SWEEP, TABLE, RECORD = "sweep.json", "sweep.csv", "case.json"

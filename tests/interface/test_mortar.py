@@ -271,6 +271,7 @@ def test_a_closed_shaft_in_a_closed_hub(order):
         assert contact.gap == pytest.approx(2e-3, abs=2e-7)
         assert np.einsum("mi,mi->m", contact.normal, contact.xy) == pytest.approx(np.hypot(*contact.xy.T), rel=2e-2)
         assert joined(contact).all() and contact.laplacian[0, contact.m - 1] < 0.0
+        assert contact.shown.facets.tolist() == [[k, (k + 1) % contact.m] for k in range(contact.m)]
 
 
 @orders

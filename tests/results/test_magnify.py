@@ -34,11 +34,11 @@ def deformed(meshes: dict[str, Mesh], u: dict[str, np.ndarray], contacts: dict[s
         assert gap.min() > -TOUCHES
         xy = meshes[bodies[1]].points[interface.nodes[1]] if rows else interface.xy
         tables[name] = {"x": xy[:, 0], "y": xy[:, 1], "nx": interface.normal[:, 0],
-                        "ny": interface.normal[:, 1], "gap": gap, "slip": slip, "slip_total": slip,
+                        "ny": interface.normal[:, 1], "gap": gap, "initial_gap": interface.gap, "slip": slip,
                         "status": np.where(gap > TOUCHES, "open", "stick")}
         interfaces.append(interface)
     summary = {"title": "", "bodies": dict.fromkeys(meshes), "scene": made_up.scene(list(contacts)),
-               "contacts": {name: {"slave": name.split("-")[1] if rows else None} for name in contacts}}
+               "units": {"length": "m", "stress": "Pa"}}
     summary["scene"]["output"]["magnification"] = magnification
     return Results(summary, tables, {}, {}, {}, fields), interfaces
 
@@ -112,7 +112,8 @@ def test_an_interference_that_the_scene_gives_is_drawn_without_air(overlap):
     u = {name: sign * overlap / 2 * mesh.points / np.linalg.norm(mesh.points, axis=1)[:, None]
          for (name, mesh), sign in zip(meshes.items(), (-1, 1), strict=True)}
     results, interfaces = deformed(meshes, u, RINGS)
-    results.contacts["inner-outer"] |= {"gap": np.zeros(24), "status": np.full(24, "stick")}
+    results.contacts["inner-outer"] |= {"gap": np.zeros(24), "initial_gap": np.full(24, -overlap),
+                                        "status": np.full(24, "stick")}
     factor, (gaps,) = drawn_gaps(results, interfaces)
     assert factor == {1e-6: 5000.0, 1e-3: 5.0}[overlap]
     assert np.abs(gaps).max() <= 0.002 * 4.0 + overlap

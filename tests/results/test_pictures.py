@@ -1,5 +1,8 @@
 """Pictures of any number of bodies and contacts, drawn from files only."""
 
+import json
+
+import h5py
 import made_up
 import numpy as np
 import pytest
@@ -9,11 +12,13 @@ from matplotlib import pyplot as plt
 from matplotlib.collections import LineCollection
 
 from ddmpi.errors import InputError, OutputError
+from ddmpi.interface.interface import Lines
 from ddmpi.results import pictures
+from ddmpi.results.fields import drawn_facets
 from ddmpi.results.histories import draw_steps
 from ddmpi.results.magnify import magnify
 from ddmpi.results.pictures import draw_all, draw_bodies, draw_contact, draw_contacts, draw_convergence
-from ddmpi.results.tables import Results, facing_rows, pieces, read_results, write_history
+from ddmpi.results.tables import Results, chains, read_results, write_history
 
 
 @pytest.fixture(autouse=True)
@@ -25,10 +30,14 @@ def close_figures():
 def made(folder, *missing: int, **how) -> Results:
     """Results of two blocks whose contact lacks some nodes."""
     made_up.results(folder, **how)
-    for table in folder.glob("contact_*.csv"):
-        header, *lines = table.read_text().splitlines(keepends=True)
-        table.write_text("".join([header, *(line for k, line in enumerate(lines) if k not in missing)]))
-    return read_results(folder)
+    results = read_results(folder)
+    for name, table in results.contacts.items():
+        some = ~np.isin(np.arange(len(table["x"])), missing)
+        lines = Lines(np.arange(len(some)), np.column_stack([table["x"], table["y"]]), table["length"],
+                      results.facets[name]).only(some)
+        results.facets[name] = drawn_facets(lines)
+        results.contacts[name] = {column: values[some] for column, values in table.items()}
+    return results
 
 
 def pressure(results: Results):
@@ -108,36 +117,19 @@ def test_one_missing_node_is_a_break(tmp_path):
     assert np.flatnonzero(np.isnan(pressure(made(tmp_path, 10)).get_xdata())).tolist() == [10]
 
 
-def test_graded_meshes_are_not_torn(tmp_path):
-    """Where every edge is 1.6 times as long as the one before, no neighbours count as separate."""
-    results = made(tmp_path, divisions=(8, 8))
-    table = results.contacts["upper-lower"]
-    edges = 1.6 ** np.arange(8)
-    table["x"] = np.concatenate([[0.0], np.cumsum(edges)])
-    table["length"] = (np.concatenate([[0.0], edges]) + np.concatenate([edges, [0.0]])) / 2
-    assert not np.isnan(pressure(results).get_xdata()).any()
-
-
-def test_ends_that_overhang_are_joined(tmp_path):
-    """The first and the last node of a side that overhangs, with hardly any length, belong to the curve."""
-    results = made(tmp_path)
-    results.contacts["upper-lower"]["length"][[0, 1, -2, -1]] = [-0.01, 0.06, 0.08, 0.001]
-    assert not np.isnan(pressure(results).get_xdata()).any()
-
-
 @pytest.mark.parametrize("end", [0, -1])
 def test_the_curve_ends_where_the_contact_ends(tmp_path, end):
     """A node that hardly faces anything and shares the row of its neighbour is not drawn, in any picture."""
     results = made(tmp_path)
     whole = pressure(results).get_xdata()
-    table, inner = results.contacts["upper-lower"], (1, -2)[end]
-    for column in ("normal_stress", "tangential_stress"):
-        table[column][end] = table[column][inner]
-    typical, less = table["length"][inner], np.delete(whole, end)
-    for length, shown in ((0.03 * typical, whole), (0.01 * typical, less), (-0.001, less)):
-        table["length"][end] = length
+    x, row, inner = results.contacts["upper-lower"]["x"], np.arange(25), (1, -2)[end]
+    row[end] = row[inner]
+    for length, shown in ((0.03, whole), (0.01, np.delete(whole, end)), (-0.001, np.delete(whole, end))):
+        area = np.full(25, 1.0)
+        area[end] = length
+        lines = Lines(row, np.column_stack([x, x]), area, np.column_stack([np.arange(24), np.arange(1, 25)]))
+        results.facets["upper-lower"] = drawn_facets(lines)
         assert pressure(results).get_xdata().tolist() == shown.tolist()
-        assert facing_rows(table)["x"].tolist() == shown.tolist()
 
 
 def test_a_lone_node_is_visible(tmp_path):
@@ -211,6 +203,7 @@ def with_rigid(folder, rigid: dict) -> Results:
     made_up.results(folder)
     results = read_results(folder)
     results.contacts["lower-floor"] = {**results.contacts["upper-lower"], "y": np.zeros(25)}
+    results.facets["lower-floor"] = results.facets["upper-lower"]
     results.summary["contacts"]["lower-floor"] = results.summary["contacts"]["upper-lower"]
     results.summary["scene"]["contact"].append({"name": "lower-floor", "bodies": ["lower", "floor"],
                                                 "friction": {"law": "none"}})
@@ -276,15 +269,28 @@ def test_of_many_contacts_only_the_overview_is_drawn(tmp_path, monkeypatch, cont
     monkeypatch.setitem(results.summary, "contacts", dict.fromkeys(names, entry))
     results.contacts.clear()
     results.contacts.update(dict.fromkeys(names, table))
+    results.facets.update(dict.fromkeys(names, results.facets["upper-lower"]))
     results.summary["scene"]["contact"] = [results.summary["scene"]["contact"][0] | {"name": name} for name in names]
     drawn = [name for name, _ in pictures._figures(results, results)]
     assert "contacts.png" in drawn and sum(name.startswith("contact_") for name in drawn) == single
 
 
-def test_closed_contacts_are_drawn_closed():
-    """The nodes of a ring end where they begin; those of an arc do not."""
-    angle = 2 * np.pi * np.arange(24) / 24
-    ring = {"x": np.cos(angle), "y": np.sin(angle), "length": np.full(24, 2 * np.pi / 24)}
-    assert pieces(ring)[0].tolist() == [*range(24), 0]
-    arc = {name: column[:20] for name, column in ring.items()}
-    assert pieces(arc)[0].tolist() == list(range(20))
+def test_closed_contacts_are_drawn_closed(tmp_path):
+    """The nodes of a ring end where they begin; those of an arc do not; a lone node stands alone."""
+    rings = made_up.interface("a-b", made_up.ring((0.2, 1.0)), made_up.ring((1.0, 2.0)), ("outside", "inside"))
+    facets = drawn_facets(rings.shown)
+    assert [each.tolist() for each in chains(facets)] == [[*range(24), 0]]
+    some = np.isin(np.arange(24), [0, 1, 2, 10, 20, 21])
+    assert [each.tolist() for each in chains(drawn_facets(rings.shown.only(some)))] == [[0, 1, 2], [3], [4, 5]]
+
+
+def test_results_of_an_earlier_version_name_it(tmp_path):
+    """A folder without the facets of contacts has no pictures: the message has the version that wrote it."""
+    made_up.results(tmp_path)
+    summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8")) | {"versions": {"ddmpi": "0.7.0"}}
+    (tmp_path / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
+    with h5py.File(tmp_path / "result.h5", "r+") as file:
+        del file["contacts"]
+    assert read_results(tmp_path).contacts["upper-lower"]["x"].size == 25
+    with pytest.raises(InputError, match=r"ddmpi 0\.7\.0 wrote these results"):
+        draw_all(tmp_path)
