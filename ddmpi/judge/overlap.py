@@ -1,4 +1,4 @@
-"""Where bodies run through each other, or themselves, although no contact keeps them apart.
+"""Where bodies run through each other, themselves or rigid partners, although no contact keeps them apart.
 
 A body is a set of simplices. It runs into another one where points of its boundary lie in simplices of the other.
 Nothing here depends on the dimension.
@@ -15,9 +15,11 @@ import numpy as np
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
-from ddmpi.coupling.assembly import Assembly
+from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState
+from ddmpi.mesh.boundary import outline
+from ddmpi.scene.contacts import Circle, Plane, Rigid
 from ddmpi.system.agreement import merged
 
 RESOLVED = 1e-3
@@ -44,6 +46,13 @@ WIDEN, ADD = "name the whole boundary that may touch in `on`", "add a [[contact]
 
 PAIRS = 2**20
 """So many pairs of points and facets at a time."""
+
+BESIDE = 1e-9
+"""Overlaps with a rigid partner below this part of the body's size are rounding."""
+
+BETWEEN = 0.25
+"""A rigid circle that lies deeper between two contact nodes than this part of their distance, or of its radius, is too
+small for them."""
 
 PARTS = {3: [[0, 1, 2]], 6: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]}
 """Simplices between the nodes of a cell, by their number."""
@@ -125,7 +134,7 @@ class Overlap(NamedTuple):
 
 def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
                    states: Mapping[str, ContactState]) -> list[str]:
-    """Warnings where two bodies run through each other outside their contacts, the same on all ranks.
+    """Warnings where bodies run through each other or rigid partners outside their contacts, the same on all ranks.
 
     Of two bodies on different ranks whose bounding boxes overlap one sends what is near to the other. Collective.
     """
@@ -154,7 +163,8 @@ def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
             found[a, b] = [f"body.{pair[0]} and body.{pair[1]} run through each other by {overlap.depth:.3g}"
                            + f" ({drawn:.3g} as drawn)" * (drawn > 0.0) + f", as at {_words(overlap.place)}, where no "
                            f"contact keeps them apart; {WIDEN if touch else ADD}"]
-    return [warning for _, warnings in sorted(merged(world, found).items()) for warning in warnings]
+    return [warning for _, warnings in sorted(merged(world, found).items()) for warning in warnings
+            ] + _doubt_rigid(assembly, displacements, states)
 
 
 def _words(place: np.ndarray) -> str:
@@ -256,6 +266,81 @@ def deepest_in(a: Solid, x: np.ndarray, kept: np.ndarray, bows: np.ndarray, b: S
     return [Overlap(float(depth[k]), points[inside[k]])] if excess[k] > 0.0 and not held[k] else []
 
 
+def _doubt_rigid(assembly: Assembly, displacements: Mapping[str, np.ndarray],
+                       contacts: Mapping[str, ContactState]) -> list[str]:
+    """Warnings where a body runs through a rigid partner outside its contact with it, the same on all ranks.
+
+    Collective.
+    """
+    moved = {state.interface.bodies[1]: state.interface.displacement for state in contacts.values()}
+    found: dict[tuple[int, int], list[str]] = {}
+    for body in assembly.bodies:
+        facets, u = outline(body.mesh), displacements[body.spec.name]
+        for k, rigid in enumerate(assembly.scene.rigid):
+            own = [interface for interface in body.member.interfaces if interface.bodies[1] == rigid.name]
+            touching = np.isin(facets, np.concatenate([np.empty(0, int), *(
+                nodes[0] for each in own for nodes in (each.nodes, each.fixed.nodes))]))
+            U = moved.get(rigid.name, np.array(rigid.displacement))
+            found[body.number, k] = (_between_nodes(body, u, U, own, rigid, facets[touching.all(axis=1)])
+                                     or _beside(body, u, U, own, rigid, facets, touching))
+    return [warning for _, warnings in sorted(merged(assembly.world, found).items()) for warning in warnings]
+
+
+def _between_nodes(body: Body, u: np.ndarray, U: np.ndarray, own: Sequence[Interface], rigid: Rigid,
+                   facets: np.ndarray) -> list[str]:
+    """A warning where a circle lies deep between the nodes of the facets that touch it; parameters as for `_beside`."""
+    if not isinstance(rigid, Circle) or rigid.inside or not len(facets):
+        return []
+    ends = (body.mesh.points + u - U)[facets]
+    places = _nearest_in(np.array(rigid.center), ends)
+    depth = _depth_in(rigid, places)
+    size = np.minimum(np.linalg.norm(ends.max(axis=1) - ends.min(axis=1), axis=1), rigid.radius)
+    sunk = depth - np.maximum(_depth_in(rigid, ends).max(axis=1), 0.0) - BETWEEN * size
+    k = int(np.argmax(sunk))
+    return [] if sunk[k] <= 0.0 else [
+        f"contact.{own[0].name}: {rigid.name} is small beside the distance of nodes of {body.spec.name}, and lies "
+        f"{depth[k]:.3g} deep between two of them, as at {_words(places[k] + U)}; a finer mesh there would be right"]
+
+
+def _beside(body: Body, u: np.ndarray, U: np.ndarray, own: Sequence[Interface], rigid: Rigid, facets: np.ndarray,
+            touching: np.ndarray) -> list[str]:
+    """A warning where a body lies in a rigid partner, but not at its contacts with it.
+
+    A bore through which the body is drawn is left out: it may be a piece of a socket. So is a plane that no contact of
+    the body names, and through which the body is drawn: it is meant to end before.
+
+    Parameters
+    ----------
+    u, U : (nv, d) and (d,) how far they have moved (m)
+    own : contacts with the partner
+    facets, touching : (f, d) nodes of the boundary, and whether they are of these contacts
+    """
+    mesh, free, at = body.mesh, np.unique(facets[~touching]), body.mesh.points + u - U
+    places = at[free]
+    if isinstance(rigid, Circle) and not rigid.inside:
+        places = np.concatenate([places, _nearest_in(np.array(rigid.center), at[facets[~touching.all(axis=1)]])])
+    elif (isinstance(rigid, Circle) or not own) and (
+            _depth_in(rigid, mesh.points[free]).max(initial=0.0) > BESIDE * mesh.extent):
+        return []
+    depth = _depth_in(rigid, places)
+    overlap = max(0.0, float(_depth_in(rigid, at[facets[touching]]).max(initial=0.0)))
+    if not depth.max(initial=0.0) > overlap + BESIDE * mesh.extent + RESOLVED * float(np.abs(u).max()):
+        return []
+    where, cure = "no contact keeps them apart:", ADD
+    if own:
+        where, cure = f"contact.{own[0].name}: beside the contact", WIDEN
+    return [f"{where} {body.spec.name} runs through {rigid.name} by {depth.max():.3g}, as at "
+            f"{_words(places[np.argmax(depth)] + U)}; {cure}" + "; a plane has no end" * isinstance(rigid, Plane)]
+
+
+def _depth_in(rigid: Rigid, points: np.ndarray) -> np.ndarray:
+    """How deep (…,) points (…, d) lie in a rigid partner (m)."""
+    if isinstance(rigid, Circle):
+        outside = np.linalg.norm(points - rigid.center, axis=-1) - rigid.radius
+        return outside if rigid.inside else -outside
+    return (np.array(rigid.point) - points) @ rigid.normal / np.linalg.norm(rigid.normal)
+
+
 def _depth_in_cell(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
     """The least barycentric coordinate (k,) of points (k, d) in the cell (c, d + 1, d) of which each is most inside.
 
@@ -284,21 +369,24 @@ def _distance(points: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.nd
     for block in np.array_split(np.arange(len(points)), len(points) * len(facets) // PAIRS + 1):
         found = tree.query_ball_point(points[block], radius[block] + reach)
         point, facet = np.repeat(block, [len(each) for each in found]), np.concatenate([*found, []]).astype(int)
-        away = _distance_to(points[point], facets[facet])
+        away = np.linalg.norm(_nearest_in(points[point], facets[facet]) - points[point], axis=1)
         order = np.lexsort((away, point))
         first = order[np.searchsorted(point[order], block)]
         distance[block], number[block] = away[first], facet[first]
     return distance, number
 
 
-def _distance_to(points: np.ndarray, simplices: np.ndarray) -> np.ndarray:
-    """The distance (k,) of each point (k, d) to its simplex (k, j, d) of any dimension."""
+def _nearest_in(points: np.ndarray, simplices: np.ndarray) -> np.ndarray:
+    """The place (k, d) nearest to each point (k, d), or to one for all, in its simplex (k, j, d) of any dimension."""
+    points = np.broadcast_to(points, simplices[:, 0].shape)
     across, part = _across(points - simplices[:, 0], simplices)
-    distance, beside = np.linalg.norm(across, axis=1), (part < 0.0).any(axis=1) | (part.sum(axis=1) > 1.0)
+    places, beside = points - across, (part < 0.0).any(axis=1) | (part.sum(axis=1) > 1.0)
     if beside.any():
-        distance[beside] = np.min([_distance_to(points[beside], np.delete(simplices[beside], k, axis=1))
-                                   for k in range(simplices.shape[1])], axis=0)
-    return distance
+        sides = np.stack([_nearest_in(points[beside], np.delete(simplices[beside], k, axis=1))
+                          for k in range(simplices.shape[1])])
+        nearest = np.argmin(np.linalg.norm(sides - points[beside], axis=2), axis=0)
+        places[beside] = sides[nearest, np.arange(len(nearest))]
+    return places
 
 
 def _across(v: np.ndarray, simplices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
