@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 
-os.environ["DDMPI_LOCKSTEP"] = "1"  # a rank that leaves the others is an error in every test, instead of a hang
+os.environ["DDMPI_LOCKSTEP"] = str(Path(__file__).with_name("lockstep.py"))
+"""A rank that leaves the others is an error in every test, instead of a hang."""
+
 sys.path.append(str(Path(__file__).resolve().parents[1] / "scripts"))  # what the studies share is tested, too
 
 

@@ -1,13 +1,15 @@
-"""Where bodies run through each other, or themselves, although no contact keeps them apart.
+"""Where bodies run through each other, themselves or rigid partners, although no contact keeps them apart.
 
-A body's boundary is a set of closed polygons, so whether a point lies in the body is decided by counting crossings.
+A body is a set of simplices. It runs into another one where points of its boundary lie in simplices of the other.
+Nothing here depends on the dimension.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -17,20 +19,21 @@ from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.boundary import outline
+from ddmpi.scene.contacts import Circle, Plane, Rigid
 from ddmpi.system.agreement import merged
-from ddmpi.system.numbers import spans
 
 RESOLVED = 1e-3
-"""Overlaps below this part of the largest displacement are not reported."""
+"""Overlaps below this part of the largest displacement, and of a body with itself below this part of a cell, are not
+reported."""
 
 DRAWN = 1e-6
-"""Nor are those in the drawing below this part of the distance between nodes."""
+"""Overlaps in the drawing below this part of the distance between nodes are not reported."""
 
-CORNER, STRAIGHT = 1.0, 1e-6
-"""Boundaries that turn by an angle (rad) between these from segment to segment are drawn curved."""
+CORNER = 0.5
+"""A boundary is curved where a facet turns by less than this angle (rad) from the mean of its neighbours."""
 
 INWARD = 0.25
-"""Bodies with a common boundary are looked into at this part of a segment's length from its middle."""
+"""Bodies with a common boundary are looked into at this part of the way from a facet to its cell's other corner."""
 
 STEPS = 16
 """At most so many positions on the way from the drawing to the answer are looked at."""
@@ -42,336 +45,353 @@ WIDEN, ADD = "name the whole boundary that may touch in `on`", "add a [[contact]
 """What helps where bodies run through each other that a contact names, and those that none does."""
 
 PAIRS = 2**20
-"""So many pairs of points and segments at a time."""
+"""So many pairs of points and facets at a time."""
+
+BESIDE = 1e-9
+"""Overlaps with a rigid partner below this part of the body's size are rounding."""
+
+BETWEEN = 0.25
+"""A rigid circle that lies deeper between two contact nodes than this part of their distance, or of its radius, is too
+small for them."""
+
+PARTS = {3: [[0, 1, 2]], 6: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]}
+"""Simplices between the nodes of a cell, by their number."""
 
 
 @dataclass(frozen=True)
-class Outline:
-    """The whole boundary of a body.
+class Solid:
+    """A body as drawn and in the answer.
 
     Attributes
     ----------
-    at, moved : (n, 2) its nodes as drawn and in the answer (m)
-    segments : (s, 2) pairs of neighbouring nodes, the body to their left
-    numbers : (n,) of its nodes in the body's mesh, ascending; needed for `places` only
+    at, moved : (n, d) its nodes (m)
+    cells : (c, d + 1) simplices between them
+    facets : (f, d + 1) on its boundary, each followed by the other node of its cell
+    numbers : (n,) of the nodes in the body's mesh, ascending
     """
 
     at: np.ndarray
     moved: np.ndarray
-    segments: np.ndarray
-    numbers: np.ndarray = field(default_factory=lambda: np.empty(0, int))
+    cells: np.ndarray
+    facets: np.ndarray
+    numbers: np.ndarray
 
-    def places(self, nodes: np.ndarray) -> np.ndarray:
-        """Where in the outline `nodes` of the mesh are."""
-        return np.searchsorted(self.numbers, nodes)
+    @classmethod
+    def of(cls, points: np.ndarray, cells: np.ndarray, u: np.ndarray) -> Solid:
+        """A body with nodes (n, d) that moved by `u` (n, d) and cells of order 1 or 2."""
+        cells = cells[:, PARTS[cells.shape[1]]].reshape(-1, points.shape[1] + 1)
+        each = np.concatenate([np.roll(cells, k, axis=1) for k in range(cells.shape[1])])
+        keys = np.ravel_multi_index(tuple(np.sort(each[:, :-1], axis=1).T), (len(points),) * points.shape[1])
+        _, place, count = np.unique(keys, return_index=True, return_counts=True)
+        return cls(points, points + u, cells, each[place[count == 1]], np.arange(len(points)))
 
-    def lengths(self) -> np.ndarray:
-        """(s,) of the segments as drawn (m)."""
-        return np.linalg.norm(np.subtract(*self.at[self.segments.T]), axis=1)
+    def box(self) -> tuple[np.ndarray, np.ndarray]:
+        """The corners of the box around its boundary, as drawn and in the answer."""
+        nodes = np.unique(self.facets)
+        both = np.vstack([self.at[nodes], self.moved[nodes]])
+        return both.min(axis=0), both.max(axis=0)
+
+    def part(self, low: np.ndarray, high: np.ndarray) -> Solid:
+        """The boundary and the cells that may meet the box from `low` to `high` (d,)."""
+        ends = np.concatenate([self.at[self.cells], self.moved[self.cells]], axis=1)
+        cells = self.cells[((ends.max(axis=1) >= low) & (ends.min(axis=1) <= high)).all(axis=1)]
+        nodes = np.unique(np.concatenate([cells.ravel(), self.facets.ravel()]))
+        return Solid(self.at[nodes], self.moved[nodes], np.searchsorted(nodes, cells),
+                     np.searchsorted(nodes, self.facets), self.numbers[nodes])
+
+    def sizes(self) -> np.ndarray:
+        """(f,) of the facets as drawn (m)."""
+        ends = self.at[self.facets[:, :-1]]
+        return np.linalg.norm(ends.max(axis=1) - ends.min(axis=1), axis=1)
 
     def gradient(self) -> float:
-        """The largest strain or rotation of a segment."""
-        u = self.moved - self.at
-        return float((np.linalg.norm(np.subtract(*u[self.segments.T]), axis=1) / self.lengths()).max())
+        """The largest strain or rotation of a side of a facet."""
+        i, j = self.facets[:, :1], self.facets[:, 1:-1]
+        apart, moved = self.at[j] - self.at[i], self.moved[j] - self.moved[i]
+        return float((np.linalg.norm(moved - apart, axis=2) / np.linalg.norm(apart, axis=2)).max())
 
-    def sagittas(self) -> tuple[np.ndarray, np.ndarray]:
-        """How far at most the true boundary lies inside of the body's segments (s,), and of its nodes (n,) (m).
-
-        It does so where it is hollow. Nodes lie on it, but for those in the middle of straight sides.
-        """
-        along = np.subtract(*self.at[self.segments[:, ::-1].T])
-        before, after = np.zeros((2, *self.at.shape))
-        before[self.segments[:, 1]], after[self.segments[:, 0]] = along, along
-        turn = np.arctan2(_cross(after, before), np.einsum("nd,nd->n", before, after))  # clockwise
-        turn[np.abs(turn) > CORNER] = 0.0
-        hollow = np.maximum(turn, 0.0)[self.segments].max(axis=1)
-        sagitta, bow = self.lengths() * hollow / 4.0, np.zeros(len(self.at))  # an eighth, if neighbours are as long
-        np.maximum.at(bow, self.segments, sagitta[:, None])
-        return sagitta, np.where(np.abs(turn) > STRAIGHT, 0.0, bow)
-
-
-@dataclass(frozen=True)
-class Polygons:
-    """A body's boundary in one position: points (n, 2), segments (s, 2), `Outline.sagittas` of both."""
-
-    points: np.ndarray
-    segments: np.ndarray
-    sagittas: np.ndarray
-    bows: np.ndarray
-
-    @property
-    def ends(self) -> np.ndarray:
-        """(s, 2, 2) of the segments."""
-        return self.points[self.segments]
+    def sagittas(self) -> np.ndarray:
+        """(f,) how far at most the true boundary lies inside of the body's facets (m), which it does where hollow."""
+        ends = self.at[self.facets[:, :-1]]
+        middle = ends.mean(axis=1)
+        normal = _across(middle - self.at[self.facets[:, -1]], ends)[0]
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        mean = np.zeros_like(self.at)
+        np.add.at(mean, self.facets[:, :-1], normal[:, None])
+        mean = mean[self.facets[:, :-1]]
+        mean /= np.maximum(np.linalg.norm(mean, axis=2), np.finfo(float).tiny)[:, :, None]
+        smooth = np.einsum("fkd,fd->fk", mean, normal) > np.cos(CORNER)
+        inward = np.einsum("fkd,fkd->fk", mean - normal[:, None], middle[:, None] - ends)
+        return np.where(smooth, np.maximum(inward, 0.0), 0.0).max(axis=1)  # twice those of a circle
 
 
-@dataclass(frozen=True)
-class Overlap:
-    """The deepest point of one body in another.
-
-    Attributes
-    ----------
-    depth : distance to the nearest boundary of the body that it lies in (m); zero if there is no such point
-    place : (2,)
-    """
+class Overlap(NamedTuple):
+    """The deepest point of one body in another: its distance to the nearest boundary of that one (m), and its place."""
 
     depth: float
     place: np.ndarray
 
 
-NOWHERE = Overlap(0.0, np.zeros(2))
-
-
 def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
                    states: Mapping[str, ContactState]) -> list[str]:
-    """Warnings where two bodies run through each other outside their contacts, the same on all ranks.
+    """Warnings where bodies run through each other or rigid partners outside their contacts, the same on all ranks.
 
-    Of two bodies on different ranks whose bounding boxes overlap one sends its outline to the other. Collective.
+    Of two bodies on different ranks whose bounding boxes overlap one sends what is near to the other. Collective.
     """
     world, names = assembly.world, [body.name for body in assembly.scene.body]
-    own = {body.number: _outline(body, displacements[body.spec.name]) for body in assembly.bodies}
-    boxes = merged(world, {number: (world.rank, *_box(each)) for number, each in own.items()})
+    own = {body.number: Solid.of(body.mesh.points, body.mesh.triangles, displacements[body.spec.name])
+           for body in assembly.bodies}
+    boxes = merged(world, {number: (world.rank, *each.box()) for number, each in own.items()})
     near = [(a, b) for a, b in combinations(sorted(boxes), 2) if (boxes[a][1] <= boxes[b][2]).all()
             and (boxes[b][1] <= boxes[a][2]).all()]
-    away = sorted({(b, boxes[a][0]) for a, b in near if boxes[a][0] != boxes[b][0]})
-    sending = [world.isend(own[number], rank, number) for number, rank in away if number in own]
-    at_hand = own | {number: world.recv(None, boxes[number][0], number) for number, rank in away if rank == world.rank}
+    sending = [world.isend(own[b].part(*boxes[a][1:]), boxes[a][0], number) for number, (a, b) in enumerate(near)
+               if b in own and a not in own]
+    at_hand = {(a, b): own[b].part(*boxes[a][1:]) if b in own else world.recv(None, boxes[b][0], number)
+               for number, (a, b) in enumerate(near) if a in own}
     MPI.Request.waitall(sending)
     contacts, found = {body.number: body.member.interfaces for body in assembly.bodies}, {}
     for number, each in own.items():
         place = through_itself(each)
         found[number, number] = [] if place is None else [
-            f"body.{names[number]} runs through itself, as at ({place[0]:.4g}, {place[1]:.4g}), where nothing keeps "
+            f"body.{names[number]} runs through itself, as at {_words(place)}, where nothing keeps "
             "its sides apart; for sides that touch make two bodies of it, bonded where they hang together"]
-    for a, b in near:
-        if a in own:
-            pair = names[a], names[b]
-            kept = _kept_apart(contacts[a], pair, (at_hand[a], at_hand[b]))
-            overlap, drawn = run_through(at_hand[a], at_hand[b], *kept, _between(pair, states))
+    for (a, b), other in at_hand.items():
+        pair, solids = (names[a], names[b]), (own[a].part(*boxes[b][1:]), other)
+        overlap, drawn = run_through(*solids, _kept_apart(contacts[a], pair, solids), _between(pair, states))
+        if overlap:
             touch = any(set(contact.bodies) == set(pair) for contact in assembly.scene.contact)
-            found[a, b] = _name_overlap(*pair, overlap, drawn, touch)
-    return [warning for _, warnings in sorted(merged(world, found).items()) for warning in warnings]
+            found[a, b] = [f"body.{pair[0]} and body.{pair[1]} run through each other by {overlap.depth:.3g}"
+                           + f" ({drawn:.3g} as drawn)" * (drawn > 0.0) + f", as at {_words(overlap.place)}, where no "
+                           f"contact keeps them apart; {WIDEN if touch else ADD}"]
+    return [warning for _, warnings in sorted(merged(world, found).items()) for warning in warnings
+            ] + _doubt_rigid(assembly, displacements, states)
+
+
+def _words(place: np.ndarray) -> str:
+    return f"({', '.join(f'{x:.4g}' for x in place)})"
 
 
 def _between(pair: tuple[str, str], states: Mapping[str, ContactState]) -> float:
-    """By how much two bodies may overlap where they meet at a corner of others: as these contacts do at some place."""
+    """By how much two bodies may overlap beside their contacts, or where they meet at a corner of others: as these do.
+
+    The overlap of a contact between its nodes is an error of the discretization, which has a warning of its own.
+    """
+    own = [state.deepest for state in states.values() if set(state.interface.bodies) == set(pair)]
     met = [{body: state.deepest for state in states.values() for body in state.interface.bodies
             if name in state.interface.bodies and body not in pair} for name in pair]
-    return sum(each[body] for each in met for body in met[0].keys() & met[1].keys())
+    return max(own, default=0.0) + sum(each[body] for each in met for body in met[0].keys() & met[1].keys())
 
 
-def _kept_apart(interfaces: Sequence[Interface], names: tuple[str, str],
-                outlines: tuple[Outline, Outline]) -> tuple[np.ndarray, np.ndarray]:
-    """The nodes (2, k) of two outlines that contacts keep apart, and the first one's outer normals there (k, 2)."""
-    pairs, normals = [np.empty((2, 0), int)], [np.empty((0, 2))]
-    for interface in interfaces:
-        if set(interface.bodies) == set(names):
-            side = interface.side(names[0])
-            *nodes, normal = interface.facing()
-            pairs.append(np.stack([each.places(nodes[k]) for each, k in zip(outlines, (side, 1 - side), strict=True)]))
-            normals.append((1.0 - 2.0 * side) * normal)
-    return np.hstack(pairs), np.vstack(normals)
+def _kept_apart(interfaces: Sequence[Interface], names: tuple[str, str], solids: tuple[Solid, Solid],
+                ) -> tuple[np.ndarray, np.ndarray]:
+    """Which nodes (n,) of each of two bodies their contacts keep from the other."""
+    first, second = (np.isin(solid.numbers, np.concatenate([np.empty(0, int), *(
+        nodes[each.side(name)] for each in interfaces if set(each.bodies) == set(names)
+        for nodes in (each.nodes, each.fixed.nodes))])) for solid, name in zip(solids, names, strict=True))
+    return first, second
 
 
-def _outline(body: Body, u: np.ndarray) -> Outline:
-    """The boundary of a body that moved by `u` (nv, 2)."""
-    segments = outline(body.mesh)
-    nodes = np.unique(segments)
-    points = body.mesh.points[nodes]
-    return Outline(points, points + u[nodes], np.searchsorted(nodes, segments), nodes)
+def through_itself(body: Solid) -> np.ndarray | None:
+    """Where (d,) the boundary of a body lies in one of its cells in the answer, but not as drawn; None if nowhere."""
+    facets = body.facets[:, :-1]
+    if not np.abs(body.moved - body.at).max() <= np.ptp(body.at, axis=0).max():  # or is no number
+        return None
+    inside = _depth_in_cell(body.moved[facets].mean(axis=1), body.moved[body.cells]) > RESOLVED
+    if inside.any():
+        inside[inside] = _depth_in_cell(body.at[facets[inside]].mean(axis=1), body.at[body.cells]) <= RESOLVED
+    return body.moved[facets[inside][0]].mean(axis=0) if inside.any() else None
 
 
-def _box(each: Outline) -> tuple[np.ndarray, np.ndarray]:
-    """The corners of the box around an outline, as drawn and in the answer."""
-    both = np.vstack([each.at, each.moved])
-    return both.min(axis=0), both.max(axis=0)
-
-
-def _name_overlap(first: str, second: str, overlap: Overlap, drawn: float, touch: bool) -> list[str]:
-    """The warning of an overlap of two bodies, which a contact names or not, if there is one."""
-    if not overlap.depth:
-        return []
-    (x, y), before = overlap.place, f" ({drawn:.3g} as drawn)" if drawn else ""
-    return [f"body.{first} and body.{second} run through each other by {overlap.depth:.3g}{before}, as at ({x:.4g}, "
-            f"{y:.4g}), where no contact keeps them apart; "
-            f"{WIDEN if touch else ADD}"]
-
-
-def through_itself(body: Outline) -> np.ndarray | None:
-    """Where (2,) the boundary of a body crosses itself in the answer, but not as drawn; None if it does not.
-
-    Of two segments that cross, the middle of the shorter one is no farther from that of the longer one than the latter
-    is long. Segments with a common node do not count.
-    """
-    ends, (a, b) = body.moved[body.segments], body.segments.T
-    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    middles = ends.mean(axis=1)
-    near = cKDTree(middles).query_ball_point(middles, lengths)
-    one, other = np.repeat(np.arange(len(a)), [len(each) for each in near]), np.concatenate(near).astype(int)
-    shorter = (lengths[other] < lengths[one]) | ((lengths[other] == lengths[one]) & (other < one))
-    apart = (a[one] != a[other]) & (a[one] != b[other]) & (b[one] != a[other]) & (b[one] != b[other])
-    one, other = one[shorter & apart], other[shorter & apart]
-    crossed = _cross_over(ends[one], ends[other])
-    drawn = body.at[body.segments]
-    crossed &= ~_cross_over(drawn[one], drawn[other])
-    return middles[other[crossed][0]] if crossed.any() else None
-
-
-def _cross_over(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(k,) whether segments (k, 2, 2) cross each other by more than rounding."""
-    def sides(line: np.ndarray, points: np.ndarray) -> np.ndarray:
-        along = line[:, 1] - line[:, 0]
-        beside = _cross(along[:, None], points - line[:, :1])
-        slack = ROUNDING * np.abs(line).max(axis=(1, 2)) * np.abs(along).max(axis=1)
-        return (beside.min(axis=1) < -slack) & (beside.max(axis=1) > slack)
-
-    return sides(first, second) & sides(second, first)
-
-
-def run_through(first: Outline, second: Outline, pairs: np.ndarray, normal: np.ndarray,
-                slack: float = 0.0) -> tuple[Overlap, float]:
+def run_through(first: Solid, second: Solid, kept: tuple[np.ndarray, np.ndarray], slack: float = 0.0,
+                ) -> tuple[Overlap | None, float]:
     """The deepest overlap beyond rounding, curvature and second-order effects, and how deep the drawing has one.
 
     Parameters
     ----------
-    first, second : outlines of two bodies
-    pairs : (2, k) nodes of the first and of the second that contacts keep apart
-    normal : (k, 2) outer normals of the first body there
+    kept : (n,) of each body, which of its nodes contacts keep from the other one
     slack : overlaps of the answer below this do not count (m)
 
     The answer's overlaps are looked for on the way from the drawing, so that a body which has passed a thin one is
     found. If there are none, those of the drawing count.
     """
-    spacing = np.concatenate([first.lengths(), second.lengths()])
-    typical = float(np.median(spacing))
+    spacing = np.concatenate([first.sizes(), second.sizes()])
     rounding = ROUNDING * float(max(np.abs(each.at).max() for each in (first, second)))
-    sagittas = first.sagittas(), second.sagittas()
+    bows = first.sagittas(), second.sagittas()
 
-    def deepest(x: np.ndarray, y: np.ndarray, least: float) -> Overlap:
-        apart = y[pairs[1]] - x[pairs[0]]
-        gap = np.einsum("kd,kd->k", apart, normal)
-        near = gap <= np.linalg.norm(apart - gap[:, None] * normal, axis=1) + rounding
-        least += float(max(0.0, -gap.min(initial=0.0)))
-        a, b = Polygons(x, first.segments, *sagittas[0]), Polygons(y, second.segments, *sagittas[1])
-        return max(deepest_in(a, b, pairs[0][near], least), deepest_in(b, a, pairs[1][near], least), key=_depth)
+    def deepest(x: np.ndarray, y: np.ndarray, least: float) -> Overlap | None:
+        sides = (first, x, kept[0], bows[0]), (second, y, kept[1], bows[1])
+        found = [*deepest_in(*sides[0], *sides[1], least), *deepest_in(*sides[1], *sides[0], least)]
+        return max(found, key=_depth, default=None)
 
     drawn = deepest(first.at, second.at, rounding)
-    as_drawn = drawn if drawn.depth > DRAWN * typical else NOWHERE
+    deep = _depth(drawn)
+    drawn = drawn if deep > DRAWN * np.median(spacing) else None
     u, v = first.moved - first.at, second.moved - second.at
-    motions, size = np.concatenate([u, v]), max(np.ptp(each.at, axis=0).max() for each in (first, second))
+    motions = np.concatenate([u[np.unique(first.facets)], v[np.unique(second.facets)]])
+    size = max(np.ptp(each.at, axis=0).max() for each in (first, second))
     if not np.abs(motions).max() <= size:  # or is no number
-        return as_drawn, as_drawn.depth
+        return drawn, _depth(drawn)
     largest = float(np.linalg.norm(motions - motions.mean(axis=0), axis=1).max())
-    least = rounding + slack + min(drawn.depth, DRAWN * typical)
+    least = rounding + slack + (0.0 if drawn else deep)
     least += max(RESOLVED, first.gradient(), second.gradient()) * largest  # of second order in the displacement
     steps = int(np.clip(np.ceil(largest / spacing.min()), 1, STEPS))
     now = max((deepest(first.at + way * u, second.at + way * v, least) for way in np.linspace(1 / steps, 1.0, steps)),
               key=_depth)
-    return now if now.depth else as_drawn, as_drawn.depth
+    return now or drawn, _depth(drawn)
 
 
-def deepest_in(a: Polygons, b: Polygons, kept: np.ndarray, least: float = 0.0) -> Overlap:
-    """The point of the boundary `a` that lies deepest in the body `b`, deeper than `least` and the sagittas.
+def _depth(overlap: Overlap | None) -> float:
+    return overlap.depth if overlap else 0.0
 
-    Nodes `kept` of `a`, and segments between two of them, are left out.
+
+def deepest_in(a: Solid, x: np.ndarray, kept: np.ndarray, bows: np.ndarray, b: Solid, y: np.ndarray,
+               kept_of_b: np.ndarray, bows_of_b: np.ndarray, least: float) -> list[Overlap]:
+    """Where the boundary of `a` at `x` lies deepest in the body `b` at `y`, if deeper than `least` and the sagittas.
+
+    Boundary nodes are looked at, the middles of facets, and places a little inside of these. Those which contacts keep
+    apart do not count where the boundary of `b` is nearest that they face; the others must lie deeper than these.
     """
-    free = np.ones(len(a.points), dtype=bool)
-    free[kept] = False
-    loose = np.flatnonzero(free[a.segments].any(axis=1))
-    middles, of = _pieces(a.ends[loose], b.ends)
-    inside, under = _within(a.ends[loose], a.ends)
-    points = np.concatenate([a.points[free], middles, inside])
-    slack = least + np.concatenate([a.bows[free], a.sagittas[loose[of]], a.sagittas[loose[under]]])
-    near = np.flatnonzero(((points >= b.points.min(axis=0)) & (points <= b.points.max(axis=0))).all(axis=1))
-    near = near[_contains(b.ends, points[near])]
-    best, worst = NOWHERE, 0.0
-    for block in np.array_split(near, len(near) * len(b.segments) // PAIRS + 1):
-        if len(block):
-            depth, nearest = _distance(points[block], b.ends)
-            excess = depth - slack[block] - b.sagittas[nearest]
-            k = int(np.argmax(excess))
-            if excess[k] > worst:
-                best, worst = Overlap(float(depth[k]), points[block[k]]), float(excess[k])
+    ends, middle = a.facets[:, :-1], x[a.facets[:, :-1]].mean(axis=1)
+    nodes, facet = np.unique(ends, return_index=True)
+    points = np.concatenate([x[nodes], middle, middle + INWARD * (x[a.facets[:, -1]] - middle)])
+    held = np.concatenate([kept[nodes], *2 * [kept[ends].all(axis=1)]])
+    slack = np.concatenate([bows[facet // ends.shape[1]], bows, bows])
+    inside = np.flatnonzero(_depth_in_cell(points, y[b.cells]) >= -ROUNDING)
+    if not len(inside):
+        return []
+    depth, nearest = _distance(points[inside], y[b.facets[:, :-1]])
+    held = held[inside] & kept_of_b[b.facets[nearest, :-1]].all(axis=1)
+    excess = depth - slack[inside] - bows_of_b[nearest] - least - depth[held].max(initial=0.0)
+    k = int(np.argmax(np.where(held, 0.0, excess)))
+    return [Overlap(float(depth[k]), points[inside[k]])] if excess[k] > 0.0 and not held[k] else []
+
+
+def _doubt_rigid(assembly: Assembly, displacements: Mapping[str, np.ndarray],
+                       contacts: Mapping[str, ContactState]) -> list[str]:
+    """Warnings where a body runs through a rigid partner outside its contact with it, the same on all ranks.
+
+    Collective.
+    """
+    moved = {state.interface.bodies[1]: state.interface.displacement for state in contacts.values()}
+    found: dict[tuple[int, int], list[str]] = {}
+    for body in assembly.bodies:
+        facets, u = outline(body.mesh), displacements[body.spec.name]
+        for k, rigid in enumerate(assembly.scene.rigid):
+            own = [interface for interface in body.member.interfaces if interface.bodies[1] == rigid.name]
+            touching = np.isin(facets, np.concatenate([np.empty(0, int), *(
+                nodes[0] for each in own for nodes in (each.nodes, each.fixed.nodes))]))
+            U = moved.get(rigid.name, np.array(rigid.displacement))
+            found[body.number, k] = (_between_nodes(body, u, U, own, rigid, facets[touching.all(axis=1)])
+                                     or _beside(body, u, U, own, rigid, facets, touching))
+    return [warning for _, warnings in sorted(merged(assembly.world, found).items()) for warning in warnings]
+
+
+def _between_nodes(body: Body, u: np.ndarray, U: np.ndarray, own: Sequence[Interface], rigid: Rigid,
+                   facets: np.ndarray) -> list[str]:
+    """A warning where a circle lies deep between the nodes of the facets that touch it; parameters as for `_beside`."""
+    if not isinstance(rigid, Circle) or rigid.inside or not len(facets):
+        return []
+    ends = (body.mesh.points + u - U)[facets]
+    places = _nearest_in(np.array(rigid.center), ends)
+    depth = _depth_in(rigid, places)
+    size = np.minimum(np.linalg.norm(ends.max(axis=1) - ends.min(axis=1), axis=1), rigid.radius)
+    sunk = depth - np.maximum(_depth_in(rigid, ends).max(axis=1), 0.0) - BETWEEN * size
+    k = int(np.argmax(sunk))
+    return [] if sunk[k] <= 0.0 else [
+        f"contact.{own[0].name}: {rigid.name} is small beside the distance of nodes of {body.spec.name}, and lies "
+        f"{depth[k]:.3g} deep between two of them, as at {_words(places[k] + U)}; a finer mesh there would be right"]
+
+
+def _beside(body: Body, u: np.ndarray, U: np.ndarray, own: Sequence[Interface], rigid: Rigid, facets: np.ndarray,
+            touching: np.ndarray) -> list[str]:
+    """A warning where a body lies in a rigid partner, but not at its contacts with it.
+
+    A bore through which the body is drawn is left out: it may be a piece of a socket. So is a plane that no contact of
+    the body names, and through which the body is drawn: it is meant to end before.
+
+    Parameters
+    ----------
+    u, U : (nv, d) and (d,) how far they have moved (m)
+    own : contacts with the partner
+    facets, touching : (f, d) nodes of the boundary, and whether they are of these contacts
+    """
+    mesh, free, at = body.mesh, np.unique(facets[~touching]), body.mesh.points + u - U
+    places = at[free]
+    if isinstance(rigid, Circle) and not rigid.inside:
+        places = np.concatenate([places, _nearest_in(np.array(rigid.center), at[facets[~touching.all(axis=1)]])])
+    elif (isinstance(rigid, Circle) or not own) and (
+            _depth_in(rigid, mesh.points[free]).max(initial=0.0) > BESIDE * mesh.extent):
+        return []
+    depth = _depth_in(rigid, places)
+    overlap = max(0.0, float(_depth_in(rigid, at[facets[touching]]).max(initial=0.0)))
+    if not depth.max(initial=0.0) > overlap + BESIDE * mesh.extent + RESOLVED * float(np.abs(u).max()):
+        return []
+    where, cure = "no contact keeps them apart:", ADD
+    if own:
+        where, cure = f"contact.{own[0].name}: beside the contact", WIDEN
+    return [f"{where} {body.spec.name} runs through {rigid.name} by {depth.max():.3g}, as at "
+            f"{_words(places[np.argmax(depth)] + U)}; {cure}" + "; a plane has no end" * isinstance(rigid, Plane)]
+
+
+def _depth_in(rigid: Rigid, points: np.ndarray) -> np.ndarray:
+    """How deep (…,) points (…, d) lie in a rigid partner (m)."""
+    if isinstance(rigid, Circle):
+        outside = np.linalg.norm(points - rigid.center, axis=-1) - rigid.radius
+        return outside if rigid.inside else -outside
+    return (np.array(rigid.point) - points) @ rigid.normal / np.linalg.norm(rigid.normal)
+
+
+def _depth_in_cell(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """The least barycentric coordinate (k,) of points (k, d) in the cell (c, d + 1, d) of which each is most inside.
+
+    It is −∞ for points that are near no cell.
+    """
+    best = np.full(len(points), -np.inf)
+    cells = cells[np.abs(np.linalg.det(cells[:, 1:] - cells[:, :1])) > 0.0]
+    centre = cells.mean(axis=1)
+    reach = np.linalg.norm(cells - centre[:, None], axis=2).max(axis=1)
+    tree = cKDTree(points)
+    close = np.flatnonzero(tree.query(centre, distance_upper_bound=reach.max(initial=0.0))[0] <= reach)
+    found = tree.query_ball_point(centre[close], reach[close])
+    cell, point = np.repeat(close, [len(each) for each in found]), np.concatenate([*found, []]).astype(int)
+    base = cells[cell, 0]
+    part = np.linalg.solve((cells[cell, 1:] - base[:, None]).transpose(0, 2, 1), (points[point] - base)[:, :, None])
+    np.maximum.at(best, point, np.minimum(part.min(axis=(1, 2)), 1.0 - part.sum(axis=(1, 2))))
     return best
 
 
-def _within(segments: np.ndarray, polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points (k, 2) of a body a little inside of the middles of its segments (s, 2, 2), and of which segments."""
-    along = segments[:, 1] - segments[:, 0]
-    points = segments.mean(axis=1) + INWARD * np.column_stack([-along[:, 1], along[:, 0]])
-    there = np.flatnonzero(_contains(polygons, points))
-    return points[there], there
+def _distance(points: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The distance of each point (k, d) to the nearest of the facets (f, d, d), and the number of that one."""
+    middle = facets.mean(axis=1)
+    tree, reach = cKDTree(middle), float(np.linalg.norm(facets - middle[:, None], axis=2).max())
+    radius, number = tree.query(points)
+    distance = np.full(len(points), np.inf)
+    for block in np.array_split(np.arange(len(points)), len(points) * len(facets) // PAIRS + 1):
+        found = tree.query_ball_point(points[block], radius[block] + reach)
+        point, facet = np.repeat(block, [len(each) for each in found]), np.concatenate([*found, []]).astype(int)
+        away = np.linalg.norm(_nearest_in(points[point], facets[facet]) - points[point], axis=1)
+        order = np.lexsort((away, point))
+        first = order[np.searchsorted(point[order], block)]
+        distance[block], number[block] = away[first], facet[first]
+    return distance, number
 
 
-def _contains(polygons: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Whether points (k, 2) lie in the closed polygons made of segments (s, 2, 2): a ray crosses them an odd time."""
-    order = np.argsort(points[:, 1])
-    height, ends = points[order, 1], polygons[:, :, 1]
-    start, stop = np.searchsorted(height, ends.min(axis=1)), np.searchsorted(height, ends.max(axis=1))
-    segment, place = spans(start, stop)
-    point = order[place]
-    (x0, y0), (x1, y1) = polygons[segment].transpose(1, 2, 0)
-    left = points[point, 0] < x0 + (points[point, 1] - y0) / (y1 - y0) * (x1 - x0)
-    return np.bincount(point[left], minlength=len(points)) % 2 == 1
+def _nearest_in(points: np.ndarray, simplices: np.ndarray) -> np.ndarray:
+    """The place (k, d) nearest to each point (k, d), or to one for all, in its simplex (k, j, d) of any dimension."""
+    points = np.broadcast_to(points, simplices[:, 0].shape)
+    across, part = _across(points - simplices[:, 0], simplices)
+    places, beside = points - across, (part < 0.0).any(axis=1) | (part.sum(axis=1) > 1.0)
+    if beside.any():
+        sides = np.stack([_nearest_in(points[beside], np.delete(simplices[beside], k, axis=1))
+                          for k in range(simplices.shape[1])])
+        nearest = np.argmin(np.linalg.norm(sides - points[beside], axis=2), axis=0)
+        places[beside] = sides[nearest, np.arange(len(nearest))]
+    return places
 
 
-def _pieces(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Middles (k, 2) of the pieces into which segments `second` cut those of `first`, and of which one (k,)."""
-    i, j = _meeting(first, second)
-    p, r = first[i, 0], first[i, 1] - first[i, 0]
-    q, s = second[j, 0] - p, second[j, 1] - second[j, 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t, w = _cross(q, s) / _cross(r, s), _cross(q, r) / _cross(r, s)
-        cut = (t > 0.0) & (t < 1.0) & (w >= 0.0) & (w <= 1.0)
-    whole = np.unique(i[cut])
-    i = np.concatenate([i[cut], whole, whole])
-    t = np.concatenate([t[cut], np.zeros(len(whole)), np.ones(len(whole))])
-    order = np.lexsort((t, i))
-    i, t = i[order], t[order]
-    follows = i[1:] == i[:-1]
-    of, t = i[1:][follows], ((t[1:] + t[:-1]) / 2.0)[follows]
-    return first[of, 0] + t[:, None] * (first[of, 1] - first[of, 0]), of
-
-
-def _meeting(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """All pairs of segments (s, 2, 2) whose bounding boxes meet, by their places."""
-    (low, high), (low2, high2) = ((each.min(axis=1), each.max(axis=1)) for each in (first, second))
-    mine = np.flatnonzero(_box_meets(low, high, low2.min(axis=0, initial=np.inf), high2.max(axis=0, initial=-np.inf)))
-    theirs = np.flatnonzero(_box_meets(low2, high2, low[mine].min(axis=0, initial=np.inf),
-                                       high[mine].max(axis=0, initial=-np.inf)))
-    along = int(np.argmax(np.ptp(low2[theirs], axis=0))) if len(theirs) else 0
-    i, j = _overlapping(low[mine, along], high[mine, along], low2[theirs, along], high2[theirs, along])
-    i, j = mine[i], theirs[j]
-    meet = _box_meets(low[i], high[i], low2[j], high2[j])
-    return i[meet], j[meet]
-
-
-def _box_meets(low: np.ndarray, high: np.ndarray, low2: np.ndarray, high2: np.ndarray) -> np.ndarray:
-    return ((low <= high2) & (low2 <= high)).all(axis=1)
-
-
-def _overlapping(low: np.ndarray, high: np.ndarray, low2: np.ndarray, high2: np.ndarray,
-                 ) -> tuple[np.ndarray, np.ndarray]:
-    """All pairs of intervals that overlap: the second begins in the first, or the first within the second."""
-    order, order2 = np.argsort(low), np.argsort(low2)
-    i, j = spans(np.searchsorted(low2[order2], low), np.searchsorted(low2[order2], high, "right"))
-    k, m = spans(np.searchsorted(low[order], low2, "right"), np.searchsorted(low[order], high2, "right"))
-    return np.concatenate([i, order[m]]), np.concatenate([order2[j], k])
-
-
-def _distance(points: np.ndarray, segments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The distance of each point (k, 2) to the nearest of the segments (s, 2, 2), and the number of that one."""
-    along = segments[:, 1] - segments[:, 0]
-    offset = points[:, None] - segments[:, 0]
-    t = np.clip(np.einsum("ksd,sd->ks", offset, along) / np.einsum("sd,sd->s", along, along), 0.0, 1.0)
-    distance = np.linalg.norm(offset - t[:, :, None] * along, axis=2)
-    nearest = np.argmin(distance, axis=1)
-    return distance[np.arange(len(points)), nearest], nearest
-
-
-def _depth(overlap: Overlap) -> float:
-    return overlap.depth
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+def _across(v: np.ndarray, simplices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The part of vectors (k, d) across simplices (k, j, d), and the coordinates (k, j − 1) of the rest along them."""
+    along = simplices[:, 1:] - simplices[:, :1]
+    metric = np.einsum("kid,kjd->kij", along, along) + np.finfo(float).tiny * np.eye(along.shape[1])
+    part = np.linalg.solve(metric, np.einsum("kid,kd->ki", along, v)[:, :, None])[:, :, 0]
+    return v - np.einsum("ki,kid->kd", part, along), part

@@ -11,13 +11,12 @@ from scipy.sparse import csgraph
 from ddmpi.body.estimate import DiscretizationError
 from ddmpi.body.stiffness import forces_at
 from ddmpi.coupling.assembly import Assembly, Body
-from ddmpi.interface.interface import Interface
 from ddmpi.interface.side import SHARPEST
 from ddmpi.interface.state import ContactState
-from ddmpi.judge.overlap import ADD, RESOLVED, WIDEN, doubt_overlaps
-from ddmpi.mesh.boundary import corners, outline
+from ddmpi.judge.overlap import BESIDE, RESOLVED, doubt_overlaps
+from ddmpi.mesh.boundary import corners
 from ddmpi.scene.bodies import SettledBody
-from ddmpi.scene.contacts import Circle, Plane, Rigid
+from ddmpi.scene.contacts import Circle
 from ddmpi.system.agreement import merged
 
 LARGE_MOTION = 0.1
@@ -57,13 +56,6 @@ of up to 1e-13 of them, loads that matter larger ones by far."""
 
 COARSE = 0.5
 """Linear elements with a larger estimated discretization error lock; the true one is larger still."""
-
-BESIDE = 1e-9
-"""Overlaps with a rigid partner below this part of the body's size are rounding."""
-
-BETWEEN = 0.25
-"""A rigid circle that lies deeper between two contact nodes than this part of their distance, or of its radius, is too
-small for them."""
 
 POINT = 0.01
 """A point that carries a larger part of a body's forces than this does not only fix its position."""
@@ -113,7 +105,7 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
     by_contact = merged(world, doubts)
     found += [warning for name in contacts for warning in by_contact[name]]
     return [*found, *([] if passing else _unresolved(assembly, contacts, loads)),
-            *doubt_overlaps(assembly, displacements, contacts), *_run_through_rigid(assembly, displacements, contacts)]
+            *doubt_overlaps(assembly, displacements, contacts)]
 
 
 def _large_motion(body: Body, u: np.ndarray) -> list[str]:
@@ -279,78 +271,6 @@ def _unresolved_zone(state: ContactState) -> list[str]:
     return [f"contact.{interface.name}: the pressure at ({x:.4g}, {y:.4g}) stands on too few nodes to resolve it, "
             f"{size[k]:.0f}: the force is right in sum, the largest pressure and the approach of the bodies are not; a "
             "finer mesh there would be right"]
-
-
-def _run_through_rigid(assembly: Assembly, displacements: Mapping[str, np.ndarray],
-                       contacts: Mapping[str, ContactState]) -> list[str]:
-    """Warnings where a body runs through a rigid partner beside its contact with it, the same on all ranks.
-
-    A bore through which the body is drawn is left out: it may be a piece of a socket. So is a plane that no contact of
-    the body names, and through which the body is drawn: it is meant to end before. Collective.
-    """
-    moved = {state.interface.bodies[1]: state.interface.displacement for state in contacts.values()}
-    found: dict[tuple[int, int], list[str]] = {}
-    for body in assembly.bodies:
-        for k, rigid in enumerate(assembly.scene.rigid):
-            touching = [interface for interface in body.member.interfaces if interface.bodies[1] == rigid.name]
-            U = moved.get(rigid.name, np.array(rigid.displacement))
-            found[body.number, k] = _beside(body, displacements[body.spec.name], touching, rigid, U)
-    return [warning for _, warnings in sorted(merged(assembly.world, found).items()) for warning in warnings]
-
-
-def _beside(body: Body, u: np.ndarray, interfaces: Sequence[Interface], rigid: Rigid,
-            U: np.ndarray) -> list[str]:
-    """A warning where a body lies in a rigid partner, but not at its contacts with it.
-
-    Parameters
-    ----------
-    u, U : (nv, 2) and (2,) how far they have moved (m)
-    """
-    segments = outline(body.mesh)
-    kept = np.isin(segments, np.concatenate([np.empty(0, int), *(part for each in interfaces for part in (
-        each.nodes[0], each.fixed.nodes[0]))]))
-    at, contact = body.mesh.points + u - U, kept.all(axis=1)
-    if isinstance(rigid, Circle) and not rigid.inside:
-        ends = at[segments]
-        along, offset = ends[:, 1] - ends[:, 0], np.array(rigid.center) - ends[:, 0]
-        part = np.clip(np.einsum("sd,sd->s", offset, along) / np.einsum("sd,sd->s", along, along), 0.0, 1.0)
-        places = ends[:, 0] + part[:, None] * along
-        depth, at_ends = (rigid.radius - np.linalg.norm(each - rigid.center, axis=-1) for each in (places, ends))
-        large = BETWEEN * np.minimum(np.linalg.norm(along, axis=1), rigid.radius)
-        sunk = np.where(contact, depth - np.maximum(at_ends.max(axis=1), 0.0) - large, -np.inf)
-        if len(sunk) and sunk.max() > 0.0:
-            x, y = places[k := int(np.argmax(sunk))] + U
-            return [f"contact.{interfaces[0].name}: {rigid.name} is small beside the distance of nodes of "
-                    f"{body.spec.name}, and lies {depth[k]:.3g} deep between two of them, as at ({x:.4g}, {y:.4g}); a "
-                    "finer mesh there would be right"]
-        beside = ~contact & ~np.where(part == 0.0, kept[:, 0], (part == 1.0) & kept[:, 1])
-        places, depth = places[beside], depth[beside]
-    else:
-        segments, kept = segments[~contact], kept[~contact]
-        ends = at[segments]
-        places, drawn = ends[~kept], body.mesh.points[segments][~kept]
-        depth = _behind(rigid, places)
-        through = _behind(rigid, drawn).max(initial=0.0) > BESIDE * body.mesh.extent
-        if through and (isinstance(rigid, Circle) or not interfaces):
-            return []
-    overlap = max([-float(gap.min(initial=0.0)) for each in interfaces for gap in (each.gap, each.fixed.gap)],
-                  default=0.0)
-    least = overlap + BESIDE * body.mesh.extent + RESOLVED * float(np.abs(u).max())
-    if not depth.size or not depth.max() > least:
-        return []
-    x, y = places[np.argmax(depth)] + U
-    where, cure = "no contact keeps them apart:", ADD
-    if interfaces:
-        where, cure = f"contact.{interfaces[0].name}: beside the contact", WIDEN
-    return [f"{where} {body.spec.name} runs through {rigid.name} by {depth.max():.3g}, as at ({x:.4g}, {y:.4g}); {cure}"
-            + "; a plane has no end" * isinstance(rigid, Plane)]
-
-
-def _behind(rigid: Plane | Circle, points: np.ndarray) -> np.ndarray:
-    """How far (k,) points (k, 2) lie behind a plane, or outside a bore (m)."""
-    if isinstance(rigid, Circle):
-        return np.linalg.norm(points - rigid.center, axis=1) - rigid.radius
-    return (np.array(rigid.point) - points) @ rigid.normal / np.linalg.norm(rigid.normal)
 
 
 def _large_gradient(body: Body, u: np.ndarray) -> list[str]:

@@ -43,9 +43,6 @@ PATIENCE, PROGRESS = 3, 0.7
 WORTH = 0.3
 """Newton's own steps are tried from a path as long as each leaves less than this of the residual."""
 
-PATHS = {path.kind: path for path in (Softening, InteriorPoints)}
-"""The paths that are tried, one after the other."""
-
 ERROR = 10.0
 """The forces are converged when the error estimated for them is below this times the tolerance."""
 
@@ -163,7 +160,8 @@ class Newton:
             self._at = self._at._replace(r=r, left=self.joint.imbalance(self._at.s))
             self._settled, self._far = False, None
         while True:
-            self.checkpoint()
+            if not self._path:  # which is gone through again from its beginning
+                self.checkpoint()
             if self._far is None:
                 self._far = self._distances([self._at])[0]
             far = self._far
@@ -338,27 +336,20 @@ class Newton:
         """Nothing to do: the gaps are computed afresh where the iteration goes on."""
 
     def state(self) -> dict[str, Any]:
-        path = {"kind": self._path.kind} | self._path.state() if self._path else {}
         return self._at._asdict() | {
             "start": self._start, "warm": self._warm, "least": self._least, "settled": self._settled,
             "error": self._error, "far": self._far, "norm": self._norm(), "stalled": self._stalled,
-            "smallest": self._smallest, "path": path, "trying": self._trying, "inner_steps": dict(self.inner_steps),
-            "history": rows_of(self.history), "stages": ";".join(step.stage for step in self.history)}
+            "smallest": self._smallest, "inner_steps": dict(self.inner_steps), "history": rows_of(self.history)}
 
     def restore(self, state: dict[str, Any]) -> None:
         self._at = Point(*(state[name] for name in Point._fields))
-        self._start, self._settled, self._trying = (bool(state[name]) for name in ("start", "settled", "trying"))
-        self._warm, self._least = bool(state["warm"]), float(state["least"])
+        self._start, self._settled, self._warm = (bool(state[name]) for name in ("start", "settled", "warm"))
+        self._least = float(state["least"])
         self._error, self._smallest = float(state["error"]), float(state["smallest"])
         self._stalled, self.inner_steps = int(state["stalled"]), dict(state["inner_steps"])
         self._far = None if state["far"] is None else float(state["far"])
         self._measured = self._at.s, float(state["norm"])
-        self._path = None
-        if state["path"]:
-            self._path = PATHS[state["path"]["kind"]](self.joint, self._c)
-            self._path.restore(state["path"])
-        self.history = [step._replace(stage=stage) for step, stage in
-                        zip(steps_of(state["history"]), state["stages"].split(";"), strict=False)]
+        self.history = steps_of(state["history"])
 
 
 def precondition(joint: Joint, c: np.ndarray) -> Preconditioner:

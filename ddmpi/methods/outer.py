@@ -45,7 +45,7 @@ class Outer(Protocol):
     motions : rigid motions (m) of the bodies that nothing holds, of all ranks
     inner_steps : iterations of GMRES or steps of the QP solver, by kind
     qp_type : TAO type that solves QPs
-    checkpoint : called before every iteration, when `state` is whole
+    checkpoint : called before iterations from which `state` goes on
     """
 
     history: list[Step]

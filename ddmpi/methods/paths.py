@@ -15,7 +15,7 @@ convex problems). They let bodies cross clearances, and move where friction deci
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -248,12 +248,6 @@ class Softening:
             closing[normal][self.point.s[normal] != 0.0] = 0.0
         return not self._space.any(closing > CLOSING * largest)
 
-    def state(self) -> dict[str, Any]:
-        return _state(self)
-
-    def restore(self, state: dict[str, Any]) -> None:
-        _restore(self, state)
-
 
 class InteriorPoints:
     """Interior points, from forces that are as large as the loads on.
@@ -267,7 +261,7 @@ class InteriorPoints:
 
     def __init__(self, joint: Joint, c: np.ndarray, before: Point | None = None) -> None:
         self._joint, self._space, self._laws = joint, joint.space, joint.space.laws
-        self._before = before._asdict() if before else {}
+        self._before = before
         size, space = joint.size, joint.space
         self._normal, self._sliding, source = np.zeros(size, bool), np.zeros(size, bool), np.arange(size)
         for interface, part in space.each():
@@ -363,29 +357,7 @@ class InteriorPoints:
     def _give_up(self) -> None:
         self.failed = True
         if self._before:
-            self.point = Point(**self._before)
-
-    def state(self) -> dict[str, Any]:
-        return _state(self)
-
-    def restore(self, state: dict[str, Any]) -> None:
-        _restore(self, state)
+            self.point = self._before
 
 
 Path = Softening | InteriorPoints
-
-NOTED = {Softening: ("_delta", "_seen", "_drifting", "_steps", "_full", "_since", "_far", "_smallest", "ready",
-                     "failed"),
-         InteriorPoints: ("_w", "_p", "_q", "_last", "_steps", "_shorts", "_barrier", "failed", "_before",
-                          "_first", "_idle", "_smallest", "_lowest")}
-"""What a path depends on from one iteration to the next, beside its point."""
-
-
-def _state(path: Path) -> dict[str, Any]:
-    return path.point._asdict() | {name.lstrip("_"): getattr(path, name) for name in NOTED[type(path)]}
-
-
-def _restore(path: Path, state: dict[str, Any]) -> None:
-    path.point = Point(*(state[name] for name in Point._fields))
-    for name in NOTED[type(path)]:
-        setattr(path, name, state[name.lstrip("_")])

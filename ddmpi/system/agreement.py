@@ -1,15 +1,13 @@
-"""Agreement of all ranks: an error that one rank meets is raised on all; on request, whether ranks keep in step."""
+"""Agreement of all ranks: an error that one rank meets is raised on all."""
 
 from __future__ import annotations
 
 import contextlib
-import functools
+import importlib
 import os
 import sys
-import zlib
 from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from mpi4py import MPI
@@ -20,83 +18,19 @@ K = TypeVar("K")
 T = TypeVar("T")
 
 LOCKSTEP = "DDMPI_LOCKSTEP"
-"""With this variable in the environment of rank 0, every collective call of ours compares first where each rank calls
-it. Launchers do not hand the environment on to other hosts."""
-
-COLLECTIVES = ("allgather", "Allgather", "allreduce", "Allreduce", "barrier", "Barrier", "bcast", "Bcast", "gather",
-               "Gather", "Gatherv", "reduce", "Reduce", "scatter", "Scatter", "Scatterv", "Split", "Split_type", "Dup")
-
-DEPTH = 12
-"""So many calls of this package, the innermost ones, say where a collective is called."""
-
-_PACKAGE = str(Path(__file__).parents[1]) + os.sep
-
-
-class LockstepError(RuntimeError):
-    """Ranks call different collectives: one of them has left a loop, or taken a branch, that the others have not."""
-
-
-class Lockstep(MPI.Intracomm):
-    """A communicator that raises LockstepError, on all ranks, where ranks call different collectives.
-
-    Without it they would wait for each other for ever, or take each other's numbers for their own. All communicators of
-    the same ranks compare on the same one, so that a rank that has gone on to another of them is noticed, too. PETSc
-    does not take it: hand it ``MPI.Intracomm(comm)``. Its own collectives are not compared, nor are messages.
-    """
-
-    meeting: MPI.Comm
-
-
-def _compared(name: str) -> Callable[..., Any]:
-    """The collective `name` of a communicator, after a comparison of where it is called."""
-    plain = getattr(MPI.Intracomm, name)
-
-    @functools.wraps(plain)
-    def call(self: Lockstep, *arguments: Any, **named: Any) -> Any:
-        where = f"{name}, {_whereabouts()}"
-        own = np.array([zlib.crc32(where.encode())])
-        everyone = np.empty(self.size, own.dtype)
-        self.meeting.Allgather(own, everyone)
-        if (everyone != own).any():
-            places = self.meeting.allgather(where)
-            raise LockstepError("ranks are at different collectives:\n" + "\n".join(
-                f"rank {rank}: {place}" for rank, place in enumerate(places)))
-        result = plain(self, *arguments, **named)
-        if isinstance(result, Lockstep):  # a duplicate
-            result.meeting = self.meeting
-        return result
-
-    return call
-
-
-def _whereabouts() -> str:
-    """The innermost calls of this package, the latest first."""
-    frame, found = sys._getframe(2), list[str]()
-    while frame and len(found) < DEPTH:
-        code = frame.f_code
-        if code.co_filename.startswith(_PACKAGE):
-            found.append(f"{code.co_filename[len(_PACKAGE):]}:{frame.f_lineno} {code.co_name}")
-        frame = frame.f_back  # type: ignore[assignment]
-    return " < ".join(found)
-
-
-for _name in COLLECTIVES:
-    setattr(Lockstep, _name, _compared(_name))
-
-
-_meetings: list[MPI.Comm] = []
+"""With this variable in the environment of rank 0, the file of Python code that it names compares where each rank calls
+a collective; tests/lockstep.py does. Launchers do not hand the environment on to other hosts."""
 
 
 def in_lockstep(comm: MPI.Comm) -> MPI.Comm:
-    """The communicator, as a `Lockstep` where the environment of its first rank asks for it. Collective."""
-    if comm.size == 1 or not comm.bcast(bool(os.environ.get(LOCKSTEP))):
+    """The communicator, or what the code that `LOCKSTEP` names makes of it. Collective."""
+    path = comm.bcast(os.environ.get(LOCKSTEP)) if comm.size > 1 else None
+    if not path:
         return comm
-    same = (each for each in _meetings if MPI.Comm.Compare(each, comm) in (MPI.IDENT, MPI.CONGRUENT))
-    found = Lockstep(comm)
-    found.meeting = next(same, None) or MPI.Intracomm(comm).Dup()
-    if found.meeting not in _meetings:
-        _meetings.append(found.meeting)
-    return found
+    folder, name = os.path.split(path)
+    if folder not in sys.path:
+        sys.path.append(folder)
+    return importlib.import_module(name.removesuffix(".py")).compared(comm)
 
 
 def agree(world: MPI.Comm, error: DdmpiError | None) -> None:

@@ -3,32 +3,37 @@
 import numpy as np
 import pytest
 
-from ddmpi.judge.overlap import Outline, run_through, through_itself
-from ddmpi.mesh.boundary import outline
+from ddmpi.judge.overlap import Solid, run_through, through_itself
 from ddmpi.mesh.build import generate_rectangle
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.scene.bodies import MeshSpec
-
-NO_PAIRS = np.empty((2, 0), int), np.empty((0, 2))
 
 
 def rectangle(origin, size, divisions=(4, 4)) -> Mesh:
     return generate_rectangle(MeshSpec(shape="rectangle", origin=origin, size=size, divisions=divisions))
 
 
-def of(mesh: Mesh, motion=(0.0, 0.0)) -> Outline:
-    edges = outline(mesh)
-    nodes = np.unique(edges)
-    at = mesh.points[nodes]
-    moved = at + (motion(at) if callable(motion) else np.array(motion))
-    return Outline(at, moved, np.searchsorted(nodes, edges))
+def of(mesh: Mesh, motion=(0.0, 0.0)) -> Solid:
+    at = mesh.points
+    return Solid.of(at, mesh.triangles, motion(at) if callable(motion) else np.tile(motion, (len(at), 1)))
 
 
-def polygon(points) -> Outline:
-    """A body with this boundary, counter-clockwise."""
-    at, numbers = np.asarray(points, float), np.arange(len(points))
-    return Outline(at, at, np.column_stack([numbers, np.roll(numbers, -1)]))
+def strip(first, second) -> Solid:
+    """A body between two closed curves of equally many points, the second to the left of the first."""
+    n, k = len(first), np.arange(len(first))
+    around = np.roll(k, -1)
+    cells = np.concatenate([np.column_stack([k, around, n + around]), np.column_stack([k, n + around, n + k])])
+    at = np.concatenate([first, second])
+    return Solid.of(at, cells, np.zeros_like(at))
+
+
+def squares(filled, side: float) -> Mesh:
+    """A mesh of the squares (i, j) in `filled`, in two triangles each."""
+    nodes = {at: k for k, at in enumerate(sorted({(i + a, j + b) for i, j in filled for a in (0, 1) for b in (0, 1)}))}
+    cells = [[nodes[i + a, j + b] for a, b in corners] for i, j in sorted(filled)
+             for corners in (((0, 0), (1, 0), (1, 1)), ((0, 0), (1, 1), (0, 1)))]
+    return Mesh(side * np.array(list(nodes), float), np.array(cells), {})
 
 
 def arc(radius: float, start: float, stop: float, n: int) -> np.ndarray:
@@ -36,22 +41,27 @@ def arc(radius: float, start: float, stop: float, n: int) -> np.ndarray:
     return radius * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
-def paired(first: Outline, second: Outline, y: float, normal=(0.0, -1.0)) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of nodes with the same x on the lines at `y` as drawn."""
-    places = [np.flatnonzero(np.abs(each.at[:, 1] - y) < 0.02) for each in (first, second)]
-    pairs = np.array([place[np.argsort(each.at[place, 0])]
-                      for place, each in zip(places, (first, second), strict=True)])
-    return pairs, np.tile(normal, (pairs.shape[1], 1))
+def disc(radius: float, phase: float, n: int, center=(0.0, 0.0)) -> Solid:
+    at = np.vstack([arc(radius, phase, phase + 2 * np.pi, n + 1)[:-1], np.zeros((1, 2))]) + center
+    k = np.arange(n)
+    return Solid.of(at, np.column_stack([k, np.roll(k, -1), np.full(n, n)]), np.zeros_like(at))
+
+
+def through(first: Solid, second: Solid, y: float = np.nan) -> tuple[float, float]:
+    """How deep they run through each other, and as drawn; contacts keep nodes apart that are drawn at height `y`."""
+    kept = np.abs(first.at[:, 1] - y) < 0.02, np.abs(second.at[:, 1] - y) < 0.02
+    overlap, drawn = run_through(first, second, kept)
+    return overlap.depth if overlap else 0.0, drawn
 
 
 @pytest.mark.parametrize("order", [1, 2])
-def test_an_outline_has_the_body_to_its_left(order):
-    """Its area by the formula of Gauss is that of the body; middles of quadratic sides are on it."""
+def test_a_solid_has_the_boundary_of_its_mesh(order):
+    """Its cells fill it; middles of quadratic sides are ends of facets."""
     mesh = rectangle((1.0, 2.0), (3.0, 1.0), (6, 2))
     body = of(mesh if order == 1 else raise_order(mesh, "mesh"))
-    (x, y), (X, Y) = body.at[body.segments].transpose(1, 2, 0)
-    assert len(body.segments) == len(body.at) == 16 * order
-    assert (x * Y - X * y).sum() / 2 == pytest.approx(3.0)
+    assert len(body.facets) == len(np.unique(body.facets[:, :-1])) == 16 * order
+    assert body.sizes().sum() == pytest.approx(8.0)
+    assert np.linalg.det(body.at[body.cells[:, 1:]] - body.at[body.cells[:, :1]]).sum() / 2 == pytest.approx(3.0)
 
 
 DEEP = {
@@ -70,8 +80,8 @@ def test_drawn_overlaps_are_found(name, swapped):
     """Whichever of the two has nodes in the other, or none."""
     other, depth = DEEP[name]
     bodies = (of(other), of(rectangle((0, 0), (1, 1))))
-    overlap, drawn = run_through(*(bodies[::-1] if swapped else bodies), *NO_PAIRS)
-    assert overlap.depth == drawn == pytest.approx(depth, rel=1e-9)
+    found, drawn = through(*(bodies[::-1] if swapped else bodies))
+    assert found == drawn == pytest.approx(depth, rel=1e-9)
 
 
 TOUCHING = {
@@ -87,28 +97,22 @@ TOUCHING = {
 def test_bodies_that_touch_do_not_run_through_each_other(name):
     other, size = TOUCHING[name]
     origin = (1e6, 1e6) if "far" in name else (0, 0)
-    overlap, drawn = run_through(of(rectangle(origin, size)), of(other), *NO_PAIRS)
-    assert (overlap.depth, drawn) == (0.0, 0.0)
+    assert through(of(rectangle(origin, size)), of(other)) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("phase", [0.0, 0.3])
 def test_the_sagitta_of_a_curve_is_no_overlap(phase):
     """A disc in a hole of the same radius, their nodes apart; what is more than twice the hole's own sagitta is one."""
-    hole = arc(1.0, 2 * np.pi, 0.0, 41)[:-1]
-    ring = np.concatenate([hole, 2.0 * hole[::-1]])
-    numbers = np.arange(40)
-    ring = Outline(ring, ring, np.concatenate([np.column_stack([k + numbers, k + np.roll(numbers, -1)])
-                                               for k in (0, 40)]))
+    hole = arc(1.0, 0.0, 2 * np.pi, 41)[:-1]
+    ring = strip(2.0 * hole, hole)
     sagitta = 1.0 - np.cos(np.pi / 40)
-    assert run_through(polygon(arc(1.0, phase, phase + 2 * np.pi, 31)[:-1]), ring, *NO_PAIRS)[0].depth == 0.0
+    assert through(disc(1.0, phase, 30), ring)[0] == 0.0
     for depth in (3.3 * sagitta, 10 * sagitta):
-        disc = polygon(arc(1.0 + depth, phase, phase + 2 * np.pi, 31)[:-1])
-        assert run_through(disc, ring, *NO_PAIRS)[0].depth == pytest.approx(depth, abs=sagitta)
+        assert through(disc(1.0 + depth, phase, 30), ring)[0] == pytest.approx(depth, abs=sagitta)
 
 
 def test_a_roller_near_a_flat_is_no_overlap():
-    roller = polygon(arc(1.0, 0.0, 2 * np.pi, 61)[:-1] + np.array([0.0, 1.0]))
-    assert run_through(roller, of(rectangle((-2, -1), (4, 1), (33, 4))), *NO_PAIRS)[0].depth == 0.0
+    assert through(disc(1.0, 0.0, 60, (0.0, 1.0)), of(rectangle((-2, -1), (4, 1), (33, 4))))[0] == 0.0
 
 
 def test_a_contact_that_closes_is_no_overlap():
@@ -118,55 +122,52 @@ def test_a_contact_that_closes_is_no_overlap():
 
     lower = of(rectangle((0, 0), (3, 1), (12, 4)), wave)
     upper = of(rectangle((0, 1.01), (3, 1), (12, 4)), lambda at: wave(at) + np.array([1e-3, -0.01]))
-    assert run_through(upper, lower, *paired(upper, lower, 1.0))[0].depth == 0.0
-    assert run_through(upper, lower, *NO_PAIRS)[0].depth == 0.0  # a slip times a slope is of second order
+    assert through(upper, lower, 1.0)[0] == 0.0
+    assert through(upper, lower)[0] == 0.0  # a slip times a slope is of second order
     deeper = of(rectangle((0, 1.01), (3, 1), (12, 4)), (0.0, -0.02))
-    assert run_through(deeper, of(rectangle((0, 0), (3, 1), (12, 4))), *NO_PAIRS)[0].depth == pytest.approx(0.01)
+    assert through(deeper, of(rectangle((0, 0), (3, 1), (12, 4))))[0] == pytest.approx(0.01)
 
 
-def test_a_paired_node_in_another_part_of_the_partner_is_found():
-    """A pair keeps two nodes apart, not the rest of the bodies: lifted, the upper one runs into a roof."""
+def test_a_contact_node_in_another_part_of_the_partner_is_found():
+    """A contact keeps two boundaries apart, not the rest of the bodies: lifted, the upper one runs into a roof."""
     upper = of(rectangle((0, 1), (1, 0.1)), (0.0, 0.15))
-    lower = polygon([(0, 0), (3, 0), (3, 1.4), (-1, 1.4), (-1, 1.2), (2, 1.2), (2, 0.9), (1, 1), (0.75, 1), (0.5, 1),
-                     (0.25, 1), (0, 1)])
-    overlap, drawn = run_through(upper, lower, *paired(upper, lower, 1.0))
-    assert (overlap.depth, drawn) == (pytest.approx(0.05), 0.0)
+    walls = {(i, j) for i in range(-5, 15) for j in range(7) if j < 5 or j == 6 or i > 10}
+    found, drawn = through(upper, of(squares(walls, 0.2)), 1.0)
+    assert (found, drawn) == (pytest.approx(0.05), 0.0)
 
 
 @pytest.mark.parametrize("size", [1.0, 1e-6, 1e6])
 def test_overlaps_by_the_load_are_found_whatever_the_units(size):
     wall = of(rectangle((size, 0), (size, size)))
     block = of(rectangle((0, 0), (size, size)), lambda at: 1e-5 * at * (1.0, 0.0))
-    overlap, drawn = run_through(block, wall, *NO_PAIRS)
-    assert (overlap.depth, drawn) == (pytest.approx(1e-5 * size), 0.0)
+    assert through(block, wall) == (pytest.approx(1e-5 * size), 0.0)
 
 
 def test_a_body_that_has_passed_a_thin_one_is_found():
     """In the end they are apart again."""
     rod, block = of(rectangle((1.02, 0), (0.01, 1), (1, 50))), of(rectangle((0, 0.2), (1, 0.5)), (0.1, 0.0))
-    assert run_through(block, rod, *NO_PAIRS)[0].depth > 0.003
+    assert through(block, rod)[0] > 0.003
 
 
 def test_displacements_that_mean_nothing_leave_the_drawing():
     """Of an answer that diverged, nothing is said, and nothing breaks."""
     fixed, apart = of(rectangle((0, 0), (1, 1))), rectangle((1, 0), (1, 1))
     for size in (np.nan, np.inf, 1e300):
-        assert run_through(fixed, of(apart, (size, 0.0)), *NO_PAIRS)[0].depth == 0.0
+        assert through(fixed, of(apart, (size, 0.0)))[0] == 0.0
 
 
 @pytest.mark.parametrize(("turn", "closed"), [(0.0, False), (0.05, False), (0.2, True), (-0.2, False)])
 @pytest.mark.parametrize("scale", [1.0, 1e-6])
 def test_a_clip_that_closes_through_itself_is_found(turn, closed, scale):
     """The upper arm of a C is turned down by an angle; sides that touch as drawn, at its root, do not count."""
-    corners = np.array([[0, 0], [4, 0], [4, 1], [1, 1], [1, 1.4], [4, 1.4], [4, 2.4], [0, 2.4]], float) * scale
-    sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
-    at = np.concatenate([a + np.arange(n)[:, None] / n * (b - a)
-                         for n, (a, b) in zip((8, 3, 13, 1, 7, 2, 9, 5), sides, strict=True)])
+    mesh = squares({(i, j) for i in range(20) for j in range(12) if i < 5 or j not in (5, 6)}, 0.2 * scale)
     root, (c, s) = np.array([0.5, 1.9]) * scale, (np.cos(turn), np.sin(turn))
-    upper = (at[:, 1] > 1.2 * scale) & (at[:, 0] > 0.9 * scale)
-    moved = np.where(upper[:, None], root + (at - root) @ np.array([[c, -s], [s, c]]), at)
-    numbers = np.arange(len(at))
-    place = through_itself(Outline(at, moved, np.column_stack([numbers, np.roll(numbers, -1)])))
+
+    def motion(at: np.ndarray) -> np.ndarray:
+        upper = (at[:, 1] > 1.3 * scale) & (at[:, 0] > 0.9 * scale)
+        return np.where(upper[:, None], root - at + (at - root) @ np.array([[c, -s], [s, c]]), 0.0)
+
+    place = through_itself(of(mesh, motion))
     assert (place is not None) == closed
     if closed:
         assert 0.9 * scale < place[0] < 4.1 * scale and 0.5 * scale < place[1] < 1.5 * scale

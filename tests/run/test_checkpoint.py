@@ -159,9 +159,10 @@ def test_restart_of_three_bodies_gives_the_same_bits(comm, shared, monkeypatch, 
 @two_ranks
 @pytest.mark.parametrize("path", [Softening, InteriorPoints])
 def test_restart_on_a_path(comm, shared, monkeypatch, path):
+    """The path is gone through again from its beginning, with the same bits."""
     monkeypatch.setattr(ddmpi.methods.newton, "PATIENCE", 0)
     monkeypatch.setattr(ddmpi.methods.newton, "Softening", path)
-    assert len(interrupt_everywhere(comm, pinched_blocks(4), shared, 23, monkeypatch)) >= 3
+    assert interrupt_everywhere(comm, pinched_blocks(4), shared, 23, monkeypatch) == {0}
 
 
 @two_ranks
@@ -195,12 +196,10 @@ def test_a_run_that_is_interrupted_again_and_again_gets_there(comm, shared, monk
 
 
 @two_ranks
-@pytest.mark.parametrize("kind", ["newton", "path", "anderson", "relaxation"])
-def test_a_restored_state_is_the_whole_state(comm, shared, monkeypatch, kind):
+@pytest.mark.parametrize("kind", ["newton", "anderson", "relaxation"])
+def test_a_restored_state_is_the_whole_state(comm, shared, kind):
     """Restored objects hold what the objects held that were noted, and a noted state does not change later."""
-    if kind == "path":
-        monkeypatch.setattr(ddmpi.methods.newton, "PATIENCE", 0)
-    law, method, _ = KINDS[kind if kind in KINDS else "newton"]
+    law, method, _ = KINDS[kind]
     scene = pinched_blocks(2, law, **method)
 
     def solve_looking(checkpoints: Checkpoints, assembly, look) -> None:

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from lockstep import Lockstep, LockstepError
 from mpi4py import MPI
 
 from ddmpi.coupling.space import Space
-from ddmpi.system.agreement import LOCKSTEP, Lockstep, LockstepError, agree, in_lockstep, merged
+from ddmpi.system.agreement import LOCKSTEP, agree, in_lockstep, merged
 
 two_ranks = pytest.mark.mpi(ranks=2)
 
