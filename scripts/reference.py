@@ -238,7 +238,7 @@ def _call(action: argparse.Action) -> str:
 
 def python_page() -> str:
     lines = [PYTHON, f"## ddmpi.solve{_signature(ddmpi.solve)}", "", *_described(ddmpi.solve)]
-    for heading, kind in {"Answer": answer.Answer, "BodyAnswer": answer.BodyAnswer,
+    for heading, kind in {"Answer": answer.Answer, "Fields": answer.Fields,
                           "ContactState": ddmpi.interface.state.ContactState}.items():
         words, rows = read_docstring(kind.__doc__)[0], dict(meanings(kind))
         for name, value in vars(kind).items():

@@ -11,7 +11,7 @@ from typing import Any
 from ddmpi import __version__
 from ddmpi.cli.report_markup import Cell, Column, Html, element, fill, noted, number, percent, picture, table
 from ddmpi.results.folder import FILES
-from ddmpi.results.summary import BY_CONTACT, RESIDUALS, moment_unit
+from ddmpi.results.summary import RESIDUALS, moment_unit
 from ddmpi.scene.reader import write_toml
 from ddmpi.system.files import MECHANISM, contact_files
 
@@ -239,7 +239,7 @@ class RunReport:
                     for value in kinds.values()]
         errors = [None if (share := body["discretization_error"]) is None else 100 * share
                   for body in self.bodies.values()]
-        contacts = self._columns({_words(kind): (f"certificate.{kind}", "") for kind in BY_CONTACT},
+        contacts = self._columns({_words(kind): (f"certificate.{kind}", "") for kind in kinds if kind != "equilibrium"},
                                  self.contacts.values())
         return {
             "limit": f"{self.summary['certificate_limit']:.2g}",

@@ -12,6 +12,11 @@ from ddmpi.qp.box import magnitude
 CLOSED = 1e-8
 """A node whose normal force is this part of the largest one, or less, counts as open, unless it is bonded."""
 
+RESULTANTS = np.dtype([
+    ("force", float, 2), ("moment", float), ("normal_force", float), ("tangential_force", float), ("open", int),
+    ("slip", int), ("stick", int), ("dissipated", float)])
+"""What is kept of a contact at a load step, in the plane: see `ContactState.resultants`."""
+
 
 @dataclass(frozen=True)
 class ContactState:
@@ -104,6 +109,15 @@ class ContactState:
     def deepest(self) -> float:
         """The largest overlap at and between the nodes (m); between nodes it is an error of the discretization."""
         return max(0.0, -float(self.gap.min(initial=0.0)), -float(self.between.min(initial=0.0)))
+
+    @property
+    def resultants(self) -> np.void:
+        """A record: force, moment, sums of the nodes' forces (N), numbers of nodes by status, and dissipated (J/m)."""
+        counts = (self.count(status) for status in ("open", "slip", "stick"))
+        record = np.zeros(1, RESULTANTS)
+        record[0] = (self.force, self.moment, self.normal_force.sum(), self.tangential_force.sum(), *counts,
+                     self.dissipated)
+        return record[0]
 
     def count(self, status: str) -> int:
         return int((self.status == status).sum())

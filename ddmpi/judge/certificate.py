@@ -7,7 +7,8 @@ found them enters. All residuals are free of units.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,8 +36,7 @@ LITTLE = 1e-4
 """Forces on a body below this part of the loads of all bodies are compared with these instead."""
 
 
-@dataclass(frozen=True)
-class ContactResiduals:
+class ContactResiduals(NamedTuple):
     """Scaled residuals of one contact.
 
     Attributes
@@ -72,18 +72,14 @@ class Certificate:
 
     def worst(self) -> dict[str, tuple[float, str]]:
         """The largest residual of each kind, and the contact or body that has it; what is no number is largest."""
-        found = {}
-        for kind in (field.name for field in fields(ContactResiduals)):
-            found[kind] = _largest({name: getattr(each, kind) for name, each in self.contacts.items()})
+        kinds = zip(ContactResiduals._fields, zip(*self.contacts.values(), strict=True), strict=True)
+        found = {kind: _largest(dict(zip(self.contacts, values, strict=True))) for kind, values in kinds}
         return found | {"equilibrium": _largest(self.equilibrium)}
 
     def violations(self, limit: float) -> list[str]:
         """The residuals above `limit` (or not a number), worded for a message."""
         return [f"{kind.replace('_', ' ')} {value:.1e} of {name}" for kind, (value, name) in self.worst().items()
                 if not value <= limit]
-
-    def of_contact(self, name: str) -> dict[str, float]:
-        return asdict(self.contacts[name])
 
 
 def certificate_limit(tolerance: float) -> float:

@@ -45,10 +45,10 @@ class Fields:
 
     Attributes
     ----------
-    points : (nv, 2) positions (m)
-    triangles : (nt, 3 or 6) nodes, as in `mesh.mesh.Mesh`
+    points : (nv, 2) nodes (m)
+    triangles : (nt, 3 or 6) nodes of the triangles
     displacement : (nv, 2) in m
-    stress : (nt, 4) in Pa, as in `body.stress.stress`
+    stress : (nt, 4) σ_xx, σ_yy, σ_zz, σ_xy in Pa
     von_mises : (nt,) in Pa
     error : (nt,) estimated discretization error, without unit
     """
@@ -59,6 +59,9 @@ class Fields:
     stress: np.ndarray | None = None
     von_mises: np.ndarray | None = None
     error: np.ndarray | None = None
+
+    def __repr__(self) -> str:
+        return f"Fields({len(self.points)} nodes, {len(self.triangles)} triangles)"
 
 
 def write_fields(path: Path, fields: Fields, body: int, sizes: Sequence[tuple[int, int]],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,12 +12,10 @@ from typing import Any
 import numpy as np
 
 from ddmpi.interface.state import ContactState
+from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.judge.equilibrium import Mechanism, describe
 from ddmpi.results.tables import FORMAT, writing
 from ddmpi.system.files import MECHANISM
-
-BY_CONTACT = ("force_mismatch", "penetration", "complementarity", "friction")
-"""The residuals that a certificate has for each contact."""
 
 RESIDUALS = {
     "force_mismatch": "how far the contact forces of the two bodies are from cancelling, over the forces",
@@ -73,7 +71,7 @@ SUMMARY = {
     "contacts.NAME.stick": "number of sticking nodes",
     "contacts.NAME.dissipated": "frictional work of all load steps",
     "contacts.NAME.pressure_max": "largest normal stress of a node",
-    **{f"contacts.NAME.certificate.{kind}": RESIDUALS[kind] for kind in BY_CONTACT},
+    **{f"contacts.NAME.certificate.{kind}": RESIDUALS[kind] for kind in ContactResiduals._fields},
     "contacts.NAME.pointwise_penetration": "largest overlap at any point, also between the nodes; warned of",
     "contacts.NAME.moment_imbalance": "where nodes do not match: by how much the moments of the two bodies' forces "
                                       "differ, because they act on nodes that stand apart; without a limit",
@@ -117,61 +115,6 @@ docs/reference/results.md shows this."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class BodyResult:
-    """What the summary says of one body, by the names in SUMMARY."""
-
-    name: str
-    n: int
-    ranks: Sequence[int]
-    held: bool
-    displacement_max: float
-    von_mises_max: float | None
-    energy: float
-    reaction: Sequence[float]
-    discretization_error: float
-    equilibrium: float
-    n_A_by_purpose: dict[str, int]
-    inner_steps: dict[str, int]
-    solver: str
-    compliance: str
-    memory_mib: float
-
-    @property
-    def n_A(self) -> int:
-        """Multiplications by A⁻¹ for all purposes."""
-        return sum(self.n_A_by_purpose.values())
-
-
-@dataclass(frozen=True)
-class ContactResult:
-    """What the summary says of one contact.
-
-    Attributes
-    ----------
-    state : the last one
-    certificate : its residuals, named as in BY_CONTACT
-    total : frictional work of all load steps (J per metre of depth); None where there is one
-    """
-
-    state: ContactState
-    certificate: dict[str, float]
-    total: float | None = None
-
-    @property
-    def dissipated(self) -> float:
-        """Frictional work of all load steps (J per metre of depth)."""
-        return self.state.dissipated if self.total is None else self.total
-
-    def step(self) -> dict:
-        """Resultants, numbers of nodes and dissipation of the load step."""
-        state = self.state
-        return {"force": state.force, "moment": state.moment, "normal_force": state.normal_force.sum(),
-                "tangential_force": state.tangential_force.sum(),
-                **{status: state.count(status) for status in ("open", "slip", "stick")},
-                "dissipated": state.dissipated}
-
-
-@dataclass(frozen=True, kw_only=True)
 class RunResult:
     """What the summary says of the run as a whole, by the names in SUMMARY; steps and energy are None in one step."""
 
@@ -194,43 +137,44 @@ class RunResult:
     energy: dict[str, float] | None = None
 
 
-def summarize(scene: dict, run: RunResult, bodies: Sequence[BodyResult], contacts: Sequence[ContactResult]) -> dict:
+def summarize(scene: dict, run: RunResult, bodies: Mapping[str, dict], contacts: Mapping[str, ContactState],
+              certificate: Certificate, dissipated: Mapping[str, float] | None = None) -> dict:
     """The content of summary.json but for provenance and times, as plain data. Not collective.
 
-    Numbers that are not finite become None, JSON's null. Residuals of the certificate at the top are the worst of
-    all contacts and bodies.
+    Numbers that are not finite become None, JSON's null.
 
     Parameters
     ----------
     scene : resolved
-    bodies, contacts : in the order of the scene
+    bodies : by name, in the order of the scene, the entries in SUMMARY but for certificate and n_A, which are added
+    contacts : the last states by name, in the order of the scene
+    dissipated : frictional work of all load steps by contact (J per metre of depth), where there are several
     """
-    method = scene["method"]
-    by_contact = {contact.state.interface.name: contact for contact in contacts}
-    interfaces = [contact.state.interface for contact in contacts]
-    n_A, m = sum(body.n_A for body in bodies), sum(interface.m for interface in interfaces)
+    method, interfaces = scene["method"], [state.interface for state in contacts.values()]
+    entries = {name: body | {"n_A": sum(body["n_A_by_purpose"].values()),
+                             "certificate": {"equilibrium": certificate.equilibrium[name]}}
+               for name, body in bodies.items()}
+    n_A, m = (sum(entry["n_A"] for entry in entries.values()), sum(interface.m for interface in interfaces))
     summary: dict = _plain({
         "format": FORMAT, "title": scene["title"], "converged": run.converged, "reason": run.reason,
         "outer": method["outer"], "algorithm": method.get("algorithm") or method["outer"],
         "splitting": method.get("splitting") or "none",
         "friction": ", ".join(dict.fromkeys(interface.law.name for interface in interfaces)),
-        "order": run.order, "n": sum(body.n for body in bodies), "m": m, "ranks": run.ranks,
+        "order": run.order, "n": sum(body["n"] for body in bodies.values()), "m": m, "ranks": run.ranks,
         "outer_iterations": run.outer_iterations, "inner_iterations": run.inner_iterations, "n_A": n_A,
-        "eff": n_A / (2 * m) if m else None,
-        "bodies": {body.name: _body(body) for body in bodies},
-        "contacts": {name: _contact(contact) for name, contact in by_contact.items()},
-        "certificate": {
-            **{name: _worst([contact.certificate[name] for contact in contacts]) for name in BY_CONTACT},
-            "equilibrium": _worst([body.equilibrium for body in bodies])},
+        "eff": n_A / (2 * m) if m else None, "bodies": entries,
+        "contacts": {name: _contact(state) | {"certificate": certificate.contacts[name]._asdict()}
+                     | ({"dissipated": dissipated[name]} if dissipated else {}) for name, state in contacts.items()},
+        "certificate": {kind: value for kind, (value, _) in certificate.worst().items()},
         "certificate_limit": run.certificate_limit,
         "steps": run.steps if run.steps is not None else [
                   {"time": 1.0, "outer_iterations": run.outer_iterations,
-                   "contacts": {name: contact.step() for name, contact in by_contact.items()}}],
+                   "contacts": {name: state.resultants for name, state in contacts.items()}}],
         **({} if run.energy is None else {"energy": run.energy}),
         "discretization_error": {"energy_norm": run.energy_norm, "target": method.get("target_error"),
                                  "levels": run.levels},
-        "displacement_max": _worst([body.displacement_max for body in bodies]), "units": _units(scene["output"]),
-        "warnings": run.warnings, "undetermined": run.undetermined,
+        "displacement_max": np.max([body["displacement_max"] for body in bodies.values()]),
+        "units": _units(scene["output"]), "warnings": run.warnings, "undetermined": run.undetermined,
         "seconds": {}, "exchange": run.exchange, "solvers": {"qp": run.qp},
         "options": run.options, "options_unused": run.options_unused, "scene": scene})
     return summary
@@ -270,29 +214,17 @@ def moment_unit(units: dict[str, str]) -> str:
     return {"N/m": "N·m/m", "N/mm": "N·mm/mm"}.get(force, f"{force}·{length}")
 
 
-def _body(body: BodyResult) -> dict:
-    entry = {"n": body.n, "ranks": body.ranks, "n_A": body.n_A} | vars(body)
-    del entry["name"]
-    return entry | {"certificate": {"equilibrium": entry.pop("equilibrium")}}
-
-
-def _contact(contact: ContactResult) -> dict:
-    state = contact.state
+def _contact(state: ContactState) -> dict:
     slave, (imbalance, bound) = state.interface.slave, state.moment_imbalance
     return {"m": state.interface.m, "pairing": "mortar" if slave else "nodes", "slave": slave,
-            "friction": state.interface.law.name, **contact.step(), "dissipated": contact.dissipated,
-            "pressure_max": state.pressure.max(),
-            "certificate": contact.certificate, "pointwise_penetration": state.deepest, "moment_imbalance": imbalance,
-            "moment_imbalance_bound": bound}
-
-
-def _worst(values: Sequence[float]) -> float:
-    """The largest value, or the one that is not a number; zero of none."""
-    return float(np.max(values)) if len(values) else 0.0
+            "friction": state.interface.law.name, **_plain(state.resultants), "pressure_max": state.pressure.max(),
+            "pointwise_penetration": state.deepest, "moment_imbalance": imbalance, "moment_imbalance_bound": bound}
 
 
 def _plain(value: Any) -> Any:
-    """The value as JSON has it: lists for arrays, None for numbers that are not finite."""
+    """The value as JSON has it: lists for arrays, tables for records, None for numbers that are not finite."""
+    if isinstance(value, np.void):
+        value = dict(zip(value.dtype.names or (), value.item(), strict=True))
     if isinstance(value, dict):
         return {key: _plain(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple | np.ndarray):

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from mpi4py import MPI
 
 from ddmpi.coupling.ranks import on_working_ranks
@@ -15,6 +14,7 @@ from ddmpi.errors import InputError
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.build import order_of_files
 from ddmpi.petsc.options import RunOptions
+from ddmpi.results.fields import Fields
 from ddmpi.run.report import LISTED, describe_contact
 from ddmpi.run.run import Solved, compute
 from ddmpi.scene.reader import read_scene, read_text, write_table, write_value
@@ -22,29 +22,6 @@ from ddmpi.scene.scene import Settled
 from ddmpi.system import logs
 from ddmpi.system.agreement import from_first, in_lockstep
 from ddmpi.system.clock import Clock
-
-
-@dataclass(frozen=True)
-class BodyAnswer:
-    """The fields of one body.
-
-    Attributes
-    ----------
-    points : (nv, 2) nodes (m)
-    triangles : (nt, 3 or 6) nodes of the triangles
-    displacement : (nv, 2) in metres
-    stress : (nt, 4) σ_xx, σ_yy, σ_zz, σ_xy in Pa, or None where the scene asks for no stress
-    von_mises : (nt,) in Pa, or None
-    """
-
-    points: np.ndarray
-    triangles: np.ndarray
-    displacement: np.ndarray
-    stress: np.ndarray | None
-    von_mises: np.ndarray | None
-
-    def __repr__(self) -> str:
-        return f"BodyAnswer({len(self.points)} nodes, {len(self.triangles)} triangles)"
 
 
 @dataclass(frozen=True)
@@ -62,7 +39,7 @@ class Answer:
 
     summary: dict[str, Any]
     contacts: Mapping[str, ContactState]
-    bodies: Mapping[str, BodyAnswer]
+    bodies: Mapping[str, Fields]
     solved: Solved | None
 
     @property
@@ -114,6 +91,4 @@ def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
     seconds, solved = clock.largest(world), computed[0] if computed else None
     found = (solved.summary | {"seconds": seconds}, solved.solution.contacts) if solved else None
     summary, contacts = world.bcast(found)
-    own = {name: BodyAnswer(each.points, each.triangles, each.displacement, each.stress, each.von_mises)
-           for name, each in (solved.fields.items() if solved else ())}
-    return Answer(summary, contacts, own, solved)
+    return Answer(summary, contacts, solved.fields if solved else {}, solved)

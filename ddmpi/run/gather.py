@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Sequence
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -15,24 +14,19 @@ from petsc4py import PETSc
 from ddmpi.body.estimate import DiscretizationError
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.ranks import team_of
-from ddmpi.interface.state import ContactState
+from ddmpi.interface.state import RESULTANTS, ContactState
 from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.petsc.options import unused_options
 from ddmpi.results.fields import Fields
-from ddmpi.results.summary import BodyResult, ContactResult, RunResult, summarize
+from ddmpi.results.summary import RunResult, summarize
 from ddmpi.results.tables import LEG_VALUES, leg_values
 from ddmpi.run.solve import Solution
 from ddmpi.system.numbers import Rows
 from ddmpi.system.provenance import peak_memory, provenance
 
-RESULTANTS = 9
-"""Numbers that are noted of a contact at each step."""
-
 LITTLE = 0.1
 """Frictional work below this part of the largest energy is little."""
-
-KINDS = tuple(field.name for field in fields(ContactResiduals))
 
 
 class StepLog:
@@ -42,8 +36,7 @@ class StepLog:
     ----------
     contacts, bodies : names
     steps : time and number of iterations of each
-    resultants : by contact its RESULTANTS: force, moment, normal and tangential force, numbers of open, slipping and
-        sticking nodes, dissipated energy
+    resultants : of each the RESULTANTS of the contacts
     energies : external work, strain energy, interface work and dissipated energy since time 0, and what the step's
         balance leaves, of each (J)
     iterations : a line of history.csv for each
@@ -57,7 +50,7 @@ class StepLog:
         self.steps, self.resultants, self.energies, self.iterations = Rows(), Rows(), Rows(), Rows()
         self._kept, self._ends = Rows(), np.zeros(0, int)
         self.doubts: dict[str, str] = {}
-        self.worst = np.zeros((len(self.contacts), len(KINDS))), np.zeros(len(self.bodies))
+        self.worst = np.zeros((len(self.contacts), len(ContactResiduals._fields))), np.zeros(len(self.bodies))
         self.largest = np.zeros(3)
 
     @property
@@ -67,7 +60,7 @@ class StepLog:
 
     def judge(self, certificate: Certificate) -> Certificate:
         """Note the residuals of a step; the largest ones so far."""
-        contacts = [[certificate.of_contact(name)[kind] for kind in KINDS] for name in self.contacts]
+        contacts = [certificate.contacts[name] for name in self.contacts]
         bodies = [certificate.equilibrium[name] for name in self.bodies]
         self.worst = np.maximum(self.worst[0], contacts), np.maximum(self.worst[1], bodies)
         return Certificate({name: ContactResiduals(*row) for name, row in zip(self.contacts, self.worst[0].tolist(),
@@ -76,9 +69,7 @@ class StepLog:
 
     def note_contacts(self, contacts: Sequence[ContactState]) -> None:
         """Note the resultants of a step."""
-        self.resultants.append(np.concatenate([np.empty(0), *(
-            [*state.force, state.moment, state.normal_force.sum(), state.tangential_force.sum(),
-             *(state.count(status) for status in ("open", "slip", "stick")), state.dissipated] for state in contacts)]))
+        self.resultants.append(np.array([state.resultants for state in contacts], RESULTANTS))
 
     def doubt(self, time: float, warnings: Sequence[str]) -> None:
         """Note the warnings of the answer at the end of a leg, unless there are such that differ in numbers alone."""
@@ -101,25 +92,17 @@ class StepLog:
         parts = (np.split(row, self._ends) for row in self._kept.all)
         return [(float(time[0]), s, alpha, values.reshape(-1, LEG_VALUES)) for time, s, alpha, values in parts]
 
-    def _by_contact(self) -> np.ndarray:
-        """The resultants (k, nc, RESULTANTS)."""
-        return self.resultants.all.reshape(len(self.steps), len(self.contacts), RESULTANTS)
-
     @property
     def dissipated(self) -> dict[str, float]:
         """The frictional work of all steps by contact (J)."""
-        return dict(zip(self.contacts, self._by_contact()[:, :, -1].sum(axis=0).tolist(), strict=True))
+        work = self.resultants.all["dissipated"].sum(axis=0) if len(self.steps) else np.zeros(len(self.contacts))
+        return dict(zip(self.contacts, work.tolist(), strict=True))
 
     def summary(self) -> list[dict]:
         """The entry ``steps`` of summary.json."""
-        def contact(row: np.ndarray) -> dict:
-            x, y, moment, normal, tangential, *counts, dissipated = row.tolist()
-            return {"force": [x, y], "moment": moment, "normal_force": normal, "tangential_force": tangential,
-                    **dict(zip(("open", "slip", "stick"), map(int, counts), strict=True)), "dissipated": dissipated}
-
         return [{"time": time, "outer_iterations": int(number),
-                 "contacts": {name: contact(row) for name, row in zip(self.contacts, rows, strict=True)}}
-                for (time, number), rows in zip(self.steps.all.tolist(), self._by_contact(), strict=True)]
+                 "contacts": dict(zip(self.contacts, records, strict=True))}
+                for (time, number), records in zip(self.steps.all.tolist(), self.resultants.all, strict=True)]
 
     def energy(self) -> list[tuple[float, ...]]:
         """The rows of energy.csv."""
@@ -197,11 +180,12 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     ranks = team.ranks if team else [world.rank]
     memory = team.do("peak") if team else peak_memory()
     hosts = team.do("hosts") if team else [MPI.Get_processor_name()]
-    own = [(body.number, _body(assembly, body, solution, error, own_fields[body.spec.name], ranks, memory))
+    own = [(body.number, (body.spec.name, _body(body, solution, error, own_fields[body.spec.name], ranks, memory)))
            for body in assembly.bodies]
     everyone = world.allgather((own, unused_options(), sum(outer.inner_steps.values()), assembly.exchange.state(),
                                 hosts))
-    bodies = [body for _, body in sorted(itertools.chain(*(each for each, *_ in everyone)), key=lambda pair: pair[0])]
+    bodies = dict(body for _, body in sorted(itertools.chain(*(each for each, *_ in everyone)),
+                                             key=lambda pair: pair[0]))
     unused = sorted(set.intersection(*(set(left) for _, left, *_ in everyone)))
     inner = [steps for _, _, steps, *_ in everyone]
     sent = [counts for *_, counts, _ in everyone]
@@ -218,25 +202,22 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
         options=PETSc.Options().getAll(), options_unused=unused, warnings=warnings,
         undetermined=solution.undetermined, steps=steps.summary() if steps else None,
         energy=steps.balance() if steps else None)
-    dissipated = steps.dissipated if steps else {}
-    contacts = [ContactResult(state, solution.certificate.of_contact(name), dissipated.get(name))
-                for name, state in solution.contacts.items()]
     hosts = [host for *_, part in everyone for host in part]
-    return summarize(scene.resolved(), run, bodies, contacts) | provenance(world, started, hosts)
+    return summarize(scene.resolved(), run, bodies, solution.contacts, solution.certificate,
+                     steps.dissipated if steps else None) | provenance(world, started, hosts)
 
 
-def _body(assembly: Assembly, body: Body, solution: Solution, error: DiscretizationError, fields: Fields,
-          ranks: list[int], memory: float) -> BodyResult:
-    """What there is to say of a body of this rank; its `ranks` have held up to `memory` MiB. Not collective."""
+def _body(body: Body, solution: Solution, error: DiscretizationError, fields: Fields, ranks: list[int],
+          memory: float) -> dict:
+    """What the summary says of a body of this rank; its `ranks` have held up to `memory` MiB. Not collective."""
     member, name = body.member, body.spec.name
     contact = sum((state.force if state.interface.side(name) == 0 else -state.force
                    for state in solution.contacts.values() if name in state.interface.bodies), np.zeros(2))
-    return BodyResult(
-        name=name, n=member.elasticity.n, ranks=ranks, held=member.elasticity.held,
-        displacement_max=solution.displacement_max[name],
-        von_mises_max=None if fields.von_mises is None else float(fields.von_mises.max()),
-        energy=error.own[name].energy / 2,  # of the stresses: free of what moves the body without strain
-        reaction=0.0 - (member.elasticity.resultant + contact), discretization_error=error.by_body[name],
-        equilibrium=solution.certificate.equilibrium[name], n_A_by_purpose=dict(member.C.count),
-        inner_steps=dict(solution.outer.inner_steps), solver=member.C.solver.description, compliance=member.C.kind,
-        memory_mib=memory)
+    return {
+        "n": member.elasticity.n, "ranks": ranks, "held": member.elasticity.held,
+        "displacement_max": solution.displacement_max[name],
+        "von_mises_max": None if fields.von_mises is None else float(fields.von_mises.max()),
+        "energy": error.own[name].energy / 2,  # of the stresses: free of what moves the body without strain
+        "reaction": 0.0 - (member.elasticity.resultant + contact), "discretization_error": error.by_body[name],
+        "n_A_by_purpose": dict(member.C.count), "inner_steps": dict(solution.outer.inner_steps),
+        "solver": member.C.solver.description, "compliance": member.C.kind, "memory_mib": memory}

@@ -52,7 +52,7 @@ def bisect(points: np.ndarray, parts: int) -> np.ndarray:
 
 
 class Rows:
-    """Rows of equally many numbers, which grow in place: a row costs its numbers, however many there are.
+    """Rows of equally many numbers, or records, which grow in place: a row costs its numbers, however many there are.
 
     Attributes
     ----------
@@ -60,19 +60,20 @@ class Rows:
     """
 
     def __init__(self, rows: np.ndarray | None = None) -> None:
-        self.all = np.empty((0, 0)) if rows is None else np.asarray(rows, float)
+        self.all: np.ndarray = np.empty((0, 0)) if rows is None else rows
         self._data = self.all
 
     def __len__(self) -> int:
         return len(self.all)
 
     def append(self, row: Sequence[float] | np.ndarray) -> None:
-        """Add a row, as wide as all others."""
-        k = len(self.all)
+        """Add a row, as wide as all others: numbers, which become floats, or records of one type."""
+        k, given = len(self.all), np.asarray(row)
         if k == len(self._data):
-            self._data = np.empty((max(16, 2 * k), len(row)))
-            self._data[:k] = self.all if k else 0.0
-        self._data[k] = row
+            data = np.empty((max(16, 2 * k), len(given)), given.dtype if given.dtype.names else float)
+            data[:k] = self.all if k else 0
+            self._data = data
+        self._data[k] = given
         self.all = self._data[:k + 1]
 
     def shorten(self, k: int) -> None:

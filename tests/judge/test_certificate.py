@@ -202,7 +202,7 @@ def test_the_spoilt_contact_and_body_are_named():
         assert worst["equilibrium"] == (1e-3, "middle")
         assert certificate.violations(LIMIT) == [f"penetration 1.0e-02 of {names[0]}", "equilibrium 1.0e-03 of middle"]
         assert certificate.violations(2e-3) == [f"penetration 1.0e-02 of {names[0]}"]
-        assert certificate.of_contact(names[1])["penetration"] <= 1e-15
+        assert certificate.contacts[names[1]].penetration <= 1e-15
 
 
 def test_the_limit_follows_the_tolerance_within_bounds():

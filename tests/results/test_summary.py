@@ -1,6 +1,5 @@
 """summary.json in format 2, and the results read back."""
 
-import dataclasses
 import json
 
 import made_up
@@ -10,8 +9,10 @@ from documented import entries
 from mpi4py import MPI
 
 from ddmpi.errors import InputError
-from ddmpi.results.summary import SUMMARY, ContactResult, summarize, write_summary
+from ddmpi.interface.state import ContactState
+from ddmpi.results.summary import SUMMARY, summarize, write_summary
 from ddmpi.results.tables import read_results
+from ddmpi.run.gather import StepLog
 from ddmpi.system.provenance import provenance
 
 TOP = {"format", "title", "converged", "reason", "outer", "order", "n", "m", "ranks", "outer_iterations",
@@ -29,17 +30,17 @@ CONTACT = STEP | {"m", "pairing", "slave", "friction", "pressure_max", "certific
                   "moment_imbalance", "moment_imbalance_bound"}
 
 
-def row() -> list[ContactResult]:
+def row() -> dict[str, ContactState]:
     """Both contacts of three blocks side by side."""
     blocks = {name: made_up.block(origin) for name, origin in made_up.ROW.items()}
-    return [ContactResult(made_up.state(made_up.interface(name, *(blocks[body] for body in name.split("-")), on)),
-                          made_up.certificate()) for name, on in made_up.CONTACTS["row"].items()]
+    return {name: made_up.state(made_up.interface(name, *(blocks[body] for body in name.split("-")), on))
+            for name, on in made_up.CONTACTS["row"].items()}
 
 
-def summary_of(contacts: list[ContactResult], run=None, **of_the_first_body) -> dict:
-    bodies = [made_up.body(name, **(of_the_first_body if name == "left" else {})) for name in made_up.ROW]
-    names = [contact.state.interface.name for contact in contacts]
-    return summarize(made_up.scene(names), run or made_up.run(), bodies, contacts)
+def summary_of(contacts: dict[str, ContactState], run=None, residuals=None, **of_the_first_body) -> dict:
+    bodies = {name: made_up.body(**(of_the_first_body if name == "left" else {})) for name in made_up.ROW}
+    return summarize(made_up.scene(list(contacts)), run or made_up.run(), bodies, contacts,
+                     made_up.certificate(contacts, bodies, **residuals or {}))
 
 
 def test_everything_has_a_name():
@@ -73,7 +74,8 @@ def test_results_carry_their_units(length, stress, force):
     """Units are those of the scene; a force is per unit of depth."""
     scene = made_up.scene(["left-middle", "middle-right"])
     scene["output"] = {"length_unit": length, "stress_unit": stress}
-    summary = summarize(scene, made_up.run(), [made_up.body(name) for name in made_up.ROW], row())
+    bodies = {name: made_up.body() for name in made_up.ROW}
+    summary = summarize(scene, made_up.run(), bodies, row(), made_up.certificate(row(), bodies))
     assert summary["units"] == {"length": length, "stress": stress, "force": force}
 
 
@@ -88,10 +90,10 @@ def test_sums_are_those_of_all_bodies_and_contacts():
 
 def test_resultants_are_those_of_the_nodes():
     """force acts on the first body, moment about the origin, the other sums count along the nodes' own directions."""
-    result = row()[1]  # at x = 6, pressed along the x axis
-    p, q = result.state.normal_force, result.state.tangential_force[:, 0]
-    y = result.state.interface.xy[:, 1]
-    contact = summary_of([result])["contacts"]["middle-right"]
+    state = row()["middle-right"]  # at x = 6, pressed along the x axis
+    p, q = state.normal_force, state.tangential_force[:, 0]
+    y = state.interface.xy[:, 1]
+    contact = summary_of({"middle-right": state})["contacts"]["middle-right"]
     assert contact["force"] == pytest.approx([-p.sum(), -q.sum()], rel=1e-14)
     assert contact["moment"] == pytest.approx((6.0 * -q + y * p).sum(), rel=1e-14)
     assert (contact["normal_force"], contact["tangential_force"]) == pytest.approx((p.sum(), q.sum()), rel=1e-14)
@@ -101,20 +103,35 @@ def test_resultants_are_those_of_the_nodes():
 
 def test_friction_dissipates_what_slip_overcomes():
     """dissipated is half the slip bound times the slip where a single load step grows from zero."""
-    result = row()[0]
-    state = result.state
+    state = row()["left-middle"]
     slips = state.status == "slip"
     work = 0.5 * (0.3 * state.normal_force * np.abs(state.slip[:, 0]))[slips]
-    assert result.dissipated == pytest.approx(work.sum(), rel=1e-14) and result.dissipated > 0.0
-    assert ContactResult(state, {}, total=7.0).dissipated == 7.0
+    assert state.resultants["dissipated"] == pytest.approx(work.sum(), rel=1e-14) and work.sum() > 0.0
+
+
+def test_the_work_of_all_load_steps_is_added_up():
+    """dissipated of a contact is that of all load steps; of a step it is its own."""
+    log, contacts = StepLog(list(made_up.CONTACTS["row"]), list(made_up.ROW)), row()
+    assert log.dissipated == {"left-middle": 0.0, "middle-right": 0.0}
+    for time in (1.0, 2.0):
+        log.steps.append((time, 3))
+        log.note_contacts(list(contacts.values()))
+    again = StepLog(log.contacts, log.bodies)
+    again.restore(log.state())
+    bodies = {name: made_up.body() for name in made_up.ROW}
+    summary = summarize(made_up.scene(list(contacts)), made_up.run(steps=again.summary()), bodies, contacts,
+                        made_up.certificate(contacts, bodies), again.dissipated)
+    for name, state in contacts.items():
+        assert summary["contacts"][name]["dissipated"] == 2 * state.dissipated > 0.0
+        assert [step["contacts"][name] for step in summary["steps"]] == [
+            {key: summary["contacts"][name][key] for key in STEP} | {"dissipated": state.dissipated}] * 2
+        assert type(summary["steps"][0]["contacts"][name]["open"]) is int
 
 
 def test_the_worst_residual_is_at_the_top():
     """Each residual at the top is the largest of all contacts or bodies, whichever they are."""
-    first, second = row()
-    first = dataclasses.replace(first, certificate=made_up.certificate(penetration=0.5))
-    second = dataclasses.replace(second, certificate=made_up.certificate(friction=0.25))
-    summary = summary_of([first, second], equilibrium=0.125)
+    summary = summary_of(row(), residuals={"left_middle": {"penetration": 0.5}, "middle_right": {"friction": 0.25},
+                                           "equilibrium": {"left": 0.125}})
     assert summary["certificate"] == {"force_mismatch": 0.0, "penetration": 0.5, "complementarity": 2e-12,
                                       "friction": 0.25, "equilibrium": 0.125}
     assert summary["contacts"]["left-middle"]["certificate"]["penetration"] == 0.5
@@ -123,9 +140,8 @@ def test_the_worst_residual_is_at_the_top():
 
 def test_numbers_that_are_not_finite_are_null(tmp_path):
     """A diverged run has a summary, too; a residual that is no number is the worst."""
-    first, second = row()
-    second = dataclasses.replace(second, certificate=made_up.certificate(penetration=np.nan, friction=np.inf))
-    summary = summary_of([first, second], run=made_up.run(energy_norm=np.nan), reaction=np.array([np.inf, 1.0]))
+    summary = summary_of(row(), made_up.run(energy_norm=np.nan), {
+        "middle_right": {"penetration": np.nan, "friction": np.inf}}, reaction=np.array([np.inf, 1.0]))
     write_summary(tmp_path, summary)
     read = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     assert read == summary
@@ -138,7 +154,7 @@ def test_laws_of_contacts_may_differ():
     """Each contact names its law of friction; the top names all that there are."""
     blocks = [made_up.block(origin) for origin in made_up.ROW.values()]
     plain = made_up.interface("left-middle", *blocks[:2], ("right", "left"), made_up.NoFriction())
-    summary = summary_of([ContactResult(made_up.state(plain), made_up.certificate()), row()[1]])
+    summary = summary_of(row() | {"left-middle": made_up.state(plain)})
     assert summary["friction"] == "none, coulomb"
     assert [contact["friction"] for contact in summary["contacts"].values()] == ["none", "coulomb"]
     assert summary["contacts"]["left-middle"]["dissipated"] == 0.0

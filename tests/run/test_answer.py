@@ -115,7 +115,7 @@ def test_an_answer_and_its_parts_are_short_in_words(comm):
     x, y = answer.contacts["upper-lower"].force
     assert f"; force ({x:.4g}, {y:.4g}) N/mm on upper, largest pressure " in contact and contact.endswith(" MPa")
     assert repr(answer.contacts["upper-lower"]) == "ContactState(upper-lower, 18 nodes)"
-    assert all(repr(body).startswith("BodyAnswer(133 nodes") for body in answer.bodies.values())
+    assert all(repr(body).startswith("Fields(133 nodes") for body in answer.bodies.values())
 
 
 def test_help_says_it_all():
