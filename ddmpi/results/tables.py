@@ -14,7 +14,7 @@ import numpy as np
 
 from ddmpi.errors import DdmpiError, InputError, OutputError
 from ddmpi.interface.state import ContactState
-from ddmpi.mesh.elements import side_lengths
+from ddmpi.mesh.elements import facet_measures
 from ddmpi.system.files import contact_files
 
 FORMAT = 2
@@ -96,7 +96,7 @@ def write_sides(path: Path, name: str, state: ContactState) -> None:
     xy, (start, end, middle) = state.interface.xy, state.interface.edges.T
     if len(middle) == 0:
         return
-    length = side_lengths(xy[state.interface.edges])
+    length = facet_measures(xy[state.interface.edges])
     means = ((stress[start] + 4 * stress[middle] + stress[end]) / 6 for stress in (state.pressure, state.shear.ravel()))
     _write_csv(path / contact_files(name).sides, SIDES, zip(*xy[middle].T, length, *means, strict=True))
 
