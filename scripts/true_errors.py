@@ -14,10 +14,9 @@ from mpi4py import MPI
 from rings import Rings
 
 from ddmpi.body.estimate import QUADRATURE, estimate_error, relative_error
-from ddmpi.body.stress import energy_density, stress_at
+from ddmpi.body.stress import components, energy_density, stress_at
 from ddmpi.coupling.assembly import Assembly, prepare
-from ddmpi.mesh.elements import ELEMENTS
-from ddmpi.mesh.mesh import Mesh, signed_double_areas
+from ddmpi.mesh.mesh import Mesh
 from ddmpi.run.solve import Solution, solve
 from ddmpi.scene.bodies import Material, MeshSpec
 from ddmpi.scene.scene import Settled
@@ -172,7 +171,7 @@ def interpolate(mesh: Mesh, spec: MeshSpec, u: np.ndarray, points: np.ndarray) -
     a, b, c = corners[owner].swapaxes(0, 1)
     second, third = np.linalg.solve(np.stack([b - a, c - a], axis=2), (points - a)[:, :, None])[..., 0].T
     barycentric = np.column_stack([1 - second - third, second, third])
-    shapes = ELEMENTS[mesh.triangles.shape[1]].shapes(barycentric)
+    shapes = mesh.cell.shapes(barycentric)
     return np.einsum("ki,kic->kc", shapes, u[mesh.triangles[owner]])
 
 
@@ -266,7 +265,7 @@ def own_body(assembly: Assembly, solution: Solution) -> tuple[Mesh, Material, np
 
 def energy(mesh: Mesh, material: Material, u: np.ndarray) -> float:
     """Squared energy norm (J per metre of depth) of the displacement `u` (nv, 2) of a body. Not collective."""
-    return stress_error(mesh, material, u, lambda points: 0.0)
+    return stress_error(mesh, material, u, lambda points: np.zeros((*points.shape[:-1], 3)))
 
 
 def stress_error(mesh: Mesh, material: Material, u: np.ndarray, stress: Callable[[np.ndarray], np.ndarray]) -> float:
@@ -274,8 +273,8 @@ def stress_error(mesh: Mesh, material: Material, u: np.ndarray, stress: Callable
 
     ``stress(points)`` gives σ_xx, σ_yy, σ_xy (…, 3) in Pa at points (…, 2). By quadrature; not collective.
     """
-    barycentric, weights = QUADRATURE[2]
-    points = np.einsum("qi,tid->tqd", barycentric, mesh.points[mesh.triangles[:, :3]])
-    error = stress_at(mesh, material, u, barycentric) - stress(points)
-    density = energy_density(material, error.reshape(-1, 3)).reshape(points.shape[:2])
-    return float(signed_double_areas(mesh.points, mesh.triangles) / 2 @ density @ weights)
+    barycentric, weights = QUADRATURE[2][2]
+    points = np.einsum("qi,tid->qtd", barycentric, mesh.points[mesh.corners])
+    exact = np.moveaxis(stress(points), -1, 0)[[0, 2, 1]]  # in the order of components
+    density = energy_density(material, components(stress_at(mesh, material, u, barycentric)) - exact)
+    return float(weights @ density @ mesh.measures())

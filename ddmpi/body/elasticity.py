@@ -1,8 +1,8 @@
-"""Plane linear elasticity of one body: stiffness A and load b, with clamped dofs eliminated.
+"""Linear elasticity of one body: stiffness A and load b, with clamped dofs eliminated.
 
-Nodes carry two dofs each, interleaved (x of node i is dof 2i). A node with both components clamped
-is taken out of the system. A node with one clamped component stays; that component is decoupled and keeps
-its own diagonal entry, so that the block size of A is two everywhere, as GAMG needs it.
+Nodes carry d dofs each, interleaved (x of node i is dof d i). A node with all components clamped is taken out of the
+system. A node with some clamped components stays; these are decoupled and keep their own diagonal entries, so that the
+block size of A is d everywhere, as GAMG needs it.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ class LoadCase:
 
     Attributes
     ----------
-    f : (nv, 2) nodal loads of tractions and volume force (N)
-    prescribed : (nv, 2) displacements of clamped dofs (m), zero elsewhere
-    taken : (nv, 2) the forces K u of the prescribed displacements alone (N); None where these are zero
-    b : (2k,) what stands on the right of the system (N)
+    f : (nv, d) nodal loads of tractions and volume force (N)
+    prescribed : (nv, d) displacements of clamped dofs (m), zero elsewhere
+    taken : (nv, d) the forces K u of the prescribed displacements alone (N); None where these are zero
+    b : (d k,) what stands on the right of the system (N)
     """
 
     f: np.ndarray
@@ -57,14 +57,14 @@ class Elasticity:
 
     Attributes
     ----------
-    A : PETSc AIJ matrix (2k, 2k), symmetric, block size 2 (N/m per metre of depth); positive definite if the body
-        is held, else its null space are the motions
-    b : PETSc vector (2k,) (N per metre of depth)
-    n : number of free dofs: 2k less the clamped components of nodes that stay
+    A : PETSc AIJ matrix (d k, d k), symmetric, block size d (N/m; in the plane per metre of depth); positive definite
+        if the body is held, else its null space are the motions
+    b : PETSc vector (d k,) (N; in the plane per metre of depth)
+    n : number of free dofs: d k less the clamped components of nodes that stay
     nodes : (k,) the mesh nodes that A acts on, in the order of its rows
-    clamps : (nv, 2) the number of the clamp that prescribes each dof, −1 if none does
+    clamps : (nv, d) the number of the clamp that prescribes each dof, −1 if none does
     acting : the load case at present
-    motions : (nv, 2, j) the rigid motions that clamps leave free, see `body_motions`; zero at prescribed dofs
+    motions : (nv, d, j) the rigid motions that clamps leave free, see `body_motions`; zero at prescribed dofs
     load : sum of the absolute nodal loads (N), tractions and volume forces; where displacements are
         prescribed, at least PRESCRIBED_SHARE of the forces that these take
     warnings : loads that come to nothing, or are given twice
@@ -84,17 +84,17 @@ class Elasticity:
 
     @property
     def free(self) -> np.ndarray:
-        """(nv, 2) bool, dofs that are not prescribed."""
+        """(nv, d) bool, dofs that are not prescribed."""
         return self.clamps < 0
 
     @property
     def prescribed(self) -> np.ndarray:
-        """(nv, 2) displacement (m) of the prescribed dofs, zero elsewhere."""
+        """(nv, d) displacement (m) of the prescribed dofs, zero elsewhere."""
         return self.acting.prescribed
 
     @property
     def resultant(self) -> np.ndarray:
-        """(2,) sum of the loads (N), those on clamped nodes too."""
+        """(d,) sum of the loads (N), those on clamped nodes too."""
         return self.acting.f.sum(axis=0)
 
     def under(self, factors: Mapping[str | None, float]) -> Elasticity:
@@ -115,9 +115,9 @@ class Elasticity:
         return self.motions.shape[2] == 0
 
     def expand(self, u: PETSc.Vec) -> np.ndarray:
-        """The displacement (nv, 2) of all nodes from the solution `u` of the reduced system (m)."""
+        """The displacement (nv, d) of all nodes from the solution `u` of the reduced system (m)."""
         full = self.prescribed.copy()
-        full[self.nodes] += u.array_r.reshape(-1, 2) * self.free[self.nodes]
+        full[self.nodes] += u.array_r.reshape(-1, full.shape[1]) * self.free[self.nodes]
         return full
 
 
@@ -148,19 +148,20 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF, last: np.ndarray 
         refuse_underflow(mesh, body, right, moved, float(K.diagonal.max()))
         cases[history] = LoadCase(f, moved, taken, (right[nodes] * loose).ravel())
     case = _sum_cases([(1.0, each) for each in cases.values()])
-    indptr, indices, data = K.to_csr(free, nodes)
-    if not (np.isfinite(data).all() and np.isfinite(case.b).all() and K.diagonal[nodes][:, [0, 1], [0, 1]].min() > 0.0):
+    rows, d = K.to_csr(free, nodes), mesh.dimension
+    if not (np.isfinite(rows.data).all() and np.isfinite(case.b).all()
+            and K.diagonal[nodes].diagonal(axis1=1, axis2=2).min() > 0.0):
         raise InputError(f"body.{body.name}: material, loads and lengths give numbers out of the range of "
                          "double precision; choose other units")
 
     matrix = PETSc.Mat().createAIJWithArrays(
-        (len(case.b), len(case.b)), (indptr.astype(PETSc.IntType), indices.astype(PETSc.IntType, copy=False), data),
-        bsize=2, comm=comm)
-    matrix.setBlockSize(2)  # createAIJWithArrays ignores its bsize
+        rows.shape, (rows.indptr.astype(PETSc.IntType, copy=False), rows.indices.astype(PETSc.IntType, copy=False),
+                     rows.data), bsize=d, comm=comm)
+    matrix.setBlockSize(d)  # createAIJWithArrays ignores its bsize
     matrix.setOption(PETSc.Mat.Option.SYMMETRIC if motions.size else PETSc.Mat.Option.SPD, True)
     matrix.setNearNullSpace(near_null_space(mesh.points[nodes], loose, comm))
-    load = PETSc.Vec().createWithArray(case.b, bsize=2, comm=comm)
-    load.setBlockSize(2)
+    load = PETSc.Vec().createWithArray(case.b, bsize=d, comm=comm)
+    load.setBlockSize(d)
     return Elasticity(matrix, load, int(loose.sum()), nodes, clamps, case, motions, case.size,
                       lost_loads(mesh, body, free), cases)
 

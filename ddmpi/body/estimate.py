@@ -12,21 +12,21 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import comb
 
 import numpy as np
 
-from ddmpi.body.stress import CENTROID, Composite, blocks, curved_stress, energy_density, of_part, stress_at
-from ddmpi.mesh.elements import TRIANGLE
+from ddmpi.body.stress import Composite, blocks, cell_stress, components, energy_density, portions, stress_at
+from ddmpi.mesh.boundary import boundary_facets
+from ddmpi.mesh.elements import FIRST, RULES, SECOND
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Material
 
-_INNER = (np.ones((3, 3)) + 3 * np.eye(3)) / 6
+SAMPLES = {1: FIRST, 2: SECOND}
+"""Points where the stress of a cell is more accurate than elsewhere, by order and dimension."""
 
-_SAMPLES = {1: CENTROID, 2: _INNER}
-"""Barycentric points where the stress of an element is more accurate than elsewhere, by order."""
-
-QUADRATURE = {1: (_INNER, np.full(3, 1 / 3)), 2: TRIANGLE}
-"""Quadrature (points, weights) exact to degree 2 and 4, by order."""
+QUADRATURE = {1: SECOND, 2: RULES}
+"""Rules exact to degree 2 and at least 4, by order and dimension."""
 
 UNSTRAINED = 1e-12
 """Relative error of a computed displacement. A displacement with smaller strains counts as a rigid motion."""
@@ -47,9 +47,9 @@ class ErrorEstimate:
 
     Attributes
     ----------
-    squares : (nt,) squared error of each triangle, ∫ (σ* − σ_h) : C⁻¹ (σ* − σ_h) (J per metre of depth)
-    areas : (nt,) areas of the triangles (m²)
-    energy : squared energy norm ∫ σ_h : C⁻¹ σ_h, twice the strain energy (J per metre of depth)
+    squares : (nt,) squared error of each cell, ∫ (σ* − σ_h) : C⁻¹ (σ* − σ_h) (J; in the plane per metre of depth)
+    areas : (nt,) areas or volumes of the cells (m² or m³)
+    energy : squared energy norm ∫ σ_h : C⁻¹ σ_h, twice the strain energy (J)
     """
 
     squares: np.ndarray
@@ -58,7 +58,7 @@ class ErrorEstimate:
 
     @property
     def area(self) -> float:
-        """Area of the body (m²)."""
+        """Area or volume of the body (m² or m³)."""
         return float(self.areas.sum())
 
     @property
@@ -91,7 +91,7 @@ class DiscretizationError:
     mean: float
 
     def density(self, body: str) -> np.ndarray | None:
-        """Error of each triangle (nt,) per area over the mean energy norm per area, without unit; None if unknown."""
+        """Error of each cell (nt,) per area over the mean energy norm per area, without unit; None if unknown."""
         if np.isnan(self.relative):
             return None
         own = self.own[body]
@@ -110,43 +110,37 @@ def sum_errors(bodies: Mapping[str, tuple[float, float, float]],
 
 
 def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray) -> ErrorEstimate:
-    """Estimate the discretization error of the displacement `u` (nv, 2) in metres. Not collective.
+    """Estimate the discretization error of the displacement `u` (nv, d) in metres. Not collective.
 
-    Energy and error are zero where only rounding strains the body. Errors of linear triangles that lock are nan: they
+    Energy and error are zero where only rounding strains the body. Errors of linear cells that lock are nan: they
     hardly deform, so that their stress jumps little however wrong it is. Where materials meet, stress does jump, and is
     recovered from either side.
     """
-    cells, order = mesh.triangles, mesh.order
-    area, (points, weights) = mesh.areas(), QUADRATURE[order]
-    straight = area.copy() if len(mesh.curved) else area
-    straight[mesh.curved] = 0.0
-    sampled = stress_at(mesh, material, u, _SAMPLES[order])
-    between = np.ones((len(points), 1)) if order == 1 else 2 * points - 1 / 3  # constant, or linear between samples
-    shapes = mesh.element.shapes(points)
+    (samples, _), (points, weights) = (each[mesh.order][mesh.dimension] for each in (SAMPLES, QUADRATURE))
+    measures = mesh.measures()
+    sampled = components(stress_at(mesh, material, u, samples))
+    shapes = mesh.cell.shapes(points)
+    constant = np.ones((len(points), 1))
+    between = points @ np.linalg.inv(samples) if mesh.order == 2 else constant  # stress is linear between samples
     parts = mesh if isinstance(material, Material) else _apart(mesh, material)
-    recovered = _recover(parts, sampled)
-    squares = np.zeros(len(cells))
+    recovered = _recover(parts, sampled, samples)
+    squares: np.ndarray = np.zeros(len(measures))
     energy = 0.0
-    for block in blocks(len(cells)):
-        computed = np.einsum("qs,tsc->qtc", between, sampled[block])
-        difference = np.einsum("qi,tic->qtc", shapes, recovered[parts.triangles[block]]) - computed
-        own = of_part(material, block)
-        for weight, s, e in zip(weights, computed, difference, strict=True):
-            squares[block] += weight * straight[block] * energy_density(own, e)
-            energy += weight * float(straight[block] @ energy_density(own, s))
-    for bent in mesh.curved_blocks():
-        computed = curved_stress(mesh, material, u, points, bent).swapaxes(0, 1)
-        difference = np.einsum("qi,tic->qtc", shapes, recovered[parts.triangles[bent]]) - computed
-        own = of_part(material, bent)
-        for part, s, e in zip(weights[:, None] * mesh.map(bent).areas, computed, difference, strict=True):
-            squares[bent] += part * energy_density(own, e)
-            energy += float(part @ energy_density(own, s))
-    first, shear = material.lame
-    if energy <= np.max(first + 2 * shear) * len(cells) * (UNSTRAINED * np.abs(u).max()) ** 2:
-        squares, energy = np.zeros(len(cells)), 0.0
-    if order == 1 and material.locks:
-        squares = np.full(len(cells), np.nan)
-    return ErrorEstimate(squares, area, energy)
+    for cells, own, curved in portions(mesh, material):
+        computed, share = between @ sampled[..., cells], weights[:, None] * measures[cells]
+        if curved:
+            computed = components(cell_stress(mesh, own, u, points, cells, curved))
+            share = weights[:, None] * mesh.map(cells, points).measures
+        difference = shapes @ np.take(recovered, parts.triangles[cells].T, axis=1) - computed
+        squares[cells] = (share * energy_density(own, difference)).sum(axis=0)
+        energy += float((share * energy_density(own, computed)).sum())
+    materials = [material] if isinstance(material, Material) else material.materials
+    stiffest = max(each.tensor(mesh.dimension).max() for each in materials)
+    if energy <= stiffest * len(measures) * (UNSTRAINED * np.abs(u).max()) ** 2:
+        squares, energy = np.zeros(len(measures)), 0.0
+    if mesh.order == 1 and material.locks:
+        squares = np.full(len(measures), np.nan)
+    return ErrorEstimate(squares, measures, energy)
 
 
 def _apart(mesh: Mesh, material: Composite) -> Mesh:
@@ -156,65 +150,63 @@ def _apart(mesh: Mesh, material: Composite) -> Mesh:
     return Mesh(mesh.points[keys // size], cells.reshape(mesh.triangles.shape), {})
 
 
-def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
-    """The recovered stress (nv, 3) at all nodes from that at the samples (nt, q, 3), in Pa."""
-    cells, xy, order = mesh.triangles, mesh.points, mesh.order
-    corners, k = cells[:, :3], (3, 6)[order - 1]
-    vertices = np.flatnonzero(np.bincount(corners.ravel()))
-    nv = int(vertices[-1]) + 1
-    inner = _inner(mesh, nv)
-    places = np.einsum("qi,tid->qtd", _SAMPLES[order], xy[corners])
+def _recover(mesh: Mesh, sampled: np.ndarray, samples: np.ndarray) -> np.ndarray:
+    """The recovered stress (n, nv) at all nodes from that (n, q, nt) at `samples` (q, d + 1), in Pa."""
+    x, order, corners = mesh.points, mesh.order, mesh.corners
+    nv, n, k = int(corners.max()) + 1, len(sampled), comb(mesh.dimension + order, order)
+    places = samples @ np.take(x.T, corners.T, axis=1)  # (d, q, nt)
     for bent in mesh.curved_blocks():
-        places[:, bent] = mesh.map(bent, _SAMPLES[order]).places
+        places[..., bent] = mesh.map(bent, samples).places.transpose(2, 0, 1)
     reach = np.zeros(nv)
     for block in blocks(len(corners)):
-        np.maximum.at(reach, corners[block], np.linalg.norm(np.ptp(xy[corners[block]], axis=1), axis=1)[:, None])
+        np.maximum.at(reach, corners[block], np.linalg.norm(np.ptp(x[corners[block]], axis=1), axis=1)[:, None])
     upper = np.triu_indices(k)
-    moments, sums = np.zeros((len(upper[0]), nv)), np.zeros((3 * k, nv))  # the normal equations
-    for i, place, stress in ((i, p, s) for i in range(3) for p, s in zip(places, sampled.swapaxes(0, 1), strict=True)):
-        vertex = corners[:, i]
-        p = _monomials((place - xy[vertex]) / reach[vertex, None], order)
+    moments, sums = np.zeros((len(upper[0]), nv)), np.zeros((n * k, nv))  # the normal equations
+    for vertex, q in itertools.product(corners.T, range(len(samples))):
+        p = _monomials((places[:, q] - x[vertex].T) / reach[vertex], order)
         for c, (a, b) in enumerate(zip(*upper, strict=True)):
-            moments[c] += np.bincount(vertex, p[:, a] * p[:, b], nv)
-        for c, (a, b) in enumerate(itertools.product(range(k), range(3))):
-            sums[c] += np.bincount(vertex, p[:, a] * stress[:, b], nv)
-    del places, place, stress, p  # large meshes need the memory
-    owner, fit = _fits(mesh, moments, sums, upper, inner), sums
+            moments[c] += np.bincount(vertex, p[a] * p[b], nv)
+        for c, (a, b) in enumerate(np.ndindex(k, n)):
+            sums[c] += np.bincount(vertex, p[a] * sampled[b, q], nv)
+    del places, p  # large meshes need the memory
+    owner, fit = _fits(mesh, moments, sums, upper), sums
     del moments
-    value = np.zeros((len(xy), 3))
-    value[vertices] = _evaluate(fit, owner[vertices], xy, reach, xy[vertices], order)
+    value, vertices = np.zeros((n, len(x))), np.flatnonzero(np.bincount(corners.ravel()))
+    value[:, vertices] = _evaluate(fit, owner[vertices], x, reach, vertices, order)
     if order == 2:  # at the middle of an edge, the mean of the fits of its two ends
-        for i in range(3):
-            ends, middle = cells[:, [i, (i + 1) % 3]], cells[:, 3 + i]
-            value[middle] = 0.5 * sum(_evaluate(fit, owner[ends[:, e]], xy, reach, xy[middle], order) for e in (0, 1))
+        for edge in mesh.cell.edges:
+            first, second, middle = mesh.triangles[:, edge].T
+            value[:, middle] = 0.5 * sum(_evaluate(fit, owner[end], x, reach, middle, order) for end in (first, second))
     return value
 
 
-def _fits(mesh: Mesh, moments: np.ndarray, sums: np.ndarray, upper: tuple[np.ndarray, np.ndarray],
-          inner: np.ndarray) -> np.ndarray:
+def _fits(mesh: Mesh, moments: np.ndarray, sums: np.ndarray, upper: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     """Fit polynomials around the vertices, in the place of `sums`; the number of the one that each vertex uses.
 
     The normal equations are given by the `upper` triangles of their matrices (k (k+1)/2, nv) and their
-    right-hand sides (3k, nv). A boundary node, not `inner` (nv,), with elements on one side only, uses the polynomial
-    of a near inner node. If none is near, it uses a linear fit to its own elements; if these are too few, their mean.
+    right-hand sides (n k, nv). A boundary node, with cells on one side only, uses the polynomial of a near inner node.
+    If none is near, it uses a linear fit to its own cells; if these are too few, their mean.
     """
-    corners, (nv, k) = mesh.triangles[:, :3], (sums.shape[1], len(sums) // 3)
-    good = np.zeros(nv, dtype=bool)
+    corners, nv, first = mesh.corners, sums.shape[1], mesh.dimension + 1
+    k = int(upper[0][-1]) + 1
+    good, inner = np.zeros(nv, dtype=bool), np.ones(nv, dtype=bool)
+    inner[boundary_facets(mesh.triangles)[0][:, :mesh.dimension]] = False
     for block in blocks(nv):
-        M, right = np.empty((len(inner[block]), k, k)), sums[:, block].T.reshape(-1, k, 3)
+        M, right = np.empty((len(inner[block]), k, k)), sums[:, block].T.reshape(len(inner[block]), k, -1)
         M[:, upper[0], upper[1]] = M[:, upper[1], upper[0]] = moments[:, block].T
         solvable = inner[block] & _well_posed(M)
         fit = np.zeros_like(right)
         fit[solvable] = np.linalg.solve(M[solvable], right[solvable])
         fit[~solvable, 0] = right[~solvable, 0] / np.maximum(M[~solvable, 0, 0], 1.0)[:, None]
         linear = np.flatnonzero(~solvable)
-        linear = linear[_well_posed(M[linear, :3, :3])]
-        fit[linear, :3] = np.linalg.solve(M[linear, :3, :3], right[linear, :3])
-        good[block], sums[:, block] = solvable, fit.reshape(-1, 3 * k).T
+        linear = linear[_well_posed(M[linear, :first, :first])]
+        fit[linear, :first] = np.linalg.solve(M[linear, :first, :first], right[linear, :first])
+        good[block], sums[:, block] = solvable, fit.reshape(len(fit), -1).T
 
     owner = np.where(good, np.arange(nv), -1)
     near = corners[~good[corners].all(axis=1)]
-    links = np.concatenate([near[:, pair] for pair in ([0, 1], [1, 2], [2, 0], [1, 0], [2, 1], [0, 2])])
+    ends = np.concatenate([mesh.cell.edges[:, :2], mesh.cell.edges[:, 1::-1]])
+    links = near[:, ends].swapaxes(0, 1).reshape(-1, 2)
     distance = np.linalg.norm(mesh.points[links[:, 0]] - mesh.points[links[:, 1]], axis=1)
     alike = np.round(np.log(distance / distance.max(initial=0.0)) / ROUNDING)  # so that rounding does not choose
     links = links[np.argsort(-alike, kind="stable")]  # the nearest one is assigned last
@@ -229,33 +221,20 @@ def _well_posed(M: np.ndarray) -> np.ndarray:
     return np.linalg.eigvalsh(M)[:, 0] > SOLVABLE * M[:, 0, 0]
 
 
-def _inner(mesh: Mesh, nv: int) -> np.ndarray:
-    """Whether a node (nv,) has triangles all around it: their angles make a full turn."""
-    corners = mesh.triangles[:, :3]
-    turn, angle = np.zeros(nv), np.empty(len(corners))
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        for block in blocks(len(corners)):
-            x, y = mesh.points[corners[block]].transpose(2, 1, 0)
-            ax, ay, bx, by = x[j] - x[i], y[j] - y[i], x[k] - x[i], y[k] - y[i]
-            angle[block] = np.arctan2(ax * by - ay * bx, ax * bx + ay * by)
-        turn += np.bincount(corners[:, i], angle, nv)
-    return turn > 2 * np.pi - 1e-3
-
-
 def _monomials(x: np.ndarray, order: int) -> np.ndarray:
-    """All monomials (…, k) up to the order at the points x (…, 2)."""
-    a, b = x[..., 0], x[..., 1]
-    terms = [np.ones_like(a), a, b] + ([a * a, a * b, b * b] if order == 2 else [])
-    return np.stack(terms, axis=-1)
+    """All monomials (k, …) up to the order at the points x (d, …)."""
+    terms = [np.ones_like(x[0]), *x]
+    if order == 2:
+        terms += [a * b for a, b in itertools.combinations_with_replacement(x, 2)]
+    return np.stack(terms)
 
 
-def _evaluate(fit: np.ndarray, owner: np.ndarray, xy: np.ndarray, reach: np.ndarray, at: np.ndarray,
+def _evaluate(fit: np.ndarray, owner: np.ndarray, x: np.ndarray, reach: np.ndarray, nodes: np.ndarray,
               order: int) -> np.ndarray:
-    """The polynomials `fit` (3k, nv) of the vertices `owner` (j,) at the points `at` (j, 2)."""
-    value = np.empty((len(at), 3))
-    for block in blocks(len(at)):
+    """The polynomials `fit` (k n, nv) of the vertices `owner` (j,) at the `nodes` (j,) with coordinates x (nv, d)."""
+    parts = []
+    for block in blocks(len(nodes)):
         vertex = owner[block]
-        p = _monomials((at[block] - xy[vertex]) / reach[vertex, None], order)
-        value[block] = np.einsum("jk,jkc->jc", p, np.ascontiguousarray(fit[:, vertex].T).reshape(len(p), -1, 3))
-    return value
+        p = _monomials(((x[nodes[block]] - x[vertex]) / reach[vertex, None]).T, order)
+        parts.append(np.einsum("kj,knj->nj", p, np.take(fit, vertex, axis=1).reshape(len(p), -1, len(vertex))))
+    return np.concatenate(parts, axis=1)

@@ -10,8 +10,8 @@ import numpy as np
 from ddmpi.body.stress import blocks
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group, group_nodes, turn_outward
-from ddmpi.mesh.elements import FINE, LINE, bends, shapes_on_side, tangents
-from ddmpi.mesh.mesh import Mesh, signed_double_areas
+from ddmpi.mesh.elements import CELLS, FINE, curved_facets
+from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Traction
 from ddmpi.scene.values import AffineVector, Vector, evaluate, varies
 
@@ -26,9 +26,9 @@ SMALLEST = 1e-150
 
 
 def nodal_loads(mesh: Mesh, body: BodySpec, history: str | None = None) -> np.ndarray:
-    """Nodal loads (nv, 2) in newtons of tractions, pressures and volume force that follow `history`, None for none.
+    """Nodal loads (nv, d) in newtons of tractions, pressures and volume force that follow `history`, None for none.
 
-    They are exact where these are affine on straight sides and triangles; formulas, and what acts on curved ones, are
+    They are exact where these are affine on straight facets and cells; formulas, and what acts on curved ones, are
     integrated by Gauss's rule. Raises InputError where a formula is not finite.
     """
     f = np.zeros_like(mesh.points)
@@ -37,95 +37,86 @@ def nodal_loads(mesh: Mesh, body: BodySpec, history: str | None = None) -> np.nd
             continue
         key = f"body.{body.name}.traction"
         _values(traction.given, mesh.points[boundary_group(mesh, traction.on, key)], key)
-        for sides, shares, stress in _stress(mesh, traction, key):
-            np.add.at(f, sides, np.einsum("slq,csq->slc", shares, stress))
+        for facets, shares, stress in _stress(mesh, traction, key):
+            np.add.at(f, facets, np.einsum("lqs,dqs->sld", shares, stress))
     force, follows = body.weight
-    if follows == history and force != (0.0, 0.0):
+    if follows == history and (varies(force) or force != (0.0,) * mesh.dimension):
         _add_volume_force(mesh, force, f"body.{body.name}.volume_force", f)
     return f
 
 
 def _stress(mesh: Mesh, traction: Traction, key: str) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """What a traction or pressure is on the sides of its group, apart for those where tables are exact.
+    """What a traction or pressure is on the facets of its group, apart for those where tables are exact.
 
     Returns
     -------
-    parts of sides (s, 2 or 3), which have the body to their left; shares (s, l, q) of their lengths (m), whose products
-    with values at q points are integrals of these and the shape functions; stress (2, s, q) in Pa at these points
+    parts of facets (s, l), turned outward; shares (l, q, s) of their measures, whose products with values at q points
+    are integrals of these and the shape functions; stress (d, q, s) in Pa at these points
     """
-    sides = turn_outward(mesh, boundary_group(mesh, traction.on, key), key)
-    nodes, (at, weights) = mesh.points[sides], LINE
-    exact = ~(bends(nodes).any(axis=1) | varies(traction.given))
-    ends, nodes, phi = nodes[exact, :2], nodes[~exact], shapes_on_side(at, sides.shape[1])
-    along = ends[:, 1:] - ends[:, :1]
-    parts = [(sides[exact], np.hypot(*along.T).T[..., None] * mesh.element.side_mass, ends, along)]
-    along = tangents(nodes, at)
-    parts.append((sides[~exact], (weights * np.linalg.norm(along, axis=2))[:, None] * phi.T,
-                  np.einsum("ql,sld->sqd", phi, nodes), along))
+    facets = turn_outward(mesh, boundary_group(mesh, traction.on, key), key)
+    nodes, cell = mesh.points[facets], CELLS[mesh.dimension - 1, mesh.order]
+    points, weights = FINE[cell.dimension]
+    exact = ~(curved_facets(nodes) | varies(traction.given))
     found = []
-    for own, shares, places, along in parts:
-        if len(own):
-            stress = _values(traction.given, places, key)
+    for part, where, table in ((exact, np.eye(mesh.dimension), cell.mass),
+                               (~exact, points, (weights[:, None] * cell.shapes(points)).T)):
+        if part.any():
+            vectors = cell.vectors(nodes[part], where)
+            size = np.linalg.norm(vectors, axis=0)
+            stress = _values(traction.given, np.einsum("ql,sld->qsd", cell.shapes(where), nodes[part]), key)
             if traction.pressure is not None:
-                inward = np.stack([-along[..., 1], along[..., 0]]) / np.linalg.norm(along, axis=2)
-                stress = inward * stress
-            found.append((own, shares, stress))
+                stress = -vectors / size * stress
+            found.append((facets[part], table[..., None] * size, stress))
     return found
 
 
 def _add_volume_force(mesh: Mesh, force: Vector | AffineVector, key: str, f: np.ndarray) -> None:
-    """Add the nodal loads of a volume force (N/m³) to f (nv, 2)."""
-    element = mesh.element
+    """Add the nodal loads of a volume force (N/m³) to f (nv, d)."""
     parts: list[slice] | list[np.ndarray] = mesh.curved_blocks()
     if varies(force):
         _values(force, mesh.points, key)
         parts = blocks(len(mesh.triangles))
     else:
-        corners = mesh.triangles[:, :3]
-        area = signed_double_areas(mesh.points, corners) / 2
-        area[mesh.curved] = 0.0
-        for component, density in enumerate(_values(force, mesh.points[corners], key)):
-            loads = (area[:, None] * density) @ element.mass.T
+        measures = mesh.measures()
+        measures[mesh.curved] = 0.0
+        for component, density in enumerate(_values(force, mesh.points[mesh.corners], key)):
+            loads = (measures[:, None] * density) @ mesh.cell.mass.T
             f[:, component] += np.bincount(mesh.triangles.ravel(), loads.ravel(), len(f))
-    where, weights = FINE
-    shapes = element.shapes(where)
+    where, weights = FINE[mesh.dimension]
+    shapes = mesh.cell.shapes(where)
     for part in parts:
         mapped, nodes = mesh.map(part, where), mesh.triangles[part]
-        shares = weights[:, None] * mapped.areas
+        shares = weights[:, None] * mapped.measures
         for component, density in enumerate(_values(force, mapped.places, key)):
             f[:, component] += np.bincount(nodes.ravel(), ((shares * density).T @ shapes).ravel(), len(f))
 
 
 def _values(value: Any, points: np.ndarray, key: str) -> np.ndarray:
-    """`evaluate` at points (…, 2). Raises InputError, naming `key`, where a formula is not finite."""
-    x, y = np.moveaxis(points, -1, 0)
-    found = evaluate(value, x, y)
+    """`evaluate` at points (…, d). Raises InputError, naming `key`, where a formula is not finite."""
+    found = evaluate(value, *np.moveaxis(points, -1, 0))
     if varies(value) and not np.isfinite(found).all():
         at = np.argwhere(~np.isfinite(found))[0]
-        place = tuple(at[-x.ndim:])
+        place = ", ".join(f"{x:.6g}" for x in points[tuple(at[1 - points.ndim:])])
         parts = value if isinstance(value, tuple) else (value,)
-        raise InputError(f'{key}: the formula "{parts[at[0] if len(at) > x.ndim else 0]}" is {found[tuple(at)]} at '
-                         f"({x[place]:.6g}, {y[place]:.6g}); it must be a finite number wherever it acts")
+        raise InputError(f'{key}: the formula "{parts[at[0] if len(at) == points.ndim else 0]}" is '
+                         f"{found[tuple(at)]} at ({place}); it must be a finite number wherever it acts")
     return found
 
 
 def clamp_nodes(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, dict[str | None, np.ndarray]]:
-    """Which clamp holds each component (nv, 2), −1 if it is free, and the displacements (nv, 2) in metres prescribed.
+    """Which clamp holds each component (nv, d), −1 if it is free, and the displacements (nv, d) in metres prescribed.
 
     The latter by the history that they follow, at its factor 1; None stands for those that follow none.
 
     Not collective. Raises InputError where two clamps prescribe different displacements of one component.
     """
-    clamps = np.full((len(mesh.points), 2), -1)
-    prescribed = np.zeros((len(mesh.points), 2))
-    names = [None, *body.histories]
-    followed = np.zeros((len(mesh.points), 2), int)
+    clamps, prescribed = np.full(mesh.points.shape, -1), np.zeros(mesh.points.shape)
+    names, followed = [None, *body.histories], np.zeros(mesh.points.shape, int)
     for which, clamp in enumerate(body.clamps):
         key = f"body.{body.name}.clamp"
         nodes = group_nodes(mesh, clamp.on, key)
-        x, y = mesh.points[nodes].T
-        for component, value in enumerate((clamp.x, clamp.y)):
-            if value is not None:
+        for component, axis in enumerate("xyz"[:mesh.dimension]):
+            if (value := getattr(clamp, axis, None)) is not None:
                 wanted, before = _values(value, mesh.points[nodes], key), prescribed[nodes, component]
                 size = np.maximum(np.abs(wanted), np.abs(before))
                 number = names.index(clamp.history)
@@ -134,8 +125,9 @@ def clamp_nodes(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, dict[str | None
                 clash = np.flatnonzero((clamps[nodes, component] >= 0) & otherwise)
                 if len(clash):
                     k = clash[0]
-                    raise InputError(f"{key}: {'xy'[component]} at ({x[k]:.6g}, {y[k]:.6g}) is "
-                                     f"prescribed twice, as {before[k]:.6g} and, on {clamp.on!r}, as {wanted[k]:.6g}"
+                    place = ", ".join(f"{x:.6g}" for x in mesh.points[nodes[k]])
+                    raise InputError(f"{key}: {axis} at ({place}) is prescribed twice, as {before[k]:.6g} and, on "
+                                     f"{clamp.on!r}, as {wanted[k]:.6g}"
                                      + (", with another history" if wanted[k] == before[k] else ""))
                 clamps[nodes, component] = which
                 prescribed[nodes, component], followed[nodes, component] = wanted, number
@@ -147,7 +139,7 @@ def refuse_underflow(mesh: Mesh, body: BodySpec, f: np.ndarray, prescribed: np.n
 
     Parameters
     ----------
-    f, prescribed : (nv, 2) nodal loads (N), those of prescribed displacements as well, and these (m)
+    f, prescribed : (nv, d) nodal loads (N), those of prescribed displacements as well, and these (m)
     stiffest : largest entry of the stiffness (N/m)
     """
     groups = [(each.given, mesh.points[boundary_group(mesh, each.on, "").ravel()]) for each in body.traction]
@@ -166,7 +158,7 @@ def lost_loads(mesh: Mesh, body: BodySpec, free: np.ndarray) -> list[str]:
         nodes = np.unique(boundary_group(mesh, traction.on, key))
         size = np.max([np.abs(stress).max(axis=(1, 2)) for *_, stress in _stress(mesh, traction, key)], axis=0)
         acts = size > (ROUNDING * size.max() if traction.pressure is not None else 0.0)
-        for component, axis in enumerate("xy"):
+        for component, axis in enumerate("xyz"[:mesh.dimension]):
             if acts[component] and not free[nodes, component].any():
                 found.append(f"{key}: the load on {traction.on!r} along {axis} is lost, because clamps hold the whole "
                              "group in this direction")

@@ -16,8 +16,8 @@ from scipy.linalg import qr
 
 from ddmpi.body.stiffness import Stiffness
 from ddmpi.errors import InputError
-from ddmpi.mesh.elements import TRIANGLE
-from ddmpi.mesh.mesh import Mesh, signed_double_areas
+from ddmpi.mesh.elements import RULES
+from ddmpi.mesh.mesh import Mesh
 
 LOOSE = 1e-16
 """A motion is free if its squared size at the clamps is below this, relative to the largest, for each component."""
@@ -71,8 +71,9 @@ def body_motions(mesh: Mesh, K: Stiffness, free: np.ndarray, name: str) -> np.nd
     """The rigid motions that the clamps of a body leave free, as displacements (nv, d, j) of all nodes.
 
     Translations move by one; rotations by the distance from their centre, over that of the farthest node from the
-    centroid. So coefficients are lengths. If nothing is held, the motions are along x, along y, and the rotation about
-    the centroid. Not collective. Raises InputError if a part of the body is loose that is not connected to the rest.
+    centroid. So coefficients are lengths. If nothing is held, the motions are those along the axes and the rotations
+    about the centroid. Not collective. Raises InputError if a part of the body is loose that is not connected to the
+    rest.
     """
     pieces, piece = K.connected()
     for k in range(pieces if pieces > 1 else 0):
@@ -93,8 +94,8 @@ def _refuse_loose(mesh: Mesh, members: np.ndarray, pieces: int, free: np.ndarray
     left = free_motions(rigid_motions(mesh.points[touched], mesh.points[members].mean(axis=0), mesh.extent),
                         free[touched])
     if left.size:
-        tx, ty, rotation = np.abs(left[:, 0])
-        motion = "rotate" if rotation > 0.5 else "move along x" if tx > ty else "move along y"
+        translations, rotations = np.split(np.abs(left[:, 0]), [free.shape[1]])
+        motion = "rotate" if rotations.max() > 0.5 else f"move along {'xyz'[translations.argmax()]}"
         groups = [group for group, edges in mesh.groups.items() if members[edges].any()]
         fix = f", or clamp it on its own boundary groups ({', '.join(groups)})" if groups else ""
         raise InputError(f"body.{name}.clamp: a piece of the body (it has {pieces} that are not connected) is not "
@@ -102,23 +103,18 @@ def _refuse_loose(mesh: Mesh, members: np.ndarray, pieces: int, free: np.ndarray
 
 
 def _centroid(mesh: Mesh) -> np.ndarray:
-    """(d,) centre of the area."""
-    corners = mesh.triangles[:, :3]
-    area = signed_double_areas(mesh.points, corners)
-    middle = mesh.points.mean(axis=0)
-    if not len(mesh.curved):
-        return middle + area @ (mesh.points[corners].mean(axis=1) - middle) / area.sum()
-    area[mesh.curved] = 0.0
-    total, moment = area.sum() / 2, area @ (mesh.points[corners].mean(axis=1) - middle) / 2
+    """(d,) centre of the area or volume."""
+    measures, middle = mesh.measures(), mesh.points.mean(axis=0)
+    moments = measures[:, None] * (mesh.points[mesh.corners].mean(axis=1) - middle)
+    points, weights = RULES[mesh.dimension]
     for cells in mesh.curved_blocks():
-        mapped = mesh.map(cells)
-        parts = TRIANGLE[1][:, None] * mapped.areas
-        total, moment = total + parts.sum(), moment + np.einsum("qt,qtd->d", parts, mapped.places - middle)
-    return middle + moment / total
+        mapped = mesh.map(cells, points)
+        moments[cells] = np.einsum("q,qt,qtd->td", weights, mapped.measures, mapped.places - middle)
+    return middle + moments.sum(axis=0) / measures.sum()
 
 
 def near_null_space(points: np.ndarray, free: np.ndarray, comm) -> PETSc.NullSpace:
-    """The rigid motions of `points` (k, 2), zero where not `free` (k, 2), orthonormal, for algebraic multigrid."""
+    """The rigid motions of `points` (k, d), zero where not `free` (k, d), orthonormal, for algebraic multigrid."""
     motions = rigid_motions(points, points.mean(axis=0)) * free[:, :, None]
     Q, _ = np.linalg.qr(motions.reshape(-1, motions.shape[2]))
     vectors = [PETSc.Vec().createWithArray(np.ascontiguousarray(q), bsize=points.shape[1], comm=comm) for q in Q.T]

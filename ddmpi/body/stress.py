@@ -1,51 +1,40 @@
-"""Stress of a computed displacement, and the energy in it."""
+"""Stress of a computed displacement, and the energy in it.
+
+Components of tensors come first: (d, d, q, t) at q points of t cells.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
+from msgspec.structs import replace
 
 from ddmpi.mesh.boundary import material_numbers, turn_outward
-from ddmpi.mesh.elements import TRIANGLE, side_lengths
-from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.elements import FIRST, RULES, facet_measures, invert
+from ddmpi.mesh.mesh import BLOCK, Mesh
 from ddmpi.scene.bodies import BodySpec, Material
 
-CENTROID = np.array([[1.0, 1.0, 1.0]]) / 3
-"""Barycentric coordinates of the point where the stress of a triangle with straight sides is its mean."""
+STRAIGHT_BLOCK = 4 * BLOCK
+"""Straight cells, or nodes, that are worked on at once, so that intermediate results stay in the processor's cache."""
 
-BLOCK = 8192
-"""Triangles, or nodes, that are worked on at once, so that intermediate results stay in the processor's cache."""
+COLUMNS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+"""The components in the columns of `stress`; in the plane the last two are left out."""
 
 
 @dataclass(frozen=True)
 class Composite:
-    """Several materials in one body, in the place of a `Material`: its constants are arrays over triangles.
+    """Several materials in one body, in the place of a `Material`.
 
     Attributes
     ----------
     materials : no two of them with the same constants, all in the same plane
-    number : (nt,) which one each triangle has
+    number : (nt,) which one each cell has
     """
 
     materials: Sequence[Material]
     number: np.ndarray
-
-    @property
-    def plane(self) -> Literal["strain", "stress"]:
-        return self.materials[0].plane
-
-    @property
-    def poisson(self) -> np.ndarray:
-        return np.array([material.poisson for material in self.materials])[self.number]
-
-    @property
-    def lame(self) -> tuple[np.ndarray, np.ndarray]:
-        """First Lamé constant and shear modulus (nt,) in Pa."""
-        first, shear = np.array([material.lame for material in self.materials]).T
-        return first[self.number], shear[self.number]
 
     @property
     def plane_modulus(self) -> np.ndarray:
@@ -62,16 +51,26 @@ def material_of(mesh: Mesh, body: BodySpec) -> Material | Composite:
     """The material of a body, or those of its triangles. Not collective. Raises InputError, see `material_numbers`."""
     if isinstance(body.material, Material):
         return body.material
-    constants = [(part.young, part.poisson) for part in body.material]
+    constants = [replace(part, on=None) for part in body.material]
     same = np.array([constants.index(each) for each in constants])  # entries that differ in their surfaces only
     kept, number = np.unique(same[material_numbers(mesh, body)], return_inverse=True)
     materials = [body.material[k] for k in kept]
     return Composite(materials, number.ravel()) if len(materials) > 1 else materials[0]
 
 
-def of_part(material: Material | Composite, part: slice | np.ndarray) -> Material | Composite:
-    """The material of a part of the triangles."""
-    return Composite(material.materials, material.number[part]) if isinstance(material, Composite) else material
+def portions(mesh: Mesh, material: Material | Composite) -> list[tuple[slice | np.ndarray, Material, bool]]:
+    """All cells, some at a time, with their material and whether they are curved: so many that they stay in cache."""
+    if isinstance(material, Material) and not len(mesh.curved):
+        return [(block, material, False) for block in blocks(len(mesh.triangles))]
+    number = np.zeros(len(mesh.triangles), int) if isinstance(material, Material) else material.number
+    bent = np.zeros(len(number), bool)
+    bent[mesh.curved] = True
+    found: list[tuple[slice | np.ndarray, Material, bool]] = []
+    for k, own in enumerate([material] if isinstance(material, Material) else material.materials):
+        for curved in (False, True):
+            cells, size = np.flatnonzero((number == k) & (bent == curved)), BLOCK if curved else STRAIGHT_BLOCK
+            found += [(cells[start:start + size], own, curved) for start in range(0, len(cells), size)]
+    return found
 
 
 def modulus_beside(mesh: Mesh, material: Material | Composite, edges: np.ndarray, key: str) -> float:
@@ -85,90 +84,82 @@ def modulus_beside(mesh: Mesh, material: Material | Composite, edges: np.ndarray
     around = mesh.triangles[:, [0, 1, 2]] * size + mesh.triangles[:, [1, 2, 0]]
     order = np.argsort(around, axis=None)
     triangle = order[np.searchsorted(around.ravel(), edges[:, 0] * size + edges[:, 1], sorter=order)] // 3
-    length = side_lengths(mesh.points[edges])
+    length = facet_measures(mesh.points[edges])
     return float(length.sum() / (length / material.plane_modulus[triangle]).sum())
 
 
 def stress(mesh: Mesh, material: Material | Composite, u: np.ndarray) -> np.ndarray:
-    """Mean stress of each triangle.
+    """Mean stress of each cell.
 
     Parameters
     ----------
-    u : (nv, 2) displacement (m)
+    u : (nv, d) displacement (m)
 
     Returns
     -------
-    (nt, 4) array of σ_xx, σ_yy, σ_zz, σ_xy in Pa; σ_zz is zero in plane stress. Not collective.
+    (nt, 4) array of σ_xx, σ_yy, σ_zz, σ_xy in Pa, in space (nt, 6) with σ_yz, σ_xz; in the plane σ_zz is that of plane
+    strain, or zero. Not collective.
     """
-    sigma = stress_at(mesh, material, u, CENTROID)[:, 0]
-    for cells in mesh.curved_blocks():
-        parts = TRIANGLE[1][:, None] * mesh.map(cells).areas
-        sigma[cells] = np.einsum("qt,tqc->tc", parts / parts.sum(axis=0),
-                                 curved_stress(mesh, material, u, TRIANGLE[0], cells))
-    xx, yy, xy = sigma.T
-    zz = material.poisson * (xx + yy) if material.plane == "strain" else np.zeros_like(xx)
-    return np.column_stack([xx, yy, zz, xy])
+    columns = [pair for pair in COLUMNS if pair[0] == pair[1] or max(pair) < mesh.dimension]
+    found = np.zeros((len(columns), len(mesh.triangles)))
+    for cells, own, curved in portions(mesh, material):
+        points, weights = (RULES if curved else FIRST)[mesh.dimension]
+        sigma = cell_stress(mesh, own, u, points, cells, curved)
+        parts = weights[:, None] * mesh.map(cells, points).measures if curved else np.ones((1, 1))
+        mean = (sigma * parts).sum(axis=2) / parts.sum(axis=0)
+        for column, (i, j) in enumerate(columns):
+            if j < mesh.dimension:
+                found[column, cells] = mean[i, j]
+            elif own.plane == "strain":
+                found[column, cells] = own.poisson * (mean[0, 0] + mean[1, 1])
+    return np.ascontiguousarray(found.T)
 
 
 def von_mises(sigma: np.ndarray) -> np.ndarray:
     """Von Mises stress (nt,) in Pa from `stress`."""
-    xx, yy, zz, xy = sigma.T
-    return np.sqrt(0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) + 3 * xy**2)
+    xx, yy, zz, *shears = sigma.T
+    return np.sqrt(0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) + 3 * sum(each**2 for each in shears))
 
 
 def stress_at(mesh: Mesh, material: Material | Composite, u: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
-    """Stress at the same points of every triangle.
+    """Stress (d, d, q, nt) in Pa at the same points (q, d + 1) of every cell, for a displacement u (nv, d) in metres.
 
-    Parameters
-    ----------
-    u : (nv, 2) displacement (m)
-    barycentric : (q, 3) coordinates of the points
-
-    Returns
-    -------
-    (nt, q, 3) array of σ_xx, σ_yy, σ_xy in Pa. Not collective.
+    Not collective.
     """
-    table = mesh.element.gradients  # constant, or at the middles of the sides 01, 12, 20 and linear between them
-    weights = 1.0 - 2.0 * barycentric[:, [2, 0, 1]] if len(table) == 3 else np.ones((len(barycentric), 1))
-    table = np.einsum("qs,sia->qai", weights, table)
-    table = (table[:, 1:] - table[:, :1]).reshape(-1, table.shape[2])  # by λ_1 and λ_2; λ_0 = 1 − λ_1 − λ_2
-    sigma = np.empty((len(mesh.triangles), len(barycentric), 3))
-    for block in blocks(len(sigma)):
-        first, shear = of_part(material, block).lame
-        t = mesh.triangles[block].T
-        a, b, c = mesh.points[t[:3]].swapaxes(1, 2)
-        (x1, y1), (x2, y2) = b - a, c - a
-        slopes = (table @ u.T[:, t]).reshape(2, len(barycentric), 2, -1) / (x1 * y2 - x2 * y1)
-        (u1, u2), (v1, v2) = slopes.swapaxes(1, 2)
-        exx, eyy = u1 * y2 - u2 * y1, v2 * x1 - v1 * x2
-        gxy = u2 * x1 - u1 * x2 + v1 * y2 - v2 * y1
-        trace = first * (exx + eyy)
-        for k, component in enumerate((trace + 2 * shear * exx, trace + 2 * shear * eyy, shear * gxy)):
-            sigma[block, :, k] = component.T
-    for cells in mesh.curved_blocks():
-        sigma[cells] = curved_stress(mesh, material, u, barycentric, cells)
+    sigma = np.empty((mesh.dimension, mesh.dimension, len(barycentric), len(mesh.triangles)))
+    for cells, own, curved in portions(mesh, material):
+        sigma[..., cells] = cell_stress(mesh, own, u, barycentric, cells, curved)
     return sigma
 
 
-def curved_stress(mesh: Mesh, material: Material | Composite, u: np.ndarray, barycentric: np.ndarray,
-                  cells: np.ndarray) -> np.ndarray:
-    """`stress_at` (t, q, 3) in some triangles, numbers `cells` (t,), curved or not. Not collective."""
-    first, shear = of_part(material, cells).lame
-    ux, uy = u.T[:, mesh.triangles[cells]].transpose(0, 2, 1)
-    slopes = mesh.map(cells, barycentric).slopes
-    (exx, exy), (eyx, eyy) = (np.einsum("dqkt,kt->dqt", slopes, each) for each in (ux, uy))
-    trace = first * (exx + eyy)
-    sigma = trace + 2 * shear * exx, trace + 2 * shear * eyy, shear * (exy + eyx)
-    return np.stack(sigma, axis=2).swapaxes(0, 1)
+def cell_stress(mesh: Mesh, material: Material, u: np.ndarray, barycentric: np.ndarray, cells: slice | np.ndarray,
+                curved: bool) -> np.ndarray:
+    """`stress_at` (d, d, q, t) in some cells of one material, which are all straight or all `curved`."""
+    moved = np.take(u.T, mesh.triangles[cells].T, axis=1)
+    if curved:
+        gradient = np.einsum("rqkt,ckt->crqt", mesh.map(cells, barycentric).slopes, moved)
+    else:
+        inverse, _ = invert(mesh.tangents(cells))
+        gradient = np.einsum("acqt,art->crqt", mesh.cell.derivatives(barycentric)[:, None] @ moved, inverse)
+    square = len(u.T) ** 2
+    C = material.tensor(len(u.T)).reshape(square, square)
+    return (C @ gradient.reshape(square, -1)).reshape(gradient.shape)
 
 
-def energy_density(material: Material | Composite, sigma: np.ndarray) -> np.ndarray:
-    """σ : C⁻¹ σ (J/m³) of plane stresses (k, 3): σ_xx, σ_yy, σ_xy in Pa; one in each triangle of a Composite."""
-    first, shear = material.lame
-    xx, yy, xy = sigma.T
-    return (xx**2 + yy**2 + 2 * xy**2 - first / (2 * (first + shear)) * (xx + yy) ** 2) / (2 * shear)
+def components(sigma: np.ndarray) -> np.ndarray:
+    """The components (n, …) i ≤ j of symmetric tensors (d, d, …)."""
+    return sigma[np.triu_indices(len(sigma))]
+
+
+def energy_density(material: Material, sigma: np.ndarray) -> np.ndarray:
+    """σ : C⁻¹ σ (…) in J/m³ of stresses (n, …) in Pa, which are `components`."""
+    dimension = int(np.sqrt(2 * len(sigma)))
+    i, j = np.triu_indices(dimension)
+    compliance = np.linalg.inv(material.tensor(dimension)[i, j][:, i, j])  # by strains ε_ii and 2 ε_ij
+    flat = sigma.reshape(len(sigma), -1)
+    return np.einsum("ck,ck->k", flat, compliance @ flat).reshape(sigma.shape[1:])
 
 
 def blocks(number: int) -> list[slice]:
-    """Slices of BLOCK numbers each that cover range(number)."""
-    return [slice(start, start + BLOCK) for start in range(0, number, BLOCK)]
+    """Slices of STRAIGHT_BLOCK numbers each that cover range(number)."""
+    return [slice(start, start + STRAIGHT_BLOCK) for start in range(0, number, STRAIGHT_BLOCK)]

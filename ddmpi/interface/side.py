@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.mesh.boundary import segments, turn_outward
-from ddmpi.mesh.elements import bends, side_lengths, side_shares
+from ddmpi.mesh.elements import bends, facet_measures, facet_shares
 from ddmpi.mesh.mesh import Mesh
 
 SHARPEST = np.deg2rad(40.0)
@@ -95,7 +95,7 @@ class Side:
     @property
     def lengths(self) -> np.ndarray:
         """(ns,) arc lengths of the links (m)."""
-        return side_lengths(self.xy[self.links])
+        return facet_measures(self.xy[self.links])
 
     @property
     def outward(self) -> np.ndarray:
@@ -214,7 +214,7 @@ class Side:
 
     def lengths_over(self, some: np.ndarray) -> np.ndarray:
         """Nodal lengths (k,) over some of the links (ns,) bool: integrals of the shape functions (m)."""
-        shares, total = side_shares(self.xy[self.links]), np.zeros(len(self.nodes))
+        shares, total = facet_shares(self.xy[self.links]), np.zeros(len(self.nodes))
         for column, share in zip(self.links.T, shares.T, strict=True):
             np.add.at(total, column[some], share[some])
         return total
@@ -264,7 +264,7 @@ def contact_side(mesh: Mesh, edges: np.ndarray, clamps: np.ndarray, body: str, m
     nodes = _order(neighbours, mesh.points)
     sides = mesh.points[edges]
     length, normal = np.zeros(len(mesh.points)), np.zeros_like(mesh.points)
-    for column, share, outward in zip(edges.T, side_shares(sides).T, _across(sides), strict=True):
+    for column, share, outward in zip(edges.T, facet_shares(sides).T, _across(sides), strict=True):
         np.add.at(length, column, share)
         np.add.at(normal, column, outward)
     normal = normal[nodes] / np.linalg.norm(normal[nodes], axis=1, keepdims=True)
@@ -284,7 +284,7 @@ def _arc(edges: np.ndarray, points: np.ndarray, origins: np.ndarray) -> np.ndarr
 
     Each chain counts from its own start: where no edge ends, else at the first of `origins` (k,) that is on it.
     """
-    length = side_lengths(points[edges])
+    length = facet_measures(points[edges])
     after = dict(zip(edges[:, 0].tolist(), zip(edges[:, 1].tolist(), length.tolist(), strict=True), strict=True))
     arc = np.full(len(points), np.nan)
     for start in [*np.setdiff1d(edges[:, 0], edges[:, 1]), *origins]:

@@ -20,7 +20,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from ddmpi.mesh.geometry import Sizes, graded
-from ddmpi.mesh.mesh import Mesh, signed_double_areas
+from ddmpi.mesh.mesh import Mesh, signed_measures
 from ddmpi.scene.scene import Settled
 
 FIRST_RATE = 0.75
@@ -88,7 +88,7 @@ def demand(squares: np.ndarray, rate: float) -> Demand:
 
 def finer_sizes(mesh: Mesh, squares: np.ndarray, rate: float, scale: float) -> Sizes:
     """The sizes κ h_e η_e^(−1/(p+1)) for the squared errors η_e² (nt,) of the triangles; `scale` is κ."""
-    size = np.sqrt(2 / math.sqrt(3) * signed_double_areas(mesh.points, mesh.triangles))  # of equilateral ones
+    size = np.sqrt(4 / math.sqrt(3) * signed_measures(mesh.points, mesh.triangles))  # of equilateral ones
     with np.errstate(divide="ignore"):
         ratio = scale * squares ** (-0.5 / (rate + 1))
     return graded(mesh, size * np.clip(ratio, SHRINK, GROW))

@@ -6,6 +6,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.errors import InputError
+from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.keys import nearest
@@ -71,21 +72,33 @@ def _place(mesh: Mesh, triangle: int) -> str:
     return f"the triangle at ({x:.6g}, {y:.6g})"
 
 
-def turn_outward(mesh: Mesh, edges: np.ndarray, key: str) -> np.ndarray:
-    """The edges, turned so that the body lies to their left. Raises InputError, naming `key`, for an inner edge."""
-    size = len(mesh.points)
-    marked = np.zeros(size, dtype=bool)
-    marked[edges] = True
-    t = mesh.triangles[np.count_nonzero(marked[mesh.triangles], axis=1) > 1]  # no other triangle has such an edge
-    around = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
-    keys = around[:, 0] * size + around[:, 1]
-    forward = np.isin(edges[:, 0] * size + edges[:, 1], keys)
-    backward = np.isin(edges[:, 1] * size + edges[:, 0], keys)
-    inner = edges[~(forward ^ backward)]
-    if len(inner):
-        x, y = mesh.points[inner[0, :2]].mean(axis=0)
-        raise InputError(f"{key}: the group has lines that are not on the body's boundary, as at ({x:.6g}, {y:.6g})")
-    return np.where(forward[:, None], edges, edges[:, [1, 0, *range(2, edges.shape[1])]])
+def turn_outward(mesh: Mesh, facets: np.ndarray, key: str) -> np.ndarray:
+    """The facets (k, l), turned outward: in the plane the body lies to their left, in space they are counter-clockwise
+    from outside. Raises InputError, naming `key`, for an inner one.
+    """
+    d, marked = mesh.dimension, np.zeros(len(mesh.points), dtype=bool)
+    marked[facets] = True
+    near = np.count_nonzero(marked[mesh.corners], axis=1) >= d  # no other cell has such a facet
+    outer, _ = boundary_facets(mesh.triangles[near])
+    _, number = np.unique(np.sort(np.concatenate([outer[:, :d], facets[:, :d]])), axis=0, return_inverse=True)
+    place = np.full(len(number), -1)
+    place[number.ravel()[:len(outer)]] = np.arange(len(outer))
+    found = place[number.ravel()[len(outer):]]
+    if (found < 0).any():
+        at = ", ".join(f"{x:.6g}" for x in mesh.points[facets[found < 0][0, :d]].mean(axis=0))
+        raise InputError(f"{key}: the group has lines that are not on the body's boundary, as at ({at})")
+    return outer[found]
+
+
+def boundary_facets(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The facets (f, l) that belong to one of the cells (nt, k) only, turned outward, and the cell (f,) of each."""
+    cell = next(each for (dimension, _), each in CELLS.items() if dimension > 1 and len(each.nodes) == cells.shape[1])
+    facets = cells[:, cell.facets].reshape(-1, cell.facets.shape[1])
+    keys = 0
+    for node in np.sort(facets[:, :cell.dimension], axis=1).T:
+        keys = np.unique(keys * (int(cells.max()) + 1) + node, return_inverse=True)[1]
+    alone = np.flatnonzero(np.bincount(keys)[keys] == 1)
+    return facets[alone], alone // len(cell.facets)
 
 
 def segments(edges: np.ndarray) -> np.ndarray:

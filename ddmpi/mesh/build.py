@@ -13,7 +13,7 @@ from typing import Literal
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group, group_nodes, material_numbers
 from ddmpi.mesh.geometry import Sizes, mesh_geometry
-from ddmpi.mesh.mesh import Mesh, refuse_folded, signed_double_areas
+from ddmpi.mesh.mesh import Mesh, refuse_folded, signed_measures
 from ddmpi.mesh.read import file_order, read_mesh
 from ddmpi.mesh.refine import halve, raise_order
 from ddmpi.mesh.shapes import generate_annulus, generate_quadrilateral, generate_rectangle
@@ -45,7 +45,7 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
         assert spec.divisions
         _refuse_huge(2.0 * spec.divisions[0] * spec.divisions[1], f"{key}.divisions")
         mesh = SHAPES[spec.shape](spec)
-        if not signed_double_areas(mesh.points, mesh.triangles).min() > 0.0:
+        if not signed_measures(mesh.points, mesh.triangles).min() > 0.0:
             raise InputError(f"{key}: its triangles have no area in double precision; sizes, place and units do not "
                              "fit together")
     elif spec.geometry is not None:

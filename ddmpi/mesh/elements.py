@@ -1,165 +1,290 @@
-"""Lagrange triangles of order 1 and 2: integrals over them as small tables, over curved ones by quadrature.
+"""Simplices of any dimension, order 1 and 2, as data: `CELLS[d, order]`; integrals over straight and curved ones.
 
-On a straight-sided triangle the gradients of the barycentric coordinates λ_a are constant. Every
-integral is therefore a table times the area, or times the length of a side. Tables are indexed by the
-triangle's nodes (three corners, then in order 2 the middles of the sides 01, 12, 20) and by its corners.
-The nodes of a side are its two ends, then its middle.
+Points of a cell are given by their barycentric coordinates λ_0 … λ_d. Nodes are the corners, then in order 2 the
+middles of the edges. A shape function is one at its node, zero at all others, and a polynomial Σ c_n λ^α_n with
+|α_n| = order. On a straight cell of measure |T| (length, area or volume) the gradients of λ are constant, and every
+integral is a table times |T|, by ∫ λ^α = |T| d! α! / (d + |α|)!.
 
-A triangle of order 2 is curved where middles are off the midpoints of their chords: then its shape functions φ_i map
-it, x = Σ φ_i x_i (isoparametric elements), and integrals are sums over the points of TRIANGLE and LINE.
+A cell of order 2 is curved where middles are off the midpoints of their chords: then its shape functions φ_i map
+it, x = Σ φ_i x_i (isoparametric elements), and integrals are sums over the points of RULES and FINE.
+
+Within loops over cells components come first, as in (d, d, q, t) for matrices at q points of t cells: numpy then works
+along the cells.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations_with_replacement, permutations
+from math import factorial
 
 import numpy as np
 
-_A, _B = 0.445948490915965, 0.091576213509771
+Rule = tuple[np.ndarray, np.ndarray]
+"""Barycentric coordinates (q, d + 1) of points, and their weights (q,), which sum to one."""
 
-TRIANGLE = (np.array([np.roll([1 - 2 * a, a, a], k) for a in (_A, _B) for k in range(3)]),
-            np.repeat([0.223381589678011, 0.109951743655322], 3))
-"""Barycentric points and weights, exact to degree 4 (Dunavant 1985). On curved triangles ∫ σ : ε(φ_i) of a constant
-stress needs degree 2 and ∫ φ_i degree 4, so that constant stresses and constant volume forces are exact."""
+EDGES = {1: [(0, 1)], 2: [(0, 1), (1, 2), (2, 0)], 3: [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]}
+"""Ends of the edges by dimension; their middles are numbered in this order, which is VTK's."""
 
-_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(5)
+FACETS: dict[int, list[tuple[int, ...]]] = {
+    1: [(1,), (0,)], 2: [(0, 1), (1, 2), (2, 0)], 3: [(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)]}
+"""Corners of the facets by dimension. From outside they are counter-clockwise; in the plane the cell lies to their
+left."""
 
-LINE = ((1.0 + _POINTS) / 2, _WEIGHTS / 2)
-"""Points from 0 to 1 along a side, and weights: Gauss's, exact to degree 9. Arc lengths are no polynomials."""
-
-
-def _collapsed() -> tuple[np.ndarray, np.ndarray]:
-    at, weights = LINE
-    a, b = (each.ravel() for each in np.meshgrid(at, at, indexing="ij"))
-    return np.column_stack([1 - a, a * (1 - b), a * b]), 2 * a * np.outer(weights, weights).ravel()
-
-
-FINE = _collapsed()
-"""Barycentric points and weights for loads, exact to degree 8: Gauss's on a square that is mapped (Duffy 1982)."""
+NAMES = {1: "line", 2: "triangle", 3: "tetrahedron"}
+"""By dimension."""
 
 BENT = 1e-9
-"""A side is curved if its middle is off the midpoint of its chord by more than this part of the chord's length."""
+"""An edge is curved if its middle is off the midpoint of its chord by more than this part of the chord's length."""
 
 
 @dataclass(frozen=True)
 class Mapped:
-    """Curved triangles at q points of each.
+    """Cells of dimension d, straight or curved, at q points of each.
 
     Attributes
     ----------
-    places : (q, t, 2) where the points lie (m)
-    areas : (q, t) ratio of areas to those of the reference triangle, of area one (m²); positive unless it folds
-    slopes : (2, q, k, t) ∂φ_i/∂x and ∂φ_i/∂y (1/m)
+    places : (q, t, d) where the points lie (m)
+    measures : (q, t) ratio of measures to those of the reference cell, of measure one; positive unless the cell folds
+    derivatives, inverse : ∂φ_i/∂λ_a (d, q, k), and ∂λ_a/∂x (d, d, q, t) (1/m)
     """
 
     places: np.ndarray
-    areas: np.ndarray
-    slopes: np.ndarray
+    measures: np.ndarray
+    derivatives: np.ndarray
+    inverse: np.ndarray
+
+    @property
+    def slopes(self) -> np.ndarray:
+        """The gradients ∂φ_i/∂x (d, q, k, t) (1/m)."""
+        return self.derivatives.transpose(1, 2, 0) @ self.inverse.transpose(1, 2, 0, 3)
 
 
 @dataclass(frozen=True)
-class Element:
-    """Tables of one order, with k nodes to a triangle and l to a side.
+class Cell:
+    """The reference simplex of one dimension d and order, with k nodes.
 
     Attributes
     ----------
-    gradients : (q, k, 3) coefficients c of ∇φ_i = Σ_a c_ia ∇λ_a at the midpoints of the sides (a
-        single point where they are constant); products of two are integrated exactly
-    mass : (k, 3) ∫ φ_i λ_a, for a triangle of area one
-    side_mass : (l, 2) ∫ φ_i λ_a, for a side of length one
-    side_weights : (l,) ∫ φ_i, all positive, for a side of length one
+    nodes : (k, d + 1) barycentric coordinates of the nodes
+    edges : (e, 2 or 3) ends, in order 2 then the middle, of each edge
+    facets : (d + 1, l) nodes of each facet as those of `CELLS[d - 1, order]`, turned outward
+    powers, coefficients : (n, d + 1) exponents α and (k, n) integers c of φ_i = Σ c_in λ^α_n
     """
 
-    gradients: np.ndarray
-    mass: np.ndarray
-    side_mass: np.ndarray
+    nodes: np.ndarray
+    edges: np.ndarray
+    facets: np.ndarray
+    powers: np.ndarray
+    coefficients: np.ndarray
 
     @property
-    def side_weights(self) -> np.ndarray:
-        return self.side_mass.sum(axis=1)
+    def dimension(self) -> int:
+        return self.nodes.shape[1] - 1
 
-    def stiffness_weights(self) -> np.ndarray:
-        """w (k, k, 3, 3) with ∫ ∇φ_i ⊗ ∇φ_j = Σ_ab w_ijab ∇λ_a ⊗ ∇λ_b, for a triangle of area one."""
-        c = self.gradients
-        return np.einsum("qia,qjb->ijab", c, c) / len(c)
+    @property
+    def name(self) -> str:
+        return NAMES[self.dimension]
 
-    def map(self, nodes: np.ndarray, barycentric: np.ndarray) -> Mapped:
-        """Points (q, 3) of triangles whose `nodes` (t, k, 2) need not lie on straight sides."""
-        table = _gradients(barycentric) if len(self.mass) == 6 else np.repeat(self.gradients, len(barycentric), axis=0)
-        table = (table[:, :, 1:] - table[:, :, :1]).transpose(2, 0, 1)  # by λ_1 and λ_2; λ_0 = 1 − λ_1 − λ_2
-        x, y = np.ascontiguousarray(nodes.transpose(2, 1, 0))
-        (x1, x2), (y1, y2) = table @ x, table @ y
-        doubled = x1 * y2 - y1 * x2
-        first, second = table[..., None]
-        (x1, x2), (y1, y2) = ((each / doubled)[:, :, None] for each in ((x1, x2), (y1, y2)))
-        slopes = np.empty((2, *first.shape[:2], len(nodes)))
-        np.subtract(first * y2, second * y1, out=slopes[0])
-        np.subtract(second * x1, first * x2, out=slopes[1])
-        phi = self.shapes(barycentric)
-        return Mapped(np.stack([phi @ x, phi @ y], axis=2), doubled / 2, slopes)
+    @cached_property
+    def mass(self) -> np.ndarray:
+        """(k, d + 1) ∫ φ_i λ_a over a cell of measure one."""
+        return self.coefficients @ self._integrals(self.powers[:, None] + np.eye(self.dimension + 1, dtype=int))
+
+    @cached_property
+    def weights(self) -> np.ndarray:
+        """(k,) ∫ φ_i over a cell of measure one."""
+        return self.coefficients @ self._integrals(self.powers)
+
+    @cached_property
+    def stiffness(self) -> np.ndarray:
+        """w (k, k, d, d) with ∫ ∇φ_i ⊗ ∇φ_j = Σ_ab w_ijab ∇λ_a ⊗ ∇λ_b, a, b ≥ 1, over a cell of measure one.
+
+        Zeros are exact: all that is summed are integers over the same denominator.
+        """
+        scaled = self.coefficients[..., None] * self.powers  # ∂φ_i/∂λ_a = Σ_n scaled_ina λ^(α_n − e_a)
+        lower = np.maximum(self.powers[:, None] - np.eye(self.dimension + 1, dtype=int), 0)
+        w = np.einsum("ina,jmb,namb->ijab", scaled, scaled, _products(lower[:, :, None, None] + lower))
+        w = w[:, :, 1:, 1:] - w[:, :, 1:, :1] - w[:, :, :1, 1:] + w[:, :, :1, :1]  # as λ_0 = 1 − λ_1 − …
+        degree = 2 * int(self.powers[0].sum()) - 2
+        return w * factorial(self.dimension) / factorial(self.dimension + degree)
+
+    def _integrals(self, powers: np.ndarray) -> np.ndarray:
+        """∫ λ^α over a cell of measure one, for exponents (…, d + 1) of one degree."""
+        degree = int(powers.sum(axis=-1).flat[0])
+        return _products(powers) * factorial(self.dimension) / factorial(self.dimension + degree)
 
     def shapes(self, barycentric: np.ndarray) -> np.ndarray:
-        """The shape functions (…, k) at points given by their barycentric coordinates (…, 3)."""
-        if len(self.mass) == 3:
-            return barycentric
-        return np.concatenate([barycentric * (2 * barycentric - 1), 4 * barycentric * np.roll(barycentric, -1, -1)], -1)
+        """The shape functions (…, k) at points given by their barycentric coordinates (…, d + 1)."""
+        return (barycentric[..., None, :] ** self.powers).prod(axis=-1) @ self.coefficients.T
+
+    def derivatives(self, barycentric: np.ndarray) -> np.ndarray:
+        """∂φ_i/∂λ_a (d, q, k) at points (q, d + 1), for a = 1 … d with λ_0 = 1 − λ_1 − …."""
+        lower = np.maximum(self.powers[:, None] - np.eye(self.dimension + 1, dtype=int), 0)
+        terms = (barycentric[:, None, None] ** lower).prod(axis=-1) * self.powers  # (q, n, d + 1)
+        found = np.einsum("qna,in->aqi", terms, self.coefficients)
+        return found[1:] - found[:1]
+
+    def tangents(self, nodes: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+        """∂x/∂λ_a (d, D, q, t) at points (q, d + 1) of t cells in space of dimension D, with `nodes` (t, k, D) (m)."""
+        return self.derivatives(barycentric)[:, None] @ np.ascontiguousarray(nodes.transpose(2, 1, 0))
+
+    def map(self, nodes: np.ndarray, barycentric: np.ndarray) -> Mapped:
+        """Points (q, d + 1) of cells whose `nodes` (t, k, d) need not lie on straight edges (m)."""
+        inverse, determinant = invert(self.tangents(nodes, barycentric))
+        places = np.moveaxis(self.shapes(barycentric) @ nodes.transpose(2, 1, 0), 0, -1)
+        return Mapped(places, determinant / factorial(self.dimension), self.derivatives(barycentric), inverse)
+
+    def vectors(self, nodes: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+        """Normal vectors (d + 1, q, t) of facets in space of dimension d + 1, with `nodes` (t, k, d + 1) (m).
+
+        Their lengths are ratios of measures to those of the reference cell, of measure one; those of facets of `CELLS`
+        point outward.
+        """
+        return cross(self.tangents(nodes, barycentric)) / factorial(self.dimension)
 
 
-def _gradients(barycentric: np.ndarray) -> np.ndarray:
-    """Of φ_a = λ_a (2 λ_a − 1) at the corners, φ_ab = 4 λ_a λ_b at the middles: coefficients (q, 6, 3) at points."""
-    c = np.zeros((len(barycentric), 6, 3))
-    for a in range(3):
-        b = (a + 1) % 3
-        c[:, a, a] = 4 * barycentric[:, a] - 1
-        c[:, 3 + a, a], c[:, 3 + a, b] = 4 * barycentric[:, b], 4 * barycentric[:, a]
-    return c
+def _products(powers: np.ndarray) -> np.ndarray:
+    """α! = Π α_a! of exponents (…, d + 1)."""
+    return np.array([1.0, 1.0, 2.0, 6.0, 24.0])[powers].prod(axis=-1)
 
 
-ELEMENTS = {
-    3: Element(np.eye(3)[None], (np.ones((3, 3)) + np.eye(3)) / 12, np.array([[2, 1], [1, 2]]) / 6),
-    6: Element(_gradients(np.array([[1, 1, 0], [0, 1, 1], [1, 0, 1]]) / 2),
-               np.array([[2, -1, -1], [-1, 2, -1], [-1, -1, 2], [8, 8, 4], [4, 8, 8], [8, 4, 8]]) / 60,
-               np.array([[1, 0], [0, 1], [2, 2]]) / 6),
-}
-"""By the number of nodes of a triangle."""
+def _lagrange(dimension: int, order: int) -> Cell:
+    """The simplex whose nodes are its corners and, in order 2, the middles of its edges."""
+    corners, ends = np.eye(dimension + 1), np.array(EDGES[dimension])
+    nodes = corners if order == 1 else np.concatenate([corners, corners[ends].mean(axis=1)])
+    terms = list(combinations_with_replacement(range(dimension + 1), order))
+    powers = np.array([np.bincount(each, minlength=dimension + 1) for each in terms])
+    values = (nodes[:, None] ** powers).prod(axis=-1)
+    edges, facets = ends, np.array(FACETS[dimension])
+    if order == 2:
+        middle = {frozenset(pair): dimension + 1 + k for k, pair in enumerate(EDGES[dimension])}
+        edges = np.column_stack([ends, list(middle.values())])
+        sides = EDGES[dimension - 1] if dimension > 1 else []
+        facets = np.array([[*facet, *(middle[frozenset((facet[a], facet[b]))] for a, b in sides)]
+                           for facet in FACETS[dimension]])
+    return Cell(nodes, edges, facets, powers, np.round(np.linalg.inv(values)).T)
 
 
-def shapes_on_side(at: np.ndarray, number: int) -> np.ndarray:
-    """The shape functions (q, 2 or 3) of a side's ends and middle at its parameters (q,), from 0 to 1."""
-    if number == 2:
-        return np.column_stack([1.0 - at, at])
-    return np.column_stack([(1.0 - at) * (1.0 - 2.0 * at), at * (2.0 * at - 1.0), 4.0 * at * (1.0 - at)])
+CELLS = {(dimension, order): _lagrange(dimension, order) for dimension in EDGES for order in (1, 2)}
+"""By dimension and order."""
 
 
-def bends(sides: np.ndarray) -> np.ndarray:
-    """How far (…, 2) the middles of sides with nodes (…, 2 or 3, 2) are off the midpoints of their chords (m).
+def _orbits(*orbits: tuple[float, Sequence[float]]) -> Rule:
+    """A rule of points by weights and barycentric coordinates, of which all permutations are points as well."""
+    points = [sorted(set(permutations(point))) for _, point in orbits]
+    return np.concatenate(points), np.repeat([weight for weight, _ in orbits], [len(each) for each in points])
 
-    Exactly zero for straight sides, the only ones of order 1.
+
+def _collapsed(dimension: int) -> Rule:
+    """Gauss's five points along each edge of a cube that is mapped to the simplex (Duffy 1982): exact to degree
+    10 − d."""
+    at, weights = np.polynomial.legendre.leggauss(5)
+    grid = np.stack(np.meshgrid(*[(1.0 + at) / 2] * dimension, indexing="ij")).reshape(dimension, -1)
+    weight = np.stack(np.meshgrid(*[weights / 2] * dimension, indexing="ij")).reshape(dimension, -1).prod(axis=0)
+    rest, points = np.ones_like(grid[0]), []
+    for k, t in enumerate(grid):
+        points.append(rest * (1.0 - t))
+        rest = rest * t
+        weight = weight * (dimension - k) * t ** (dimension - 1 - k)
+    return np.stack([*points, rest], axis=1), weight
+
+
+def _second(dimension: int) -> Rule:
+    """d + 1 points, exact to degree 2."""
+    rest = (1.0 - (dimension + 2) ** -0.5) / (dimension + 1)
+    return _orbits((1.0 / (dimension + 1), [1.0 - dimension * rest, *[rest] * dimension]))
+
+
+_A, _B, _C, _D, _E = 0.445948490915965, 0.091576213509771, 0.310885919263300610, 0.0927352503108912264, \
+    0.0455037041256496495
+
+FIRST = {dimension: _orbits((1.0, [1.0 / (dimension + 1)] * (dimension + 1))) for dimension in EDGES}
+"""The centroid, where the stress of a straight cell is its mean."""
+
+SECOND = {dimension: _second(dimension) for dimension in EDGES}
+"""d + 1 points, exact to degree 2."""
+
+RULES = {1: _collapsed(1),
+         2: _orbits((0.223381589678011, [1 - 2 * _A, _A, _A]), (0.109951743655322, [1 - 2 * _B, _B, _B])),
+         3: _orbits((0.112687925718015851, [1 - 3 * _C, _C, _C, _C]), (0.0734930431163619495, [1 - 3 * _D, _D, _D, _D]),
+                    (0.0425460207770814664, [0.5 - _E, 0.5 - _E, _E, _E]))}
+"""Exact to degree 4 in the plane (Dunavant 1985), 5 in space (Walkington 2000). On curved cells ∫ σ : ε(φ_i) of a
+constant stress needs degree d and ∫ φ_i degree d + 2, so that constant stresses and volume forces are exact."""
+
+FINE = {dimension: _collapsed(dimension) for dimension in EDGES}
+"""For loads and for measures of curved facets, which are no polynomials."""
+
+
+def cross(rows: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
+    """The vectors c (d, …) with c · v = det [v; rows] for all v; of one row (x, y) in the plane (y, −x).
+
+    Parameters
+    ----------
+    rows : (d − 1, d, …)
     """
-    if sides.shape[-2] == 2:
-        return np.zeros_like(sides[..., 0, :])
-    start, end, middle = np.moveaxis(sides, -2, 0)
+    columns = range(len(rows) + 1)
+    return np.stack([(-1) ** k * _determinant([[row[m] for m in columns if m != k] for row in rows]) for k in columns])
+
+
+def _determinant(rows: Sequence[Sequence[np.ndarray]]) -> np.ndarray | float:
+    if not rows:
+        return 1.0
+    found: np.ndarray | float = 0.0
+    first, rest = rows[0], rows[1:]
+    for k, each in enumerate(first):
+        found = found + (-1) ** k * each * _determinant([[*row[:k], *row[k + 1:]] for row in rest])
+    return found
+
+
+def invert(tangents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """∂λ_a/∂x (d, d, …) from ∂x/∂λ_a (d, d, …), and the determinants (…) of the latter."""
+    rows = range(len(tangents))
+    cofactors = np.stack([(-1) ** a * cross([tangents[b] for b in rows if b != a]) for a in rows])
+    determinant = (tangents[0] * cofactors[0]).sum(axis=0)
+    return cofactors / determinant, determinant
+
+
+def bends(edges: np.ndarray) -> np.ndarray:
+    """How far (…, D) the middles of edges with nodes (…, 2 or 3, D) are off the midpoints of their chords (m).
+
+    Exactly zero for straight edges, the only ones of order 1.
+    """
+    if edges.shape[-2] == 2:
+        return np.zeros_like(edges[..., 0, :])
+    start, end, middle = np.moveaxis(edges, -2, 0)
     off = middle - (start + end) / 2
     bent = np.linalg.norm(off, axis=-1) > BENT * np.linalg.norm(end - start, axis=-1)
     return np.where(bent[..., None], off, 0.0)
 
 
-def tangents(sides: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """dx/dt (s, q, 2) at the parameters t (q,) of sides with nodes (s, 2 or 3, 2) (m)."""
-    return (sides[:, 1] - sides[:, 0])[:, None] + 4.0 * (1.0 - 2.0 * at)[:, None] * bends(sides)[:, None]
+def facet_cell(facets: np.ndarray) -> Cell:
+    """What facets with nodes (s, l, D) are in themselves."""
+    _, number, dimension = facets.shape
+    return CELLS[dimension - 1, 1 if number == dimension else 2]
 
 
-def side_lengths(sides: np.ndarray) -> np.ndarray:
-    """The arc lengths (s,) of sides with nodes (s, 2 or 3, 2) (m)."""
-    found, bent = np.linalg.norm(sides[:, 1] - sides[:, 0], axis=1), bends(sides).any(axis=1)
-    found[bent] = np.linalg.norm(tangents(sides[bent], LINE[0]), axis=2) @ LINE[1]
+def curved_facets(facets: np.ndarray) -> np.ndarray:
+    """Which (s,) facets with nodes (s, l, D) have a curved edge."""
+    return bends(facets[:, facet_cell(facets).edges]).any(axis=(1, 2))
+
+
+def facet_measures(facets: np.ndarray) -> np.ndarray:
+    """The lengths or areas (s,) of facets with nodes (s, l, D) (m or m²)."""
+    return facet_shares(facets).sum(axis=1)
+
+
+def facet_shares(facets: np.ndarray) -> np.ndarray:
+    """∫ φ_i (s, l) over facets with nodes (s, l, D) (m or m²)."""
+    cell, bent = facet_cell(facets), curved_facets(facets)
+    points, weights = FINE[cell.dimension]
+    found = np.linalg.norm(cell.vectors(facets, SECOND[cell.dimension][0][:1])[:, 0], axis=0)[:, None] * cell.weights
+    found[bent] = (np.linalg.norm(cell.vectors(facets[bent], points), axis=0).T * weights) @ cell.shapes(points)
     return found
 
 
-def side_shares(sides: np.ndarray) -> np.ndarray:
-    """∫ φ_i (s, 2 or 3) along sides with nodes (s, 2 or 3, 2) (m)."""
-    number, bent = sides.shape[1], bends(sides).any(axis=1)
-    found = np.linalg.norm(sides[:, 1] - sides[:, 0], axis=1)[:, None] * ELEMENTS[3 * number - 3].side_weights
-    ratio = np.linalg.norm(tangents(sides[bent], LINE[0]), axis=2)
-    found[bent] = (ratio * LINE[1]) @ shapes_on_side(LINE[0], number)
-    return found
+def shapes_on_side(at: np.ndarray, number: int) -> np.ndarray:
+    """The shape functions (…, 2 or 3) of a line's ends and middle at its parameters (…), from 0 to 1."""
+    return CELLS[1, number - 1].shapes(np.stack([1.0 - at, at], axis=-1))

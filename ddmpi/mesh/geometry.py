@@ -18,7 +18,7 @@ import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.mesh import Mesh, signed_double_areas
+from ddmpi.mesh.mesh import Mesh, signed_measures
 from ddmpi.mesh.read import MSH, gmsh_session, name_groups, read_mesh
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.system.interrupt import apart
@@ -371,7 +371,7 @@ def graded(mesh: Mesh, sizes: np.ndarray) -> Sizes:
 
     Not collective.
     """
-    corners, area = mesh.triangles[:, :3], signed_double_areas(mesh.points, mesh.triangles)
+    corners, area = mesh.triangles[:, :3], signed_measures(mesh.points, mesh.triangles)
     used, corners = np.unique(corners, return_inverse=True)
     corners, points, k = corners.reshape(-1, 3), mesh.points[used], len(used)
     weight = np.bincount(corners.ravel(), np.repeat(area, 3))

@@ -13,7 +13,8 @@ from typing import Literal
 import numpy as np
 
 from ddmpi.errors import InputError, InterruptionError
-from ddmpi.mesh.mesh import SIDES, Mesh, signed_double_areas
+from ddmpi.mesh.elements import CELLS
+from ddmpi.mesh.mesh import Mesh, signed_measures
 from ddmpi.mesh.refine import bend, raise_order
 from ddmpi.scene.values import LARGEST
 from ddmpi.system import interrupt
@@ -95,10 +96,10 @@ def read_mesh(path: Path, body: str, order: Literal[1, 2] = 1, label: str = "") 
     vertices = {name: number[nodes][number[nodes] >= 0] for name, nodes in vertices.items()}
     if any((lines < 0).any() for lines in groups.values()):
         raise InputError(f"{label} has boundary lines that belong to no triangle")
-    doubled = signed_double_areas(points, triangles)
-    if np.abs(doubled).min() <= FLAT * np.abs(doubled).max():
+    area = signed_measures(points, triangles)
+    if np.abs(area).min() <= FLAT * np.abs(area).max():
         raise InputError(f"{label} has triangles without area")
-    turned = doubled < 0
+    turned = area < 0
     triangles[turned] = triangles[turned][:, [0, 2, 1]]
     mesh = Mesh(points, triangles, groups, vertices, surfaces, cut)
     if bends is None:
@@ -123,7 +124,7 @@ def cut_quadrilaterals(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
     corners = points[quads[:, :4], :2]
     diagonals = np.linalg.norm(corners[:, :2] - corners[:, 2:], axis=2)
     left = (corners @ [1.0, 0.6]).argmin(axis=1) % 2  # ties of both are rare
-    size = [signed_double_areas(corners.reshape(-1, 2), 4 * np.arange(len(quads))[:, None] + part)
+    size = [signed_measures(corners.reshape(-1, 2), 4 * np.arange(len(quads))[:, None] + part)
             for part in np.array([[0, 1, 2], [0, 2, 3], [1, 2, 3], [1, 3, 0]])]
     fits = np.stack([size[0] * size[1] > 0.0, size[2] * size[3] > 0.0], axis=1)
     shorter = np.where(np.abs(np.diff(diagonals)[:, 0]) <= EQUAL * diagonals.max(axis=1), left,
@@ -245,7 +246,8 @@ def _line_groups(raw, label: str, triangles: np.ndarray) -> tuple[dict[str, np.n
     groups = {name: lines[own][_distinct(lines[own])[0]] for name, own in members.items()}
     alone: dict[str, np.ndarray] = {}
     if raw.point_sets and not raw.field_data:
-        sides, count = np.unique(np.sort(triangles[:, SIDES[:, :2]].reshape(-1, 2), axis=1), axis=0, return_counts=True)
+        sides, count = np.unique(np.sort(triangles[:, CELLS[2, 1].edges].reshape(-1, 2), axis=1), axis=0,
+                                 return_counts=True)
         for name, nodes in raw.point_sets.items():
             own = sides[(count == 1) & np.isin(sides, nodes).all(axis=1)]
             if name not in raw.cell_sets:
@@ -294,7 +296,7 @@ def _elements(raw, kind: str, corners: int) -> np.ndarray:
 
 def _bends(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """How far (k, 3, 2) the middles of triangles (k, 6) are off those of their sides, if by more than STRAIGHT (m)."""
-    start, end, middle = (points[triangles[:, each]] for each in SIDES.T)
+    start, end, middle = (points[triangles[:, each]] for each in CELLS[2, 2].edges.T)
     off = middle - (start + end) / 2
     far = np.linalg.norm(off, axis=2) > STRAIGHT * np.linalg.norm(end - start, axis=2)
     return np.where((far & (triangles[:, 3:] >= 0))[..., None], off, 0.0)

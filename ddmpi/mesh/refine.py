@@ -8,7 +8,8 @@ import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import segments
-from ddmpi.mesh.mesh import SIDES, Mesh
+from ddmpi.mesh.elements import CELLS
+from ddmpi.mesh.mesh import Mesh
 
 
 def raise_order(mesh: Mesh, key: str) -> Mesh:
@@ -18,19 +19,22 @@ def raise_order(mesh: Mesh, key: str) -> Mesh:
     """
     size = len(mesh.points)
 
-    def keys(edges: np.ndarray) -> np.ndarray:
+    def keys(cells: np.ndarray, dimension: int) -> np.ndarray:
+        edges = cells[:, CELLS[dimension, 1].edges]
         return edges.min(axis=-1) * size + edges.max(axis=-1)
 
-    sides, number = np.unique(keys(mesh.triangles[:, [[0, 1], [1, 2], [2, 0]]]), return_inverse=True)
+    of_cells = keys(mesh.triangles, mesh.dimension)
+    edges, number = np.unique(of_cells, return_inverse=True)
     groups = {}
-    for name, edges in mesh.groups.items():
-        place = np.minimum(np.searchsorted(sides, keys(edges)), len(sides) - 1)
-        if not np.array_equal(sides[place], keys(edges)):
+    for name, facets in mesh.groups.items():
+        wanted = keys(facets, mesh.dimension - 1)
+        place = np.minimum(np.searchsorted(edges, wanted), len(edges) - 1)
+        if not np.array_equal(edges[place], wanted):
             raise InputError(f"{key}: the boundary group {name!r} has lines that are not sides of triangles")
-        groups[name] = np.column_stack([edges, size + place])
-    ends = np.divmod(sides, size)
+        groups[name] = np.column_stack([facets, size + place])
+    ends = np.divmod(edges, size)
     points = np.concatenate([mesh.points, (mesh.points[ends[0]] + mesh.points[ends[1]]) / 2])
-    return Mesh(points, np.column_stack([mesh.triangles, size + number.reshape(-1, 3)]), groups, mesh.vertices,
+    return Mesh(points, np.column_stack([mesh.triangles, size + number.reshape(of_cells.shape)]), groups, mesh.vertices,
                 mesh.surfaces)
 
 
@@ -40,7 +44,7 @@ def bend(mesh: Mesh, bends: np.ndarray) -> Mesh:
     Where both triangles at a side give it, they give the same; zero means that the other one's counts.
     """
     bent, points = bends.any(axis=2), mesh.points.copy()
-    sides = mesh.triangles[:, SIDES][bent]
+    sides = mesh.triangles[:, mesh.cell.edges][bent]
     points[sides[:, 2]] = (points[sides[:, 0]] + points[sides[:, 1]]) / 2 + bends[bent]
     return replace(mesh, points=points)
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ddmpi.mesh.mesh import SIDES, Mesh
+from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.scene.meshes import MeshSpec
 
@@ -54,7 +54,7 @@ def generate_annulus(spec: MeshSpec) -> Mesh:
     if spec.order == 2:
         mesh = raise_order(mesh, "")
         if spec.closed:  # sides from the last nodes to the first go on to a whole turn
-            start, end, middle = mesh.triangles[:, SIDES].reshape(-1, 3).T
+            start, end, middle = mesh.triangles[:, mesh.cell.edges].reshape(-1, 3).T
             over = np.abs(parameters[start, 1] - parameters[end, 1]) > 0.5
             mesh.points[np.unique(middle[over]), 1] += 0.5
     radius = _between(*spec.radii, mesh.points[:, 0])

@@ -14,7 +14,7 @@ import numpy as np
 
 from ddmpi.errors import DdmpiError, InputError, OutputError
 from ddmpi.interface.state import ContactState
-from ddmpi.mesh.elements import side_lengths
+from ddmpi.mesh.elements import facet_measures
 from ddmpi.system.files import contact_files
 
 FORMAT = 2
@@ -97,7 +97,7 @@ def write_sides(path: Path, name: str, state: ContactState) -> None:
     if len(facets) == 0 or facets.shape[1] == 2:
         return
     start, end, middle = facets.T
-    length = side_lengths(xy[facets])
+    length = facet_measures(xy[facets])
     means = ((stress[start] + 4 * stress[middle] + stress[end]) / 6 for stress in (state.pressure, state.shear.ravel()))
     _write_csv(path / contact_files(name).sides, SIDES, zip(*xy[middle].T, length, *means, strict=True))
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import msgspec
+import numpy as np
 
 from ddmpi.scene.meshes import TOWARDS_CONTACTS, MeshSpec, SettledMesh
 from ddmpi.scene.values import (
@@ -50,6 +51,12 @@ class Material(Table, frozen=True, kw_only=True):
         if self.plane == "stress":
             first = E * nu / (1 - nu**2)
         return first, shear
+
+    def tensor(self, dimension: int) -> np.ndarray:
+        """C (d, d, d, d) of σ = C : ε (Pa), in the plane or in space."""
+        (first, shear), unit = self.lame, np.eye(dimension)
+        both = np.multiply.outer(unit, unit)  # δ_ij δ_kl
+        return first * both + shear * (both.transpose(0, 2, 1, 3) + both.transpose(0, 2, 3, 1))
 
     @property
     def locks(self) -> bool:

@@ -119,14 +119,15 @@ def _depth(tree: ast.AST) -> int:
     return depth
 
 
-def _compute(formula: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def _compute(formula: str, *x: np.ndarray) -> np.ndarray:
     """The values of a formula at points, in their shape. Raises ValueError, which quotes it, if it is none."""
     import simpleeval  # seldom needed
 
-    known = f"known are x, y, pi, where, {', '.join(FUNCTIONS)}"
+    places = dict(zip("xyz", x, strict=False))
+    known = f"known are {', '.join([*places, 'pi', 'where', *FUNCTIONS])}"
     evaluator = simpleeval.SimpleEval(
         _OPERATORS, {name: functools.partial(_call, name) for name in (*FUNCTIONS, "where")},
-        {"x": x, "y": y, "pi": np.float64(np.pi)})
+        places | {"pi": np.float64(np.pi)})
     evaluator.nodes = {kind: evaluator.nodes[kind] for kind in _NODES} | {ast.Constant: _number}
     try:
         tree = _parse(formula)
@@ -136,7 +137,7 @@ def _compute(formula: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
             raise ValueError("a chain of comparisons; write (0 < x) * (x < 1)")
         with np.errstate(all="ignore"):
             found = np.asarray(evaluator.eval(formula, previously_parsed=tree), float)
-        return np.array(np.broadcast_to(found, np.shape(x)))
+        return np.array(np.broadcast_to(found, np.shape(x[0])))
     except simpleeval.NameNotDefined as error:
         reason = f"{error.name!r} is not known; {known}"
     except simpleeval.FunctionNotDefined as error:
@@ -155,10 +156,10 @@ def _compute(formula: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def varies(value: Any) -> bool:
-    """Whether a value is, or has, a formula in which x or y occurs."""
+    """Whether a value is, or has, a formula in which a coordinate occurs."""
     if isinstance(value, tuple):
         return any(varies(part) for part in value)
-    return isinstance(value, str) and any(isinstance(node, ast.Name) and node.id in ("x", "y")
+    return isinstance(value, str) and any(isinstance(node, ast.Name) and node.id in ("x", "y", "z")
                                           for node in ast.walk(_parse(value)))
 
 
@@ -173,28 +174,29 @@ def check_formulas(key: str, value: Any) -> None:
             raise ValueError(f'{key}: the formula "{formula}" is {found[0]}, which is not a finite number')
 
 
-def evaluate(value: Any, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def evaluate(value: Any, *x: np.ndarray) -> np.ndarray:
     """Evaluate a constant, an affine function or a formula, each a scalar or a vector, at points.
 
     Parameters
     ----------
-    value : float, formula, pair of these, AffineScalar or AffineVector
-    x, y : arrays of the same shape (metres)
+    value : float, formula, tuple of these, AffineScalar or AffineVector
+    x : the coordinates, arrays of the same shape (metres)
 
     Returns
     -------
-    An array of that shape for a scalar, ``(2, *shape)`` for a vector; units of `value`. Formulas may give numbers
+    An array of that shape for a scalar, ``(d, *shape)`` for a vector; units of `value`. Formulas may give numbers
     that are not finite.
     """
     if isinstance(value, str):
-        return _compute(value, x, y)
-    if isinstance(value, tuple) and any(isinstance(part, str) for part in value):
-        return np.stack([evaluate(part, x, y) for part in value])
+        return _compute(value, *x)
+    if isinstance(value, tuple):
+        return np.stack([evaluate(part, *x) for part in value])
     if not isinstance(value, AffineVector | AffineScalar):
-        value = AffineVector(constant=value) if isinstance(value, tuple) else AffineScalar(constant=value)
-    terms = [np.multiply.outer(np.asarray(c), f) for c, f in
-             ((value.constant, np.ones_like(x)), (value.x_slope, x), (value.y_slope, y))]
-    return terms[0] + terms[1] + terms[2]
+        return np.full(np.shape(x[0]), value, float)
+    found = np.multiply.outer(np.asarray(value.constant), np.ones_like(x[0]))
+    for slope, coordinate in zip((value.x_slope, value.y_slope), x, strict=False):
+        found = found + np.multiply.outer(np.asarray(slope), coordinate)
+    return found
 
 
 class Profile(Table, frozen=True, kw_only=True):

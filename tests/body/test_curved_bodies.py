@@ -11,12 +11,13 @@ from ddmpi.body.rigid_motions import body_motions
 from ddmpi.body.stiffness import Stiffness, sum_stiffness
 from ddmpi.body.stress import Composite, stress, stress_at
 from ddmpi.mesh.build import build_mesh
-from ddmpi.mesh.elements import TRIANGLE
+from ddmpi.mesh.elements import RULES
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import bend, halve
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
 from ddmpi.scene.values import AffineScalar, AffineVector
 
+POINTS, WEIGHTS = RULES[2]
 STEEL = Material(young=2.1e11, poisson=0.3)
 INNER, OUTER = 0.5, 1.0
 LINEAR = np.array([[1e-3, 2e-4], [-3e-4, 5e-4]])
@@ -56,8 +57,8 @@ def test_quadrature_agrees_with_the_tables():
     other.__dict__["curved"] = np.arange(1, len(mesh.triangles), 2)
     u = np.sin(3.0 * mesh.points @ [[1.0, 2.0], [-2.0, 1.0]])
     body = spec(volume_force=(3.0, -5.0))
-    for of in (lambda m: dense(sum_stiffness(m, STEEL)), lambda m: nodal_loads(m, body), lambda m: m.areas(),
-               lambda m: stress(m, STEEL, u), lambda m: stress_at(m, STEEL, u, TRIANGLE[0]),
+    for of in (lambda m: dense(sum_stiffness(m, STEEL)), lambda m: nodal_loads(m, body), lambda m: m.measures(),
+               lambda m: stress(m, STEEL, u), lambda m: stress_at(m, STEEL, u, POINTS),
                lambda m: estimate_error(m, STEEL, u).squares, lambda m: estimate_error(m, STEEL, u).energy,
                lambda m: body_motions(m, sum_stiffness(m, STEEL), np.ones(m.points.shape, bool), "ring")):
         expected = of(mesh)
@@ -75,15 +76,15 @@ def test_linear_displacement_is_exact():
         assert found == pytest.approx(exact, abs=1e-12 * np.abs(exact).max())
         sigma = stress(mesh, STEEL, found)
         assert sigma == pytest.approx(np.tile(sigma.mean(axis=0), (len(sigma), 1)), abs=1e-10 * np.abs(sigma).max())
-        at = stress_at(mesh, STEEL, found, TRIANGLE[0])
-        assert at == pytest.approx(np.broadcast_to(sigma.mean(axis=0)[[0, 1, 3]], at.shape),
+        at, (xx, yy, _, xy) = stress_at(mesh, STEEL, found, POINTS), sigma.mean(axis=0)
+        assert at == pytest.approx(np.broadcast_to(np.array([[xx, xy], [xy, yy]])[..., None, None], at.shape),
                                    abs=1e-10 * np.abs(sigma).max())
         error = estimate_error(mesh, STEEL, found)
         assert error.total <= 1e-18 * error.energy
         strain = (LINEAR + LINEAR.T) / 2
         lame, shear = STEEL.lame
         density = lame * np.trace(strain)**2 + 2 * shear * (strain**2).sum()
-        assert error.energy == pytest.approx(density * mesh.areas().sum(), rel=1e-12)
+        assert error.energy == pytest.approx(density * mesh.measures().sum(), rel=1e-12)
 
 
 def solve(mesh: Mesh, **keys) -> np.ndarray:
@@ -121,7 +122,7 @@ def test_loads_on_curved_sides():
     f = nodal_loads(mesh, spec(traction=[Traction(on="inner", value=pressure)]))
     assert f.sum(axis=0) == pytest.approx([INNER, INNER], rel=5e-6)
     f = nodal_loads(mesh, spec(volume_force=(4.0, 1.0)))
-    assert f.sum(axis=0) == pytest.approx(np.array([4.0, 1.0]) * mesh.areas().sum(), rel=1e-13)
+    assert f.sum(axis=0) == pytest.approx(np.array([4.0, 1.0]) * mesh.measures().sum(), rel=1e-13)
     turn = AffineVector(constant=(0.0, 0.0), x_slope=(0.0, 1.0), y_slope=(-1.0, 0.0))  # its moment: ∫ r²
     f = nodal_loads(mesh, spec(volume_force=turn))
     moment = float((mesh.points[:, 0] * f[:, 1] - mesh.points[:, 1] * f[:, 0]).sum())
@@ -157,9 +158,9 @@ def test_thick_ring_converges():
         mesh = annulus((n, n // 2))
         u = solve(mesh, clamp=[Clamp(on="start", y=0.0), Clamp(on="end", x=0.0)],
                   traction=[Traction(on="inner", value=load)])
-        mapped = mesh.map(np.arange(len(mesh.triangles)))
-        parts = TRIANGLE[1][:, None] * mapped.areas
-        found = np.einsum("qk,tkd->qtd", mesh.element.shapes(TRIANGLE[0]), u[mesh.triangles])
+        mapped = mesh.map(np.arange(len(mesh.triangles)), POINTS)
+        parts = WEIGHTS[:, None] * mapped.measures
+        found = np.einsum("qk,tkd->qtd", mesh.cell.shapes(POINTS), u[mesh.triangles])
         exact = lame(mapped.places)
         squares = [(parts[..., None] * each**2).sum() for each in (found - exact, exact)]
         estimate = estimate_error(mesh, STEEL, u)
@@ -177,7 +178,7 @@ def test_pressure_all_around_a_curved_body_is_its_buoyancy(pressure):
     """∮ p n ds is the integral of ∇p over the curved triangles, exactly, for numbers and for formulas."""
     mesh = annulus((6, 2), (0.0, 360.0))
     loads = nodal_loads(mesh, spec(traction=[Traction(on=on, pressure=pressure) for on in ("inner", "outer")]))
-    assert loads.sum(axis=0) == pytest.approx(mesh.areas().sum() * np.array([-1.0, 3.0]), rel=1e-13)
+    assert loads.sum(axis=0) == pytest.approx(mesh.measures().sum() * np.array([-1.0, 3.0]), rel=1e-13)
 
 
 def test_volume_forces_as_formulas_are_those_of_numbers():

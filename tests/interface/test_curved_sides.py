@@ -7,8 +7,8 @@ from boundaries import raise_order, rectangle, ring, side
 from ddmpi.interface.matching import pair, touch
 from ddmpi.interface.mortar import cover, mortar, shapes
 from ddmpi.interface.side import Side, cross
-from ddmpi.mesh.elements import LINE, side_lengths
-from ddmpi.mesh.mesh import SIDES, Mesh
+from ddmpi.mesh.elements import FINE, facet_measures
+from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import bend
 from ddmpi.scene.contacts import Circle, NoFriction
 
@@ -18,7 +18,7 @@ UNEVEN = np.cumsum([0.0, 0.2, 0.12, 0.25, 0.16, 0.2, 0.1, 0.22, 0.15])
 def curved_ring(inner: float, outer: float, angles: np.ndarray, closed: bool = False) -> Mesh:
     """A ring of one layer whose middles lie at the mean angle and radius of their ends."""
     mesh = ring(inner, outer, angles, order=2, closed=closed)
-    ends, middle = mesh.points[mesh.triangles[:, SIDES[:, :2]]], mesh.points[mesh.triangles[:, 3:]]
+    ends, middle = mesh.points[mesh.triangles[:, mesh.cell.edges[:, :2]]], mesh.points[mesh.triangles[:, 3:]]
     radius = np.linalg.norm(ends, axis=3)
     direction = (ends / radius[..., None]).sum(axis=2)
     target = direction / np.linalg.norm(direction, axis=2, keepdims=True) * radius.mean(axis=2)[..., None]
@@ -72,11 +72,12 @@ def test_lines_through_chords_meet_curved_links():
     height, ratio = boundary.off_chords(links, at)
     t = boundary.parameters(links, at, upright)
     assert points(boundary, links, t) == pytest.approx(on_chord + height[:, None] * upright, abs=1e-14)
-    links = np.repeat([0, 1, 2], len(LINE[0]))
-    _, ratio = boundary.off_chords(links, np.tile(LINE[0], 3))
+    rule, weights = FINE[1]
+    links = np.repeat([0, 1, 2], len(rule))
+    _, ratio = boundary.off_chords(links, np.tile(rule[:, 1], 3))
     chords = np.linalg.norm(boundary.along, axis=1)
-    assert (ratio.reshape(3, -1) @ LINE[1]) * chords == pytest.approx(
-        side_lengths(boundary.xy[boundary.links]), rel=1e-5)
+    assert (ratio.reshape(3, -1) @ weights) * chords == pytest.approx(
+        facet_measures(boundary.xy[boundary.links]), rel=1e-5)
 
 
 def test_points_that_face_each_other_lie_on_one_ray():

@@ -27,7 +27,6 @@ from true_errors import (
 from ddmpi.body.estimate import estimate_error, relative_error
 from ddmpi.coupling.assembly import prepare
 from ddmpi.mesh.build import generate_rectangle
-from ddmpi.mesh.elements import ELEMENTS
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.run.solve import solve
@@ -92,7 +91,7 @@ def test_energy_norm_of_a_known_strain():
 @ORDERS
 def test_shape_functions(order):
     mesh, _ = rectangle(1, order)
-    element = ELEMENTS[mesh.triangles.shape[1]]
+    element = mesh.cell
     nodes = np.concatenate([np.eye(3), np.array([[1, 1, 0], [0, 1, 1], [1, 0, 1]]) / 2])[:(3, 6)[order - 1]]
     assert np.array_equal(element.shapes(nodes), np.eye(len(nodes)))
     assert element.shapes(np.full((4, 5, 3), 1 / 3)).sum(axis=-1) == pytest.approx(1.0)

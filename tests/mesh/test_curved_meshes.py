@@ -7,8 +7,8 @@ import pytest
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.build import build_mesh, order_of_files
-from ddmpi.mesh.elements import side_lengths, side_shares
-from ddmpi.mesh.mesh import SIDES, Mesh, refuse_folded
+from ddmpi.mesh.elements import facet_measures, facet_shares
+from ddmpi.mesh.mesh import Mesh, refuse_folded
 from ddmpi.mesh.read import read_mesh
 from ddmpi.mesh.refine import bend, halve, raise_order
 from ddmpi.scene.bodies import BodySpec, Material, MeshSpec
@@ -30,7 +30,7 @@ def radii(mesh: Mesh, group: str) -> np.ndarray:
 
 
 def length(mesh: Mesh, group: str) -> float:
-    return float(side_lengths(mesh.points[mesh.groups[group]]).sum())
+    return float(facet_measures(mesh.points[mesh.groups[group]]).sum())
 
 
 def write_ring(path, around: int, linear: bool = False):
@@ -68,7 +68,7 @@ def test_second_order_file_keeps_its_curved_sides(tmp_path):
     on_circles = np.concatenate([mesh.groups[name][:, 2] for name in ("inner", "outer")])
     touching = np.flatnonzero(np.isin(mesh.triangles[:, 3:], on_circles).any(axis=1))
     assert np.array_equal(mesh.curved, touching) and 0 < len(touching) < len(mesh.triangles)
-    assert mesh.areas().sum() == pytest.approx(np.pi / 4 * (OUTER**2 - INNER**2), rel=1e-5)
+    assert mesh.measures().sum() == pytest.approx(np.pi / 4 * (OUTER**2 - INNER**2), rel=1e-5)
     assert length(mesh, "inner") == pytest.approx(np.pi / 2 * INNER, rel=1e-5)
 
 
@@ -102,7 +102,7 @@ def test_turned_triangles_keep_their_middles(tmp_path):
     meshio.write(tmp_path / "turned.msh", meshio.Mesh(raw.points, turned, cell_data=raw.cell_data,
                                                       field_data=raw.field_data), file_format="gmsh22", binary=False)
     other = read_mesh(tmp_path / "turned.msh", "ring", 2)
-    assert other.areas() == pytest.approx(mesh.areas(), rel=1e-12)
+    assert other.measures() == pytest.approx(mesh.measures(), rel=1e-12)
 
 
 def evaluated(mesh: Mesh, barycentric: np.ndarray) -> np.ndarray:
@@ -120,7 +120,7 @@ def test_halving_follows_the_map_of_the_triangles(tmp_path):
     for k, part in enumerate(np.array(parts)):
         nodes = np.vstack([part, (part + np.roll(part, -1, axis=0)) / 2])
         assert fine.points[fine.triangles[k::4]].swapaxes(0, 1) == pytest.approx(evaluated(coarse, nodes), abs=1e-15)
-    assert fine.areas().sum() == pytest.approx(coarse.areas().sum(), rel=1e-13)
+    assert fine.measures().sum() == pytest.approx(coarse.measures().sum(), rel=1e-13)
     assert length(fine, "inner") == pytest.approx(length(coarse, "inner"), rel=1e-8)
     asked = build_mesh(body(file=str(tmp_path / "ring.msh"), order=2, refine=1))
     assert np.array_equal(asked.points, fine.points) and np.array_equal(asked.triangles, fine.triangles)
@@ -134,12 +134,12 @@ def test_annulus_is_curved(angles):
     assert distance == pytest.approx((OUTER - INNER) / 6 * np.round((distance - INNER) / (OUTER - INNER) * 6) + INNER,
                                      rel=1e-14)
     assert len(mesh.curved) == len(mesh.triangles)
-    radial = np.abs(np.ptp(distance[mesh.triangles[:, SIDES[:, :2]]], axis=2) - (OUTER - INNER) / 3) < 1e-12
+    radial = np.abs(np.ptp(distance[mesh.triangles[:, mesh.cell.edges[:, :2]]], axis=2) - (OUTER - INNER) / 3) < 1e-12
     bent = mesh.bends.any(axis=2)
     assert np.count_nonzero(~bent) == 3 * 7 * 2 and radial[~bent].all()
-    assert mesh.areas().min() > 0.0
+    assert mesh.measures().min() > 0.0
     span = np.radians(angles[1] - angles[0])
-    assert mesh.areas().sum() == pytest.approx(span / 2 * (OUTER**2 - INNER**2), rel=(span / 7)**4 / 400)
+    assert mesh.measures().sum() == pytest.approx(span / 2 * (OUTER**2 - INNER**2), rel=(span / 7)**4 / 400)
 
 
 def test_annulus_approaches_the_circles():
@@ -148,7 +148,7 @@ def test_annulus_approaches_the_circles():
     errors = []
     for n in (4, 8, 16):
         mesh = annulus((n, n // 2))
-        errors.append((mesh.areas().sum() - exact[0], length(mesh, "outer") - exact[1]))
+        errors.append((mesh.measures().sum() - exact[0], length(mesh, "outer") - exact[1]))
     rates = np.log2(np.abs(np.array(errors[:-1]) / errors[1:]))
     assert rates == pytest.approx(np.full((2, 2), 4.0), abs=0.1)
 
@@ -179,6 +179,6 @@ def test_shares_of_a_curved_side():
     t = np.linspace(0.0, 1.0, 200001)
     phi = np.column_stack([(1 - t) * (1 - 2 * t), t * (2 * t - 1), 4 * t * (1 - t)])
     steps = np.linalg.norm(np.diff(phi @ side, axis=0), axis=1)
-    shares = side_shares(side[None])[0]
+    shares = facet_shares(side[None])[0]
     assert shares == pytest.approx(steps @ (phi[1:] + phi[:-1]) / 2, rel=2e-4)
-    assert shares.sum() == pytest.approx(side_lengths(side[None])[0], rel=1e-14)
+    assert shares.sum() == pytest.approx(facet_measures(side[None])[0], rel=1e-14)

@@ -10,7 +10,7 @@ import pytest
 from ddmpi.errors import InputError
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.geometry import GRADE, Sizes, graded
-from ddmpi.mesh.mesh import Mesh, signed_double_areas
+from ddmpi.mesh.mesh import Mesh, signed_measures
 from ddmpi.mesh.read import gmsh_session
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec
 
@@ -54,7 +54,7 @@ def drawn(path: Path, size: float = 0.25, contacts: tuple[str, ...] = (), sizes:
 
 
 def area(mesh: Mesh) -> float:
-    return float(signed_double_areas(mesh.points, mesh.triangles).sum() / 2)
+    return float(signed_measures(mesh.points, mesh.triangles).sum())
 
 
 def lengths(mesh: Mesh, group: str) -> np.ndarray:
@@ -257,7 +257,7 @@ def test_circles_are_curved_in_order_2(tmp_path):
     """Elements of order 2 follow a hole's circle: the area is right to five digits on a coarse mesh."""
     mesh = drawn(write(tmp_path / "hole.geo", HOLE), size=1.0, order=2)
     assert len(mesh.curved) >= 24
-    assert mesh.areas().sum() == pytest.approx(2 - np.pi * 0.04, rel=1e-5, abs=0.0)
+    assert mesh.measures().sum() == pytest.approx(2 - np.pi * 0.04, rel=1e-5, abs=0.0)
 
 
 def test_quadrilaterals_keep_curved_sides(tmp_path):
@@ -275,7 +275,7 @@ def test_quadrilaterals_keep_curved_sides(tmp_path):
     spec = BodySpec(name="disc", mesh=MeshSpec(file=str(tmp_path / "disc.msh"), order=2),
                     material=Material(young=1.0, poisson=0.3))
     mesh = build_mesh(spec)
-    assert mesh.cut > 20 and mesh.areas().sum() == pytest.approx(np.pi, rel=1e-4, abs=0.0)
+    assert mesh.cut > 20 and mesh.measures().sum() == pytest.approx(np.pi, rel=1e-4, abs=0.0)
 
 
 @pytest.mark.parametrize("key", ["size", "contact_size"])

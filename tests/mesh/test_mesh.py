@@ -13,7 +13,7 @@ from scenes import LIMIT, run_command, write_scene
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group, corners, group_nodes, segments, turn_outward
 from ddmpi.mesh.build import build_mesh, generate_rectangle
-from ddmpi.mesh.mesh import Mesh, signed_double_areas
+from ddmpi.mesh.mesh import Mesh, signed_measures
 from ddmpi.mesh.read import cut_quadrilaterals, file_order, read_mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, PartMaterial, Traction
@@ -135,7 +135,7 @@ def write_quadratic_square(path: Path, moves: dict[int, tuple[float, float]] | N
 
 
 def area(mesh: Mesh) -> float:
-    return float(signed_double_areas(mesh.points, mesh.triangles).sum() / 2)
+    return float(signed_measures(mesh.points, mesh.triangles).sum())
 
 
 def length(mesh: Mesh, group: str) -> float:
@@ -181,8 +181,8 @@ def test_rectangle_keeps_size_and_origin(size, origin):
     rounding = (np.abs(mesh.points).max(axis=0) / size).max()  # what the offset costs
     assert rounding < 1e7
     assert area(mesh) == pytest.approx(width * height, rel=1e-14 * (1 + rounding), abs=0.0)
-    assert signed_double_areas(mesh.points, mesh.triangles) == \
-        pytest.approx(np.full(40, width * height / 20), rel=1e-14 * (1 + rounding), abs=0.0)
+    assert signed_measures(mesh.points, mesh.triangles) == \
+        pytest.approx(np.full(40, width * height / 40), rel=1e-14 * (1 + rounding), abs=0.0)
     assert mesh.extent == pytest.approx(np.hypot(*size), rel=1e-9, abs=0.0)
 
 
@@ -247,7 +247,7 @@ def test_rectangles_above_each_other_share_coordinates_exactly():
 def test_gmsh_file_is_read(tmp_path, version, binary):
     mesh = read_mesh(write_by_gmsh(tmp_path / "square.msh", version, binary), "upper")
     assert area(mesh) == pytest.approx(1.0, rel=1e-13, abs=0.0)
-    assert np.all(signed_double_areas(mesh.points, mesh.triangles) > 0)
+    assert np.all(signed_measures(mesh.points, mesh.triangles) > 0)
     assert set(mesh.groups) == set(NAMES)
     for name, component, value in (("left", 0, 0.0), ("right", 0, 1.0), ("bottom", 1, 0.0), ("top", 1, 1.0)):
         assert np.all(mesh.points[mesh.groups[name], component] == value)
@@ -382,7 +382,7 @@ def test_hand_made_file_is_read(tmp_path):
 
 def test_clockwise_triangles_are_turned(tmp_path):
     mesh = read_mesh(write_square(tmp_path / "square.msh", triangles=[[0, 2, 1], [0, 2, 3]]), "upper")
-    assert signed_double_areas(mesh.points, mesh.triangles) == pytest.approx([1.0, 1.0])
+    assert signed_measures(mesh.points, mesh.triangles) == pytest.approx([0.5, 0.5])
     assert [sorted(t) for t in mesh.triangles.tolist()] == HALVES.tolist()
 
 
@@ -555,7 +555,7 @@ def test_quadrilaterals_of_a_file(tmp_path, order):
     def places(each):
         return {frozenset(map(tuple, np.round(each.points[t], 9).tolist())) for t in each.triangles}
     assert places(mesh) == places(expected)
-    assert np.all(signed_double_areas(mesh.points, mesh.triangles) > 0)
+    assert np.all(signed_measures(mesh.points, mesh.triangles) > 0)
     spec = body_with(MeshSpec(file=str(path), refine=1, order=2))
     assert build_mesh(spec).cut == 18
 
@@ -593,7 +593,7 @@ def test_curved_quadrilaterals_of_a_file(tmp_path, complete, version):
     assert (mesh.cut, len(mesh.triangles), len(mesh.curved)) == (24, 48, 24)  # inner sides are straight
     for name, radii in (("soft", (0.5, 0.75)), ("hard", (0.75, 1.0))):
         ring = np.pi / 4 * (radii[1]**2 - radii[0]**2)
-        assert mesh.areas()[mesh.surfaces[name]].sum() == pytest.approx(ring, rel=3e-5)
+        assert mesh.measures()[mesh.surfaces[name]].sum() == pytest.approx(ring, rel=3e-5)
     outer = mesh.groups["outer"]
     assert np.linalg.norm(mesh.points[outer], axis=2) == pytest.approx(1.0, abs=1e-9)
 

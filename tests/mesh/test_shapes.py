@@ -6,7 +6,7 @@ import pytest
 from ddmpi.judge.accuracy import refine_scene
 from ddmpi.mesh.boundary import turn_outward
 from ddmpi.mesh.build import build_mesh, generate_rectangle
-from ddmpi.mesh.mesh import Mesh, signed_double_areas
+from ddmpi.mesh.mesh import Mesh, signed_measures
 from ddmpi.scene.bodies import BodySpec, Material, MeshSpec
 from ddmpi.scene.reader import read_scene
 
@@ -28,7 +28,7 @@ def annulus(divisions, angles=(0.0, 90.0), radii=(0.5, 1.25), center=(0.0, 0.0),
 
 
 def areas(mesh: Mesh) -> np.ndarray:
-    return signed_double_areas(mesh.points, mesh.triangles) / 2
+    return signed_measures(mesh.points, mesh.triangles)
 
 
 def lengths(mesh: Mesh, group: str) -> np.ndarray:
