@@ -154,7 +154,7 @@ def summarize(scene: dict, run: RunResult, bodies: Mapping[str, dict], contacts:
     entries = {name: body | {"n_A": sum(body["n_A_by_purpose"].values()),
                              "certificate": {"equilibrium": certificate.equilibrium[name]}}
                for name, body in bodies.items()}
-    n_A, m = (sum(entry["n_A"] for entry in entries.values()), sum(interface.m for interface in interfaces))
+    n_A, m = sum(entry["n_A"] for entry in entries.values()), sum(interface.m for interface in interfaces)
     summary: dict = _plain({
         "format": FORMAT, "title": scene["title"], "converged": run.converged, "reason": run.reason,
         "outer": method["outer"], "algorithm": method.get("algorithm") or method["outer"],
