@@ -1,5 +1,4 @@
-"""By which factor a picture enlarges deformations, and where it draws bodies and rigid partners, so that what touches
-touches."""
+"""Where pictures draw bodies and rigid partners, and the magnification of displacements."""
 
 from __future__ import annotations
 
