@@ -11,7 +11,7 @@ from typing import Any
 from ddmpi import __version__
 from ddmpi.cli.report_markup import Cell, Column, Html, element, fill, noted, number, percent, picture, table
 from ddmpi.results.folder import FILES
-from ddmpi.results.summary import RESIDUALS, moment_unit
+from ddmpi.results.summary import RESIDUALS, units
 from ddmpi.scene.reader import write_toml
 from ddmpi.system.files import MECHANISM, contact_files
 
@@ -71,9 +71,7 @@ class RunReport:
         self.error, self.stepped = summary["discretization_error"], self.scene.get("time") is not None
         last = time in (None, *(step["time"] for step in summary["steps"][-1:]))
         self.of_step = ("of the last load step" if last else f"at time {time:g}") if self.stepped else ""
-        length, force = summary["units"]["length"], summary["units"]["force"]
-        self.units = summary["units"] | {"": "", "moment": moment_unit(summary["units"]), "energy": {
-            "N/m": "J/m", "N/mm": "mJ/mm"}.get(force, f"{force}·{length}")}
+        self.units = units(self.scene["output"]) | {"": ""}
 
     def page(self, template: str) -> str:
         """The filled template."""
@@ -231,9 +229,9 @@ class RunReport:
         return found
 
     def _certificate(self) -> dict[str, Any]:
-        parts = {**self.contacts, **self.bodies}
+        parts = [*self.contacts.items(), *self.bodies.items()]
         kinds = {kind: value for kind, value in self.summary["certificate"].items() if kind in RESIDUALS}
-        by_kind = {kind: {name: each["certificate"][kind] for name, each in parts.items()
+        by_kind = {kind: {name: each["certificate"][kind] for name, each in parts
                           if kind in each["certificate"]} for kind in kinds}
         verdicts = [element("span", "fails", kind="fails") if self._fails(value) else "holds"
                     for value in kinds.values()]

@@ -125,10 +125,10 @@ def drawn_facets(lines: Lines) -> np.ndarray:
 
 
 def write_facets(path: Path, interfaces: Iterable[Interface]) -> None:
-    """Add to result.h5 in the folder `path` what pictures need of contacts besides their tables. Not collective.
+    """Add contacts/NAME/facets (f, 2) and contacts/NAME/initial_gap (l,) to result.h5 in the folder `path`.
 
-    contacts/NAME/facets (f, 2), as `drawn_facets`, and contacts/NAME/initial_gap (l,) at the lines of the table (m).
-    Raises OutputError.
+    Facets are `drawn_facets`; the gap (m) has an entry per line of the contact's table. Not collective. Raises
+    OutputError.
     """
     import h5py
 

@@ -88,7 +88,7 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
 
 
 def _means(sides: Columns, nodes: Columns) -> Columns:
-    """The table of sides with the means of the stresses at their `nodes`: their middles, and the nodes beside these."""
+    """The table of sides with means of the stresses at their three `nodes`, by Simpson's rule."""
     row = {place: k for k, place in enumerate(zip(nodes["x"], nodes["y"], strict=True))}
     middle = np.array([row[place] for place in zip(sides["x"], sides["y"], strict=True)], int)
     after = (middle + 1) % len(row)
@@ -99,8 +99,8 @@ def _means(sides: Columns, nodes: Columns) -> Columns:
 def draw_steps(results: Results, title: str) -> Any:
     """Tangential forces over the factor of the history that varies most, energies over time, stresses; a figure.
 
-    The solid curves of energies are states and sums since time 0; what friction dissipates and what time stepping and
-    closing gaps take besides are parts of the interface work. Not collective.
+    Energies count from time 0. Friction dissipates one part of the interface work; interference, closing gaps and time
+    stepping take the other. Not collective.
     """
     import matplotlib.pyplot as plt
 
@@ -116,9 +116,8 @@ def draw_steps(results: Results, title: str) -> Any:
     for name in shown:
         own = steps["contact"] == name
         loop.plot(driver, np.append(0.0, steps["tangential_force"][own]), marker=".", label=name)
-    unit = summary["units"]["force"]
-    loop.set(xlabel=label, ylabel=f"tangential force ({unit})")
-    _draw_energies(energies, results.energy, unit, summary["units"]["length"])
+    loop.set(xlabel=label, ylabel=f"tangential force ({summary['units']['force']})")
+    _draw_energies(energies, results.energy, summary["units"]["energy"])
     for axes, name in zip(grid[1:], shown, strict=True):
         _draw_stresses(axes, name, results, summary["units"])
     for axes in (loop, energies):
@@ -141,13 +140,13 @@ def _driver(summary: dict, times: np.ndarray) -> tuple[str, np.ndarray]:
     return (best[1], best[2]) if best and best[0] > 0.0 else ("time", points)
 
 
-def _draw_energies(axes: Any, energy: Columns, force: str, length: str) -> None:
+def _draw_energies(axes: Any, energy: Columns, unit: str) -> None:
     time = np.append(0.0, energy["time"])
     lost = energy["interface_work"] - energy["dissipated"]
     for name, values in {"external work": energy["external_work"], "strain energy": energy["strain_energy"],
                          "dissipated by friction": energy["dissipated"], "other interface work": lost}.items():
         axes.plot(time, np.append(0.0, values), marker=".", label=name)
-    axes.set(xlabel="time", ylabel=f"energy ({force}·{length})")
+    axes.set(xlabel="time", ylabel=f"energy ({unit})")
 
 
 def _draw_stresses(axes: Any, name: str, results: Results, units: dict) -> None:

@@ -1,10 +1,8 @@
-"""By which factor a picture enlarges deformations, and where it draws bodies and rigid partners, so that what touches
-touches."""
+"""Where pictures draw bodies and rigid partners, and the magnification of displacements."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,44 +21,6 @@ WHOLE = 1.5
 """A rigid circle that bodies may touch over more than this angle is drawn as a whole."""
 
 
-@dataclass(frozen=True)
-class _Pairs:
-    """The nodes of one contact.
-
-    Attributes
-    ----------
-    bodies : numbers of the first and, unless it is rigid, the second body
-    before : (m, 2) from the first to the second body along the normal, undeformed (m): the initial gap of the run,
-        which a scene may give in place of the drawn one
-    normal : (m, 2) of the first body
-    gap : (m,) deformed (m)
-    touching : (m,) bool
-    """
-
-    bodies: list[int]
-    before: np.ndarray
-    normal: np.ndarray
-    gap: np.ndarray
-    touching: np.ndarray
-
-    def distance(self) -> np.ndarray:
-        """(2,) mean distance of the undeformed nodes that will touch; of all nodes if none will."""
-        return self.before[self.touching if self.touching.any() else slice(None)].mean(axis=0)
-
-    def limits(self, shift: np.ndarray, visible: float) -> Iterator[float]:
-        """The largest magnifications at which errors are not `visible` (m), `shift` being per unit of F − 1.
-
-        The nodes are drawn F times as far apart as they are, but for (F − 1) `left`.
-        """
-        left = self.before - shift
-        wrong = np.linalg.norm(left[self.touching], axis=1).max(initial=0.0)
-        if wrong:
-            yield 1.0 + visible / wrong
-        into = np.einsum("ij,ij->i", left, self.normal)
-        overlapping = into > self.gap
-        yield from (visible + into[overlapping]) / (into - self.gap)[overlapping]
-
-
 def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
     """The magnification F and a shift (nv, 2) in metres: a node at x that moves by u is drawn at x + shift + F u.
 
@@ -70,27 +30,44 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
     at F = 1 there are none. A scene that gives ``output.magnification`` accepts what it does. `largest` is a
     displacement of an earlier load step that F has to suit as well (m). Not collective.
     """
-    points, u = results.fields["points"][:, :2], results.fields["displacement"][:, :2]
-    owner = owners(results)
-    names = list(results.summary["bodies"])
-    pairs = [_pairs(results.contacts[contact["name"]], [names.index(name) for name in contact["bodies"]
-                                                        if name in names])
-             for contact in results.summary["scene"]["contact"]]
-    apart = np.zeros((len(pairs), len(names)))
-    for row, each in zip(apart, pairs, strict=True):
-        row[each.bodies] = (-1.0, 1.0)[:len(each.bodies)]
-    moved, mobile = np.linalg.norm(u, axis=1), np.zeros(len(names))
+    points, moved = results.fields["points"][:, :2], np.linalg.norm(results.fields["displacement"], axis=1)
+    owner, names, contacts = owners(results), list(results.summary["bodies"]), results.summary["scene"]["contact"]
+    tables = [results.contacts[contact["name"]] for contact in contacts]
+    mobile, distances, apart = np.zeros(len(names)), np.zeros((len(tables), 2)), np.zeros((len(tables), len(names)))
     np.maximum.at(mobile, owner, moved)
-    distances = np.array([each.distance() for each in pairs]).reshape(-1, 2)
+    for k, (contact, table) in enumerate(zip(contacts, tables, strict=True)):
+        touching = table["status"] != "open"
+        distances[k] = _initially(table)[touching if touching.any() else slice(None)].mean(axis=0)
+        bodies = [names.index(name) for name in contact["bodies"] if name in names]  # a rigid partner is none
+        apart[k, bodies] = (-1.0, 1.0)[:len(bodies)]
     shifts = np.zeros((len(names), 2))
     if distances.any():
         shifts = mobile[:, None] * (np.linalg.pinv(apart * mobile) @ distances)  # mostly of the body that moves most
     extent, size = np.ptp(points, axis=0).max(), max(moved.max(), largest, np.abs(shifts).max())
-    limits = [limit for each, shift in zip(pairs, apart @ shifts, strict=True)
-              for limit in each.limits(shift, INVISIBLE * extent)]
+    limits = [limit for table, shift in zip(tables, apart @ shifts, strict=True)
+              for limit in _limits(table, shift, INVISIBLE * extent)]
     chosen = _round_down(min([DRAWN * extent / size, *limits])) if size else 1.0
     factor = results.summary["scene"]["output"].get("magnification") or max(chosen, 1.0)
     return factor, (factor - 1.0) * shifts[owner]
+
+
+def _initially(table: Columns) -> np.ndarray:
+    """(l, 2) from the first to the second body along the normal, undeformed (m): the gap that the run began with."""
+    return table["initial_gap"][:, None] * np.column_stack([table["nx"], table["ny"]])
+
+
+def _limits(table: Columns, shift: np.ndarray, visible: float) -> Iterator[float]:
+    """The largest magnifications at which errors are not `visible` (m), `shift` being per unit of F − 1.
+
+    The nodes are drawn F times as far apart as they are, but for (F − 1) `left`.
+    """
+    left, gap = _initially(table) - shift, table["gap"]
+    wrong = np.linalg.norm(left[table["status"] != "open"], axis=1).max(initial=0.0)
+    if wrong:
+        yield 1.0 + visible / wrong
+    into = left[:, 0] * table["nx"] + left[:, 1] * table["ny"]
+    overlapping = into > gap
+    yield from (visible + into[overlapping]) / (into - gap)[overlapping]
 
 
 def owners(results: Results) -> np.ndarray:
@@ -100,32 +77,18 @@ def owners(results: Results) -> np.ndarray:
     return found
 
 
-def _rigid(results: Results, time: float | None = None) -> dict[str, dict]:
-    """Rigid partners by name, with their displacement at `time`, else at that of the results."""
-    scene, histories = results.summary["scene"], results.summary["scene"].get("history", {})
-    time = results.time if time is None else time
-    if time is None and "time" in results.energy:
-        time = results.energy["time"].max(initial=0.0)
-
-    def factor(name: str | None) -> float:
-        return 1.0 if name is None else float(np.interp(time or 0.0, histories[name]["times"],
-                                                        histories[name]["factors"]))
-
-    return {each["name"]: each | {"displacement": factor(each.get("history")) * np.array(each["displacement"])}
-            for each in scene.get("rigid", ())}
-
-
 def surfaces(results: Results, factor: float = 0.0,
              time: float | None = None) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Points (k, 2) along each rigid surface that bodies may touch, and its unit normals there, towards the bodies.
 
     Drawn where it has gone to at `time`, else at that of the results, its displacement times `factor`.
     """
-    fields, contacts = results.fields, results.summary["scene"]["contact"]
+    fields, scene, names = results.fields, results.summary["scene"], list(results.summary["bodies"])
     extent, owner = np.ptp(fields["points"][:, :2], axis=0).max(), owners(results)
-    names = list(results.summary["bodies"])
-    for name, rigid in _rigid(results, time).items():
-        near = [each for each in contacts if each["bodies"][1] == name]
+    last = results.energy.get("time", np.zeros(0)).max(initial=0.0)
+    time = next(each for each in (time, results.time, last) if each is not None)
+    for rigid in scene.get("rigid", ()):
+        near = [each for each in scene["contact"] if each["bodies"][1] == rigid["name"]]
         if not near:
             continue
         touched = np.concatenate([np.column_stack([table["x"], table["y"]])
@@ -149,12 +112,9 @@ def surfaces(results: Results, factor: float = 0.0,
             t = np.linspace(begin - margin, begin + length + margin, 400)
             outward = np.column_stack([np.cos(t), np.sin(t)])
             at, normals = center + radius * outward, -outward if rigid["inside"] else outward
-        yield at + factor * rigid["displacement"], normals
-
-
-def _pairs(nodes: Columns, bodies: list[int]) -> _Pairs:
-    normal = np.column_stack([nodes["nx"], nodes["ny"]])
-    return _Pairs(bodies, nodes["initial_gap"][:, None] * normal, normal, nodes["gap"], nodes["status"] != "open")
+        history = scene.get("history", {}).get(rigid.get("history"))
+        share = np.interp(time, history["times"], history["factors"]) if history else 1.0
+        yield at + factor * share * np.array(rigid["displacement"]), normals
 
 
 def _round_down(factor: float) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import json
 import textwrap
 from collections.abc import Callable, Iterator
@@ -87,9 +88,7 @@ def draw_all(folder: str | Path, number: int = 0, drawers: int = 1, time: float 
         results = at_step(last, folder, time)
         with plt.rc_context(STYLE):
             figures = _figures(results, last, None if time is not None else folder / MECHANISM)
-            for turn, (name, draw) in enumerate(figures):
-                if number not in (turn % (2 * drawers), 2 * drawers - 1 - turn % (2 * drawers)):  # there and back
-                    continue
+            for name, draw in itertools.islice(figures, number, None, drawers):
                 figure = draw()
                 drawn.append((into or folder) / name)
                 try:

@@ -92,7 +92,7 @@ SUMMARY = {
     "discretization_error.levels": "for each mesh that was solved on: refinement, unknowns n, estimated error, and "
                                    "dofs, clamped ones included",
     "displacement_max": "largest displacement of all bodies",
-    "units": "labels of lengths, stresses and forces; forces and energies are per unit of depth",
+    "units": "labels of lengths, stresses, forces, moments and energies; the last three are per unit of depth",
     "warnings": "each once, in words",
     "undetermined": "rigid motions that no contact resists, in words",
     "seconds": "by phase, of the slowest rank",
@@ -154,7 +154,7 @@ def summarize(scene: dict, run: RunResult, bodies: Mapping[str, dict], contacts:
     entries = {name: body | {"n_A": sum(body["n_A_by_purpose"].values()),
                              "certificate": {"equilibrium": certificate.equilibrium[name]}}
                for name, body in bodies.items()}
-    n_A, m = (sum(entry["n_A"] for entry in entries.values()), sum(interface.m for interface in interfaces))
+    n_A, m = sum(entry["n_A"] for entry in entries.values()), sum(interface.m for interface in interfaces)
     summary: dict = _plain({
         "format": FORMAT, "title": scene["title"], "converged": run.converged, "reason": run.reason,
         "outer": method["outer"], "algorithm": method.get("algorithm") or method["outer"],
@@ -174,7 +174,7 @@ def summarize(scene: dict, run: RunResult, bodies: Mapping[str, dict], contacts:
         "discretization_error": {"energy_norm": run.energy_norm, "target": method.get("target_error"),
                                  "levels": run.levels},
         "displacement_max": np.max([body["displacement_max"] for body in bodies.values()]),
-        "units": _units(scene["output"]), "warnings": run.warnings, "undetermined": run.undetermined,
+        "units": units(scene["output"]), "warnings": run.warnings, "undetermined": run.undetermined,
         "seconds": {}, "exchange": run.exchange, "solvers": {"qp": run.qp},
         "options": run.options, "options_unused": run.options_unused, "scene": scene})
     return summary
@@ -201,17 +201,13 @@ def _write_json(path: Path, content: dict) -> None:
         path.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def _units(output: dict) -> dict[str, str]:
-    """The units of all lengths, stresses and forces; forces are per unit of depth, stress times length."""
+def units(output: dict) -> dict[str, str]:
+    """Labels of lengths, stresses, forces, moments and energies; forces are stress times length, per unit of depth."""
     length, stress = output["length_unit"], output["stress_unit"]
     product = f"{stress}·{length}"
-    return {"length": length, "stress": stress, "force": {"Pa·m": "N/m", "MPa·mm": "N/mm"}.get(product, product)}
-
-
-def moment_unit(units: dict[str, str]) -> str:
-    """The unit of moments, per unit of depth, beside the summary's `units`."""
-    length, force = units["length"], units["force"]
-    return {"N/m": "N·m/m", "N/mm": "N·mm/mm"}.get(force, f"{force}·{length}")
+    force = {"Pa·m": "N/m", "MPa·mm": "N/mm"}.get(product, product)
+    moment, energy = {"N/m": ("N·m/m", "J/m"), "N/mm": ("N·mm/mm", "mJ/mm")}.get(force, (f"{force}·{length}",) * 2)
+    return {"length": length, "stress": stress, "force": force, "moment": moment, "energy": energy}
 
 
 def _contact(state: ContactState) -> dict:

@@ -13,7 +13,6 @@ from ddmpi.coupling.ranks import team_of
 from ddmpi.interface.interface import Interface
 from ddmpi.methods.outer import Step
 from ddmpi.qp.tao import QPSolver
-from ddmpi.results.summary import moment_unit
 from ddmpi.run.solve import Solution
 from ddmpi.scene.method import PRESETS, SettledMethod
 from ddmpi.scene.scene import Settled
@@ -225,7 +224,7 @@ def _log_between_nodes(contacts: dict, units: dict) -> None:
         f"overlap between nodes {_number(some[deepest]['pointwise_penetration']):.2g} {units['length']}")
     words.setdefault(turned, []).append(
         f"moments out of balance by {_number(some[turned]['moment_imbalance']):.2g}, at most "
-        f"{_number(some[turned]['moment_imbalance_bound']):.2g} {moment_unit(units)}")
+        f"{_number(some[turned]['moment_imbalance_bound']):.2g} {units['moment']}")
     for name, found in words.items():
         log.info("mesh error at the non-matching contact %s (small is good): %s", name, "; ".join(found))
 

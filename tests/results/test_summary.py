@@ -69,14 +69,16 @@ def test_every_entry_is_documented():
     assert set(entries(summary)) == set(SUMMARY)
 
 
-@pytest.mark.parametrize("length, stress, force", [("m", "Pa", "N/m"), ("mm", "MPa", "N/mm"), ("in", "psi", "psi·in")])
-def test_results_carry_their_units(length, stress, force):
-    """Units are those of the scene; a force is per unit of depth."""
+@pytest.mark.parametrize("length, stress, force, moment, energy", [
+    ("m", "Pa", "N/m", "N·m/m", "J/m"), ("mm", "MPa", "N/mm", "N·mm/mm", "mJ/mm"),
+    ("in", "psi", "psi·in", "psi·in·in", "psi·in·in")])
+def test_results_carry_their_units(length, stress, force, moment, energy):
+    """Units are those of the scene; forces, moments and energies are per unit of depth."""
     scene = made_up.scene(["left-middle", "middle-right"])
     scene["output"] = {"length_unit": length, "stress_unit": stress}
     bodies = {name: made_up.body() for name in made_up.ROW}
     summary = summarize(scene, made_up.run(), bodies, row(), made_up.certificate(row(), bodies))
-    assert summary["units"] == {"length": length, "stress": stress, "force": force}
+    assert summary["units"] == {"length": length, "stress": stress, "force": force, "moment": moment, "energy": energy}
 
 
 def test_sums_are_those_of_all_bodies_and_contacts():

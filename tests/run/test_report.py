@@ -33,7 +33,7 @@ def test_what_lies_between_nodes_is_said_of_the_worst_contacts(monkeypatch):
 
     messages: list[str] = []
     monkeypatch.setattr(logging.getLogger("ddmpi"), "info", lambda text, *values: messages.append(text % values))
-    units = {"length": "mm", "stress": "MPa", "force": "N/mm"}
+    units = {"length": "mm", "stress": "MPa", "force": "N/mm", "moment": "N·mm/mm"}
     _log_between_nodes({"a-b": contact(None, 1.0, 9.0, 9.0)}, units)
     assert not messages
     _log_between_nodes({"a-b": contact(None, 1.0, 9.0, 9.0), "b-c": contact("b", 2e-3, 0.5, 4.0),
