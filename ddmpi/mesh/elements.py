@@ -207,8 +207,7 @@ FIRST = {dimension: _orbits((1.0, [1.0 / (dimension + 1)] * (dimension + 1))) fo
 SECOND = {dimension: _second(dimension) for dimension in EDGES}
 """d + 1 points, exact to degree 2."""
 
-RULES = {1: _collapsed(1),
-         2: _orbits((0.223381589678011, [1 - 2 * _A, _A, _A]), (0.109951743655322, [1 - 2 * _B, _B, _B])),
+RULES = {2: _orbits((0.223381589678011, [1 - 2 * _A, _A, _A]), (0.109951743655322, [1 - 2 * _B, _B, _B])),
          3: _orbits((0.112687925718015851, [1 - 3 * _C, _C, _C, _C]), (0.0734930431163619495, [1 - 3 * _D, _D, _D, _D]),
                     (0.0425460207770814664, [0.5 - _E, 0.5 - _E, _E, _E]))}
 """Exact to degree 4 in the plane (Dunavant 1985), 5 in space (Walkington 2000). On curved cells ∫ σ : ε(φ_i) of a
