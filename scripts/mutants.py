@@ -88,7 +88,7 @@ MUTANTS = [Mutant(*row) for row in (
      "values > 0.0 *", "body/test_loose.py::test_contact_that_does_not_see_a_motion"),
     ("a load is not balanced by contact forces", "body/rigid_motions", "return f - self._B_transposed",
      "return f; f - self._B_transposed", f"{MEMBER}::test_loose_body_against_dense_algebra"),
-    ("no stress across the plane", "body/stress", "= own.poisson * (mean", "= 0.0 * (mean",
+    ("no stress across the plane", "scene/bodies", "(self.poisson if self.plane", "(0.0 if self.plane",
      "body/test_elasticity.py::test_stress_of_a_linear_field"),
     ("von Mises with too little shear", "body/stress", "+ 3 * sum(", "+ sum(",
      "body/test_elasticity.py::test_von_mises"),

@@ -13,9 +13,10 @@ import numpy as np
 from mpi4py import MPI
 from rings import Rings
 
-from ddmpi.body.estimate import QUADRATURE, estimate_error, relative_error
+from ddmpi.body.estimate import estimate_error, relative_error
 from ddmpi.body.stress import components, energy_density, stress_at
 from ddmpi.coupling.assembly import Assembly, prepare
+from ddmpi.mesh.elements import RULES
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.run.solve import Solution, solve
 from ddmpi.scene.bodies import Material, MeshSpec
@@ -273,7 +274,7 @@ def stress_error(mesh: Mesh, material: Material, u: np.ndarray, stress: Callable
 
     ``stress(points)`` gives σ_xx, σ_yy, σ_xy (…, 3) in Pa at points (…, 2). By quadrature; not collective.
     """
-    barycentric, weights = QUADRATURE[2][2]
+    barycentric, weights = RULES[2]
     points = np.einsum("qi,tid->qtd", barycentric, mesh.points[mesh.corners])
     exact = np.moveaxis(stress(points), -1, 0)[[0, 2, 1]]  # in the order of components
     density = energy_density(material, components(stress_at(mesh, material, u, barycentric)) - exact)

@@ -3,7 +3,19 @@
 import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse.linalg import spsolve
-from skfem import Basis, ElementTriP1, ElementTriP2, ElementVector, MeshTri, asm
+from skfem import (
+    Basis,
+    ElementTetP1,
+    ElementTetP2,
+    ElementTriP1,
+    ElementTriP2,
+    ElementVector,
+    FacetBasis,
+    MeshTet,
+    MeshTri,
+    asm,
+)
+from skfem.assembly.basis import AbstractBasis
 from skfem.models.elasticity import linear_elasticity
 
 from ddmpi.body.elasticity import assemble
@@ -11,22 +23,32 @@ from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Material
 
 
-def basis_of(mesh: Mesh, intorder: int = 4) -> tuple[Basis, np.ndarray]:
-    """skfem's basis, and the number that each of its dofs has with us (x of node i is 2i)."""
-    t = mesh.triangles
-    corners = t[:, :3].max() + 1  # the first nodes
-    element = ElementTriP1() if t.shape[1] == 3 else ElementTriP2()
-    basis = Basis(MeshTri(mesh.points[:corners].T.copy(), t[:, :3].T.copy()), ElementVector(element), intorder=intorder)
-    nodes = {"nodal_dofs": np.arange(corners)}
-    if t.shape[1] == 6:
-        middles = {frozenset(side): middle for row in t.tolist()
-                   for side, middle in zip((row[0:2], row[1:3], (row[2], row[0])), row[3:], strict=True)}
-        nodes["facet_dofs"] = np.array([middles[frozenset(ends)] for ends in basis.mesh.facets.T.tolist()])
+def basis_of(mesh: Mesh, intorder: int = 4, on: np.ndarray | None = None) -> tuple[AbstractBasis, np.ndarray]:
+    """skfem's basis, and the number that each of its dofs has with us (x of node i is d i).
+
+    It is that of the cells, or of the facets `on` with corners (·, d).
+    """
+    d, size = mesh.dimension, mesh.corners.max() + 1  # the corners are the first nodes
+    meshes, elements = (MeshTri, MeshTet), ((ElementTriP1, ElementTriP2), (ElementTetP1, ElementTetP2))
+    other = meshes[d - 2](mesh.points[:size].T.copy(), mesh.corners.T.copy())
+    element = ElementVector(elements[d - 2][mesh.order - 1]())
+    if on is None:
+        basis = Basis(other, element, intorder=intorder)
+    else:
+        own = {frozenset(facet) for facet in on[:, :d].tolist()}
+        facets = [k for k, facet in enumerate(other.facets.T.tolist()) if frozenset(facet) in own]
+        basis = FacetBasis(other, element, facets=np.array(facets), intorder=intorder)
+    nodes = {"nodal_dofs": np.arange(size)}
+    if mesh.order == 2:
+        edges = mesh.triangles[:, mesh.cell.edges].reshape(-1, 3).tolist()
+        middles = {frozenset((start, end)): middle for start, end, middle in edges}
+        kind, ends = ("facet_dofs", other.facets) if d == 2 else ("edge_dofs", other.edges)
+        nodes[kind] = np.array([middles[frozenset(pair)] for pair in ends.T.tolist()])
     numbers = np.empty(basis.N, int)
     for kind, members in nodes.items():
         for component, dofs in enumerate(getattr(basis, kind)):
-            numbers[dofs] = 2 * members + component
-    assert np.array_equal(np.sort(numbers), np.arange(2 * len(mesh.points)))
+            numbers[dofs] = d * members + component
+    assert np.array_equal(np.sort(numbers), np.arange(mesh.points.size))
     return basis, numbers
 
 
@@ -37,16 +59,16 @@ def stiffness_of(mesh: Mesh, material: Material) -> sparse.csr_matrix:
     return sparse.csr_matrix((K.data, (numbers[K.row], numbers[K.col])), K.shape)
 
 
-def load_of(mesh: Mesh, form, intorder: int = 4) -> np.ndarray:
-    """The load vector (2 nv,) of a skfem LinearForm over the body."""
-    basis, numbers = basis_of(mesh, intorder)
+def load_of(mesh: Mesh, form, intorder: int = 4, on: np.ndarray | None = None) -> np.ndarray:
+    """The load vector (d nv,) of a skfem LinearForm over the body, or over the facets `on` with corners (·, d)."""
+    basis, numbers = basis_of(mesh, intorder, on)
     f = np.empty(basis.N)
     f[numbers] = asm(form, basis)
     return f
 
 
 def solve(mesh: Mesh, spec: BodySpec) -> np.ndarray:
-    """The displacement (nv, 2) of one body that clamps hold, by SciPy's sparse solver (m)."""
+    """The displacement (nv, d) of one body that clamps hold, by SciPy's sparse solver (m)."""
     problem = assemble(mesh, spec)
     indptr, indices, data = problem.A.getValuesCSR()
     u = problem.b.duplicate()

@@ -18,15 +18,8 @@ import numpy as np
 
 from ddmpi.body.stress import Composite, blocks, cell_stress, components, energy_density, portions, stress_at
 from ddmpi.mesh.boundary import boundary_facets
-from ddmpi.mesh.elements import FIRST, RULES, SECOND
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Material
-
-SAMPLES = {1: FIRST, 2: SECOND}
-"""Points where the stress of a cell is more accurate than elsewhere, by order and dimension."""
-
-QUADRATURE = {1: SECOND, 2: RULES}
-"""Rules exact to degree 2 and at least 4, by order and dimension."""
 
 UNSTRAINED = 1e-12
 """Relative error of a computed displacement. A displacement with smaller strains counts as a rigid motion."""
@@ -116,14 +109,13 @@ def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray) ->
     hardly deform, so that their stress jumps little however wrong it is. Where materials meet, stress does jump, and is
     recovered from either side.
     """
-    (samples, _), (points, weights) = (each[mesh.order][mesh.dimension] for each in (SAMPLES, QUADRATURE))
-    measures = mesh.measures()
-    sampled = components(stress_at(mesh, material, u, samples))
-    shapes = mesh.cell.shapes(points)
-    constant = np.ones((len(points), 1))
-    between = points @ np.linalg.inv(samples) if mesh.order == 2 else constant  # stress is linear between samples
+    cell, (points, weights), measures = mesh.cell, mesh.cell.rule, mesh.measures()
+    sampled, shapes = components(stress_at(mesh, material, u, cell.samples)), cell.shapes(points)
+    between: np.ndarray = np.ones((len(points), 1))
+    if cell.order == 2:  # stress is linear between samples
+        between = points @ np.linalg.inv(cell.samples)
     parts = mesh if isinstance(material, Material) else _apart(mesh, material)
-    recovered = _recover(parts, sampled, samples)
+    recovered = _recover(parts, sampled)
     squares: np.ndarray = np.zeros(len(measures))
     energy = 0.0
     for cells, own, curved in portions(mesh, material):
@@ -150,9 +142,9 @@ def _apart(mesh: Mesh, material: Composite) -> Mesh:
     return Mesh(mesh.points[keys // size], cells.reshape(mesh.triangles.shape), {})
 
 
-def _recover(mesh: Mesh, sampled: np.ndarray, samples: np.ndarray) -> np.ndarray:
-    """The recovered stress (n, nv) at all nodes from that (n, q, nt) at `samples` (q, d + 1), in Pa."""
-    x, order, corners = mesh.points, mesh.order, mesh.corners
+def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
+    """The recovered stress (n, nv) at all nodes from that (n, q, nt) at the samples, in Pa."""
+    x, order, corners, samples = mesh.points, mesh.order, mesh.corners, mesh.cell.samples
     nv, n, k = int(corners.max()) + 1, len(sampled), comb(mesh.dimension + order, order)
     places = samples @ np.take(x.T, corners.T, axis=1)  # (d, q, nt)
     for bent in mesh.curved_blocks():
@@ -173,10 +165,9 @@ def _recover(mesh: Mesh, sampled: np.ndarray, samples: np.ndarray) -> np.ndarray
     del moments
     value, vertices = np.zeros((n, len(x))), np.flatnonzero(np.bincount(corners.ravel()))
     value[:, vertices] = _evaluate(fit, owner[vertices], x, reach, vertices, order)
-    if order == 2:  # at the middle of an edge, the mean of the fits of its two ends
-        for edge in mesh.cell.edges:
-            first, second, middle = mesh.triangles[:, edge].T
-            value[:, middle] = 0.5 * sum(_evaluate(fit, owner[end], x, reach, middle, order) for end in (first, second))
+    for edge in mesh.cell.edges if order == 2 else ():  # at its middle, the mean of the fits of its two ends
+        first, second, middle = mesh.triangles[:, edge].T
+        value[:, middle] = 0.5 * sum(_evaluate(fit, owner[end], x, reach, middle, order) for end in (first, second))
     return value
 
 
@@ -223,10 +214,8 @@ def _well_posed(M: np.ndarray) -> np.ndarray:
 
 def _monomials(x: np.ndarray, order: int) -> np.ndarray:
     """All monomials (k, …) up to the order at the points x (d, …)."""
-    terms = [np.ones_like(x[0]), *x]
-    if order == 2:
-        terms += [a * b for a, b in itertools.combinations_with_replacement(x, 2)]
-    return np.stack(terms)
+    pairs = itertools.combinations_with_replacement(x, 2) if order == 2 else ()
+    return np.stack([np.ones_like(x[0]), *x, *(a * b for a, b in pairs)])
 
 
 def _evaluate(fit: np.ndarray, owner: np.ndarray, x: np.ndarray, reach: np.ndarray, nodes: np.ndarray,

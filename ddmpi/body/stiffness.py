@@ -16,7 +16,7 @@ from scipy.sparse import csgraph
 
 from ddmpi.body.stress import Composite, portions
 from ddmpi.mesh.elements import RULES, invert
-from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.mesh import Mesh, tangents
 from ddmpi.scene.bodies import Material
 
 
@@ -140,7 +140,7 @@ def forces_at(mesh: Mesh, material: Material | Composite, u: np.ndarray, nodes: 
 def _straight_blocks(mesh: Mesh, material: Material, cells: slice | np.ndarray, i: np.ndarray, j: np.ndarray) \
         -> np.ndarray:
     """Blocks (d, d, p, t) of pairs i, j (p,) of nodes in straight cells: ∫ C_rkcl ∂_kφ_i ∂_lφ_j."""
-    inverse, determinant = invert(mesh.tangents(cells))
+    inverse, determinant = invert(tangents(mesh.points, mesh.corners[cells]))
     slopes = (inverse * np.sqrt(determinant / factorial(len(inverse)))).swapaxes(0, 1)  # ∇λ √|T|, (d, a, t)
     products = _elastic(material, slopes[:, None, :, None] * slopes[:, None])
     table = mesh.cell.stiffness[i, j].reshape(len(i), -1)

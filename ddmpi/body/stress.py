@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from ddmpi.mesh.boundary import material_numbers, turn_outward
 from ddmpi.mesh.elements import FIRST, RULES, facet_measures, invert
-from ddmpi.mesh.mesh import BLOCK, Mesh
+from ddmpi.mesh.mesh import BLOCK, Mesh, tangents
 from ddmpi.scene.bodies import BodySpec, Material
 
 STRAIGHT_BLOCK = 4 * BLOCK
@@ -101,17 +101,14 @@ def stress(mesh: Mesh, material: Material | Composite, u: np.ndarray) -> np.ndar
     strain, or zero. Not collective.
     """
     columns = [pair for pair in COLUMNS if pair[0] == pair[1] or max(pair) < mesh.dimension]
-    found = np.zeros((len(columns), len(mesh.triangles)))
+    found = np.empty((len(columns), len(mesh.triangles)))
     for cells, own, curved in portions(mesh, material):
         points, weights = (RULES if curved else FIRST)[mesh.dimension]
         sigma = cell_stress(mesh, own, u, points, cells, curved)
         parts = weights[:, None] * mesh.map(cells, points).measures if curved else np.ones((1, 1))
         mean = (sigma * parts).sum(axis=2) / parts.sum(axis=0)
         for column, (i, j) in enumerate(columns):
-            if j < mesh.dimension:
-                found[column, cells] = mean[i, j]
-            elif own.plane == "strain":
-                found[column, cells] = own.poisson * (mean[0, 0] + mean[1, 1])
+            found[column, cells] = mean[i, j] if j < mesh.dimension else np.einsum("kl,klt->t", own.across, mean)
     return np.ascontiguousarray(found.T)
 
 
@@ -139,7 +136,7 @@ def cell_stress(mesh: Mesh, material: Material, u: np.ndarray, barycentric: np.n
     if curved:
         gradient = np.einsum("rqkt,ckt->crqt", mesh.map(cells, barycentric).slopes, moved)
     else:
-        inverse, _ = invert(mesh.tangents(cells))
+        inverse, _ = invert(tangents(mesh.points, mesh.corners[cells]))
         gradient = np.einsum("acqt,art->crqt", mesh.cell.derivatives(barycentric)[:, None] @ moved, inverse)
     square = len(u.T) ** 2
     C = material.tensor(len(u.T)).reshape(square, square)

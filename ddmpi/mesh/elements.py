@@ -71,12 +71,16 @@ class Cell:
     nodes : (k, d + 1) barycentric coordinates of the nodes
     edges : (e, 2 or 3) ends, in order 2 then the middle, of each edge
     facets : (d + 1, l) nodes of each facet as those of `CELLS[d - 1, order]`, turned outward
+    samples : (q, d + 1) points where the stress, of degree order − 1, is more accurate than elsewhere
+    rule : exact to degree 2 order at least
     powers, coefficients : (n, d + 1) exponents α and (k, n) integers c of φ_i = Σ c_in λ^α_n
     """
 
     nodes: np.ndarray
     edges: np.ndarray
     facets: np.ndarray
+    samples: np.ndarray
+    rule: Rule
     powers: np.ndarray
     coefficients: np.ndarray
 
@@ -85,18 +89,23 @@ class Cell:
         return self.nodes.shape[1] - 1
 
     @property
+    def order(self) -> int:
+        return int(self.powers[0].sum())
+
+    @property
     def name(self) -> str:
         return NAMES[self.dimension]
 
     @cached_property
     def mass(self) -> np.ndarray:
         """(k, d + 1) ∫ φ_i λ_a over a cell of measure one."""
-        return self.coefficients @ self._integrals(self.powers[:, None] + np.eye(self.dimension + 1, dtype=int))
+        higher = self.powers[:, None] + np.eye(self.dimension + 1, dtype=int)
+        return self.coefficients @ _products(higher) * self._scale(self.order + 1)
 
-    @cached_property
+    @property
     def weights(self) -> np.ndarray:
         """(k,) ∫ φ_i over a cell of measure one."""
-        return self.coefficients @ self._integrals(self.powers)
+        return self.mass.sum(axis=1)
 
     @cached_property
     def stiffness(self) -> np.ndarray:
@@ -105,16 +114,19 @@ class Cell:
         Zeros are exact: all that is summed are integers over the same denominator.
         """
         scaled = self.coefficients[..., None] * self.powers  # ∂φ_i/∂λ_a = Σ_n scaled_ina λ^(α_n − e_a)
-        lower = np.maximum(self.powers[:, None] - np.eye(self.dimension + 1, dtype=int), 0)
-        w = np.einsum("ina,jmb,namb->ijab", scaled, scaled, _products(lower[:, :, None, None] + lower))
+        products = _products(self._lower[:, :, None, None] + self._lower)
+        w = np.einsum("ina,jmb,namb->ijab", scaled, scaled, products)
         w = w[:, :, 1:, 1:] - w[:, :, 1:, :1] - w[:, :, :1, 1:] + w[:, :, :1, :1]  # as λ_0 = 1 − λ_1 − …
-        degree = 2 * int(self.powers[0].sum()) - 2
-        return w * factorial(self.dimension) / factorial(self.dimension + degree)
+        return w * self._scale(2 * self.order - 2)
 
-    def _integrals(self, powers: np.ndarray) -> np.ndarray:
-        """∫ λ^α over a cell of measure one, for exponents (…, d + 1) of one degree."""
-        degree = int(powers.sum(axis=-1).flat[0])
-        return _products(powers) * factorial(self.dimension) / factorial(self.dimension + degree)
+    @property
+    def _lower(self) -> np.ndarray:
+        """α_n − e_a (n, d + 1, d + 1)."""
+        return np.maximum(self.powers[:, None] - np.eye(self.dimension + 1, dtype=int), 0)
+
+    def _scale(self, degree: int) -> float:
+        """∫ λ^α / α! for |α| = `degree`, over a cell of measure one."""
+        return factorial(self.dimension) / factorial(self.dimension + degree)
 
     def shapes(self, barycentric: np.ndarray) -> np.ndarray:
         """The shape functions (…, k) at points given by their barycentric coordinates (…, d + 1)."""
@@ -122,8 +134,7 @@ class Cell:
 
     def derivatives(self, barycentric: np.ndarray) -> np.ndarray:
         """∂φ_i/∂λ_a (d, q, k) at points (q, d + 1), for a = 1 … d with λ_0 = 1 − λ_1 − …."""
-        lower = np.maximum(self.powers[:, None] - np.eye(self.dimension + 1, dtype=int), 0)
-        terms = (barycentric[:, None, None] ** lower).prod(axis=-1) * self.powers  # (q, n, d + 1)
+        terms = (barycentric[:, None, None] ** self._lower).prod(axis=-1) * self.powers  # (q, n, d + 1)
         found = np.einsum("qna,in->aqi", terms, self.coefficients)
         return found[1:] - found[:1]
 
@@ -151,27 +162,6 @@ def _products(powers: np.ndarray) -> np.ndarray:
     return np.array([1.0, 1.0, 2.0, 6.0, 24.0])[powers].prod(axis=-1)
 
 
-def _lagrange(dimension: int, order: int) -> Cell:
-    """The simplex whose nodes are its corners and, in order 2, the middles of its edges."""
-    corners, ends = np.eye(dimension + 1), np.array(EDGES[dimension])
-    nodes = corners if order == 1 else np.concatenate([corners, corners[ends].mean(axis=1)])
-    terms = list(combinations_with_replacement(range(dimension + 1), order))
-    powers = np.array([np.bincount(each, minlength=dimension + 1) for each in terms])
-    values = (nodes[:, None] ** powers).prod(axis=-1)
-    edges, facets = ends, np.array(FACETS[dimension])
-    if order == 2:
-        middle = {frozenset(pair): dimension + 1 + k for k, pair in enumerate(EDGES[dimension])}
-        edges = np.column_stack([ends, list(middle.values())])
-        sides = EDGES[dimension - 1] if dimension > 1 else []
-        facets = np.array([[*facet, *(middle[frozenset((facet[a], facet[b]))] for a, b in sides)]
-                           for facet in FACETS[dimension]])
-    return Cell(nodes, edges, facets, powers, np.round(np.linalg.inv(values)).T)
-
-
-CELLS = {(dimension, order): _lagrange(dimension, order) for dimension in EDGES for order in (1, 2)}
-"""By dimension and order."""
-
-
 def _orbits(*orbits: tuple[float, Sequence[float]]) -> Rule:
     """A rule of points by weights and barycentric coordinates, of which all permutations are points as well."""
     points = [sorted(set(permutations(point))) for _, point in orbits]
@@ -192,23 +182,19 @@ def _collapsed(dimension: int) -> Rule:
     return np.stack([*points, rest], axis=1), weight
 
 
-def _second(dimension: int) -> Rule:
-    """d + 1 points, exact to degree 2."""
-    rest = (1.0 - (dimension + 2) ** -0.5) / (dimension + 1)
-    return _orbits((1.0 / (dimension + 1), [1.0 - dimension * rest, *[rest] * dimension]))
-
-
 _A, _B, _C, _D, _E = 0.445948490915965, 0.091576213509771, 0.310885919263300610, 0.0927352503108912264, \
     0.0455037041256496495
 
 FIRST = {dimension: _orbits((1.0, [1.0 / (dimension + 1)] * (dimension + 1))) for dimension in EDGES}
 """The centroid, where the stress of a straight cell is its mean."""
 
-SECOND = {dimension: _second(dimension) for dimension in EDGES}
+_INNER = {dimension: (1.0 - (dimension + 2) ** -0.5) / (dimension + 1) for dimension in EDGES}
+
+SECOND = {dimension: _orbits((1.0 / (dimension + 1), [1.0 - dimension * inner, *[inner] * dimension]))
+          for dimension, inner in _INNER.items()}
 """d + 1 points, exact to degree 2."""
 
-RULES = {1: _collapsed(1),
-         2: _orbits((0.223381589678011, [1 - 2 * _A, _A, _A]), (0.109951743655322, [1 - 2 * _B, _B, _B])),
+RULES = {2: _orbits((0.223381589678011, [1 - 2 * _A, _A, _A]), (0.109951743655322, [1 - 2 * _B, _B, _B])),
          3: _orbits((0.112687925718015851, [1 - 3 * _C, _C, _C, _C]), (0.0734930431163619495, [1 - 3 * _D, _D, _D, _D]),
                     (0.0425460207770814664, [0.5 - _E, 0.5 - _E, _E, _E]))}
 """Exact to degree 4 in the plane (Dunavant 1985), 5 in space (Walkington 2000). On curved cells ∫ σ : ε(φ_i) of a
@@ -216,6 +202,34 @@ constant stress needs degree d and ∫ φ_i degree d + 2, so that constant stres
 
 FINE = {dimension: _collapsed(dimension) for dimension in EDGES}
 """For loads and for measures of curved facets, which are no polynomials."""
+
+
+def _lagrange(dimension: int, order: int) -> Cell:
+    """The simplex whose nodes are its corners and, in order 2, the middles of its edges."""
+    corners, ends = np.eye(dimension + 1), np.array(EDGES[dimension])
+    nodes = corners if order == 1 else np.concatenate([corners, corners[ends].mean(axis=1)])
+    terms = list(combinations_with_replacement(range(dimension + 1), order))
+    powers = np.array([np.bincount(each, minlength=dimension + 1) for each in terms])
+    values = (nodes[:, None] ** powers).prod(axis=-1)
+    edges, facets = ends, np.array(FACETS[dimension])
+    if order == 2:
+        middle = {frozenset(pair): dimension + 1 + k for k, pair in enumerate(EDGES[dimension])}
+        edges = np.column_stack([ends, list(middle.values())])
+        sides = EDGES[dimension - 1] if dimension > 1 else []
+        facets = np.array([[*facet, *(middle[frozenset((facet[a], facet[b]))] for a, b in sides)]
+                           for facet in FACETS[dimension]])
+    samples, rule = (FIRST[dimension][0], SECOND[dimension]) if order == 1 else (
+        SECOND[dimension][0], RULES.get(dimension, FINE[dimension]))
+    return Cell(nodes, edges, facets, samples, rule, powers, np.round(np.linalg.inv(values)).T)
+
+
+CELLS = {(dimension, order): _lagrange(dimension, order) for dimension in EDGES for order in (1, 2)}
+"""By dimension and order."""
+
+
+def cell_with(dimension: int, number: int) -> Cell:
+    """The cell of a dimension with so many nodes."""
+    return next(cell for cell in CELLS.values() if (cell.dimension, len(cell.nodes)) == (dimension, number))
 
 
 def cross(rows: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
@@ -262,8 +276,7 @@ def bends(edges: np.ndarray) -> np.ndarray:
 
 def facet_cell(facets: np.ndarray) -> Cell:
     """What facets with nodes (s, l, D) are in themselves."""
-    _, number, dimension = facets.shape
-    return CELLS[dimension - 1, 1 if number == dimension else 2]
+    return cell_with(facets.shape[2] - 1, facets.shape[1])
 
 
 def curved_facets(facets: np.ndarray) -> np.ndarray:

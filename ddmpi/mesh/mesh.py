@@ -14,7 +14,7 @@ from math import factorial
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.elements import CELLS, RULES, Cell, Mapped, bends, cross
+from ddmpi.mesh.elements import RULES, Cell, Mapped, bends, cell_with, cross
 
 BLOCK = 2048
 """Curved cells that are worked on at a time, so that their data stay in the processor's cache."""
@@ -50,12 +50,12 @@ class Mesh:
     @property
     def order(self) -> int:
         """1, linear, or 2, quadratic elements."""
-        return 1 if self.triangles.shape[1] == self.dimension + 1 else 2
+        return self.cell.order
 
     @property
     def cell(self) -> Cell:
         """The reference cell."""
-        return CELLS[self.dimension, self.order]
+        return cell_with(self.dimension, self.triangles.shape[1])
 
     @property
     def corners(self) -> np.ndarray:
@@ -88,10 +88,6 @@ class Mesh:
         """The numbers of the curved cells, BLOCK at a time."""
         return [self.curved[start:start + BLOCK] for start in range(0, len(self.curved), BLOCK)]
 
-    def tangents(self, cells: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """∂x/∂λ_a (d, d, t) of straight cells, numbers or a slice of them (m): edges from the first corner."""
-        return _tangents(self.points, self.corners[cells])
-
     def map(self, cells: np.ndarray | slice, barycentric: np.ndarray) -> Mapped:
         """Some cells, numbers or a slice of them, at the points `barycentric` (q, d + 1) of each, curved or not."""
         return self.cell.map(self.points[self.triangles[cells]], barycentric)
@@ -116,11 +112,12 @@ def signed_measures(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     ----------
     points, corners : nodes (nv, d), and their numbers (nt, d + 1 or more), of which the first d + 1 count
     """
-    tangents = _tangents(points, corners)
-    return (tangents[0] * cross(tangents[1:])).sum(axis=0) / factorial(len(tangents))
+    edges = tangents(points, corners)
+    return (edges[0] * cross(edges[1:])).sum(axis=0) / factorial(len(edges))
 
 
-def _tangents(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+def tangents(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """∂x/∂λ_a (d, d, nt) of straight cells as in `signed_measures` (m): edges from their first corners."""
     x = np.take(points.T, corners[:, :points.shape[1] + 1].T, axis=1)
     return (x[:, 1:] - x[:, :1]).swapaxes(0, 1)
 

@@ -59,6 +59,11 @@ class Material(Table, frozen=True, kw_only=True):
         return first * both + shear * (both.transpose(0, 2, 1, 3) + both.transpose(0, 2, 3, 1))
 
     @property
+    def across(self) -> np.ndarray:
+        """a (2, 2) of σ_zz = a : σ in the plane."""
+        return np.eye(2) * (self.poisson if self.plane == "strain" else 0.0)
+
+    @property
     def locks(self) -> bool:
         """Whether linear triangles are so much too stiff for this material that error estimates mean nothing."""
         return self.plane == "strain" and self.poisson > LOCKING

@@ -1,0 +1,339 @@
+"""Bodies of tetrahedra: scikit-fem, exact fields, closed forms, rates, and the estimate."""
+
+import numpy as np
+import pytest
+from reference import basis_of, load_of, solve, stiffness_of
+from scipy.sparse import csr_matrix
+from skfem import BilinearForm, LinearForm, asm
+from skfem.helpers import ddot, dot, eye, sym_grad, trace
+from solids import SIDES, STEEL, SolidTraction, body, box, hold, shell, wavy
+
+from ddmpi.body.elasticity import assemble
+from ddmpi.body.estimate import estimate_error
+from ddmpi.body.loads import nodal_loads
+from ddmpi.body.rigid_motions import body_motions
+from ddmpi.body.stiffness import Stiffness, sum_stiffness
+from ddmpi.body.stress import Composite, components, energy_density, stress, stress_at, von_mises
+from ddmpi.errors import InputError
+from ddmpi.mesh.boundary import boundary_facets
+from ddmpi.mesh.elements import FINE, RULES
+from ddmpi.mesh.mesh import Mesh, refuse_folded
+from ddmpi.mesh.refine import bend
+from ddmpi.scene.bodies import Material
+
+both_orders = pytest.mark.parametrize("order", [1, 2])
+SOFT = Material(young=1.0e9, poisson=0.45)
+
+
+def matrix(mesh: Mesh, K: Stiffness) -> csr_matrix:
+    return K.to_csr(np.ones(mesh.points.shape, bool), np.arange(len(mesh.points)))
+
+
+# Stiffness and loads
+
+
+@both_orders
+@pytest.mark.parametrize("material", [STEEL, SOFT], ids=["steel", "soft"])
+def test_stiffness_is_that_of_skfem(order, material):
+    """On a jittered mesh, with nodes numbered at random."""
+    mesh = box((3, 2, 2), (3.0, 1.0, 2.0), order, jitter=0.2)
+    corners = mesh.corners.max() + 1
+    rng = np.random.default_rng(4)
+    number = np.concatenate([rng.permutation(corners), corners + rng.permutation(len(mesh.points) - corners)])
+    mesh = Mesh(mesh.points[np.argsort(number)], number[mesh.triangles], {})
+    expected, K = stiffness_of(mesh, material), sum_stiffness(mesh, material)
+    assert abs(matrix(mesh, K) - expected).max() <= 1e-14 * abs(expected).max()
+    u = rng.standard_normal(mesh.points.shape)
+    assert np.abs(K.mult(u).ravel() - expected @ u.ravel()).max() <= 1e-13 * abs(expected).max()
+
+
+@both_orders
+def test_stiffness_of_two_materials_is_that_of_skfem(order):
+    """Where they meet, stiffnesses add up."""
+    mesh = box((2, 2, 2), order=order, jitter=0.2)
+    composite = Composite([STEEL, SOFT], (np.arange(len(mesh.triangles)) % 3 == 0).astype(int))
+    first, shear = np.array([material.lame for material in composite.materials]).T[:, composite.number]
+
+    @BilinearForm
+    def form(u, v, w):
+        strain = sym_grad(u)
+        return ddot(w["first"] * eye(trace(strain), 3) + 2 * w["shear"] * strain, sym_grad(v))
+
+    basis, numbers = basis_of(mesh)
+    each = {name: np.repeat(value[:, None], basis.dx.shape[1], axis=1)
+            for name, value in (("first", first), ("shear", shear))}
+    K = asm(form, basis, **each).tocoo()
+    expected = csr_matrix((K.data, (numbers[K.row], numbers[K.col])), K.shape)
+    assert abs(matrix(mesh, sum_stiffness(mesh, composite)) - expected).max() <= 1e-14 * abs(expected).max()
+
+
+FORCE = ("3 + 2*x - z", "y*z - x**2", "1 + x*y")
+
+
+def force(x, y, z):
+    return np.stack([3 + 2 * x - z, y * z - x**2, 1 + x * y])
+
+
+@both_orders
+def test_loads_are_those_of_skfem(order):
+    """Volume forces, tractions and pressures, as formulas and as numbers."""
+    mesh = box((2, 3, 2), (3.0, 1.0, 2.0), order, jitter=0.2)
+    right, top = mesh.groups["right"], mesh.groups["top"]
+    cases = [
+        ({"volume_force": FORCE}, load_of(mesh, LinearForm(lambda v, w: dot(force(*w.x), v)), 8)),
+        ({"volume_force": (2.0, -3.0, 5.0)}, load_of(mesh, LinearForm(lambda v, w: 2 * v[0] - 3 * v[1] + 5 * v[2]))),
+        ({"traction": [SolidTraction(on="right", value=FORCE)]},
+         load_of(mesh, LinearForm(lambda v, w: dot(force(*w.x), v)), 8, right)),
+        ({"traction": [SolidTraction(on="top", value=(2.0, -3.0, 5.0)), SolidTraction(on="right", pressure=7.0)]},
+         load_of(mesh, LinearForm(lambda v, w: 2 * v[0] - 3 * v[1] + 5 * v[2]), 4, top)
+         - load_of(mesh, LinearForm(lambda v, w: 7 * dot(w.n, v)), 4, right)),
+        ({"traction": [SolidTraction(on="top", pressure="x*y + z")]},
+         load_of(mesh, LinearForm(lambda v, w: -(w.x[0] * w.x[1] + w.x[2]) * dot(w.n, v)), 8, top))]
+    for loads, expected in cases:
+        assert np.abs(nodal_loads(mesh, body(**loads)).ravel() - expected).max() <= 1e-13 * np.abs(expected).max()
+
+
+def test_pressure_all_around_a_curved_body_is_its_buoyancy():
+    """∮ p n dA is the integral of ∇p over the curved tetrahedra, exactly; the moment of a constant one is zero."""
+    mesh = wavy()
+    f = nodal_loads(mesh, body(traction=[SolidTraction(on=on, pressure="2 + x - 3*y + 5*z") for on in SIDES]))
+    assert f.sum(axis=0) == pytest.approx(mesh.measures().sum() * np.array([-1.0, 3.0, -5.0]), rel=1e-12)
+    f = nodal_loads(mesh, body(traction=[SolidTraction(on=on, pressure=2.0) for on in SIDES]))
+    assert np.abs(np.cross(mesh.points, f).sum(axis=0)).max() <= 1e-13
+    weight = nodal_loads(mesh, body(volume_force=(1.0, 2.0, 3.0)))
+    assert weight.sum(axis=0) == pytest.approx(mesh.measures().sum() * np.array([1.0, 2.0, 3.0]), rel=1e-13)
+
+
+def test_traction_inside_the_body_is_refused():
+    mesh = box((2, 1, 1))
+    inside = np.flatnonzero(mesh.points[:, 0] == 0.5)[[0, 1, 3]]
+    with pytest.raises(InputError, match=r"not on the body's boundary, as at \(0.5, "):
+        nodal_loads(Mesh(mesh.points, mesh.triangles, {"inside": inside[None]}),
+                    body(traction=[SolidTraction(on="inside", pressure=1.0)]))
+
+
+@both_orders
+def test_boundary_of_a_box(order):
+    """Its facets are those of the six groups, and each has the cell that it belongs to."""
+    mesh = box((3, 2, 2), order=order)
+    facets, owners = boundary_facets(mesh.triangles)
+    assert len(facets) == 2 * 2 * (3 * 2 + 3 * 2 + 2 * 2)
+    groups = np.concatenate(list(mesh.groups.values()))
+    assert np.array_equal(np.unique(np.sort(facets, axis=1), axis=0), np.unique(np.sort(groups, axis=1), axis=0))
+    assert all(np.isin(facet, mesh.triangles[owner]).all() for facet, owner in zip(facets, owners, strict=True))
+
+
+# Rigid motions
+
+
+def test_rigid_motions():
+    """Six of them make no forces, and nothing else does; they are what clamps leave."""
+    for mesh in (box((2, 2, 2), order=1, jitter=0.2), wavy()):
+        K = sum_stiffness(mesh, STEEL)
+        full = matrix(mesh, K).toarray()
+        assert np.array_equal(full, full.T)
+        values = np.linalg.eigvalsh(full)
+        assert np.count_nonzero(values < 1e-10 * values[-1]) == 6 and values[0] > -1e-13 * values[-1]
+        motions = body_motions(mesh, K, np.ones(mesh.points.shape, bool), "block")
+        assert motions.shape == (*mesh.points.shape, 6)
+        assert max(np.abs(K.mult(motion)).max() for motion in np.moveaxis(motions, 2, 0)) <= 1e-12 * values[-1]
+        assert np.abs(motions[:, :, :3] - np.eye(3)).max() <= 1e-14
+
+
+@pytest.mark.parametrize("clamp, number", [
+    ([], 6), ([hold("bottom", None, None, 0.0)], 3),
+    ([hold("bottom", None, None, 0.0), hold("left", 0.0, None, None)], 1),
+    ([hold("left", 0.0, 0.0, 0.0)], 0)])
+def test_clamps_leave_rigid_motions(clamp, number):
+    """A face on rollers leaves three, two faces one; matrix and near null space have blocks of three."""
+    mesh = box((2, 2, 2))
+    problem = assemble(mesh, body(clamp=clamp))
+    assert problem.motions.shape[2] == number and problem.held == (number == 0)
+    assert problem.A.getBlockSize() == 3 and problem.A.isSymmetric(1e-5 * STEEL.young)
+    assert len(problem.A.getNearNullSpace().getVecs()) == 6
+
+
+def test_a_loose_piece_is_refused():
+    """A second cube that no clamp holds can move; the message says how."""
+    one = box((1, 1, 1))
+    both = Mesh(np.concatenate([one.points, one.points + np.array([3.0, 0.0, 0.0])]),
+                np.concatenate([one.triangles, one.triangles + len(one.points)]), one.groups)
+    with pytest.raises(InputError, match=r"can still (rotate|move along [xyz]) as a rigid body"):
+        assemble(both, body(clamp=[hold("left", 0.0, 0.0, 0.0)]))
+
+
+def test_centroid_is_that_of_the_volume():
+    """Rotations are about the centroid of an octant of a hollow ball, whose place its spheres give."""
+    mesh = shell(6)
+    motions = body_motions(mesh, sum_stiffness(mesh, STEEL), np.ones(mesh.points.shape, bool), "ball")
+    for rotation, (i, j) in zip(np.moveaxis(motions[:, :, 3:], 2, 0), ((0, 1), (0, 2), (1, 2)), strict=True):
+        for moved, along in ((i, j), (j, i)):  # u_i grows with x_j, and is zero at the centre
+            slope, start = np.polyfit(mesh.points[:, along], rotation[:, moved], 1)
+            assert -start / slope == pytest.approx(3 / 8 * (1.0 - INNER**4) / (1.0 - INNER**3), rel=1e-4)
+
+
+# Exact fields
+
+GRADIENT = np.array([[1e-3, -4e-4, 2e-4], [7e-4, 5e-4, -6e-4], [3e-4, 8e-4, -9e-4]])
+
+
+def linear_clamps() -> list:
+    rows = [" + ".join(f"{value}*{axis}" for value, axis in zip(row, "xyz", strict=True)) for row in GRADIENT.tolist()]
+    return [hold(side, *rows) for side in SIDES]
+
+
+@pytest.mark.parametrize("mesh", [box((3, 2, 2), jitter=0.2), box((3, 2, 2), order=2, jitter=0.2), wavy()],
+                         ids=["order 1", "order 2", "curved"])
+def test_linear_displacement_is_exact(mesh):
+    """Prescribed all around, it is found inside; the stress is constant and the estimated error zero."""
+    exact = mesh.points @ GRADIENT.T
+    u = solve(mesh, body(clamp=linear_clamps()))
+    assert np.abs(u - exact).max() <= 1e-12 * np.abs(exact).max()
+    (first, shear), strain = STEEL.lame, (GRADIENT + GRADIENT.T) / 2
+    sigma = first * np.trace(strain) * np.eye(3) + 2 * shear * strain
+    found = stress_at(mesh, STEEL, u, RULES[3][0])
+    assert np.abs(found - sigma[..., None, None]).max() <= 1e-10 * np.abs(sigma).max()
+    columns = sigma[[0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
+    assert np.abs(stress(mesh, STEEL, u) - columns).max() <= 1e-10 * np.abs(sigma).max()
+    deviator = sigma - np.trace(sigma) / 3 * np.eye(3)
+    assert von_mises(columns[None]) == pytest.approx(np.sqrt(1.5 * (deviator**2).sum()))
+    error = estimate_error(mesh, STEEL, u)
+    assert error.total <= 1e-18 * error.energy
+    assert error.energy == pytest.approx((sigma * strain).sum() * mesh.measures().sum(), rel=1e-12)
+
+
+@both_orders
+def test_a_bar_in_tension(order):
+    """σ = F / A along the bar, and it gets thinner by ν; pressure on its end is traction along the inner normal."""
+    mesh, pull = box((3, 2, 2), (3.0, 1.0, 0.5), order, jitter=0.2), 1e6
+    rollers = [hold("left", 0.0, None, None), hold("front", None, 0.0, None), hold("bottom", None, None, 0.0)]
+    expected = mesh.points * np.array([1.0, -0.3, -0.3]) * pull / STEEL.young
+    for load in ({"value": (pull, 0.0, 0.0)}, {"pressure": -pull}):
+        u = solve(mesh, body(clamp=rollers, traction=[SolidTraction(on="right", **load)]))
+        assert np.abs(u - expected).max() <= 1e-12 * np.abs(expected).max()
+
+
+def test_bending_is_exact_with_quadratic_elements():
+    """σ_xx = E κ z alone: u = κ (x z, −ν y z, −(x² + ν (z² − y²)) / 2)."""
+    mesh, kappa = box((3, 2, 2), (3.0, 1.0, 1.0), 2, jitter=0.2), 1e-3
+    u = solve(mesh, body(
+        clamp=[hold("left", 0.0, f"-{0.3 * kappa}*y*z", f"-{0.15 * kappa}*(z**2 - y**2)")],
+        traction=[SolidTraction(on="right", value=(f"{STEEL.young * kappa}*z", 0.0, 0.0))]))
+    x, y, z = mesh.points.T
+    expected = kappa * np.stack([x * z, -0.3 * y * z, -(x**2 + 0.3 * (z**2 - y**2)) / 2], axis=1)
+    assert np.abs(u - expected).max() <= 1e-11 * kappa
+    found = stress_at(mesh, STEEL, u, RULES[3][0])
+    at = RULES[3][0] @ mesh.points[mesh.corners][..., 2].T
+    assert np.abs(found[0, 0] - STEEL.young * kappa * at).max() <= 1e-8 * STEEL.young * kappa
+    assert np.abs(found[1:]).max() <= 1e-8 * STEEL.young * kappa
+    error = estimate_error(mesh, STEEL, u)
+    assert error.total <= 1e-16 * error.energy
+
+
+# Rates: u = a sin(k · x + 1), whose volume force is ((λ + μ) (a · k) k + μ k² a) sin(k · x + 1)
+
+MATERIAL = Material(young=3.0, poisson=0.3)
+A, K = np.array([1.0, -0.6, 0.8]), np.array([1.1, 0.7, -1.6])
+PHASE = " + ".join(f"{k}*{axis}" for k, axis in zip(K.tolist(), "xyz", strict=True)) + " + 1"
+
+
+def wave(points: np.ndarray) -> np.ndarray:
+    return np.sin(points @ K + 1)[:, None] * A
+
+
+def wave_stress(points: np.ndarray) -> np.ndarray:
+    """(3, 3, …) at points (…, 3)."""
+    (first, shear), both = MATERIAL.lame, np.outer(A, K)
+    return (first * np.trace(both) * np.eye(3) + shear * (both + both.T))[
+        (...,) + (None,) * (points.ndim - 1)] * np.cos(points @ K + 1)
+
+
+def waving(n: int, order: int, jitter: float = 0.15) -> tuple[Mesh, np.ndarray]:
+    """A cube that is held at its left and loaded elsewhere, with its displacement."""
+    first, shear = MATERIAL.lame
+    mesh = box((n, n, n), order=order, jitter=jitter)
+    unit = wave_stress(np.zeros((1, 3)))[..., 0] / np.cos(1.0)
+    tractions = []
+    for k, side in enumerate(SIDES[1:], start=1):
+        normal = (2 * (k % 2) - 1) * np.eye(3)[k // 2]
+        tractions.append(SolidTraction(on=side, value=tuple(f"{t}*cos({PHASE})" for t in (unit @ normal).tolist())))
+    weight = (first + shear) * (A @ K) * K + shear * (K @ K) * A
+    spec = body(MATERIAL, clamp=[hold("left", *(f"{a}*sin({PHASE})" for a in A.tolist()))], traction=tractions,
+                volume_force=tuple(f"{w}*sin({PHASE})" for w in weight.tolist()))
+    return mesh, solve(mesh, spec)
+
+
+@pytest.mark.parametrize(("order", "sizes", "largest"), [(1, (4, 8, 12), 0.1), (2, (2, 4, 6), 0.02)])
+def test_rates(order, sizes, largest):
+    """The error falls with h^(p+1) in L2 and h^p in energy; the estimate is that error, but for a fifth."""
+    errors, points, weights = [], *FINE[3]
+    for n in sizes:
+        mesh, u = waving(n, order)
+        places = np.einsum("qi,tid->qtd", points, mesh.points[mesh.corners])
+        found = np.einsum("qk,tkd->qtd", mesh.cell.shapes(points), u[mesh.triangles])
+        exact = wave(places.reshape(-1, 3)).reshape(places.shape)
+        off = components(stress_at(mesh, MATERIAL, u, points) - wave_stress(places))
+        energy = [weights @ energy_density(MATERIAL, each) @ mesh.measures()
+                  for each in (off, components(wave_stress(places)))]
+        l2 = [weights @ (each**2).sum(axis=2) @ mesh.measures() for each in (found - exact, exact)]
+        errors.append(np.sqrt([l2[0] / l2[1], energy[0] / energy[1]]))
+        estimate = estimate_error(mesh, MATERIAL, u)
+        assert estimate.energy == pytest.approx(float((u * sum_stiffness(mesh, MATERIAL).mult(u)).sum()), rel=1e-11)
+        effectivity = np.sqrt(estimate.total / energy[0])
+    rates = -np.polyfit(np.log(sizes), np.log(errors), 1)[0]
+    assert rates == pytest.approx([order + 1, order], abs=0.25), rates
+    assert errors[-1][1] < largest and effectivity == pytest.approx(1.0, abs=0.2), (errors, effectivity)
+
+
+# Curved tetrahedra
+
+PRESSURE, INNER, OUTER = 1e8, 0.5, 1.0
+
+
+def hollow_ball(r: np.ndarray) -> np.ndarray:
+    """Lamé: the radial displacement of a hollow ball under an inner pressure."""
+    E, nu, ratio = STEEL.young, STEEL.poisson, PRESSURE * INNER**3 / (OUTER**3 - INNER**3)
+    return ratio * ((1 - 2 * nu) / E * r + (1 + nu) * OUTER**3 / (2 * E * r**2))
+
+
+def test_hollow_ball_converges():
+    """Lamé's ball: displacement converges with the third power of h in L2, the energy with the fourth, nearly."""
+    errors, sizes, (points, weights) = [], (2, 4, 6), RULES[3]
+    for n in sizes:
+        mesh = shell(n)
+        assert len(mesh.curved) == len(mesh.triangles)
+        refuse_folded(mesh, "mesh")
+        u = solve(mesh, body(clamp=[hold("x", 0.0, None, None), hold("y", None, 0.0, None), hold("z", None, None, 0.0)],
+                             traction=[SolidTraction(on="inner", pressure=PRESSURE)]))
+        mapped = mesh.map(np.arange(len(mesh.triangles)), points)
+        r = np.linalg.norm(mapped.places, axis=2, keepdims=True)
+        exact = mapped.places / r * hollow_ball(r)
+        found = np.einsum("qk,tkd->qtd", mesh.cell.shapes(points), u[mesh.triangles])
+        squares = [weights @ ((each**2).sum(axis=2) * mapped.measures).sum(axis=1) for each in (found - exact, exact)]
+        energy = PRESSURE * np.pi / 2 * INNER**2 * hollow_ball(np.array(INNER))
+        estimate = estimate_error(mesh, STEEL, u)
+        errors.append((np.sqrt(squares[0] / squares[1]), abs(estimate.energy / energy - 1)))
+    rates = np.log(np.array(errors[-2]) / errors[-1]) / np.log(sizes[-1] / sizes[-2])
+    assert (rates >= [2.7, 3.3]).all(), rates
+    assert errors[-1][0] < 3e-3 and errors[-1][1] < 1.5e-3, errors
+    assert np.sqrt(estimate.total / energy / errors[-1][1]) == pytest.approx(1.0, abs=0.2)
+
+
+def test_quadrature_agrees_with_the_tables():
+    """On straight tetrahedra the path of curved ones gives the same stiffness, loads, stresses and estimates."""
+    mesh, other = (box((2, 2, 2), order=2, jitter=0.2) for _ in range(2))
+    other.__dict__["curved"] = np.arange(1, len(mesh.triangles), 2)
+    u = np.sin(3.0 * mesh.points @ [[1.0, 2.0, 0.5], [-2.0, 1.0, 1.0], [0.3, -1.0, 2.0]])
+    for of in (lambda m: matrix(m, sum_stiffness(m, STEEL)).toarray(), lambda m: m.measures(),
+               lambda m: nodal_loads(m, body(volume_force=(3.0, -5.0, 1.0))), lambda m: stress(m, STEEL, u),
+               lambda m: estimate_error(m, STEEL, u).squares, lambda m: estimate_error(m, STEEL, u).energy):
+        expected = of(mesh)
+        assert of(other) == pytest.approx(expected, rel=1e-11, abs=1e-11 * np.abs(expected).max())
+
+
+def test_a_folded_tetrahedron_is_refused():
+    mesh = box((1, 1, 1), order=2)
+    bends = np.zeros((6, 6, 3))
+    bends[0, 0] = 0.8
+    with pytest.raises(InputError, match=r"mesh: the curved tetrahedron at \(.*, .*, .*\) folds"):
+        refuse_folded(bend(mesh, bends), "mesh")
