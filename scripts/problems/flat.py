@@ -5,7 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from problem import (
+from scenes import pinched_blocks
+
+from ddmpi.interface.state import ContactState
+from ddmpi.run.answer import Answer
+from problems import (
     Curve,
     Found,
     Order,
@@ -23,10 +27,6 @@ from problem import (
     solved,
     worst,
 )
-from scenes import pinched_blocks
-
-from ddmpi.interface.state import ContactState
-from ddmpi.run.answer import Answer
 
 YOUNG, POISSON, PRESSURE = 1e9, 0.3, 1e6
 PLANE, SHEAR = YOUNG / (1 - POISSON**2), YOUNG / 2 / (1 + POISSON)

@@ -1,15 +1,18 @@
-"""What the verification problems share: their form, scenes in few words, meshes drawn by gmsh, norms of errors."""
+"""What the verification problems share: their form, scenes in few words, meshes drawn by gmsh, norms of errors.
+
+The problems stand in flat.py and curved.py.
+"""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import experiment  # noqa: F401, with which the helpers of the tests can be imported
 import numpy as np
-from experiment import ROOT
 from mpi4py import MPI
+from scenes import to_toml
 
 import ddmpi
 from ddmpi.interface.state import ContactState
@@ -18,10 +21,6 @@ from ddmpi.mesh.read import gmsh_session
 from ddmpi.mesh.shapes import generate_annulus
 from ddmpi.run.answer import Answer
 from ddmpi.scene.bodies import MeshSpec
-
-sys.path.insert(0, str(ROOT / "tests"))
-
-from scenes import to_toml
 
 Order = int | str
 """1, 2, or "2 straight": quadratic elements whose sides are straight, wherever the boundary is curved."""

@@ -1,8 +1,7 @@
-#!/usr/bin/env python3
 """Runs the commands of a page as its reader would, and compares what they print with what the page shows.
 
-    scripts/pages.py docs/tutorial.md            # says what differs
-    scripts/pages.py docs/tutorial.md --write    # also writes the pictures of the page, docs/figures/tutorial_*.png
+    scripts/study pages docs/tutorial.md            # says what differs
+    scripts/study pages docs/tutorial.md --write    # also writes the pictures of the page, docs/figures/tutorial_*.png
 
 Three things in a page count. A block whose first line is a comment with a file name (``# bracket.toml``) is that file.
 In a block of the language ``console`` lines after ``$`` are commands; the other lines are what they print, ``…`` in the
