@@ -3,8 +3,9 @@
 
     scripts/study gallery [--only NAME ...] [--skip NAME ...] [--output docs/figures]
 
-Pictures are gallery_NAME.png in the folder --output. The words are in docs/gallery.md; tests/scripts/test_gallery.py
-has the numbers of `EXHIBITS` checked on coarser meshes or in fewer load steps, and that the page shows them.
+Pictures are gallery_NAME.png in the folder --output. The words are in docs/start/gallery.md.
+tests/scripts/test_gallery.py checks the numbers of `EXHIBITS` on coarser meshes or in fewer load steps, and that the
+page shows them.
 """
 
 import argparse

@@ -1,5 +1,5 @@
 #!/usr/bin/env -S bash -c 'exec "${0%/*}/study" "$0" "$@"'
-"""Load steps against closed forms: the numbers of docs/load_steps.md.
+"""Load steps against closed forms: the numbers of docs/use/load_steps.md.
 
     scripts/study history_study [SECTION ...]
 

@@ -71,7 +71,7 @@ RESULTS = f"""\
 
 {NOTE}
 
-Numbers are in the scene's units; forces and energies are per unit of depth. [results.md](../results.md) says what
+Numbers are in the scene's units; forces and energies are per unit of depth. [results.md](../use/results.md) says what
 signs, certificate and warnings mean. Columns without words of their own go with the one above. Names and meanings of
 format {tables.FORMAT} stay; entries may be added.
 """
@@ -85,7 +85,7 @@ COMMANDS = f"""\
     scripts/run.sh COMMAND …                  # sets up, and starts a rank for each body; COMMAND may be left out: run
 
 `ddmpi` is the same as `python -m ddmpi`. All that starts with one dash is a PETSc option, such as `-log_view`:
-[methods.md](../methods.md#petsc-options).
+[methods.md](../use/methods.md#petsc-options).
 """
 
 PYTHON = f"""\
@@ -130,14 +130,14 @@ def scene_page(schema: Mapping) -> str:
                 for key, value in tables[name]["properties"].items()]
         lines += table(("key", "takes", "default", "meaning"), rows)
         if name == "Method":
-            lines += ["Presets fill in what a scene leaves out ([accuracy.md](../accuracy.md)):", ""]
+            lines += ["Presets fill in what a scene leaves out ([accuracy.md](../use/accuracy.md)):", ""]
             keys = list(dict.fromkeys(key for preset in PRESETS.values() for key in preset))
             lines += table(("preset", *keys), ([f"`{preset}`", *(values.get(key, "–") for key in keys)]
                                                for preset, values in PRESETS.items()))
     lines += ["## formula", "",
               "Numbers, `x`, `y`, `pi`, `+ - * / **`, the comparisons `< <= > >=` (1 where they hold, else 0),",
               f"brackets, and the functions `{' '.join(FUNCTIONS)}`",
-              "(angles in radians) and `where(condition, one, other)`; see [loads.md](../loads.md)."]
+              "(angles in radians) and `where(condition, one, other)`; see [loads.md](../use/loads.md)."]
     return "\n".join(lines)
 
 
@@ -183,7 +183,7 @@ def _anchor(heading: str) -> str:
 
 def _linked(text: str) -> str:
     """Text with pages of docs/ as links, for a cell of a table."""
-    return re.sub(r"docs/(\w+\.md)", r"[\1](../\1)", text).replace("|", "\\|")
+    return re.sub(r"docs/(\w+/)(\w+\.md)", r"[\2](../\1\2)", text).replace("|", "\\|")
 
 
 # Results

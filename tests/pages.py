@@ -1,12 +1,12 @@
 """Runs the commands of a page as its reader would, and compares what they print with what the page shows.
 
-    scripts/study pages docs/tutorial.md            # says what differs
-    scripts/study pages docs/tutorial.md --write    # also writes the pictures of the page, docs/figures/tutorial_*.png
+    scripts/study pages docs/start/tutorial.md            # says what differs
+    scripts/study pages docs/start/tutorial.md --write    # also writes its pictures, docs/figures/tutorial_*.png
 
 Three things in a page count. A block whose first line is a comment with a file name (``# bracket.toml``) is that file.
 In a block of the language ``console`` lines after ``$`` are commands; the other lines are what they print, ``…`` in the
 place of what is left out. A command ends with exit code 0, unless the next one is ``echo $?``. An image
-``![words](figures/PICTURE.png "FILE")`` is made from FILE, a result of these commands.
+``![words](../figures/PICTURE.png "FILE")`` is made from FILE, a result of these commands.
 
 All run in order in one shell, in a folder that has the parts of this repository which a reader uses. Where a page says
 ``gmsh 4.15.2``, numbers agree in all digits that it shows, but for one unit of the last, if gmsh is of that version;
@@ -31,7 +31,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.M | re.S)
 NAME = re.compile(r"(?://|#) ([\w./-]+\.\w+)$")
-IMAGE = re.compile(r'!\[[^\]]*\]\((figures/[\w.-]+) "([^"]+)"\)')
+IMAGE = re.compile(r'!\[[^\]]*\]\(((?:\.\./)*figures/[\w.-]+) "([^"]+)"\)')
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w])")
 
 ROUNDING = 1e-6
