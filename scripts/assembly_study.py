@@ -1,49 +1,170 @@
-#!/usr/bin/env bash
-"exec" "bash" "-c" '. "${0%/*}/setup.sh"; exec "$PYTHON" "$0" "$@"' "$0" "$@"  # to Python, a string
-
-__doc__ = """Many bodies: iterations, multiplications, ranks, messages.
+"""Many bodies: iterations, multiplications, ranks, messages.
 
 Sections, each with a table of its own:
 
-  iterations  GMRES iterations per Newton step on the scenes of `named_assemblies`, with and without coarse modes,
-              beside those of a dense prototype; multiplications by A⁻¹ per body
+  iterations  GMRES iterations per Newton step on the scenes of SCENES, with and without coarse modes, beside those of
+              a dense prototype; multiplications by A⁻¹ per body
   work        multiplications per body of a wall and of two blocks on the same mesh
   ranks       the same scene on different numbers of ranks, each twice: answers compared
   messages    what a rank sends, in rows of blocks with a rank for each
-  before      two blocks on two ranks, in turns with an older checkout of this repository (--older DIR, as made by
-              `git worktree add DIR COMMIT`): smallest times of all repetitions
 
 Writes to the folder --output a CSV file for each section (a line per measurement, written at once, so that an
 interrupted study continues) and assemblies_table.md; once all sections are there, the table is also written to
-docs/tables/.
+docs/tables/. The scenes are dictionaries with the keys of a scene's TOML file, for
+other studies as well.
 """
 
 import argparse
 import json
+import math
 import sys
 import tempfile
 import time
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from experiment import ROOT, Ledger, Row, arguments, publish, table, where
+from experiment import Ledger, Row, arguments, publish, table, where
 from mpi4py import MPI
-from named_assemblies import Scene, arch, checkerboard, slabs, stack, wall
+from scenes import prepare_scene, run_command, run_python, to_toml, write_scene
 
 import ddmpi
 from ddmpi.methods import newton
 from ddmpi.results.tables import read_results
 from ddmpi.run.solve import solve
 
-sys.path.insert(0, str(ROOT / "tests"))
+# Scenes. N is the number of divisions of a unit of length. Blocks are steel and one unit high, pressed by PRESSURE
+# from above.
 
-from scenes import prepare_scene, run_command, run_python, to_toml, write_scene
+Scene = dict
+
+STEEL, STONE = {"young": 2.119e11, "poisson": 0.277}, {"young": 2.0e10, "poisson": 0.2}
+PRESSURE = 6e7
+
+
+class Maker:
+    """Collects the tables of one scene; bodies are named in the order in which they come, contacts likewise."""
+
+    def __init__(self, title: str, friction: float | None) -> None:
+        self.scene: Scene = {"title": title, "rigid": [], "body": [], "contact": [], "method": {"tolerance": 1e-8}}
+        self._law = {"kind": "bonded"} if friction is None else {
+            "kind": "unilateral", "friction": {"law": "coulomb", "coefficient": friction}}
+
+    def body(self, corners: list[tuple[float, float]], divisions: tuple[int, int], clamp: list[str] | None = None,
+             loads: dict[str, tuple[float, float]] | None = None, weight: float = 0.0,
+             material: dict[str, float] = STEEL) -> str:
+        name = f"body{len(self.scene['body'])}"
+        self.scene["body"].append({
+            "name": name, "mesh": {"shape": "quadrilateral", "corners": [list(each) for each in corners],
+                                   "divisions": list(divisions)},
+            "material": material, "clamp": clamp or [],
+            "traction": [{"on": on, "value": list(value)} for on, value in (loads or {}).items()],
+            "volume_force": [0.0, -weight]})
+        return name
+
+    def block(self, N: int, x: float, y: float, width: float, **more) -> str:
+        X, Y = x + width, y + 1.0
+        return self.body([(x, y), (X, y), (X, Y), (x, Y)], (round(width * N), N), **more)
+
+    def contact(self, first: str, second: str, *on: str) -> None:
+        self.scene["contact"].append({"name": f"i{len(self.scene['contact'])}", "bodies": [first, second],
+                                      "on": list(on)} | self._law)
+
+    def on_top(self, upper: str, lower: str) -> None:
+        self.contact(upper, lower, "bottom", "top")
+
+    def beside(self, left: str, right: str) -> None:
+        self.contact(left, right, "right", "left")
+
+    def plane(self, x: float, y: float) -> str:
+        """A rigid plane that looks up."""
+        name = f"rigid{len(self.scene['rigid'])}"
+        self.scene["rigid"].append({"name": name, "shape": "plane", "point": [x, y], "normal": [0.0, 1.0]})
+        return name
+
+
+def stack(K: int, clamped: bool, N: int = 8, width: float = 3.0, shear: float = 0.05) -> Scene:
+    """K blocks on each other, Coulomb 0.3: all of them clamped on the left and pulled and pushed at the right, or the
+    lowest alone clamped, at its bottom, and the highest sheared by `shear` of the pressure."""
+    maker = Maker(f"{K} {'clamped' if clamped else 'loose'} blocks on each other", 0.3)
+    for k in range(K):
+        if clamped:
+            loads = {"bottom": (0.0, PRESSURE / 1.5)} if k == 0 else {"right": (1e7 * (-1) ** k, 5e6)}
+            if k == K - 1:
+                loads = {"top": (0.0, -PRESSURE), "right": (2e7, 3e7)}
+        else:
+            loads = {"top": (shear * PRESSURE, -PRESSURE)} if k == K - 1 else {}
+        clamp = ["left"] if clamped else ["bottom"] if k == 0 else []
+        block = maker.block(N, 0.0, float(k), width, clamp=clamp, loads=loads)
+        if k:
+            maker.on_top(block, f"body{k - 1}")
+    return maker.scene
+
+
+def slabs(K: int, length: float, N: int = 3) -> Scene:
+    """A loose stack of K slender slabs."""
+    return stack(K, False, N, length, 0.02) | {"title": f"{K} slabs {length:g} : 1 on each other"}
+
+
+def wall(rows: int, columns: int, N: int = 8) -> Scene:
+    """A wall in running bond, Coulomb 0.5: bricks of two units, half ones at the ends of every other row."""
+    maker, below = Maker(f"Wall of {rows} rows in running bond", 0.5), []
+    for row in range(rows):
+        joints = list(range(0, 2 * columns + 1, 2)) if row % 2 == 0 else [0, *range(1, 2 * columns, 2), 2 * columns]
+        loads = {"top": (3e6, -2e7)} if row == rows - 1 else {}
+        here = [(x, X, maker.block(N, float(x), float(row), float(X - x), clamp=[] if row else ["bottom"],
+                                   loads=loads)) for x, X in pairwise(joints)]
+        for k, (x, X, brick) in enumerate(here):
+            for u, U, lower in below:
+                if min(U, X) > max(u, x):
+                    maker.on_top(brick, lower)
+            if k + 1 < len(here):
+                maker.beside(brick, here[k + 1][2])
+        below = here
+    return maker.scene
+
+
+def arch(number: int, N: int = 8) -> Scene:
+    """A half-circle of voussoirs between the radii 4 and 5 on two rigid springings, under its weight, Coulomb 0.6."""
+    maker = Maker(f"Arch of {number} voussoirs", 0.6)
+    left, right = maker.plane(-5.0, 0.0), maker.plane(4.0, 0.0)
+    angles = [math.pi * (1 - k / number) for k in range(number + 1)]
+    names = []
+    for start, end in pairwise(angles):
+        corners = [(r * math.cos(angle), r * math.sin(angle)) for r, angle in ((4, start), (4, end), (5, end),
+                                                                                (5, start))]
+        names.append(maker.body(corners, (round(4.5 * math.pi / number * N), N), weight=2e4, material=STONE))
+    for one, other in pairwise(names):
+        maker.beside(one, other)
+    maker.contact(names[0], left, "left")
+    maker.contact(names[-1], right, "right")
+    return maker.scene
+
+
+def checkerboard(side: int, bonded: bool, N: int = 8) -> Scene:
+    """Squares, clamped on the left and pressed from above; bonded and pulled up, or Coulomb 0.3 and pressed from the
+    right, too."""
+    maker = Maker(f"{side * side} {'bonded' if bonded else 'loose'} squares", None if bonded else 0.3)
+    at = {}
+    for i in range(side):
+        for j in range(side):
+            loads = {"top": (0.0, -1e7)} if j == side - 1 else {}
+            if i == side - 1:
+                loads |= {"right": (0.0 if bonded else -5e7, 2e6)}
+            at[i, j] = maker.block(N, float(i), float(j), 1.0, clamp=[] if i else ["left"], loads=loads)
+    for i in range(side - 1):
+        for j in range(side):
+            maker.beside(at[i, j], at[i + 1, j])
+    for i in range(side):
+        for j in range(side - 1):
+            maker.on_top(at[i, j + 1], at[i, j])
+    return maker.scene
+
+
+# What is measured
 
 PAGE = "assemblies_table.md"
-COMPARED = ("factor", "outer", "total", "command")
-"""Phases of the section before."""
-
 ALLOWED = 1.2
 """Iterations may be those of the prototype times this."""
 
@@ -73,8 +194,6 @@ SPREAD = {"16 blocks, clamped": (SCENES["16 blocks, clamped"][0], RANKS),
           "wall 4 x 3, N = 4": (lambda: wall(4, 3, 4), RANKS),
           "wall 14 x 14, N = 4": (lambda: wall(14, 14, 4), (1, 2, 4, 16))}
 ROWS, DIVISIONS = (4, 16, 64), (6, 8)
-SIZES = {22: 10, 86: 6, 160: 3}
-"""N of two blocks, and how often both checkouts are measured."""
 
 SECTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "iterations": (("scene", "modes"), ("bodies", "steps", "iterations", "n_A", "certified", "seconds")),
@@ -82,7 +201,6 @@ SECTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "ranks": (("scene", "ranks"), ("distance", "same_statuses", "repeated", "seconds")),
     "messages": (("blocks",), ("motions", "product_messages", "product_bytes", "products", "messages", "bytes",
                                "reductions", "reduced_bytes", "certified", "seconds")),
-    "before": (("N", "repetition"), tuple(f"{phase}_{when}" for phase in COMPARED for when in ("before", "now"))),
 }
 
 
@@ -153,23 +271,6 @@ def measure_messages(K: int) -> Row:
     return json.loads(child.stdout.splitlines()[-1]) | {"seconds": round(time.perf_counter() - start, 1)}
 
 
-def measure_before(older: Path, N: int) -> Row:
-    """The phases of the slower rank of both checkouts, one after the other."""
-    found = {}
-    settings = [word for name in ("upper", "lower") for word in ("--set", f"body.{name}.mesh.divisions=[{3 * N}, {N}]")]
-    for when, checkout in (("before", older), ("now", ROOT)):
-        with tempfile.TemporaryDirectory() as folder:  # Python looks for modules where it is started
-            start = time.perf_counter()
-            run = run_command(ROOT / "configs" / "pinched_blocks.toml", Path(folder), "--no-figures", *settings,
-                              limit=LIMIT, cwd=checkout)
-            whole = time.perf_counter() - start
-            if run.code:
-                sys.exit(run.output)
-            seconds = run.summary["seconds"] | {"command": whole}
-            found |= {f"{phase}_{when}": round(seconds[phase], 5) for phase in COMPARED}
-    return found
-
-
 # Tables
 
 def iterations_table(rows: list[Row]) -> list[str]:
@@ -227,35 +328,17 @@ def messages_table(rows: list[Row]) -> list[str]:
                     for row in rows])]
 
 
-def before_table(rows: list[Row]) -> list[str]:
-    lines = []
-    for N in sorted({row["N"] for row in rows}):
-        same = where(rows, N=N)
-        least = {name: min(row[name] for row in same) for name in SECTIONS["before"][1]}
-        lines.append([N, len(same), *(cell for phase in COMPARED for cell in (
-            *(f"{least[f'{phase}_{when}']:.3f}" for when in ("before", "now")),
-            f"{least[f'{phase}_now'] / least[f'{phase}_before']:.2f}"))])
-    return ["## Two blocks on two ranks, before and now", "",
-            "`configs/pinched_blocks.toml` in turns on the last commit that knew two bodies only and on this one; the "
-            "smallest times (s). `command` is the whole process. `total` now holds loading h5py and the versions of "
-            "libraries, which stood before it then.", "",
-            *table(["N", "times", *(name for phase in COMPARED for name in (f"{phase} before", "now", "ratio"))],
-                   lines)]
-
-
 def _yes(value: bool) -> str:
     return "yes" if value else "**no**"
 
 
 def main() -> None:
     parser = arguments(__doc__, "assemblies")
-    parser.add_argument("--sections", nargs="+", choices=SECTIONS, default=list(SECTIONS)[:-1], metavar="NAME",
-                        help="default: all but before")
+    parser.add_argument("--sections", nargs="+", choices=SECTIONS, default=list(SECTIONS), metavar="NAME",
+                        help="default: all")
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES), metavar="NAME",
                         help="of the section iterations")
     parser.add_argument("--rows", nargs="+", type=int, default=ROWS, metavar="K", help="of the section messages")
-    parser.add_argument("--sizes", nargs="+", type=int, default=list(SIZES), metavar="N", help="of the section before")
-    parser.add_argument("--older", type=Path, metavar="DIR", help="checkout for the section before")
     parser.add_argument("--count-messages", type=int, metavar="K", help=argparse.SUPPRESS)  # for the ranks that count
     options = parser.parse_args()
     world = MPI.COMM_WORLD
@@ -264,18 +347,13 @@ def main() -> None:
         if world.rank == 0:
             print(json.dumps(found))
         return
-    if "before" in options.sections and not options.older:
-        parser.error("the section before needs --older DIR")
     work: dict[str, tuple[list[tuple], Callable[..., Row]]] = {
         "iterations": ([(name, modes) for name in options.scenes for modes in (True, False)], measure_iterations),
         "work": ([(name, N) for N in DIVISIONS for name in WORK], measure_work),
         "ranks": ([(name, ranks) for name, (_, several) in SPREAD.items() for ranks in several], measure_ranks),
-        "messages": ([(K,) for K in options.rows], measure_messages),
-        "before": ([(N, k) for N in options.sizes for k in range(SIZES.get(N, 3))],
-                   lambda N, _: measure_before(options.older.resolve(), N))}
-    tables = {"iterations": iterations_table, "work": work_table, "ranks": ranks_table, "messages": messages_table,
-              "before": before_table}
-    lines, complete = ["# Assemblies, measured", "", "Generated by `scripts/assembly_study.py`.", ""], True
+        "messages": ([(K,) for K in options.rows], measure_messages)}
+    tables = {"iterations": iterations_table, "work": work_table, "ranks": ranks_table, "messages": messages_table}
+    lines, complete = ["# Assemblies, measured", "", "Generated by `scripts/study assembly_study`.", ""], True
     for section, (key, others) in SECTIONS.items():
         path = options.output / f"{section}.csv"
         if section in options.sections or path.exists():

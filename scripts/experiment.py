@@ -1,4 +1,4 @@
-"""What the studies share: the paper's scene and variants, tables that outlive interruptions, pages and figures.
+"""What the studies share: the paper's scene and variants, tables that outlive interruptions, pages, figures, arguments.
 
 The paper: J. Haslinger, R. Kučera, T. Sassi, J. Riton, "A Domain Decomposition Algorithm for Contact
 Problems with Coulomb's Friction", slides, International Symposium on Modern Mathematics and
@@ -13,6 +13,7 @@ import csv
 import dataclasses
 import functools
 import gc
+import inspect
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -30,6 +31,7 @@ from ddmpi.scene.reader import read_scene_file
 from ddmpi.scene.scene import Settled
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.append(str(ROOT / "tests"))  # whose helpers the studies use as well
 LAWS = ("tresca", "coulomb")
 ALGORITHMS = ("original", "modified")
 SPLITTINGS = ("none", "step1", "step2", "step1+2")
@@ -39,7 +41,7 @@ SIZES = (6, 22, 38, 54, 70, 86)
 
 INNER_PRECISION = 0.02
 """η of all runs unless they study it. At the program's default of 0.1, which is cheaper, rounding errors
-decide in some variants in which iteration the update falls below the tolerance (inner_precision.py)."""
+decide in some variants in which iteration the update falls below the tolerance (scripts/study inner_precision)."""
 
 Row = dict
 
@@ -184,6 +186,11 @@ def _line(cells: Iterable) -> str:
     return f"| {' | '.join(map(str, cells))} |"
 
 
+def seconds(value: float) -> str:
+    """Seconds for a table."""
+    return f"{value:.3f}" if value < 1 else f"{value:.2f}"
+
+
 def publish(name: str, text: str, folder: Path, complete: bool, draw: Callable[[Path], None] | None = None) -> None:
     """Write a page to `folder`, and to docs/tables/ if the study is complete; `draw` draws its figures beside it."""
     for place in [folder, ROOT / "docs" / "tables"] if complete else [folder]:
@@ -211,11 +218,19 @@ def save_figures(folder: Path, figures: dict[str, Callable], **options) -> None:
 
 # Commands
 
-def arguments(description: str, name: str) -> argparse.ArgumentParser:
-    """A parser with the option --output, by default results/NAME."""
-    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--output", type=Path, default=Path("results") / name, metavar="DIR")
+def arguments(description: str | None, name: str = "") -> argparse.ArgumentParser:
+    """A parser; with the option --output, by default results/NAME, for a study that writes files."""
+    parser = argparse.ArgumentParser(description=inspect.cleandoc(description or ""),
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    if name:
+        parser.add_argument("--output", type=Path, default=Path("results") / name, metavar="DIR")
     return parser
+
+
+def start(*studies: Callable[[], None]) -> None:
+    """Start the one of several studies of a file that the first argument names, as `scripts/study` does."""
+    sys.argv[0] = name = sys.argv.pop(1)
+    next(study for study in studies if study.__name__ == name)()
 
 
 def on_two_ranks(main: Callable[[MPI.Comm], None]) -> Callable[[], None]:
@@ -224,7 +239,7 @@ def on_two_ranks(main: Callable[[MPI.Comm], None]) -> Callable[[], None]:
     def guarded() -> None:
         world = MPI.COMM_WORLD
         if world.size != 2:
-            sys.exit(f"start this as a command, {Path(sys.argv[0]).name}: it starts mpirun -n 2 itself")
+            sys.exit(f"two ranks, please: scripts/study {Path(sys.argv[0]).stem} starts them")
         main(world)
         gc.collect()
     return guarded

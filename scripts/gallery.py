@@ -1,12 +1,11 @@
-#!/usr/bin/env bash
-"exec" "bash" "-c" '. "${0%/*}/setup.sh"; exec "$PYTHON" "$0" "$@"' "$0" "$@"  # to Python, a string
+#!/usr/bin/env -S bash -c 'exec "${0%/*}/study" "$0" "$@"'
+"""The gallery: runs its scenes as a user would, checks the number of each, and keeps a picture of each.
 
-__doc__ = """The gallery: runs its scenes as a user would, checks the number of each, and keeps a picture of each.
+    scripts/study gallery [--only NAME ...] [--skip NAME ...] [--output docs/figures]
 
-    scripts/gallery.py [--only NAME ...] [--skip NAME ...] [--output docs/figures]
-
-Pictures are gallery_NAME.png in the folder --output. The words are in docs/gallery.md; tests/scripts/test_gallery.py
-has the numbers of `EXHIBITS` checked on coarser meshes or in fewer load steps, and that the page shows them.
+Pictures are gallery_NAME.png in the folder --output. The words are in docs/start/gallery.md.
+tests/scripts/test_gallery.py checks the numbers of `EXHIBITS` on coarser meshes or in fewer load steps, and that the
+page shows them.
 """
 
 import argparse

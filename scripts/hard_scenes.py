@@ -1,10 +1,8 @@
-#!/usr/bin/env bash
-"exec" "bash" "-c" '. "${0%/*}/setup.sh"; exec "$PYTHON" "$0" "$@"' "$0" "$@"  # to Python, a string
+#!/usr/bin/env -S bash -c 'exec "${0%/*}/study" "$0" "$@"'
+"""Hard scenes: where bodies hinge, jam, fall or slide as wholes, and what Newton's method takes for them.
 
-__doc__ = """Hard scenes: where bodies hinge, jam, fall or slide as wholes, and what Newton's method takes for them.
-
-    scripts/hard_scenes.py                         # the table docs/tables/hard_scenes.md, about a minute
-    scripts/hard_scenes.py --only arch             # the scenes whose name has this word, to the screen
+    scripts/study hard_scenes                         # the table docs/tables/hard_scenes.md, about a minute
+    scripts/study hard_scenes --only arch             # the scenes whose name has this word, to the screen
     mpirun -n 2 python scripts/hard_scenes.py      # the same on two ranks
 
 Products are multiplications by a body's compliance, all over the number of bodies. Ends with 1 where a scene takes more
@@ -152,7 +150,7 @@ def main() -> int:
         if MPI.COMM_WORLD.rank == 0:
             print(rows[-1], flush=True)
     if MPI.COMM_WORLD.rank == 0 and not arguments.only:
-        page = ["# Hard scenes", "", "Made by `scripts/hard_scenes.py`, which says what the scenes are.", "",
+        page = ["# Hard scenes", "", "Made by `scripts/study hard_scenes`, which says what the scenes are.", "",
                 "| scene | steps | products a body | limits | certified within them |", "|---|---|---|---|---|", *rows]
         (ROOT / "docs" / "tables" / "hard_scenes.md").write_text("\n".join(page) + "\n", encoding="utf-8")
     return int(missed)

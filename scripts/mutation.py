@@ -1,9 +1,7 @@
-#!/usr/bin/env bash
-"exec" "bash" "-c" '. "${0%/*}/setup.sh"; exec "$PYTHON" "$0" "$@"' "$0" "$@"  # to Python, a string
+#!/usr/bin/env -S bash -c 'exec "${0%/*}/study" "$0" "$@"'
+"""A mutation study: important lines are made wrong, one at a time, and a test must fail each time.
 
-__doc__ = """A mutation study: important lines are made wrong, one at a time, and a test must fail each time.
-
-    scripts/mutation.py [--only WORD]
+    scripts/study mutation [--only WORD]
 
 Works in a copy of the checkout. First the tests must pass without a mutant. Prints the table of
 docs/tables/mutation.md. Exit code 1 if a mutant survives, 2 if the study itself is wrong: a text that is not there
@@ -20,9 +18,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from experiment import ROOT
 from mutants import MUTANTS, Mutant
-
-ROOT = Path(__file__).resolve().parents[1]
 
 LIMIT = 120.0
 """Seconds after which a test counts as failed; mutants may make it hang."""

@@ -4,15 +4,21 @@ Every run writes a checkpoint after each iteration, beside the results of an ear
 must end in time, by an exit code other than zero and one message, or else with the right results; what stands
 in its folder must be a whole set of results or none, and a checkpoint only if it is whole; and where one must
 be there, the run that goes on from it must end with the results of the run that had no fault.
+
+    scripts/study fault_injection [WORDS …]      # all cases, or those whose names have all the words, and a tally
 """
 
 from __future__ import annotations
 
+import collections
 import hashlib
 import json
 import re
+import sys
+import tempfile
 import time
 from collections.abc import Collection
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -262,3 +268,39 @@ def contents(folder: Path, files: Collection[str] = RESULTS) -> dict:
 def digest(folder: Path) -> dict[str, str]:
     """What is in the files of a folder."""
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.iterdir())}
+
+
+def show(outcomes: list[Outcome]) -> None:
+    """The tally, and all about those that ended badly."""
+    codes = collections.Counter(outcome.code for outcome in outcomes)
+    print(f"\n{len(outcomes)} cases; slowest end {max(o.seconds for o in outcomes):.1f} s")
+    print("exit codes: " + ", ".join(f"{code}: {codes[code]}" for code in sorted(codes, key=str)))
+    for word in TALLY:
+        print(f"{word:26} {sum(word in outcome.faults for outcome in outcomes)}")
+    for outcome in outcomes:
+        if outcome.faults:
+            print(f"\n=== {outcome.case.name}: {', '.join(outcome.faults)} (exit code {outcome.code})")
+            print(outcome.output)
+
+
+def main(words: list[str]) -> int:
+    """Try the cases whose names have all these words; 1 if one of them ended as it must not."""
+    cases = [case for case in all_cases() if all(word in case.name for word in words)]
+    if not cases:
+        sys.exit("no case has all these words in its name")
+    outcomes = []
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(2) as pool:
+        ground = Ground(Path(folder))
+
+        def attempt(case: Case) -> Outcome:
+            outcome = ground.try_case(case)
+            print(f"{case.name:50} {outcome.code!s:>5} {outcome.seconds:6.1f} s ", *outcome.faults, flush=True)
+            return outcome
+
+        outcomes = list(pool.map(attempt, cases))
+    show(outcomes)
+    return int(any(outcome.faults for outcome in outcomes))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

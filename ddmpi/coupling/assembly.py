@@ -219,7 +219,7 @@ def _contacts_of(spec: SettledBody, contacts: Sequence[SettledContact]) -> list[
 def _last(mesh: Mesh, spec: SettledBody, facing: Sequence[np.ndarray], scene: Settled) -> np.ndarray | None:
     """The nodes at contacts, given by their edges, if the rows of the body are to end with them.
 
-    Beside a Schur complement MUMPS orders by minimum degree, which depends on the numbers: see docs/benchmark.md.
+    Beside a Schur complement MUMPS orders by minimum degree, which depends on the numbers: docs/studies/benchmark.md.
     """
     if not facing or len(mesh.points) < FEWEST:
         return None

@@ -38,7 +38,7 @@ AIM = 0.95
 
 CAUTION = {1: 0.8, 2: 0.9}
 """The largest estimate that meets a target, as a part of it, by order. True errors were at most larger than the
-estimate by the inverse (docs/tradeoff.md)."""
+estimate by the inverse (docs/understand/tradeoff.md)."""
 
 HOPELESS = 1.25
 """If the goal takes meshes finer than the largest ones by more than this factor, the last steps are not made."""

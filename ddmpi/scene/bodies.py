@@ -75,7 +75,7 @@ class Material(Table, frozen=True, kw_only=True):
 
 
 class PartMaterial(Material, frozen=True, kw_only=True):
-    """The material of a part of a body; see docs/loads.md.
+    """The material of a part of a body; see docs/use/loads.md.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class Clamp(Table, frozen=True, kw_only=True):
 
 
 class Traction(Table, frozen=True, kw_only=True):
-    """Surface load on a boundary group: a ``value`` or a ``pressure``; see docs/loads.md.
+    """Surface load on a boundary group: a ``value`` or a ``pressure``; see docs/use/loads.md.
 
     Attributes
     ----------

@@ -16,7 +16,7 @@ ALGEBRAIC = 0.01
 PRESETS: dict[str, dict[str, Any]] = {"fast": {"order": 1, "tolerance": 1e-4},
            "balanced": {"order": 2, "tolerance": 1e-6},
            "accurate": {"order": 2, "tolerance": 1e-8, "target_error": 0.01}}
-"""Values of keys that a scene leaves out, by ``method.preset``; measured in docs/tradeoff.md."""
+"""Values of keys that a scene leaves out, by ``method.preset``; measured in docs/understand/tradeoff.md."""
 
 TIME_TOLERANCE = 0.02
 """The default of ``time.tolerance``."""
@@ -27,7 +27,7 @@ Splitting = Literal["none", "step1", "step2", "step1+2"]
 
 
 class Method(Table, frozen=True, kw_only=True):
-    """How the scene is solved, and how accurately; see docs/methods.md and docs/accuracy.md.
+    """How the scene is solved, and how accurately; see docs/use/methods.md and docs/use/accuracy.md.
 
     Attributes
     ----------
@@ -118,7 +118,7 @@ class Published(SettledMethod, frozen=True, kw_only=True):
 
 
 class Time(Table, frozen=True, kw_only=True):
-    """Load steps, in which friction has a memory; see docs/load_steps.md.
+    """Load steps, in which friction has a memory; see docs/use/load_steps.md.
 
     Attributes
     ----------
@@ -197,7 +197,7 @@ class Output(Table, frozen=True, kw_only=True):
 
 
 class Checkpoint(Table, frozen=True, kw_only=True):
-    """How often the state of the iteration is written, apart from signals; see docs/restart.md.
+    """How often the state of the iteration is written, apart from signals; see docs/use/restart.md.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""For Spack: packages/py_ddmpi/package.py of a repository of one's own; see docs/installing.md. Not built yet."""
+"""For Spack: packages/py_ddmpi/package.py of a repository of one's own; see docs/start/installing.md. Not built yet."""
 
 from spack_repo.builtin.build_systems.python import PythonPackage
 

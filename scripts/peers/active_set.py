@@ -1,6 +1,6 @@
 """A primal-dual active set by hand, as an expert writes it in a day: matching nodes, scikit-fem's matrices.
 
-    python active_set.py FOLDER scipy | scipy-dense | petsc | petsc-dense
+    python -m peers.active_set FOLDER scipy | scipy-dense | petsc | petsc-dense
 
 ``scipy`` and ``petsc`` factor the sparse matrix of all bodies anew in each step (SuperLU, MUMPS), in the displacements
 of the second bodies and those of the first ones relative to them: touching and sticking are then clamps, and no row
@@ -17,10 +17,11 @@ from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sparse
-from case import Answer, Case, answer_of, read_case
 from scipy.sparse.linalg import splu
 from skfem import Basis, ElementTriP1, ElementVector, MeshTri, asm
 from skfem.models.elasticity import linear_elasticity
+
+from peers import Answer, Case, answer_of, read_case
 
 STEPS = 60
 COLUMNS = 32

@@ -1,6 +1,6 @@
 """GetFEM (python3-getfem): its nodal contact condition with friction, Alart and Curnier's augmented Lagrangian.
 
-    python getfem_peer.py FOLDER
+    python -m peers.getfem_peer FOLDER
 
 Bodies share a mesh, so that one contact brick holds all contacts; as GetFEM merges nodes at the same place, the bodies
 are moved apart in it. Multipliers of the bricks are nodal forces.
@@ -13,7 +13,8 @@ from pathlib import Path
 
 import getfem
 import numpy as np
-from case import Answer, Case, answer_of, read_case
+
+from peers import Answer, Case, answer_of, read_case
 
 ITERATIONS = 100
 RESIDUAL = 1e-12

@@ -168,7 +168,7 @@ def test_a_tower_tips_and_stands(tmp_path):
     assert scenes.run_command(tmp_path / "three.toml", tmp_path / "three", "--no-figures").code == 0
 
 
-# Ten scenes of a new user; docs/assemblies_tried.md
+# Ten scenes of a new user; docs/studies/assemblies_tried.md
 
 
 def feet() -> dict:

@@ -1,4 +1,4 @@
-"""The parts of docs/drawn_parts.md, drawn in gmsh, against closed forms and balances by hand; coarse targets."""
+"""The parts of docs/use/drawn_parts.md, drawn in gmsh, against closed forms and balances by hand; coarse targets."""
 
 from concurrent.futures import ThreadPoolExecutor
 

@@ -9,8 +9,8 @@ import meshio
 import numpy as np
 import pytest
 import scenes
-from rings import Rings
 from scenes import pinched_blocks
+from true_errors import Rings
 
 
 def quadratic(scene: dict) -> dict:

@@ -1,4 +1,4 @@
-"""The errors that studies report (scripts/true_errors.py, rings.py), against known errors and known solutions."""
+"""The errors that studies report (scripts/true_errors.py), against known errors and known solutions."""
 
 import tempfile
 from dataclasses import replace
@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scenes
-from rings import INNER, OUTER, Rings
 from true_errors import (
+    INNER,
+    OUTER,
     ClosedForm,
     Contact,
+    Rings,
     contact_of,
     difference,
     end_error,

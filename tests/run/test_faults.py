@@ -1,6 +1,6 @@
 """Errors, signals, broken numbers and full disks on one rank: the whole run ends in time, with one message.
 
-A selection of what scripts/fault_injection.py tries, which has every fault in every phase on either rank.
+A selection of what `scripts/study fault_injection` tries: every fault in every phase on either rank.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""Loose bodies in places where a run once went wrong: attempts of docs/attempts.md."""
+"""Loose bodies in places where a run once went wrong: attempts of docs/understand/attempts.md."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The gallery: each of its scenes has the number, and the end, that docs/gallery.md tells."""
+"""The gallery: each of its scenes has the number, and the end, that docs/start/gallery.md tells."""
 
 import re
 import subprocess
@@ -12,7 +12,8 @@ from scenes import LIMIT, clean_environment
 
 import ddmpi
 
-SECTIONS = re.split(r"^## ", (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
+PAGE = (ROOT / "docs" / "start" / "gallery.md").read_text(encoding="utf-8")
+SECTIONS = re.split(r"^## ", PAGE, flags=re.MULTILINE)[1:]
 
 
 @pytest.mark.parametrize("exhibit", EXHIBITS, ids=lambda exhibit: exhibit.name)
@@ -27,7 +28,7 @@ def test_the_page_shows_every_scene():
     for section, exhibit in zip(SECTIONS, EXHIBITS, strict=True):
         picture = f"figures/gallery_{exhibit.name}.png"
         assert f"\nscripts/run.sh configs/{exhibit.scene}.toml\n" in section
-        assert f"]({picture})" in section and (ROOT / "docs" / picture).stat().st_size < 250_000
+        assert f"](../{picture})" in section and (ROOT / "docs" / picture).stat().st_size < 250_000
         assert f"**{exhibit.told}**" in section, exhibit.told
 
 

@@ -1,4 +1,4 @@
-"""The pages that are run: docs/tutorial.md and docs/drawing.md, and what docs/theory.md says of the code."""
+"""The pages that are run, docs/start/tutorial.md and drawing.md; what docs/understand/theory.md says of the code."""
 
 import re
 import subprocess
@@ -20,7 +20,7 @@ from ddmpi.methods.krylov import FORCING
 DOCS = scenes.ROOT / "docs"
 
 
-@pytest.mark.parametrize("name", ["tutorial.md", "drawing.md"])
+@pytest.mark.parametrize("name", ["start/tutorial.md", "start/drawing.md"])
 def test_commands_of_a_page_do_what_it_says(name, tmp_path):
     """Each command of the page runs as its reader would run it, prints what is shown, and makes the pictures."""
     page = (DOCS / name).read_text(encoding="utf-8")
@@ -28,11 +28,11 @@ def test_commands_of_a_page_do_what_it_says(name, tmp_path):
     assert len(outcomes) > 3
     assert pages.differences(outcomes, pages.slack(page)) == []
     for picture, made in pages.IMAGE.findall(page):
-        assert (DOCS / picture).is_file()
+        assert (DOCS / name).parent.joinpath(picture).is_file()
         assert (tmp_path / made).is_file()
 
 
-@pytest.mark.parametrize("name", ["tutorial.md", "drawing.md"])
+@pytest.mark.parametrize("name", ["start/tutorial.md", "start/drawing.md"])
 def test_the_line_that_shows_a_drawing(name, tmp_path):
     """gmsh opens the drawing as the page says, also where no command is called python."""
     programs = Path(sys.executable).parent
@@ -122,7 +122,7 @@ MISTAKES: dict[str, dict] = {
 
 def messages() -> dict[str, str]:
     """The table of the page: the messages by their mistakes."""
-    rows = re.findall(r"^\| (.+) \| `(.+)` \|$", (DOCS / "drawing.md").read_text(encoding="utf-8"), re.M)
+    rows = re.findall(r"^\| (.+) \| `(.+)` \|$", (DOCS / "start" / "drawing.md").read_text(encoding="utf-8"), re.M)
     return {mistake: message.strip("`") for mistake, message in rows}
 
 
@@ -143,7 +143,7 @@ def save(folder: Path, script: str, name: str) -> dict:
 
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_each_mistake_has_the_message_of_the_page(mistake, tmp_path, monkeypatch):
-    """A mistake in a drawing is refused with the message that docs/drawing.md shows for it."""
+    """A mistake in a drawing is refused with the message that docs/start/drawing.md shows for it."""
     monkeypatch.chdir(tmp_path)
     made = dict(MISTAKES[mistake])
     Path("upper.geo").write_text(UPPER)
@@ -164,13 +164,13 @@ def test_each_mistake_has_the_message_of_the_page(mistake, tmp_path, monkeypatch
 
 
 def test_all_messages_of_the_page_are_provoked():
-    """The table of mistakes in docs/drawing.md has no message that no test has seen."""
+    """The table of mistakes in docs/start/drawing.md has no message that no test has seen."""
     assert set(messages()) == set(MISTAKES)
 
 
 def test_theory_has_the_numbers_of_the_code():
-    """The constants that docs/theory.md names are those of the code."""
-    page = " ".join((DOCS / "theory.md").read_text(encoding="utf-8").split())
+    """The constants that docs/understand/theory.md names are those of the code."""
+    page = " ".join((DOCS / "understand" / "theory.md").read_text(encoding="utf-8").split())
     count = {3: "three", 6: "six", 10: "ten"}
     for words in (
             f"three and more bodies also the deformations v = M_a⁻¹x with C_a x = μ M_a⁻¹ x, μ > {newton.SMOOTH:g}",
@@ -191,8 +191,8 @@ def test_theory_has_the_numbers_of_the_code():
 
 
 def test_theory_points_to_what_there_is():
-    """Classes, attributes and modules in the table of symbols of docs/theory.md exist."""
-    page = (DOCS / "theory.md").read_text(encoding="utf-8")
+    """Classes, attributes and modules in the table of symbols of docs/understand/theory.md exist."""
+    page = (DOCS / "understand" / "theory.md").read_text(encoding="utf-8")
     table = page[page.index("## Symbols"):page.index("## Sources")]
     sources = {path: path.read_text(encoding="utf-8") for path in (scenes.ROOT / "ddmpi").rglob("*.py")}
     cells = [row.split("|")[-2] for row in table.splitlines()[4:] if row.startswith("|")]

@@ -1,13 +1,8 @@
-"""scripts/peers/: every peer that is there finds ddmpi's answer, and one that hangs or fails is a line in the table."""
-
-import sys
-from pathlib import Path
+"""scripts/study peers: every peer that is there finds ddmpi's answer, and one that hangs or fails is a line."""
 
 import numpy as np
 import pytest
 from scenes import clean_environment
-
-sys.path.append(str(Path(__file__).resolve().parents[2] / "scripts" / "peers"))
 
 import ddmpi
 
@@ -19,8 +14,8 @@ CLOSE = {"calculix": 0.05}
 @pytest.fixture(scope="module")
 def given(tmp_path_factory):
     """Cases by scene with their folders, and ddmpi's answers in this process."""
-    from case import answer_of
-    from scenes_of_peers import write_case
+    from compare_peers import write_case
+    from peers import answer_of
 
     found = {}
     for scene, N in PLACES.items():
@@ -42,8 +37,7 @@ def given(tmp_path_factory):
     *(("hertz", name) for name in ("scipy", "getfem", "freefem", "calculix"))])
 def test_peer_agrees(scene, name, given):
     """A peer's forces, largest pressure and displacement are those of ddmpi on the same mesh."""
-    from compare import PEERS, difference, environment, row_of
-    from measure import Result, measure
+    from compare_peers import PEERS, Result, difference, environment, measure, row_of
 
     peer = PEERS[name]
     if peer.missing():
@@ -57,7 +51,7 @@ def test_peer_agrees(scene, name, given):
 
 def test_peers_that_fail(tmp_path, given):
     """A peer that hangs is ended after its time, and one that fails is reported by its last line."""
-    from measure import Peer, measure
+    from compare_peers import Peer, measure
 
     def outcome(*command: str, limit: float) -> str:
         peer = Peer("nobody", ("blocks",), lambda: None, lambda folder, count: list(command), lambda case, folder: None)

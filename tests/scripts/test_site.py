@@ -44,7 +44,7 @@ def test_what_is_said_first():
     """README and limits begin with what the program is for: parts of two dimensions. The README leads to the peers."""
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     first = {"README.md": readme.split("\n\n")[1],
-             "docs/limits.md": (ROOT / "docs" / "limits.md").read_text(encoding="utf-8").split("\n\n")[2]}
+             "docs/use/limits.md": (ROOT / "docs" / "use" / "limits.md").read_text(encoding="utf-8").split("\n\n")[2]}
     assert all("two-dimensional" in words for words in first.values()), first
     assert "(docs/tables/peers.md)" in readme
 

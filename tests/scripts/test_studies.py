@@ -1,6 +1,6 @@
 """Every script of a study is started, in its smallest form."""
 
-import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -16,7 +16,6 @@ STUDIES = {
     # script: arguments; words of what it prints and of its pages; numbers of tables and figures
     "assembly_study": ("--sections messages --rows 3", ("| 3 | 2 | 384 |",), 1, 0),
     "body_ranks": ("--divisions 6 --ranks 1 2", ("| 1 | ", "| 2 | "), 0, 0),
-    "checkpoint_cost": ("--size 6 --seconds 0.5 --every 0.1", ("anderson", "newton", "share of the run"), 0, 0),
     "compare_qp_solvers": ("--size 6 --types python bntr", ("No type failed on any QP.",), 1, 0),
     "extremes": ("--tables numbers --most 22",
                  ("| 1 | 13 · 200 | ±0% |", "| 1 | 22 | 1 + 1 | 0 + 0 | 98 + 98 |"), 1, 0),
@@ -30,18 +29,47 @@ STUDIES = {
 }
 
 
+COMMANDS = ("reproduce_tables", "hard_scenes", "random_assemblies", "extremes", "benchmark", "reference", "gallery",
+            "mutation", "verification")
+
+
 def start(folder: Path, name: str, *arguments: str) -> subprocess.CompletedProcess:
-    return subprocess.run([ROOT / f"scripts/{name}.py", *arguments], text=True, capture_output=True, timeout=LIMIT,
+    return subprocess.run([ROOT / "scripts/study", name, *arguments], text=True, capture_output=True, timeout=LIMIT,
                           cwd=folder, env=clean_environment() | {"DDMPI_PYTHON": sys.executable})
 
 
-@pytest.mark.parametrize("path", [path for path in sorted((ROOT / "scripts").glob("*.py"))
-                                  if "__main__" in path.read_text(encoding="utf-8")], ids=lambda path: path.stem)
-def test_start(path):
-    """Whatever is a command can be given as one, without a Python of one's own."""
-    assert os.access(path, os.X_OK)
-    assert path.read_text(encoding="utf-8").startswith(("#!/usr/bin/env bash\n\"exec\" ",
-                                                        "#!/usr/bin/env python3\n"))
+LISTED = re.findall(r"^    (\w+) +[12]  (\S+\.py)", (ROOT / "scripts/study").read_text(encoding="utf-8"), re.M)
+
+
+def test_studies_are_listed(tmp_path):
+    """Without a name the command lists all studies; a name that is none ends with a message."""
+    done = subprocess.run([ROOT / "scripts/study"], text=True, capture_output=True, timeout=LIMIT, check=True)
+    assert [line.split()[0] for line in done.stdout.splitlines()[1:]] == [name for name, _ in LISTED]
+    commands = {path.resolve() for path in (ROOT / "scripts").glob("*.py") if "__main__" in path.read_text("utf-8")}
+    assert len(LISTED) > 20 and commands <= {(ROOT / "scripts" / file).resolve() for _, file in LISTED}
+    assert "there is no study nothing" in start(tmp_path, "nothing").stderr
+
+
+@pytest.mark.parametrize("name", [name for name, _ in LISTED if name not in ("history_study", "fault_injection")])
+def test_start(tmp_path, name):
+    """Every study starts by its name and says what its arguments are."""
+    done = start(tmp_path, name, "--help")
+    assert done.returncode == 0 and "usage:" in done.stdout, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_files_that_are_commands(name):
+    """A file that was a command in earlier versions hands itself to scripts/study, from any folder."""
+    done = subprocess.run([f"./{name}.py", "--help"], text=True, capture_output=True, timeout=LIMIT,
+                          cwd=ROOT / "scripts", env=clean_environment() | {"DDMPI_PYTHON": sys.executable})
+    assert done.returncode == 0 and f"usage: {name}.py" in done.stdout, done.stdout + done.stderr
+
+
+def test_files_begin_with_their_docstring():
+    """What a Python file in scripts/ is for stands in its first lines."""
+    for path in (ROOT / "scripts").rglob("*.py"):
+        first, *rest = path.read_text(encoding="utf-8").splitlines()
+        assert (rest[0] if first.startswith("#!") else first).startswith('"""'), path
 
 
 @pytest.mark.parametrize("name", STUDIES)

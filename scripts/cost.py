@@ -1,0 +1,426 @@
+"""What runs cost beyond benchmark.py: orderings, large bodies, the start, several ranks for a body.
+
+A study is a function of STUDIES, started by its name: scripts/study orderings. Tables are written row by row, so that
+an interrupted study continues. Nothing else should run meanwhile.
+"""
+
+import argparse
+import json
+import math
+import os
+import re
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from experiment import ROOT, Ledger, Row, arguments, publish, start, table, where
+from mpi4py import MPI
+from petsc4py import PETSc
+from scenes import run_command, run_python
+
+from ddmpi.body.elasticity import assemble
+from ddmpi.body.solver import StiffnessSolver
+from ddmpi.coupling.assembly import prepare
+from ddmpi.mesh.read import gmsh_session
+from ddmpi.results.tables import read_results
+from ddmpi.run.solve import solve
+from ddmpi.scene.reader import read_scene_file
+from ddmpi.system.clock import Clock
+
+# Orderings
+
+MESHES = ("squares:86", "squares:200", "squares:320", "quadratic:86", "gmsh:200", "curved:86")
+BOTH = ("lower", "upper")
+KINDS = ("schur", "farthest", "plain")
+EVENTS = {"analysis": "MatCholFctrSym", "numeric": "MatCholFctrNum", "solve": "MatSolve"}
+FIGURES = ("wall", "user", "system", "operations", *EVENTS)
+ORDERINGS = ("n", "k", "outer", *(f"{kind}_{figure}" for kind in KINDS for figure in FIGURES))
+
+
+def draw_block(path: Path, bottom: float, size: float, order: int, bend: float) -> None:
+    """A block from gmsh, 3 by 1; its lower and upper side are arcs that rise by `bend`."""
+    with gmsh_session() as gmsh:
+        geo = gmsh.model.geo
+        corners = [geo.addPoint(x, bottom + y, 0, size) for x, y in ((0, 0), (3, 0), (3, 1), (0, 1))]
+        lines = [geo.addLine(*corners[1:3]), geo.addLine(corners[3], corners[0])]
+        for y, ends in ((0, corners[:2]), (1, corners[2:])):
+            middle = geo.addPoint(1.5, bottom + y + bend / 2 - 1.5**2 / (2 * bend), 0) if bend else None
+            lines.append(geo.addCircleArc(ends[0], middle, ends[1]) if bend else geo.addLine(*ends))
+        right, left, lower, upper = lines
+        surface = geo.addPlaneSurface([geo.addCurveLoop([lower, right, upper, left])])
+        geo.synchronize()
+        for name, line in {"right": right, "left": left, "bottom": lower, "top": upper}.items():
+            gmsh.model.addPhysicalGroup(1, [line], name=name)
+        gmsh.model.addPhysicalGroup(2, [surface], name="block")
+        gmsh.model.mesh.generate(2)
+        gmsh.model.mesh.setOrder(order)
+        gmsh.write(str(path))
+
+
+def settings(kind: str, size: int, folder: Path) -> list[str]:
+    """The settings of the scene that give it these meshes; files are written to `folder`."""
+    order = 2 if kind in ("quadratic", "curved") else 1
+    if kind in ("squares", "quadratic"):
+        return [f"body.{name}.mesh.{key}" for name in BOTH
+                for key in (f"divisions=[{3 * size}, {size}]", f"order={order}")]
+    for bottom, name in enumerate(BOTH):
+        draw_block(folder / f"{name}.msh", bottom, 1 / size, order, 0.3 if kind == "curved" else 0.0)
+    return [f'body.{name}.mesh={{file="{folder / name}.msh", order={order}}}' for name in BOTH]
+
+
+def fastest(rows: list[Row]) -> Row:
+    """All figures of each kind from the row in which it took the least time; the least of the others."""
+    best = {name: min(row[name] for row in rows) for name in ORDERINGS}
+    for kind in KINDS:
+        row = min(rows, key=lambda row, kind=kind: row[f"{kind}_wall"])
+        best |= {name: row[name] for name in ORDERINGS if name.startswith(kind)}
+    return best
+
+
+def timed(do: Callable[[], float]) -> dict[str, float]:
+    """What it costs to `do`, which returns the count of operations."""
+    spent = resource.getrusage(resource.RUSAGE_SELF)
+    events = {name: PETSc.Log.Event(event).getPerfInfo()["time"] for name, event in EVENTS.items()}
+    start = time.perf_counter()
+    operations = do()
+    found = {"wall": time.perf_counter() - start, "operations": operations}
+    now = resource.getrusage(resource.RUSAGE_SELF)
+    found |= {"user": now.ru_utime - spent.ru_utime, "system": now.ru_stime - spent.ru_stime}
+    return found | {name: PETSc.Log.Event(event).getPerfInfo()["time"] - events[name] for name, event in EVENTS.items()}
+
+
+def measure_mesh(world: MPI.Comm, turns: int, scene_settings: list[str]) -> dict[str, float]:
+    """The columns of a row. Collective."""
+    PETSc.Log.begin()
+    scene = read_scene_file(ROOT / "configs" / "pinched_blocks.toml", scene_settings)
+    assembly = prepare(world, scene)
+    (body,), C, nodes = assembly.bodies, assembly.member.C, assembly.member.elasticity.nodes
+    dofs = np.unique(C.B.indices[C.B.data != 0.0])
+    nodes, component = nodes[dofs // 2], dofs % 2
+    systems = {}
+    for kind in KINDS:
+        elasticity = assemble(body.mesh, body.spec, last=nodes if kind == "farthest" else None)
+        place = np.empty(len(body.mesh.points), int)
+        place[elasticity.nodes] = np.arange(len(elasticity.nodes))
+        systems[kind] = elasticity.A, elasticity.b, None if kind == "plain" else np.sort(2 * place[nodes] + component)
+
+    def factor_and_solve(kind: str) -> float:
+        A, b, contact = systems[kind]
+        solver = StiffnessSolver(A, kind, contact)
+        solver.solve(b, b.duplicate())
+        return solver.ksp.getPC().getFactorMatrix().getMumpsRinfog(1)
+
+    found = []
+    for turn in range(turns):
+        clock = Clock()
+        world.Barrier()
+        solution = solve(assembly, scene.method, clock=clock)
+        if not solution.certified:
+            raise RuntimeError(solution.reason)
+        row = {"n": systems["plain"][0].size[0], "k": len(dofs), "outer": clock.seconds["outer"]}
+        for kind in KINDS if turn % 2 else KINDS[::-1]:
+            world.Barrier()
+            row |= {f"{kind}_{name}": value for name, value in timed(lambda kind=kind: factor_and_solve(kind)).items()}
+        slower = np.max(world.allgather([row[name] for name in ORDERINGS]), axis=0)
+        found.append(dict(zip(ORDERINGS, slower.tolist(), strict=True)))
+    return fastest(found)
+
+
+def factor_in_turns(mesh: str, turns: int) -> Row:
+    with tempfile.TemporaryDirectory() as folder:
+        kind, size = mesh.split(":")
+        child = run_python(["-m", "mpi4py", __file__, "orderings", "--turns", str(turns), "--measure_mesh",
+                            *settings(kind, int(size), Path(folder))], limit=1800.0)
+    if child.code:
+        sys.exit(child.output)
+    return {name: round(value, 5) for name, value in json.loads(child.stdout.splitlines()[-1]).items()}
+
+
+def orderings_page(rows: list[Row], meshes: list[str]) -> str:
+    lines, parts = [], []
+    for mesh in meshes:
+        own = fastest(where(rows, mesh=mesh))
+        lines.append([mesh, f"{own['n']:,.0f}", f"{own['k']:.0f}", f"{own['outer']:.3f}",
+                      *(f"{own[f'{kind}_operations'] / 1e9:.3g}" for kind in KINDS),
+                      *(f"{(own[f'{kind}_{time}'] + own['outer']) / own[f'plain_{time}']:.2f}"
+                        for kind in KINDS[:2] for time in ("wall", "user"))])
+        parts += [[mesh, kind, *(f"{own[f'{kind}_{name}']:.3f}" for name in ("wall", "user", "system", *EVENTS))]
+                  for kind in KINDS]
+    return "\n".join([
+        "# What a Schur complement costs", "",
+        "Generated by `scripts/study orderings`, whose `--help` says what is measured: pinched blocks, a rank each, "
+        "the larger figure of both. n and k are the dofs of a body and those at its contact; operations are in 10⁹. "
+        "The ratios are (factor + outer) / plain. Aims: 1.8 for squares at 86, 1.55 at 200 and 320, 1.4 on other "
+        "meshes.", "",
+        *table(["mesh", "n", "k", "outer", *(f"operations: {kind}" for kind in KINDS),
+                *(f"ratio, {kind}: {time}" for kind in KINDS[:2] for time in ("wall", "user"))], lines),
+        "## Where the seconds go", "", "The factorization with its solve, in all; and wall time of three parts.", "",
+        *table(["mesh", "", "wall", "user", "system", *EVENTS], parts)])
+
+
+def orderings() -> None:
+    """What a Schur complement costs beside a plain factorization, on meshes of several kinds, and where it goes.
+
+        scripts/study orderings --meshes squares:86 gmsh:200      # these two
+
+    A mesh is KIND:SIZE, both bodies of elements of side 1/SIZE: squares, and quadratic of order 2, are structured;
+    gmsh, and curved (bent upwards, of order 2), are not. On two ranks, which hold the two pinched blocks and start
+    together:
+
+      schur      a factorization with the inverse of the Schur complement on the contact, and one solve; rows as in the
+                 mesh
+      farthest   the same, rows by falling distance from the contact, as the program has them from 10,000 nodes on
+      plain      a factorization without a Schur complement, by minimum fill, and one solve
+      outer      the outer iteration of the default method
+
+    They are done in turns, --turns times, in each of --repeats commands; of each the fastest counts, in the slower
+    rank. Seconds are of wall time; user and system are the parts of processor time. The system gives memory that is
+    touched first: on a virtual machine that may take as long as all the rest, so compare user times. Operations are
+    MUMPS's count. Writes orderings.csv and orderings_table.md; with all meshes also to docs/tables/.
+    """
+    parser = arguments(orderings.__doc__, "orderings")
+    parser.add_argument("--meshes", nargs="+", default=list(MESHES), metavar="KIND:SIZE", help="default: %(default)s")
+    parser.add_argument("--repeats", type=int, default=2, help="commands for each mesh; default: %(default)s")
+    parser.add_argument("--turns", type=int, default=2, help="within a command; default: %(default)s")
+    parser.add_argument("--measure_mesh", nargs="+", help=argparse.SUPPRESS)  # for the processes that measure_mesh
+    options = parser.parse_args()
+    if options.measure:
+        found = measure_mesh(MPI.COMM_WORLD, options.turns, options.measure)
+        print(json.dumps(found) if MPI.COMM_WORLD.rank == 0 else "", end="")
+        return
+    ledger = Ledger(MPI.COMM_WORLD, options.output / "orderings.csv", ("mesh", "repetition"), ORDERINGS)
+    rows = ledger.fill([(mesh, k) for k in range(options.repeats) for mesh in options.meshes],
+                       lambda mesh, _: factor_in_turns(mesh, options.turns))
+    text = orderings_page(rows, options.meshes)
+    publish("orderings_table.md", text, options.output, set(MESHES) <= set(options.meshes))
+    print(text)
+
+
+# Large bodies
+
+LARGE_PAGE = "large_bodies.md"
+MILLIONS, RANKS = (0.25, 1.0, 4.0), (2, 4)
+COMPLIANCES = ("chosen", "explicit", "direct", "iterative")
+SPENT = ("mesh", "assemble", "factor", "outer", "recover", "estimate", "output", "total")
+PATIENCE = 2.0
+"""So many times the seconds of the program's own choice a kind is waited for."""
+
+SLOWEST = 1800.0
+"""Seconds after which the program's own choice is given up."""
+
+
+UNKNOWN: Row = dict.fromkeys((*SPENT, "memory", "in_all"), math.nan) | {"n": 0, "n_A": 0}
+
+
+def measure_large(folder: Path, millions: float, ranks: int, kind: str, limit: float) -> Row:
+    N = round(math.sqrt(millions * 1e6 / 12))  # two bodies of 2 (3N + 1) (N + 1) unknowns
+    settings = [f"body.{name}.mesh.divisions=[{3 * N}, {N}]" for name in ("upper", "lower")]
+    settings += [f"method.compliance={kind}"] if kind != "chosen" else []
+    with tempfile.TemporaryDirectory(dir=folder) as place:
+        try:
+            run = run_command(ROOT / "configs" / "pinched_blocks.toml", Path(place), "--no-figures",
+                              *(word for each in settings for word in ("--set", each)), ranks=ranks, limit=limit)
+        except AssertionError:
+            return UNKNOWN | {"compliance": f"not done in {limit:.0f} s"}
+        if run.code:
+            return UNKNOWN | {"compliance": f"exit code {run.code}"}
+        summary = run.summary
+    memory = [body["memory_mib"] for body in summary["bodies"].values()]
+    kinds = {body["compliance"] for body in summary["bodies"].values()}
+    return {phase: summary["seconds"].get(phase, 0.0) for phase in SPENT} | {
+        "n": summary["n"], "n_A": summary["n_A"], "compliance": " ".join(sorted(kinds)), "memory": max(memory),
+        "in_all": sum(memory)}
+
+
+def digits_of(value: float, digits: int) -> str:
+    return "–" if math.isnan(value) else f"{value:.{digits}f}"
+
+
+def large_bodies() -> None:
+    """Two large bodies: seconds and memory by phase, factors against multigrid, and what the program chooses.
+
+        scripts/study large_bodies --millions 0.25 1 4 --ranks 2 4
+
+    The scene is configs/pinched_blocks.toml with so many million unknowns in all. `chosen` leaves method.compliance
+    out. A kind that takes more than PATIENCE times as long as the chosen one is ended. Writes large_bodies.csv and
+    large_bodies.md, and with the default sizes also to docs/tables/.
+    """
+    parser = arguments(large_bodies.__doc__, "large_bodies")
+    parser.add_argument("--millions", nargs="+", type=float, default=MILLIONS, help="of unknowns in all")
+    parser.add_argument("--ranks", nargs="+", type=int, default=RANKS)
+    options = parser.parse_args()
+    options.output.mkdir(parents=True, exist_ok=True)
+    ledger = Ledger(MPI.COMM_WORLD, options.output / "large_bodies.csv", ("millions", "ranks", "kind"),
+                    ("n", "n_A", "compliance", "memory", "in_all", *SPENT))
+
+    def run(millions: float, ranks: int, kind: str) -> Row:
+        own = where(ledger.rows, millions=millions, ranks=ranks, kind="chosen")
+        return measure_large(options.output, millions, ranks, kind, PATIENCE * own[0]["total"] + 30 if own else SLOWEST)
+
+    rows = ledger.fill([(millions, ranks, kind) for millions in options.millions for ranks in options.ranks
+                        for kind in COMPLIANCES], run)
+    lines = ["# Large bodies", "", "Generated by `scripts/study large_bodies`: configs/pinched_blocks.toml. Memory is "
+             "a body's, of the rank that holds most, and of both bodies (MiB). Kinds that take more than "
+             f"{PATIENCE:g} times as long as the program's choice are ended. Aim: within 1.3 of the best.", ""]
+    for millions in options.millions:
+        for ranks in options.ranks:
+            own = where(rows, millions=millions, ranks=ranks)
+            best = min((row["total"] for row in own if row["total"] == row["total"]), default=math.nan)
+            lines += [f"## {millions:g} million unknowns on {ranks} ranks", ""]
+            lines += table(("compliance", "became", "n_A", "memory", "in all", *SPENT, "total / best"),
+                           [(row["kind"], row["compliance"], row["n_A"] or "–", *(digits_of(row[name], 0) for name in
+                             ("memory", "in_all")), *(digits_of(row[phase], 2) for phase in SPENT),
+                             digits_of(row["total"] / best, 2)) for row in own])
+    text = "\n".join(lines)
+    publish(LARGE_PAGE, text, options.output, tuple(options.millions) == MILLIONS and tuple(options.ranks) == RANKS)
+    print(text)
+
+
+# The start
+
+PACKAGES = ("ddmpi", "numpy", "scipy", "petsc4py", "mpi4py", "h5py", "msgspec", "simpleeval", "gmsh", "meshio",
+            "matplotlib")
+SETTINGS = [word for body in (0, 1) for word in ("--set", f"body.{body}.mesh.divisions=[66, 22]")]
+
+
+def seconds(command: list[str], checkout: Path) -> float:
+    """Wall time of a command that must succeed, in `checkout`."""
+    variables = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    start = time.perf_counter()
+    child = subprocess.run(command, cwd=checkout, env=variables, capture_output=True, text=True, check=False)
+    if child.returncode:
+        sys.exit(child.stdout + child.stderr)
+    return time.perf_counter() - start
+
+
+def whole_commands(checkouts: dict[str, Path]) -> Row:
+    """Seconds of the default command of each checkout, one after another."""
+    found = {}
+    for when, checkout in checkouts.items():
+        with tempfile.TemporaryDirectory() as folder:
+            found[when] = round(seconds([str(checkout / "scripts" / "run.sh"), "--output", f"{folder}/out", *SETTINGS],
+                                        checkout), 4)
+    return found
+
+
+def imports() -> tuple[Counter[str], Counter[str]]:
+    """Seconds and modules by package of a process that solves and writes a scene without pictures."""
+    with tempfile.TemporaryDirectory() as folder:
+        child = subprocess.run([sys.executable, "-X", "importtime", "-m", "ddmpi", "run",
+                                str(ROOT / "configs" / "pinched_blocks.toml"), "--no-figures", "--quiet", "--output",
+                                f"{folder}/out", *SETTINGS], capture_output=True, text=True, check=True)
+    spent, modules = Counter[str](), Counter[str]()
+    for own, name in re.findall(r"^import time:\s+(\d+) \|\s+\d+ \|\s+(\S+)", child.stderr, re.MULTILINE):
+        package = name.split(".")[0] if name.split(".")[0] in PACKAGES else "Python's own and the rest"
+        spent[package] += int(own) / 1e6
+        modules[package] += 1
+    return spent, modules
+
+
+def start_up() -> None:
+    """What a small run costs beside its mathematics: the default command on a coarse mesh.
+
+        scripts/study start_up                            # by what the start consists of
+        scripts/study start_up --older DIR --times 12     # and in turns with an older checkout
+
+    An older checkout is made by `git worktree add DIR COMMIT`. Whole commands are `scripts/run.sh --output …` on
+    N = 22, with pictures, two ranks. Writes start_up.csv and start_up.md.
+    """
+    parser = arguments(start_up.__doc__, "start_up")
+    parser.add_argument("--older", type=Path, metavar="DIR", help="checkout to compare with")
+    parser.add_argument("--times", type=int, default=12, help="that the commands are repeated")
+    options = parser.parse_args()
+    checkouts = {"now": ROOT} | ({"before": options.older.resolve()} if options.older else {})
+    whole_commands(checkouts)  # writes bytecode
+    rows = Ledger(MPI.COMM_SELF, options.output / "start_up.csv", ("repetition",), tuple(checkouts)).fill(
+        [(number,) for number in range(options.times)], lambda _: whole_commands(checkouts))
+    lines = ["# The default command at N = 22", "", "Generated by `scripts/study start_up`.", ""]
+    taken = {when: [row[when] for row in rows] for when in checkouts}
+    lines += table(("whole command (s)", "smallest", "median"),
+                   [(when, f"{min(each):.3f}", f"{statistics.median(each):.3f}") for when, each in taken.items()])
+    if options.older:
+        pairs = statistics.median(row["now"] / row["before"] for row in rows)
+        lines += [f"Now / before: {min(taken['now']) / min(taken['before']):.3f} by the smallest, {pairs:.3f} the "
+                  "median of pairs.", ""]
+    spent, modules = imports()
+    lines += table(("imports of one rank", "modules", "seconds"),
+                   [(package, modules[package], f"{spent[package]:.3f}") for package, _ in spent.most_common()])
+    text = "\n".join(lines)
+    (options.output / "start_up.md").write_text(text, encoding="utf-8")
+    print(text)
+
+
+# One body on several ranks
+
+RANK_PHASES = ("assemble", "factor", "outer", "recover", "estimate", "output", "total")
+
+BLOCK = """
+title = "Block on a rigid floor"
+output = {{ figures = false }}
+method = {{ compliance = "{kind}" }}
+[[body]]
+name = "block"
+mesh = {{ shape = "rectangle", size = [3.0, 1.0], divisions = [{along}, {divisions}] }}
+material = {{ young = 2.0e11, poisson = 0.3 }}
+clamp = {clamp}
+traction = [{{ on = "top", value = [2.0e6, -1.0e7] }}]
+[[rigid]]
+name = "floor"
+shape = "plane"
+point = [0.0, 0.0]
+normal = [0.0, 1.0]
+[[contact]]
+bodies = ["block", "floor"]
+on = ["bottom"]
+friction = {{ law = "coulomb", coefficient = 0.3 }}
+"""
+
+CLAMPS = {False: '["left"]', True: '[{ on = "left", x = 0.0 }]'}
+
+
+def body_ranks() -> None:
+    """Memory and time of one body on several ranks, clamped on its left, on a rigid floor.
+
+        scripts/study body_ranks --divisions 408 --ranks 1 2 4
+
+    prints a table: the most memory that a rank has held, seconds by phase, and how far the answer is from that of the
+    first number of ranks. With 408 divisions of its height the body has a million unknowns.
+    """
+    parser = arguments(body_ranks.__doc__)
+    parser.add_argument("--divisions", type=int, default=60, help="of the block's height (1)")
+    parser.add_argument("--ranks", type=int, nargs="+", default=[1, 2, 4])
+    parser.add_argument("--compliance", default="explicit", help="explicit, direct or iterative")
+    parser.add_argument("--loose", action="store_true", help="clamps leave one rigid motion free")
+    parser.add_argument("--limit", type=float, default=900.0, help="seconds for a run")
+    options = parser.parse_args()
+    print("| ranks | memory of the largest (MiB) | of one rank's | " + " | ".join(RANK_PHASES) + " (s) | distance |")
+    print("|" + "---|" * (len(RANK_PHASES) + 4))
+    with tempfile.TemporaryDirectory() as name:
+        here = Path(name)
+        (here / "scene.toml").write_text(BLOCK.format(divisions=options.divisions, along=3 * options.divisions,
+                                                      kind=options.compliance, clamp=CLAMPS[options.loose]))
+        first, reference = 0.0, np.empty(0)
+        for ranks in options.ranks:
+            run = run_command(here / "scene.toml", here / str(ranks), ranks=ranks, limit=options.limit)
+            if run.code:
+                sys.exit(run.output)
+            summary, u = run.summary, read_results(here / str(ranks)).fields["displacement"]
+            memory = summary["bodies"]["block"]["memory_mib"]
+            if not first:
+                first, reference = memory, u
+            seconds = " | ".join(f"{summary['seconds'][phase]:.1f}" for phase in RANK_PHASES)
+            print(f"| {ranks} | {memory:.0f} | {memory / first:.2f} | {seconds} | "
+                  f"{np.abs(u - reference).max() / np.abs(reference).max():.1e} |", flush=True)
+
+
+STUDIES = (orderings, large_bodies, start_up, body_ranks)
+
+if __name__ == "__main__":
+    start(*STUDIES)
