@@ -110,7 +110,7 @@ def write_names(axes: Any, names: Sequence[str], at: Sequence[np.ndarray], below
 
 def draw_colours(figure: Any, axes: Any, image: Any, label: str, extend: str) -> None:
     """Draw the colour bar of an image, below what is wide."""
-    wide = is_wide(axes.dataLim.get_points())
+    wide = is_wide(np.column_stack([axes.get_xlim(), axes.get_ylim()]))
     figure.colorbar(image, ax=axes, label=label, extend=extend, shrink=0.85, aspect=40 if wide else 25,
                     orientation="horizontal" if wide else "vertical")
 

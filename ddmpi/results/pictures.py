@@ -52,7 +52,8 @@ WEAK = 0.01
 """Resultants below this part of the largest one are not drawn."""
 
 RESOLVED = 1e-6
-"""Gaps and slips below this fraction of the largest displacement are drawn as none."""
+"""Gaps and slips below this fraction of the largest displacement are drawn as none, and so are resultants below this
+fraction of the sum of the nodes' forces."""
 
 MARKED = 100
 """Curves of at most this many nodes have a marker at each."""
@@ -202,8 +203,10 @@ def draw_contacts(results: Results) -> Any:
     top = max(np.abs(table["normal_stress"]).max() for table, *_ in entries)
     kind = "normal stress" if any((table["normal_stress"] < 0.0).any() for table, *_ in entries) else "pressure"
     largest = max(float(np.hypot(*contact["force"])) for *_, contact in entries)
+    sizes = [np.hypot(table["normal_force"], table["tangential_force"]) for table, *_ in entries]
+    weak = max(WEAK * largest, RESOLVED * max(each.sum() for each in sizes))
     areas, rims, zones, forces, colours = [], [], [], [], []
-    for table, facets, contact in entries:
+    for (table, facets, contact), weight in zip(entries, sizes, strict=True):
         xy, normal = (np.column_stack([table[a], table[b]]) for a, b in (("x", "y"), ("nx", "ny")))
         stress = 0.8 * table["normal_stress"] / (top or 1.0)
         for chain in chains(facets):
@@ -214,8 +217,7 @@ def draw_contacts(results: Results) -> Any:
             zones += [edges[[k, k + 1]] for k in range(len(chain))]
             colours += [LINES[status] for status in table["status"][chain]]
         force = np.array(contact["force"], float)
-        if np.hypot(*force) > WEAK * largest:
-            weight = np.hypot(table["normal_force"], table["tangential_force"])
+        if np.hypot(*force) > weak:
             centre = weight @ xy / weight.sum()
             arm = contact["moment"] - (centre[0] * force[1] - centre[1] * force[0])
             at = centre + arm * np.array([force[1], -force[0]]) / (force @ force)
@@ -229,9 +231,10 @@ def draw_contacts(results: Results) -> Any:
     axes.autoscale_view()
     write_names(axes, list(bodies), middles(points, cells, owner))
     (factor, unit), (times, of_force) = scaled_unit(top, units["stress"]), scaled_unit(largest, units["force"])
-    legend: list[Any] = [Patch(**shade, label=f"{kind}, largest {rounded(top / factor)} {unit}"),
-                         Line2D([], [], color=COLOURS["force"],
-                                label=f"resultants, largest {rounded(largest / times)} {of_force}")]
+    legend: list[Any] = [Patch(**shade, label=f"{kind}, largest {rounded(top / factor)} {unit}")]
+    if largest > weak:
+        legend.append(Line2D([], [], color=COLOURS["force"],
+                             label=f"resultants, largest {rounded(largest / times)} {of_force}"))
     counts = {zone: sum(contact[zone] for *_, contact in entries) for zone in LINES}
     legend += [Line2D([], [], color=LINES[zone], linewidth=2.2, label=_counted(zone, number))
                for zone, number in counts.items() if number]

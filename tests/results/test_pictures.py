@@ -250,6 +250,17 @@ def test_resultants_are_drawn_where_they_act(tmp_path):
     assert x * fy - y * fx == pytest.approx(moment, rel=1e-9)
 
 
+def test_resultants_of_rounding_are_not_drawn(tmp_path):
+    """Where the forces of a contact cancel, as in a shrink fit, the picture has no resultant, and no word of one."""
+    results = made(tmp_path)
+    for factor, drawn in ((1.0, True), (1e-9, False)):
+        contact = results.summary["contacts"]["upper-lower"]
+        results.summary["contacts"]["upper-lower"] = contact | {"force": [factor * x for x in contact["force"]]}
+        axes = draw_contacts(results).axes[0]
+        assert any("resultants" in text.get_text() for text in axes.get_legend().get_texts()) == drawn
+        assert any(each and len(each) == 1 and np.ptp(each[0]) > 0.1 for each in segments(axes)[-1:]) == drawn
+
+
 @pytest.mark.parametrize("drawers", [2, 3])
 def test_several_ranks_share_the_pictures(tmp_path, drawers):
     """Each picture is drawn once, whoever draws it."""
