@@ -20,6 +20,7 @@ from mpi4py import MPI
 
 from ddmpi.coupling.assembly import prepare
 from ddmpi.errors import InterruptionError
+from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.run.checkpoint import CHECKPOINT, Checkpoints, identify
 from ddmpi.run.solve import solve
 from ddmpi.system import interrupt
@@ -58,7 +59,8 @@ def measure(world: MPI.Comm, method: str, N: int, seconds: float, every: float, 
                            f"tolerance = {OUT_OF_REACH}, max_iterations = 1000000 }}")
     interrupt._received.clear()
     assembly = prepare(world, scene)
-    checkpoints = Measured(assembly, folder if world.rank == 0 else None, identify(scene, {}, versions()), Clock())
+    checkpoints = Measured(world, folder if world.rank == 0 else None, identify(scene, {}, versions()),
+                           scene.checkpoint, Clock(), MeshLadder(scene))
     if world.rank == 0:
         signal.signal(signal.SIGALRM, interrupt._note)
         signal.setitimer(signal.ITIMER_REAL, seconds)

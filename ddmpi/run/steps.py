@@ -107,7 +107,8 @@ def solve_scene(assembly: Assembly, report: Report = no_report, checkpoints: Che
     assembly.act(scene.legs[0])
     march = March(assembly, Iteration(assembly, scene.method, no_report, clock))
     if checkpoints:
-        checkpoints.follow(outer=march.outer, statuses=march.iteration.statuses, goal=march.iteration.goal, steps=march)
+        checkpoints.follow(assembly, outer=march.outer, statuses=march.iteration.statuses, goal=march.iteration.goal,
+                           steps=march)
     return march.run(), march.log
 
 
