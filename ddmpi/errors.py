@@ -44,15 +44,12 @@ class TakenError(OutputError):
 class InterruptionError(DdmpiError):
     """Interrupted by Ctrl-C, SIGTERM or SIGUSR1, or by SIGUSR1 to mpirun itself; a checkpoint is written.
 
-    Where it is `kept`, what the run had computed is in that checkpoint.
-
     Parameters
     ----------
     signal : its name
     """
 
     exit_code = 6
-    kept = False
 
     def __init__(self, signal: str) -> None:
         super().__init__("before the first iteration; there was nothing to save")

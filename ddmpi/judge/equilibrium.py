@@ -196,13 +196,8 @@ def _edges(interface: Interface, A: np.ndarray, unit: float) -> Iterator[tuple[n
     """
     law, normal, tangential = interface.law, np.arange(interface.m), np.arange(interface.m, interface.size)
 
-    def within(columns: np.ndarray, lower: np.ndarray | float, upper: np.ndarray | float,
-               normal: np.ndarray | None = None, tangential: np.ndarray | None = None,
-               slope: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
-        k = columns.shape[1]
-        none = np.full(k, -1)
-        return (columns, np.broadcast_to(lower, k), np.broadcast_to(upper, k), none if normal is None else normal,
-                none if tangential is None else tangential, np.zeros(k) if slope is None else slope)
+    def within(columns: np.ndarray, *others: np.ndarray | float) -> tuple[np.ndarray, ...]:
+        return columns, *(np.broadcast_to(each, columns.shape[1]) for each in others)
 
     if isinstance(law, CoulombLaw):
         for slope in (law.coefficient, -law.coefficient):
@@ -211,14 +206,14 @@ def _edges(interface: Interface, A: np.ndarray, unit: float) -> Iterator[tuple[n
             yield within(edge[:, keep], 0.0, np.inf, law.sliding[keep], tangential[keep], slope[keep])
         normal = np.setdiff1d(normal, law.sliding)
     keep = _corners(A[:, normal])
-    yield within(A[:, normal[keep]], -np.inf if law.name == "bonded" else 0.0, np.inf, normal[keep])
+    yield within(A[:, normal[keep]], -np.inf if law.name == "bonded" else 0.0, np.inf, normal[keep], -1, 0.0)
     if isinstance(law, TrescaLaw):  # forces along the same line are as good as their sum
         T = A[:, tangential]
         first = np.flatnonzero(np.append(True, _length(np.diff(T)) > SAME * _length(T[:, 1:]))[:len(tangential)])
         bound = np.add.reduceat(law.bound, first) / unit if len(first) else law.bound
-        yield within(T[:, first], -bound, bound, tangential=tangential[first])
+        yield within(T[:, first], -bound, bound, -1, tangential[first], 0.0)
     elif not isinstance(law, CoulombLaw) and law.name != "none":  # bonded; of an unknown law, more than it allows
-        yield within(A[:, tangential], -np.inf, np.inf, tangential=tangential)
+        yield within(A[:, tangential], -np.inf, np.inf, -1, tangential, 0.0)
 
 
 def _corners(columns: np.ndarray) -> np.ndarray:

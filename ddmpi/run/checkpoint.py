@@ -23,11 +23,13 @@ import numpy as np
 from mpi4py import MPI
 
 from ddmpi.coupling.assembly import Assembly
+from ddmpi.coupling.exchange import Exchange
 from ddmpi.errors import InputError, InterruptionError, OutputError, TakenError
 from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.methods.outer import Outer
 from ddmpi.results.tables import reading
 from ddmpi.scene.keys import differences
+from ddmpi.scene.method import Checkpoint
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agreed
 from ddmpi.system.clock import Clock
@@ -102,39 +104,28 @@ def continue_from(world: MPI.Comm, folder: str, identity: dict[str, dict],
     return state
 
 
-@contextlib.contextmanager
-def levels_kept(world: MPI.Comm, folder: Path | None, identity: dict[str, dict], ladder: MeshLadder) -> Iterator[None]:
-    """A signal in the set-up of a finer mesh leaves a checkpoint of what the coarser ones have led to. Collective."""
-    known = len(ladder.done)  # the checkpoint that the run goes on from has these
-    try:
-        yield
-    except InterruptionError as error:
-        if error.agreed and not error.kept and len(ladder.done) > known:
-            states = world.gather({"ladder": ladder.state()})
-            with agreed(world):
-                if folder and states:
-                    write(folder / CHECKPOINT, identity, states)
-            error.args = (f"in the set-up of a finer mesh, which --restart {world.bcast(str(folder))} begins with",)
-        raise
-
-
 class Checkpoints:
-    """The checkpoints of one run.
+    """The checkpoints of one run, on one mesh after the other.
 
     Parameters
     ----------
     folder : of the results, on rank 0; None on the others
     identity : as `identify` gives it
+    spec : when they are written
+    ladder : the meshes
     state : of this rank, to go on from; None, or one without an iteration, to begin at the beginning
-    carried : further parts of the state, by name, beside those of `follow`
+
+    Attributes
+    ----------
+    continuing : whether the run goes on from an iteration on the present mesh
     """
 
-    def __init__(self, assembly: Assembly, folder: Path | None, identity: dict[str, dict], clock: Clock,
-                 state: dict[str, Any] | None = None, carried: dict[str, Part] | None = None) -> None:
-        self.assembly, self.folder, self.identity, self.clock = assembly, folder, identity, clock
-        self.spec = assembly.scene.checkpoint
-        self._begin = state if state and "outer" in state else None
-        self._parts: dict[str, Part] = dict(carried or {})
+    def __init__(self, world: MPI.Comm, folder: Path | None, identity: dict[str, dict], spec: Checkpoint, clock: Clock,
+                 ladder: MeshLadder, state: dict[str, Any] | None = None) -> None:
+        self.world, self.folder, self.identity, self.spec, self.clock = world, folder, identity, spec, clock
+        self._begin, self._ladder, self._known = state or {}, ladder, len(ladder.done)
+        self.continuing = "outer" in self._begin
+        self._parts: dict[str, Part] = {}
         self._fixed: dict[str, Any] = {}
         self._now: dict[str, Any] = {}
         self._at = 0
@@ -142,21 +133,22 @@ class Checkpoints:
         if folder:
             import h5py  # noqa: F401  a signal may leave a second, and to load it takes a part of that
 
-    def follow(self, outer: Outer, steps: LoadSteps | None = None, **parts: Part) -> None:
+    def follow(self, assembly: Assembly, outer: Outer, steps: LoadSteps | None = None, **parts: Part) -> None:
         """Keep the state of the iteration and of other `parts` from now on; restore what there is to go on from.
 
         Collective. Raises InputError on all ranks when the checkpoint is of other meshes.
         """
-        assembly, bodies = self.assembly, self.assembly.bodies
+        exchange, bodies = assembly.exchange, assembly.bodies
 
         def count() -> int:
             return len(outer.history) + (steps.iterations if steps else 0)
 
-        self._parts |= parts | {"outer": outer, "exchange": assembly.exchange} | ({"steps": steps} if steps else {})
+        self._parts = parts | {"ladder": self._ladder, "outer": outer, "exchange": exchange}
+        self._parts |= {"steps": steps} if steps else {}
         self._parts |= {f"compliance of {body.spec.name}": body.member.C for body in bodies}
-        self._fixed = {"mesh": self._mesh(), "kind": ", ".join(body.member.C.kind for body in bodies),
+        self._fixed = {"mesh": _digest(assembly), "kind": ", ".join(body.member.C.kind for body in bodies),
                        "h": np.concatenate([body.member.h for body in bodies])}
-        if self._begin:
+        if self.continuing:
             with agreed(assembly.world):
                 if self._begin["mesh"] != self._fixed["mesh"]:
                     names = " or ".join(repr(body.spec.name) for body in bodies)
@@ -171,13 +163,12 @@ class Checkpoints:
                             "memory): the answer will be as good, but not the same to the last digit")
             self._written = count()
             log.info("continuing after iteration %d", self._written)
-        outer.checkpoint = lambda: self._note(count())
-        assembly.exchange.wants_checkpoint = lambda: bool(
+        outer.checkpoint = lambda: self._note(count(), exchange)
+        exchange.wants_checkpoint = lambda: bool(
             self.folder and self.spec.seconds and time.monotonic() - self._last >= self.spec.seconds)
 
-    def _note(self, k: int) -> None:
+    def _note(self, k: int, exchange: Exchange) -> None:
         """Note the state after iteration k, and write it when it is due. Collective."""
-        exchange = self.assembly.exchange
         self._at = k
         self._now = {name: part.state() for name, part in self._parts.items()} | self._fixed
         by_number = self.spec.iterations > 0 and k > 0 and k % self.spec.iterations == 0
@@ -188,16 +179,25 @@ class Checkpoints:
                 log.warning("%s; going on without", error)
         exchange.checkpoint_due = False
 
+    def leave(self) -> None:
+        """Keep nothing of the present mesh any more."""
+        self._now, self.continuing, self._written = {}, False, -1
+
     @contextlib.contextmanager
     def kept(self) -> Iterator[None]:
-        """An error that ends the block, a signal or results that cannot be written, leaves a checkpoint. Collective."""
+        """An error that ends the block, a signal or results that cannot be written, leaves a checkpoint. Collective.
+
+        In the set-up of a finer mesh it holds what the coarser ones have led to.
+        """
         try:
             yield
         except (InterruptionError, OutputError) as error:
-            if not (error.agreed and self._now):
+            between = not self._now and len(self._ladder.done) > self._known and isinstance(error, InterruptionError)
+            if not error.agreed or not (self._now or between):
                 raise
-            by_signal, world = isinstance(error, InterruptionError), self.assembly.world
+            by_signal, world = isinstance(error, InterruptionError), self.world
             restart = f"--restart {world.bcast(str(self.folder))}" + " --output OTHER" * isinstance(error, TakenError)
+            self._now = self._now or {"ladder": self._ladder.state()}
             try:
                 with agreed(world):
                     self._write()
@@ -207,9 +207,9 @@ class Checkpoints:
                                 + f"; {restart} goes on from the checkpoint before" * bool(former),)
                 raise failure from None
             kept = f"the state after iteration {self._at} is kept, {restart} goes on from there"
+            if between:
+                kept = f"in the set-up of a finer mesh, which {restart} begins with"
             error.args = (kept if by_signal else f"{error}; {kept}",)
-            if isinstance(error, InterruptionError):
-                error.kept = True
             raise
 
     def remove(self) -> None:
@@ -224,18 +224,20 @@ class Checkpoints:
     def _write(self) -> None:
         """Gather and write the noted state. Collective; raises OutputError on rank 0 alone."""
         with self.clock.phase("checkpoint"):
-            states = self.assembly.world.gather(self._now)
+            states = self.world.gather(self._now)
             self._last, self._written = time.monotonic(), self._at
             if self.folder and states:
-                assert len({len(state["outer"]["history"]) for state in states}) == 1, "states of different iterations"
+                assert len({len(state["outer"]["history"]) for state in states if "outer" in state}) < 2, (
+                    "states of different iterations")
                 write(self.folder / CHECKPOINT, self.identity, states)
 
-    def _mesh(self) -> str:
-        """A digest of the own meshes and interfaces."""
-        meshes, interfaces = [body.mesh for body in self.assembly.bodies], self.assembly.space.interfaces
-        arrays = [array for mesh in meshes for array in (mesh.points, mesh.triangles)]
-        arrays += [array for each in interfaces for array in (each.xy, each.gap)]
-        return hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
+
+def _digest(assembly: Assembly) -> str:
+    """A digest of the own meshes and interfaces."""
+    meshes, interfaces = [body.mesh for body in assembly.bodies], assembly.space.interfaces
+    arrays = [array for mesh in meshes for array in (mesh.points, mesh.triangles)]
+    arrays += [array for each in interfaces for array in (each.xy, each.gap)]
+    return hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
 
 
 def write(path: Path, identity: dict[str, dict], states: list[dict[str, Any]]) -> None:

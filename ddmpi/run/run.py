@@ -28,7 +28,7 @@ from ddmpi.results.fields import Fields, contact_fields, write_facets, write_fie
 from ddmpi.results.folder import Staging, choose_folder
 from ddmpi.results.summary import write_mechanism, write_summary
 from ddmpi.results.tables import write_contact, write_energy, write_history, write_legs, write_sides, write_steps
-from ddmpi.run.checkpoint import Checkpoints, continue_from, identify, levels_kept
+from ddmpi.run.checkpoint import Checkpoints, continue_from, identify
 from ddmpi.run.gather import StepLog, gather_summary
 from ddmpi.run.report import describe_files, log_end, log_plan, log_step, log_warnings
 from ddmpi.run.solve import Solution, recover
@@ -118,6 +118,7 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, fold
     identity = identify(scene, PETSc.Options().getAll(), versions())
     ladder = MeshLadder(scene)
     state = continue_from(world, restart, identity, ladder) if restart else None
+    checkpoints = Checkpoints(world, folder, identity, scene.checkpoint, clock, ladder, state)
     told: list[str] = []
 
     def attempt() -> Solved | None:
@@ -126,18 +127,16 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, fold
                                  ladder.sizes)
         log_plan(assembly, figures)
         log_warnings(assembly.warnings, told)
-        checkpoints = Checkpoints(assembly, folder, identity, clock, state, {"ladder": ladder}) if write else None
-        with checkpoints.kept() if checkpoints else contextlib.nullcontext():
-            solution, steps = solve_scene(assembly, log_step, checkpoints, clock)
-            error = _estimate(assembly, solution, clock)
-            if _refine(ladder, assembly, solution, error):
-                return None
-            solved = _finish(assembly, solution, steps, error, ladder, told, clock)
-            if checkpoints:
-                _write(solved, folder, clock, figures, checkpoints)
-            return solved
+        solution, steps = solve_scene(assembly, log_step, checkpoints if write else None, clock)
+        error = _estimate(assembly, solution, clock)
+        if _refine(ladder, assembly, solution, error):
+            return None
+        solved = _finish(assembly, solution, steps, error, ladder, told, clock)
+        if write:
+            _write(solved, folder, clock, figures, checkpoints)
+        return solved
 
-    with levels_kept(world, folder, identity, ladder):
+    with checkpoints.kept():
         if ladder.done:
             log.info("continuing with %s", ladder.meshes)
         while True:
@@ -146,10 +145,10 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, fold
                 if solved:
                     return solved, ladder
             except (InputError, SolverError) as failure:
-                refused = isinstance(failure, InputError) and state is not None and "outer" in state  # the checkpoint
+                refused = isinstance(failure, InputError) and checkpoints.continuing  # the checkpoint
                 if refused or not failure.agreed or not _fall_back(ladder, str(failure)):
                     raise
-            state = None
+            checkpoints.leave()
             gc.collect()  # the next mesh needs the memory
             free_garbage()
 

@@ -260,7 +260,7 @@ def solve(assembly: Assembly, method: SettledMethod, report: Report = no_report,
     """
     iteration = Iteration(assembly, method, report, clock or Clock(), look_for_mechanism)
     if checkpoints:
-        checkpoints.follow(outer=iteration.outer, statuses=iteration.statuses, goal=iteration.goal)
+        checkpoints.follow(assembly, outer=iteration.outer, statuses=iteration.statuses, goal=iteration.goal)
     return with_undetermined(assembly, iteration.solve(iteration.mechanism))
 
 

@@ -1,6 +1,6 @@
 """Load steps: friction has a memory.
 
-A load step is the problem of a single one, but tangential displacements count from those at the end of the step before.
+Each step is solved like a scene without steps, but slip counts from the end of the step before.
 The first step of a leg starts from the last forces, with the nodes under pressure closed and sticking; a later one from
 what follows if all goes on as in the step before it. Factors of the stiffness, compliances and the coarse problem are
 those of the first step; only right-hand sides change.
@@ -107,7 +107,8 @@ def solve_scene(assembly: Assembly, report: Report = no_report, checkpoints: Che
     assembly.act(scene.legs[0])
     march = March(assembly, Iteration(assembly, scene.method, no_report, clock))
     if checkpoints:
-        checkpoints.follow(outer=march.outer, statuses=march.iteration.statuses, goal=march.iteration.goal, steps=march)
+        checkpoints.follow(assembly, outer=march.outer, statuses=march.iteration.statuses, goal=march.iteration.goal,
+                           steps=march)
     return march.run(), march.log
 
 

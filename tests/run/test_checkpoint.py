@@ -24,6 +24,7 @@ import ddmpi.methods.newton
 import ddmpi.run.solve
 from ddmpi.body.compliance import Compliance
 from ddmpi.errors import InputError, InterruptionError, OutputError, TakenError
+from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.methods.paths import InteriorPoints, Softening
 from ddmpi.run import checkpoint
 from ddmpi.run.checkpoint import Checkpoints, continue_from, identify
@@ -82,7 +83,8 @@ def start(comm, scene: dict, folder: Path, restart: bool = False) -> tuple:
     assembly = scenes.prepare_scene(comm, scene)
     identity = identify(assembly.scene, {}, VERSIONS)
     state = continue_from(comm, str(folder), identity) if restart else None
-    return assembly, Checkpoints(assembly, folder if comm.rank == 0 else None, identity, Clock(), state)
+    return assembly, Checkpoints(comm, folder if comm.rank == 0 else None, identity, assembly.scene.checkpoint, Clock(),
+                                 MeshLadder(assembly.scene), state)
 
 
 def outcome(assembly, answer) -> dict:
@@ -205,8 +207,8 @@ def test_a_restored_state_is_the_whole_state(comm, shared, kind):
     def solve_looking(checkpoints: Checkpoints, assembly, look) -> None:
         note = checkpoints._note
 
-        def noted(k: int) -> None:
-            note(k)
+        def noted(*arguments) -> None:
+            note(*arguments)
             look(checkpoints)
 
         checkpoints._note = noted
