@@ -240,23 +240,24 @@ def cross(rows: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
     rows : (d − 1, d, …)
     """
     columns = range(len(rows) + 1)
-    return np.stack([(-1) ** k * _determinant([[row[m] for m in columns if m != k] for row in rows]) for k in columns])
-
-
-def _determinant(rows: Sequence[Sequence[np.ndarray]]) -> np.ndarray | float:
-    if not rows:
-        return 1.0
-    found: np.ndarray | float = 0.0
-    first, rest = rows[0], rows[1:]
-    for k, each in enumerate(first):
-        found = found + (-1) ** k * each * _determinant([[*row[:k], *row[k + 1:]] for row in rest])
+    found = np.stack([_determinant([[row[m] for m in columns if m != k] for row in rows]) for k in columns])
+    found[1::2] *= -1.0
     return found
+
+
+def _determinant(rows: Sequence[Sequence[np.ndarray]]) -> np.ndarray:
+    first, rest = rows[0], rows[1:]
+    if not rest:
+        return first[0]
+    terms = [each * _determinant([[*row[:k], *row[k + 1:]] for row in rest]) for k, each in enumerate(first)]
+    return sum(terms[2::2], terms[0]) - sum(terms[3::2], terms[1])
 
 
 def invert(tangents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """∂λ_a/∂x (d, d, …) from ∂x/∂λ_a (d, d, …), and the determinants (…) of the latter."""
     rows = range(len(tangents))
-    cofactors = np.stack([(-1) ** a * cross([tangents[b] for b in rows if b != a]) for a in rows])
+    cofactors = np.stack([cross([tangents[b] for b in rows if b != a]) for a in rows])
+    cofactors[1::2] *= -1.0
     determinant = (tangents[0] * cofactors[0]).sum(axis=0)
     return cofactors / determinant, determinant
 
