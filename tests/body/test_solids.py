@@ -11,7 +11,8 @@ from solids import SIDES, STEEL, SolidTraction, body, box, hold, shell, wavy
 from ddmpi.body.elasticity import assemble
 from ddmpi.body.estimate import estimate_error
 from ddmpi.body.loads import nodal_loads
-from ddmpi.body.rigid_motions import body_motions
+from ddmpi.body.rigid_motions import add_springs, body_motions, support
+from ddmpi.body.solver import StiffnessSolver
 from ddmpi.body.stiffness import Stiffness, sum_stiffness
 from ddmpi.body.stress import Composite, components, energy_density, stress, stress_at, von_mises
 from ddmpi.errors import InputError
@@ -160,6 +161,20 @@ def test_a_loose_piece_is_refused():
                 np.concatenate([one.triangles, one.triangles + len(one.points)]), one.groups)
     with pytest.raises(InputError, match=r"can still (rotate|move along [xyz]) as a rigid body"):
         assemble(both, body(clamp=[hold("left", 0.0, 0.0, 0.0)]))
+
+
+@both_orders
+@pytest.mark.parametrize("iterative", [False, True], ids=["factors", "multigrid"])
+def test_a_loose_body_under_pressure(order, iterative):
+    """Held by its six springs alone, a cube under the same pressure all around shrinks alike in all directions."""
+    mesh = box((3, 3, 3), order=order, jitter=0.2)
+    problem = assemble(mesh, body(traction=[SolidTraction(on=on, pressure=3e6) for on in SIDES]))
+    A, u = add_springs(problem.A, support(problem.motions[problem.nodes])), problem.b.duplicate()
+    StiffnessSolver(A, "block", iterative=iterative).solve(problem.b, u)
+    at, moved = (each - each.mean(axis=0) for each in (mesh.points, problem.expand(u)))
+    strain = np.linalg.lstsq(at, moved, rcond=None)[0]
+    bulk = -3e6 * (1 - 2 * 0.3) / STEEL.young
+    assert np.abs((strain + strain.T) / 2 - bulk * np.eye(3)).max() <= 1e-6 * abs(bulk)
 
 
 def test_centroid_is_that_of_the_volume():
