@@ -102,11 +102,6 @@ class Cell:
         higher = self.powers[:, None] + np.eye(self.dimension + 1, dtype=int)
         return self.coefficients @ _products(higher) * self._scale(self.order + 1)
 
-    @property
-    def weights(self) -> np.ndarray:
-        """(k,) ∫ φ_i over a cell of measure one."""
-        return self.mass.sum(axis=1)
-
     @cached_property
     def stiffness(self) -> np.ndarray:
         """w (k, k, d, d) with ∫ ∇φ_i ⊗ ∇φ_j = Σ_ab w_ijab ∇λ_a ⊗ ∇λ_b, a, b ≥ 1, over a cell of measure one.
@@ -293,8 +288,8 @@ def facet_measures(facets: np.ndarray) -> np.ndarray:
 def facet_shares(facets: np.ndarray) -> np.ndarray:
     """∫ φ_i (s, l) over facets with nodes (s, l, D) (m or m²)."""
     cell, bent = facet_cell(facets), curved_facets(facets)
-    points, weights = FINE[cell.dimension]
-    found = np.linalg.norm(cell.vectors(facets, SECOND[cell.dimension][0][:1])[:, 0], axis=0)[:, None] * cell.weights
+    (centre, _), (points, weights) = FIRST[cell.dimension], FINE[cell.dimension]
+    found = np.outer(np.linalg.norm(cell.vectors(facets, centre)[:, 0], axis=0), cell.mass.sum(axis=1))
     found[bent] = (np.linalg.norm(cell.vectors(facets[bent], points), axis=0).T * weights) @ cell.shapes(points)
     return found
 
