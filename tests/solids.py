@@ -4,6 +4,8 @@ from itertools import permutations
 
 import numpy as np
 
+from ddmpi.body.elasticity import assemble
+from ddmpi.body.solver import StiffnessSolver
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import bend, raise_order
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
@@ -39,6 +41,14 @@ class SolidBody(BodySpec, frozen=True, kw_only=True):
 def body(material=STEEL, **rest) -> BodySpec:
     return SolidBody(**({"name": "block", "mesh": MeshSpec(file="unused.msh"), "material": material,
                          "volume_force": (0.0, 0.0, 0.0)} | rest))
+
+
+def solve(mesh: Mesh, spec: BodySpec) -> np.ndarray:
+    """The displacement (nv, 3) of a body that clamps hold (m)."""
+    problem = assemble(mesh, spec)
+    u = problem.b.duplicate()
+    StiffnessSolver(problem.A, spec.name).solve(problem.b, u)
+    return problem.expand(u)
 
 
 def hold(on: str, *values: float | str | None) -> Clamp:

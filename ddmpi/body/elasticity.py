@@ -8,7 +8,7 @@ block size of A is d everywhere, as GAMG needs it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from petsc4py import PETSc
@@ -33,20 +33,19 @@ class LoadCase:
     ----------
     f : (nv, d) nodal loads of tractions and volume force (N)
     prescribed : (nv, d) displacements of clamped dofs (m), zero elsewhere
-    taken : (nv, d) the forces K u of the prescribed displacements alone (N); None where these are zero
+    taken : (nv, d) the forces K u of the prescribed displacements alone (N)
     b : (d k,) what stands on the right of the system (N)
     """
 
     f: np.ndarray
     prescribed: np.ndarray
-    taken: np.ndarray | None
+    taken: np.ndarray
     b: np.ndarray
 
     @property
     def size(self) -> float:
         """Sum of the absolute nodal loads (N), as for `Elasticity.load`."""
-        taken = 0.0 if self.taken is None else PRESCRIBED_SHARE * float(np.abs(self.taken).sum())
-        return max(float(np.abs(self.f).sum()), taken)
+        return float(max(np.abs(self.f).sum(), PRESCRIBED_SHARE * np.abs(self.taken).sum()))
 
 
 @dataclass(frozen=True)
@@ -143,8 +142,8 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF, last: np.ndarray 
     cases = {}
     for history, moved in prescribed.items():
         f = nodal_loads(mesh, body, history)
-        taken = K.mult(moved) if moved.any() else None
-        right = f if taken is None else f - taken
+        taken = K.mult(moved)
+        right = f - taken
         refuse_underflow(mesh, body, right, moved, float(K.diagonal.max()))
         cases[history] = LoadCase(f, moved, taken, (right[nodes] * loose).ravel())
     case = _sum_cases([(1.0, each) for each in cases.values()])
@@ -168,13 +167,5 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF, last: np.ndarray 
 
 def _sum_cases(parts: Sequence[tuple[float, LoadCase]]) -> LoadCase:
     """The sum of load cases, each times a factor."""
-    (factor, first), *more = parts
-    if not more and factor == 1.0:
-        return first
-    f, prescribed, b = factor * first.f, factor * first.prescribed, factor * first.b
-    taken = None if first.taken is None else factor * first.taken
-    for k, case in more:
-        f, prescribed, b = f + k * case.f, prescribed + k * case.prescribed, b + k * case.b
-        if case.taken is not None:
-            taken = k * case.taken if taken is None else taken + k * case.taken
-    return LoadCase(f, prescribed, taken, b)
+    return LoadCase(*(np.sum([factor * getattr(case, each.name) for factor, case in parts], axis=0)
+                      for each in fields(LoadCase)))

@@ -40,7 +40,7 @@ def nodal_loads(mesh: Mesh, body: BodySpec, history: str | None = None) -> np.nd
         for facets, shares, stress in _stress(mesh, traction, key):
             np.add.at(f, facets, np.einsum("lqs,dqs->sld", shares, stress))
     force, follows = body.weight
-    if follows == history and (varies(force) or force != (0.0,) * mesh.dimension):
+    if follows == history and force != (0.0,) * mesh.dimension:
         _add_volume_force(mesh, force, f"body.{body.name}.volume_force", f)
     return f
 

@@ -105,8 +105,10 @@ def stress(mesh: Mesh, material: Material | Composite, u: np.ndarray) -> np.ndar
     for cells, own, curved in portions(mesh, material):
         points, weights = (RULES if curved else FIRST)[mesh.dimension]
         sigma = cell_stress(mesh, own, u, points, cells, curved)
-        parts = weights[:, None] * mesh.map(cells, points).measures if curved else np.ones((1, 1))
-        mean = (sigma * parts).sum(axis=2) / parts.sum(axis=0)
+        mean = sigma[:, :, 0]
+        if curved:
+            parts = weights[:, None] * mesh.map(cells, points).measures
+            mean = (sigma * parts).sum(axis=2) / parts.sum(axis=0)
         for column, (i, j) in enumerate(columns):
             found[column, cells] = mean[i, j] if j < mesh.dimension else np.einsum("kl,klt->t", own.across, mean)
     return np.ascontiguousarray(found.T)

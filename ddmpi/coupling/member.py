@@ -180,9 +180,7 @@ class Member:
             case = self.elasticity.cases.get(name)
             if case:
                 found[0, k] = (case.f * u).sum()
-                if case.taken is not None:
-                    found[1, k] = ((u * case.taken).sum() - (f * case.prescribed).sum()
-                                   + s @ self.trace(case.prescribed))
+                found[1, k] = (u * case.taken).sum() - (f * case.prescribed).sum() + s @ self.trace(case.prescribed)
         return found
 
     def displacement(self, s: np.ndarray, alpha: np.ndarray | None = None) -> tuple[np.ndarray, float, float, float]:
@@ -218,8 +216,7 @@ class Member:
             Au.axpy(-1.0, f)
             full = self.elasticity.expand(u)
             acting = self.elasticity.acting
-            if acting.taken is not None:
-                energy += float((acting.taken * (full - 0.5 * acting.prescribed)).sum())
+            energy += float((acting.taken * (full - 0.5 * acting.prescribed)).sum())
             return (full if alpha is None else full + self.motions @ alpha), Au.norm(), size, energy
 
     def _balanced(self, f: PETSc.Vec) -> PETSc.Vec:

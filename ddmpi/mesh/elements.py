@@ -102,11 +102,6 @@ class Cell:
         higher = self.powers[:, None] + np.eye(self.dimension + 1, dtype=int)
         return self.coefficients @ _products(higher) * self._scale(self.order + 1)
 
-    @property
-    def weights(self) -> np.ndarray:
-        """(k,) ∫ φ_i over a cell of measure one."""
-        return self.mass.sum(axis=1)
-
     @cached_property
     def stiffness(self) -> np.ndarray:
         """w (k, k, d, d) with ∫ ∇φ_i ⊗ ∇φ_j = Σ_ab w_ijab ∇λ_a ⊗ ∇λ_b, a, b ≥ 1, over a cell of measure one.
@@ -240,23 +235,24 @@ def cross(rows: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
     rows : (d − 1, d, …)
     """
     columns = range(len(rows) + 1)
-    return np.stack([(-1) ** k * _determinant([[row[m] for m in columns if m != k] for row in rows]) for k in columns])
-
-
-def _determinant(rows: Sequence[Sequence[np.ndarray]]) -> np.ndarray | float:
-    if not rows:
-        return 1.0
-    found: np.ndarray | float = 0.0
-    first, rest = rows[0], rows[1:]
-    for k, each in enumerate(first):
-        found = found + (-1) ** k * each * _determinant([[*row[:k], *row[k + 1:]] for row in rest])
+    found = np.stack([_determinant([[row[m] for m in columns if m != k] for row in rows]) for k in columns])
+    found[1::2] *= -1.0
     return found
+
+
+def _determinant(rows: Sequence[Sequence[np.ndarray]]) -> np.ndarray:
+    first, rest = rows[0], rows[1:]
+    if not rest:
+        return first[0]
+    terms = [each * _determinant([[*row[:k], *row[k + 1:]] for row in rest]) for k, each in enumerate(first)]
+    return sum(terms[2::2], terms[0]) - sum(terms[3::2], terms[1])
 
 
 def invert(tangents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """∂λ_a/∂x (d, d, …) from ∂x/∂λ_a (d, d, …), and the determinants (…) of the latter."""
     rows = range(len(tangents))
-    cofactors = np.stack([(-1) ** a * cross([tangents[b] for b in rows if b != a]) for a in rows])
+    cofactors = np.stack([cross([tangents[b] for b in rows if b != a]) for a in rows])
+    cofactors[1::2] *= -1.0
     determinant = (tangents[0] * cofactors[0]).sum(axis=0)
     return cofactors / determinant, determinant
 
@@ -292,8 +288,8 @@ def facet_measures(facets: np.ndarray) -> np.ndarray:
 def facet_shares(facets: np.ndarray) -> np.ndarray:
     """∫ φ_i (s, l) over facets with nodes (s, l, D) (m or m²)."""
     cell, bent = facet_cell(facets), curved_facets(facets)
-    points, weights = FINE[cell.dimension]
-    found = np.linalg.norm(cell.vectors(facets, SECOND[cell.dimension][0][:1])[:, 0], axis=0)[:, None] * cell.weights
+    (centre, _), (points, weights) = FIRST[cell.dimension], FINE[cell.dimension]
+    found = np.outer(np.linalg.norm(cell.vectors(facets, centre)[:, 0], axis=0), cell.mass.sum(axis=1))
     found[bent] = (np.linalg.norm(cell.vectors(facets[bent], points), axis=0).T * weights) @ cell.shapes(points)
     return found
 

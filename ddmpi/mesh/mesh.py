@@ -65,10 +65,7 @@ class Mesh:
     @property
     def bends(self) -> np.ndarray:
         """(nt, e, d) how far the middles of the edges are off the midpoints of the chords (m); zero if straight."""
-        return self._bends(np.arange(len(self.triangles)))
-
-    def _bends(self, cells: np.ndarray) -> np.ndarray:
-        return bends(self.points[self.triangles[cells][:, self.cell.edges]])
+        return bends(self.points[self.triangles[:, self.cell.edges]])
 
     @cached_property
     def curved(self) -> np.ndarray:
@@ -82,7 +79,7 @@ class Mesh:
             for x in self.points.T:
                 off[first:first + BLOCK] |= (x[nodes[middle]] != (x[nodes[start]] + x[nodes[end]]) / 2).any(axis=0)
         cells = np.flatnonzero(off)
-        return cells[self._bends(cells).any(axis=(1, 2))]
+        return cells[bends(self.points[self.triangles[cells][:, self.cell.edges]]).any(axis=(1, 2))]
 
     def curved_blocks(self) -> list[np.ndarray]:
         """The numbers of the curved cells, BLOCK at a time."""
