@@ -13,7 +13,6 @@ import importlib.util
 import json
 import math
 import os
-import platform
 import shutil
 import signal
 import subprocess
@@ -25,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 import peers
-from experiment import ROOT, Ledger, Row, arguments, publish, table, where
+from experiment import ROOT, Ledger, Row, arguments, processor, publish, table, where
 from mpi4py import MPI
 from peers import Answer, Case, read_answer
 from problems import draw
@@ -425,9 +424,6 @@ def effort_table(left_out: dict[str, str]) -> list[str]:
 
 def page(rows: list[Row], left_out: dict[str, str], remark: str) -> str:
     have = versions()
-    with open("/proc/cpuinfo", encoding="utf-8") as file:
-        processor = next((line.split(":")[1].strip() for line in file if line.startswith("model name")),
-                         platform.processor())
     parts = []
     for scene in SCENES:
         sizes = sorted({row["N"] for row in where(rows, scene=scene)})
@@ -446,7 +442,7 @@ def page(rows: list[Row], left_out: dict[str, str], remark: str) -> str:
         "processes for ddmpi and the dense method on MUMPS, where each has a body, and two threads for the others. "
         "MiB: the largest process, on one. `difference to ddmpi` is the largest of those in force, pressure and "
         "displacement, each relative to its size.", "",
-        f"{processor}, {os.cpu_count()} cores, PETSc {have['petsc']}, {have['mpi']}.", "",
+        f"{processor()}, {os.cpu_count()} cores, PETSc {have['petsc']}, {have['mpi']}.", "",
         "All but CalculiX solve the same discrete problem, so that their answers differ by rounding and by ddmpi's "
         "tolerance of 1e-8. CalculiX has contact springs, and large rotations wherever there is contact: at a "
         "hundredth of the load its blocks differ from ddmpi's by 4e-4. At N = 22 ddmpi's seconds are mostly the "

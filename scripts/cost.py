@@ -136,7 +136,7 @@ def measure_mesh(world: MPI.Comm, turns: int, scene_settings: list[str]) -> dict
 def factor_in_turns(mesh: str, turns: int) -> Row:
     with tempfile.TemporaryDirectory() as folder:
         kind, size = mesh.split(":")
-        child = run_python(["-m", "mpi4py", __file__, "orderings", "--turns", str(turns), "--measure_mesh",
+        child = run_python(["-m", "mpi4py", __file__, "orderings", "--turns", str(turns), "--measure",
                             *settings(kind, int(size), Path(folder))], limit=1800.0)
     if child.code:
         sys.exit(child.output)
@@ -189,7 +189,7 @@ def orderings() -> None:
     parser.add_argument("--meshes", nargs="+", default=list(MESHES), metavar="KIND:SIZE", help="default: %(default)s")
     parser.add_argument("--repeats", type=int, default=2, help="commands for each mesh; default: %(default)s")
     parser.add_argument("--turns", type=int, default=2, help="within a command; default: %(default)s")
-    parser.add_argument("--measure_mesh", nargs="+", help=argparse.SUPPRESS)  # for the processes that measure_mesh
+    parser.add_argument("--measure", nargs="+", help=argparse.SUPPRESS)  # for the processes that measure
     options = parser.parse_args()
     if options.measure:
         found = measure_mesh(MPI.COMM_WORLD, options.turns, options.measure)

@@ -14,6 +14,7 @@ import dataclasses
 import functools
 import gc
 import inspect
+import platform
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -184,6 +185,13 @@ def table(header: Iterable, rows: Iterable[Iterable]) -> list[str]:
 
 def _line(cells: Iterable) -> str:
     return f"| {' | '.join(map(str, cells))} |"
+
+
+def processor() -> str:
+    """The name of this machine's processor, for a page (Linux)."""
+    with open("/proc/cpuinfo", encoding="utf-8") as file:
+        named = [line.split(":")[1].strip() for line in file if line.startswith("model name")]
+    return named[0] if named else platform.processor()
 
 
 def seconds(value: float) -> str:

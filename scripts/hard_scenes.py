@@ -1,30 +1,27 @@
 #!/usr/bin/env -S bash -c 'exec "${0%/*}/study" "$0" "$@"'
 """Hard scenes: where bodies hinge, jam, fall or slide as wholes, and what Newton's method takes for them.
 
-    scripts/study hard_scenes                         # the table docs/tables/hard_scenes.md, about a minute
-    scripts/study hard_scenes --only arch             # the scenes whose name has this word, to the screen
+    scripts/study hard_scenes                      # the table docs/tables/hard_scenes.md, about a minute
+    scripts/study hard_scenes --only arch          # the scenes whose name has this word, to the screen
     mpirun -n 2 python scripts/hard_scenes.py      # the same on two ranks
 
 Products are multiplications by a body's compliance, all over the number of bodies. Ends with 1 where a scene takes more
 steps or products than its limit, or is not certified.
 """
 
-import argparse
 import math
 import sys
 import tomllib
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-
-import scenes
+from experiment import ROOT, arguments, table
 from mpi4py import MPI
+from random_assemblies import products
+from scenes import to_toml
 
 import ddmpi
 
-ROOT = Path(__file__).resolve().parents[1]
 HARD = ROOT / "scripts" / "hard"
 Scene = dict[str, Any]
 STEPS, PRODUCTS, ANY = 30, 300, math.inf
@@ -117,42 +114,40 @@ def cases() -> Iterator[tuple[str, Callable[[], str], int, float]]:
     for nx, ny, spread in ((12, 8, 5), (8, 8, 5), (8, 8, 1), (16, 16, 20), (16, 8, 5), (12, 12, 1), (12, 12, 5),
                            (12, 12, 20)):
         yield (f"arch, {nx} × {ny}, spread by {spread} mm",
-               lambda nx=nx, ny=ny, spread=spread: scenes.to_toml(arch(nx, ny, 1e-3 * spread)), STEPS, PRODUCTS)
+               lambda nx=nx, ny=ny, spread=spread: to_toml(arch(nx, ny, 1e-3 * spread)), STEPS, PRODUCTS)
     yield "pipe clamp with two bolts", lambda: str(HARD / "clamp.toml"), 40, 400
     for name in ("l100", "soft_springs"):
         yield f"pad on a slope between soft springs, {name}", lambda name=name: str(HARD / f"{name}.toml"), 40, ANY
     for friction in (0.1, 0.2, 0.3):
-        yield f"loose tube, 𝓕 = {friction}", lambda friction=friction: scenes.to_toml(tube(friction)), STEPS, ANY
+        yield f"loose tube, 𝓕 = {friction}", lambda friction=friction: to_toml(tube(friction)), STEPS, ANY
     for slack in (1e-4, 1e-3):
-        yield f"spanner on a nut, slack {slack:g}", lambda slack=slack: scenes.to_toml(spanner(slack)), STEPS, ANY
+        yield f"spanner on a nut, slack {slack:g}", lambda slack=slack: to_toml(spanner(slack)), STEPS, ANY
     for friction in (0.3, 0.5):
-        yield f"sprags, 𝓕 = {friction}", lambda friction=friction: scenes.to_toml(sprags(friction)), STEPS, ANY
+        yield f"sprags, 𝓕 = {friction}", lambda friction=friction: to_toml(sprags(friction)), STEPS, ANY
     for fall in (1e-3, 1e-2):
-        yield f"disc that falls by {fall:g}", lambda fall=fall: scenes.to_toml(falling_disc(fall)), STEPS, ANY
+        yield f"disc that falls by {fall:g}", lambda fall=fall: to_toml(falling_disc(fall)), STEPS, ANY
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__)
     parser.add_argument("--only", default="", help="a word in the names of the scenes")
-    arguments = parser.parse_args()
-    rows, missed = [], False
-    for name, scene, steps, products in cases():
-        if arguments.only not in name:
+    options = parser.parse_args()
+    first, rows, missed = MPI.COMM_WORLD.rank == 0, [], False
+    for name, scene, steps, most in cases():
+        if options.only not in name:
             continue
         summary = ddmpi.solve(scene(), MPI.COMM_WORLD).summary
-        bodies = summary["bodies"].values()
-        made = sum(body["n_A_by_purpose"].get("newton", 0) for body in bodies) / len(bodies)
-        ok = summary["converged"] and summary["outer_iterations"] <= steps and made <= products
+        taken, made = summary["outer_iterations"], products(summary)
+        ok = summary["converged"] and taken <= steps and made <= most
         missed |= not ok
-        limits = f"{steps}, {products}" if products < ANY else f"{steps}"
-        rows.append(f"| {name} | {summary['outer_iterations']} | {made:.0f} | {limits} | "
-                    f"{'yes' if ok else 'NO: ' + summary['reason']} |")
-        if MPI.COMM_WORLD.rank == 0:
-            print(rows[-1], flush=True)
-    if MPI.COMM_WORLD.rank == 0 and not arguments.only:
+        rows.append((name, taken, f"{made:.0f}", f"{steps}, {most}" if most < ANY else f"{steps}",
+                     "yes" if ok else f"NO: {summary['reason']}"))
+        if first:
+            print(*rows[-1], sep=" | ", flush=True)
+    if first and not options.only:
         page = ["# Hard scenes", "", "Made by `scripts/study hard_scenes`, which says what the scenes are.", "",
-                "| scene | steps | products a body | limits | certified within them |", "|---|---|---|---|---|", *rows]
-        (ROOT / "docs" / "tables" / "hard_scenes.md").write_text("\n".join(page) + "\n", encoding="utf-8")
+                *table(["scene", "steps", "products a body", "limits", "certified within them"], rows)]
+        (ROOT / "docs" / "tables" / "hard_scenes.md").write_text("\n".join(page), encoding="utf-8")
     return int(missed)
 
 

@@ -17,6 +17,9 @@ import time
 from pathlib import Path
 
 import numpy as np
+from experiment import arguments
+from problems import annulus, body, contact, coulomb
+from scenes import to_toml
 from scipy.integrate import quad
 
 import ddmpi
@@ -65,7 +68,7 @@ def block_mesh(path: Path, h: float, up: bool, far: float = FAR) -> None:
 
 def circle_on_plane(folder: Path, nodes: int, order: int, depth: float, histories: dict[str, tuple[list, list]],
                     points: list[float], shift: float = 0.0, soft: tuple[float, float] = (YOUNG, POISSON),
-                    extra: str = "", far: float = FAR) -> str:
+                    far: float = FAR) -> dict:
     """The scene of two blocks pressed by `depth` and sheared by `shift` (mm), with so many `nodes` on a.
 
     Blocks of `far` half widths instead of FAR are pressed further, as logarithms of both go.
@@ -76,38 +79,27 @@ def circle_on_plane(folder: Path, nodes: int, order: int, depth: float, historie
     depth += HALF**2 / (2 * RADIUS) * float(np.log(far / FAR))
     x = np.linspace(-2.0 * HALF, 2.0 * HALF, 4 * 1401)
     gap = {"along": "x", "points": x.tolist(), "values": (x**2 / (2 * RADIUS)).tolist()}
-    history = "\n".join(f"[history.{name}]\ntimes = {times}\nfactors = {factors}"
-                        for name, (times, factors) in histories.items())
-    shear = f', {{ on = "end", x = {shift!r}, history = "shear" }}' if shift else ', { on = "end", x = 0.0 }'
-    return f"""
-title = "Circle on a plane"
-[[body]]
-name = "upper"
-mesh = {{ file = "{folder}/upper.msh", order = {order} }}
-material = {{ young = {soft[0]!r}, poisson = {soft[1]!r} }}
-clamp = [{{ on = "end", y = {-depth!r}, history = "press" }}{shear}]
-[[body]]
-name = "lower"
-mesh = {{ file = "{folder}/lower.msh", order = {order} }}
-material = {{ young = {YOUNG!r}, poisson = {POISSON!r} }}
-clamp = ["end"]
-[[contact]]
-name = "seam"
-bodies = ["upper", "lower"]
-on = ["contact", "contact"]
-friction = {{ law = "coulomb", coefficient = {FRICTION} }}
-gap = {{ along = "x", points = {gap["points"]}, values = {gap["values"]} }}
-{history}
-[time]
-points = {points}
-{extra}
-[output]
-stress = false
-"""
+    press = {"on": "end", "y": -depth, "history": "press"}
+    shear = {"on": "end", "x": shift} | ({"history": "shear"} if shift else {})
+    return {"title": "Circle on a plane", "body": [
+        body("upper", {"file": f"{folder}/upper.msh", "order": order}, *soft, [press, shear]),
+        body("lower", {"file": f"{folder}/lower.msh", "order": order}, YOUNG, POISSON, ["end"])],
+        "contact": [contact("upper", "lower", "contact", "contact", name="seam", friction=coulomb(FRICTION), gap=gap)],
+        "history": {name: history(*each) for name, each in histories.items()}} | timed(points)
 
 
-def solve(scene: str, **overrides) -> Answer:
-    answer = ddmpi.solve(scene, overrides={key.replace("__", "."): value for key, value in overrides.items()})
+def history(times: list[float], factors: list[float]) -> dict:
+    return {"times": times, "factors": factors}
+
+
+def timed(points: list[float], **more) -> dict:
+    """The ends of the legs of a scene, whose files need no stress."""
+    return {"time": {"points": points} | more, "output": {"stress": False}}
+
+
+def solve(scene: str | dict, **overrides) -> Answer:
+    text = scene if isinstance(scene, str) else to_toml(scene)
+    answer = ddmpi.solve(text, overrides={key.replace("__", "."): value for key, value in overrides.items()})
     assert answer.certified, answer.reason
     return answer
 
@@ -307,7 +299,6 @@ def dissimilar(folder: Path, nodes: int = 16) -> None:
 
 def torsion(folder: Path) -> None:
     """A shrink fit turned to 0.5, 1.5, −1.5 and 0 of the angle at which it slips: torque and energy."""
-    del folder
     a, b, c, overlap = 20.0, 40.0, 60.0, 0.02
     shear = YOUNG / (2 * (1 + POISSON))
     bulk = 2 * shear / (1 - 2 * POISSON)  # 2 (λ + G); both rims are held, so that u = A (r − rim²/r) in each ring
@@ -317,27 +308,16 @@ def torsion(folder: Path) -> None:
     angle = limit / spring
     print(f"Shrink fit: p = {pressure:.3f} MPa, largest torque {limit:.5g} N at {angle:.3e}")
     for order, around in ((1, 96), (2, 48)):
-        def ring(name: str, radii: list[float], clamp: str, around: int = around, order: int = order) -> str:
-            return (f'[[body]]\nname = "{name}"\nmesh = {{ shape = "annulus", center = [0.0, 0.0], radii = {radii}, '
-                    f'angles = [0.0, 360.0], divisions = [{around}, {around // 6}], order = {order} }}\n'
-                    f"material = {{ young = {YOUNG}, poisson = {POISSON} }}\nclamp = [{clamp}]\n")
+        def ring(name: str, radii: tuple[float, float], clamp: dict, around: int = around, order: int = order) -> dict:
+            mesh = annulus(radii, (around, around // 6), order, folder, (0.0, 360.0))
+            return body(name, mesh, YOUNG, POISSON, [clamp])
 
-        turned = (f'{{ on = "outer", x = {{ y_slope = {-angle} }}, y = {{ x_slope = {angle} }}, history = "turn" }}')
-        scene = (ring("shaft", [a, b], '{ on = "inner", x = 0.0, y = 0.0 }') + ring("hub", [b, c], turned) + f"""
-[[contact]]
-name = "fit"
-bodies = ["shaft", "hub"]
-on = ["outer", "inner"]
-friction = {{ law = "coulomb", coefficient = {FRICTION} }}
-gap = {-overlap}
-[history.turn]
-times = [0.0, 1.0, 2.0, 3.0, 4.0]
-factors = [0.0, 0.5, 1.5, -1.5, 0.0]
-[time]
-points = [1.0, 2.0, 3.0, 4.0]
-[output]
-stress = false
-""")
+        turned = {"on": "outer", "x": {"y_slope": -angle}, "y": {"x_slope": angle}, "history": "turn"}
+        scene = {"body": [ring("shaft", (a, b), {"on": "inner", "x": 0.0, "y": 0.0}), ring("hub", (b, c), turned)],
+                 "contact": [contact("shaft", "hub", "outer", "inner", name="fit", friction=coulomb(FRICTION),
+                                     gap=-overlap)],
+                 "history": {"turn": history([0.0, 1.0, 2.0, 3.0, 4.0], [0.0, 0.5, 1.5, -1.5, 0.0])},
+                 } | timed([1.0, 2.0, 3.0, 4.0])
         answer = solve(scene)
         steps = {step["time"]: step["contacts"]["fit"] for step in answer.summary["steps"]}
         torques = [steps[t]["moment"] for t in (1.0, 2.0, 3.0, 4.0)]
@@ -351,35 +331,19 @@ stress = false
 def raous(folder: Path) -> None:
     """A block on a rigid plane, pressed, pulled and let go: what is left of the tangential forces."""
     del folder
-    scene = """
-[[body]]
-name = "block"
-mesh = { shape = "rectangle", origin = [0.0, 0.0], size = [80.0, 40.0], divisions = [48, 24] }
-material = { young = 13e3, poisson = 0.2 }
-traction = [{ on = "top", value = [0.0, -5.0] }, { on = "right", value = [10.0, -5.0], history = "pull" }]
-[[rigid]]
-name = "floor"
-shape = "plane"
-point = [0.0, 0.0]
-normal = [0.0, 1.0]
-[[contact]]
-name = "foot"
-bodies = ["block", "floor"]
-on = ["bottom"]
-friction = { law = "coulomb", coefficient = 1.0 }
-[history.pull]
-times = [0.0, 1.0, 2.0]
-factors = [0.0, 1.0, 0.0]
-[time]
-points = [1.0, 2.0]
-"""
+    block = body("block", {"shape": "rectangle", "origin": [0.0, 0.0], "size": [80.0, 40.0], "divisions": [48, 24]},
+                 13e3, 0.2, [], {"top": (0.0, -5.0), "right": (10.0, -5.0)})
+    block["traction"][1]["history"] = "pull"
+    scene = {"body": [block], "rigid": [FLOOR], "history": {"pull": history([0.0, 1.0, 2.0], [0.0, 1.0, 0.0])},
+             "contact": [contact("block", "floor", "bottom", name="foot", friction=coulomb(1.0))],
+             "time": {"points": [1.0, 2.0]}}
     print("Block on a rigid plane, pressed by 5 MPa, pulled by 10 MPa and let go")
     answer = solve(scene)
-    contact, total = answer.contacts["foot"], solve(scene, history__pull__factors=[0.0, 0.0, 0.0]).contacts["foot"]
-    for text, each in (("history", contact), ("without it", total)):
+    state, total = answer.contacts["foot"], solve(scene, history__pull__factors=[0.0, 0.0, 0.0]).contacts["foot"]
+    for text, each in (("history", state), ("without it", total)):
         print(f"  {text}: Σ|T|/N {np.abs(each.tangential_force).sum() / each.normal_force.sum():.3f}, "
               f"{each.count('slip')} slip, {each.count('stick')} stick")
-    apart = np.linalg.norm(contact.tangential_force - total.tangential_force) / np.linalg.norm(total.normal_force)
+    apart = np.linalg.norm(state.tangential_force - total.tangential_force) / np.linalg.norm(total.normal_force)
     print(f"  forces apart by {apart:.1%} of the pressure; energy residual {answer.summary['energy']['residual']:.0e}")
 
 
@@ -492,30 +456,17 @@ def long(folder: Path, number: int = 10_000) -> None:
     """Two small blocks rubbed to and fro, ten steps a leg: seconds and memory on the way."""
     del folder
 
-    def block(name: str, y: float, divisions: list[int], clamp: str) -> str:
-        return (f'[[body]]\nname = "{name}"\nmesh = {{ shape = "rectangle", origin = [0.0, {y}], size = [3.0, 1.0], '
-                f"divisions = {divisions} }}\nmaterial = {{ young = {YOUNG}, poisson = {POISSON} }}\n"
-                f"clamp = [{clamp}]\n")
+    def block(name: str, y: float, clamp: list) -> dict:
+        mesh = {"shape": "rectangle", "origin": [0.0, y], "size": [3.0, 1.0], "divisions": [12, 4]}
+        return body(name, mesh, YOUNG, POISSON, clamp)
 
     legs = number // 10
     times = [float(k) for k in range(legs + 1)]
-    factors = [1.0 if k % 2 else -0.6 for k in range(legs + 1)]
-    scene = (block("upper", 1.0, [12, 4], '{ on = "top", y = -1e-3 }, { on = "top", x = 3e-3, history = "rub" }')
-             + block("lower", 0.0, [12, 4], '"bottom"') + f"""
-[[contact]]
-name = "seam"
-bodies = ["upper", "lower"]
-on = ["bottom", "top"]
-friction = {{ law = "coulomb", coefficient = {FRICTION} }}
-[history.rub]
-times = {times}
-factors = {factors}
-[time]
-points = {times[1:]}
-steps = 10
-[output]
-stress = false
-""")
+    rubbed = [{"on": "top", "y": -1e-3}, {"on": "top", "x": 3e-3, "history": "rub"}]
+    scene = {"body": [block("upper", 1.0, rubbed), block("lower", 0.0, ["bottom"])],
+             "contact": [contact("upper", "lower", "bottom", "top", name="seam", friction=coulomb(FRICTION))],
+             "history": {"rub": history(times, [1.0 if k % 2 else -0.6 for k in range(legs + 1)])},
+             } | timed(times[1:], steps=10)
     watch, log = Watch(), logging.getLogger("ddmpi")
     log.addHandler(watch)
     level = log.level
@@ -527,13 +478,15 @@ stress = false
         log.setLevel(level)
     each = np.diff(watch.seconds[::1000])
     at = ", ".join(f"{k}: {watch.memory[k]:.1f} MiB" for k in (1000, 5000, number))
-    contact = answer.contacts["seam"]
+    state = answer.contacts["seam"]
     print(f"{len(answer.summary['steps'])} steps of two small blocks, n = {answer.summary['n']}, at last "
-          f"{contact.count('slip')} slip, {contact.count('stick')} stick: CPU seconds by thousand "
+          f"{state.count('slip')} slip, {state.count('stick')} stick: CPU seconds by thousand "
           f"{', '.join(f'{value:.1f}' for value in each)}; resident memory after {at}; "
           f"{np.mean([step['outer_iterations'] for step in answer.summary['steps']]):.1f} steps of Newton's method on "
           "average")
 
+
+FLOOR = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
 
 SOFT = (7.0e4 / 3.0, 0.3)
 """Young's modulus and Poisson's ratio of the softer body, for Dundurs' β = 1/7."""
@@ -543,8 +496,10 @@ STUDIES = ("cattaneo", "edges", "dissimilar", "torsion", "steps", "raous", "path
 
 
 if __name__ == "__main__":
+    parser = arguments(__doc__)
+    parser.add_argument("sections", nargs="*", metavar="SECTION", help=f"of {', '.join(STUDIES)}")
     with tempfile.TemporaryDirectory() as path:
-        for name in sys.argv[1:] or STUDIES:
+        for name in parser.parse_args().sections or STUDIES:
             start = time.time()
             globals()[name](Path(path))
             print(f"  ({time.time() - start:.0f} s)\n", flush=True)

@@ -1,10 +1,10 @@
 #!/usr/bin/env -S bash -c 'exec "${0%/*}/study" "$0" "$@"'
 """Random assemblies: ddmpi against the brute-force reference of the tests, seed by seed.
 
-    scripts/study random_assemblies --seeds 0:300                    # ddmpi on one rank
+    scripts/study random_assemblies --seeds 0:300                 # ddmpi on one rank
     mpirun -n 3 python scripts/random_assemblies.py --seeds 7     # on several
-    scripts/study random_assemblies --reference-only --seeds 0:50    # only the reference
-    scripts/study random_assemblies --no-reference --seeds 0:600     # only steps and products of ddmpi; two minutes
+    scripts/study random_assemblies --reference-only --seeds 0:50 # only the reference
+    scripts/study random_assemblies --no-reference --seeds 0:600  # only steps and products of ddmpi; two minutes
 
 A line for each seed, then a table of families, and what ddmpi took: products are multiplications by a body's compliance
 over the number of bodies. Ends with 1 if a verdict is among `WRONG`. Verdicts:
