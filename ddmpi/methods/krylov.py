@@ -7,7 +7,8 @@ with the rigid motions α of bodies that nothing holds. D is that of a layer bet
 (`ddmpi.methods.paths`); of Newton's method itself it is zero but for a part that steers, as ε does, and biases
 nothing. The preconditioner is the same system with W M W in the place of (C + D)⁻¹, M being the half-plane stiffness
 and W = (1 + D c)^−½, whose coarse problem is solved exactly. The second row then holds from the first iteration on, and
-GMRES, preconditioned from the right, works on the first row alone.
+GMRES, preconditioned from the right, works on the first row alone. It measures the residual times W, as wide clearances
+would otherwise hide the displacements where bodies touch.
 """
 
 from __future__ import annotations
@@ -63,12 +64,13 @@ class LinearProblem:
     linearised : the forces that the active set implies
     layer : (joint.size,) compliance D (m/N) of a layer or a barrier; None for none
     precise : whether the forces are to be known as well as the displacements, which slender bodies need
+    held : part of the springs ε that steer rigid motions
 
     Construction is collective.
     """
 
     def __init__(self, joint: Joint, preconditioner: Preconditioner, linearised: Linearised,
-                 layer: np.ndarray | None = None, precise: bool = False) -> None:
+                 layer: np.ndarray | None = None, precise: bool = False, held: float = 1.0) -> None:
         self.joint, self.linearised, self._half_plane = joint, linearised, preconditioner.half_plane
         self._unknown, self._whole = linearised.unknown, np.zeros(joint.size)
         D = np.zeros(joint.size) if layer is None else layer
@@ -83,16 +85,18 @@ class LinearProblem:
             def stiffness(number: int, x: np.ndarray) -> np.ndarray:
                 return weights[number] * self._half_plane.on_interface(number, weights[number] * x)
 
+            diagonal = preconditioner.diagonal.copy()
+            diagonal[:self._rigid] *= held
             self._coarse = CoarseSystem(preconditioner.motions, linearised.expansion, self._unknown, stiffness,
-                                        preconditioner.diagonal)
+                                        diagonal)
 
     def precondition(self, w: np.ndarray, h: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """The unknown forces y (k,) and rigid motions α of the half-plane system for w (k,) in metres, h in newtons.
 
-        `h` (joint.rigid.size,) is zero if left out. Collective.
+        w is a displacement times W. `h` (joint.rigid.size,) is zero if left out. Collective.
         """
         self._whole[self._unknown] = w
-        y = (self._weight * self._half_plane.mult(self._weight * self._whole))[self._unknown]
+        y = (self._weight * self._half_plane.mult(self._whole))[self._unknown]
         if not self._coarse:
             return y, np.zeros(0)
         if h is not None:
@@ -108,6 +112,7 @@ class LinearProblem:
         all bodies. Raises SolverError; what the products raise is deferred by the caller.
         """
         comm = self.joint.space.petsc_comm
+        right = self._weight[self._unknown] * right
         size = self.joint.space.norm(right)
         if not size:
             return np.zeros_like(right), np.zeros(self._rigid), 0
@@ -152,7 +157,7 @@ class LinearProblem:
         product = self.joint.product(self.linearised.expand(y), "newton", relative)
         if self._rigid:
             product -= self.joint.rigid.spread(alpha)
-        z.array[:] = product[self._unknown] + self._D * y
+        z.array[:] = self._weight[self._unknown] * (product[self._unknown] + self._D * y)
 
     def _converged(self, ksp: PETSc.KSP, iteration: int, residual: float) -> PETSc.KSP.ConvergedReason | None:
         """Whether the residual is small beside the right-hand side and beside the half-planes' displacement w."""

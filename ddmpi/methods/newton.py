@@ -303,7 +303,8 @@ class Newton:
         alpha, C_change, unknown = np.zeros(rigid.size), np.zeros_like(change), linearised.unknown
         problem, y = None, np.zeros(linearised.number)
         if space.any(unknown):
-            problem = LinearProblem(joint, self._preconditioner, linearised, layer, self._path is not None)
+            problem = LinearProblem(joint, self._preconditioner, linearised, layer, self._path is not None,
+                                    self._path.held if self._path else 1.0)
             if rigid.size:  # the nearest forces by half-planes that balance the loads
                 y, alpha = problem.precondition(y, joint.imbalance(point.s + change))
                 change = change + linearised.expand(y)
