@@ -8,7 +8,7 @@ with the rigid motions α of bodies that nothing holds. D is that of a layer bet
 have, and a part that steers, as ε does, and biases nothing. The preconditioner is the same system with W M W in the
 place of (C + D)⁻¹, M being the half-space stiffness and W = (1 + D c)^−½, whose coarse problem is solved exactly.
 The second row then holds from the first iteration on, and GMRES, preconditioned from the right, works on the first row
-alone.
+alone. It measures the residual times W, as wide clearances would otherwise hide the displacements where bodies touch.
 """
 
 from __future__ import annotations
@@ -139,15 +139,17 @@ class LinearProblem:
     linearised : the forces that the active set implies
     layer : (joint.size,) compliance D (m/N) of a layer, a barrier, or the springs across friction
     precise : whether the forces are to be known as well as the displacements, which slender bodies need
+    held : part of the springs ε that steer rigid motions
 
     Construction is collective.
     """
 
     def __init__(self, joint: Joint, preconditioner: Preconditioner, linearised: Linearised,
-                 layer: np.ndarray, precise: bool = False) -> None:
+                 layer: np.ndarray, precise: bool = False, held: float = 1.0) -> None:
         self.joint, self.linearised, self._half_space = joint, linearised, preconditioner.half_space
         self._D = linearised.diagonal(preconditioner.shared + layer)
         self._weight = 1.0 / np.sqrt(1.0 + layer * preconditioner.c)
+        self._weights = linearised.diagonal(self._weight)
         self._rigid = joint.rigid.size
         self._precise = precise or self._rigid > 0
         self._coarse: CoarseSystem | None = None
@@ -157,15 +159,17 @@ class LinearProblem:
             def stiffness(number: int, x: np.ndarray) -> np.ndarray:
                 return weights[number] * self._half_space.on_interface(number, weights[number] * x)
 
+            diagonal = preconditioner.diagonal.copy()
+            diagonal[:self._rigid] *= held
             self._coarse = CoarseSystem(preconditioner.motions, linearised.basis, linearised.expansion, stiffness,
-                                        preconditioner.diagonal)
+                                        diagonal)
 
     def precondition(self, w: np.ndarray, h: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """The unknown forces y (k,) and rigid motions α of the half-space system for w (k,) in metres, h in newtons.
 
-        `h` (joint.rigid.size,) is zero if left out. Collective.
+        w is a displacement times W. `h` (joint.rigid.size,) is zero if left out. Collective.
         """
-        y = self.linearised.restrict(self._weight * self._half_space.mult(self._weight * (self.linearised.basis @ w)))
+        y = self.linearised.restrict(self._weight * self._half_space.mult(self.linearised.basis @ w))
         if not self._coarse:
             return y, np.zeros(0)
         if h is not None:
@@ -181,6 +185,7 @@ class LinearProblem:
         all bodies. Raises SolverError; what the products raise is deferred by the caller.
         """
         comm = self.joint.space.petsc_comm
+        right = self._weights * right
         size = self.joint.space.norm(right)
         if not size:
             return np.zeros_like(right), np.zeros(self._rigid), 0
@@ -225,7 +230,7 @@ class LinearProblem:
         product = self.joint.product(self.linearised.expand(y), "newton", relative)
         if self._rigid:
             product -= self.joint.rigid.spread(alpha)
-        z.array[:] = self.linearised.restrict(product) + self._D * y
+        z.array[:] = self._weights * (self.linearised.restrict(product) + self._D * y)
 
     def _converged(self, ksp: PETSc.KSP, iteration: int, residual: float) -> PETSc.KSP.ConvergedReason | None:
         """Whether the residual is small beside the right-hand side and beside the half-planes' displacement w."""

@@ -301,7 +301,8 @@ class Newton:
         alpha, C_change = np.zeros(rigid.size), np.zeros_like(change)
         problem, y = None, np.zeros(linearised.number)
         if space.any(np.ones(linearised.number)):
-            problem = LinearProblem(joint, self._preconditioner, linearised, layer, self._path is not None)
+            problem = LinearProblem(joint, self._preconditioner, linearised, layer, self._path is not None,
+                                    self._path.held if self._path else 1.0)
             if rigid.size:  # the nearest forces by half-planes that balance the loads
                 y, alpha = problem.precondition(y, joint.imbalance(point.s + change))
                 change = change + linearised.expand(y)

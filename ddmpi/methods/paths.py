@@ -111,10 +111,12 @@ class Softening:
     point : the iterate
     ready : whether Newton's own steps are worth trying from it
     failed : whether the path leads nowhere
+    held : part of the springs that hold rigid motions in Newton's method
     drifts : whether loose bodies go on and on, so that no equilibrium is to be expected: a finding, not a proof
     """
 
     kind = "softening"
+    held = 1.0
 
     def __init__(self, joint: Joint, c: np.ndarray) -> None:
         self._joint, self._space, self._laws, self._c = joint, joint.space, joint.space.laws, c
@@ -257,6 +259,9 @@ class InteriorPoints:
     """
 
     kind = "interior points"
+    held = 1e-6
+    """Springs of Newton's method would bring bodies across wide clearances too slowly: each step moves by the load that
+    is left over the spring. Wherever there is a contact a barrier holds bodies, too."""
     drifts = False
 
     def __init__(self, joint: Joint, c: np.ndarray, before: Point | None = None) -> None:
@@ -271,12 +276,12 @@ class InteriorPoints:
                 source[end:part.stop] = part.start + np.repeat(interface.law.sliding, interface.law.components)
         self._source = source
         number = float(space.add(np.array([float(np.count_nonzero(self._normal))]))[0])
-        force = max(norm(joint.e), space.norm(c * joint.d)) / np.sqrt(max(number, 1.0))
+        force = max(norm(joint.e), space.norm(c * (joint.d + space.opening))) / np.sqrt(max(number, 1.0))
         s = np.where(self._normal, force, 0.0)
         bound, _ = self._bounds(s)
         self._given = self._sliding & ~(bound > 0.0)  # no friction force at all
         self._sliding = self._sliding & ~self._given
-        self._w = np.where(self._normal, np.maximum(space.opening, force / c), 0.0)
+        self._w = np.where(self._normal, space.largest(np.maximum(space.opening, force / c)), 0.0)
         self._barrier = self._mean(s)
         self._p = np.where(self._sliding, self._barrier / np.where(self._sliding, bound, 1.0), 0.0)
         self._q = self._p.copy()

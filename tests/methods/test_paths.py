@@ -99,3 +99,28 @@ def test_ranks_of_unequal_unknowns_end_alike(comm):
     answer = ddmpi.solve(str(hard_scenes.HARD / "l100.toml"), comm)
     assert answer.certified and answer.summary["outer_iterations"] <= 40
     assert answer.summary["contacts"]["c"]["force"] == pytest.approx([-7732.0, 9391.6], rel=1e-4)
+
+
+def slot(contrast: float) -> dict:
+    """A block and one of another modulus on it, tilted a little, in a frictionless slot a millimetre too wide."""
+
+    def block(name, corners, divisions, modulus, aside):
+        return {"name": name, "mesh": {"shape": "quadrilateral", "corners": hard_scenes.turned(corners, aside / 2e4),
+                                       "divisions": divisions},
+                "material": {"young": modulus, "poisson": 0.2}, "volume_force": [aside, -2e4]}
+
+    lower = block("lower", [[0.0, 0.01], [1.0, 0.01], [1.0, 0.51], [0.0, 0.51]], [10, 5], 2e10, 3e3)
+    upper = block("upper", [[0.05, 0.52], [0.95, 0.52], [0.95, 1.02], [0.05, 1.02]], [7, 4], 2e10 * contrast, -3e3)
+    walls = [{"name": name, "shape": "plane", "point": point, "normal": normal} for name, point, normal in (
+        ("left", [-1e-3, 0.0], [1.0, 0.0]), ("right", [1.001, 0.0], [-1.0, 0.0]))]
+    sides = [(body, wall, [wall]) for body in ("lower", "upper") for wall in ("left", "right")]
+    sides += [("lower", "floor", ["bottom"]), ("upper", "lower", ["bottom", "top"])]
+    return {"body": [lower, upper], "rigid": [FLOOR, *walls],
+            "contact": [{"bodies": [body, other], "on": on} for body, other, on in sides]}
+
+
+@pytest.mark.parametrize("contrast", [1e-2, 1e2, 1e4])
+def test_stiff_bodies_cross_clearances_without_friction(contrast):
+    """Bodies move a thousand times farther than they give way; without friction there is always an answer."""
+    answer = ddmpi.solve(scenes.to_toml(slot(contrast)), MPI.COMM_SELF)
+    assert answer.certified and answer.summary["outer_iterations"] <= 60
