@@ -193,8 +193,7 @@ def touch(side: Side, rigid: Plane | Circle, contact: SettledContact) -> Interfa
     `Interface.prescribed`. Not collective. Raises InputError when the body's boundary does not face the surface.
     """
     outward, measured = _surface(rigid, side)
-    measured = measured - _bulge(side, outward)
-    measured[np.abs(measured) <= NO_GAP * side.spacing] = 0.0
+    measured = without_rounding(measured - side.rise(np.arange(len(measured)), -outward), side.spacing)
     towards = (np.einsum("icj,ij->ic", outward[side.facets], side.outward) < FACING).all(axis=1)
     here = np.unique(side.facets[towards])
     if len(here) == 0:
@@ -235,8 +234,8 @@ def _match_whole(first: Side, second: Side, name: str, refinement: int) -> Rows:
         raise InputError(f"contact.{name}: the nodes of the two sides do not lie opposite each other"
                          f"{_worst(first, second, match)}; their meshes must match node by node")
     here = np.arange(len(match))
-    return pairs((first, second), here, match, normal, (first.area + second.area[match]) / 2,
-                 _over_arcs(gap, first, second, here, match, normal), np.ones(len(first.facets), bool))
+    return pairs((first, second), here, match, normal, (first.area + second.area[match]) / 2, gap,
+                 np.ones(len(first.facets), bool))
 
 
 def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
@@ -272,8 +271,7 @@ def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
         area = (first.spacing[here] + second.spacing[there]) / 2
     elif not fits.all() or any(len(np.unique(each)) < len(each) for each in (here, there)):
         return None
-    return pairs((first, second), here, there, normal, area, _over_arcs(gap, first, second, here, there, normal),
-                 common[0])
+    return pairs((first, second), here, there, normal, area, gap, common[0])
 
 
 def _faced(side: Side, other: Side, least: float) -> np.ndarray:
@@ -301,31 +299,20 @@ def _opposite(first: Side, second: Side, name: str) -> np.ndarray:
 
 def _offset(first: Side, second: Side, here: np.ndarray, there: np.ndarray,
             normal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The initial gap along the normals, how far partners lie aside of each other, and the spacing there, each (k,)."""
+    """The gap along the normals between the arcs over the chords, how far partners lie aside of each other, and the
+    spacing there, each (k,)."""
     ends, offset = segments(first.facets), second.xy[there] - first.xy[here]
     half = np.linalg.norm(first.xy[ends[:, 1]] - first.xy[ends[:, 0]], axis=1) / 2
     spacing = np.bincount(ends.ravel(), np.repeat(half, 2), len(first.nodes))[here]
     gap = np.einsum("ij,ij->i", offset, normal)
     aside = np.linalg.norm(offset - gap[:, None] * normal, axis=1)
-    gap[np.abs(gap) <= NO_GAP * spacing] = 0.0
-    return gap, aside, spacing
+    gap = gap - first.rise(here, normal) - second.rise(there, -normal)
+    return without_rounding(gap, spacing), aside, spacing
 
 
-def _over_arcs(gap: np.ndarray, first: Side, second: Side, here: np.ndarray, there: np.ndarray,
-               normal: np.ndarray) -> np.ndarray:
-    """The gap (k,) between the boundaries that are meant, where `gap` is that between the nodes.
-
-    Corners lie on these boundaries, middles of quadratic sides on their chords or, if they are curved, near them.
-    """
-    found = gap.copy()
-    for side, places, outward in ((first, here, normal), (second, there, -normal)):
-        place = np.full(len(side.nodes), -1)
-        place[places] = np.arange(len(places))
-        links = np.flatnonzero((place[side.facets[:, -1]] >= 0) & (side.facets.shape[1] == 3))
-        node = place[side.facets[links, -1]]
-        found[node] -= side.rises(links, outward[node])
-    found[np.abs(found) <= NO_GAP * first.spacing[here]] = 0.0
-    return found
+def without_rounding(gap: np.ndarray, spacing: np.ndarray) -> np.ndarray:
+    """Gaps (r,) without what is rounding beside the distance between nodes (r,)."""
+    return np.where(np.abs(gap) <= NO_GAP * spacing, 0.0, gap)
 
 
 def is_held(direction: np.ndarray, free: np.ndarray) -> np.ndarray:
@@ -357,19 +344,3 @@ def _surface(rigid: Plane | Circle, side: Side) -> tuple[np.ndarray, np.ndarray]
     outward = np.where(distance[:, None] > 0.0, sign * away / np.where(distance > 0.0, distance, 1.0)[:, None],
                        -side.normal)
     return outward, sign * (distance - rigid.radius)
-
-
-def _bulge(side: Side, outward: np.ndarray) -> np.ndarray:
-    """How far (k,) a curved boundary stands closer to the surface than the middles of its sides do.
-
-    Corners lie on the boundary that is meant, middles on the chord or, if the side is curved, near that boundary. The
-    slopes at the ends of a chord give its arc, exactly where the boundary is a circle. At an end of the boundary, or a
-    sharp corner, the other end's slope counts.
-    """
-    found = np.zeros(len(side.nodes))
-    if side.facets.shape[1] == 2:
-        return found
-    middle, outer = side.facets[:, 2], side.outward
-    arrow = 0.5 * np.linalg.norm(side.along, axis=1) * np.tan(side.slopes.sum(axis=1) / 4)
-    found[middle] = (side.heights - arrow) * np.einsum("ij,ij->i", outer, outward[middle])
-    return found

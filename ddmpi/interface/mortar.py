@@ -21,8 +21,8 @@ from scipy.spatial import cKDTree
 from ddmpi.errors import InputError
 from ddmpi.interface.cover import Cover, cover, faced_arc
 from ddmpi.interface.interface import Interface, Lines, Places, in_order
-from ddmpi.interface.matching import NO_GAP, Rows, build, holds_along, is_held, pair
-from ddmpi.interface.side import Side, frames, unit
+from ddmpi.interface.matching import Rows, build, holds_along, is_held, pair, without_rounding
+from ddmpi.interface.side import Side, frames, nodal, unit
 from ddmpi.mesh.boundary import segments
 from ddmpi.mesh.elements import shapes_on_side as shapes
 from ddmpi.scene.contacts import SettledContact
@@ -161,7 +161,7 @@ def _rows(sides: tuple[Side, Side], own: int, over: Cover, root: np.ndarray) -> 
     normal = unit(S @ _normals(side, seen) - P @ _normals(other, met))
     ray = unit(_means(weighted, row, over.direction, len(nodes)))
     gap = _means(weighted, row, over.gap[:, None], len(nodes))[:, 0] / area * np.einsum("ij,ij->i", ray, normal)
-    gap[np.abs(gap) <= NO_GAP * side.spacing[nodes]] = 0.0
+    gap = without_rounding(gap, side.spacing[nodes])
     lines = _lines(side, nodes, place, area, S, seen)
     alone, share = np.bincount(lines.row, minlength=len(nodes)) == 1, np.bincount(over.link, over.weight, len(seen))
     whole = seen & (share >= (1.0 - LACKING) * side.lengths) & alone[place[side.facets]].all(axis=1)
@@ -247,9 +247,7 @@ def _normals(side: Side, some: np.ndarray) -> np.ndarray:
     fans = side.fans[some]
     if side.facets.shape[1] == 3:
         fans = np.concatenate([fans, unit(fans.sum(axis=1))[:, None]], axis=1)
-    total, length = np.zeros_like(side.xy), side.lengths[some]
-    np.add.at(total, side.facets[some], length[:, None, None] * fans)
-    return unit(total)
+    return unit(nodal(side.lengths[some, None, None] * fans, side.facets[some], len(side.nodes)))
 
 
 def _means(weighted: np.ndarray, rows: np.ndarray, values: np.ndarray, m: int) -> np.ndarray:

@@ -171,12 +171,20 @@ class Side:
         across = np.einsum("qi,qi->q", direction, self.outward[links])
         return length * cubic * arc / (across - rise * np.einsum("qi,qi->q", direction, along) / length)
 
-    def rises(self, links: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """How far (q,) the boundary that is meant stands off the middles of `links` (q,), along vectors (q, 2) (m)."""
-        along, bent = self.along[links], self.bends[links]
+    def rise(self, nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """How far (q,) the boundary that is meant stands off some nodes (q,), along vectors (q, 2) (m).
+
+        Corners lie on it, middles on the chord or, if the facet is curved, near it.
+        """
+        found, facet = np.zeros(len(nodes)), np.full(len(self.nodes), -1)
+        facet[self.facets[:, 2:].ravel()] = np.arange(self.facets[:, 2:].size)
+        middle = np.flatnonzero(facet[nodes] >= 0)
+        facets, direction = facet[nodes[middle]], direction[middle]
+        along, bent = self.along[facets], self.bends[facets]
         aside = np.einsum("qi,qi->q", bent, along) / np.einsum("qi,qi->q", along, along)
-        across = np.einsum("qi,qi->q", self.outward[links], direction)
-        return self.bulge(links, 0.5 + aside, direction) - self.heights[links] * across
+        across = np.einsum("qi,qi->q", self.outward[facets], direction)
+        found[middle] = self.bulge(facets, 0.5 + aside, direction) - self.heights[facets] * across
+        return found
 
     def parameters(self, links: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """The parameters t (q,) where lines through chords meet the links themselves.
@@ -207,17 +215,13 @@ class Side:
 
     def lengths_over(self, some: np.ndarray) -> np.ndarray:
         """Nodal lengths (k,) over some of the links (ns,) bool: integrals of the shape functions (m)."""
-        shares, total = side_shares(self.xy[self.facets]), np.zeros(len(self.nodes))
-        for column, share in zip(self.facets.T, shares.T, strict=True):
-            np.add.at(total, column[some], share[some])
-        return total
+        facets = self.facets[some]
+        return nodal(side_shares(self.xy[facets]), facets, len(self.nodes))
 
     def normals_over(self, some: np.ndarray) -> np.ndarray:
         """Outer unit normals (k, 2) averaged over some of the links (ns,) bool; those of the side away from these."""
-        across, total = _across(self.xy[self.facets]), np.zeros_like(self.normal)
-        for column, each in zip(self.facets.T, across, strict=True):
-            np.add.at(total, column[some], each[some])
-        total = unit(total)
+        facets = self.facets[some]
+        total = unit(nodal(_across(self.xy[facets]), facets, len(self.nodes)))
         return np.where(total.any(axis=1, keepdims=True), total, self.normal)
 
     def laplacian(self, some: np.ndarray, row: np.ndarray, m: int) -> sparse.csr_matrix:
@@ -267,18 +271,14 @@ def contact_side(mesh: Mesh, edges: np.ndarray, clamps: np.ndarray, body: str, m
     origins, edges = edges[:, 0], turn_outward(mesh, edges, key)
     neighbours = segments(edges)
     nodes = _order(neighbours, mesh.points)
-    sides = mesh.points[edges]
-    length, normal = np.zeros(len(mesh.points)), np.zeros_like(mesh.points)
-    for column, share, outward in zip(edges.T, side_shares(sides).T, _across(sides), strict=True):
-        np.add.at(length, column, share)
-        np.add.at(normal, column, outward)
-    place = np.empty(len(mesh.points), int)
+    place, xy = np.empty(len(mesh.points), int), mesh.points[nodes]
     place[nodes] = np.arange(len(nodes))
     facets = place[edges]
-    return Side(body, modulus, nodes, mesh.points[nodes], unit(normal[nodes]), length[nodes], clamps[nodes],
-                np.zeros(len(nodes), bool) if tied is None else tied[nodes],
-                np.ptp(mesh.points, axis=0), _arc(edges, mesh.points, origins)[nodes],
-                facets[np.argsort(facets[:, -1])])
+    facets = facets[np.argsort(facets[:, -1])]
+    normal, length = (nodal(of(xy[facets]), facets, len(nodes)) for of in (_across, side_shares))
+    return Side(body, modulus, nodes, xy, unit(normal), length, clamps[nodes],
+                np.zeros(len(nodes), bool) if tied is None else tied[nodes], np.ptp(mesh.points, axis=0),
+                _arc(edges, mesh.points, origins)[nodes], facets)
 
 
 def _arc(edges: np.ndarray, points: np.ndarray, origins: np.ndarray) -> np.ndarray:
@@ -299,10 +299,17 @@ def _arc(edges: np.ndarray, points: np.ndarray, origins: np.ndarray) -> np.ndarr
     return arc
 
 
-def _across(sides: np.ndarray) -> list[np.ndarray]:
-    """Outer normals (s, 2) at each node of sides (s, 2 or 3, 2), as long as dx/dt (m): six times ∫ φ n at an end."""
+def nodal(values: np.ndarray, facets: np.ndarray, size: int) -> np.ndarray:
+    """Sums (size, …) at nodes of the values (f, c, …) at the nodes (f, c) of facets."""
+    total = np.zeros((size, *values.shape[2:]))
+    np.add.at(total, facets, values)
+    return total
+
+
+def _across(sides: np.ndarray) -> np.ndarray:
+    """Outer normals (s, c, 2) at the nodes of sides (s, c, 2), as long as dx/dt (m): six times ∫ φ n at an end."""
     along, bent = sides[:, 1] - sides[:, 0], 4.0 * bends(sides)
-    return [turn_right(each) for each in (along + bent, along - bent, along)[:sides.shape[1]]]
+    return np.stack([turn_right(each) for each in (along + bent, along - bent, along)[:sides.shape[1]]], axis=1)
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

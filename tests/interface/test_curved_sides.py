@@ -121,7 +121,7 @@ def test_single_curved_side_has_its_own_slopes():
     assert boundary.slopes == pytest.approx(np.full((1, 2), np.arctan(0.2)))
     here, up = np.array([0]), np.array([[0.0, 1.0]])
     assert boundary.bulge(here, np.array([0.5]), up) == pytest.approx(0.05, rel=0.02)
-    assert boundary.rises(here, up) == pytest.approx(0.0, abs=1e-3)
+    assert boundary.rise(boundary.facets[here, 2], up) == pytest.approx(0.0, abs=1e-3)
     assert side(raise_order(rectangle((1, 1), (1.0, 1.0)), "mesh"), "top").slopes.tolist() == [[0.0, 0.0]]
 
 
