@@ -20,7 +20,7 @@ from ddmpi.results.fields import Fields, contact_fields, write_facets, write_fie
 from ddmpi.results.summary import RunResult, summarize, write_summary
 from ddmpi.results.tables import write_contact, write_history, write_sides, write_steps
 from ddmpi.scene.bodies import Material, MeshSpec
-from ddmpi.scene.contacts import Coulomb, NoFriction
+from ddmpi.scene.contacts import Coulomb, NoFriction, SettledContact
 
 STEEL = Material(young=2.119e11, poisson=0.277)
 
@@ -58,7 +58,7 @@ def interface(name: str, first: Mesh, second: Mesh, on: tuple[str, str], frictio
     sides = [contact_side(mesh, mesh.groups[group], np.full((len(mesh.points), 2), -1), body,
                           STEEL.plane_modulus, group)
              for mesh, group, body in zip((first, second), on, name.split("-"), strict=True)]
-    return pair(*sides, friction, name)
+    return pair(*sides, SettledContact(name=name, bodies=tuple(name.split("-")), on=on, friction=friction))
 
 
 def state(interface: Interface, pressure: float = 5e7) -> ContactState:

@@ -20,7 +20,7 @@ from ddmpi.coupling.space import Space
 from ddmpi.coupling.team import Team, TeamMatrix
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface, Mover, check_overlap, refuse_contradiction, uncovered_profile
-from ddmpi.interface.matching import touch
+from ddmpi.interface.matching import holds_along, touch
 from ddmpi.interface.mortar import join
 from ddmpi.interface.side import Side, contact_side
 from ddmpi.mesh.boundary import boundary_group
@@ -28,7 +28,7 @@ from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.geometry import Sizes
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Clamp, Material, SettledBody
-from ddmpi.scene.contacts import NoFriction, SettledContact
+from ddmpi.scene.contacts import SettledContact
 from ddmpi.scene.scene import Settled
 from ddmpi.system import interrupt
 from ddmpi.system.agreement import agreed, merged
@@ -246,7 +246,7 @@ def _tied(spec: SettledBody, contacts: Sequence[SettledContact], edges: Mapping[
     can hold: bonded or frictional ones."""
     tied = (clamps >= 0).all(axis=1)
     for contact, side in _contacts_of(spec, contacts):
-        if contact.name != name and (contact.kind == "bonded" or not isinstance(contact.friction, NoFriction)):
+        if contact.name != name and holds_along(contact):
             tied[edges[contact.name, side]] = True
     return tied
 
@@ -257,15 +257,14 @@ def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | Non
     (first, second), clamps = sides, {body.name: body.clamps for body in scene.body}
     if second is None:
         (rigid,) = (each for each in scene.rigid if each.name == contact.bodies[1])
-        interface = touch(first, rigid, contact.friction, contact.name, contact.gap, contact.kind)
+        interface = touch(first, rigid, contact)
         overlaps = check_overlap(interface, first)
         x, y = rigid.displacement
         partner = Mover(rigid.name, [Clamp(on=rigid.name, x=x, y=y, history=rigid.history)])
     else:
         if any(body.mesh.geometry for body in scene.body if body.name in contact.bodies):
             refinement = 1  # its nodes match by their number alone
-        interface = join(first, second, contact.friction, contact.name, refinement, contact.gap, contact.kind,
-                         contact.pairing, contact.slave)
+        interface = join(first, second, contact, refinement)
         overlaps = check_overlap(interface, first, second)
         partner = Mover(second.body, clamps[second.body], second)
     times = scene.legs if scene.time is None or scene.time.steps == 1 else [0.0, *scene.legs]
@@ -274,7 +273,7 @@ def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | Non
     idle = [] if contact.slave is None or interface.slave else [
         f"contact.{contact.name}.slave: no side is a slave, because nodes match and are paired; pairing = \"mortar\" "
         "makes one of them the slave"]
-    return interface, idle + overlaps + uncovered_profile(interface, contact.friction, contact.gap)
+    return interface, idle + overlaps + uncovered_profile(interface, contact)
 
 
 def _check_method(scene: Settled, bodies: Mapping[str, Elasticity], interfaces: Sequence[Interface]) -> None:

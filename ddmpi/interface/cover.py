@@ -6,9 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ddmpi.interface.matching import DEEPEST, FACING
-from ddmpi.interface.side import Side, cross
+from ddmpi.interface.side import Side, cross, unit
 from ddmpi.system.numbers import spans
+
+FACING = -0.5
+"""Surfaces face each other where the product of their outer normals is below this: up to 60° from opposite."""
+
+DEEPEST = 0.5
+"""Partners deeper than this part of the thinner body's depth are ignored: they belong to its far side."""
 
 POINTS = 5
 """Gauss points on each piece of a side, between its two ends, which have no weight."""
@@ -49,7 +54,7 @@ def cover(slave: Side, master: Side) -> Cover:
     ray meets. A piece of the slave faces what is nearest of the other side with a normal against its own. What lies
     behind the slave counts as an overlap up to DEEPEST of the thinner body's depth; ahead, any distance counts.
     """
-    own, corners, fans = (slave.xy[slave.links[:, :2]], master.xy[master.links[:, :2]], slave.fans)
+    own, corners, fans = (slave.xy[slave.facets[:, :2]], master.xy[master.facets[:, :2]], slave.fans)
     outward, length = slave.outward, np.linalg.norm(slave.along, axis=1)
     link, one = _swept(corners, own, fans)
     facing = np.einsum("pi,pi->p", outward[link], master.outward[one]) < FACING
@@ -86,7 +91,7 @@ def faced_arc(xy: np.ndarray, rows: np.ndarray, over: Cover, master: Side) -> np
     Not collective.
     """
     row, link = np.unique(np.stack([rows.ravel(), np.repeat(over.other, rows.shape[1])]), axis=1)
-    start, end = master.links[link, :2].T
+    start, end = master.facets[link, :2].T
     along = master.along[link]
     away = xy[row] - master.xy[start]
     at = np.clip(np.einsum("pi,pi->p", away, along) / np.einsum("pi,pi->p", along, along), 0.0, 1.0)
@@ -175,8 +180,3 @@ def _pieces(link: np.ndarray, segments: np.ndarray, links: np.ndarray,
     on, cuts = on[apart], cuts[apart]
     inner = np.flatnonzero(np.diff(on) == 0)
     return on[inner], cuts[inner], cuts[inner + 1]
-
-
-def unit(vectors: np.ndarray) -> np.ndarray:
-    size = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return vectors / np.where(size > 0.0, size, 1.0)

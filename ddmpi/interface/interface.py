@@ -16,7 +16,7 @@ from ddmpi.errors import InputError
 from ddmpi.interface.law import Law
 from ddmpi.interface.side import Side
 from ddmpi.scene.bodies import Clamp
-from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
+from ddmpi.scene.contacts import SettledContact
 from ddmpi.scene.values import Profile, evaluate
 from ddmpi.system.numbers import spans
 
@@ -42,19 +42,17 @@ class Places:
     nodes : of each side (j,), numbers in its body's mesh; none of a rigid partner
     normal : (k, d) outer normals of the first body
     gap : (k,) initial gap (m)
-    transfer : of each side (k, j), sparse: a place moves as the rows say that the side's nodes move; None where the
-        places are the nodes
+    transfer : of each side (k, j), sparse: a place moves as the rows say that the side's nodes move
     """
 
     nodes: tuple[np.ndarray, np.ndarray] = (np.empty(0, int), np.empty(0, int))
     normal: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
     gap: np.ndarray = field(default_factory=lambda: np.empty(0))
-    transfer: tuple[sparse.csr_matrix, sparse.csr_matrix] | None = None
+    transfer: tuple[sparse.csr_matrix, sparse.csr_matrix] = (sparse.csr_matrix((0, 0)), sparse.csr_matrix((0, 0)))
 
     def moved(self, side: int, u: np.ndarray) -> np.ndarray:
         """Displacement (k, d) of the places with a side whose nodes all move by `u` (nv, d)."""
-        moved = u[self.nodes[side]]
-        return moved if self.transfer is None else self.transfer[side] @ moved
+        return self.transfer[side] @ u[self.nodes[side]]
 
 
 @dataclass(frozen=True)
@@ -202,9 +200,6 @@ class Interface:
         a, b, normal = [none], [none], [np.empty((0, self.dimension))]
         for nodes, transfer, outward in ((self.nodes, self.transfer, self.normal),
                                          (self.fixed.nodes, self.fixed.transfer, self.fixed.normal)):
-            if transfer is None:
-                a, b, normal = [*a, nodes[0]], [*b, nodes[1]], [*normal, outward]
-                continue
             first, second = (each.tocsr() for each in transfer)
             row = np.repeat(np.arange(len(outward)), np.diff(first.indptr))  # of the entries of the first
             entry, facing = spans(second.indptr[row], second.indptr[row + 1])  # each with those of the second
@@ -296,7 +291,7 @@ class Mover:
         values = [f"{'xyz'[axis]} = {u[axis] + 0.0:.6g}" for axis in axes]
         if self.side is None:
             return f"rigid.{self.name}.displacement prescribes {', '.join(values)}"
-        node = place if places.transfer is None else int(np.argmax(abs(places.transfer[k][[place]].toarray())))
+        node = int(np.argmax(abs(places.transfer[k][[place]].toarray())))
         numbers = self.side.clamps[self.side.nodes == places.nodes[k][node]][0, axes]
         return ", ".join(f"body.{self.name}.clamp.{number} on {self.clamps[number].on!r} prescribes {value}"
                          for value, number in zip(values, numbers, strict=True))
@@ -317,7 +312,7 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
     if any(mover.side and (mover.side.clamps < 0).all() for mover in movers):
         return
     worst, message, bonded = 0.0, "", interface.law.name == "bonded"
-    pairs = [Places(interface.nodes, interface.normal, interface.gap), interface.fixed]
+    pairs = [Places(interface.nodes, interface.normal, interface.gap, interface.transfer), interface.fixed]
     for places in [interface.probes] if interface.slave else pairs:
         free = sum(mover.free(places, k) for k, mover in enumerate(movers)) > SAME
         gap, across = places.gap[:, None], np.abs(places.normal) > SAME
@@ -348,12 +343,11 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
         raise InputError(message)
 
 
-def uncovered_profile(interface: Interface, friction: Coulomb | Tresca | NoFriction,
-                      gap: float | Profile | None = None) -> list[str]:
+def uncovered_profile(interface: Interface, contact: SettledContact) -> list[str]:
     """A warning where a profile of friction or of the gap ends before the contact does. Not collective."""
-    found = []
+    found, friction = [], contact.friction
     given = getattr(friction, "coefficient", getattr(friction, "slip_bound", None))
-    for key, values in (("friction", given), ("gap", gap)):
+    for key, values in (("friction", given), ("gap", contact.gap)):
         if not isinstance(values, Profile) or len(values.points) < 2:
             continue
         along = values.position(interface.xy, interface.arc)

@@ -12,10 +12,12 @@ import scipy.sparse as sparse
 from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import SAME, Interface, Places
+from ddmpi.interface.cover import DEEPEST, FACING, cover
+from ddmpi.interface.interface import SAME, Interface, Lines, Places
 from ddmpi.interface.law import law_of
-from ddmpi.interface.side import Side
-from ddmpi.scene.contacts import Circle, Coulomb, NoFriction, Plane, Tresca
+from ddmpi.interface.side import Side, frames, unit
+from ddmpi.mesh.boundary import segments
+from ddmpi.scene.contacts import Circle, NoFriction, Plane, SettledContact
 from ddmpi.scene.values import Profile
 
 LARGEST_OFFSET = 1e-2
@@ -25,38 +27,137 @@ given: finer versions of the same boundaries are offset as much."""
 NO_GAP = 1e-9
 """Gaps below this fraction of the distance to the neighbours are rounding of the mesh, and count as zero."""
 
-FACING = -0.5
-"""Surfaces face each other where the product of their outer normals is below this: up to 60° from opposite."""
-
-DEEPEST = 0.5
-"""Sides that cover each other partly do not face each other where they overlap by more than this part of the thinner
-body's depth: a body's far side is no partner."""
-
 
 @dataclass(frozen=True)
-class Opposite:
-    """Nodes of two sides that lie opposite each other, as geometry has it: clamps and laws do not count yet.
+class Rows:
+    """The rows of a contact as geometry has them: clamps and laws do not count yet.
 
     Attributes
     ----------
-    sides : the two
-    place : of each side (k,), which of its nodes; those of the first are in its order
-    normal : (k, 2) unit normals of the contact, out of the first body
-    area : (k,) nodal lengths of the part that both sides have in common (m)
-    gap : (k,) measured along the normals, between the arcs over the sides' chords (m)
-    common : (ns,) bool, which of the first side's links the common part has
+    sides : the first and the second
+    own : 0 or 1, the side at whose nodes the rows stand
+    nodes : (r,) which of its nodes
+    place : (k,) the row with which each of its nodes moves, or −1
+    seen : (f,) bool, whether its facets face the other side
+    transfers : of each side (r, ·), sparse: a row moves as its entries say that all nodes of the side move
+    normal : (r, d) unit normals of the contact, out of the first body
+    area : (r,) nodal lengths of the part that both sides have in common (m)
+    gap : (r,) along the normals, between the arcs over the chords (m)
+    arc : (r,) arc lengths along the first body's boundary (m)
+    bound : (k,) bool, nodes that share another one's row because clamps or other contacts hold them
+    whole : (f,) bool, whether facets wholly face the other side, each of their nodes with a row to itself
+    lines : the nodes of the rows; None where each row has one
+    points : between the nodes, with their gaps; None where there are none
     """
 
     sides: tuple[Side, Side]
-    place: tuple[np.ndarray, np.ndarray]
+    own: int
+    nodes: np.ndarray
+    place: np.ndarray
+    seen: np.ndarray
+    transfers: tuple[sparse.csr_matrix, sparse.csr_matrix]
     normal: np.ndarray
     area: np.ndarray
     gap: np.ndarray
-    common: np.ndarray
+    arc: np.ndarray
+    bound: np.ndarray
+    whole: np.ndarray
+    lines: Lines | None = None
+    points: Places | None = None
+
+    def held(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Whether clamps hold all nodes of each side (2, r) that a row moves with along its direction (r, d); and how
+        far it moves where free nodes of a side move by one, the larger of both (r,)."""
+        held, most = np.empty((2, len(direction)), bool), np.zeros(len(direction))
+        for number, (side, transfer) in enumerate(zip(self.sides, self.transfers, strict=True)):
+            entries = transfer.tocoo()
+            moves = ~is_held(direction[entries.row], side.free[entries.col])
+            held[number] = np.bincount(entries.row, moves, len(direction)) == 0
+            most = np.maximum(most, np.abs(np.bincount(entries.row, entries.data * moves, len(direction))))
+        return held, most
 
 
-def pair(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, name: str, refinement: int = 1,
-         gap: float | Profile | None = None, kind: str = "unilateral") -> Interface:
+def pairs(sides: tuple[Side, Side], here: np.ndarray, there: np.ndarray, normal: np.ndarray, area: np.ndarray,
+          gap: np.ndarray, seen: np.ndarray) -> Rows:
+    """The rows of nodes `here` (r,) of the first side and their partners; otherwise as `Rows`."""
+    place = np.full(len(sides[0].nodes), -1)
+    place[here] = np.arange(len(here))
+    transfers = [sparse.csr_matrix((np.ones(len(here)), (np.arange(len(here)), nodes)), (len(here), len(side.nodes)))
+                 for side, nodes in zip(sides, (here, there), strict=True)]
+    return Rows(sides, 0, here, place, seen, (transfers[0], transfers[1]), normal, area, gap, sides[0].arc[here],
+                np.zeros(len(place), bool), seen)
+
+
+def build(rows: Rows, contact: SettledContact) -> Interface:
+    """The interface of those rows that a body can move. Not collective. Raises InputError if there are none."""
+    sides, side, bonded = rows.sides, rows.sides[rows.own], contact.kind == "bonded"
+    frame, xy = frames(rows.normal), side.xy[rows.nodes]
+    start = initial_gap(contact, rows.gap, xy, rows.arc)
+    (held_normal, _), (held_tangential, _) = (rows.held(direction) for direction in frame.swapaxes(0, 1))
+    dropped = (held_normal & held_tangential if bonded else held_normal).all(axis=0)  # a bond also holds what slides
+    keep = np.flatnonzero(~dropped)
+    if len(keep) == 0:
+        raise InputError(f"contact.{contact.name}: all nodes of the contact are clamped; there is nothing to solve")
+    one_sided = [held.any(axis=0)[keep] for held in (held_normal, held_tangential)]
+    sliding = np.flatnonzero(~held_tangential.all(axis=0)[keep] & holds_along(contact))
+
+    number = np.append(np.where(dropped, -1, np.cumsum(~dropped) - 1), -1)  # of the rows that are kept
+    facets = number[rows.place[side.facets[rows.whole]]]
+    row = number[np.where(rows.bound, -1, rows.place)]
+    lines = rows.lines and replace(rows.lines, row=number[rows.lines.row]).only(~dropped[rows.lines.row])
+    nodes, transfers = zip(*(_used(each, transfer[keep]) for each, transfer in zip(sides, rows.transfers, strict=True)),
+                           strict=True)
+    xy, arc, area = xy[keep], rows.arc[keep], rows.area[keep]
+    return Interface(
+        name=contact.name, bodies=(sides[0].body, sides[1].body), xy=xy, frame=frame[keep], area=area, gap=start[keep],
+        arc=arc, nodes=nodes, transfer=transfers,
+        law=law_of(contact.friction, xy, arc, area, sliding, contact.kind),
+        modulus=1.0 / (1.0 / sides[0].modulus + 1.0 / sides[1].modulus),
+        facets=facets[(facets >= 0).all(axis=1)], laplacian=side.laplacian(rows.seen, row, len(keep)),
+        one_sided=np.concatenate([one_sided[0], one_sided[1][sliding]]),
+        prescribed=np.zeros(len(keep) + len(sliding)), slave=side.body if rows.points else None, lines=lines,
+        at=(rows.transfers[0][keep] @ sides[0].xy, rows.transfers[1][keep] @ sides[1].xy),
+        fixed=_at_rows(rows, dropped, start), probes=_probes(rows, contact, dropped, start))
+
+
+def _at_rows(rows: Rows, some: np.ndarray, gap: np.ndarray) -> Places:
+    """The places of some of the rows (r,) bool, with gaps from those of all (r,)."""
+    (first, own), (second, other) = (_used(side, transfer[some]) for side, transfer in
+                                     zip(rows.sides, rows.transfers, strict=True))
+    return Places((first, second), rows.normal[some], gap[some], (own, other))
+
+
+def _probes(rows: Rows, contact: SettledContact, dropped: np.ndarray, start: np.ndarray) -> Places:
+    """Places between the nodes; else those dropped rows which can still move a little.
+
+    What overlaps between clamps at first stays, and is no overlap of the answer.
+    """
+    if rows.points is None:
+        free = [transfer @ (1.0 * side.free) for side, transfer in zip(rows.sides, rows.transfers, strict=True)]
+        moves = sum(np.abs(rows.normal * each).max(axis=1) for each in free) > SAME
+        return _at_rows(rows, dropped & moves, np.maximum(start, 0.0))
+    points, gap = rows.points, rows.points.gap
+    if contact.gap is not None or contact.kind == "bonded":
+        gap = points.transfer[rows.own] @ np.append(start, 0.0)[rows.place]
+    if contact.kind != "bonded":
+        stays = [each @ is_held(side.normal, side.free) for each, side in zip(points.transfer, rows.sides, strict=True)]
+        gap = gap - np.clip(np.min(stays, axis=0), 0.0, 1.0) * np.minimum(gap, 0.0)
+    return replace(points, gap=gap)
+
+
+def _used(side: Side, transfer: sparse.csr_matrix) -> tuple[np.ndarray, sparse.csr_matrix]:
+    """The nodes of a side that a transfer has entries of, in the order of its rows, and the transfer to these."""
+    columns, first = np.unique(transfer.indices, return_index=True)
+    columns = columns[np.argsort(first)]
+    return side.nodes[columns], transfer[:, columns]
+
+
+def holds_along(contact: SettledContact) -> bool:
+    """Whether a contact may hold bodies along it: by friction or a bond."""
+    return contact.kind == "bonded" or not isinstance(contact.friction, NoFriction)
+
+
+def pair(first: Side, second: Side, contact: SettledContact, refinement: int = 1) -> Interface:
     """The interface of two sides, whose nodes are paired by position.
 
     Where the sides do not match as a whole, they may cover each other partly: then all nodes of either side that face
@@ -65,11 +166,9 @@ def pair(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, nam
     Parameters
     ----------
     first, second : the sides
-    friction : the law that the scene asks for; without friction there are no tangential unknowns
-    name : of the contact
+    contact : what the scene asks for. A `gap` takes the place of the measured one; without friction there are no
+        tangential unknowns
     refinement : how many times finer the meshes are than the given ones, whose spacing the tolerance follows
-    gap : initial gap (m) in the place of the measured one; positive is open, negative an interference
-    kind : "unilateral", or "bonded", whose gap is zero unless given
 
     Raises
     ------
@@ -77,104 +176,51 @@ def pair(first: Side, second: Side, friction: Coulomb | Tresca | NoFriction, nam
         when the two sides do not match node by node. Not collective.
     """
     try:
-        opposite = _match_whole(first, second, name, refinement)
+        rows = _match_whole(first, second, contact.name, refinement)
     except InputError:
         partly = _match_partly(first, second, refinement)
         if partly is None:
             raise
-        opposite = partly
-    return carry(opposite, friction, name, gap, kind)
+        rows = partly
+    return build(rows, contact)
 
 
-def touch(side: Side, rigid: Plane | Circle, friction: Coulomb | Tresca | NoFriction, name: str,
-          gap: float | Profile | None = None, kind: str = "unilateral") -> Interface:
+def touch(side: Side, rigid: Plane | Circle, contact: SettledContact) -> Interface:
     """The interface of a body, which is the first, and a rigid partner.
 
     Normals and gaps are those of the rigid surface at the body's nodes, exactly. Nodes that do not face it, such as
     the far side of a roller, carry no row. The second side has no nodes: the partner's displacement U gives
-    `Interface.prescribed`.
-
-    Parameters
-    ----------
-    side : of the body
-    friction, name, gap, kind : as for `pair`
-
-    Raises
-    ------
-    InputError
-        when the body's boundary does not face the surface. Not collective.
+    `Interface.prescribed`. Not collective. Raises InputError when the body's boundary does not face the surface.
     """
     outward, measured = _surface(rigid, side)
-    measured = measured - _bulge(side, outward)
-    measured[np.abs(measured) <= NO_GAP * side.spacing] = 0.0
-    towards = (np.einsum("icj,ij->ic", outward[side.links], side.outward) < FACING).all(axis=1)  # links that face it
-    here = np.unique(side.links[towards])
+    measured = without_rounding(measured - side.rise(np.arange(len(measured)), -outward), side.spacing)
+    towards = (np.einsum("icj,ij->ic", outward[side.facets], side.outward) < FACING).all(axis=1)
+    here = np.unique(side.facets[towards])
     if len(here) == 0:
         x, y = side.xy[np.argmin(np.einsum("ij,ij->i", outward, side.normal))]
-        raise InputError(f"contact.{name}: near ({x:.6g}, {y:.6g}) the boundary of {side.body!r} does not face "
+        raise InputError(f"contact.{contact.name}: near ({x:.6g}, {y:.6g}) the boundary of {side.body!r} does not face "
                          f"{rigid.name!r}" + ("; a plane's normal points towards the bodies" if isinstance(rigid, Plane)
                                               else "; bodies touch a circle from outside, unless inside = true"))
     partner = replace(side, body=rigid.name, modulus=np.inf, xy=side.xy - measured[:, None] * outward, normal=outward,
                       clamps=np.zeros_like(side.clamps))
-    opposite = Opposite((side, partner), (here, here), -outward[here], side.lengths_over(towards)[here],
-                        measured[here], towards)
-    found = carry(opposite, friction, name, gap, kind)
+    found = build(pairs((side, partner), here, here, -outward[here], side.lengths_over(towards)[here], measured[here],
+                        towards), contact)
     U, none = np.array(rigid.displacement), np.empty(0, int)
     fixed, probes = (replace(each, nodes=(each.nodes[0], none)) for each in (found.fixed, found.probes))
-    return replace(found, nodes=(found.nodes[0], none), modulus=side.modulus, prescribed=-(found.directions @ U),
-                   transfer=(found.transfer[0], sparse.csr_matrix((found.m, 0))), fixed=fixed, probes=probes,
-                   displacement=U, history=rigid.history)
+    return replace(found, nodes=(found.nodes[0], none), modulus=side.modulus, fixed=fixed, probes=probes,
+                   transfer=(found.transfer[0], sparse.csr_matrix((found.m, 0))), history=rigid.history).displaced(U)
 
 
-def carry(opposite: Opposite, friction: Coulomb | Tresca | NoFriction, name: str, gap: float | Profile | None,
-          kind: str) -> Interface:
-    """The interface whose rows stand at those nodes that a body can move. Otherwise as `pair`."""
-    (first, second), (here, there) = opposite.sides, opposite.place
-    normal = opposite.normal
-    tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
-    start = initial_gap(gap, kind, opposite.gap, first.xy[here], first.arc[here])
-    bonded = kind == "bonded"
-
-    free = first.free[here], second.free[there]
-    stays = [np.array([is_held(direction, each) for each in free]) for direction in (normal, tangent)]
-    held_normal, held_tangential = (by_body.all(axis=0) for by_body in stays)  # where one body can move, they touch
-    one_sided = [by_body.any(axis=0) for by_body in stays]
-    dropped = held_normal & held_tangential if bonded else held_normal  # a bond also holds what slides
-    keep = np.flatnonzero(~dropped)
-    if len(keep) == 0:
-        raise InputError(f"contact.{name}: all nodes of the contact are clamped; there is nothing to solve")
-    has_tangents = bonded or not isinstance(friction, NoFriction)
-    sliding = np.flatnonzero(~held_tangential[keep]) if has_tangents else np.empty(0, int)
-    row = np.full(len(first.nodes), -1)
-    row[here[keep]] = np.arange(len(keep))
-    facets = row[first.links[opposite.common]]
-    alone = sparse.identity(len(keep), format="csr")
-    moves = sum(np.abs(normal * each).max(axis=1) for each in free) > SAME
-    fixed, probes = (Places((first.nodes[here][at], second.nodes[there][at]), normal[at], gap_of[at])
-                     for at, gap_of in ((dropped, start), (dropped & moves, np.maximum(start, 0.0))))
-    xy, arc, area = first.xy[here][keep], first.arc[here][keep], opposite.area[keep]
-    return Interface(
-        name=name, bodies=(first.body, second.body), xy=xy, frame=np.stack([normal[keep], tangent[keep]], axis=1),
-        area=area, gap=start[keep], arc=arc, nodes=(first.nodes[here][keep], second.nodes[there][keep]),
-        transfer=(alone, alone), law=law_of(friction, xy, arc, area, sliding, kind),
-        modulus=1.0 / (1.0 / first.modulus + 1.0 / second.modulus),
-        facets=facets[(facets >= 0).all(axis=1)], laplacian=first.laplacian(opposite.common, row, len(keep)),
-        one_sided=np.concatenate([one_sided[0][keep], one_sided[1][keep][sliding]]),
-        prescribed=np.zeros(len(keep) + len(sliding)), at=(xy, second.xy[there][keep]),
-        fixed=fixed, probes=probes)
-
-
-def initial_gap(gap: float | Profile | None, kind: str, measured: np.ndarray, xy: np.ndarray,
-                arc: np.ndarray) -> np.ndarray:
+def initial_gap(contact: SettledContact, measured: np.ndarray, xy: np.ndarray, arc: np.ndarray) -> np.ndarray:
     """The initial gap (k,) at nodes `xy` (k, 2), at arc lengths (k,): given, else measured, or zero of a bond."""
-    if isinstance(gap, Profile):
-        return gap.at(xy, arc).astype(float)
-    if gap is not None:
-        return np.full(len(xy), float(gap))
-    return np.zeros(len(xy)) if kind == "bonded" else measured
+    if isinstance(contact.gap, Profile):
+        return contact.gap.at(xy, arc).astype(float)
+    if contact.gap is not None:
+        return np.full(len(xy), float(contact.gap))
+    return np.zeros(len(xy)) if contact.kind == "bonded" else measured
 
 
-def _match_whole(first: Side, second: Side, name: str, refinement: int) -> Opposite:
+def _match_whole(first: Side, second: Side, name: str, refinement: int) -> Rows:
     """All nodes of both sides, one to one. Raises InputError."""
     match = _opposite(first, second, name)
     normal = first.normal - second.normal[match]
@@ -188,79 +234,55 @@ def _match_whole(first: Side, second: Side, name: str, refinement: int) -> Oppos
         raise InputError(f"contact.{name}: the nodes of the two sides do not lie opposite each other"
                          f"{_worst(first, second, match)}; their meshes must match node by node")
     here = np.arange(len(match))
-    return Opposite((first, second), (here, match), normal, (first.area + second.area[match]) / 2,
-                    _over_arcs(gap, first, second, here, match, normal), np.ones(len(first.links), bool))
+    return pairs((first, second), here, match, normal, (first.area + second.area[match]) / 2, gap,
+                 np.ones(len(first.facets), bool))
 
 
-def _match_partly(first: Side, second: Side, refinement: int) -> Opposite | None:
-    """The nodes of the part that two sides have in common; None unless all nodes that face the other side pair off."""
-    if first.links.shape[1] != second.links.shape[1]:
+def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
+    """The nodes of the part that two sides have in common, or the one node at which they meet; None unless each facet
+    that faces the other side faces one facet, whose nodes are the partners of its own."""
+    offset, size = LARGEST_OFFSET * refinement, first.facets.shape[1]
+    if second.facets.shape[1] != size:
         return None
-    nearest = cKDTree(second.xy).query(first.xy)[1]
-    back = cKDTree(first.xy).query(second.xy)[1]
-    here = np.flatnonzero(back[nearest] == np.arange(len(nearest)))  # nearest to each other
-    there = nearest[here]
-    common = _common_links(first, second, here, there)
-    normal, apart = _common_normal(first, second, here, there, common)
-    gap, aside, spacing = _offset(first, second, here, there, normal)
-    deepest = -DEEPEST * np.minimum(np.abs(normal) @ first.extent, np.abs(normal) @ second.extent)
-    fits = (aside <= LARGEST_OFFSET * refinement * spacing) & (apart < FACING) & (gap > deepest)
-    here, there = here[fits], there[fits]
-    if len(here) == 0:
+    ours, theirs = _faced(first, second, offset), _faced(second, first, offset)[::-1]
+    theirs = theirs[:, np.argsort(theirs[0], kind="stable")]
+    if not np.array_equal(ours, theirs) or any(len(np.unique(each)) < len(each) for each in ours):
         return None
-    slack = 0.5 * LARGEST_OFFSET * refinement / (first.links.shape[1] - 1)  # the tolerance at an end, over the edge
-    if any(_is_faced(side, np.setdiff1d(np.arange(len(side.nodes)), paired), other, slack)
-           for side, paired, other in ((first, here, second), (second, there, first))):
-        return None
-    common = _common_links(first, second, here, there)
-    normal, _ = _common_normal(first, second, here, there, common)
-    gap, _, _ = _offset(first, second, here, there, normal)
-    area = (first.lengths_over(common[0])[here] + second.lengths_over(common[1])[there]) / 2
-    alone = area == 0.0  # no common edge: a contact of one node
-    area[alone] = ((first.spacing[here] + second.spacing[there]) / 2)[alone]
-    return Opposite((first, second), (here, there), normal, area,
-                    _over_arcs(gap, first, second, here, there, normal), common[0])
-
-
-def _common_links(first: Side, second: Side, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of each side (ns,) bool: links whose nodes are the partners of the nodes of a link of the other side."""
-    partner = np.full(len(first.nodes), -1)
-    partner[here] = there
-    found = {tuple(sorted(link[:2])) + tuple(link[2:]): k for k, link in enumerate(second.links.tolist())}
-    common = np.zeros(len(first.links), bool), np.zeros(len(second.links), bool)
-    for k, link in enumerate(partner[first.links].tolist()):
-        other = found.get(tuple(sorted(link[:2])) + tuple(link[2:]))
-        if other is not None:
-            common[0][k] = common[1][other] = True
-    return common
-
-
-def _common_normal(first: Side, second: Side, here: np.ndarray, there: np.ndarray,
-                   common: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Unit normals (k, 2) of the common part, and the products (k,) of both sides' normals there."""
+    if ours.size:
+        nodes = first.facets[ours[0]].ravel(), second.facets[ours[1]][:, [1, 0, 2][:size]].ravel()
+        here, there = np.unique(np.stack(nodes), axis=1)
+    else:
+        nearest, back = cKDTree(second.xy).query(first.xy)[1], cKDTree(first.xy).query(second.xy)[1]
+        here = np.flatnonzero(back[nearest] == np.arange(len(nearest)))
+        there = nearest[here]
+    common = [np.isin(np.arange(len(side.facets)), some) for side, some in zip((first, second), ours, strict=True)]
     own, other = first.normals_over(common[0])[here], second.normals_over(common[1])[there]
-    normal = own - other
-    size = np.linalg.norm(normal, axis=1, keepdims=True)
-    return np.where(size > 0.0, normal / np.where(size > 0.0, size, 1.0), own), np.einsum("ij,ij->i", own, other)
+    normal = unit(own - other)
+    normal = np.where(normal.any(axis=1, keepdims=True), normal, own)
+    gap, aside, spacing = _offset(first, second, here, there, normal)
+    area = (first.lengths_over(common[0])[here] + second.lengths_over(common[1])[there]) / 2
+    fits = aside <= offset * spacing
+    if not ours.size:
+        deepest = -DEEPEST * np.minimum(np.abs(normal) @ first.extent, np.abs(normal) @ second.extent)
+        fits &= (np.einsum("ij,ij->i", own, other) < FACING) & (gap > deepest)
+        if np.count_nonzero(fits) != 1:
+            return None
+        here, there, normal, gap = here[fits], there[fits], normal[fits], gap[fits]
+        area = (first.spacing[here] + second.spacing[there]) / 2
+    elif not fits.all() or any(len(np.unique(each)) < len(each) for each in (here, there)):
+        return None
+    return pairs((first, second), here, there, normal, area, gap, common[0])
 
 
-def _is_faced(side: Side, places: np.ndarray, other: Side, slack: float) -> bool:
-    """Whether one of the nodes at `places` has a part of the other side on its normal.
+def _faced(side: Side, other: Side, least: float) -> np.ndarray:
+    """Facets of a side and those of the other one that they face (2, n), in the order of the first.
 
-    The ends of the other side reach `slack` of an edge less far: so much an end may stand aside of its partner.
+    A facet of which no more than the part `least` is covered does not count: by so much an end may stand aside.
     """
-    ends = np.bincount(other.links[:, :2].ravel(), minlength=len(other.nodes)) == 1
-    low, high = (np.where(ends[column], slack, -NO_GAP) for column in other.links.T[:2])
-    start, along, outward = other.xy[other.links[:, 0]], other.along, other.outward
-    for xy, normal in zip(side.xy[places], side.normal[places], strict=True):
-        towards = np.flatnonzero(outward @ normal < FACING)
-        tangent = np.array([-normal[1], normal[0]])
-        where = ((xy - start[towards]) @ tangent) / (along[towards] @ tangent)
-        distance = (start[towards] + where[:, None] * along[towards] - xy) @ normal
-        deepest = -DEEPEST * min(np.abs(normal) @ side.extent, np.abs(normal) @ other.extent)
-        if ((where >= low[towards]) & (where <= 1.0 - high[towards]) & (distance > deepest)).any():
-            return True
-    return False
+    over = cover(side, other)
+    facets, point = np.unique(np.stack([over.link, over.other]), axis=1, return_inverse=True)
+    covered = np.bincount(point.ravel(), over.weight, facets.shape[1])
+    return facets[:, covered > least * side.lengths[facets[0]]]
 
 
 def _opposite(first: Side, second: Side, name: str) -> np.ndarray:
@@ -277,35 +299,20 @@ def _opposite(first: Side, second: Side, name: str) -> np.ndarray:
 
 def _offset(first: Side, second: Side, here: np.ndarray, there: np.ndarray,
             normal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The initial gap along the normals, how far partners lie aside of each other, and the spacing there, each (k,)."""
-    distance = np.linalg.norm(np.diff(first.xy, axis=0), axis=1)
-    spacing = np.zeros(len(first.nodes))
-    spacing[1:] += np.where(first.joined, distance / 2, 0.0)
-    spacing[:-1] += np.where(first.joined, distance / 2, 0.0)
-    spacing = spacing[here]
-    tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
-    offset = second.xy[there] - first.xy[here]
+    """The gap along the normals between the arcs over the chords, how far partners lie aside of each other, and the
+    spacing there, each (k,)."""
+    ends, offset = segments(first.facets), second.xy[there] - first.xy[here]
+    half = np.linalg.norm(first.xy[ends[:, 1]] - first.xy[ends[:, 0]], axis=1) / 2
+    spacing = np.bincount(ends.ravel(), np.repeat(half, 2), len(first.nodes))[here]
     gap = np.einsum("ij,ij->i", offset, normal)
-    aside = np.abs(np.einsum("ij,ij->i", offset, tangent))
-    gap[np.abs(gap) <= NO_GAP * spacing] = 0.0
-    return gap, aside, spacing
+    aside = np.linalg.norm(offset - gap[:, None] * normal, axis=1)
+    gap = gap - first.rise(here, normal) - second.rise(there, -normal)
+    return without_rounding(gap, spacing), aside, spacing
 
 
-def _over_arcs(gap: np.ndarray, first: Side, second: Side, here: np.ndarray, there: np.ndarray,
-               normal: np.ndarray) -> np.ndarray:
-    """The gap (k,) between the boundaries that are meant, where `gap` is that between the nodes.
-
-    Corners lie on these boundaries, middles of quadratic sides on their chords or, if they are curved, near them.
-    """
-    found = gap.copy()
-    for side, places, outward in ((first, here, normal), (second, there, -normal)):
-        place = np.full(len(side.nodes), -1)
-        place[places] = np.arange(len(places))
-        links = np.flatnonzero(place[side.links[:, -1]] >= 0) if len(side.edges) else np.empty(0, int)
-        node = place[side.links[links, -1]]
-        found[node] -= side.rises(links, outward[node])
-    found[np.abs(found) <= NO_GAP * first.spacing[here]] = 0.0
-    return found
+def without_rounding(gap: np.ndarray, spacing: np.ndarray) -> np.ndarray:
+    """Gaps (r,) without what is rounding beside the distance between nodes (r,)."""
+    return np.where(np.abs(gap) <= NO_GAP * spacing, 0.0, gap)
 
 
 def is_held(direction: np.ndarray, free: np.ndarray) -> np.ndarray:
@@ -337,19 +344,3 @@ def _surface(rigid: Plane | Circle, side: Side) -> tuple[np.ndarray, np.ndarray]
     outward = np.where(distance[:, None] > 0.0, sign * away / np.where(distance > 0.0, distance, 1.0)[:, None],
                        -side.normal)
     return outward, sign * (distance - rigid.radius)
-
-
-def _bulge(side: Side, outward: np.ndarray) -> np.ndarray:
-    """How far (k,) a curved boundary stands closer to the surface than the middles of its sides do.
-
-    Corners lie on the boundary that is meant, middles on the chord or, if the side is curved, near that boundary. The
-    slopes at the ends of a chord give its arc, exactly where the boundary is a circle. At an end of the boundary, or a
-    sharp corner, the other end's slope counts.
-    """
-    found = np.zeros(len(side.nodes))
-    if not len(side.edges):
-        return found
-    middle, outer = side.links[:, 2], side.outward
-    arrow = 0.5 * np.linalg.norm(side.along, axis=1) * np.tan(side.slopes.sum(axis=1) / 4)
-    found[middle] = (side.heights - arrow) * np.einsum("ij,ij->i", outer, outward[middle])
-    return found

@@ -49,8 +49,7 @@ class Side:
     extent : (2,) width and height of the body (m)
     arc : (k,) arc length from the start of the node's chain, on the way with the body to the left (m). A closed chain
         starts at the first node of the group's first line on it
-    joined : (k − 1,) bool, whether a node and the next one are neighbours; where not, another chain begins
-    links : (ns, 2 or 3) all edges by the places of their two ends and, in order 2, their middle; the body lies to the
+    facets : (ns, 2 or 3) segments by the places of their two ends and, in order 2, their middle; the body lies to the
         left on the way from the first end to the second; in the order of the last column
     """
 
@@ -64,8 +63,7 @@ class Side:
     tied: np.ndarray
     extent: np.ndarray
     arc: np.ndarray
-    joined: np.ndarray
-    links: np.ndarray
+    facets: np.ndarray
 
     @property
     def free(self) -> np.ndarray:
@@ -73,19 +71,14 @@ class Side:
         return self.clamps < 0
 
     @property
-    def edges(self) -> np.ndarray:
-        """(ns, 3) quadratic edges by the places of their ends and middle, in the order of the middles, if any."""
-        return self.links if self.links.shape[1] == 3 else np.empty((0, 3), int)
-
-    @property
     def along(self) -> np.ndarray:
         """(ns, 2) from the first end of each link to the second: its chord (m)."""
-        return self.xy[self.links[:, 1]] - self.xy[self.links[:, 0]]
+        return self.xy[self.facets[:, 1]] - self.xy[self.facets[:, 0]]
 
     @property
     def bends(self) -> np.ndarray:
         """(ns, 2) how far the middle of each link is off that of its chord (m); zero if it is straight."""
-        return bends(self.xy[self.links])
+        return bends(self.xy[self.facets])
 
     @property
     def heights(self) -> np.ndarray:
@@ -95,17 +88,17 @@ class Side:
     @property
     def lengths(self) -> np.ndarray:
         """(ns,) arc lengths of the links (m)."""
-        return facet_measures(self.xy[self.links])
+        return facet_measures(self.xy[self.facets])
 
     @property
     def outward(self) -> np.ndarray:
         """(ns, 2) outer unit normal of each link's chord."""
-        return turn_right(self.along) / np.linalg.norm(self.along, axis=1, keepdims=True)
+        return unit(turn_right(self.along))
 
     @property
     def spacing(self) -> np.ndarray:
         """(k,) mean distance of each node to its neighbours (m)."""
-        pairs = segments(self.links)
+        pairs = segments(self.facets)
         distance = np.linalg.norm(self.xy[pairs[:, 1]] - self.xy[pairs[:, 0]], axis=1)
         number = np.bincount(pairs.ravel(), minlength=len(self.nodes))
         return np.bincount(pairs.ravel(), np.repeat(distance, 2), len(self.nodes)) / number
@@ -132,7 +125,7 @@ class Side:
 
     def _slopes(self) -> tuple[np.ndarray, np.ndarray]:
         """The slopes, and the same without corners below SHARPEST."""
-        ends, outer = self.links[:, :2], self.outward
+        ends, outer = self.facets[:, :2], self.outward
         length = np.linalg.norm(self.along, axis=1)
         before, after = np.full((2, len(self.nodes)), -1)  # the links that end and begin at a node
         before[ends[:, 1]], after[ends[:, 0]] = np.arange(len(ends)), np.arange(len(ends))
@@ -178,12 +171,20 @@ class Side:
         across = np.einsum("qi,qi->q", direction, self.outward[links])
         return length * cubic * arc / (across - rise * np.einsum("qi,qi->q", direction, along) / length)
 
-    def rises(self, links: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """How far (q,) the boundary that is meant stands off the middles of `links` (q,), along vectors (q, 2) (m)."""
-        along, bent = self.along[links], self.bends[links]
+    def rise(self, nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """How far (q,) the boundary that is meant stands off some nodes (q,), along vectors (q, 2) (m).
+
+        Corners lie on it, middles on the chord or, if the facet is curved, near it.
+        """
+        found, facet = np.zeros(len(nodes)), np.full(len(self.nodes), -1)
+        facet[self.facets[:, 2:].ravel()] = np.arange(self.facets[:, 2:].size)
+        middle = np.flatnonzero(facet[nodes] >= 0)
+        facets, direction = facet[nodes[middle]], direction[middle]
+        along, bent = self.along[facets], self.bends[facets]
         aside = np.einsum("qi,qi->q", bent, along) / np.einsum("qi,qi->q", along, along)
-        across = np.einsum("qi,qi->q", self.outward[links], direction)
-        return self.bulge(links, 0.5 + aside, direction) - self.heights[links] * across
+        across = np.einsum("qi,qi->q", self.outward[facets], direction)
+        found[middle] = self.bulge(facets, 0.5 + aside, direction) - self.heights[facets] * across
+        return found
 
     def parameters(self, links: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """The parameters t (q,) where lines through chords meet the links themselves.
@@ -214,22 +215,18 @@ class Side:
 
     def lengths_over(self, some: np.ndarray) -> np.ndarray:
         """Nodal lengths (k,) over some of the links (ns,) bool: integrals of the shape functions (m)."""
-        shares, total = facet_shares(self.xy[self.links]), np.zeros(len(self.nodes))
-        for column, share in zip(self.links.T, shares.T, strict=True):
-            np.add.at(total, column[some], share[some])
-        return total
+        facets = self.facets[some]
+        return nodal(facet_shares(self.xy[facets]), facets, len(self.nodes))
 
     def normals_over(self, some: np.ndarray) -> np.ndarray:
         """Outer unit normals (k, 2) averaged over some of the links (ns,) bool; those of the side away from these."""
-        across, total = _across(self.xy[self.links]), np.zeros_like(self.normal)
-        for column, each in zip(self.links.T, across, strict=True):
-            np.add.at(total, column[some], each[some])
-        size = np.linalg.norm(total, axis=1, keepdims=True)
-        return np.where(size > 0.0, total / np.where(size > 0.0, size, 1.0), self.normal)
+        facets = self.facets[some]
+        total = unit(nodal(_across(self.xy[facets]), facets, len(self.nodes)))
+        return np.where(total.any(axis=1, keepdims=True), total, self.normal)
 
     def laplacian(self, some: np.ndarray, row: np.ndarray, m: int) -> sparse.csr_matrix:
         """That of some of the links (ns,) bool, as `laplacian`; of quadratic ones between neighbouring nodes."""
-        return laplacian(self.xy, segments(self.links[some]), row, m)
+        return laplacian(self.xy, segments(self.facets[some]), row, m)
 
 
 def laplacian(xy: np.ndarray, facets: np.ndarray, row: np.ndarray, m: int) -> sparse.csr_matrix:
@@ -244,6 +241,18 @@ def laplacian(xy: np.ndarray, facets: np.ndarray, row: np.ndarray, m: int) -> sp
     one, other = np.broadcast_arrays(row[facets][:, :, None], row[facets][:, None, :])
     moves = (one >= 0) & (other >= 0)
     return sparse.csr_matrix((local[moves], (one[moves], other[moves])), (m, m))
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """Vectors (…, d) over their lengths; zero stays zero."""
+    size = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return vectors / np.where(size > 0.0, size, 1.0)
+
+
+def frames(normal: np.ndarray) -> np.ndarray:
+    """Unit vectors (k, d, d) at places with unit normals (k, d): these, then the tangents, in the plane at their left.
+    """
+    return np.stack([normal, -turn_right(normal)], axis=1)
 
 
 def turn_right(vectors: np.ndarray) -> np.ndarray:
@@ -262,21 +271,14 @@ def contact_side(mesh: Mesh, edges: np.ndarray, clamps: np.ndarray, body: str, m
     origins, edges = edges[:, 0], turn_outward(mesh, edges, key)
     neighbours = segments(edges)
     nodes = _order(neighbours, mesh.points)
-    sides = mesh.points[edges]
-    length, normal = np.zeros(len(mesh.points)), np.zeros_like(mesh.points)
-    for column, share, outward in zip(edges.T, facet_shares(sides).T, _across(sides), strict=True):
-        np.add.at(length, column, share)
-        np.add.at(normal, column, outward)
-    normal = normal[nodes] / np.linalg.norm(normal[nodes], axis=1, keepdims=True)
-    size = len(mesh.points)
-    joined = np.isin(_keys(nodes[:-1], nodes[1:], size), _keys(neighbours[:, 0], neighbours[:, 1], size))
-    place = np.empty(size, int)
+    place, xy = np.empty(len(mesh.points), int), mesh.points[nodes]
     place[nodes] = np.arange(len(nodes))
-    links = place[edges]
-    return Side(body, modulus, nodes, mesh.points[nodes], normal, length[nodes], clamps[nodes],
-                np.zeros(len(nodes), bool) if tied is None else tied[nodes],
-                np.ptp(mesh.points, axis=0), _arc(edges, mesh.points, origins)[nodes], joined,
-                links[np.argsort(links[:, -1])])
+    facets = place[edges]
+    facets = facets[np.argsort(facets[:, -1])]
+    normal, length = (nodal(of(xy[facets]), facets, len(nodes)) for of in (_across, facet_shares))
+    return Side(body, modulus, nodes, xy, unit(normal), length, clamps[nodes],
+                np.zeros(len(nodes), bool) if tied is None else tied[nodes], np.ptp(mesh.points, axis=0),
+                _arc(edges, mesh.points, origins)[nodes], facets)
 
 
 def _arc(edges: np.ndarray, points: np.ndarray, origins: np.ndarray) -> np.ndarray:
@@ -297,20 +299,22 @@ def _arc(edges: np.ndarray, points: np.ndarray, origins: np.ndarray) -> np.ndarr
     return arc
 
 
-def _across(sides: np.ndarray) -> list[np.ndarray]:
-    """Outer normals (s, 2) at each node of sides (s, 2 or 3, 2), as long as dx/dt (m): six times ∫ φ n at an end."""
+def nodal(values: np.ndarray, facets: np.ndarray, size: int) -> np.ndarray:
+    """Sums (size, …) at nodes of the values (f, c, …) at the nodes (f, c) of facets."""
+    total = np.zeros((size, *values.shape[2:]))
+    np.add.at(total, facets, values)
+    return total
+
+
+def _across(sides: np.ndarray) -> np.ndarray:
+    """Outer normals (s, c, 2) at the nodes of sides (s, c, 2), as long as dx/dt (m): six times ∫ φ n at an end."""
     along, bent = sides[:, 1] - sides[:, 0], 4.0 * bends(sides)
-    return [turn_right(each) for each in (along + bent, along - bent, along)[:sides.shape[1]]]
+    return np.stack([turn_right(each) for each in (along + bent, along - bent, along)[:sides.shape[1]]], axis=1)
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """The cross products (…) of vectors (…, 2)."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-
-
-def _keys(a: np.ndarray, b: np.ndarray, size: int) -> np.ndarray:
-    """One number for each pair of nodes, whatever their order."""
-    return np.minimum(a, b) * size + np.maximum(a, b)
 
 
 def _order(pairs: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from ddmpi.interface.trace import trace
 from ddmpi.mesh.build import generate_rectangle
 from ddmpi.mesh.refine import raise_order
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
-from ddmpi.scene.contacts import Coulomb
+from ddmpi.scene.contacts import Coulomb, SettledContact
 
 
 def block(divisions=(12, 6), young=2e11, clamp=("left",), size=(2.0, 1.0)) -> Elasticity:
@@ -280,7 +280,9 @@ def contact_problem(divisions=(8, 4), clamp=("left",), order=1) -> tuple[Elastic
     problem, clamps = assemble(upper, spec), assemble(lower, spec).clamps
     sides = [contact_side(upper, upper.groups["bottom"], problem.clamps, "upper", 2e11, "contact.upper-lower.on"),
              contact_side(lower, lower.groups["top"], clamps, "lower", 2e11, "contact.upper-lower.on")]
-    B = trace(pair(*sides, Coulomb(coefficient=0.3), "upper-lower"), 0, problem)
+    contact = SettledContact(name="upper-lower", bodies=("upper", "lower"), on=("bottom", "top"),
+                             friction=Coulomb(coefficient=0.3))
+    B = trace(pair(*sides, contact), 0, problem)
     dense = B.toarray()
     return problem, B, dense @ np.linalg.solve(to_scipy(problem.A).toarray(), dense.T)
 

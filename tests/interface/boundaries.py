@@ -5,12 +5,15 @@ import scipy.sparse as sparse
 from scipy.sparse.linalg import spsolve
 
 from ddmpi.body.elasticity import Elasticity, assemble
+from ddmpi.interface import interface, matching
+from ddmpi.interface import mortar as mortars
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.side import Side, contact_side
 from ddmpi.mesh.build import generate_rectangle
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.scene.bodies import BodySpec, Material, MeshSpec
+from ddmpi.scene.contacts import SettledContact
 
 YOUNG, POISSON = 1e9, 0.3
 
@@ -74,3 +77,29 @@ def joined(contact: Interface) -> np.ndarray:
 def held_beside(contact: Interface) -> np.ndarray:
     """(m,) inverse distances to neighbours that are fixed, summed."""
     return contact.laplacian @ np.ones(contact.m)
+
+
+def asked(friction, name: str = "seam", gap=None, kind: str = "unilateral", **how) -> SettledContact:
+    """What a scene says of a contact."""
+    return SettledContact(name=name, bodies=("one", "other"), on=("on", "on"), friction=friction, gap=gap, kind=kind,
+                          **how)
+
+
+def pair(first: Side, second: Side, friction, name: str, refinement: int = 1, **how) -> Interface:
+    return matching.pair(first, second, asked(friction, name, **how), refinement)
+
+
+def touch(boundary: Side, rigid, friction, name: str, gap=None, kind: str = "unilateral") -> Interface:
+    return matching.touch(boundary, rigid, asked(friction, name, gap, kind))
+
+
+def mortar(first: Side, second: Side, friction, name: str, **how) -> Interface:
+    return mortars.mortar(first, second, asked(friction, name, **how))
+
+
+def join(first: Side, second: Side, friction, name: str, refinement: int = 1, gap=None, **how) -> Interface:
+    return mortars.join(first, second, asked(friction, name, gap, **how), refinement)
+
+
+def uncovered_profile(contact: Interface, friction, gap=None) -> list[str]:
+    return interface.uncovered_profile(contact, asked(friction, gap=gap))

@@ -2,12 +2,21 @@
 
 import numpy as np
 import pytest
-from boundaries import body_side, compliance, elastic, held_beside, rectangle, respond, side
+from boundaries import (
+    body_side,
+    compliance,
+    elastic,
+    held_beside,
+    pair,
+    rectangle,
+    respond,
+    side,
+    touch,
+    uncovered_profile,
+)
 
 from ddmpi.coupling.space import Space
-from ddmpi.interface.interface import uncovered_profile
 from ddmpi.interface.law import NO_BOUND, BondedLaw, CoulombLaw, Law, Laws, law_of
-from ddmpi.interface.matching import pair, touch
 from ddmpi.interface.state import contact_state
 from ddmpi.interface.trace import displacement_trace, trace
 from ddmpi.judge.diagnosis import StatusLog

@@ -4,12 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boundaries import rectangle, side
+from boundaries import join, rectangle, side, touch
 
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Mover, refuse_contradiction
-from ddmpi.interface.matching import touch
-from ddmpi.interface.mortar import join
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Clamp
 from ddmpi.scene.contacts import NoFriction, Plane

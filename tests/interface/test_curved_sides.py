@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from boundaries import raise_order, rectangle, ring, side
+from boundaries import mortar, pair, raise_order, rectangle, ring, side, touch
 
-from ddmpi.interface.matching import pair, touch
-from ddmpi.interface.mortar import cover, mortar, shapes
+from ddmpi.interface.mortar import cover, shapes
 from ddmpi.interface.side import Side, cross
 from ddmpi.mesh.elements import FINE, facet_measures
 from ddmpi.mesh.mesh import Mesh
@@ -27,7 +26,7 @@ def curved_ring(inner: float, outer: float, angles: np.ndarray, closed: bool = F
 
 def points(boundary: Side, links: np.ndarray, t: np.ndarray) -> np.ndarray:
     """Where on links (q,) the parameters t (q,) are."""
-    return np.einsum("ql,qld->qd", shapes(t, 3), boundary.xy[boundary.links[links]])
+    return np.einsum("ql,qld->qd", shapes(t, 3), boundary.xy[boundary.facets[links]])
 
 
 def test_normals_and_lengths_of_a_graded_circle():
@@ -65,7 +64,7 @@ def test_lines_through_chords_meet_curved_links():
     links, at = rng.integers(0, 3, 50), rng.random(50)
     angle = rng.uniform(np.pi / 4, 3 * np.pi / 4, 50)
     direction = np.column_stack([np.cos(angle), np.sin(angle)])
-    on_chord = boundary.xy[boundary.links[links, 0]] + at[:, None] * boundary.along[links]
+    on_chord = boundary.xy[boundary.facets[links, 0]] + at[:, None] * boundary.along[links]
     t = boundary.parameters(links, at, direction)
     assert cross(points(boundary, links, t) - on_chord, direction) == pytest.approx(0.0, abs=1e-14)
     upright = boundary.outward[links]
@@ -77,7 +76,7 @@ def test_lines_through_chords_meet_curved_links():
     _, ratio = boundary.off_chords(links, np.tile(rule[:, 1], 3))
     chords = np.linalg.norm(boundary.along, axis=1)
     assert (ratio.reshape(3, -1) @ weights) * chords == pytest.approx(
-        facet_measures(boundary.xy[boundary.links]), rel=1e-5)
+        facet_measures(boundary.xy[boundary.facets]), rel=1e-5)
 
 
 def test_points_that_face_each_other_lie_on_one_ray():
@@ -101,8 +100,8 @@ def test_gap_between_curved_sides_is_that_of_the_circles():
                      (((0.5, 1.0), "outer", "first"), ((1.001, 1.5), "inner", "second")))
     straight = [side(ring(*radii, angles, order=2, closed=False), group, body=name) for radii, group, name in
                 (((0.5, 1.0), "outer", "first"), ((1.001, 1.5), "inner", "second"))]
-    parabola = first.xy[first.links[:, 0]] * 0.375 + first.xy[first.links[:, 2]] * 0.75 \
-        - first.xy[first.links[:, 1]] * 0.125
+    parabola = first.xy[first.facets[:, 0]] * 0.375 + first.xy[first.facets[:, 2]] * 0.75 \
+        - first.xy[first.facets[:, 1]] * 0.125
     assert np.abs(np.linalg.norm(parabola, axis=1) - 1.0).max() > 1e-7
     for interface in (pair(first, second, NoFriction(), "seam"), mortar(first, second, NoFriction(), "seam"),
                       touch(first, Circle(name="bore", center=(0.0, 0.0), radius=1.001, inside=True), NoFriction(),
@@ -123,7 +122,7 @@ def test_single_curved_side_has_its_own_slopes():
     assert boundary.slopes == pytest.approx(np.full((1, 2), np.arctan(0.2)))
     here, up = np.array([0]), np.array([[0.0, 1.0]])
     assert boundary.bulge(here, np.array([0.5]), up) == pytest.approx(0.05, rel=0.02)
-    assert boundary.rises(here, up) == pytest.approx(0.0, abs=1e-3)
+    assert boundary.rise(boundary.facets[here, 2], up) == pytest.approx(0.0, abs=1e-3)
     assert side(raise_order(rectangle((1, 1), (1.0, 1.0)), "mesh"), "top").slopes.tolist() == [[0.0, 0.0]]
 
 

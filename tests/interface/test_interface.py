@@ -5,12 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boundaries import held_beside, joined
+from boundaries import held_beside, joined, pair
 
 from ddmpi.body.elasticity import assemble
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.matching import pair
 from ddmpi.interface.side import Side, contact_side
 from ddmpi.interface.trace import displacement_trace, trace
 from ddmpi.mesh.build import generate_rectangle
@@ -124,7 +123,7 @@ def test_side_of_two_pieces_is_walked_piece_by_piece():
     boundary = side_of(mesh, mesh.groups["top"][(x < 1.1) | (x > 2.1)])
     assert boundary.xy[:, 0] == pytest.approx([0.0, 0.5, 1.0, 2.0, 2.5, 3.0])
     assert boundary.area == pytest.approx([0.25, 0.5, 0.25, 0.25, 0.5, 0.25])
-    assert boundary.joined.tolist() == [True, True, False, True, True]
+    assert np.sort(boundary.facets).tolist() == [[0, 1], [1, 2], [3, 4], [4, 5]]
 
 
 def test_side_of_order_2_has_simpson_lengths():
@@ -133,7 +132,7 @@ def test_side_of_order_2_has_simpson_lengths():
     corner, middle = 0.5 / 6, 4 * 0.5 / 6
     assert boundary.area == pytest.approx([corner, *[middle, 2 * corner] * 5, middle, corner], rel=1e-14)
     assert np.array_equal(boundary.normal, np.tile([0.0, 1.0], (13, 1)))
-    assert boundary.joined.all()
+    assert np.sort(boundary.facets).tolist() == [[k, k + 1, k + 2] for k in range(0, 12, 2)]
 
 
 def test_side_of_order_2_around_a_corner():

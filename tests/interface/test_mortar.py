@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boundaries import held_beside, joined, rectangle, ring, side
+from boundaries import held_beside, join, joined, mortar, pair, rectangle, ring, side
 
 from ddmpi.errors import InputError
 from ddmpi.interface.cover import cover
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.matching import pair
-from ddmpi.interface.mortar import join, mortar, shapes
+from ddmpi.interface.mortar import shapes
 from ddmpi.interface.side import Side
 from ddmpi.interface.state import ContactState, contact_state
 from ddmpi.mesh.mesh import Mesh
@@ -47,14 +46,14 @@ def arcs(one: int, two: int, order: int, gap: float = 0.0, radius: float = 1.0) 
 
 
 def met(sides: tuple[Side, Side], **how) -> Interface:
-    return mortar(*sides, COULOMB, "seam", **how)
+    return mortar(*sides, NoFriction() if "kind" in how else COULOMB, "seam", **how)
 
 
 def nodal_lengths(boundary: Side, low: float, high: float) -> dict[int, float]:
     """Integrals of a straight side's shape functions over low < x < high, by node."""
     found = dict.fromkeys(boundary.nodes.tolist(), 0.0)
     at, weight = np.polynomial.legendre.leggauss(4)
-    for link in boundary.links:
+    for link in boundary.facets:
         a, b = boundary.xy[link[:2], 0]
         start, stop = max(min(a, b), low), min(max(a, b), high)
         if stop > start:
@@ -214,9 +213,9 @@ def test_arcs_of_an_ellipse():
         mesh = ring(1.0, 2.0, t, closed=False)
         mesh.points[:, 0] *= 2.0
         boundary = side(mesh, "outer")
-        links, at = np.arange(len(boundary.links)), np.full(len(boundary.links), 0.5)
+        links, at = np.arange(len(boundary.facets)), np.full(len(boundary.facets), 0.5)
         found = boundary.bulge(links, at, boundary.outward)
-        middle = boundary.xy[boundary.links].mean(axis=1) + found[:, None] * boundary.outward
+        middle = boundary.xy[boundary.facets].mean(axis=1) + found[:, None] * boundary.outward
         inside = slice(1, -1)
         errors.append(np.abs(np.hypot(middle[:, 0] / 4.0, middle[:, 1] / 2.0) - 1.0)[inside].max())
     assert errors[0] > 8 * errors[1] > 64 * errors[2]
@@ -231,7 +230,7 @@ def test_a_corner_is_no_curve():
     x = np.clip(mesh.points[:, 0] - 1.0, 0.0, None)
     mesh.points[:, 1] -= 0.2 * x**2
     boundary = side(mesh, "top")
-    straight = boundary.xy[boundary.links].mean(axis=1)[:, 0] < 1.0
+    straight = boundary.xy[boundary.facets].mean(axis=1)[:, 0] < 1.0
     assert not boundary.slopes[straight].any() and (boundary.slopes[~straight] > 0.0).all()
 
 

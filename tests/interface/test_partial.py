@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from boundaries import held_beside, joined, rectangle, ring, side
+from boundaries import held_beside, joined, pair, rectangle, ring, side
 
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.matching import pair
 from ddmpi.interface.side import Side
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Coulomb, NoFriction
@@ -87,6 +86,12 @@ def test_a_shift_by_a_part_of_an_element_is_refused(order, part):
         aside = 0.5 / order * (elements * order + part)
         text = refused(side(brick(aside, 1.0, order), "bottom"), side(brick(0.0, order=order), "top"))
         assert "one to one" in text or "opposite" in text
+
+
+def test_corners_opposite_middles_are_no_partners():
+    """Quadratic bricks shifted by half an edge: their nodes coincide, but what a pressure gives them does not."""
+    for aside in (0.25, 1.25):
+        refused(side(brick(aside, 1.0, 2), "bottom"), side(brick(0.0, order=2), "top"))
 
 
 def test_different_divisions_are_refused():

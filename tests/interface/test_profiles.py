@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from boundaries import rectangle, ring, side
+from boundaries import join, pair, rectangle, ring, side, touch, uncovered_profile
 
-from ddmpi.interface.interface import Interface, uncovered_profile
-from ddmpi.interface.matching import pair, touch
-from ddmpi.interface.mortar import join
+from ddmpi.interface.interface import Interface
 from ddmpi.interface.side import Side
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Coulomb, Plane

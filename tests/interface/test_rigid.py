@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from boundaries import body_side, elastic, held_beside, joined, rectangle, ring, side
+from boundaries import body_side, elastic, held_beside, joined, rectangle, ring, side, touch
 
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import check_overlap
-from ddmpi.interface.matching import touch
 from ddmpi.interface.trace import displacement_trace, trace
 from ddmpi.scene.contacts import Circle, Coulomb, NoFriction, Plane
 from ddmpi.scene.values import Profile
