@@ -32,7 +32,7 @@ from ddmpi.scene.reader import read_scene_file
 from ddmpi.scene.scene import Settled
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.append(str(ROOT / "tests"))  # whose helpers the studies use as well
+sys.path.append(str(ROOT / "tests" / "support"))  # whose helpers the studies use as well
 LAWS = ("tresca", "coulomb")
 ALGORITHMS = ("original", "modified")
 SPLITTINGS = ("none", "step1", "step2", "step1+2")

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 
-os.environ["DDMPI_LOCKSTEP"] = str(Path(__file__).with_name("lockstep.py"))
+SUPPORT = Path(__file__).resolve().with_name("support")
+os.environ["DDMPI_LOCKSTEP"] = str(SUPPORT / "lockstep.py")
 """A rank that leaves the others is an error in every test, instead of a hang."""
 
-sys.path.append(str(Path(__file__).resolve().parents[1] / "scripts"))  # what the studies share is tested, too
+sys.path += [str(SUPPORT), str(SUPPORT.parents[1] / "scripts")]  # what the studies share is tested, too
 
 
 class Quiet(int):

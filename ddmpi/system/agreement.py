@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 LOCKSTEP = "DDMPI_LOCKSTEP"
 """With this variable in the environment of rank 0, the file of Python code that it names compares where each rank calls
-a collective; tests/lockstep.py does. Launchers do not hand the environment on to other hosts."""
+a collective; tests/support/lockstep.py does. Launchers do not hand the environment on to other hosts."""
 
 
 def in_lockstep(comm: MPI.Comm) -> MPI.Comm:

@@ -95,7 +95,7 @@ def jobs(cluster) -> Cluster:
     small = str(scenes.write_scene(pinched_blocks(2), here / "small.toml"))
     long = str(scenes.write_scene(pinched_blocks(2, outer="relaxation"), here / "long.toml"))
     python = here / "python"
-    preempted = shlex.join([sys.executable, f"{scenes.ROOT}/tests/preempted.py"])
+    preempted = shlex.join([sys.executable, f"{scenes.ROOT}/tests/support/preempted.py"])
     python.write_text(f'#!/bin/sh\nexec {preempted} "$@"\n')
     python.chmod(0o755)
     cluster.submit("preempted", "run.sbatch", long, "--no-figures", "--output", str(here / "preempted"),

@@ -53,8 +53,8 @@ def test_hangs(comm, mpi_ranks):
 @pytest.fixture
 def example(tmp_path: Path) -> Path:
     """A folder with this conftest.py and tests of two ranks, three of which fail."""
-    for name in ("conftest.py", "scenes.py"):
-        shutil.copy(scenes.ROOT / "tests" / name, tmp_path)
+    shutil.copy(scenes.ROOT / "tests" / "conftest.py", tmp_path)
+    shutil.copytree(scenes.ROOT / "tests" / "support", tmp_path / "support")
     (tmp_path / "test_example.py").write_text(EXAMPLE)
     (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers =\n    mpi\n")
     return tmp_path
@@ -83,7 +83,7 @@ def test_no_test_has_a_time_limit_of_its_own():
     """The limit is to catch what hangs, on any machine, and stands in one place."""
     own = re.compile(r"\b(?:timeout|limit)=\d|monotonic\(\) \+ \d|^LIMIT = \d", re.M)
     found = {path.name: len(own.findall(path.read_text(encoding="utf-8")))
-             for path in (scenes.ROOT / "tests").rglob("*.py")}
+             for path in (scenes.ROOT / "tests" / "support").rglob("*.py")}
     found["test_peers.py"] -= 2  # of programs to compare with: what is tested
     found["scenes.py"] -= 1  # until mpirun, which is told to end, is killed
     assert {name: times for name, times in found.items() if times} == {}

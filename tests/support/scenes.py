@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 DATA = {"result.h5", "result.xdmf", "history.csv", "steps.csv", "contact_upper-lower.csv", "summary.json"}
 """Files of a run of `pinched_blocks`, or of a `Stack`, without pictures."""
 

@@ -1,4 +1,4 @@
-"""The brute-force reference of assemblies (tests/assemblies.py) against closed forms and against itself."""
+"""The brute-force reference of assemblies (tests/support/assemblies.py) against closed forms and against itself."""
 
 import tomllib
 from collections import Counter

@@ -18,7 +18,7 @@ FLOOR = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0,
 WEIGHT = [0.0, -2.0e4]
 
 DISPLACEMENT = {"wall": 5.3563296e-6, "arch": 5.00089917e-3}
-"""Largest displacements of shipped scenes (m), from the independent code in tests/assemblies.py."""
+"""Largest displacements of shipped scenes (m), from the independent code in tests/support/assemblies.py."""
 
 
 def solve(comm, scene: dict, certified: bool = True) -> Answer:

@@ -1,6 +1,6 @@
 """Whether ranks keep in step: what `ddmpi.system.agreement.in_lockstep` makes of communicators in tests.
 
-    DDMPI_LOCKSTEP=tests/lockstep.py mpirun -n 2 python -m ddmpi run SCENE.toml
+    DDMPI_LOCKSTEP=tests/support/lockstep.py mpirun -n 2 python -m ddmpi run SCENE.toml
 
 A rank that leaves the others is then an error instead of a hang.
 """

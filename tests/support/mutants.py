@@ -24,8 +24,8 @@ RESTORED = "run/test_checkpoint.py::test_a_restored_state_is_the_whole_state"
 SKFEM = "body/test_elasticity.py::test_stiffness_is_that_of_skfem"
 RANDOM = "qp/test_mprgp.py::test_random_programs"
 LAW, SIDES, LEGS = "interface/test_law.py", "interface/test_interface.py", "coupling/test_exchange.py"
-UNLOADED = "run/test_load_steps.py::test_what_is_unloaded_is_zero"
-ADAPTIVE = "run/test_load_steps.py::test_adaptive_steps_go_on_from_wherever_they_were"
+UNLOADED = "scenes/test_load_steps.py::test_what_is_unloaded_is_zero"
+ADAPTIVE = "scenes/test_load_steps.py::test_adaptive_steps_go_on_from_wherever_they_were"
 DISSIPATED = "interface/test_state.py"
 MEMBER, MORTAR, ARC = "coupling/test_member.py", "interface/test_mortar.py", "interface/test_profiles.py"
 ANSWER, NODES = "run/test_answer.py", f"{CERTIFICATE}::test_the_state_of_the_nodes"
@@ -220,12 +220,12 @@ MUTANTS = [Mutant(*row) for row in (
      "self.d = self.d + self.space.gap",
      "coupling/test_joint.py::test_products_and_free_gaps_are_sums_over_the_bodies"),
     ("friction forgets", "run/steps", "start = self._slip_begins(time)", "start = np.zeros(joint.size)",
-     "run/test_load_steps.py::test_friction_remembers_how_it_was_sheared"),
+     "scenes/test_load_steps.py::test_friction_remembers_how_it_was_sheared"),
     ("gaps computed afresh forget", "run/steps", "joint.begin_slip(start)", "pass",
-     "run/test_load_steps.py::test_forces_of_a_history_are_not_those_of_its_end"),
+     "scenes/test_load_steps.py::test_forces_of_a_history_are_not_those_of_its_end"),
     ("a cut step does not come back", "run/steps", "self._ahead.insert(0, (self._now.time + time) / 2)",
      "self._ahead[0] = (self._now.time + time) / 2",
-     "run/test_load_steps.py::test_a_step_that_fails_is_halved_from_the_state_before"),
+     "scenes/test_load_steps.py::test_a_step_that_fails_is_halved_from_the_state_before"),
     ("multiplications of a step not counted", "coupling/joint", "member.C.count.total() for member in", "0 for _ in",
      f"{ANSWER}::test_gaps_close_and_multiplications_are_counted_step_by_step"),
     ("products always at their usual precision", "coupling/joint",
@@ -336,7 +336,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("the last change forgotten at a restart", "run/steps", 'float(state["start"]), float(state["changed"])',
      'float(state["start"]), math.nan', ADAPTIVE),
     ("slip bounds of the step before forgotten", "run/steps", "Past(start, self._now.s,", "Past(start, 0.0 * start,",
-     "run/test_load_steps.py::test_a_proportional_load_dissipates_the_same_in_any_number_of_steps"),
+     "scenes/test_load_steps.py::test_a_proportional_load_dissipates_the_same_in_any_number_of_steps"),
     ("sign of the reactions", "run/gather", '"reaction": 0.0 - (member', '"reaction": 0.0 + (member',
      f"{ANSWER}::test_reactions_of_the_clamps_balance_the_contact"),
     ("certified although the certificate fails", "run/solve",
