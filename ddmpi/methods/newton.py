@@ -175,12 +175,8 @@ class Newton:
             if done or len(self.history) >= self.max_iterations:
                 self._settle()
                 return "converged" if done else "max_iterations"
-            if self._path and not self._trying:
-                over = self._path.drifts
-                if self._path.failed and not over:
-                    over = not self._next_path()
-                if over:
-                    return "drift" if self._coulomb and norm(self._at.left) > DRIFT * norm(self.joint.e) else "stalled"
+            if self._path and not self._trying and self._path.failed and not self._next_path():
+                return "drift" if self._coulomb and norm(self._at.left) > DRIFT * norm(self.joint.e) else "stalled"
             self._far = self._iterate(far, tolerance)
 
     def _iterate(self, far: float, tolerance: float) -> float:

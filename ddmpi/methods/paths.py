@@ -36,9 +36,6 @@ MOST_STEPS = 15
 STUCK, GAIN = 3, 0.9
 """A stage that has not left less than the second part of its smallest residual for so many steps leads nowhere."""
 
-FULL, KEPT = 3, 0.8
-"""A stage has no answer where so many full steps running each leave more than the second part of the residual."""
-
 STIFF = 0.011
 """Newton's own steps are tried after each stage from this δ on."""
 
@@ -50,12 +47,8 @@ SHORTEST, LENGTHS, CLOSER, REFINEMENTS = 1e-9, 46, 12, 3
 """Shortest step; how many lengths down to it are looked at in one reduction, and how many between two of them, so many
 times."""
 
-DRIFT, CLOSING, DRIFTS = 1e-4, 1e-3, 2
-"""After so many late stages running without an answer no equilibrium is to be expected, where loads above the first
-part of all are left and nothing closes faster than the second part of the largest velocity at a contact."""
-
-UNSEEN = 1e-20
-"""Squares of motions at contacts below this part of the largest are rounding."""
+DRIFT = 1e-4
+"""Where both paths fail and loads above this part of all are left, no equilibrium is to be expected."""
 
 TO_BOUND = 0.99
 """A step of interior points goes to this part of the way to the nearest bound."""
@@ -112,7 +105,6 @@ class Softening:
     ready : whether Newton's own steps are worth trying from it
     failed : whether the path leads nowhere
     held : part of the springs that hold rigid motions in Newton's method
-    drifts : whether loose bodies go on and on, so that no equilibrium is to be expected: a finding, not a proof
     """
 
     kind = "softening"
@@ -121,26 +113,20 @@ class Softening:
     def __init__(self, joint: Joint, c: np.ndarray) -> None:
         self._joint, self._space, self._laws, self._c = joint, joint.space, joint.space.laws, c
         self._bonded = joint.space.spread([interface.law.name == "bonded" for interface in joint.space.interfaces]) > 0
-        self._sloped = joint.space.largest(np.array([self._laws.largest_slope])) > 0.0  # else there is an equilibrium
         zero = np.zeros(joint.size)
         self.point = Point(zero, -joint.d, np.zeros(joint.rigid.size), joint.imbalance(zero))
         self._delta, self._seen = SOFTEST, 0.0  # of the present layer, and of the one that the active sets are of
-        self._drifting = 0
         self._begin()
 
     def _begin(self) -> None:
         """Begin a stage."""
-        self._steps = self._full = self._since = 0
+        self._steps = self._since = 0
         self._far = self._smallest = np.inf
         self.ready = self.failed = False
 
     @property
     def stage(self) -> str:
         return f"layer {self._delta:.0e}"
-
-    @property
-    def drifts(self) -> bool:
-        return self._drifting >= DRIFTS
 
     def see(self, residual: float) -> None:
         """Nothing to do: stages are judged by what they are to solve themselves."""
@@ -167,7 +153,7 @@ class Softening:
             change = self._towards(solve, linearised.frozen(q), layer)
             length = self._length(change, self._laws.bound_at(q)) or 1.0
         self.point = point.along(change, length)
-        self._judge(length, change)
+        self._judge(change)
 
     def _towards(self, solve: Solve, linearised: Linearised, layer: np.ndarray) -> Point:
         s = self.point.s
@@ -211,44 +197,25 @@ class Softening:
                 return float(t[best])
         return float(t[best])
 
-    def _judge(self, length: float, change: Point) -> None:
-        """Look at where a step of this length has led; whether the stage is over, and what follows. Collective."""
-        point, before = self.point, self._far
+    def _judge(self, change: Point) -> None:
+        """Look at where a step has led; whether the stage is over, and what follows. Collective."""
+        point = self.point
         misfit = point.s - self._laws.project(self._pressed(point, self._delta))
         contact, size, moved = self._space.norms([misfit, point.s, change.s])
         self._far, self._seen = float(np.hypot(contact, norm(point.left))), self._delta
         self._steps += 1
-        self._full = self._full + 1 if length == 1.0 and self._far > KEPT * before else 0
         self._since = 0 if self._far <= GAIN * self._smallest else self._since + 1
         self._smallest = min(self._smallest, self._far)
         late = self._delta <= LATE
-        settled, hopeless = self._far <= (SETTLED_LATE if late else SETTLED) * size, self._full >= FULL
-        if not settled and not (moved or norm(change.alpha)):  # all is open, and what falls has nothing to fall on
-            self.failed = True
-            return
-        if not settled and not hopeless:
-            self.failed = self._since >= STUCK or self._steps >= MOST_STEPS
-            return
-        self._drifting = self._drifting + 1 if hopeless and not settled and late and self._falls() else 0
-        if self._delta <= STIFF:
+        settled = self._far <= (SETTLED_LATE if late else SETTLED) * size
+        if not settled:
+            still = not (moved or norm(change.alpha))  # all is open, and what falls has nothing to fall on
+            self.failed = still or self._since >= STUCK or self._steps >= MOST_STEPS
+        elif self._delta <= STIFF:
             self.ready = True
         else:
             self.go_on()
 
-    def _falls(self) -> bool:
-        """Whether loose bodies are out of balance and on the way to no contact that could hold them. Collective."""
-        joint, left = self._joint, self.point.left
-        if not self._sloped or not norm(left) > DRIFT * norm(joint.e):
-            return False
-        seen = self._space.add(np.asarray(joint.rigid.Z.multiply(joint.rigid.Z).sum(axis=0)).ravel())
-        ones = seen > UNSEEN * seen.max(initial=0.0)  # the others are motions that no contact resists
-        closing = joint.rigid.spread(np.where(ones, left / np.where(ones, seen, 1.0), 0.0))
-        largest = self._space.largest(closing)
-        for interface, part in self._space.each():
-            normal = slice(part.start, part.start + interface.m)
-            closing[part.start + interface.m:part.stop] = 0.0
-            closing[normal][self.point.s[normal] != 0.0] = 0.0
-        return not self._space.any(closing > CLOSING * largest)
 
 
 class InteriorPoints:
@@ -262,7 +229,6 @@ class InteriorPoints:
     held = 1e-6
     """Springs of Newton's method would bring bodies across wide clearances too slowly: each step moves by the load that
     is left over the spring. Wherever there is a contact a barrier holds bodies, too."""
-    drifts = False
 
     def __init__(self, joint: Joint, c: np.ndarray, before: Point | None = None) -> None:
         self._joint, self._space, self._laws = joint, joint.space, joint.space.laws
