@@ -239,14 +239,16 @@ def _match_whole(first: Side, second: Side, name: str, refinement: int) -> Rows:
 
 
 def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
-    """The nodes of the part that two sides have in common, or the one node at which they meet; None unless each facet
+    """The nodes of the part that two sides have in common, or nodes at which they meet; None unless each facet
     that faces the other side faces one facet, whose nodes are the partners of its own."""
     offset, size = LARGEST_OFFSET * refinement, first.facets.shape[1]
     if second.facets.shape[1] != size:
         return None
-    ours, theirs = _faced(first, second, offset), _faced(second, first, offset)[::-1]
-    theirs = theirs[:, np.argsort(theirs[0], kind="stable")]
-    if not np.array_equal(ours, theirs) or any(len(np.unique(each)) < len(each) for each in ours):
+    ours = _faced(first, second, offset)
+    if any(len(np.unique(each)) < len(each) for each in ours):
+        return None
+    theirs = _faced(second, first, offset)[::-1]
+    if not np.array_equal(ours, theirs[:, np.argsort(theirs[0], kind="stable")]):
         return None
     if ours.size:
         nodes = first.facets[ours[0]].ravel(), second.facets[ours[1]][:, [1, 0, 2][:size]].ravel()
@@ -265,7 +267,7 @@ def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
     if not ours.size:
         deepest = -DEEPEST * np.minimum(np.abs(normal) @ first.extent, np.abs(normal) @ second.extent)
         fits &= (np.einsum("ij,ij->i", own, other) < FACING) & (gap > deepest)
-        if np.count_nonzero(fits) != 1:
+        if not fits.any():
             return None
         here, there, normal, gap = here[fits], there[fits], normal[fits], gap[fits]
         area = (first.spacing[here] + second.spacing[there]) / 2

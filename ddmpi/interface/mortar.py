@@ -140,32 +140,22 @@ def _rows(sides: tuple[Side, Side], own: int, over: Cover, root: np.ndarray) -> 
     """The rows of the slave, `sides[own]`, whose nodes share those of their `root` (k,)."""
     side, other = sides[own], sides[1 - own]
     weighted, phi = duals(side, over)
-    there, facing = shapes(over.there, other.facets.shape[1]), other.facets[over.other]
     shown, place = np.flatnonzero(root >= 0), np.full(len(root), -1)
     nodes, place[shown] = np.unique(root[shown], return_inverse=True)
     row = place[side.facets[over.link]]
-    area = _means(weighted, row, np.ones((len(row), 1)), len(nodes))[:, 0]
-
-    def spread(phi: np.ndarray, facets: np.ndarray, size: int) -> sparse.csr_matrix:
-        """D⁻¹ ∫ ψ φ as a matrix (r, size), of the shape functions (q, c) of the nodes (q, c) of facets at points."""
-        entries = np.einsum("qj,qc->qjc", weighted, phi)
-        rows, columns = np.broadcast_arrays(row[:, :, None], facets[:, None, :])
-        found = sparse.csr_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), (len(area), size))
-        found.data[np.abs(found.data) <= NOTHING * area.repeat(np.diff(found.indptr))] = 0.0
-        found.eliminate_zeros()
-        return (sparse.diags(1.0 / np.asarray(found.sum(axis=1)).ravel()) @ found).tocsr()
-
-    S, P = spread(phi, side.facets[over.link], len(side.nodes)), spread(there, facing, len(other.nodes))
+    psi = _at_points(weighted, row, len(nodes)).T
+    area = psi @ np.ones(len(row))
+    at = (_at_points(phi, side.facets[over.link], len(side.nodes)),
+          _at_points(shapes(over.there, other.facets.shape[1]), other.facets[over.other], len(other.nodes)))
+    S, P = (_without_rounding(psi @ each, area) for each in at)
     seen, met = np.zeros(len(side.facets), bool), np.zeros(len(other.facets), bool)
     seen[over.link], met[over.other] = True, True
     normal = unit(S @ _normals(side, seen) - P @ _normals(other, met))
-    ray = unit(_means(weighted, row, over.direction, len(nodes)))
-    gap = _means(weighted, row, over.gap[:, None], len(nodes))[:, 0] / area * np.einsum("ij,ij->i", ray, normal)
+    gap = psi @ over.gap / area * np.einsum("ij,ij->i", unit(psi @ over.direction), normal)
     gap = without_rounding(gap, side.spacing[nodes])
     lines = _lines(side, nodes, place, area, S, seen)
     alone, share = np.bincount(lines.row, minlength=len(nodes)) == 1, np.bincount(over.link, over.weight, len(seen))
     whole = seen & (share >= (1.0 - LACKING) * side.lengths) & alone[place[side.facets]].all(axis=1)
-    at = _at(phi, side.facets[over.link], len(side.nodes)), _at(there, facing, len(other.nodes))
     first, sign = (1, 1.0) if own == 0 else (-1, -1.0)
     return Rows(sides, own, nodes, place, seen, (S, P)[::first], sign * normal, area, gap,
                 side.arc[nodes] if own == 0 else faced_arc(side.xy[nodes], row, over, other),
@@ -250,12 +240,15 @@ def _normals(side: Side, some: np.ndarray) -> np.ndarray:
     return unit(nodal(side.lengths[some, None, None] * fans, side.facets[some], len(side.nodes)))
 
 
-def _means(weighted: np.ndarray, rows: np.ndarray, values: np.ndarray, m: int) -> np.ndarray:
-    """∫ ψ f (m, c) of values (q, c) of f."""
-    return np.column_stack([np.bincount(rows.ravel(), (weighted * each[:, None]).ravel(), m) for each in values.T])
+def _at_points(phi: np.ndarray, nodes: np.ndarray, size: int) -> sparse.csr_matrix:
+    """The matrix (q, size) of the functions (q, c) of `nodes` (q, c) at points."""
+    points = np.repeat(np.arange(len(phi)), phi.shape[1])
+    return sparse.csr_matrix((phi.ravel(), (points, nodes.ravel())), (len(phi), size))
 
 
-def _at(phi: np.ndarray, nodes: np.ndarray, size: int) -> sparse.csr_matrix:
-    """The matrix (q, size) of the shape functions (q, j) of `nodes` (q, j) at points."""
-    rows = np.repeat(np.arange(len(phi)), phi.shape[1])
-    return sparse.csr_matrix((phi.ravel(), (rows, nodes.ravel())), (len(phi), size))
+def _without_rounding(means: sparse.csr_matrix, area: np.ndarray) -> sparse.csr_matrix:
+    """∫ ψ φ (r, k) without what is rounding beside the areas (r,), in rows that sum to one."""
+    found = means.tocsr()
+    found.data[np.abs(found.data) <= NOTHING * area.repeat(np.diff(found.indptr))] = 0.0
+    found.eliminate_zeros()
+    return (sparse.diags(1.0 / np.asarray(found.sum(axis=1)).ravel()) @ found).tocsr()

@@ -120,6 +120,15 @@ def test_a_contact_of_one_node(order):
     assert held_beside(contact) == 0.0 and len(contact.facets) == 0
 
 
+def test_a_contact_of_two_corners():
+    """A brick that stands with its corners on the corners of two others: a row at each."""
+    mesh = rectangle((12, 2), (6.0, 1.0))
+    edges = mesh.groups["top"]
+    mesh.groups["pieces"] = edges[np.abs(mesh.points[edges, 0].mean(axis=1) - 3.0) > 1.0]
+    contact = met(side(brick(2.0, 1.0), "bottom"), side(mesh, "pieces"))
+    assert sorted(contact.xy.tolist()) == [[2.0, 1.0], [4.0, 1.0]] and contact.area == pytest.approx(0.5)
+
+
 def test_sides_apart_are_refused():
     assert "one to one" in refused(side(brick(2.5, 1.0), "bottom"), side(brick(0.0), "top"))
     assert "one to one" in refused(side(brick(40.0, 1.0), "bottom"), side(brick(0.0), "top"))
