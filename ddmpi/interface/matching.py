@@ -185,7 +185,7 @@ def pair(first: Side, second: Side, contact: SettledContact, refinement: int = 1
     return build(rows, contact)
 
 
-def touch(side: Side, rigid: Plane | Circle, contact: SettledContact) -> Interface:
+def face_rigid(side: Side, rigid: Plane | Circle, contact: SettledContact) -> Interface:
     """The interface of a body, which is the first, and a rigid partner.
 
     Normals and gaps are those of the rigid surface at the body's nodes, exactly. Nodes that do not face it, such as

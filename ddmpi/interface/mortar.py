@@ -47,7 +47,7 @@ NOTHING = 1e-12
 """Entries of P below this are rounding."""
 
 
-def join(first: Side, second: Side, contact: SettledContact, refinement: int = 1) -> Interface:
+def connect(first: Side, second: Side, contact: SettledContact, refinement: int = 1) -> Interface:
     """The interface of two sides: by pairs of nodes where they match, else by mortar; or as `contact.pairing` says.
 
     Otherwise as `pair` and `mortar`.
