@@ -20,8 +20,8 @@ from ddmpi.coupling.space import Space
 from ddmpi.coupling.team import Team, TeamMatrix
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface, Mover, check_overlap, refuse_contradiction, uncovered_profile
-from ddmpi.interface.matching import holds_along, touch
-from ddmpi.interface.mortar import join
+from ddmpi.interface.matching import face_rigid, holds_along
+from ddmpi.interface.mortar import connect
 from ddmpi.interface.side import Side, contact_side
 from ddmpi.mesh.boundary import boundary_group
 from ddmpi.mesh.build import build_mesh
@@ -257,14 +257,14 @@ def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | Non
     (first, second), clamps = sides, {body.name: body.clamps for body in scene.body}
     if second is None:
         (rigid,) = (each for each in scene.rigid if each.name == contact.bodies[1])
-        interface = touch(first, rigid, contact)
+        interface = face_rigid(first, rigid, contact)
         overlaps = check_overlap(interface, first)
         x, y = rigid.displacement
         partner = Mover(rigid.name, [Clamp(on=rigid.name, x=x, y=y, history=rigid.history)])
     else:
         if any(body.mesh.geometry for body in scene.body if body.name in contact.bodies):
             refinement = 1  # its nodes match by their number alone
-        interface = join(first, second, contact, refinement)
+        interface = connect(first, second, contact, refinement)
         overlaps = check_overlap(interface, first, second)
         partner = Mover(second.body, clamps[second.body], second)
     times = scene.legs if scene.time is None or scene.time.steps == 1 else [0.0, *scene.legs]

@@ -22,7 +22,7 @@ TOUCHING = 1e-9
 """Parts of a side below this are rounding: they are no pieces."""
 
 BLOCK = 32
-"""Partners of a side's links are looked for among so many links at once."""
+"""Partners of a side's facets are looked for among so many facets at once."""
 
 
 @dataclass(frozen=True)
@@ -31,14 +31,14 @@ class Cover:
 
     Attributes
     ----------
-    link, at : (q,) the slave's link of each point, and where on it, the parameter from 0 to 1
+    facet, at : (q,) the slave's facet of each point, and where on it, the parameter from 0 to 1
     other, there : (q,) the same of the point that it faces
-    weight : (q,) parts of the length along the slave's links (m)
+    weight : (q,) parts of the length along the slave's facets (m)
     direction : (q, 2) unit normal along which the other side is looked for
     gap : (q,) distance along it of the boundaries that are meant (m)
     """
 
-    link: np.ndarray
+    facet: np.ndarray
     at: np.ndarray
     other: np.ndarray
     there: np.ndarray
@@ -50,18 +50,18 @@ class Cover:
 def cover(slave: Side, master: Side) -> Cover:
     """The part of the slave that faces the master, along its averaged normals. Not collective.
 
-    Pieces, rays and gaps are found on chords; a point of a curved link stands upright on its chord, and faces what its
+    Pieces, rays and gaps are found on chords; a point of a curved facet stands upright on its chord, and faces what its
     ray meets. A piece of the slave faces what is nearest of the other side with a normal against its own. What lies
     behind the slave counts as an overlap up to DEEPEST of the thinner body's depth; ahead, any distance counts.
     """
     own, corners, fans = (slave.xy[slave.facets[:, :2]], master.xy[master.facets[:, :2]], slave.fans)
     outward, length = slave.outward, np.linalg.norm(slave.along, axis=1)
-    link, one = _swept(corners, own, fans)
-    facing = np.einsum("pi,pi->p", outward[link], master.outward[one]) < FACING
-    link, one = link[facing], one[facing]
-    on, low, high = _pieces(link, corners[one], own, fans)
+    facet, one = _swept(corners, own, fans)
+    facing = np.einsum("pi,pi->p", outward[facet], master.outward[one]) < FACING
+    facet, one = facet[facing], one[facing]
+    on, low, high = _pieces(facet, corners[one], own, fans)
     middle = (low + high) / 2
-    piece, pair = _together(on, link)
+    piece, pair = _together(on, facet)
     there, distance, _ = _meet(own, fans, on[piece], middle[piece], corners[one[pair]])
     deepest = -DEEPEST * np.minimum(np.abs(outward) @ slave.extent, np.abs(outward) @ master.extent)[on[piece]]
     met = (there >= -TOUCHING) & (there <= 1.0 + TOUCHING) & (distance >= deepest)
@@ -71,84 +71,85 @@ def cover(slave: Side, master: Side) -> Cover:
     piece, one, distance = piece[nearest], one[pair[nearest]], distance[nearest]
     seen = ~_hidden(own, fans, on[piece], middle[piece], distance)
     piece, one = piece[seen], np.repeat(one[seen], POINTS + 2)
-    link, low, size = on[piece], low[piece], (high - low)[piece]
+    facet, low, size = on[piece], low[piece], (high - low)[piece]
     points, weights = (np.pad(each, 1) for each in np.polynomial.legendre.leggauss(POINTS))
     points[[0, -1]] = -1.0, 1.0
     at = (low[:, None] + size[:, None] * (1.0 + points) / 2).ravel()
-    weight = ((length[link] * size)[:, None] * weights / 2).ravel()
-    link = np.repeat(link, POINTS + 2)
-    there, distance, ray = _meet(own, fans, link, at, corners[one])
-    gap = distance - slave.bulge(link, at, ray) - master.bulge(one, np.clip(there, 0.0, 1.0), -ray)
-    height, ratio = slave.off_chords(link, at)
-    there = np.clip(there + height * cross(outward[link], ray) / cross(master.along[one], ray), 0.0, 1.0)
-    return Cover(link, slave.parameters(link, at, outward[link]), one, master.parameters(one, there, ray),
+    weight = ((length[facet] * size)[:, None] * weights / 2).ravel()
+    facet = np.repeat(facet, POINTS + 2)
+    there, distance, ray = _meet(own, fans, facet, at, corners[one])
+    gap = distance - slave.bulge(facet, at, ray) - master.bulge(one, np.clip(there, 0.0, 1.0), -ray)
+    height, ratio = slave.off_chords(facet, at)
+    there = np.clip(there + height * cross(outward[facet], ray) / cross(master.along[one], ray), 0.0, 1.0)
+    return Cover(facet, slave.parameters(facet, at, outward[facet]), one, master.parameters(one, there, ray),
                  weight * ratio, ray, gap)
 
 
 def faced_arc(xy: np.ndarray, rows: np.ndarray, over: Cover, master: Side) -> np.ndarray:
-    """Arc lengths (m,) of the master's places nearest to `xy` (m, 2), on the links that the rows (q, c) of points face.
+    """Arc lengths (m,) of the master's places nearest to `xy` (m, 2), on facets that the rows (q, c) of points face.
 
     Not collective.
     """
-    row, link = np.unique(np.stack([rows.ravel(), np.repeat(over.other, rows.shape[1])]), axis=1)
-    start, end = master.facets[link, :2].T
-    along = master.along[link]
+    row, facet = np.unique(np.stack([rows.ravel(), np.repeat(over.other, rows.shape[1])]), axis=1)
+    start, end = master.facets[facet, :2].T
+    along = master.along[facet]
     away = xy[row] - master.xy[start]
     at = np.clip(np.einsum("pi,pi->p", away, along) / np.einsum("pi,pi->p", along, along), 0.0, 1.0)
     order = np.lexsort((np.linalg.norm(away - at[:, None] * along, axis=1), row))
     nearest = order[np.flatnonzero(np.diff(row[order], prepend=-1))]
-    arc = np.where(at < 1.0 - TOUCHING, master.arc[start] + at * master.lengths[link], master.arc[end])
+    arc = np.where(at < 1.0 - TOUCHING, master.arc[start] + at * master.lengths[facet], master.arc[end])
     return arc[nearest]  # where a closed chain ends, it starts
 
 
-def _swept(segments: np.ndarray, links: np.ndarray, fans: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The pairs of a link (·, 2, 2) and a segment (·, 2, 2) whose line rays from the link can meet, link by link.
+def _swept(segments: np.ndarray, facets: np.ndarray, fans: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The pairs of a facet (·, 2, 2) and a segment (·, 2, 2) whose line rays from the facet can meet, facet by facet.
 
-    Rays have the directions `fans` (·, 2, 2) at the ends of a link. Boxes around BLOCK segments are looked at first.
+    Rays have the directions `fans` (·, 2, 2) at the ends of a facet. Boxes around BLOCK segments are looked at first.
     """
     if len(segments) > BLOCK:
         first = np.arange(0, len(segments), BLOCK)
         low, high = np.minimum.reduceat(segments.min(axis=1), first), np.maximum.reduceat(segments.max(axis=1), first)
         boxes = np.stack([low, np.column_stack([low[:, 0], high[:, 1]]), np.column_stack([high[:, 0], low[:, 1]]),
                           high], axis=1)
-        link, box = np.nonzero(_crossed(boxes, links[:, None], fans[:, None]))
+        facet, box = np.nonzero(_crossed(boxes, facets[:, None], fans[:, None]))
         one = (BLOCK * box[:, None] + np.arange(BLOCK)).ravel()
-        link, one = np.repeat(link, BLOCK)[one < len(segments)], one[one < len(segments)]
+        facet, one = np.repeat(facet, BLOCK)[one < len(segments)], one[one < len(segments)]
     else:
-        link, one = (each.ravel() for each in np.indices((len(links), len(segments))))
-    crossed = _crossed(segments[one], links[link], fans[link])
-    return link[crossed], one[crossed]
+        facet, one = (each.ravel() for each in np.indices((len(facets), len(segments))))
+    crossed = _crossed(segments[one], facets[facet], fans[facet])
+    return facet[crossed], one[crossed]
 
 
-def _crossed(points: np.ndarray, links: np.ndarray, fans: np.ndarray) -> np.ndarray:
-    """Whether points (…, c, 2) lie neither all to the left nor all to the right of the rays at both ends of links."""
-    beside = cross(fans[..., None, :], points[..., None, :, :] - links[..., None, :])
-    slack = TOUCHING * np.linalg.norm(links[..., 1, :] - links[..., 0, :], axis=-1)[..., None, None]
+def _crossed(points: np.ndarray, facets: np.ndarray, fans: np.ndarray) -> np.ndarray:
+    """Whether points (…, c, 2) lie neither all to the left nor all to the right of the rays at both ends of facets."""
+    beside = cross(fans[..., None, :], points[..., None, :, :] - facets[..., None, :])
+    slack = TOUCHING * np.linalg.norm(facets[..., 1, :] - facets[..., 0, :], axis=-1)[..., None, None]
     return ~((beside < -slack).all(axis=(-2, -1)) | (beside > slack).all(axis=(-2, -1)))
 
 
-def _meet(links: np.ndarray, fans: np.ndarray, link: np.ndarray, at: np.ndarray,
+def _meet(facets: np.ndarray, fans: np.ndarray, facet: np.ndarray, at: np.ndarray,
           segments: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where rays from places `at` (q,) on links meet the lines of segments (q, 2, 2), how far away, and the rays."""
-    ray = unit(fans[link, 0] + at[:, None] * (fans[link, 1] - fans[link, 0]))
-    away = segments[:, 0] - (links[link, 0] + at[:, None] * (links[link, 1] - links[link, 0]))
+    """Where rays from places `at` (q,) on facets meet the lines of segments (q, 2, 2), how far away, and the rays."""
+    ray = unit(fans[facet, 0] + at[:, None] * (fans[facet, 1] - fans[facet, 0]))
+    away = segments[:, 0] - (facets[facet, 0] + at[:, None] * (facets[facet, 1] - facets[facet, 0]))
     across = segments[:, 1] - segments[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         there = -cross(away, ray) / cross(across, ray)
         return there, np.einsum("qi,qi->q", away + there[:, None] * across, ray), ray
 
 
-def _hidden(links: np.ndarray, fans: np.ndarray, link: np.ndarray, at: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Whether rays from places `at` (q,) on links meet another link within the distances (q,)."""
-    some = np.unique(link)
-    source, other = _swept(links, links[some], fans[some])
+def _hidden(facets: np.ndarray, fans: np.ndarray, facet: np.ndarray, at: np.ndarray,
+            distance: np.ndarray) -> np.ndarray:
+    """Whether rays from places `at` (q,) on facets meet another facet within the distances (q,)."""
+    some = np.unique(facet)
+    source, other = _swept(facets, facets[some], fans[some])
     source = some[source]
     source, other = source[source != other], other[source != other]
-    point, pair = _together(link, source)
-    there, t, _ = _meet(links, fans, link[point], at[point], links[other[pair]])
-    slack = TOUCHING * np.linalg.norm(links[:, 1] - links[:, 0], axis=1)[link[point]]
+    point, pair = _together(facet, source)
+    there, t, _ = _meet(facets, fans, facet[point], at[point], facets[other[pair]])
+    slack = TOUCHING * np.linalg.norm(facets[:, 1] - facets[:, 0], axis=1)[facet[point]]
     behind = (there > 0.0) & (there < 1.0) & (t > slack) & (t < distance[point])
-    return np.bincount(point, behind, len(link)) > 0
+    return np.bincount(point, behind, len(facet)) > 0
 
 
 def _together(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -156,13 +157,13 @@ def _together(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return spans(np.searchsorted(other, one), np.searchsorted(other, one, "right"))
 
 
-def _pieces(link: np.ndarray, segments: np.ndarray, links: np.ndarray,
+def _pieces(facet: np.ndarray, segments: np.ndarray, facets: np.ndarray,
             fans: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The pieces of links between the places where their rays hit ends of segments (p, 2, 2): link, from, to, (q,).
+    """The pieces of facets between the places where their rays hit ends of segments (p, 2, 2): facet, from, to, (q,).
 
-    The segments stand beside their links (p,), which are sorted.
+    The segments stand beside their facets (p,), which are sorted.
     """
-    each, rays = links[link], fans[link]
+    each, rays = facets[facet], fans[facet]
     fan, turn, along = rays[:, :1], rays[:, 1:] - rays[:, :1], each[:, 1:] - each[:, :1]
     points = segments - each[:, :1]
     a = np.broadcast_to(-cross(along, turn), points.shape[:2])
@@ -171,8 +172,8 @@ def _pieces(link: np.ndarray, segments: np.ndarray, links: np.ndarray,
         q = -(b + np.where(b < 0.0, -1.0, 1.0) * np.sqrt(b * b - 4.0 * a * c)) / 2.0
         roots = np.column_stack([c / q, q / a])
     inside = (roots > TOUCHING) & (roots < 1.0 - TOUCHING)
-    ends = np.unique(link)
-    on = np.concatenate([np.repeat(link, roots.shape[1])[inside.ravel()], ends, ends])
+    ends = np.unique(facet)
+    on = np.concatenate([np.repeat(facet, roots.shape[1])[inside.ravel()], ends, ends])
     cuts = np.concatenate([roots[inside], np.zeros(len(ends)), np.ones(len(ends))])
     order = np.lexsort((cuts, on))
     on, cuts = on[order], cuts[order]

@@ -185,7 +185,7 @@ def pair(first: Side, second: Side, contact: SettledContact, refinement: int = 1
     return build(rows, contact)
 
 
-def touch(side: Side, rigid: Plane | Circle, contact: SettledContact) -> Interface:
+def face_rigid(side: Side, rigid: Plane | Circle, contact: SettledContact) -> Interface:
     """The interface of a body, which is the first, and a rigid partner.
 
     Normals and gaps are those of the rigid surface at the body's nodes, exactly. Nodes that do not face it, such as
@@ -282,7 +282,7 @@ def _faced(side: Side, other: Side, least: float) -> np.ndarray:
     A facet of which no more than the part `least` is covered does not count: by so much an end may stand aside.
     """
     over = cover(side, other)
-    facets, point = np.unique(np.stack([over.link, over.other]), axis=1, return_inverse=True)
+    facets, point = np.unique(np.stack([over.facet, over.other]), axis=1, return_inverse=True)
     covered = np.bincount(point.ravel(), over.weight, facets.shape[1])
     return facets[:, covered > least * side.lengths[facets[0]]]
 

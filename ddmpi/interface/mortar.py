@@ -47,7 +47,7 @@ NOTHING = 1e-12
 """Entries of P below this are rounding."""
 
 
-def join(first: Side, second: Side, contact: SettledContact, refinement: int = 1) -> Interface:
+def connect(first: Side, second: Side, contact: SettledContact, refinement: int = 1) -> Interface:
     """The interface of two sides: by pairs of nodes where they match, else by mortar; or as `contact.pairing` says.
 
     Otherwise as `pair` and `mortar`.
@@ -77,7 +77,7 @@ def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
     """
     sides, name, slave = (first, second), contact.name, contact.slave
     covers = [None if slave == sides[1 - own].body else cover(sides[own], sides[1 - own]) for own in (0, 1)]
-    if any(each is not None and len(each.link) == 0 for each in covers):
+    if any(each is not None and len(each.facet) == 0 for each in covers):
         x, y = first.xy[0]
         raise InputError(f"contact.{name}: the boundaries of {first.body!r} and {second.body!r} do not face each other "
                          f"(the first begins at ({x:.6g}, {y:.6g})). Are the two names of `on` in the order of "
@@ -96,12 +96,12 @@ def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
 
 
 def duals(side: Side, over: Cover) -> tuple[np.ndarray, np.ndarray]:
-    """The weighted dual functions w ψ (q, 2 or 3) of each point's link, and shape functions φ, for the slave.
+    """The weighted dual functions w ψ (q, 2 or 3) of each point's facet, and shape functions φ, for the slave.
 
-    ∫ ψ_j φ_k = δ_jk ∫ φ_j over the covered part of a link. Of a sliver only the nearest corner has a function.
+    ∫ ψ_j φ_k = δ_jk ∫ φ_j over the covered part of a facet. Of a sliver only the nearest corner has a function.
     """
     phi = shapes(over.at, side.facets.shape[1])
-    covered, part = np.unique(over.link, return_inverse=True)
+    covered, part = np.unique(over.facet, return_inverse=True)
     share, middle = (np.bincount(part, each, len(covered)) for each in (over.weight, over.weight * over.at))
     lengths = np.zeros((len(covered), phi.shape[1]))
     np.add.at(lengths, part, over.weight[:, None] * phi)
@@ -125,14 +125,14 @@ def _choose_slave(sides: tuple[Side, Side], covers: list[Cover | None], name: st
     softness = []
     for side, over in zip(sides, covers, strict=True):
         assert over is not None
-        length = np.linalg.norm(side.along[np.unique(over.link)], axis=1)
+        length = np.linalg.norm(side.along[np.unique(over.facet)], axis=1)
         softness.append(float(length.mean()) / (side.facets.shape[1] - 1) / side.modulus)
     return 1 if softness[1] > (1.0 + 1e-6) * softness[0] else 0
 
 
 def _is_rigid(side: Side, over: Cover) -> bool:
     """Whether clamps hold all nodes that face the other side along their normals."""
-    nodes = np.unique(side.facets[over.link])
+    nodes = np.unique(side.facets[over.facet])
     return bool(is_held(side.normal[nodes], side.free[nodes]).all())
 
 
@@ -142,19 +142,19 @@ def _rows(sides: tuple[Side, Side], own: int, over: Cover, root: np.ndarray) -> 
     weighted, phi = duals(side, over)
     shown, place = np.flatnonzero(root >= 0), np.full(len(root), -1)
     nodes, place[shown] = np.unique(root[shown], return_inverse=True)
-    row = place[side.facets[over.link]]
+    row = place[side.facets[over.facet]]
     psi = _at_points(weighted, row, len(nodes)).T
     area = psi @ np.ones(len(row))
-    at = (_at_points(phi, side.facets[over.link], len(side.nodes)),
+    at = (_at_points(phi, side.facets[over.facet], len(side.nodes)),
           _at_points(shapes(over.there, other.facets.shape[1]), other.facets[over.other], len(other.nodes)))
     S, P = (_without_rounding(psi @ each, area) for each in at)
     seen, met = np.zeros(len(side.facets), bool), np.zeros(len(other.facets), bool)
-    seen[over.link], met[over.other] = True, True
+    seen[over.facet], met[over.other] = True, True
     normal = unit(S @ _normals(side, seen) - P @ _normals(other, met))
     gap = psi @ over.gap / area * np.einsum("ij,ij->i", unit(psi @ over.direction), normal)
     gap = without_rounding(gap, side.spacing[nodes])
     lines = _lines(side, nodes, place, area, S, seen)
-    alone, share = np.bincount(lines.row, minlength=len(nodes)) == 1, np.bincount(over.link, over.weight, len(seen))
+    alone, share = np.bincount(lines.row, minlength=len(nodes)) == 1, np.bincount(over.facet, over.weight, len(seen))
     whole = seen & (share >= (1.0 - LACKING) * side.lengths) & alone[place[side.facets]].all(axis=1)
     first, sign = (1, 1.0) if own == 0 else (-1, -1.0)
     return Rows(sides, own, nodes, place, seen, (S, P)[::first], sign * normal, area, gap,
@@ -170,13 +170,13 @@ def _unbound(rows: Rows, tangential: bool, root: np.ndarray) -> np.ndarray:
     (held, most), (both, along) = (rows.held(direction) for direction in frames(rows.normal).swapaxes(0, 1))
     if tangential:
         most = np.where(both.all(axis=0), most, np.minimum(most, along))
-    links, found = rows.place[side.facets[rows.seen]], root.copy()
+    facets, found = rows.place[side.facets[rows.seen]], root.copy()
     most[held.all(axis=0)] = 0.0
     ends = _tied_ends(rows)
     if np.count_nonzero(np.delete(most, ends) >= BARELY) > 1:  # one row would be a hinge
         most[ends] = 0.0
     for number in np.flatnonzero((most < BARELY) & ~held.all(axis=0)):
-        near = np.unique(links[(links == number).any(axis=1)])
+        near = np.unique(facets[(facets == number).any(axis=1)])
         near = rows.nodes[near[most[near] >= BARELY]]
         if len(near):
             here = rows.nodes[number]
@@ -187,24 +187,24 @@ def _unbound(rows: Rows, tangential: bool, root: np.ndarray) -> np.ndarray:
 def _tied_ends(rows: Rows) -> np.ndarray:
     """The last rows at ends of the slave's covered part where both bodies are `tied`, the other at its nearest node."""
     side, other = rows.sides[rows.own], rows.sides[1 - rows.own]
-    links = side.facets[rows.seen]
-    ends = np.flatnonzero(np.bincount(links[:, :2].ravel(), minlength=len(side.nodes)) == 1)
+    facets = side.facets[rows.seen]
+    ends = np.flatnonzero(np.bincount(facets[:, :2].ravel(), minlength=len(side.nodes)) == 1)
     ends = ends[side.tied[ends] & other.tied[cKDTree(other.xy).query(side.xy[ends])[1]]]
-    last = rows.place[links[(links == ends[:, None, None]).any(axis=2).argmax(axis=1)]]
+    last = rows.place[facets[(facets == ends[:, None, None]).any(axis=2).argmax(axis=1)]]
     away = np.linalg.norm(side.xy[rows.nodes[last]] - side.xy[ends][:, None], axis=2)
     return last[np.arange(len(last)), away.argmin(axis=1)]
 
 
 def _merged(side: Side, over: Cover) -> np.ndarray:
     """Of each of the slave's nodes (k,) the one whose row it has: its own, a neighbour's, or none (−1)."""
-    D = np.bincount(side.facets[over.link].ravel(), duals(side, over)[0].ravel(), len(side.nodes))
-    some = np.isin(np.arange(len(side.facets)), over.link)
+    D = np.bincount(side.facets[over.facet].ravel(), duals(side, over)[0].ravel(), len(side.nodes))
+    some = np.isin(np.arange(len(side.facets)), over.facet)
     full = side.lengths_over(some)
     best = np.full(len(D), -1)
     thin = full * UNCOVERED > D
-    for link in side.facets[some & thin[side.facets].any(axis=1)]:
-        top = link[np.argmax(D[link])]
-        for node in link[thin[link]]:
+    for facet in side.facets[some & thin[side.facets].any(axis=1)]:
+        top = facet[np.argmax(D[facet])]
+        for node in facet[thin[facet]]:
             if top != node and (best[node] < 0 or D[top] > D[best[node]]):
                 best[node] = top
     root = np.where(full > 0.0, np.arange(len(D)), -1)
@@ -233,7 +233,7 @@ def _lines(side: Side, nodes: np.ndarray, place: np.ndarray, area: np.ndarray, S
 
 
 def _normals(side: Side, some: np.ndarray) -> np.ndarray:
-    """Unit normals (k, 2) of the arcs over some of the links (ns,) bool, averaged with their lengths; else zero."""
+    """Unit normals (k, 2) of the arcs over some of the facets (f,) bool, averaged with their lengths; else zero."""
     fans = side.fans[some]
     if side.facets.shape[1] == 3:
         fans = np.concatenate([fans, unit(fans.sum(axis=1))[:, None]], axis=1)

@@ -26,7 +26,7 @@ COARSE = 1e-6
 """Nodes are put in order by their places in multiples of this part of the mesh's extent: rounding decides nothing."""
 
 STEEPEST = 0.24
-"""Lines that meet a curved link count as no nearer to its direction at an end than this; at 1/4 they touch it there."""
+"""Lines that meet a curved facet count as no nearer to its direction at an end than this; at 1/4 they touch it."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Side:
     extent : (2,) width and height of the body (m)
     arc : (k,) arc length from the start of the node's chain, on the way with the body to the left (m). A closed chain
         starts at the first node of the group's first line on it
-    facets : (ns, 2 or 3) segments by the places of their two ends and, in order 2, their middle; the body lies to the
+    facets : (f, 2 or 3) segments by the places of their two ends and, in order 2, their middle; the body lies to the
         left on the way from the first end to the second; in the order of the last column
     """
 
@@ -72,27 +72,27 @@ class Side:
 
     @property
     def along(self) -> np.ndarray:
-        """(ns, 2) from the first end of each link to the second: its chord (m)."""
+        """(f, 2) from the first end of each facet to the second: its chord (m)."""
         return self.xy[self.facets[:, 1]] - self.xy[self.facets[:, 0]]
 
     @property
     def bends(self) -> np.ndarray:
-        """(ns, 2) how far the middle of each link is off that of its chord (m); zero if it is straight."""
+        """(f, 2) how far the middle of each facet is off that of its chord (m); zero if it is straight."""
         return bends(self.xy[self.facets])
 
     @property
     def heights(self) -> np.ndarray:
-        """(ns,) the same, as far as it is outward (m)."""
+        """(f,) the same, as far as it is outward (m)."""
         return np.einsum("ij,ij->i", self.bends, self.outward)
 
     @property
     def lengths(self) -> np.ndarray:
-        """(ns,) arc lengths of the links (m)."""
+        """(f,) arc lengths of the facets (m)."""
         return facet_measures(self.xy[self.facets])
 
     @property
     def outward(self) -> np.ndarray:
-        """(ns, 2) outer unit normal of each link's chord."""
+        """(f, 2) outer unit normal of each facet's chord."""
         return unit(turn_right(self.along))
 
     @property
@@ -105,19 +105,19 @@ class Side:
 
     @property
     def slopes(self) -> np.ndarray:
-        """(ns, 2) angles by which the boundary that is meant leaves each link outward, at its first and second end.
+        """(f, 2) angles by which the boundary that is meant leaves each facet outward, at its first and second end.
 
-        Where the boundary turns from one link to the next, the links share the turn as arcs of one circle would: their
-        sines go as the lengths. A link that is straight at its other end leaves all of it to its neighbour; two such
-        links meet in a corner, and so do links at an angle above SHARPEST. At a sharp corner and at an end of the
-        boundary, the slope of the other end counts, mirrored; where both ends are such, that of the link itself, if it
+        Where the boundary turns from one facet to the next, both share the turn as arcs of one circle would: their
+        sines go as the lengths. A facet that is straight at its other end leaves all of it to its neighbour; two such
+        facets meet in a corner, and so do facets at an angle above SHARPEST. At a sharp corner and at an end of the
+        boundary, the slope of the other end counts, mirrored; where both ends are such, that of the facet itself, if it
         is curved.
         """
         return self._slopes()[0]
 
     @property
     def fans(self) -> np.ndarray:
-        """(ns, 2, 2) unit normals at the ends of each link, the same for both links that meet at less than SHARPEST."""
+        """(f, 2, 2) unit normals at the ends of each facet, the same for both that meet at less than SHARPEST."""
         tilt = np.stack([-self._slopes()[1][:, 0], self._slopes()[1][:, 1]], axis=1)
         cosine, sine = np.cos(tilt), np.sin(tilt)
         (x, y) = self.outward.T[:, :, None]
@@ -127,7 +127,7 @@ class Side:
         """The slopes, and the same without corners below SHARPEST."""
         ends, outer = self.facets[:, :2], self.outward
         length = np.linalg.norm(self.along, axis=1)
-        before, after = np.full((2, len(self.nodes)), -1)  # the links that end and begin at a node
+        before, after = np.full((2, len(self.nodes)), -1)  # the facets that end and begin at a node
         before[ends[:, 1]], after[ends[:, 0]] = np.arange(len(ends)), np.arange(len(ends))
         turns = np.full(len(self.nodes), np.nan)
         node = np.flatnonzero((before >= 0) & (after >= 0))
@@ -148,18 +148,18 @@ class Side:
         curved = np.where(np.isnan(curved), own, curved)
         return curved, np.where(np.isnan(shared), curved, shared)
 
-    def bulge(self, links: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    def bulge(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """How far (q,) the boundary that is meant stands off its chords, outward (m).
 
         Over each chord lies the cubic with the slopes at its ends, times what makes the arc of a circle exact.
 
         Parameters
         ----------
-        links : (q,) on which the points lie
-        at : (q,) where on the link, from 0 at its first end to 1 at the second
+        facets : (q,) on which the points lie
+        at : (q,) where on the facet, from 0 at its first end to 1 at the second
         direction : (q, 2) unit vectors along which the distance counts
         """
-        slope, along, z = self.slopes[links], self.along[links], 2.0 * at - 1.0
+        slope, along, z = self.slopes[facets], self.along[facets], 2.0 * at - 1.0
         length = np.linalg.norm(along, axis=1)
         first, second = np.tan(slope).T
         cubic = at * (1.0 - at) * (first * (1.0 - at) + second * at)
@@ -168,7 +168,7 @@ class Side:
         root = np.sqrt(1.0 - (s * z) ** 2)
         arc = 2.0 * c / (root + c)
         rise = rise * arc + cubic * 4.0 * c * s**2 * z / (root * (root + c) ** 2)
-        across = np.einsum("qi,qi->q", direction, self.outward[links])
+        across = np.einsum("qi,qi->q", direction, self.outward[facets])
         return length * cubic * arc / (across - rise * np.einsum("qi,qi->q", direction, along) / length)
 
     def rise(self, nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:
@@ -186,46 +186,46 @@ class Side:
         found[middle] = self.bulge(facets, 0.5 + aside, direction) - self.heights[facets] * across
         return found
 
-    def parameters(self, links: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """The parameters t (q,) where lines through chords meet the links themselves.
+    def parameters(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """The parameters t (q,) where lines through chords meet the facets themselves.
 
         Parameters
         ----------
-        links : (q,)
-        at : (q,) where on the chord, from 0 at its first end to 1 at the second; t is the same on straight links
+        facets : (q,)
+        at : (q,) where on the chord, from 0 at its first end to 1 at the second; t is the same on straight facets
         direction : (q, 2) of the line
 
-        The link is x(t) = chord(t) + 4 t (1 − t) bend; so t + 4 t (1 − t) δ = `at`, δ = bend × line / chord × line.
+        The facet is x(t) = chord(t) + 4 t (1 − t) bend; so t + 4 t (1 − t) δ = `at`, δ = bend × line / chord × line.
         """
-        bent, along = self.bends[links], self.along[links]
+        bent, along = self.bends[facets], self.along[facets]
         delta = np.clip(cross(bent, direction) / cross(along, direction), -STEEPEST, STEEPEST)
         return 2.0 * at / (1.0 + 4.0 * delta + np.sqrt((1.0 + 4.0 * delta) ** 2 - 16.0 * delta * at))
 
-    def off_chords(self, links: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far (q,) links themselves are off their chords (m), and their length over the chord's (q,), at places.
+    def off_chords(self, facets: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far (q,) facets themselves are off their chords (m), and their length over the chord's (q,), at places.
 
-        Upright on the chords of `links` (q,), at `at` (q,) from 0 to 1.
+        Upright on the chords of `facets` (q,), at `at` (q,) from 0 to 1.
         """
-        outward, along = self.outward[links], self.along[links]
-        t, length = self.parameters(links, at, outward), np.linalg.norm(along, axis=1)
-        height = 4.0 * np.einsum("qi,qi->q", self.bends[links], outward)
-        aside = 4.0 * np.einsum("qi,qi->q", self.bends[links], along) / length
+        outward, along = self.outward[facets], self.along[facets]
+        t, length = self.parameters(facets, at, outward), np.linalg.norm(along, axis=1)
+        height = 4.0 * np.einsum("qi,qi->q", self.bends[facets], outward)
+        aside = 4.0 * np.einsum("qi,qi->q", self.bends[facets], along) / length
         slope = height * (1.0 - 2.0 * t) / (length + aside * (1.0 - 2.0 * t))
         return height * t * (1.0 - t), np.sqrt(1.0 + slope**2)
 
     def lengths_over(self, some: np.ndarray) -> np.ndarray:
-        """Nodal lengths (k,) over some of the links (ns,) bool: integrals of the shape functions (m)."""
+        """Nodal lengths (k,) over some of the facets (f,) bool: integrals of the shape functions (m)."""
         facets = self.facets[some]
         return nodal(facet_shares(self.xy[facets]), facets, len(self.nodes))
 
     def normals_over(self, some: np.ndarray) -> np.ndarray:
-        """Outer unit normals (k, 2) averaged over some of the links (ns,) bool; those of the side away from these."""
+        """Outer unit normals (k, 2) averaged over some of the facets (f,) bool; those of the side away from these."""
         facets = self.facets[some]
         total = unit(nodal(_across(self.xy[facets]), facets, len(self.nodes)))
         return np.where(total.any(axis=1, keepdims=True), total, self.normal)
 
     def laplacian(self, some: np.ndarray, row: np.ndarray, m: int) -> sparse.csr_matrix:
-        """That of some of the links (ns,) bool, as `laplacian`; of quadratic ones between neighbouring nodes."""
+        """That of some of the facets (f,) bool, as `laplacian`; of quadratic ones between neighbouring nodes."""
         return laplacian(self.xy, segments(self.facets[some]), row, m)
 
 

@@ -84,12 +84,12 @@ def test_points_that_face_each_other_lie_on_one_ray():
     slave = side(curved_ring(0.5, 1.0, np.linspace(0.0, 1.5, 7)), "outer", body="slave")
     master = side(curved_ring(1.01, 1.5, np.linspace(0.0, 1.5, 9)), "inner", body="master")
     over = cover(slave, master)
-    here, there = points(slave, over.link, over.at), points(master, over.other, over.there)
+    here, there = points(slave, over.facet, over.at), points(master, over.other, over.there)
     inside = (over.there > 1e-6) & (over.there < 1 - 1e-6)
     assert inside.mean() > 0.8
     assert cross(there - here, over.direction)[inside] == pytest.approx(0.0, abs=1e-14)
     assert np.abs(cross(there - here, over.direction)[over.weight > 0.0]).max() < 1e-4
-    assert np.bincount(over.link, over.weight) == pytest.approx(slave.lengths, rel=1e-7)
+    assert np.bincount(over.facet, over.weight) == pytest.approx(slave.lengths, rel=1e-7)
     assert over.gap == pytest.approx(0.01, abs=1e-7)
 
 

@@ -459,4 +459,4 @@ def test_pieces_of_the_cover_add_up():
     """Points lie in order on the pieces between the projected corners."""
     over = cover(*blocks(5, 8))
     assert over.weight.sum() == pytest.approx(2.0)
-    assert np.all(np.bincount(over.link) % 7 == 0)  # five of Gauss and the ends of each piece
+    assert np.all(np.bincount(over.facet) % 7 == 0)  # five of Gauss and the ends of each piece

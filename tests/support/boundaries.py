@@ -90,7 +90,7 @@ def pair(first: Side, second: Side, friction, name: str, refinement: int = 1, **
 
 
 def touch(boundary: Side, rigid, friction, name: str, gap=None, kind: str = "unilateral") -> Interface:
-    return matching.touch(boundary, rigid, asked(friction, name, gap, kind))
+    return matching.face_rigid(boundary, rigid, asked(friction, name, gap, kind))
 
 
 def mortar(first: Side, second: Side, friction, name: str, **how) -> Interface:
@@ -98,7 +98,7 @@ def mortar(first: Side, second: Side, friction, name: str, **how) -> Interface:
 
 
 def join(first: Side, second: Side, friction, name: str, refinement: int = 1, gap=None, **how) -> Interface:
-    return mortars.join(first, second, asked(friction, name, gap, **how), refinement)
+    return mortars.connect(first, second, asked(friction, name, gap, **how), refinement)
 
 
 def uncovered_profile(contact: Interface, friction, gap=None) -> list[str]:

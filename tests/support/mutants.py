@@ -123,7 +123,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("clamped neighbours forgotten", "interface/side", "factorial(order)\n", "factorial(order)\n    facets = np.where("
      "(row[facets] < 0).any(axis=1)[:, None], facets[:, :1], facets)\n", f"{SIDES}::test_clamped_nodes_drop_out"),
     ("arcs of curved sides ignored", "interface/cover",
-     "slave.bulge(link, at, ray)", "0.0",
+     "slave.bulge(facet, at, ray)", "0.0",
      f"{MORTAR}::test_arcs_of_circles_have_their_true_gap"),
     ("sides seen through the slave", "interface/cover",
      "seen = ~_hidden(own, fans, on[piece], middle[piece], distance)", "seen = np.ones(len(piece), bool)",
