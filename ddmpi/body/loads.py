@@ -14,6 +14,7 @@ from ddmpi.mesh.elements import CELLS, FINE, curved_facets
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Traction
 from ddmpi.scene.values import AffineVector, Vector, evaluate, varies
+from ddmpi.system.numbers import in_words
 
 SAME = 1e-9
 """Relative difference up to which two clamps prescribe the same displacement."""
@@ -96,10 +97,9 @@ def _values(value: Any, points: np.ndarray, key: str) -> np.ndarray:
     found = evaluate(value, *np.moveaxis(points, -1, 0))
     if varies(value) and not np.isfinite(found).all():
         at = np.argwhere(~np.isfinite(found))[0]
-        place = ", ".join(f"{x:.6g}" for x in points[tuple(at[1 - points.ndim:])])
-        parts = value if isinstance(value, tuple) else (value,)
+        parts, where = value if isinstance(value, tuple) else (value,), in_words(points[tuple(at[1 - points.ndim:])])
         raise InputError(f'{key}: the formula "{parts[at[0] if len(at) == points.ndim else 0]}" is '
-                         f"{found[tuple(at)]} at ({place}); it must be a finite number wherever it acts")
+                         f"{found[tuple(at)]} at {where}; it must be a finite number wherever it acts")
     return found
 
 
@@ -125,9 +125,8 @@ def clamp_nodes(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, dict[str | None
                 clash = np.flatnonzero((clamps[nodes, component] >= 0) & otherwise)
                 if len(clash):
                     k = clash[0]
-                    place = ", ".join(f"{x:.6g}" for x in mesh.points[nodes[k]])
-                    raise InputError(f"{key}: {axis} at ({place}) is prescribed twice, as {before[k]:.6g} and, on "
-                                     f"{clamp.on!r}, as {wanted[k]:.6g}"
+                    raise InputError(f"{key}: {axis} at {in_words(mesh.points[nodes[k]])} is prescribed twice, as "
+                                     f"{before[k]:.6g} and, on {clamp.on!r}, as {wanted[k]:.6g}"
                                      + (", with another history" if wanted[k] == before[k] else ""))
                 clamps[nodes, component] = which
                 prescribed[nodes, component], followed[nodes, component] = wanted, number

@@ -18,7 +18,7 @@ from ddmpi.interface.side import Side
 from ddmpi.scene.bodies import Clamp
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.scene.values import Profile, evaluate
-from ddmpi.system.numbers import spans
+from ddmpi.system.numbers import in_words, spans
 
 LARGE_OVERLAP = 0.02
 """An initial overlap of this part of the thinner body's depth is worth a warning."""
@@ -334,8 +334,8 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
             axes = [axis] if bonded else np.flatnonzero(across[place]).tolist()
             first, second = (mover.words(places, k, place, axes, u[k, place]) for k, mover in enumerate(movers))
             assert movers[0].side
-            x, y = movers[0].at(places, 0, movers[0].side.xy)[place]
-            message = (f"contact.{interface.name}: at ({x:.6g}, {y:.6g}){f', at time {time:g},' * (len(factors) > 1)} "
+            at = in_words(movers[0].at(places, 0, movers[0].side.xy)[place])
+            message = (f"contact.{interface.name}: at {at}{f', at time {time:g},' * (len(factors) > 1)} "
                        f"{first}, and {second}: " + ("they tear the bond apart" if bonded else
                                                      "they push the bodies into each other")
                        + f" by {worst:.3g}, and no force can prevent that; prescribe motions that go together")

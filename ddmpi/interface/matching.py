@@ -19,6 +19,7 @@ from ddmpi.interface.side import Side, frames, unit
 from ddmpi.mesh.boundary import segments
 from ddmpi.scene.contacts import Circle, NoFriction, Plane, SettledContact
 from ddmpi.scene.values import Profile
+from ddmpi.system.numbers import in_words
 
 LARGEST_OFFSET = 1e-2
 """Largest tangential offset of two paired nodes, as a fraction of the distance to their neighbours in the meshes as
@@ -197,8 +198,8 @@ def face_rigid(side: Side, rigid: Plane | Circle, contact: SettledContact) -> In
     towards = (np.einsum("icj,ij->ic", outward[side.facets], side.outward) < FACING).all(axis=1)
     here = np.unique(side.facets[towards])
     if len(here) == 0:
-        x, y = side.xy[np.argmin(np.einsum("ij,ij->i", outward, side.normal))]
-        raise InputError(f"contact.{contact.name}: near ({x:.6g}, {y:.6g}) the boundary of {side.body!r} does not face "
+        place = in_words(side.xy[np.argmin(np.einsum("ij,ij->i", outward, side.normal))])
+        raise InputError(f"contact.{contact.name}: near {place} the boundary of {side.body!r} does not face "
                          f"{rigid.name!r}" + ("; a plane's normal points towards the bodies" if isinstance(rigid, Plane)
                                               else "; bodies touch a circle from outside, unless inside = true"))
     partner = replace(side, body=rigid.name, modulus=np.inf, xy=side.xy - measured[:, None] * outward, normal=outward,
@@ -226,8 +227,8 @@ def _match_whole(first: Side, second: Side, name: str, refinement: int) -> Rows:
     normal = first.normal - second.normal[match]
     size = np.linalg.norm(normal, axis=1)
     if (size < 1.0).any():  # the outer normals must face each other (an angle above 120°)
-        x, y = first.xy[np.argmin(size)]
-        raise InputError(f"contact.{name}: near ({x:.6g}, {y:.6g}) the two boundaries do not face each other")
+        raise InputError(f"contact.{name}: near {in_words(first.xy[np.argmin(size)])} the two boundaries do not face "
+                         "each other")
     normal /= size[:, None]
     gap, aside, spacing = _offset(first, second, np.arange(len(match)), match, normal)
     if (aside > LARGEST_OFFSET * refinement * spacing).any():
@@ -328,8 +329,7 @@ def is_held(direction: np.ndarray, free: np.ndarray) -> np.ndarray:
 def _worst(first: Side, second: Side, match: np.ndarray) -> str:
     distance = np.linalg.norm(second.xy[match] - first.xy, axis=1)
     k = int(np.argmax(distance))
-    (x, y), (X, Y) = first.xy[k], second.xy[match[k]]
-    return f" (worst: ({x:.6g}, {y:.6g}) against ({X:.6g}, {Y:.6g}))"
+    return f" (worst: {in_words(first.xy[k])} against {in_words(second.xy[match[k]])})"
 
 
 def _surface(rigid: Plane | Circle, side: Side) -> tuple[np.ndarray, np.ndarray]:

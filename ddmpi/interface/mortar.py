@@ -26,6 +26,7 @@ from ddmpi.interface.side import Side, frames, nodal, unit
 from ddmpi.mesh.boundary import segments
 from ddmpi.mesh.elements import shapes_on_side as shapes
 from ddmpi.scene.contacts import SettledContact
+from ddmpi.system.numbers import in_words
 
 SLIVER = 0.02
 """A side of which a smaller part is covered has a constant dual function, of its nearest corner."""
@@ -78,9 +79,8 @@ def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
     sides, name, slave = (first, second), contact.name, contact.slave
     covers = [None if slave == sides[1 - own].body else cover(sides[own], sides[1 - own]) for own in (0, 1)]
     if any(each is not None and len(each.facet) == 0 for each in covers):
-        x, y = first.xy[0]
         raise InputError(f"contact.{name}: the boundaries of {first.body!r} and {second.body!r} do not face each other "
-                         f"(the first begins at ({x:.6g}, {y:.6g})). Are the two names of `on` in the order of "
+                         f"(the first begins at {in_words(first.xy[0])}). Are the two names of `on` in the order of "
                          "`bodies`?")
     own = _choose_slave(sides, covers, name) if slave is None else (first.body, second.body).index(slave)
     side, over = sides[own], covers[own]

@@ -10,6 +10,7 @@ import numpy as np
 from ddmpi.coupling.space import Space
 from ddmpi.methods.outer import Step
 from ddmpi.scene.method import SettledMethod
+from ddmpi.system.numbers import in_words
 
 LOOK_BACK = 10
 """Over so many iterations convergence is judged."""
@@ -128,7 +129,7 @@ def diagnose(reason: str, stopped: str, violations: list[str], method: SettledMe
                      f"{min(LOOK_BACK, len(history) - 1)}")
     nodes = log.unsettled()
     if len(nodes):
-        places = ", ".join(f"({x:.4g}, {y:.4g})" for x, y in log.xy[nodes[:4]])
+        places = ", ".join(in_words(place, 4) for place in log.xy[nodes[:4]])
         lines.append(f"{len(nodes)} of {len(log.xy)} nodes changed between open, slip and stick"
                      f"{' in a cycle' if log.cycles() else ''}, at {places}{' …' if len(nodes) > 4 else ''}")
     if log.largest_slope >= LARGE_FRICTION:

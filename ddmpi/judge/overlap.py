@@ -21,6 +21,7 @@ from ddmpi.interface.state import ContactState
 from ddmpi.mesh.boundary import outline
 from ddmpi.scene.contacts import Circle, Plane, Rigid
 from ddmpi.system.agreement import merged
+from ddmpi.system.numbers import in_words
 
 RESOLVED = 1e-3
 """Overlaps below this part of the largest displacement, and of a body with itself below this part of a cell, are not
@@ -153,7 +154,7 @@ def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
     for number, each in own.items():
         place = through_itself(each)
         found[number, number] = [] if place is None else [
-            f"body.{names[number]} runs through itself, as at {_words(place)}, where nothing keeps "
+            f"body.{names[number]} runs through itself, as at {in_words(place, 4)}, where nothing keeps "
             "its sides apart; for sides that touch make two bodies of it, bonded where they hang together"]
     for (a, b), other in at_hand.items():
         pair, solids = (names[a], names[b]), (own[a].part(*boxes[b][1:]), other)
@@ -161,14 +162,10 @@ def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
         if overlap:
             touch = any(set(contact.bodies) == set(pair) for contact in assembly.scene.contact)
             found[a, b] = [f"body.{pair[0]} and body.{pair[1]} run through each other by {overlap.depth:.3g}"
-                           + f" ({drawn:.3g} as drawn)" * (drawn > 0.0) + f", as at {_words(overlap.place)}, where no "
-                           f"contact keeps them apart; {WIDEN if touch else ADD}"]
+                           + f" ({drawn:.3g} as drawn)" * (drawn > 0.0) + f", as at {in_words(overlap.place, 4)}, where "
+                           f"no contact keeps them apart; {WIDEN if touch else ADD}"]
     return [warning for _, warnings in sorted(merged(world, found).items()) for warning in warnings
             ] + _doubt_rigid(assembly, displacements, states)
-
-
-def _words(place: np.ndarray) -> str:
-    return f"({', '.join(f'{x:.4g}' for x in place)})"
 
 
 def _between(pair: tuple[str, str], states: Mapping[str, ContactState]) -> float:
@@ -299,7 +296,8 @@ def _between_nodes(body: Body, u: np.ndarray, U: np.ndarray, own: Sequence[Inter
     k = int(np.argmax(sunk))
     return [] if sunk[k] <= 0.0 else [
         f"contact.{own[0].name}: {rigid.name} is small beside the distance of nodes of {body.spec.name}, and lies "
-        f"{depth[k]:.3g} deep between two of them, as at {_words(places[k] + U)}; a finer mesh there would be right"]
+        f"{depth[k]:.3g} deep between two of them, as at {in_words(places[k] + U, 4)}; a finer mesh there would be "
+        "right"]
 
 
 def _beside(body: Body, u: np.ndarray, U: np.ndarray, own: Sequence[Interface], rigid: Rigid, facets: np.ndarray,
@@ -330,7 +328,7 @@ def _beside(body: Body, u: np.ndarray, U: np.ndarray, own: Sequence[Interface], 
     if own:
         where, cure = f"contact.{own[0].name}: beside the contact", WIDEN
     return [f"{where} {body.spec.name} runs through {rigid.name} by {depth.max():.3g}, as at "
-            f"{_words(places[np.argmax(depth)] + U)}; {cure}" + "; a plane has no end" * isinstance(rigid, Plane)]
+            f"{in_words(places[np.argmax(depth)] + U, 4)}; {cure}" + "; a plane has no end" * isinstance(rigid, Plane)]
 
 
 def _depth_in(rigid: Rigid, points: np.ndarray) -> np.ndarray:

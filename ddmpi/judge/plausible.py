@@ -18,6 +18,7 @@ from ddmpi.mesh.boundary import corners
 from ddmpi.scene.bodies import SettledBody
 from ddmpi.scene.contacts import Circle
 from ddmpi.system.agreement import merged
+from ddmpi.system.numbers import in_words
 
 LARGE_MOTION = 0.1
 """A displacement of this part of the body's size is no small one."""
@@ -184,9 +185,9 @@ def _singular(body: Body, stress: np.ndarray) -> list[str]:
     top = np.unique(body.mesh.triangles[stress >= (1.0 - ALIKE) * stress.max()])
     for what, where, cure in (("a re-entrant corner", angle > np.pi + SHARPEST, "; draw it rounded, or read it nearby"),
                               ("the end of a clamp", ends, "; read it nearby")):
-        for x, y in body.mesh.points[np.intersect1d(nodes[where], top)[:1]]:
+        for place in body.mesh.points[np.intersect1d(nodes[where], top)[:1]]:
             return [f"body.{body.spec.name}: the largest von Mises stress, {stress.max():.4g}, stands at {what} at "
-                    f"({x:.4g}, {y:.4g}), where it grows without limit as the mesh is refined{cure}"]
+                    f"{in_words(place, 4)}, where it grows without limit as the mesh is refined{cure}"]
     return []
 
 
@@ -213,9 +214,9 @@ def _held_through_air(state: ContactState, least: float) -> list[str]:
     air = np.where(state.status == "open", sizes, 0.0)
     if not air.sum() > max(AIR * sizes.sum(), least):
         return []
-    (x, y), gap = state.interface.xy[np.argmax(air)], state.gap[np.argmax(air)]
+    place, gap = in_words(state.interface.xy[np.argmax(air)], 4), state.gap[np.argmax(air)]
     return [f"contact.{name}: friction of open nodes bears {air.sum() / sizes.sum():.0%} of its forces, as at "
-            f'({x:.4g}, {y:.4g}), where the gap is {gap:.3g}: the bound of law = "tresca" asks for no pressure; with '
+            f'{place}, where the gap is {gap:.3g}: the bound of law = "tresca" asks for no pressure; with '
             'law = "coulomb" open nodes bear nothing']
 
 
@@ -227,13 +228,13 @@ def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> l
     least = max(DEEP * state.yielding, RESOLVED * moved, 1e-3 * BESIDE * body.mesh.extent)
     if not len(overlap) or not overlap[k] > least:
         return []
-    x, y = interface.probes.moved(interface.side(body.spec.name), body.mesh.points)[k]
+    place = in_words(interface.probes.moved(interface.side(body.spec.name), body.mesh.points)[k], 4)
     where, other = "at nodes that clamps nearly hold", ""
     if interface.slave:
         where, slave = "between nodes", interface.side(interface.slave)
         if len(interface.nodes[1 - slave]) > len(interface.nodes[slave]):
             other = f" or slave = {interface.bodies[1 - slave]!r}"
-    return [f"contact.{interface.name}: the bodies overlap by {overlap[k]:.3g} {where}, as at ({x:.4g}, {y:.4g}), "
+    return [f"contact.{interface.name}: the bodies overlap by {overlap[k]:.3g} {where}, as at {place}, "
             f"though contact forces move them by {state.yielding:.3g} at most; a finer mesh{other} would be right"]
 
 
@@ -267,26 +268,24 @@ def _unresolved_zone(state: ContactState) -> list[str]:
     if not poor.any():
         return []
     k = int(np.argmax(np.where(poor, force, -np.inf)))
-    x, y = interface.xy[zone == k].mean(axis=0)
-    return [f"contact.{interface.name}: the pressure at ({x:.4g}, {y:.4g}) stands on too few nodes to resolve it, "
+    place = in_words(interface.xy[zone == k].mean(axis=0), 4)
+    return [f"contact.{interface.name}: the pressure at {place} stands on too few nodes to resolve it, "
             f"{size[k]:.0f}: the force is right in sum, the largest pressure and the approach of the bodies are not; a "
             "finer mesh there would be right"]
 
 
 def _large_gradient(body: Body, u: np.ndarray) -> list[str]:
-    """A warning where a triangle of the own mesh is strained or turned much, by its corners alone."""
-    corners = body.mesh.triangles[:, :3].T
-    (X, Y), (U, V) = (field[corners[1:]].transpose(2, 0, 1) - field[corners[0]].T[:, None] for field in
-                      (body.mesh.points, u))  # (2, nt) from the first corner to the others
-    Ux, Vx, Uy, Vy = np.stack([U[0] * Y[1] - U[1] * Y[0], V[0] * Y[1] - V[1] * Y[0], X[0] * U[1] - X[1] * U[0],
-                               X[0] * V[1] - X[1] * V[0]]) / (X[0] * Y[1] - X[1] * Y[0])
-    gradient = (np.hypot(Ux + Vy, Vx - Uy) + np.hypot(Ux - Vy, Vx + Uy)) / 2.0  # the larger singular value
-    k = int(np.argmax(gradient))
-    if gradient[k] <= LARGE_GRADIENT:
+    """A warning where a cell of the own mesh is strained or turned much, by its corners alone."""
+    corners = body.mesh.corners
+    edges, moved = (field[corners[:, 1:]] - field[corners[:, :1]] for field in (body.mesh.points, u))
+    gradients = np.linalg.solve(edges, moved)
+    large = np.flatnonzero(np.linalg.norm(gradients, axis=(1, 2)) > LARGE_GRADIENT)  # bounds singular values
+    size = np.linalg.norm(gradients[large], ord=2, axis=(1, 2))
+    if size.max(initial=0.0) <= LARGE_GRADIENT:
         return []
-    x, y = body.mesh.points[corners[:, k]].mean(axis=0)
-    return [f"body.{body.spec.name}: strains and rotations reach {gradient[k]:.2g}, as at ({x:.4g}, {y:.4g}); "
-            "small-strain theory means small ones"]
+    k = int(np.argmax(size))
+    return [f"body.{body.spec.name}: strains and rotations reach {size[k]:.2g}, as at "
+            f"{in_words(body.mesh.points[corners[large[k]]].mean(axis=0), 4)}; small-strain theory means small ones"]
 
 
 def _far_around(assembly: Assembly, state: ContactState, moved: np.ndarray) -> list[str]:

@@ -10,6 +10,7 @@ from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.keys import nearest
+from ddmpi.system.numbers import in_words
 
 
 def boundary_group(mesh: Mesh, name: str, key: str) -> np.ndarray:
@@ -68,8 +69,7 @@ def material_numbers(mesh: Mesh, body: BodySpec) -> np.ndarray:
 
 
 def _place(mesh: Mesh, triangle: int) -> str:
-    x, y = mesh.points[mesh.triangles[triangle, :3]].mean(axis=0)
-    return f"the triangle at ({x:.6g}, {y:.6g})"
+    return f"the {mesh.cell.name} at {in_words(mesh.points[mesh.corners[triangle]].mean(axis=0))}"
 
 
 def turn_outward(mesh: Mesh, facets: np.ndarray, key: str) -> np.ndarray:
@@ -85,8 +85,8 @@ def turn_outward(mesh: Mesh, facets: np.ndarray, key: str) -> np.ndarray:
     place[number.ravel()[:len(outer)]] = np.arange(len(outer))
     found = place[number.ravel()[len(outer):]]
     if (found < 0).any():
-        at = ", ".join(f"{x:.6g}" for x in mesh.points[facets[found < 0][0, :d]].mean(axis=0))
-        raise InputError(f"{key}: the group has lines that are not on the body's boundary, as at ({at})")
+        at = in_words(mesh.points[facets[found < 0][0, :d]].mean(axis=0))
+        raise InputError(f"{key}: the group has lines that are not on the body's boundary, as at {at}")
     return outer[found]
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import RULES, Cell, Mapped, bends, cell_with, cross
+from ddmpi.system.numbers import in_words
 
 BLOCK = 2048
 """Curved cells that are worked on at a time, so that their data stay in the processor's cache."""
@@ -125,6 +126,6 @@ def refuse_folded(mesh: Mesh, key: str) -> None:
     for cells in mesh.curved_blocks():
         least = mesh.map(cells, points).measures.min(axis=0)
         if (least <= 0.0).any():
-            place = ", ".join(f"{x:.6g}" for x in mesh.points[mesh.triangles[cells[np.argmin(least)]]].mean(axis=0))
-            raise InputError(f"{key}: the curved {mesh.cell.name} at ({place}) folds: its sides are bent too much for "
+            place = in_words(mesh.points[mesh.triangles[cells[np.argmin(least)]]].mean(axis=0))
+            raise InputError(f"{key}: the curved {mesh.cell.name} at {place} folds: its sides are bent too much for "
                              "its size (gmsh: a smaller size there, or Mesh.HighOrderOptimize = 2)")

@@ -17,6 +17,11 @@ def norm(x: np.ndarray) -> float:
     return float(np.linalg.norm(x))
 
 
+def in_words(point: np.ndarray, digits: int = 6) -> str:
+    """A point (d,) in words, such as (1.5, 2)."""
+    return f"({', '.join(f'{x:.{digits}g}' for x in point)})"
+
+
 def scaled_unit(value: float, unit: str) -> tuple[float, str]:
     """A factor and a unit with a prefix in which `value` is easy to read; units other than SI stay as they are."""
     if unit not in SI or not value or not np.isfinite(value):
