@@ -162,8 +162,9 @@ def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
         if overlap:
             touch = any(set(contact.bodies) == set(pair) for contact in assembly.scene.contact)
             found[a, b] = [f"body.{pair[0]} and body.{pair[1]} run through each other by {overlap.depth:.3g}"
-                           + f" ({drawn:.3g} as drawn)" * (drawn > 0.0) + f", as at {in_words(overlap.place, 4)}, where "
-                           f"no contact keeps them apart; {WIDEN if touch else ADD}"]
+                           + f" ({drawn:.3g} as drawn)" * (drawn > 0.0)
+                           + f", as at {in_words(overlap.place, 4)}, where no contact keeps them apart; "
+                           + (WIDEN if touch else ADD)]
     return [warning for _, warnings in sorted(merged(world, found).items()) for warning in warnings
             ] + _doubt_rigid(assembly, displacements, states)
 
