@@ -9,6 +9,8 @@ from ddmpi.body.compliance import FACTORS, FACTORS_WITH_SCHUR, LARGEST_RATIO, MA
 from ddmpi.run.solve import solve
 from ddmpi.system.memory import free_memory
 
+pytestmark = pytest.mark.slow
+
 GIB = 2.0**30
 METHODS = {"newton": {}, "anderson": {"outer": "anderson", "tolerance": 1e-6}, "relaxation": {"theta": 0.2}}
 

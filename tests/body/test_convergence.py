@@ -17,6 +17,8 @@ from ddmpi.mesh.build import build_mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
 from ddmpi.scene.values import AffineScalar, AffineVector
 
+pytestmark = pytest.mark.slow
+
 
 def rate(sizes, errors) -> float:
     """The exponent p of errors ~ h^p, fitted; h is one over `sizes`."""

@@ -23,6 +23,8 @@ from ddmpi.scene.reader import read_scene_file
 from ddmpi.system import interrupt
 from ddmpi.system.provenance import whereabouts
 
+pytestmark = pytest.mark.slow
+
 STEEL = {"young": 2.1e11, "poisson": 0.3}
 
 PLATE = """Point(1) = {0, 0, 0}; Point(2) = {2, 0, 0}; Point(3) = {2, 1, 0}; Point(4) = {0, 1, 0};

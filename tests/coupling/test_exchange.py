@@ -14,6 +14,8 @@ from ddmpi.errors import DdmpiError, InputError, InterruptionError, OutputError,
 from ddmpi.system import interrupt
 from ddmpi.system.agreement import agreed
 
+pytestmark = pytest.mark.slow
+
 two_ranks = pytest.mark.mpi(ranks=2)
 three_ranks = pytest.mark.mpi(ranks=3)
 one_to_four_ranks = pytest.mark.mpi(ranks=[1, 2, 3, 4])

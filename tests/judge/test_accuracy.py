@@ -25,6 +25,8 @@ from ddmpi.mesh.refine import halve
 from ddmpi.scene.method import PRESETS
 from ddmpi.scene.reader import read_scene
 
+pytestmark = pytest.mark.slow
+
 PUNCH = "configs/punch.toml"
 two_ranks = pytest.mark.mpi(ranks=2)
 

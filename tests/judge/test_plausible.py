@@ -8,6 +8,8 @@ import pytest
 import scenes
 from scenes import Run, confined_blocks, pinched_blocks, sheared_stack
 
+pytestmark = pytest.mark.slow
+
 COULOMB = {"law": "coulomb", "coefficient": 0.3}
 
 

@@ -30,6 +30,8 @@ from ddmpi.judge.diagnosis import StatusLog
 from ddmpi.methods.half_space import HalfSpace
 from ddmpi.methods.paths import InteriorPoints, Softening
 
+pytestmark = pytest.mark.slow
+
 two_ranks = pytest.mark.mpi(ranks=2)
 MODULUS = 3e11
 

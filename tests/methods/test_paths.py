@@ -10,6 +10,8 @@ from test_steps import random_joint
 import ddmpi
 from ddmpi.methods.paths import Point, Softening
 
+pytestmark = pytest.mark.slow
+
 FLOOR = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
 
 

@@ -12,6 +12,8 @@ from ddmpi.errors import SolverError
 from ddmpi.methods.newton import Newton
 from ddmpi.run.solve import solve
 
+pytestmark = pytest.mark.slow
+
 two_ranks = pytest.mark.mpi(ranks=2)
 
 

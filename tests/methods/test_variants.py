@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from scenes import everywhere, exact_forces, joint_compliance, pinched_blocks, prepare_scene, the_interface
 
+pytestmark = pytest.mark.slow
+
 ALGORITHMS = ("original", "modified")
 SPLITTINGS = ("none", "step1", "step2", "step1+2")
 

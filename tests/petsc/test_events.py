@@ -5,6 +5,8 @@ import re
 import pytest
 from scenes import pinched_blocks, run_command, write_scene
 
+pytestmark = pytest.mark.slow
+
 STAGES = {"mesh", "assemble", "factor", "outer", "recover", "output"}
 METHODS = {"newton": ({}, {"NewtonStep"}), "relaxation": ({"theta": 0.2}, {"ContactQP", "NeumannSolve"})}
 

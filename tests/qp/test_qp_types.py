@@ -5,6 +5,8 @@ import pytest
 from scenes import pinched_blocks, prepare_scene
 from test_mprgp import Dense, check, exact, program, solve
 
+pytestmark = pytest.mark.slow
+
 TYPES = ("python", "gpcg", "tron", "bntr", "bntl", "bnls", "bncg", "bqnls", "blmvm", "bqpip")
 
 

@@ -21,6 +21,8 @@ from ddmpi.system import logs
 from ddmpi.system.files import CHECKPOINT, RECORD, UNFINISHED, contact_files, write_atomically
 from ddmpi.system.provenance import whereabouts
 
+pytestmark = pytest.mark.slow
+
 HOST = whereabouts().split()[0]
 
 

@@ -11,6 +11,8 @@ from ddmpi.errors import InputError
 from ddmpi.results.pictures import draw_all
 from ddmpi.sweep.plots import draw_plot
 
+pytestmark = pytest.mark.slow
+
 HIDDEN = "import sys; sys.modules['matplotlib'] = None; from ddmpi.cli.main import main; main()"
 """The command, in a Python that does not find matplotlib."""
 

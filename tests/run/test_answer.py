@@ -11,6 +11,8 @@ from scenes import confined_blocks, pinched_blocks, run_python, sheared_stack, t
 import ddmpi
 from ddmpi.errors import InputError
 
+pytestmark = pytest.mark.slow
+
 two_ranks = pytest.mark.mpi(ranks=2)
 
 

@@ -33,6 +33,8 @@ from ddmpi.scene.reader import read_scene
 from ddmpi.system import interrupt
 from ddmpi.system.clock import Clock
 
+pytestmark = pytest.mark.slow
+
 two_ranks = pytest.mark.mpi(ranks=2)
 
 VERSIONS = {name: "1" for name in ("ddmpi", "petsc", "numpy", "scipy")}

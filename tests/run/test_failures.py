@@ -13,6 +13,8 @@ import pytest
 import scenes
 from scenes import Run, pinched_blocks
 
+pytestmark = pytest.mark.slow
+
 """Seconds after which a run counts as hanging."""
 
 AT_ONCE = 2

@@ -15,6 +15,8 @@ import scenes
 from fault_cases import RESULTS, Ground, Outcome, all_cases, run_in_one_go
 from scenes import Run, pinched_blocks
 
+pytestmark = pytest.mark.slow
+
 RELAXATION = ("--set", "method.outer=relaxation")
 WHOLE = set(RESULTS)
 

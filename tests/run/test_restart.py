@@ -23,6 +23,8 @@ from fault_cases import RESULTS, contents, run_in_one_go
 from scenes import Run, pinched_blocks
 from test_failures import of, only_message, run_all
 
+pytestmark = pytest.mark.slow
+
 FILES = set(RESULTS)
 
 METHODS = {

@@ -13,6 +13,8 @@ from ddmpi.coupling.ranks import place_ranks
 from ddmpi.run.answer import Answer
 from ddmpi.system.numbers import bisect
 
+pytestmark = pytest.mark.slow
+
 METHODS = {"explicit": {"compliance": "explicit"}, "direct": {"compliance": "direct"},
            "iterative": {"compliance": "iterative", "tolerance": 1e-11}}
 

@@ -20,7 +20,7 @@ from test_team import loose_block
 
 from ddmpi.run.checkpoint import read
 
-pytestmark = pytest.mark.hosts
+pytestmark = [pytest.mark.hosts, pytest.mark.slow]
 
 SCRIPTS = scenes.ROOT / "scripts"
 MULT = "ddmpi.body.compliance.Compliance.mult"

@@ -9,6 +9,8 @@ from scipy.optimize import linprog
 import ddmpi
 from ddmpi.run.answer import Answer
 
+pytestmark = pytest.mark.slow
+
 two_ranks = pytest.mark.mpi(ranks=2)
 
 YOUNG, POISSON = 2.0e10, 0.25

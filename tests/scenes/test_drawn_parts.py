@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from scenes import ROOT, Run, run_command
 
+pytestmark = pytest.mark.slow
+
 TARGETS = {"wheel_on_rail": 0.05, "pin_in_lug": 0.04, "dovetail": 0.1, "snap_hook": 0.04, "wedge_in_slot": 0.1}
 """Coarser ones than those of the scenes."""
 

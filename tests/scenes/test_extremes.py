@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from scenes import everywhere, exact_forces, pinched_blocks, prepare_scene, the_interface
 
+pytestmark = pytest.mark.slow
+
 N = 6
 TOLERANCE, DISTANCE = 1e-8, 1e-6
 two_ranks = pytest.mark.mpi(ranks=2)

@@ -33,6 +33,8 @@ from ddmpi.run.run import run as run_scene
 from ddmpi.run.steps import March
 from ddmpi.scene.reader import read_scene_file
 
+pytestmark = pytest.mark.slow
+
 COULOMB = {"law": "coulomb", "coefficient": 0.3}
 SHIFTS, SHEARS = (0.0, 1.0, 2.0, 0.0, -1.0, 0.0), (0.0, 1.0, 1.0, -1.0, -1.0, 0.0)
 """How far a pressed stack is shifted, over what makes it slip; its shear stress, over the slip bound."""

@@ -9,6 +9,8 @@ import ddmpi
 from ddmpi.errors import InputError
 from ddmpi.run.answer import Answer
 
+pytestmark = pytest.mark.slow
+
 WEIGHT = 1.0e5
 FLOOR = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
 

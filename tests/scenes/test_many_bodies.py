@@ -16,6 +16,8 @@ from scipy.spatial import cKDTree
 
 from ddmpi.run.answer import solve  # starts PETSc, on all ranks together
 
+pytestmark = pytest.mark.slow
+
 SAME = 1e-9
 """Distance of displacements, over the largest one, that the accuracy of the iteration allows between two runs."""
 

@@ -397,7 +397,7 @@ def test_stress_can_be_left_out(small):
     done = small["no stress"]
     assert done.files == DATA | PNG
     with h5py.File(done.folder / "result.h5") as file:
-        assert set(file) == {"points", "cells", "body", "displacement"}
+        assert set(file) == {"points", "cells", "body", "displacement", "contacts"}
         with h5py.File(small["small"].folder / "result.h5") as full:
             assert set(full) - set(file) == {"stress", "von_mises"}
             assert np.array_equal(file["displacement"][()], full["displacement"][()])

@@ -12,6 +12,8 @@ import scenes
 from scenes import pinched_blocks
 from true_errors import Rings
 
+pytestmark = pytest.mark.slow
+
 
 def quadratic(scene: dict) -> dict:
     for body in scene["body"]:

@@ -6,6 +6,8 @@ import random_assemblies
 from assembly_scenes import random_scene
 from mpi4py import MPI
 
+pytestmark = pytest.mark.slow
+
 TOLERANCE = 1e-6
 SEEDS = {
     # family: seeds with an equilibrium, seeds without

@@ -34,6 +34,8 @@ from ddmpi.mesh.refine import raise_order
 from ddmpi.run.solve import solve
 from ddmpi.scene.bodies import Material, MeshSpec
 
+pytestmark = pytest.mark.slow
+
 STEEL = Material(young=2e11, poisson=0.3)
 ORDERS = pytest.mark.parametrize("order", [1, 2])
 two_ranks = pytest.mark.mpi(ranks=2)

@@ -3,6 +3,8 @@
 import pytest
 from problems import PROBLEMS, Value, curved, flat
 
+pytestmark = pytest.mark.slow
+
 ONCE = {"contrast", "work"}
 """Problems of many runs, of which linear elements will do here."""
 

@@ -6,7 +6,10 @@ import sys
 from pathlib import Path
 
 import benchmark
+import pytest
 from scenes import LIMIT, clean_environment
+
+pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[2]
 

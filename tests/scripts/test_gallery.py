@@ -12,6 +12,8 @@ from scenes import LIMIT, clean_environment
 
 import ddmpi
 
+pytestmark = pytest.mark.slow
+
 PAGE = (ROOT / "docs" / "start" / "gallery.md").read_text(encoding="utf-8")
 SECTIONS = re.split(r"^## ", PAGE, flags=re.MULTILINE)[1:]
 

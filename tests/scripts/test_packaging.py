@@ -16,6 +16,8 @@ from scenes import LIMIT, pinched_blocks
 
 import ddmpi
 
+pytestmark = pytest.mark.slow
+
 ROOT = scenes.ROOT
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 

@@ -17,6 +17,8 @@ from ddmpi.judge import accuracy, certificate
 from ddmpi.methods import newton, paths
 from ddmpi.methods.krylov import FORCING
 
+pytestmark = pytest.mark.slow
+
 DOCS = scenes.ROOT / "docs"
 
 

@@ -15,6 +15,8 @@ from pathlib import Path
 import pytest
 import scenes
 
+pytestmark = pytest.mark.slow
+
 BODY = '[[body]]\nname = "a"\n[[body.clamp]]\non = "left"\n'
 
 

@@ -21,6 +21,8 @@ from scenes import pinched_blocks
 
 from ddmpi.results.summary import write_summary
 
+pytestmark = pytest.mark.slow
+
 SLURM = scenes.ROOT / "scripts" / "slurm"
 COEFFICIENT = "contact.0.friction.coefficient"
 

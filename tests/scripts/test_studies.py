@@ -11,6 +11,8 @@ from experiment import Ledger
 from mpi4py import MPI
 from scenes import LIMIT, clean_environment
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[2]
 STUDIES = {
     # script: arguments; words of what it prints and of its pages; numbers of tables and figures

@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 import scenes
 
+pytestmark = pytest.mark.slow
+
 SCRIPTS = scenes.ROOT / "scripts"
 
 

@@ -16,6 +16,8 @@ from ddmpi.sweep.table import find_column, numbers, read_table
 from ddmpi.system.files import UNFINISHED
 from ddmpi.system.provenance import whereabouts
 
+pytestmark = pytest.mark.slow
+
 COEFFICIENT = "contact.0.friction.coefficient"
 
 

@@ -19,6 +19,8 @@ from ddmpi.sweep.cases import build_cases
 from ddmpi.sweep.table import check_sweep, claim_sweep, gather, identify, numbers
 from ddmpi.system.files import RECORD, SWEEP
 
+pytestmark = pytest.mark.slow
+
 OTHER = ["--set", "body.upper.material.young=2e9"]
 TWO = ["--vary", f"{COEFFICIENT}=0.1,0.2"]
 
