@@ -54,7 +54,7 @@ def _stress(mesh: Mesh, traction: Traction, key: str) -> list[tuple[np.ndarray, 
     parts of facets (s, l), turned outward; shares (l, q, s) of their measures, whose products with values at q points
     are integrals of these and the shape functions; stress (d, q, s) in Pa at these points
     """
-    facets = turn_outward(mesh, boundary_group(mesh, traction.on, key), key)
+    facets = turn_outward(mesh, boundary_group(mesh, traction.on, key), key)[0]
     nodes, cell = mesh.points[facets], CELLS[mesh.dimension - 1, mesh.order]
     points, weights = FINE[cell.dimension]
     exact = ~(curved_facets(nodes) | varies(traction.given))

@@ -73,19 +73,16 @@ def portions(mesh: Mesh, material: Material | Composite) -> list[tuple[slice | n
     return found
 
 
-def modulus_beside(mesh: Mesh, material: Material | Composite, edges: np.ndarray, key: str) -> float:
-    """Plane modulus (Pa) of the triangles at boundary edges (k, 2 or 3); of several the harmonic mean by lengths.
+def modulus_beside(mesh: Mesh, material: Material | Composite, facets: np.ndarray, key: str) -> float:
+    """Plane modulus (Pa) of the cells at boundary facets (k, l); of several the harmonic mean by their measures.
 
-    Raises InputError, naming `key`, for an inner edge. Not collective.
+    Raises InputError, naming `key`, for an inner facet. Not collective.
     """
     if not isinstance(material, Composite):
         return material.plane_modulus
-    edges, size = turn_outward(mesh, edges, key), len(mesh.points)
-    around = mesh.triangles[:, [0, 1, 2]] * size + mesh.triangles[:, [1, 2, 0]]
-    order = np.argsort(around, axis=None)
-    triangle = order[np.searchsorted(around.ravel(), edges[:, 0] * size + edges[:, 1], sorter=order)] // 3
-    length = facet_measures(mesh.points[edges])
-    return float(length.sum() / (length / material.plane_modulus[triangle]).sum())
+    facets, cells = turn_outward(mesh, facets, key)
+    measures = facet_measures(mesh.points[facets])
+    return float(measures.sum() / (measures / material.plane_modulus[cells]).sum())
 
 
 def stress(mesh: Mesh, material: Material | Composite, u: np.ndarray) -> np.ndarray:

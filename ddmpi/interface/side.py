@@ -268,7 +268,7 @@ def contact_side(mesh: Mesh, edges: np.ndarray, clamps: np.ndarray, body: str, m
 
     Raises InputError naming `key` when an edge does not lie on the boundary.
     """
-    origins, edges = edges[:, 0], turn_outward(mesh, edges, key)
+    origins, edges = edges[:, 0], turn_outward(mesh, edges, key)[0]
     neighbours = segments(edges)
     nodes = _order(neighbours, mesh.points)
     place, xy = np.empty(len(mesh.points), int), mesh.points[nodes]

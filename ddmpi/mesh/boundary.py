@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.sparse as sparse
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import CELLS
@@ -72,14 +71,14 @@ def _place(mesh: Mesh, triangle: int) -> str:
     return f"the {mesh.cell.name} at {in_words(mesh.points[mesh.corners[triangle]].mean(axis=0))}"
 
 
-def turn_outward(mesh: Mesh, facets: np.ndarray, key: str) -> np.ndarray:
-    """The facets (k, l), turned outward: in the plane the body lies to their left, in space they are counter-clockwise
-    from outside. Raises InputError, naming `key`, for an inner one.
+def turn_outward(mesh: Mesh, facets: np.ndarray, key: str) -> tuple[np.ndarray, np.ndarray]:
+    """The facets (k, l), turned outward, and the cell (k,) of each. In the plane the body lies to their left, in space
+    they are counter-clockwise from outside. Raises InputError, naming `key`, for an inner one.
     """
     d, marked = mesh.dimension, np.zeros(len(mesh.points), dtype=bool)
     marked[facets] = True
     near = np.count_nonzero(marked[mesh.corners], axis=1) >= d  # no other cell has such a facet
-    outer, _ = boundary_facets(mesh.triangles[near])
+    outer, owners = boundary_facets(mesh.triangles[near])
     _, number = np.unique(np.sort(np.concatenate([outer[:, :d], facets[:, :d]])), axis=0, return_inverse=True)
     place = np.full(len(number), -1)
     place[number.ravel()[:len(outer)]] = np.arange(len(outer))
@@ -87,7 +86,7 @@ def turn_outward(mesh: Mesh, facets: np.ndarray, key: str) -> np.ndarray:
     if (found < 0).any():
         at = in_words(mesh.points[facets[found < 0][0, :d]].mean(axis=0))
         raise InputError(f"{key}: the group has lines that are not on the body's boundary, as at {at}")
-    return outer[found]
+    return outer[found], np.flatnonzero(near)[owners[found]]
 
 
 def boundary_facets(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -109,11 +108,7 @@ def segments(edges: np.ndarray) -> np.ndarray:
 
 def outline(mesh: Mesh) -> np.ndarray:
     """Pairs (·, 2) of neighbouring nodes all around the body, which lies to their left."""
-    walk = mesh.triangles if mesh.order == 1 else mesh.triangles[:, [0, 3, 1, 4, 2, 5]]
-    a, b, size = walk.ravel(), np.roll(walk, -1, axis=1).ravel(), len(mesh.points)
-    steps = sparse.csr_matrix((np.ones(len(a)), (a, b)), shape=(size, size))
-    alone = (steps - steps.T).tocoo()  # inside, two triangles walk along a side, there and back
-    return np.column_stack([alone.row, alone.col])[alone.data > 0.0].astype(np.int64)
+    return segments(boundary_facets(mesh.triangles)[0])
 
 
 def corners(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ddmpi.interface.interface import Interface, Lines, in_order
 from ddmpi.interface.state import ContactState
+from ddmpi.mesh.boundary import boundary_facets
 from ddmpi.results.tables import leg_values, writing
 from ddmpi.system.files import FileOfHDF5
 
@@ -273,13 +274,6 @@ def linear_triangles(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return cells[:, parts].reshape(-1, 3), np.repeat(np.arange(len(cells)), len(parts))
 
 
-def boundary_edges(cells: np.ndarray) -> np.ndarray:
-    """The edges (k, 2) of triangles (nt, 3) that belong to one triangle only."""
-    edges = np.sort(np.concatenate([cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [2, 0]]]), axis=1)
-    _, index, count = np.unique(edges @ (cells.max() + 1, 1), return_index=True, return_counts=True)
-    return edges[index[count == 1]]
-
-
 def middles(points: np.ndarray, cells: np.ndarray, owner: np.ndarray) -> list[np.ndarray]:
     """A node (2,) of each body far from its boundary, near the body's middle if there are several.
 
@@ -290,7 +284,7 @@ def middles(points: np.ndarray, cells: np.ndarray, owner: np.ndarray) -> list[np
     """
     from scipy.spatial import cKDTree
 
-    edge, found = np.unique(boundary_edges(cells)), []
+    edge, found = np.unique(boundary_facets(cells)[0]), []
     for k in range(owner.max() + 1):
         own = points[owner == k]
         depth = cKDTree(points[edge[owner[edge] == k]]).query(own)[0]

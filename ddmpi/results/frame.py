@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.results.fields import at_nodes, boundary_edges, linear_triangles
+from ddmpi.mesh.boundary import boundary_facets
+from ddmpi.results.fields import at_nodes, linear_triangles
 from ddmpi.results.tables import Results
 from ddmpi.system.provenance import NO_MATPLOTLIB, has_matplotlib
 
@@ -88,7 +89,7 @@ def draw_outline(axes: Any, at: np.ndarray, cells: np.ndarray, **style: Any) -> 
     """Draw the boundary of triangles (nt, 3) with nodes `at` (nv, 2), by default as a thin black line on top."""
     from matplotlib.collections import LineCollection
 
-    axes.add_collection(LineCollection(at[boundary_edges(cells)], capstyle="round",
+    axes.add_collection(LineCollection(at[boundary_facets(cells)[0]], capstyle="round",
                                        **{"color": "black", "linewidth": 0.6, "zorder": 3} | style))
 
 

@@ -488,7 +488,7 @@ def test_edges_are_turned_and_walked():
     mesh = raise_order(rectangle((2, 1)), "mesh")
     edges = mesh.groups["top"].copy()
     edges[0] = edges[0][[1, 0, 2]]
-    turned = turn_outward(mesh, edges, "contact.0.on")
+    turned, _ = turn_outward(mesh, edges, "contact.0.on")
     assert (np.diff(mesh.points[turned][:, :2, 0], axis=1) < 0).all()  # the body lies to the left
     assert np.array_equal(turned[:, 2], edges[:, 2])
     steps = mesh.points[segments(turned)]

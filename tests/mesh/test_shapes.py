@@ -51,7 +51,7 @@ def check_boundary(mesh: Mesh) -> None:
     edges = [edge for group in mesh.groups.values() for edge in map(tuple, group[:, :2].tolist())]
     assert len(edges) == len(set(edges)) and set(edges) == boundary
     for name, group in mesh.groups.items():
-        assert np.array_equal(turn_outward(mesh, group, name), group)
+        assert np.array_equal(turn_outward(mesh, group, name)[0], group)
 
 
 # Quadrilaterals

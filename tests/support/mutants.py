@@ -62,7 +62,7 @@ MUTANTS = [Mutant(*row) for row in (
      "mesh/test_mesh.py::test_curved_triangles"),
     ("clockwise triangles mix up their middles", "mesh/read", "bends[turned] = bends[turned][:, [2, 1, 0]]", "pass",
      "mesh/test_curved_meshes.py::test_turned_triangles_keep_their_middles"),
-    ("edges are not turned outward", "mesh/boundary", "return outer[found]", "return facets",
+    ("edges are not turned outward", "mesh/boundary", "return outer[found], np", "return facets, np",
      "mesh/test_mesh.py::test_edges_are_turned_and_walked"),
     ("a halved triangle is turned over", "mesh/refine", "[ab, bc, ca]]", "[ab, ca, bc]]",
      "judge/test_accuracy.py::test_halved_mesh"),
