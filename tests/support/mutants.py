@@ -251,7 +251,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("states on a path kept without the path", "methods/newton", "if not self._path:  # which", "if True:  # which",
      "run/test_checkpoint.py::test_restart_on_a_path"),
     ("the layer left out of the linear problem", "methods/newton", "right -= linearised.diagonal(layer) * y", "pass",
-     PATH),
+     "methods/test_paths.py::test_ranks_of_unequal_unknowns_end_alike"),
     ("full steps on every path", "methods/paths", "if slopes[-1] <= SLOPE * falls:", "if True:",
      "methods/test_paths.py::test_a_step_ends_where_the_energy_is_least"),
     ("the bound does not follow the pressure at interior points", "methods/paths",
