@@ -140,18 +140,20 @@ class LinearProblem:
     layer : (joint.size,) compliance D (m/N) of a layer, a barrier, or the springs across friction
     precise : whether the forces are to be known as well as the displacements, which slender bodies need
     held : part of the springs ε that steer rigid motions
+    forcing : by which GMRES reduces the residual
 
     Construction is collective.
     """
 
     def __init__(self, joint: Joint, preconditioner: Preconditioner, linearised: Linearised,
-                 layer: np.ndarray, precise: bool = False, held: float = 1.0) -> None:
+                 layer: np.ndarray, precise: bool = False, held: float = 1.0, forcing: float = FORCING) -> None:
         self.joint, self.linearised, self._half_space = joint, linearised, preconditioner.half_space
         self._D = linearised.diagonal(preconditioner.shared + layer)
         self._weight = 1.0 / np.sqrt(1.0 + layer * preconditioner.c)
         self._weights = linearised.diagonal(self._weight)
         self._rigid = joint.rigid.size
         self._precise = precise or self._rigid > 0
+        self._forcing = forcing
         self._coarse: CoarseSystem | None = None
         if preconditioner.motions.size:
             weights = [self._weight[part, None] for part in joint.space.parts.values()]
@@ -180,7 +182,7 @@ class LinearProblem:
     def solve(self, right: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
         """The unknown forces y (k,) and rigid motions α for the right-hand side f (k,) in metres and h = 0.
 
-        To FORCING, or less where y is not known well enough then: a slender body gives way so much that a small
+        To `forcing`, or less where y is not known well enough then: a slender body gives way so much that a small
         residual of displacements says little of its forces. Returns them and the number of iterations. Collective on
         all bodies. Raises SolverError; what the products raise is deferred by the caller.
         """
@@ -201,7 +203,7 @@ class LinearProblem:
             ksp.setType(PETSc.KSP.Type.GMRES)
             ksp.setGMRESRestart(KRYLOV_LIMIT)
             ksp.getPC().setType(PETSc.PC.Type.NONE)
-            ksp.setTolerances(rtol=FORCING, atol=0.0, max_it=KRYLOV_LIMIT)
+            ksp.setTolerances(rtol=self._forcing, atol=0.0, max_it=KRYLOV_LIMIT)
             ksp.setFromOptions()
             if self._precise:
                 ksp.setConvergenceTest(self._converged)

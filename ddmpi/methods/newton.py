@@ -298,7 +298,7 @@ class Newton:
         problem, y = None, np.zeros(linearised.number)
         if space.any(np.ones(linearised.number)):
             problem = LinearProblem(joint, self._preconditioner, linearised, layer, self._path is not None,
-                                    self._path.held if self._path else 1.0)
+                                    *(self._path.held, self._path.forcing) if self._path else ())
             if rigid.size:  # the nearest forces by half-planes that balance the loads
                 y, alpha = problem.precondition(y, joint.imbalance(point.s + change))
                 change = change + linearised.expand(y)

@@ -21,7 +21,7 @@ import numpy as np
 
 from ddmpi.coupling.joint import Joint
 from ddmpi.interface.law import Tangent
-from ddmpi.methods.krylov import Linearised
+from ddmpi.methods.krylov import FORCING, Linearised
 from ddmpi.system.numbers import norm
 
 SOFTEST, HARDEST, HARDER = 1e3, 1e-3, 0.1
@@ -105,10 +105,11 @@ class Softening:
     ready : whether Newton's own steps are worth trying from it
     failed : whether the path leads nowhere
     held : part of the springs that hold rigid motions in Newton's method
+    forcing : of the linear problems; what 1e-3 leaves of a stage decides where a slender body goes
     """
 
     kind = "softening"
-    held = 1.0
+    held, forcing = 1.0, 1e-4
 
     def __init__(self, joint: Joint, c: np.ndarray) -> None:
         self._joint, self._space, self._laws, self._c = joint, joint.space, joint.space.laws, c
@@ -226,7 +227,7 @@ class InteriorPoints:
     """
 
     kind = "interior points"
-    held = 1e-6
+    held, forcing = 1e-6, FORCING
     """Springs of Newton's method would bring bodies across wide clearances too slowly: each step moves by the load that
     is left over the spring. Wherever there is a contact a barrier holds bodies, too."""
 
@@ -242,7 +243,8 @@ class InteriorPoints:
                 source[end:part.stop] = part.start + np.repeat(interface.law.sliding, interface.law.components)
         self._source = source
         number = float(space.add(np.array([float(np.count_nonzero(self._normal))]))[0])
-        force = max(norm(joint.e), space.norm(c * (joint.d + space.opening))) / np.sqrt(max(number, 1.0))
+        carried = space.norm(before.s) if before else 0.0
+        force = max(norm(joint.e), carried or space.norm(c * (joint.d + space.opening))) / np.sqrt(max(number, 1.0))
         s = np.where(self._normal, force, 0.0)
         bound, _ = self._bounds(s)
         self._given = self._sliding & ~(bound > 0.0)  # no friction force at all
