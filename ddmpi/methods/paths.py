@@ -24,7 +24,7 @@ from ddmpi.interface.law import Tangent
 from ddmpi.methods.krylov import FORCING, Linearised
 from ddmpi.system.numbers import norm
 
-SOFTEST, HARDEST, HARDER = 1e3, 1e-3, 0.1
+SOFTEST, HARDEST, HARDER = 1e3, 1e-7, 0.1
 """δ of the first and the last stage, and of each stage over that of the one before."""
 
 LATE, SETTLED, SETTLED_LATE = 0.2, 0.2, 0.02
@@ -34,7 +34,7 @@ MOST_STEPS = 15
 """Most steps of a stage."""
 
 STUCK, GAIN = 3, 0.9
-"""A stage that has not left less than the second part of its smallest residual for so many steps leads nowhere."""
+"""A stage leads nowhere after so many steps that together leave more than the second part of the residual."""
 
 STIFF = 0.011
 """Newton's own steps are tried after each stage from this δ on."""
@@ -205,8 +205,8 @@ class Softening:
         contact, size, moved = self._space.norms([misfit, point.s, change.s])
         self._far, self._seen = float(np.hypot(contact, norm(point.left))), self._delta
         self._steps += 1
-        self._since = 0 if self._far <= GAIN * self._smallest else self._since + 1
-        self._smallest = min(self._smallest, self._far)
+        gained = self._far <= GAIN * self._smallest
+        self._since, self._smallest = (0, self._far) if gained else (self._since + 1, self._smallest)
         late = self._delta <= LATE
         settled = self._far <= (SETTLED_LATE if late else SETTLED) * size
         if not settled:
