@@ -220,7 +220,7 @@ class Softening:
 
 
 class InteriorPoints:
-    """Interior points, from forces that are as large as the loads on.
+    """Interior points, from forces on that are all alike and as large as the loads, or as those that softening carried.
 
     Parameters and attributes as for `Softening`; where `before`, its last point, is given, the iterate comes back to it
     when interior points fail. Collective.
@@ -240,7 +240,7 @@ class InteriorPoints:
             if interface.law.name != "bonded":
                 end = part.start + interface.m
                 self._normal[part.start:end] = self._sliding[end:part.stop] = True
-                source[end:part.stop] = part.start + np.repeat(interface.law.sliding, interface.law.components)
+                source[part] = part.start + interface.law.node
         self._source = source
         number = float(space.add(np.array([float(np.count_nonzero(self._normal))]))[0])
         carried = space.norm(before.s) if before else 0.0

@@ -27,8 +27,6 @@ import h5py
 import numpy as np
 import scenes
 
-"""Seconds after which a run counts as hanging; on a machine with nothing else to do it takes two or three."""
-
 RESULTS = scenes.DATA
 TRACES = ("seconds", "hosts", "run", "started", "command", "working_folder", "slurm")
 """What summary.json says of when, where and how fast."""
