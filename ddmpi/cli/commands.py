@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 
 def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
-    from ddmpi.mesh.build import order_of_files
+    from ddmpi.mesh.build import kind_of_files
     from ddmpi.scene.reader import read_scene_file
 
-    scene = from_first(world, lambda: read_scene_file(options.scene, options.set, order_of_files(options.scene)))
+    scene = from_first(world, lambda: read_scene_file(options.scene, options.set, kind_of_files(options.scene)))
     _init_petsc(world, scene.petsc, petsc)
     with loading():
         from ddmpi.run.run import run
@@ -43,13 +43,13 @@ def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None
 
 
 def _sweep(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
-    from ddmpi.mesh.build import order_of_files
+    from ddmpi.mesh.build import kind_of_files
     from ddmpi.scene.reader import read_data, read_text
     from ddmpi.sweep.cases import build_cases, choose
 
     text = from_first(world, lambda: read_text(options.scene))
     cases = from_first(world, lambda: build_cases(options.scene, text, options.set, options.vary,
-                                                  order_of_files(options.scene)))
+                                                  kind_of_files(options.scene)))
     with agreed(world):
         data = read_data(options.scene, text, options.set)
         chosen = choose(cases, options.index)

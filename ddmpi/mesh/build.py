@@ -7,28 +7,28 @@ import os
 import stat
 from collections.abc import Callable, Collection
 from dataclasses import replace
+from math import factorial
 from pathlib import Path
 from typing import Literal
+
+import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group, group_nodes, material_numbers
 from ddmpi.mesh.geometry import Sizes, mesh_geometry
-from ddmpi.mesh.mesh import Mesh, refuse_folded, signed_measures
-from ddmpi.mesh.read import file_order, read_mesh
+from ddmpi.mesh.mesh import MEASURE, Mesh, refuse_folded, signed_measures
+from ddmpi.mesh.read import file_kind, read_mesh
 from ddmpi.mesh.refine import halve, raise_order
-from ddmpi.mesh.shapes import generate_annulus, generate_quadrilateral, generate_rectangle
+from ddmpi.mesh.shapes import SHAPES
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.system.memory import free_memory
 
-SHAPES = {"rectangle": generate_rectangle, "quadrilateral": generate_quadrilateral, "annulus": generate_annulus}
-"""What generates the mesh of a shape."""
-
 EACH = 200.0
-"""Bytes that a linear triangle needs at least: its nodes and groups, and its part of the stiffness."""
+"""Bytes that a linear cell needs at least: its nodes and groups, and its part of the stiffness."""
 
 
 def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[str] = (),
-               sizes: Sizes | None = None) -> Mesh:
+               sizes: Sizes | None = None, dimension: int | None = None) -> Mesh:
     """Generate or read the mesh of `body` and check that it has the groups that the body names.
 
     Parameters
@@ -36,6 +36,7 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
     folder : of the scene; relative mesh files are looked for there first, then in the current directory
     contacts : names of the groups at contacts, towards which the elements of a geometry become finer
     sizes : of the elements of a geometry, where an accuracy target has led to them
+    dimension : of the scene, which the mesh must have
 
     Not collective. Raises InputError.
     """
@@ -43,18 +44,21 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
     key = f"body.{body.name}.mesh"
     if spec.shape:
         assert spec.divisions
-        _refuse_huge(2.0 * spec.divisions[0] * spec.divisions[1], f"{key}.divisions")
+        _refuse_huge(float(factorial(len(spec.divisions)) * np.prod(spec.divisions, dtype=float)), f"{key}.divisions")
         mesh = SHAPES[spec.shape](spec)
         if not signed_measures(mesh.points, mesh.triangles).min() > 0.0:
-            raise InputError(f"{key}: its triangles have no area in double precision; sizes, place and units do not "
-                             "fit together")
+            raise InputError(f"{key}: its {mesh.cell.name}s have no {MEASURE[mesh.dimension]} in double precision; "
+                             "sizes, place and units do not fit together")
     elif spec.geometry is not None:
         mesh = mesh_geometry(locate_mesh(body, folder), body, contacts, sizes)
     else:
         mesh = read_mesh(locate_mesh(body, folder), body.name, spec.order or 1)
+    if dimension not in (None, mesh.dimension):
+        raise InputError(f"{key}: the mesh has {mesh.cell.name}s, and other parts of the scene are in "
+                         f"{'the plane' if dimension == 2 else 'space'}")
     cut = mesh.cut
     for _ in range(spec.halvings):
-        _refuse_huge(4.0 * len(mesh.triangles), f"{key}.refine")
+        _refuse_huge(2.0**mesh.dimension * len(mesh.triangles), f"{key}.refine")
         mesh = halve(mesh, key)
     if spec.order == 2 and mesh.order == 1:
         mesh = raise_order(mesh, key)
@@ -67,21 +71,21 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
     return replace(mesh, cut=cut)
 
 
-def _refuse_huge(triangles: float, key: str) -> None:
-    """Raise InputError where the memory that is free cannot hold so many triangles and their stiffness."""
-    needed, free = EACH * triangles, free_memory()
+def _refuse_huge(cells: float, key: str) -> None:
+    """Raise InputError where the memory that is free cannot hold so many cells and their stiffness."""
+    needed, free = EACH * cells, free_memory()
     if needed > free:
-        raise InputError(f"{key}: {triangles:.2g} triangles need more than {needed / 2**30:.2g} GiB of memory; "
+        raise InputError(f"{key}: {cells:.2g} cells need more than {needed / 2**30:.2g} GiB of memory; "
                          f"{free / 2**30:.2g} GiB are free")
 
 
-def order_of_files(scene_path: str | Path) -> Callable[[BodySpec], Literal[1, 2]]:
-    """The function that `read_scene` asks for the order of a body's mesh file. It reads each file once.
+def kind_of_files(scene_path: str | Path) -> Callable[[BodySpec], tuple[int, Literal[1, 2]]]:
+    """The function that `read_scene` asks for dimension and order of a body's mesh file. It reads each file once.
 
-    Not collective. The function raises InputError.
+    Drawings are plane and have no order. Not collective. The function raises InputError.
     """
-    order = functools.cache(file_order)
-    return lambda body: order(locate_mesh(body, Path(scene_path).parent), body.name)
+    kind, folder = functools.cache(file_kind), Path(scene_path).parent
+    return lambda body: (2, 1) if body.mesh.geometry else kind(locate_mesh(body, folder), body.name)
 
 
 def locate_mesh(body: BodySpec, folder: Path) -> Path:

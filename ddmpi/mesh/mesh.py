@@ -17,6 +17,9 @@ from ddmpi.errors import InputError
 from ddmpi.mesh.elements import RULES, Cell, Mapped, bends, cell_with, cross
 from ddmpi.system.numbers import in_words
 
+MEASURE = {2: "area", 3: "volume"}
+"""What cells have, by dimension."""
+
 BLOCK = 2048
 """Curved cells that are worked on at a time, so that their data stay in the processor's cache."""
 
@@ -121,7 +124,7 @@ def tangents(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def refuse_folded(mesh: Mesh, key: str) -> None:
-    """Raise InputError, naming `key`, where a curved triangle is not mapped one to one. Not collective."""
+    """Raise InputError, naming `key`, where a curved cell is not mapped one to one. Not collective."""
     points = np.concatenate([RULES[mesh.dimension][0], np.eye(mesh.dimension + 1)])
     for cells in mesh.curved_blocks():
         least = mesh.map(cells, points).measures.min(axis=0)

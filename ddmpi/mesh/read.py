@@ -108,10 +108,13 @@ def read_mesh(path: Path, body: str, order: Literal[1, 2] = 1, label: str = "") 
     return replace(bend(raise_order(mesh, f"body.{body}.mesh"), bends), cut=cut)
 
 
-def file_order(path: Path, body: str) -> Literal[1, 2]:
-    """The order of the elements in a mesh file: 2 if they have middle nodes. Not collective. Raises InputError."""
+def file_kind(path: Path, body: str) -> tuple[int, Literal[1, 2]]:
+    """Dimension and order of the elements in a mesh file; the latter is 2 if they have middle nodes.
+
+    Not collective. Raises InputError.
+    """
     raw = _load(path, f"body.{body}.mesh.file: {path}")
-    return 2 if any(cells.type in (TRIANGLES[1], *QUADS[1:]) for cells in raw.cells) else 1
+    return 2, 2 if any(cells.type in (TRIANGLES[1], *QUADS[1:]) for cells in raw.cells) else 1
 
 
 def cut_quadrilaterals(points: np.ndarray, quads: np.ndarray) -> np.ndarray:

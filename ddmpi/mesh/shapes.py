@@ -1,11 +1,14 @@
-"""Meshes of simple shapes: a grid of cells, each cut into two triangles, and where its nodes lie."""
+"""Meshes of simple shapes: a grid of cells, each cut into triangles or tetrahedra, and where its nodes lie."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 
+from ddmpi.mesh.boundary import boundary_facets
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.scene.meshes import MeshSpec
@@ -19,7 +22,7 @@ def generate_rectangle(spec: MeshSpec) -> Mesh:
     assert spec.divisions and isinstance(spec.size, tuple)  # of a shape, the scene has seen to it
     parameters, triangles, sides = _grid(*spec.divisions)
     # exact multiples, so that both sides of an interface agree
-    return Mesh(np.array(spec.origin) + parameters * spec.size, triangles, sides)
+    return Mesh(np.array(spec.origin or (0.0, 0.0)) + parameters * spec.size, triangles, sides)
 
 
 def generate_quadrilateral(spec: MeshSpec) -> Mesh:
@@ -62,6 +65,53 @@ def generate_annulus(spec: MeshSpec) -> Mesh:
     return replace(mesh, points=points)
 
 
+def generate_box(spec: MeshSpec) -> Mesh:
+    """A box; groups ``left`` and ``right``, ``front`` and ``back``, ``bottom`` and ``top`` along x, y and z.
+
+    Cells are cut as `_solid_grid` says, so that touching boxes of equal divisions match. Not collective.
+    """
+    assert spec.divisions and isinstance(spec.size, tuple)
+    parameters, cells, sides = _solid_grid(spec.divisions)
+    return Mesh(np.array(spec.origin or (0.0,) * 3) + parameters * spec.size, cells, sides)
+
+
+def generate_hexahedron(spec: MeshSpec) -> Mesh:
+    """A hexahedron with nodes at equal parameters of the trilinear map of its corners; groups and cut of a box.
+
+    Nodes on a face depend on its four corners alone, and those at corners are the corners exactly. Not collective.
+    """
+    assert spec.divisions and spec.corners
+    parameters, cells, sides = _solid_grid(spec.divisions)
+    a, b, c, d, *above = np.array(spec.corners)
+    x, y, z = parameters.T[:, :, None]
+    points = _between(*(_between(_between(one, two, x), _between(four, three, x), y)
+                        for one, two, three, four in ((a, b, c, d), above)), z)
+    return Mesh(points, cells, sides)
+
+
+def _solid_grid(divisions: Sequence[int]) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Nodes (·, 3) of a grid on the unit cube, tetrahedra, and the triangles of its sides.
+
+    Each cell is cut into the six tetrahedra around its diagonal from the corner of least to that of greatest
+    coordinates, one for each order in which a way along edges takes the axes (Kuhn 1960). Translated cells are cut
+    alike, and so are the sides of neighbours.
+    """
+    number = np.arange(np.prod([n + 1 for n in divisions])).reshape([n + 1 for n in divisions])
+    cells = [[number[tuple(slice(step, n + step) for step, n in zip(corner, divisions, strict=True))].ravel()
+              for corner in np.cumsum([(0, 0, 0), *np.eye(3, dtype=int)[list(order)]], axis=0)]
+             for order in permutations(range(3))]
+    cells = np.stack(cells, axis=0).transpose(2, 0, 1)  # (cells of the grid, 6, 4)
+    odd = [np.linalg.det(np.eye(3)[list(order)]) < 0 for order in permutations(range(3))]
+    cells[:, odd] = cells[:, odd][:, :, [0, 2, 1, 3]]
+    tetrahedra = cells.reshape(-1, 4)
+    places = np.stack(np.unravel_index(np.arange(number.size), number.shape), axis=1)
+    outer, names, sides = boundary_facets(tetrahedra)[0], ("left", "right", "front", "back", "bottom", "top"), {}
+    for k, name in enumerate(names):
+        axis, end = k // 2, (k % 2) * divisions[k // 2]
+        sides[name] = outer[(places[outer][:, :, axis] == end).all(axis=1)]
+    return places / np.array(divisions), tetrahedra, sides
+
+
 def _grid(nx: int, ny: int, closed: bool = False) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """Nodes (·, 2) of a grid on the unit square, triangles of its nx × ny cells, and the edges of its sides.
 
@@ -96,3 +146,8 @@ def _directions(degrees: np.ndarray) -> np.ndarray:
     rest = np.radians(degrees - 90 * quarters)
     turned = np.array([1, 1j, -1, -1j])[quarters.astype(int) % 4] * (np.cos(rest) + 1j * np.sin(rest))
     return np.column_stack([turned.real, turned.imag])
+
+
+SHAPES = {"rectangle": generate_rectangle, "quadrilateral": generate_quadrilateral, "annulus": generate_annulus,
+          "box": generate_box, "hexahedron": generate_hexahedron}
+"""What generates the mesh of a shape."""

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from ddmpi.coupling.ranks import on_working_ranks
 from ddmpi.errors import InputError
 from ddmpi.interface.state import ContactState
-from ddmpi.mesh.build import order_of_files
+from ddmpi.mesh.build import kind_of_files
 from ddmpi.petsc.options import RunOptions
 from ddmpi.results.fields import Fields
 from ddmpi.run.report import LISTED, describe_contact
@@ -79,7 +79,7 @@ def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
         except InputError as error:
             raise InputError(f"{what}: {error}") from None
         text = text or read_text(path)
-        return read_scene(path, text, settings, order_of_files(path))
+        return read_scene(path, text, settings, kind_of_files(path))
 
     settled, clock, options = from_first(world, read), Clock(), RunOptions()
     options.use(settled.petsc)

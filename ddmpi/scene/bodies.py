@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from ddmpi.scene.meshes import TOWARDS_CONTACTS, MeshSpec, SettledMesh
 from ddmpi.scene.values import (
@@ -35,16 +36,16 @@ class Material(Table, frozen=True, kw_only=True):
     ----------
     young : Young's modulus (Pa)
     poisson : Poisson's ratio; linear triangles lock near 0.5, quadratic ones do not
-    plane : plane strain or plane stress
+    plane : plane strain, the default in the plane, or plane stress; solids have none
     """
 
     young: Positive
     poisson: Annotated[float, msgspec.Meta(gt=-1, lt=0.5)]
-    plane: Literal["strain", "stress"] = "strain"
+    plane: Literal["strain", "stress"] | None = None
 
     @property
     def lame(self) -> tuple[float, float]:
-        """First Lamé constant and shear modulus (Pa) of the plane problem."""
+        """First Lamé constant and shear modulus (Pa), in plane stress those of the plane problem."""
         E, nu = self.young, self.poisson
         shear = E / (2 * (1 + nu))
         first = E * nu / ((1 + nu) * (1 - 2 * nu))
@@ -61,17 +62,17 @@ class Material(Table, frozen=True, kw_only=True):
     @property
     def across(self) -> np.ndarray:
         """a (2, 2) of σ_zz = a : σ in the plane."""
-        return np.eye(2) * (self.poisson if self.plane == "strain" else 0.0)
+        return np.eye(2) * (0.0 if self.plane == "stress" else self.poisson)
 
     @property
     def locks(self) -> bool:
-        """Whether linear triangles are so much too stiff for this material that error estimates mean nothing."""
-        return self.plane == "strain" and self.poisson > LOCKING
+        """Whether linear elements are so much too stiff for this material that error estimates mean nothing."""
+        return self.plane != "stress" and self.poisson > LOCKING
 
     @property
     def plane_modulus(self) -> float:
-        """E / (1 − ν²) in plane strain, E in plane stress (Pa)."""
-        return self.young / (1 - self.poisson**2) if self.plane == "strain" else self.young
+        """E / (1 − ν²), E in plane stress (Pa)."""
+        return self.young if self.plane == "stress" else self.young / (1 - self.poisson**2)
 
 
 class PartMaterial(Material, frozen=True, kw_only=True):
@@ -91,20 +92,27 @@ class Clamp(Table, frozen=True, kw_only=True):
     Attributes
     ----------
     on : boundary group or physical point
-    x, y : component of the displacement (m); left out, it is free
+    x, y, z : component of the displacement (m); left out, it is free
     history : [history.NAME] whose factor multiplies it
     """
 
     on: Group
     x: Number | Formula | AffineScalar | None = None
     y: Number | Formula | AffineScalar | None = None
+    z: Number | Formula | AffineScalar | None = None
     history: Name | None = None
 
     def __post_init__(self) -> None:
-        if self.x is None and self.y is None:
-            raise ValueError(f'a clamp prescribes x, y or both; to fix both, write clamp = ["{self.on}"]')
-        check_formulas("x", self.x)
-        check_formulas("y", self.y)
+        if self.components == (None,) * 3:
+            raise ValueError("a clamp prescribes x, y or, in space, z, or several of them; to fix all, write "
+                             f'clamp = ["{self.on}"]')
+        for key, value in zip("xyz", self.components, strict=True):
+            check_formulas(key, value)
+
+    @property
+    def components(self) -> tuple[Number | Formula | AffineScalar | None, ...]:
+        """x, y and z."""
+        return self.x, self.y, self.z
 
 
 class Traction(Table, frozen=True, kw_only=True):
@@ -143,7 +151,7 @@ class VolumeForce(AffineVector, frozen=True, kw_only=True):
 
     Attributes
     ----------
-    value : the force, in place of constant, x_slope and y_slope
+    value : the force, in place of constant and slopes
     history : [history.NAME] whose factor multiplies the value
     """
 
@@ -151,9 +159,9 @@ class VolumeForce(AffineVector, frozen=True, kw_only=True):
     history: Name | None = None
 
     def __post_init__(self) -> None:
-        affine = (self.constant, self.x_slope, self.y_slope) != ((0.0, 0.0),) * 3
+        affine = (self.constant, self.x_slope, self.y_slope, self.z_slope) != (None,) * 4
         if self.value is not None and affine:
-            raise ValueError("value does not go with constant, x_slope and y_slope; write them into it, as in value = "
+            raise ValueError("value does not go with constant and slopes; write them into it, as in value = "
                              "{ constant = …, x_slope = … }")
         if self.value is None and self.history is not None:
             raise ValueError('a volume force with a history has a value: write { value = […], history = "…" }')
@@ -170,7 +178,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
     material : one, or a list with an entry for each part of a drawing or a mesh file
     clamp : boundary groups or physical points: by name, whose displacements are zero, or with given displacements
     traction : loads on boundary groups
-    volume_force : such as weight (N/m³), a pair [x, y] or a table
+    volume_force : such as weight (N/m³), a list [x, y] or [x, y, z], or a table
     """
 
     name: Name
@@ -178,7 +186,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
     material: Material | Annotated[list[PartMaterial], msgspec.Meta(min_length=1)]
     clamp: list[Group | Clamp] = []
     traction: list[Traction] = []
-    volume_force: Vector | VolumeForce = (0.0, 0.0)
+    volume_force: Vector | VolumeForce | None = None
 
     def __post_init__(self) -> None:
         check_formulas("volume_force", self.volume_force)
@@ -195,7 +203,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
             raise ValueError(f'material: on = "{named[0]}" names a physical surface of a mesh file, and a '
                              f'{self.mesh.shape} has none; leave on out, or make a body of each part and join them by '
                              'contacts with kind = "bonded"')
-        if len({part.plane for part in self.material}) > 1:
+        if len({part.plane or "strain" for part in self.material}) > 1:
             raise ValueError("material: entries are in plane strain, the default, and in plane stress; a body is in "
                              "one of them, so give all entries the same plane")
 
@@ -206,8 +214,8 @@ class BodySpec(Table, frozen=True, kw_only=True):
 
     @property
     def plane(self) -> Literal["strain", "stress"]:
-        """Whether the body is in plane strain or plane stress."""
-        return self.materials[0].plane
+        """Whether a body in the plane is in plane strain or plane stress."""
+        return self.materials[0].plane or "strain"
 
     @property
     def plane_modulus(self) -> float:
@@ -223,8 +231,8 @@ class BodySpec(Table, frozen=True, kw_only=True):
 
     @property
     def clamps(self) -> list[Clamp]:
-        """All clamps in the long form; a bare group name fixes both components."""
-        return [Clamp(on=c, x=0.0, y=0.0) if isinstance(c, str) else c for c in self.clamp]
+        """All clamps in the long form; a bare group name fixes all components."""
+        return [Clamp(on=c, x=0.0, y=0.0, z=0.0) if isinstance(c, str) else c for c in self.clamp]
 
     @property
     def weight(self) -> tuple[Vector | AffineVector, str | None]:
@@ -232,7 +240,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
         force = self.volume_force
         if isinstance(force, VolumeForce) and force.value is not None:
             return force.value, force.history
-        return force, None
+        return AffineVector() if force is None else force, None
 
     @property
     def histories(self) -> list[str]:
@@ -240,11 +248,14 @@ class BodySpec(Table, frozen=True, kw_only=True):
         named = [*(clamp.history for clamp in self.clamps), *(load.history for load in self.traction), self.weight[1]]
         return list(dict.fromkeys(name for name in named if name is not None))
 
-    def settled(self, order: Literal[1, 2]) -> SettledBody:
-        """This body with elements of `order`."""
+    def settled(self, order: Literal[1, 2], dimension: int = 2) -> SettledBody:
+        """This body with elements of `order`, in the plane or in space."""
         mesh = self.mesh
         finest = mesh.contact_size or TOWARDS_CONTACTS * mesh.largest if mesh.geometry is not None else None
-        return settle(self, SettledBody, mesh=settle(mesh, SettledMesh, order=order, contact_size=finest))
+        parts = [replace(part, plane=self.plane if dimension == 2 else None) for part in self.materials]
+        return settle(self, SettledBody, mesh=settle(mesh, SettledMesh, order=order, contact_size=finest),
+                      material=parts[0] if isinstance(self.material, Material) else parts,
+                      volume_force=(0.0,) * dimension if self.volume_force is None else self.volume_force)
 
 
 class SettledBody(BodySpec, frozen=True, kw_only=True):
@@ -255,5 +266,5 @@ class SettledBody(BodySpec, frozen=True, kw_only=True):
     @property
     def locking(self) -> str:
         """Why the discretization error of this body cannot be estimated; empty if it can."""
-        return (f"{self.name}: no estimate: linear triangles lock at nu = {self.locking_ratio:g}; mesh.order = 2 "
+        return (f"{self.name}: no estimate: linear elements lock at nu = {self.locking_ratio:g}; mesh.order = 2 "
                 "would be right") if self.mesh.order == 1 and self.locking_ratio else ""

@@ -109,18 +109,18 @@ class Plane(Table, frozen=True, kw_only=True, tag_field="shape", tag="plane"):
     name : unique among bodies and rigid partners
     point : any of its points (m)
     normal : points towards the bodies and has any length
-    displacement : how it is moved (m)
+    displacement : how it is moved (m); left out, not at all
     history : [history.NAME] whose factor multiplies the displacement
     """
 
     name: Name
     point: Point
     normal: Point
-    displacement: Point = (0.0, 0.0)
+    displacement: Point | None = None
     history: Name | None = None
 
     def __post_init__(self) -> None:
-        if self.normal == (0.0, 0.0):
+        if not any(self.normal):
             raise ValueError("normal must not be zero; it points towards the bodies")
 
 
@@ -133,7 +133,7 @@ class Circle(Table, frozen=True, kw_only=True, tag_field="shape", tag="circle"):
     center : its centre (m)
     radius : its radius (m)
     inside : whether it is a bore
-    displacement : how it is moved (m)
+    displacement : how it is moved (m); left out, not at all
     history : [history.NAME] whose factor multiplies the displacement
     """
 
@@ -141,8 +141,56 @@ class Circle(Table, frozen=True, kw_only=True, tag_field="shape", tag="circle"):
     center: Point
     radius: Positive
     inside: bool = False
-    displacement: Point = (0.0, 0.0)
+    displacement: Point | None = None
     history: Name | None = None
 
 
-Rigid = Plane | Circle
+class Sphere(Table, frozen=True, kw_only=True, tag_field="shape", tag="sphere"):
+    """A rigid ball that bodies touch from outside, or a hollow that they touch from inside; in space.
+
+    Attributes
+    ----------
+    name : unique among bodies and rigid partners
+    center : its centre (m)
+    radius : its radius (m)
+    inside : whether it is a hollow
+    displacement : how it is moved (m); left out, not at all
+    history : [history.NAME] whose factor multiplies the displacement
+    """
+
+    name: Name
+    center: Point
+    radius: Positive
+    inside: bool = False
+    displacement: Point | None = None
+    history: Name | None = None
+
+
+class Cylinder(Table, frozen=True, kw_only=True, tag_field="shape", tag="cylinder"):
+    """A rigid shaft that bodies touch from outside, or a bore that they touch from inside; in space, without ends.
+
+    Attributes
+    ----------
+    name : unique among bodies and rigid partners
+    point : any point of its axis (m)
+    axis : along it, of any length
+    radius : its radius (m)
+    inside : whether it is a bore
+    displacement : how it is moved (m); left out, not at all
+    history : [history.NAME] whose factor multiplies the displacement
+    """
+
+    name: Name
+    point: Point
+    axis: Point
+    radius: Positive
+    inside: bool = False
+    displacement: Point | None = None
+    history: Name | None = None
+
+    def __post_init__(self) -> None:
+        if not any(self.axis):
+            raise ValueError("axis must not be zero")
+
+
+Rigid = Plane | Circle | Sphere | Cylinder

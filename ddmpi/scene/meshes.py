@@ -6,17 +6,24 @@ import math
 from typing import Annotated, Literal
 
 import msgspec
+import numpy as np
 
 from ddmpi.scene.values import Count, Point, Positive, Table
 
 SHAPES = {"rectangle": {"size": "[width, height]", "divisions": "[nx, ny]"},
           "quadrilateral": {"corners": "[[x, y], …]", "divisions": "[nx, ny]"},
           "annulus": {"center": "[x, y]", "radii": "[inner, outer]", "angles": "[start, end]",
-                      "divisions": "[around, across]"}}
-"""The keys that each shape needs, and how to write them. A rectangle may have an ``origin``, too."""
+                      "divisions": "[around, across]"},
+          "box": {"size": "[length, depth, height]", "divisions": "[nx, ny, nz]"},
+          "hexahedron": {"corners": "[[x, y, z], …]", "divisions": "[nx, ny, nz]"}}
+"""The keys that each shape needs, and how to write them. Rectangles and boxes may have an ``origin``, too."""
+
+SOLIDS = ("box", "hexahedron")
+"""The shapes in space; the others are in the plane."""
 
 CORNER = 1e-8
-"""Smallest sine of a corner of a quadrilateral; the triangles at a flatter one have almost no area."""
+"""Smallest sine of a corner of a quadrilateral; the triangles at a flatter one have almost no area. Smallest volume at
+the corners of a hexahedron, over that of the cube on the mean edge."""
 
 GEOMETRIES = (".geo", ".step", ".stp", ".brep", ".brp")
 """Endings of the files of geometries."""
@@ -27,8 +34,8 @@ TOWARDS_CONTACTS = 0.25
 CLOSED = 1e-9
 """How far from 360 the angle (degrees) of a closed ring may be, because of rounding."""
 
-TwoOrOne = Annotated[tuple[Positive, ...], msgspec.Meta(min_length=2, max_length=2)] | Positive
-"""A pair, or one number. Beside tuple[Positive, Positive], msgspec 0.22 crashes at such a number."""
+Sizes = Annotated[tuple[Positive, ...], msgspec.Meta(min_length=2, max_length=3)] | Positive
+"""A size in each direction, or one number."""
 
 Angle = Annotated[float, msgspec.Meta(ge=-720, le=720)]
 
@@ -42,15 +49,19 @@ class MeshSpec(Table, frozen=True, kw_only=True):
     ----------
     shape : "rectangle" needs size and divisions and has the boundary groups left, right, bottom and top;
         "quadrilateral", a convex one, needs corners and divisions and has bottom, right, top and left in the order of
-        its corners; "annulus" needs center, radii, angles and divisions and has inner, outer, start and end
-    origin : lower left corner of a rectangle (m)
-    size : of a rectangle [width, height] (m); of a geometry the largest size of an element (m): smaller sizes in a .geo
-        remain, contacts have finer elements, and an accuracy target makes the mesh finer where the error is
-    corners : of a quadrilateral, counter-clockwise (m)
+        its corners; "annulus" needs center, radii, angles and divisions and has inner, outer, start and end. In space
+        "box" needs size and divisions and has left and right along x, front and back along y, bottom and top along z;
+        "hexahedron" needs corners and divisions and has the groups of a box, as its corners are those of one
+    origin : corner of a rectangle or a box with the least coordinates (m); left out, the origin of coordinates
+    size : of a rectangle or a box its extents (m); of a geometry the largest size of an element (m): smaller sizes in a
+        .geo remain, contacts have finer elements, and an accuracy target makes the mesh finer where the error is
+    corners : of a quadrilateral, counter-clockwise (m); of a hexahedron the four of its bottom, counter-clockwise seen
+        from the top, and then the four above them
     center : of an annulus (m)
     radii : of an annulus, [inner, outer] (m)
     angles : of an annulus, [start, end] in degrees; if they are 360 apart, it is closed and has no start and end
-    divisions : numbers of cells, each cut into two triangles: [nx, ny], of an annulus [around, across]
+    divisions : numbers of cells, each cut into two triangles: [nx, ny], of an annulus [around, across]; in space
+        [nx, ny, nz], each cut into six tetrahedra
     file : triangles with groups: "x.msh" as gmsh writes it, in any version of its format; "x.inp" of Abaqus or
         CalculiX; "x.med"; "x.vtu" and "x.vtk"; quadrilaterals are cut into two triangles; see docs/start/drawing.md
     geometry : a drawing (.geo, .step, .brep) with physical groups, see docs/start/drawing.md
@@ -61,14 +72,14 @@ class MeshSpec(Table, frozen=True, kw_only=True):
     refine : how often the sides of a file's mesh are halved, or "as needed" for method.target_error
     """
 
-    shape: Literal["rectangle", "quadrilateral", "annulus"] | None = None
-    origin: Point = (0.0, 0.0)
-    size: TwoOrOne | None = None
-    corners: tuple[Point, Point, Point, Point] | None = None
+    shape: Literal["rectangle", "quadrilateral", "annulus", "box", "hexahedron"] | None = None
+    origin: Point | None = None
+    size: Sizes | None = None
+    corners: Annotated[tuple[Point, ...], msgspec.Meta(min_length=4, max_length=8)] | None = None
     center: Point | None = None
     radii: tuple[Positive, Positive] | None = None
     angles: tuple[Angle, Angle] | None = None
-    divisions: tuple[Count, Count] | None = None
+    divisions: Annotated[tuple[Count, ...], msgspec.Meta(min_length=2, max_length=3)] | None = None
     file: str | None = None
     geometry: str | None = None
     contact_size: Positive | None = None
@@ -99,19 +110,29 @@ class MeshSpec(Table, frozen=True, kw_only=True):
         if str(self.file).lower().endswith(GEOMETRIES):
             raise ValueError(f'{self.file} is a drawing; write geometry = "{self.file}", size = h, the largest size of '
                              "an element")
-        if self.origin != (0.0, 0.0) and self.shape != "rectangle":
-            raise ValueError(f"origin belongs to a rectangle, not to {self._what}")
+        if self.origin is not None and self.shape not in ("rectangle", "box"):
+            raise ValueError(f"origin belongs to a rectangle or a box, not to {self._what}")
         if self.geometry is not None:
             self._check_sizes()
         elif self.contact_size is not None:
             raise ValueError(f"contact_size belongs to a geometry, not to {self._what}")
-        self._check_keys(SHAPES.get(self.shape or "", {}))
-        if self.shape == "rectangle" and not isinstance(self.size, tuple):
-            raise ValueError(f"a rectangle has size = [width, height], got {self.size!r}")
-        if self.corners:
-            _check_corners(self.corners)
+        needed = SHAPES.get(self.shape or "", {})
+        self._check_keys(needed)
+        if self.dimension:
+            for key, value, number in (("size", self.size, self.dimension), ("divisions", self.divisions, self.dimension),
+                                       ("corners", self.corners, 2**self.dimension)):
+                if key in needed and (not isinstance(value, tuple) or len(value) != number):
+                    got = list(value) if isinstance(value, tuple) else value
+                    raise ValueError(f"{self._what} has {key} = {needed[key]}, {number} of them, got {got!r}")
+        if self.corners and all(len(corner) == self.dimension for corner in self.corners):
+            (_check_corners if self.dimension == 2 else _check_hexahedron)(self.corners)
         if self.radii and self.angles and self.divisions:
             self._check_ring(self.radii, self.angles, self.divisions[0])
+
+    @property
+    def dimension(self) -> int | None:
+        """Number of coordinates of a shape's points; None where a file or a drawing decides."""
+        return None if self.shape is None else 3 if self.shape in SOLIDS else 2
 
     @property
     def _what(self) -> str:
@@ -137,14 +158,15 @@ class MeshSpec(Table, frozen=True, kw_only=True):
 
     def _check_keys(self, needed: dict[str, str]) -> None:
         """Raise ValueError unless all the `needed` keys are given, and those of no other shape."""
-        for shape, keys in SHAPES.items():
-            for key in keys:
-                if getattr(self, key) is None and key in needed:
-                    how = ", ".join(f"{key} = {form}" for key, form in needed.items())
-                    raise ValueError(f"{self._what} needs {how}; {key} is missing")
-                if getattr(self, key) is not None and key not in needed and not (key == "size" and self.geometry):
-                    owner = "a shape" if key == "divisions" else f'shape = "{shape}"'
-                    raise ValueError(f"{key} belongs to {owner}, not to {self._what}")
+        for key in dict.fromkeys(key for keys in SHAPES.values() for key in keys):
+            if getattr(self, key) is None and key in needed:
+                how = ", ".join(f"{key} = {form}" for key, form in needed.items())
+                raise ValueError(f"{self._what} needs {how}; {key} is missing")
+            if getattr(self, key) is not None and key not in needed and not (key == "size" and self.geometry):
+                owners = [shape for shape, keys in SHAPES.items() if key in keys]
+                owner = "a shape" if key == "divisions" else f'shape = "{owners[0]}"' + "".join(
+                    f' or "{shape}"' for shape in owners[1:])
+                raise ValueError(f"{key} belongs to {owner}, not to {self._what}")
 
     def _check_ring(self, radii: tuple[float, float], angles: tuple[float, float], around: int) -> None:
         if radii[0] >= radii[1]:
@@ -169,6 +191,22 @@ def _check_corners(corners: tuple[Point, ...]) -> None:
     if not all(sine > CORNER for sine in sines):
         raise ValueError("corners must be those of a convex quadrilateral in their order along its boundary, without "
                          "corners of 0 or 180 degrees")
+
+
+def _check_hexahedron(corners: tuple[Point, ...]) -> None:
+    """Raise ValueError unless the volumes spanned by the three edges at each corner are positive."""
+    at = np.array(corners)
+    before, after = (np.roll(np.arange(4), k) for k in (1, -1))
+    bottom = np.stack([at[after] - at[:4], at[before] - at[:4], at[4:] - at[:4]], axis=1)
+    top = np.stack([at[4 + before] - at[4:], at[4 + after] - at[4:], at[:4] - at[4:]], axis=1)
+    edges = np.concatenate([bottom, top])
+    volumes = np.linalg.det(edges) / np.linalg.norm(edges, axis=2).mean() ** 3
+    if (volumes < -CORNER).all():
+        raise ValueError("corners make a hexahedron that is turned inside out; write the four of the bottom "
+                         "counter-clockwise seen from the top, and then the four above them")
+    if not (volumes > CORNER).all():
+        raise ValueError("corners must be those of a convex hexahedron: the four of the bottom, counter-clockwise seen "
+                         "from the top, and then the four above them")
 
 
 class SettledMesh(MeshSpec, frozen=True, kw_only=True):

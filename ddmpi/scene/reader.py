@@ -15,7 +15,7 @@ import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.scene.keys import explain, explain_syntax, override
-from ddmpi.scene.scene import FileOrder, Scene, Settled
+from ddmpi.scene.scene import FileKind, Scene, Settled
 
 DEEP = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){100}""")
 """A key of a hundred parts; tomllib's time grows with the square of their number."""
@@ -38,7 +38,7 @@ def read_data(path: str, text: str, settings: Sequence[str] = ()) -> dict:
     return data
 
 
-def read_scene(path: str, text: str, settings: Sequence[str] = (), file_order: FileOrder | None = None) -> Settled:
+def read_scene(path: str, text: str, settings: Sequence[str] = (), file_kind: FileKind | None = None) -> Settled:
     """Check a scene of TOML text and ``KEY=VALUE`` settings, and fill in what it leaves out.
 
     Parameters
@@ -46,22 +46,22 @@ def read_scene(path: str, text: str, settings: Sequence[str] = (), file_order: F
     path : the file's name, for messages only
     text : its contents
     settings : as after ``--set``; applied in order, before validation
-    file_order : gives the order of a body's mesh file; without it, files count as linear
+    file_kind : gives dimension and order of a body's mesh file; without it, files count as plane and linear
 
     Raises InputError, the same on every rank, that names file and key. Not collective.
     """
     data = read_data(path, text, settings)
     try:
-        return msgspec.convert(data, Scene).settled(file_order)
+        return msgspec.convert(data, Scene).settled(file_kind)
     except msgspec.ValidationError as error:
         raise InputError(f"{path}: {explain(str(error), data, Scene)}") from None
     except (ValueError, InputError) as error:
         raise InputError(f"{path}: {error}") from None
 
 
-def read_scene_file(path: str | Path, settings: Sequence[str] = (), file_order: FileOrder | None = None) -> Settled:
+def read_scene_file(path: str | Path, settings: Sequence[str] = (), file_kind: FileKind | None = None) -> Settled:
     """`read_scene` on a file. Not collective."""
-    return read_scene(str(path), read_text(path), settings, file_order)
+    return read_scene(str(path), read_text(path), settings, file_kind)
 
 
 def read_text(path: str | Path) -> str:

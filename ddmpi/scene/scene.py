@@ -13,15 +13,21 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from ddmpi.scene.bodies import BodySpec, Clamp, SettledBody, Traction
-from ddmpi.scene.contacts import ContactSpec, Rigid, SettledContact
+from ddmpi.scene.bodies import BodySpec, Clamp, Material, SettledBody, Traction
+from ddmpi.scene.contacts import Circle, ContactSpec, Cylinder, Rigid, SettledContact, Sphere
 from ddmpi.scene.keys import nearest
 from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod, SettledTime, Time, check_petsc
-from ddmpi.scene.values import History, Name, Number, Table, settle
+from ddmpi.scene.values import AffineScalar, History, Name, Number, Profile, Table, settle, varies
 from ddmpi.system.files import LONGEST, contact_files
 
-FileOrder = Callable[[BodySpec], Literal[1, 2]]
-"""Gives the order of the elements in the mesh file of a body; raises InputError."""
+FileKind = Callable[[BodySpec], tuple[int, Literal[1, 2]]]
+"""Gives dimension and order of the elements in the mesh file, or in the drawing, of a body; raises InputError."""
+
+IN_SPACE, IN_THE_PLANE = (Sphere, Cylinder), (Circle,)
+"""Rigid partners that have no meaning in the plane, and in space."""
+
+EXTENTS = ("size", "divisions", "radii", "angles", "bodies", "on")
+"""Rows of numbers or words that are neither places nor vectors."""
 
 PETScOptions = dict[str, str | int | Number | bool]
 
@@ -175,37 +181,82 @@ class Scene(Table, frozen=True, kw_only=True):
         if second in rigid and (contact.slave or contact.pairing):
             raise ValueError(f"{key}.{'slave' if contact.slave else 'pairing'}: {second!r} is rigid and has no nodes; "
                              f"rows stand at the nodes of {first!r}, so leave this key out")
-        planes = [bodies[name].plane for name in contact.bodies if name in bodies]
+        planes = [bodies[name].plane for name in contact.bodies if name in bodies]  # of solids all alike
         if len(set(planes)) > 1:
             raise ValueError(f"{key}.bodies: {first!r} is in plane {planes[0]} and {second!r} in plane {planes[1]}; "
                              "they cannot touch, so give both the same material.plane")
 
-    def settled(self, file_order: FileOrder | None = None) -> Settled:
+    def settled(self, file_kind: FileKind | None = None) -> Settled:
         """The scene with everything filled in that was left out.
 
         The order of the elements is that of a body that names one, else 2 for a ``target_error`` where linear triangles
-        lock, else the preset's, else what `file_order` says of the mesh files, else 1.
+        lock, else the preset's, else what `file_kind` says of the mesh files, else 1. The dimension is that of shapes,
+        else of places and vectors, else of the files.
 
-        Raises ValueError if ``method.target_error`` is asked of elements whose error estimate cannot be trusted, and
-        if mesh files differ in order; and what `file_order` raises.
+        Raises ValueError if ``method.target_error`` is asked of elements whose error estimate cannot be trusted, if
+        mesh files differ in order, and if parts of the scene differ in dimension; and what `file_kind` raises.
         """
+        dimension = self._dimension(file_kind)
         method = self.method.settled(refinable=self.time is None and all(body.mesh.refinable for body in self.body))
         locking = [body for body in self.body if method.target_error and body.locking_ratio]
         named = next((body.mesh.order for body in self.body if body.mesh.order), None)
         if locking and named == 1:
-            raise ValueError(f"body.{locking[0].name}: linear triangles lock at nu = {locking[0].locking_ratio:g}; "
+            raise ValueError(f"body.{locking[0].name}: linear elements lock at nu = {locking[0].locking_ratio:g}; "
                              "estimates of their error cannot be trusted, and no method.target_error can be met; leave "
                              "mesh.order out or set it to 2")
         order = named or (2 if locking else PRESETS.get(method.preset or "", {}).get("order"))
         if not order:
-            order = self._order_of_files(file_order) if file_order else 1
-        return settle(self, Settled, method=method, body=[body.settled(order) for body in self.body],
-                      time=self.time.settled() if self.time else None,
+            order = self._order_of_files(file_kind) if file_kind else 1
+        still = (0.0,) * dimension
+        return settle(self, Settled, method=method, body=[body.settled(order, dimension) for body in self.body],
+                      rigid=[settle(rigid, type(rigid), displacement=rigid.displacement or still)
+                             for rigid in self.rigid],
+                      time=self.time.settled() if self.time else None, dimension=dimension,
                       contact=[contact.settled() for contact in self.contact])
 
-    def _order_of_files(self, file_order: FileOrder) -> Literal[1, 2]:
+    def _dimension(self, file_kind: FileKind | None) -> Literal[2, 3]:
+        """Number of coordinates of all places and vectors. Raises ValueError where they differ."""
+        found = {f"body.{body.name}.mesh: {body.mesh.shape} is": body.mesh.dimension for body in self.body
+                 if body.mesh.dimension}
+        places = {f"{key} = {list(value)} has {len(value)} numbers, as": len(value)
+                  for key, value in _vectors(self, "")}
+        if not found and not places and file_kind:
+            found = {f"body.{body.name}.mesh is": file_kind(body)[0] for body in self.body}
+        found |= places
+        words, dimension = next(iter(found.items()), ("", 2))
+        for other, differing in found.items():
+            if differing != dimension:
+                each = " and ".join(f"{which} in {'the plane' if number == 2 else 'space'}"
+                                    for which, number in ((other, differing), (words, dimension)))
+                raise ValueError(f"{each}; a scene is wholly in the plane, with lists [x, y], or in space, [x, y, z]")
+        for key in self._misplaced(dimension):
+            raise ValueError(f"{key}; this scene is in {'the plane' if dimension == 2 else 'space'}")
+        return 3 if dimension == 3 else 2
+
+    def _misplaced(self, dimension: int) -> Iterator[str]:
+        """What has no meaning in a scene of this dimension, with its key."""
+        for rigid in self.rigid:
+            if isinstance(rigid, IN_SPACE if dimension == 2 else IN_THE_PLANE):
+                yield (f"rigid.{rigid.name}.shape: a {rigid.__struct_config__.tag} is a partner in "
+                       f"{'space' if dimension == 2 else 'the plane, in space there are sphere and cylinder'}")
+        for key, table in _tables(self, ""):
+            if dimension == 3 and isinstance(table, Profile) and table.along == "arc":
+                yield f'{key}.along: surfaces have no arc length; take a coordinate, such as along = "x"'
+            if dimension == 3 and isinstance(table, Material) and table.plane:
+                yield f"{key}.plane: solids are neither in plane strain nor in plane stress; leave it out"
+            if dimension == 2 and isinstance(table, Profile) and table.along == "z":
+                yield f"{key}.along: there is no z in the plane"
+            if dimension == 2 and isinstance(table, Clamp) and table.z is not None:
+                yield f"{key}.z: there is no z in the plane"
+            if dimension == 2 and isinstance(table, AffineScalar) and table.z_slope:
+                yield f"{key}.z_slope: there is no z in the plane"
+            for name in table.__struct_fields__ if dimension == 2 else ():
+                if varies(getattr(table, name), "z") and name not in EXTENTS:
+                    yield f"{key}.{name}: there is no z in the plane"
+
+    def _order_of_files(self, file_kind: FileKind) -> Literal[1, 2]:
         """The order that all mesh files have; 1 if there are none. Raises ValueError if they differ."""
-        found = {f"body.{body.name}.mesh.file = {body.mesh.file}": file_order(body)
+        found = {f"body.{body.name}.mesh.file = {body.mesh.file}": file_kind(body)[1]
                  for body in self.body if body.mesh.file is not None}
         if len(set(found.values())) > 1:
             each = ", ".join(f"{key} is of order {order}" for key, order in found.items())
@@ -213,8 +264,29 @@ class Scene(Table, frozen=True, kw_only=True):
         return next(iter(found.values()), 1)
 
 
+def _tables(table: Table, key: str) -> Iterator[tuple[str, Table]]:
+    """All tables within a table, each with its key, entries of lists by their names."""
+    for name in table.__struct_fields__:
+        value = getattr(table, name)
+        for number, each in enumerate(value if isinstance(value, list) else [value]):
+            if isinstance(each, Table):
+                here = f"{key}.{name}".lstrip(".") + f".{getattr(each, 'name', None) or number}" * (each is not value)
+                yield here, each
+                yield from _tables(each, here)
+
+
+def _vectors(table: Table, key: str) -> Iterator[tuple[str, tuple]]:
+    """All places and vectors within a table, each with its key."""
+    for where, each in [(key, table), *_tables(table, key)]:
+        for name in each.__struct_fields__:
+            value = getattr(each, name)
+            if isinstance(value, tuple) and name not in EXTENTS:
+                parts = value if isinstance(value[0], tuple) else [value]
+                yield from ((f"{where}.{name}", part) for part in parts)
+
+
 class Settled(Table, frozen=True, kw_only=True):
-    """A whole scene without optional keys: everything that was left out is filled in."""
+    """A whole scene without optional keys: everything that was left out is filled in; in the plane or in space."""
 
     title: str
     body: list[SettledBody]
@@ -226,6 +298,7 @@ class Settled(Table, frozen=True, kw_only=True):
     output: Output
     checkpoint: Checkpoint
     petsc: PETScOptions
+    dimension: Literal[2, 3]
 
     @property
     def followed(self) -> list[str]:
@@ -247,4 +320,4 @@ class Settled(Table, frozen=True, kw_only=True):
 
     def resolved(self) -> dict:
         """The scene as plain data. Written as TOML without the keys that are None, it is read as this scene again."""
-        return msgspec.to_builtins(self)
+        return {key: value for key, value in msgspec.to_builtins(self).items() if key != "dimension"}

@@ -19,12 +19,13 @@ Number = Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, msgspec.Meta(gt=0, le=LARGEST)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0, le=LARGEST)]
 Count = Annotated[int, msgspec.Meta(ge=1, le=10**12)]
-Point = tuple[Number, Number]
+Point = Annotated[tuple[Number, ...], msgspec.Meta(min_length=2, max_length=3)]
+"""Coordinates or components: two in the plane, three in space."""
 
 Formula = Annotated[str, msgspec.Meta(min_length=1, max_length=1000)]
-"""A number as a formula in the coordinates x and y, such as ``-6e7 * (1 + x/3)``."""
+"""A number as a formula in the coordinates x, y and, in space, z, such as ``-6e7 * (1 + x/3)``."""
 
-Vector = tuple[Number | Formula, Number | Formula]
+Vector = Annotated[tuple[Number | Formula, ...], msgspec.Meta(min_length=2, max_length=3)]
 
 Group = Annotated[str, msgspec.Meta(min_length=1)]
 """Name of a boundary group of a mesh."""
@@ -46,31 +47,33 @@ def settle(table: Table, kind: type[AnyTable], **values: Any) -> AnyTable:
 
 
 class AffineVector(Table, frozen=True, kw_only=True):
-    """A vector that is linear in the coordinates: ``constant + x_slope * x + y_slope * y``.
+    """A vector that is linear in the coordinates: ``constant + x_slope * x + y_slope * y + z_slope * z``.
 
     Attributes
     ----------
-    constant : value at the origin
-    x_slope, y_slope : growth per unit of the coordinate
+    constant : value at the origin; left out, zero
+    x_slope, y_slope, z_slope : growth per unit of the coordinate; left out, none
     """
 
-    constant: Point = (0.0, 0.0)
-    x_slope: Point = (0.0, 0.0)
-    y_slope: Point = (0.0, 0.0)
+    constant: Point | None = None
+    x_slope: Point | None = None
+    y_slope: Point | None = None
+    z_slope: Point | None = None
 
 
 class AffineScalar(Table, frozen=True, kw_only=True):
-    """A number that is linear in the coordinates: ``constant + x_slope * x + y_slope * y``.
+    """A number that is linear in the coordinates: ``constant + x_slope * x + y_slope * y + z_slope * z``.
 
     Attributes
     ----------
     constant : value at the origin
-    x_slope, y_slope : growth per unit of the coordinate
+    x_slope, y_slope, z_slope : growth per unit of the coordinate
     """
 
     constant: Number = 0.0
     x_slope: Number = 0.0
     y_slope: Number = 0.0
+    z_slope: Number = 0.0
 
 
 FUNCTIONS: dict[str, np.ufunc] = {
@@ -155,11 +158,11 @@ def _compute(formula: str, *x: np.ndarray) -> np.ndarray:
     raise ValueError(f'the formula "{formula}" cannot be evaluated: {reason}')
 
 
-def varies(value: Any) -> bool:
-    """Whether a value is, or has, a formula in which a coordinate occurs."""
+def varies(value: Any, coordinates: str = "xyz") -> bool:
+    """Whether a value is, or has, a formula in which one of some coordinates occurs."""
     if isinstance(value, tuple):
-        return any(varies(part) for part in value)
-    return isinstance(value, str) and any(isinstance(node, ast.Name) and node.id in ("x", "y", "z")
+        return any(varies(part, coordinates) for part in value)
+    return isinstance(value, str) and any(isinstance(node, ast.Name) and node.id in tuple(coordinates)
                                           for node in ast.walk(_parse(value)))
 
 
@@ -167,7 +170,7 @@ def check_formulas(key: str, value: Any) -> None:
     """Raise ValueError, naming `key`, where `value` is, or has, a formula that cannot be evaluated anywhere."""
     for formula in (part for part in (value if isinstance(value, tuple) else (value,)) if isinstance(part, str)):
         try:
-            found = _compute(formula, np.array([0.25, 0.75]), np.array([0.5, 0.125]))
+            found = _compute(formula, np.array([0.25, 0.75]), np.array([0.5, 0.125]), np.array([0.375, 0.625]))
         except ValueError as error:
             raise ValueError(f"{key}: {error}") from None
         if not varies(formula) and not np.isfinite(found).all():
@@ -180,7 +183,7 @@ def evaluate(value: Any, *x: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     value : float, formula, tuple of these, AffineScalar or AffineVector
-    x : the coordinates, arrays of the same shape (metres)
+    x : the d coordinates, arrays of the same shape (metres)
 
     Returns
     -------
@@ -193,10 +196,9 @@ def evaluate(value: Any, *x: np.ndarray) -> np.ndarray:
         return np.stack([evaluate(part, *x) for part in value])
     if not isinstance(value, AffineVector | AffineScalar):
         return np.full(np.shape(x[0]), value, float)
-    found = np.multiply.outer(np.asarray(value.constant), np.ones_like(x[0]))
-    for slope, coordinate in zip((value.x_slope, value.y_slope), x, strict=False):
-        found = found + np.multiply.outer(np.asarray(slope), coordinate)
-    return found
+    none = 0.0 if isinstance(value, AffineScalar) else np.zeros(len(x))
+    parts = zip((value.constant, value.x_slope, value.y_slope, value.z_slope), (np.ones_like(x[0]), *x), strict=False)
+    return sum(np.multiply.outer(none if factor is None else np.asarray(factor), of) for factor, of in parts)
 
 
 class Profile(Table, frozen=True, kw_only=True):
@@ -212,12 +214,12 @@ class Profile(Table, frozen=True, kw_only=True):
 
     Attributes
     ----------
-    along : a coordinate, or the arc length along the first body's boundary
+    along : a coordinate, or in the plane the arc length along the first body's boundary
     points : values of it in ascending order; a repeated point is a jump
     values : the number at each point
     """
 
-    along: Literal["x", "y", "arc"] = "x"
+    along: Literal["x", "y", "z", "arc"] = "x"
     points: list[Number]
     values: list[NonNegative]
 
@@ -230,7 +232,7 @@ class Profile(Table, frozen=True, kw_only=True):
 
     def position(self, xy: np.ndarray, arc: np.ndarray) -> np.ndarray:
         """Where on the profile (m,) the contact nodes `xy` (m, d) lie, at arc lengths `arc` (m,)."""
-        return arc if self.along == "arc" else xy[:, "xy".index(self.along)]
+        return arc if self.along == "arc" else xy[:, "xyz".index(self.along)]
 
     def at(self, xy: np.ndarray, arc: np.ndarray) -> np.ndarray:
         """Values (m,) at the contact nodes `xy` (m, d), at arc lengths `arc` (m,)."""

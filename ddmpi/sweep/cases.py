@@ -14,7 +14,7 @@ import numpy as np
 from ddmpi.errors import InputError
 from ddmpi.scene.keys import parse_value
 from ddmpi.scene.reader import read_scene
-from ddmpi.scene.scene import FileOrder, Settled
+from ddmpi.scene.scene import FileKind, Settled
 
 LARGEST_SWEEP = 10_000
 """Most cases of one sweep; more than that is a typing error."""
@@ -116,10 +116,10 @@ def _split(text: str) -> list[str]:
 
 
 def build_cases(path: str, text: str, settings: list[str], varied: list[str],
-                file_order: FileOrder | None = None) -> list[Case]:
+                file_kind: FileKind | None = None) -> list[Case]:
     """The cases of a sweep: all combinations of what is `varied`, the last --vary running fastest.
 
-    `path`, `text`, `settings` and `file_order` are as for `read_scene`. Raises InputError, the same on every rank, that
+    `path`, `text`, `settings` and `file_kind` are as for `read_scene`. Raises InputError, the same on every rank, that
     names a key or value that is not valid, or two cases that are the same. Not collective.
     """
     if not varied:
@@ -135,7 +135,7 @@ def build_cases(path: str, text: str, settings: list[str], varied: list[str],
         named = {keys[0]: own[keys[0]] for keys, _ in axes}
         varying = [f"{key}={value}" for key, value in own.items()]
         try:
-            case = Case(len(cases), own, named, read_scene(path, text, [*settings, *varying], file_order))
+            case = Case(len(cases), own, named, read_scene(path, text, [*settings, *varying], file_kind))
         except InputError as error:
             raise InputError(f"--vary {' '.join(varying)}: {str(error).removeprefix('--set ')}") from None
         cases.append(case)

@@ -13,7 +13,7 @@ from ddmpi.body.rigid_motions import free_motions, rigid_motions
 from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.body.stress import stress, von_mises
 from ddmpi.errors import InputError
-from ddmpi.mesh.build import generate_rectangle
+from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction

@@ -5,7 +5,7 @@ import pytest
 
 from ddmpi.body.estimate import ErrorEstimate, estimate_error, relative_error, sum_errors
 from ddmpi.body.stiffness import sum_stiffness
-from ddmpi.mesh.build import generate_rectangle
+from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.scene.bodies import Material, MeshSpec

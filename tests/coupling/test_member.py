@@ -12,7 +12,7 @@ from scenes import pinched_blocks, prepare_scene, solve_scene
 import ddmpi.coupling.member
 from ddmpi.body.elasticity import Elasticity, assemble
 from ddmpi.coupling.member import Member
-from ddmpi.mesh.build import generate_rectangle
+from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction

@@ -246,7 +246,7 @@ def test_no_target_for_linear_triangles_that_lock():
     soft = ["body.upper.material.poisson=0.4999", "method.target_error=0.1"]
     assert {body.mesh.order for body in scene_of(pinched_blocks(6), *soft).body} == {2}
     assert {body.mesh.order for body in scene_of(pinched_blocks(6), *soft, "method.preset=fast").body} == {2}
-    with pytest.raises(InputError, match=r"body\.upper: linear triangles lock at nu = 0\.4999.*leave mesh\.order out"):
+    with pytest.raises(InputError, match=r"body\.upper: linear elements lock at nu = 0\.4999.*leave mesh\.order out"):
         scene_of(pinched_blocks(6), *soft, "body.lower.mesh.order=1")
     assert {body.mesh.order for body in scene_of(pinched_blocks(6), soft[0]).body} == {1}
     plane = [f'body.{k}.material.plane="stress"' for k in (0, 1)]
@@ -304,7 +304,7 @@ def test_linear_triangles_that_lock_have_no_estimate(tmp_path):
     done = run_command(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results",
                        "--set", "body.upper.material.poisson=0.4999")
     assert done.code == 0, done.output
-    warning = "upper: no estimate: linear triangles lock at nu = 0.4999; mesh.order = 2 would be right"
+    warning = "upper: no estimate: linear elements lock at nu = 0.4999; mesh.order = 2 would be right"
     assert done.summary["warnings"] == [warning] and done.output.count(warning) == 1
     assert "estimated discretization error" not in done.output
     error = done.summary["discretization_error"]

@@ -9,7 +9,7 @@ from test_mesh import HALVES, NAMES, SIDES, SQUARE, area, body_with, length, ref
 from ddmpi.errors import InputError
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.mesh.read import file_order, read_mesh
+from ddmpi.mesh.read import file_kind, read_mesh
 from ddmpi.scene.bodies import MeshSpec
 
 MIDDLES = (SQUARE + np.roll(SQUARE, -1, axis=0)) / 2
@@ -51,7 +51,7 @@ def test_abaqus_input(tmp_path, kind):
     order = 2 if corners > 4 else 1
     mesh = build_mesh(body_with(MeshSpec(file=str(path), order=order), clamp=["left", "corner"]))
     same_square(mesh)
-    assert (file_order(path, "upper"), mesh.cut) == (order, int(corners in (4, 8)))
+    assert (file_kind(path, "upper"), mesh.cut) == (order, int(corners in (4, 8)))
     assert mesh.surfaces.keys() == {"volume"} and len(mesh.surfaces["volume"]) == len(mesh.triangles)
     assert np.array_equal(mesh.points[mesh.vertices["corner"]], [[0.0, 0.0]])
 

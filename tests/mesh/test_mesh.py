@@ -12,9 +12,10 @@ from scenes import LIMIT, run_command, write_scene
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group, corners, group_nodes, segments, turn_outward
-from ddmpi.mesh.build import build_mesh, generate_rectangle
+from ddmpi.mesh.build import build_mesh
+from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.mesh.mesh import Mesh, signed_measures
-from ddmpi.mesh.read import cut_quadrilaterals, file_order, read_mesh
+from ddmpi.mesh.read import cut_quadrilaterals, file_kind, read_mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, PartMaterial, Traction
 
@@ -359,7 +360,7 @@ def test_signals_are_heard_after_gmsh(tmp_path):
     path = write_by_gmsh(tmp_path / "old.msh", 4.0)
     code = """
 import os, pathlib, signal, sys
-from ddmpi.mesh.read import cut_quadrilaterals, file_order, read_mesh
+from ddmpi.mesh.read import cut_quadrilaterals, file_kind, read_mesh
 from ddmpi.system import interrupt
 signal.signal(signal.SIGINT, signal.SIG_DFL)  # where it is ignored, it stays so
 interrupt.listen()
@@ -445,7 +446,7 @@ def test_order_of_a_file(tmp_path, version, binary):
     """The order of a mesh file is known for every version of the format."""
     for order in (1, 2):
         path = write_by_gmsh(tmp_path / f"{order}.msh", version, binary, order=order)
-        assert file_order(path, "upper") == order
+        assert file_kind(path, "upper") == order
 
 
 def test_a_scene_is_solved_with_the_elements_of_its_files(tmp_path):
@@ -550,7 +551,7 @@ def test_quadrilaterals_of_a_file(tmp_path, order):
     finally:
         gmsh.finalize()
     mesh, expected = read_mesh(path, "upper"), rectangle((6, 3))
-    assert (mesh.cut, mesh.order, file_order(path, "upper")) == (18, 1, order)
+    assert (mesh.cut, mesh.order, file_kind(path, "upper")) == (18, 1, order)
 
     def places(each):
         return {frozenset(map(tuple, np.round(each.points[t], 9).tolist())) for t in each.triangles}

@@ -537,7 +537,7 @@ def test_signals_are_noted_and_not_deadly():
 
 def test_signals_are_heard_after_gmsh(monkeypatch):
     """The PETSc within gmsh sets the handler of SIGTERM back."""
-    from ddmpi.mesh.build import generate_rectangle
+    from ddmpi.mesh.shapes import generate_rectangle
     from ddmpi.scene.bodies import MeshSpec
 
     before = {number: signal.getsignal(number) for number in interrupt.SIGNALS}

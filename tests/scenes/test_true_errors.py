@@ -28,7 +28,7 @@ from true_errors import (
 
 from ddmpi.body.estimate import estimate_error, relative_error
 from ddmpi.coupling.assembly import prepare
-from ddmpi.mesh.build import generate_rectangle
+from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.run.solve import solve
