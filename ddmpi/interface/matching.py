@@ -16,7 +16,7 @@ from ddmpi.interface.cover import DEEPEST, FACING, cover
 from ddmpi.interface.interface import SAME, Interface, Lines, Places
 from ddmpi.interface.law import law_of
 from ddmpi.interface.side import Side, frames, unit
-from ddmpi.scene.contacts import Circle, NoFriction, Plane, SettledContact
+from ddmpi.scene.contacts import NoFriction, Rigid, SettledContact
 from ddmpi.scene.values import Profile
 from ddmpi.system.numbers import in_words
 
@@ -204,22 +204,23 @@ def pair(first: Side, second: Side, contact: SettledContact, refinement: int = 1
     return build(rows, contact)
 
 
-def face_rigid(side: Side, rigid: Plane | Circle, contact: SettledContact) -> Interface:
+def face_rigid(side: Side, rigid: Rigid, contact: SettledContact) -> Interface:
     """The interface of a body, which is the first, and a rigid partner.
 
     Normals and gaps are those of the rigid surface at the body's nodes, exactly. Nodes that do not face it, such as
-    the far side of a roller, carry no row. The second side has no nodes: the partner's displacement U gives
-    `Interface.prescribed`. Not collective. Raises InputError when the body's boundary does not face the surface.
+    the far side of a roller, carry no row; where it has no normal, the body's counts. The second side has no nodes: the
+    partner's displacement U gives `Interface.prescribed`. Not collective. Raises InputError when the body's boundary
+    does not face the surface.
     """
-    outward, measured = _surface(rigid, side)
+    outward, measured = rigid.facing(side.xy)
+    outward = np.where(outward.any(axis=1, keepdims=True), outward, -side.normal)
     measured = without_rounding(measured - side.rise(np.arange(len(measured)), -outward), side.spacing)
     towards = (np.einsum("icj,ij->ic", outward[side.facets], side.outward) < FACING).all(axis=1)
     here = np.unique(side.facets[towards])
     if len(here) == 0:
         place = in_words(side.xy[np.argmin(np.einsum("ij,ij->i", outward, side.normal))])
         raise InputError(f"contact.{contact.name}: near {place} the boundary of {side.body!r} does not face "
-                         f"{rigid.name!r}" + ("; a plane's normal points towards the bodies" if isinstance(rigid, Plane)
-                                              else "; bodies touch a circle from outside, unless inside = true"))
+                         f"{rigid.name!r}; {rigid.turned}")
     partner = replace(side, body=rigid.name, modulus=np.inf, xy=side.xy - measured[:, None] * outward, normal=outward,
                       clamps=np.zeros_like(side.clamps))
     found = build(pairs((side, partner), here, here, -outward[here], side.lengths_over(towards)[here], measured[here],
@@ -346,19 +347,3 @@ def _worst(first: Side, second: Side, match: np.ndarray) -> str:
     distance = np.linalg.norm(second.xy[match] - first.xy, axis=1)
     k = int(np.argmax(distance))
     return f" (worst: {in_words(first.xy[k])} against {in_words(second.xy[match[k]])})"
-
-
-def _surface(rigid: Plane | Circle, side: Side) -> tuple[np.ndarray, np.ndarray]:
-    """The surface's unit normal (k, 2), which points to the bodies, and the distance along it (k,), at a side's nodes.
-
-    In the centre of a circle, which has no normal, it is the body's.
-    """
-    if isinstance(rigid, Plane):
-        normal = np.array(rigid.normal) / np.linalg.norm(rigid.normal)
-        return np.tile(normal, (len(side.xy), 1)), (side.xy - rigid.point) @ normal
-    away = side.xy - np.array(rigid.center)
-    distance = np.linalg.norm(away, axis=1)
-    sign = -1.0 if rigid.inside else 1.0
-    outward = np.where(distance[:, None] > 0.0, sign * away / np.where(distance > 0.0, distance, 1.0)[:, None],
-                       -side.normal)
-    return outward, sign * (distance - rigid.radius)
