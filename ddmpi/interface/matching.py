@@ -16,6 +16,7 @@ from ddmpi.interface.cover import DEEPEST, FACING, cover
 from ddmpi.interface.interface import SAME, Interface, Lines, Places
 from ddmpi.interface.law import law_of
 from ddmpi.interface.side import Side, frames, unit
+from ddmpi.mesh.boundary import links
 from ddmpi.scene.contacts import NoFriction, Rigid, SettledContact
 from ddmpi.scene.values import Profile
 from ddmpi.system.numbers import in_words
@@ -323,7 +324,9 @@ def _offset(first: Side, second: Side, here: np.ndarray, there: np.ndarray,
             normal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The gap along the normals between the arcs over the chords, how far partners lie aside of each other, and the
     spacing there, each (k,)."""
-    offset, spacing = second.xy[there] - first.xy[here], first.spacing[here]
+    ends, offset = links(first.facets, first.dimension), second.xy[there] - first.xy[here]
+    half = np.linalg.norm(first.xy[ends[:, 1]] - first.xy[ends[:, 0]], axis=1) / 2 / (first.dimension - 1)
+    spacing = np.bincount(ends.ravel(), np.repeat(half, 2), len(first.nodes))[here]
     gap = np.einsum("ij,ij->i", offset, normal)
     aside = np.linalg.norm(offset - gap[:, None] * normal, axis=1)
     gap = gap - first.rise(here, normal) - second.rise(there, -normal)

@@ -23,6 +23,9 @@ from ddmpi.scene.values import (
 )
 from ddmpi.system.numbers import nearest_in
 
+SQUASHED = 1e-6
+"""What is nearest to an axis is looked for with lengths along it times this."""
+
 WHOLE = 1.5
 """A rigid circle that bodies may touch over more than this angle is drawn as a whole."""
 
@@ -212,6 +215,10 @@ class Round(RigidSurface, frozen=True, kw_only=True):
         """The ways (…, d) to points (…, d) from the places nearest to them on centre or axis (m)."""
         raise NotImplementedError
 
+    def across(self, vectors: np.ndarray) -> np.ndarray:
+        """The part of vectors (…, d) across the axis; all of them, if there is none."""
+        return vectors
+
     def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         away, sign = self.away(points), -1.0 if self.inside else 1.0
         distance = np.linalg.norm(away, axis=-1)
@@ -221,7 +228,10 @@ class Round(RigidSurface, frozen=True, kw_only=True):
         if self.inside:
             return super().deepest(simplices)
         away = self.away(simplices)
-        return nearest_in(np.zeros(away.shape[2]), away) + (simplices - away).mean(axis=1)
+        axis = simplices - away  # places nearest to corners on it, or the centre
+        middle = axis.mean(axis=1)
+        place = nearest_in(np.zeros(away.shape[2]), away + SQUASHED * (axis - middle[:, None]))
+        return middle + self.across(place) + (place - self.across(place)) / SQUASHED
 
     @property
     def bend(self) -> float:
@@ -286,8 +296,11 @@ class Cylinder(Round, frozen=True, kw_only=True, tag="cylinder"):
             raise ValueError("axis must not be zero")
 
     def away(self, points: np.ndarray) -> np.ndarray:
-        from_point, axis = points - np.array(self.point), np.array(self.axis) / np.linalg.norm(self.axis)
-        return from_point - (from_point @ axis)[..., None] * axis
+        return self.across(points - np.array(self.point))
+
+    def across(self, vectors: np.ndarray) -> np.ndarray:
+        axis = np.array(self.axis) / np.linalg.norm(self.axis)
+        return vectors - (vectors @ axis)[..., None] * axis
 
 
 Rigid = Plane | Circle | Sphere | Cylinder

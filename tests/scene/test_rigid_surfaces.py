@@ -5,7 +5,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from ddmpi.scene.contacts import Circle, Plane, Rigid, RigidSurface
+from ddmpi.scene.contacts import Circle, Cylinder, Plane, Rigid, RigidSurface, Sphere
 from ddmpi.system.numbers import nearest_in
 
 EXAMPLES = {
@@ -13,7 +13,8 @@ EXAMPLES = {
     "a disc": Circle(name="disc", center=(0.5, -0.25), radius=0.75),
     "a bore": Circle(name="bore", center=(0.5, -0.25), radius=1.5, inside=True),
     "a plane in space": Plane(name="wall", point=(1.0, 0.5, 0.0), normal=(1.0, 2.0, 2.0)),
-    "a ball": Circle(name="ball", center=(0.5, -0.25, 0.25), radius=0.75)}
+    "a ball": Sphere(name="ball", center=(0.5, -0.25, 0.25), radius=0.75),
+    "a shaft": Cylinder(name="shaft", point=(0.5, -0.25, 0.25), axis=(1.0, 2.0, -2.0), radius=0.75)}
 
 STEP = 1e-6
 
