@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import factorial
 
 import numpy as np
 import scipy.sparse as sparse
 
+from ddmpi.interface.curved import bulge, normals_at_corners
 from ddmpi.mesh.boundary import links, segments, turn_outward
 from ddmpi.mesh.elements import CELLS, FIRST, bends, facet_cell, facet_measures, facet_shares
 from ddmpi.mesh.mesh import Mesh
@@ -119,9 +121,12 @@ class Side:
         """
         return self._slopes()[0]
 
-    @property
+    @cached_property
     def fans(self) -> np.ndarray:
-        """(f, 2, 2) unit normals at the ends of each facet, the same for both that meet at less than SHARPEST."""
+        """(f, d, d) unit normals at the corners of each facet, the same for all that meet there at less than SHARPEST.
+        """
+        if self.dimension > 2:
+            return normals_at_corners(self.xy, self.facets[:, :3], SHARPEST)
         tilt = np.stack([-self._slopes()[1][:, 0], self._slopes()[1][:, 1]], axis=1)
         cosine, sine = np.cos(tilt), np.sin(tilt)
         (x, y) = self.outward.T[:, :, None]
@@ -155,14 +160,17 @@ class Side:
     def bulge(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """How far (q,) the boundary that is meant stands off its chords, outward (m).
 
-        Over each chord lies the cubic with the slopes at its ends, times what makes the arc of a circle exact.
+        Over each chord lies the cubic with the slopes at its ends, times what makes the arc of a circle exact. In space
+        it is what `curved.bulge` has over triangles.
 
         Parameters
         ----------
         facets : (q,) on which the points lie
-        at : (q,) where on the facet, from 0 at its first end to 1 at the second
-        direction : (q, 2) unit vectors along which the distance counts
+        at : (q,) where on the facet, from 0 at its first end to 1 at the second; in space (q, 3) barycentric
+        direction : (q, d) unit vectors along which the distance counts
         """
+        if self.dimension > 2:
+            return bulge(self.xy[self.facets[:, :3]], self.fans, facets, at, direction)
         slope, along, z = self.slopes[facets], self.along[facets], 2.0 * at - 1.0
         length = np.linalg.norm(along, axis=1)
         first, second = np.tan(slope).T
@@ -223,6 +231,12 @@ class Side:
         """Nodal lengths (k,) over some of the facets (f,) bool: integrals of the shape functions (m)."""
         facets = self.facets[some]
         return nodal(facet_shares(self.xy[facets]), facets, len(self.nodes))
+
+    def vertex_areas(self, some: np.ndarray) -> np.ndarray:
+        """Integrals (k,) of the vertices' hat functions over some of the facets (f,) bool, in space (m²)."""
+        nodes = self.facets[some]
+        shares = np.repeat(self.lengths[some][:, None] / 3.0, 3, axis=1)
+        return nodal(shares, nodes[:, :3], len(self.nodes))
 
     def normals_over(self, some: np.ndarray) -> np.ndarray:
         """Outer unit normals (k, d) averaged over some of the facets (f,) bool; those of the side away from these."""
