@@ -52,6 +52,7 @@ class Side:
     arc : (k,) arc length from the start of the node's chain, on the way with the body to the left (m). A closed chain
         starts at the first node of the group's first line on it. Zero in space
     facets : (f, l) by the places of their nodes, turned outward as `turn_outward` does; in the order of the last column
+    parted : whether another contact is on the same group
     """
 
     body: str
@@ -65,6 +66,7 @@ class Side:
     extent: np.ndarray
     arc: np.ndarray
     facets: np.ndarray
+    parted: bool = False
 
     @property
     def free(self) -> np.ndarray:
@@ -294,10 +296,10 @@ def turn_right(vectors: np.ndarray) -> np.ndarray:
 
 
 def contact_side(mesh: Mesh, edges: np.ndarray, clamps: np.ndarray, body: str, modulus: float, key: str,
-                 tied: np.ndarray | None = None) -> Side:
+                 tied: np.ndarray | None = None, parted: bool = False) -> Side:
     """The contact boundary made of `edges` (k, l), in the plane ordered from its first end. Not collective.
 
-    `clamps` (nv, d) and `tied` (nv,) as those of a `Side`, of all nodes of the body; without `tied` none is.
+    `clamps` (nv, d) and `tied` (nv,) as those of a `Side`, of all nodes of the body; without `tied` none is. `parted` as of a `Side`.
 
     Raises InputError naming `key` when an edge does not lie on the boundary.
     """
@@ -315,7 +317,7 @@ def contact_side(mesh: Mesh, edges: np.ndarray, clamps: np.ndarray, body: str, m
     normal, length = (nodal(of(xy[facets]), facets, len(nodes)) for of in (_across, facet_shares))
     return Side(body, modulus, nodes, xy, unit(normal), length, clamps[nodes],
                 np.zeros(len(nodes), bool) if tied is None else tied[nodes], np.ptp(mesh.points, axis=0),
-                arc[nodes], facets)
+                arc[nodes], facets, parted)
 
 
 def _arc(edges: np.ndarray, points: np.ndarray, origins: np.ndarray) -> np.ndarray:

@@ -40,11 +40,12 @@ NOTHING = 1e-12
 
 def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, contact: SettledContact) -> Rows:
     """The rows of the slave, `sides[own]`. Not collective."""
-    side = sides[own]
+    side, bonded = sides[own], contact.kind == "bonded"
     seen = np.isin(np.arange(len(side.facets)), over.facet)
-    psi, full = _functions(side, over, contact.kind == "bonded"), side.vertex_areas(seen)
+    psi, full = _functions(side, over, bonded), side.vertex_areas(seen)
     D = np.asarray(psi.sum(axis=0)).ravel()
-    shares = (D < UNCOVERED * full) | (_rim(side, over, seen) & side.tied)
+    shares = (D < UNCOVERED * full) | _meets_others(side, D)
+    shares |= ~(side.free.all(axis=1) if bonded else side.free.any(axis=1))
     shares[full == 0.0] = False
     links = _links(side, seen)
     rows = _rows(sides, own, over, psi, full > 0.0, shares, links, seen)
@@ -70,17 +71,16 @@ def _functions(side: Side, over: Cover, hats: bool) -> sparse.csr_matrix:
     return _at_points(weighted, side.facets[over.facet, :3], len(side.nodes))
 
 
-def _rim(side: Side, over: Cover, seen: np.ndarray) -> np.ndarray:
-    """Which of the slave's nodes (k,) are vertices on the rim of what the other side covers."""
-    share = np.bincount(over.facet, over.weight, len(seen))
-    whole = share >= (1.0 - LACKING) * side.lengths
-    facets = side.facets[seen & whole, :3]
-    ends = np.sort(np.concatenate([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]]), axis=1)
-    edges, count = np.unique(ends, axis=0, return_counts=True)
-    found = np.zeros(len(side.nodes), bool)
-    found[edges[count == 1]] = True
-    found[side.facets[seen & ~whole, :3]] = True
-    return found
+def _meets_others(side: Side, D: np.ndarray) -> np.ndarray:
+    """Which vertices (k,) other contacts of the body have as well: on the rim of their group, where another one's
+    group begins, and, where other contacts are on the same group, where what this one covers (k,) ends."""
+    facets = side.facets[:, :3]
+    edges, count = np.unique(np.sort(np.concatenate([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]]), axis=1),
+                             axis=0, return_counts=True)
+    rim = np.zeros(len(side.nodes), bool)
+    rim[edges[count == 1]] = True
+    partly = D < (1.0 - UNCOVERED) * side.vertex_areas(np.ones(len(facets), bool))
+    return (rim & side.tied) | (partly & side.parted)
 
 
 def _links(side: Side, seen: np.ndarray) -> sparse.csr_matrix:
