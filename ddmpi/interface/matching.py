@@ -264,7 +264,7 @@ def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
     """The nodes of the part that two sides have in common, or nodes at which they meet; None unless each facet
     that faces the other side faces one facet, whose nodes are the partners of its own."""
     offset, size = LARGEST_OFFSET * refinement, first.facets.shape[1]
-    if second.facets.shape[1] != size or first.dimension > 2:
+    if second.facets.shape[1] != size:
         return None
     ours = _faced(first, second, offset)
     if any(len(np.unique(each)) < len(each) for each in ours):
@@ -273,8 +273,9 @@ def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
     if not np.array_equal(ours, theirs[:, np.argsort(theirs[0], kind="stable")]):
         return None
     if ours.size:
-        nodes = first.facets[ours[0]].ravel(), second.facets[ours[1]][:, [1, 0, 2][:size]].ravel()
-        here, there = np.unique(np.stack(nodes), axis=1)
+        a, b = first.facets[ours[0]], second.facets[ours[1]]
+        nearest = np.linalg.norm(first.xy[a][:, :, None] - second.xy[b][:, None], axis=3).argmin(axis=2)
+        here, there = np.unique(np.stack([a.ravel(), np.take_along_axis(b, nearest, axis=1).ravel()]), axis=1)
     else:
         nearest, back = cKDTree(second.xy).query(first.xy)[1], cKDTree(first.xy).query(second.xy)[1]
         here = np.flatnonzero(back[nearest] == np.arange(len(nearest)))
