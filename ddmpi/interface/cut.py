@@ -64,7 +64,7 @@ def cut(slave: Side, master: Side, facing: float, deepest: np.ndarray) -> tuple[
     keep = np.repeat(keep, number)
     facet, other, at, there, weight, distance = (
         each[keep] for each in (facet, other, at, there, weight, distance))
-    return facet, other, at, there, weight * _stretch(slave, facet, at), distance
+    return facet, other, at, there, weight * stretch(slave, facet, at), distance
 
 
 def facet_areas(triangles: np.ndarray) -> np.ndarray:
@@ -72,7 +72,7 @@ def facet_areas(triangles: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1) / 2
 
 
-def _stretch(side: Side, facet: np.ndarray, at: np.ndarray) -> np.ndarray:
+def stretch(side: Side, facet: np.ndarray, at: np.ndarray) -> np.ndarray:
     """The area of facets at points (q, 3), over that of their plane triangles."""
     if side.facets.shape[1] == 3 or not len(facet):
         return np.ones(len(facet))

@@ -21,7 +21,8 @@ from scipy.spatial import cKDTree
 from ddmpi.errors import InputError
 from ddmpi.interface.cover import Cover, cover, faced_arc
 from ddmpi.interface.interface import Interface, Lines, Places, in_order
-from ddmpi.interface.matching import Rows, build, holds_along, is_held, pair, without_rounding
+from ddmpi.interface.matching import pair
+from ddmpi.interface.rows import Rows, build, holds_along, is_held, without_rounding
 from ddmpi.interface.side import Side, frames, nodal, unit
 from ddmpi.interface.vertices import rows_at_vertices
 from ddmpi.mesh.boundary import segments

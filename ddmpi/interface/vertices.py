@@ -17,7 +17,7 @@ import scipy.sparse as sparse
 
 from ddmpi.interface.cover import Cover
 from ddmpi.interface.interface import Lines, Places
-from ddmpi.interface.matching import Rows, holds_along, without_rounding
+from ddmpi.interface.rows import Rows, holds_along, without_rounding
 from ddmpi.interface.side import Side, unit
 from ddmpi.mesh.elements import cell_with
 from ddmpi.scene.contacts import SettledContact
@@ -49,7 +49,7 @@ def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, contact: S
     shares[full == 0.0] = False
     links = _links(side, seen)
     rows = _rows(sides, own, over, psi, full > 0.0, shares, links, seen)
-    held = _hardly_move(rows, holds_along(contact))
+    held = _hardly_move(rows, holds_along(contact) and np.isfinite(sides[1 - own].modulus))
     if held.any() and not held.all():
         shares[rows.nodes[held]] = True
         rows = _rows(sides, own, over, psi, full > 0.0, shares, links, seen)
