@@ -36,6 +36,7 @@ from ddmpi.results.histories import animate, at_step, draw_steps
 from ddmpi.results.magnify import magnify, owners, surfaces
 from ddmpi.results.tables import Columns, Results, chains, drawn_rows, read_results, reading, writing
 from ddmpi.scene.contacts import Friction
+from ddmpi.scene.method import METHODS
 from ddmpi.system.files import MECHANISM, contact_files
 from ddmpi.system.numbers import scaled_unit
 from ddmpi.system.provenance import identity
@@ -329,8 +330,7 @@ def draw_convergence(results: Results) -> Any:
     history, summary = results.history, results.summary
     figure, axes = plt.subplots(figsize=(7.2, 4.4))
     k, starts = np.arange(1.0, len(history["iteration"]) + 1), 1 + np.flatnonzero(np.diff(history["step"]))
-    x, what = (("s", "contact equations") if summary["outer"] == "newton" else
-               ("λ", "force mismatch  ‖s$_1$ − s$_2$‖ / ‖s‖"))
+    x, what = METHODS[summary["outer"]].curves
     curves = {"update": ("normal", "o", f"update  ‖{x}$_k$ − {x}$_{{k-1}}$‖ / ‖{x}$_k$‖"),
               "residual": ("tangential", "s", f"residual: {what}")}
     for column, (colour, marker, label) in curves.items():
