@@ -31,8 +31,8 @@ ASKS = re.compile(
 """Code that asks for the dimension, or takes it to be two."""
 
 PLACES = {
-    # of the laws: a box in the plane, discs in space; no friction turns in the plane
-    "interface/law": 2, "mesh/boundary": 1, "mesh/elements": 1, "interface/interface": 1,
+    # of the laws: a box and two edges in the plane, discs and polygons in space; no friction turns in the plane
+    "interface/law": 3, "mesh/boundary": 1, "mesh/elements": 1, "interface/interface": 1,
     # what the plane has and space has not, to be replaced with solids
     "coupling/assembly": 1, "interface/side": 1, "interface/state": 1, "judge/diagnosis": 1, "judge/motions": 4,
     # pictures, and meshes that are made or drawn

@@ -282,8 +282,8 @@ def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | Non
 
 
 def _check_method(scene: Settled, bodies: Mapping[str, Elasticity], interfaces: Sequence[Interface]) -> None:
-    """InputError where the published iteration cannot do what is asked of it."""
-    if scene.method.outer == "newton":
+    """InputError where a method of two bodies cannot do what is asked of it."""
+    if not scene.method.by_body:
         return
     for name, elasticity in bodies.items():
         if not elasticity.held:

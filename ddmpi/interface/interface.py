@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.sparse as sparse
+from msgspec.structs import astuple
 
 from ddmpi.errors import InputError
 from ddmpi.interface.law import Law
@@ -355,9 +356,8 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
 
 def uncovered_profile(interface: Interface, contact: SettledContact) -> list[str]:
     """A warning where a profile of friction or of the gap ends before the contact does. Not collective."""
-    found, friction = [], contact.friction
-    given = getattr(friction, "coefficient", getattr(friction, "slip_bound", None))
-    for key, values in (("friction", given), ("gap", contact.gap)):
+    found = []
+    for key, values in (*(("friction", each) for each in astuple(contact.friction)), ("gap", contact.gap)):
         if not isinstance(values, Profile) or len(values.points) < 2:
             continue
         along = values.position(interface.xy, interface.arc)

@@ -15,7 +15,6 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.law import CoulombLaw, TrescaLaw
 from ddmpi.judge.motions import MotionsOfBody, describe_motions
 
 LARGEST = 300
@@ -150,70 +149,54 @@ class _Forces:
     ----------
     columns : (nc, k) the coefficient's power on the rigid motions
     lower, upper : (k,)
-    normal : (k,) the column of G of the node's normal force, −1 for tangential forces alone
-    tangential : (k,) the column of G of the tangential force, −1 where there is none
-    slope : (k,) friction force per normal force, with its sign: an edge of Coulomb's cone; zero otherwise
+    node : (k,) the column of G of the normal force of its node
+    presses, leans : (k,) bool, whether it has a normal, and a tangential part
+    owner : (size,) the column of G of the normal force of each column's node
+    components : tangential ones of a node
     """
 
     columns: sparse.csc_matrix
     lower: np.ndarray
     upper: np.ndarray
-    normal: np.ndarray
-    tangential: np.ndarray
-    slope: np.ndarray
+    node: np.ndarray
+    presses: np.ndarray
+    leans: np.ndarray
+    owner: np.ndarray
+    components: int
 
     @classmethod
     def allowed(cls, interfaces: Sequence[Interface], A: sparse.csc_matrix, unit: float) -> _Forces:
-        """Of all interfaces; forces are counted in `unit` (N)."""
+        """Of all interfaces; forces are counted in `unit` (N).
+
+        Of a straight piece with the same coefficient only the ends are needed: all nodes between are means of them.
+        """
         entries: list[tuple[np.ndarray, ...]] = [(np.empty(0),) * 3]
         others: list[tuple[np.ndarray, ...]] = [(np.empty(0),) * 5]
-        start = k = 0
+        owner, start, k = [np.empty(0, int)], 0, 0
         for interface in interfaces:
-            own = A[:, start:start + interface.size]
+            law, own = interface.law, A[:, start:start + interface.size]
             rows = np.unique(own.indices)
-            for columns, lower, upper, normal, tangential, slope in _edges(interface, own[rows].toarray(), unit):
+            for forces, lower, upper in law.edges():
+                columns = (own[rows] @ forces).toarray()
+                if np.isinf(upper).all():
+                    keep = np.flatnonzero(_corners(columns))
+                    lower, upper = lower[keep], upper[keep]
+                else:  # forces along the same line are as good as their sum
+                    keep = np.flatnonzero(np.append(True, _length(np.diff(columns)) > SAME * _length(columns[:, 1:])))
+                    lower, upper = (np.add.reduceat(each, keep) / unit for each in (lower, upper))
+                forces, columns = forces[:, keep], columns[:, keep]
                 i, j = np.nonzero(columns)
                 entries.append((columns[i, j], rows[i], k + j))
-                others.append((lower, upper, np.where(normal < 0, -1, start + normal),
-                               np.where(tangential < 0, -1, start + tangential), slope))
-                k += columns.shape[1]
+                normal, tangential = (part.getnnz(axis=0) > 0 for part in (forces[:law.m], forces[law.m:]))
+                others.append((lower, upper, start + law.node[forces.indices[forces.indptr[:-1]]], normal, tangential))
+                k += len(keep)
+            owner.append(start + law.node)
             start += interface.size
         value, row, column = (np.concatenate(each) for each in zip(*entries, strict=True))
-        lower, upper, normal, tangential, slope = (np.concatenate(each) for each in zip(*others, strict=True))
-        return cls(sparse.csc_matrix((value, (row.astype(int), column.astype(int))), (A.shape[0], k)),
-                   lower, upper, normal.astype(int), tangential.astype(int), slope)
-
-
-def _edges(interface: Interface, A: np.ndarray, unit: float) -> Iterator[tuple[np.ndarray, ...]]:
-    """Forces that span what one interface's law allows: their columns, bounds, nodes and slopes as in `_Forces`.
-
-    Parameters
-    ----------
-    A : (r, size) power of the interface's forces on the motions of its bodies
-    unit : of forces (N)
-
-    Of a straight piece with the same coefficient only the ends are needed: all nodes between are means of them.
-    """
-    law, normal, tangential = interface.law, np.arange(interface.m), np.arange(interface.m, interface.size)
-
-    def within(columns: np.ndarray, *others: np.ndarray | float) -> tuple[np.ndarray, ...]:
-        return columns, *(np.broadcast_to(each, columns.shape[1]) for each in others)
-
-    if isinstance(law, CoulombLaw):
-        for slope in (law.coefficient, -law.coefficient):
-            edge = A[:, law.sliding] + slope * A[:, tangential]
-            keep = _corners(edge)
-            yield within(edge[:, keep], 0.0, np.inf, law.sliding[keep], tangential[keep], slope[keep])
-        normal = np.setdiff1d(normal, law.sliding)
-    keep = _corners(A[:, normal])
-    yield within(A[:, normal[keep]], -np.inf if law.name == "bonded" else 0.0, np.inf, normal[keep], -1, 0.0)
-    if isinstance(law, TrescaLaw):  # forces along the same line are as good as their sum
-        T = A[:, tangential]
-        first = np.flatnonzero(np.append(True, _length(np.diff(T)) > SAME * _length(T[:, 1:]))[:len(tangential)])
-        bound = np.add.reduceat(law.bound, first) / unit if len(first) else law.bound
-        yield within(T[:, first], -bound, bound, -1, tangential[first], 0.0)
-    elif not isinstance(law, CoulombLaw) and law.name != "none":  # bonded; of an unknown law, more than it allows
-        yield within(A[:, tangential], -np.inf, np.inf, -1, tangential, 0.0)
+        lower, upper, node, presses, leans = (np.concatenate(each) for each in zip(*others, strict=True))
+        return cls(sparse.csc_matrix((value, (row.astype(int), column.astype(int))), (A.shape[0], k)), lower, upper,
+                   node.astype(int), presses.astype(bool), leans.astype(bool), np.concatenate(owner),
+                   max((interface.law.components for interface in interfaces), default=0))
 
 
 def _corners(columns: np.ndarray) -> np.ndarray:
@@ -281,13 +264,14 @@ def _release(A: sparse.csc_matrix, forces: _Forces, b: np.ndarray, dual: np.ndar
     lifted = W.T @ left
     if not np.isfinite(lifted).all() or not _is_proof(forces, b, lifted):
         return dual
-    normal, coulomb = forces.normal >= 0, forces.slope != 0.0
+    size, edge = len(forces.owner), forces.presses & forces.leans
     tight = np.abs(forces.columns.T @ lifted) <= PROVEN * np.abs(lifted).max()
-    inside = (forces.tangential >= 0) & ~coulomb & (x > forces.lower) & (x < forces.upper)  # Tresca's bound, or bonded
-    nodes, place = np.unique(forces.normal[normal], return_inverse=True)
-    closed = np.bincount(place, tight[normal]) > 0
-    stuck, edges = np.unique(forces.tangential[inside | (coulomb & tight)], return_counts=True)
-    stuck = stuck[(edges == 2) | np.isin(stuck, forces.tangential[inside])]
+    within = forces.leans & ~forces.presses & (x > forces.lower) & (x < forces.upper)  # without pressure
+    nodes, place = np.unique(forces.node[forces.presses], return_inverse=True)
+    closed = np.bincount(place, tight[forces.presses]) > 0
+    sticks = ((np.bincount(forces.node[edge & tight], minlength=size) > forces.components)
+              | (np.bincount(forces.node[within], minlength=size) >= forces.components))
+    stuck = np.flatnonzero(sticks[forces.owner] & (forces.owner != np.arange(size)))
     lower = np.concatenate([np.where(closed, -np.inf, 0.0), np.full(len(stuck), -np.inf)])
     columns = W @ A[:, np.concatenate([nodes, stuck])]
     y = _least_squares(columns, left, lower, np.full(len(lower), np.inf))

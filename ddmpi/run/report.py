@@ -151,13 +151,9 @@ def log_step(step: Step) -> None:
 
 
 def _describe(method: SettledMethod) -> str:
-    if method.outer == "relaxation":
-        qp = QPSolver().type.replace("python", "python (MPRGP)")
-        return (f"published iteration: {method.algorithm} algorithm, splitting {method.splitting}, "
-                f"theta = {method.theta:g}, update below {method.tolerance:g}; subproblems by TAO {qp}")
-    if method.outer == "anderson":
-        return f"Anderson acceleration of the weighted published map, update below {method.tolerance:g}"
-    return f"semi-smooth Newton, GMRES with half-plane preconditioner, residual below {method.tolerance:g}"
+    if not method.by_body:
+        return method.plan
+    return f"{method.plan}; subproblems by TAO {QPSolver().type.replace('python', 'python (MPRGP)')}"
 
 
 def log_end(summary: dict, solution: Solution) -> None:

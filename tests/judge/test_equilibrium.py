@@ -1,9 +1,12 @@
 """Whether contact forces can hold loose bodies, how these move where none can, and the words for it."""
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 import pytest
 from rigid_blocks import Blocks, arch, beam, pushed, squeezed, tall, tower, wall, wedge
 
+from ddmpi.interface.law import CoulombLaw
 from ddmpi.judge.equilibrium import LARGEST, describe, find_mechanism
 from ddmpi.judge.motions import MotionsOfBody, direction, undetermined
 
@@ -62,6 +65,25 @@ def test_friction_of_a_given_bound():
     """Tresca's bound holds whatever the pressure, and all nodes add to it."""
     assert words(pushed(0.299, "tresca", 0.3)) == "equilibrium"
     assert words(pushed(0.301, "tresca", 0.3)) == "block would slide along x"
+
+
+@dataclass(frozen=True)
+class Capped(CoulombLaw):
+    """A law that nothing else knows: Coulomb's up to a bound."""
+
+    name = "capped"
+
+    def slip_bound(self, pressure):
+        return np.minimum(super().slip_bound(pressure), 10.0)
+
+
+def test_friction_by_a_law_that_is_known_by_its_bound():
+    """What it allows is asked of the law itself, not by its name."""
+    for push, said in ((0.499, "equilibrium"), (0.501, "block would slide along x")):
+        scene = pushed(push)
+        law = scene.contacts[0].law
+        scene.contacts[0] = replace(scene.contacts[0], law=Capped(law.m, law.sliding, 1, law.coefficient))
+        assert words(scene) == said
 
 
 def test_without_friction_every_push_moves():

@@ -3,6 +3,7 @@
 import json
 import tomllib
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from ddmpi.errors import InputError
 from ddmpi.scene.bodies import Clamp, Material
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
 from ddmpi.scene.keys import differences, override
-from ddmpi.scene.method import Published
+from ddmpi.scene.method import METHODS, Method, Outer, Published
 from ddmpi.scene.reader import read_scene, read_scene_file
 from ddmpi.scene.scene import Scene, Settled
 from ddmpi.scene.values import AffineScalar, AffineVector, Profile, check_formulas, evaluate, varies
@@ -706,3 +707,13 @@ def test_shipped_scene_is_valid(name):
     shipped = read_scene_file(ROOT / "configs" / name)
     assert shipped.title
     check_round_trip(shipped)
+
+
+def test_every_outer_method_says_what_is_asked_of_it():
+    """Titles, labels, plan and advice, by the name that a scene has for it."""
+    assert set(METHODS) == set(get_args(Outer))
+    for name, kind in METHODS.items():
+        method = Method(outer=name).settled()
+        assert type(method) is kind and (method.outer, bool(Method(outer=name).for_two)) == (name, method.by_body)
+        assert f"{method.criterion} below {method.tolerance:g}" in method.plan
+        assert method.title and all(method.curves) and method.diverging and method.advice("diverged", np.nan, 3, 0.1)

@@ -7,14 +7,8 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.law import CoulombLaw, Law, TrescaLaw
+from ddmpi.interface.law import BondedLaw, CoulombLaw, Law, TrescaLaw
 from ddmpi.judge.motions import MotionsOfBody
-
-
-class Bonded(Law):
-    """No bounds at all."""
-
-    name = "bonded"
 
 
 @dataclass
@@ -69,7 +63,7 @@ class Blocks:
         normal = normal @ self.turn.T / np.linalg.norm(normal, axis=1)[:, None]
         tangent, m = np.column_stack([-normal[:, 1], normal[:, 0]]), len(normal)
         sliding = np.arange(0 if law == "none" else m)
-        made = {"none": lambda: Law(m, sliding, 1), "bonded": lambda: Bonded(m, sliding, 1),
+        made = {"none": lambda: Law(m, sliding, 1), "bonded": lambda: BondedLaw(m, sliding, 1),
                 "coulomb": lambda: CoulombLaw(m, sliding, 1, np.full(m, value)),
                 "tresca": lambda: TrescaLaw(m, sliding, 1, np.full(m, self.force * value / m))}[law]()
         alone, nodes = sparse.identity(m, format="csr"), np.arange(m)
