@@ -140,7 +140,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
         for spec in mine:
             own = _contacts_of(spec, contacts)
             meshes[spec.name] = build_mesh(spec, folder, [contact.on[side] for contact, side in own],
-                                           sizes.get(spec.name))
+                                           sizes.get(spec.name), scene.dimension)
             for contact, side in own:
                 edges[contact.name, side] = boundary_group(meshes[spec.name], contact.on[side], _key(contact))
             interrupt.check()
@@ -259,8 +259,8 @@ def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | Non
         (rigid,) = (each for each in scene.rigid if each.name == contact.bodies[1])
         interface = face_rigid(first, rigid, contact)
         overlaps = check_overlap(interface, first)
-        x, y = rigid.displacement
-        partner = Mover(rigid.name, [Clamp(on=rigid.name, x=x, y=y, history=rigid.history)])
+        moved = dict(zip("xyz", rigid.displacement or (), strict=False))
+        partner = Mover(rigid.name, [Clamp(on=rigid.name, history=rigid.history, **moved)])
     else:
         if any(body.mesh.geometry for body in scene.body if body.name in contact.bodies):
             refinement = 1  # its nodes match by their number alone

@@ -64,7 +64,8 @@ class Lines:
     row : (l,) of each node
     xy : (l, d) positions (m)
     area : (l,) nodal lengths of what faces the other side (m); those of a row add up to its own
-    facets : (f, 2) pairs of neighbouring nodes, in the order of the nodes; a closed chain ends with (last, first)
+    facets : (f, 2) pairs of neighbouring nodes, in the order of the nodes; a closed chain ends with (last, first). In
+        space (f, 3) triangles
     """
 
     row: np.ndarray
@@ -98,8 +99,7 @@ class Interface:
     law : of contact and friction at these nodes
     modulus : E* (Pa), 1/E* being the sum of both bodies' (1 − ν²)/E, of which a rigid partner's is zero
     fixed : nodes without unknowns, because clamps hold both bodies there; the gap they keep is no residual
-    facets : (f, 2 or 3) rows at the nodes of facets: segments by their ends and, in order 2, middle, directed with the
-        body to their left. Only of facets that wholly face the other side and whose nodes all have a row to themselves
+    facets : (f, l) rows at the nodes of facets, turned out of the body; in space triangles between vertices. Only of facets that wholly face the other side and whose nodes all have a row to themselves
     laplacian : (m, m) sparse, of hat functions on all facets between the rows, m^(d − 3); nodes without a row that
         clamps or other contacts hold are fixed. Rows with an entry are neighbours
     one_sided : (size,) bool, unknowns along which only one of the bodies can move
@@ -156,8 +156,17 @@ class Interface:
     @property
     def shown(self) -> Lines:
         """The nodes of the rows."""
-        neighbours = np.column_stack(sparse.triu(self.laplacian, 1).nonzero())
-        return self.lines or Lines(np.arange(self.m), self.xy, self.area, in_order(neighbours))
+        if self.lines:
+            return self.lines
+        facets = self.facets
+        if self.dimension == 2:
+            facets = in_order(np.column_stack(sparse.triu(self.laplacian, 1).nonzero()))
+        return Lines(np.arange(self.m), self.xy, self.area, facets)
+
+    @property
+    def spacing(self) -> np.ndarray:
+        """(m,) distance to the next nodes by the nodal lengths or areas (m)."""
+        return self.area ** (1.0 / self.law.components)
 
     @property
     def stiffness(self) -> np.ndarray:
@@ -187,8 +196,9 @@ class Interface:
 
     @property
     def directions(self) -> np.ndarray:
-        """(size, d) unit vectors of the first body along which the unknowns count."""
-        return np.concatenate([self.normal, self.frame[self.sliding, 1:].reshape(-1, self.dimension)])
+        """(size, d) unit vectors of the first body along which the unknowns count; zero where no body can move."""
+        found = np.concatenate([self.normal, self.frame[self.sliding, 1:].reshape(-1, self.dimension)])
+        return found if self.law.live.all() else found * self.law.live[:, None]
 
     def side(self, body: str) -> int:
         """0 where `body` is the first body, 1 where it is the second."""
@@ -239,7 +249,7 @@ def check_overlap(interface: Interface, *sides: Side) -> list[str]:
         raise InputError(f"contact.{interface.name}: the sides overlap by {overlap:.3g}, more than the depth of "
                          f"{thin!r} ({min(depths):.3g}): they turn their backs on each other. Are the two names of "
                          "`on` in the order of `bodies`?")
-    spacing = float(np.median(interface.area))
+    spacing = float(np.median(interface.spacing))
     if overlap > LARGE_OVERLAP * min(depths) or overlap > MANY_ELEMENTS * spacing:
         of = "of the thinner one's depth" if len(sides) == 2 else "of the body's depth"
         return [f"contact.{interface.name}: the bodies overlap by {overlap:.3g} at first, {overlap / min(depths):.1%} "
@@ -272,7 +282,7 @@ class Mover:
         xy = np.zeros_like(places.normal) if self.side is None else self.side.xy
         held, u = np.zeros(xy.shape, int) if self.side is None else self.side.clamps, np.zeros_like(xy)
         for number, clamp in enumerate(self.clamps):
-            for axis, value in enumerate((clamp.x, clamp.y)):
+            for axis, value in enumerate(clamp.components[:xy.shape[1]]):
                 nodes = held[:, axis] == number
                 if value is not None:
                     u[nodes, axis] = factors[clamp.history] * evaluate(value, *xy[nodes].T)

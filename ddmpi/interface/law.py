@@ -15,7 +15,7 @@ from __future__ import annotations
 import itertools
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -81,6 +81,7 @@ class Law:
     m : contact nodes
     sliding : (mt,) the nodes that carry tangential forces
     components : d − 1, tangential components of a node
+    live : (size,) bool, the unknowns along which one of the bodies can move; the others stay zero. All where left out
     """
 
     name = "none"
@@ -88,6 +89,7 @@ class Law:
     m: int
     sliding: np.ndarray
     components: int
+    live: np.ndarray = field(default=np.bool_(True), kw_only=True)
 
     @property
     def size(self) -> int:
@@ -153,7 +155,8 @@ class Law:
             spring[tangential] = np.repeat(active.excess, self.components)
             frames = np.where(slips[:, None, None], across(active.slip), np.eye(self.components))
             turn = sparse.block_diag([sparse.identity(self.m), *frames])
-        return Tangent(np.concatenate([active.closed, unknown.ravel()]), self.node, coupling, given, spring, turn)
+        return Tangent(np.concatenate([active.closed, unknown.ravel()]) & self.live, self.node, coupling, given, spring,
+                       turn)
 
     def settle(self, s: np.ndarray, active: ActiveSet) -> np.ndarray:
         """The forces (size,) next to s that obey all bounds exactly, given which nodes are closed and slip."""
@@ -257,7 +260,7 @@ class BondedLaw(Law):
     def linearise(self, active: ActiveSet) -> Tangent:
         """All forces are unknown."""
         none = np.zeros(self.size)
-        return Tangent(np.ones(self.size, bool), self.node, none, none, none)
+        return Tangent(np.ones(self.size, bool) & self.live, self.node, none, none, none)
 
     def settle(self, s: np.ndarray, active: ActiveSet) -> np.ndarray:
         return s.copy()
@@ -283,7 +286,7 @@ class BondedLaw(Law):
 
 
 def law_of(friction: Coulomb | Tresca | NoFriction, xy: np.ndarray, arc: np.ndarray, area: np.ndarray,
-           sliding: np.ndarray, kind: str = "unilateral") -> Law:
+           sliding: np.ndarray, kind: str = "unilateral", live: np.ndarray | bool = True) -> Law:
     """The law that a scene asks for, evaluated at the contact nodes. Not collective.
 
     Parameters
@@ -293,6 +296,7 @@ def law_of(friction: Coulomb | Tresca | NoFriction, xy: np.ndarray, arc: np.ndar
     area : (m,) nodal lengths or areas, with which a slip-bound stress becomes a force
     sliding : (mt,) the nodes that carry tangential forces
     kind : "unilateral" or "bonded"
+    live : of a `Law`
     """
     shape = len(area), sliding, xy.shape[1] - 1
 
@@ -301,12 +305,12 @@ def law_of(friction: Coulomb | Tresca | NoFriction, xy: np.ndarray, arc: np.ndar
         return at_nodes[sliding].astype(float)
 
     if kind == "bonded":
-        return BondedLaw(*shape)
+        return BondedLaw(*shape, live=np.asarray(live))
     if isinstance(friction, Coulomb):
-        return CoulombLaw(*shape, values(friction.coefficient))
+        return CoulombLaw(*shape, values(friction.coefficient), live=np.asarray(live))
     if isinstance(friction, Tresca):
-        return TrescaLaw(*shape, values(friction.slip_bound) * area[sliding])
-    return Law(*shape)
+        return TrescaLaw(*shape, values(friction.slip_bound) * area[sliding], live=np.asarray(live))
+    return Law(*shape, live=np.asarray(live))
 
 
 class Laws:

@@ -16,8 +16,8 @@ from ddmpi.interface.cover import DEEPEST, FACING, cover
 from ddmpi.interface.interface import SAME, Interface, Lines, Places
 from ddmpi.interface.law import law_of
 from ddmpi.interface.side import Side, frames, unit
-from ddmpi.mesh.boundary import segments
-from ddmpi.scene.contacts import Circle, NoFriction, Plane, SettledContact
+from ddmpi.mesh.boundary import links
+from ddmpi.scene.contacts import NoFriction, Rigid, SettledContact
 from ddmpi.scene.values import Profile
 from ddmpi.system.numbers import in_words
 
@@ -92,15 +92,20 @@ def pairs(sides: tuple[Side, Side], here: np.ndarray, there: np.ndarray, normal:
 def build(rows: Rows, contact: SettledContact) -> Interface:
     """The interface of those rows that a body can move. Not collective. Raises InputError if there are none."""
     sides, side, bonded = rows.sides, rows.sides[rows.own], contact.kind == "bonded"
-    frame, xy = frames(rows.normal), side.xy[rows.nodes]
+    frame, xy = _along_clamps(rows, frames(rows.normal)), side.xy[rows.nodes]
     start = initial_gap(contact, rows.gap, xy, rows.arc)
-    (held_normal, _), (held_tangential, _) = (rows.held(direction) for direction in frame.swapaxes(0, 1))
-    dropped = (held_normal & held_tangential if bonded else held_normal).all(axis=0)  # a bond also holds what slides
+    held = np.stack([rows.held(direction)[0] for direction in frame.swapaxes(0, 1)], axis=-1)  # (2, r, d)
+    live = ~held.all(axis=0)
+    dropped = ~live.any(axis=1) if bonded else ~live[:, 0]  # a bond also holds what slides
     keep = np.flatnonzero(~dropped)
     if len(keep) == 0:
         raise InputError(f"contact.{contact.name}: all nodes of the contact are clamped; there is nothing to solve")
-    one_sided = [held.any(axis=0)[keep] for held in (held_normal, held_tangential)]
-    sliding = np.flatnonzero(~held_tangential.all(axis=0)[keep] & holds_along(contact))
+    start[~live[:, 0] & ~dropped] = 0.0
+    sliding = np.flatnonzero(live[keep, 1:].any(axis=1) & holds_along(contact))
+
+    def of_rows(values: np.ndarray) -> np.ndarray:
+        """The values (r, d) as a vector of the interface."""
+        return np.concatenate([values[keep, 0], values[keep[sliding], 1:].ravel()])
 
     number = np.append(np.where(dropped, -1, np.cumsum(~dropped) - 1), -1)  # of the rows that are kept
     facets = number[rows.place[side.facets[rows.whole]]]
@@ -112,13 +117,27 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
     return Interface(
         name=contact.name, bodies=(sides[0].body, sides[1].body), xy=xy, frame=frame[keep], area=area, gap=start[keep],
         arc=arc, nodes=nodes, transfer=transfers,
-        law=law_of(contact.friction, xy, arc, area, sliding, contact.kind),
+        law=law_of(contact.friction, xy, arc, area, sliding, contact.kind, of_rows(live)),
         modulus=1.0 / (1.0 / sides[0].modulus + 1.0 / sides[1].modulus),
         facets=facets[(facets >= 0).all(axis=1)], laplacian=side.laplacian(rows.seen, row, len(keep)),
-        one_sided=np.concatenate([one_sided[0], one_sided[1][sliding]]),
-        prescribed=np.zeros(len(keep) + len(sliding)), slave=side.body if rows.points else None, lines=lines,
+        one_sided=of_rows(held.any(axis=0)), prescribed=of_rows(np.zeros(live.shape)),
+        displacement=np.zeros(xy.shape[1]), slave=side.body if rows.points else None, lines=lines,
         at=(rows.transfers[0][keep] @ sides[0].xy, rows.transfers[1][keep] @ sides[1].xy),
         fixed=_at_rows(rows, dropped, start), probes=_probes(rows, contact, dropped, start))
+
+
+def _along_clamps(rows: Rows, frame: np.ndarray) -> np.ndarray:
+    """The frames (r, d, d), in space with tangents along which clamps of both sides hold a row, the free one first."""
+    if frame.shape[2] == 2:
+        return frame
+    moves = np.zeros(rows.normal.shape)
+    for side, transfer in zip(rows.sides, rows.transfers, strict=True):
+        moves += abs(transfer) @ (1.0 * side.free)
+    some = (moves == 0.0).any(axis=1)
+    tangents, free = frame[some, 1:], 1.0 * (moves[some] > 0.0)
+    turns = np.linalg.eigh(np.einsum("rid,rd,rjd->rij", tangents, free, tangents))[1][:, :, ::-1]
+    frame[some, 1:] = turns.transpose(0, 2, 1) @ tangents
+    return frame
 
 
 def _at_rows(rows: Rows, some: np.ndarray, gap: np.ndarray) -> Places:
@@ -186,34 +205,35 @@ def pair(first: Side, second: Side, contact: SettledContact, refinement: int = 1
     return build(rows, contact)
 
 
-def face_rigid(side: Side, rigid: Plane | Circle, contact: SettledContact) -> Interface:
+def face_rigid(side: Side, rigid: Rigid, contact: SettledContact) -> Interface:
     """The interface of a body, which is the first, and a rigid partner.
 
     Normals and gaps are those of the rigid surface at the body's nodes, exactly. Nodes that do not face it, such as
-    the far side of a roller, carry no row. The second side has no nodes: the partner's displacement U gives
-    `Interface.prescribed`. Not collective. Raises InputError when the body's boundary does not face the surface.
+    the far side of a roller, carry no row; where it has no normal, the body's counts. The second side has no nodes: the
+    partner's displacement U gives `Interface.prescribed`. Not collective. Raises InputError when the body's boundary
+    does not face the surface.
     """
-    outward, measured = _surface(rigid, side)
+    outward, measured = rigid.facing(side.xy)
+    outward = np.where(outward.any(axis=1, keepdims=True), outward, -side.normal)
     measured = without_rounding(measured - side.rise(np.arange(len(measured)), -outward), side.spacing)
     towards = (np.einsum("icj,ij->ic", outward[side.facets], side.outward) < FACING).all(axis=1)
     here = np.unique(side.facets[towards])
     if len(here) == 0:
         place = in_words(side.xy[np.argmin(np.einsum("ij,ij->i", outward, side.normal))])
         raise InputError(f"contact.{contact.name}: near {place} the boundary of {side.body!r} does not face "
-                         f"{rigid.name!r}" + ("; a plane's normal points towards the bodies" if isinstance(rigid, Plane)
-                                              else "; bodies touch a circle from outside, unless inside = true"))
+                         f"{rigid.name!r}; {rigid.turned}")
     partner = replace(side, body=rigid.name, modulus=np.inf, xy=side.xy - measured[:, None] * outward, normal=outward,
                       clamps=np.zeros_like(side.clamps))
     found = build(pairs((side, partner), here, here, -outward[here], side.lengths_over(towards)[here], measured[here],
                         towards), contact)
-    U, none = np.array(rigid.displacement), np.empty(0, int)
+    U, none = np.array(rigid.displacement or np.zeros(side.dimension)), np.empty(0, int)
     fixed, probes = (replace(each, nodes=(each.nodes[0], none)) for each in (found.fixed, found.probes))
     return replace(found, nodes=(found.nodes[0], none), modulus=side.modulus, fixed=fixed, probes=probes,
                    transfer=(found.transfer[0], sparse.csr_matrix((found.m, 0))), history=rigid.history).displaced(U)
 
 
 def initial_gap(contact: SettledContact, measured: np.ndarray, xy: np.ndarray, arc: np.ndarray) -> np.ndarray:
-    """The initial gap (k,) at nodes `xy` (k, 2), at arc lengths (k,): given, else measured, or zero of a bond."""
+    """The initial gap (k,) at nodes `xy` (k, d), at arc lengths (k,): given, else measured, or zero of a bond."""
     if isinstance(contact.gap, Profile):
         return contact.gap.at(xy, arc).astype(float)
     if contact.gap is not None:
@@ -243,7 +263,7 @@ def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
     """The nodes of the part that two sides have in common, or nodes at which they meet; None unless each facet
     that faces the other side faces one facet, whose nodes are the partners of its own."""
     offset, size = LARGEST_OFFSET * refinement, first.facets.shape[1]
-    if second.facets.shape[1] != size:
+    if second.facets.shape[1] != size or first.dimension > 2:
         return None
     ours = _faced(first, second, offset)
     if any(len(np.unique(each)) < len(each) for each in ours):
@@ -304,8 +324,8 @@ def _offset(first: Side, second: Side, here: np.ndarray, there: np.ndarray,
             normal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The gap along the normals between the arcs over the chords, how far partners lie aside of each other, and the
     spacing there, each (k,)."""
-    ends, offset = segments(first.facets), second.xy[there] - first.xy[here]
-    half = np.linalg.norm(first.xy[ends[:, 1]] - first.xy[ends[:, 0]], axis=1) / 2
+    ends, offset = links(first.facets, first.dimension), second.xy[there] - first.xy[here]
+    half = np.linalg.norm(first.xy[ends[:, 1]] - first.xy[ends[:, 0]], axis=1) / 2 / (first.dimension - 1)
     spacing = np.bincount(ends.ravel(), np.repeat(half, 2), len(first.nodes))[here]
     gap = np.einsum("ij,ij->i", offset, normal)
     aside = np.linalg.norm(offset - gap[:, None] * normal, axis=1)
@@ -330,19 +350,3 @@ def _worst(first: Side, second: Side, match: np.ndarray) -> str:
     distance = np.linalg.norm(second.xy[match] - first.xy, axis=1)
     k = int(np.argmax(distance))
     return f" (worst: {in_words(first.xy[k])} against {in_words(second.xy[match[k]])})"
-
-
-def _surface(rigid: Plane | Circle, side: Side) -> tuple[np.ndarray, np.ndarray]:
-    """The surface's unit normal (k, 2), which points to the bodies, and the distance along it (k,), at a side's nodes.
-
-    In the centre of a circle, which has no normal, it is the body's.
-    """
-    if isinstance(rigid, Plane):
-        normal = np.array(rigid.normal) / np.linalg.norm(rigid.normal)
-        return np.tile(normal, (len(side.xy), 1)), (side.xy - rigid.point) @ normal
-    away = side.xy - np.array(rigid.center)
-    distance = np.linalg.norm(away, axis=1)
-    sign = -1.0 if rigid.inside else 1.0
-    outward = np.where(distance[:, None] > 0.0, sign * away / np.where(distance > 0.0, distance, 1.0)[:, None],
-                       -side.normal)
-    return outward, sign * (distance - rigid.radius)

@@ -8,8 +8,8 @@ from math import factorial
 import numpy as np
 import scipy.sparse as sparse
 
-from ddmpi.mesh.boundary import segments, turn_outward
-from ddmpi.mesh.elements import bends, facet_measures, facet_shares
+from ddmpi.mesh.boundary import links, segments, turn_outward
+from ddmpi.mesh.elements import CELLS, FIRST, bends, facet_cell, facet_measures, facet_shares
 from ddmpi.mesh.mesh import Mesh
 
 SHARPEST = np.deg2rad(40.0)
@@ -31,26 +31,25 @@ STEEPEST = 0.24
 
 @dataclass(frozen=True)
 class Side:
-    """Contact boundary of one body, nodes ordered along it.
+    """Contact boundary of one body, nodes ordered along it, in space by their coordinates.
 
     Attributes
     ----------
     body : name of the body
     modulus : plane modulus E/(1 − ν²) of the body (Pa)
     nodes : (k,) mesh node numbers
-    xy : (k, 2) positions (m)
-    normal : (k, 2) outer unit normals, averaged over the adjacent edges with their lengths; of curved edges those at
+    xy : (k, d) positions (m)
+    normal : (k, d) outer unit normals, averaged over the adjacent facets with their measures; of curved facets those at
         the node itself
-    area : (k,) nodal lengths (m): the integral of the node's shape function along the boundary, so that
-        a constant stress times them gives its nodal forces. Half the adjacent edges in order 1; in order 2
+    area : (k,) nodal lengths or areas (m or m²): the integral of the node's shape function over the boundary, so that
+        a constant stress times them gives its nodal forces. Half the adjacent edges in order 1 in the plane; in order 2
         two thirds of its edge for a middle, a sixth of the adjacent edges for a corner, where these are straight
-    clamps : (k, 2) the number of the clamp that prescribes each component, −1 if none does
+    clamps : (k, d) the number of the clamp that prescribes each component, −1 if none does
     tied : (k,) bool, whether clamps hold a node in all components, or another contact can
-    extent : (2,) width and height of the body (m)
+    extent : (d,) of the body along the axes (m)
     arc : (k,) arc length from the start of the node's chain, on the way with the body to the left (m). A closed chain
-        starts at the first node of the group's first line on it
-    facets : (f, 2 or 3) segments by the places of their two ends and, in order 2, their middle; the body lies to the
-        left on the way from the first end to the second; in the order of the last column
+        starts at the first node of the group's first line on it. Zero in space
+    facets : (f, l) by the places of their nodes, turned outward as `turn_outward` does; in the order of the last column
     """
 
     body: str
@@ -67,8 +66,12 @@ class Side:
 
     @property
     def free(self) -> np.ndarray:
-        """(k, 2) bool, components that are not clamped."""
+        """(k, d) bool, components that are not clamped."""
         return self.clamps < 0
+
+    @property
+    def dimension(self) -> int:
+        return self.xy.shape[1]
 
     @property
     def along(self) -> np.ndarray:
@@ -87,18 +90,19 @@ class Side:
 
     @property
     def lengths(self) -> np.ndarray:
-        """(f,) arc lengths of the facets (m)."""
+        """(f,) lengths or areas of the facets (m or m²)."""
         return facet_measures(self.xy[self.facets])
 
     @property
     def outward(self) -> np.ndarray:
-        """(f, 2) outer unit normal of each facet's chord."""
-        return unit(turn_right(self.along))
+        """(f, d) outer unit normal of each facet's chord, or of the triangle of its corners."""
+        return unit(CELLS[self.dimension - 1, 1].vectors(self.xy[self.facets[:, :self.dimension]],
+                                                         FIRST[self.dimension - 1][0])[:, 0].T)
 
     @property
     def spacing(self) -> np.ndarray:
         """(k,) mean distance of each node to its neighbours (m)."""
-        pairs = segments(self.facets)
+        pairs = links(self.facets, self.dimension)
         distance = np.linalg.norm(self.xy[pairs[:, 1]] - self.xy[pairs[:, 0]], axis=1)
         number = np.bincount(pairs.ravel(), minlength=len(self.nodes))
         return np.bincount(pairs.ravel(), np.repeat(distance, 2), len(self.nodes)) / number
@@ -176,6 +180,8 @@ class Side:
 
         Corners lie on it, middles on the chord or, if the facet is curved, near it.
         """
+        if self.dimension > 2:
+            return np.zeros(len(nodes))
         found, facet = np.zeros(len(nodes)), np.full(len(self.nodes), -1)
         facet[self.facets[:, 2:].ravel()] = np.arange(self.facets[:, 2:].size)
         middle = np.flatnonzero(facet[nodes] >= 0)
@@ -219,14 +225,16 @@ class Side:
         return nodal(facet_shares(self.xy[facets]), facets, len(self.nodes))
 
     def normals_over(self, some: np.ndarray) -> np.ndarray:
-        """Outer unit normals (k, 2) averaged over some of the facets (f,) bool; those of the side away from these."""
+        """Outer unit normals (k, d) averaged over some of the facets (f,) bool; those of the side away from these."""
         facets = self.facets[some]
         total = unit(nodal(_across(self.xy[facets]), facets, len(self.nodes)))
         return np.where(total.any(axis=1, keepdims=True), total, self.normal)
 
     def laplacian(self, some: np.ndarray, row: np.ndarray, m: int) -> sparse.csr_matrix:
-        """That of some of the facets (f,) bool, as `laplacian`; of quadratic ones between neighbouring nodes."""
-        return laplacian(self.xy, segments(self.facets[some]), row, m)
+        """That of some of the facets (f,) bool, as `laplacian`; of quadratic ones between neighbouring nodes, in space
+        between corners."""
+        facets = self.facets[some]
+        return laplacian(self.xy, segments(facets) if self.dimension == 2 else facets[:, :3], row, m)
 
 
 def laplacian(xy: np.ndarray, facets: np.ndarray, row: np.ndarray, m: int) -> sparse.csr_matrix:
@@ -250,9 +258,20 @@ def unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def frames(normal: np.ndarray) -> np.ndarray:
-    """Unit vectors (k, d, d) at places with unit normals (k, d): these, then the tangents, in the plane at their left.
+    """Unit vectors (k, d, d) at places with unit normals (k, d): these, then the tangents.
+
+    In the plane the tangent lies at their left. In space the tangents of the mean normal are turned with it to each
+    normal the shortest way, so that neighbours have nearly the same.
     """
-    return np.stack([normal, -turn_right(normal)], axis=1)
+    if normal.shape[1] == 2:
+        return np.stack([normal, -turn_right(normal)], axis=1)
+    mean = unit(normal.sum(axis=0))
+    mean = mean if mean.any() else normal[0]
+    base = np.linalg.qr(np.column_stack([mean, np.eye(3)[np.argsort(np.abs(mean))[:2]].T]))[0].T
+    base *= np.where(base[:1] @ mean < 0.0, -1.0, 1.0)
+    half = unit(normal + mean)  # two reflections, in the mean and in this, turn the mean to a normal
+    turned = base[1:] - 2.0 * (base[1:] @ half.T).T[:, :, None] * half[:, None]
+    return np.concatenate([normal[:, None], turned], axis=1)
 
 
 def turn_right(vectors: np.ndarray) -> np.ndarray:
@@ -262,15 +281,19 @@ def turn_right(vectors: np.ndarray) -> np.ndarray:
 
 def contact_side(mesh: Mesh, edges: np.ndarray, clamps: np.ndarray, body: str, modulus: float, key: str,
                  tied: np.ndarray | None = None) -> Side:
-    """The contact boundary made of `edges` (k, 2 or 3), ordered from its first end. Not collective.
+    """The contact boundary made of `edges` (k, l), in the plane ordered from its first end. Not collective.
 
-    `clamps` (nv, 2) and `tied` (nv,) as those of a `Side`, of all nodes of the body; without `tied` none is.
+    `clamps` (nv, d) and `tied` (nv,) as those of a `Side`, of all nodes of the body; without `tied` none is.
 
     Raises InputError naming `key` when an edge does not lie on the boundary.
     """
     origins, edges = edges[:, 0], turn_outward(mesh, edges, key)[0]
-    neighbours = segments(edges)
-    nodes = _order(neighbours, mesh.points)
+    places = np.round((mesh.points - mesh.points.min(axis=0)) / (COARSE * np.ptp(mesh.points, axis=0).max()))
+    if mesh.dimension == 2:
+        nodes, arc = _order(segments(edges), places), _arc(edges, mesh.points, origins)
+    else:
+        nodes, arc = np.unique(edges), np.zeros(len(mesh.points))
+        nodes = nodes[np.lexsort(places[nodes].T[::-1])]
     place, xy = np.empty(len(mesh.points), int), mesh.points[nodes]
     place[nodes] = np.arange(len(nodes))
     facets = place[edges]
@@ -278,7 +301,7 @@ def contact_side(mesh: Mesh, edges: np.ndarray, clamps: np.ndarray, body: str, m
     normal, length = (nodal(of(xy[facets]), facets, len(nodes)) for of in (_across, facet_shares))
     return Side(body, modulus, nodes, xy, unit(normal), length, clamps[nodes],
                 np.zeros(len(nodes), bool) if tied is None else tied[nodes], np.ptp(mesh.points, axis=0),
-                _arc(edges, mesh.points, origins)[nodes], facets)
+                arc[nodes], facets)
 
 
 def _arc(edges: np.ndarray, points: np.ndarray, origins: np.ndarray) -> np.ndarray:
@@ -306,10 +329,10 @@ def nodal(values: np.ndarray, facets: np.ndarray, size: int) -> np.ndarray:
     return total
 
 
-def _across(sides: np.ndarray) -> np.ndarray:
-    """Outer normals (s, c, 2) at the nodes of sides (s, c, 2), as long as dx/dt (m): six times ∫ φ n at an end."""
-    along, bent = sides[:, 1] - sides[:, 0], 4.0 * bends(sides)
-    return np.stack([turn_right(each) for each in (along + bent, along - bent, along)[:sides.shape[1]]], axis=1)
+def _across(facets: np.ndarray) -> np.ndarray:
+    """Outer normals (s, l, d) at the nodes of facets (s, l, d), as long as ratios of measures there (m or m²)."""
+    cell = facet_cell(facets)
+    return cell.vectors(facets, cell.nodes).transpose(2, 1, 0)
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -317,9 +340,8 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
-def _order(pairs: np.ndarray, points: np.ndarray) -> np.ndarray:
+def _order(pairs: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Nodes of pairs of neighbours, walked chain by chain; each chain starts at its end with the smaller x, y."""
-    places = np.round((points - points.min(axis=0)) / (COARSE * np.ptp(points, axis=0).max()))
     neighbours: dict[int, list[int]] = {}
     for a, b in pairs.tolist():
         neighbours.setdefault(a, []).append(b)

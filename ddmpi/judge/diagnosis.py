@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -28,13 +29,13 @@ class StatusLog:
     Attributes
     ----------
     counts : open, slipping and sticking nodes of all contacts, by iteration
-    xy : (m, 2) positions of the nodes (m)
+    xy : positions (d,) of the m nodes (m)
     largest_slope : largest friction coefficient
     """
 
     def __init__(self, space: Space) -> None:
         self._space = space
-        self.xy = np.concatenate([np.empty((0, 2)), *(interface.xy for interface in space.interfaces)])
+        self.xy = [place for interface in space.interfaces for place in interface.xy]
         self.largest_slope = space.laws.largest_slope
         self.counts: list[tuple[int, int, int]] = []
         self._recent: deque[np.ndarray] = deque(maxlen=LOOK_BACK)
@@ -68,7 +69,7 @@ class StatusLog:
         everyone = comm.allgather((list(self._recent), self.xy, self.largest_slope))
         recent, places, slopes = zip(*everyone, strict=True)
         whole._recent.extend(np.concatenate(each) for each in zip(*recent, strict=True))
-        whole.xy, whole.largest_slope, whole.counts = np.concatenate(places), max(slopes), self.counts
+        whole.xy, whole.largest_slope, whole.counts = list(chain(*places)), max(slopes), self.counts
         return whole
 
     def clear(self) -> None:

@@ -19,9 +19,9 @@ from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.boundary import outline
-from ddmpi.scene.contacts import Circle, Plane, Rigid
+from ddmpi.scene.contacts import Rigid
 from ddmpi.system.agreement import merged
-from ddmpi.system.numbers import in_words
+from ddmpi.system.numbers import across, in_words, nearest_in
 
 RESOLVED = 1e-3
 """Overlaps below this part of the largest displacement, and of a body with itself below this part of a cell, are not
@@ -52,7 +52,7 @@ BESIDE = 1e-9
 """Overlaps with a rigid partner below this part of the body's size are rounding."""
 
 BETWEEN = 0.25
-"""A rigid circle that lies deeper between two contact nodes than this part of their distance, or of its radius, is too
+"""A rigid partner that lies deeper between two contact nodes than this part of their distance, or of its radius, is too
 small for them."""
 
 PARTS = {3: [[0, 1, 2]], 6: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]}
@@ -115,7 +115,7 @@ class Solid:
         """(f,) how far at most the true boundary lies inside of the body's facets (m), which it does where hollow."""
         ends = self.at[self.facets[:, :-1]]
         middle = ends.mean(axis=1)
-        normal = _across(middle - self.at[self.facets[:, -1]], ends)[0]
+        normal = across(middle - self.at[self.facets[:, -1]], ends)[0]
         normal /= np.linalg.norm(normal, axis=1)[:, None]
         mean = np.zeros_like(self.at)
         np.add.at(mean, self.facets[:, :-1], normal[:, None])
@@ -278,7 +278,7 @@ def _doubt_rigid(assembly: Assembly, displacements: Mapping[str, np.ndarray],
             own = [interface for interface in body.member.interfaces if interface.bodies[1] == rigid.name]
             touching = np.isin(facets, np.concatenate([np.empty(0, int), *(
                 nodes[0] for each in own for nodes in (each.nodes, each.fixed.nodes))]))
-            U = moved.get(rigid.name, np.array(rigid.displacement))
+            U = moved.get(rigid.name, np.array(rigid.displacement or np.zeros(body.mesh.dimension)))
             found[body.number, k] = (_between_nodes(body, u, U, own, rigid, facets[touching.all(axis=1)])
                                      or _beside(body, u, U, own, rigid, facets, touching))
     return [warning for _, warnings in sorted(merged(assembly.world, found).items()) for warning in warnings]
@@ -286,14 +286,15 @@ def _doubt_rigid(assembly: Assembly, displacements: Mapping[str, np.ndarray],
 
 def _between_nodes(body: Body, u: np.ndarray, U: np.ndarray, own: Sequence[Interface], rigid: Rigid,
                    facets: np.ndarray) -> list[str]:
-    """A warning where a circle lies deep between the nodes of the facets that touch it; parameters as for `_beside`."""
-    if not isinstance(rigid, Circle) or rigid.inside or not len(facets):
+    """A warning where a partner lies deep between the nodes of the facets that touch it; parameters as for `_beside`.
+    """
+    if not len(facets):
         return []
     ends = (body.mesh.points + u - U)[facets]
-    places = _nearest_in(np.array(rigid.center), ends)
-    depth = _depth_in(rigid, places)
-    size = np.minimum(np.linalg.norm(ends.max(axis=1) - ends.min(axis=1), axis=1), rigid.radius)
-    sunk = depth - np.maximum(_depth_in(rigid, ends).max(axis=1), 0.0) - BETWEEN * size
+    places = rigid.deepest(ends)
+    depth = rigid.depth(places)
+    size = np.minimum(np.linalg.norm(ends.max(axis=1) - ends.min(axis=1), axis=1), rigid.bend)
+    sunk = depth - np.maximum(rigid.depth(ends).max(axis=1), 0.0) - BETWEEN * size
     k = int(np.argmax(sunk))
     return [] if sunk[k] <= 0.0 else [
         f"contact.{own[0].name}: {rigid.name} is small beside the distance of nodes of {body.spec.name}, and lies "
@@ -305,8 +306,8 @@ def _beside(body: Body, u: np.ndarray, U: np.ndarray, own: Sequence[Interface], 
             touching: np.ndarray) -> list[str]:
     """A warning where a body lies in a rigid partner, but not at its contacts with it.
 
-    A bore through which the body is drawn is left out: it may be a piece of a socket. So is a plane that no contact of
-    the body names, and through which the body is drawn: it is meant to end before.
+    A partner through which the body is drawn is left out if it may be meant to end before: a bore may be a piece of a
+    socket, and a plane need not go on where no contact of the body names it.
 
     Parameters
     ----------
@@ -314,30 +315,20 @@ def _beside(body: Body, u: np.ndarray, U: np.ndarray, own: Sequence[Interface], 
     own : contacts with the partner
     facets, touching : (f, d) nodes of the boundary, and whether they are of these contacts
     """
-    mesh, free, at = body.mesh, np.unique(facets[~touching]), body.mesh.points + u - U
-    places = at[free]
-    if isinstance(rigid, Circle) and not rigid.inside:
-        places = np.concatenate([places, _nearest_in(np.array(rigid.center), at[facets[~touching.all(axis=1)]])])
-    elif (isinstance(rigid, Circle) or not own) and (
-            _depth_in(rigid, mesh.points[free]).max(initial=0.0) > BESIDE * mesh.extent):
+    mesh, at = body.mesh, body.mesh.points + u - U
+    if rigid.may_end(bool(own)) and (
+            rigid.depth(mesh.points[facets[~touching]]).max(initial=0.0) > BESIDE * mesh.extent):
         return []
-    depth = _depth_in(rigid, places)
-    overlap = max(0.0, float(_depth_in(rigid, at[facets[touching]]).max(initial=0.0)))
+    places = rigid.deepest(at[facets[~touching.all(axis=1)]])
+    depth = rigid.depth(places)
+    overlap = float(rigid.depth(at[facets[touching]]).max(initial=0.0))
     if not depth.max(initial=0.0) > overlap + BESIDE * mesh.extent + RESOLVED * float(np.abs(u).max()):
         return []
     where, cure = "no contact keeps them apart:", ADD
     if own:
         where, cure = f"contact.{own[0].name}: beside the contact", WIDEN
     return [f"{where} {body.spec.name} runs through {rigid.name} by {depth.max():.3g}, as at "
-            f"{in_words(places[np.argmax(depth)] + U, 4)}; {cure}" + "; a plane has no end" * isinstance(rigid, Plane)]
-
-
-def _depth_in(rigid: Rigid, points: np.ndarray) -> np.ndarray:
-    """How deep (…,) points (…, d) lie in a rigid partner (m)."""
-    if isinstance(rigid, Circle):
-        outside = np.linalg.norm(points - rigid.center, axis=-1) - rigid.radius
-        return outside if rigid.inside else -outside
-    return (np.array(rigid.point) - points) @ rigid.normal / np.linalg.norm(rigid.normal)
+            f"{in_words(places[np.argmax(depth)] + U, 4)}; {cure}{rigid.crossed}"]
 
 
 def _depth_in_cell(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
@@ -368,29 +359,8 @@ def _distance(points: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.nd
     for block in np.array_split(np.arange(len(points)), len(points) * len(facets) // PAIRS + 1):
         found = tree.query_ball_point(points[block], radius[block] + reach)
         point, facet = np.repeat(block, [len(each) for each in found]), np.concatenate([*found, []]).astype(int)
-        away = np.linalg.norm(_nearest_in(points[point], facets[facet]) - points[point], axis=1)
+        away = np.linalg.norm(nearest_in(points[point], facets[facet]) - points[point], axis=1)
         order = np.lexsort((away, point))
         first = order[np.searchsorted(point[order], block)]
         distance[block], number[block] = away[first], facet[first]
     return distance, number
-
-
-def _nearest_in(points: np.ndarray, simplices: np.ndarray) -> np.ndarray:
-    """The place (k, d) nearest to each point (k, d), or to one for all, in its simplex (k, j, d) of any dimension."""
-    points = np.broadcast_to(points, simplices[:, 0].shape)
-    across, part = _across(points - simplices[:, 0], simplices)
-    places, beside = points - across, (part < 0.0).any(axis=1) | (part.sum(axis=1) > 1.0)
-    if beside.any():
-        sides = np.stack([_nearest_in(points[beside], np.delete(simplices[beside], k, axis=1))
-                          for k in range(simplices.shape[1])])
-        nearest = np.argmin(np.linalg.norm(sides - points[beside], axis=2), axis=0)
-        places[beside] = sides[nearest, np.arange(len(nearest))]
-    return places
-
-
-def _across(v: np.ndarray, simplices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The part of vectors (k, d) across simplices (k, j, d), and the coordinates (k, j − 1) of the rest along them."""
-    along = simplices[:, 1:] - simplices[:, :1]
-    metric = np.einsum("kid,kjd->kij", along, along) + np.finfo(float).tiny * np.eye(along.shape[1])
-    part = np.linalg.solve(metric, np.einsum("kid,kd->ki", along, v)[:, :, None])[:, :, 0]
-    return v - np.einsum("ki,kid->kd", part, along), part

@@ -16,7 +16,6 @@ from ddmpi.interface.state import ContactState
 from ddmpi.judge.overlap import BESIDE, RESOLVED, doubt_overlaps
 from ddmpi.mesh.boundary import corners
 from ddmpi.scene.bodies import SettledBody
-from ddmpi.scene.contacts import Circle
 from ddmpi.system.agreement import merged
 from ddmpi.system.numbers import in_words
 
@@ -33,7 +32,7 @@ UNRESOLVED = 1e-8
 """Neither the linear program nor the certificate resolves forces on a body below this part of another's loads."""
 
 LARGE_TURN = 0.1
-"""Nodes that slid around a rigid circle by more than this part of its radius meet it where its normal is another."""
+"""Nodes that slid around a rigid partner by more than this part of its radius meet it where its normal is another."""
 
 RESOLVED_BY = (3, 5)
 """Pressure on fewer nodes says little of its size, with linear and with quadratic elements."""
@@ -289,17 +288,15 @@ def _large_gradient(body: Body, u: np.ndarray) -> list[str]:
 
 
 def _far_around(assembly: Assembly, state: ContactState, moved: np.ndarray) -> list[str]:
-    """A warning where closed nodes have `moved` (m, d) far around a rigid circle."""
+    """A warning where closed nodes have `moved` (m, d) far around a rigid partner."""
     interface = state.interface
-    circle = next(rigid for rigid in assembly.scene.rigid if rigid.name == interface.bodies[1])
-    if not isinstance(circle, Circle):
-        return []
+    rigid = next(each for each in assembly.scene.rigid if each.name == interface.bodies[1])
     along = np.linalg.norm(np.einsum("mcd,md->mc", interface.frame[:, 1:], moved - interface.displacement), axis=1)
-    turned = np.where(state.status != "open", along, 0.0) / circle.radius
+    turned = np.where(state.status != "open", along, 0.0) / rigid.bend
     k = int(np.argmax(turned))
     if turned[k] <= LARGE_TURN:
         return []
-    return [f"contact.{interface.name}: nodes slid up to {turned[k]:.2g} times the radius of {circle.name!r} around "
+    return [f"contact.{interface.name}: nodes slid up to {turned[k]:.2g} times the radius of {rigid.name!r} around "
             f"it, as at ({interface.xy[k, 0]:.4g}, {interface.xy[k, 1]:.4g}); normals are those of the places before"]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.elements import CELLS
+from ddmpi.mesh.elements import CELLS, cell_with
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.keys import nearest
@@ -104,6 +104,17 @@ def segments(edges: np.ndarray) -> np.ndarray:
     """Pairs (·, 2) of neighbouring nodes on edges (k, 2 or 3), in the edges' direction."""
     walk = np.column_stack([edges[:, 0], edges[:, 2:], edges[:, 1]])
     return np.concatenate([walk[:, i:i + 2] for i in range(walk.shape[1] - 1)])
+
+
+def links(facets: np.ndarray, dimension: int) -> np.ndarray:
+    """Pairs (·, 2) of neighbouring nodes on the edges of facets (f, l) of a body of this dimension, each once.
+
+    In the plane in the direction of the facets, and in their order; in space the lower node first.
+    """
+    cell = cell_with(dimension - 1, facets.shape[1])
+    if dimension == 2:
+        return segments(facets)
+    return np.unique(np.sort(segments(facets[:, cell.edges].reshape(-1, cell.order + 1)), axis=1), axis=0)
 
 
 def outline(mesh: Mesh) -> np.ndarray:

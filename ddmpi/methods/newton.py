@@ -40,6 +40,9 @@ GAIN = 0.7
 PATIENCE, PROGRESS = 3, 0.7
 """A path begins after so many steps that together leave more than this of the smallest residual."""
 
+FULL_STEPS = 12
+"""In space the first so many steps are full ones: while friction turns, lengths by residuals take twice the steps."""
+
 WORTH = 0.3
 """Newton's own steps are tried from a path as long as each leaves less than this of the residual."""
 
@@ -60,9 +63,10 @@ SHARED = 1e-3
 """Compliance that steers forces at nodes which several contacts share, over that of a half-plane. Without it six of 27
 walls fail; it must not be in the equations, where it would change displacements by 1e-2."""
 
-SMOOTH = 0.75
-"""Deformations in which a body gives way more than this times what half-planes do are coarse modes: two to five of a
-compact body. At 1, walls take a tenth to a quarter more multiplications."""
+SMOOTH = {1: 0.75, 2: 1.5}
+"""Deformations in which a body gives way more than this times what half-spaces do are coarse modes, by the number of
+tangential components: in the plane two to five of a compact body. At 1, walls take a tenth to a quarter more
+multiplications; in space 0.75 takes more for the modes than it saves."""
 
 MANY = 3
 """Coarse modes serve from so many bodies on, and wherever bodies are loose."""
@@ -92,6 +96,8 @@ class Newton:
         self._c = np.concatenate([np.empty(0), *(interface.stiffness for interface in self.space.interfaces)])
         self._preconditioner = precondition(joint, self._c)
         self._coulomb = self.space.largest(np.array([self._laws.largest_slope])) > 0.0  # else forces can be found
+        components = max((law.components for law in self._laws.laws), default=1)
+        self._full = FULL_STEPS if self.space.largest(np.array([float(components)])) > 1.0 else 0
         self._least = 0.0
         self.nothing = 0.0
         self.begin()
@@ -183,7 +189,7 @@ class Newton:
         """One step, of Newton's method or of a path, from and to where `_distances` is `far` and what is returned."""
         residual = self._relative(far)
         gained = residual < PROGRESS * self._smallest
-        self._stalled = 0 if gained or self._path else self._stalled + 1
+        self._stalled = 0 if gained or self._path or self._runs else self._stalled + 1
         self._smallest = residual if gained else self._smallest
         before = self._at.s
         self.joint.neglected = NEGLECTED * tolerance * self._size()
@@ -217,6 +223,11 @@ class Newton:
             self._path.go_on()
             far = self._distances([self._at])[0]
         return far
+
+    @property
+    def _runs(self) -> bool:
+        """Whether steps are full ones whatever they leave."""
+        return not self._path and len(self.history) < self._full
 
     def _next_path(self) -> bool:
         """Whether there is another path, which begins then. Collective."""
@@ -322,7 +333,7 @@ class Newton:
             return self._distances(self._at.along(change, length) for length in lengths)
 
         full = there(LENGTHS[:1])
-        if self._start or full[0] <= GAIN * far:
+        if self._start or self._runs or full[0] <= GAIN * far:
             return full[0], LENGTHS[0]
         return min(zip(full + there(LENGTHS[1:]), LENGTHS, strict=True))
 
@@ -356,7 +367,8 @@ def precondition(joint: Joint, c: np.ndarray) -> Preconditioner:
     if joint.bodies >= MANY or rigid.size:
         found = [(np.empty((0, member.size)), np.empty(0)) for member in joint.members]
         with joint.deferred():
-            found = [smooth_modes(member, SMOOTH) for member in joint.members]
+            found = [smooth_modes(member, SMOOTH[max(each.law.components for each in member.interfaces)])
+                     if member.interfaces else none for member, none in zip(joint.members, found, strict=True)]
         joint.meet("coarse modes")
         motions, more = joint.add_motions([v for v, _ in found], [1.0 / (mu - 0.5) for _, mu in found])
         stiffness = np.append(stiffness, more)

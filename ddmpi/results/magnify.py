@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import msgspec
 import numpy as np
 
 from ddmpi.results.tables import Columns, Results
+from ddmpi.scene.contacts import Rigid
 
 DRAWN = 0.08
 """Displacements and shifts are drawn as at most this fraction of the bodies' extent."""
@@ -16,9 +18,6 @@ INVISIBLE = 0.002
 
 MARGIN = 0.04
 """A rigid surface is drawn longer at both ends than where bodies may touch it, by this fraction of the extent."""
-
-WHOLE = 1.5
-"""A rigid circle that bodies may touch over more than this angle is drawn as a whole."""
 
 
 def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
@@ -87,34 +86,17 @@ def surfaces(results: Results, factor: float = 0.0,
     extent, owner = np.ptp(fields["points"][:, :2], axis=0).max(), owners(results)
     last = results.energy.get("time", np.zeros(0)).max(initial=0.0)
     time = next(each for each in (time, results.time, last) if each is not None)
-    for rigid in scene.get("rigid", ()):
-        near = [each for each in scene["contact"] if each["bodies"][1] == rigid["name"]]
+    for rigid in msgspec.convert(scene.get("rigid", ()), list[Rigid]):
+        near = [each for each in scene["contact"] if each["bodies"][1] == rigid.name]
         if not near:
             continue
         touched = np.concatenate([np.column_stack([table["x"], table["y"]])
                                   for table in (results.contacts[each["name"]] for each in near)])
-        if rigid["shape"] == "plane":
-            normal = np.array(rigid["normal"]) / np.linalg.norm(rigid["normal"])
-            along, point = np.array([normal[1], -normal[0]]), np.array(rigid["point"])
-            bodies = fields["points"][np.isin(owner, [names.index(each["bodies"][0]) for each in near]), :2]
-            ends = (bodies - point) @ along
-            t = np.linspace(ends.min() - MARGIN * extent, ends.max() + MARGIN * extent, 200)
-            at, normals = point + t[:, None] * along, np.tile(normal, (len(t), 1))
-        else:
-            center, radius = np.array(rigid["center"]), rigid["radius"]
-            angle = np.sort(np.arctan2(*(touched - center).T[::-1]))
-            holes = np.diff(angle, append=angle[0] + 2 * np.pi)  # the largest one is not touched
-            k = int(np.argmax(holes))
-            begin, length = angle[(k + 1) % len(angle)], 2 * np.pi - holes[k]
-            margin = MARGIN * extent / radius
-            if length + 2 * margin >= WHOLE:
-                begin, length, margin = 0.0, 2 * np.pi, 0.0
-            t = np.linspace(begin - margin, begin + length + margin, 400)
-            outward = np.column_stack([np.cos(t), np.sin(t)])
-            at, normals = center + radius * outward, -outward if rigid["inside"] else outward
-        history = scene.get("history", {}).get(rigid.get("history"))
+        bodies = fields["points"][np.isin(owner, [names.index(each["bodies"][0]) for each in near]), :2]
+        at = rigid.outline(touched, bodies, MARGIN * extent)
+        history = scene.get("history", {}).get(rigid.history)
         share = np.interp(time, history["times"], history["factors"]) if history else 1.0
-        yield at + factor * share * np.array(rigid["displacement"]), normals
+        yield at + factor * share * np.array(rigid.displacement), rigid.facing(at)[0]
 
 
 def _round_down(factor: float) -> float:

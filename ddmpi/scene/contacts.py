@@ -3,9 +3,11 @@ without mesh, material and rank."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, get_args, get_type_hints
+import math
+from typing import Annotated, ClassVar, Literal, get_args, get_type_hints
 
 import msgspec
+import numpy as np
 
 from ddmpi.scene.values import (
     Group,
@@ -19,6 +21,13 @@ from ddmpi.scene.values import (
     Table,
     settle,
 )
+from ddmpi.system.numbers import nearest_in
+
+SQUASHED = 1e-6
+"""What is nearest to an axis is looked for with lengths along it times this."""
+
+WHOLE = 1.5
+"""A rigid circle that bodies may touch over more than this angle is drawn as a whole."""
 
 
 class Coulomb(Table, frozen=True, kw_only=True, tag_field="law", tag="coulomb"):
@@ -101,96 +110,197 @@ def default_name(bodies: tuple[str, ...] | list[str]) -> str:
     return "-".join(bodies)
 
 
-class Plane(Table, frozen=True, kw_only=True, tag_field="shape", tag="plane"):
-    """A straight rigid surface.
+class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
+    """A rigid surface, which bodies touch from one side. What others ask of its shape, in any dimension, stands here.
 
     Attributes
     ----------
     name : unique among bodies and rigid partners
-    point : any of its points (m)
-    normal : points towards the bodies and has any length
     displacement : how it is moved (m); left out, not at all
     history : [history.NAME] whose factor multiplies the displacement
     """
 
     name: Name
-    point: Point
-    normal: Point
     displacement: Point | None = None
     history: Name | None = None
+
+    turned: ClassVar[str]
+    """What helps where the boundary of a body does not face it."""
+
+    crossed: ClassVar[str] = ""
+    """Ends the advice where a body runs through it."""
+
+    def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Its unit normals (…, d), towards the bodies, at the places nearest to points (…, d), and the distances (…)
+        along them (m), negative in the solid. A normal is zero where no place is nearest."""
+        raise NotImplementedError
+
+    def depth(self, points: np.ndarray) -> np.ndarray:
+        """How deep (…) points (…, d) lie in the solid (m)."""
+        return -self.facing(points)[1]
+
+    def deepest(self, simplices: np.ndarray) -> np.ndarray:
+        """The place (k, d) of each simplex (k, j, d) that lies deepest in the solid: a corner, unless it bulges."""
+        return simplices[np.arange(len(simplices)), np.argmax(self.depth(simplices), axis=1)]
+
+    @property
+    def bend(self) -> float:
+        """Its smallest radius of curvature (m)."""
+        return math.inf
+
+    def may_end(self, touched: bool) -> bool:
+        """Whether it may be meant to end before a body that is drawn through it, `touched` by a contact of this body
+        or not."""
+        return False
+
+    def outline(self, touched: np.ndarray, bodies: np.ndarray, margin: float) -> np.ndarray:
+        """Places (k, 2) along it, in the plane, for pictures.
+
+        Parameters
+        ----------
+        touched : (m, 2) nodes that may touch it
+        bodies : (n, 2) nodes of the bodies that may
+        margin : by how much it is drawn longer at both ends (m)
+        """
+        raise NotImplementedError
+
+
+class Plane(RigidSurface, frozen=True, kw_only=True, tag="plane"):
+    """A straight rigid surface.
+
+    Attributes
+    ----------
+    point : any of its points (m)
+    normal : points towards the bodies and has any length
+    """
+
+    point: Point
+    normal: Point
+
+    turned = "a plane's normal points towards the bodies"
+    crossed = "; a plane has no end"
 
     def __post_init__(self) -> None:
         if not any(self.normal):
             raise ValueError("normal must not be zero; it points towards the bodies")
 
+    def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        normal = np.array(self.normal) / np.linalg.norm(self.normal)
+        return np.zeros_like(points) + normal, (points - self.point) @ normal
 
-class Circle(Table, frozen=True, kw_only=True, tag_field="shape", tag="circle"):
-    """A rigid disc that bodies touch from outside, or a bore that they touch from inside.
+    def may_end(self, touched: bool) -> bool:
+        return not touched
+
+    def outline(self, touched: np.ndarray, bodies: np.ndarray, margin: float) -> np.ndarray:
+        along = np.array([self.normal[1], -self.normal[0]]) / np.linalg.norm(self.normal)
+        ends = (bodies - self.point) @ along
+        return self.point + np.linspace(ends.min() - margin, ends.max() + margin, 200)[:, None] * along
+
+
+class Round(RigidSurface, frozen=True, kw_only=True):
+    """A rigid surface at a distance from a point or an axis.
 
     Attributes
     ----------
-    name : unique among bodies and rigid partners
-    center : its centre (m)
     radius : its radius (m)
-    inside : whether it is a bore
-    displacement : how it is moved (m); left out, not at all
-    history : [history.NAME] whose factor multiplies the displacement
+    inside : whether it is hollow, and bodies touch it from inside
     """
 
-    name: Name
-    center: Point
     radius: Positive
     inside: bool = False
-    displacement: Point | None = None
-    history: Name | None = None
+
+    turned = "bodies touch what is round from outside, unless inside = true"
+
+    def away(self, points: np.ndarray) -> np.ndarray:
+        """The ways (…, d) to points (…, d) from the places nearest to them on centre or axis (m)."""
+        raise NotImplementedError
+
+    def across(self, vectors: np.ndarray) -> np.ndarray:
+        """The part of vectors (…, d) across the axis; all of them, if there is none."""
+        return vectors
+
+    def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        away, sign = self.away(points), -1.0 if self.inside else 1.0
+        distance = np.linalg.norm(away, axis=-1)
+        return sign * away / np.where(distance > 0.0, distance, 1.0)[..., None], sign * (distance - self.radius)
+
+    def deepest(self, simplices: np.ndarray) -> np.ndarray:
+        if self.inside:
+            return super().deepest(simplices)
+        away = self.away(simplices)
+        axis = simplices - away  # places nearest to corners on it, or the centre
+        middle = axis.mean(axis=1)
+        place = nearest_in(np.zeros(away.shape[2]), away + SQUASHED * (axis - middle[:, None]))
+        return middle + self.across(place) + (place - self.across(place)) / SQUASHED
+
+    @property
+    def bend(self) -> float:
+        return self.radius
+
+    def may_end(self, touched: bool) -> bool:
+        return self.inside
 
 
-class Sphere(Table, frozen=True, kw_only=True, tag_field="shape", tag="sphere"):
+class Circle(Round, frozen=True, kw_only=True, tag="circle"):
+    """A rigid disc that bodies touch from outside, or a bore that they touch from inside; in the plane.
+
+    Attributes
+    ----------
+    center : its centre (m)
+    """
+
+    center: Point
+
+    def away(self, points: np.ndarray) -> np.ndarray:
+        return points - np.array(self.center)
+
+    def outline(self, touched: np.ndarray, bodies: np.ndarray, margin: float) -> np.ndarray:
+        angle = np.sort(np.arctan2(*(touched - self.center).T[::-1]))
+        holes = np.diff(angle, append=angle[0] + 2 * np.pi)  # the largest one is not touched
+        k = int(np.argmax(holes))
+        margin, begin, length = margin / self.radius, angle[(k + 1) % len(angle)], 2 * np.pi - holes[k]
+        if length + 2 * margin >= WHOLE:
+            margin, begin, length = 0.0, 0.0, 2 * np.pi
+        t = np.linspace(begin - margin, begin + length + margin, 400)
+        return self.center + self.radius * np.column_stack([np.cos(t), np.sin(t)])
+
+
+class Sphere(Round, frozen=True, kw_only=True, tag="sphere"):
     """A rigid ball that bodies touch from outside, or a hollow that they touch from inside; in space.
 
     Attributes
     ----------
-    name : unique among bodies and rigid partners
     center : its centre (m)
-    radius : its radius (m)
-    inside : whether it is a hollow
-    displacement : how it is moved (m); left out, not at all
-    history : [history.NAME] whose factor multiplies the displacement
     """
 
-    name: Name
     center: Point
-    radius: Positive
-    inside: bool = False
-    displacement: Point | None = None
-    history: Name | None = None
+
+    def away(self, points: np.ndarray) -> np.ndarray:
+        return points - np.array(self.center)
 
 
-class Cylinder(Table, frozen=True, kw_only=True, tag_field="shape", tag="cylinder"):
+class Cylinder(Round, frozen=True, kw_only=True, tag="cylinder"):
     """A rigid shaft that bodies touch from outside, or a bore that they touch from inside; in space, without ends.
 
     Attributes
     ----------
-    name : unique among bodies and rigid partners
     point : any point of its axis (m)
     axis : along it, of any length
-    radius : its radius (m)
-    inside : whether it is a bore
-    displacement : how it is moved (m); left out, not at all
-    history : [history.NAME] whose factor multiplies the displacement
     """
 
-    name: Name
     point: Point
     axis: Point
-    radius: Positive
-    inside: bool = False
-    displacement: Point | None = None
-    history: Name | None = None
 
     def __post_init__(self) -> None:
         if not any(self.axis):
             raise ValueError("axis must not be zero")
+
+    def away(self, points: np.ndarray) -> np.ndarray:
+        return self.across(points - np.array(self.point))
+
+    def across(self, vectors: np.ndarray) -> np.ndarray:
+        axis = np.array(self.axis) / np.linalg.norm(self.axis)
+        return vectors - (vectors @ axis)[..., None] * axis
 
 
 Rigid = Plane | Circle | Sphere | Cylinder

@@ -48,7 +48,7 @@ MEANT = {
     "plasticity": "materials are linear elastic", "stiffness": "there is no contact stiffness to choose",
     "penalty": "there is no contact stiffness to choose", "master": "it is the body that slave does not name",
     "symmetry": "clamp = [{ on = …, x = 0.0 }] lets the group slide along y", "Clamp.normal": "give x or y",
-    "Plane.force": "a rigid partner is moved, not pushed", "Circle.force": "a rigid partner is moved, not pushed",
+    "RigidSurface.force": "a rigid partner is moved, not pushed",
     "rotation": "nothing is turned by an angle", "units": "any units that fit together do; [output] has labels",
     "axisymmetric": "scenes are plane", "dimension": "scenes are plane", "steps": "load steps stand in [time]"}
 """What engineers write, anywhere or as a key of one table, and what is right here: a key, a word, or an explanation."""
@@ -171,7 +171,7 @@ def explain(message: str, data: dict, root: type) -> str:
             words = ", ".join(str(kind.tag) for kind in tables if kind.tag_field == found[2])
             return f"{key}: this key is required and missing" + f" (one of {words})" * bool(words)
         fields = [name for kind in tables for name in (kind.tag_field, *(field.name for field in kind.fields)) if name]
-        meant = _meant(found[2], fields, [kind.cls.__name__ for kind in tables])
+        meant = _meant(found[2], fields, [each.__name__ for kind in tables for each in kind.cls.__mro__])
         return f"{key}: unknown key{meant} (valid here: {', '.join(fields)})"
     field, _, rest = problem.partition(": ")
     if rest and any(field == each.name for kind in kinds if isinstance(kind, inspect.StructType)

@@ -84,3 +84,24 @@ class Rows:
     def shorten(self, k: int) -> None:
         """Keep the first k rows."""
         self._data = self.all = self.all[:k].copy()
+
+
+def nearest_in(points: np.ndarray, simplices: np.ndarray) -> np.ndarray:
+    """The place (k, d) nearest to each point (k, d), or to one for all, in its simplex (k, j, d) of any dimension."""
+    points = np.broadcast_to(points, simplices[:, 0].shape)
+    aside, part = across(points - simplices[:, 0], simplices)
+    places, beside = points - aside, (part < 0.0).any(axis=1) | (part.sum(axis=1) > 1.0)
+    if beside.any():
+        sides = np.stack([nearest_in(points[beside], np.delete(simplices[beside], k, axis=1))
+                          for k in range(simplices.shape[1])])
+        nearest = np.argmin(np.linalg.norm(sides - points[beside], axis=2), axis=0)
+        places[beside] = sides[nearest, np.arange(len(nearest))]
+    return places
+
+
+def across(v: np.ndarray, simplices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The part of vectors (k, d) across simplices (k, j, d), and the coordinates (k, j − 1) of the rest along them."""
+    along = simplices[:, 1:] - simplices[:, :1]
+    metric = np.einsum("kid,kjd->kij", along, along) + np.finfo(float).tiny * np.eye(along.shape[1])
+    part = np.linalg.solve(metric, np.einsum("kid,kd->ki", along, v)[:, :, None])[:, :, 0]
+    return v - np.einsum("ki,kid->kd", part, along), part

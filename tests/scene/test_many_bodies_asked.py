@@ -206,7 +206,7 @@ REFUSED = {
     "no normal": (["rigid=[{shape='plane', name='floor', point=[0, 0]}]"],
                   ["rigid.floor.normal: this key is required and missing"]),
     "unknown key of a plane": (["rigid.floor.nromal=[0, 1]"],
-                               ["rigid.floor.nromal: unknown key; did you mean 'normal'?", "point, normal, disp"]),
+                               ["rigid.floor.nromal: unknown key; did you mean 'normal'?", "history, point, normal"]),
     "key of another shape": (["rigid.floor.radius=1"], ["rigid.floor.radius: unknown key (valid here: shape, name, "]),
     "unknown key of a circle": (["rigid.bore.centre=[0, 1]"],
                                 ["rigid.bore.centre: unknown key; did you mean 'center'"]),
