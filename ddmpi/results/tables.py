@@ -14,7 +14,7 @@ import numpy as np
 
 from ddmpi.errors import DdmpiError, InputError, OutputError
 from ddmpi.interface.state import ContactState, signed
-from ddmpi.mesh.elements import facet_measures
+from ddmpi.mesh.elements import CELLS, facet_measures
 from ddmpi.system.files import contact_files
 
 FORMAT = 2
@@ -242,7 +242,7 @@ class Results:
     ----------
     summary : the content of summary.json
     contacts : of each contact contact_NAME.csv, with the column initial_gap of result.h5
-    facets : of each contact the pairs of rows (f, 2) of its table that are neighbours, as in result.h5
+    facets : of each contact the rows (f, d) of its table that segments or triangles join, as in result.h5
     sides : the same of contact_NAME_sides.csv; empty with linear elements
     history, steps : history.csv and steps.csv
     energy : energy.csv, and legs : of each contact contact_NAME_legs.csv; empty without [time]
@@ -260,6 +260,20 @@ class Results:
     legs: dict[str, Columns] = field(default_factory=dict)
     facets: dict[str, np.ndarray] = field(default_factory=dict)
     time: float | None = None
+
+    @property
+    def dimension(self) -> int:
+        """That of the cells."""
+        return next(d for (d, _), cell in CELLS.items() if d > 1 and len(cell.nodes) == self.fields["cells"].shape[1])
+
+    @property
+    def points(self) -> np.ndarray:
+        """(nv, d) of all bodies (m)."""
+        return self.fields["points"][:, :self.dimension]
+
+    def displacement(self, scale: float = 1.0) -> np.ndarray:
+        """(nv, d) times `scale` (m)."""
+        return scale * self.fields["displacement"][:, :self.dimension]
 
     def heading(self, timed: bool = False) -> str:
         """What a picture's title begins with: the scene's title, and the time of the load step if it is `timed`."""
@@ -315,7 +329,7 @@ def _read_csv(path: Path) -> Columns:
 
 
 def drawn_rows(table: Columns, facets: np.ndarray) -> tuple[Columns, np.ndarray]:
-    """The rows of a contact's table that its facets (f, 2) join, and the facets by the numbers of these rows."""
+    """The rows of a contact's table that its facets (f, d) join, and the facets by the numbers of these rows."""
     rows, places = np.unique(facets, return_inverse=True)
     return {name: column[rows] for name, column in table.items()}, places.reshape(facets.shape)
 
