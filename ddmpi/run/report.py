@@ -30,6 +30,9 @@ LISTED = 12
 DIRECT = "preonly + cholesky (mumps)"
 """How PETSc calls the solver that bodies have by default."""
 
+CELLS = {2: "triangles", 3: "tetrahedra"}
+"""By dimension."""
+
 UNDETERMINED = 3
 """Of more undetermined motions than this, the first ones stand for all."""
 
@@ -39,8 +42,8 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     scene, world = assembly.scene, assembly.world
     owned = merged(world, {each.name: each for each in assembly.space.interfaces})
     interfaces = [owned[contact.name] for contact in scene.contact]
-    log.info("n = %d unknowns (%s triangles), m = %d contact nodes, friction: %s", assembly.n,
-             ("linear", "quadratic")[scene.body[0].mesh.order - 1], assembly.m,
+    log.info("n = %d unknowns (%s %s), m = %d contact nodes, friction: %s", assembly.n,
+             ("linear", "quadratic")[scene.body[0].mesh.order - 1], CELLS[scene.dimension], assembly.m,
              ", ".join(dict.fromkeys(interface.law.name for interface in interfaces)))
     for gap, names in grouped((_describe_gap(each, scene.output.length_unit), each.name) for each in interfaces):
         log.info("%s: %s", some(names, "contacts"), gap)
@@ -68,7 +71,7 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     elif not has_matplotlib():
         left_out.append(f"pictures ({NO_MATPLOTLIB})")
     left_out += _target_left_out(scene)
-    log.info("%s; left out: %s", _describe(scene.method), ", ".join(left_out) or "nothing")
+    log.info("%s; left out: %s", _describe(scene.method, scene.dimension), ", ".join(left_out) or "nothing")
     log.info("%5s  %10s  %10s  %6s", "k", "update", "residual", "n_A")
 
 
@@ -81,8 +84,10 @@ def log_warnings(found: Iterable[str], told: list[str]) -> None:
 
 
 def _describe_body(member: Member, ranks: int, cut: int) -> tuple[str, bool]:
-    """How a body is solved, on how many ranks, and whether loads act on it."""
-    way = f"{cut} quadrilaterals cut into triangles; " if cut else ""
+    """How a body is solved, on how many ranks, and whether loads act on it; `cut` cells of its file are no simplices.
+    """
+    pieces = CELLS[member.motions.shape[1]]
+    way = f"{cut} {'quadrilaterals' if pieces == CELLS[2] else 'cells'} cut into {pieces}; " if cut else ""
     way += "" if ranks == 1 else f"on {ranks} ranks; "
     motions, solver, compliance = member.motions.shape[2], member.C.solver.description, member.C
     if motions:
@@ -150,10 +155,11 @@ def log_step(step: Step) -> None:
              f"  {step.stage}" if step.stage else "")
 
 
-def _describe(method: SettledMethod) -> str:
+def _describe(method: SettledMethod, dimension: int) -> str:
+    plan = method.plan if dimension == 2 else method.plan.replace("half-plane", "half-space")
     if not method.by_body:
-        return method.plan
-    return f"{method.plan}; subproblems by TAO {QPSolver().type.replace('python', 'python (MPRGP)')}"
+        return plan
+    return f"{plan}; subproblems by TAO {QPSolver().type.replace('python', 'python (MPRGP)')}"
 
 
 def log_end(summary: dict, solution: Solution) -> None:

@@ -114,12 +114,12 @@ def test_friction_dissipates_what_slip_overcomes():
 
 def test_the_work_of_all_load_steps_is_added_up():
     """dissipated of a contact is that of all load steps; of a step it is its own."""
-    log, contacts = StepLog(list(made_up.CONTACTS["row"]), list(made_up.ROW)), row()
+    log, contacts = StepLog(list(made_up.CONTACTS["row"]), list(made_up.ROW), 2), row()
     assert log.dissipated == {"left-middle": 0.0, "middle-right": 0.0}
     for time in (1.0, 2.0):
         log.steps.append((time, 3))
         log.note_contacts(list(contacts.values()))
-    again = StepLog(log.contacts, log.bodies)
+    again = StepLog(log.contacts, log.bodies, 2)
     again.restore(log.state())
     bodies = {name: made_up.body() for name in made_up.ROW}
     summary = summarize(made_up.scene(list(contacts)), made_up.run(steps=again.summary()), bodies, contacts,
