@@ -48,7 +48,7 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
         _refuse_huge(float(factorial(len(spec.divisions)) * np.prod(spec.divisions, dtype=float)), f"{key}.divisions")
         mesh = SHAPES[spec.shape](spec)
         if not signed_measures(mesh.points, mesh.triangles).min() > 0.0:
-            raise InputError(f"{key}: its {mesh.cell.name}s have no {MEASURE[mesh.dimension]} in double precision; "
+            raise InputError(f"{key}: its {mesh.cell.names} have no {MEASURE[mesh.dimension]} in double precision; "
                              "sizes, place and units do not fit together")
     elif spec.geometry is not None:
         mesh = mesh_geometry(locate_mesh(body, folder), body, contacts, sizes)
