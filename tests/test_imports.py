@@ -37,7 +37,9 @@ PLACES = {
     "coupling/assembly": 1, "interface/side": 1, "interface/state": 1, "judge/diagnosis": 1, "judge/motions": 4,
     # pictures, and meshes that are made or drawn
     "mesh/geometry": 1, "results/fields": 1, "results/magnify": 2, "results/pictures": 1,
-    "scene/meshes": 2}
+    "scene/meshes": 2,
+    # a scene in the plane has plane strain or plane stress
+    "scene/bodies": 1}
 """How often a module does so. The numbers only fall: everything else holds in any dimension."""
 
 MODULES = sorted(path.relative_to(PACKAGE).with_suffix("").as_posix() for path in PACKAGE.rglob("*.py"))

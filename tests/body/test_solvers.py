@@ -15,8 +15,8 @@ from ddmpi.errors import DdmpiError, SolverError
 from ddmpi.interface.matching import pair
 from ddmpi.interface.side import contact_side
 from ddmpi.interface.trace import trace
-from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.mesh.refine import raise_order
+from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
 from ddmpi.scene.contacts import Coulomb, SettledContact
 

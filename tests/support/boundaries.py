@@ -9,9 +9,9 @@ from ddmpi.interface import interface, matching
 from ddmpi.interface import mortar as mortars
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.side import Side, contact_side
-from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
+from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import BodySpec, Material, MeshSpec
 from ddmpi.scene.contacts import SettledContact
 

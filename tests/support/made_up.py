@@ -13,9 +13,9 @@ from ddmpi.interface.matching import pair
 from ddmpi.interface.side import contact_side
 from ddmpi.interface.state import ContactState
 from ddmpi.judge.certificate import Certificate, ContactResiduals
-from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
+from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.results.fields import Fields, contact_fields, write_facets, write_fields, write_xdmf
 from ddmpi.results.summary import RunResult, summarize, write_summary
 from ddmpi.results.tables import write_contact, write_history, write_sides, write_steps
