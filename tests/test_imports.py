@@ -34,7 +34,7 @@ PLACES = {
     # of the laws: a box and two edges in the plane, discs and polygons in space; no friction turns in the plane
     "interface/law": 3, "mesh/boundary": 1, "mesh/elements": 1, "interface/interface": 1,
     # what the plane has and space has not, to be replaced with solids
-    "coupling/assembly": 1, "interface/side": 1, "interface/state": 1, "judge/diagnosis": 1, "judge/motions": 4,
+    "coupling/assembly": 1, "interface/side": 1, "interface/state": 1, "judge/diagnosis": 1, "judge/motions": 1,
     # pictures, and meshes that are made or drawn
     "mesh/geometry": 1, "results/fields": 1, "results/magnify": 2, "results/pictures": 1,
     "scene/meshes": 2,

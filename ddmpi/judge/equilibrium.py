@@ -3,7 +3,7 @@
 Forces s within the laws, with G s = e, are equilibrium of all rigid motions. A linear program looks for the least
 ‖G s − e‖₁. If it is not zero, no solution exists, and the program's dual proves it: rigid velocities that press into no
 contact and on which the loads do work. With Coulomb friction that dual lifts what slides (associated flow), so the
-mechanism that is named and drawn is another one, see `_release`. In the plane; serial work on plain arrays.
+mechanism that is named and drawn is another one, see `_release`. Serial work on plain arrays.
 """
 
 from __future__ import annotations
@@ -33,7 +33,13 @@ PROVEN = 1e-7
 """A mechanism may press into a contact with this part of its velocity (the program's tolerance), not more."""
 
 BENT = 1e-7
-"""Directions of steps between neighbouring columns that differ by less are those of a straight contact."""
+"""A contact is straight or flat if what its forces do on rigid motions bends by less than this part of it."""
+
+DIGITS = 7
+"""Forces whose directions agree in so many digits are parallel."""
+
+HULL = 3
+"""Corners are looked for in at most so many dimensions."""
 
 SMALL = 1e-6
 """A motion without lift that is smaller than this part of the one with it is none."""
@@ -64,7 +70,7 @@ class Mechanism:
     Attributes
     ----------
     bodies : the loose ones
-    velocities : (nb, 3) of each (v_x, v_y, ω) about its centre; the fastest node has velocity 1
+    velocities : (nb, n) of each, as of `MotionsOfBody`; the fastest node has velocity 1
     coefficients : (nc,) the same as a combination of the rigid motions, in the order of the rows of G
     imbalance : the least ‖G s − e‖₁ there is, in parts of the bodies' loads
     touching : pairs of names of bodies, or rigid partners, that stay in contact
@@ -168,7 +174,7 @@ class _Forces:
     def allowed(cls, interfaces: Sequence[Interface], A: sparse.csc_matrix, unit: float) -> _Forces:
         """Of all interfaces; forces are counted in `unit` (N).
 
-        Of a straight piece with the same coefficient only the ends are needed: all nodes between are means of them.
+        Of a flat piece with the same coefficient only the corners are needed: all nodes between are means of them.
         """
         entries: list[tuple[np.ndarray, ...]] = [(np.empty(0),) * 3]
         others: list[tuple[np.ndarray, ...]] = [(np.empty(0),) * 5]
@@ -179,7 +185,7 @@ class _Forces:
             for forces, lower, upper in law.edges():
                 columns = (own[rows] @ forces).toarray()
                 if np.isinf(upper).all():
-                    keep = np.flatnonzero(_corners(columns))
+                    keep = np.flatnonzero(_corners(columns, forces.T @ interface.directions))
                     lower, upper = lower[keep], upper[keep]
                 else:  # forces along the same line are as good as their sum
                     keep = np.flatnonzero(np.append(True, _length(np.diff(columns)) > SAME * _length(columns[:, 1:])))
@@ -199,17 +205,32 @@ class _Forces:
                    max((interface.law.components for interface in interfaces), default=0))
 
 
-def _corners(columns: np.ndarray) -> np.ndarray:
-    """(k,) bool: which columns are not between the two beside them, and not zero."""
+def _corners(columns: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """(k,) bool: which columns are not means of others with the same force `along` (k, d), and not zero.
+
+    What a force does on the motions of a body is linear in its place, so means of places are means of columns.
+    """
+    from scipy.spatial import ConvexHull
+
     length = _length(columns)
-    keep = length > 0.0
-    if len(length) > 2:
-        step = np.diff(columns)
-        size = _length(step)
-        still = size <= SAME * length[1:]
-        turn = np.diff(np.where(still, 0.0, step / np.where(still, 1.0, size)))
-        keep[1:-1] &= (_length(turn) > BENT) | (still[1:] != still[:-1])
-    return keep
+    keep = np.zeros(len(length), bool)
+    if not length.any():
+        return keep
+    _, group = np.unique(np.round(along, DIGITS), axis=0, return_inverse=True)
+    order = np.argsort(group.ravel(), kind="stable")
+    for members in np.split(order, np.cumsum(np.bincount(group.ravel()))[:-1]):
+        x = columns[:, members] - columns[:, members].mean(axis=1, keepdims=True)
+        axes, sizes, _ = np.linalg.svd(x, full_matrices=False)
+        rank = int((sizes > BENT * length[members].max(initial=0.0)).sum())
+        places = x.T @ axes[:, :rank]
+        if rank == 0:
+            members = members[:1]
+        elif rank == 1:
+            members = members[[places.argmin(), places.argmax()]]
+        elif rank <= HULL and len(members) > rank + 1:
+            members = members[ConvexHull(places / np.abs(places).max(axis=0)).vertices]
+        keep[members] = True
+    return keep & (length > 0.0)
 
 
 def _length(columns: np.ndarray) -> np.ndarray:
@@ -253,11 +274,11 @@ def _release(A: sparse.csc_matrix, forces: _Forces, b: np.ndarray, dual: np.ndar
     """
     moves = np.concatenate([np.full(len(part), len(bodies) <= MANY or np.abs(part).max() > PROVEN * np.abs(dual).max())
                             for part in scale.split(dual)])
-    if moves.sum() > 3 * 2 * MANY:
+    if moves.sum() > 2 * MANY * len(bodies[0].basis):
         return dual
-    area = max(body.area for body in bodies)
+    measure = max(body.measure for body in bodies)
     W = np.asarray(sparse.block_diag([
-        np.linalg.inv(np.linalg.cholesky(body.inertia / np.outer(unit, unit) / area))
+        np.linalg.inv(np.linalg.cholesky(body.inertia / np.outer(unit, unit) / measure))
         for body, unit in zip(bodies, scale.split(scale.unit), strict=True)]).todense())[moves]
     x = _least_squares(W @ forces.columns, W @ b, forces.lower, forces.upper)
     left = W @ (b - forces.columns @ x)
