@@ -23,7 +23,6 @@ from ddmpi.interface.interface import Interface, Mover, check_overlap, refuse_co
 from ddmpi.interface.matching import face_rigid
 from ddmpi.interface.mortar import connect
 from ddmpi.interface.rows import holds_along
-from ddmpi.interface.side import Side, contact_side
 from ddmpi.mesh.boundary import boundary_group
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.geometry import Sizes
@@ -31,6 +30,7 @@ from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Clamp, Material, SettledBody
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.scene.scene import Settled
+from ddmpi.surface.side import Side, contact_side
 from ddmpi.system import interrupt
 from ddmpi.system.agreement import agreed, merged
 from ddmpi.system.clock import Clock

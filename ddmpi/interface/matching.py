@@ -12,15 +12,15 @@ import scipy.sparse as sparse
 from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
-from ddmpi.interface.cover import DEEPEST, FACING, Cover, cover
-from ddmpi.interface.cut import facet_areas, stretch
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.rows import Rows, build, without_rounding
-from ddmpi.interface.side import Side, unit
 from ddmpi.interface.vertices import rows_at_vertices
 from ddmpi.mesh.boundary import links
 from ddmpi.mesh.elements import RULES
 from ddmpi.scene.contacts import Rigid, SettledContact
+from ddmpi.surface.cover import DEEPEST, FACING, Cover, cover
+from ddmpi.surface.cut import facet_areas, stretch
+from ddmpi.surface.side import Side, unit
 from ddmpi.system.numbers import in_words
 
 LARGEST_OFFSET = 1e-2

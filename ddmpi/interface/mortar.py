@@ -19,15 +19,15 @@ import scipy.sparse as sparse
 from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
-from ddmpi.interface.cover import Cover, cover, faced_arc
 from ddmpi.interface.interface import Interface, Lines, Places, in_order
 from ddmpi.interface.matching import pair
 from ddmpi.interface.rows import Rows, build, holds_along, is_held, without_rounding
-from ddmpi.interface.side import Side, frames, nodal, unit
 from ddmpi.interface.vertices import rows_at_vertices
 from ddmpi.mesh.boundary import segments
 from ddmpi.mesh.elements import shapes_on_side as shapes
 from ddmpi.scene.contacts import SettledContact
+from ddmpi.surface.cover import Cover, cover, faced_arc
+from ddmpi.surface.side import Side, frames, nodal, unit
 from ddmpi.system.numbers import in_words
 
 SLIVER = 0.02

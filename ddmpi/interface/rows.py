@@ -10,9 +10,9 @@ import scipy.sparse as sparse
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import SAME, Interface, Lines, Places
 from ddmpi.interface.law import law_of
-from ddmpi.interface.side import Side, frames
 from ddmpi.scene.contacts import NoFriction, SettledContact
 from ddmpi.scene.values import Profile
+from ddmpi.surface.side import Side, frames
 
 NO_GAP = 1e-9
 """Gaps below this fraction of the distance to the neighbours are rounding of the mesh, and count as zero."""

@@ -4,10 +4,10 @@ With the hat functions φ_j of the vertices and the functions θ_j of the rows,
 
     D_j = ∫ θ_j,   row j: u ↦ n_j · D_j⁻¹ ∫ θ_j (u of the slave − u of what it faces),   gap_j = D_j⁻¹ ∫ θ_j gap.
 
-Where contact is unilateral, θ are dual to φ, over the covered part of each facet (Wohlmuth, SIAM J. Numer. Anal. 38,
-2000; Popp, Wohlmuth, Gee, Wall, SIAM J. Sci. Comput. 34, 2012); bonds, which have no active set, take φ itself. A vertex
-whose row could not stand alone shares its function among its neighbours, θ_j = ψ_j + Σ a_dj ψ_d, so that the θ sum to
-one and constant stresses are exact.
+Where contact is unilateral, ψ are dual to φ, over the covered part of each facet (Wohlmuth, SIAM J. Numer. Anal. 38,
+2000; Popp, Wohlmuth, Gee, Wall, SIAM J. Sci. Comput. 34, 2012); bonds, which have no active set, take φ itself. A
+vertex whose row could not stand alone shares its function among its neighbours, θ_j = ψ_j + Σ a_dj ψ_d, so that the θ
+sum to one and constant stresses are exact.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sparse
 
-from ddmpi.interface.cover import Cover
 from ddmpi.interface.interface import Lines, Places
 from ddmpi.interface.rows import Rows, holds_along, without_rounding
-from ddmpi.interface.side import Side, unit
 from ddmpi.mesh.elements import cell_with
 from ddmpi.scene.contacts import SettledContact
+from ddmpi.surface.cover import Cover
+from ddmpi.surface.side import Side, unit
 
 SLIVER = 1e-6
 """The dual functions of a facet of which a smaller part is covered are constants."""
@@ -44,7 +44,7 @@ def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, contact: S
     seen = np.isin(np.arange(len(side.facets)), over.facet)
     psi, full = _functions(side, over, bonded), side.vertex_areas(seen)
     D = np.asarray(psi.sum(axis=0)).ravel()
-    shares = (D < UNCOVERED * full) | _meets_others(side, D)
+    shares = (UNCOVERED * full > D) | _meets_others(side, D)
     shares |= ~(side.free.all(axis=1) if bonded else side.free.any(axis=1))
     shares[full == 0.0] = False
     links = _links(side, seen)
@@ -79,7 +79,7 @@ def _meets_others(side: Side, D: np.ndarray) -> np.ndarray:
                              axis=0, return_counts=True)
     rim = np.zeros(len(side.nodes), bool)
     rim[edges[count == 1]] = True
-    partly = D < (1.0 - UNCOVERED) * side.vertex_areas(np.ones(len(facets), bool))
+    partly = (1.0 - UNCOVERED) * side.vertex_areas(np.ones(len(facets), bool)) > D
     return (rim & side.tied) | (partly & side.parted)
 
 

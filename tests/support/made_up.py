@@ -10,7 +10,6 @@ import numpy as np
 from ddmpi.body.stress import stress, von_mises
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.matching import pair
-from ddmpi.interface.side import contact_side
 from ddmpi.interface.state import ContactState
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.mesh.mesh import Mesh
@@ -21,6 +20,7 @@ from ddmpi.results.summary import RunResult, summarize, write_summary
 from ddmpi.results.tables import write_contact, write_history, write_sides, write_steps
 from ddmpi.scene.bodies import Material, MeshSpec
 from ddmpi.scene.contacts import Coulomb, NoFriction, SettledContact
+from ddmpi.surface.side import contact_side
 
 STEEL = Material(young=2.119e11, poisson=0.277)
 

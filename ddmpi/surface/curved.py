@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sparse
 
+from ddmpi.mesh.boundary import links
 from ddmpi.system.numbers import spans
 
 FEWEST = 6
@@ -98,7 +99,7 @@ def _fitted(xy: np.ndarray, facets: np.ndarray, normal: np.ndarray, whole: np.nd
 def _mirrored(xy: np.ndarray, facets: np.ndarray, normal: np.ndarray, good: np.ndarray) -> np.ndarray:
     """The normals (k, 3), where corners have none the mean of those of neighbours, mirrored in the edges to them."""
     found = normal.copy()
-    pairs = np.unique(np.sort(np.concatenate([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]]), axis=1), axis=0)
+    pairs = links(facets, 3)
     here, there = np.concatenate([pairs, pairs[:, ::-1]]).T
     some = ~good[here] & good[there]
     here, there = here[some], there[some]

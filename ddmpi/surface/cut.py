@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ddmpi.interface.side import Side
 from ddmpi.mesh.elements import RULES, SECOND, facet_cell
+from ddmpi.surface.side import Side
 from ddmpi.system.numbers import spans
 
 CHUNK = 60_000
@@ -94,7 +94,7 @@ def _near(own: np.ndarray, others: np.ndarray, outward: np.ndarray, backward: np
                      for each in (own, others))
     facet, other = [np.empty(0, int)], [np.empty(0, int)]
     classes = np.floor(np.log2(reach))
-    distance, nearest = cKDTree(far).query(centre)
+    nearest = cKDTree(far).query(centre)[1]
     t = np.einsum("fd,fd->f", far[nearest] - centre, outward)
     steep = np.maximum(np.abs(np.einsum("fd,fd->f", outward, backward[nearest])), 0.5)
     place = centre + t[:, None] * outward

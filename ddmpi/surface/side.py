@@ -9,10 +9,10 @@ from math import factorial
 import numpy as np
 import scipy.sparse as sparse
 
-from ddmpi.interface.curved import bulge, normals_at_corners
 from ddmpi.mesh.boundary import links, segments, turn_outward
 from ddmpi.mesh.elements import CELLS, FIRST, bends, facet_cell, facet_measures, facet_shares
 from ddmpi.mesh.mesh import Mesh
+from ddmpi.surface.curved import bulge, normals_at_corners
 
 SHARPEST = np.deg2rad(40.0)
 """Where a boundary turns by more than this from one side of an element to the next, it has a corner; where by less, it
@@ -299,7 +299,8 @@ def contact_side(mesh: Mesh, edges: np.ndarray, clamps: np.ndarray, body: str, m
                  tied: np.ndarray | None = None, parted: bool = False) -> Side:
     """The contact boundary made of `edges` (k, l), in the plane ordered from its first end. Not collective.
 
-    `clamps` (nv, d) and `tied` (nv,) as those of a `Side`, of all nodes of the body; without `tied` none is. `parted` as of a `Side`.
+    `clamps` (nv, d) and `tied` (nv,) as those of a `Side`, of all nodes of the body; without `tied` none is.
+    `parted` as of a `Side`.
 
     Raises InputError naming `key` when an edge does not lie on the boundary.
     """

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ddmpi.interface.cut import cut
-from ddmpi.interface.side import Side, cross, unit
+from ddmpi.surface.cut import cut
+from ddmpi.surface.side import Side, cross, unit
 from ddmpi.system.numbers import spans
 
 FACING = -0.5
