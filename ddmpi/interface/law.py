@@ -191,17 +191,17 @@ class Law:
         lower = np.where(np.arange(self.size) < self.m, 0.0, -free)
         return Discs(lower, free, np.arange(self.m, self.size).reshape(-1, self.components), bound)
 
-    def edges(self, sides: int = 16) -> Iterator[Edges]:
+    def edges(self, sides: int = 16, inside: bool = False) -> Iterator[Edges]:
         """What the allowed forces are sums of: edges of their cone, and tangential ones that need no pressure.
 
         The bound is taken as g(0) + s_ν dg/ds_ν(0), which no concave one exceeds, and a disc as the regular polygon
-        around it with an even number of `sides`.
+        around it, or `inside` it, with an even number of `sides`.
         """
         one, none = sparse.identity(self.size, format="csc"), np.zeros(self.m)
         tangential, each = one[:, self.m:], sparse.identity(len(self.sliding), format="csc")
         slope, bound = self.slope(none), self.slip_bound(none)
         leans, holds = slope > 0.0, bound > 0.0
-        corners, ranges = polygon(self.components, sides)
+        corners, ranges = polygon(self.components, sides, inside)
         for corner in corners:
             lean = tangential @ sparse.kron(each.multiply(slope), corner[:, None], format="csc")
             yield _multiples((one[:, self.sliding] + lean)[:, leans], 0.0, np.inf)
@@ -300,7 +300,7 @@ class BondedLaw(Law):
     def cone(self, bound: np.ndarray) -> Box:
         return Box(np.full(self.size, -np.inf), np.full(self.size, np.inf))
 
-    def edges(self, sides: int = 16) -> Iterator[Edges]:
+    def edges(self, sides: int = 16, inside: bool = False) -> Iterator[Edges]:
         yield _multiples(sparse.identity(self.size, format="csc"), -np.inf, np.inf)
 
     def closed(self, s: np.ndarray, share: float = 0.0) -> np.ndarray:
@@ -352,8 +352,8 @@ def _multiples(forces: sparse.csc_matrix, lower: np.ndarray | float, upper: np.n
     return Edges(forces, *(np.broadcast_to(each, forces.shape[1]) for each in (lower, upper)))
 
 
-def polygon(components: int, sides: int) -> tuple[np.ndarray, np.ndarray]:
-    """The regular polygon with so many sides around the unit disc; with one component, [−1, 1].
+def polygon(components: int, sides: int, inside: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """The regular polygon with so many sides around the unit disc, or inside it; with one component, [−1, 1].
 
     Its corners (c, components), and vectors (r, components) whose multiples from −1 to 1 sum up to it.
     """
@@ -361,7 +361,8 @@ def polygon(components: int, sides: int) -> tuple[np.ndarray, np.ndarray]:
         return np.array([[1.0], [-1.0]]), np.ones((1, 1))
     angle = 2 * np.pi * np.arange(sides) / sides
     unit = np.column_stack([np.cos(angle), np.sin(angle)])
-    return unit / np.cos(np.pi / sides), unit[:sides // 2] * np.tan(np.pi / sides)
+    reach = 1.0 if inside else 1.0 / np.cos(np.pi / sides)
+    return reach * unit, reach * np.sin(np.pi / sides) * unit[:sides // 2]
 
 
 def direction(vectors: np.ndarray) -> np.ndarray:

