@@ -266,7 +266,7 @@ class RunReport:
         """Times, memory, messages, and how each body was solved with."""
         summary, seconds, bodies = self.summary, self.summary["seconds"], self.bodies.values()
         return summary.get("exchange", {}) | {
-            "method": METHODS[summary["outer"]].title.format_map(summary),
+            "method": METHODS[summary["outer"]].title.format_map(self.scene["method"]),
             "tolerance": f"{self.scene['method']['tolerance']:g}",
             "memory": f"{max(body['memory_mib'] for body in bodies):.0f}",
             "convergence": picture(self.folder / "convergence.png", "The outer iteration.", "small"),

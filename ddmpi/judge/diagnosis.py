@@ -45,12 +45,11 @@ class StatusLog:
 
         Collective.
         """
-        codes, counts, start = [], np.zeros(3, int), 0
-        for interface, part in self._space.each():
-            own, law = s[part], interface.law
-            stop = start + len(interface.sliding)
+        codes, counts, laws = [], np.zeros(3, int), self._space.laws
+        for interface, (law, own), limit in zip(self._space.interfaces, laws.parts(s), laws.bounds(bound),
+                                                strict=False):
             closed = law.closed(own)
-            on_bound = law.reaches_bound(own, bound[start:stop])
+            on_bound = law.reaches_bound(own, limit)
             slipping = np.full(interface.m, not len(interface.sliding))  # without friction all closed nodes slip
             slipping[interface.sliding] = on_bound
             code = closed.astype(int)
@@ -58,7 +57,6 @@ class StatusLog:
             code[interface.sliding] += 10 * np.where(on_bound, towards, 0)
             codes.append(code)
             counts += (~closed).sum(), (closed & slipping).sum(), (closed & ~slipping).sum()
-            start = stop
         self._recent.append(np.concatenate([np.empty(0, int), *codes]))
         opened, slips, sticks = self._space.add(counts).tolist()
         self.counts.append((opened, slips, sticks))

@@ -107,30 +107,30 @@ class SettledMethod(Method, frozen=True, kw_only=True):
 
     None means: no ``target_error`` is asked for; there is no ``preset``; the ``compliance`` of each body is chosen
     from its size. ``algorithm``, ``splitting`` and ``theta`` are None but for `Published`.
+
+    Attributes
+    ----------
+    by_body : whether each of two held bodies solves problems of its own, on a rank of its own
+    title : what logs and reports call it, with keys in braces
+    curves : the unknown and the residual of its history, in pictures
+    criterion : what `tolerance` bounds
+    diverging : what is seen where it diverges
     """
 
     outer: Outer
     tolerance: Tolerance
 
     by_body: ClassVar[bool] = True
-    """Whether each of two held bodies solves problems of its own, on a rank of its own."""
-
     title: ClassVar[str]
-    """What reports call it, with entries of the summary in braces."""
-
     curves: ClassVar[tuple[str, str]] = "λ", "force mismatch  ‖s$_1$ − s$_2$‖ / ‖s‖"
-    """The unknown and the residual of its history, in pictures."""
-
     criterion: ClassVar[Literal["update", "residual"]] = "update"
-    """What `tolerance` bounds."""
-
     diverging: ClassVar[str] = "divergence, the contact displacement grew beyond all bounds"
-    """What is seen where it diverges."""
 
     @property
     def plan(self) -> str:
         """What it will do, in words."""
-        return f"{self.title}, {self.criterion} below {self.tolerance:g}"
+        title = self.title.format_map(msgspec.structs.asdict(self))
+        return f"{title}, {self.criterion} below {self.tolerance:g}"
 
     def advice(self, stopped: str, factor: float, iteration: int, update: float) -> str:
         """What to try where no answer is certified.
@@ -148,14 +148,10 @@ class Newton(SettledMethod, frozen=True, kw_only=True):
     """The default, outer = "newton"."""
 
     by_body = False
-    title = "semi-smooth Newton"
+    title = "semi-smooth Newton, GMRES with half-plane preconditioner"
     curves = "s", "contact equations"
     criterion = "residual"
     diverging = "a residual that is not a number; a solve with the stiffness of a body must have failed"
-
-    @property
-    def plan(self) -> str:
-        return f"semi-smooth Newton, GMRES with half-plane preconditioner, residual below {self.tolerance:g}"
 
     def advice(self, stopped: str, factor: float, iteration: int, update: float) -> str:
         if stopped == "stalled":
@@ -179,12 +175,7 @@ class Published(SettledMethod, frozen=True, kw_only=True):
     splitting: Splitting
     theta: Positive
 
-    title = "published iteration, {algorithm} algorithm, splitting {splitting}"
-
-    @property
-    def plan(self) -> str:
-        return (f"published iteration: {self.algorithm} algorithm, splitting {self.splitting}, theta = {self.theta:g}, "
-                f"update below {self.tolerance:g}")
+    title = "published iteration, {algorithm} algorithm, splitting {splitting}, theta = {theta:g}"
 
     def advice(self, stopped: str, factor: float, iteration: int, update: float) -> str:
         if stopped == "diverged" or not factor < 0.98:
