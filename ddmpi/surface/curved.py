@@ -12,6 +12,9 @@ from ddmpi.system.numbers import spans
 FEWEST = 6
 """A quadratic surface is fitted to no fewer places than this."""
 
+FITS = 3
+"""How often it is fitted, each time in the frame of the normal before."""
+
 FLAT = 1e-9
 """Triangles whose corners' normals differ by less are flat."""
 
@@ -64,13 +67,13 @@ def _neighbours(facets: np.ndarray, size: int) -> sparse.csr_matrix:
 
 def _fitted(xy: np.ndarray, facets: np.ndarray, normal: np.ndarray, whole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Normals (k, 3) of quadratic surfaces at inner corners, nan at others; and which corners (k,) have one."""
-    links = _neighbours(facets, len(xy))
-    rim = np.unique(np.stack(links.nonzero())[:, np.asarray(links[links.nonzero()]).ravel() == 1.0])
-    good = whole & (links.getnnz(axis=1) > 0)
+    near = _neighbours(facets, len(xy))
+    rim = np.unique(np.stack(near.nonzero())[:, near.data == 1.0])
+    good = whole & (near.getnnz(axis=1) > 0)
     good[rim] = False
     sharp = sparse.diags(1.0 * whole)
-    near = (links @ sharp @ links + links).tocsr()
-    near.setdiag(0.0)
+    near = (near @ sharp @ near + near).tocsr()
+    near = near - sparse.diags(near.diagonal())
     near.eliminate_zeros()
     good &= near.getnnz(axis=1) >= FEWEST
     found = np.full_like(xy, np.nan)
@@ -78,39 +81,44 @@ def _fitted(xy: np.ndarray, facets: np.ndarray, normal: np.ndarray, whole: np.nd
     if not len(nodes):
         return found, good
     row, place = spans(near.indptr[nodes], near.indptr[nodes + 1])
-    away = xy[near.indices[place]] - xy[nodes[row]]
-    n = normal[nodes]
-    first = np.cross(n, np.eye(3)[np.abs(n).argmin(axis=1)])
-    first /= np.linalg.norm(first, axis=1)[:, None]
-    axes = np.stack([first, np.cross(n, first), n], axis=1)
-    a, b, c = np.einsum("pd,pid->ip", away, axes[row])
-    size = np.sqrt(np.bincount(row, a * a + b * b) / np.bincount(row))
-    a, b = a / size[row], b / size[row]
-    terms = np.stack([a, b, a * a, a * b, b * b], axis=1)
-    normal_matrix, right = np.zeros((len(nodes), 5, 5)), np.zeros((len(nodes), 5))
-    np.add.at(normal_matrix, row, terms[:, :, None] * terms[:, None])
-    np.add.at(right, row, terms * c[:, None])
-    slopes = (np.linalg.pinv(normal_matrix, rcond=1e-10, hermitian=True) @ right[..., None])[:, :2, 0] / size[:, None]
-    fitted = np.einsum("ni,nid->nd", np.column_stack([-slopes, np.ones(len(nodes))]), axes)
-    found[nodes] = fitted / np.linalg.norm(fitted, axis=1)[:, None]
+    away, fitted = xy[near.indices[place]] - xy[nodes[row]], normal[nodes]
+    for _ in range(FITS):
+        first = np.cross(fitted, np.eye(3)[np.abs(fitted).argmin(axis=1)])
+        first /= np.linalg.norm(first, axis=1)[:, None]
+        axes = np.stack([first, np.cross(fitted, first), fitted], axis=1)
+        a, b, c = np.einsum("pd,pid->ip", away, axes[row])
+        size = np.sqrt(np.bincount(row, a * a + b * b) / np.bincount(row))[row]
+        a, b, c = a / size, b / size, c / size
+        arc = 1.0 + c * c / (a * a + b * b)  # a section that is an arc has c = κ (ρ² + c²) / 2
+        terms = np.stack([a, b, arc * a * a, arc * a * b, arc * b * b], axis=1)
+        squares, right = np.zeros((len(nodes), 5, 5)), np.zeros((len(nodes), 5))
+        np.add.at(squares, row, terms[:, :, None] * terms[:, None])
+        np.add.at(right, row, terms * c[:, None])
+        slopes = (np.linalg.pinv(squares, rcond=1e-10, hermitian=True) @ right[..., None])[:, :2, 0]
+        fitted = np.einsum("ni,nid->nd", np.column_stack([-slopes, np.ones(len(nodes))]), axes)
+        fitted /= np.linalg.norm(fitted, axis=1)[:, None]
+    found[nodes] = fitted
     return found, good
 
 
 def _mirrored(xy: np.ndarray, facets: np.ndarray, normal: np.ndarray, good: np.ndarray) -> np.ndarray:
-    """The normals (k, 3), where corners have none the mean of those of neighbours, mirrored in the edges to them."""
-    found = normal.copy()
+    """The normals (k, 3); corners that have none get the mean of those of neighbours, mirrored in the edges to them,
+    ring by ring."""
+    found, good = normal.copy(), good.copy()
     pairs = links(facets, 3)
-    here, there = np.concatenate([pairs, pairs[:, ::-1]]).T
-    some = ~good[here] & good[there]
-    here, there = here[some], there[some]
-    along = xy[here] - xy[there]
-    along /= np.linalg.norm(along, axis=1)[:, None]
-    mirrored = normal[there] - 2.0 * np.einsum("pd,pd->p", normal[there], along)[:, None] * along
-    total = np.zeros_like(xy)
-    np.add.at(total, here, mirrored)
-    at = np.unique(here)
-    found[at] = total[at] / np.linalg.norm(total[at], axis=1)[:, None]
-    return found
+    ends = np.concatenate([pairs, pairs[:, ::-1]]).T
+    while True:
+        some = ~good[ends[0]] & good[ends[1]]
+        if not some.any():
+            return found
+        here, there = ends[:, some]
+        along = xy[here] - xy[there]
+        along /= np.linalg.norm(along, axis=1)[:, None]
+        total = np.zeros_like(xy)
+        np.add.at(total, here, found[there] - 2.0 * np.einsum("pd,pd->p", found[there], along)[:, None] * along)
+        at = np.unique(here)
+        found[at] = total[at] / np.linalg.norm(total[at], axis=1)[:, None]
+        good[at] = True
 
 
 def bulge(corners: np.ndarray, normals: np.ndarray, facets: np.ndarray, at: np.ndarray,
