@@ -275,6 +275,11 @@ class Results:
         """(nv, d) times `scale` (m)."""
         return scale * self.fields["displacement"][:, :self.dimension]
 
+    def triangles(self, name: str) -> np.ndarray:
+        """The facets (f, 3) of a contact of solids, without nodes that stand alone."""
+        facets = self.facets[name]
+        return facets[facets[:, 0] != facets[:, 1]]
+
     def heading(self, timed: bool = False) -> str:
         """What a picture's title begins with: the scene's title, and the time of the load step if it is `timed`."""
         title = self.summary["title"].replace("$", r"\$")  # no formula
