@@ -150,6 +150,7 @@ class RunReport:
         contacts = self.contacts.values()
         counts = [f"{sum(contact[status] for contact in contacts)} {status}" for status in ("open", "slip", "stick")]
         found = {"m": sum(contact["m"] for contact in contacts), "nodes": ", ".join(counts), "of_step": self.of_step,
+                 "depth": "depth" if len(self.axes) == 2 else "",
                  "estimate": percent(self.error["energy_norm"]), "body_number": len(self.bodies),
                  "elements": ("linear", "quadratic")[self.summary["order"] - 1]}
         if not {contact["friction"] for contact in contacts} <= {"none", "bonded"}:
