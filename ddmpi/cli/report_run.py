@@ -12,6 +12,7 @@ from ddmpi import __version__
 from ddmpi.cli.report_markup import Cell, Column, Html, element, fill, noted, number, percent, picture, table
 from ddmpi.results.folder import FILES
 from ddmpi.results.summary import RESIDUALS, units
+from ddmpi.scene.method import METHODS
 from ddmpi.scene.reader import write_toml
 from ddmpi.system.files import MECHANISM, contact_files
 
@@ -28,9 +29,6 @@ PHASES = {"mesh": "making or reading the meshes", "assemble": "stiffness, pairin
 ENERGIES = {"external_work": "work of loads, clamps and rigid partners", "strain_energy": "strain energy",
             "interface_work": "work of the contact forces", "dissipated": "of it dissipated by friction",
             "lost": "of it taken by interference, closing gaps and time stepping"}
-
-METHODS = {"newton": "semi-smooth Newton", "anderson": "Anderson acceleration of the published iteration",
-           "relaxation": "published iteration, {algorithm} algorithm, splitting {splitting}"}
 
 Columns = dict[str, tuple[str, str]]
 """Columns of a table by their heads: an entry of the summary, by its dotted name, and a quantity for its unit."""
@@ -274,7 +272,7 @@ class RunReport:
         """Times, memory, messages, and how each body was solved with."""
         summary, seconds, bodies = self.summary, self.summary["seconds"], self.bodies.values()
         return summary.get("exchange", {}) | {
-            "method": METHODS[summary["outer"]].format_map(summary),
+            "method": METHODS[summary["outer"]].title.format_map(self.scene["method"]),
             "tolerance": f"{self.scene['method']['tolerance']:g}",
             "memory": f"{max(body['memory_mib'] for body in bodies):.0f}",
             "convergence": picture(self.folder / "convergence.png", "The outer iteration.", "small"),

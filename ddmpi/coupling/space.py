@@ -10,7 +10,8 @@ import numpy as np
 from mpi4py import MPI
 
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.law import Laws
+from ddmpi.interface.law import ActiveSet, Law, Tangent
+from ddmpi.qp.box import Box, Discs, product
 from ddmpi.system.numbers import norm
 
 
@@ -111,3 +112,58 @@ class Space:
         everyone = np.empty((self.comm.size, len(own)))
         self.comm.Allgather(own, everyone)
         return everyone
+
+
+class Laws:
+    """The laws of several interfaces as one, on vectors that hold one interface's part after the other.
+
+    Parameters
+    ----------
+    laws : in the order of the parts
+    """
+
+    def __init__(self, laws: Sequence[Law]) -> None:
+        self.laws = tuple(laws) or (Law(0, np.empty(0, int), 1),)
+        self.size = sum(law.size for law in self.laws)
+        self._ends, self._nodes, self._sliding = np.cumsum(
+            [(law.size, law.m, len(law.sliding)) for law in self.laws], axis=0)[:-1].T
+
+    @property
+    def largest_slope(self) -> float:
+        return max(law.largest_slope for law in self.laws)
+
+    def parts(self, x: np.ndarray) -> list[tuple[Law, np.ndarray]]:
+        """The laws with their parts of a vector (size,)."""
+        return list(zip(self.laws, np.split(x, self._ends), strict=True))
+
+    def bounds(self, bound: np.ndarray) -> list[np.ndarray]:
+        """The slip bounds of each interface, out of those of all sliding nodes."""
+        return np.split(bound, self._sliding)
+
+    def project(self, q: np.ndarray) -> np.ndarray:
+        """The forces (size,) that the laws assign to q = s − c r."""
+        return np.concatenate([law.project(part) for law, part in self.parts(q)])
+
+    def active_sets(self, q: np.ndarray) -> list[ActiveSet]:
+        """Which nodes are closed and which slip at q = s − c r (size,)."""
+        return [law.active_set(part) for law, part in self.parts(q)]
+
+    def sticking(self, closed: np.ndarray) -> list[ActiveSet]:
+        """The nodes `closed` of all interfaces closed and sticking, the others open."""
+        return [law.sticking(own) for law, own in zip(self.laws, np.split(closed, self._nodes), strict=True)]
+
+    def linearise(self, active: list[ActiveSet]) -> list[Tangent]:
+        """What the active sets imply for the forces of each interface."""
+        return [law.linearise(each) for law, each in zip(self.laws, active, strict=True)]
+
+    def settle(self, s: np.ndarray, active: list[ActiveSet]) -> np.ndarray:
+        """The forces (size,) next to s that obey all bounds exactly."""
+        return np.concatenate([law.settle(part, each) for (law, part), each in zip(self.parts(s), active, strict=True)])
+
+    def bound_at(self, s: np.ndarray) -> np.ndarray:
+        """The slip bounds of all sliding nodes under the forces s (size,), in newtons."""
+        return np.concatenate([law.bound_at(part) for law, part in self.parts(s)])
+
+    def cone(self, bound: np.ndarray) -> Box | Discs:
+        """The forces that are allowed while the slip bounds of all sliding nodes stay `bound`."""
+        return product([law.cone(own) for law, own in zip(self.laws, self.bounds(bound), strict=True)])

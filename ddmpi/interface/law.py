@@ -6,23 +6,22 @@ A law says which forces s of an interface fit its gaps r. With q = s − c r the
 
 (Alart and Curnier, Comput. Methods Appl. Mech. Engrg. 92, 1991). A vector of an interface holds m normal
 entries and then, for each of the mt nodes that slide, its d − 1 tangential entries. A new friction law is a
-subclass of `Law` with `slip_bound` and `slope`, and a line in `law_of`. Bonded nodes obey r = 0 whatever the forces,
-which is the same equation without a projection: s = q.
+subclass of `Law` with a concave `slip_bound` and its `slope`, and a line in `law_of`. Bonded nodes obey r = 0 whatever
+the forces, which is the same equation without a projection: s = q.
 """
 
 from __future__ import annotations
 
-import itertools
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sparse
 
-from ddmpi.qp.box import Box, Discs, magnitude, product, shorten
-from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
+from ddmpi.qp.box import Box, Discs, magnitude, shorten
+from ddmpi.scene.contacts import Coulomb, Friction, Tresca
 
 ON_BOUND = 1e-8
 """Relative distance to its slip bound below which a tangential force counts as lying on it."""
@@ -72,6 +71,20 @@ class Tangent(NamedTuple):
     turn: sparse.spmatrix | None = None
 
 
+class Edges(NamedTuple):
+    """Forces of one interface, the same at one node after the other.
+
+    Attributes
+    ----------
+    forces : (size, k) sparse
+    lower, upper : (k,) how much there may be of each
+    """
+
+    forces: sparse.csc_matrix
+    lower: np.ndarray
+    upper: np.ndarray
+
+
 @dataclass(frozen=True)
 class Law:
     """Unilateral contact without friction; the base of all laws with friction.
@@ -89,7 +102,7 @@ class Law:
     m: int
     sliding: np.ndarray
     components: int
-    live: np.ndarray = field(default=np.bool_(True), kw_only=True)
+    live: np.ndarray = field(default_factory=lambda: np.array(True), kw_only=True)
 
     @property
     def size(self) -> int:
@@ -177,6 +190,25 @@ class Law:
             return Box(np.concatenate([np.zeros(self.m), -limit]), np.concatenate([free[:self.m], limit]))
         lower = np.where(np.arange(self.size) < self.m, 0.0, -free)
         return Discs(lower, free, np.arange(self.m, self.size).reshape(-1, self.components), bound)
+
+    def edges(self, sides: int = 16, inside: bool = False) -> Iterator[Edges]:
+        """What the allowed forces are sums of: edges of their cone, and tangential ones that need no pressure.
+
+        The bound is taken as g(0) + s_ν dg/ds_ν(0), which no concave one exceeds, and a disc as the regular polygon
+        around it, or `inside` it, with an even number of `sides`.
+        """
+        one, none = sparse.identity(self.size, format="csc"), np.zeros(self.m)
+        tangential, each = one[:, self.m:], sparse.identity(len(self.sliding), format="csc")
+        slope, bound = self.slope(none), self.slip_bound(none)
+        leans, holds = slope > 0.0, bound > 0.0
+        corners, ranges = polygon(self.components, sides, inside)
+        for corner in corners:
+            lean = tangential @ sparse.kron(each.multiply(slope), corner[:, None], format="csc")
+            yield _multiples((one[:, self.sliding] + lean)[:, leans], 0.0, np.inf)
+        yield _multiples(one[:, np.setdiff1d(np.arange(self.m), self.sliding[leans])], 0.0, np.inf)
+        for vector in ranges:
+            forces = tangential @ sparse.kron(each, vector[:, None], format="csc")
+            yield _multiples(forces[:, holds], -bound[holds], bound[holds])
 
     def reaches_bound(self, s: np.ndarray, bound: np.ndarray) -> np.ndarray:
         """Nodes (mt,) whose tangential force lies on the slip bound (mt,), up to rounding."""
@@ -268,6 +300,9 @@ class BondedLaw(Law):
     def cone(self, bound: np.ndarray) -> Box:
         return Box(np.full(self.size, -np.inf), np.full(self.size, np.inf))
 
+    def edges(self, sides: int = 16, inside: bool = False) -> Iterator[Edges]:
+        yield _multiples(sparse.identity(self.size, format="csc"), -np.inf, np.inf)
+
     def closed(self, s: np.ndarray, share: float = 0.0) -> np.ndarray:
         """All nodes, those under tension as well."""
         return np.ones(self.m, bool)
@@ -285,8 +320,8 @@ class BondedLaw(Law):
         return float(magnitude(stiffness * slip).max(initial=0.0))
 
 
-def law_of(friction: Coulomb | Tresca | NoFriction, xy: np.ndarray, arc: np.ndarray, area: np.ndarray,
-           sliding: np.ndarray, kind: str = "unilateral", live: np.ndarray | bool = True) -> Law:
+def law_of(friction: Friction, xy: np.ndarray, arc: np.ndarray, area: np.ndarray, sliding: np.ndarray,
+           kind: str = "unilateral", live: np.ndarray | bool = True) -> Law:
     """The law that a scene asks for, evaluated at the contact nodes. Not collective.
 
     Parameters
@@ -313,53 +348,21 @@ def law_of(friction: Coulomb | Tresca | NoFriction, xy: np.ndarray, arc: np.ndar
     return Law(*shape, live=np.asarray(live))
 
 
-class Laws:
-    """The laws of several interfaces as one, on vectors that hold one interface's part after the other.
+def _multiples(forces: sparse.csc_matrix, lower: np.ndarray | float, upper: np.ndarray | float) -> Edges:
+    return Edges(forces, *(np.broadcast_to(each, forces.shape[1]) for each in (lower, upper)))
 
-    Parameters
-    ----------
-    laws : in the order of the parts
+
+def polygon(components: int, sides: int, inside: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """The regular polygon with so many sides around the unit disc, or inside it; with one component, [−1, 1].
+
+    Its corners (c, components), and vectors (r, components) whose multiples from −1 to 1 sum up to it.
     """
-
-    def __init__(self, laws: Sequence[Law]) -> None:
-        self.laws = tuple(laws) or (Law(0, np.empty(0, int), 1),)
-        self.size = sum(law.size for law in self.laws)
-        self._parts = _slices([law.size for law in self.laws])
-        self._bounds = _slices([len(law.sliding) for law in self.laws])
-
-    @property
-    def largest_slope(self) -> float:
-        return max(law.largest_slope for law in self.laws)
-
-    def project(self, q: np.ndarray) -> np.ndarray:
-        """The forces (size,) that the laws assign to q = s − c r."""
-        return np.concatenate([law.project(q[part]) for law, part in zip(self.laws, self._parts, strict=True)])
-
-    def active_sets(self, q: np.ndarray) -> list[ActiveSet]:
-        """Which nodes are closed and which slip at q = s − c r (size,)."""
-        return [law.active_set(q[part]) for law, part in zip(self.laws, self._parts, strict=True)]
-
-    def sticking(self, closed: np.ndarray) -> list[ActiveSet]:
-        """The nodes `closed` of all interfaces closed and sticking, the others open."""
-        ends = np.cumsum([law.m for law in self.laws])[:-1]
-        return [law.sticking(own) for law, own in zip(self.laws, np.split(closed, ends), strict=True)]
-
-    def linearise(self, active: list[ActiveSet]) -> list[Tangent]:
-        """What the active sets imply for the forces of each interface."""
-        return [law.linearise(each) for law, each in zip(self.laws, active, strict=True)]
-
-    def settle(self, s: np.ndarray, active: list[ActiveSet]) -> np.ndarray:
-        """The forces (size,) next to s that obey all bounds exactly."""
-        return np.concatenate([law.settle(s[part], each)
-                               for law, part, each in zip(self.laws, self._parts, active, strict=True)])
-
-    def bound_at(self, s: np.ndarray) -> np.ndarray:
-        """The slip bounds of all sliding nodes under the forces s (size,), in newtons."""
-        return np.concatenate([law.bound_at(s[part]) for law, part in zip(self.laws, self._parts, strict=True)])
-
-    def cone(self, bound: np.ndarray) -> Box | Discs:
-        """The forces that are allowed while the slip bounds of all sliding nodes stay `bound`."""
-        return product([law.cone(bound[part]) for law, part in zip(self.laws, self._bounds, strict=True)])
+    if components == 1:
+        return np.array([[1.0], [-1.0]]), np.ones((1, 1))
+    angle = 2 * np.pi * np.arange(sides) / sides
+    unit = np.column_stack([np.cos(angle), np.sin(angle)])
+    reach = 1.0 if inside else 1.0 / np.cos(np.pi / sides)
+    return reach * unit, reach * np.sin(np.pi / sides) * unit[:sides // 2]
 
 
 def direction(vectors: np.ndarray) -> np.ndarray:
@@ -377,8 +380,3 @@ def across(directions: np.ndarray) -> np.ndarray:
     u[:, 0] += np.where(u[:, 0] < 0.0, -1.0, 1.0)
     size = 1.0 + np.abs(directions[:, :1, None])
     return np.eye(u.shape[1]) - u[:, :, None] * u[:, None, :] / size
-
-
-def _slices(sizes: Sequence[int]) -> list[slice]:
-    ends = np.cumsum([0, *sizes])
-    return [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]

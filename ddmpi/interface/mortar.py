@@ -19,13 +19,15 @@ import scipy.sparse as sparse
 from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
-from ddmpi.interface.cover import Cover, cover, faced_arc
 from ddmpi.interface.interface import Interface, Lines, Places, in_order
-from ddmpi.interface.matching import Rows, build, holds_along, is_held, pair, without_rounding
-from ddmpi.interface.side import Side, frames, nodal, unit
+from ddmpi.interface.matching import pair
+from ddmpi.interface.rows import Rows, build, holds_along, is_held, without_rounding
+from ddmpi.interface.vertices import rows_at_vertices
 from ddmpi.mesh.boundary import segments
 from ddmpi.mesh.elements import shapes_on_side as shapes
 from ddmpi.scene.contacts import SettledContact
+from ddmpi.surface.cover import Cover, cover, faced_arc
+from ddmpi.surface.side import Side, frames, nodal, unit
 from ddmpi.system.numbers import in_words
 
 SLIVER = 0.02
@@ -53,13 +55,40 @@ def connect(first: Side, second: Side, contact: SettledContact, refinement: int 
 
     Otherwise as `pair` and `mortar`.
     """
-    if contact.pairing != "mortar":
+    quadratic = first.dimension > 2 and max(side.facets.shape[1] for side in (first, second)) > 3
+    if contact.pairing == "nodes" and quadratic:
+        raise InputError(f"contact.{contact.name}.pairing: pairs of nodes are for linear tetrahedra, as corners of "
+                         "quadratic ones carry no pressure; leave it out")
+    if contact.pairing != "mortar" and not quadratic:
         try:
             return pair(first, second, contact, refinement)
         except InputError:
             if contact.pairing == "nodes":
                 raise
-    return mortar(first, second, contact)
+    return (mortar if first.dimension == 2 else mortar_in_space)(first, second, contact)
+
+
+def mortar_in_space(first: Side, second: Side, contact: SettledContact) -> Interface:
+    """`mortar` of two sides in space: rows at the vertices of the slave, see `vertices`.
+
+    By default the slave is the side with the larger facets over plane modulus, and not one that clamps hold wholly.
+    """
+    sides, name = (first, second), contact.name
+    rigid = [bool(is_held(side.normal, side.free).all()) for side in sides]
+    if contact.slave is not None:
+        own = (first.body, second.body).index(contact.slave)
+    elif any(rigid):
+        own = rigid.index(False) if not all(rigid) else 0
+    else:
+        one, other = (np.sqrt(side.lengths.mean()) / side.modulus for side in sides)
+        own = 1 if other > (1.0 + 1e-6) * one else 0
+    if rigid[own]:
+        raise InputError(f"contact.{name}: clamps hold all of {sides[own].body!r} at this contact; "
+                         + ("it cannot be the slave" if not all(rigid) else "there is nothing to solve"))
+    over = cover(sides[own], sides[1 - own])
+    if not len(over.facet):
+        raise _not_facing(first, second, name)
+    return build(rows_at_vertices(sides, own, over, contact), contact)
 
 
 def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
@@ -79,9 +108,7 @@ def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
     sides, name, slave = (first, second), contact.name, contact.slave
     covers = [None if slave == sides[1 - own].body else cover(sides[own], sides[1 - own]) for own in (0, 1)]
     if any(each is not None and len(each.facet) == 0 for each in covers):
-        raise InputError(f"contact.{name}: the boundaries of {first.body!r} and {second.body!r} do not face each other "
-                         f"(the first begins at {in_words(first.xy[0])}). Are the two names of `on` in the order of "
-                         "`bodies`?")
+        raise _not_facing(first, second, name)
     own = _choose_slave(sides, covers, name) if slave is None else (first.body, second.body).index(slave)
     side, over = sides[own], covers[own]
     assert over is not None
@@ -93,6 +120,12 @@ def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
     if (free != root).any():
         rows = replace(_rows(sides, own, over, free), bound=free != root)
     return build(rows, contact)
+
+
+def _not_facing(first: Side, second: Side, name: str) -> InputError:
+    return InputError(f"contact.{name}: the boundaries of {first.body!r} and {second.body!r} do not face each other "
+                      f"(the first begins at {in_words(first.xy[0])}). Are the two names of `on` in the order of "
+                      "`bodies`?")
 
 
 def duals(side: Side, over: Cover) -> tuple[np.ndarray, np.ndarray]:

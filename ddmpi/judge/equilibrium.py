@@ -3,7 +3,7 @@
 Forces s within the laws, with G s = e, are equilibrium of all rigid motions. A linear program looks for the least
 ‖G s − e‖₁. If it is not zero, no solution exists, and the program's dual proves it: rigid velocities that press into no
 contact and on which the loads do work. With Coulomb friction that dual lifts what slides (associated flow), so the
-mechanism that is named and drawn is another one, see `_release`. In the plane; serial work on plain arrays.
+mechanism that is named and drawn is another one, see `_release`. Serial work on plain arrays.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.law import CoulombLaw, TrescaLaw
 from ddmpi.judge.motions import MotionsOfBody, describe_motions
 
 LARGEST = 300
@@ -34,7 +33,13 @@ PROVEN = 1e-7
 """A mechanism may press into a contact with this part of its velocity (the program's tolerance), not more."""
 
 BENT = 1e-7
-"""Directions of steps between neighbouring columns that differ by less are those of a straight contact."""
+"""A contact is straight or flat if what its forces do on rigid motions bends by less than this part of it."""
+
+DIGITS = 7
+"""Forces whose directions agree in so many digits are parallel."""
+
+HULL = 3
+"""Corners are looked for in at most so many dimensions."""
 
 SMALL = 1e-6
 """A motion without lift that is smaller than this part of the one with it is none."""
@@ -47,6 +52,9 @@ OPENS = 1e-3
 
 WEIGHT = 1e4
 """Of equations that turn bounds into non-negative unknowns."""
+
+ROUNDS = 30
+"""So often cones get edges that a motion lacks."""
 
 ITERATIONS = 10
 """At most so many iterations of least squares per unknown."""
@@ -65,7 +73,7 @@ class Mechanism:
     Attributes
     ----------
     bodies : the loose ones
-    velocities : (nb, 3) of each (v_x, v_y, ω) about its centre; the fastest node has velocity 1
+    velocities : (nb, n) of each, as of `MotionsOfBody`; the fastest node has velocity 1
     coefficients : (nc,) the same as a combination of the rigid motions, in the order of the rows of G
     imbalance : the least ‖G s − e‖₁ there is, in parts of the bodies' loads
     touching : pairs of names of bodies, or rigid partners, that stay in contact
@@ -110,7 +118,8 @@ def find_mechanism(interfaces: Sequence[Interface], G: sparse.spmatrix, e: np.nd
     imbalance, dual = _least_imbalance(forces, b, scale.of_row / scale.largest)
     if not imbalance > IMBALANCE or not _is_proof(forces, b, dual):
         return None
-    motion = _release(A, forces, b, dual, bodies, scale)
+    inside = _Forces.allowed(interfaces, A, scale.largest, inside=True)
+    motion = _release(A, inside, b, dual, bodies, scale)
     coefficients = motion / scale.unit
     velocities = np.array([body.velocity(part) for body, part in zip(bodies, scale.split(coefficients), strict=True)])
     fastest = max(body.speed(v) for body, v in zip(bodies, velocities, strict=True))
@@ -150,83 +159,101 @@ class _Forces:
     ----------
     columns : (nc, k) the coefficient's power on the rigid motions
     lower, upper : (k,)
-    normal : (k,) the column of G of the node's normal force, −1 for tangential forces alone
-    tangential : (k,) the column of G of the tangential force, −1 where there is none
-    slope : (k,) friction force per normal force, with its sign: an edge of Coulomb's cone; zero otherwise
+    node : (k,) the column of G of the normal force of its node
+    presses, leans : (k,) bool, whether it has a normal, and a tangential part
+    owner : (size,) the column of G of the normal force of each column's node
+    slope : (size,) of the cone of a node, at the column of its normal force; zero elsewhere
     """
 
     columns: sparse.csc_matrix
     lower: np.ndarray
     upper: np.ndarray
-    normal: np.ndarray
-    tangential: np.ndarray
+    node: np.ndarray
+    presses: np.ndarray
+    leans: np.ndarray
+    owner: np.ndarray
     slope: np.ndarray
 
     @classmethod
-    def allowed(cls, interfaces: Sequence[Interface], A: sparse.csc_matrix, unit: float) -> _Forces:
-        """Of all interfaces; forces are counted in `unit` (N)."""
+    def allowed(cls, interfaces: Sequence[Interface], A: sparse.csc_matrix, unit: float,
+                inside: bool = False) -> _Forces:
+        """Of all interfaces; forces are counted in `unit` (N), and discs are polygons around them, or `inside` them.
+
+        Of a flat piece with the same coefficient only the corners are needed: all nodes between are means of them.
+        """
         entries: list[tuple[np.ndarray, ...]] = [(np.empty(0),) * 3]
         others: list[tuple[np.ndarray, ...]] = [(np.empty(0),) * 5]
-        start = k = 0
+        owner, slope, start, k = [np.empty(0, int)], np.zeros(A.shape[1]), 0, 0
         for interface in interfaces:
-            own = A[:, start:start + interface.size]
+            law, own = interface.law, A[:, start:start + interface.size]
             rows = np.unique(own.indices)
-            for columns, lower, upper, normal, tangential, slope in _edges(interface, own[rows].toarray(), unit):
+            for forces, lower, upper in law.edges(inside=inside):
+                columns = (own[rows] @ forces).toarray()
+                if np.isinf(upper).all():
+                    keep = np.flatnonzero(_corners(columns, forces.T @ interface.directions))
+                    lower, upper = lower[keep], upper[keep]
+                else:  # forces along the same line are as good as their sum
+                    keep = np.flatnonzero(np.append(True, _length(np.diff(columns)) > SAME * _length(columns[:, 1:])))
+                    lower, upper = (np.add.reduceat(each, keep) / unit for each in (lower, upper))
+                forces, columns = forces[:, keep], columns[:, keep]
                 i, j = np.nonzero(columns)
                 entries.append((columns[i, j], rows[i], k + j))
-                others.append((lower, upper, np.where(normal < 0, -1, start + normal),
-                               np.where(tangential < 0, -1, start + tangential), slope))
-                k += columns.shape[1]
+                normal, tangential = (part.getnnz(axis=0) > 0 for part in (forces[:law.m], forces[law.m:]))
+                others.append((lower, upper, start + law.node[forces.indices[forces.indptr[:-1]]], normal, tangential))
+                k += len(keep)
+            owner.append(start + law.node)
+            slope[start + law.sliding] = law.slope(np.zeros(law.m))
             start += interface.size
         value, row, column = (np.concatenate(each) for each in zip(*entries, strict=True))
-        lower, upper, normal, tangential, slope = (np.concatenate(each) for each in zip(*others, strict=True))
-        return cls(sparse.csc_matrix((value, (row.astype(int), column.astype(int))), (A.shape[0], k)),
-                   lower, upper, normal.astype(int), tangential.astype(int), slope)
+        lower, upper, node, presses, leans = (np.concatenate(each) for each in zip(*others, strict=True))
+        return cls(sparse.csc_matrix((value, (row.astype(int), column.astype(int))), (A.shape[0], k)), lower, upper,
+                   node.astype(int), presses.astype(bool), leans.astype(bool), np.concatenate(owner), slope)
+
+    @property
+    def tangential(self) -> np.ndarray:
+        """(size,) bool, the columns of G of tangential forces."""
+        return self.owner != np.arange(len(self.owner))
+
+    def sliding(self, rate: np.ndarray) -> np.ndarray:
+        """(size,) how fast nodes slide, at the columns of their normal forces, from all velocities (size,) there."""
+        squares = np.where(self.tangential, rate, 0.0) ** 2
+        return np.sqrt(np.bincount(self.owner, squares, len(rate)))
+
+    def edges(self, nodes: np.ndarray, rate: np.ndarray) -> sparse.csc_matrix:
+        """(size, k) the edges of the cones of `nodes` (k,) that resist the sliding of `rate` (size,) most."""
+        size = self.sliding(rate)[self.owner]
+        along = np.divide(rate, size, out=np.zeros_like(rate), where=size > 0.0)
+        entry, place = np.flatnonzero(np.isin(self.owner, nodes)), np.searchsorted(nodes, self.owner)
+        value = np.where(self.tangential, self.slope[self.owner] * along, 1.0)
+        return sparse.csc_matrix((value[entry], (entry, place[entry])), (len(rate), len(nodes)))
 
 
-def _edges(interface: Interface, A: np.ndarray, unit: float) -> Iterator[tuple[np.ndarray, ...]]:
-    """Forces that span what one interface's law allows: their columns, bounds, nodes and slopes as in `_Forces`.
+def _corners(columns: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """(k,) bool: which columns are not means of others with the same force `along` (k, d), and not zero.
 
-    Parameters
-    ----------
-    A : (r, size) power of the interface's forces on the motions of its bodies
-    unit : of forces (N)
-
-    Of a straight piece with the same coefficient only the ends are needed: all nodes between are means of them.
+    What a force does on the motions of a body is linear in its place, so means of places are means of columns.
     """
-    law, normal, tangential = interface.law, np.arange(interface.m), np.arange(interface.m, interface.size)
+    from scipy.spatial import ConvexHull
 
-    def within(columns: np.ndarray, *others: np.ndarray | float) -> tuple[np.ndarray, ...]:
-        return columns, *(np.broadcast_to(each, columns.shape[1]) for each in others)
-
-    if isinstance(law, CoulombLaw):
-        for slope in (law.coefficient, -law.coefficient):
-            edge = A[:, law.sliding] + slope * A[:, tangential]
-            keep = _corners(edge)
-            yield within(edge[:, keep], 0.0, np.inf, law.sliding[keep], tangential[keep], slope[keep])
-        normal = np.setdiff1d(normal, law.sliding)
-    keep = _corners(A[:, normal])
-    yield within(A[:, normal[keep]], -np.inf if law.name == "bonded" else 0.0, np.inf, normal[keep], -1, 0.0)
-    if isinstance(law, TrescaLaw):  # forces along the same line are as good as their sum
-        T = A[:, tangential]
-        first = np.flatnonzero(np.append(True, _length(np.diff(T)) > SAME * _length(T[:, 1:]))[:len(tangential)])
-        bound = np.add.reduceat(law.bound, first) / unit if len(first) else law.bound
-        yield within(T[:, first], -bound, bound, -1, tangential[first], 0.0)
-    elif not isinstance(law, CoulombLaw) and law.name != "none":  # bonded; of an unknown law, more than it allows
-        yield within(A[:, tangential], -np.inf, np.inf, -1, tangential, 0.0)
-
-
-def _corners(columns: np.ndarray) -> np.ndarray:
-    """(k,) bool: which columns are not between the two beside them, and not zero."""
     length = _length(columns)
-    keep = length > 0.0
-    if len(length) > 2:
-        step = np.diff(columns)
-        size = _length(step)
-        still = size <= SAME * length[1:]
-        turn = np.diff(np.where(still, 0.0, step / np.where(still, 1.0, size)))
-        keep[1:-1] &= (_length(turn) > BENT) | (still[1:] != still[:-1])
-    return keep
+    keep = np.zeros(len(length), bool)
+    if not length.any():
+        return keep
+    _, group = np.unique(np.round(along, DIGITS), axis=0, return_inverse=True)
+    order = np.argsort(group.ravel(), kind="stable")
+    for members in np.split(order, np.cumsum(np.bincount(group.ravel()))[:-1]):
+        x = columns[:, members] - columns[:, members].mean(axis=1, keepdims=True)
+        axes, sizes, _ = np.linalg.svd(x, full_matrices=False)
+        rank = int((sizes > BENT * length[members].max(initial=0.0)).sum())
+        places = x.T @ axes[:, :rank]
+        if rank == 0:
+            members = members[:1]
+        elif rank == 1:
+            members = members[[places.argmin(), places.argmax()]]
+        elif rank <= HULL and len(members) > rank + 1:
+            members = members[ConvexHull(places / np.abs(places).max(axis=0)).vertices]
+        keep[members] = True
+    return keep & (length > 0.0)
 
 
 def _length(columns: np.ndarray) -> np.ndarray:
@@ -265,30 +292,43 @@ def _release(A: sparse.csc_matrix, forces: _Forces, b: np.ndarray, dual: np.ndar
     """The motion (nc,) with which the bodies would start if they were let go; `dual` where that is not found.
 
     By Gauss's principle of least constraint the accelerations of bodies of density one leave the least residual
-    M^-½ (b − A x) there is. Unlike the dual, this does not depend on the axes. Coulomb's edges lift what slides, so
-    another projection follows, on the motions that keep together what is pressed and hold what sticks.
+    M^-½ (b − A x) there is. Unlike the dual, this does not depend on the axes; Coulomb's cones, at first polygons
+    inside, get the edges that the motion lacks. Their friction lifts what slides, so another projection follows, on
+    the motions that keep together what is pressed and hold what sticks.
     """
     moves = np.concatenate([np.full(len(part), len(bodies) <= MANY or np.abs(part).max() > PROVEN * np.abs(dual).max())
                             for part in scale.split(dual)])
-    if moves.sum() > 3 * 2 * MANY:
+    if moves.sum() > 2 * MANY * len(bodies[0].basis):
         return dual
-    area = max(body.area for body in bodies)
+    measure = max(body.measure for body in bodies)
     W = np.asarray(sparse.block_diag([
-        np.linalg.inv(np.linalg.cholesky(body.inertia / np.outer(unit, unit) / area))
+        np.linalg.inv(np.linalg.cholesky(body.inertia / np.outer(unit, unit) / measure))
         for body, unit in zip(bodies, scale.split(scale.unit), strict=True)]).todense())[moves]
-    x = _least_squares(W @ forces.columns, W @ b, forces.lower, forces.upper)
-    left = W @ (b - forces.columns @ x)
-    lifted = W.T @ left
-    if not np.isfinite(lifted).all() or not _is_proof(forces, b, lifted):
+    nodes = np.unique(forces.node[forces.presses])
+    columns, lower, upper = W @ forces.columns, forces.lower, forces.upper
+    for _ in range(ROUNDS):
+        x = _least_squares(columns, W @ b, lower, upper)
+        left = W @ b - columns @ x
+        lifted = W.T @ left
+        if not np.isfinite(lifted).all() or not b @ lifted > 0.0:
+            return dual
+        rate, least = A.T @ lifted, PROVEN * np.abs(lifted).max()
+        slides = forces.sliding(rate)
+        closes = np.where(forces.tangential, 0.0, rate) + forces.slope * slides
+        lacking = nodes[closes[nodes] > least]
+        if not len(lacking):
+            break
+        used = (x > lower) | np.isinf(lower) | np.isfinite(upper)
+        columns = np.hstack([columns[:, used], W @ (A @ forces.edges(lacking, rate))])
+        lower = np.append(lower[used], np.zeros(len(lacking)))
+        upper = np.append(upper[used], np.full(len(lacking), np.inf))
+    else:
         return dual
-    normal, coulomb = forces.normal >= 0, forces.slope != 0.0
-    tight = np.abs(forces.columns.T @ lifted) <= PROVEN * np.abs(lifted).max()
-    inside = (forces.tangential >= 0) & ~coulomb & (x > forces.lower) & (x < forces.upper)  # Tresca's bound, or bonded
-    nodes, place = np.unique(forces.normal[normal], return_inverse=True)
-    closed = np.bincount(place, tight[normal]) > 0
-    stuck, edges = np.unique(forces.tangential[inside | (coulomb & tight)], return_counts=True)
-    stuck = stuck[(edges == 2) | np.isin(stuck, forces.tangential[inside])]
-    lower = np.concatenate([np.where(closed, -np.inf, 0.0), np.full(len(stuck), -np.inf)])
+    touches = closes >= -least
+    sticks = (slides <= least) & (touches | (forces.slope == 0.0))
+    stuck = np.flatnonzero(forces.tangential & sticks[forces.owner]
+                           & np.isin(forces.owner, forces.node[forces.leans]))
+    lower = np.concatenate([np.where(touches[nodes], -np.inf, 0.0), np.full(len(stuck), -np.inf)])
     columns = W @ A[:, np.concatenate([nodes, stuck])]
     y = _least_squares(columns, left, lower, np.full(len(lower), np.inf))
     motion = W.T @ (left - columns @ y)
@@ -327,8 +367,7 @@ def _least_squares(A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.nd
 
 def _touching(interfaces: Sequence[Interface], rate: np.ndarray) -> Iterator[frozenset[str]]:
     """Pairs of bodies that have a contact node that does not open, from the velocities (size,) at the contacts."""
-    start = 0
-    for interface in interfaces:
-        if (np.abs(rate[start:start + interface.m]) <= OPENS).any():
+    ends = np.cumsum([interface.size for interface in interfaces])[:-1]
+    for interface, own in zip(interfaces, np.split(rate, ends), strict=True):
+        if (np.abs(own[:interface.m]) <= OPENS).any():
             yield frozenset(interface.bodies)
-        start += interface.size

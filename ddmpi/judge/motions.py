@@ -1,32 +1,41 @@
-"""Rigid motions of bodies in the plane, and the words for them.
+"""Rigid motions of bodies, and the words for them.
 
-A velocity is (v_x, v_y, ω): that of the body's centre, and the turning, counterclockwise.
+A velocity is that of the body's centre, and then the turning: (v_x, v_y, ω), counterclockwise, in the plane, and
+(v_x, v_y, v_z, ω_x, ω_y, ω_z), about these axes by the right hand, in space. An axis in words points such that the body
+turns about it by the right hand.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import factorial
 
 import numpy as np
+
+TURNS = {2: ((0, 1),), 3: ((1, 2), (2, 0), (0, 1))}
+"""By dimension, the axes of each turning: the first turns towards the second."""
 
 SAME = 1e-2
 """Velocities that differ by less than this part of the largest one count as one motion."""
 
 REACH = 3.0
-"""A body turns about a point if that is at most this many sizes away; else it moves and turns."""
+"""A body turns about a point or an axis if that is at most this many sizes away; else it moves and turns."""
 
 INSIDE = 0.1
-"""A body turns about a point nearer to its centre than this part of its size; else it tips about it."""
+"""A body turns about a point or axis nearer to its centre than this part of its size; else it tips about it."""
 
 SIDEWAYS = 0.1
 """A body tips to the left or right if the horizontal part of its velocity is at least this part of it."""
+
+TOWARDS = 0.8
+"""In space a body tips towards x if this part of its velocity is along x; else towards (0.7, 0, -0.7)."""
 
 NAMED = 2
 """Of more bodies than three, so many are named."""
 
 FLAT = 1e-3
-"""The area of a body is at least this part of its size squared."""
+"""A body is at least this part of its size thick."""
 
 
 @dataclass(frozen=True)
@@ -36,46 +45,55 @@ class MotionsOfBody:
     Attributes
     ----------
     name : of the body
-    centre : (2,) centroid of the body's convex hull (m)
+    centre : (d,) centroid of the body's convex hull (m)
     size : distance from the centre to the farthest node (m)
-    area : of the convex hull (m²)
-    gyration : radius of gyration of the convex hull (m)
-    outline : (k, 2) nodes at the corners of the convex hull: one of them is always the fastest (m)
-    basis : (3, j) the free motions as combinations of: along x, along y, rotation about the centre over the size
+    measure : area or volume of the convex hull (m² or m³)
+    spread : (d, d) mean of x xᵀ over the convex hull, with x from the centre (m²)
+    outline : (k, d) nodes at the corners of the convex hull: one of them is always the fastest (m)
+    basis : (n, j) the free motions as combinations of: along the axes, and the turnings about the centre over the size
     """
 
     name: str
     centre: np.ndarray
     size: float
-    area: float
-    gyration: float
+    measure: float
+    spread: np.ndarray
     outline: np.ndarray
     basis: np.ndarray
 
     @classmethod
     def of(cls, name: str, points: np.ndarray, motions: np.ndarray) -> MotionsOfBody:
-        """From the nodes (nv, 2) and the displacements (nv, 2, j) that the free motions mean there. Not collective."""
-        outline, centre, area, gyration = _hull(points)
+        """From the nodes (nv, d) and the displacements (nv, d, j) that the free motions mean there. Not collective."""
+        d = points.shape[1]
+        outline, centre, measure, spread = _hull(points)
         size = float(np.linalg.norm(outline - centre, axis=1).max())
-        x, y = (points - centre).T / size
-        one, zero = np.ones(len(points)), np.zeros(len(points))
-        rigid = np.stack([np.column_stack([one, zero]), np.column_stack([zero, one]), np.column_stack([-y, x])], axis=2)
-        basis = np.linalg.lstsq(rigid.reshape(-1, 3), motions.reshape(-1, motions.shape[2]), rcond=None)[0]
-        return cls(name, centre, size, max(area, FLAT * size ** 2), gyration, outline, basis)
+        body = cls(name, centre, size, max(measure, FLAT * size ** d), spread, outline, np.eye(d + len(TURNS[d])))
+        rigid = np.stack([body.at(body.velocity(unit), points) for unit in body.basis], axis=2)
+        fitted = np.linalg.lstsq(rigid.reshape(-1, len(body.basis)), motions.reshape(-1, motions.shape[2]), rcond=None)
+        return replace(body, basis=fitted[0])
+
+    @property
+    def dimension(self) -> int:
+        """d, of the centre and of the velocities of points."""
+        return len(self.centre)
 
     @property
     def inertia(self) -> np.ndarray:
-        """(j, j) mass matrix of the free motions for density one (m²)."""
-        return self.area * (self.basis.T * (1.0, 1.0, (self.gyration / self.size) ** 2)) @ self.basis
+        """(j, j) mass matrix of the free motions for density one (m² or m³)."""
+        d = self.dimension
+        spins = [_spin(turning) / self.size for turning in np.eye(len(self.basis))[:, d:]]
+        mass = np.array([[np.trace(one @ self.spread @ other.T) for other in spins] for one in spins])
+        mass[:d, :d] = np.eye(d)
+        return self.measure * self.basis.T @ mass @ self.basis
 
     def velocity(self, coefficients: np.ndarray) -> np.ndarray:
-        """(v_x, v_y, ω) of the combination (j,) of the free motions."""
-        return (self.basis @ coefficients) / (1.0, 1.0, self.size)
+        """(n,) that of the combination (j,) of the free motions."""
+        found = self.basis @ coefficients
+        return np.append(found[:self.dimension], found[self.dimension:] / self.size)
 
     def at(self, velocity: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Velocities (k, 2) of `points` (k, 2) that move with the body."""
-        x, y = (points - self.centre).T
-        return velocity[:2] + velocity[2] * np.column_stack([-y, x])
+        """Velocities (k, d) of `points` (k, d) that move with the body."""
+        return velocity[:self.dimension] + (points - self.centre) @ _spin(velocity[self.dimension:]).T
 
     def speed(self, velocity: np.ndarray) -> float:
         """The largest velocity of a node."""
@@ -87,7 +105,7 @@ def describe_motions(bodies: Sequence[MotionsOfBody], velocities: np.ndarray, to
 
     Parameters
     ----------
-    velocities : (nb, 3) of each body
+    velocities : (nb, n) of each body
     touching : pairs of names of bodies, or rigid partners, that stay in contact
     """
     speeds = np.array([body.speed(v) for body, v in zip(bodies, velocities, strict=True)])
@@ -123,7 +141,7 @@ def undetermined(G_active: np.ndarray, bodies: Sequence[MotionsOfBody]) -> list[
     length = np.linalg.norm(dense, axis=0)
     dense = dense[:, length > 0.0] / length[length > 0.0]
     alone = [k for k, body in enumerate(bodies)
-             if body.basis.shape[1] == 3 and not dense[starts[k]:starts[k + 1]].any()]
+             if body.basis.shape[1] == len(body.basis) and not dense[starts[k]:starts[k + 1]].any()]
     lines = [f"nothing touches {bodies[k].name}: it can move freely" for k in alone]
     rows = np.concatenate([np.arange(starts[k], starts[k + 1]) for k in range(len(bodies)) if k not in alone] or
                           [np.empty(0, int)]).astype(int)
@@ -156,14 +174,17 @@ def _can(bodies: Sequence[MotionsOfBody], velocities: np.ndarray) -> str:
     speeds = np.array([body.speed(v) for body, v in zip(bodies, velocities, strict=True)])
     lead = int(np.argmax(speeds))
     group = _moving_as(lead, bodies, velocities, SAME * speeds[lead])
-    v = velocities[lead] / speeds[lead]
-    if np.sum(v[:2]) < 0.0:  # both ways are possible; name the one along the axes
-        v = -v
+    v, d = velocities[lead] / speeds[lead], bodies[lead].dimension
     names = _names([bodies[k].name for k in group])
     others = [bodies[k].name for k in np.flatnonzero(speeds > SAME * speeds[lead]) if k not in group]
-    pole = _pole([bodies[k] for k in group], bodies[lead], v)
-    how = (f"slide along {direction(v[:2])}" if _is_translation(bodies[lead], v) else
-           f"turn about {pole}" if pole else f"move along {direction(v[:2])} and turn")
+    if _is_translation(bodies[lead], v):
+        how = f"slide along {direction(_forwards(v[:d]))}"
+    else:  # both ways are possible; name the one along the axes
+        turning = _Turning.of([bodies[k] for k in group], bodies[lead], v)
+        way = v[d:] if turning.pole else v[:d]
+        turning = _Turning.of([bodies[k] for k in group], bodies[lead], v if _forwards(way) is way else -v)
+        how = (f"turn about {turning.pole}" + " and move along it" * bool(turning.along) if turning.pole else
+               f"move along {direction(_forwards(v[:d]))} and turn{turning.axis}")
     return f"{names} can {how}{f', {_names(others)} moving with it,' if others else ''} without any force"
 
 
@@ -172,58 +193,106 @@ def _would(group: list[int], bodies: Sequence[MotionsOfBody], velocities: np.nda
     """What a group of bodies that move as one would do."""
     members, one = [bodies[k] for k in group], len(group) == 1
     lead, v = members[0], velocities[group[0]]
-    v = v / lead.speed(v)
+    v, d = v / lead.speed(v), lead.dimension
     own = {body.name for body in members}
     names = _names([body.name for body in members])
     if _is_translation(lead, v):
         if any(len(pair & own) == 1 for pair in touching):
-            return f"{names} would slide along {direction(v[:2])}"
-        return f"nothing holds {names}: {'it' if one else 'they'} would move along {direction(v[:2])}"
-    pole = _pole(members, lead, v)
-    sense = "counterclockwise" if v[2] > 0.0 else "clockwise"
-    if not pole:
-        return f"{names} would move along {direction(v[:2])} and turn {sense}"
-    area = sum(body.area for body in members)
-    mean = sum(body.area * lead.at(v, body.centre[None])[0] for body in members) / area
-    far = np.linalg.norm(mean) > INSIDE * abs(v[2]) * max(body.size for body in members)
-    if far and abs(mean[0]) >= SIDEWAYS * np.linalg.norm(mean):
-        return f"{names} {'tips' if one else 'tip'} to the {'right' if mean[0] > 0.0 else 'left'} about {pole}"
-    return f"{names} {'tips' if far and one else 'tip' if far else 'turns' if one else 'turn'} {sense} about {pole}"
+            return f"{names} would slide along {direction(v[:d])}"
+        return f"nothing holds {names}: {'it' if one else 'they'} would move along {direction(v[:d])}"
+    turning = _Turning.of(members, lead, v)
+    if not turning.pole:
+        return f"{names} would move along {direction(v[:d])} and turn{turning.sense}{turning.axis}"
+    mean = sum(body.measure * lead.at(v, body.centre[None])[0] for body in members)
+    mean = mean / sum(body.measure for body in members)
+    far = np.linalg.norm(mean) > INSIDE * np.linalg.norm(v[d:]) * max(body.size for body in members)
+    verb = ("tip" if far and not turning.along else "turn") + "s" * one
+    how = _towards(mean) if verb.startswith("tip") else ""
+    also = f" and move{'s' * one} {turning.along} it" if turning.along else ""
+    return f"{names} {verb}{how or turning.sense} about {turning.pole}{also}"
+
+
+def _towards(mean: np.ndarray) -> str:
+    """Where a body tips whose centre has this velocity (d,); nothing for one in the plane that goes up or down."""
+    size = np.abs(mean) / np.linalg.norm(mean)
+    if len(mean) > 2:
+        return f" towards {direction(np.where(size == size.max(), mean, 0.0) if size.max() >= TOWARDS else mean)}"
+    return f" to the {'right' if mean[0] > 0.0 else 'left'}" if size[0] >= SIDEWAYS else ""
+
+
+def _forwards(vector: np.ndarray) -> np.ndarray:
+    """The vector itself, or its opposite, whichever is more along the axes."""
+    parts = vector / np.linalg.norm(vector)
+    ways = [each for each in (parts.sum(), *parts) if abs(each) > SAME]
+    return vector if ways[0] > 0.0 else -vector
 
 
 def _moving_as(lead: int, bodies: Sequence[MotionsOfBody], velocities: np.ndarray, least: float) -> list[int]:
     """The bodies that move with the body `lead` as one, and itself; nodes may differ in velocity by `least`."""
     group = [lead]
     for k, body in enumerate(bodies):
-        carried = np.append(bodies[lead].at(velocities[lead], body.centre[None])[0], velocities[lead][2])
+        carried = np.append(bodies[lead].at(velocities[lead], body.centre[None])[0], velocities[lead][body.dimension:])
         if k != lead and body.speed(velocities[k] - carried) <= least < body.speed(velocities[k]):
             group.append(k)
     return sorted(group)
 
 
 def _is_translation(body: MotionsOfBody, v: np.ndarray) -> bool:
-    return bool(abs(v[2]) * body.size <= SAME * body.speed(v))
+    return bool(np.linalg.norm(v[body.dimension:]) * body.size <= SAME * body.speed(v))
 
 
-def _pole(members: list[MotionsOfBody], lead: MotionsOfBody, v: np.ndarray) -> str:
-    """The point about which the bodies turn, in words; nothing where it is out of their reach."""
-    if not v[2]:
-        return ""
-    pole = lead.centre + np.array([-v[1], v[0]]) / v[2]
-    nodes = np.concatenate([body.outline for body in members])
-    middle = (nodes.max(axis=0) + nodes.min(axis=0)) / 2
-    size = float(np.linalg.norm(nodes - middle, axis=1).max())
-    if np.linalg.norm(pole - middle) > REACH * size:
-        return ""
-    return f"({', '.join(_rounded(value, min(body.size for body in members)) for value in pole)})"
+def _spin(turning: np.ndarray) -> np.ndarray:
+    """(d, d) what takes places to their velocities where a body turns about the origin."""
+    (axes,) = (each for each in TURNS.values() if len(each) == len(turning))
+    spin = np.zeros((max(map(max, axes)) + 1,) * 2)
+    for (first, second), rate in zip(axes, turning, strict=True):
+        spin[first, second], spin[second, first] = -rate, rate
+    return spin
+
+
+@dataclass(frozen=True)
+class _Turning:
+    """Words for how bodies turn that move as one.
+
+    Attributes
+    ----------
+    pole : about what, if that is in their reach: a point in the plane, an axis in space
+    sense : which way, in the plane: " clockwise"
+    axis : along what, in space: " about an axis along z"
+    along : in space, how they move besides: "along" the axis or "against" it
+    """
+
+    pole: str
+    sense: str
+    axis: str
+    along: str
+
+    @classmethod
+    def of(cls, members: list[MotionsOfBody], lead: MotionsOfBody, v: np.ndarray) -> _Turning:
+        """From the velocity (n,) of the body `lead`, the fastest node of which has velocity one."""
+        d, nodes = lead.dimension, np.concatenate([body.outline for body in members])
+        middle = (nodes.max(axis=0) + nodes.min(axis=0)) / 2
+        size = float(np.linalg.norm(nodes - middle, axis=1).max())
+        spin, turning = _spin(v[d:]), v[d:]
+        away = spin @ lead.at(v, middle[None])[0] / (turning @ turning)  # no farther than the axis is
+        pole = ""
+        if np.linalg.norm(away) <= REACH * size:
+            pole = f"({', '.join(_rounded(x, min(body.size for body in members)) for x in middle + away)})"
+        if lead.dimension == 2:
+            return cls(pole, " counterclockwise" if turning[0] > 0.0 else " clockwise", "", "")
+        along = turning @ v[:d] / np.linalg.norm(turning)
+        return cls(f"the axis through {pole} along {direction(turning)}" if pole else "", "",
+                   f" about an axis along {direction(turning)}",
+                   "" if abs(along) <= SAME else "along" if along > 0.0 else "against")
 
 
 def direction(v: np.ndarray) -> str:
-    """The direction of a vector (2,) in words: x, -y, or (0.8, 0.6)."""
-    x, y = np.round(v / np.linalg.norm(v), 2) + 0.0
-    if min(abs(x), abs(y)) < SAME:
-        return ("-" if x + y < 0.0 else "") + ("x" if abs(x) > abs(y) else "y")
-    return f"({x:g}, {y:g})"
+    """The direction of a vector (d,) in words: x, -y, or (0.8, 0.6)."""
+    parts = np.round(v / np.linalg.norm(v), 2) + 0.0
+    (axes,) = np.nonzero(np.abs(parts) >= SAME)
+    if len(axes) == 1:
+        return ("-" if parts[axes[0]] < 0.0 else "") + "xyz"[axes[0]]
+    return f"({', '.join(f'{x:g}' for x in parts)})"
 
 
 def _rounded(value: float, size: float) -> str:
@@ -244,20 +313,22 @@ def _speeds(body: MotionsOfBody) -> np.ndarray:
     return np.array([body.speed(body.velocity(unit)) for unit in np.eye(body.basis.shape[1])])
 
 
-def _hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, float]:
-    """Corners, centroid, area and radius of gyration of the convex hull; nodes on a line have no area."""
+def _hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
+    """Corners, centroid, measure and spread of the convex hull; nodes on a line, or a plane in space, have no measure.
+    """
     from scipy.spatial import ConvexHull, QhullError
 
-    middle = points.mean(axis=0)
+    middle, d = points.mean(axis=0), points.shape[1]
     size = np.abs(points - middle).max()
     try:
-        corners = points[ConvexHull((points - middle) / size).vertices]  # counterclockwise
+        hull = ConvexHull((points - middle) / size)
     except QhullError:
-        return points, middle, 0.0, float(np.sqrt(((points - middle) ** 2).sum(axis=1).mean()))
-    a = corners - middle
-    b = np.roll(a, -1, axis=0)
-    twice = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    area = twice.sum() / 2
-    shift = (twice[:, None] * (a + b)).sum(axis=0) / (6 * area)
-    polar = (twice * (a * a + a * b + b * b).sum(axis=1)).sum() / 12
-    return corners, middle + shift, float(area), float(np.sqrt(max(polar / area - shift @ shift, 0.0)))
+        x = points - middle
+        return points, middle, 0.0, x.T @ x / len(x) + (FLAT * size) ** 2 * np.eye(d)
+    facets = points[hull.simplices] - middle  # (f, d, d), each with the middle a simplex
+    measures = np.abs(np.linalg.det(facets)) / factorial(d)
+    sums, measure = facets.sum(axis=1), measures.sum()
+    shift = measures @ sums / (d + 1) / measure
+    squares = np.einsum("f,fki,fkj->ij", measures, facets, facets) + np.einsum("f,fi,fj->ij", measures, sums, sums)
+    spread = squares / ((d + 1) * (d + 2)) / measure - np.outer(shift, shift)
+    return points[hull.vertices], middle + shift, float(measure), spread

@@ -11,11 +11,11 @@ from scipy.sparse import csgraph
 from ddmpi.body.estimate import DiscretizationError
 from ddmpi.body.stiffness import forces_at
 from ddmpi.coupling.assembly import Assembly, Body
-from ddmpi.interface.side import SHARPEST
 from ddmpi.interface.state import ContactState
 from ddmpi.judge.overlap import BESIDE, RESOLVED, doubt_overlaps
 from ddmpi.mesh.boundary import corners
 from ddmpi.scene.bodies import SettledBody
+from ddmpi.surface.side import SHARPEST
 from ddmpi.system.agreement import merged
 from ddmpi.system.numbers import in_words
 

@@ -10,9 +10,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from ddmpi.errors import InputError
+from ddmpi.interface.law import law_of
 from ddmpi.results import solids
 from ddmpi.results.fields import areas_at_nodes, linear_triangles, middles
 from ddmpi.results.frame import (
@@ -41,6 +43,8 @@ from ddmpi.results.frame import (
 )
 from ddmpi.results.histories import animate, at_step, draw_steps
 from ddmpi.results.tables import Columns, Results, chains, drawn_rows, read_results, reading, writing
+from ddmpi.scene.contacts import Friction
+from ddmpi.scene.method import METHODS
 from ddmpi.system.files import MECHANISM, contact_files
 from ddmpi.system.numbers import scaled_unit
 from ddmpi.system.provenance import identity
@@ -286,7 +290,7 @@ def draw_contact(results: Results, name: str) -> Any:
                 stresses.plot(position, nodes[f"{kind}_stress"] / factor, ".", markersize=2, alpha=0.45,
                               color=COLOURS[kind])
             _curve(stresses, place, shown[f"{kind}_stress"] / factor, apart, color=COLOURS[kind], label=label + extent)
-    bound = _slip_bound(shown, friction)
+    bound = _slip_bound(shown, friction) if frictional else None
     if bound is not None:
         for sign, label in ((1, "± slip bound"), (-1, "")):
             _curve(stresses, place, sign * bound / factor, apart, marker="", color=COLOURS["bound"], linestyle="--",
@@ -323,8 +327,7 @@ def draw_convergence(results: Results) -> Any:
     history, summary = results.history, results.summary
     figure, axes = plt.subplots(figsize=(7.2, 4.4))
     k, starts = np.arange(1.0, len(history["iteration"]) + 1), 1 + np.flatnonzero(np.diff(history["step"]))
-    x, what = (("s", "contact equations") if summary["outer"] == "newton" else
-               ("λ", "force mismatch  ‖s$_1$ − s$_2$‖ / ‖s‖"))
+    x, what = METHODS[summary["outer"]].curves
     curves = {"update": ("normal", "o", f"update  ‖{x}$_k$ − {x}$_{{k-1}}$‖ / ‖{x}$_k$‖"),
               "residual": ("tangential", "s", f"residual: {what}")}
     for column, (colour, marker, label) in curves.items():
@@ -377,10 +380,10 @@ def _shade(axes: Any, position: np.ndarray, statuses: np.ndarray, breaks: np.nda
 
 
 def _slip_bound(table: Columns, friction: dict) -> np.ndarray | None:
-    """The bound on the tangential stress at nodes or sides, if a single number sets it and it is worth drawing."""
-    value = friction.get("coefficient", friction.get("slip_bound"))
-    if not isinstance(value, float | int):
+    """The bound on the tangential stress at nodes or sides, if numbers set it and it is worth drawing."""
+    if any(isinstance(value, dict) for value in friction.values()):
         return None
-    if friction["law"] == "coulomb":
-        return value * table["normal_stress"]
-    return np.full(len(table["x"]), float(value)) if value <= 3 * np.abs(table["tangential_stress"]).max() else None
+    one, xy = np.ones(len(table["x"])), np.column_stack([table["x"], table["y"]])
+    law = law_of(msgspec.convert(friction, Friction), xy, one, one, np.arange(len(one)))
+    bound = law.slip_bound(table["normal_stress"])
+    return bound if law.largest_slope or bound.max() <= 3 * np.abs(table["tangential_stress"]).max() else None

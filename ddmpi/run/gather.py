@@ -190,12 +190,11 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     unused = sorted(set.intersection(*(set(left) for _, left, *_ in everyone)))
     inner = [steps for _, _, steps, *_ in everyone]
     sent = [counts for *_, counts, _ in everyone]
-    published = scene.method.outer != "newton"
     run = RunResult(
         converged=solution.certified and not ladder.missed,
         reason=(solution.certified and ladder.missed) or solution.reason, order=scene.body[0].mesh.order,
         ranks=world.allreduce(len(ranks)), outer_iterations=len(steps.iterations) if steps else len(outer.history),
-        inner_iterations=sum(inner) if published else inner[0],
+        inner_iterations=sum(inner) if scene.method.by_body else inner[0],
         certificate_limit=solution.limit, energy_norm=error.relative,
         levels=[level._asdict() for level in ladder.levels],
         exchange={name: max(counts[name] for counts in sent) for name in sent[0]},

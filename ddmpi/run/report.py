@@ -156,14 +156,10 @@ def log_step(step: Step) -> None:
 
 
 def _describe(method: SettledMethod, dimension: int) -> str:
-    if method.outer == "relaxation":
-        qp = QPSolver().type.replace("python", "python (MPRGP)")
-        return (f"published iteration: {method.algorithm} algorithm, splitting {method.splitting}, "
-                f"theta = {method.theta:g}, update below {method.tolerance:g}; subproblems by TAO {qp}")
-    if method.outer == "anderson":
-        return f"Anderson acceleration of the weighted published map, update below {method.tolerance:g}"
-    space = {2: "plane", 3: "space"}[dimension]
-    return f"semi-smooth Newton, GMRES with half-{space} preconditioner, residual below {method.tolerance:g}"
+    plan = method.plan if dimension == 2 else method.plan.replace("half-plane", "half-space")
+    if not method.by_body:
+        return plan
+    return f"{plan}; subproblems by TAO {QPSolver().type.replace('python', 'python (MPRGP)')}"
 
 
 def log_end(summary: dict, solution: Solution) -> None:

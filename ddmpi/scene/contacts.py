@@ -4,7 +4,7 @@ without mesh, material and rank."""
 from __future__ import annotations
 
 import math
-from typing import Annotated, ClassVar, Literal, get_args, get_type_hints
+from typing import Annotated, ClassVar, Literal, get_args
 
 import msgspec
 import numpy as np
@@ -56,6 +56,12 @@ class NoFriction(Table, frozen=True, kw_only=True, tag_field="law", tag="none"):
     """No friction: there are no tangential forces."""
 
 
+Friction = Coulomb | Tresca | NoFriction
+
+LAWS = {str(law.__struct_config__.tag): {"law", *law.__struct_fields__} for law in get_args(Friction)}
+"""The keys of each law of friction."""
+
+
 class ContactSpec(Table, frozen=True, kw_only=True):
     """Two bodies that may touch, or a body and a rigid partner. Their meshes need not match; a side may overhang.
 
@@ -77,7 +83,7 @@ class ContactSpec(Table, frozen=True, kw_only=True):
     bodies: tuple[Name, Name]
     on: Annotated[tuple[Group, ...], msgspec.Meta(min_length=1, max_length=2)]
     kind: Literal["unilateral", "bonded"] = "unilateral"
-    friction: Coulomb | Tresca | NoFriction = NoFriction()
+    friction: Friction = NoFriction()
     gap: Number | SignedProfile | None = None
     pairing: Literal["nodes", "mortar"] | None = None
     slave: Name | None = None
@@ -98,11 +104,6 @@ class SettledContact(ContactSpec, frozen=True, kw_only=True):
     """A contact without optional keys, but for a ``gap``, ``pairing`` or ``slave`` that is not given."""
 
     name: Name
-
-
-LAWS = {str(law.__struct_config__.tag): {"law", *law.__struct_fields__}
-        for law in get_args(get_type_hints(ContactSpec)["friction"])}
-"""The keys of each law of friction."""
 
 
 def default_name(bodies: tuple[str, ...] | list[str]) -> str:

@@ -15,8 +15,8 @@ from boundaries import (
     uncovered_profile,
 )
 
-from ddmpi.coupling.space import Space
-from ddmpi.interface.law import NO_BOUND, BondedLaw, CoulombLaw, Law, Laws, law_of
+from ddmpi.coupling.space import Laws, Space
+from ddmpi.interface.law import NO_BOUND, BondedLaw, CoulombLaw, Law, law_of
 from ddmpi.interface.state import contact_state
 from ddmpi.interface.trace import displacement_trace, trace
 from ddmpi.judge.diagnosis import StatusLog

@@ -1,9 +1,12 @@
 """Whether contact forces can hold loose bodies, how these move where none can, and the words for it."""
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 import pytest
-from rigid_blocks import Blocks, arch, beam, pushed, squeezed, tall, tower, wall, wedge
+from rigid_blocks import Blocks, Boxes, arch, beam, pushed, squeezed, tall, tower, wall, wedge
 
+from ddmpi.interface.law import CoulombLaw
 from ddmpi.judge.equilibrium import LARGEST, describe, find_mechanism
 from ddmpi.judge.motions import MotionsOfBody, direction, undetermined
 
@@ -28,7 +31,7 @@ def check(scene, mechanism) -> None:
     moving = {body.name: (body, v) for body, v in zip(mechanism.bodies, mechanism.velocities, strict=True)}
 
     def velocity(name, points):
-        return moving[name][0].at(moving[name][1], points) if name in moving else np.zeros((len(points), 2))
+        return moving[name][0].at(moving[name][1], points) if name in moving else np.zeros_like(points)
 
     fastest = max(np.linalg.norm(velocity(name, body.outline), axis=1).max() for name, (body, _) in moving.items())
     assert fastest == pytest.approx(1.0, rel=1e-12)
@@ -62,6 +65,25 @@ def test_friction_of_a_given_bound():
     """Tresca's bound holds whatever the pressure, and all nodes add to it."""
     assert words(pushed(0.299, "tresca", 0.3)) == "equilibrium"
     assert words(pushed(0.301, "tresca", 0.3)) == "block would slide along x"
+
+
+@dataclass(frozen=True)
+class Capped(CoulombLaw):
+    """A law that nothing else knows: Coulomb's up to a bound."""
+
+    name = "capped"
+
+    def slip_bound(self, pressure):
+        return np.minimum(super().slip_bound(pressure), 10.0)
+
+
+def test_friction_by_a_law_that_is_known_by_its_bound():
+    """What it allows is asked of the law itself, not by its name."""
+    for push, said in ((0.499, "equilibrium"), (0.501, "block would slide along x")):
+        scene = pushed(push)
+        law = scene.contacts[0].law
+        scene.contacts[0] = replace(scene.contacts[0], law=Capped(law.m, law.sliding, 1, law.coefficient))
+        assert words(scene) == said
 
 
 def test_without_friction_every_push_moves():
@@ -283,6 +305,163 @@ def test_undetermined_motions_of_several_bodies(scale):
     assert undetermined(*active(scene, "stick", "open", "slip")) != []
 
 
+# In space
+
+AXES = (np.eye(3)[0], np.eye(3)[1])
+
+
+def slab(push, law="coulomb", value=0.5, angle=0.0, **how):
+    """A block of weight one on a floor, pushed along a direction in the floor, low enough not to tip."""
+    along = (push * np.cos(angle), push * np.sin(angle), 0.0)
+    return (Boxes(**how).box("block", (0, 0, 0), (1, 1, 1), (along, (0.5, 0.5, 0.0)))
+            .contact("block", "floor", (0, 0, 0), *AXES, law, value))
+
+
+def column(push, nodes=5, **how):
+    """A slender block pushed along x at its top, in the middle of the edge."""
+    return (Boxes(**how).box("tower", (2, 0, 0), (1, 1, 4), ((push, 0.0, 0.0), (2.5, 0.5, 4.0)))
+            .contact("tower", "floor", (2, 0, 0), *AXES, "coulomb", 0.8, nodes))
+
+
+@pytest.mark.parametrize("angle", np.radians([0.0, 22.5, 45.0, 290.0]))
+def test_a_solid_block_slides_where_it_is_pushed(angle):
+    """Cones of 16 sides around the true ones let a block stay up to 1.02 of the bound, whatever the direction."""
+    assert words(slab(0.499, angle=angle)) == "equilibrium"
+    x, y = np.cos(angle), np.sin(angle)
+    assert found(slab(0.6, angle=angle)).velocities[0] == pytest.approx([x, y, 0, 0, 0, 0], abs=1e-3)
+    assert words(slab(0.511, angle=angle)).startswith("block would slide along ")
+
+
+@pytest.mark.parametrize("law, value", [("tresca", 0.3), ("coulomb", 0.3)])
+def test_solid_friction_of_both_kinds(law, value):
+    """The bound holds in all directions."""
+    assert words(slab(0.299, law, value, 0.3)) == "equilibrium"
+    assert words(slab(0.31, law, value)) == "block would slide along x"
+
+
+def test_solids_without_friction_and_bonded():
+    """No friction holds nothing along the floor; a bond holds everything; nothing holds a lid that is lifted."""
+    assert words(slab(1e-5, "none")) == "block would slide along x"
+    assert words(slab(9.0, "bonded")) == "equilibrium"
+    lid = Boxes().box("lid", (0, 0, 1), (1, 1, 1), ((0, 0, 2.0), (0.5, 0.5, 1))).contact("lid", "box", (0, 0, 1), *AXES)
+    assert words(lid) == "nothing holds lid: it would move along z"
+
+
+def test_a_tower_tips_over_its_edge():
+    """It stands if the push times its height is less than its weight times half its width."""
+    assert words(column(0.1249)) == "equilibrium"
+    assert words(column(0.1251)) == words(column(0.15)) == (
+        "tower tips towards x about the axis through (3, 0.5, 0) along y")
+    assert words(column(-0.15)) == "tower tips towards -x about the axis through (2, 0.5, 0) along -y"
+    assert found(column(0.15)).velocities[0] == pytest.approx(
+        np.array([2.0, 0, 0.5, 0, 1, 0]) / np.hypot(1.0, 4.0), abs=1e-6)
+
+
+def test_a_tower_tips_over_its_corner():
+    """Pushed along the diagonal it tips over the corner: it turns about the axis through it, square to the push."""
+    push = 0.2 / np.sqrt(2)
+    scene = Boxes().box("tower", (0, 0, 0), (1, 1, 4), ((push, push, 0.0), (0.5, 0.5, 4)))
+    said = words(scene.contact("tower", "floor", (0, 0, 0), *AXES, "coulomb", 0.8))
+    assert said == "tower tips towards (0.67, 0.67, 0.33) about the axis through (1, 1, 0) along (-0.71, 0.71, 0)"
+
+
+def test_a_block_turns_on_the_floor():
+    """A couple beyond what friction at the corners takes turns it about its axis."""
+    def twisted(couple):
+        pair = ((0, couple, 0), (1, 0.5, 0)), ((0, -couple, 0), (0, 0.5, 0))
+        scene = Boxes().box("block", (0, 0, 0), (1, 1, 1), *pair)
+        return scene.contact("block", "floor", (0, 0, 0), *AXES, "coulomb", 0.5)
+    assert words(twisted(0.499 * np.sqrt(0.5))) == "equilibrium"
+    assert words(twisted(0.6 * np.sqrt(0.5))) == "block turns about the axis through (0.5, 0.5, 0.5) along z"
+    assert words(twisted(-0.6 * np.sqrt(0.5))) == "block turns about the axis through (0.5, 0.5, 0.5) along -z"
+
+
+def thread(force, pitch=0.25, **how):
+    """A bolt without friction in a thread, pulled along z: at angle φ the thread's height is pitch times φ."""
+    angle = np.linspace(0, 2 * np.pi, 13)[:-1]
+    radial, around = (np.column_stack([f(angle), g(angle), 0 * angle]) for f, g in (
+        (np.cos, np.sin), (lambda a: -np.sin(a), np.cos)))
+    flank = [0, 0, 1.0] - pitch * around
+    scene = Boxes(**how).box("bolt", (-1, -1, 0), (2, 2, 4), ((0, 0, force), (0, 0, 2)), weight=0.0)
+    up = np.array([0, 0, 1.0])
+    for side in (1, -1):
+        scene.curve("bolt", "nut", radial + up, side * flank)
+    return scene.curve("bolt", "nut", np.vstack([radial, radial + 3 * up]), np.vstack([radial, radial]))
+
+
+def test_a_bolt_turns_out_of_its_thread():
+    """Its flanks allow a screw only, which goes up as it turns."""
+    assert words(thread(1.0)) == "bolt turns about the axis through (0, 0, 2) along z and moves along it"
+    assert words(thread(-1.0)) == "bolt turns about the axis through (0, 0, 2) along -z and moves along it"
+    assert words(thread(1.0, -0.25)) == "bolt turns about the axis through (0, 0, 2) along -z and moves against it"
+    v = found(thread(1.0)).velocities[0]
+    assert v / v[5] == pytest.approx([0, 0, 0.25, 0, 0, 1], abs=1e-6)
+    assert words(thread(1.0).box("lid", (9, 9, 9), (1, 1, 1), weight=0.0)).startswith("bolt turns about")
+
+
+def test_solids_that_slide_are_not_lifted():
+    """The highest of three is pushed out, and the others stay; shifted too far, all of them tip."""
+    def stack(shift, push):
+        scene = Boxes()
+        for k in range(3):
+            pushed_at = ((0, push * (k == 2), 0), (shift * k + 0.5, 0.5, k))
+            scene.box(f"b{k}", (shift * k, 0, k), (1, 1, 1), pushed_at)
+            scene.contact(f"b{k}", f"b{k - 1}" if k else "floor", (shift * k, 0, k),
+                          np.array([1 - shift * bool(k), 0, 0]), AXES[1], "coulomb", 0.5)
+        return scene
+    assert words(stack(0.25, 0.0)) == words(stack(0.25, 0.45)) == "equilibrium"
+    assert words(stack(0.25, 0.6)) == "b2 would slide along y"
+    assert words(stack(0.6, 0.0)) == "b1 and b2 tip towards x about the axis through (1, 0.5, 1) along y"
+
+
+@pytest.mark.parametrize("how", [{"force": 1e9, "length": 1e3}, {"force": 1e-9, "length": 1e-3},
+                                 {"shift": (1e3, -1e3, 1e3)}], ids=str)
+def test_units_and_origin_of_solids_do_not_matter(how):
+    """The same is said, at the place that is meant."""
+    assert words(column(0.1249, **how)) == "equilibrium"
+    assert words(slab(0.6, **how)) == "block would slide along x"
+    scene = column(0.13, **how)
+    said = words(scene).removeprefix("tower tips towards x about the axis through (").removesuffix(") along y")
+    assert np.array(said.split(", "), float) / scene.length == pytest.approx(scene.place((3, 0.5, 0))[0] / scene.length,
+                                                                              abs=0.02)
+
+
+@pytest.mark.parametrize("make", [lambda **how: slab(0.6, **how), lambda **how: column(0.13, **how),
+                                  lambda **how: thread(1.0, **how)], ids=["slab", "column", "thread"])
+def test_a_turned_solid_moves_as_it_did_but_turned(make):
+    """The mechanism does not depend on the axes."""
+    turn, _ = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))
+    turn *= np.sign(np.linalg.det(turn))
+    one, other = found(make()).velocities, found(make(turn=turn)).velocities
+    assert other[:, :3] == pytest.approx(one[:, :3] @ turn.T, abs=1e-3)
+    assert other[:, 3:] == pytest.approx(one[:, 3:] @ turn.T, abs=1e-3)
+
+
+@pytest.mark.parametrize("bent", [0.0, 1e-4])
+def test_corners_of_flat_contacts_serve_as_well_as_all_nodes(bent):
+    """Nodes that are moved out of the plane are all kept, and give the same."""
+    scene = column(0.13, nodes=9)
+    scene.contacts[0].xy[:, 2] += bent * np.random.default_rng(0).uniform(0, 1, 81) * (scene.contacts[0].xy[:, 0] < 2.9)
+    assert found(scene).imbalance == pytest.approx(found(column(0.13)).imbalance, rel=1e-3)
+
+
+def test_undetermined_motions_in_space():
+    """What no closed contact resists is listed: along a floor, about its normal, about a bore, as a screw."""
+    tail = "without any force"
+    assert undetermined(*active(slab(0.1), "stick")) == []
+    assert sorted(undetermined(*active(slab(0.1), "slip"))) == [
+        f"block can slide along x {tail}", f"block can slide along y {tail}",
+        f"block can turn about the axis through (0.6, 0.6, 0.5) along z {tail}"]  # the centre that the scene has
+    assert undetermined(*active(slab(0.1), "open")) == ["nothing touches block: it can move freely"]
+    one = Boxes().box("block", (0, 0, 0), (1, 1, 1))
+    one.contact("block", "floor", (0, 0, 0), *AXES, "coulomb", 0.5, nodes=1)
+    assert sorted(undetermined(*active(one, "stick"))) == [
+        f"block can turn about the axis through {place} along {axis} {tail}"
+        for place, axis in (("(0, 0, 0.5)", "z"), ("(0, 0.5, 0)", "y"), ("(0.5, 0, 0)", "x"))]
+    assert undetermined(*active(thread(1.0), "slip", "slip", "slip")) == [
+        f"bolt can turn about the axis through (0, 0, 2) along z and move along it {tail}"]
+
+
 # Motions and words
 
 def test_motions_are_found_from_displacements():
@@ -291,8 +470,8 @@ def test_motions_are_found_from_displacements():
     x, y = (points - points[1]).T
     motions = np.stack([np.column_stack([-y, x]) * 7.0, np.column_stack([0 * x + 3.0, 0 * y])], axis=2)
     body = MotionsOfBody.of("a", points, motions)
-    assert body.centre == pytest.approx([1001.0, 1000.5]) and body.area == pytest.approx(2.0)
-    assert body.size == pytest.approx(np.hypot(1.0, 0.5)) and body.gyration == pytest.approx(np.sqrt(5 / 12))
+    assert body.centre == pytest.approx([1001.0, 1000.5]) and body.measure == pytest.approx(2.0)
+    assert body.size == pytest.approx(np.hypot(1.0, 0.5)) and np.diag(body.spread) == pytest.approx([4 / 12, 1 / 12])
     assert body.velocity(np.array([1.0, 0.0])) == pytest.approx([-3.5, -7.0, 7.0])
     for k, coefficients in enumerate(np.eye(2)):
         assert body.at(body.velocity(coefficients), points) == pytest.approx(motions[:, :, k], abs=1e-8)
@@ -303,7 +482,7 @@ def test_motions_of_nodes_on_a_line():
     """Nodes that span no area have motions, too."""
     points = np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]])
     body = MotionsOfBody.of("line", points, np.ones((3, 2, 1)))
-    assert body.velocity(np.ones(1)) == pytest.approx([1.0, 1.0, 0.0], abs=1e-12) and body.area > 0.0
+    assert body.velocity(np.ones(1)) == pytest.approx([1.0, 1.0, 0.0], abs=1e-12) and body.measure > 0.0
 
 
 @pytest.mark.parametrize("vector, said", [((2, 0), "x"), ((0, -1e-9), "-y"), ((8, 6), "(0.8, 0.6)"),
@@ -311,3 +490,27 @@ def test_motions_of_nodes_on_a_line():
 def test_directions(vector, said):
     """Directions along an axis are named by it."""
     assert direction(np.array(vector)) == said
+
+
+@pytest.mark.parametrize("vector, said", [((0, 0, -2), "-z"), ((1, 1e-9, 0), "x"), ((0, 3, -4), "(0, 0.6, -0.8)")])
+def test_directions_in_space(vector, said):
+    """The same with three coordinates."""
+    assert direction(np.array(vector)) == said
+
+
+def test_motions_of_solids_are_found_from_displacements():
+    """Turnings are about the axes by the right hand, and the inertia is that of a box of density one."""
+    points = 50.0 + np.array([(x, y, z) for x in (0, 2) for y in (0, 1) for z in (0, 3)] + [(1.0, 0.5, 1.0)])
+    axes = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]])
+    turns = [np.cross(3 * axis, points - points[0]) for axis in axes]
+    motions = np.stack([*turns, np.tile([0, 2.0, 0], (9, 1))], axis=2)
+    body = MotionsOfBody.of("a", points, motions)
+    assert body.centre == pytest.approx([51.0, 50.5, 51.5]) and body.measure == pytest.approx(6.0)
+    assert body.spread == pytest.approx(np.diag([4.0, 1.0, 9.0]) / 12)
+    for k, unit in enumerate(np.eye(4)):
+        v = body.velocity(unit)
+        assert body.at(v, points) == pytest.approx(motions[:, :, k], abs=1e-8)
+        assert v[3:] == pytest.approx(3 * axes[k] if k < 3 else np.zeros(3), abs=1e-9)
+    shift = body.centre - points[0]  # about points[0], by Steiner
+    moment = 6.0 * 9 * ((1.0 + 9.0) / 12 + shift[1:] @ shift[1:])
+    assert body.inertia[0, 0] == pytest.approx(moment) and body.inertia[3, 3] == pytest.approx(6.0 * 4)

@@ -13,10 +13,10 @@ from scenes import LIMIT, run_command, write_scene
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group, corners, group_nodes, segments, turn_outward
 from ddmpi.mesh.build import build_mesh
-from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.mesh.mesh import Mesh, signed_measures
 from ddmpi.mesh.read import cut_quadrilaterals, file_kind, read_mesh
 from ddmpi.mesh.refine import raise_order
+from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, PartMaterial, Traction
 
 STEEL = Material(young=2.1e11, poisson=0.3)
@@ -446,7 +446,7 @@ def test_order_of_a_file(tmp_path, version, binary):
     """The order of a mesh file is known for every version of the format."""
     for order in (1, 2):
         path = write_by_gmsh(tmp_path / f"{order}.msh", version, binary, order=order)
-        assert file_kind(path, "upper") == order
+        assert file_kind(path, "upper") == (2, order)
 
 
 def test_a_scene_is_solved_with_the_elements_of_its_files(tmp_path):
@@ -551,7 +551,7 @@ def test_quadrilaterals_of_a_file(tmp_path, order):
     finally:
         gmsh.finalize()
     mesh, expected = read_mesh(path, "upper"), rectangle((6, 3))
-    assert (mesh.cut, mesh.order, file_kind(path, "upper")) == (18, 1, order)
+    assert (mesh.cut, mesh.order, file_kind(path, "upper")) == (18, 1, (2, order))
 
     def places(each):
         return {frozenset(map(tuple, np.round(each.points[t], 9).tolist())) for t in each.triangles}

@@ -1,4 +1,4 @@
-"""Rigid polygons in contact along straight pieces: interfaces and equilibrium without meshes or ranks."""
+"""Rigid polygons and boxes in contact along flat pieces: interfaces and equilibrium without meshes or ranks."""
 
 import itertools
 from dataclasses import dataclass, field
@@ -7,14 +7,9 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.law import CoulombLaw, Law, TrescaLaw
+from ddmpi.interface.law import BondedLaw, CoulombLaw, Law, TrescaLaw
 from ddmpi.judge.motions import MotionsOfBody
-
-
-class Bonded(Law):
-    """No bounds at all."""
-
-    name = "bonded"
+from ddmpi.surface.side import frames
 
 
 @dataclass
@@ -65,19 +60,19 @@ class Blocks:
         return self.curve(first, second, xy, np.tile([along[1], -along[0]], (nodes, 1)), law, value)
 
     def curve(self, first, second, xy, normal, law="none", value=0.0):
-        """A contact at nodes (m, 2) with the first body's outer normals there."""
+        """A contact at nodes (m, d) with the first body's outer normals there."""
         normal = normal @ self.turn.T / np.linalg.norm(normal, axis=1)[:, None]
-        tangent, m = np.column_stack([-normal[:, 1], normal[:, 0]]), len(normal)
-        sliding = np.arange(0 if law == "none" else m)
-        made = {"none": lambda: Law(m, sliding, 1), "bonded": lambda: Bonded(m, sliding, 1),
-                "coulomb": lambda: CoulombLaw(m, sliding, 1, np.full(m, value)),
-                "tresca": lambda: TrescaLaw(m, sliding, 1, np.full(m, self.force * value / m))}[law]()
+        m, d = normal.shape
+        shape = m, np.arange(0 if law == "none" else m), d - 1
+        made = {"none": lambda: Law(*shape), "bonded": lambda: BondedLaw(*shape),
+                "coulomb": lambda: CoulombLaw(*shape, np.full(m, value)),
+                "tresca": lambda: TrescaLaw(*shape, np.full(m, self.force * value / m))}[law]()
         alone, nodes = sparse.identity(m, format="csr"), np.arange(m)
         self.contacts.append(Interface(
             name=f"{first}-{second}", bodies=(first, second), xy=self.place(xy),
-            frame=np.stack([normal, tangent], axis=1), area=np.ones(m),
+            frame=frames(normal), area=np.ones(m),
             gap=np.zeros(m), nodes=(nodes, nodes), transfer=(alone, alone), law=made, modulus=1.0,
-            facets=np.empty((0, 2), int), laplacian=sparse.csr_matrix((m, m)),
+            facets=np.empty((0, d), int), laplacian=sparse.csr_matrix((m, m)),
             one_sided=np.zeros(made.size, bool), prescribed=np.zeros(made.size)))
         return self
 
@@ -94,8 +89,7 @@ class Blocks:
         for name in self.bodies:
             blocks = []
             for contact in self.contacts:
-                at = np.concatenate([contact.xy, contact.xy[contact.sliding]])
-                power = np.einsum("mdj,md->jm", self.motions(name, at), contact.directions)
+                power = np.einsum("mdj,md->jm", self.motions(name, contact.xy[contact.law.node]), contact.directions)
                 sign = 1.0 if contact.bodies[0] == name else -1.0 if contact.bodies[1] == name else 0.0
                 blocks.append(sign * power)
             rows.append(np.concatenate(blocks, axis=1))
@@ -104,6 +98,41 @@ class Blocks:
                          for load, at in self.loads[name]) + np.zeros(len(self.bodies[name][2])))
         return (self.contacts, sparse.csr_matrix(np.concatenate(rows)), np.concatenate(e),
                 [body for body, _, _ in self.bodies.values()])
+
+
+@dataclass
+class Boxes(Blocks):
+    """The same with boxes in space; `turn` is any rotation."""
+
+    shift: tuple = (0.0, 0.0, 0.0)
+    turn: np.ndarray = field(default_factory=lambda: np.eye(3))
+
+    def __post_init__(self):
+        pass
+
+    def body(self, name, corners, *loads, free=range(6)):
+        points = self.place(corners)
+        self.bodies[name] = (None, points.mean(axis=0) + 0.1 * self.length, list(free))
+        self.bodies[name] = (MotionsOfBody.of(name, points, self.motions(name, points)), *self.bodies[name][1:])
+        self.loads[name] = loads
+        return self
+
+    def box(self, name, corner, size, *loads, weight=1.0, free=range(6)):
+        """Of this `size` (3,) along the axes from its least corner (3,); its weight acts in its middle along -z."""
+        corner, size = np.array(corner, float), np.array(size, float)
+        corners = corner + size * list(itertools.product((0, 0.5, 1), repeat=3))
+        return self.body(name, corners, ((0.0, 0.0, -weight), corner + size / 2), *loads, free=free)
+
+    def contact(self, first, second, corner, along, across, law="none", value=0.0, nodes=5):
+        """A flat contact on a parallelogram, the first body where along × across points to."""
+        grid = np.array(list(itertools.product(np.linspace(0, 1, nodes), repeat=2)))
+        xy = np.array(corner, float) + grid @ np.array([along, across], float)
+        return self.curve(first, second, xy, np.tile(-np.cross(along, across), (len(xy), 1)), law, value)
+
+    def motions(self, name, at):
+        _, centre, free = self.bodies[name]
+        turns = [np.cross(axis, (at - centre) / self.length) for axis in self.turn.T]
+        return np.stack([*(np.tile(axis, (len(at), 1)) for axis in self.turn.T), *turns], axis=2)[:, :, free]
 
 
 def pushed(push, law="coulomb", value=0.5, **how):
