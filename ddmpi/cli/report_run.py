@@ -197,7 +197,8 @@ class RunReport:
 
     def _bodies(self) -> dict[str, Any]:
         clamped = {each["name"] for each in self.scene.get("body", ()) if each["clamp"]}
-        bodies = [body if name in clamped else body | {"reaction": (None,) * len(self.axes)} for name, body in self.bodies.items()]
+        unknown = {"reaction": (None,) * len(self.axes)}
+        bodies = [body if name in clamped else body | unknown for name, body in self.bodies.items()]
         columns = BODIES | self._vector("reaction", "force") | {"strain energy": ("energy", "energy")}
         return {"bodies": table(
             "Largest displacement and stress; the reaction of the clamps, where there are any",
