@@ -195,9 +195,9 @@ def _draw_course(axes: Any, name: str, results: Results, units: dict) -> None:
         axes[0].plot(time, np.append(0.0, steps[f"force_{axis}"]), marker=".", label=axis)
     axes[0].axhline(0.0, color="black", linewidth=0.6)
     axes[0].set(xlabel="time", ylabel=f"force of {name} ({units['force']})")
-    axes[1].stackplot(steps["time"], *(steps[zone] for zone in ZONES), labels=list(ZONES), colors=list(ZONES.values()))
-    axes[1].set(xlabel="time", ylabel=f"nodes of {name}", xlim=(steps["time"][0], steps["time"][-1]) if len(time) > 2
-                else None)
+    counts = (np.insert(steps[zone], 0, steps[zone][:1]) for zone in ZONES)
+    axes[1].stackplot(time, *counts, labels=list(ZONES), colors=list(ZONES.values()))
+    axes[1].set(xlabel="time", ylabel=f"nodes of {name}", xlim=(0.0, time[-1]))
     for each in axes:
         each.legend(fontsize=7, **BESIDE)
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.interface.side import unit
 from ddmpi.results.fields import skin
 from ddmpi.results.frame import (
     ABOVE,
@@ -41,9 +40,10 @@ from ddmpi.results.frame import (
     write_names,
 )
 from ddmpi.results.tables import Columns, Results
+from ddmpi.surface.side import unit
 from ddmpi.system.numbers import scaled_unit
 
-LIGHT, DARKEST = np.array([-0.35, 0.5, 0.8]), 0.7
+LIGHT, DARKEST = np.array([-0.35, 0.5, 0.8]), 0.8
 """Where light comes from, as the picture has right, up and towards the eye; and what is left of it where it does not
 shine."""
 

@@ -109,7 +109,7 @@ def write_contact(path: Path, name: str, state: ContactState) -> None:
     if interface.dimension == 2:
         _write_csv(path / contact_files(name).table, CONTACT, zip(*columns, strict=True))
         return
-    vectors = *(state.forces[lines.row].T * share), *state.along(state.slip)[lines.row].T
+    vectors = np.vstack([state.forces[lines.row].T * share, state.along(state.slip)[lines.row].T]) + 0.0  # no −0
     _write_csv(path / contact_files(name).table, CONTACT_IN_SPACE, zip(*columns, *vectors, strict=True))
 
 
@@ -141,7 +141,7 @@ def leg_values(state: ContactState) -> np.ndarray:
     status = np.argmax(state.status[:, None] == np.array(STATUS), axis=1)
     found = [state.pressure, signed(state.shear), state.gap, signed(state.slip), signed(state.slip_total), status]
     if state.interface.dimension > 2:
-        found += [state.forces, state.along(state.slip)]
+        found += [state.forces + 0.0, state.along(state.slip) + 0.0]  # no −0
     return np.column_stack(found)
 
 
