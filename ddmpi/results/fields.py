@@ -12,6 +12,7 @@ import numpy as np
 from ddmpi.interface.interface import Interface, Lines, in_order
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.boundary import boundary_facets
+from ddmpi.mesh.mesh import signed_measures
 from ddmpi.results.tables import leg_values, writing
 from ddmpi.system.files import FileOfHDF5
 
@@ -286,6 +287,13 @@ def linear_triangles(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return cells[:, parts].reshape(-1, 3), np.repeat(np.arange(len(cells)), len(parts))
 
 
+def skin(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles (f, 3) between neighbouring nodes on the boundary of tetrahedra (nt, k), and the cell (f,) of each."""
+    outer, cell = boundary_facets(cells)
+    facets, part = linear_triangles(outer)
+    return facets, cell[part]
+
+
 def middles(points: np.ndarray, cells: np.ndarray, owner: np.ndarray) -> list[np.ndarray]:
     """A node (2,) of each body far from its boundary, near the body's middle if there are several.
 
@@ -305,18 +313,15 @@ def middles(points: np.ndarray, cells: np.ndarray, owner: np.ndarray) -> list[np
     return found
 
 
-def areas_at_nodes(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """(nv,) a third of the areas of the triangles around each node."""
-    return np.bincount(cells.ravel(), np.repeat(_areas(points, cells) / 3, 3), len(points))
-
-
-def _areas(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    (ax, ay), (bx, by) = ((points[cells[:, i]] - points[cells[:, 0]]).T for i in (1, 2))
-    return np.abs(ax * by - ay * bx) / 2
+def areas_at_nodes(points: np.ndarray, cells: np.ndarray, values: np.ndarray | float = 1.0) -> np.ndarray:
+    """(nv,) the areas or volumes of the cells around each node times `values` (nt,), shared evenly among their nodes.
+    """
+    number = cells.shape[1]
+    shares = values * np.abs(signed_measures(points, cells[:, :points.shape[1] + 1])) / number
+    return np.bincount(cells.ravel(), np.repeat(shares, number), len(points))
 
 
 def at_nodes(values: np.ndarray, points: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Averages over the triangles around each node, weighted by their areas."""
+    """Averages (nv,) of `values` (nt,) over the cells around each node, weighted by their areas or volumes."""
     total = areas_at_nodes(points, cells)
-    return np.bincount(cells.ravel(), np.repeat(values * _areas(points, cells) / 3, 3),
-                       len(points)) / np.where(total > 0, total, 1.0)
+    return areas_at_nodes(points, cells, values) / np.where(total > 0, total, 1.0)

@@ -109,7 +109,7 @@ def write_contact(path: Path, name: str, state: ContactState) -> None:
     if interface.dimension == 2:
         _write_csv(path / contact_files(name).table, CONTACT, zip(*columns, strict=True))
         return
-    vectors = *(state.forces[lines.row].T * share), *state.along(state.slip)[lines.row].T
+    vectors = np.vstack([state.forces[lines.row].T * share, state.along(state.slip)[lines.row].T]) + 0.0  # no −0
     _write_csv(path / contact_files(name).table, CONTACT_IN_SPACE, zip(*columns, *vectors, strict=True))
 
 
@@ -141,7 +141,7 @@ def leg_values(state: ContactState) -> np.ndarray:
     status = np.argmax(state.status[:, None] == np.array(STATUS), axis=1)
     found = [state.pressure, signed(state.shear), state.gap, signed(state.slip), signed(state.slip_total), status]
     if state.interface.dimension > 2:
-        found += [state.forces, state.along(state.slip)]
+        found += [state.forces + 0.0, state.along(state.slip) + 0.0]  # no −0
     return np.column_stack(found)
 
 
@@ -274,6 +274,11 @@ class Results:
     def displacement(self, scale: float = 1.0) -> np.ndarray:
         """(nv, d) times `scale` (m)."""
         return scale * self.fields["displacement"][:, :self.dimension]
+
+    def triangles(self, name: str) -> np.ndarray:
+        """The facets (f, 3) of a contact of solids, without nodes that stand alone."""
+        facets = self.facets[name]
+        return facets[facets[:, 0] != facets[:, 1]]
 
     def heading(self, timed: bool = False) -> str:
         """What a picture's title begins with: the scene's title, and the time of the load step if it is `timed`."""

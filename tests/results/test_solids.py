@@ -7,7 +7,12 @@ import made_up_solids
 import meshio
 import numpy as np
 import pytest
+from documented import undocumented
+from matplotlib import image
 
+from ddmpi.cli.report import write_report
+from ddmpi.results.histories import animate
+from ddmpi.results.pictures import draw_all
 from ddmpi.results.tables import read_results
 
 COLUMNS = ["x", "y", "z", "nx", "ny", "nz", "area", "normal_force", "tangential_force", "normal_stress",
@@ -85,3 +90,21 @@ def test_load_steps_of_solids_are_kept(tmp_path):
     for column in set(legs) & set(table):
         assert np.array_equal(legs[column][last], table[column]), column
     assert legs["force_z"][~last] == pytest.approx(0.5 * table["force_z"])
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_there_is_a_picture_of_everything(tmp_path, order):
+    """Solids have the pictures that plane bodies have, and each shows something."""
+    bodies, contacts = made_up_solids.stack(order, divisions=(6, 2, 2))
+    made_up_solids.results(tmp_path, bodies, contacts, times=(1.0, 2.0), error=True)
+    drawn = draw_all(tmp_path)
+    assert undocumented(tmp_path) == []
+    assert sorted(path.name for path in drawn) == ["bodies.png", "contact.png", "convergence.png", "error.png",
+                                                   "steps.png"]
+    for path in drawn:
+        pixels = image.imread(path)
+        inked = (pixels[..., :3] < 0.99).any(axis=2)
+        assert min(pixels.shape[:2]) > 300 and 0.01 < inked.mean() < 0.99, path.name
+    assert animate(read_results(tmp_path), tmp_path, "").exists()
+    page = write_report(tmp_path).read_text(encoding="utf-8")
+    assert all(f"{what} {axis}" in page for what in ("force", "moment", "reaction") for axis in "xyz")

@@ -81,6 +81,7 @@ def state(interface: Interface, pressure: float = 5e7, factor: float = 1.0) -> C
     xy = interface.xy
     centre, extent = (xy.max(axis=0) + xy.min(axis=0)) / 2, np.ptp(xy, axis=0).max()
     r = np.linalg.norm((xy - centre) * (1.0, 1.3, 1.0), axis=1) / extent
+    r = 0.6 * (r - r.min()) / np.ptp(r)
     p = factor * pressure * np.sqrt(np.maximum(0.0, 1.0 - (r / 0.45) ** 2))
     frictional = interface.law.components * len(interface.sliding) > 0
     swirl = np.cross(xy - centre, interface.normal) + 0.3 * extent * np.array([1.0, 0.3, 0.0])
