@@ -37,8 +37,9 @@ HEADINGS = {
     "AffineVector": "vector with slopes", "AffineScalar": "number with slopes", "ContactSpec": "[[contact]]",
     "Coulomb": "friction by Coulomb", "Tresca": "friction by Tresca", "NoFriction": "no friction",
     "Profile": "profile", "SignedProfile": "signed profile", "Plane": "[[rigid]]: a plane",
-    "Circle": "[[rigid]]: a circle", "History": "[history.NAME]", "Time": "[time]", "Method": "[method]",
-    "Output": "[output]", "Checkpoint": "[checkpoint]"}
+    "Circle": "[[rigid]]: a circle", "Sphere": "[[rigid]]: a sphere", "Cylinder": "[[rigid]]: a cylinder",
+    "History": "[history.NAME]", "Time": "[time]", "Method": "[method]", "Output": "[output]",
+    "Checkpoint": "[checkpoint]"}
 """The tables of a scene in the order of the page."""
 
 SCENE = f"""\
@@ -47,9 +48,10 @@ SCENE = f"""\
 {NOTE}
 
 A scene is a [TOML](https://toml.io) file. Any consistent units do, in metres and pascals or in millimetres and MPa: (m)
-and (Pa) below mean the scene's own. Forces are per unit of depth. A key that does not exist is an error that names the
-nearest one, and what does not fit together is refused with a message before anything is computed. A *name* has no `.`,
-`=`, `/` and blank; a *group* is what the mesh calls a part of its boundary.
+and (Pa) below mean the scene's own. A scene is in the plane, with lists `[x, y]`, or in space, with lists `[x, y, z]`:
+shapes say which, else lists, else files. Forces in the plane are per unit of depth. A key that does not exist is an
+error that names the nearest one, and what does not fit together is refused with a message before anything is computed.
+A *name* has no `.`, `=`, `/` and blank; a *group* is what the mesh calls a part of its boundary.
 
 **On the command line**, `--set KEY=VALUE` takes any key. Bodies, rigid partners and contacts go by name or by number:
 `--set contact.upper-lower.friction.coefficient=0.5` or `--set contact.0.friction.coefficient=0.5`.
@@ -71,9 +73,9 @@ RESULTS = f"""\
 
 {NOTE}
 
-Numbers are in the scene's units; forces and energies are per unit of depth. [results.md](../use/results.md) says what
-signs, certificate and warnings mean. Columns without words of their own go with the one above. Names and meanings of
-format {tables.FORMAT} stay; entries may be added.
+Numbers are in the scene's units; in the plane, forces and energies are per unit of depth.
+[results.md](../use/results.md) says what signs, certificate and warnings mean. Columns without words of their own go
+with the one above. Names and meanings of format {tables.FORMAT} stay; entries may be added.
 """
 
 COMMANDS = f"""\
@@ -135,8 +137,8 @@ def scene_page(schema: Mapping) -> str:
             lines += table(("preset", *keys), ([f"`{preset}`", *(values.get(key, "–") for key in keys)]
                                                for preset, values in PRESETS.items()))
     lines += ["## formula", "",
-              "Numbers, `x`, `y`, `pi`, `+ - * / **`, the comparisons `< <= > >=` (1 where they hold, else 0),",
-              f"brackets, and the functions `{' '.join(FUNCTIONS)}`",
+              "Numbers, `x`, `y`, in space `z`, `pi`, `+ - * / **`, the comparisons `< <= > >=` (1 where they hold,",
+              f"else 0), brackets, and the functions `{' '.join(FUNCTIONS)}`",
               "(angles in radians) and `where(condition, one, other)`; see [loads.md](../use/loads.md)."]
     return "\n".join(lines)
 
@@ -161,6 +163,8 @@ def _type(node: Mapping) -> str:
             return ", ".join(f"`{json.dumps(value)}`" for value in values)
         case {"type": "array", "minItems": low, "maxItems": high} if low == high:
             return "[" + ", ".join([_type(node["items"])] * low) + "]"
+        case {"type": "array", "minItems": low, "maxItems": high}:
+            return f"list of {low} or {high}: {_type(node['items'])}"
         case {"type": "array"}:
             return f"list of {_type(node['items'])}"
         case {"type": "object"}:

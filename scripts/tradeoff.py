@@ -50,7 +50,7 @@ TIGHT, REFERENCE_TOLERANCE = 1e-12, 1e-10
 """Tolerances of the solutions with which algebraic errors are measured, and of the reference solution."""
 
 REPEATS, ENOUGH = 7, 2.0
-"""A case is timed so many times, or until that many seconds are spent on it."""
+"""A case is timed so many times, unless option --repeats says how many, or until that many seconds are spent on it."""
 
 NONE = "–"
 """The value of a choice that a method does not have."""
@@ -173,10 +173,11 @@ class Study:
     ----------
     folder : for the meshes of the rings
     reference : N of the reference solution
+    repeats : a case is timed so many times, or until ENOUGH seconds are spent on it
     """
 
-    def __init__(self, world: MPI.Comm, folder: Path, reference: int) -> None:
-        self.world, self.folder, self.reference = world, folder, reference
+    def __init__(self, world: MPI.Comm, folder: Path, reference: int, repeats: int = REPEATS) -> None:
+        self.world, self.folder, self.reference, self.repeats = world, folder, reference, repeats
         self.rings = Rings()
         self._tight: tuple[tuple, np.ndarray] = (), np.empty(0)
 
@@ -200,7 +201,7 @@ class Study:
         exact, scene = ClosedForm(self.rings) if case.scene == "rings" else self.fine, self.scene(case)
         best, runs, spent = None, 0, 0.0
         try:
-            while runs < REPEATS and spent < ENOUGH:
+            while runs < self.repeats and spent < ENOUGH:
                 run = run_once(self.world, scene)
                 runs, spent = runs + 1, spent + run[0]["seconds"]
                 if best is None or run[0]["seconds"] < best[0]["seconds"]:
@@ -580,9 +581,11 @@ def main(world: MPI.Comm) -> None:
     parser.add_argument("--reference", type=int, default=REFERENCE, metavar="N",
                         help="mesh of the reference solution; cases on finer meshes, and blocks on meshes of which it "
                              "is no multiple, are left out (default: %(default)s)")
+    parser.add_argument("--repeats", type=int, default=REPEATS, metavar="R",
+                        help="a case is timed so many times (default: %(default)s)")
     options = parser.parse_args()
 
-    study = Study(world, options.output, options.reference)
+    study = Study(world, options.output, options.reference, options.repeats)
     finest = options.reference
     cases = {case for axis in options.axes for case in AXES[axis]
              if finest >= case.N and (case.scene == "rings" or finest % case.N == 0)}
@@ -590,7 +593,7 @@ def main(world: MPI.Comm) -> None:
     ledger = Ledger(world, options.output / "tradeoff.csv", Case._fields, MEASURED)
     rows = ledger.fill(sorted(cases, key=lambda case: (case[:3], str(case))), lambda *case: study.measure(Case(*case)))
     if world.rank == 0:
-        complete = options.axes == list(AXES) and options.reference == REFERENCE
+        complete = (options.axes, options.reference, options.repeats) == (list(AXES), REFERENCE, REPEATS)
         publish(PAGE, page(rows, AXES), options.output, complete, functools.partial(draw, rows, AXES))
         print(f"Page and figures are in {options.output}")
 

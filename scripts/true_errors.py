@@ -292,7 +292,7 @@ def interpolate(mesh: Mesh, spec: MeshSpec, u: np.ndarray, points: np.ndarray) -
 
     def find(at: np.ndarray) -> np.ndarray:
         """Number of the place: two to a square, the one below its diagonal first."""
-        place = (at - spec.origin) / spec.size * (nx, ny)
+        place = (at - np.array(spec.origin or 0.0)) / spec.size * (nx, ny)
         cell = np.clip(np.floor(place).astype(int), 0, (nx - 1, ny - 1))
         inside = place - cell
         return 2 * (cell[:, 1] * nx + cell[:, 0]) + (inside[:, 1] > inside[:, 0])

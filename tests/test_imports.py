@@ -11,8 +11,8 @@ from scenes import LIMIT
 
 PACKAGE = Path(__file__).resolve().parents[1] / "ddmpi"
 
-ROOMS = ["errors", "petsc", "system", "scene", "mesh", "body", "qp", "interface", "coupling", "methods", "judge",
-         "results", "run", "sweep", "cli"]
+ROOMS = ["errors", "petsc", "system", "scene", "mesh", "body", "surface", "qp", "interface", "coupling", "methods",
+         "judge", "results", "run", "sweep", "cli"]
 """From the bottom to the top: a room imports only itself and rooms to its left."""
 
 ENTRANCES = {"__init__", "__main__", "mprgp"}
@@ -34,10 +34,12 @@ PLACES = {
     # of the laws: a box and two edges in the plane, discs and polygons in space; no friction turns in the plane
     "interface/law": 3, "mesh/boundary": 1, "mesh/elements": 1, "interface/interface": 1,
     # what the plane has and space has not, to be replaced with solids
-    "coupling/assembly": 1, "interface/side": 1, "interface/state": 1, "judge/diagnosis": 1, "judge/motions": 1,
+    "coupling/assembly": 1, "surface/side": 1, "interface/state": 1, "judge/diagnosis": 1, "judge/motions": 1,
     # pictures, and meshes that are made or drawn
     "mesh/geometry": 1, "results/fields": 1, "results/magnify": 2, "results/pictures": 1,
-    "scene/meshes": 2}
+    "scene/meshes": 2,
+    # a scene in the plane has plane strain or plane stress
+    "scene/bodies": 1}
 """How often a module does so. The numbers only fall: everything else holds in any dimension."""
 
 MODULES = sorted(path.relative_to(PACKAGE).with_suffix("").as_posix() for path in PACKAGE.rglob("*.py"))

@@ -12,6 +12,7 @@ from ddmpi import __version__
 from ddmpi.cli.report_markup import Cell, Column, Html, element, fill, noted, number, percent, picture, table
 from ddmpi.results.folder import FILES
 from ddmpi.results.summary import RESIDUALS, units
+from ddmpi.scene.method import METHODS
 from ddmpi.scene.reader import write_toml
 from ddmpi.system.files import MECHANISM, contact_files
 
@@ -29,14 +30,10 @@ ENERGIES = {"external_work": "work of loads, clamps and rigid partners", "strain
             "interface_work": "work of the contact forces", "dissipated": "of it dissipated by friction",
             "lost": "of it taken by interference, closing gaps and time stepping"}
 
-METHODS = {"newton": "semi-smooth Newton", "anderson": "Anderson acceleration of the published iteration",
-           "relaxation": "published iteration, {algorithm} algorithm, splitting {splitting}"}
-
 Columns = dict[str, tuple[str, str]]
 """Columns of a table by their heads: an entry of the summary, by its dotted name, and a quantity for its unit."""
 
-RESULTANTS: Columns = {"force x": ("force.0", "force"), "force y": ("force.1", "force"), "moment": ("moment", "moment"),
-                       "normal": ("normal_force", "force"), "tangential": ("tangential_force", "force")}
+SUMS: Columns = {"normal": ("normal_force", "force"), "tangential": ("tangential_force", "force")}
 
 STATES: Columns = {"open": ("open", ""), "slip": ("slip", ""), "stick": ("stick", ""),
                    "dissipated": ("dissipated", "energy")}
@@ -48,8 +45,7 @@ BETWEEN: Columns = {"overlap": ("pointwise_penetration", "length"), "moment left
 """Of contacts whose nodes do not match."""
 
 BODIES: Columns = {"unknowns": ("n", ""), "displacement": ("displacement_max", "length"),
-                   "von Mises": ("von_mises_max", "stress"), "reaction x": ("reaction.0", "force"),
-                   "reaction y": ("reaction.1", "force"), "strain energy": ("energy", "energy")}
+                   "von Mises": ("von_mises_max", "stress")}
 
 WORK: Columns = {"solves": ("n_A", ""), "solver": ("solver", ""), "compliance": ("compliance", "")}
 
@@ -71,7 +67,10 @@ class RunReport:
         self.error, self.stepped = summary["discretization_error"], self.scene.get("time") is not None
         last = time in (None, *(step["time"] for step in summary["steps"][-1:]))
         self.of_step = ("of the last load step" if last else f"at time {time:g}") if self.stepped else ""
-        self.units = units(self.scene["output"]) | {"": ""}
+        self.axes = "xyz"[:len(next(iter(self.bodies.values()))["reaction"])]
+        self.units = units(self.scene["output"], len(self.axes)) | {"": ""}
+        moment = self._vector("moment", "moment") if len(self.axes) > 2 else {"moment": ("moment", "moment")}
+        self.resultants = self._vector("force", "force") | moment | SUMS
 
     def page(self, template: str) -> str:
         """The filled template."""
@@ -80,6 +79,9 @@ class RunReport:
             return fill(template, values | self._contacts() | self._bodies() | self._certificate() | self._error())
         mechanism = json.loads((self.folder / MECHANISM).read_text(encoding="utf-8"))
         return fill(template, values | {"imbalance": number(mechanism["imbalance"], 2)}, {"numbers"})
+
+    def _vector(self, name: str, unit: str) -> Columns:
+        return {f"{name} {axis}": (f"{name}.{k}", unit) for k, axis in enumerate(self.axes)}
 
     def _columns(self, columns: Columns, entries: Iterable[dict]) -> list[Column]:
         def value(entry: Any, name: str) -> Cell:
@@ -146,6 +148,7 @@ class RunReport:
         contacts = self.contacts.values()
         counts = [f"{sum(contact[status] for contact in contacts)} {status}" for status in ("open", "slip", "stick")]
         found = {"m": sum(contact["m"] for contact in contacts), "nodes": ", ".join(counts), "of_step": self.of_step,
+                 "depth": "depth" if len(self.axes) == 2 else "",
                  "estimate": percent(self.error["energy_norm"]), "body_number": len(self.bodies),
                  "elements": ("linear", "quadratic")[self.summary["order"] - 1]}
         if not {contact["friction"] for contact in contacts} <= {"none", "bonded"}:
@@ -181,7 +184,7 @@ class RunReport:
         return {
             "contacts": table(
                 "Force and moment on the first body, about the origin; normal forces are positive under pressure",
-                names, *self._columns(RESULTANTS | PRESSURE | STATES, contacts)),
+                names, *self._columns(self.resultants | PRESSURE | STATES, contacts)),
             "pairing": table(
                 "Pairing; directions are those of the first body", names,
                 Column("bodies", [", ".join(asked[name]["bodies"]) for name in self.contacts]),
@@ -194,10 +197,12 @@ class RunReport:
 
     def _bodies(self) -> dict[str, Any]:
         clamped = {each["name"] for each in self.scene.get("body", ()) if each["clamp"]}
-        bodies = [body if name in clamped else body | {"reaction": (None, None)} for name, body in self.bodies.items()]
+        unknown = {"reaction": (None,) * len(self.axes)}
+        bodies = [body if name in clamped else body | unknown for name, body in self.bodies.items()]
+        columns = BODIES | self._vector("reaction", "force") | {"strain energy": ("energy", "energy")}
         return {"bodies": table(
             "Largest displacement and stress; the reaction of the clamps, where there are any",
-            Column("body", list(self.bodies)), *self._columns(BODIES, bodies),
+            Column("body", list(self.bodies)), *self._columns(columns, bodies),
             Column("held by", ["clamps" if body["held"] else "clamps and contacts" if name in clamped else "contacts"
                                for name, body in self.bodies.items()]))}
 
@@ -210,7 +215,7 @@ class RunReport:
             steps = _some([step for step in every if step["time"] in self.scene["time"]["points"]] or every)
         if len(self.contacts) <= FEW:
             rows = [(step, name, contact) for step in steps for name, contact in step["contacts"].items()]
-            caption, columns = "Forces on the first body", RESULTANTS | STATES
+            caption, columns = "Forces on the first body", self.resultants | STATES
         else:
             rows = [(step, "all", {key: sum(contact[key] or 0 for contact in step["contacts"].values())
                                    for key, _ in STATES.values()}) for step in steps]
@@ -268,7 +273,7 @@ class RunReport:
         """Times, memory, messages, and how each body was solved with."""
         summary, seconds, bodies = self.summary, self.summary["seconds"], self.bodies.values()
         return summary.get("exchange", {}) | {
-            "method": METHODS[summary["outer"]].format_map(summary),
+            "method": METHODS[summary["outer"]].title.format_map(self.scene["method"]),
             "tolerance": f"{self.scene['method']['tolerance']:g}",
             "memory": f"{max(body['memory_mib'] for body in bodies):.0f}",
             "convergence": picture(self.folder / "convergence.png", "The outer iteration.", "small"),

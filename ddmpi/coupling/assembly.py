@@ -20,9 +20,9 @@ from ddmpi.coupling.space import Space
 from ddmpi.coupling.team import Team, TeamMatrix
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface, Mover, check_overlap, refuse_contradiction, uncovered_profile
-from ddmpi.interface.matching import face_rigid, holds_along
+from ddmpi.interface.matching import face_rigid
 from ddmpi.interface.mortar import connect
-from ddmpi.interface.side import Side, contact_side
+from ddmpi.interface.rows import holds_along
 from ddmpi.mesh.boundary import boundary_group
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.geometry import Sizes
@@ -30,6 +30,7 @@ from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Clamp, Material, SettledBody
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.scene.scene import Settled
+from ddmpi.surface.side import Side, contact_side
 from ddmpi.system import interrupt
 from ddmpi.system.agreement import agreed, merged
 from ddmpi.system.clock import Clock
@@ -153,11 +154,13 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                 elasticity = assemble(mesh, spec, last=_last(mesh, spec, facing, scene) if alone else None)
                 material = material_of(mesh, spec)
                 bodies[spec.name] = elasticity
-                for contact, side in _contacts_of(spec, contacts):
+                own = _contacts_of(spec, contacts)
+                for contact, side in own:
                     links, key = edges[contact.name, side], _key(contact)
                     sides[contact.name, side] = contact_side(
                         mesh, links, elasticity.clamps, spec.name, modulus_beside(mesh, material, links, key), key,
-                        _tied(spec, contacts, edges, elasticity.clamps, contact.name))
+                        _tied(spec, contacts, edges, elasticity.clamps, contact.name),
+                        any(contact.on[side] == other.on[which] for other, which in own if other is not contact))
                 interrupt.check()
         both = exchange.swap_objects(sides)
         with agreed(world):
@@ -243,10 +246,12 @@ def _key(contact: SettledContact) -> str:
 def _tied(spec: SettledBody, contacts: Sequence[SettledContact], edges: Mapping[tuple[str, int], np.ndarray],
           clamps: np.ndarray, name: str) -> np.ndarray:
     """Nodes (nv,) bool of a body that clamps hold in all components, or that lie on other contacts than `name` that
-    can hold: bonded or frictional ones."""
-    tied = (clamps >= 0).all(axis=1)
-    for contact, side in _contacts_of(spec, contacts):
-        if contact.name != name and holds_along(contact):
+    can hold: bonded or frictional ones; in space on those of other groups."""
+    tied, own = (clamps >= 0).all(axis=1), _contacts_of(spec, contacts)
+    here = next(contact.on[side] for contact, side in own if contact.name == name)
+    for contact, side in own:
+        if contact.name != name and holds_along(contact) and (
+                clamps.shape[1] == 2 or contact.on[side] != here):
             tied[edges[contact.name, side]] = True
     return tied
 
@@ -277,8 +282,8 @@ def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | Non
 
 
 def _check_method(scene: Settled, bodies: Mapping[str, Elasticity], interfaces: Sequence[Interface]) -> None:
-    """InputError where the published iteration cannot do what is asked of it."""
-    if scene.method.outer == "newton":
+    """InputError where a method of two bodies cannot do what is asked of it."""
+    if not scene.method.by_body:
         return
     for name, elasticity in bodies.items():
         if not elasticity.held:

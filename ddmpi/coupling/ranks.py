@@ -96,8 +96,8 @@ def count_nodes(mesh: MeshSpec) -> int | None:
 
 
 def check_ranks(world: MPI.Comm, scene: Settled) -> None:
-    """InputError, on all ranks, where the published iteration has not two ranks, one for each body."""
-    if scene.method.outer != "newton" and world.size < len(scene.body):
+    """InputError, on all ranks, where a method of two bodies has not two ranks, one for each."""
+    if scene.method.by_body and world.size < len(scene.body):
         error = InputError(f"method.outer = {scene.method.outer!r} works on two ranks, one for each body; start it "
                            f"with mpirun -n {len(scene.body)} (started on {world.size}), or use the default method")
         error.agreed = True

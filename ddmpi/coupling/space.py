@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -126,25 +125,32 @@ class Laws:
     def __init__(self, laws: Sequence[Law]) -> None:
         self.laws = tuple(laws) or (Law(0, np.empty(0, int), 1),)
         self.size = sum(law.size for law in self.laws)
-        self._parts = _slices([law.size for law in self.laws])
-        self._bounds = _slices([len(law.sliding) for law in self.laws])
+        self._ends, self._nodes, self._sliding = np.cumsum(
+            [(law.size, law.m, len(law.sliding)) for law in self.laws], axis=0)[:-1].T
 
     @property
     def largest_slope(self) -> float:
         return max(law.largest_slope for law in self.laws)
 
+    def parts(self, x: np.ndarray) -> list[tuple[Law, np.ndarray]]:
+        """The laws with their parts of a vector (size,)."""
+        return list(zip(self.laws, np.split(x, self._ends), strict=True))
+
+    def bounds(self, bound: np.ndarray) -> list[np.ndarray]:
+        """The slip bounds of each interface, out of those of all sliding nodes."""
+        return np.split(bound, self._sliding)
+
     def project(self, q: np.ndarray) -> np.ndarray:
         """The forces (size,) that the laws assign to q = s − c r."""
-        return np.concatenate([law.project(q[part]) for law, part in zip(self.laws, self._parts, strict=True)])
+        return np.concatenate([law.project(part) for law, part in self.parts(q)])
 
     def active_sets(self, q: np.ndarray) -> list[ActiveSet]:
         """Which nodes are closed and which slip at q = s − c r (size,)."""
-        return [law.active_set(q[part]) for law, part in zip(self.laws, self._parts, strict=True)]
+        return [law.active_set(part) for law, part in self.parts(q)]
 
     def sticking(self, closed: np.ndarray) -> list[ActiveSet]:
         """The nodes `closed` of all interfaces closed and sticking, the others open."""
-        ends = np.cumsum([law.m for law in self.laws])[:-1]
-        return [law.sticking(own) for law, own in zip(self.laws, np.split(closed, ends), strict=True)]
+        return [law.sticking(own) for law, own in zip(self.laws, np.split(closed, self._nodes), strict=True)]
 
     def linearise(self, active: list[ActiveSet]) -> list[Tangent]:
         """What the active sets imply for the forces of each interface."""
@@ -152,18 +158,12 @@ class Laws:
 
     def settle(self, s: np.ndarray, active: list[ActiveSet]) -> np.ndarray:
         """The forces (size,) next to s that obey all bounds exactly."""
-        return np.concatenate([law.settle(s[part], each)
-                               for law, part, each in zip(self.laws, self._parts, active, strict=True)])
+        return np.concatenate([law.settle(part, each) for (law, part), each in zip(self.parts(s), active, strict=True)])
 
     def bound_at(self, s: np.ndarray) -> np.ndarray:
         """The slip bounds of all sliding nodes under the forces s (size,), in newtons."""
-        return np.concatenate([law.bound_at(s[part]) for law, part in zip(self.laws, self._parts, strict=True)])
+        return np.concatenate([law.bound_at(part) for law, part in self.parts(s)])
 
     def cone(self, bound: np.ndarray) -> Box | Discs:
         """The forces that are allowed while the slip bounds of all sliding nodes stay `bound`."""
-        return product([law.cone(bound[part]) for law, part in zip(self.laws, self._bounds, strict=True)])
-
-
-def _slices(sizes: Sequence[int]) -> list[slice]:
-    ends = np.cumsum([0, *sizes])
-    return [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
+        return product([law.cone(own) for law, own in zip(self.laws, self.bounds(bound), strict=True)])

@@ -15,10 +15,10 @@ from msgspec.structs import astuple
 
 from ddmpi.errors import InputError
 from ddmpi.interface.law import Law
-from ddmpi.interface.side import Side
 from ddmpi.scene.bodies import Clamp
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.scene.values import Profile, evaluate
+from ddmpi.surface.side import Side
 from ddmpi.system.numbers import in_words, spans
 
 LARGE_OVERLAP = 0.02
@@ -100,7 +100,8 @@ class Interface:
     law : of contact and friction at these nodes
     modulus : E* (Pa), 1/E* being the sum of both bodies' (1 − ν²)/E, of which a rigid partner's is zero
     fixed : nodes without unknowns, because clamps hold both bodies there; the gap they keep is no residual
-    facets : (f, l) rows at the nodes of facets, turned out of the body; in space triangles between vertices. Only of facets that wholly face the other side and whose nodes all have a row to themselves
+    facets : (f, l) rows at the nodes of facets, turned out of the body; in space triangles between vertices. Only of
+        facets that wholly face the other side and whose nodes all have a row to themselves
     laplacian : (m, m) sparse, of hat functions on all facets between the rows, m^(d − 3); nodes without a row that
         clamps or other contacts hold are fixed. Rows with an entry are neighbours
     one_sided : (size,) bool, unknowns along which only one of the bodies can move

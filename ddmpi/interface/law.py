@@ -102,7 +102,7 @@ class Law:
     m: int
     sliding: np.ndarray
     components: int
-    live: np.ndarray = field(default=np.bool_(True), kw_only=True)
+    live: np.ndarray = field(default_factory=lambda: np.array(True), kw_only=True)
 
     @property
     def size(self) -> int:

@@ -19,13 +19,15 @@ import scipy.sparse as sparse
 from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
-from ddmpi.interface.cover import Cover, cover, faced_arc
 from ddmpi.interface.interface import Interface, Lines, Places, in_order
-from ddmpi.interface.matching import Rows, build, holds_along, is_held, pair, without_rounding
-from ddmpi.interface.side import Side, frames, nodal, unit
+from ddmpi.interface.matching import pair
+from ddmpi.interface.rows import Rows, at_points, build, holds_along, is_held, means, without_rounding
+from ddmpi.interface.vertices import rows_at_vertices
 from ddmpi.mesh.boundary import segments
 from ddmpi.mesh.elements import shapes_on_side as shapes
 from ddmpi.scene.contacts import SettledContact
+from ddmpi.surface.cover import Cover, cover, faced_arc
+from ddmpi.surface.side import Side, frames, nodal, unit
 from ddmpi.system.numbers import in_words
 
 SLIVER = 0.02
@@ -44,22 +46,46 @@ UNSEEN = 1e-7
 LACKING = 1e-3
 """A facet of which no more than this part is not covered has a mean stress."""
 
-NOTHING = 1e-12
-"""Entries of P below this are rounding."""
-
 
 def connect(first: Side, second: Side, contact: SettledContact, refinement: int = 1) -> Interface:
     """The interface of two sides: by pairs of nodes where they match, else by mortar; or as `contact.pairing` says.
 
     Otherwise as `pair` and `mortar`.
     """
-    if contact.pairing != "mortar":
+    quadratic = first.dimension > 2 and max(side.facets.shape[1] for side in (first, second)) > 3
+    if contact.pairing == "nodes" and quadratic:
+        raise InputError(f"contact.{contact.name}.pairing: pairs of nodes are for linear tetrahedra, as corners of "
+                         "quadratic ones carry no pressure; leave it out")
+    if contact.pairing != "mortar" and not quadratic:
         try:
             return pair(first, second, contact, refinement)
         except InputError:
             if contact.pairing == "nodes":
                 raise
-    return mortar(first, second, contact)
+    return (mortar if first.dimension == 2 else mortar_in_space)(first, second, contact)
+
+
+def mortar_in_space(first: Side, second: Side, contact: SettledContact) -> Interface:
+    """`mortar` of two sides in space: rows at the vertices of the slave, see `vertices`.
+
+    By default the slave is the side with the larger facets over plane modulus, and not one that clamps hold wholly.
+    """
+    sides, name = (first, second), contact.name
+    rigid = [bool(is_held(side.normal, side.free).all()) for side in sides]
+    if contact.slave is not None:
+        own = (first.body, second.body).index(contact.slave)
+    elif any(rigid):
+        own = rigid.index(False) if not all(rigid) else 0
+    else:
+        one, other = (np.sqrt(side.lengths.mean()) / side.modulus for side in sides)
+        own = 1 if other > (1.0 + 1e-6) * one else 0
+    if rigid[own]:
+        raise InputError(f"contact.{name}: clamps hold all of {sides[own].body!r} at this contact; "
+                         + ("it cannot be the slave" if not all(rigid) else "there is nothing to solve"))
+    over = cover(sides[own], sides[1 - own])
+    if not len(over.facet):
+        raise _not_facing(first, second, name)
+    return build(rows_at_vertices(sides, own, over, contact), contact)
 
 
 def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
@@ -79,9 +105,7 @@ def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
     sides, name, slave = (first, second), contact.name, contact.slave
     covers = [None if slave == sides[1 - own].body else cover(sides[own], sides[1 - own]) for own in (0, 1)]
     if any(each is not None and len(each.facet) == 0 for each in covers):
-        raise InputError(f"contact.{name}: the boundaries of {first.body!r} and {second.body!r} do not face each other "
-                         f"(the first begins at {in_words(first.xy[0])}). Are the two names of `on` in the order of "
-                         "`bodies`?")
+        raise _not_facing(first, second, name)
     own = _choose_slave(sides, covers, name) if slave is None else (first.body, second.body).index(slave)
     side, over = sides[own], covers[own]
     assert over is not None
@@ -93,6 +117,12 @@ def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
     if (free != root).any():
         rows = replace(_rows(sides, own, over, free), bound=free != root)
     return build(rows, contact)
+
+
+def _not_facing(first: Side, second: Side, name: str) -> InputError:
+    return InputError(f"contact.{name}: the boundaries of {first.body!r} and {second.body!r} do not face each other "
+                      f"(the first begins at {in_words(first.xy[0])}). Are the two names of `on` in the order of "
+                      "`bodies`?")
 
 
 def duals(side: Side, over: Cover) -> tuple[np.ndarray, np.ndarray]:
@@ -143,11 +173,11 @@ def _rows(sides: tuple[Side, Side], own: int, over: Cover, root: np.ndarray) -> 
     shown, place = np.flatnonzero(root >= 0), np.full(len(root), -1)
     nodes, place[shown] = np.unique(root[shown], return_inverse=True)
     row = place[side.facets[over.facet]]
-    psi = _at_points(weighted, row, len(nodes)).T
+    psi = at_points(weighted, row, len(nodes)).T
     area = psi @ np.ones(len(row))
-    at = (_at_points(phi, side.facets[over.facet], len(side.nodes)),
-          _at_points(shapes(over.there, other.facets.shape[1]), other.facets[over.other], len(other.nodes)))
-    S, P = (_without_rounding(psi @ each, area) for each in at)
+    at = (at_points(phi, side.facets[over.facet], len(side.nodes)),
+          at_points(shapes(over.there, other.facets.shape[1]), other.facets[over.other], len(other.nodes)))
+    S, P = (means(psi @ each, area) for each in at)
     seen, met = np.zeros(len(side.facets), bool), np.zeros(len(other.facets), bool)
     seen[over.facet], met[over.other] = True, True
     normal = unit(S @ _normals(side, seen) - P @ _normals(other, met))
@@ -238,17 +268,3 @@ def _normals(side: Side, some: np.ndarray) -> np.ndarray:
     if side.facets.shape[1] == 3:
         fans = np.concatenate([fans, unit(fans.sum(axis=1))[:, None]], axis=1)
     return unit(nodal(side.lengths[some, None, None] * fans, side.facets[some], len(side.nodes)))
-
-
-def _at_points(phi: np.ndarray, nodes: np.ndarray, size: int) -> sparse.csr_matrix:
-    """The matrix (q, size) of the functions (q, c) of `nodes` (q, c) at points."""
-    points = np.repeat(np.arange(len(phi)), phi.shape[1])
-    return sparse.csr_matrix((phi.ravel(), (points, nodes.ravel())), (len(phi), size))
-
-
-def _without_rounding(means: sparse.csr_matrix, area: np.ndarray) -> sparse.csr_matrix:
-    """∫ ψ φ (r, k) without what is rounding beside the areas (r,), in rows that sum to one."""
-    found = means.tocsr()
-    found.data[np.abs(found.data) <= NOTHING * area.repeat(np.diff(found.indptr))] = 0.0
-    found.eliminate_zeros()
-    return (sparse.diags(1.0 / np.asarray(found.sum(axis=1)).ravel()) @ found).tocsr()

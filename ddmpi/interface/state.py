@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,10 +13,13 @@ from ddmpi.qp.box import magnitude
 CLOSED = 1e-8
 """A node whose normal force is this part of the largest one, or less, counts as open, unless it is bonded."""
 
-RESULTANTS = np.dtype([
-    ("force", float, 2), ("moment", float), ("normal_force", float), ("tangential_force", float), ("open", int),
-    ("slip", int), ("stick", int), ("dissipated", float)])
-"""What is kept of a contact at a load step, in the plane: see `ContactState.resultants`."""
+
+@functools.cache
+def resultants_in(dimension: int) -> np.dtype:
+    """What is kept of a contact at a load step: see `ContactState.resultants`."""
+    turns = {2: (), 3: 3}[dimension]
+    return np.dtype([("force", float, dimension), ("moment", float, turns), ("normal_force", float),
+                     ("tangential_force", float), ("open", int), ("slip", int), ("stick", int), ("dissipated", float)])
 
 
 @dataclass(frozen=True)
@@ -24,7 +28,7 @@ class ContactState:
 
     Attributes
     ----------
-    interface : that it is of; interface.xy (m, d) are the nodes, interface.area (m,) their lengths
+    interface : that it is of; interface.xy (m, d) are the nodes, interface.area (m,) their lengths, in space areas
     normal_force : (m,) positive under pressure, negative under tension, which bonded nodes may bear (N)
     tangential_force : (m, d − 1) along t; zero at nodes without tangential unknowns (N)
     gap : (m,) opening (m)
@@ -58,10 +62,10 @@ class ContactState:
 
     @property
     def dissipated(self) -> float:
-        """Frictional work of the load step, Σ ½ (g_n + g_n−1) |u_t| over the nodes that slip (J per metre of depth).
+        """Frictional work of the load step, Σ ½ (g_n + g_n−1) |u_t| over the nodes that slip (J).
 
         It is exact where slip and slip bound g grow together from zero, and where the bound is constant. Sticking nodes
-        dissipate nothing: their slip is an error of the iteration, and left out.
+        dissipate nothing: their slip is an error of the iteration, and left out. In the plane per metre of depth.
         """
         return float((self.resistance * magnitude(self.slip)).sum())
 
@@ -81,16 +85,20 @@ class ContactState:
         components = np.column_stack([self.normal_force, self.tangential_force])
         return -np.einsum("mc,mcd->md", components, self.interface.frame)
 
+    def along(self, components: np.ndarray) -> np.ndarray:
+        """(m, d) vectors of tangential components (m, d − 1)."""
+        return np.einsum("mc,mcd->md", components, self.interface.frame[:, 1:])
+
     @property
     def force(self) -> np.ndarray:
         """(d,) resultant of the forces on the first body (N)."""
         return self.forces.sum(axis=0)
 
     @property
-    def moment(self) -> float:
-        """x F_y − y F_x of the forces on the first body about the origin, summed over its nodes (N m), in the plane."""
-        return float(_moments(self.interface.xy if self.interface.at is None else self.interface.at[0],
-                              self.forces).sum())
+    def moment(self) -> np.ndarray:
+        """Moment of the forces on the first body about the origin (N m): in the plane x F_y − y F_x (), in space (3,).
+        """
+        return _moment(self.interface.xy if self.interface.at is None else self.interface.at[0], self.forces)
 
     @property
     def moment_imbalance(self) -> tuple[float, float]:
@@ -103,7 +111,7 @@ class ContactState:
             return 0.0, 0.0
         arm = self.interface.at[1] - self.interface.at[0]
         bound = np.linalg.norm(arm, axis=1) @ np.linalg.norm(self.forces, axis=1)
-        return abs(float(_moments(arm, self.forces).sum())), float(bound)
+        return float(np.linalg.norm(_moment(arm, self.forces))), float(bound)
 
     @property
     def deepest(self) -> float:
@@ -112,11 +120,15 @@ class ContactState:
 
     @property
     def resultants(self) -> np.void:
-        """A record: force, moment, sums of the nodes' forces (N), numbers of nodes by status, and dissipated (J/m)."""
-        counts = (self.count(status) for status in ("open", "slip", "stick"))
-        record = np.zeros(1, RESULTANTS)
-        record[0] = (self.force, self.moment, self.normal_force.sum(), self.tangential_force.sum(), *counts,
-                     self.dissipated)
+        """A record: force, moment, sums of the nodes' forces (N), numbers of nodes by status, and dissipated (J).
+
+        The tangential force is the sum along t; in space, where nodes have no common t, the length of the vectors' sum.
+        """
+        dimension, tangential = self.interface.dimension, self.tangential_force
+        total = tangential.sum() if dimension == 2 else np.linalg.norm(self.along(tangential).sum(axis=0))
+        record = np.zeros(1, resultants_in(dimension))
+        record[0] = (self.force, self.moment, self.normal_force.sum(), total,
+                     *(self.count(status) for status in ("open", "slip", "stick")), self.dissipated)
         return record[0]
 
     def count(self, status: str) -> int:
@@ -182,7 +194,13 @@ def slip_start(interface: Interface, s: np.ndarray, moved: np.ndarray, rate: np.
     return start
 
 
-def _moments(at: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    """x F_y − y F_x (m,) of forces (m, 2) at places (m, 2)."""
-    (x, y), (fx, fy) = at.T, forces.T
-    return x * fy - y * fx
+def signed(components: np.ndarray) -> np.ndarray:
+    """(m,) of tangential components (m, d − 1) the only one, in the plane, or the length of their vector."""
+    return components[:, 0] if components.shape[1] == 1 else np.linalg.norm(components, axis=1)
+
+
+def _moment(at: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    """The moment about the origin, () or (3,), of forces (m, d) at places (m, d)."""
+    flat = ((0, 0), (0, 3 - at.shape[1]))
+    total = np.ascontiguousarray(np.cross(np.pad(at, flat), np.pad(forces, flat)).T).sum(axis=1)
+    return total if at.shape[1] == 3 else total[2]

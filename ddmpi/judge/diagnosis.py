@@ -45,12 +45,11 @@ class StatusLog:
 
         Collective.
         """
-        codes, counts, start = [], np.zeros(3, int), 0
-        for interface, part in self._space.each():
-            own, law = s[part], interface.law
-            stop = start + len(interface.sliding)
+        codes, counts, laws = [], np.zeros(3, int), self._space.laws
+        for interface, (law, own), limit in zip(self._space.interfaces, laws.parts(s), laws.bounds(bound),
+                                                strict=False):
             closed = law.closed(own)
-            on_bound = law.reaches_bound(own, bound[start:stop])
+            on_bound = law.reaches_bound(own, limit)
             slipping = np.full(interface.m, not len(interface.sliding))  # without friction all closed nodes slip
             slipping[interface.sliding] = on_bound
             code = closed.astype(int)
@@ -58,7 +57,6 @@ class StatusLog:
             code[interface.sliding] += 10 * np.where(on_bound, towards, 0)
             codes.append(code)
             counts += (~closed).sum(), (closed & slipping).sum(), (closed & ~slipping).sum()
-            start = stop
         self._recent.append(np.concatenate([np.empty(0, int), *codes]))
         opened, slips, sticks = self._space.add(counts).tolist()
         self.counts.append((opened, slips, sticks))
@@ -110,19 +108,16 @@ def diagnose(reason: str, stopped: str, violations: list[str], method: SettledMe
              log: StatusLog) -> str:
     """One message: how the run ended, what was seen, what to try; `log` is of all nodes. Not collective."""
     last = history[-1]
-    newton = method.outer == "newton"
     lines = [f"{reason} (iteration {last.iteration}, update {last.update:.1e}, residual {last.residual:.1e}, "
              f"asked for {method.tolerance:.0e})"]
     if violations:
         lines.append(f"the certificate fails: {', '.join(violations)}")
-    factor = contraction(history, "residual" if newton else "update")
-    stuck = last.update == 0.0 or last.residual <= SMALLEST
-    if stopped == "diverged" and newton:
-        lines.append("seen: a residual that is not a number; a solve with the stiffness of a body must have failed")
-    elif stopped == "diverged":
-        lines.append("seen: divergence, the contact displacement grew beyond all bounds")
-    elif stuck:
-        lines.append("seen: nothing moves any more" + (", rounding is reached" if last.residual <= SMALLEST else ""))
+    factor = contraction(history, method.criterion)
+    rounding = last.residual <= SMALLEST
+    if stopped == "diverged":
+        lines.append(f"seen: {method.diverging}")
+    elif rounding or last.update == 0.0:
+        lines.append("seen: nothing moves any more" + ", rounding is reached" * rounding)
     elif np.isfinite(factor):
         seen = ("growth" if factor > 1.02 else "no progress" if factor > 0.98 else
                 "slow convergence" if factor > 0.7 else "convergence")
@@ -136,24 +131,6 @@ def diagnose(reason: str, stopped: str, violations: list[str], method: SettledMe
     if log.largest_slope >= LARGE_FRICTION:
         lines.append(f"with a friction coefficient of {log.largest_slope:g} a solution need not be unique, and none "
                      "may be near")
-    lines.append("try: " + _advice(stopped, factor, method, last, stuck))
+    lines.append("try: " + ("a larger method.tolerance; double precision holds no more" if rounding else
+                            method.advice(stopped, factor, last.iteration, last.update)))
     return "\n  ".join(lines)
-
-
-def _advice(stopped: str, factor: float, method: SettledMethod, last: Step, stuck: bool) -> str:
-    if last.residual <= SMALLEST:
-        return "a larger method.tolerance; double precision holds no more"
-    if method.outer == "relaxation":
-        if stopped == "diverged" or not factor < 0.98:
-            return (f"leave algorithm, splitting and theta out, the default method needs none of them; "
-                    f"or a smaller method.theta than {method.theta:g}")
-        wanted = last.iteration + 1.5 * max(np.log(method.tolerance / last.update) / np.log(factor), 1.0)
-        return f"method.max_iterations of {wanted:.0f} or more; or leave theta out, the default method is faster"
-    if method.outer == "anderson":
-        return "method.outer = \"newton\", the default"
-    if stopped == "stalled":
-        return "less friction, to see where the trouble begins, or a finer mesh where few nodes bear"
-    if stuck:
-        return "a tighter -newton_ksp_rtol, or less friction to see where the trouble begins"
-    return ("a larger method.max_iterations, a tighter -newton_ksp_rtol, method.outer = \"anderson\", "
-            "or less friction to see where the trouble begins")

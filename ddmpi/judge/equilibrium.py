@@ -370,8 +370,7 @@ def _least_squares(A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.nd
 
 def _touching(interfaces: Sequence[Interface], rate: np.ndarray) -> Iterator[frozenset[str]]:
     """Pairs of bodies that have a contact node that does not open, from the velocities (size,) at the contacts."""
-    start = 0
-    for interface in interfaces:
-        if (np.abs(rate[start:start + interface.m]) <= OPENS).any():
+    ends = np.cumsum([interface.size for interface in interfaces])[:-1]
+    for interface, own in zip(interfaces, np.split(rate, ends), strict=True):
+        if (np.abs(own[:interface.m]) <= OPENS).any():
             yield frozenset(interface.bodies)
-        start += interface.size

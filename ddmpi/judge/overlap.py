@@ -274,62 +274,46 @@ def _doubt_rigid(assembly: Assembly, displacements: Mapping[str, np.ndarray],
     moved = {state.interface.bodies[1]: state.interface.displacement for state in contacts.values()}
     found: dict[tuple[int, int], list[str]] = {}
     for body in assembly.bodies:
-        facets, u = solids[body.number].facets[:, :-1], displacements[body.spec.name]
+        facets = solids[body.number].facets[:, :-1]
         for k, rigid in enumerate(assembly.scene.rigid):
-            own = [interface for interface in body.member.interfaces if interface.bodies[1] == rigid.name]
-            touching = np.isin(facets, np.concatenate([np.empty(0, int), *(
-                nodes[0] for each in own for nodes in (each.nodes, each.fixed.nodes))]))
             U = moved.get(rigid.name, np.array(rigid.displacement or np.zeros(body.mesh.dimension)))
-            found[body.number, k] = (_between_nodes(body, u, U, own, rigid, facets[touching.all(axis=1)])
-                                     or _beside(body, u, U, own, rigid, facets, touching))
+            found[body.number, k] = _in_partner(body, facets, displacements[body.spec.name], U, rigid)
     return [warning for _, warnings in sorted(merged(assembly.world, found).items()) for warning in warnings]
 
 
-def _between_nodes(body: Body, u: np.ndarray, U: np.ndarray, own: Sequence[Interface], rigid: Rigid,
-                   facets: np.ndarray) -> list[str]:
-    """A warning where a partner lies deep between the nodes of the facets that touch it; parameters as for `_beside`.
+def _in_partner(body: Body, facets: np.ndarray, u: np.ndarray, U: np.ndarray, rigid: Rigid) -> list[str]:
+    """A warning where a body lies in a rigid partner between the nodes of its contacts with it, or beside these.
+
+    Beside them, a partner through which the body is drawn is left out if it may be meant to end before: a bore may be a
+    piece of a socket, and a plane need not go on where no contact of the body names it. `facets` (f, d) are those of
+    the body's boundary, `u` (nv, d) and `U` (d,) how far the two have moved (m).
     """
-    if not len(facets):
-        return []
-    ends = (body.mesh.points + u - U)[facets]
-    places = rigid.deepest(ends)
+    name, mesh = body.spec.name, body.mesh
+    own = [interface for interface in body.member.interfaces if interface.bodies[1] == rigid.name]
+    touching = np.isin(facets, np.concatenate([np.empty(0, int), *(
+        nodes[0] for each in own for nodes in (each.nodes, each.fixed.nodes))]))
+    ends, between = (mesh.points + u - U)[facets], touching.all(axis=1)
+    places, at_ends = rigid.deepest(ends), rigid.depth(ends)
     depth = rigid.depth(places)
     size = np.minimum(np.linalg.norm(ends.max(axis=1) - ends.min(axis=1), axis=1), rigid.bend)
-    sunk = depth - np.maximum(rigid.depth(ends).max(axis=1), 0.0) - BETWEEN * size
+    sunk = np.where(between, depth - np.maximum(at_ends.max(axis=1), 0.0) - BETWEEN * size, 0.0)
     k = int(np.argmax(sunk))
-    return [] if sunk[k] <= 0.0 else [
-        f"contact.{own[0].name}: {rigid.name} is small beside the distance of nodes of {body.spec.name}, and lies "
-        f"{depth[k]:.3g} deep between two of them, as at {in_words(places[k] + U, 4)}; a finer mesh there would be "
-        "right"]
-
-
-def _beside(body: Body, u: np.ndarray, U: np.ndarray, own: Sequence[Interface], rigid: Rigid, facets: np.ndarray,
-            touching: np.ndarray) -> list[str]:
-    """A warning where a body lies in a rigid partner, but not at its contacts with it.
-
-    A partner through which the body is drawn is left out if it may be meant to end before: a bore may be a piece of a
-    socket, and a plane need not go on where no contact of the body names it.
-
-    Parameters
-    ----------
-    u, U : (nv, d) and (d,) how far they have moved (m)
-    own : contacts with the partner
-    facets, touching : (f, d) nodes of the boundary, and whether they are of these contacts
-    """
-    mesh, at = body.mesh, body.mesh.points + u - U
+    if sunk[k] > 0.0:
+        return [f"contact.{own[0].name}: {rigid.name} is small beside the distance of nodes of {name}, and lies "
+                f"{depth[k]:.3g} deep between two of them, as at {in_words(places[k] + U, 4)}; a finer mesh there "
+                "would be right"]
     if rigid.may_end(bool(own)) and (
             rigid.depth(mesh.points[facets[~touching]]).max(initial=0.0) > BESIDE * mesh.extent):
         return []
-    places = rigid.deepest(at[facets[~touching.all(axis=1)]])
-    depth = rigid.depth(places)
-    overlap = float(rigid.depth(at[facets[touching]]).max(initial=0.0))
-    if not depth.max(initial=0.0) > overlap + BESIDE * mesh.extent + RESOLVED * float(np.abs(u).max()):
+    beside, overlap = np.where(between, 0.0, depth), float(at_ends[touching].max(initial=0.0))
+    k = int(np.argmax(beside))
+    if not beside[k] > overlap + BESIDE * mesh.extent + RESOLVED * float(np.abs(u).max()):
         return []
     where, cure = "no contact keeps them apart:", ADD
     if own:
         where, cure = f"contact.{own[0].name}: beside the contact", WIDEN
-    return [f"{where} {body.spec.name} runs through {rigid.name} by {depth.max():.3g}, as at "
-            f"{in_words(places[np.argmax(depth)] + U, 4)}; {cure}{rigid.crossed}"]
+    return [f"{where} {name} runs through {rigid.name} by {depth[k]:.3g}, as at {in_words(places[k] + U, 4)}; "
+            f"{cure}{rigid.crossed}"]
 
 
 def _depth_in_cell(points: np.ndarray, cells: np.ndarray) -> np.ndarray:

@@ -6,7 +6,6 @@ import functools
 import os
 import stat
 from collections.abc import Callable, Collection
-from dataclasses import replace
 from math import factorial
 from pathlib import Path
 from typing import Literal
@@ -21,6 +20,7 @@ from ddmpi.mesh.read import file_kind, read_mesh
 from ddmpi.mesh.refine import halve, raise_order
 from ddmpi.mesh.shapes import SHAPES
 from ddmpi.scene.bodies import BodySpec
+from ddmpi.scene.values import WHERE
 from ddmpi.system.memory import free_memory
 
 EACH = 200.0
@@ -47,16 +47,14 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
         _refuse_huge(float(factorial(len(spec.divisions)) * np.prod(spec.divisions, dtype=float)), f"{key}.divisions")
         mesh = SHAPES[spec.shape](spec)
         if not signed_measures(mesh.points, mesh.triangles).min() > 0.0:
-            raise InputError(f"{key}: its {mesh.cell.name}s have no {MEASURE[mesh.dimension]} in double precision; "
+            raise InputError(f"{key}: its {mesh.cell.names} have no {MEASURE[mesh.dimension]} in double precision; "
                              "sizes, place and units do not fit together")
     elif spec.geometry is not None:
         mesh = mesh_geometry(locate_mesh(body, folder), body, contacts, sizes)
     else:
         mesh = read_mesh(locate_mesh(body, folder), body.name, spec.order or 1)
     if dimension not in (None, mesh.dimension):
-        raise InputError(f"{key}: the mesh has {mesh.cell.name}s, and other parts of the scene are in "
-                         f"{'the plane' if dimension == 2 else 'space'}")
-    cut = mesh.cut
+        raise InputError(f"{key}: the mesh is {WHERE[mesh.dimension]}, and the scene is {WHERE[dimension or 2]}")
     for _ in range(spec.halvings):
         _refuse_huge(2.0**mesh.dimension * len(mesh.triangles), f"{key}.refine")
         mesh = halve(mesh, key)
@@ -68,7 +66,7 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
         group_nodes(mesh, clamp.on, f"body.{body.name}.clamp")
     for traction in body.traction:
         boundary_group(mesh, traction.on, f"body.{body.name}.traction")
-    return replace(mesh, cut=cut)
+    return mesh
 
 
 def _refuse_huge(cells: float, key: str) -> None:

@@ -33,8 +33,8 @@ FACETS: dict[int, list[tuple[int, ...]]] = {
 """Corners of the facets by dimension. From outside they are counter-clockwise; in the plane the cell lies to their
 left."""
 
-NAMES = {1: "line", 2: "triangle", 3: "tetrahedron"}
-"""By dimension."""
+NAMES = {0: ("point", "points"), 1: ("line", "lines"), 2: ("triangle", "triangles"), 3: ("tetrahedron", "tetrahedra")}
+"""One and several, by dimension."""
 
 BENT = 1e-9
 """An edge is curved if its middle is off the midpoint of its chord by more than this part of the chord's length."""
@@ -94,7 +94,15 @@ class Cell:
 
     @property
     def name(self) -> str:
-        return NAMES[self.dimension]
+        return NAMES[self.dimension][0]
+
+    @property
+    def names(self) -> str:
+        return NAMES[self.dimension][1]
+
+    @property
+    def facet_names(self) -> str:
+        return NAMES[self.dimension - 1][1]
 
     @cached_property
     def mass(self) -> np.ndarray:

@@ -20,7 +20,7 @@ def generate_rectangle(spec: MeshSpec) -> Mesh:
     Not collective.
     """
     assert spec.divisions and isinstance(spec.size, tuple)  # of a shape, the scene has seen to it
-    parameters, triangles, sides = _grid(*spec.divisions)
+    parameters, triangles, sides = _grid(spec.divisions[0], spec.divisions[1])
     # exact multiples, so that both sides of an interface agree
     return Mesh(np.array(spec.origin or (0.0, 0.0)) + parameters * spec.size, triangles, sides)
 
@@ -33,7 +33,7 @@ def generate_quadrilateral(spec: MeshSpec) -> Mesh:
     sides are parallel to the axes, nodes are those of a rectangle. Not collective.
     """
     assert spec.divisions and spec.corners
-    parameters, triangles, sides = _grid(*spec.divisions)
+    parameters, triangles, sides = _grid(spec.divisions[0], spec.divisions[1])
     first, second, third, fourth = np.array(spec.corners)
     along, up = parameters[:, :1], parameters[:, 1:]
     points = _between(_between(first, second, along), _between(fourth, third, along), up)
@@ -84,8 +84,9 @@ def generate_hexahedron(spec: MeshSpec) -> Mesh:
     parameters, cells, sides = _solid_grid(spec.divisions)
     a, b, c, d, *above = np.array(spec.corners)
     x, y, z = parameters.T[:, :, None]
-    points = _between(*(_between(_between(one, two, x), _between(four, three, x), y)
-                        for one, two, three, four in ((a, b, c, d), above)), z)
+    bottom, top = (_between(_between(one, two, x), _between(four, three, x), y)
+                   for one, two, three, four in ((a, b, c, d), above))
+    points = _between(bottom, top, z)
     return Mesh(points, cells, sides)
 
 

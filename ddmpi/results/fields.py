@@ -12,11 +12,12 @@ import numpy as np
 from ddmpi.interface.interface import Interface, Lines, in_order
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.boundary import boundary_facets
+from ddmpi.mesh.mesh import signed_measures
 from ddmpi.results.tables import leg_values, writing
 from ddmpi.system.files import FileOfHDF5
 
-TOPOLOGY = {2: "Polyline", 3: "Triangle", 6: "Triangle_6"}
-"""What XDMF calls lines and triangles, by their number of nodes."""
+TOPOLOGY = {2: "Polyline", 3: "Triangle", 6: "Triangle_6", 4: "Tetrahedron", 10: "Tetrahedron_10"}
+"""What XDMF calls lines, triangles and tetrahedra, by their number of nodes."""
 
 KIND = {1: "Scalar", 3: "Vector", 6: "Tensor6"}
 """What XDMF calls a field, by its number of components."""
@@ -30,8 +31,11 @@ AT_STEPS = ("displacement", "stress", "von_mises", "error")
 AT_CONTACT = ("pressure", "friction", "gap", "slip", "slip_total", "status")
 """The fields of a contact, with a row per line of its table: columns of contact_NAME.csv, stresses by other names."""
 
-AT_NODES = ("points", "displacement", *AT_CONTACT)
-"""What has a row per node; all else has a row per triangle."""
+AT_CONTACT_IN_SPACE = ("friction_vector", "slip_vector")
+"""So are these, as vectors: the friction that acts on the first body, and how it has slipped past the second."""
+
+AT_NODES = ("points", "displacement", *AT_CONTACT, *AT_CONTACT_IN_SPACE)
+"""What has a row per node; all else has a row per cell."""
 
 MANY = 10_000
 """Of more bodies and contacts than this, times load steps, result.xdmf has no grids of their own."""
@@ -46,10 +50,10 @@ class Fields:
 
     Attributes
     ----------
-    points : (nv, 2) nodes (m)
-    triangles : (nt, 3 or 6) nodes of the triangles
-    displacement : (nv, 2) in m
-    stress : (nt, 4) σ_xx, σ_yy, σ_zz, σ_xy in Pa
+    points : (nv, d) nodes (m)
+    triangles : (nt, k) nodes of the cells, triangles or tetrahedra of order 1 or 2
+    displacement : (nv, d) in m
+    stress : (nt, 4) σ_xx, σ_yy, σ_zz, σ_xy in Pa, in space (nt, 6) with σ_yz, σ_xz
     von_mises : (nt,) in Pa
     error : (nt,) estimated discretization error, without unit
     """
@@ -62,7 +66,7 @@ class Fields:
     error: np.ndarray | None = None
 
     def __repr__(self) -> str:
-        return f"Fields({len(self.points)} nodes, {len(self.triangles)} triangles)"
+        return f"Fields({len(self.points)} nodes, {len(self.triangles)} cells)"
 
 
 def write_fields(path: Path, fields: Fields, body: int, sizes: Sequence[tuple[int, int]],
@@ -74,7 +78,7 @@ def write_fields(path: Path, fields: Fields, body: int, sizes: Sequence[tuple[in
     Parameters
     ----------
     body : its number in the order of the scene
-    sizes : numbers of nodes and triangles of all bodies
+    sizes : numbers of nodes and cells of all bodies
     step : number of a load step before the last one
 
     Not collective: the caller lets bodies write one after another, the first one first. Raises OutputError.
@@ -86,9 +90,8 @@ def write_fields(path: Path, fields: Fields, body: int, sizes: Sequence[tuple[in
     parts = {"points": _padded(fields.points), "cells": fields.triangles + before[0],
              "displacement": _padded(fields.displacement), "body": np.full(len(fields.triangles), body)}
     if fields.stress is not None:
-        xx, yy, zz, xy = fields.stress.T
-        zero = np.zeros_like(xx)
-        parts |= {"stress": np.column_stack([xx, xy, zero, yy, zero, zz]), "von_mises": fields.von_mises}
+        xx, yy, zz, xy, yz, xz = np.pad(fields.stress, ((0, 0), (0, 6 - fields.stress.shape[1]))).T
+        parts |= {"stress": np.column_stack([xx, xy, xz, yy, yz, zz]), "von_mises": fields.von_mises}
     if fields.error is not None:
         parts["error"] = fields.error
     if step is not None:
@@ -103,30 +106,39 @@ def write_fields(path: Path, fields: Fields, body: int, sizes: Sequence[tuple[in
 
 
 def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dict[str, np.ndarray]:
-    """Points (l, 3) of a contact, its `cells` (·, 2), which are its `drawn_facets`, and AT_CONTACT (l, …).
+    """Points (l, 3) of a contact, its `cells` (·, d), which are its `drawn_facets`, and AT_CONTACT (l, …).
 
-    `values` are the `leg_values` of an earlier load step, or the present ones. Not collective.
+    In space also AT_CONTACT_IN_SPACE (l, 3). `values` are the `leg_values` of an earlier load step, or the present
+    ones. Not collective.
     """
-    lines, components = state.interface.shown, state.interface.dimension - 1
+    interface = state.interface
+    lines = interface.shown
     values = leg_values(state) if values is None else values
-    return {"points": np.pad(lines.xy, ((0, 0), (0, 2 - components))), "cells": drawn_facets(lines)} | dict(
-        zip(AT_CONTACT, values[lines.row].T, strict=True))
+    found = {"points": _padded(lines.xy), "cells": drawn_facets(lines)} | dict(
+        zip(AT_CONTACT, values[lines.row].T[:len(AT_CONTACT)], strict=True))
+    if len(values.T) > len(AT_CONTACT):
+        force, slip = np.split(values[:, len(AT_CONTACT):], 2, axis=1)
+        friction = force / interface.area[:, None] + values[:, :1] * interface.normal
+        found |= zip(AT_CONTACT_IN_SPACE, (friction[lines.row], slip[lines.row]), strict=True)
+    return found
 
 
 def drawn_facets(lines: Lines) -> np.ndarray:
-    """The facets (f, 2) of a contact that are drawn, by the lines of its table; a node without neighbours has (k, k).
+    """The facets (f, d) of a contact that are drawn, by the lines of its table; a node without neighbours has (k, k)
+    or (k, k, k).
 
-    A facet is left out if it hardly faces the other side: one of its nodes shares the row of the other one and has less
-    than FEW of its length. Drawn, the stress would go on outside of the body. Not collective.
+    A facet is left out if it hardly faces the other side: two of its nodes share a row, and one has less than FEW of
+    another's length or area. Drawn, the stress would go on outside of the body. Not collective.
     """
     facets, nodes = lines.facets, np.arange(len(lines.row))
-    row, area = lines.row[facets], lines.area[facets]
-    faces = (row[:, 0] != row[:, 1]) | (area.min(axis=1) >= FEW * area.max(axis=1))
-    return in_order(np.vstack([facets[faces], np.setdiff1d(nodes, facets)[:, None].repeat(2, axis=1)]))
+    row, area = np.sort(lines.row[facets], axis=1), lines.area[facets]
+    faces = np.diff(row, axis=1).all(axis=1) | (area.min(axis=1) >= FEW * area.max(axis=1))
+    drawn = np.vstack([facets[faces], np.setdiff1d(nodes, facets)[:, None].repeat(facets.shape[1], axis=1)])
+    return in_order(drawn) if facets.shape[1] == 2 else drawn
 
 
 def write_facets(path: Path, interfaces: Iterable[Interface]) -> None:
-    """Add contacts/NAME/facets (f, 2) and contacts/NAME/initial_gap (l,) to result.h5 in the folder `path`.
+    """Add contacts/NAME/facets (f, d) and contacts/NAME/initial_gap (l,) to result.h5 in the folder `path`.
 
     Facets are `drawn_facets`; the gap (m) has an entry per line of the contact's table. Not collective. Raises
     OutputError.
@@ -152,7 +164,7 @@ def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, tup
 
     Parameters
     ----------
-    bodies : numbers of nodes and triangles by name, in the order of the scene
+    bodies : numbers of nodes and cells by name, in the order of the scene
     contacts : by name the `contact_fields` at each time
 
     Not collective. Raises OutputError.
@@ -226,7 +238,7 @@ def _datasets(file: Any, group: str) -> dict[str, Any]:
 
 def _describe(grid: Any, fields: Mapping[str, Any], part: tuple[np.ndarray, np.ndarray] | None = None,
               mesh: str = "") -> None:
-    """Add datasets or arrays to an XDMF grid: a mesh and its fields; of the nodes and triangles (2,) that a `part`
+    """Add datasets or arrays to an XDMF grid: a mesh and its fields; of the nodes and cells (2,) that a `part`
     begins with and has in number. The `mesh` may be that of another grid, named by its XPath."""
     from xml.etree import ElementTree
 
@@ -246,7 +258,8 @@ def _describe(grid: Any, fields: Mapping[str, Any], part: tuple[np.ndarray, np.n
             if part is not None:
                 parent.set("BaseOffset", str(part[0][0]))
         else:
-            parent = ElementTree.SubElement(grid, "Attribute", Name=name, AttributeType=KIND[data[:1].size],
+            kind_of = KIND[int(np.prod(data.shape[1:]))]
+            parent = ElementTree.SubElement(grid, "Attribute", Name=name, AttributeType=kind_of,
                                             Center="Node" if name in AT_NODES else "Cell")
         if part is not None:
             parent = ElementTree.SubElement(parent, "DataItem", ItemType="HyperSlab",
@@ -265,13 +278,20 @@ def _words(*numbers: float) -> str:
 
 
 def _padded(array: np.ndarray) -> np.ndarray:
-    return np.column_stack([array, np.zeros(len(array))])
+    return np.pad(array, ((0, 0), (0, 3 - array.shape[1])))
 
 
 def linear_triangles(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Cells (nt, 3 or 6) as triangles between neighbouring nodes, and the cell that each is part of."""
     parts = [[0, 1, 2]] if cells.shape[1] == 3 else [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]
     return cells[:, parts].reshape(-1, 3), np.repeat(np.arange(len(cells)), len(parts))
+
+
+def skin(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles (f, 3) between neighbouring nodes on the boundary of tetrahedra (nt, k), and the cell (f,) of each."""
+    outer, cell = boundary_facets(cells)
+    facets, part = linear_triangles(outer)
+    return facets, cell[part]
 
 
 def middles(points: np.ndarray, cells: np.ndarray, owner: np.ndarray) -> list[np.ndarray]:
@@ -293,18 +313,15 @@ def middles(points: np.ndarray, cells: np.ndarray, owner: np.ndarray) -> list[np
     return found
 
 
-def areas_at_nodes(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """(nv,) a third of the areas of the triangles around each node."""
-    return np.bincount(cells.ravel(), np.repeat(_areas(points, cells) / 3, 3), len(points))
-
-
-def _areas(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    (ax, ay), (bx, by) = ((points[cells[:, i]] - points[cells[:, 0]]).T for i in (1, 2))
-    return np.abs(ax * by - ay * bx) / 2
+def areas_at_nodes(points: np.ndarray, cells: np.ndarray, values: np.ndarray | float = 1.0) -> np.ndarray:
+    """(nv,) the areas or volumes of the cells around each node times `values` (nt,), shared evenly among their nodes.
+    """
+    number = cells.shape[1]
+    shares = values * np.abs(signed_measures(points, cells[:, :points.shape[1] + 1])) / number
+    return np.bincount(cells.ravel(), np.repeat(shares, number), len(points))
 
 
 def at_nodes(values: np.ndarray, points: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Averages over the triangles around each node, weighted by their areas."""
+    """Averages (nv,) of `values` (nt,) over the cells around each node, weighted by their areas or volumes."""
     total = areas_at_nodes(points, cells)
-    return np.bincount(cells.ravel(), np.repeat(values * _areas(points, cells) / 3, 3),
-                       len(points)) / np.where(total > 0, total, 1.0)
+    return areas_at_nodes(points, cells, values) / np.where(total > 0, total, 1.0)

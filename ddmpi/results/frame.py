@@ -1,16 +1,20 @@
-"""What pictures share: colours, the axes around bodies and rigid partners, colour bars, names and legends."""
+"""What pictures share: colours, axes, colour bars, names; where they draw bodies and rigid partners, how enlarged."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_facets
 from ddmpi.results.fields import at_nodes, linear_triangles
-from ddmpi.results.tables import Results
+from ddmpi.results.tables import Columns, Results
+from ddmpi.scene.contacts import Rigid
+from ddmpi.surface.side import SHARPEST, unit
+from ddmpi.system.numbers import spans
 from ddmpi.system.provenance import NO_MATPLOTLIB, has_matplotlib
 
 STYLE = {"font.size": 10, "axes.titlesize": 11, "figure.titlesize": 11, "axes.spines.top": False,
@@ -18,7 +22,7 @@ STYLE = {"font.size": 10, "axes.titlesize": 11, "figure.titlesize": 11, "axes.sp
          "savefig.dpi": 160, "axes.axisbelow": True}
 
 COLOURS = {"normal": "#1b4f8f", "tangential": "#c8501e", "bound": "#7a7a7a", "rigid": "#404040", "still": "#9aa0a8",
-           "moved": "#c8501e", "force": "#8c1a3a"}
+           "moved": "#c8501e", "force": "#8c1a3a", "patch": "#cdd2d8"}
 
 FILLED = {"still": "#f4f5f7", "moved": "#f6dfd4"}
 """The insides of bodies."""
@@ -31,6 +35,39 @@ BESIDE: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
 
 NAMED = 40
 """Names are written on at most this many bodies."""
+
+DRAWN = 0.08
+"""Displacements and shifts are drawn as at most this fraction of the bodies' extent."""
+
+INVISIBLE = 0.002
+"""Errors of at most this fraction of the bodies' extent cannot be seen in a picture: two pixels."""
+
+MARGIN = 0.04
+"""A rigid surface is drawn longer at both ends than where bodies may touch it, by this fraction of the extent."""
+
+WEAK = 0.01
+"""Resultants below this part of the largest one are not drawn."""
+
+RESOLVED = 1e-6
+"""Gaps and slips below this fraction of the largest displacement are drawn as none, and so are resultants below this
+fraction of the sum of the nodes' forces."""
+
+MOVED, TURNED_BY = 0.1, 0.3
+"""In the picture of a mechanism no node moves by more than this part of the bodies' extent, and no body turns by more
+than this angle."""
+
+AT_REST = 1e-3
+"""A body whose velocity is below this part of the largest one is not drawn moved."""
+
+TURNED, RAISED = np.deg2rad(-60.0), np.deg2rad(24.0)
+"""From where solids are seen: angles of the line of sight about z, from x on, and above the plane of x and y. What is
+longer along y than along x is seen from half the angle."""
+
+CHUNK = 2_000_000
+"""Pixels that facets of solids may cover are looked at by so many at a time."""
+
+Paint = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""The colours (p, 3 or 4) of places on facets (p,), with barycentric coordinates (p, 3)."""
 
 
 def start_drawing() -> Any:
@@ -119,14 +156,220 @@ def draw_colours(figure: Any, axes: Any, image: Any, label: str, extend: str) ->
 def coloured(results: Results, fields: dict[str, np.ndarray]) -> tuple[np.ndarray, str, str]:
     """What colours bodies, at their nodes (nv,): von Mises stress, or displacement if there is no stress; its name and
     unit."""
-    output, u = results.summary["scene"]["output"], fields["displacement"][:, :2]
+    output, u = results.summary["scene"]["output"], fields["displacement"][:, :results.dimension]
     if "von_mises" not in fields:
         return np.linalg.norm(u, axis=1), "displacement", output["length_unit"]
-    cells, owner = linear_triangles(results.fields["cells"])
-    return (at_nodes(fields["von_mises"][owner], results.fields["points"][:, :2], cells), "von Mises stress",
-            output["stress_unit"])
+    cells, stress = results.fields["cells"], fields["von_mises"]
+    if results.dimension == 2:
+        cells, owner = linear_triangles(cells)
+        stress = stress[owner]
+    return at_nodes(stress, results.points, cells), "von Mises stress", output["stress_unit"]
 
 
 def rounded(value: float) -> str:
     """Three digits, without an exponent below a million."""
     return f"{float(f'{value:.3g}'):g}"
+
+
+def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
+    """The magnification F and a shift (nv, d) in metres: a node at x that moves by u is drawn at x + shift + F u.
+
+    Each body is shifted as a whole, by F − 1 times the gap that its contact had at first; negative for an overlap.
+    Nodes are then drawn F times as far apart as they are, and touch where they touch. If gaps vary, as in rings, this
+    holds for their mean only. F is then so small that no error at touching nodes, and no overlap at others, is visible;
+    at F = 1 there are none. A scene that gives ``output.magnification`` accepts what it does. `largest` is a
+    displacement of an earlier load step that F has to suit as well (m). Not collective.
+    """
+    points, moved = results.points, np.linalg.norm(results.fields["displacement"], axis=1)
+    owner, names, contacts = owners(results), list(results.summary["bodies"]), results.summary["scene"]["contact"]
+    tables = [results.contacts[contact["name"]] for contact in contacts]
+    mobile, apart = np.zeros(len(names)), np.zeros((len(tables), len(names)))
+    distances = np.zeros((len(tables), results.dimension))
+    np.maximum.at(mobile, owner, moved)
+    for k, (contact, table) in enumerate(zip(contacts, tables, strict=True)):
+        touching = table["status"] != "open"
+        distances[k] = _initially(table)[touching if touching.any() else slice(None)].mean(axis=0)
+        bodies = [names.index(name) for name in contact["bodies"] if name in names]  # a rigid partner is none
+        apart[k, bodies] = (-1.0, 1.0)[:len(bodies)]
+    shifts = np.zeros((len(names), results.dimension))
+    if distances.any():
+        shifts = mobile[:, None] * (np.linalg.pinv(apart * mobile) @ distances)  # mostly of the body that moves most
+    extent, size = np.ptp(points, axis=0).max(), max(moved.max(), largest, np.abs(shifts).max())
+    limits = [limit for table, shift in zip(tables, apart @ shifts, strict=True)
+              for limit in _limits(table, shift, INVISIBLE * extent)]
+    chosen = round_down(min([DRAWN * extent / size, *limits])) if size else 1.0
+    factor = results.summary["scene"]["output"].get("magnification") or max(chosen, 1.0)
+    return factor, (factor - 1.0) * shifts[owner]
+
+
+def _initially(table: Columns) -> np.ndarray:
+    """(l, d) from the first to the second body along the normal, undeformed (m): the gap that the run began with."""
+    return table["initial_gap"][:, None] * vectors(table, "n")
+
+
+def vectors(table: Columns, name: str = "") -> np.ndarray:
+    """(l, d) of the columns of a contact's table whose names are `name` before x, y and z; the places, by default."""
+    return np.column_stack([table[f"{name}{axis}"] for axis in "xyz" if f"{name}{axis}" in table])
+
+
+def _limits(table: Columns, shift: np.ndarray, visible: float) -> Iterator[float]:
+    """The largest magnifications at which errors are not `visible` (m), `shift` being per unit of F − 1.
+
+    The nodes are drawn F times as far apart as they are, but for (F − 1) `left`.
+    """
+    left, gap = _initially(table) - shift, table["gap"]
+    wrong = np.linalg.norm(left[table["status"] != "open"], axis=1).max(initial=0.0)
+    if wrong:
+        yield 1.0 + visible / wrong
+    into = np.einsum("ld,ld->l", left, vectors(table, "n"))
+    overlapping = into > gap
+    yield from (visible + into[overlapping]) / (into - gap)[overlapping]
+
+
+def owners(results: Results) -> np.ndarray:
+    """(nv,) the number of the body that each node belongs to."""
+    found = np.zeros(len(results.fields["points"]), int)
+    found[results.fields["cells"]] = results.fields["body"][:, None]
+    return found
+
+
+def surfaces(results: Results, factor: float = 0.0,
+             time: float | None = None) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Points (k, 2) along each rigid surface that bodies may touch, and its unit normals there, towards the bodies.
+
+    In the plane. Drawn where it has gone to at `time`, else at that of the results, its displacement times `factor`.
+    """
+    points, names, owner = results.points, list(results.summary["bodies"]), owners(results)
+    for rigid, contacts, moved in partners(results, time):
+        touched = np.concatenate([vectors(results.contacts[each["name"]]) for each in contacts])
+        bodies = points[np.isin(owner, [names.index(each["bodies"][0]) for each in contacts])]
+        at = rigid.outline(touched, bodies, MARGIN * np.ptp(points, axis=0).max())
+        yield at + factor * moved, rigid.facing(at)[0]
+
+
+def partners(results: Results, time: float | None = None) -> Iterator[tuple[Rigid, list[dict], np.ndarray]]:
+    """Each rigid partner that bodies may touch, its contacts, and its displacement (d,) at `time`, else at that of the
+    results (m)."""
+    scene, last = results.summary["scene"], results.energy.get("time", np.zeros(0)).max(initial=0.0)
+    time = next(each for each in (time, results.time, last) if each is not None)
+    for rigid in msgspec.convert(scene.get("rigid", ()), list[Rigid]):
+        contacts = [each for each in scene["contact"] if each["bodies"][1] == rigid.name]
+        history = scene.get("history", {}).get(rigid.history)
+        share = np.interp(time, history["times"], history["factors"]) if history else 1.0
+        if contacts:
+            yield rigid, contacts, share * np.array(rigid.displacement)
+
+
+def round_down(factor: float) -> float:
+    """The largest of 1, 2, 5 times a power of ten that does not exceed `factor`."""
+    power = 10.0 ** np.floor(np.log10(factor))
+    return float(power * max(d for d in (1, 2, 5) if d * power <= factor * (1 + 1e-12)))
+
+
+class View:
+    """How places in space are drawn, without perspective.
+
+    Attributes
+    ----------
+    axes : (3, 3) unit vectors to the right, upwards, and towards the eye
+    """
+
+    def __init__(self, extent: np.ndarray) -> None:
+        """For what has this extent (3,)."""
+        turned = TURNED if extent[0] >= extent[1] else TURNED / 2
+        (c, s), (low, high) = ((np.cos(angle), np.sin(angle)) for angle in (turned, RAISED))
+        self.axes = np.array([[-s, c, 0.0], [-c * high, -s * high, low], [c * low, s * low, high]])
+
+    def place(self, at: np.ndarray) -> np.ndarray:
+        """Places (…, 3) to the right, upwards, and towards the eye."""
+        return at @ self.axes.T
+
+
+def rasterise(corners: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The facet nearest to the eye at each pixel of an image (h, w), −1 where there is none; barycentric coordinates
+    (h, w, 3) there; and how near it is (h, w).
+
+    Parameters
+    ----------
+    corners : (f, 3, 3) of the facets; x to the right, y upwards, in pixels from the image's corner, z towards the eye
+    """
+    face, weights = np.full(shape[0] * shape[1], -1), np.zeros((shape[0] * shape[1], 3))
+    nearest = np.full(shape[0] * shape[1], -np.inf)
+    first = np.ceil(corners[..., :2].min(axis=1) - 0.5).astype(int)
+    size = np.maximum(np.floor(corners[..., :2].max(axis=1) - 0.5).astype(int) + 1 - first, 0)
+    ends = np.cumsum(size.prod(axis=1))
+    one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    double = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
+    for some in np.split(np.arange(len(corners)), np.searchsorted(ends, np.arange(CHUNK, ends[-1:].sum(), CHUNK))):
+        own, place = spans(np.zeros(len(some), int), size[some].prod(axis=1))
+        own = some[own]
+        row, column = np.divmod(place, size[own, 0])
+        pixel = first[own] + np.column_stack([column, row])
+        off = pixel + 0.5 - corners[own, 0, :2]
+        b = (off[:, 0] * two[own, 1] - off[:, 1] * two[own, 0]) / double[own]
+        c = (one[own, 0] * off[:, 1] - one[own, 1] * off[:, 0]) / double[own]
+        inside = np.flatnonzero((b >= -1e-9) & (c >= -1e-9) & (b + c <= 1.0 + 1e-9))
+        own, b, c = own[inside], b[inside], c[inside]
+        z = corners[own, 0, 2] + b * one[own, 2] + c * two[own, 2]
+        at = pixel[inside, 1] * shape[1] + pixel[inside, 0]
+        order = np.lexsort((z, at))
+        last = order[np.diff(at[order], append=-1) != 0]  # at each pixel
+        last = last[z[last] > nearest[at[last]]]
+        face[at[last]], nearest[at[last]] = own[last], z[last]
+        weights[at[last]] = np.column_stack([1.0 - b - c, b, c])[last]
+    return face.reshape(shape), weights.reshape(*shape, 3), nearest.reshape(shape)
+
+
+def outlines(at: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """Edges (e, 2) of facets (f, 3) that are drawn, see `draw_surfaces`; `at` (k, 3) as placed by a view."""
+    normal = unit(np.cross(at[facets[:, 1]] - at[facets[:, 0]], at[facets[:, 2]] - at[facets[:, 0]]))
+    pairs = np.sort(facets[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    key = pairs[:, 0] * len(at) + pairs[:, 1]
+    order = np.argsort(key, kind="stable")
+    _, first, count = np.unique(key[order], return_index=True, return_counts=True)
+    a, b = (normal[order[np.minimum(first + k, len(order) - 1)] // 3] for k in (0, 1))
+    drawn = (count != 2) | ((a * b).sum(axis=1) < np.cos(SHARPEST)) | ((a[:, 2] > 0.0) != (b[:, 2] > 0.0))
+    return pairs[order[first[drawn]]]
+
+
+def unhidden(edges: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """The parts (s, 2, 2) of edges (e, 2, 3) in front of what an image shows at `depth` (h, w), all in pixels."""
+    from scipy.ndimage import minimum_filter
+
+    number = np.ceil(np.abs(np.diff(edges[..., :2], axis=1)).max(axis=(1, 2))).astype(int) + 2
+    own, place = spans(np.zeros(len(edges), int), number)
+    t = (place / (number[own] - 1))[:, None]
+    at = (1.0 - t) * edges[own, 0] + t * edges[own, 1]
+    column, row = np.clip(at[:, :2].astype(int), 0, np.array(depth.shape)[::-1] - 1).T
+    shown = at[:, 2] >= minimum_filter(depth, 3, mode="constant", cval=-np.inf)[row, column] - 1.0
+    begins = shown & ~np.append(False, shown[:-1] & (own[1:] == own[:-1]))
+    stops = shown & ~np.append(shown[1:] & (own[1:] == own[:-1]), False)
+    return np.stack([at[begins, :2], at[stops, :2]], axis=1)
+
+
+def draw_edges(axes: Any, at: np.ndarray, facets: np.ndarray, **style: Any) -> None:
+    """Draw the `outlines` of facets, hidden ones as well, by default as thin grey lines below everything."""
+    from matplotlib.collections import LineCollection
+
+    axes.add_collection(LineCollection(at[outlines(at, facets), :2], **{
+        "colors": COLOURS["still"], "linewidth": 0.7, "zorder": 1} | style))
+
+
+def colours_of(low: float, top: float, colours: str, logarithmic: bool = False) -> Any:
+    """What colours values from `low` to `top`, as draw_colours takes it."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import LogNorm, Normalize
+
+    return ScalarMappable((LogNorm if logarithmic else Normalize)(low, top), colours)
+
+
+def by_value(values: np.ndarray, image: Any) -> Paint:
+    """Colours of values (f, 3) at the corners of facets, with norm and colour map of an `image`."""
+    return lambda face, weights: image.to_rgba((values[face] * weights).sum(axis=1))
+
+
+def plain(colour: str) -> Paint:
+    """One colour."""
+    from matplotlib.colors import to_rgb
+
+    return lambda face, _: np.tile(to_rgb(colour), (len(face), 1))

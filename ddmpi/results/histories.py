@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,10 +11,24 @@ from typing import Any
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.results.fields import group_of, linear_triangles
-from ddmpi.results.frame import ABOVE, BESIDE, coloured, draw_colours, draw_outline, draw_rigid, map_of
-from ddmpi.results.magnify import magnify, owners, surfaces
-from ddmpi.results.tables import LEGS, Columns, Results, drawn_rows, writing
+from ddmpi.results.fields import group_of, linear_triangles, skin
+from ddmpi.results.frame import (
+    ABOVE,
+    BESIDE,
+    View,
+    by_value,
+    coloured,
+    colours_of,
+    draw_colours,
+    draw_outline,
+    draw_rigid,
+    magnify,
+    map_of,
+    owners,
+    surfaces,
+)
+from ddmpi.results.solids import ZONES, Surface, draw_surfaces, rigid_surfaces, stage
+from ddmpi.results.tables import Columns, Results, drawn_rows, leg_columns, writing
 
 LOOPS = 3
 """At most so many contacts, those with the largest forces, have their loop and their stresses drawn."""
@@ -67,12 +82,13 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
         fields = results.fields | {name: data[()] for name, data in file[group_of(there[0])].items()}
     contacts = {}
     for name, legs in results.legs.items():
-        table = results.contacts[name] | {column: legs[column][legs["time"] == time] for column in list(LEGS)[4:]}
-        contacts[name] = table | {f"{kind}_force": table[f"{kind}_stress"] * table["length"]
-                                  for kind in ("normal", "tangential")}
+        table = results.contacts[name] | {column: legs[column][legs["time"] == time]
+                                          for column in leg_columns(results.dimension)}
+        area = table["length"] if "length" in table else table["area"]
+        contacts[name] = table | {f"{kind}_force": table[f"{kind}_stress"] * area for kind in ("normal", "tangential")}
     step = next(each for each in results.summary["steps"] if each["time"] == time)["contacts"]
     moved, owner = np.linalg.norm(fields["displacement"], axis=1), owners(results)
-    unknown = {"energy": None, "reaction": (None, None), "discretization_error": None}
+    unknown = {"energy": None, "reaction": (None,) * results.dimension, "discretization_error": None}
     bodies = {name: entry | unknown | {"displacement_max": float(moved[owner == k].max())} | (
         {"von_mises_max": float(fields["von_mises"][fields["body"] == k].max())} if "von_mises" in fields else {})
         for k, (name, entry) in enumerate(results.summary["bodies"].items())}
@@ -99,6 +115,8 @@ def _means(sides: Columns, nodes: Columns) -> Columns:
 def draw_steps(results: Results, title: str) -> Any:
     """Tangential forces over the factor of the history that varies most, energies over time, stresses; a figure.
 
+    Of solids forces along x, y and z and numbers of nodes in the place of stresses, which have no line to be drawn on.
+
     Energies count from time 0. Friction dissipates one part of the interface work; interference, closing gaps and time
     stepping take the other. Not collective.
     """
@@ -119,7 +137,7 @@ def draw_steps(results: Results, title: str) -> Any:
     loop.set(xlabel=label, ylabel=f"tangential force ({summary['units']['force']})")
     _draw_energies(energies, results.energy, summary["units"]["energy"])
     for axes, name in zip(grid[1:], shown, strict=True):
-        _draw_stresses(axes, name, results, summary["units"])
+        (_draw_stresses if results.dimension == 2 else _draw_course)(axes, name, results, summary["units"])
     for axes in (loop, energies):
         axes.axhline(0.0, color="black", linewidth=0.6)
         axes.legend(ncols=2, **ABOVE)
@@ -168,6 +186,22 @@ def _draw_stresses(axes: Any, name: str, results: Results, units: dict) -> None:
     axes[1].legend(fontsize=7, **BESIDE)
 
 
+def _draw_course(axes: Any, name: str, results: Results, units: dict) -> None:
+    """Force on the first body along x, y and z, and nodes by status, of a contact over time."""
+    own = results.steps["contact"] == name
+    steps = {column: values[own] for column, values in results.steps.items()}
+    time = np.append(0.0, steps["time"])
+    for axis in "xyz":
+        axes[0].plot(time, np.append(0.0, steps[f"force_{axis}"]), marker=".", label=axis)
+    axes[0].axhline(0.0, color="black", linewidth=0.6)
+    axes[0].set(xlabel="time", ylabel=f"force of {name} ({units['force']})")
+    counts = (np.insert(steps[zone], 0, steps[zone][:1]) for zone in ZONES)
+    axes[1].stackplot(time, *counts, labels=list(ZONES), colors=list(ZONES.values()))
+    axes[1].set(xlabel="time", ylabel=f"nodes of {name}", xlim=(0.0, time[-1]))
+    for each in axes:
+        each.legend(fontsize=7, **BESIDE)
+
+
 def animate(results: Results, folder: Path, title: str) -> Path:
     """Write animation.gif: the deformed bodies at the load steps whose fields are in the `folder`; its path.
 
@@ -177,38 +211,63 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     import matplotlib.pyplot as plt
     from matplotlib.animation import PillowWriter
 
-    points, cells = results.fields["points"][:, :2], linear_triangles(results.fields["cells"])[0]
     largest = max(np.linalg.norm(fields["displacement"], axis=1).max() for _, fields in _frames(folder))
     factor, shift = magnify(results, largest)
-    top, number, low, high = 0.0, 0, np.full(2, np.inf), np.full(2, -np.inf)
+    still, dimension = results.points + shift, results.dimension
+    top, number, low, high = 0.0, 0, np.full(dimension, np.inf), np.full(dimension, -np.inf)
     for _, fields in _frames(folder):
-        at = points + shift + factor * fields["displacement"][:, :2]
+        at = still + factor * fields["displacement"][:, :dimension]
         low, high = np.minimum(low, at.min(axis=0)), np.maximum(high, at.max(axis=0))
         values, quantity, unit = coloured(results, fields)
         top, number = max(top, float(np.percentile(values, 99.5))), number + 1
-    margin = 0.03 * np.ptp(points, axis=0).max()
-    figure, axes = map_of(results, np.vstack([low - margin, high + margin]))
-    axes.set(xlim=(low[0] - margin, high[0] + margin), ylim=(low[1] - margin, high[1] + margin), title="time")
-    norm = plt.Normalize(0.0, top or 1.0)
-    draw_colours(figure, axes, plt.cm.ScalarMappable(norm, "viridis"), f"{quantity} ({unit})", "max")
+    margin = 0.03 * np.ptp(results.points, axis=0).max()
+    figure, axes, draw = (_in_the_plane if dimension == 2 else _in_space)(results, low - margin, high + margin)
+    axes.set_title("time")
+    image = colours_of(0.0, top or 1.0, "viridis")
+    draw_colours(figure, axes, image, f"{quantity} ({unit})", "max")
     figure.suptitle(title.strip())
     path, writer = folder / "animation.gif", PillowWriter(fps=float(np.clip(number / SECONDS, SLOWEST, FASTEST)))
     with writing(path):
         path.unlink(missing_ok=True)  # it may be a link
     with writing(path), writer.saving(figure, path, dpi=80):
         for time, fields in _frames(folder):
-            for artist in (*axes.collections, *axes.lines):
+            for artist in (*axes.collections, *axes.lines, *axes.images):
                 artist.remove()
-            at = points + shift + factor * fields["displacement"][:, :2]
-            axes.tripcolor(*at.T, cells, coloured(results, fields)[0], shading="gouraud", norm=norm, cmap="viridis")
-            draw_outline(axes, at, cells)
-            draw_rigid(axes, surfaces(results, factor, time), float(np.ptp(points, axis=0).max()))
+            at = still + factor * fields["displacement"][:, :dimension]
+            draw(at, coloured(results, fields)[0], image, factor, time)
             axes.set_title(f"time {time:.4g}, displacement × {factor:g}")
             figure.canvas.draw()
             figure.set_layout_engine("none")  # as the first frame has it
             writer.grab_frame()
     plt.close(figure)
     return path
+
+
+def _in_the_plane(results: Results, low: np.ndarray, high: np.ndarray) -> tuple[Any, Any, Callable[..., None]]:
+    """A figure and axes from the corner `low` (2,) to `high`, and what draws bodies into them: their nodes (nv, 2),
+    values (nv,), what colours these, the magnification, and the time."""
+    figure, axes = map_of(results, np.vstack([low, high]))
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    cells = linear_triangles(results.fields["cells"])[0]
+
+    def draw(at: np.ndarray, values: np.ndarray, image: Any, factor: float, time: float) -> None:
+        axes.tripcolor(*at.T, cells, values, shading="gouraud", norm=image.norm, cmap=image.cmap)
+        draw_outline(axes, at, cells)
+        draw_rigid(axes, surfaces(results, factor, time), float(np.ptp(results.points, axis=0).max()))
+
+    return figure, axes, draw
+
+
+def _in_space(results: Results, low: np.ndarray, high: np.ndarray) -> tuple[Any, Any, Callable[..., None]]:
+    """The same for the box from `low` (3,) to `high`."""
+    view, facets = View(high - low), skin(results.fields["cells"])[0]
+    figure, axes = stage(results, np.array(list(itertools.product(*zip(low, high, strict=True)))), view)
+
+    def draw(at: np.ndarray, values: np.ndarray, image: Any, factor: float, time: float) -> None:
+        draw_surfaces(axes, view, [*rigid_surfaces(results, factor, time),
+                                   Surface(at, facets, by_value(values[facets], image))])
+
+    return figure, axes, draw
 
 
 def _frames(folder: Path) -> Iterator[tuple[float, dict[str, np.ndarray]]]:

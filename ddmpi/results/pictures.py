@@ -15,27 +15,36 @@ import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.interface.law import law_of
+from ddmpi.results import solids
 from ddmpi.results.fields import areas_at_nodes, linear_triangles, middles
 from ddmpi.results.frame import (
     ABOVE,
+    AT_REST,
     BESIDE,
     COLOURS,
     FILLED,
+    MOVED,
+    RESOLVED,
     STYLE,
+    TURNED_BY,
+    WEAK,
     coloured,
     draw_colours,
     draw_outline,
     fill,
     is_wide,
+    magnify,
     map_of,
+    owners,
     rounded,
     start_drawing,
+    surfaces,
     write_names,
 )
 from ddmpi.results.histories import animate, at_step, draw_steps
-from ddmpi.results.magnify import magnify, owners, surfaces
 from ddmpi.results.tables import Columns, Results, chains, drawn_rows, read_results, reading, writing
 from ddmpi.scene.contacts import Friction
+from ddmpi.scene.method import METHODS
 from ddmpi.system.files import MECHANISM, contact_files
 from ddmpi.system.numbers import scaled_unit
 from ddmpi.system.provenance import identity
@@ -51,22 +60,8 @@ EACH = 6
 WIDEST = 0.3
 """Half a resultant is drawn as at most this part of a body's size, the root of its area, pressures as 0.8 of it."""
 
-WEAK = 0.01
-"""Resultants below this part of the largest one are not drawn."""
-
-RESOLVED = 1e-6
-"""Gaps and slips below this fraction of the largest displacement are drawn as none, and so are resultants below this
-fraction of the sum of the nodes' forces."""
-
 MARKED = 100
 """Curves of at most this many nodes have a marker at each."""
-
-MOVED, TURNED = 0.1, 0.3
-"""In the picture of a mechanism no node moves by more than this part of the bodies' extent, and no body turns by more
-than this angle."""
-
-AT_REST = 1e-3
-"""A body whose velocity is below this part of the largest one is not drawn moved."""
 
 
 def draw_all(folder: str | Path, number: int = 0, drawers: int = 1, time: float | None = None,
@@ -112,20 +107,22 @@ def _figures(results: Results, last: Results, mechanism: Path | None = None) -> 
 
     Where there is the file of a `mechanism`, it is the only picture.
     """
+    mechanisms, bodies, contacts, contact, error = (draw_mechanism, draw_bodies, draw_contacts, draw_contact,
+                                                    draw_error) if results.dimension == 2 else solids.DRAWN
     if mechanism and mechanism.exists():
-        yield "mechanism.png", lambda: draw_mechanism(last, json.loads(mechanism.read_text(encoding="utf-8")))
+        yield "mechanism.png", lambda: mechanisms(last, json.loads(mechanism.read_text(encoding="utf-8")))
         return
-    yield "bodies.png", lambda: draw_bodies(results)
+    yield "bodies.png", lambda: bodies(results)
     yield "convergence.png", lambda: draw_convergence(results)
     several = len(results.contacts) > 1
     if several:
-        yield "contacts.png", lambda: draw_contacts(results)
+        yield "contacts.png", lambda: contacts(results)
     for name in results.contacts if len(results.contacts) <= EACH else ():
-        yield contact_files(name).picture if several else "contact.png", functools.partial(draw_contact, results, name)
+        yield contact_files(name).picture if several else "contact.png", functools.partial(contact, results, name)
     if len(results.energy.get("time", ())):
         yield "steps.png", lambda: draw_steps(results, results.heading())
     if "error" in results.fields:
-        yield "error.png", lambda: draw_error(last)
+        yield "error.png", lambda: error(last)
 
 
 def draw_bodies(results: Results) -> Any:
@@ -161,7 +158,8 @@ def draw_mechanism(results: Results, mechanism: dict[str, Any]) -> Any:
     turned = (points - centres[owner])[:, ::-1] * (-1.0, 1.0)
     u = velocities[owner, :2] + velocities[owner, 2:] * turned
     speed = np.linalg.norm(u, axis=1)
-    step = min(MOVED * np.ptp(points, axis=0).max() / speed.max(), TURNED / max(np.abs(velocities[:, 2]).max(), 1e-300))
+    turning = np.abs(velocities[:, 2]).max()
+    step = min(MOVED * np.ptp(points, axis=0).max() / speed.max(), TURNED_BY / max(turning, 1e-300))
     moves = np.bincount(owner, speed > AT_REST * speed.max()) > 0
     own = cells[moves[results.fields["body"][part]]]
     rigid = list(surfaces(results))
@@ -329,8 +327,7 @@ def draw_convergence(results: Results) -> Any:
     history, summary = results.history, results.summary
     figure, axes = plt.subplots(figsize=(7.2, 4.4))
     k, starts = np.arange(1.0, len(history["iteration"]) + 1), 1 + np.flatnonzero(np.diff(history["step"]))
-    x, what = (("s", "contact equations") if summary["outer"] == "newton" else
-               ("λ", "force mismatch  ‖s$_1$ − s$_2$‖ / ‖s‖"))
+    x, what = METHODS[summary["outer"]].curves
     curves = {"update": ("normal", "o", f"update  ‖{x}$_k$ − {x}$_{{k-1}}$‖ / ‖{x}$_k$‖"),
               "residual": ("tangential", "s", f"residual: {what}")}
     for column, (colour, marker, label) in curves.items():

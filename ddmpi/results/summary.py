@@ -48,7 +48,7 @@ SUMMARY = {
     "bodies.NAME.displacement_max": "largest displacement",
     "bodies.NAME.von_mises_max": "largest von Mises stress; null if stresses were not asked for",
     "bodies.NAME.energy": "strain energy",
-    "bodies.NAME.reaction": "[x, y], resultant of the forces of its clamps",
+    "bodies.NAME.reaction": "[x, y], in space [x, y, z]: resultant of the forces of its clamps",
     "bodies.NAME.discretization_error": "its part of the estimated error, relative to the energy norm of all bodies",
     "bodies.NAME.n_A_by_purpose": "n_A in parts",
     "bodies.NAME.inner_steps": "steps of inner solvers, by kind",
@@ -60,12 +60,13 @@ SUMMARY = {
     "contacts.NAME.pairing": "nodes or mortar",
     "contacts.NAME.slave": "the body whose nodes carry the forces; null with pairing by nodes",
     "contacts.NAME.friction": "its law",
-    "contacts.NAME.force": "[x, y], resultant on the first body: −Σ (normal_force · n + tangential_force · t)",
-    "contacts.NAME.moment": "x F_y − y F_x of the same forces, about the origin, on the first body's nodes. That of "
-                            "the lines of contact_NAME.csv is the same; where the second body is the slave it differs "
-                            "by moment_imbalance",
+    "contacts.NAME.force": "[x, y], in space [x, y, z]: resultant on the first body, −Σ (normal_force · n + "
+                           "tangential_force · t)",
+    "contacts.NAME.moment": "x F_y − y F_x of the same forces, in space [x, y, z], about the origin, on the first "
+                            "body's nodes. That of the lines of contact_NAME.csv is the same; where the second body "
+                            "is the slave it differs by moment_imbalance",
     "contacts.NAME.normal_force": "sum over the nodes",
-    "contacts.NAME.tangential_force": "sum over the nodes",
+    "contacts.NAME.tangential_force": "sum over the nodes; in space the length of the sum of their vectors",
     "contacts.NAME.open": "number of open nodes",
     "contacts.NAME.slip": "number of slipping nodes",
     "contacts.NAME.stick": "number of sticking nodes",
@@ -92,7 +93,8 @@ SUMMARY = {
     "discretization_error.levels": "for each mesh that was solved on: refinement, unknowns n, estimated error, and "
                                    "dofs, clamped ones included",
     "displacement_max": "largest displacement of all bodies",
-    "units": "labels of lengths, stresses, forces, moments and energies; the last three are per unit of depth",
+    "units": "labels of lengths, stresses, forces, moments and energies; in the plane the last three are per unit of "
+             "depth",
     "warnings": "each once, in words",
     "undetermined": "rigid motions that no contact resists, in words",
     "seconds": "by phase, of the slowest rank",
@@ -148,8 +150,9 @@ def summarize(scene: dict, run: RunResult, bodies: Mapping[str, dict], contacts:
     scene : resolved
     bodies : by name, in the order of the scene, the entries in SUMMARY but for certificate and n_A, which are added
     contacts : the last states by name, in the order of the scene
-    dissipated : frictional work of all load steps by contact (J per metre of depth), where there are several
+    dissipated : frictional work of all load steps by contact (J), where there are several
     """
+    dimension = len(next(iter(bodies.values()))["reaction"])
     method, interfaces = scene["method"], [state.interface for state in contacts.values()]
     entries = {name: body | {"n_A": sum(body["n_A_by_purpose"].values()),
                              "certificate": {"equilibrium": certificate.equilibrium[name]}}
@@ -174,7 +177,7 @@ def summarize(scene: dict, run: RunResult, bodies: Mapping[str, dict], contacts:
         "discretization_error": {"energy_norm": run.energy_norm, "target": method.get("target_error"),
                                  "levels": run.levels},
         "displacement_max": np.max([body["displacement_max"] for body in bodies.values()]),
-        "units": units(scene["output"]), "warnings": run.warnings, "undetermined": run.undetermined,
+        "units": units(scene["output"], dimension), "warnings": run.warnings, "undetermined": run.undetermined,
         "seconds": {}, "exchange": run.exchange, "solvers": {"qp": run.qp},
         "options": run.options, "options_unused": run.options_unused, "scene": scene})
     return summary
@@ -188,7 +191,8 @@ def write_summary(path: Path, summary: dict) -> None:
 def write_mechanism(path: Path, mechanism: Mechanism) -> None:
     """Write mechanism.json into the folder `path`: the loose bodies, their centres (m) and their velocities about them.
 
-    A velocity is (v_x, v_y, ω), such that the fastest node has velocity 1. Not collective. Raises OutputError.
+    A velocity is (v_x, v_y, ω), in space (v_x, v_y, v_z, ω_x, ω_y, ω_z), such that the fastest node has velocity 1.
+    Not collective. Raises OutputError.
     """
     _write_json(path / MECHANISM, _plain({
         "reason": describe(mechanism), "imbalance": mechanism.imbalance,
@@ -201,10 +205,14 @@ def _write_json(path: Path, content: dict) -> None:
         path.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def units(output: dict) -> dict[str, str]:
-    """Labels of lengths, stresses, forces, moments and energies; forces are stress times length, per unit of depth."""
+def units(output: dict, dimension: int = 2) -> dict[str, str]:
+    """Labels of lengths, stresses, forces, moments and energies; in the plane the last three are per unit of depth."""
     length, stress = output["length_unit"], output["stress_unit"]
     product = f"{stress}·{length}"
+    if dimension == 3:
+        named = {"Pa·m": ("N", "N·m", "J"), "MPa·mm": ("N", "N·mm", "mJ")}
+        force, moment, energy = named.get(product, (f"{product}²", f"{product}³", f"{product}³"))
+        return {"length": length, "stress": stress, "force": force, "moment": moment, "energy": energy}
     force = {"Pa·m": "N/m", "MPa·mm": "N/mm"}.get(product, product)
     moment, energy = {"N/m": ("N·m/m", "J/m"), "N/mm": ("N·mm/mm", "mJ/mm")}.get(force, (f"{force}·{length}",) * 2)
     return {"length": length, "stress": stress, "force": force, "moment": moment, "energy": energy}

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from ddmpi.errors import DdmpiError, InputError, OutputError
-from ddmpi.interface.state import ContactState
-from ddmpi.mesh.elements import facet_measures
+from ddmpi.interface.state import ContactState, signed
+from ddmpi.mesh.elements import CELLS, facet_measures
 from ddmpi.system.files import contact_files
 
 FORMAT = 2
@@ -34,6 +34,20 @@ CONTACT = {
     "slip": "how far the first body has moved along t past the second in this load step", "slip_total": "in all",
     "status": "open, slip or stick"}
 
+VECTORS = {
+    "force_x": "force on the first body at the node", "force_y": "", "force_z": "",
+    "slip_x": "how far the first body has moved past the second in this load step", "slip_y": "", "slip_z": ""}
+
+CONTACT_IN_SPACE = {
+    "x": "position of the node", "y": "", "z": "",
+    "nx": "outer normal of the first body", "ny": "", "nz": "",
+    "area": "nodal area: the integral of the node's shape function over what faces the other side",
+    "normal_force": "positive under pressure", "tangential_force": "length of the vector",
+    "normal_stress": "normal force over area", "tangential_stress": "tangential force over area",
+    "gap": "opening along the normal",
+    "slip": "length of the vector (slip_x, slip_y, slip_z)", "slip_total": "the same of all load steps",
+    "status": "open, slip or stick"} | VECTORS
+
 SIDES = {
     "x": "middle of the side", "y": "", "length": "its arc length",
     "normal_stress": "mean over the side", "tangential_stress": "mean over the side"}
@@ -43,10 +57,12 @@ LEGS = {
     "normal_stress": "as in contact_NAME.csv", "tangential_stress": "", "gap": "", "slip": "", "slip_total": "",
     "status": ""}
 
-STATUS = ("open", "slip", "stick")
+LEGS_IN_SPACE = {
+    "time": "of the load step", "x": "position of the node", "y": "", "z": "", "area": "nodal area",
+    "normal_stress": "as in contact_NAME.csv", "tangential_stress": "", "gap": "", "slip": "", "slip_total": "",
+    "status": ""} | dict.fromkeys(VECTORS, "")
 
-LEG_VALUES = 6
-"""Numbers that are kept of a contact node and load step: the columns of LEGS from the stresses on."""
+STATUS = ("open", "slip", "stick")
 
 HISTORY = {
     "step": "number of the load step", "iteration": "outer iteration, from 1 on",
@@ -62,6 +78,13 @@ STEPS = {
     "normal_force": "sum over the nodes", "tangential_force": "sum over the nodes",
     "open": "nodes", "slip": "", "stick": "", "dissipated": "frictional work of the step, Σ ½ (g_n + g_n−1) |u_t|"}
 
+STEPS_IN_SPACE = {
+    "time": "end of the load step", "contact": "its name",
+    "force_x": "resultant on the first body", "force_y": "", "force_z": "",
+    "moment_x": "of the same forces about the origin", "moment_y": "", "moment_z": "",
+    "normal_force": "sum over the nodes", "tangential_force": "length of the sum of the nodes' tangential vectors",
+    "open": "nodes", "slip": "", "stick": "", "dissipated": STEPS["dissipated"]}
+
 ENERGY = {
     "time": "end of the load step", "external_work": "of loads, clamps and rigid partners since time 0",
     "strain_energy": "of all bodies", "interface_work": "of the contact forces since time 0",
@@ -70,7 +93,7 @@ ENERGY = {
 
 
 def write_contact(path: Path, name: str, state: ContactState) -> None:
-    """Write contact_NAME.csv into the folder `path`: one line per contact node, ordered along the contact.
+    """Write contact_NAME.csv into the folder `path`: one line per contact node, in the plane along the contact.
 
     Where nodes do not match, they are the slave's. Of those that share a row, each has its part of the forces.
 
@@ -79,11 +102,15 @@ def write_contact(path: Path, name: str, state: ContactState) -> None:
     interface = state.interface
     lines = interface.shown
     share = lines.area / interface.area[lines.row]
-    columns = (state.normal_force[lines.row] * share, state.tangential_force.ravel()[lines.row] * share,
-               *(each.ravel()[lines.row] for each in (state.pressure, state.shear, state.gap, state.slip,
-                                                      state.slip_total, state.status)))
+    columns = (state.normal_force[lines.row] * share, signed(state.tangential_force)[lines.row] * share,
+               *(each[lines.row] for each in (state.pressure, signed(state.shear), state.gap, signed(state.slip),
+                                              signed(state.slip_total), state.status)))
     columns = (*lines.xy.T, *interface.normal[lines.row].T, lines.area, *columns)
-    _write_csv(path / contact_files(name).table, CONTACT, zip(*columns, strict=True))
+    if interface.dimension == 2:
+        _write_csv(path / contact_files(name).table, CONTACT, zip(*columns, strict=True))
+        return
+    vectors = np.vstack([state.forces[lines.row].T * share, state.along(state.slip)[lines.row].T]) + 0.0  # no −0
+    _write_csv(path / contact_files(name).table, CONTACT_IN_SPACE, zip(*columns, *vectors, strict=True))
 
 
 def write_sides(path: Path, name: str, state: ContactState) -> None:
@@ -91,22 +118,31 @@ def write_sides(path: Path, name: str, state: ContactState) -> None:
 
     Nodal stresses oscillate between corners and middles where a contact is curved or ends; their means over sides,
     by Simpson's rule, do not. A line holds the middle of a side and its arc length; sides with a node that carries no
-    force are left out. Linear elements have no such file. Not collective. Raises OutputError.
+    force are left out. Linear elements have no such file, and solids have none: their rows stand at the corners of
+    facets, and do not oscillate. Not collective. Raises OutputError.
     """
     xy, facets = state.interface.xy, state.interface.facets
-    if len(facets) == 0 or facets.shape[1] == 2:
+    if len(facets) == 0 or facets.shape[1] == xy.shape[1]:
         return
     start, end, middle = facets.T
     length = facet_measures(xy[facets])
-    means = ((stress[start] + 4 * stress[middle] + stress[end]) / 6 for stress in (state.pressure, state.shear.ravel()))
+    means = ((stress[start] + 4 * stress[middle] + stress[end]) / 6 for stress in (state.pressure, signed(state.shear)))
     _write_csv(path / contact_files(name).sides, SIDES, zip(*xy[middle].T, length, *means, strict=True))
 
 
+def leg_columns(dimension: int) -> list[str]:
+    """The columns of contact_NAME_legs.csv that differ from load step to load step."""
+    columns = list(LEGS if dimension == 2 else LEGS_IN_SPACE)
+    return columns[columns.index("normal_stress"):]
+
+
 def leg_values(state: ContactState) -> np.ndarray:
-    """The numbers (m, LEG_VALUES) of the columns of LEGS from the stresses on; of the status its place in STATUS."""
+    """The numbers (m, k) of the `leg_columns`; of the status its place in STATUS. A force is that of the whole row."""
     status = np.argmax(state.status[:, None] == np.array(STATUS), axis=1)
-    return np.column_stack([state.pressure, state.shear[:, 0], state.gap, state.slip[:, 0], state.slip_total[:, 0],
-                            status])
+    found = [state.pressure, signed(state.shear), state.gap, signed(state.slip), signed(state.slip_total), status]
+    if state.interface.dimension > 2:
+        found += [state.forces + 0.0, state.along(state.slip) + 0.0]  # no −0
+    return np.column_stack(found)
 
 
 def write_legs(path: Path, name: str, state: ContactState, steps: Iterable[tuple[float, np.ndarray]]) -> None:
@@ -115,14 +151,18 @@ def write_legs(path: Path, name: str, state: ContactState, steps: Iterable[tuple
     Parameters
     ----------
     state : of the contact, for its nodes
-    steps : time, and `leg_values` (m, LEG_VALUES), of each load step
+    steps : time, and `leg_values` (m, k), of each load step
 
     Not collective. Raises OutputError.
     """
-    lines = state.interface.shown
-    _write_csv(path / contact_files(name).legs, LEGS, (
-        (time, *row, STATUS[int(status)]) for time, values in steps
-        for *row, status in zip(*lines.xy.T, lines.area, *values[lines.row].T, strict=True)))
+    interface = state.interface
+    lines, columns = interface.shown, leg_columns(interface.dimension)
+    share = lines.area / interface.area[lines.row]
+    parts = np.column_stack([share if column.startswith("force") else np.ones_like(share) for column in columns])
+    k = columns.index("status")
+    _write_csv(path / contact_files(name).legs, LEGS if interface.dimension == 2 else LEGS_IN_SPACE, (
+        (time, *place, area, *row[:k], STATUS[int(row[k])], *row[k + 1:]) for time, values in steps
+        for place, area, row in zip(lines.xy, lines.area, values[lines.row] * parts, strict=True)))
 
 
 def write_history(path: Path, rows: Iterable[Sequence]) -> None:
@@ -139,9 +179,11 @@ def write_steps(path: Path, steps: Iterable[dict]) -> None:
 
     `steps` is the entry of that name in the summary (`summary.summarize`). Not collective. Raises OutputError.
     """
-    _write_csv(path / "steps.csv", STEPS, (
-        (step["time"], name, *contact["force"], *(contact[column] for column in list(STEPS)[4:]))
-        for step in steps for name, contact in step["contacts"].items()))
+    scalars = list(STEPS)[list(STEPS).index("normal_force"):]
+    rows = [(step["time"], name, *contact["force"], *np.atleast_1d(contact["moment"]),
+             *(contact[column] for column in scalars))
+            for step in steps for name, contact in step["contacts"].items()]
+    _write_csv(path / "steps.csv", STEPS_IN_SPACE if rows and len(rows[0]) > len(STEPS) else STEPS, rows)
 
 
 def write_energy(path: Path, rows: Iterable[Sequence]) -> None:
@@ -200,7 +242,7 @@ class Results:
     ----------
     summary : the content of summary.json
     contacts : of each contact contact_NAME.csv, with the column initial_gap of result.h5
-    facets : of each contact the pairs of rows (f, 2) of its table that are neighbours, as in result.h5
+    facets : of each contact the rows (f, d) of its table that segments or triangles join, as in result.h5
     sides : the same of contact_NAME_sides.csv; empty with linear elements
     history, steps : history.csv and steps.csv
     energy : energy.csv, and legs : of each contact contact_NAME_legs.csv; empty without [time]
@@ -218,6 +260,25 @@ class Results:
     legs: dict[str, Columns] = field(default_factory=dict)
     facets: dict[str, np.ndarray] = field(default_factory=dict)
     time: float | None = None
+
+    @property
+    def dimension(self) -> int:
+        """That of the cells."""
+        return next(d for (d, _), cell in CELLS.items() if d > 1 and len(cell.nodes) == self.fields["cells"].shape[1])
+
+    @property
+    def points(self) -> np.ndarray:
+        """(nv, d) of all bodies (m)."""
+        return self.fields["points"][:, :self.dimension]
+
+    def displacement(self, scale: float = 1.0) -> np.ndarray:
+        """(nv, d) times `scale` (m)."""
+        return scale * self.fields["displacement"][:, :self.dimension]
+
+    def triangles(self, name: str) -> np.ndarray:
+        """The facets (f, 3) of a contact of solids, without nodes that stand alone."""
+        facets = self.facets[name]
+        return facets[facets[:, 0] != facets[:, 1]]
 
     def heading(self, timed: bool = False) -> str:
         """What a picture's title begins with: the scene's title, and the time of the load step if it is `timed`."""
@@ -273,7 +334,7 @@ def _read_csv(path: Path) -> Columns:
 
 
 def drawn_rows(table: Columns, facets: np.ndarray) -> tuple[Columns, np.ndarray]:
-    """The rows of a contact's table that its facets (f, 2) join, and the facets by the numbers of these rows."""
+    """The rows of a contact's table that its facets (f, d) join, and the facets by the numbers of these rows."""
     rows, places = np.unique(facets, return_inverse=True)
     return {name: column[rows] for name, column in table.items()}, places.reshape(facets.shape)
 

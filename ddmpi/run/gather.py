@@ -14,13 +14,13 @@ from petsc4py import PETSc
 from ddmpi.body.estimate import DiscretizationError
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.ranks import team_of
-from ddmpi.interface.state import RESULTANTS, ContactState
+from ddmpi.interface.state import ContactState, resultants_in
 from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.petsc.options import unused_options
 from ddmpi.results.fields import Fields
 from ddmpi.results.summary import RunResult, summarize
-from ddmpi.results.tables import LEG_VALUES, leg_values
+from ddmpi.results.tables import leg_columns, leg_values
 from ddmpi.run.solve import Solution
 from ddmpi.system.numbers import Rows
 from ddmpi.system.provenance import peak_memory, provenance
@@ -35,8 +35,9 @@ class StepLog:
     Attributes
     ----------
     contacts, bodies : names
+    dimension : of the scene
     steps : time and number of iterations of each
-    resultants : of each the RESULTANTS of the contacts
+    resultants : of each the `resultants` of the contacts
     energies : external work, strain energy, interface work and dissipated energy since time 0, and what the step's
         balance leaves, of each (J)
     iterations : a line of history.csv for each
@@ -45,8 +46,8 @@ class StepLog:
     largest : (3,) `Solution.sizes` so far
     """
 
-    def __init__(self, contacts: Sequence[str], bodies: Sequence[str]) -> None:
-        self.contacts, self.bodies = tuple(contacts), tuple(bodies)
+    def __init__(self, contacts: Sequence[str], bodies: Sequence[str], dimension: int) -> None:
+        self.contacts, self.bodies, self.dimension = tuple(contacts), tuple(bodies), dimension
         self.steps, self.resultants, self.energies, self.iterations = Rows(), Rows(), Rows(), Rows()
         self._kept, self._ends = Rows(), np.zeros(0, int)
         self.doubts: dict[str, str] = {}
@@ -69,7 +70,7 @@ class StepLog:
 
     def note_contacts(self, contacts: Sequence[ContactState]) -> None:
         """Note the resultants of a step."""
-        self.resultants.append(np.array([state.resultants for state in contacts], RESULTANTS))
+        self.resultants.append(np.array([state.resultants for state in contacts], resultants_in(self.dimension)))
 
     def doubt(self, time: float, warnings: Sequence[str]) -> None:
         """Note the warnings of the answer at the end of a leg, unless there are such that differ in numbers alone."""
@@ -89,8 +90,8 @@ class StepLog:
     @property
     def kept(self) -> list[tuple[float, np.ndarray, np.ndarray, np.ndarray]]:
         """Time, forces, motions, and `leg_values` of all contacts, of the steps whose fields are written."""
-        parts = (np.split(row, self._ends) for row in self._kept.all)
-        return [(float(time[0]), s, alpha, values.reshape(-1, LEG_VALUES)) for time, s, alpha, values in parts]
+        width, parts = len(leg_columns(self.dimension)), (np.split(row, self._ends) for row in self._kept.all)
+        return [(float(time[0]), s, alpha, values.reshape(-1, width)) for time, s, alpha, values in parts]
 
     @property
     def dissipated(self) -> dict[str, float]:
@@ -189,12 +190,11 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     unused = sorted(set.intersection(*(set(left) for _, left, *_ in everyone)))
     inner = [steps for _, _, steps, *_ in everyone]
     sent = [counts for *_, counts, _ in everyone]
-    published = scene.method.outer != "newton"
     run = RunResult(
         converged=solution.certified and not ladder.missed,
         reason=(solution.certified and ladder.missed) or solution.reason, order=scene.body[0].mesh.order,
         ranks=world.allreduce(len(ranks)), outer_iterations=len(steps.iterations) if steps else len(outer.history),
-        inner_iterations=sum(inner) if published else inner[0],
+        inner_iterations=sum(inner) if scene.method.by_body else inner[0],
         certificate_limit=solution.limit, energy_norm=error.relative,
         levels=[level._asdict() for level in ladder.levels],
         exchange={name: max(counts[name] for counts in sent) for name in sent[0]},
@@ -211,13 +211,14 @@ def _body(body: Body, solution: Solution, error: DiscretizationError, fields: Fi
           memory: float) -> dict:
     """What the summary says of a body of this rank; its `ranks` have held up to `memory` MiB. Not collective."""
     member, name = body.member, body.spec.name
-    contact = sum((state.force if state.interface.side(name) == 0 else -state.force
-                   for state in solution.contacts.values() if name in state.interface.bodies), np.zeros(2))
+    outer = member.elasticity.resultant + sum(
+        state.force if state.interface.side(name) == 0 else -state.force
+        for state in solution.contacts.values() if name in state.interface.bodies)
     return {
         "n": member.elasticity.n, "ranks": ranks, "held": member.elasticity.held,
         "displacement_max": solution.displacement_max[name],
         "von_mises_max": None if fields.von_mises is None else float(fields.von_mises.max()),
         "energy": error.own[name].energy / 2,  # of the stresses: free of what moves the body without strain
-        "reaction": 0.0 - (member.elasticity.resultant + contact), "discretization_error": error.by_body[name],
+        "reaction": 0.0 - outer, "discretization_error": error.by_body[name],
         "n_A_by_purpose": dict(member.C.count), "inner_steps": dict(solution.outer.inner_steps),
         "solver": member.C.solver.description, "compliance": member.C.kind, "memory_mib": memory}

@@ -11,6 +11,8 @@ from ddmpi.coupling.assembly import Assembly
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.ranks import team_of
 from ddmpi.interface.interface import Interface
+from ddmpi.mesh.elements import NAMES
+from ddmpi.mesh.mesh import Mesh
 from ddmpi.methods.outer import Step
 from ddmpi.qp.tao import QPSolver
 from ddmpi.run.solve import Solution
@@ -39,13 +41,13 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     scene, world = assembly.scene, assembly.world
     owned = merged(world, {each.name: each for each in assembly.space.interfaces})
     interfaces = [owned[contact.name] for contact in scene.contact]
-    log.info("n = %d unknowns (%s triangles), m = %d contact nodes, friction: %s", assembly.n,
-             ("linear", "quadratic")[scene.body[0].mesh.order - 1], assembly.m,
+    log.info("n = %d unknowns (%s %s), m = %d contact nodes, friction: %s", assembly.n,
+             ("linear", "quadratic")[scene.body[0].mesh.order - 1], NAMES[scene.dimension][1], assembly.m,
              ", ".join(dict.fromkeys(interface.law.name for interface in interfaces)))
     for gap, names in grouped((_describe_gap(each, scene.output.length_unit), each.name) for each in interfaces):
         log.info("%s: %s", some(names, "contacts"), gap)
     team = team_of(world)
-    own = {body.spec.name: _describe_body(body.member, team.size if team else 1, body.mesh.cut)
+    own = {body.spec.name: _describe_body(body.member, team.size if team else 1, _cut(body.mesh))
            for body in assembly.bodies}
     bodies = merged(world, own)
     for way, names in grouped((bodies[spec.name][0], spec.name) for spec in scene.body):
@@ -68,7 +70,7 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     elif not has_matplotlib():
         left_out.append(f"pictures ({NO_MATPLOTLIB})")
     left_out += _target_left_out(scene)
-    log.info("%s; left out: %s", _describe(scene.method), ", ".join(left_out) or "nothing")
+    log.info("%s; left out: %s", _describe(scene.method, scene.dimension), ", ".join(left_out) or "nothing")
     log.info("%5s  %10s  %10s  %6s", "k", "update", "residual", "n_A")
 
 
@@ -80,9 +82,14 @@ def log_warnings(found: Iterable[str], told: list[str]) -> None:
             told.append(warning)
 
 
-def _describe_body(member: Member, ranks: int, cut: int) -> tuple[str, bool]:
-    """How a body is solved, on how many ranks, and whether loads act on it."""
-    way = f"{cut} quadrilaterals cut into triangles; " if cut else ""
+def _cut(mesh: Mesh) -> str:
+    """How many cells of a file were cut into simplices; empty if none."""
+    what = {"triangle": "quadrilaterals"}.get(mesh.cell.name, "other cells")
+    return f"{mesh.cut} {what} cut into {mesh.cell.names}; " if mesh.cut else ""
+
+
+def _describe_body(member: Member, ranks: int, way: str) -> tuple[str, bool]:
+    """How a body is solved, on how many ranks, after what is known of its mesh; and whether loads act on it."""
     way += "" if ranks == 1 else f"on {ranks} ranks; "
     motions, solver, compliance = member.motions.shape[2], member.C.solver.description, member.C
     if motions:
@@ -150,14 +157,11 @@ def log_step(step: Step) -> None:
              f"  {step.stage}" if step.stage else "")
 
 
-def _describe(method: SettledMethod) -> str:
-    if method.outer == "relaxation":
-        qp = QPSolver().type.replace("python", "python (MPRGP)")
-        return (f"published iteration: {method.algorithm} algorithm, splitting {method.splitting}, "
-                f"theta = {method.theta:g}, update below {method.tolerance:g}; subproblems by TAO {qp}")
-    if method.outer == "anderson":
-        return f"Anderson acceleration of the weighted published map, update below {method.tolerance:g}"
-    return f"semi-smooth Newton, GMRES with half-plane preconditioner, residual below {method.tolerance:g}"
+def _describe(method: SettledMethod, dimension: int) -> str:
+    plan = method.plan if dimension == 2 else method.plan.replace("half-plane", "half-space")
+    if not method.by_body:
+        return plan
+    return f"{plan}; subproblems by TAO {QPSolver().type.replace('python', 'python (MPRGP)')}"
 
 
 def log_end(summary: dict, solution: Solution) -> None:

@@ -315,20 +315,18 @@ def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, stat
     bodies = merged(assembly.world, numbers)
     load = float(sum(body["load"] for body in bodies.values()))
     now = [max(body[key] for body in bodies.values()) for key in ("moved", "yielding")]
-    found, start = {}, 0
+    found = {}
     with event("Certificate"):
-        for interface, part in space.each():
-            stop = start + len(interface.sliding)
+        for (interface, part), limits in zip(space.each(), space.laws.bounds(bound), strict=False):
             u1, u2 = both[0][part], both[1][part] + interface.prescribed
             probes = interface.probes
             between = probes.gap + probes.normal @ interface.displacement - sum(
                 each for each in places[interface.name] if each is not None)
             yielding = max(bodies[name]["yielding"] for name in interface.bodies if name in bodies)
-            state = contact_state(interface, forces[part], bound[start:stop], u1 + u2, between,
+            state = contact_state(interface, forces[part], limits, u1 + u2, between,
                                   past and (past.start[part], past.forces[part]), yielding)
             found[interface.name] = state, contact_residuals(state, forces[part], mismatch[part], (u1, u2), load,
                                                              yielding, now, largest[1:].tolist())
-            start = stop
     found = merged(assembly.world, found)
     force = max((float(np.abs(state.forces).max()) for state, _ in found.values()), default=0.0)
     names, contacts = [body.name for body in assembly.scene.body], [contact.name for contact in assembly.scene.contact]

@@ -126,7 +126,8 @@ class March:
         assert isinstance(iteration.outer, Newton)
         scene = assembly.scene
         self.assembly, self.iteration, self.outer = assembly, iteration, iteration.outer
-        self.log = StepLog([contact.name for contact in scene.contact], [body.name for body in scene.body])
+        self.log = StepLog([contact.name for contact in scene.contact], [body.name for body in scene.body],
+                           scene.dimension)
         self.iterations = 0
         assert scene.time is not None
         self._legs, self._steps, self._tolerance = scene.legs, scene.time.steps, scene.time.tolerance or math.inf

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ddmpi.scene.meshes import TOWARDS_CONTACTS, MeshSpec, SettledMesh
+from ddmpi.scene.meshes import TOWARDS_CONTACTS, WITH_ORIGIN, MeshSpec, SettledMesh
 from ddmpi.scene.values import (
     AffineScalar,
     AffineVector,
@@ -104,8 +104,8 @@ class Clamp(Table, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if self.components == (None,) * 3:
-            raise ValueError("a clamp prescribes x, y or, in space, z, or several of them; to fix all, write "
-                             f'clamp = ["{self.on}"]')
+            raise ValueError("a clamp prescribes one or several of x, y and, in space, z; to fix all, write clamp = "
+                             f'["{self.on}"]')
         for key, value in zip("xyz", self.components, strict=True):
             check_formulas(key, value)
 
@@ -252,8 +252,10 @@ class BodySpec(Table, frozen=True, kw_only=True):
         """This body with elements of `order`, in the plane or in space."""
         mesh = self.mesh
         finest = mesh.contact_size or TOWARDS_CONTACTS * mesh.largest if mesh.geometry is not None else None
+        origin = mesh.origin or (0.0,) * dimension if mesh.shape in WITH_ORIGIN else None
         parts = [replace(part, plane=self.plane if dimension == 2 else None) for part in self.materials]
-        return settle(self, SettledBody, mesh=settle(mesh, SettledMesh, order=order, contact_size=finest),
+        settled_mesh = settle(mesh, SettledMesh, order=order, contact_size=finest, origin=origin)
+        return settle(self, SettledBody, mesh=settled_mesh,
                       material=parts[0] if isinstance(self.material, Material) else parts,
                       volume_force=(0.0,) * dimension if self.volume_force is None else self.volume_force)
 
@@ -262,6 +264,7 @@ class SettledBody(BodySpec, frozen=True, kw_only=True):
     """One elastic body without optional keys."""
 
     mesh: SettledMesh
+    volume_force: Vector | VolumeForce
 
     @property
     def locking(self) -> str:

@@ -34,30 +34,34 @@ SIMILAR = 0.65
 
 MEANT = {
     "E": "young", "youngs_modulus": "young", "modulus": "young", "nu": "poisson", "poissons_ratio": "poisson",
-    "mu": "coefficient", "ux": "x", "uy": "y", "group": "on", "centre": "center", "elements": "divisions",
+    "mu": "coefficient", "ux": "x", "uy": "y", "group": "on", "centre": "center", "elements": "divisions", "uz": "z",
     "tied": "bonded", "glued": "bonded", "welded": "bonded", "contact": "unilateral", "frictionless": "unilateral",
     "fix": "clamp", "fixed": "clamp", "support": "clamp", "boundary": "clamp", "dirichlet": "clamp",
     "load": "traction", "loads": "traction", "BodySpec.force": "traction", "BodySpec.pressure": "traction",
     "gravity": "volume_force", "body_force": "volume_force", "weight": "volume_force", "plane stress": "stress",
     "plane strain": "strain", "solver": "outer", "interference": "a negative gap is an interference",
-    "Traction.force": "a load is a stress: divide the force by the length of the group, and write value = [x, y]",
+    "Traction.force": "a load is a stress: divide the force by the length or area of the group, and write value = […]",
     "expansion": "thermal expansion is not modelled", "temperature": "thermal expansion is not modelled",
-    "density": "weight is the body's volume_force = [0, -density * gravity]",
-    "rho": "weight is the body's volume_force = [0, -density * gravity]",
-    "thickness": "forces are those on a unit of depth", "yield_stress": "materials are linear elastic",
+    "density": "weight is the body's volume_force = [0, -density * gravity], in space [0, 0, …]",
+    "rho": "weight is the body's volume_force = [0, -density * gravity], in space [0, 0, …]",
+    "thickness": "forces in the plane are those on a unit of depth", "yield_stress": "materials are linear elastic",
     "plasticity": "materials are linear elastic", "stiffness": "there is no contact stiffness to choose",
     "penalty": "there is no contact stiffness to choose", "master": "it is the body that slave does not name",
-    "symmetry": "clamp = [{ on = …, x = 0.0 }] lets the group slide along y", "Clamp.normal": "give x or y",
+    "symmetry": "clamp = [{ on = …, x = 0.0 }] lets the group slide along y", "Clamp.normal": "give x, y or z",
     "RigidSurface.force": "a rigid partner is moved, not pushed",
     "rotation": "nothing is turned by an angle", "units": "any units that fit together do; [output] has labels",
-    "axisymmetric": "scenes are plane", "dimension": "scenes are plane", "steps": "load steps stand in [time]"}
+    "axisymmetric": "scenes are plane or solid", "steps": "load steps stand in [time]",
+    "dimension": "meshes and lists say it: [x, y] in the plane, [x, y, z] in space"}
 """What engineers write, anywhere or as a key of one table, and what is right here: a key, a word, or an explanation."""
 
 WRITTEN = {
     "friction": 'friction = { law = "coulomb", coefficient = 0.3 }',
     "material": "material = { young = …, poisson = … }",
     "mesh": 'mesh = { file = "….msh" }, { geometry = "….geo", size = … } or { shape = "rectangle", … }',
-    "value": "value = [x, y]", "bodies": 'bodies = ["…", "…"]', "divisions": "divisions = [nx, ny]",
+    "bodies": 'bodies = ["…", "…"]', "divisions": "divisions = [nx, ny], in space [nx, ny, nz]",
+    "size": "size = [width, height], of a box [length, depth, height], of a geometry h",
+    **{key: f"{key} = [x, y], in space [x, y, z]" for key in ("value", "volume_force", "origin", "center", "point",
+                                                              "normal", "axis", "displacement")},
     "method": '[method], and below it a line for each key, such as preset = "accurate"'}
 """How a table or a pair is written."""
 
@@ -186,6 +190,9 @@ def explain(message: str, data: dict, root: type) -> str:
         problem = "must be a finite number"
     if "matching regex" in problem:  # only names have a pattern
         problem = "a name has no '.', '=', '/', blank or control character"
+    rows = [kind for kind in kinds if isinstance(kind, inspect.VarTupleType) and kind.max_length]
+    if rows and isinstance(here, list):
+        problem = f"expected a list of length {rows[0].min_length} or {rows[0].max_length}, got {len(here)}"
     if not isinstance(here, dict | list):
         problem = re.sub(r", got `.*?`$", "", problem) + f" (got {here!r})"
     problem = re.sub(r"`(.*?)`", lambda kind: kind[1].replace("object", "a table").replace("array", "a list")
@@ -248,12 +255,12 @@ def _remedy(named: list[str], kinds: list[inspect.Type], here: Any) -> str:
         if isinstance(kind, inspect.StructType) and kind.tag == here == "none":
             return f'; write {named[-1]} = {{ {kind.tag_field} = "{here}" }}'
         wanted = inspect.StrType if isinstance(here, str) else inspect.StructType if isinstance(here, dict) else ()
-        is_list = isinstance(kind, inspect.ListType | inspect.VarTupleType)
+        is_list = isinstance(kind, inspect.ListType | inspect.VarTupleType) and (kind.min_length or 0) < 2
         if is_list and any(isinstance(item, wanted) for item in _inside(kind, "0")):
             inner = f'"{here}"' if isinstance(here, str) else "{ … }"
             return f"; write {named[-1]} = [{inner}]" if named[1:] else f"; write [[{named[0]}]]"
-    compound = any(isinstance(kind, inspect.StructType | inspect.TupleType) for kind in kinds)
-    written = WRITTEN.get(named[-1]) if named and compound and not isinstance(here, dict | list) else None
+    compound = any(isinstance(kind, inspect.StructType | inspect.TupleType | inspect.VarTupleType) for kind in kinds)
+    written = WRITTEN.get(named[-1]) if named and compound and not isinstance(here, dict) else None
     return f"; write {written}" if written else ""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 from typing import Annotated, Literal
 
 import msgspec
@@ -16,14 +17,20 @@ SHAPES = {"rectangle": {"size": "[width, height]", "divisions": "[nx, ny]"},
                       "divisions": "[around, across]"},
           "box": {"size": "[length, depth, height]", "divisions": "[nx, ny, nz]"},
           "hexahedron": {"corners": "[[x, y, z], …]", "divisions": "[nx, ny, nz]"}}
-"""The keys that each shape needs, and how to write them. Rectangles and boxes may have an ``origin``, too."""
+"""The keys that each shape needs, and how to write them."""
+
+WITH_ORIGIN = ("rectangle", "box")
+"""The shapes that may have an ``origin``, too."""
 
 SOLIDS = ("box", "hexahedron")
 """The shapes in space; the others are in the plane."""
 
 CORNER = 1e-8
-"""Smallest sine of a corner of a quadrilateral; the triangles at a flatter one have almost no area. Smallest volume at
-the corners of a hexahedron, over that of the cube on the mean edge."""
+"""Smallest sine of a corner of a quadrilateral; the triangles at a flatter one have almost no area. Smallest ratio of
+volumes under the map of a hexahedron, over the cube of its mean edge."""
+
+UNIT_CUBE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
+"""Corners in the order of those of a hexahedron."""
 
 GEOMETRIES = (".geo", ".step", ".stp", ".brep", ".brp")
 """Endings of the files of geometries."""
@@ -110,7 +117,7 @@ class MeshSpec(Table, frozen=True, kw_only=True):
         if str(self.file).lower().endswith(GEOMETRIES):
             raise ValueError(f'{self.file} is a drawing; write geometry = "{self.file}", size = h, the largest size of '
                              "an element")
-        if self.origin is not None and self.shape not in ("rectangle", "box"):
+        if any(self.origin or ()) and self.shape not in WITH_ORIGIN:
             raise ValueError(f"origin belongs to a rectangle or a box, not to {self._what}")
         if self.geometry is not None:
             self._check_sizes()
@@ -118,14 +125,18 @@ class MeshSpec(Table, frozen=True, kw_only=True):
             raise ValueError(f"contact_size belongs to a geometry, not to {self._what}")
         needed = SHAPES.get(self.shape or "", {})
         self._check_keys(needed)
-        if self.dimension:
-            for key, value, number in (("size", self.size, self.dimension), ("divisions", self.divisions, self.dimension),
-                                       ("corners", self.corners, 2**self.dimension)):
-                if key in needed and (not isinstance(value, tuple) or len(value) != number):
-                    got = list(value) if isinstance(value, tuple) else value
-                    raise ValueError(f"{self._what} has {key} = {needed[key]}, {number} of them, got {got!r}")
+        d = self.dimension or 0
+        for key, number in (("size", d), ("divisions", d), ("corners", 2**d)):
+            value = getattr(self, key)
+            if key not in needed:
+                continue
+            if not isinstance(value, tuple) or len(value) != number:
+                if key == "corners":
+                    raise ValueError(f"{key}: a {self.shape} has {number} corners, got {len(value)}")
+                got = list(value) if isinstance(value, tuple) else value
+                raise ValueError(f"{key}: a {self.shape} has {key} = {needed[key]}, got {got}")
         if self.corners and all(len(corner) == self.dimension for corner in self.corners):
-            (_check_corners if self.dimension == 2 else _check_hexahedron)(self.corners)
+            (_check_corners if self.shape == "quadrilateral" else _check_hexahedron)(self.corners)
         if self.radii and self.angles and self.divisions:
             self._check_ring(self.radii, self.angles, self.divisions[0])
 
@@ -194,12 +205,10 @@ def _check_corners(corners: tuple[Point, ...]) -> None:
 
 
 def _check_hexahedron(corners: tuple[Point, ...]) -> None:
-    """Raise ValueError unless the volumes spanned by the three edges at each corner are positive."""
-    at = np.array(corners)
-    before, after = (np.roll(np.arange(4), k) for k in (1, -1))
-    bottom = np.stack([at[after] - at[:4], at[before] - at[:4], at[4:] - at[:4]], axis=1)
-    top = np.stack([at[4 + before] - at[4:], at[4 + after] - at[4:], at[:4] - at[4:]], axis=1)
-    edges = np.concatenate([bottom, top])
+    """Raise ValueError unless the trilinear map of the corners keeps volumes positive, at 27 points."""
+    along = 1.0 - np.abs(UNIT_CUBE - np.array(list(product((0.0, 0.5, 1.0), repeat=3)))[:, None])
+    slopes = np.stack([(2 * UNIT_CUBE[:, k] - 1) * np.delete(along, k, axis=2).prod(axis=2) for k in range(3)], axis=1)
+    edges = slopes @ np.array(corners)
     volumes = np.linalg.det(edges) / np.linalg.norm(edges, axis=2).mean() ** 3
     if (volumes < -CORNER).all():
         raise ValueError("corners make a hexahedron that is turned inside out; write the four of the bottom "

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import msgspec
 
@@ -24,6 +25,7 @@ TIME_TOLERANCE = 0.02
 Tolerance = Annotated[float, msgspec.Meta(gt=0, lt=1)]
 Algorithm = Literal["original", "modified"]
 Splitting = Literal["none", "step1", "step2", "step1+2"]
+OuterName = Literal["newton", "anderson", "relaxation"]
 
 
 class Method(Table, frozen=True, kw_only=True):
@@ -52,7 +54,7 @@ class Method(Table, frozen=True, kw_only=True):
         with "fixed" always as precise as the last one needs
     """
 
-    outer: Literal["newton", "anderson", "relaxation"] | None = None
+    outer: OuterName | None = None
     algorithm: Algorithm | None = None
     splitting: Splitting | None = None
     theta: Positive | None = None
@@ -74,47 +76,117 @@ class Method(Table, frozen=True, kw_only=True):
         return [name for name in ("algorithm", "splitting", "theta") if getattr(self, name) is not None]
 
     @property
+    def _kind(self) -> str:
+        return self.outer or ("relaxation" if self._published else "newton")
+
+    @property
     def for_two(self) -> str:
         """The keys that ask for a method of two bodies with one contact, as in a message; empty for other methods."""
-        if self.outer in ("anderson", "relaxation"):
-            return f'outer = "{self.outer}"'
-        return f'{", ".join(self._published)} (outer = "relaxation")' if self._published else ""
+        if not METHODS[self._kind].by_body:
+            return ""
+        return f'outer = "{self.outer}"' if self.outer else f'{", ".join(self._published)} (outer = "relaxation")'
 
     def settled(self, refinable: bool = True) -> SettledMethod:
         """With everything filled in; a preset asks for a ``target_error`` only if the meshes are `refinable`."""
         preset = PRESETS.get(self.preset or "", {})
         target = self.target_error or (preset.get("target_error") if refinable else None)
-        published, theta = self.outer == "relaxation" or bool(self._published), self.theta or 0.2
+        published, theta = self._kind == "relaxation", self.theta or 0.2
         enough = ALGEBRAIC * target if target else None
         if enough and published:  # the remaining error is about the last update over theta
             enough *= min(theta, 1.0)
         tolerances = [value for value in (preset.get("tolerance"), enough) if value]
-        values = {"target_error": target,
-                  "tolerance": self.tolerance or min(tolerances, default=1e-4 if published else 1e-8)}
-        if not published:
-            return settle(self, SettledMethod, outer=self.outer or "newton", **values)
-        return settle(self, Published, outer="relaxation", algorithm=self.algorithm or "original",
-                      splitting=self.splitting or "none", theta=theta, **values)
+        values: dict[str, Any] = {
+            "target_error": target, "tolerance": self.tolerance or min(tolerances, default=1e-4 if published else 1e-8)}
+        if published:
+            values |= {"algorithm": self.algorithm or "original", "splitting": self.splitting or "none", "theta": theta}
+        return settle(self, METHODS[self._kind], outer=self._kind, **values)
 
 
 class SettledMethod(Method, frozen=True, kw_only=True):
-    """A method without optional keys.
+    """A method without optional keys, and what is asked of it beyond keys.
 
     None means: no ``target_error`` is asked for; there is no ``preset``; the ``compliance`` of each body is chosen
     from its size. ``algorithm``, ``splitting`` and ``theta`` are None but for `Published`.
+
+    Attributes
+    ----------
+    by_body : whether each of two held bodies solves problems of its own, on a rank of its own
+    title : what logs and reports call it, with keys in braces
+    curves : the unknown and the residual of its history, in pictures
+    criterion : what `tolerance` bounds
+    diverging : what is seen where it diverges
     """
 
-    outer: Literal["newton", "anderson", "relaxation"]
+    outer: OuterName
     tolerance: Tolerance
+
+    by_body: ClassVar[bool] = True
+    title: ClassVar[str]
+    curves: ClassVar[tuple[str, str]] = "λ", "force mismatch  ‖s$_1$ − s$_2$‖ / ‖s‖"
+    criterion: ClassVar[Literal["update", "residual"]] = "update"
+    diverging: ClassVar[str] = "divergence, the contact displacement grew beyond all bounds"
+
+    @property
+    def plan(self) -> str:
+        """What it will do, in words."""
+        title = self.title.format_map(msgspec.structs.asdict(self))
+        return f"{title}, {self.criterion} below {self.tolerance:g}"
+
+    def advice(self, stopped: str, factor: float, iteration: int, update: float) -> str:
+        """What to try where no answer is certified.
+
+        Parameters
+        ----------
+        stopped : as `Outer.run` says
+        factor : by which the criterion shrank per iteration, nan if unknown
+        iteration, update : the last ones
+        """
+        return 'method.outer = "newton", the default'
+
+
+class Newton(SettledMethod, frozen=True, kw_only=True):
+    """The default, outer = "newton"."""
+
+    by_body = False
+    title = "semi-smooth Newton, GMRES with half-plane preconditioner"
+    curves = "s", "contact equations"
+    criterion = "residual"
+    diverging = "a residual that is not a number; a solve with the stiffness of a body must have failed"
+
+    def advice(self, stopped: str, factor: float, iteration: int, update: float) -> str:
+        if stopped == "stalled":
+            return "less friction, to see where the trouble begins, or a finer mesh where few nodes bear"
+        if not update:
+            return "a tighter -newton_ksp_rtol, or less friction to see where the trouble begins"
+        return ('a larger method.max_iterations, a tighter -newton_ksp_rtol, method.outer = "anderson", or less '
+                "friction to see where the trouble begins")
+
+
+class Anderson(SettledMethod, frozen=True, kw_only=True):
+    """The published map, weighted and accelerated, outer = "anderson"."""
+
+    title = "Anderson acceleration of the published iteration"
 
 
 class Published(SettledMethod, frozen=True, kw_only=True):
     """The published iteration, outer = "relaxation"."""
 
-    outer: Literal["relaxation"]
     algorithm: Algorithm
     splitting: Splitting
     theta: Positive
+
+    title = "published iteration, {algorithm} algorithm, splitting {splitting}, theta = {theta:g}"
+
+    def advice(self, stopped: str, factor: float, iteration: int, update: float) -> str:
+        if stopped == "diverged" or not factor < 0.98:
+            return ("leave algorithm, splitting and theta out, the default method needs none of them; or a smaller "
+                    f"method.theta than {self.theta:g}")
+        wanted = iteration + 1.5 * max(math.log(self.tolerance / update) / math.log(factor), 1.0)
+        return f"method.max_iterations of {wanted:.0f} or more; or leave theta out, the default method is faster"
+
+
+METHODS: dict[str, type[SettledMethod]] = {"newton": Newton, "anderson": Anderson, "relaxation": Published}
+"""The outer methods by the name in ``method.outer``."""
 
 
 class Time(Table, frozen=True, kw_only=True):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import unicodedata
 from collections import Counter
 from collections.abc import Callable, Iterator
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
@@ -17,17 +17,28 @@ from ddmpi.scene.bodies import BodySpec, Clamp, Material, SettledBody, Traction
 from ddmpi.scene.contacts import Circle, ContactSpec, Cylinder, Rigid, SettledContact, Sphere
 from ddmpi.scene.keys import nearest
 from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod, SettledTime, Time, check_petsc
-from ddmpi.scene.values import AffineScalar, History, Name, Number, Profile, Table, settle, varies
+from ddmpi.scene.values import (
+    WHERE,
+    AffineScalar,
+    AffineVector,
+    History,
+    Name,
+    Number,
+    Profile,
+    Table,
+    settle,
+    varies,
+)
 from ddmpi.system.files import LONGEST, contact_files
 
 FileKind = Callable[[BodySpec], tuple[int, Literal[1, 2]]]
 """Gives dimension and order of the elements in the mesh file, or in the drawing, of a body; raises InputError."""
 
-IN_SPACE, IN_THE_PLANE = (Sphere, Cylinder), (Circle,)
-"""Rigid partners that have no meaning in the plane, and in space."""
-
 EXTENTS = ("size", "divisions", "radii", "angles", "bodies", "on")
 """Rows of numbers or words that are neither places nor vectors."""
+
+FORMULAS = ("x", "y", "z", "value", "pressure", "volume_force")
+"""Keys whose values may be formulas."""
 
 PETScOptions = dict[str, str | int | Number | bool]
 
@@ -214,45 +225,46 @@ class Scene(Table, frozen=True, kw_only=True):
                       time=self.time.settled() if self.time else None, dimension=dimension,
                       contact=[contact.settled() for contact in self.contact])
 
-    def _dimension(self, file_kind: FileKind | None) -> Literal[2, 3]:
-        """Number of coordinates of all places and vectors. Raises ValueError where they differ."""
-        found = {f"body.{body.name}.mesh: {body.mesh.shape} is": body.mesh.dimension for body in self.body
-                 if body.mesh.dimension}
-        places = {f"{key} = {list(value)} has {len(value)} numbers, as": len(value)
-                  for key, value in _vectors(self, "")}
-        if not found and not places and file_kind:
-            found = {f"body.{body.name}.mesh is": file_kind(body)[0] for body in self.body}
-        found |= places
-        words, dimension = next(iter(found.items()), ("", 2))
-        for other, differing in found.items():
-            if differing != dimension:
-                each = " and ".join(f"{which} in {'the plane' if number == 2 else 'space'}"
-                                    for which, number in ((other, differing), (words, dimension)))
-                raise ValueError(f"{each}; a scene is wholly in the plane, with lists [x, y], or in space, [x, y, z]")
-        for key in self._misplaced(dimension):
-            raise ValueError(f"{key}; this scene is in {'the plane' if dimension == 2 else 'space'}")
-        return 3 if dimension == 3 else 2
+    def _dimension(self, file_kind: FileKind | None) -> int:
+        """Number of coordinates of all places and vectors. Raises ValueError where parts of the scene differ in it."""
+        found: list[tuple[str, Any, int]] = [(f"body.{body.name}.mesh.shape", body.mesh.shape, body.mesh.dimension)
+                                             for body in self.body if body.mesh.dimension]
+        found += [(key, list(value), len(value)) for key, value in _vectors(self)]
+        if not found and file_kind:
+            found = [(f"body.{body.name}.mesh.{'file' if body.mesh.file else 'geometry'}",
+                      body.mesh.file or body.mesh.geometry, file_kind(body)[0]) for body in self.body]
+        first, value, dimension = found[0] if found else ("", "", 2)
+        for number, key, what in self._misplaced():
+            if number != dimension:
+                why = f", as {first} = {value}" * bool(first)
+                raise ValueError(f"{key}: {what}; this scene is {WHERE[dimension]}{why}")
+        for key, other, number in found:
+            if number != dimension:
+                raise ValueError(f"{key}: {other} is {WHERE[number]}, and {first} = {value} is {WHERE[dimension]}; a "
+                                 "scene has plane shapes and lists [x, y], or solid ones and lists [x, y, z]")
+        return dimension
 
-    def _misplaced(self, dimension: int) -> Iterator[str]:
-        """What has no meaning in a scene of this dimension, with its key."""
+    def _misplaced(self) -> Iterator[tuple[int, str, str]]:
+        """What has a meaning in one dimension only: this dimension, the key, and the reason."""
         for rigid in self.rigid:
-            if isinstance(rigid, IN_SPACE if dimension == 2 else IN_THE_PLANE):
-                yield (f"rigid.{rigid.name}.shape: a {rigid.__struct_config__.tag} is a partner in "
-                       f"{'space' if dimension == 2 else 'the plane, in space there are sphere and cylinder'}")
-        for key, table in _tables(self, ""):
-            if dimension == 3 and isinstance(table, Profile) and table.along == "arc":
-                yield f'{key}.along: surfaces have no arc length; take a coordinate, such as along = "x"'
-            if dimension == 3 and isinstance(table, Material) and table.plane:
-                yield f"{key}.plane: solids are neither in plane strain nor in plane stress; leave it out"
-            if dimension == 2 and isinstance(table, Profile) and table.along == "z":
-                yield f"{key}.along: there is no z in the plane"
-            if dimension == 2 and isinstance(table, Clamp) and table.z is not None:
-                yield f"{key}.z: there is no z in the plane"
-            if dimension == 2 and isinstance(table, AffineScalar) and table.z_slope:
-                yield f"{key}.z_slope: there is no z in the plane"
-            for name in table.__struct_fields__ if dimension == 2 else ():
-                if varies(getattr(table, name), "z") and name not in EXTENTS:
-                    yield f"{key}.{name}: there is no z in the plane"
+            if isinstance(rigid, Circle):
+                yield 2, f"rigid.{rigid.name}.shape", "a circle is plane; in space there are sphere and cylinder"
+            if isinstance(rigid, Sphere | Cylinder):
+                shape = rigid.__struct_config__.tag
+                yield 3, f"rigid.{rigid.name}.shape", f"a {shape} is solid; in the plane there is circle"
+        for key, table in _tables(self):
+            if isinstance(table, Profile) and table.along == "arc":
+                yield 2, f"{key}.along", 'surfaces have no arc length; take a coordinate, such as along = "x"'
+            if isinstance(table, Material) and table.plane:
+                yield 2, f"{key}.plane", "solids are neither in plane strain nor in plane stress; leave it out"
+            uses_z = [name for name in FORMULAS if varies(getattr(table, name, None), "z")]
+            if isinstance(table, Clamp) and table.z is not None:
+                uses_z.append("z")
+            if isinstance(table, AffineVector | AffineScalar) and table.z_slope:
+                uses_z.append("z_slope")
+            if isinstance(table, Profile) and table.along == "z":
+                uses_z.append("along")
+            yield from ((3, f"{key}.{name}", "there is no z in the plane") for name in uses_z)
 
     def _order_of_files(self, file_kind: FileKind) -> Literal[1, 2]:
         """The order that all mesh files have; 1 if there are none. Raises ValueError if they differ."""
@@ -264,25 +276,25 @@ class Scene(Table, frozen=True, kw_only=True):
         return next(iter(found.values()), 1)
 
 
-def _tables(table: Table, key: str) -> Iterator[tuple[str, Table]]:
+def _tables(table: Table, key: str = "") -> Iterator[tuple[str, Table]]:
     """All tables within a table, each with its key, entries of lists by their names."""
     for name in table.__struct_fields__:
         value = getattr(table, name)
         for number, each in enumerate(value if isinstance(value, list) else [value]):
             if isinstance(each, Table):
-                here = f"{key}.{name}".lstrip(".") + f".{getattr(each, 'name', None) or number}" * (each is not value)
+                entry = each.settled() if isinstance(each, ContactSpec) else each
+                here = f"{key}.{name}".lstrip(".") + f".{getattr(entry, 'name', number)}" * (each is not value)
                 yield here, each
                 yield from _tables(each, here)
 
 
-def _vectors(table: Table, key: str) -> Iterator[tuple[str, tuple]]:
-    """All places and vectors within a table, each with its key."""
-    for where, each in [(key, table), *_tables(table, key)]:
-        for name in each.__struct_fields__:
-            value = getattr(each, name)
+def _vectors(scene: Scene) -> Iterator[tuple[str, tuple]]:
+    """All places and vectors within a scene, each with its key."""
+    for key, table in _tables(scene):
+        for name in table.__struct_fields__:
+            value = getattr(table, name)
             if isinstance(value, tuple) and name not in EXTENTS:
-                parts = value if isinstance(value[0], tuple) else [value]
-                yield from ((f"{where}.{name}", part) for part in parts)
+                yield from ((f"{key}.{name}", part) for part in (value if isinstance(value[0], tuple) else [value]))
 
 
 class Settled(Table, frozen=True, kw_only=True):
@@ -298,7 +310,7 @@ class Settled(Table, frozen=True, kw_only=True):
     output: Output
     checkpoint: Checkpoint
     petsc: PETScOptions
-    dimension: Literal[2, 3]
+    dimension: int
 
     @property
     def followed(self) -> list[str]:

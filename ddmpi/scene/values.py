@@ -22,6 +22,9 @@ Count = Annotated[int, msgspec.Meta(ge=1, le=10**12)]
 Point = Annotated[tuple[Number, ...], msgspec.Meta(min_length=2, max_length=3)]
 """Coordinates or components: two in the plane, three in space."""
 
+WHERE = {2: "in the plane", 3: "in space"}
+"""By number of coordinates."""
+
 Formula = Annotated[str, msgspec.Meta(min_length=1, max_length=1000)]
 """A number as a formula in the coordinates x, y and, in space, z, such as ``-6e7 * (1 + x/3)``."""
 
@@ -198,7 +201,7 @@ def evaluate(value: Any, *x: np.ndarray) -> np.ndarray:
         return np.full(np.shape(x[0]), value, float)
     none = 0.0 if isinstance(value, AffineScalar) else np.zeros(len(x))
     parts = zip((value.constant, value.x_slope, value.y_slope, value.z_slope), (np.ones_like(x[0]), *x), strict=False)
-    return sum(np.multiply.outer(none if factor is None else np.asarray(factor), of) for factor, of in parts)
+    return np.sum([np.multiply.outer(none if factor is None else factor, of) for factor, of in parts], axis=0)
 
 
 class Profile(Table, frozen=True, kw_only=True):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-SI = ("m", "Pa", "N/m", "N·m/m", "J/m")
+SI = ("m", "Pa", "N/m", "N·m/m", "J/m", "N", "N·m", "J")
 """Units that take a prefix."""
 
 PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))

@@ -5,9 +5,9 @@ import pytest
 
 from ddmpi.body.estimate import ErrorEstimate, estimate_error, relative_error, sum_errors
 from ddmpi.body.stiffness import sum_stiffness
-from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
+from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import Material, MeshSpec
 
 STEEL = Material(young=2e11, poisson=0.3)

@@ -10,9 +10,9 @@ from ddmpi.body.compliance import Compliance
 from ddmpi.body.elasticity import Elasticity, assemble
 from ddmpi.body.rigid_motions import Centring, add_springs, support
 from ddmpi.body.solver import StiffnessSolver
-from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
+from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
 
 CLAMPS = {"nothing": [], "y on a side": [Clamp(on="bottom", y=0.0)], "x on a side": [Clamp(on="left", x=0.0)],

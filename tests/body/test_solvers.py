@@ -13,12 +13,12 @@ from ddmpi.body.elasticity import Elasticity, assemble
 from ddmpi.body.solver import StiffnessSolver, best_cholesky
 from ddmpi.errors import DdmpiError, SolverError
 from ddmpi.interface.matching import pair
-from ddmpi.interface.side import contact_side
 from ddmpi.interface.trace import trace
-from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.mesh.refine import raise_order
+from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
 from ddmpi.scene.contacts import Coulomb, SettledContact
+from ddmpi.surface.side import contact_side
 
 
 def block(divisions=(12, 6), young=2e11, clamp=("left",), size=(2.0, 1.0)) -> Elasticity:

@@ -12,9 +12,9 @@ from scenes import pinched_blocks, prepare_scene, solve_scene
 import ddmpi.coupling.member
 from ddmpi.body.elasticity import Elasticity, assemble
 from ddmpi.coupling.member import Member
-from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
+from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
 
 YOUNG, POISSON = 2e11, 0.3

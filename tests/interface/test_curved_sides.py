@@ -5,11 +5,11 @@ import pytest
 from boundaries import mortar, pair, raise_order, rectangle, ring, side, touch
 
 from ddmpi.interface.mortar import cover, shapes
-from ddmpi.interface.side import Side, cross
 from ddmpi.mesh.elements import FINE, facet_measures
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import bend
 from ddmpi.scene.contacts import Circle, NoFriction
+from ddmpi.surface.side import Side, cross
 
 UNEVEN = np.cumsum([0.0, 0.2, 0.12, 0.25, 0.16, 0.2, 0.1, 0.22, 0.15])
 

@@ -10,13 +10,13 @@ from boundaries import held_beside, joined, pair
 from ddmpi.body.elasticity import assemble
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.side import Side, contact_side
 from ddmpi.interface.trace import displacement_trace, trace
-from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
+from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec
 from ddmpi.scene.contacts import Coulomb, NoFriction
+from ddmpi.surface.side import Side, contact_side
 
 NAME = "upper-lower"
 COULOMB = Coulomb(coefficient=0.3)

@@ -7,13 +7,13 @@ import pytest
 from boundaries import held_beside, join, joined, mortar, pair, rectangle, ring, side
 
 from ddmpi.errors import InputError
-from ddmpi.interface.cover import cover
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.mortar import shapes
-from ddmpi.interface.side import Side
 from ddmpi.interface.state import ContactState, contact_state
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Coulomb, NoFriction
+from ddmpi.surface.cover import cover
+from ddmpi.surface.side import Side
 
 COULOMB = Coulomb(coefficient=0.3)
 orders = pytest.mark.parametrize("order", [1, 2])

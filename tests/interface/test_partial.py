@@ -6,9 +6,9 @@ from boundaries import held_beside, joined, pair, rectangle, ring, side
 
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.side import Side
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Coulomb, NoFriction
+from ddmpi.surface.side import Side
 
 COULOMB = Coulomb(coefficient=0.3)
 orders = pytest.mark.parametrize("order", [1, 2])

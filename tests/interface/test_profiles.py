@@ -5,10 +5,10 @@ import pytest
 from boundaries import join, pair, rectangle, ring, side, touch, uncovered_profile
 
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.side import Side
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Coulomb, Plane
 from ddmpi.scene.values import Profile, SignedProfile
+from ddmpi.surface.side import Side
 
 LENGTH = 3.0
 RISING = Coulomb(coefficient=Profile(along="arc", points=[0.0, 9.0], values=[0.0, 9.0]))

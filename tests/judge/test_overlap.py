@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from ddmpi.judge.overlap import Solid, run_through, through_itself
-from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
+from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import MeshSpec
 
 

@@ -76,7 +76,7 @@ def test_order_one_keeps_the_corners_of_a_curved_file(tmp_path):
     """A second-order file solved with linear elements gives its corners, whether its sides are curved or not."""
     path = write_ring(tmp_path / "ring.msh", 6)
     linear, quadratic = (build_mesh(body(file=str(path), order=order)) for order in (1, 2))
-    assert kind_of_files(tmp_path / "scene.toml")(body(file=str(path))) == 2
+    assert kind_of_files(tmp_path / "scene.toml")(body(file=str(path))) == (2, 2)
     assert linear.order == 1 and len(linear.curved) == 0
     assert np.array_equal(linear.points, quadratic.points[:len(linear.points)])
     assert np.array_equal(linear.triangles, quadratic.triangles[:, :3])

@@ -6,8 +6,8 @@ import pytest
 from ddmpi.judge.accuracy import refine_scene
 from ddmpi.mesh.boundary import turn_outward
 from ddmpi.mesh.build import build_mesh
-from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.mesh.mesh import Mesh, signed_measures
+from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import BodySpec, Material, MeshSpec
 from ddmpi.scene.reader import read_scene
 

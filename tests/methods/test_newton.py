@@ -25,10 +25,10 @@ from scenes import (
 from ddmpi.coupling.space import Space
 from ddmpi.interface.interface import Interface, Places
 from ddmpi.interface.law import CoulombLaw
-from ddmpi.interface.side import laplacian
 from ddmpi.judge.diagnosis import StatusLog
 from ddmpi.methods.half_space import HalfSpace
 from ddmpi.methods.paths import InteriorPoints, Softening
+from ddmpi.surface.side import laplacian
 
 pytestmark = pytest.mark.slow
 

@@ -7,7 +7,7 @@ from matplotlib import pyplot as plt
 
 from ddmpi.interface.trace import displacement_trace
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.results.magnify import magnify
+from ddmpi.results.frame import magnify
 from ddmpi.results.pictures import draw_bodies
 from ddmpi.results.tables import Results
 

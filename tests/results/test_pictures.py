@@ -15,8 +15,8 @@ from ddmpi.errors import InputError, OutputError
 from ddmpi.interface.interface import Lines
 from ddmpi.results import pictures
 from ddmpi.results.fields import drawn_facets
+from ddmpi.results.frame import magnify
 from ddmpi.results.histories import draw_steps
-from ddmpi.results.magnify import magnify
 from ddmpi.results.pictures import draw_all, draw_bodies, draw_contact, draw_contacts, draw_convergence
 from ddmpi.results.tables import Results, chains, read_results, write_history
 

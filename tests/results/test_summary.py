@@ -13,6 +13,7 @@ from ddmpi.interface.state import ContactState
 from ddmpi.results.summary import SUMMARY, summarize, write_summary
 from ddmpi.results.tables import read_results
 from ddmpi.run.gather import StepLog
+from ddmpi.system.numbers import Rows
 from ddmpi.system.provenance import provenance
 
 TOP = {"format", "title", "converged", "reason", "outer", "order", "n", "m", "ranks", "outer_iterations",
@@ -113,12 +114,12 @@ def test_friction_dissipates_what_slip_overcomes():
 
 def test_the_work_of_all_load_steps_is_added_up():
     """dissipated of a contact is that of all load steps; of a step it is its own."""
-    log, contacts = StepLog(list(made_up.CONTACTS["row"]), list(made_up.ROW)), row()
+    log, contacts = StepLog(list(made_up.CONTACTS["row"]), list(made_up.ROW), 2), row()
     assert log.dissipated == {"left-middle": 0.0, "middle-right": 0.0}
     for time in (1.0, 2.0):
         log.steps.append((time, 3))
         log.note_contacts(list(contacts.values()))
-    again = StepLog(log.contacts, log.bodies)
+    again = StepLog(log.contacts, log.bodies, 2)
     again.restore(log.state())
     bodies = {name: made_up.body() for name in made_up.ROW}
     summary = summarize(made_up.scene(list(contacts)), made_up.run(steps=again.summary()), bodies, contacts,
@@ -128,6 +129,25 @@ def test_the_work_of_all_load_steps_is_added_up():
         assert [step["contacts"][name] for step in summary["steps"]] == [
             {key: summary["contacts"][name][key] for key in STEP} | {"dissipated": state.dissipated}] * 2
         assert type(summary["steps"][0]["contacts"][name]["open"]) is int
+
+
+def test_what_is_kept_of_load_steps_outlives_a_restart():
+    """All of it: tables, fields, warnings, the worst residuals, and the largest values, to which others compare."""
+    log, contacts = StepLog(list(made_up.CONTACTS["row"]), list(made_up.ROW)), row()
+    log.steps.append((1.0, 3))
+    log.note_contacts(list(contacts.values()))
+    log.energies.append(np.arange(5.0))
+    log.iterations.append(np.arange(9.0))
+    log.keep(1.0, np.arange(4.0), np.arange(2.0), list(contacts.values()))
+    log.doubt(1.0, ["body.left: moves far, by 0.3"])
+    log.judge(made_up.certificate(contacts, made_up.ROW, left_middle={"friction": 0.25}))
+    log.largest = np.array([3.0, 2.0, 1.0])
+    again = StepLog(log.contacts, log.bodies)
+    again.restore(log.state())
+    ours, theirs = ({name: value.all if isinstance(value, Rows) else value for name, value in vars(each).items()}
+                    for each in (again, log))
+    np.testing.assert_equal(ours, theirs)
+    assert all(len(value) for value in theirs.values()) and log.largest.all()
 
 
 def test_the_worst_residual_is_at_the_top():

@@ -3,6 +3,7 @@
 import json
 import tomllib
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from ddmpi.errors import InputError
 from ddmpi.scene.bodies import Clamp, Material
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
 from ddmpi.scene.keys import differences, override
-from ddmpi.scene.method import Published
+from ddmpi.scene.method import METHODS, Method, OuterName, Published
 from ddmpi.scene.reader import read_scene, read_scene_file
 from ddmpi.scene.scene import Scene, Settled
 from ddmpi.scene.values import AffineScalar, AffineVector, Profile, check_formulas, evaluate, varies
@@ -77,8 +78,8 @@ REFUSED = {
     "unknown mesh": (["body.upper.mesh.orign=[0,0]"], ["body.upper.mesh.orign", "did you mean 'origin'"]),
     "unknown traction": (["body.upper.traction.0.valeu=[1,2]"],
                          ["body.upper.traction.0.valeu: unknown key", "did you mean 'value'"]),
-    "unknown clamp": (['body.upper.clamp.1={on="left", z=0.0}'],
-                      ["body.upper.clamp.1.z: unknown key", "valid here: on, x, y"]),
+    "unknown clamp": (['body.upper.clamp.1={on="left", w=0.0}'],
+                      ["body.upper.clamp.1.w: unknown key", "valid here: on, x, y, z"]),
     "unknown affine": (["body.upper.traction.0.value={constnat=[1,2]}"],
                        ["body.upper.traction.0.value.constnat: unknown key", "did you mean 'constant'"]),
     "unknown friction": (["contact.0.friction.coeficient=0.1"],
@@ -95,8 +96,11 @@ REFUSED = {
     "number for list": (["body=3"], ["body: ", "3"]),
     "string for list": (["body.upper.clamp=left"],
                         ["body.upper.clamp: expected a list (got 'left')", 'write clamp = ["left"]']),
-    "short pair": (["body.upper.traction.0.value=[1.0]"], ["body.upper.traction.0.value: ", "length 2", "1"]),
-    "long pair": (["body.upper.mesh.divisions=[2,2,2]"], ["body.upper.mesh.divisions: ", "length 2", "3"]),
+    "short pair": (["body.upper.traction.0.value=[1.0]"],
+                   ["body.upper.traction.0.value: expected a list of length 2 or 3, got 1; write "
+                    "value = [x, y], in space [x, y, z]"]),
+    "long pair": (["body.upper.mesh.divisions=[2,2,2]"], [
+        "body.upper.mesh.divisions: a rectangle has divisions = [nx, ny], got [2, 2, 2]"]),
     "table in petsc": (["petsc.qp_tao_type={a=1}"], ["petsc.qp_tao_type: ", "expected", "words in quotes"]),
     # out of range
     "zero theta": (["method.theta=0"], ["method.theta: expected a number > 0", "got 0"]),
@@ -134,10 +138,11 @@ REFUSED = {
                   ["body.upper.material.plane: 'stres' is not valid; expected one of strain, stress",
                    "did you mean 'stress'"]),
     "bad shape": (["body.upper.mesh.shape=circle"],
-                  ["body.upper.mesh.shape: 'circle'", "expected one of annulus, quadrilateral, rectangle"]),
+                  ["body.upper.mesh.shape: 'circle'",
+                   "expected one of annulus, box, hexahedron, quadrilateral, rectangle"]),
     "bad algorithm": (["method.algorithm=orignal"],
                       ["method.algorithm: 'orignal'", "expected one of", "did you mean 'original'"]),
-    "bad along": ([PROFILE + "={along='z',points=[0],values=[1]}"], [PROFILE + ".along: 'z'", "arc, x, y"]),
+    "bad along": ([PROFILE + "={along='w',points=[0],values=[1]}"], [PROFILE + ".along: 'w'", "arc, x, y, z"]),
     # friction laws
     "bad law": (["contact.0.friction.law=coulom"],
                 ["contact.upper-lower.friction.law: 'coulom' is not valid; expected one of coulomb, tresca, none",
@@ -182,7 +187,7 @@ REFUSED = {
                           ['body.upper.mesh: a.step is a drawing; write geometry = "a.step", size = h']),
     "divisions is a number": (["body.upper.mesh.divisions=66"], ["write divisions = [nx, ny]"]),
     "method is a word": (["method=newton"], ["method: expected a table (got 'newton'); write [method]"]),
-    "space": (["dimension=3"], ["dimension: unknown key; scenes are plane"]),
+    "space": (["dimension=3"], ["dimension: unknown key; meshes and lists say it"]),
     # profiles
     "unequal profile": ([PROFILE + "={points=[0,1],values=[1]}"],
                         [PROFILE + ": points and values must be equally many", "2 points and 1 values"]),
@@ -225,9 +230,9 @@ REFUSED = {
     "traction of nothing": (['body.upper.traction=[{on="top"}]'],
                             ["body.upper.traction.0: a traction has either a value", "or a pressure"]),
     "value and pressure": (["body.upper.traction.0.pressure=1e6"], ["body.upper.traction.0: a traction has either"]),
-    "unknown name in a formula": (['body.upper.traction.0.value=["0", "-6e7*(1+z)"]'],
-                                  ['body.upper.traction.0.value: the formula "-6e7*(1+z)" cannot be evaluated',
-                                   "'z' is not known", "known are x, y, pi"]),
+    "unknown name in a formula": (['body.upper.traction.0.value=["0", "-6e7*(1+w)"]'],
+                                  ['body.upper.traction.0.value: the formula "-6e7*(1+w)" cannot be evaluated',
+                                   "'w' is not known", "known are x, y, z, pi"]),
     "unknown function": (["body.upper.clamp.1.x=1e-3*sn(y)"],
                          ['body.upper.clamp.1.x: the formula "1e-3*sn(y)"', "the function 'sn' is not known"]),
     "no formula": (['body.lower.volume_force=["0", "2*(x"]'], ['body.lower.volume_force: the formula "2*(x"',
@@ -249,7 +254,8 @@ REFUSED = {
     "unknown key of a part": (['body.lower.material=[{on="a", yuong=1.0, poisson=0.3}]'],
                               ["body.lower.material.0.yuong: unknown key; did you mean 'young'?"]),
     "clamp of nothing": (['body.upper.clamp=[{on="left"}]'],
-                         ["body.upper.clamp.0: ", "prescribes x, y or both", 'clamp = ["left"]']),
+                         ["body.upper.clamp.0: ", "prescribes one or several of x, y and, in space, z",
+                          'clamp = ["left"]']),
 }
 
 
@@ -373,7 +379,7 @@ def test_overrides_reach_every_part():
     assert (upper.material.young, lower.material.poisson) == (1e9, 0.1)
     assert (upper.mesh.divisions, upper.mesh.size) == ((12, 4), (4.0, 1.0))
     assert upper.traction[0].value == (1.0, 2.0)
-    assert upper.clamps[0] == Clamp(on="top", x=0.0, y=0.0)
+    assert upper.clamps[0] == Clamp(on="top", x=0.0, y=0.0, z=0.0)
     assert changed.contact[0].friction == Coulomb(coefficient=0.5)
     assert changed.contact[0].on == ("a", "b")
     assert (changed.method.theta, changed.method.max_iterations) == (0.3, 7)
@@ -499,7 +505,7 @@ def orders(*settings: str, **of_files: int) -> list[int]:
     """The orders of the bodies' elements; the lower body's mesh is a file, the upper's if `of_files` has its order."""
     shape = 'shape = "rectangle", origin = [0.0, 1.0], size = [3.0, 1.0], divisions = [6, 2]'
     text = TEXT.replace(shape, 'file = "upper.msh"') if "upper" in of_files else TEXT
-    settled = read_scene("case.toml", text, list(settings), lambda body: of_files[body.name])
+    settled = read_scene("case.toml", text, list(settings), lambda body: (2, of_files[body.name]))
     return [body.mesh.order for body in settled.body]
 
 
@@ -515,13 +521,15 @@ def test_elements_have_the_order_of_the_files():
 
 
 OPTIONAL = {
-    "SettledMesh": {"shape", "size", "corners", "center", "radii", "angles", "divisions", "file", "geometry",
+    "SettledMesh": {"shape", "origin", "size", "corners", "center", "radii", "angles", "divisions", "file", "geometry",
                     "contact_size"},  # one of shape, file and geometry
     "SettledContact": {"gap", "pairing", "slave"},  # measured, chosen
-    "PartMaterial": {"on"},  # what the others leave
-    "Clamp": {"x", "y", "history"},  # free; constant in time
+    "Material": {"plane"}, "PartMaterial": {"on", "plane"},  # solids have none; what the others leave
+    "Clamp": {"x", "y", "z", "history"},  # free; constant in time
     "Traction": {"value", "pressure", "history"},  # one of them
-    "VolumeForce": {"value", "history"}, "Plane": {"history"}, "Circle": {"history"},
+    "VolumeForce": {"value", "history", "constant", "x_slope", "y_slope", "z_slope"},
+    "AffineVector": {"constant", "x_slope", "y_slope", "z_slope"},  # zero
+    **{shape: {"displacement", "history"} for shape in ("Plane", "Circle", "Sphere", "Cylinder")},  # not moved
     "Settled": {"time"}, "SettledTime": {"steps", "tolerance"},  # one load step; the one or the other
     "Output": {"magnification"},  # chosen by the picture
     "SettledMethod": {"algorithm", "splitting", "theta", "target_error", "preset", "compliance"},
@@ -608,9 +616,9 @@ def test_scene_is_frozen():
 
 
 def test_clamps_in_long_form():
-    """A bare group name among the clamps fixes both components."""
+    """A bare group name among the clamps fixes all components."""
     upper, lower = scene().body
-    assert upper.clamps == [Clamp(on="left", x=0.0, y=0.0), Clamp(on="right", x=1e-3)]
+    assert upper.clamps == [Clamp(on="left", x=0.0, y=0.0, z=0.0), Clamp(on="right", x=1e-3)]
     assert upper.clamps[1].y is None
     assert lower.clamps == [Clamp(on="bottom", x=0.0, y=AffineScalar(constant=1e-4, x_slope=2e-4))]
 
@@ -706,3 +714,13 @@ def test_shipped_scene_is_valid(name):
     shipped = read_scene_file(ROOT / "configs" / name)
     assert shipped.title
     check_round_trip(shipped)
+
+
+def test_every_outer_method_says_what_is_asked_of_it():
+    """Titles, labels, plan and advice, by the name that a scene has for it."""
+    assert set(METHODS) == set(get_args(OuterName))
+    for name, kind in METHODS.items():
+        method = Method(outer=name).settled()
+        assert type(method) is kind and (method.outer, bool(Method(outer=name).for_two)) == (name, method.by_body)
+        assert f"{method.criterion} below {method.tolerance:g}" in method.plan
+        assert method.title and all(method.curves) and method.diverging and method.advice("diverged", np.nan, 3, 0.1)

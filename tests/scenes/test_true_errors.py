@@ -28,9 +28,9 @@ from true_errors import (
 
 from ddmpi.body.estimate import estimate_error, relative_error
 from ddmpi.coupling.assembly import prepare
-from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
+from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.run.solve import solve
 from ddmpi.scene.bodies import Material, MeshSpec
 

@@ -70,4 +70,4 @@ def test_every_key_has_a_meaning():
                  for key, value in table["properties"].items()}
     assert len(described) > 90
     assert {key for key, has in described.items() if not has} == {
-        "Plane.shape", "Circle.shape", "Coulomb.law", "Tresca.law", "NoFriction.law"}
+        "Plane.shape", "Circle.shape", "Sphere.shape", "Cylinder.shape", "Coulomb.law", "Tresca.law", "NoFriction.law"}

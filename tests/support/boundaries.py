@@ -8,12 +8,12 @@ from ddmpi.body.elasticity import Elasticity, assemble
 from ddmpi.interface import interface, matching
 from ddmpi.interface import mortar as mortars
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.side import Side, contact_side
-from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
+from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import BodySpec, Material, MeshSpec
 from ddmpi.scene.contacts import SettledContact
+from ddmpi.surface.side import Side, contact_side
 
 YOUNG, POISSON = 1e9, 0.3
 

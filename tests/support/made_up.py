@@ -10,17 +10,17 @@ import numpy as np
 from ddmpi.body.stress import stress, von_mises
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.matching import pair
-from ddmpi.interface.side import contact_side
 from ddmpi.interface.state import ContactState
 from ddmpi.judge.certificate import Certificate, ContactResiduals
-from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
+from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.results.fields import Fields, contact_fields, write_facets, write_fields, write_xdmf
 from ddmpi.results.summary import RunResult, summarize, write_summary
 from ddmpi.results.tables import write_contact, write_history, write_sides, write_steps
 from ddmpi.scene.bodies import Material, MeshSpec
 from ddmpi.scene.contacts import Coulomb, NoFriction, SettledContact
+from ddmpi.surface.side import contact_side
 
 STEEL = Material(young=2.119e11, poisson=0.277)
 

@@ -8,8 +8,8 @@ import scipy.sparse as sparse
 
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import BondedLaw, CoulombLaw, Law, TrescaLaw
-from ddmpi.interface.side import frames
 from ddmpi.judge.motions import MotionsOfBody
+from ddmpi.surface.side import frames
 
 
 @dataclass

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import factorial
 
 import numpy as np
@@ -11,6 +12,7 @@ import scipy.sparse as sparse
 from ddmpi.mesh.boundary import links, segments, turn_outward
 from ddmpi.mesh.elements import CELLS, FIRST, bends, facet_cell, facet_measures, facet_shares
 from ddmpi.mesh.mesh import Mesh
+from ddmpi.surface.curved import bulge, normals_at_corners
 
 SHARPEST = np.deg2rad(40.0)
 """Where a boundary turns by more than this from one side of an element to the next, it has a corner; where by less, it
@@ -50,6 +52,7 @@ class Side:
     arc : (k,) arc length from the start of the node's chain, on the way with the body to the left (m). A closed chain
         starts at the first node of the group's first line on it. Zero in space
     facets : (f, l) by the places of their nodes, turned outward as `turn_outward` does; in the order of the last column
+    parted : whether another contact is on the same group
     """
 
     body: str
@@ -63,6 +66,7 @@ class Side:
     extent: np.ndarray
     arc: np.ndarray
     facets: np.ndarray
+    parted: bool = False
 
     @property
     def free(self) -> np.ndarray:
@@ -119,9 +123,12 @@ class Side:
         """
         return self._slopes()[0]
 
-    @property
+    @cached_property
     def fans(self) -> np.ndarray:
-        """(f, 2, 2) unit normals at the ends of each facet, the same for both that meet at less than SHARPEST."""
+        """(f, d, d) unit normals at the corners of each facet, the same for all that meet there at less than SHARPEST.
+        """
+        if self.dimension > 2:
+            return normals_at_corners(self.xy, self.facets[:, :3], SHARPEST)
         tilt = np.stack([-self._slopes()[1][:, 0], self._slopes()[1][:, 1]], axis=1)
         cosine, sine = np.cos(tilt), np.sin(tilt)
         (x, y) = self.outward.T[:, :, None]
@@ -155,14 +162,17 @@ class Side:
     def bulge(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """How far (q,) the boundary that is meant stands off its chords, outward (m).
 
-        Over each chord lies the cubic with the slopes at its ends, times what makes the arc of a circle exact.
+        Over each chord lies the cubic with the slopes at its ends, times what makes the arc of a circle exact. In space
+        it is what `curved.bulge` has over triangles.
 
         Parameters
         ----------
         facets : (q,) on which the points lie
-        at : (q,) where on the facet, from 0 at its first end to 1 at the second
-        direction : (q, 2) unit vectors along which the distance counts
+        at : (q,) where on the facet, from 0 at its first end to 1 at the second; in space (q, 3) barycentric
+        direction : (q, d) unit vectors along which the distance counts
         """
+        if self.dimension > 2:
+            return bulge(self.xy[self.facets[:, :3]], self.fans, facets, at, direction)
         slope, along, z = self.slopes[facets], self.along[facets], 2.0 * at - 1.0
         length = np.linalg.norm(along, axis=1)
         first, second = np.tan(slope).T
@@ -224,6 +234,12 @@ class Side:
         facets = self.facets[some]
         return nodal(facet_shares(self.xy[facets]), facets, len(self.nodes))
 
+    def vertex_areas(self, some: np.ndarray) -> np.ndarray:
+        """Integrals (k,) of the vertices' hat functions over some of the facets (f,) bool, in space (m²)."""
+        nodes = self.facets[some]
+        shares = np.repeat(self.lengths[some][:, None] / 3.0, 3, axis=1)
+        return nodal(shares, nodes[:, :3], len(self.nodes))
+
     def normals_over(self, some: np.ndarray) -> np.ndarray:
         """Outer unit normals (k, d) averaged over some of the facets (f,) bool; those of the side away from these."""
         facets = self.facets[some]
@@ -280,10 +296,11 @@ def turn_right(vectors: np.ndarray) -> np.ndarray:
 
 
 def contact_side(mesh: Mesh, edges: np.ndarray, clamps: np.ndarray, body: str, modulus: float, key: str,
-                 tied: np.ndarray | None = None) -> Side:
+                 tied: np.ndarray | None = None, parted: bool = False) -> Side:
     """The contact boundary made of `edges` (k, l), in the plane ordered from its first end. Not collective.
 
     `clamps` (nv, d) and `tied` (nv,) as those of a `Side`, of all nodes of the body; without `tied` none is.
+    `parted` as of a `Side`.
 
     Raises InputError naming `key` when an edge does not lie on the boundary.
     """
@@ -301,7 +318,7 @@ def contact_side(mesh: Mesh, edges: np.ndarray, clamps: np.ndarray, body: str, m
     normal, length = (nodal(of(xy[facets]), facets, len(nodes)) for of in (_across, facet_shares))
     return Side(body, modulus, nodes, xy, unit(normal), length, clamps[nodes],
                 np.zeros(len(nodes), bool) if tied is None else tied[nodes], np.ptp(mesh.points, axis=0),
-                arc[nodes], facets)
+                arc[nodes], facets, parted)
 
 
 def _arc(edges: np.ndarray, points: np.ndarray, origins: np.ndarray) -> np.ndarray:

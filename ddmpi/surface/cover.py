@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ddmpi.interface.side import Side, cross, unit
+from ddmpi.surface.cut import cut
+from ddmpi.surface.side import Side, cross, unit
 from ddmpi.system.numbers import spans
 
 FACING = -0.5
@@ -31,10 +32,11 @@ class Cover:
 
     Attributes
     ----------
-    facet, at : (q,) the slave's facet of each point, and where on it, the parameter from 0 to 1
-    other, there : (q,) the same of the point that it faces
-    weight : (q,) parts of the length along the slave's facets (m)
-    direction : (q, 2) unit normal along which the other side is looked for
+    facet, at : (q,) the slave's facet of each point, and where on it, the parameter from 0 to 1; in space (q, 3)
+        barycentric coordinates
+    other, there : the same of the point that it faces
+    weight : (q,) parts of the length or area of the slave's facets (m or m²)
+    direction : (q, d) unit normal along which the other side is looked for
     gap : (q,) distance along it of the boundaries that are meant (m)
     """
 
@@ -48,14 +50,22 @@ class Cover:
 
 
 def cover(slave: Side, master: Side) -> Cover:
-    """The part of the slave that faces the master, along its averaged normals. Not collective.
+    """The part of the slave that faces the master, along its averaged normals, in space along those of its facets.
+    Not collective.
 
     Pieces, rays and gaps are found on chords; a point of a curved facet stands upright on its chord, and faces what its
     ray meets. A piece of the slave faces what is nearest of the other side with a normal against its own. What lies
     behind the slave counts as an overlap up to DEEPEST of the thinner body's depth; ahead, any distance counts.
     """
+    outward = slave.outward
+    depth = DEEPEST * np.minimum(np.abs(outward) @ slave.extent, np.abs(outward) @ master.extent)
+    if slave.dimension > 2:
+        facet, one, at, there, weight, distance = cut(slave, master, FACING, -depth)
+        ray = outward[facet]
+        return Cover(facet, at, one, there, weight, ray,
+                     distance - slave.bulge(facet, at, ray) - master.bulge(one, there, -ray))
     own, corners, fans = (slave.xy[slave.facets[:, :2]], master.xy[master.facets[:, :2]], slave.fans)
-    outward, length = slave.outward, np.linalg.norm(slave.along, axis=1)
+    length = np.linalg.norm(slave.along, axis=1)
     facet, one = _swept(corners, own, fans)
     facing = np.einsum("pi,pi->p", outward[facet], master.outward[one]) < FACING
     facet, one = facet[facing], one[facing]
@@ -63,8 +73,7 @@ def cover(slave: Side, master: Side) -> Cover:
     middle = (low + high) / 2
     piece, pair = _together(on, facet)
     there, distance, _ = _meet(own, fans, on[piece], middle[piece], corners[one[pair]])
-    deepest = -DEEPEST * np.minimum(np.abs(outward) @ slave.extent, np.abs(outward) @ master.extent)[on[piece]]
-    met = (there >= -TOUCHING) & (there <= 1.0 + TOUCHING) & (distance >= deepest)
+    met = (there >= -TOUCHING) & (there <= 1.0 + TOUCHING) & (distance >= -depth[on[piece]])
     piece, pair, distance = piece[met], pair[met], np.abs(distance[met])
     order = np.lexsort((distance, piece))  # the nearest of each piece comes first
     nearest = order[np.flatnonzero(np.diff(piece[order], prepend=-1))]

@@ -1,0 +1,146 @@
+"""Rows of contacts in space that stand at the vertices of the slave's facets, of order 1 and 2 alike.
+
+With the hat functions φ_j of the vertices and the functions θ_j of the rows,
+
+    D_j = ∫ θ_j,   row j: u ↦ n_j · D_j⁻¹ ∫ θ_j (u of the slave − u of what it faces),   gap_j = D_j⁻¹ ∫ θ_j gap.
+
+Where contact is unilateral, ψ are dual to φ, over the covered part of each facet (Wohlmuth, SIAM J. Numer. Anal. 38,
+2000; Popp, Wohlmuth, Gee, Wall, SIAM J. Sci. Comput. 34, 2012); bonds, which have no active set, take φ itself. A
+vertex whose row could not stand alone shares its function among its neighbours, θ_j = ψ_j + Σ a_dj ψ_d, so that the θ
+sum to one and constant stresses are exact.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sparse
+
+from ddmpi.interface.interface import Lines, Places
+from ddmpi.interface.rows import Rows, at_points, holds_along, means, without_rounding
+from ddmpi.mesh.boundary import links
+from ddmpi.mesh.elements import cell_with
+from ddmpi.scene.contacts import SettledContact
+from ddmpi.surface.cover import Cover
+from ddmpi.surface.side import Side, unit
+
+SLIVER = 1e-6
+"""The dual functions of a facet of which a smaller part is covered are constants."""
+
+UNCOVERED = 0.15
+"""A vertex of whose area a smaller part is covered shares its function."""
+
+BARELY = 0.5
+"""So does one that clamps let move by less than this, where free ones move by one."""
+
+LACKING = 1e-3
+"""A facet of which no more than this part is not covered is wholly covered."""
+
+
+def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, contact: SettledContact) -> Rows:
+    """The rows of the slave, `sides[own]`. Not collective."""
+    side, bonded = sides[own], contact.kind == "bonded"
+    seen = np.isin(np.arange(len(side.facets)), over.facet)
+    psi, full = _functions(side, over, bonded), side.vertex_areas(seen)
+    D = np.asarray(psi.sum(axis=0)).ravel()
+    shares = (UNCOVERED * full > D) | _meets_others(side, D)
+    shares |= ~(side.free.all(axis=1) if bonded else side.free.any(axis=1))
+    shares[full == 0.0] = False
+    pairs, size = links(side.facets[seen, :3], 3), len(side.nodes)
+    near = sparse.csr_matrix((np.ones(2 * len(pairs)), np.concatenate([pairs, pairs[:, ::-1]]).T), (size, size))
+    rows = _rows(sides, own, over, psi, _shared(full > 0.0, shares, near), seen)
+    held = _hardly_move(rows, holds_along(contact) and np.isfinite(sides[1 - own].modulus))
+    if held.any() and not held.all():
+        shares[rows.nodes[held]] = True
+        rows = _rows(sides, own, over, psi, _shared(full > 0.0, shares, near), seen)
+    return rows
+
+
+def _functions(side: Side, over: Cover, hats: bool) -> sparse.csr_matrix:
+    """w ψ (q, k) of the slave's nodes at the points, with their weights."""
+    phi, weighted = over.at, over.weight[:, None] * over.at
+    if not hats:
+        covered, part = np.unique(over.facet, return_inverse=True)
+        lengths, mass = np.zeros((len(covered), 3)), np.zeros((len(covered), 3, 3))
+        np.add.at(lengths, part, weighted)
+        np.add.at(mass, part, weighted[:, :, None] * phi[:, None])
+        sliver = lengths.sum(axis=1) < SLIVER * side.lengths[covered]
+        mass[sliver] = np.eye(3)
+        psi = np.einsum("qi,qij->qj", phi, np.linalg.inv(mass)[part]) * lengths[part]
+        weighted = over.weight[:, None] * np.where(sliver[part, None], 1.0 / 3.0, psi)
+    return at_points(weighted, side.facets[over.facet, :3], len(side.nodes))
+
+
+def _meets_others(side: Side, D: np.ndarray) -> np.ndarray:
+    """Which vertices (k,) other contacts of the body have as well: on the rim of their group, where another one's
+    group begins, and, where other contacts are on the same group, where what this one covers (k,) ends."""
+    facets = side.facets[:, :3]
+    edges, count = np.unique(np.sort(np.concatenate([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]]), axis=1),
+                             axis=0, return_counts=True)
+    rim = np.zeros(len(side.nodes), bool)
+    rim[edges[count == 1]] = True
+    partly = (1.0 - UNCOVERED) * side.vertex_areas(np.ones(len(facets), bool)) > D
+    return (rim & side.tied) | (partly & side.parted)
+
+
+def _shared(vertices: np.ndarray, shares: np.ndarray, links: sparse.csr_matrix) -> sparse.csr_matrix:
+    """(k, k) the part of each vertex's function that each vertex has: of those that share (k,) bool, their neighbours
+    by `links` (k, k), level by level where no neighbour keeps a row. Columns sum to one."""
+    keeps = vertices & ~shares
+    parts = sparse.diags(1.0 * keeps).tocsr()
+    done, left = keeps.copy(), vertices & shares
+    while left.any():
+        near = (sparse.diags(1.0 * done) @ links).tocsc()  # rows: neighbours that are done
+        near.eliminate_zeros()
+        number = np.diff(near.indptr)
+        now = left & (number > 0)
+        if not now.any():  # a contact of vertices none of which can stand alone
+            return sparse.diags(1.0 * vertices).tocsr()
+        average = near @ sparse.diags(np.where(now, 1.0 / np.maximum(number, 1), 0.0))
+        parts = parts + parts @ average
+        done, left = done | now, left & ~now
+    return parts.tocsr()
+
+
+def _rows(sides: tuple[Side, Side], own: int, over: Cover, psi: sparse.csr_matrix, parts: sparse.csr_matrix,
+          seen: np.ndarray) -> Rows:
+    """The rows with the `parts` (k, k) that vertices have of the functions `psi` of all."""
+    side, other = sides[own], sides[1 - own]
+    nodes = np.flatnonzero(np.diff(parts.indptr))
+    place = np.full(len(side.nodes), -1)
+    place[nodes] = np.arange(len(nodes))
+    theta = (parts[nodes] @ psi.T).tocsr()
+    area = theta @ np.ones(theta.shape[1])
+    at = (_shapes(side, over.facet, over.at), _shapes(other, over.other, over.there))
+    S, P = (means(theta @ each, area) for each in at)
+    normals = means(theta @ at_points(over.at, side.facets[over.facet, :3], len(side.nodes)), area) @ side.normal
+    normals = normals - means(theta @ at_points(over.there, other.facets[over.other, :3], len(other.nodes)),
+                               area) @ other.normal
+    normal = unit(normals)
+    gap = theta @ over.gap / area * np.einsum("ij,ij->i", unit(theta @ over.direction), normal)
+    gap = without_rounding(gap, side.spacing[nodes])
+    share = np.bincount(over.facet, over.weight, len(seen))
+    kept = (place[side.facets[:, :3]] >= 0).all(axis=1)
+    whole = seen & (share >= (1.0 - LACKING) * side.lengths) & kept
+    first, sign = (1, 1.0) if own == 0 else (-1, -1.0)
+    drawn = place[side.facets[seen & kept, :3]]
+    probes = slice(None, None, 3)
+    return Rows(sides, own, nodes, place, seen, (S, P)[::first], sign * normal, area, gap, np.zeros(len(nodes)),
+                np.zeros(len(place), bool), whole, Lines(np.arange(len(nodes)), side.xy[nodes], area, drawn),
+                Places((sides[0].nodes, sides[1].nodes), sign * over.direction[probes], over.gap[probes],
+                       tuple(each[probes] for each in at)[::first]))
+
+
+def _hardly_move(rows: Rows, tangential: bool) -> np.ndarray:
+    """Which rows (r,) clamps of a side hardly let move, along the normal, or along any axis if this counts."""
+    most = np.zeros(rows.normal.shape)
+    for side, transfer in zip(rows.sides, rows.transfers, strict=True):
+        most = np.maximum(most, np.abs(transfer @ (1.0 * side.free)))
+    if tangential:
+        return most.min(axis=1) < BARELY
+    return np.linalg.norm(rows.normal * np.minimum(most, 1.0), axis=1) < BARELY
+
+
+def _shapes(side: Side, facet: np.ndarray, at: np.ndarray) -> sparse.csr_matrix:
+    """(q, k) how points on facets move with the nodes of the side."""
+    facets = side.facets[facet]
+    return at_points(cell_with(2, facets.shape[1]).shapes(at), facets, len(side.nodes))

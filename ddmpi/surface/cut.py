@@ -1,0 +1,191 @@
+"""Which part of a side faces another one, in space: facets cut by facets in the plane of the slave's.
+
+Both are projected along the normal of the slave's facet, which is a plane triangle of its corners; the polygon that
+they have in common is cut into triangles with Gauss's points (Puso and Laursen, Comput. Methods Appl. Mech. Engrg. 193,
+2004). Facets of order 2 have the barycentric coordinates of these triangles for their parameters.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ddmpi.mesh.elements import RULES, SECOND, facet_cell
+from ddmpi.surface.side import Side
+from ddmpi.system.numbers import spans
+
+CHUNK = 60_000
+"""Pairs of facets that are cut at a time."""
+
+PARALLEL = 1e-20
+"""Lines whose cross product squared is below this part of their lengths squared are parallel and have no crossing."""
+
+INSIDE = 1e-12
+"""Corners lie in a triangle up to this part of its coordinates."""
+
+SMALLEST = 1e-14
+"""Triangles below this part of their facet's area are rounding."""
+
+BEHIND = 1e-6
+"""What lies nearer by more than this part of a facet's size hides what lies behind it."""
+
+
+def cut(slave: Side, master: Side, facing: float, deepest: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Points on the slave that face the master along its facets' normals. Not collective.
+
+    Parameters
+    ----------
+    facing : facets face each other where the product of their normals is below this
+    deepest : (f,) least distance along the slave's normals of what is not ignored (m)
+
+    Returns
+    -------
+    facet, other : (q,) the facets of both sides
+    at, there : (q, 3) barycentric coordinates of the points on them
+    weight : (q,) parts of the slave's area (m²)
+    distance : (q,) between the plane triangles (m)
+    """
+    own, others = slave.xy[slave.facets[:, :3]], master.xy[master.facets[:, :3]]
+    outward, backward = slave.outward, master.outward
+    facet, other = _near(own, others, outward, backward)
+    faces = np.einsum("pd,pd->p", outward[facet], backward[other]) < facing
+    facet, other = facet[faces], other[faces]
+    rule = SECOND[2] if slave.facets.shape[1] == master.facets.shape[1] == 3 else RULES[2]
+    found = [_cut(own, others, outward, facet[start:start + CHUNK], other[start:start + CHUNK], rule)
+             for start in range(0, max(len(facet), 1), CHUNK)]
+    facet, other, at, there, weight = (np.concatenate(each) for each in zip(*found, strict=True))
+    number = len(rule[1])
+    distance = np.einsum("qd,qd->q", np.einsum("qc,qcd->qd", there, others[other])
+                         - np.einsum("qc,qcd->qd", at, own[facet]), outward[facet])
+    keep = distance.reshape(-1, number).mean(axis=1) >= deepest[facet[::number]]
+    size = np.sqrt(facet_areas(own))
+    keep &= ~_hidden(own, others, outward, facet[::number], other[::number], at.reshape(-1, number, 3).mean(axis=1),
+                     distance.reshape(-1, number).mean(axis=1), BEHIND * size)
+    keep = np.repeat(keep, number)
+    facet, other, at, there, weight, distance = (
+        each[keep] for each in (facet, other, at, there, weight, distance))
+    return facet, other, at, there, weight * stretch(slave, facet, at), distance
+
+
+def facet_areas(triangles: np.ndarray) -> np.ndarray:
+    """(f,) of plane triangles (f, 3, 3) (m²)."""
+    return np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1) / 2
+
+
+def stretch(side: Side, facet: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """The area of facets at points (q, 3), over that of their plane triangles."""
+    if side.facets.shape[1] == 3 or not len(facet):
+        return np.ones(len(facet))
+    nodes = side.xy[side.facets]
+    cell, flat = facet_cell(nodes), facet_areas(nodes[:, :3])
+    slopes = np.einsum("aqk,qkd->aqd", cell.derivatives(at), nodes[facet])
+    return np.linalg.norm(np.cross(slopes[0], slopes[1]), axis=1) / 2 / flat[facet]
+
+
+def _near(own: np.ndarray, others: np.ndarray, outward: np.ndarray, backward: np.ndarray) \
+        -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of facets of which one may lie over the other, in the order of the first.
+
+    Around each of the slave's facets the nearest of the master gives the distance at which others are looked for; those
+    of one size at a time, so that large ones cost small ones nothing.
+    """
+    centre, far = own.mean(axis=1), others.mean(axis=1)
+    radius, reach = (np.linalg.norm(each - each.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+                     for each in (own, others))
+    facet, other = [np.empty(0, int)], [np.empty(0, int)]
+    classes = np.floor(np.log2(reach))
+    nearest = cKDTree(far).query(centre)[1]
+    t = np.einsum("fd,fd->f", far[nearest] - centre, outward)
+    steep = np.maximum(np.abs(np.einsum("fd,fd->f", outward, backward[nearest])), 0.5)
+    place = centre + t[:, None] * outward
+    aside = np.linalg.norm(far[nearest] - place, axis=1)
+    for each in np.unique(classes):
+        some = np.flatnonzero(classes == each)
+        largest = reach[some].max()
+        ball = radius / steep + largest + np.maximum(aside - largest, 0.0)
+        members = cKDTree(far[some]).query_ball_point(place, ball)
+        facet.append(np.repeat(np.arange(len(own)), [len(found) for found in members]))
+        other.append(some[np.concatenate([np.empty(0, int), *map(np.asarray, filter(len, members))]).astype(int)])
+    first, second = np.concatenate(facet), np.concatenate(other)
+    order = np.lexsort((second, first))
+    return first[order], second[order]
+
+
+def _flat(points: np.ndarray, origin: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """Points (p, c, 3) in the coordinates (p, c, 2) of planes with an origin (p, 3) and axes (p, 2, 3)."""
+    return np.einsum("pcd,pad->pca", points - origin[:, None], axes)
+
+
+def _barycentric(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """The coordinates (p, c, 3) of points (p, c, 2) in triangles (p, 3, 2)."""
+    a, (u, v) = triangles[:, :1], np.moveaxis(triangles[:, 1:] - triangles[:, :1], 1, 0)[:, :, None]
+    away, area = points - a, _cross(u, v)
+    second, third = _cross(away, v) / area, _cross(u, away) / area
+    return np.stack([1.0 - second - third, second, third], axis=-1)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def _cut(own: np.ndarray, others: np.ndarray, outward: np.ndarray, facet: np.ndarray, other: np.ndarray,
+         rule: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, ...]:
+    """Gauss's points of the polygons that pairs of facets have in common: facets, coordinates on both, weights."""
+    first = unit_edges(own[facet])
+    axes = np.stack([first, np.cross(outward[facet], first)], axis=1)
+    a, b = (_flat(each, own[facet, 0], axes) for each in (own[facet], others[other]))
+    b_in_a, a_in_b = _barycentric(b, a), _barycentric(a, b)
+    start, end = (np.repeat(each, 3, axis=1) for each in (a, np.roll(a, -1, axis=1)))
+    begin, stop = (np.tile(each, (1, 3, 1)) for each in (b, np.roll(b, -1, axis=1)))
+    along, across = end - start, stop - begin
+    det = _cross(along, across)
+    crosses = det**2 > PARALLEL * (along**2).sum(axis=2) * (across**2).sum(axis=2)
+    safe = np.where(crosses, det, 1.0)
+    s, t = _cross(begin - start, across) / safe, _cross(begin - start, along) / safe
+    crosses &= (s >= 0.0) & (s <= 1.0) & (t >= 0.0) & (t <= 1.0)
+    points = np.concatenate([a, b, start + s[..., None] * along], axis=1)
+    valid = np.concatenate([(a_in_b >= -INSIDE).all(axis=2), (b_in_a >= -INSIDE).all(axis=2), crosses], axis=1)
+    some = np.flatnonzero(valid.sum(axis=1) >= 3)
+    points, valid, a, b, facet, other = (each[some] for each in (points, valid, a, b, facet, other))
+    points = np.where(valid[..., None], points, 0.0)
+    middle = points.sum(axis=1) / np.maximum(valid.sum(axis=1), 1)[:, None]
+    away = points - middle[:, None]
+    order = np.argsort(np.where(valid, np.arctan2(away[..., 1], away[..., 0]), np.inf), axis=1)
+    points = np.take_along_axis(points, order[..., None], axis=1)
+    last = valid.sum(axis=1)
+    points = np.where((np.arange(points.shape[1]) < last[:, None])[..., None], points, points[:, :1])
+    fan = np.stack([np.broadcast_to(points[:, :1], points[:, 1:-1].shape), points[:, 1:-1], points[:, 2:]], axis=2)
+    area = _cross(fan[:, :, 1] - fan[:, :, 0], fan[:, :, 2] - fan[:, :, 0]) / 2
+    whole = np.abs(_cross(a[:, 1] - a[:, 0], a[:, 2] - a[:, 0])) / 2
+    pair, piece = np.nonzero(area > SMALLEST * whole[:, None])
+    fan, area, (where, weights) = fan[pair, piece], area[pair, piece], rule
+    places = where @ fan
+    at, there = _barycentric(places, a[pair]), _barycentric(places, b[pair])
+    number = len(weights)
+    return (np.repeat(facet[pair], number), np.repeat(other[pair], number), at.reshape(-1, 3), there.reshape(-1, 3),
+            np.outer(area, weights).ravel())
+
+
+def unit_edges(triangles: np.ndarray) -> np.ndarray:
+    """(f, 3) along the first edge of each triangle (f, 3, 3)."""
+    along = triangles[:, 1] - triangles[:, 0]
+    return along / np.linalg.norm(along, axis=1)[:, None]
+
+
+def _hidden(own: np.ndarray, others: np.ndarray, outward: np.ndarray, facet: np.ndarray, other: np.ndarray,
+            at: np.ndarray, distance: np.ndarray, slack: np.ndarray) -> np.ndarray:
+    """Which pieces (p,), with middles at (p, 3), have another of the master's facets before them."""
+    pairs = np.unique(np.stack([facet, other]), axis=1)
+    if pairs.shape[1] == len(np.unique(pairs[0])):
+        return np.zeros(len(facet), bool)
+    start = np.searchsorted(pairs[0], facet)
+    piece, candidate = spans(start, np.searchsorted(pairs[0], facet, "right"))
+    rival = pairs[1, candidate]
+    on, rival, piece = facet[piece][rival != other[piece]], rival[rival != other[piece]], piece[rival != other[piece]]
+    place = np.einsum("pc,pcd->pd", at[piece], own[on])
+    first = unit_edges(own[on])
+    axes = np.stack([first, np.cross(outward[on], first)], axis=1)
+    inside = _barycentric(_flat(place[:, None], place, axes), _flat(others[rival], place, axes))[:, 0]
+    reach = np.einsum("pd,pd->p", np.einsum("pc,pcd->pd", inside, others[rival]) - place, outward[on])
+    before = (inside > 0.0).all(axis=1) & (np.abs(reach) < np.abs(distance[piece]) - slack[on])
+    return np.bincount(piece, before, len(facet)) > 0

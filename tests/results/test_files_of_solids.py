@@ -1,0 +1,110 @@
+"""Files and pictures of solids: vectors in x, y, z, areas, tetrahedra, surfaces."""
+
+import csv
+
+import made_up
+import made_up_solids
+import meshio
+import numpy as np
+import pytest
+from documented import undocumented
+from matplotlib import image
+
+from ddmpi.cli.report import write_report
+from ddmpi.results.histories import animate
+from ddmpi.results.pictures import draw_all
+from ddmpi.results.tables import read_results
+
+COLUMNS = ["x", "y", "z", "nx", "ny", "nz", "area", "normal_force", "tangential_force", "normal_stress",
+           "tangential_stress", "gap", "slip", "slip_total", "status", "force_x", "force_y", "force_z", "slip_x",
+           "slip_y", "slip_z"]
+
+
+def vectors(table, *names: str) -> np.ndarray:
+    return np.column_stack([table[name] for name in names])
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_tables_have_vectors_in_space(tmp_path, order):
+    """contact_NAME.csv has the columns of solids; forces, moments and slips follow from its vectors."""
+    bodies, contacts = made_up_solids.stack(order)
+    summary = made_up_solids.results(tmp_path, bodies, contacts)
+    with open(tmp_path / "contact_upper-lower.csv", encoding="utf-8") as file:
+        assert next(csv.reader(file)) == COLUMNS
+    results = read_results(tmp_path)
+    assert not results.sides and results.dimension == 3
+    table, contact = results.contacts["upper-lower"], summary["contacts"]["upper-lower"]
+    at, normal, force, slip = (vectors(table, *names) for names in (
+        COLUMNS[:3], COLUMNS[3:6], COLUMNS[15:18], COLUMNS[18:]))
+    assert table["area"].sum() == pytest.approx(3.0)
+    assert force.sum(axis=0) == pytest.approx(contact["force"])
+    assert np.cross(at, force).sum(axis=0) == pytest.approx(contact["moment"])
+    assert -(force * normal).sum(axis=1) == pytest.approx(table["normal_force"])
+    friction = force + table["normal_force"][:, None] * normal
+    assert np.linalg.norm(friction, axis=1) == pytest.approx(table["tangential_force"])
+    assert np.linalg.norm(friction.sum(axis=0)) == pytest.approx(contact["tangential_force"])
+    assert contact["tangential_force"] < 0.9 * table["tangential_force"].sum()
+    assert np.linalg.norm(slip, axis=1) == pytest.approx(table["slip"]) and table["slip"].any()
+    assert (friction * slip).sum() < 0.0  # friction on the first body acts against its slip
+    assert table["normal_stress"] == pytest.approx(table["normal_force"] / table["area"])
+    assert summary["units"] == {"length": "m", "stress": "Pa", "force": "N", "moment": "N·m", "energy": "J"}
+    for k, axis in enumerate("xyz"):
+        assert results.steps[f"force_{axis}"] == contact["force"][k]
+        assert results.steps[f"moment_{axis}"] == contact["moment"][k]
+    with open(tmp_path / "steps.csv", encoding="utf-8") as file:
+        assert next(csv.reader(file)) == ["time", "contact", *(f"{what}_{axis}" for what in ("force", "moment")
+                                                               for axis in "xyz"),
+                                          "normal_force", "tangential_force", "open", "slip", "stick", "dissipated"]
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_meshio_and_paraview_read_solids(tmp_path, order):
+    """meshio.read takes the tetrahedra and their tensors; contacts are surfaces of triangles, with vectors."""
+    bodies, contacts = made_up_solids.stack(order, divisions=(6, 2, 2))
+    made_up_solids.results(tmp_path, bodies, contacts, error=True)
+    mesh = meshio.read(tmp_path / "result.xdmf")
+    assert [cells.type for cells in mesh.cells] == [{1: "tetra", 2: "tetra10"}[order]]
+    upper = made_up_solids.fields(bodies["upper"])
+    own = mesh.cell_data["body"][0] == 0
+    assert np.array_equal(mesh.points[mesh.cells[0].data[own]], upper.points[upper.triangles])
+    assert np.array_equal(mesh.cell_data["stress"][0][own], upper.stress[:, [0, 3, 5, 1, 4, 2]])
+    assert np.array_equal(mesh.point_data["displacement"][:len(upper.points)], upper.displacement)
+    (grid,) = made_up.named_grids(tmp_path)["upper-lower"]
+    table = read_results(tmp_path).contacts["upper-lower"]
+    a, b, c = grid["Geometry"][grid["Topology"]].transpose(1, 0, 2)
+    assert np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2 == pytest.approx(3.0)
+    assert np.linalg.norm(grid["friction_vector"], axis=1) == pytest.approx(grid["friction"])
+    assert np.array_equal(grid["slip_vector"], vectors(table, "slip_x", "slip_y", "slip_z"))
+    for field, column in {"pressure": "normal_stress", "friction": "tangential_stress", "gap": "gap", "slip": "slip",
+                          "slip_total": "slip_total"}.items():
+        assert np.array_equal(grid[field], table[column]), field
+
+
+def test_load_steps_of_solids_are_kept(tmp_path):
+    """contact_NAME_legs.csv has the vectors of each leg, as contact_NAME.csv has them of the last one."""
+    bodies, contacts = made_up_solids.stack(divisions=(6, 2, 2))
+    made_up_solids.results(tmp_path, bodies, contacts, times=(1.0, 2.0))
+    results = read_results(tmp_path)
+    legs, table = results.legs["upper-lower"], results.contacts["upper-lower"]
+    last = legs["time"] == 2.0
+    for column in set(legs) & set(table):
+        assert np.array_equal(legs[column][last], table[column]), column
+    assert legs["force_z"][~last] == pytest.approx(0.5 * table["force_z"])
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_there_is_a_picture_of_everything(tmp_path, order):
+    """Solids have the pictures that plane bodies have, and each shows something."""
+    bodies, contacts = made_up_solids.stack(order, divisions=(6, 2, 2))
+    made_up_solids.results(tmp_path, bodies, contacts, times=(1.0, 2.0), error=True)
+    drawn = draw_all(tmp_path)
+    assert undocumented(tmp_path) == []
+    assert sorted(path.name for path in drawn) == ["bodies.png", "contact.png", "convergence.png", "error.png",
+                                                   "steps.png"]
+    for path in drawn:
+        pixels = image.imread(path)
+        inked = (pixels[..., :3] < 0.99).any(axis=2)
+        assert min(pixels.shape[:2]) > 300 and 0.01 < inked.mean() < 0.99, path.name
+    assert animate(read_results(tmp_path), tmp_path, "").exists()
+    page = write_report(tmp_path).read_text(encoding="utf-8")
+    assert all(f"{what} {axis}" in page for what in ("force", "moment", "reaction") for axis in "xyz")

@@ -1,0 +1,187 @@
+"""Scenes in the plane and in space: what says which, what is filled in, and what belongs to the other one."""
+
+import pytest
+
+from ddmpi.errors import InputError
+from ddmpi.scene.reader import read_scene, write_toml
+from ddmpi.scene.scene import Settled
+
+SOLID = """
+[[body]]
+name = "upper"
+mesh = { shape = "box", origin = [0, 0, 1], size = [3, 1, 1], divisions = [6, 2, 2] }
+material = { young = 2e11, poisson = 0.3 }
+clamp = ["left", { on = "right", z = "1e-3 * z" }]
+traction = [{ on = "top", value = [0.0, 0.0, "-6e7 * (1 + x * y)"] }]
+
+[[body]]
+name = "lower"
+mesh.shape = "hexahedron"
+mesh.corners = [[0, 0, 0], [3, 0, 0], [3, 1, 0], [0, 1, 0], [0, 0, 1], [3, 0, 1], [3, 1, 1], [0, 1, 1]]
+mesh.divisions = [6, 2, 2]
+material = { young = 2e11, poisson = 0.3 }
+
+[[rigid]]
+name = "ball"
+shape = "sphere"
+center = [0, 0, 9]
+radius = 1
+
+[[rigid]]
+name = "shaft"
+shape = "cylinder"
+point = [0, 0, -1]
+axis = [0, 1, 0]
+radius = 1
+inside = true
+
+[[rigid]]
+name = "floor"
+shape = "plane"
+point = [0, 0, -1]
+normal = [0, 0, 1]
+
+[[contact]]
+bodies = ["upper", "lower"]
+on = ["bottom", "top"]
+friction = { law = "coulomb", coefficient = { along = "z", points = [0], values = [1] } }
+"""
+
+PLANE = """
+[[body]]
+name = "upper"
+mesh = { shape = "rectangle", origin = [0, 1], size = [3, 1], divisions = [6, 2] }
+material = { young = 2e11, poisson = 0.3 }
+traction = [{ on = "top", pressure = "1e6 * x" }]
+
+[[rigid]]
+name = "floor"
+shape = "plane"
+point = [0, -1]
+normal = [0, 1]
+
+[[contact]]
+bodies = ["upper", "floor"]
+on = ["bottom"]
+"""
+
+FILES = """
+[[body]]
+name = "upper"
+mesh = { file = "upper.msh" }
+material = { young = 2e11, poisson = 0.3 }
+
+[[body]]
+name = "lower"
+mesh = { geometry = "lower.step", size = 1 }
+material = { young = 2e11, poisson = 0.3 }
+
+[[contact]]
+bodies = ["upper", "lower"]
+on = ["bottom", "top"]
+"""
+
+
+def scene(text: str, *settings: str, **kinds: tuple) -> Settled:
+    return read_scene("case.toml", text, settings, (lambda body: kinds[body.name]) if kinds else None)
+
+
+def test_solid_scene_is_filled_in():
+    """What a solid scene leaves out has three components, and it has neither plane strain nor plane stress."""
+    solid = scene(SOLID, "body.upper.mesh={shape='box', size=[3, 1, 1], divisions=[6, 2, 2]}")
+    assert solid.dimension == 3
+    assert [body.volume_force for body in solid.body] == [(0.0,) * 3] * 2
+    assert [rigid.displacement for rigid in solid.rigid] == [(0.0,) * 3] * 3
+    assert [body.material.plane for body in solid.body] == [None] * 2
+    assert [body.mesh.origin for body in solid.body] == [(0.0,) * 3, None]
+    assert solid.body[0].clamps[0].components == (0.0, 0.0, 0.0)
+
+
+def test_plane_scene_is_filled_in():
+    """A plane scene is in plane strain, and its vectors have two components."""
+    plane = scene(PLANE, "body.upper.mesh={shape='rectangle', size=[3, 1], divisions=[6, 2]}")
+    assert plane.dimension == 2
+    assert (plane.body[0].volume_force, plane.rigid[0].displacement, plane.body[0].mesh.origin) == ((0.0,) * 2,) * 3
+    assert plane.body[0].material.plane == "strain"
+
+
+@pytest.mark.parametrize("text", [SOLID, PLANE], ids=["solid", "plane"])
+def test_written_scene_is_read_as_the_same(text):
+    """The resolved scene is a scene: it is read as the one that was written."""
+    settled = scene(text)
+    assert "dimension" not in settled.resolved()
+    assert scene(write_toml(settled.resolved())) == settled
+
+
+def test_files_say_the_dimension_where_nothing_else_does():
+    """Shapes come first, then places and vectors, then files; these are only asked where they must be."""
+    assert scene(FILES, upper=(3, 1), lower=(3, 1)).dimension == 3
+    assert scene(FILES, upper=(2, 1), lower=(2, 1)).dimension == scene(FILES).dimension == 2
+    assert scene(FILES, "body.upper.volume_force=[0, 0, -1]", "body.upper.mesh.order=1").dimension == 3
+    with pytest.raises(InputError, match=r"^case\.toml: body\.lower\.mesh\.geometry: lower\.step is in the plane, and "
+                                         r"body\.upper\.mesh\.file = upper\.msh is in space"):
+        scene(FILES, upper=(3, 1), lower=(2, 1))
+
+
+BOTTOM, TOP = "[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]", "[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]"
+
+REFUSED = {
+    "two shapes": (SOLID, "body.lower.mesh={shape='rectangle', size=[1, 1], divisions=[1, 1]}",
+                   "body.lower.mesh.shape: rectangle is in the plane, and body.upper.mesh.shape = box is in space; a "
+                   "scene has plane shapes and lists [x, y], or solid ones and lists [x, y, z]"),
+    "short origin": (SOLID, "body.upper.mesh.origin=[0, 0]", "body.upper.mesh.origin: [0.0, 0.0] is in the plane"),
+    "short corner": (SOLID, "body.lower.mesh.corners.2=[3, 1]", "body.lower.mesh.corners: [3.0, 1.0] is in the plane"),
+    "short load": (SOLID, "body.upper.traction.0.value=[0, 1]", "body.upper.traction.0.value: [0.0, 1.0] is in the "),
+    "short slope": (SOLID, "body.lower.volume_force={constant=[0, 0, 1], x_slope=[0, 1]}",
+                    "body.lower.volume_force.x_slope: [0.0, 1.0] is in the plane"),
+    "long load": (PLANE, "body.upper.volume_force=[0, 0, 1]", "body.upper.volume_force: [0.0, 0.0, 1.0] is in space, "
+                  "and body.upper.mesh.shape = rectangle is in the plane"),
+    "long normal": (PLANE, "rigid.floor.normal=[0, 1, 0]", "rigid.floor.normal: [0.0, 1.0, 0.0] is in space"),
+    "long move": (PLANE, "rigid.floor.displacement=[0, 1, 0]", "rigid.floor.displacement: [0.0, 1.0, 0.0] is in space"),
+    "clamp along z": (PLANE, "body.upper.clamp=[{on='left', z=0.0}]", "body.upper.clamp.0.z: there is no z in the "
+                      "plane; this scene is in the plane, as body.upper.mesh.shape = rectangle"),
+    "load in z": (PLANE, "body.upper.traction.0.pressure=1e6 * z", "body.upper.traction.0.pressure: there is no z in"),
+    "weight in z": (PLANE, "body.upper.volume_force=['0', 'z']", "body.upper.volume_force: there is no z in the plane"),
+    "clamp in z": (PLANE, "body.upper.clamp=[{on='left', x='z'}]", "body.upper.clamp.0.x: there is no z in the plane"),
+    "z slope": (PLANE, "body.upper.clamp=[{on='left', x={z_slope=1}}]", "body.upper.clamp.0.x.z_slope: there is no z"),
+    "profile along z": (PLANE, "contact.0.gap={along='z', points=[0], values=[1]}",
+                        "contact.upper-floor.gap.along: there is no z in the plane"),
+    "profile along arc": (SOLID, "contact.0.gap={along='arc', points=[0], values=[1]}",
+                          "contact.upper-lower.gap.along: surfaces have no arc length; take a coordinate"),
+    "plane stress": (SOLID, "body.upper.material.plane=strain",
+                     "body.upper.material.plane: solids are neither in plane strain nor in plane stress; leave it out"),
+    "circle": (SOLID, "rigid.ball={name='ball', shape='circle', center=[0, 0, 0], radius=1}",
+               "rigid.ball.shape: a circle is plane; in space there are sphere and cylinder; this scene is in space, "
+               "as body.upper.mesh.shape = box"),
+    "sphere": (PLANE, "rigid.floor={name='floor', shape='sphere', center=[0, 0, 0], radius=1}",
+               "rigid.floor.shape: a sphere is solid; in the plane there is circle"),
+    "cylinder": (PLANE, "rigid.floor={name='floor', shape='cylinder', point=[0, 0], axis=[0, 1], radius=1}",
+                 "rigid.floor.shape: a cylinder is solid"),
+    "no axis": (SOLID, "rigid.shaft.axis=[0, 0, 0]", "rigid.shaft: axis must not be zero"),
+    "flat box": (SOLID, "body.upper.mesh.size=[3, 1]", "body.upper.mesh.size: a box has size = [length, depth, "
+                 "height], got [3.0, 1.0]"),
+    "cube of one number": (SOLID, "body.upper.mesh.size=2", "body.upper.mesh.size: a box has size = [length, "),
+    "flat grid": (SOLID, "body.lower.mesh.divisions=[3, 1]", "body.lower.mesh.divisions: a hexahedron has divisions = "
+                  "[nx, ny, nz], got [3, 1]"),
+    "four corners": (SOLID, f"body.lower.mesh.corners=[{BOTTOM}]",
+                     "body.lower.mesh.corners: a hexahedron has 8 corners, got 4"),
+    "bottom above": (SOLID, f"body.lower.mesh.corners=[{TOP}, {BOTTOM}]",
+                     "body.lower.mesh: corners make a hexahedron that is turned inside out"),
+    "top turned": (SOLID, f"body.lower.mesh.corners=[{BOTTOM}, [1, 1, 1], [0, 1, 1], [0, 0, 1], [1, 0, 1]]",
+                   "body.lower.mesh: corners must be those of a convex hexahedron"),
+}
+
+
+@pytest.mark.parametrize("text, setting, words", REFUSED.values(), ids=REFUSED)
+def test_what_belongs_to_the_other_dimension_is_refused(text, setting, words):
+    """One message with the key says what does not belong into this scene."""
+    if "rigid." in setting and "={" in setting:
+        setting = setting.replace("rigid.ball", "rigid.0").replace("rigid.floor", "rigid.0")
+    with pytest.raises(InputError) as error:
+        scene(text, setting)
+    assert str(error.value).startswith(f"case.toml: {words}"), error.value
+
+
+def test_scenes_resolved_by_older_versions_are_read():
+    """Older versions wrote a zero origin with every mesh; the scene is the same without it."""
+    assert scene(FILES, "body.upper.mesh.origin=[0.0, 0.0]") == scene(FILES)
