@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface, Lines, Places, in_order
 from ddmpi.interface.matching import pair
-from ddmpi.interface.rows import Rows, build, holds_along, is_held, without_rounding
+from ddmpi.interface.rows import Rows, at_points, build, holds_along, is_held, means, without_rounding
 from ddmpi.interface.vertices import rows_at_vertices
 from ddmpi.mesh.boundary import segments
 from ddmpi.mesh.elements import shapes_on_side as shapes
@@ -45,9 +45,6 @@ UNSEEN = 1e-7
 
 LACKING = 1e-3
 """A facet of which no more than this part is not covered has a mean stress."""
-
-NOTHING = 1e-12
-"""Entries of P below this are rounding."""
 
 
 def connect(first: Side, second: Side, contact: SettledContact, refinement: int = 1) -> Interface:
@@ -176,11 +173,11 @@ def _rows(sides: tuple[Side, Side], own: int, over: Cover, root: np.ndarray) -> 
     shown, place = np.flatnonzero(root >= 0), np.full(len(root), -1)
     nodes, place[shown] = np.unique(root[shown], return_inverse=True)
     row = place[side.facets[over.facet]]
-    psi = _at_points(weighted, row, len(nodes)).T
+    psi = at_points(weighted, row, len(nodes)).T
     area = psi @ np.ones(len(row))
-    at = (_at_points(phi, side.facets[over.facet], len(side.nodes)),
-          _at_points(shapes(over.there, other.facets.shape[1]), other.facets[over.other], len(other.nodes)))
-    S, P = (_without_rounding(psi @ each, area) for each in at)
+    at = (at_points(phi, side.facets[over.facet], len(side.nodes)),
+          at_points(shapes(over.there, other.facets.shape[1]), other.facets[over.other], len(other.nodes)))
+    S, P = (means(psi @ each, area) for each in at)
     seen, met = np.zeros(len(side.facets), bool), np.zeros(len(other.facets), bool)
     seen[over.facet], met[over.other] = True, True
     normal = unit(S @ _normals(side, seen) - P @ _normals(other, met))
@@ -271,17 +268,3 @@ def _normals(side: Side, some: np.ndarray) -> np.ndarray:
     if side.facets.shape[1] == 3:
         fans = np.concatenate([fans, unit(fans.sum(axis=1))[:, None]], axis=1)
     return unit(nodal(side.lengths[some, None, None] * fans, side.facets[some], len(side.nodes)))
-
-
-def _at_points(phi: np.ndarray, nodes: np.ndarray, size: int) -> sparse.csr_matrix:
-    """The matrix (q, size) of the functions (q, c) of `nodes` (q, c) at points."""
-    points = np.repeat(np.arange(len(phi)), phi.shape[1])
-    return sparse.csr_matrix((phi.ravel(), (points, nodes.ravel())), (len(phi), size))
-
-
-def _without_rounding(means: sparse.csr_matrix, area: np.ndarray) -> sparse.csr_matrix:
-    """∫ ψ φ (r, k) without what is rounding beside the areas (r,), in rows that sum to one."""
-    found = means.tocsr()
-    found.data[np.abs(found.data) <= NOTHING * area.repeat(np.diff(found.indptr))] = 0.0
-    found.eliminate_zeros()
-    return (sparse.diags(1.0 / np.asarray(found.sum(axis=1)).ravel()) @ found).tocsr()

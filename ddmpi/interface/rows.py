@@ -14,6 +14,9 @@ from ddmpi.scene.contacts import NoFriction, SettledContact
 from ddmpi.scene.values import Profile
 from ddmpi.surface.side import Side, frames
 
+NOTHING = 1e-12
+"""Entries of transfers below this are rounding."""
+
 NO_GAP = 1e-9
 """Gaps below this fraction of the distance to the neighbours are rounding of the mesh, and count as zero."""
 
@@ -171,8 +174,22 @@ def without_rounding(gap: np.ndarray, spacing: np.ndarray) -> np.ndarray:
 
 
 def is_held(direction: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Whether a clamp takes the motion along `direction` (m, 2).
+    """Whether a clamp takes the motion along `direction` (m, d).
 
     With one component free, the unknown along the direction nearest to it stays.
     """
     return np.linalg.norm(direction * free, axis=1) < np.where(free.all(axis=1), 0.0, np.sqrt(0.5) - 1e-9)
+
+
+def at_points(phi: np.ndarray, nodes: np.ndarray, size: int) -> sparse.csr_matrix:
+    """The matrix (q, size) of the functions (q, c) of `nodes` (q, c) at points."""
+    points = np.repeat(np.arange(len(phi)), phi.shape[1])
+    return sparse.csr_matrix((phi.ravel(), (points, nodes.ravel())), (len(phi), size))
+
+
+def means(integrals: sparse.csr_matrix, area: np.ndarray) -> sparse.csr_matrix:
+    """∫ ψ φ (r, k) without what is rounding beside the areas (r,), in rows that sum to one."""
+    found = integrals.tocsr()
+    found.data[np.abs(found.data) <= NOTHING * area.repeat(np.diff(found.indptr))] = 0.0
+    found.eliminate_zeros()
+    return (sparse.diags(1.0 / np.asarray(found.sum(axis=1)).ravel()) @ found).tocsr()

@@ -16,7 +16,8 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.interface.interface import Lines, Places
-from ddmpi.interface.rows import Rows, holds_along, without_rounding
+from ddmpi.interface.rows import Rows, at_points, holds_along, means, without_rounding
+from ddmpi.mesh.boundary import links
 from ddmpi.mesh.elements import cell_with
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.surface.cover import Cover
@@ -34,9 +35,6 @@ BARELY = 0.5
 LACKING = 1e-3
 """A facet of which no more than this part is not covered is wholly covered."""
 
-NOTHING = 1e-12
-"""Entries below this are rounding."""
-
 
 def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, contact: SettledContact) -> Rows:
     """The rows of the slave, `sides[own]`. Not collective."""
@@ -47,12 +45,13 @@ def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, contact: S
     shares = (UNCOVERED * full > D) | _meets_others(side, D)
     shares |= ~(side.free.all(axis=1) if bonded else side.free.any(axis=1))
     shares[full == 0.0] = False
-    links = _links(side, seen)
-    rows = _rows(sides, own, over, psi, full > 0.0, shares, links, seen)
+    pairs, size = links(side.facets[seen, :3], 3), len(side.nodes)
+    near = sparse.csr_matrix((np.ones(2 * len(pairs)), np.concatenate([pairs, pairs[:, ::-1]]).T), (size, size))
+    rows = _rows(sides, own, over, psi, _shared(full > 0.0, shares, near), seen)
     held = _hardly_move(rows, holds_along(contact) and np.isfinite(sides[1 - own].modulus))
     if held.any() and not held.all():
         shares[rows.nodes[held]] = True
-        rows = _rows(sides, own, over, psi, full > 0.0, shares, links, seen)
+        rows = _rows(sides, own, over, psi, _shared(full > 0.0, shares, near), seen)
     return rows
 
 
@@ -68,7 +67,7 @@ def _functions(side: Side, over: Cover, hats: bool) -> sparse.csr_matrix:
         mass[sliver] = np.eye(3)
         psi = np.einsum("qi,qij->qj", phi, np.linalg.inv(mass)[part]) * lengths[part]
         weighted = over.weight[:, None] * np.where(sliver[part, None], 1.0 / 3.0, psi)
-    return _at_points(weighted, side.facets[over.facet, :3], len(side.nodes))
+    return at_points(weighted, side.facets[over.facet, :3], len(side.nodes))
 
 
 def _meets_others(side: Side, D: np.ndarray) -> np.ndarray:
@@ -83,19 +82,9 @@ def _meets_others(side: Side, D: np.ndarray) -> np.ndarray:
     return (rim & side.tied) | (partly & side.parted)
 
 
-def _links(side: Side, seen: np.ndarray) -> sparse.csr_matrix:
-    """(k, k) which vertices have an edge of a facet in common."""
-    facets = side.facets[seen, :3]
-    ends = np.concatenate([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]])
-    ends = np.concatenate([ends, ends[:, ::-1]])
-    links = sparse.csr_matrix((np.ones(len(ends)), ends.T), (len(side.nodes), len(side.nodes)))
-    links.data[:] = 1.0
-    return links
-
-
 def _shared(vertices: np.ndarray, shares: np.ndarray, links: sparse.csr_matrix) -> sparse.csr_matrix:
-    """(k, k) the part of each vertex's function that each vertex has: of those that share, their neighbours, level by
-    level where no neighbour keeps a row. Columns sum to one."""
+    """(k, k) the part of each vertex's function that each vertex has: of those that share (k,) bool, their neighbours
+    by `links` (k, k), level by level where no neighbour keeps a row. Columns sum to one."""
     keeps = vertices & ~shares
     parts = sparse.diags(1.0 * keeps).tocsr()
     done, left = keeps.copy(), vertices & shares
@@ -112,20 +101,19 @@ def _shared(vertices: np.ndarray, shares: np.ndarray, links: sparse.csr_matrix) 
     return parts.tocsr()
 
 
-def _rows(sides: tuple[Side, Side], own: int, over: Cover, psi: sparse.csr_matrix, vertices: np.ndarray,
-          shares: np.ndarray, links: sparse.csr_matrix, seen: np.ndarray) -> Rows:
-    """The rows with the functions `psi` of the vertices (k,), of which some share theirs."""
+def _rows(sides: tuple[Side, Side], own: int, over: Cover, psi: sparse.csr_matrix, parts: sparse.csr_matrix,
+          seen: np.ndarray) -> Rows:
+    """The rows with the `parts` (k, k) that vertices have of the functions `psi` of all."""
     side, other = sides[own], sides[1 - own]
-    parts = _shared(vertices, shares, links)
     nodes = np.flatnonzero(np.diff(parts.indptr))
     place = np.full(len(side.nodes), -1)
     place[nodes] = np.arange(len(nodes))
     theta = (parts[nodes] @ psi.T).tocsr()
     area = theta @ np.ones(theta.shape[1])
     at = (_shapes(side, over.facet, over.at), _shapes(other, over.other, over.there))
-    S, P = (_means(theta @ each, area) for each in at)
-    normals = _means(theta @ _at_points(over.at, side.facets[over.facet, :3], len(side.nodes)), area) @ side.normal
-    normals = normals - _means(theta @ _at_points(over.there, other.facets[over.other, :3], len(other.nodes)),
+    S, P = (means(theta @ each, area) for each in at)
+    normals = means(theta @ at_points(over.at, side.facets[over.facet, :3], len(side.nodes)), area) @ side.normal
+    normals = normals - means(theta @ at_points(over.there, other.facets[over.other, :3], len(other.nodes)),
                                area) @ other.normal
     normal = unit(normals)
     gap = theta @ over.gap / area * np.einsum("ij,ij->i", unit(theta @ over.direction), normal)
@@ -155,18 +143,4 @@ def _hardly_move(rows: Rows, tangential: bool) -> np.ndarray:
 def _shapes(side: Side, facet: np.ndarray, at: np.ndarray) -> sparse.csr_matrix:
     """(q, k) how points on facets move with the nodes of the side."""
     facets = side.facets[facet]
-    return _at_points(cell_with(2, facets.shape[1]).shapes(at), facets, len(side.nodes))
-
-
-def _at_points(values: np.ndarray, nodes: np.ndarray, size: int) -> sparse.csr_matrix:
-    """The matrix (q, size) of the functions (q, c) of `nodes` (q, c) at points."""
-    points = np.repeat(np.arange(len(values)), values.shape[1])
-    return sparse.csr_matrix((values.ravel(), (points, nodes.ravel())), (len(values), size))
-
-
-def _means(found: sparse.csr_matrix, area: np.ndarray) -> sparse.csr_matrix:
-    """∫ θ φ (r, k) without what is rounding beside the areas (r,), in rows that sum to one."""
-    found = found.tocsr()
-    found.data[np.abs(found.data) <= NOTHING * area.repeat(np.diff(found.indptr))] = 0.0
-    found.eliminate_zeros()
-    return (sparse.diags(1.0 / np.asarray(found.sum(axis=1)).ravel()) @ found).tocsr()
+    return at_points(cell_with(2, facets.shape[1]).shapes(at), facets, len(side.nodes))

@@ -97,7 +97,7 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
     for interface in assembly.space.interfaces:
         state, (first, second) = contacts[interface.name], both[interface.name]
         here = max(moved.get(name, 0.0) for name in interface.bodies)
-        found_here = _far_around(assembly, state, first) if second is None else _far_slip(state, first - second)
+        found_here = _far_slip(assembly, state, first - (interface.displacement if second is None else second))
         found_here += _overlap_between(assembly, state, here) + _held_through_air(state, IDLE * max(loads.values()))
         if not passing and np.abs(state.normal_force).max(initial=0.0) >= IDLE * pressed:
             found_here += _lost_in_rounding(state, here) + _unresolved_zone(state)
@@ -287,30 +287,23 @@ def _large_gradient(body: Body, u: np.ndarray) -> list[str]:
             f"{in_words(body.mesh.points[corners[large[k]]].mean(axis=0), 4)}; small-strain theory means small ones"]
 
 
-def _far_around(assembly: Assembly, state: ContactState, moved: np.ndarray) -> list[str]:
-    """A warning where closed nodes have `moved` (m, d) far around a rigid partner."""
-    interface = state.interface
-    rigid = next(each for each in assembly.scene.rigid if each.name == interface.bodies[1])
-    along = np.linalg.norm(np.einsum("mcd,md->mc", interface.frame[:, 1:], moved - interface.displacement), axis=1)
-    turned = np.where(state.status != "open", along, 0.0) / rigid.bend
-    k = int(np.argmax(turned))
-    if turned[k] <= LARGE_TURN:
-        return []
-    return [f"contact.{interface.name}: nodes slid up to {turned[k]:.2g} times the radius of {rigid.name!r} around "
-            f"it, as at ({interface.xy[k, 0]:.4g}, {interface.xy[k, 1]:.4g}); normals are those of the places before"]
-
-
-def _far_slip(state: ContactState, moved: np.ndarray) -> list[str]:
-    """A warning where closed node pairs have `moved` (m, d) far from each other along the contact.
+def _far_slip(assembly: Assembly, state: ContactState, moved: np.ndarray) -> list[str]:
+    """A warning where closed nodes have `moved` (m, d) far past their partners, or far around a rigid one.
 
     Nodes that are closer together than the closed ones on average, as at corners, count as far apart as these.
     """
     interface, closed = state.interface, state.status != "open"
-    along = np.linalg.norm(np.einsum("mcd,md->mc", interface.frame[:, 1:], moved), axis=1)
+    rigid = next((each for each in assembly.scene.rigid if each.name == interface.bodies[1]), None)
     spacing = np.maximum(interface.area, interface.area[closed].mean() if closed.any() else 0.0)
-    slid = np.where(closed, along, 0.0) / spacing
+    far, limit = (spacing, FAR_SLIP) if rigid is None else (np.full_like(spacing, rigid.bend), LARGE_TURN)
+    along = np.linalg.norm(np.einsum("mcd,md->mc", interface.frame[:, 1:], moved), axis=1)
+    slid = np.where(closed, along, 0.0) / far
     k = int(np.argmax(slid))
-    if slid[k] <= FAR_SLIP:
+    if slid[k] <= limit:
         return []
-    return [f"contact.{interface.name}: node pairs slid up to {slid[k]:.3g} times the distance of their neighbours, as "
-            f"at ({interface.xy[k, 0]:.4g}, {interface.xy[k, 1]:.4g}); they are no longer opposite each other"]
+    name, place = interface.name, in_words(interface.xy[k], 4)
+    if rigid is None:
+        return [f"contact.{name}: node pairs slid up to {slid[k]:.3g} times the distance of their neighbours, as at "
+                f"{place}; they are no longer opposite each other"]
+    return [f"contact.{name}: nodes slid up to {slid[k]:.2g} times the radius of {rigid.name!r} around it, as at "
+            f"{place}; normals are those of the places before"]

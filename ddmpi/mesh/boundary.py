@@ -1,4 +1,4 @@
-"""Groups of a mesh by name; edges on its boundary: their direction, their pieces between nodes."""
+"""Groups of a mesh by name; facets on its boundary: their direction, their pieces between nodes."""
 
 from __future__ import annotations
 
@@ -6,62 +6,70 @@ import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import CELLS, cell_with
-from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.mesh import PHYSICAL, Mesh
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.keys import nearest
 from ddmpi.system.numbers import in_words
 
 
 def boundary_group(mesh: Mesh, name: str, key: str) -> np.ndarray:
-    """Edges (k, 2 or 3) of the group `name`. Raises InputError, naming `key`, if the mesh has no such group."""
-    if name in mesh.vertices and name not in mesh.groups:
-        raise InputError(f"{key}: {name!r} is a physical point of the mesh, which only a clamp may name; where a force "
-                         "acts on a point, the displacement has no limit as the mesh gets finer")
-    if name in mesh.surfaces and name not in mesh.groups:
-        raise InputError(f"{key}: {name!r} is a physical surface of the mesh, not a boundary group; these are "
-                         f"{', '.join(sorted(mesh.groups))} (a curve needs a name that no surface has)")
+    """Facets (k, l) of the group `name`. Raises InputError, naming `key`, if the mesh has no such group."""
+    d, of = mesh.dimension, ", ".join(sorted(mesh.groups))
     if name not in mesh.groups:
+        for what, names in zip(PHYSICAL, (mesh.vertices, mesh.curves), strict=False):
+            if name in names:
+                raise InputError(f"{key}: {name!r} is a {what} of the mesh, which only a clamp may name; where a force "
+                                 "acts on it, the displacement has no limit as the mesh gets finer")
+        if name in mesh.surfaces:
+            raise InputError(f"{key}: {name!r} is a {PHYSICAL[d]} of the mesh, not a boundary group; these are {of} "
+                             f"(a boundary needs a name that no {PHYSICAL[d]} has)")
         raise InputError(f"{key}: the mesh has no boundary group {name!r}{nearest(name, list(mesh.groups))} (it has "
-                         f"{', '.join(sorted(mesh.groups))})")
+                         f"{of})")
     if len(mesh.groups[name]) == 0:
-        raise InputError(f"{key}: the boundary group {name!r} of the mesh has a name, but no lines")
+        raise InputError(f"{key}: the boundary group {name!r} of the mesh has a name, but no {mesh.cell.facet_names}")
     return mesh.groups[name]
 
 
 def group_nodes(mesh: Mesh, name: str, key: str) -> np.ndarray:
-    """Nodes (k,) of a boundary group or of a physical point. Raises InputError, naming `key`, unless there is one."""
-    if name not in mesh.vertices:
+    """Nodes (k,) of a boundary group, or of a physical curve or point.
+
+    Raises InputError, naming `key`, unless there is exactly one.
+    """
+    kinds = (PHYSICAL[mesh.dimension - 1], mesh.groups), (PHYSICAL[1], mesh.curves), (PHYSICAL[0], mesh.vertices)
+    found = [(what, names[name]) for what, names in kinds if name in names]
+    if len(found) > 1:
+        raise InputError(f"{key}: {name!r} is the name of both a {found[0][0]} and a {found[1][0]} of the mesh; rename "
+                         "one")
+    if not found or name in mesh.groups:
         return np.unique(boundary_group(mesh, name, key))
-    if name in mesh.groups:
-        raise InputError(f"{key}: {name!r} is the name of both a physical curve and a physical point of the mesh; "
-                         "rename one")
-    if len(mesh.vertices[name]) == 0:
-        raise InputError(f"{key}: the physical point {name!r} of the mesh is at none of its triangles")
-    return mesh.vertices[name]
+    what, nodes = found[0]
+    if len(nodes) == 0:
+        raise InputError(f"{key}: the {what} {name!r} of the mesh is at none of its {mesh.cell.names}")
+    return np.unique(nodes)
 
 
 def material_numbers(mesh: Mesh, body: BodySpec) -> np.ndarray:
     """Which one of the body's materials each triangle (nt,) has. Raises InputError unless each has exactly one."""
-    number = np.full(len(mesh.triangles), -1)
+    number, what = np.full(len(mesh.triangles), -1), PHYSICAL[mesh.dimension]
     parts = [] if not isinstance(body.material, list) else body.material
     for k, on in ((k, part.on) for k, part in enumerate(parts) if part.on is not None):
         key = f"body.{body.name}.material.{k}.on"
         if on not in mesh.surfaces:
-            raise InputError(f"{key}: the mesh has no physical surface {on!r}{nearest(on, list(mesh.surfaces))} "
+            raise InputError(f"{key}: the mesh has no {what} {on!r}{nearest(on, list(mesh.surfaces))} "
                              f"(it has {', '.join(sorted(mesh.surfaces)) or 'none with a name'})")
         own = mesh.surfaces[on]
         if len(own) == 0:
-            raise InputError(f"{key}: the physical surface {on!r} of the mesh has a name, but no triangles")
+            raise InputError(f"{key}: the {what} {on!r} of the mesh has a name, but no {mesh.cell.names}")
         if (number[own] >= 0).any():
             triangle = own[number[own] >= 0][0]
-            raise InputError(f"{key}: {_place(mesh, triangle)} is in the physical surfaces {on!r} and "
+            raise InputError(f"{key}: {_place(mesh, triangle)} is in the {what}s {on!r} and "
                              f"{parts[number[triangle]].on!r}, which would both give it a material")
         number[own] = k
     rest = next((k for k, part in enumerate(parts) if part.on is None), None if parts else 0)
     if rest is None and (number < 0).any():
         triangle = np.flatnonzero(number < 0)[0]
         around = [name for name, members in mesh.surfaces.items() if triangle in members]
-        where = f"in the physical surface {around[0]!r}" if around else "in no physical surface with a name"
+        where = f"in the {what} {around[0]!r}" if around else f"in no {what} with a name"
         raise InputError(f"body.{body.name}.material: {_place(mesh, triangle)}, {where}, has no material; add an entry "
                          "for it, or one without on for the rest")
     return np.where(number < 0, 0 if rest is None else rest, number)
@@ -85,7 +93,8 @@ def turn_outward(mesh: Mesh, facets: np.ndarray, key: str) -> tuple[np.ndarray, 
     found = place[number.ravel()[len(outer):]]
     if (found < 0).any():
         at = in_words(mesh.points[facets[found < 0][0, :d]].mean(axis=0))
-        raise InputError(f"{key}: the group has lines that are not on the body's boundary, as at {at}")
+        raise InputError(f"{key}: the group has {mesh.cell.facet_names} that are not on the body's boundary, as at "
+                         f"{at}")
     return outer[found], np.flatnonzero(near)[owners[found]]
 
 

@@ -6,7 +6,6 @@ import functools
 import os
 import stat
 from collections.abc import Callable, Collection
-from dataclasses import replace
 from math import factorial
 from pathlib import Path
 from typing import Literal
@@ -56,7 +55,6 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
         mesh = read_mesh(locate_mesh(body, folder), body.name, spec.order or 1)
     if dimension not in (None, mesh.dimension):
         raise InputError(f"{key}: the mesh is {WHERE[mesh.dimension]}, and the scene is {WHERE[dimension or 2]}")
-    cut = mesh.cut
     for _ in range(spec.halvings):
         _refuse_huge(2.0**mesh.dimension * len(mesh.triangles), f"{key}.refine")
         mesh = halve(mesh, key)
@@ -68,7 +66,7 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
         group_nodes(mesh, clamp.on, f"body.{body.name}.clamp")
     for traction in body.traction:
         boundary_group(mesh, traction.on, f"body.{body.name}.traction")
-    return replace(mesh, cut=cut)
+    return mesh
 
 
 def _refuse_huge(cells: float, key: str) -> None:

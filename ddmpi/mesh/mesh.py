@@ -20,6 +20,9 @@ from ddmpi.system.numbers import in_words
 MEASURE = {2: "area", 3: "volume"}
 """What cells have, by dimension."""
 
+PHYSICAL = ("physical point", "physical curve", "physical surface", "physical volume")
+"""What gmsh calls named groups, by dimension."""
+
 BLOCK = 2048
 """Curved cells that are worked on at a time, so that their data stay in the processor's cache."""
 
@@ -36,7 +39,8 @@ class Mesh:
     groups : name → (·, l) int, the facets of each physical group of the boundary
     vertices : name → (k,) int, the nodes of each physical point
     surfaces : name → (k,) int, the cells of each physical surface or volume
-    cut : how many quadrilaterals of a file were cut into triangles
+    cut : how many cells of a file were cut into triangles or tetrahedra
+    curves : name → (·, 2 or 3) int, in space the lines of each physical curve
     """
 
     points: np.ndarray
@@ -45,6 +49,7 @@ class Mesh:
     vertices: dict[str, np.ndarray] = field(default_factory=dict)
     surfaces: dict[str, np.ndarray] = field(default_factory=dict)
     cut: int = 0
+    curves: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def dimension(self) -> int:

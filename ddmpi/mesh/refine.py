@@ -7,41 +7,57 @@ from dataclasses import replace
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.boundary import segments
 from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import Mesh
+
+CORNERS_CUT = {1: [[0, 2], [2, 1]], 2: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]],
+               3: [[0, 4, 6, 7], [4, 1, 5, 8], [6, 5, 2, 9], [7, 8, 9, 3]]}
+"""Parts of a cell of order 2 with halved edges, by dimension: its nodes at their corners. In space an octahedron is
+left over."""
+
+INSIDE = {3: np.array([[[4, 9, a, b] for a, b in ((5, 6), (6, 7), (7, 8), (8, 5))],
+                         [[5, 7, a, b] for a, b in ((6, 4), (9, 6), (8, 9), (4, 8))],
+                         [[6, 8, a, b] for a, b in ((4, 5), (5, 9), (9, 7), (7, 4))]])}
+"""The four tetrahedra around each of its three diagonals."""
+
+EQUAL = 1e-6
+"""Diagonals whose lengths differ by less than this part of them are equally long; the first of them is taken."""
 
 
 def raise_order(mesh: Mesh, key: str) -> Mesh:
     """The mesh of order 2 whose first nodes are those of `mesh`, which has order 1.
 
-    Not collective. Raises InputError, naming `key`, where lines of a group are not sides of triangles.
+    Not collective. Raises InputError, naming `key`, where lines or triangles of a group are not sides of cells.
     """
     size = len(mesh.points)
 
-    def keys(cells: np.ndarray, dimension: int) -> np.ndarray:
-        edges = cells[:, CELLS[dimension, 1].edges]
+    def keys(cells: np.ndarray) -> np.ndarray:
+        edges = cells[:, CELLS[cells.shape[1] - 1, 1].edges]
         return edges.min(axis=-1) * size + edges.max(axis=-1)
 
-    of_cells = keys(mesh.triangles, mesh.dimension)
+    def raised(groups: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        found = {}
+        for name, facets in groups.items():
+            wanted = keys(facets)
+            place = np.minimum(np.searchsorted(edges, wanted), len(edges) - 1)
+            if not np.array_equal(edges[place], wanted):
+                raise InputError(f"{key}: the group {name!r} has {CELLS[facets.shape[1] - 1, 1].names} that are not "
+                                 f"sides of {mesh.cell.names}")
+            found[name] = np.column_stack([facets, size + place])
+        return found
+
+    of_cells = keys(mesh.triangles)
     edges, number = np.unique(of_cells, return_inverse=True)
-    groups = {}
-    for name, facets in mesh.groups.items():
-        wanted = keys(facets, mesh.dimension - 1)
-        place = np.minimum(np.searchsorted(edges, wanted), len(edges) - 1)
-        if not np.array_equal(edges[place], wanted):
-            raise InputError(f"{key}: the boundary group {name!r} has lines that are not sides of triangles")
-        groups[name] = np.column_stack([facets, size + place])
     ends = np.divmod(edges, size)
     points = np.concatenate([mesh.points, (mesh.points[ends[0]] + mesh.points[ends[1]]) / 2])
-    return Mesh(points, np.column_stack([mesh.triangles, size + number.reshape(of_cells.shape)]), groups, mesh.vertices,
-                mesh.surfaces)
+    cells = np.column_stack([mesh.triangles, size + number.reshape(of_cells.shape)])
+    return replace(mesh, points=points, triangles=cells, groups=raised(mesh.groups), curves=raised(mesh.curves))
 
 
 def bend(mesh: Mesh, bends: np.ndarray) -> Mesh:
-    """The mesh of order 2 with the middles of sides off the midpoints of their chords by `bends` (nt, 3, 2) (m).
+    """The mesh of order 2 with the middles of edges off the midpoints of their chords by `bends` (nt, e, d) (m).
 
-    Where both triangles at a side give it, they give the same; zero means that the other one's counts.
+    Where several cells at an edge give it, they give the same; zero means that another one's counts.
     """
     bent, points = bends.any(axis=2), mesh.points.copy()
     sides = mesh.triangles[:, mesh.cell.edges][bent]
@@ -50,20 +66,45 @@ def bend(mesh: Mesh, bends: np.ndarray) -> Mesh:
 
 
 def halve(mesh: Mesh, key: str) -> Mesh:
-    """The mesh of the same order with every side halved and every triangle cut into four.
+    """The mesh of the same order with every edge halved: every triangle cut into four, every tetrahedron into eight.
 
-    Curved triangles are cut where the map of the triangle has them; new middles are at the quarters of old sides. There
-    the parabola is a quarter of its height off the chords of its halves, and so are the sides inside of a triangle that
-    are opposite. Not collective. Raises InputError as `raise_order` does.
+    What is left of a tetrahedron without its corners is cut around its shortest diagonal (Bey 1995). Curved cells are
+    cut where their maps have them. Not collective. Raises InputError as `raise_order` does.
     """
     fine = raise_order(mesh, key) if mesh.order == 1 else mesh
-    a, b, c, ab, bc, ca = fine.triangles.T
-    parts = np.stack([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]])
-    triangles = parts.transpose(2, 0, 1).reshape(-1, 3)
-    surfaces = {name: (4 * members[:, None] + np.arange(4)).ravel() for name, members in mesh.surfaces.items()}
-    halved = Mesh(fine.points, triangles, {name: segments(edges) for name, edges in fine.groups.items()}, mesh.vertices,
-                  surfaces)
+    parts = _parts(fine)
+    number, d = parts.shape[1], mesh.dimension
+    halved = replace(
+        mesh, points=fine.points,
+        triangles=np.take_along_axis(fine.triangles[:, None], parts, axis=2).reshape(-1, d + 1),
+        groups={name: cut(facets) for name, facets in fine.groups.items()},
+        curves={name: cut(lines) for name, lines in fine.curves.items()},
+        surfaces={name: (number * members[:, None] + np.arange(number)).ravel()
+                  for name, members in mesh.surfaces.items()})
     if mesh.order == 1:
         return halved
-    old = mesh.bends
-    return bend(raise_order(halved, key), np.stack([old, old, old, old[:, [2, 0, 1]]], axis=1).reshape(-1, 3, 2) / 4)
+    # in the middle of a step v, the map's 4 λ_i λ_j of an edge is off its chord by −v_i v_j
+    (i, j), bends = fine.cell.edges[:, :2].T, np.zeros((len(parts), number, len(fine.cell.edges), d))
+    for cells in mesh.curved_blocks():
+        steps = np.diff(fine.cell.nodes[parts[cells][:, :, fine.cell.edges[:, :2]]], axis=3)[:, :, :, 0]
+        bends[cells] = np.einsum("tpef,tfd->tped", -steps[..., i] * steps[..., j], mesh.bends[cells])
+    return bend(raise_order(halved, key), bends.reshape(-1, *bends.shape[2:]))
+
+
+def cut(facets: np.ndarray) -> np.ndarray:
+    """Facets or lines (k, l) of order 2 cut into those of order 1 between their nodes: first parts come first."""
+    dimension = 1 if facets.shape[1] == 3 else 2
+    return facets[:, CORNERS_CUT[dimension]].swapaxes(0, 1).reshape(-1, dimension + 1)
+
+
+def _parts(mesh: Mesh) -> np.ndarray:
+    """(nt, 2^d, d + 1) which nodes of each cell of order 2 its halves have for corners."""
+    outer = np.array(CORNERS_CUT[mesh.dimension])
+    outer = np.broadcast_to(outer, (len(mesh.triangles), *outer.shape))
+    inside = INSIDE.get(mesh.dimension)
+    if inside is None:
+        return outer
+    ends = mesh.points[mesh.triangles[:, inside[:, 0, :2]]]
+    lengths = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
+    shortest = (lengths <= (1.0 + EQUAL) * lengths.min(axis=1, keepdims=True)).argmax(axis=1)
+    return np.concatenate([outer, inside[shortest]], axis=1)

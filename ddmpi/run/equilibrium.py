@@ -9,6 +9,7 @@ import scipy.sparse as sparse
 
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.interface.interface import Interface
+from ddmpi.interface.law import across, direction
 from ddmpi.interface.state import ContactState
 from ddmpi.judge.equilibrium import LARGEST, Mechanism, find_mechanism
 from ddmpi.judge.motions import MotionsOfBody, describe_motions, undetermined
@@ -24,7 +25,7 @@ def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
     loose = assembly.loose
     if not loose or len(loose) > LARGEST:
         return None
-    interfaces, G = _whole(assembly, lambda interface: np.ones(interface.size, bool))
+    interfaces, G = _whole(assembly, lambda interface: sparse.identity(interface.size, format="csr"))
     bodies = _loose_bodies(assembly)
 
     def find() -> Mechanism | None:
@@ -39,13 +40,23 @@ def undetermined_motions(assembly: Assembly, contacts: Mapping[str, ContactState
     if not assembly.loose or len(assembly.loose) > LARGEST:
         return []
 
-    def resists(interface: Interface) -> np.ndarray:
+    def resists(interface: Interface) -> sparse.csr_matrix:
+        """Of each force that resists motions a row (size,): of closed nodes, of sticking ones, and where friction can
+        turn of slipping ones, across it."""
         state, law = contacts[interface.name], interface.law
         sticks = state.status[law.sliding] == "stick"
         s = np.concatenate([state.normal_force, state.tangential_force[law.sliding].ravel()])
         bound = law.bound_at(s)
         sticks |= (law.slope(state.normal_force) == 0.0) & (bound > 0.0) & ~law.reaches_bound(s, bound)  # Tresca, open
-        return np.concatenate([state.status != "open", np.repeat(sticks, law.components)])
+        friction = direction(state.tangential_force[law.sliding])
+        slips = ~sticks & (bound > 0.0) & (state.status[law.sliding] != "open")
+        chosen = np.concatenate([state.status != "open", np.repeat(sticks, law.components)])
+        parts = [sparse.identity(law.size, format="csr")[np.flatnonzero(chosen)]]
+        if law.components > 1 and slips.any():
+            turned = sparse.block_diag([sparse.csr_matrix((0, law.m)), *across(friction)[:, :, 1:].transpose(0, 2, 1)],
+                                       format="csr")
+            parts.append(turned[np.flatnonzero(np.repeat(slips, law.components - 1))])
+        return sparse.vstack(parts, format="csr")
 
     _, G = _whole(assembly, resists)
     bodies = _loose_bodies(assembly)
@@ -61,10 +72,14 @@ def describe_drift(assembly: Assembly, motions: np.ndarray) -> str:
     return describe_motions(bodies, velocities / fastest, set()) if fastest else "no body"
 
 
-def _whole(assembly: Assembly, chosen: Callable[[Interface], np.ndarray]) -> tuple[list[Interface], sparse.csc_matrix]:
-    """All interfaces in the order of the scene, and G at their `chosen` rows (size,) bool, on all ranks. Collective."""
+def _whole(assembly: Assembly,
+           chosen: Callable[[Interface], sparse.spmatrix]) -> tuple[list[Interface], sparse.csc_matrix]:
+    """All interfaces in the order of the scene, and G of their `chosen` forces, rows (·, size), on all ranks.
+
+    Collective.
+    """
     space, Z = assembly.space, assembly.joint.rigid.Z
-    own = {interface.name: (interface, Z[part][np.flatnonzero(chosen(interface))]) for interface, part in space.each()}
+    own = {interface.name: (interface, (chosen(interface) @ Z[part]).tocsr()) for interface, part in space.each()}
     everyone = merged(assembly.world, own)
     ordered = [everyone[contact.name] for contact in assembly.scene.contact]
     return [interface for interface, _ in ordered], sparse.vstack([rows for _, rows in ordered], format="csr").T.tocsc()

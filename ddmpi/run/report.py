@@ -11,6 +11,8 @@ from ddmpi.coupling.assembly import Assembly
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.ranks import team_of
 from ddmpi.interface.interface import Interface
+from ddmpi.mesh.elements import NAMES
+from ddmpi.mesh.mesh import Mesh
 from ddmpi.methods.outer import Step
 from ddmpi.qp.tao import QPSolver
 from ddmpi.run.solve import Solution
@@ -30,9 +32,6 @@ LISTED = 12
 DIRECT = "preonly + cholesky (mumps)"
 """How PETSc calls the solver that bodies have by default."""
 
-CELLS = {2: "triangles", 3: "tetrahedra"}
-"""By dimension."""
-
 UNDETERMINED = 3
 """Of more undetermined motions than this, the first ones stand for all."""
 
@@ -43,12 +42,12 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     owned = merged(world, {each.name: each for each in assembly.space.interfaces})
     interfaces = [owned[contact.name] for contact in scene.contact]
     log.info("n = %d unknowns (%s %s), m = %d contact nodes, friction: %s", assembly.n,
-             ("linear", "quadratic")[scene.body[0].mesh.order - 1], CELLS[scene.dimension], assembly.m,
+             ("linear", "quadratic")[scene.body[0].mesh.order - 1], NAMES[scene.dimension][1], assembly.m,
              ", ".join(dict.fromkeys(interface.law.name for interface in interfaces)))
     for gap, names in grouped((_describe_gap(each, scene.output.length_unit), each.name) for each in interfaces):
         log.info("%s: %s", some(names, "contacts"), gap)
     team = team_of(world)
-    own = {body.spec.name: _describe_body(body.member, team.size if team else 1, body.mesh.cut)
+    own = {body.spec.name: _describe_body(body.member, team.size if team else 1, _cut(body.mesh))
            for body in assembly.bodies}
     bodies = merged(world, own)
     for way, names in grouped((bodies[spec.name][0], spec.name) for spec in scene.body):
@@ -83,11 +82,14 @@ def log_warnings(found: Iterable[str], told: list[str]) -> None:
             told.append(warning)
 
 
-def _describe_body(member: Member, ranks: int, cut: int) -> tuple[str, bool]:
-    """How a body is solved, on how many ranks, and whether loads act on it; `cut` cells of its file are no simplices.
-    """
-    pieces = CELLS[member.motions.shape[1]]
-    way = f"{cut} {'quadrilaterals' if pieces == CELLS[2] else 'cells'} cut into {pieces}; " if cut else ""
+def _cut(mesh: Mesh) -> str:
+    """How many cells of a file were cut into simplices; empty if none."""
+    what = {"triangle": "quadrilaterals"}.get(mesh.cell.name, "other cells")
+    return f"{mesh.cut} {what} cut into {mesh.cell.names}; " if mesh.cut else ""
+
+
+def _describe_body(member: Member, ranks: int, way: str) -> tuple[str, bool]:
+    """How a body is solved, on how many ranks, after what is known of its mesh; and whether loads act on it."""
     way += "" if ranks == 1 else f"on {ranks} ranks; "
     motions, solver, compliance = member.motions.shape[2], member.C.solver.description, member.C
     if motions:

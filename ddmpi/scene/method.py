@@ -25,7 +25,7 @@ TIME_TOLERANCE = 0.02
 Tolerance = Annotated[float, msgspec.Meta(gt=0, lt=1)]
 Algorithm = Literal["original", "modified"]
 Splitting = Literal["none", "step1", "step2", "step1+2"]
-Outer = Literal["newton", "anderson", "relaxation"]
+OuterName = Literal["newton", "anderson", "relaxation"]
 
 
 class Method(Table, frozen=True, kw_only=True):
@@ -54,7 +54,7 @@ class Method(Table, frozen=True, kw_only=True):
         with "fixed" always as precise as the last one needs
     """
 
-    outer: Outer | None = None
+    outer: OuterName | None = None
     algorithm: Algorithm | None = None
     splitting: Splitting | None = None
     theta: Positive | None = None
@@ -117,7 +117,7 @@ class SettledMethod(Method, frozen=True, kw_only=True):
     diverging : what is seen where it diverges
     """
 
-    outer: Outer
+    outer: OuterName
     tolerance: Tolerance
 
     by_body: ClassVar[bool] = True

@@ -9,8 +9,11 @@ import scipy.sparse as sparse
 from ddmpi.mesh.boundary import links
 from ddmpi.system.numbers import spans
 
-FEWEST = 6
-"""A quadratic surface is fitted to no fewer places than this."""
+FEWEST = 5
+"""A surface is fitted to no fewer neighbours than this, which are as many as its coefficients."""
+
+FITS = 3
+"""How often it is fitted, each time in the frame of the normal before."""
 
 FLAT = 1e-9
 """Triangles whose corners' normals differ by less are flat."""
@@ -19,10 +22,10 @@ FLAT = 1e-9
 def normals_at_corners(xy: np.ndarray, facets: np.ndarray, sharpest: float) -> np.ndarray:
     """Unit normals (f, 3, 3) of the boundary that is meant, at the corners of its triangles.
 
-    Those of a quadratic surface through a corner and its two rings of neighbours, by least squares; at the rim of the
-    boundary, where rings are cut, those of inner neighbours mirrored in the edge between. Where triangles meet at an
-    edge sharper than `sharpest` (rad), of each side's own ones the mean with weights that are exact on spheres (Max,
-    J. Graphics Tools 4, 1999). Not collective.
+    Those of a quadratic surface through a corner and its two rings of neighbours, by least squares, where there are
+    enough, also at the rim of the boundary. Else, and where triangles meet at an edge sharper than `sharpest` (rad), of
+    each side's own ones the mean with weights that are exact on spheres (Max, J. Graphics Tools 4, 1999). Not
+    collective.
 
     Parameters
     ----------
@@ -49,67 +52,41 @@ def normals_at_corners(xy: np.ndarray, facets: np.ndarray, sharpest: float) -> n
         return mean.reshape(-1, 3, 3)
     at_node = np.zeros_like(xy)
     at_node[node] = mean
-    fitted, good = _fitted(xy, facets, at_node, whole)
-    fitted = _mirrored(xy, facets, fitted, good)
-    return np.where(np.isfinite(fitted[node]).all(axis=1, keepdims=True) & whole[node, None], fitted[node],
-                    mean).reshape(-1, 3, 3)
+    fitted = _fitted(xy, facets, at_node, whole)[node]
+    return np.where(fitted.any(axis=1, keepdims=True), fitted, mean).reshape(-1, 3, 3)
 
 
-def _neighbours(facets: np.ndarray, size: int) -> sparse.csr_matrix:
-    """(k, k) one where two corners have an edge, counted by the triangles at it."""
-    ends = np.concatenate([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]])
-    ends = np.concatenate([ends, ends[:, ::-1]])
-    return sparse.csr_matrix((np.ones(len(ends)), ends.T), (size, size))
-
-
-def _fitted(xy: np.ndarray, facets: np.ndarray, normal: np.ndarray, whole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Normals (k, 3) of quadratic surfaces at inner corners, nan at others; and which corners (k,) have one."""
-    links = _neighbours(facets, len(xy))
-    rim = np.unique(np.stack(links.nonzero())[:, np.asarray(links[links.nonzero()]).ravel() == 1.0])
-    good = whole & (links.getnnz(axis=1) > 0)
-    good[rim] = False
-    sharp = sparse.diags(1.0 * whole)
-    near = (links @ sharp @ links + links).tocsr()
-    near.setdiag(0.0)
+def _fitted(xy: np.ndarray, facets: np.ndarray, normal: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    """Normals (k, 3) of surfaces fitted at corners without sharp edges (k,) bool; zero where there are too few others.
+    """
+    pairs, size = links(facets, 3), len(xy)
+    near = sparse.csr_matrix((np.ones(2 * len(pairs)), np.concatenate([pairs, pairs[:, ::-1]]).T), (size, size))
+    ring = near @ sparse.diags(1.0 * whole)
+    near = near + ring @ near
+    near = near + sparse.diags(1.0 * (near.getnnz(axis=1) <= FEWEST)) @ (ring @ near)  # of few, a third ring
+    near = (near - sparse.diags(near.diagonal())).tocsr()
     near.eliminate_zeros()
-    good &= near.getnnz(axis=1) >= FEWEST
-    found = np.full_like(xy, np.nan)
-    nodes = np.flatnonzero(good)
+    found, nodes = np.zeros_like(xy), np.flatnonzero(whole & (near.getnnz(axis=1) >= FEWEST))
     if not len(nodes):
-        return found, good
+        return found
     row, place = spans(near.indptr[nodes], near.indptr[nodes + 1])
-    away = xy[near.indices[place]] - xy[nodes[row]]
-    n = normal[nodes]
-    first = np.cross(n, np.eye(3)[np.abs(n).argmin(axis=1)])
-    first /= np.linalg.norm(first, axis=1)[:, None]
-    axes = np.stack([first, np.cross(n, first), n], axis=1)
-    a, b, c = np.einsum("pd,pid->ip", away, axes[row])
-    size = np.sqrt(np.bincount(row, a * a + b * b) / np.bincount(row))
-    a, b = a / size[row], b / size[row]
-    terms = np.stack([a, b, a * a, a * b, b * b], axis=1)
-    normal_matrix, right = np.zeros((len(nodes), 5, 5)), np.zeros((len(nodes), 5))
-    np.add.at(normal_matrix, row, terms[:, :, None] * terms[:, None])
-    np.add.at(right, row, terms * c[:, None])
-    slopes = (np.linalg.pinv(normal_matrix, rcond=1e-10, hermitian=True) @ right[..., None])[:, :2, 0] / size[:, None]
-    fitted = np.einsum("ni,nid->nd", np.column_stack([-slopes, np.ones(len(nodes))]), axes)
-    found[nodes] = fitted / np.linalg.norm(fitted, axis=1)[:, None]
-    return found, good
-
-
-def _mirrored(xy: np.ndarray, facets: np.ndarray, normal: np.ndarray, good: np.ndarray) -> np.ndarray:
-    """The normals (k, 3), where corners have none the mean of those of neighbours, mirrored in the edges to them."""
-    found = normal.copy()
-    pairs = links(facets, 3)
-    here, there = np.concatenate([pairs, pairs[:, ::-1]]).T
-    some = ~good[here] & good[there]
-    here, there = here[some], there[some]
-    along = xy[here] - xy[there]
-    along /= np.linalg.norm(along, axis=1)[:, None]
-    mirrored = normal[there] - 2.0 * np.einsum("pd,pd->p", normal[there], along)[:, None] * along
-    total = np.zeros_like(xy)
-    np.add.at(total, here, mirrored)
-    at = np.unique(here)
-    found[at] = total[at] / np.linalg.norm(total[at], axis=1)[:, None]
+    away, fitted = xy[near.indices[place]] - xy[nodes[row]], normal[nodes]
+    for _ in range(FITS):
+        first = np.cross(fitted, np.eye(3)[np.abs(fitted).argmin(axis=1)])
+        first /= np.linalg.norm(first, axis=1)[:, None]
+        axes = np.stack([first, np.cross(fitted, first), fitted], axis=1)
+        a, b, c = np.einsum("pd,pid->ip", away, axes[row])
+        size = np.sqrt(np.bincount(row, a * a + b * b) / np.bincount(row))[row]
+        a, b, c = a / size, b / size, c / size
+        arc = 1.0 + c * c / (a * a + b * b)  # a section that is an arc has c = κ (ρ² + c²) / 2
+        terms = np.stack([a, b, arc * a * a, arc * a * b, arc * b * b], axis=1)
+        squares, right = np.zeros((len(nodes), 5, 5)), np.zeros((len(nodes), 5))
+        np.add.at(squares, row, terms[:, :, None] * terms[:, None])
+        np.add.at(right, row, terms * c[:, None])
+        slopes = (np.linalg.pinv(squares, rcond=1e-10, hermitian=True) @ right[..., None])[:, :2, 0]
+        fitted = np.einsum("ni,nid->nd", np.column_stack([-slopes, np.ones(len(nodes))]), axes)
+        fitted /= np.linalg.norm(fitted, axis=1)[:, None]
+    found[nodes] = fitted
     return found
 
 
@@ -147,6 +124,6 @@ def bulge(corners: np.ndarray, normals: np.ndarray, facets: np.ndarray, at: np.n
     upright = across / np.sqrt(square)[:, None]
     beta = kappa * np.einsum("qd,qd->q", ray, place) + np.sqrt(np.maximum(1.0 - kappa**2 * radius, 0.0)) * np.einsum(
         "qd,qd->q", ray, upright)
-    root = np.sqrt(np.maximum(beta**2 + kappa**2 * Q, 0.0))
-    found[some] = kappa * Q / np.where(beta + root != 0.0, beta + np.where(beta >= 0.0, root, root), 1.0)
+    below = beta + np.sqrt(np.maximum(beta**2 + kappa**2 * Q, 0.0))
+    found[some] = kappa * Q / np.where(below > 0.0, below, np.inf)
     return found

@@ -106,7 +106,7 @@ def test_groups_by_number(tmp_path, ending):
 
 
 @pytest.mark.parametrize(("more", "words"), [
-    ("*ELEMENT, TYPE=C3D4\n9, 1, 2, 3, 4", "has elements of type tetra"),
+    ("*ELEMENT, TYPE=C3D4\n9, 1, 2, 3, 4", "has tetrahedra without volume"),
     ("*ELEMENT, TYPE=CPS3\n9, 1, 2, 77", "is not a mesh that meshio can read (KeyError 77)"),
     ("*ELEMENT, TYPE=UNKNOWN\n9, 1, 2, 3", "is not a mesh that meshio can read (ReadError"),
     ("*NODE\n1, 0, 0", "elements of nodes that are not there"),

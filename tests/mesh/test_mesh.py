@@ -11,10 +11,11 @@ import pytest
 from scenes import LIMIT, run_command, write_scene
 
 from ddmpi.errors import InputError
+from ddmpi.mesh import read
 from ddmpi.mesh.boundary import boundary_group, corners, group_nodes, segments, turn_outward
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh, signed_measures
-from ddmpi.mesh.read import cut_quadrilaterals, file_kind, read_mesh
+from ddmpi.mesh.read import file_kind, read_mesh, shorter_diagonals
 from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, PartMaterial, Traction
@@ -360,7 +361,7 @@ def test_signals_are_heard_after_gmsh(tmp_path):
     path = write_by_gmsh(tmp_path / "old.msh", 4.0)
     code = """
 import os, pathlib, signal, sys
-from ddmpi.mesh.read import cut_quadrilaterals, file_kind, read_mesh
+from ddmpi.mesh.read import read_mesh
 from ddmpi.system import interrupt
 signal.signal(signal.SIGINT, signal.SIG_DFL)  # where it is ignored, it stays so
 interrupt.listen()
@@ -526,7 +527,9 @@ def test_quadrilaterals_are_cut_along_the_shorter_diagonal(tmp_path):
     expected = {(0, 1, 2), (0, 2, 3), (1, 4, 6), (1, 2, 6), (4, 5, 6), (2, 4, 6), (7, 8, 9), (7, 9, 10)}
     for turn in range(4):
         for way in (1, -1):
-            triangles = cut_quadrilaterals(points, np.roll(quads, turn, axis=1)[:, ::way])
+            turned = np.roll(quads, turn, axis=1)[:, ::way]
+            parts = read.HALVES[shorter_diagonals(points, turned)]
+            triangles = np.take_along_axis(turned[:, None], parts, axis=2).reshape(-1, 3)
             assert {tuple(sorted(each)) for each in triangles.tolist()} == expected, (turn, way)
 
 
@@ -618,7 +621,7 @@ def test_curved_triangles(tmp_path, moved, by):
 def test_no_triangles(tmp_path):
     path = write_square(tmp_path / "lines.msh", triangles=np.empty((0, 3), int))
     text = refused(path)
-    assert "has no triangles" in text and 'Physical Surface("' in text
+    assert "has neither triangles nor tetrahedra" in text and 'Physical Surface("' in text
 
 
 def test_no_named_boundaries(tmp_path):

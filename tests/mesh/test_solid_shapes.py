@@ -17,8 +17,8 @@ SIZE = {"left": 2.0, "right": 2.0, "front": 6.0, "back": 6.0, "bottom": 3.0, "to
 
 CORNERS = ((0, 0, 0), (3, 0, 0), (3, 1, 0), (0, 1, 0), (0, 0, 2), (3, 0, 2), (3, 1, 2), (0, 1, 2))
 
-LEANING = ((0, 0, 0), (3, .1, -.2), (3.3, 1.2, 0), (-.1, 1, .1), (.2, .1, 1.9), (3.1, 0, 2.2), (2.9, 1.3, 2),
-           (0, .9, 2.1))
+LEANING = ((0, 0, 0), (3, .1, -.2), (3.3, 1.2, 0), (-.1, 1, .1),
+           (.2, .1, 1.9), (3.1, 0, 2.2), (2.9, 1.3, 2), (0, .9, 2.1))
 
 
 def mesh_of(order: int = 1, **keys) -> Mesh:
@@ -47,8 +47,8 @@ def test_box_has_the_volume_and_sides_of_its_size(divisions, order):
     mesh = box(divisions, order, origin=(1.0, -1.0, 0.5))
     assert (mesh.dimension, mesh.order, len(mesh.triangles)) == (3, order, 6 * np.prod(divisions))
     assert mesh.measures() == pytest.approx(np.full(len(mesh.triangles), 1 / np.prod(divisions)), rel=1e-14)
-    assert mesh.points.min(axis=0) == pytest.approx([1, -1, .5])
-    assert mesh.points.max(axis=0) == pytest.approx([4, 0, 2.5])
+    assert mesh.points.min(axis=0) == pytest.approx([1.0, -1.0, 0.5])
+    assert mesh.points.max(axis=0) == pytest.approx([4.0, 0.0, 2.5])
     assert tuple(mesh.groups) == tuple(SIZE)
     for number, (name, area) in enumerate(SIZE.items()):
         own = mesh.groups[name]

@@ -14,7 +14,7 @@ from ddmpi.errors import InputError
 from ddmpi.scene.bodies import Clamp, Material
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
 from ddmpi.scene.keys import differences, override
-from ddmpi.scene.method import METHODS, Method, Outer, Published
+from ddmpi.scene.method import METHODS, Method, OuterName, Published
 from ddmpi.scene.reader import read_scene, read_scene_file
 from ddmpi.scene.scene import Scene, Settled
 from ddmpi.scene.values import AffineScalar, AffineVector, Profile, check_formulas, evaluate, varies
@@ -718,7 +718,7 @@ def test_shipped_scene_is_valid(name):
 
 def test_every_outer_method_says_what_is_asked_of_it():
     """Titles, labels, plan and advice, by the name that a scene has for it."""
-    assert set(METHODS) == set(get_args(Outer))
+    assert set(METHODS) == set(get_args(OuterName))
     for name, kind in METHODS.items():
         method = Method(outer=name).settled()
         assert type(method) is kind and (method.outer, bool(Method(outer=name).for_two)) == (name, method.by_body)
