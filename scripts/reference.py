@@ -194,9 +194,12 @@ def _linked(text: str) -> str:
 
 def results_page() -> str:
     lines = [RESULTS, *table(("file", "what is in it"), _coded(folder.FILES))]
-    for name, columns in {"contact_NAME.csv": tables.CONTACT, "contact_NAME_sides.csv": tables.SIDES,
-                          "contact_NAME_legs.csv": tables.LEGS, "history.csv": tables.HISTORY,
-                          "steps.csv": tables.STEPS, "energy.csv": tables.ENERGY}.items():
+    for name, columns in {
+            "contact_NAME.csv": tables.CONTACT, "contact_NAME.csv of solids": tables.CONTACT_IN_SPACE,
+            "contact_NAME_sides.csv": tables.SIDES,
+            "contact_NAME_legs.csv": tables.LEGS, "contact_NAME_legs.csv of solids": tables.LEGS_IN_SPACE,
+            "history.csv": tables.HISTORY, "steps.csv": tables.STEPS, "steps.csv of solids": tables.STEPS_IN_SPACE,
+            "energy.csv": tables.ENERGY}.items():
         lines += [f"## {name}", "", *table(("column", "meaning"), _coded(columns))]
     lines += ["## summary.json", "",
               "`null` stands for numbers that are not finite. NAME is that of a body or contact.", "",

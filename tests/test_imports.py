@@ -36,7 +36,9 @@ PLACES = {
     # what the plane has and space has not, to be replaced with solids
     "coupling/assembly": 1, "surface/side": 1, "interface/state": 1, "judge/diagnosis": 1, "judge/motions": 1,
     # pictures, and meshes that are made or drawn
-    "mesh/geometry": 1, "results/fields": 1, "results/magnify": 2, "results/pictures": 1,
+    "mesh/geometry": 1, "results/frame": 1, "results/histories": 2, "results/pictures": 2,
+    # columns, units and the name of the preconditioner
+    "results/tables": 2, "results/summary": 1, "run/report": 1,
     "scene/meshes": 2,
     # a scene in the plane has plane strain or plane stress
     "scene/bodies": 1}

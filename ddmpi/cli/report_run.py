@@ -165,7 +165,8 @@ class RunReport:
     def _pictures(self) -> dict[str, Any]:
         captions: dict[str, str] = {}
         for file, words in FILES.items():
-            words = words.partition(": ")[2] or words
+            plane, _, solid = (words.partition(": ")[2] or words).partition("; of solids, ")
+            words = solid if solid and len(self.axes) == 3 else plane
             if file == contact_files("NAME").picture:
                 captions |= {contact_files(name).picture: f"{name}: {words}" for name in self.contacts}
             elif file.endswith((".png", ".gif")) and file not in ("convergence.png", "mechanism.png"):

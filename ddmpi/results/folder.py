@@ -26,35 +26,42 @@ MOVED = ".moved"
 
 FILES = {
     "summary.json": "how the run ended and everything that is not an array",
-    "contact_NAME.csv": "a line per contact node along the contact; where meshes do not match of the slave's "
-                        "nodes that face the other side",
-    "contact_NAME_sides.csv": "with quadratic elements: mean stresses over the elements' sides, which are what to plot "
-                              "there; sides with a node that carries no force are left out",
+    "contact_NAME.csv": "a line per contact node, in the plane along the contact; where meshes do not match of the "
+                        "slave's nodes that face the other side",
+    "contact_NAME_sides.csv": "with quadratic elements in the plane: mean stresses over the elements' sides, which are "
+                              "what to plot there; sides with a node that carries no force are left out. Solids have "
+                              "no such file: their forces stand at the corners of elements",
     "contact_NAME_legs.csv": "with load steps: contact stresses of the steps whose fields are written",
     "history.csv": "a line per outer iteration",
     "steps.csv": "a line per load step and contact",
     "energy.csv": "with load steps: the balance of energy, a line per step",
     "result.xdmf": "for ParaView, pyvista and meshio: displacement, stress and von Mises stress of bodies, and the "
                    "estimated error if asked for; pressure, friction, gap, slip, slip_total and status (0 open, 1 "
-                   "slip, 2 stick) of contacts; with load steps a time series. ParaView and pyvista find "
-                   "a grid for each body and contact, by its name; meshio.read, or with load steps "
-                   "meshio.xdmf.TimeSeriesReader, finds all bodies as one",
+                   "slip, 2 stick) of contacts, of solids also friction_vector, on the first body, and slip_vector; "
+                   "with load steps a time series. ParaView and pyvista find a grid for each body and contact, by its "
+                   "name; meshio.read, or with load steps meshio.xdmf.TimeSeriesReader, finds all bodies as one",
     "result.h5": "the data of result.xdmf: points, displacement by node; cells, body (its number), stress "
-                 "(xx, xy, xz, yy, yz, zz), von_mises, error by triangle; earlier load steps in groups step_000001, …; "
-                 "in contacts/NAME the facets, pairs of lines of contact_NAME.csv whose nodes are neighbours, and "
-                 "initial_gap of each line",
+                 "(xx, xy, xz, yy, yz, zz), von_mises, error by cell; earlier load steps in groups step_000001, …; "
+                 "in contacts/NAME the facets, pairs of lines of contact_NAME.csv whose nodes are neighbours, of "
+                 "solids triples, and initial_gap of each line",
     "bodies.png": "the deformed bodies, coloured by von Mises stress, else by displacement. Displacements are enlarged "
                   "as the title says, grey outlines are undeformed, and what touches is drawn touching",
-    "contact.png": "of one contact: stresses, slip bound, gap and slip along the contact, and its zones",
-    "contacts.png": "of several contacts: pressures as areas, zones as lines, and resultants",
+    "contact.png": "of one contact: stresses, slip bound, gap and slip along the contact, and its zones; of solids, "
+                   "pressure, friction with arrows of slip, zones and gap as seen from the front, or unrolled about an "
+                   "axis",
+    "contacts.png": "of several contacts: pressures as areas, zones as lines, and resultants; of solids, pressures as "
+                    "colours, and resultants",
     "contact_NAME.png": "of each of up to six contacts: stresses, slip bound, gap and slip along the contact, and its "
-                        "zones",
+                        "zones; of solids, pressure, friction with arrows of slip, zones and gap as seen from the "
+                        "front, or unrolled about an axis",
     "convergence.png": "outer iterations",
-    "steps.png": "with load steps: loops of the tangential force, energies, contact stresses at the ends of legs",
+    "steps.png": "with load steps: loops of the tangential force, energies, contact stresses at the ends of legs; of "
+                 "solids, loops of the tangential force, energies, forces and numbers of nodes over time",
     "animation.gif": "with load steps, if asked for: the moving bodies",
     "error.png": "if asked for: where the estimated discretization error is",
     "mechanism.json": "where there is no equilibrium: centres of the bodies that no clamp holds and their velocities "
-                      "(x, y, turning) in the mechanism, of which the fastest node has 1",
+                      "(x, y, turning; in space x, y, z, and turning about them) in the mechanism, of which the "
+                      "fastest node has 1",
     "mechanism.png": "the bodies as they stand and as the mechanism would move them, in place of all other pictures",
     "report.html": "what `ddmpi report` has made of all these",
     "checkpoint.h5": "of an interrupted run, for --restart; completed runs have none"}

@@ -62,6 +62,9 @@ LEGS_IN_SPACE = {
     "normal_stress": "as in contact_NAME.csv", "tangential_stress": "", "gap": "", "slip": "", "slip_total": "",
     "status": ""} | dict.fromkeys(VECTORS, "")
 
+LEGS_IN = {2: LEGS, 3: LEGS_IN_SPACE}
+"""By dimension."""
+
 STATUS = ("open", "slip", "stick")
 
 HISTORY = {
@@ -106,11 +109,11 @@ def write_contact(path: Path, name: str, state: ContactState) -> None:
                *(each[lines.row] for each in (state.pressure, signed(state.shear), state.gap, signed(state.slip),
                                               signed(state.slip_total), state.status)))
     columns = (*lines.xy.T, *interface.normal[lines.row].T, lines.area, *columns)
-    if interface.dimension == 2:
-        _write_csv(path / contact_files(name).table, CONTACT, zip(*columns, strict=True))
-        return
-    vectors = np.vstack([state.forces[lines.row].T * share, state.along(state.slip)[lines.row].T]) + 0.0  # no −0
-    _write_csv(path / contact_files(name).table, CONTACT_IN_SPACE, zip(*columns, *vectors, strict=True))
+    names = CONTACT
+    if interface.dimension > 2:
+        vectors = np.vstack([state.forces[lines.row].T * share, state.along(state.slip)[lines.row].T])
+        names, columns = CONTACT_IN_SPACE, (*columns, *(vectors + 0.0))  # no −0
+    _write_csv(path / contact_files(name).table, names, zip(*columns, strict=True))
 
 
 def write_sides(path: Path, name: str, state: ContactState) -> None:
@@ -132,7 +135,7 @@ def write_sides(path: Path, name: str, state: ContactState) -> None:
 
 def leg_columns(dimension: int) -> list[str]:
     """The columns of contact_NAME_legs.csv that differ from load step to load step."""
-    columns = list(LEGS if dimension == 2 else LEGS_IN_SPACE)
+    columns = list(LEGS_IN[dimension])
     return columns[columns.index("normal_stress"):]
 
 
@@ -160,7 +163,7 @@ def write_legs(path: Path, name: str, state: ContactState, steps: Iterable[tuple
     share = lines.area / interface.area[lines.row]
     parts = np.column_stack([share if column.startswith("force") else np.ones_like(share) for column in columns])
     k = columns.index("status")
-    _write_csv(path / contact_files(name).legs, LEGS if interface.dimension == 2 else LEGS_IN_SPACE, (
+    _write_csv(path / contact_files(name).legs, LEGS_IN[interface.dimension], (
         (time, *place, area, *row[:k], STATUS[int(row[k])], *row[k + 1:]) for time, values in steps
         for place, area, row in zip(lines.xy, lines.area, values[lines.row] * parts, strict=True)))
 
