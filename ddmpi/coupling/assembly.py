@@ -30,7 +30,8 @@ from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Clamp, Material, SettledBody
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.scene.scene import Settled
-from ddmpi.surface.side import Side, contact_side
+from ddmpi.surface.boundary import contact_side
+from ddmpi.surface.side import Side
 from ddmpi.system import interrupt
 from ddmpi.system.agreement import agreed, merged
 from ddmpi.system.clock import Clock

@@ -155,7 +155,7 @@ def _choose_slave(sides: tuple[Side, Side], covers: list[Cover | None], name: st
     softness = []
     for side, over in zip(sides, covers, strict=True):
         assert over is not None
-        length = np.linalg.norm(side.along[np.unique(over.facet)], axis=1)
+        length = side.lengths[np.unique(over.facet)]
         softness.append(float(length.mean()) / (side.facets.shape[1] - 1) / side.modulus)
     return 1 if softness[1] > (1.0 + 1e-6) * softness[0] else 0
 

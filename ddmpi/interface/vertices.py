@@ -21,7 +21,7 @@ from ddmpi.mesh.boundary import links
 from ddmpi.mesh.elements import cell_with
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.surface.cover import Cover
-from ddmpi.surface.side import Side, unit
+from ddmpi.surface.side import Side, nodal, unit
 
 SLIVER = 1e-6
 """The dual functions of a facet of which a smaller part is covered are constants."""
@@ -40,7 +40,7 @@ def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, contact: S
     """The rows of the slave, `sides[own]`. Not collective."""
     side, bonded = sides[own], contact.kind == "bonded"
     seen = np.isin(np.arange(len(side.facets)), over.facet)
-    psi, full = _functions(side, over, bonded), side.vertex_areas(seen)
+    psi, full = _functions(side, over, bonded), _areas(side, seen)
     D = np.asarray(psi.sum(axis=0)).ravel()
     shares = (UNCOVERED * full > D) | _meets_others(side, D)
     shares |= ~(side.free.all(axis=1) if bonded else side.free.any(axis=1))
@@ -70,6 +70,11 @@ def _functions(side: Side, over: Cover, hats: bool) -> sparse.csr_matrix:
     return at_points(weighted, side.facets[over.facet, :3], len(side.nodes))
 
 
+def _areas(side: Side, some: np.ndarray) -> np.ndarray:
+    """Integrals (k,) of the vertices' hat functions over some of the facets (f,) bool (m²)."""
+    return nodal(np.repeat(side.lengths[some][:, None] / 3.0, 3, axis=1), side.facets[some, :3], len(side.nodes))
+
+
 def _meets_others(side: Side, D: np.ndarray) -> np.ndarray:
     """Which vertices (k,) other contacts of the body have as well: on the rim of their group, where another one's
     group begins, and, where other contacts are on the same group, where what this one covers (k,) ends."""
@@ -78,7 +83,7 @@ def _meets_others(side: Side, D: np.ndarray) -> np.ndarray:
                              axis=0, return_counts=True)
     rim = np.zeros(len(side.nodes), bool)
     rim[edges[count == 1]] = True
-    partly = (1.0 - UNCOVERED) * side.vertex_areas(np.ones(len(facets), bool)) > D
+    partly = (1.0 - UNCOVERED) * _areas(side, np.ones(len(facets), bool)) > D
     return (rim & side.tied) | (partly & side.parted)
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ddmpi.surface.curve import Curve
 from ddmpi.surface.cut import cut
 from ddmpi.surface.side import Side, cross, unit
 from ddmpi.system.numbers import spans
@@ -59,11 +60,17 @@ def cover(slave: Side, master: Side) -> Cover:
     """
     outward = slave.outward
     depth = DEEPEST * np.minimum(np.abs(outward) @ slave.extent, np.abs(outward) @ master.extent)
-    if slave.dimension > 2:
-        facet, one, at, there, weight, distance = cut(slave, master, FACING, -depth)
-        ray = outward[facet]
-        return Cover(facet, at, one, there, weight, ray,
-                     distance - slave.bulge(facet, at, ray) - master.bulge(one, there, -ray))
+    if isinstance(slave, Curve) and isinstance(master, Curve):
+        return _along(slave, master, depth)
+    facet, one, at, there, weight, distance = cut(slave, master, FACING, -depth)
+    ray = outward[facet]
+    return Cover(facet, at, one, there, weight, ray,
+                 distance - slave.bulge(facet, at, ray) - master.bulge(one, there, -ray))
+
+
+def _along(slave: Curve, master: Curve, depth: np.ndarray) -> Cover:
+    """`cover` in the plane, where facets (f,) count up to their `depth` behind the slave."""
+    outward = slave.outward
     own, corners, fans = (slave.xy[slave.facets[:, :2]], master.xy[master.facets[:, :2]], slave.fans)
     length = np.linalg.norm(slave.along, axis=1)
     facet, one = _swept(corners, own, fans)
@@ -94,7 +101,7 @@ def cover(slave: Side, master: Side) -> Cover:
                  weight * ratio, ray, gap)
 
 
-def faced_arc(xy: np.ndarray, rows: np.ndarray, over: Cover, master: Side) -> np.ndarray:
+def faced_arc(xy: np.ndarray, rows: np.ndarray, over: Cover, master: Curve) -> np.ndarray:
     """Arc lengths (m,) of the master's places nearest to `xy` (m, 2), on facets that the rows (q, c) of points face.
 
     Not collective.

@@ -1,39 +1,24 @@
-"""The contact boundary of one body."""
+"""The contact boundary of one body: what holds in the plane and in space."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from math import factorial
 
 import numpy as np
 import scipy.sparse as sparse
 
-from ddmpi.mesh.boundary import links, segments, turn_outward
-from ddmpi.mesh.elements import CELLS, FIRST, bends, facet_cell, facet_measures, facet_shares
-from ddmpi.mesh.mesh import Mesh
-from ddmpi.surface.curved import bulge, normals_at_corners
+from ddmpi.mesh.boundary import links
+from ddmpi.mesh.elements import CELLS, FIRST, facet_cell, facet_measures, facet_shares
 
 SHARPEST = np.deg2rad(40.0)
 """Where a boundary turns by more than this from one side of an element to the next, it has a corner; where by less, it
 may be a curve."""
 
-STRAIGHT = 1e-9
-"""Turns (rad) below this are rounding of a straight boundary."""
-
-FLAT = 1e-3
-"""So are turns below this part of that at the other end of an element's side."""
-
-COARSE = 1e-6
-"""Nodes are put in order by their places in multiples of this part of the mesh's extent: rounding decides nothing."""
-
-STEEPEST = 0.24
-"""Lines that meet a curved facet count as no nearer to its direction at an end than this; at 1/4 they touch it."""
-
 
 @dataclass(frozen=True)
 class Side:
-    """Contact boundary of one body, nodes ordered along it, in space by their coordinates.
+    """Contact boundary of one body: a `Curve` in the plane, nodes ordered along it, a `Patch` in space.
 
     Attributes
     ----------
@@ -78,21 +63,6 @@ class Side:
         return self.xy.shape[1]
 
     @property
-    def along(self) -> np.ndarray:
-        """(f, 2) from the first end of each facet to the second: its chord (m)."""
-        return self.xy[self.facets[:, 1]] - self.xy[self.facets[:, 0]]
-
-    @property
-    def bends(self) -> np.ndarray:
-        """(f, 2) how far the middle of each facet is off that of its chord (m); zero if it is straight."""
-        return bends(self.xy[self.facets])
-
-    @property
-    def heights(self) -> np.ndarray:
-        """(f,) the same, as far as it is outward (m)."""
-        return np.einsum("ij,ij->i", self.bends, self.outward)
-
-    @property
     def lengths(self) -> np.ndarray:
         """(f,) lengths or areas of the facets (m or m²)."""
         return facet_measures(self.xy[self.facets])
@@ -112,145 +82,61 @@ class Side:
         return np.bincount(pairs.ravel(), np.repeat(distance, 2), len(self.nodes)) / number
 
     @property
-    def slopes(self) -> np.ndarray:
-        """(f, 2) angles by which the boundary that is meant leaves each facet outward, at its first and second end.
-
-        Where the boundary turns from one facet to the next, both share the turn as arcs of one circle would: their
-        sines go as the lengths. A facet that is straight at its other end leaves all of it to its neighbour; two such
-        facets meet in a corner, and so do facets at an angle above SHARPEST. At a sharp corner and at an end of the
-        boundary, the slope of the other end counts, mirrored; where both ends are such, that of the facet itself, if it
-        is curved.
-        """
-        return self._slopes()[0]
-
-    @cached_property
     def fans(self) -> np.ndarray:
         """(f, d, d) unit normals at the corners of each facet, the same for all that meet there at less than SHARPEST.
         """
-        if self.dimension > 2:
-            return normals_at_corners(self.xy, self.facets[:, :3], SHARPEST)
-        tilt = np.stack([-self._slopes()[1][:, 0], self._slopes()[1][:, 1]], axis=1)
-        cosine, sine = np.cos(tilt), np.sin(tilt)
-        (x, y) = self.outward.T[:, :, None]
-        return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=2)
-
-    def _slopes(self) -> tuple[np.ndarray, np.ndarray]:
-        """The slopes, and the same without corners below SHARPEST."""
-        ends, outer = self.facets[:, :2], self.outward
-        length = np.linalg.norm(self.along, axis=1)
-        before, after = np.full((2, len(self.nodes)), -1)  # the facets that end and begin at a node
-        before[ends[:, 1]], after[ends[:, 0]] = np.arange(len(ends)), np.arange(len(ends))
-        turns = np.full(len(self.nodes), np.nan)
-        node = np.flatnonzero((before >= 0) & (after >= 0))
-        b, a = before[node], after[node]
-        turn = np.arctan2(outer[b, 0] * outer[a, 1] - outer[b, 1] * outer[a, 0],
-                          np.einsum("ij,ij->i", outer[b], outer[a]))
-        turns[node] = turn = np.where(np.abs(turn) <= STRAIGHT, 0.0, turn)
-        smooth = np.abs(turn) <= SHARPEST
-        node, b, a, turn = node[smooth], b[smooth], a[smooth], turn[smooth]
-        part = np.arctan2(length[b] * np.sin(turn), length[a] + length[b] * np.cos(turn))
-        flat = [np.abs(turns[other]) <= FLAT * np.abs(turn) for other in (ends[b, 0], ends[a, 1])]
-        shared, own = np.full((len(ends), 2), np.nan), np.arctan(4.0 * self.heights / length)[:, None]
-        shared[b, 1], shared[a, 0] = part, turn - part
-        curved = shared.copy()
-        curved[b, 1] = np.where(flat[0], 0.0, np.where(flat[1], turn, part))
-        curved[a, 0] = np.where(flat[1], 0.0, np.where(flat[0], turn, turn - part))
-        curved = np.where(np.isnan(curved), curved[:, ::-1], curved)
-        curved = np.where(np.isnan(curved), own, curved)
-        return curved, np.where(np.isnan(shared), curved, shared)
+        raise NotImplementedError
 
     def bulge(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """How far (q,) the boundary that is meant stands off its chords, outward (m).
-
-        Over each chord lies the cubic with the slopes at its ends, times what makes the arc of a circle exact. In space
-        it is what `curved.bulge` has over triangles.
+        """How far (q,) the boundary that is meant stands off its chords, or plane triangles, outward (m).
 
         Parameters
         ----------
         facets : (q,) on which the points lie
-        at : (q,) where on the facet, from 0 at its first end to 1 at the second; in space (q, 3) barycentric
+        at : where on the facet, in the plane (q,) from 0 at its first end to 1 at the second, in space (q, 3)
+            barycentric coordinates
         direction : (q, d) unit vectors along which the distance counts
         """
-        if self.dimension > 2:
-            return bulge(self.xy[self.facets[:, :3]], self.fans, facets, at, direction)
-        slope, along, z = self.slopes[facets], self.along[facets], 2.0 * at - 1.0
-        length = np.linalg.norm(along, axis=1)
-        first, second = np.tan(slope).T
-        cubic = at * (1.0 - at) * (first * (1.0 - at) + second * at)
-        rise = first * (1.0 - at) * (1.0 - 3.0 * at) + second * at * (2.0 - 3.0 * at)
-        c, s = np.cos(slope.mean(axis=1)), np.sin(slope.mean(axis=1))
-        root = np.sqrt(1.0 - (s * z) ** 2)
-        arc = 2.0 * c / (root + c)
-        rise = rise * arc + cubic * 4.0 * c * s**2 * z / (root * (root + c) ** 2)
-        across = np.einsum("qi,qi->q", direction, self.outward[facets])
-        return length * cubic * arc / (across - rise * np.einsum("qi,qi->q", direction, along) / length)
+        raise NotImplementedError
 
     def rise(self, nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """How far (q,) the boundary that is meant stands off some nodes (q,), along vectors (q, 2) (m).
+        """How far (q,) the boundary that is meant stands off some nodes (q,), along vectors (q, d) (m).
 
         Corners lie on it, middles on the chord or, if the facet is curved, near it.
         """
-        if self.dimension > 2:
-            return np.zeros(len(nodes))
-        found, facet = np.zeros(len(nodes)), np.full(len(self.nodes), -1)
-        facet[self.facets[:, 2:].ravel()] = np.arange(self.facets[:, 2:].size)
-        middle = np.flatnonzero(facet[nodes] >= 0)
-        facets, direction = facet[nodes[middle]], direction[middle]
-        along, bent = self.along[facets], self.bends[facets]
-        aside = np.einsum("qi,qi->q", bent, along) / np.einsum("qi,qi->q", along, along)
-        across = np.einsum("qi,qi->q", self.outward[facets], direction)
-        found[middle] = self.bulge(facets, 0.5 + aside, direction) - self.heights[facets] * across
-        return found
+        raise NotImplementedError
 
-    def parameters(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """The parameters t (q,) where lines through chords meet the facets themselves.
+    @staticmethod
+    def ordered(facets: np.ndarray, points: np.ndarray, places: np.ndarray,
+                origins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The nodes (k,) of turned facets in their order, and the `arc` lengths (nv,) of all of the mesh.
 
         Parameters
         ----------
-        facets : (q,)
-        at : (q,) where on the chord, from 0 at its first end to 1 at the second; t is the same on straight facets
-        direction : (q, 2) of the line
-
-        The facet is x(t) = chord(t) + 4 t (1 − t) bend; so t + 4 t (1 − t) δ = `at`, δ = bend × line / chord × line.
+        facets, points : of the mesh (m)
+        places : (nv, d) the latter, rounded
+        origins : (f,) the first nodes of the facets as they are given
         """
-        bent, along = self.bends[facets], self.along[facets]
-        delta = np.clip(cross(bent, direction) / cross(along, direction), -STEEPEST, STEEPEST)
-        return 2.0 * at / (1.0 + 4.0 * delta + np.sqrt((1.0 + 4.0 * delta) ** 2 - 16.0 * delta * at))
+        raise NotImplementedError
 
-    def off_chords(self, facets: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far (q,) facets themselves are off their chords (m), and their length over the chord's (q,), at places.
+    def pieces(self, some: np.ndarray) -> np.ndarray:
+        """Straight facets (·, d) between rows, of some of the facets (f,) bool."""
+        raise NotImplementedError
 
-        Upright on the chords of `facets` (q,), at `at` (q,) from 0 to 1.
-        """
-        outward, along = self.outward[facets], self.along[facets]
-        t, length = self.parameters(facets, at, outward), np.linalg.norm(along, axis=1)
-        height = 4.0 * np.einsum("qi,qi->q", self.bends[facets], outward)
-        aside = 4.0 * np.einsum("qi,qi->q", self.bends[facets], along) / length
-        slope = height * (1.0 - 2.0 * t) / (length + aside * (1.0 - 2.0 * t))
-        return height * t * (1.0 - t), np.sqrt(1.0 + slope**2)
+    def laplacian(self, some: np.ndarray, row: np.ndarray, m: int) -> sparse.csr_matrix:
+        """That of some of the facets (f,) bool, as `laplacian`."""
+        return laplacian(self.xy, self.pieces(some), row, m)
 
     def lengths_over(self, some: np.ndarray) -> np.ndarray:
         """Nodal lengths (k,) over some of the facets (f,) bool: integrals of the shape functions (m)."""
         facets = self.facets[some]
         return nodal(facet_shares(self.xy[facets]), facets, len(self.nodes))
 
-    def vertex_areas(self, some: np.ndarray) -> np.ndarray:
-        """Integrals (k,) of the vertices' hat functions over some of the facets (f,) bool, in space (m²)."""
-        nodes = self.facets[some]
-        shares = np.repeat(self.lengths[some][:, None] / 3.0, 3, axis=1)
-        return nodal(shares, nodes[:, :3], len(self.nodes))
-
     def normals_over(self, some: np.ndarray) -> np.ndarray:
         """Outer unit normals (k, d) averaged over some of the facets (f,) bool; those of the side away from these."""
         facets = self.facets[some]
-        total = unit(nodal(_across(self.xy[facets]), facets, len(self.nodes)))
+        total = unit(nodal(across(self.xy[facets]), facets, len(self.nodes)))
         return np.where(total.any(axis=1, keepdims=True), total, self.normal)
-
-    def laplacian(self, some: np.ndarray, row: np.ndarray, m: int) -> sparse.csr_matrix:
-        """That of some of the facets (f,) bool, as `laplacian`; of quadratic ones between neighbouring nodes, in space
-        between corners."""
-        facets = self.facets[some]
-        return laplacian(self.xy, segments(facets) if self.dimension == 2 else facets[:, :3], row, m)
 
 
 def laplacian(xy: np.ndarray, facets: np.ndarray, row: np.ndarray, m: int) -> sparse.csr_matrix:
@@ -295,50 +181,6 @@ def turn_right(vectors: np.ndarray) -> np.ndarray:
     return np.column_stack([vectors[:, 1], -vectors[:, 0]])
 
 
-def contact_side(mesh: Mesh, edges: np.ndarray, clamps: np.ndarray, body: str, modulus: float, key: str,
-                 tied: np.ndarray | None = None, parted: bool = False) -> Side:
-    """The contact boundary made of `edges` (k, l), in the plane ordered from its first end. Not collective.
-
-    `clamps` (nv, d) and `tied` (nv,) as those of a `Side`, of all nodes of the body; without `tied` none is.
-    `parted` as of a `Side`.
-
-    Raises InputError naming `key` when an edge does not lie on the boundary.
-    """
-    origins, edges = edges[:, 0], turn_outward(mesh, edges, key)[0]
-    places = np.round((mesh.points - mesh.points.min(axis=0)) / (COARSE * np.ptp(mesh.points, axis=0).max()))
-    if mesh.dimension == 2:
-        nodes, arc = _order(segments(edges), places), _arc(edges, mesh.points, origins)
-    else:
-        nodes, arc = np.unique(edges), np.zeros(len(mesh.points))
-        nodes = nodes[np.lexsort(places[nodes].T[::-1])]
-    place, xy = np.empty(len(mesh.points), int), mesh.points[nodes]
-    place[nodes] = np.arange(len(nodes))
-    facets = place[edges]
-    facets = facets[np.argsort(facets[:, -1])]
-    normal, length = (nodal(of(xy[facets]), facets, len(nodes)) for of in (_across, facet_shares))
-    return Side(body, modulus, nodes, xy, unit(normal), length, clamps[nodes],
-                np.zeros(len(nodes), bool) if tied is None else tied[nodes], np.ptp(mesh.points, axis=0),
-                arc[nodes], facets, parted)
-
-
-def _arc(edges: np.ndarray, points: np.ndarray, origins: np.ndarray) -> np.ndarray:
-    """Arc lengths (nv,) of the nodes of turned edges (k, 2 or 3) from the start of their chain.
-
-    Each chain counts from its own start: where no edge ends, else at the first of `origins` (k,) that is on it.
-    """
-    length = facet_measures(points[edges])
-    after = dict(zip(edges[:, 0].tolist(), zip(edges[:, 1].tolist(), length.tolist(), strict=True), strict=True))
-    arc = np.full(len(points), np.nan)
-    for start in [*np.setdiff1d(edges[:, 0], edges[:, 1]), *origins]:
-        node, at = int(start), 0.0
-        while np.isnan(arc[node]):
-            arc[node] = at
-            node, step = after.get(node, (node, 0.0))
-            at += step
-    arc[edges[:, 2:]] = arc[edges[:, :1]] + length[:, None] / 2
-    return arc
-
-
 def nodal(values: np.ndarray, facets: np.ndarray, size: int) -> np.ndarray:
     """Sums (size, …) at nodes of the values (f, c, …) at the nodes (f, c) of facets."""
     total = np.zeros((size, *values.shape[2:]))
@@ -346,7 +188,7 @@ def nodal(values: np.ndarray, facets: np.ndarray, size: int) -> np.ndarray:
     return total
 
 
-def _across(facets: np.ndarray) -> np.ndarray:
+def across(facets: np.ndarray) -> np.ndarray:
     """Outer normals (s, l, d) at the nodes of facets (s, l, d), as long as ratios of measures there (m or m²)."""
     cell = facet_cell(facets)
     return cell.vectors(facets, cell.nodes).transpose(2, 1, 0)
@@ -355,21 +197,3 @@ def _across(facets: np.ndarray) -> np.ndarray:
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """The cross products (…) of vectors (…, 2)."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-
-
-def _order(pairs: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Nodes of pairs of neighbours, walked chain by chain; each chain starts at its end with the smaller x, y."""
-    neighbours: dict[int, list[int]] = {}
-    for a, b in pairs.tolist():
-        neighbours.setdefault(a, []).append(b)
-        neighbours.setdefault(b, []).append(a)
-    ranked = sorted(neighbours, key=lambda node: (len(neighbours[node]) != 1, *places[node]))
-    ordered: list[int] = []
-    seen: set[int] = set()
-    node: int | None
-    for node in ranked:
-        while node is not None and node not in seen:
-            seen.add(node)
-            ordered.append(node)
-            node = next((n for n in neighbours[node] if n not in seen), None)
-    return np.array(ordered, dtype=np.int64)

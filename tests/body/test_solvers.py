@@ -18,7 +18,7 @@ from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
 from ddmpi.scene.contacts import Coulomb, SettledContact
-from ddmpi.surface.side import contact_side
+from ddmpi.surface.boundary import contact_side
 
 
 def block(divisions=(12, 6), young=2e11, clamp=("left",), size=(2.0, 1.0)) -> Elasticity:

@@ -16,7 +16,8 @@ from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec
 from ddmpi.scene.contacts import Coulomb, NoFriction
-from ddmpi.surface.side import Side, contact_side
+from ddmpi.surface.boundary import contact_side
+from ddmpi.surface.side import Side
 
 NAME = "upper-lower"
 COULOMB = Coulomb(coefficient=0.3)

@@ -13,10 +13,10 @@ from mpi4py import MPI
 
 from ddmpi.errors import InputError
 from ddmpi.interface import mortar
-from ddmpi.surface import side
 from ddmpi.judge import accuracy, certificate
 from ddmpi.methods import newton, paths
 from ddmpi.methods.krylov import FORCING
+from ddmpi.surface import side
 
 pytestmark = pytest.mark.slow
 

@@ -13,7 +13,8 @@ from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import BodySpec, Material, MeshSpec
 from ddmpi.scene.contacts import SettledContact
-from ddmpi.surface.side import Side, contact_side
+from ddmpi.surface.boundary import contact_side
+from ddmpi.surface.side import Side
 
 YOUNG, POISSON = 1e9, 0.3
 

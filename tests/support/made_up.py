@@ -20,7 +20,7 @@ from ddmpi.results.summary import RunResult, summarize, write_summary
 from ddmpi.results.tables import write_contact, write_history, write_sides, write_steps
 from ddmpi.scene.bodies import Material, MeshSpec
 from ddmpi.scene.contacts import Coulomb, NoFriction, SettledContact
-from ddmpi.surface.side import contact_side
+from ddmpi.surface.boundary import contact_side
 
 STEEL = Material(young=2.119e11, poisson=0.277)
 

@@ -1,12 +1,15 @@
-"""The curved boundary that is meant where a mesh in space has plane triangles: normals at their corners, and what
-stands over them."""
+"""The contact boundary of a body in space, and the curved one that is meant: normals at the corners of plane triangles,
+and what stands over them."""
 
 from __future__ import annotations
+
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.mesh.boundary import links
+from ddmpi.surface.side import SHARPEST, Side
 from ddmpi.system.numbers import spans
 
 FEWEST = 5
@@ -17,6 +20,32 @@ FITS = 3
 
 FLAT = 1e-9
 """Triangles whose corners' normals differ by less are flat."""
+
+
+class Patch(Side):
+    """The contact boundary of a body in space: triangles, of order 2 with the middles of their edges."""
+
+    @cached_property
+    def fans(self) -> np.ndarray:
+        return normals_at_corners(self.xy, self.facets[:, :3], SHARPEST)
+
+    def bulge(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        return bulge(self.xy[self.facets[:, :3]], self.fans, facets, at, direction)
+
+    def rise(self, nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Zero: rows stand at corners."""
+        return np.zeros(len(nodes))
+
+    def pieces(self, some: np.ndarray) -> np.ndarray:
+        """Triangles between corners."""
+        return self.facets[some, :3]
+
+    @staticmethod
+    def ordered(facets: np.ndarray, points: np.ndarray, places: np.ndarray,
+                origins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The nodes (k,) of turned facets by their places, and no arc lengths (nv,); see `contact_side`."""
+        nodes = np.unique(facets)
+        return nodes[np.lexsort(places[nodes].T[::-1])], np.zeros(len(points))
 
 
 def normals_at_corners(xy: np.ndarray, facets: np.ndarray, sharpest: float) -> np.ndarray:

@@ -1,0 +1,41 @@
+"""From the boundary of a mesh to a side of a contact."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ddmpi.mesh.boundary import turn_outward
+from ddmpi.mesh.elements import facet_shares
+from ddmpi.mesh.mesh import Mesh
+from ddmpi.surface.curve import Curve
+from ddmpi.surface.patch import Patch
+from ddmpi.surface.side import Side, across, nodal, unit
+
+COARSE = 1e-6
+"""Nodes are put in order by their places in multiples of this part of the mesh's extent: rounding decides nothing."""
+
+KINDS = {2: Curve, 3: Patch}
+"""By dimension."""
+
+
+def contact_side(mesh: Mesh, edges: np.ndarray, clamps: np.ndarray, body: str, modulus: float, key: str,
+                 tied: np.ndarray | None = None, parted: bool = False) -> Side:
+    """The contact boundary made of `edges` (k, l), in the plane ordered from its first end. Not collective.
+
+    `clamps` (nv, d) and `tied` (nv,) as those of a `Side`, of all nodes of the body; without `tied` none is.
+    `parted` as of a `Side`.
+
+    Raises InputError naming `key` when an edge does not lie on the boundary.
+    """
+    origins, edges = edges[:, 0], turn_outward(mesh, edges, key)[0]
+    places = np.round((mesh.points - mesh.points.min(axis=0)) / (COARSE * np.ptp(mesh.points, axis=0).max()))
+    kind = KINDS[mesh.dimension]
+    nodes, arc = kind.ordered(edges, mesh.points, places, origins)
+    place, xy = np.empty(len(mesh.points), int), mesh.points[nodes]
+    place[nodes] = np.arange(len(nodes))
+    facets = place[edges]
+    facets = facets[np.argsort(facets[:, -1])]
+    normal, length = (nodal(of(xy[facets]), facets, len(nodes)) for of in (across, facet_shares))
+    return kind(body, modulus, nodes, xy, unit(normal), length, clamps[nodes],
+                np.zeros(len(nodes), bool) if tied is None else tied[nodes], np.ptp(mesh.points, axis=0),
+                arc[nodes], facets, parted)

@@ -1,0 +1,179 @@
+"""The contact boundary of a body in the plane, and the arcs that are meant over its chords."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ddmpi.mesh.boundary import segments
+from ddmpi.mesh.elements import bends, facet_measures
+from ddmpi.surface.side import SHARPEST, Side, cross
+
+STRAIGHT = 1e-9
+"""Turns (rad) below this are rounding of a straight boundary."""
+
+FLAT = 1e-3
+"""So are turns below this part of that at the other end of an element's side."""
+
+STEEPEST = 0.24
+"""Lines that meet a curved facet count as no nearer to its direction at an end than this; at 1/4 they touch it."""
+
+
+class Curve(Side):
+    """The contact boundary of a body in the plane: chains of chords, of order 2 with their middles."""
+
+    @property
+    def along(self) -> np.ndarray:
+        """(f, 2) from the first end of each facet to the second: its chord (m)."""
+        return self.xy[self.facets[:, 1]] - self.xy[self.facets[:, 0]]
+
+    @property
+    def bends(self) -> np.ndarray:
+        """(f, 2) how far the middle of each facet is off that of its chord (m); zero if it is straight."""
+        return bends(self.xy[self.facets])
+
+    @property
+    def heights(self) -> np.ndarray:
+        """(f,) the same, as far as it is outward (m)."""
+        return np.einsum("ij,ij->i", self.bends, self.outward)
+
+    @property
+    def slopes(self) -> np.ndarray:
+        """(f, 2) angles by which the boundary that is meant leaves each facet outward, at its first and second end.
+
+        Where the boundary turns from one facet to the next, both share the turn as arcs of one circle would: their
+        sines go as the lengths. A facet that is straight at its other end leaves all of it to its neighbour; two such
+        facets meet in a corner, and so do facets at an angle above SHARPEST. At a sharp corner and at an end of the
+        boundary, the slope of the other end counts, mirrored; where both ends are such, that of the facet itself, if it
+        is curved.
+        """
+        return self._slopes()[0]
+
+    @property
+    def fans(self) -> np.ndarray:
+        tilt = np.stack([-self._slopes()[1][:, 0], self._slopes()[1][:, 1]], axis=1)
+        cosine, sine = np.cos(tilt), np.sin(tilt)
+        (x, y) = self.outward.T[:, :, None]
+        return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=2)
+
+    def _slopes(self) -> tuple[np.ndarray, np.ndarray]:
+        """The slopes, and the same without corners below SHARPEST."""
+        ends, outer = self.facets[:, :2], self.outward
+        length = np.linalg.norm(self.along, axis=1)
+        before, after = np.full((2, len(self.nodes)), -1)  # the facets that end and begin at a node
+        before[ends[:, 1]], after[ends[:, 0]] = np.arange(len(ends)), np.arange(len(ends))
+        turns = np.full(len(self.nodes), np.nan)
+        node = np.flatnonzero((before >= 0) & (after >= 0))
+        b, a = before[node], after[node]
+        turn = np.arctan2(outer[b, 0] * outer[a, 1] - outer[b, 1] * outer[a, 0],
+                          np.einsum("ij,ij->i", outer[b], outer[a]))
+        turns[node] = turn = np.where(np.abs(turn) <= STRAIGHT, 0.0, turn)
+        smooth = np.abs(turn) <= SHARPEST
+        node, b, a, turn = node[smooth], b[smooth], a[smooth], turn[smooth]
+        part = np.arctan2(length[b] * np.sin(turn), length[a] + length[b] * np.cos(turn))
+        flat = [np.abs(turns[other]) <= FLAT * np.abs(turn) for other in (ends[b, 0], ends[a, 1])]
+        shared, own = np.full((len(ends), 2), np.nan), np.arctan(4.0 * self.heights / length)[:, None]
+        shared[b, 1], shared[a, 0] = part, turn - part
+        curved = shared.copy()
+        curved[b, 1] = np.where(flat[0], 0.0, np.where(flat[1], turn, part))
+        curved[a, 0] = np.where(flat[1], 0.0, np.where(flat[0], turn, turn - part))
+        curved = np.where(np.isnan(curved), curved[:, ::-1], curved)
+        curved = np.where(np.isnan(curved), own, curved)
+        return curved, np.where(np.isnan(shared), curved, shared)
+
+    def bulge(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Over each chord lies the cubic with the slopes at its ends, times what makes the arc of a circle exact."""
+        slope, along, z = self.slopes[facets], self.along[facets], 2.0 * at - 1.0
+        length = np.linalg.norm(along, axis=1)
+        first, second = np.tan(slope).T
+        cubic = at * (1.0 - at) * (first * (1.0 - at) + second * at)
+        rise = first * (1.0 - at) * (1.0 - 3.0 * at) + second * at * (2.0 - 3.0 * at)
+        c, s = np.cos(slope.mean(axis=1)), np.sin(slope.mean(axis=1))
+        root = np.sqrt(1.0 - (s * z) ** 2)
+        arc = 2.0 * c / (root + c)
+        rise = rise * arc + cubic * 4.0 * c * s**2 * z / (root * (root + c) ** 2)
+        across = np.einsum("qi,qi->q", direction, self.outward[facets])
+        return length * cubic * arc / (across - rise * np.einsum("qi,qi->q", direction, along) / length)
+
+    def rise(self, nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        found, facet = np.zeros(len(nodes)), np.full(len(self.nodes), -1)
+        facet[self.facets[:, 2:].ravel()] = np.arange(self.facets[:, 2:].size)
+        middle = np.flatnonzero(facet[nodes] >= 0)
+        facets, direction = facet[nodes[middle]], direction[middle]
+        along, bent = self.along[facets], self.bends[facets]
+        aside = np.einsum("qi,qi->q", bent, along) / np.einsum("qi,qi->q", along, along)
+        across = np.einsum("qi,qi->q", self.outward[facets], direction)
+        found[middle] = self.bulge(facets, 0.5 + aside, direction) - self.heights[facets] * across
+        return found
+
+    def parameters(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """The parameters t (q,) where lines through chords meet the facets themselves.
+
+        Parameters
+        ----------
+        facets : (q,)
+        at : (q,) where on the chord, from 0 at its first end to 1 at the second; t is the same on straight facets
+        direction : (q, 2) of the line
+
+        The facet is x(t) = chord(t) + 4 t (1 − t) bend; so t + 4 t (1 − t) δ = `at`, δ = bend × line / chord × line.
+        """
+        bent, along = self.bends[facets], self.along[facets]
+        delta = np.clip(cross(bent, direction) / cross(along, direction), -STEEPEST, STEEPEST)
+        return 2.0 * at / (1.0 + 4.0 * delta + np.sqrt((1.0 + 4.0 * delta) ** 2 - 16.0 * delta * at))
+
+    def off_chords(self, facets: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far (q,) facets themselves are off their chords (m), and their length over the chord's (q,), at places.
+
+        Upright on the chords of `facets` (q,), at `at` (q,) from 0 to 1.
+        """
+        outward, along = self.outward[facets], self.along[facets]
+        t, length = self.parameters(facets, at, outward), np.linalg.norm(along, axis=1)
+        height = 4.0 * np.einsum("qi,qi->q", self.bends[facets], outward)
+        aside = 4.0 * np.einsum("qi,qi->q", self.bends[facets], along) / length
+        slope = height * (1.0 - 2.0 * t) / (length + aside * (1.0 - 2.0 * t))
+        return height * t * (1.0 - t), np.sqrt(1.0 + slope**2)
+
+    def pieces(self, some: np.ndarray) -> np.ndarray:
+        """Segments between neighbouring nodes, also those of quadratic facets."""
+        return segments(self.facets[some])
+
+    @staticmethod
+    def ordered(facets: np.ndarray, points: np.ndarray, places: np.ndarray,
+                origins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The nodes (k,) of turned facets chain by chain, and the arc lengths (nv,); see `contact_side`."""
+        return _chained(segments(facets), places), _arc(facets, points, origins)
+
+
+def _arc(edges: np.ndarray, points: np.ndarray, origins: np.ndarray) -> np.ndarray:
+    """Arc lengths (nv,) of the nodes of turned edges (k, 2 or 3) from the start of their chain.
+
+    Each chain counts from its own start: where no edge ends, else at the first of `origins` (k,) that is on it.
+    """
+    length = facet_measures(points[edges])
+    after = dict(zip(edges[:, 0].tolist(), zip(edges[:, 1].tolist(), length.tolist(), strict=True), strict=True))
+    arc = np.full(len(points), np.nan)
+    for start in [*np.setdiff1d(edges[:, 0], edges[:, 1]), *origins]:
+        node, at = int(start), 0.0
+        while np.isnan(arc[node]):
+            arc[node] = at
+            node, step = after.get(node, (node, 0.0))
+            at += step
+    arc[edges[:, 2:]] = arc[edges[:, :1]] + length[:, None] / 2
+    return arc
+
+
+def _chained(pairs: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Nodes of pairs of neighbours, walked chain by chain; each chain starts at its end with the smaller x, y."""
+    neighbours: dict[int, list[int]] = {}
+    for a, b in pairs.tolist():
+        neighbours.setdefault(a, []).append(b)
+        neighbours.setdefault(b, []).append(a)
+    ranked = sorted(neighbours, key=lambda node: (len(neighbours[node]) != 1, *places[node]))
+    ordered: list[int] = []
+    seen: set[int] = set()
+    node: int | None
+    for node in ranked:
+        while node is not None and node not in seen:
+            seen.add(node)
+            ordered.append(node)
+            node = next((n for n in neighbours[node] if n not in seen), None)
+    return np.array(ordered, dtype=np.int64)
