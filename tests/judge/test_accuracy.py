@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import solids
 from scenes import drawn_roller, pinched_blocks, prepare_scene, run_command, to_toml, write_scene
 
 from ddmpi.errors import InputError, NotConvergedError, SolverError
@@ -454,3 +455,25 @@ def test_the_iteration_leaves_a_small_part_of_the_discretization_error(comm):
     difference = u - exact.displacements[body.spec.name]
     left = comm.allreduce(estimate_error(body.mesh, body.spec.material, difference).energy)
     assert 0.0 < relative_error(left, energy) <= 0.1 * relative_error(total, energy)
+
+
+def test_solids_grow_with_the_third_power():
+    """Unknowns of solids are those of the refinement cubed."""
+    far = [Level(1, 1000, 0.5, 1000)]
+    assert next_refinement(far, 1e-4, 27_500, doubling=False, dimension=3) == 3
+    assert next_refinement(far, 1e-4, 26_500, doubling=False, dimension=3) == 2
+    assert next_refinement(far, 1e-4, 7_900, doubling=False, dimension=3) is None
+
+
+def test_sizes_of_solids_share_the_error():
+    """Tetrahedra of the new sizes have alike errors, as many as the demand says, and the total that is wanted."""
+    mesh, rate, factor = solids.box((4, 4, 4)), 1.0, 0.5
+    squares = np.linspace(1.0, 3.0, len(mesh.triangles)) ** 4
+    share, total, _ = demand(squares, rate, 3)
+    scale = (total * factor**2 / share) ** (0.5 / rate)
+    ratio = scale * squares ** (-1 / (2 * rate + 3))  # h_new over h
+    assert (squares * ratio ** (2 * rate)).sum() == pytest.approx(factor**2 * total)
+    assert np.ptp(squares * ratio ** (2 * rate + 3)) < 1e-9 * squares.max()  # of a new cell each
+    assert (ratio**-3.0).sum() == pytest.approx(share / scale**3)
+    alike = finer_sizes(mesh, np.ones(len(mesh.triangles)), rate, 1.0)
+    assert alike.sizes == pytest.approx((np.sqrt(2.0) / 64) ** (1 / 3))

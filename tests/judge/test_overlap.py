@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+import solids
 
 from ddmpi.judge.overlap import Solid, run_through, through_itself
+from ddmpi.mesh.boundary import creases
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_rectangle
@@ -171,3 +173,59 @@ def test_a_clip_that_closes_through_itself_is_found(turn, closed, scale):
     assert (place is not None) == closed
     if closed:
         assert 0.9 * scale < place[0] < 4.1 * scale and 0.5 * scale < place[1] < 1.5 * scale
+
+
+# In space
+
+def moved_box(origin, size=(1.0, 1.0, 1.0), divisions=(3, 3, 3), order=1) -> Solid:
+    mesh = solids.box(divisions, size, order)
+    return Solid.of(mesh.points + origin, mesh.triangles, np.zeros_like(mesh.points))
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_solid_in_space_has_the_boundary_of_its_mesh(order):
+    """Its cells fill it, and its facets cover its surface, those of order 2 in eight and in four parts."""
+    body = moved_box((1.0, 2.0, 3.0), (3.0, 1.0, 2.0), (3, 1, 2), order)
+    assert np.linalg.det(body.at[body.cells[:, 1:]] - body.at[body.cells[:, :1]]).sum() / 6 == pytest.approx(6.0)
+    assert len(body.facets) == 44 * (1, 4)[order - 1]
+    ends = body.at[body.facets[:, :-1]]
+    assert np.linalg.norm(np.cross(ends[:, 1] - ends[:, 0], ends[:, 2] - ends[:, 0]), axis=1).sum() / 2 == (
+        pytest.approx(22.0))
+
+
+@pytest.mark.parametrize(("origin", "size", "depth"), [
+    ((0.9, 0.3, 0.3), (1.0, 0.4, 0.4), 0.1), ((0.45, -1.0, 0.45), (0.1, 3.0, 0.1), 0.45),
+    ((1.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.0), ((1.0, 1.0, 0.3), (1.0, 1.0, 1.0), 0.0),
+    ((0.2, 0.3, 1.0), (0.5, 0.5, 1.0), 0.0), ((1.1, 0.0, 0.0), (1.0, 1.0, 1.0), 0.0)])
+@pytest.mark.parametrize("order", [1, 2])
+def test_boxes_that_overlap_in_space(origin, size, depth, order):
+    """One in the other, a bar across and no node inside; never where they share a face, an edge or a part of one."""
+    first, second = moved_box((0, 0, 0), order=order), moved_box(origin, size, (2, 1, 2), order)
+    kept = np.zeros(len(first.at), bool), np.zeros(len(second.at), bool)
+    overlap, drawn = run_through(first, second, kept)
+    assert drawn == pytest.approx(depth, rel=0.3)
+    assert (overlap is not None) == (depth > 0.0)
+
+
+def test_a_solid_that_is_moved_through_another_is_found():
+    """A box that is pushed into its neighbour; kept apart by a contact it may be."""
+    first = moved_box((0, 0, 0))
+    mesh = solids.box((2, 2, 2))
+    second = Solid.of(mesh.points + np.eye(3)[2], mesh.triangles,
+                      -0.2 * (2 - mesh.points[:, 2:]) * np.eye(3)[2:])
+    kept = np.abs(first.at[:, 2] - 1.0) < 1e-9, np.abs(second.at[:, 2] - 1.0) < 1e-9
+    assert run_through(first, second, (0 * kept[0] > 0, 0 * kept[1] > 0))[0].depth > 0.1
+    assert run_through(first, second, kept)[0] is None
+
+
+def test_creases_of_a_solid():
+    """A box has turns of a quarter at its edges; where a quarter is cut out, the boundary is hollow along one edge."""
+    mesh = solids.box((2, 2, 2))
+    cells = mesh.triangles[(mesh.points[mesh.triangles].mean(axis=1)[:, :2] < 0.5).any(axis=1)]
+    for some, edges, hollow in ((mesh.triangles, 24, 0), (cells, 28, 2)):
+        facets = Solid.of(mesh.points, some, np.zeros(1)).facets
+        found = creases(mesh.points, facets[:, :-1], mesh.points[facets[:, 0]] - mesh.points[facets[:, -1]])
+        assert (np.isclose(np.abs(found.turn), np.pi / 2) | np.isclose(found.turn, 0.0, atol=1e-6)).all()
+        assert (np.abs(found.turn) > 1.0).sum() == edges and (found.turn < -1.0).sum() == hollow
+        assert not len(found.rim)
+        assert (mesh.points[found.nodes[found.turn < -1.0]][:, :, :2] == 0.5).all()

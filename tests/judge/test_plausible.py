@@ -359,6 +359,21 @@ def test_pressure_on_too_few_nodes_is_a_warning(tmp_path, around, order, warned)
     assert all("contact.wheel-floor" in each and "at (" in each for each in found)
 
 
+@pytest.mark.parametrize(("approach", "divisions", "few", "large"),
+                         [(0.01, (6, 6, 6), True, False), (0.1, (14, 14, 4), False, True)])
+def test_a_ball_on_a_box_is_doubted(tmp_path, approach, divisions, few, large):
+    """In space a zone is as wide as a few nodes where it has their square; strains are found in tetrahedra."""
+    box = {"name": "box", "clamp": [{"on": "bottom", "x": 0, "y": 0, "z": 0}],
+           "material": {"young": 2e9, "poisson": 0.3},
+           "mesh": {"shape": "box", "origin": [0, 0, 0], "size": [1, 1, 1], "divisions": list(divisions)}}
+    ball = {"name": "ball", "shape": "sphere", "center": [0.5, 0.5, 2.0], "radius": 1.0,
+            "displacement": [0, 0, -approach]}
+    done = run({"body": [box], "rigid": [ball], "contact": [{"bodies": ["box", "ball"], "on": ["top"]}]}, tmp_path)
+    found = " ".join(warnings_of(done))
+    assert ("at (0.5, 0.5, 1) stands on too few nodes to resolve it, 1:" in found) == few
+    assert ("strains and rotations reach 0.29" in found) == large
+
+
 BRACKET = """SetFactory("OpenCASCADE");
 Rectangle(1) = {0, 1, 0, 2, 0.5};
 Rectangle(2) = {0, 1, 0, 0.5, 3};
