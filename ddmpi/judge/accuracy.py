@@ -6,7 +6,7 @@ matching. The number follows from the errors on the meshes before: ‖e‖ ∝ r
 Geometries are meshed anew, with elements as large as their errors allow. If η_e² ∝ h_e^(2p) is the squared error of an
 element over its area, with the order p, then a given total takes the fewest elements if all have the same squared
 error (Zienkiewicz and Zhu, Int. J. Numer. Meth. Engng. 24, 1987; Li and Bettess, Commun. Numer. Meth. Engng. 11, 1995):
-h_new = κ h_e η_e^(−1/(p+1)).
+h_new = κ h_e η_e^(−1/(p+1)). In space the exponent is −2/(2p+3).
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ STEPS = 12
 class Level(NamedTuple):
     """A mesh that was solved on: refinement, unknowns n, estimated relative error, dofs including clamped ones.
 
-    The refinement is a whole number; where all bodies are geometries the number of dofs grows with its square.
+    The refinement is a whole number; where all bodies are geometries the number of dofs grows with its d-th power.
     """
 
     refinement: float
@@ -74,27 +74,29 @@ class Level(NamedTuple):
 
 
 class Demand(NamedTuple):
-    """The error of geometries: Σ η_e^(2/(p+1)), Σ η_e² (J/m) and the number of triangles."""
+    """The error of geometries: Σ η_e^(2d/(2p+d)), Σ η_e² (J/m, in space J) and the number of cells."""
 
     share: float
     square: float
     triangles: int
 
 
-def demand(squares: np.ndarray, rate: float) -> Demand:
-    """The demand of one body with the squared errors (nt,) of its triangles (J/m), which fall with the `rate` p."""
-    return Demand(float((squares ** (1 / (rate + 1))).sum()), float(squares.sum()), len(squares))
+def demand(squares: np.ndarray, rate: float, dimension: int) -> Demand:
+    """The demand of one body with the squared errors (nt,) of its cells, which fall with the `rate` p."""
+    return Demand(float((squares ** (dimension / (2 * rate + dimension))).sum()), float(squares.sum()), len(squares))
 
 
 def finer_sizes(mesh: Mesh, squares: np.ndarray, rate: float, scale: float) -> Sizes:
-    """The sizes κ h_e η_e^(−1/(p+1)) for the squared errors η_e² (nt,) of the triangles; `scale` is κ."""
-    size = np.sqrt(4 / math.sqrt(3) * signed_measures(mesh.points, mesh.triangles))  # of equilateral ones
+    """The sizes κ h_e η_e^(−2/(2p+d)) for the squared errors η_e² (nt,) of the cells; `scale` is κ."""
+    d = mesh.dimension
+    equilateral = math.factorial(d) * 2 ** (d / 2) / math.sqrt(d + 1)  # of the edge's d-th power over the measure
+    size = (equilateral * signed_measures(mesh.points, mesh.triangles)) ** (1 / d)
     with np.errstate(divide="ignore"):
-        ratio = scale * squares ** (-0.5 / (rate + 1))
+        ratio = scale * squares ** (-1 / (2 * rate + d))
     return graded(mesh, size * np.clip(ratio, SHRINK, GROW))
 
 
-def next_refinement(levels: Sequence[Level], goal: float, most: int, doubling: bool) -> int | None:
+def next_refinement(levels: Sequence[Level], goal: float, most: int, doubling: bool, dimension: int) -> int | None:
     """How much finer than the scene's own the next meshes are.
 
     None if they would have too many unknowns, or if the next step would be one of the last and the largest meshes
@@ -106,6 +108,7 @@ def next_refinement(levels: Sequence[Level], goal: float, most: int, doubling: b
     goal : estimated relative error in the energy norm
     most : largest number of unknowns
     doubling : whether only powers of two can be made (a mesh from a file is halved)
+    dimension : d; the number of unknowns grows with the d-th power of the refinement
     """
     last = levels[-1]
     whole = int(last.refinement)
@@ -115,7 +118,7 @@ def next_refinement(levels: Sequence[Level], goal: float, most: int, doubling: b
         rate = math.log(levels[-2].error / last.error) / math.log(last.refinement / levels[-2].refinement)
         rate = min(max(rate, RATES[0]), RATES[1])
     factor = (last.error / (AIM * goal)) ** (1 / rate)
-    largest = last.refinement * math.sqrt(most / last.dofs)
+    largest = last.refinement * (most / last.dofs) ** (1 / dimension)
     if seen and GROWTH * last.refinement > largest:
         least = (last.error / goal) ** (1 / max(rate, FIRST_RATE))  # coarse meshes hide their rate
         if last.refinement * least > HOPELESS * largest:
@@ -193,7 +196,7 @@ class MeshLadder:
     def meshes(self) -> str:
         """The meshes to solve on now, in words."""
         if self._drawn and all(self._drawn) and self.done:
-            n = float(f"{self.levels[0].n * self.refinement**2:.2g}")
+            n = float(f"{self.levels[0].n * self.refinement**self.scene.dimension:.2g}")
             return f"meshes of about {n:.0f} unknowns, finest where the error is,"
         return f"meshes {self.refinement:.0f} times as fine as given"
 
@@ -226,7 +229,7 @@ class MeshLadder:
         if self.missed:
             return None
         if self._drawn and all(self._drawn) and self.done:
-            self.refinement = round(math.sqrt(dofs / self.levels[0].dofs), 3)
+            self.refinement = round((dofs / self.levels[0].dofs) ** (1 / self.scene.dimension), 3)
         self._rate = self.rate(error)
         self.done.append((self.refinement, n, error, dofs))
         if method.target_error is None or error <= self.goal:
@@ -271,12 +274,13 @@ class MeshLadder:
         if not demands:
             return self._next_grid()
         last, rate = self.levels[-1], self._rate
-        share, square, triangles = (sum(column) for column in zip(*demands.values(), strict=True))
+        d = self.scene.dimension
+        share, square, cells = (sum(column) for column in zip(*demands.values(), strict=True))
         final = AIM_DRAWN * self.goal / last.error
         scale = [(square * part**2 / share) ** (0.5 / rate) for part in (max(final, DROP), final)]
-        times = [share / triangles / each**2 for each in scale]
-        growth = [math.sqrt(each + max(1.0 - each, 0.0) / GROW**2) for each in times]  # not all grow as they might
-        largest = math.sqrt(self.scene.method.max_unknowns / last.dofs)
+        times = [share / cells / each**d for each in scale]
+        growth = [(each + max(1.0 - each, 0.0) / GROW**d) ** (1 / d) for each in times]  # not all grow as they might
+        largest = (self.scene.method.max_unknowns / last.dofs) ** (1 / d)
         if len(self.done) >= STEPS or (len(self.done) > 1 and growth[1] > HOPELESS * largest):
             return None
         self._scale = scale[0] * max(growth[0] / min(largest, GROWTH), 1.0)
@@ -286,7 +290,8 @@ class MeshLadder:
 
     def _next_grid(self) -> int | None:
         doubling = any(body.mesh.file is not None for body in self.scene.body)
-        return next_refinement(self.levels, self.goal, self.scene.method.max_unknowns, doubling)
+        return next_refinement(self.levels, self.goal, self.scene.method.max_unknowns, doubling,
+                               self.scene.dimension)
 
 
 def refine_scene(scene: Settled, refinement: int) -> Settled:

@@ -32,6 +32,9 @@ def check_size(assembly: Assembly) -> None:
     if assembly.joint.bodies != 2 or assembly.world.size != 2 or len(assembly.scene.contact) != 1 or assembly.loose:
         raise InputError("verify compares two bodies that clamps hold, with one contact, on two ranks; this scene is "
                          "another one")
+    if any(law.components > 1 and law.name != "none" for law in assembly.space.laws.laws):
+        raise InputError("verify bounds each tangential force by itself, as there is one in the plane; the friction of "
+                         "solids it cannot check")
     if assembly.space.size > LARGEST:
         raise InputError(f"the coupled problem has {assembly.space.size} contact unknowns; by brute force {LARGEST} "
                          "are the most")

@@ -18,7 +18,6 @@ from scipy.spatial import cKDTree
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState
-from ddmpi.mesh.boundary import outline
 from ddmpi.scene.contacts import Rigid
 from ddmpi.system.agreement import merged
 from ddmpi.system.numbers import across, in_words, nearest_in
@@ -55,7 +54,9 @@ BETWEEN = 0.25
 """A rigid partner that lies deeper between two contact nodes than this part of their distance, or of its radius, is too
 small for them."""
 
-PARTS = {3: [[0, 1, 2]], 6: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]}
+PARTS = {3: [[0, 1, 2]], 6: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]], 4: [[0, 1, 2, 3]],
+         10: [[0, 4, 6, 7], [4, 1, 5, 8], [6, 5, 2, 9], [7, 8, 9, 3], [4, 9, 5, 6], [4, 9, 6, 7], [4, 9, 7, 8],
+              [4, 9, 8, 5]]}
 """Simplices between the nodes of a cell, by their number."""
 
 
@@ -166,7 +167,7 @@ def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
                            + f", as at {in_words(overlap.place, 4)}, where no contact keeps them apart; "
                            + (WIDEN if touch else ADD)]
     return [warning for _, warnings in sorted(merged(world, found).items()) for warning in warnings
-            ] + _doubt_rigid(assembly, displacements, states)
+            ] + _doubt_rigid(assembly, displacements, states, own)
 
 
 def _between(pair: tuple[str, str], states: Mapping[str, ContactState]) -> float:
@@ -265,15 +266,15 @@ def deepest_in(a: Solid, x: np.ndarray, kept: np.ndarray, bows: np.ndarray, b: S
 
 
 def _doubt_rigid(assembly: Assembly, displacements: Mapping[str, np.ndarray],
-                 contacts: Mapping[str, ContactState]) -> list[str]:
+                 contacts: Mapping[str, ContactState], solids: Mapping[int, Solid]) -> list[str]:
     """Warnings where a body runs through a rigid partner outside its contact with it, the same on all ranks.
 
-    Collective.
+    `solids` are the bodies of this rank. Collective.
     """
     moved = {state.interface.bodies[1]: state.interface.displacement for state in contacts.values()}
     found: dict[tuple[int, int], list[str]] = {}
     for body in assembly.bodies:
-        facets = outline(body.mesh)
+        facets = solids[body.number].facets[:, :-1]
         for k, rigid in enumerate(assembly.scene.rigid):
             U = moved.get(rigid.name, np.array(rigid.displacement or np.zeros(body.mesh.dimension)))
             found[body.number, k] = _in_partner(body, facets, displacements[body.spec.name], U, rigid)

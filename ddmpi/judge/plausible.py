@@ -12,8 +12,8 @@ from ddmpi.body.estimate import DiscretizationError
 from ddmpi.body.stiffness import forces_at
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.state import ContactState
-from ddmpi.judge.overlap import BESIDE, RESOLVED, doubt_overlaps
-from ddmpi.mesh.boundary import corners
+from ddmpi.judge.overlap import BESIDE, RESOLVED, Solid, doubt_overlaps
+from ddmpi.mesh.boundary import creases
 from ddmpi.scene.bodies import SettledBody
 from ddmpi.surface.side import SHARPEST
 from ddmpi.system.agreement import merged
@@ -131,7 +131,7 @@ def _unresolved(assembly: Assembly, contacts: Mapping[str, ContactState], loads:
 
 
 def _points_that_carry(body: Body, u: np.ndarray, contacts: Mapping[str, ContactState]) -> list[str]:
-    """Warnings of clamped points, on no clamped boundary group, at which a body moved by u (nv, 2) is really held."""
+    """Warnings of clamped points, on no clamped boundary group, at which a body moved by u (nv, d) is really held."""
     mesh, name = body.mesh, body.spec.name
     points = {clamp.on: mesh.vertices[clamp.on] for clamp in body.spec.clamps if clamp.on in mesh.vertices}
     if not points:
@@ -176,15 +176,19 @@ def doubt_stress(assembly: Assembly, stresses: Mapping[str, np.ndarray | None]) 
 def _singular(body: Body, stress: np.ndarray) -> list[str]:
     """A warning where the largest of the stresses (nt,) of a body stands at a re-entrant corner, or where a clamp ends.
 
-    Clamps that end at an outer corner do not count: the singularity there is much weaker.
+    In space corners are edges. Clamps that end at an outer corner do not count: the singularity there is much weaker.
     """
-    nodes, neighbours, angle = corners(body.mesh)
+    points, facets = body.mesh.points, Solid.of(body.mesh.points, body.mesh.triangles, np.zeros(1)).facets
+    found = creases(points, facets[:, :-1], points[facets[:, 0]] - points[facets[:, -1]])
     held = (body.member.elasticity.clamps >= 0).any(axis=1)
-    ends = held[nodes] & (held[neighbours].sum(axis=1) == 1) & (angle > np.pi - SHARPEST)
+    ends = held[facets[:, :-1]].all(axis=1)[found.facets].sum(axis=1) == 1
+    ends &= held[found.nodes].all(axis=1) & (found.turn < SHARPEST)
     top = np.unique(body.mesh.triangles[stress >= (1.0 - ALIKE) * stress.max()])
-    for what, where, cure in (("a re-entrant corner", angle > np.pi + SHARPEST, "; draw it rounded, or read it nearby"),
+    corner = {2: "corner", 3: "edge"}[body.mesh.dimension]
+    for what, where, cure in ((f"a re-entrant {corner}", found.turn < -SHARPEST,
+                               "; draw it rounded, or read it nearby"),
                               ("the end of a clamp", ends, "; read it nearby")):
-        for place in body.mesh.points[np.intersect1d(nodes[where], top)[:1]]:
+        for place in points[np.intersect1d(found.nodes[where], top)[:1]]:
             return [f"body.{body.spec.name}: the largest von Mises stress, {stress.max():.4g}, stands at {what} at "
                     f"{in_words(place, 4)}, where it grows without limit as the mesh is refined{cure}"]
     return []
@@ -247,23 +251,22 @@ def _unresolved_zone(state: ContactState) -> list[str]:
     if interface.law.name == "bonded" or number < 3:
         return []
     pairs = np.column_stack(sparse.triu(interface.laplacian, 1).nonzero())
-    ends, closed = interface.facets[:, :2], state.status != "open"
-    steps = interface.xy[ends[:, 1]] - interface.xy[ends[:, 0]]
+    d, closed = interface.dimension, state.status != "open"
     both = closed[pairs].all(axis=1)
     links = sparse.csr_matrix((np.ones(both.sum()), pairs[both].T), (number, number))
     zone = csgraph.connected_components(links, directed=False)[1]
     parting = pairs[closed[pairs[:, 0]] != closed[pairs[:, 1]]]
     inner, outer = np.where(closed[parting[:, :1]], parting, parting[:, ::-1]).T
-    apart = interface.gap[outer] > interface.gap[inner] + CURVED * interface.area[inner]
-    curving = np.bincount(zone[inner[apart]], minlength=number)  # ends at which the boundaries curve apart
-    angle = np.arctan2(steps[:, 1], steps[:, 0])
-    before, after = np.full((2, number), np.nan)
-    after[ends[:, 0]], before[ends[:, 1]] = angle, angle
-    turn = np.abs(np.angle(np.exp(1j * np.nan_to_num(after - before))))
-    cornered = np.bincount(zone, turn > SHARPEST, number) > 0
+    apart = interface.gap[outer] > interface.gap[inner] + CURVED * interface.spacing[inner]
+    curving = np.bincount(zone[inner[apart]], minlength=number)  # where it ends because the boundaries curve apart
+    enclosed = (curving >= 2) & (curving == np.bincount(zone[inner], minlength=number))
+    facets = interface.facets[:, :d]
+    bent = creases(interface.xy, facets, interface.normal[facets].sum(axis=1))
+    sharp = np.append(bent.nodes[np.abs(bent.turn) > SHARPEST], bent.rim)
+    cornered = np.bincount(zone[sharp], minlength=number) > 0
     size, force = np.bincount(zone, closed, number), np.bincount(zone, state.normal_force, number)
-    least = RESOLVED_BY[interface.facets.shape[1] - 2]
-    poor = (size > 0) & (size < least) & (curving >= 2) & ~cornered & (force > SHARE * force.sum())
+    least = RESOLVED_BY[interface.facets.shape[1] - d] ** (d - 1)
+    poor = (size > 0) & (size < least) & enclosed & ~cornered & (force > SHARE * force.sum())
     if not poor.any():
         return []
     k = int(np.argmax(np.where(poor, force, -np.inf)))
@@ -294,7 +297,7 @@ def _far_slip(assembly: Assembly, state: ContactState, moved: np.ndarray) -> lis
     """
     interface, closed = state.interface, state.status != "open"
     rigid = next((each for each in assembly.scene.rigid if each.name == interface.bodies[1]), None)
-    spacing = np.maximum(interface.area, interface.area[closed].mean() if closed.any() else 0.0)
+    spacing = np.maximum(interface.spacing, interface.spacing[closed].mean() if closed.any() else 0.0)
     far, limit = (spacing, FAR_SLIP) if rigid is None else (np.full_like(spacing, rigid.bend), LARGE_TURN)
     along = np.linalg.norm(np.einsum("mcd,md->mc", interface.frame[:, 1:], moved), axis=1)
     slid = np.where(closed, along, 0.0) / far

@@ -1,6 +1,8 @@
-"""Groups of a mesh by name; facets on its boundary: their direction, their pieces between nodes."""
+"""Groups of a mesh by name; facets on its boundary: their direction, their pieces between nodes, their creases."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,7 +11,7 @@ from ddmpi.mesh.elements import CELLS, cell_with
 from ddmpi.mesh.mesh import PHYSICAL, Mesh
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.keys import nearest
-from ddmpi.system.numbers import in_words
+from ddmpi.system.numbers import across, in_words
 
 
 def boundary_group(mesh: Mesh, name: str, key: str) -> np.ndarray:
@@ -126,16 +128,33 @@ def links(facets: np.ndarray, dimension: int) -> np.ndarray:
     return np.unique(np.sort(segments(facets[:, cell.edges].reshape(-1, cell.order + 1)), axis=1), axis=0)
 
 
-def outline(mesh: Mesh) -> np.ndarray:
-    """Pairs (·, 2) of neighbouring nodes all around the body, which lies to their left."""
-    return segments(boundary_facets(mesh.triangles)[0])
+class Creases(NamedTuple):
+    """Where facets of a boundary meet: at nodes in the plane, on edges in space.
+
+    Attributes
+    ----------
+    nodes : (c, d − 1) of each crease
+    facets : (c, 2) the two that meet there
+    turn : (c,) the angle between their normals, negative where the boundary is hollow (rad)
+    rim : (r, d − 1) nodes where a facet meets no other, or more than one
+    """
+
+    nodes: np.ndarray
+    facets: np.ndarray
+    turn: np.ndarray
+    rim: np.ndarray
 
 
-def corners(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The nodes (k,) of the boundary, their neighbours (k, 2) on it, and the angle (k,) of the body there (rad)."""
-    pairs = outline(mesh)
-    nodes, neighbours = np.unique(pairs), np.empty((len(mesh.points), 2), int)
-    neighbours[pairs[:, 1], 0], neighbours[pairs[:, 0], 1] = pairs.T
-    before, after = (mesh.points[neighbours[nodes, k]] - mesh.points[nodes] for k in (0, 1))
-    turn = np.arctan2(after[:, 0] * before[:, 1] - after[:, 1] * before[:, 0], np.einsum("kd,kd->k", after, before))
-    return nodes, neighbours[nodes], turn % (2.0 * np.pi)
+def creases(points: np.ndarray, facets: np.ndarray, outward: np.ndarray) -> Creases:
+    """The creases between facets (f, d) of `points` (n, d), of which vectors (f, d) point to their outer sides."""
+    sides = np.sort(np.concatenate([np.delete(facets, k, axis=1) for k in range(facets.shape[1])]), axis=1)
+    nodes, number, count = np.unique(sides, axis=0, return_inverse=True, return_counts=True)
+    order, first = np.argsort(number.ravel(), kind="stable"), np.cumsum(count) - count
+    first = first[count == 2]
+    a, b = order[first] % len(facets), order[first + 1] % len(facets)
+    ends = points[facets]
+    normal = across(outward, ends)[0]
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    turn = np.arccos(np.clip(np.einsum("cd,cd->c", normal[a], normal[b]), -1.0, 1.0))
+    hollow = np.einsum("cd,cd->c", ends[b].mean(axis=1) - ends[a].mean(axis=1), normal[a]) > 0.0
+    return Creases(nodes[count == 2], np.column_stack([a, b]), np.where(hollow, -turn, turn), nodes[count != 2])

@@ -161,7 +161,8 @@ def _refine(ladder: MeshLadder, assembly: Assembly, solution: Solution, error: D
     drawn = {body.spec.name: (body.mesh, error.own[body.spec.name].squares) for body in assembly.bodies
              if body.spec.mesh.geometry}
     rate = ladder.rate(error.relative)
-    demands = merged(assembly.world, {name: demand(squares, rate) for name, (_, squares) in drawn.items()})
+    demands = merged(assembly.world, {name: demand(squares, rate, mesh.dimension)
+                                      for name, (mesh, squares) in drawn.items()})
     refinement = ladder.proceed(assembly.n, error.relative, dofs, demands)
     if refinement:
         ladder.draw(drawn)

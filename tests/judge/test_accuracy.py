@@ -42,7 +42,7 @@ def test_the_rate_that_was_seen_leads_to_the_target(rate):
     """Errors that fall exactly with a power of the refinement: the third mesh meets the target, and hardly more."""
     def level(k: int) -> Level:
         return Level(k, 1000 * k * k, 0.1 * k**-rate, 1000 * k * k)
-    found = next_refinement([level(1), level(2)], goal=0.1 * 6**-rate, most=10**9, doubling=False)
+    found = next_refinement([level(1), level(2)], goal=0.1 * 6**-rate, most=10**9, doubling=False, dimension=2)
     assert 6 <= found <= 8
     assert level(found).error <= 0.1 * 6**-rate
 
@@ -50,38 +50,38 @@ def test_the_rate_that_was_seen_leads_to_the_target(rate):
 def test_limits_of_refinement():
     """The next meshes are finer, but not by more than the greatest step and the most unknowns allow."""
     far = [Level(1, 900, 0.5, 1000)]
-    assert next_refinement(far, 1e-4, 10**9, doubling=False) == GROWTH
-    assert next_refinement(far, 0.4999, 10**9, doubling=False) == 2  # finer in any case
-    assert next_refinement(far, 1e-4, 9500, doubling=False) == 3  # 9000 unknowns
-    assert next_refinement(far, 1e-4, 9500, doubling=True) == 2
-    assert next_refinement(far, 1e-4, 3999, doubling=True) is None
-    assert next_refinement([Level(2, 1000, 0.5, 1000)], 0.35, 10**9, doubling=True) == 4
+    assert next_refinement(far, 1e-4, 10**9, doubling=False, dimension=2) == GROWTH
+    assert next_refinement(far, 0.4999, 10**9, doubling=False, dimension=2) == 2  # finer in any case
+    assert next_refinement(far, 1e-4, 9500, doubling=False, dimension=2) == 3  # 9000 unknowns
+    assert next_refinement(far, 1e-4, 9500, doubling=True, dimension=2) == 2
+    assert next_refinement(far, 1e-4, 3999, doubling=True, dimension=2) is None
+    assert next_refinement([Level(2, 1000, 0.5, 1000)], 0.35, 10**9, doubling=True, dimension=2) == 4
     worse = [Level(1, 1000, 0.4, 1000), Level(2, 4000, 0.5, 4000)]  # no rate to be seen
-    assert 2 < next_refinement(worse, 0.3, 10**9, doubling=False) <= 2 * GROWTH
+    assert 2 < next_refinement(worse, 0.3, 10**9, doubling=False, dimension=2) <= 2 * GROWTH
 
 
 def test_what_takes_more_than_the_greatest_step_is_done_in_two():
     """Not in one that hardly misses and one that does it all again."""
     levels = [Level(1, 1000, 0.8, 1000), Level(2, 4000, 0.4, 4000)]
     goal = 0.4 / 5
-    second = next_refinement(levels, goal, 10**9, doubling=False)
+    second = next_refinement(levels, goal, 10**9, doubling=False, dimension=2)
     assert 4 <= second <= 5
     assert 10 <= next_refinement([*levels, Level(second, 1000 * second**2, 0.8 / second, 1000 * second**2)], goal,
-                                 10**9, doubling=False) <= 11
+                                 10**9, doubling=False, dimension=2) <= 11
 
 
 def test_what_is_out_of_reach_by_far_is_not_tried():
     """Where even the largest meshes would miss the target by far, the last steps are spared."""
     levels = [Level(1, 1000, 0.8, 1000), Level(2, 4000, 0.4, 4000)]
-    assert next_refinement(levels, 0.15, 36_000, doubling=False) == 6
-    assert next_refinement(levels, 0.15, 30_000, doubling=False) == 5  # tried: the rate may be better
-    assert next_refinement(levels, 0.15, 16_000, doubling=False) is None
+    assert next_refinement(levels, 0.15, 36_000, doubling=False, dimension=2) == 6
+    assert next_refinement(levels, 0.15, 30_000, doubling=False, dimension=2) == 5  # tried: the rate may be better
+    assert next_refinement(levels, 0.15, 16_000, doubling=False, dimension=2) is None
 
 
 def test_coarse_meshes_do_not_condemn_a_target():
     """Their rate is not that of finer ones (blocks of 3 × 1 elements: 0.009 took 240,000 unknowns)."""
     levels = [Level(1, 72, 0.156, 100), Level(4, 864, 0.0805, 1000)]
-    assert next_refinement(levels, 0.009, 3_000_000, doubling=False) == 16
+    assert next_refinement(levels, 0.009, 3_000_000, doubling=False, dimension=2) == 16
 
 
 def test_refined_scene_has_finer_meshes_and_nothing_else():
@@ -124,7 +124,7 @@ def test_equal_errors_ask_for_equal_sizes(order):
     """Where all elements have the same error, a third of it takes sizes that are smaller by the order's rate."""
     mesh = square(order)
     squares = np.full(len(mesh.triangles), 4e-3 / len(mesh.triangles))
-    share, total, triangles = demand(squares, order)
+    share, total, triangles = demand(squares, order, 2)
     scale = (total / 9 / share) ** (0.5 / order)
     sizes = finer_sizes(mesh, squares, order, scale)
     assert sizes.sizes == pytest.approx(0.1 * np.sqrt(2 / np.sqrt(3)) * (1 / 3) ** (1 / order))
@@ -135,7 +135,7 @@ def test_sizes_equalise_errors():
     """An element whose error over its size goes as h^p keeps, when cut to its new size, the error of all others."""
     mesh = square(order=2, sides=20)
     squares = 1e-8 * np.exp(2.0 * mesh.points[mesh.triangles[:, :3], 0].mean(axis=1))  # grows by e^6 from left to right
-    share, total, _ = demand(squares, 2)
+    share, total, _ = demand(squares, 2, 2)
     sizes = finer_sizes(mesh, squares, 2, (total / 100 / share) ** 0.25)
     ratio = sizes.sizes[sizes.triangles].mean(axis=1) / (0.05 * np.sqrt(2 / np.sqrt(3)))
     after = squares * ratio**6
@@ -149,7 +149,7 @@ def drawn_ladder(*settings: str, done: bool = True) -> tuple[MeshLadder, dict]:
     mesh = square(2)
     squares = np.linspace(1.0, 2.0, len(mesh.triangles))
     ladder = MeshLadder(scene)
-    if done and ladder.proceed(1000, 0.3, 1050, {"roller": demand(squares, 2)}):
+    if done and ladder.proceed(1000, 0.3, 1050, {"roller": demand(squares, 2, 2)}):
         ladder.draw({"roller": (mesh, squares)})
     return ladder, {"roller": (mesh, squares)}
 
@@ -167,7 +167,7 @@ def test_ladder_of_drawn_meshes():
     assert refine_scene(mixed.scene, 3).body[0] == mixed.scene.body[0]
     assert refine_scene(mixed.scene, 3).body[1].mesh.divisions == (6, 12)
     one_step = MeshLadder(ladder.scene)
-    step = one_step.proceed(1000, 100.0, 1050, {"roller": demand(np.ones(200), 2)})
+    step = one_step.proceed(1000, 100.0, 1050, {"roller": demand(np.ones(200), 2, 2)})
     assert step == pytest.approx((1 / DROP) ** 0.5)  # coarse meshes do not say how fine the last one must be
 
 
@@ -176,7 +176,7 @@ def test_ladder_of_drawn_meshes_is_restored(tmp_path):
     from ddmpi.run.checkpoint import read, write
 
     ladder, own = drawn_ladder()
-    ladder.proceed(3000, 0.2, 3100, {"roller": demand(own["roller"][1], ladder.rate(0.2))})
+    ladder.proceed(3000, 0.2, 3100, {"roller": demand(own["roller"][1], ladder.rate(0.2), 2)})
     ladder.draw(own)
     write(tmp_path / "checkpoint.h5", {}, [{"ladder": ladder.state()}])
     (state,) = read(tmp_path / "checkpoint.h5")[1]
@@ -196,7 +196,7 @@ def test_drawn_meshes_do_not_exceed_the_most_unknowns():
     """A target that would take more unknowns than allowed is given up with the reason."""
     ladder, own = drawn_ladder("method.max_unknowns=2000")
     assert ladder.refinement <= np.sqrt(2000 / 1050) and not ladder.missed
-    assert ladder.proceed(1900, 0.2, 1990, {"roller": demand(own["roller"][1], ladder.rate(0.2))}) is None
+    assert ladder.proceed(1900, 0.2, 1990, {"roller": demand(own["roller"][1], ladder.rate(0.2), 2)}) is None
     assert "method.max_unknowns = 2000" in ladder.missed
 
 
