@@ -276,12 +276,13 @@ def draw_contact(results: Results, name: str) -> Any:
     visible = RESOLVED * summary["displacement_max"]
     gaps, slips = (np.abs(table[what]).max(initial=0.0) > visible for what in ("gap", "slip"))
     holds = asked["friction"]["law"] != "none" or asked.get("kind") == "bonded"
-    maps = [("pressure", table["normal_stress"], "stress", "Blues"),
-            ("friction", table["tangential_stress"], "stress", "Oranges") if holds else None, None,
+    maps = [("pressure", table["normal_stress"], "stress", "Blues"), None,
+            *([("friction", table["tangential_stress"], "stress", "Oranges")] if holds else []),
             ("slip", table["slip"], "length", "Purples") if slips and holds and not gaps else
             ("gap", gaps * table["gap"], "length", "Greens")]
     width, height = np.ptp(at.reshape(-1, 2), axis=0)
-    rows, columns = (2, 2) if width < LONG * height else (4, 1)
+    columns = 1 if width > LONG * height or (width > 2.0 * height and not holds) else 2 if holds else 3
+    rows = len(maps) // columns
     tall = np.clip((9.6 / columns - 1.4) * height / width, 0.8, 4.2) + 0.8
     figure, grid = plt.subplots(rows, columns, figsize=(9.6, rows * tall + 0.5), sharex=True, sharey=True,
                                 layout="compressed", squeeze=False)
@@ -299,11 +300,8 @@ def draw_contact(results: Results, name: str) -> Any:
             figure.colorbar(image, ax=axes, label=f"{what} ({unit_of})", aspect=15, pad=0.02)
             if what == "friction" and slips:
                 _draw_slip(axes, at, along, facets, table, summary["units"]["length"])
-        elif axes is grid.ravel()[2]:
-            _draw_zones(axes, at, table["status"][facets], summary["contacts"][name])
         else:
-            axes.remove()
-            continue
+            _draw_zones(axes, at, table["status"][facets], summary["contacts"][name])
         axes.add_collection(LineCollection(ends, colors=COLOURS["still"], linewidth=0.7))
         axes.set(aspect="equal", xlabel=f"{labels[0]} ({summary['units']['length']})",
                  ylabel=f"{labels[1]} ({summary['units']['length']})")
