@@ -83,12 +83,14 @@ class Surface:
     facets : (f, 3) of them, counter-clockwise as seen from outside
     paint : their colours
     thin : whether they are seen from inside, too
+    edges : colour of their outlines
     """
 
     at: np.ndarray
     facets: np.ndarray
     paint: Paint
     thin: bool = False
+    edges: str = "black"
 
 
 def stage(results: Results, everything: np.ndarray, view: View) -> tuple[Any, Any]:
@@ -141,9 +143,9 @@ def draw_surfaces(axes: Any, view: View, surfaces: Sequence[Surface]) -> None:
     axes.imshow(image, origin="lower", interpolation="antialiased", zorder=2, extent=(
         origin[0], origin[0] + width * pixel, origin[1], origin[1] + height * pixel))
     axes.set(xlim=limits[0], ylim=limits[1])
-    edges = np.concatenate([at[outlines(at, each.facets)] for at, each in zip(placed, surfaces, strict=True)])
-    lines = unhidden((edges - origin) / pixel, depth) * pixel + origin[:2]
-    axes.add_collection(LineCollection(lines, colors="black", linewidth=0.6, capstyle="round", zorder=3))
+    for at, each in zip(placed, surfaces, strict=True):
+        lines = unhidden((at[outlines(at, each.facets)] - origin) / pixel, depth) * pixel + origin[:2]
+        axes.add_collection(LineCollection(lines, colors=each.edges, linewidth=0.6, capstyle="round", zorder=3))
 
 
 def rigid_surfaces(results: Results, scale: float = 0.0, time: float | None = None) -> list[Surface]:
@@ -155,7 +157,8 @@ def rigid_surfaces(results: Results, scale: float = 0.0, time: float | None = No
             at = at.mean(axis=0) + AROUND * (at - at.mean(axis=0))
             normal, distance = rigid.facing(at)
             found.append(Surface(at - distance[:, None] * normal + scale * moved, facets[:, ::-1],
-                                 plain(COLOURS["patch"])))
+                                 plain(COLOURS["patch"]),
+                                 edges=COLOURS["still"]))
     return [each for each in found if len(each.facets)]
 
 
@@ -273,12 +276,13 @@ def draw_contact(results: Results, name: str) -> Any:
     visible = RESOLVED * summary["displacement_max"]
     gaps, slips = (np.abs(table[what]).max(initial=0.0) > visible for what in ("gap", "slip"))
     holds = asked["friction"]["law"] != "none" or asked.get("kind") == "bonded"
-    maps = [("pressure", table["normal_stress"], "stress", "Blues"),
-            ("friction", table["tangential_stress"], "stress", "Oranges") if holds else None, None,
+    maps = [("pressure", table["normal_stress"], "stress", "Blues"), None,
+            *([("friction", table["tangential_stress"], "stress", "Oranges")] if holds else []),
             ("slip", table["slip"], "length", "Purples") if slips and holds and not gaps else
-            ("gap", table["gap"], "length", "Greens")]
+            ("gap", gaps * table["gap"], "length", "Greens")]
     width, height = np.ptp(at.reshape(-1, 2), axis=0)
-    rows, columns = (2, 2) if width < LONG * height else (4, 1)
+    columns = 1 if width > LONG * height or (width > 2.0 * height and not holds) else 2 if holds else 3
+    rows = len(maps) // columns
     tall = np.clip((9.6 / columns - 1.4) * height / width, 0.8, 4.2) + 0.8
     figure, grid = plt.subplots(rows, columns, figsize=(9.6, rows * tall + 0.5), sharex=True, sharey=True,
                                 layout="compressed", squeeze=False)
@@ -286,7 +290,8 @@ def draw_contact(results: Results, name: str) -> Any:
     for axes, each in zip(grid.ravel(), maps, strict=True):
         if each:
             what, values, quantity, colours = each
-            factor, unit_of = scaled_unit(np.abs(values).max(initial=0.0), summary["units"][quantity])
+            factor, unit_of = scaled_unit(np.abs(values).max(initial=0.0) or summary["displacement_max"],
+                                          summary["units"][quantity])
             values = values[facets].ravel() / factor
             image = colours_of(min(values.min(initial=0.0), 0.0), values.max(initial=0.0) or 1.0,
                                "PuOr" if (values < -RESOLVED * np.abs(values).max(initial=0.0)).any() else colours)
@@ -295,11 +300,8 @@ def draw_contact(results: Results, name: str) -> Any:
             figure.colorbar(image, ax=axes, label=f"{what} ({unit_of})", aspect=15, pad=0.02)
             if what == "friction" and slips:
                 _draw_slip(axes, at, along, facets, table, summary["units"]["length"])
-        elif axes is grid.ravel()[2]:
-            _draw_zones(axes, at, table["status"][facets], summary["contacts"][name])
         else:
-            axes.remove()
-            continue
+            _draw_zones(axes, at, table["status"][facets], summary["contacts"][name])
         axes.add_collection(LineCollection(ends, colors=COLOURS["still"], linewidth=0.7))
         axes.set(aspect="equal", xlabel=f"{labels[0]} ({summary['units']['length']})",
                  ylabel=f"{labels[1]} ({summary['units']['length']})")

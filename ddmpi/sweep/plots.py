@@ -28,10 +28,9 @@ FEW = 4  # so many results can be told apart on any axis
 
 UNITS = {"seconds": "s", "memory_mib": "MiB", "displacement_max": "{length}", "young": "{stress}",
          "slip_bound": "{stress}", "von_mises_max": "{stress}", "pressure_max": "{stress}",
-         "normal_force": "{stress} {length}", "tangential_force": "{stress} {length}", "force": "{stress} {length}",
-         "reaction": "{stress} {length}", "moment": "{stress} {length}²", "energy": "{stress} {length}²",
-         "dissipated": "{stress} {length}²"}
-"""Units by a part of a column's name; forces and energies are per unit of depth."""
+         **dict.fromkeys(("normal_force", "tangential_force", "force", "reaction"), "{force}"),
+         "moment": "{moment}", "energy": "{energy}", "dissipated": "{energy}"}
+"""Units by a part of a column's name, as the summary names them."""
 
 
 def draw_plot(folder: Path, plot: str) -> Path:
@@ -151,7 +150,5 @@ def _crowds(values: list[float]) -> bool:
 
 def _label(name: str, summary: dict) -> str:
     """A column's name and its unit, in the units that the scene names."""
-    output = summary["scene"]["output"]
-    unit = next((UNITS[part] for part in name.split(".") if part in UNITS), "")
-    unit = unit.format(length=output["length_unit"], stress=output["stress_unit"])
+    unit = next((UNITS[part] for part in name.split(".") if part in UNITS), "").format_map(summary["units"])
     return f"{name} ({unit})" if unit else name

@@ -18,7 +18,7 @@ from ddmpi.results import frame
 from ddmpi.results.fields import skin
 from ddmpi.results.histories import animate
 from ddmpi.results.pictures import draw_all
-from ddmpi.results.solids import flatten, rigid_surfaces
+from ddmpi.results.solids import draw_contact, flatten, rigid_surfaces
 from ddmpi.results.tables import read_results
 
 COLUMNS = ["x", "y", "z", "nx", "ny", "nz", "area", "normal_force", "tangential_force", "normal_stress",
@@ -209,3 +209,11 @@ def test_a_mechanism_of_solids_is_drawn(tmp_path):
         "bodies": [{"name": "upper", "centre": [1.5, 0.5, 1.5], "velocity": [0.0, 0.2, 0.0, 0.0, 0.0, 0.6]}]}))
     (drawn,) = draw_all(tmp_path)
     assert drawn.name == "mechanism.png" and image.imread(drawn)[..., :3].std() > 0.05
+
+
+def test_a_contact_without_friction_has_no_map_of_it(tmp_path):
+    """Pressure, zones and gap are left."""
+    bodies, contacts = made_up_solids.stack(divisions=(6, 2, 2))
+    made_up_solids.results(tmp_path, bodies, contacts, friction=made_up.NoFriction())
+    labels = [axes.get_ylabel() for axes in draw_contact(read_results(tmp_path), "upper-lower").axes]
+    assert labels[3:] == ["pressure (MPa)", "gap (µm)"]

@@ -12,6 +12,7 @@ import scenes
 from scenes import Run, pinched_blocks
 
 from ddmpi.errors import InputError
+from ddmpi.results.summary import units
 from ddmpi.sweep.table import find_column, numbers, read_table
 from ddmpi.system.files import UNFINISHED
 from ddmpi.system.provenance import whereabouts
@@ -337,7 +338,7 @@ def table(**columns) -> list[dict]:
             | {name: values[k] for name, values in columns.items() if "." not in name} for k in range(length)]
 
 
-SUMMARY = {"title": "t", "scene": {"output": {"length_unit": "mm", "stress_unit": "MPa"}}}
+SUMMARY = {"title": "t", "units": units({"length_unit": "mm", "stress_unit": "MPa"}, 2)}
 
 
 def draw(rows: list[dict], result: str, key: str):
@@ -360,8 +361,8 @@ def test_curves():
 
 
 @pytest.mark.parametrize(("result", "label"), [
-    ("contacts.tyre-road.normal_force", "contacts.tyre-road.normal_force (MPa mm)"),
-    ("bodies.tyre.energy", "bodies.tyre.energy (MPa mm²)"), ("displacement_max", "displacement_max (mm)"),
+    ("contacts.tyre-road.normal_force", "contacts.tyre-road.normal_force (N/mm)"),
+    ("bodies.tyre.energy", "bodies.tyre.energy (mJ/mm)"), ("displacement_max", "displacement_max (mm)"),
     ("seconds.total", "seconds.total (s)"), ("n_A", "n_A")])
 def test_labels(result, label):
     """A label is the column's name with its unit, in the units of the scene."""
