@@ -32,9 +32,9 @@ ASKS = re.compile(
 
 PLACES = {
     # of the laws: a box and two edges in the plane, discs and polygons in space; no friction turns in the plane
-    "interface/law": 3, "mesh/boundary": 1, "mesh/elements": 1, "interface/interface": 1,
+    "interface/law": 3, "run/equilibrium": 1, "mesh/boundary": 2, "mesh/elements": 1, "interface/interface": 2,
     # what the plane has and space has not, to be replaced with solids
-    "coupling/assembly": 1, "surface/side": 1, "interface/state": 1, "judge/diagnosis": 1, "judge/motions": 1,
+    "surface/curve": 1, "interface/state": 1, "judge/motions": 1,
     # pictures, and meshes that are made or drawn
     "mesh/geometry": 1, "results/frame": 1, "results/histories": 2, "results/pictures": 2,
     # columns, units and the name of the preconditioner

@@ -27,6 +27,7 @@ from ddmpi.mesh.boundary import segments
 from ddmpi.mesh.elements import shapes_on_side as shapes
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.surface.cover import Cover, cover, faced_arc
+from ddmpi.surface.patch import Patch
 from ddmpi.surface.side import Side, frames, nodal, unit
 from ddmpi.system.numbers import in_words
 
@@ -52,7 +53,7 @@ def connect(first: Side, second: Side, contact: SettledContact, refinement: int 
 
     Otherwise as `pair` and `mortar`.
     """
-    quadratic = first.dimension > 2 and max(side.facets.shape[1] for side in (first, second)) > 3
+    quadratic = max(side.facets.shape[1] for side in (first, second)) == 6
     if contact.pairing == "nodes" and quadratic:
         raise InputError(f"contact.{contact.name}.pairing: pairs of nodes are for linear tetrahedra, as corners of "
                          "quadratic ones carry no pressure; leave it out")
@@ -62,7 +63,7 @@ def connect(first: Side, second: Side, contact: SettledContact, refinement: int 
         except InputError:
             if contact.pairing == "nodes":
                 raise
-    return (mortar if first.dimension == 2 else mortar_in_space)(first, second, contact)
+    return (mortar_in_space if isinstance(first, Patch) else mortar)(first, second, contact)
 
 
 def mortar_in_space(first: Side, second: Side, contact: SettledContact) -> Interface:

@@ -101,14 +101,14 @@ def _along(slave: Curve, master: Curve, depth: np.ndarray) -> Cover:
                  weight * ratio, ray, gap)
 
 
-def faced_arc(xy: np.ndarray, rows: np.ndarray, over: Cover, master: Curve) -> np.ndarray:
+def faced_arc(xy: np.ndarray, rows: np.ndarray, over: Cover, master: Side) -> np.ndarray:
     """Arc lengths (m,) of the master's places nearest to `xy` (m, 2), on facets that the rows (q, c) of points face.
 
     Not collective.
     """
     row, facet = np.unique(np.stack([rows.ravel(), np.repeat(over.other, rows.shape[1])]), axis=1)
     start, end = master.facets[facet, :2].T
-    along = master.along[facet]
+    along = master.xy[end] - master.xy[start]
     away = xy[row] - master.xy[start]
     at = np.clip(np.einsum("pi,pi->p", away, along) / np.einsum("pi,pi->p", along, along), 0.0, 1.0)
     order = np.lexsort((np.linalg.norm(away - at[:, None] * along, axis=1), row))
