@@ -13,6 +13,9 @@ few shifts, A^½ = A Σ w (A + t²)⁻¹ (method 3 of Hale, Higham, Trefethen, S
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Sequence
+
 import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse.linalg import splu
@@ -36,6 +39,12 @@ class HalfSpace:
         self._parts = list(space.parts.values())
         self._blocks = [_Block(interface) for interface in space.interfaces]
 
+    def softened(self, compliances: Sequence[float]) -> HalfSpace:
+        """(M⁻¹ + D)⁻¹, with a layer of one compliance D (m/N) before each interface."""
+        found = copy.copy(self)
+        found._blocks = [block.softened(D) for block, D in zip(self._blocks, compliances, strict=True)]
+        return found
+
     def mult(self, x: np.ndarray) -> np.ndarray:
         """M x (size,) in newtons, of x (size,) in metres."""
         y = np.empty_like(x)
@@ -54,15 +63,27 @@ class _Block:
     def __init__(self, interface: Interface) -> None:
         self._sliding, self._components = interface.sliding, interface.law.components * (len(interface.sliding) > 0)
         self._root, self._scale = np.sqrt(interface.area)[:, None], 0.5 * interface.modulus
+        self._c = float(np.mean(interface.stiffness))
         lowest = (1.5 / interface.area.sum() ** (1.0 / (interface.dimension - 1))) ** 2
         over = sparse.diags(1.0 / self._root[:, 0])
         one = sparse.identity(interface.m)
-        self._A = (over @ interface.laplacian @ over + lowest * one).tocsr()
-        modulus = lowest / (2.0 * self._A.diagonal().max())
+        A = (over @ interface.laplacian @ over + lowest * one).tocsr()
+        modulus = lowest / (2.0 * A.diagonal().max())
         quarter = ellipkm1(modulus)
         sn, cn, dn, _ = ellipj((np.arange(SHIFTS) + 0.5) * quarter / SHIFTS, 1.0 - modulus)
         self._weights = 2.0 * quarter * np.sqrt(lowest) / (np.pi * SHIFTS) * dn / cn**2
-        self._shifted = splu(sparse.block_diag([self._A + t * one for t in lowest * (sn / cn) ** 2], format="csc"))
+        self._shifts, self._lowest = lowest * (sn / cn) ** 2, lowest
+        self._one = self._weights.sum()
+        self._shifted = splu(sparse.block_diag([A + t * one for t in self._shifts], format="csc"))
+
+    def softened(self, D: float) -> _Block:
+        """With the root r of the operator replaced by r/(1 + b r) = (2/π) ∫ (1 − t²/(A + t²)) / (1 + b²t²) dt."""
+        found = copy.copy(self)
+        b = D * self._scale * float(np.mean(self._root**2))
+        found._weights = self._weights / (1.0 + b**2 * self._shifts)
+        found._one = 1.0 / b if b**2 * self._lowest > 1.0 else found._weights.sum()
+        found._scale = self._scale * (1.0 + D * self._c)
+        return found
 
     def mult(self, x: np.ndarray) -> np.ndarray:
         """M x of columns x (size, c)."""
@@ -78,7 +99,7 @@ class _Block:
         if not x.size:
             return x
         shifted = self._shifted.solve(np.tile(self._root * x, (SHIFTS, 1))).reshape(SHIFTS, *x.shape)
-        return self._scale * self._root * (self._A @ np.tensordot(self._weights, shifted, 1))
+        return self._scale * self._root * (self._one * self._root * x - np.tensordot(self._weights * self._shifts, shifted, 1))
 
 
 def smooth_modes(member: Member, limit: float) -> tuple[np.ndarray, np.ndarray]:

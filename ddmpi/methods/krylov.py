@@ -147,8 +147,12 @@ class LinearProblem:
 
     def __init__(self, joint: Joint, preconditioner: Preconditioner, linearised: Linearised,
                  layer: np.ndarray, precise: bool = False, held: float = 1.0, forcing: float = FORCING) -> None:
-        self.joint, self.linearised, self._half_space = joint, linearised, preconditioner.half_space
+        self.joint, self.linearised = joint, linearised
         self._D = linearised.diagonal(preconditioner.shared + layer)
+        unknown = np.where(np.diff(linearised.basis.indptr), layer, np.inf)
+        least = [unknown[part].min(initial=np.inf) for part in joint.space.parts.values()]
+        least = [each if np.isfinite(each) else 0.0 for each in least]
+        self._half_space = preconditioner.half_space.softened(least)
         self._weight = 1.0 / np.sqrt(1.0 + layer * preconditioner.c)
         self._weights = linearised.diagonal(self._weight)
         self._rigid = joint.rigid.size
