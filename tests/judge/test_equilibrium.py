@@ -1,11 +1,14 @@
 """Whether contact forces can hold loose bodies, how these move where none can, and the words for it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from rigid_blocks import Blocks, arch, beam, pushed, squeezed, tall, tower, wall, wedge
 
 from ddmpi.judge.equilibrium import LARGEST, describe, find_mechanism
 from ddmpi.judge.motions import MotionsOfBody, direction, undetermined
+from ddmpi.run import equilibrium
 
 
 def found(scene):
@@ -311,3 +314,14 @@ def test_motions_of_nodes_on_a_line():
 def test_directions(vector, said):
     """Directions along an axis are named by it."""
     assert direction(np.array(vector)) == said
+
+
+def test_a_drift_is_named_by_how_far_nodes_move(monkeypatch):
+    """A plate of 200 m that slides by 1 m and turns by 0.01 m at its farthest corner slides, whatever its size."""
+    points = 100.0 * np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]])
+    x, y = (points - points.mean(axis=0)).T / np.hypot(100.0, 50.0)
+    motions = np.stack([np.outer(np.ones(4), axis) for axis in np.eye(2)] + [np.column_stack([-y, x])], axis=2)
+    body = MotionsOfBody.of("plate", points, motions)
+    monkeypatch.setattr(equilibrium, "_loose_bodies", lambda assembly: [(body, 1.0)])
+    assembly = SimpleNamespace(joint=SimpleNamespace(slices={"plate": slice(0, 3)}))
+    assert "plate: it would move along -x" in equilibrium.describe_drift(assembly, np.array([-1.0, 0.0, 0.01]))
