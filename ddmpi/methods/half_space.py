@@ -8,7 +8,7 @@ are left to the Krylov method. So the preconditioner needs no second factorizati
 
 −Δ is the Laplacian K of the interface's facets over its nodal areas W, so that M = (E*/2) W^½ A^½ W^½ with
 A = W^−½ K W^−½ + (1.5/L)²: the longest wave is about the interface itself, whose length is L. The root is a sum over
-few shifts, A^½ = A Σ w (A + t²)⁻¹ (method 3 of Hale, Higham, Trefethen, SIAM J. Numer. Anal. 46, 2008).
+few shifts, A^½ = Σ w (1 − t²(A + t²)⁻¹) (method 3 of Hale, Higham, Trefethen, SIAM J. Numer. Anal. 46, 2008).
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ class HalfSpace:
         self._parts = list(space.parts.values())
         self._blocks = [_Block(interface) for interface in space.interfaces]
 
-    def softened(self, compliances: Sequence[float]) -> HalfSpace:
-        """(M⁻¹ + D)⁻¹, with a layer of one compliance D (m/N) before each interface."""
+    def softened(self, deltas: Sequence[float]) -> HalfSpace:
+        """(1 + δ) (M⁻¹ + δ/c)⁻¹: half-spaces behind a layer, δ of each interface, c as `Interface.stiffness`."""
         found = copy.copy(self)
-        found._blocks = [block.softened(D) for block, D in zip(self._blocks, compliances, strict=True)]
+        found._blocks = [block.softened(delta) for block, delta in zip(self._blocks, deltas, strict=True)]
         return found
 
     def mult(self, x: np.ndarray) -> np.ndarray:
@@ -63,7 +63,7 @@ class _Block:
     def __init__(self, interface: Interface) -> None:
         self._sliding, self._components = interface.sliding, interface.law.components * (len(interface.sliding) > 0)
         self._root, self._scale = np.sqrt(interface.area)[:, None], 0.5 * interface.modulus
-        self._c = float(np.mean(interface.stiffness))
+        self._spacing = float(np.mean(self._scale * interface.area / interface.stiffness[:interface.m]))
         lowest = (1.5 / interface.area.sum() ** (1.0 / (interface.dimension - 1))) ** 2
         over = sparse.diags(1.0 / self._root[:, 0])
         one = sparse.identity(interface.m)
@@ -72,17 +72,14 @@ class _Block:
         quarter = ellipkm1(modulus)
         sn, cn, dn, _ = ellipj((np.arange(SHIFTS) + 0.5) * quarter / SHIFTS, 1.0 - modulus)
         self._weights = 2.0 * quarter * np.sqrt(lowest) / (np.pi * SHIFTS) * dn / cn**2
-        self._shifts, self._lowest = lowest * (sn / cn) ** 2, lowest
-        self._one = self._weights.sum()
+        self._shifts, self._lowest, self._sum = lowest * (sn / cn) ** 2, lowest, self._weights.sum()
         self._shifted = splu(sparse.block_diag([A + t * one for t in self._shifts], format="csc"))
 
-    def softened(self, D: float) -> _Block:
-        """With the root r of the operator replaced by r/(1 + b r) = (2/π) ∫ (1 − t²/(A + t²)) / (1 + b²t²) dt."""
-        found = copy.copy(self)
-        b = D * self._scale * float(np.mean(self._root**2))
-        found._weights = self._weights / (1.0 + b**2 * self._shifts)
-        found._one = 1.0 / b if b**2 * self._lowest > 1.0 else found._weights.sum()
-        found._scale = self._scale * (1.0 + D * self._c)
+    def softened(self, delta: float) -> _Block:
+        """With R/(1 + bR) = 2/π ∫ (1 − t²(A + t²)⁻¹) / (1 + b²t²) dt for the root R, b being δ node distances."""
+        found, b = copy.copy(self), delta * self._spacing
+        found._scale, found._weights = self._scale * (1.0 + delta), self._weights / (1.0 + b**2 * self._shifts)
+        found._sum = 1.0 / b if b**2 * self._lowest > 1.0 else found._weights.sum()  # the shifts miss small t
         return found
 
     def mult(self, x: np.ndarray) -> np.ndarray:
@@ -99,7 +96,8 @@ class _Block:
         if not x.size:
             return x
         shifted = self._shifted.solve(np.tile(self._root * x, (SHIFTS, 1))).reshape(SHIFTS, *x.shape)
-        return self._scale * self._root * (self._one * self._root * x - np.tensordot(self._weights * self._shifts, shifted, 1))
+        roots = self._sum * self._root * x - np.tensordot(self._weights * self._shifts, shifted, 1)
+        return self._scale * self._root * roots
 
 
 def smooth_modes(member: Member, limit: float) -> tuple[np.ndarray, np.ndarray]:
