@@ -8,10 +8,13 @@ are left to the Krylov method. So the preconditioner needs no second factorizati
 
 −Δ is the Laplacian K of the interface's facets over its nodal areas W, so that M = (E*/2) W^½ A^½ W^½ with
 A = W^−½ K W^−½ + (1.5/L)²: the longest wave is about the interface itself, whose length is L. The root is a sum over
-few shifts, A^½ = A Σ w (A + t²)⁻¹ (method 3 of Hale, Higham, Trefethen, SIAM J. Numer. Anal. 46, 2008).
+few shifts, A^½ = Σ w (1 − t²(A + t²)⁻¹) (method 3 of Hale, Higham, Trefethen, SIAM J. Numer. Anal. 46, 2008).
 """
 
 from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
 
 import numpy as np
 import scipy.sparse as sparse
@@ -36,6 +39,12 @@ class HalfSpace:
         self._parts = list(space.parts.values())
         self._blocks = [_Block(interface) for interface in space.interfaces]
 
+    def softened(self, deltas: Sequence[float]) -> HalfSpace:
+        """(1 + δ) (M⁻¹ + δ/c)⁻¹: half-spaces behind a layer, δ of each interface, c as `Interface.stiffness`."""
+        found = copy.copy(self)
+        found._blocks = [block.softened(delta) for block, delta in zip(self._blocks, deltas, strict=True)]
+        return found
+
     def mult(self, x: np.ndarray) -> np.ndarray:
         """M x (size,) in newtons, of x (size,) in metres."""
         y = np.empty_like(x)
@@ -54,15 +63,24 @@ class _Block:
     def __init__(self, interface: Interface) -> None:
         self._sliding, self._components = interface.sliding, interface.law.components * (len(interface.sliding) > 0)
         self._root, self._scale = np.sqrt(interface.area)[:, None], 0.5 * interface.modulus
+        self._spacing = float(np.mean(self._scale * interface.area / interface.stiffness[:interface.m]))
         lowest = (1.5 / interface.area.sum() ** (1.0 / (interface.dimension - 1))) ** 2
         over = sparse.diags(1.0 / self._root[:, 0])
         one = sparse.identity(interface.m)
-        self._A = (over @ interface.laplacian @ over + lowest * one).tocsr()
-        modulus = lowest / (2.0 * self._A.diagonal().max())
+        A = (over @ interface.laplacian @ over + lowest * one).tocsr()
+        modulus = lowest / (2.0 * A.diagonal().max())
         quarter = ellipkm1(modulus)
         sn, cn, dn, _ = ellipj((np.arange(SHIFTS) + 0.5) * quarter / SHIFTS, 1.0 - modulus)
         self._weights = 2.0 * quarter * np.sqrt(lowest) / (np.pi * SHIFTS) * dn / cn**2
-        self._shifted = splu(sparse.block_diag([self._A + t * one for t in lowest * (sn / cn) ** 2], format="csc"))
+        self._shifts, self._lowest, self._sum = lowest * (sn / cn) ** 2, lowest, self._weights.sum()
+        self._shifted = splu(sparse.block_diag([A + t * one for t in self._shifts], format="csc"))
+
+    def softened(self, delta: float) -> _Block:
+        """With R/(1 + bR) = 2/π ∫ (1 − t²(A + t²)⁻¹) / (1 + b²t²) dt for the root R, b being δ node distances."""
+        found, b = copy.copy(self), delta * self._spacing
+        found._scale, found._weights = self._scale * (1.0 + delta), self._weights / (1.0 + b**2 * self._shifts)
+        found._sum = 1.0 / b if b**2 * self._lowest > 1.0 else found._weights.sum()  # the shifts miss small t
+        return found
 
     def mult(self, x: np.ndarray) -> np.ndarray:
         """M x of columns x (size, c)."""
@@ -78,7 +96,8 @@ class _Block:
         if not x.size:
             return x
         shifted = self._shifted.solve(np.tile(self._root * x, (SHIFTS, 1))).reshape(SHIFTS, *x.shape)
-        return self._scale * self._root * (self._A @ np.tensordot(self._weights, shifted, 1))
+        roots = self._sum * self._root * x - np.tensordot(self._weights * self._shifts, shifted, 1)
+        return self._scale * self._root * roots
 
 
 def smooth_modes(member: Member, limit: float) -> tuple[np.ndarray, np.ndarray]:

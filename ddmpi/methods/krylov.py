@@ -5,8 +5,9 @@
 
 with the rigid motions α of bodies that nothing holds. D is that of a layer between the bodies, or of a barrier
 (`ddmpi.methods.paths`). In Newton's method it holds the springs that friction turns against, which the plane does not
-have, and a part that steers, as ε does, and biases nothing. The preconditioner is the same system with W M W in the
-place of (C + D)⁻¹, M being the half-space stiffness and W = (1 + D c)^−½, whose coarse problem is solved exactly.
+have, and a part that steers, as ε does, and biases nothing. The preconditioner is the same system with W M_δ W in the
+place of (C + D)⁻¹ and W = (1 + Dc)^−½, whose coarse problem is solved exactly. M_δ = (1 + δ)(M⁻¹ + δ/c)⁻¹, with the
+half-space stiffness M and the least δ = Dc of each interface, is exact for half-spaces behind a layer of one thickness.
 The second row then holds from the first iteration on, and GMRES, preconditioned from the right, works on the first row
 alone. It measures the residual times W, as wide clearances would otherwise hide the displacements where bodies touch.
 """
@@ -147,8 +148,12 @@ class LinearProblem:
 
     def __init__(self, joint: Joint, preconditioner: Preconditioner, linearised: Linearised,
                  layer: np.ndarray, precise: bool = False, held: float = 1.0, forcing: float = FORCING) -> None:
-        self.joint, self.linearised, self._half_space = joint, linearised, preconditioner.half_space
+        self.joint, self.linearised = joint, linearised
         self._D = linearised.diagonal(preconditioner.shared + layer)
+        deltas = np.where(np.diff(linearised.basis.indptr), layer * preconditioner.c, np.inf)  # of unknown forces
+        self._half_space = preconditioner.half_space.softened(
+            [least if np.isfinite(least) else 0.0 for part in joint.space.parts.values()
+             for least in (deltas[part].min(initial=np.inf),)])
         self._weight = 1.0 / np.sqrt(1.0 + layer * preconditioner.c)
         self._weights = linearised.diagonal(self._weight)
         self._rigid = joint.rigid.size

@@ -38,13 +38,11 @@ GAIN = 0.7
 """The full step is taken when it reduces the residual to this or less."""
 
 PATIENCE, PROGRESS = 3, 0.7
-"""A path begins after so many steps that together leave more than this of the smallest residual."""
+"""A path begins after so many steps that together leave more than this of the smallest residual. Newton's own steps are
+tried from a path as long as each leaves less than this."""
 
 FULL_STEPS = 12
 """In space the first so many steps are full ones: while friction turns, lengths by residuals take twice the steps."""
-
-WORTH = 0.3
-"""Newton's own steps are tried from a path as long as each leaves less than this of the residual."""
 
 ERROR = 10.0
 """The forces are converged when the error estimated for them is below this times the tolerance."""
@@ -218,7 +216,7 @@ class Newton:
             self._stalled = PATIENCE  # the next step would be the same
         self._error = update * after / residual if residual else 0.0
         self._note(after, update, stage)
-        if self._path and self._trying and not stage and not after <= WORTH * residual:
+        if self._path and self._trying and not stage and not after <= PROGRESS * residual:
             self._trying, self._at = False, self._path.point  # back to where the path was left
             self._path.go_on()
             far = self._distances([self._at])[0]

@@ -28,12 +28,13 @@ SOFTEST, HARDEST, HARDER = 1e3, 1e-7, 0.1
 """δ of the first and the last stage, and of each stage over that of the one before."""
 
 LATE, SETTLED, SETTLED_LATE = 0.2, 0.2, 0.02
-"""A stage is over when it leaves less than the second part of the forces; the third from the first δ on."""
+"""A stage is over when a full step leaves less than the second part of the forces; the third, or δ of them, from the
+first δ on."""
 
 MOST_STEPS = 15
 """Most steps of a stage."""
 
-STUCK, GAIN = 3, 0.9
+STUCK, GAIN = 4, 0.9
 """A stage leads nowhere after so many steps that together leave more than the second part of the residual."""
 
 STIFF = 0.011
@@ -154,7 +155,7 @@ class Softening:
             change = self._towards(solve, linearised.frozen(q), layer)
             length = self._length(change, self._laws.bound_at(q)) or 1.0
         self.point = point.along(change, length)
-        self._judge(change)
+        self._judge(change, length)
 
     def _towards(self, solve: Solve, linearised: Linearised, layer: np.ndarray) -> Point:
         s = self.point.s
@@ -198,8 +199,11 @@ class Softening:
                 return float(t[best])
         return float(t[best])
 
-    def _judge(self, change: Point) -> None:
-        """Look at where a step has led; whether the stage is over, and what follows. Collective."""
+    def _judge(self, change: Point, length: float) -> None:
+        """Look at where a step has led; whether the stage is over, and what follows. Collective.
+
+        A short step ends where a node begins to slip or opens, and the active sets are still to change.
+        """
         point = self.point
         misfit = point.s - self._laws.project(self._pressed(point, self._delta))
         contact, size, moved = self._space.norms([misfit, point.s, change.s])
@@ -208,7 +212,8 @@ class Softening:
         gained = self._far <= GAIN * self._smallest
         self._since, self._smallest = (0, self._far) if gained else (self._since + 1, self._smallest)
         late = self._delta <= LATE
-        settled = self._far <= (SETTLED_LATE if late else SETTLED) * size
+        share = min(SETTLED_LATE, self._delta) if late else SETTLED
+        settled = length == 1.0 and self._far <= share * size
         if not settled:
             still = not (moved or norm(change.alpha))  # all is open, and what falls has nothing to fall on
             self.failed = still or self._since >= STUCK or self._steps >= MOST_STEPS

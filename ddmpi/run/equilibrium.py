@@ -66,9 +66,8 @@ def undetermined_motions(assembly: Assembly, contacts: Mapping[str, ContactState
 def describe_drift(assembly: Assembly, motions: np.ndarray) -> str:
     """Where the loose bodies drift to, in words; `motions` as `Outer.motions`. Collective."""
     bodies = [body for body, _ in _loose_bodies(assembly)]
-    parts = [motions[assembly.joint.slices[body.name]] for body in bodies]
-    velocities = np.array([body.velocity(part) for body, part in zip(bodies, parts, strict=True)])
-    fastest = max(body.speed(v) for body, v in zip(bodies, velocities, strict=True))
+    velocities = np.array([body.velocity(motions[assembly.joint.slices[body.name]]) for body in bodies])
+    fastest = max((body.speed(v) for body, v in zip(bodies, velocities, strict=True)), default=0.0)
     return describe_motions(bodies, velocities / fastest, set()) if fastest else "no body"
 
 

@@ -42,7 +42,7 @@ SHORT = 0.01
 CUTS = 6
 """A step that fails is halved at most so often."""
 
-CURABLE = ("diverged", "max_iterations", "stalled", "converged")
+CURABLE = ("diverged", "max_iterations", "stalled", "drift", "converged")
 """How an iteration ends that may do better in a shorter step; the last one is that its certificate fails."""
 
 CERTAIN = 0.25

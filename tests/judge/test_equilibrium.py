@@ -1,6 +1,7 @@
 """Whether contact forces can hold loose bodies, how these move where none can, and the words for it."""
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from rigid_blocks import Blocks, Boxes, arch, beam, pushed, squeezed, tall, towe
 from ddmpi.interface.law import CoulombLaw
 from ddmpi.judge.equilibrium import LARGEST, describe, find_mechanism
 from ddmpi.judge.motions import MotionsOfBody, direction, undetermined
+from ddmpi.run import equilibrium
 
 
 def found(scene):
@@ -514,3 +516,12 @@ def test_motions_of_solids_are_found_from_displacements():
     shift = body.centre - points[0]  # about points[0], by Steiner
     moment = 6.0 * 9 * ((1.0 + 9.0) / 12 + shift[1:] @ shift[1:])
     assert body.inertia[0, 0] == pytest.approx(moment) and body.inertia[3, 3] == pytest.approx(6.0 * 4)
+def test_a_drift_is_named_by_how_far_nodes_move(monkeypatch):
+    """A plate of 200 m that slides by 1 m and turns by 0.01 m at its farthest corner slides, whatever its size."""
+    points = 100.0 * np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]])
+    x, y = (points - points.mean(axis=0)).T / np.hypot(100.0, 50.0)
+    motions = np.stack([np.outer(np.ones(4), axis) for axis in np.eye(2)] + [np.column_stack([-y, x])], axis=2)
+    body = MotionsOfBody.of("plate", points, motions)
+    monkeypatch.setattr(equilibrium, "_loose_bodies", lambda assembly: [(body, 1.0)])
+    assembly = SimpleNamespace(joint=SimpleNamespace(slices={"plate": slice(0, 3)}))
+    assert "plate: it would move along -x" in equilibrium.describe_drift(assembly, np.array([-1.0, 0.0, 0.01]))

@@ -105,6 +105,19 @@ def test_half_space_is_the_square_root(x, sliding, dropped, scale):
     assert np.linalg.eigvalsh((P + P.T) / 2).min() > 0.0
 
 
+@pytest.mark.parametrize("delta", [0.0, 0.01, 1.0, 30.0, 1e3])
+def test_half_space_behind_a_layer(delta):
+    """(1 + δ)(M⁻¹ + δ/c)⁻¹, also where the layer is thinner than an element, or thicker than the interface is long."""
+    contact = interface(np.linspace(0, 3, 40), range(40))
+    contact = replace(contact, area=np.full(40, contact.area.mean()))
+    M = dense_stiffness(contact, MODULUS)
+    layer = np.diag(delta / contact.stiffness)
+    expected = (1.0 + delta) * np.linalg.inv(np.linalg.inv(M) + layer)
+    P = columns(HalfSpace(Space([contact])).softened([delta]), contact.size)
+    assert np.linalg.norm(P - expected, 2) <= 0.1 * np.linalg.norm(expected, 2)
+    assert np.linalg.norm(np.linalg.solve(expected, P) - np.eye(contact.size), 2) <= 0.2
+
+
 @pytest.mark.parametrize("start", [0, 5])
 def test_half_space_of_a_closed_chain(start):
     """A ring has no ends: wherever its numbers begin, its stiffness is the same, that of its Fourier modes."""

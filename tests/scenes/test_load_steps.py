@@ -279,7 +279,8 @@ def test_a_later_step_of_a_leg_begins_where_the_one_before_leads():
     assert all(max(leg) <= leg[0] + 1 and sum(leg[1:]) < 7 * leg[0] for leg in others)
 
 
-def test_a_step_that_fails_is_halved_from_the_state_before(monkeypatch):
+@pytest.mark.parametrize("ending", ["max_iterations", "drift"])
+def test_a_step_that_fails_is_halved_from_the_state_before(monkeypatch, ending):
     """The forces after a cut are those of a run that was asked for the shorter steps."""
     scene, failed = sheared_blocks(steps=1), []
     run = Newton.run
@@ -288,7 +289,7 @@ def test_a_step_that_fails_is_halved_from_the_state_before(monkeypatch):
         stopped = run(self, tolerance)
         if march._now.time == 1.0 and march._ahead[0] == 2.0 and not failed:
             failed.append(self.forces)
-            return "max_iterations"
+            return ending
         return stopped
 
     begin = March.__init__

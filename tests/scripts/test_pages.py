@@ -182,7 +182,7 @@ def test_theory_has_the_numbers_of_the_code():
             f"the length, 1 to {newton.LENGTHS[-1]:g}, that leaves least",
             f"is below {count[int(newton.ERROR)]} times that",
             f"Where {count[newton.PATIENCE]} steps leave more than {newton.PROGRESS:g} of the smallest residual",
-            f"as long as each leaves less than {newton.WORTH:g} of the residual", f"δ = {paths.SOFTEST:g}, 100, 10",
+            f"as long as each leaves less than {newton.PROGRESS:g} of the residual", f"δ = {paths.SOFTEST:g}, 100, 10",
             f"are tried where the residual is below {paths.NEAR:g}",
             f"ε = 1e{np.log10(newton.HELD_LOOSELY):.0f}, and D_s",
             f"GMRES solves it to 1e{np.log10(FORCING):.0f}",
