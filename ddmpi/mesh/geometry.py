@@ -339,7 +339,7 @@ def _around(gmsh, largest: float) -> list[int]:
     """Fields that make elements along curved curves and faces small enough for their radii."""
     alike: dict[tuple[int, int], list[tuple[float, int]]] = {}
     for dimension, tag in [*gmsh.model.getEntities(1), *gmsh.model.getEntities(2)]:
-        bend, extent = (_curve_bend if dimension == 1 else _face_bend)(gmsh, tag)
+        bend, extent = {1: _curve_bend, 2: _face_bend}[dimension](gmsh, tag)
         size = max(2 * np.pi / AROUND / max(bend, 1 / OFF), extent / MOST)
         if size < largest and extent > TINY * _extent(gmsh):
             alike.setdefault((dimension, round(np.log(size) / ALIKE)), []).append((size, tag))
