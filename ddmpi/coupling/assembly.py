@@ -25,8 +25,8 @@ from ddmpi.interface.mortar import connect
 from ddmpi.interface.rows import holds_along
 from ddmpi.mesh.boundary import boundary_group
 from ddmpi.mesh.build import build_mesh
-from ddmpi.mesh.geometry import Sizes
 from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.refine import Sizes
 from ddmpi.scene.bodies import Clamp, Material, SettledBody
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.scene.scene import Settled

@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
-from ddmpi.mesh.geometry import Sizes, graded
 from ddmpi.mesh.mesh import Mesh, signed_measures
+from ddmpi.mesh.refine import Sizes, graded
 from ddmpi.scene.scene import Settled
 
 FIRST_RATE = 0.75

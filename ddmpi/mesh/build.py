@@ -14,7 +14,7 @@ import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group, group_nodes, material_numbers
-from ddmpi.mesh.geometry import Sizes, mesh_geometry
+from ddmpi.mesh.geometry import Sizes, geometry_dimension, mesh_geometry
 from ddmpi.mesh.mesh import MEASURE, Mesh, refuse_folded, signed_measures
 from ddmpi.mesh.read import file_kind, read_mesh
 from ddmpi.mesh.refine import halve, raise_order
@@ -80,10 +80,12 @@ def _refuse_huge(cells: float, key: str) -> None:
 def kind_of_files(scene_path: str | Path) -> Callable[[BodySpec], tuple[int, Literal[1, 2]]]:
     """The function that `read_scene` asks for dimension and order of a body's mesh file. It reads each file once.
 
-    Drawings are plane and have no order. Not collective. The function raises InputError.
+    Drawings have no order, so 1. Not collective. The function raises InputError.
     """
-    kind, folder = functools.cache(file_kind), Path(scene_path).parent
-    return lambda body: (2, 1) if body.mesh.geometry else kind(locate_mesh(body, folder), body.name)
+    folder = Path(scene_path).parent
+    of_file, of_drawing = functools.cache(file_kind), functools.cache(geometry_dimension)
+    return lambda body: ((of_drawing(locate_mesh(body, folder), body.name), 1) if body.mesh.geometry
+                         else of_file(locate_mesh(body, folder), body.name))
 
 
 def locate_mesh(body: BodySpec, folder: Path) -> Path:

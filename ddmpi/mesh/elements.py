@@ -36,6 +36,9 @@ left."""
 NAMES = {0: ("point", "points"), 1: ("line", "lines"), 2: ("triangle", "triangles"), 3: ("tetrahedron", "tetrahedra")}
 """One and several, by dimension."""
 
+REGULAR = {2: 3**0.5 / 4, 3: 2**0.5 / 12}
+"""Area of the triangle, volume of the tetrahedron, with edges of length one."""
+
 BENT = 1e-9
 """An edge is curved if its middle is off the midpoint of its chord by more than this part of the chord's length."""
 

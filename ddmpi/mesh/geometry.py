@@ -10,18 +10,18 @@ import os
 import re
 import tempfile
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import scipy.sparse as sparse
-from scipy.sparse import csgraph
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.mesh import Mesh, signed_measures
+from ddmpi.mesh.elements import CELLS, REGULAR
+from ddmpi.mesh.mesh import PHYSICAL, Mesh
 from ddmpi.mesh.read import MSH, gmsh_session, name_groups, read_mesh
+from ddmpi.mesh.refine import GRADE, Sizes
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.system.interrupt import apart
+from ddmpi.system.numbers import in_words
 
 TRUST = "DDMPI_TRUST_GEOMETRY"
 """The variable that allows drawings to start programs and write files, if it is 1. No file can set it."""
@@ -45,78 +45,85 @@ AROUND = 24
 Mesh.MeshSizeFromCurvature: gmsh 4.15 differentiates its own arcs twice by differences, and never ends on small ones."""
 
 SAMPLES, MOST = 65, 200
-"""Points on a curve by which its radius is found; most elements along a curve because of its curvature."""
+"""Points on a curve by which its radius is found; most elements along a curve or a face because of its curvature."""
+
+ACROSS = np.stack(np.meshgrid(*[np.linspace(0.05, 0.95, 9)] * 2), axis=-1).reshape(-1, 2)
+"""Places on a face, as parts of its parameters, by which its radius is found; that of a quarter of them is smaller."""
 
 ALIKE = 0.1
 """Curves are alike if the logarithms of their sizes differ by less."""
-
-GRADE = 0.3
-"""By how much the size of elements grows with the distance, at most."""
 
 NEAR = 2.0
 """Elements have the size of contacts up to so many times this size away from them."""
 
 TOO_MANY = 2e7
-"""So many triangles of a body come from a size in other units than the drawing; gmsh takes minutes and all memory."""
+"""So many cells of a body come from a size in other units than the drawing; gmsh takes minutes and all memory."""
+
+FILLED, TINY = 0.01, 1e-6
+"""What a thin solid fills of its box. Curves shorter than this part of the drawing, as at poles, have no curvature."""
 
 OFF = 1e22
 """What gmsh takes for no limit."""
 
+DRAWN = "drawn.msh"
+"""The mesh that gmsh writes."""
 
-@dataclass(frozen=True)
-class Sizes:
-    """The sizes that the elements of a body shall have, linear on the triangles of an earlier mesh.
-
-    Attributes
-    ----------
-    points, triangles : (k, 2) in metres and (t, 3)
-    sizes : (k,) lengths of sides (m)
-    """
-
-    points: np.ndarray
-    triangles: np.ndarray
-    sizes: np.ndarray
+_OPTIONS = {"General.NumThreads": 1, "Mesh.MaxNumThreads1D": 1, "Mesh.MaxNumThreads2D": 1, "Mesh.MaxNumThreads3D": 1,
+            "Mesh.RandomSeed": 1, "Mesh.ElementOrder": 1, "Mesh.SecondOrderLinear": 0, "Mesh.MshFileVersion": 4.1,
+            "Mesh.Binary": 1, "Mesh.SaveAll": 0, "Mesh.SaveParametric": 0, "Mesh.MeshOnlyVisible": 0,
+            "Mesh.MeshOnlyEmpty": 0, "Mesh.RecombineAll": 0, "Mesh.SubdivisionAlgorithm": 0, "Mesh.ScalingFactor": 1}
+"""What the options of a file do not change."""
 
 
 def mesh_geometry(path: Path, body: BodySpec, contacts: Collection[str], sizes: Sizes | None = None) -> Mesh:
-    """The mesh of a geometry with its physical groups; in order 2 its sides are curved along the curves.
+    """The mesh of a geometry with its physical groups; in order 2 its sides are curved along curves and faces.
 
     Elements have at most the ``size`` of the body's mesh, smaller ones where the file says so, and ``contact_size``
     along the groups in `contacts`; with `sizes` they have these, and the file's are not heeded. The same input gives
-    the same mesh. In a STEP or BREP file every curve is a group, called by its label and its number.
+    the same mesh. In STEP and BREP files every curve, or face of a solid, is a group by its label and its number.
 
-    Not collective. Raises InputError for a file that gmsh cannot read or mesh, or that is not plane.
+    Not collective. Raises InputError for a file that gmsh cannot read or mesh, or that is neither plane nor solid.
     """
     label = f"body.{body.name}.mesh.geometry: {path}"
+    with _opened(path, label) as (folder, source):
+        apart(folder, _draw, source, path.suffix.lower() == ".geo", body, contacts, sizes, label)
+        return read_mesh(folder / DRAWN, body.name, body.mesh.order or 1, label)
+
+
+def geometry_dimension(path: Path, body: str) -> int:
+    """3 if a drawing has volumes, else 2. Not collective. Raises InputError for a file that gmsh cannot read."""
+    label = f"body.{body}.mesh.geometry: {path}"
+    with _opened(path, label) as (folder, source):
+        return int(apart(folder, _dimension, source, label))
+
+
+def _dimension(source: Path, label: str) -> int:
+    with gmsh_session() as gmsh, _gmsh_errors(f"{label} cannot be read"):
+        gmsh.open(str(source))
+        return max(gmsh.model.getDimension(), 2)
+
+
+@contextlib.contextmanager
+def _opened(path: Path, label: str) -> Iterator[tuple[Path, Path]]:
+    """A folder for gmsh, and the copy in it of a drawing; messages then name the drawing itself."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name).resolve()
         copies: dict[Path, Path] = {}
         source = _copy(path.resolve(), copies, folder, label)
         try:
-            apart(folder, _draw, source, path.suffix.lower() == ".geo", body, contacts, sizes, label)
+            yield folder, source
         except InputError as error:
             for original, copy in copies.items():
                 error.args = (str(error).replace(str(copy), str(original)),)
             raise
         except ChildProcessError as error:
             raise InputError(f"{label} ends gmsh ({error}); leave out Exit, if it is there") from None
-        return read_mesh(folder / DRAWN, body.name, body.mesh.order or 1, label)
-
-
-DRAWN = "drawn.msh"
-
-_OPTIONS = {"General.NumThreads": 1, "Mesh.MaxNumThreads1D": 1, "Mesh.MaxNumThreads2D": 1, "Mesh.RandomSeed": 1,
-            "Mesh.ElementOrder": 1, "Mesh.SecondOrderLinear": 0, "Mesh.MshFileVersion": 4.1, "Mesh.Binary": 1,
-            "Mesh.SaveAll": 0, "Mesh.SaveParametric": 0, "Mesh.MeshOnlyVisible": 0, "Mesh.MeshOnlyEmpty": 0,
-            "Mesh.RecombineAll": 0, "Mesh.SubdivisionAlgorithm": 0, "Mesh.ScalingFactor": 1}
-"""What the options of a file do not change."""
 
 
 def _copy(path: Path, copies: dict[Path, Path], folder: Path, label: str) -> Path:
     """A copy in `folder` that gmsh may open, of a drawing and of all that it includes; `copies` has those made so far.
 
-    Its name tells gmsh what it is, and no file of options lies beside it, which gmsh would run. Raises InputError for a
-    script that could do more than draw.
+    No file of options lies beside it, which gmsh would run. Raises InputError for a script that may do more than draw.
     """
     if path in copies:
         return copies[path]
@@ -175,15 +182,11 @@ def _tamed(script: bytes, path: Path, copies: dict[Path, Path], folder: Path, la
 
 def _draw(source: Path, script: bool, body: BodySpec, contacts: Collection[str], sizes: Sizes | None,
           label: str) -> None:
-    """Write the mesh of the drawing `source` as DRAWN into the current folder; for a process that does nothing else.
-
-    Raises InputError.
-    """
+    """Write the mesh of the drawing `source` as DRAWN; for a process that does nothing else. Raises InputError."""
     with gmsh_session() as gmsh:
         with _gmsh_errors(f"{label} cannot be read"):
             gmsh.open(str(source))
-        if gmsh.model.getEntities(3):
-            raise InputError(f"{label} holds a solid; the geometry of a plane body is a surface in the plane z = 0")
+        d = gmsh.model.getDimension()
         if not gmsh.model.getEntities(2):
             raise InputError(f"{label} has no surface: Plane Surface(1) = {{1}};")
         _choose_groups(gmsh, script, body, contacts, label)
@@ -195,67 +198,85 @@ def _draw(source: Path, script: bool, body: BodySpec, contacts: Collection[str],
             _refuse_tiny(gmsh, body, contacts, label)
             _refine_towards(gmsh, body, contacts)
         with _gmsh_errors(f"{label} cannot be meshed"):
-            gmsh.model.mesh.generate(2)
+            gmsh.model.mesh.generate(d)
             gmsh.model.mesh.setOrder(body.mesh.order or 1)
             gmsh.write(DRAWN)
 
 
 def _choose_groups(gmsh, script: bool, body: BodySpec, contacts: Collection[str], label: str) -> None:
-    """See to it that the groups have names, and that the surface is saved. Raises InputError."""
+    """See to it that the groups have names, and that the body is saved. Raises InputError."""
+    d = gmsh.model.getDimension()
     if not script:  # other files have no physical groups
-        _name_curves(gmsh, body, contacts, label)
+        _name_sides(gmsh, body, contacts, label)
     name_groups(gmsh)
-    names = [{gmsh.model.getPhysicalName(d, tag) for _, tag in gmsh.model.getPhysicalGroups(d)} - {""} for d in (1, 2)]
-    if not names[0]:
-        raise InputError(f"{label} has no physical curves; clamps, tractions and contacts refer to these: "
-                         'Physical Curve("left") = {4};')
-    for name in sorted(names[0] & names[1]):
-        raise InputError(f"{label}: {name!r} is the name of both a physical curve and a physical surface; rename one")
-    surfaces = [tag for _, tag in gmsh.model.getEntities(2)]
-    if not gmsh.model.getPhysicalGroups(2):
-        if len(surfaces) > 1 and script:
-            raise InputError(f"{label} has {len(surfaces)} surfaces and no physical one; name those of the body: "
-                             'Physical Surface("body") = {1};')
-        gmsh.model.addPhysicalGroup(2, surfaces)
+    sides, parts = ({gmsh.model.getPhysicalName(k, tag) for _, tag in gmsh.model.getPhysicalGroups(k)} - {""}
+                    for k in (d - 1, d))
+    if not sides:
+        raise InputError(f"{label} has no {PHYSICAL[d - 1]}s; clamps, tractions and contacts refer to these: "
+                         f'{PHYSICAL[d - 1].title()}("left") = {{4}};')
+    for name in sorted(sides & parts):
+        raise InputError(f"{label}: {name!r} is the name of both a {PHYSICAL[d - 1]} and a {PHYSICAL[d]}; rename one")
+    bodies = [tag for _, tag in gmsh.model.getEntities(d)]
+    if not gmsh.model.getPhysicalGroups(d):
+        if len(bodies) > 1 and script:
+            raise InputError(f"{label} has {len(bodies)} {PHYSICAL[d].split()[1]}s and no physical one; name those of "
+                             f'the body: {PHYSICAL[d].title()}("body") = {{1}};')
+        gmsh.model.addPhysicalGroup(d, bodies)
 
 
-def _name_curves(gmsh, body: BodySpec, contacts: Collection[str], label: str) -> None:
-    """Make every curve a group by its number, and by the last part of its label. Raises InputError."""
-    curves: dict[str, list[int]] = {}
-    for _, tag in gmsh.model.getEntities(1):
-        for name in {str(tag), gmsh.model.getEntityName(1, tag).split("/")[-1]} - {""}:
-            curves.setdefault(name, []).append(tag)
+def _name_sides(gmsh, body: BodySpec, contacts: Collection[str], label: str) -> None:
+    """Make every curve or face a group by its number, and by the last part of its label. Raises InputError."""
+    side = gmsh.model.getDimension() - 1
+    sides: dict[str, list[int]] = {}
+    for _, tag in gmsh.model.getEntities(side):
+        for name in {str(tag), gmsh.model.getEntityName(side, tag).split("/")[-1]} - {""}:
+            sides.setdefault(name, []).append(tag)
     asked = [*contacts, *(clamp.on for clamp in body.clamps), *(load.on for load in body.traction)]
-    missing = next((name for name in asked if name not in curves), None)
+    missing = next((name for name in asked if name not in sides), None)
     if missing is not None:
-        each = []
-        for name, tags in curves.items():
-            low, high = gmsh.model.getParametrizationBounds(1, tags[0])
-            ends = gmsh.model.getValue(1, tags[0], [low[0], (low[0] + high[0]) / 2, high[0]])
-            start, middle, end = (f"({x:.6g}, {y:.6g})" for x, y in np.reshape(ends, (3, 3))[:, :2] + 0.0)
-            each.append(f"{name} from {start} by {middle} to {end}")
-        raise InputError(f"{label} has no curve {missing!r}; it has {'; '.join(each)}")
-    for name, tags in curves.items():
-        gmsh.model.addPhysicalGroup(1, tags, name=name)
+        each = "; ".join(f"{name} {_where(gmsh, side, tags[0])}" for name, tags in sides.items())
+        raise InputError(f"{label} has no {('curve', 'face')[side - 1]} {missing!r}; it has {each}")
+    for name, tags in sides.items():
+        gmsh.model.addPhysicalGroup(side, tags, name=name)
+
+
+def _where(gmsh, side: int, tag: int) -> str:
+    """Where a curve runs in the plane, or a face lies in space, in words."""
+    if side > 1:
+        digits = 5 - int(np.log10(_extent(gmsh, side, tag)))
+        return " to ".join(in_words(np.round(each, digits) + 0.0) for each in _box(gmsh, side, tag))
+    return "from {} by {} to {}".format(*(in_words(at + 0.0) for at in _samples(gmsh, tag)[[0, SAMPLES // 2, -1], :2]))
+
+
+def _box(gmsh, dimension: int = -1, tag: int = -1) -> np.ndarray:
+    """The least and the greatest coordinates (2, 3) of a part of the drawing, or of all of it."""
+    return np.reshape(gmsh.model.getBoundingBox(dimension, tag), (2, 3))
 
 
 def _refuse_tiny(gmsh, body: BodySpec, contacts: Collection[str], label: str) -> None:
     """Raise InputError where the sizes of the scene would make far too many elements."""
-    largest, finest = body.mesh.largest, body.mesh.contact_size or body.mesh.largest
-    area = sum(_area(gmsh, surface) for surface in _of_groups(gmsh, 2))
-    band = NEAR * finest * sum(np.linalg.norm(np.diff(_samples(gmsh, curve), axis=0), axis=1).sum()
-                               for curve in _of_groups(gmsh, 1, contacts))
-    for key, size, covered in (("size", largest, area), ("contact_size", finest, min(area, band))):
-        triangles = covered / (np.sqrt(3) / 4 * size**2)
-        if triangles > TOO_MANY:
-            low, high = np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3))
-            width, height = (high - low)[:2]
-            raise InputError(f"{label}: {key} = {size:g} would make {triangles:.1g} triangles of a drawing of "
-                             f"{width:.3g} by {height:.3g}; is it in the units of the drawing?")
+    d, largest, finest = gmsh.model.getDimension(), body.mesh.largest, body.mesh.contact_size or body.mesh.largest
+    whole = sum(_measure(gmsh, d, tag) for tag in _of_groups(gmsh, d))
+    band = NEAR * finest * sum(_measure(gmsh, d - 1, tag) for tag in _of_groups(gmsh, d - 1, contacts))
+    for key, size, covered in (("size", largest, whole), ("contact_size", finest, min(whole, band))):
+        cells = covered / (REGULAR[d] * size**d)
+        if cells > TOO_MANY:
+            extents = " by ".join(f"{each:.3g}" for each in np.diff(_box(gmsh), axis=0)[0, :d])
+            raise InputError(f"{label}: {key} = {size:g} would make {cells:.1g} {CELLS[d, 1].names} of a drawing of "
+                             f"{extents}; is it in the units of the drawing?")
+
+
+def _measure(gmsh, dimension: int, tag: int) -> float:
+    """The length of a curve, the area of a plane surface; for a face or a volume an estimate by its box."""
+    if dimension == 1:
+        return _curve_bend(gmsh, tag)[1]
+    if gmsh.model.getDimension() == 2:
+        return _area(gmsh, tag)
+    return float(np.sort(np.diff(_box(gmsh, dimension, tag), axis=0)[0])[-dimension:].prod()) * FILLED
 
 
 def _of_groups(gmsh, dimension: int, names: Collection[str] | None = None) -> np.ndarray:
-    """The numbers of the curves (1) or surfaces (2) of physical groups, all or those of some names."""
+    """The numbers of the curves, surfaces or volumes of physical groups, all or those of some names."""
     groups = [tag for _, tag in gmsh.model.getPhysicalGroups(dimension)
               if names is None or gmsh.model.getPhysicalName(dimension, tag) in names]
     return np.unique([each for tag in groups for each in gmsh.model.getEntitiesForPhysicalGroup(dimension, tag)])
@@ -277,16 +298,16 @@ def _area(gmsh, surface: int) -> float:
 
 
 def _refine_towards(gmsh, body: BodySpec, contacts: Collection[str]) -> None:
-    """Limit the sizes of the file, and make elements finer along the curves of the groups in `contacts`."""
+    """Limit the sizes of the file, and make elements finer along the groups in `contacts`."""
     largest, finest = body.mesh.largest, body.mesh.contact_size or body.mesh.largest
     number = gmsh.option.getNumber
     gmsh.option.setNumber("Mesh.MeshSizeMax", min(number("Mesh.MeshSizeMax"), largest))
     gmsh.option.setNumber("Mesh.MeshSizeMin", min(number("Mesh.MeshSizeMin"), finest))
-    curves = _of_groups(gmsh, 1, contacts)
-    own = _background(gmsh)
-    fields = _around(gmsh, largest) + [own] * bool(own)
-    if len(curves) and finest < largest:
-        fields.append(_near(gmsh, curves, finest, largest))
+    side = gmsh.model.getDimension() - 1
+    near, own = _of_groups(gmsh, side, contacts), re.search(r"^Background Field = (\d+);", _unrolled(gmsh), re.M)
+    fields = _around(gmsh, largest) + ([int(own[1])] if own else [])
+    if len(near) and finest < largest:
+        fields.append(_near(gmsh, side, near, finest, largest))
     if fields:
         gmsh.model.mesh.field.setAsBackgroundMesh(_field(gmsh, "Min", FieldsList=fields))
 
@@ -302,11 +323,11 @@ def _follow(gmsh, sizes: Sizes, largest: float, label: str) -> None:
         free_of_them.write_text(free, encoding="utf-8")
         again.mkdir()
         gmsh.open(str(_copy(free_of_them, {}, again, label)))  # its names of groups may be anything
-    plane = gmsh.model.getBoundingBox(-1, -1)[2::3]
-    xyz = np.column_stack([sizes.points, np.full(len(sizes.points), sum(plane) / 2)])
-    corners = xyz[sizes.triangles].transpose(0, 2, 1).reshape(-1, 9)
-    view = gmsh.view.add("sizes")
-    gmsh.view.addListData(view, "ST", len(corners), np.column_stack([corners, sizes.sizes[sizes.triangles]]).ravel())
+    d, middle = sizes.points.shape[1], _box(gmsh).mean(axis=0)
+    xyz = np.column_stack([sizes.points, np.tile(middle[d:], (len(sizes.points), 1))])
+    corners = xyz[sizes.triangles].transpose(0, 2, 1).reshape(len(sizes.triangles), -1)
+    view, data = gmsh.view.add("sizes"), np.column_stack([corners, sizes.sizes[sizes.triangles]]).ravel()
+    gmsh.view.addListData(view, {2: "ST", 3: "SS"}[d], len(corners), data)
     for option, value in (("SizeMin", 0.0), ("SizeMax", largest), ("SizeFactor", 1.0), ("SizeFromPoints", 0),
                           ("SizeExtendFromBoundary", 0), ("SizeFromCurvature", 0)):
         gmsh.option.setNumber(f"Mesh.Mesh{option}", value)
@@ -315,23 +336,42 @@ def _follow(gmsh, sizes: Sizes, largest: float, label: str) -> None:
 
 
 def _around(gmsh, largest: float) -> list[int]:
-    """Fields that make elements along curved curves small enough for their radii."""
-    alike: dict[int, list[tuple[float, int]]] = {}
-    for _, tag in gmsh.model.getEntities(1):
-        steps = np.diff(_samples(gmsh, tag), axis=0)
-        length = np.linalg.norm(steps, axis=1)
-        bend = np.linalg.norm(np.diff(steps / length[:, None], axis=0), axis=1).max() / length.mean()  # 1 / radius
-        size = max(2 * np.pi / AROUND / max(bend, 1 / OFF), length.sum() / MOST)
-        if size < largest:
-            alike.setdefault(round(np.log(size) / ALIKE), []).append((size, tag))
-    return [_near(gmsh, [tag for _, tag in curves], min(curves)[0], largest) for curves in alike.values()]
+    """Fields that make elements along curved curves and faces small enough for their radii."""
+    alike: dict[tuple[int, int], list[tuple[float, int]]] = {}
+    for dimension, tag in [*gmsh.model.getEntities(1), *gmsh.model.getEntities(2)]:
+        bend, extent = {1: _curve_bend, 2: _face_bend}[dimension](gmsh, tag)
+        size = max(2 * np.pi / AROUND / max(bend, 1 / OFF), extent / MOST)
+        if size < largest and extent > TINY * _extent(gmsh):
+            alike.setdefault((dimension, round(np.log(size) / ALIKE)), []).append((size, tag))
+    return [_near(gmsh, dimension, [tag for _, tag in each], min(each)[0], largest)
+            for (dimension, _), each in alike.items()]
 
 
-def _near(gmsh, curves, finest: float, largest: float) -> int:
-    """A field of size `finest` along curves, which grows to `largest`."""
-    boxes = [np.reshape(gmsh.model.getBoundingBox(1, curve), (2, 3)) for curve in curves]
-    extent = max(np.linalg.norm(high - low) for low, high in boxes)
-    far = _field(gmsh, "Distance", CurvesList=curves, Sampling=int(np.clip(4 * extent / finest, 20, 20_000)))
+def _extent(gmsh, *part: int) -> float:
+    return float(np.linalg.norm(np.diff(_box(gmsh, *part), axis=0)))
+
+
+def _curve_bend(gmsh, tag: int) -> tuple[float, float]:
+    """The largest curvature of a curve (1/m), and its length (m)."""
+    steps = np.diff(_samples(gmsh, tag), axis=0)
+    length = np.maximum(np.linalg.norm(steps, axis=1), 1 / OFF)
+    return np.linalg.norm(np.diff(steps / length[:, None], axis=0), axis=1).max() / length.mean(), length.sum()
+
+
+def _face_bend(gmsh, tag: int) -> tuple[float, float]:
+    """The curvature of a face (1/m), which at the tip of a cone has no bound, and the face's extent (m)."""
+    if gmsh.model.getType(2, tag) == "Plane":
+        return 0.0, 0.0
+    low, high = gmsh.model.getParametrizationBounds(2, tag)
+    bends = gmsh.model.getCurvature(2, tag, (low + ACROSS * (high - low)).ravel())
+    return float(np.percentile(np.abs(bends), 75)), _extent(gmsh, 2, tag)
+
+
+def _near(gmsh, dimension: int, tags, finest: float, largest: float) -> int:
+    """A field of size `finest` along curves or faces, which grows to `largest`."""
+    extent = max(_extent(gmsh, dimension, tag) for tag in tags)
+    far = _field(gmsh, "Distance", Sampling=int(np.clip(4 * extent / finest, 20, {1: 20_000, 2: 500}[dimension])),
+                 **{("CurvesList", "SurfacesList")[dimension - 1]: tags})
     return _field(gmsh, "Threshold", InField=far, SizeMin=finest, SizeMax=largest, DistMin=NEAR * finest,
                   DistMax=NEAR * finest + (largest - finest) / GRADE)
 
@@ -343,12 +383,6 @@ def _field(gmsh, kind: str, **values) -> int:
         put = gmsh.model.mesh.field.setNumber if np.isscalar(value) else gmsh.model.mesh.field.setNumbers
         put(field, key, value)
     return int(field)
-
-
-def _background(gmsh) -> int:
-    """The number of the file's own background field; 0 if it has none."""
-    found = re.search(r"^Background Field = (\d+);", _unrolled(gmsh), re.M)
-    return int(found[1]) if found else 0
 
 
 def _unrolled(gmsh) -> str:
@@ -364,21 +398,3 @@ def _gmsh_errors(what: str) -> Iterator[None]:
         yield
     except Exception as error:  # gmsh raises bare ones
         raise InputError(f"{what} (gmsh: {error})") from None
-
-
-def graded(mesh: Mesh, sizes: np.ndarray) -> Sizes:
-    """`sizes` (nt,) of the triangles as sizes at the corners, which grow by no more than GRADE with the distance.
-
-    Not collective.
-    """
-    corners, area = mesh.triangles[:, :3], signed_measures(mesh.points, mesh.triangles)
-    used, corners = np.unique(corners, return_inverse=True)
-    corners, points, k = corners.reshape(-1, 3), mesh.points[used], len(used)
-    weight = np.bincount(corners.ravel(), np.repeat(area, 3))
-    nodal = np.exp(np.bincount(corners.ravel(), np.repeat(area * np.log(sizes), 3)) / weight)
-    links = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
-    far = GRADE * np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1)
-    ends = np.concatenate([links.T, [np.full(k, k), np.arange(k)]], axis=1)  # the shortest way from an outer node
-    _, first = np.unique(np.sort(ends, axis=0), axis=1, return_index=True)
-    graph = sparse.csr_matrix((np.concatenate([far, nodal])[first], ends[:, first]), shape=(k + 1, k + 1))
-    return Sizes(points, corners, csgraph.dijkstra(graph, directed=False, indices=k)[:k])

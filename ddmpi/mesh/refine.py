@@ -1,14 +1,16 @@
-"""Finer meshes, and meshes of order 2."""
+"""Finer meshes, sizes of their elements, and meshes of order 2."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.sparse as sparse
+from scipy.sparse import csgraph
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import CELLS
-from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.mesh import Mesh, signed_measures
 
 CORNERS_CUT = {1: [[0, 2], [2, 1]], 2: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]],
                3: [[0, 4, 6, 7], [4, 1, 5, 8], [6, 5, 2, 9], [7, 8, 9, 3]]}
@@ -22,6 +24,24 @@ INSIDE = {3: np.array([[[4, 9, a, b] for a, b in ((5, 6), (6, 7), (7, 8), (8, 5)
 
 EQUAL = 1e-6
 """Diagonals whose lengths differ by less than this part of them are equally long; the first of them is taken."""
+
+GRADE = 0.3
+"""By how much the size of elements grows with the distance, at most."""
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """The sizes that the elements of a body shall have, linear on the cells of an earlier mesh.
+
+    Attributes
+    ----------
+    points, triangles : (k, d) in metres and (t, d + 1)
+    sizes : (k,) lengths of sides (m)
+    """
+
+    points: np.ndarray
+    triangles: np.ndarray
+    sizes: np.ndarray
 
 
 def raise_order(mesh: Mesh, key: str) -> Mesh:
@@ -108,3 +128,21 @@ def _parts(mesh: Mesh) -> np.ndarray:
     lengths = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
     shortest = (lengths <= (1.0 + EQUAL) * lengths.min(axis=1, keepdims=True)).argmax(axis=1)
     return np.concatenate([outer, inside[shortest]], axis=1)
+
+
+def graded(mesh: Mesh, sizes: np.ndarray) -> Sizes:
+    """`sizes` (nt,) of the cells as sizes at the corners, which grow by no more than GRADE with the distance.
+
+    Not collective.
+    """
+    measure, n = signed_measures(mesh.points, mesh.corners), mesh.dimension + 1
+    used, corners = np.unique(mesh.corners, return_inverse=True)
+    corners, points, k = corners.reshape(-1, n), mesh.points[used], len(used)
+    weight = np.bincount(corners.ravel(), np.repeat(measure, n))
+    nodal = np.exp(np.bincount(corners.ravel(), np.repeat(measure * np.log(sizes), n)) / weight)
+    links = np.concatenate([corners[:, edge] for edge in mesh.cell.edges[:, :2]])
+    far = GRADE * np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1)
+    ends = np.concatenate([links.T, [np.full(k, k), np.arange(k)]], axis=1)  # the shortest way from an outer node
+    _, first = np.unique(np.sort(ends, axis=0), axis=1, return_index=True)
+    graph = sparse.csr_matrix((np.concatenate([far, nodal])[first], ends[:, first]), shape=(k + 1, k + 1))
+    return Sizes(points, corners, csgraph.dijkstra(graph, directed=False, indices=k)[:k])

@@ -21,7 +21,7 @@ from ddmpi.errors import InputError, NotConvergedError, OutputError, SolverError
 from ddmpi.judge.accuracy import MeshLadder, demand, refine_scene
 from ddmpi.judge.diagnosis import diagnose
 from ddmpi.judge.plausible import doubt_answer, doubt_mesh, doubt_stress
-from ddmpi.mesh.geometry import Sizes
+from ddmpi.mesh.refine import Sizes
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.results.fields import Fields, contact_fields, write_facets, write_fields, write_xdmf

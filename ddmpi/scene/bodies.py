@@ -80,7 +80,8 @@ class PartMaterial(Material, frozen=True, kw_only=True):
 
     Attributes
     ----------
-    on : physical surface of the drawing or the mesh file; left out, all triangles that no other entry names
+    on : physical surface (of a solid: volume) of the drawing or the mesh file; left out, all cells that no other entry
+        names
     """
 
     on: Group | None = None
@@ -91,7 +92,7 @@ class Clamp(Table, frozen=True, kw_only=True):
 
     Attributes
     ----------
-    on : boundary group or physical point
+    on : boundary group or physical point, in space also physical curve
     x, y, z : component of the displacement (m); left out, it is free
     history : [history.NAME] whose factor multiplies it
     """

@@ -69,11 +69,11 @@ class MeshSpec(Table, frozen=True, kw_only=True):
     angles : of an annulus, [start, end] in degrees; if they are 360 apart, it is closed and has no start and end
     divisions : numbers of cells, each cut into two triangles: [nx, ny], of an annulus [around, across]; in space
         [nx, ny, nz], each cut into six tetrahedra
-    file : triangles with groups: "x.msh" as gmsh writes it, in any version of its format; "x.inp" of Abaqus or
-        CalculiX; "x.med"; "x.vtu" and "x.vtk"; quadrilaterals are cut into two triangles; see docs/start/drawing.md
-    geometry : a drawing (.geo, .step, .brep) with physical groups, see docs/start/drawing.md
+    file : triangles or tetrahedra with groups: "x.msh" as gmsh writes it, in any version of its format; "x.inp" of
+        Abaqus or CalculiX; "x.med"; "x.vtu" and "x.vtk"; other elements are cut into these; see docs/start/drawing.md
+    geometry : a drawing (.geo, .step, .brep) with physical groups, or of a solid; see docs/start/drawing.md
     contact_size : size of a geometry's elements along contacts (m); left out, a quarter of size
-    order : 1 for linear triangles, 2 for quadratic ones, whose sides are curved along circles of an annulus, curves of
+    order : 1 for linear elements, 2 for quadratic ones, whose sides are curved along circles of an annulus, curves of
         a geometry, and as a second-order file has them; the same for all bodies. Left out, it follows another body
         that names it, then the preset, then the files; otherwise it is 1; see docs/use/elements.md
     refine : how often the sides of a file's mesh are halved, or "as needed" for method.target_error

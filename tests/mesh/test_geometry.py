@@ -9,9 +9,9 @@ import pytest
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.build import build_mesh
-from ddmpi.mesh.geometry import GRADE, Sizes, graded
 from ddmpi.mesh.mesh import Mesh, signed_measures
 from ddmpi.mesh.read import gmsh_session
+from ddmpi.mesh.refine import GRADE, Sizes, graded
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec
 
 PLATE = """
@@ -223,7 +223,6 @@ def test_curves_of_cad_files_are_groups_by_number(cad):
     (PLATE + "Point(9) = {1, 0, 0,};\nfoo bar;\n", "cannot be read (gmsh: "),
     (PLATE + GROUPS, "has no surface"),
     (SURFACE, "has no physical curves"),
-    (SURFACE + GROUPS + "Extrude {0, 0, 1} { Surface{1}; }", "holds a solid"),
     (SURFACE + GROUPS + "Exit;", "ends gmsh (exit code 0)"),
     (SURFACE + GROUPS + 'Physical Curve("plate") = {1};', "both a physical curve and a physical surface"),
     (SURFACE.replace("{2, 1, 0}", "{2, 1, 1}").replace("{0, 1, 0}", "{0, 1, 1}") + GROUPS, "is not plane"),
@@ -232,7 +231,7 @@ def test_curves_of_cad_files_are_groups_by_number(cad):
      + "Plane Surface(2) = {2};",
      "has 2 surfaces and no physical one"),
     (PLATE.replace("{1, 2, 3, 4};\n", "{1, 2, 3};\n") + "Plane Surface(1) = {1};" + GROUPS, "cannot be "),
-], ids=["syntax", "no surface", "no curves", "solid", "exit", "two names", "not plane", "two surfaces", "open loop"])
+], ids=["syntax", "no surface", "no curves", "exit", "two names", "not plane", "two surfaces", "open loop"])
 def test_bad_geometries_are_refused(tmp_path, text, words):
     """A geometry that cannot be a plane body is refused with its name and the reason; the next one is not."""
     path = write(tmp_path / "plate.geo", text)

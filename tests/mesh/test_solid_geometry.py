@@ -1,0 +1,219 @@
+"""Drawings of solids: .geo, .step and .brep as gmsh meshes them in the run, how fine, and what is refused."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import gmsh
+import numpy as np
+import pytest
+
+from ddmpi.errors import InputError
+from ddmpi.mesh.boundary import group_nodes, turn_outward
+from ddmpi.mesh.build import build_mesh, kind_of_files
+from ddmpi.mesh.elements import facet_measures
+from ddmpi.mesh.mesh import Mesh, signed_measures
+from ddmpi.mesh.read import gmsh_session
+from ddmpi.mesh.refine import Sizes, graded
+from ddmpi.scene.bodies import BodySpec, Material, MeshSpec, PartMaterial, Traction
+from ddmpi.scene.reader import read_scene
+
+BLOCK = """
+SetFactory("OpenCASCADE");
+Box(1) = {0, 0, 0, 2, 1, 1};
+Cylinder(2) = {1, 0, 0.5, 0, 1, 0, 0.25};
+BooleanDifference(3) = { Volume{1}; Delete; }{ Volume{2}; Delete; };
+"""
+"""A block 2 × 1 × 1 with a bore along y."""
+
+GROUPS = """
+left() = Surface In BoundingBox {-.1, -.1, -.1, .1, 1.1, 1.1}; Physical Surface("left") = left();
+top() = Surface In BoundingBox {-.1, -.1, .9, 2.1, 1.1, 1.1}; Physical Surface("top") = top();
+bore() = Surface In BoundingBox {.7, -.1, .2, 1.3, 1.1, .8}; Physical Surface("bore") = bore();
+edge() = Curve In BoundingBox {-.1, -.1, -.1, .1, 1.1, .1}; Physical Curve("edge") = edge();
+corner() = Point In BoundingBox {-.1, -.1, -.1, .1, .1, .1}; Physical Point("corner") = corner();
+"""
+
+EXTRUDED = """
+Point(1) = {0, 0, 0}; Point(2) = {2, 0, 0}; Point(3) = {2, 1, 0}; Point(4) = {0, 1, 0};
+Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 1};
+Curve Loop(1) = {1, 2, 3, 4}; Plane Surface(1) = {1};
+out[] = Extrude {0, 0, 1} { Surface{1}; %s };
+Physical Surface("bottom") = {1}; Physical Surface("top") = {out[0]};
+Physical Surface(7) = {out[2]};
+"""
+"""A block of gmsh's own kernel, without a physical volume."""
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+def spec(path: Path, size: float = 0.5, order: int = 1, clamp=(), **keys) -> BodySpec:
+    rest = {key: keys.pop(key) for key in ("material", "traction") if key in keys}
+    return BodySpec(name="block", mesh=MeshSpec(geometry=str(path), size=size, order=order, **keys), clamp=list(clamp),
+                    **{"material": Material(young=1.0, poisson=0.3)} | rest)
+
+
+def drawn(path: Path, contacts: tuple[str, ...] = (), sizes: Sizes | None = None, order: int = 1, **keys) -> Mesh:
+    return build_mesh(spec(path, order=order, **keys).settled(order, 3), Path("."), contacts, sizes)
+
+
+def longest(mesh: Mesh) -> np.ndarray:
+    """The longest edge (nt,) of each cell."""
+    ends = mesh.points[mesh.triangles[:, mesh.cell.edges[:, :2]]]
+    return np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2).max(axis=1)
+
+
+def cad(path: Path, draw: Callable) -> Path:
+    with gmsh_session():
+        draw(gmsh.model.occ)
+        gmsh.model.occ.synchronize()
+        gmsh.write(str(path))
+    return path
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_solid_has_its_groups_and_is_as_fine_as_asked(tmp_path, order):
+    """A .geo with volumes is meshed with tetrahedra and its groups, curved in order 2; the same file, the same mesh."""
+    path = write(tmp_path / "block.geo", BLOCK + GROUPS)
+    meshes = [drawn(path, order=order, clamp=["left", "edge", "corner"]) for _ in range(2)]
+    assert np.array_equal(meshes[0].points, meshes[1].points)
+    mesh, volume = meshes[0], 2.0 - np.pi * 0.25**2
+    assert (mesh.dimension, mesh.order, mesh.groups.keys()) == (3, order, {"left", "top", "bore"})
+    assert longest(mesh).max() < 2 * 0.5
+    assert mesh.measures().sum() == pytest.approx(volume, rel={1: 1e-2, 2: 1e-4}[order])
+    bore = facet_measures(mesh.points[mesh.groups["bore"]]).sum()
+    assert bore == pytest.approx(np.pi * 0.5, rel={1: 1e-2, 2: 1e-4}[order])
+    assert len(mesh.groups["bore"]) >= 24  # elements around
+    for name, group in mesh.groups.items():
+        assert len(turn_outward(mesh, group, name)[0]) == len(group)
+    assert (mesh.points[group_nodes(mesh, "edge", "")][:, [0, 2]] == 0.0).all()
+    assert mesh.points[group_nodes(mesh, "corner", "")].tolist() == [[0.0, 0.0, 0.0]]
+
+
+def test_a_solid_is_finer_along_contacts(tmp_path):
+    """Elements have the contact's size on its faces, and the largest size far away."""
+    path = write(tmp_path / "block.geo", BLOCK + GROUPS)
+    mesh = drawn(path, ("left",), size=0.5, contact_size=0.1)
+    near = np.isin(mesh.triangles, mesh.groups["left"]).any(axis=1)
+    assert longest(mesh)[near].max() < 0.2
+    far = mesh.points[mesh.triangles].min(axis=1)[:, 0] > 1.5
+    assert np.median(longest(mesh)[far]) > 0.2
+
+
+def test_a_curved_face_has_enough_elements(tmp_path):
+    """A ball that is drawn without curves of its size has elements around it, and its poles do no harm."""
+    path = cad(tmp_path / "ball.step", lambda occ: occ.addSphere(0, 0, 0, 1))
+    mesh = drawn(path, size=10.0)
+    assert mesh.measures().sum() == pytest.approx(4 / 3 * np.pi, rel=0.05)
+    normals = np.linalg.norm(mesh.points[mesh.groups["1"]].mean(axis=1), axis=1)
+    assert normals.min() > np.cos(np.radians(20)) and len(mesh.groups["1"]) > 200
+
+
+def test_given_sizes_are_followed(tmp_path):
+    """Sizes by an accuracy target replace all others; they are linear on the tetrahedra of the mesh before."""
+    for text in (BLOCK + GROUPS, EXTRUDED % ""):
+        path = write(tmp_path / "block.geo", text)
+        start = drawn(path)
+        at = start.points[start.corners].mean(axis=1)
+        sizes = graded(start, np.where(at[:, 0] < 1.0, 0.08, 0.4))
+        mesh = drawn(path, sizes=sizes)
+        x = mesh.points[mesh.corners].mean(axis=1)[:, 0]
+        assert np.median(longest(mesh)[x < 0.6]) < 0.15 and np.median(longest(mesh)[x > 1.7]) > 0.2
+
+
+def test_sizes_grow_slowly(tmp_path):
+    """Sizes at nodes grow by no more than 0.3 with the distance along edges, and are the cells' where they agree."""
+    mesh = drawn(write(tmp_path / "block.geo", EXTRUDED % ""))
+    assert np.allclose(graded(mesh, np.full(len(mesh.triangles), 0.3)).sizes, 0.3)
+    found = graded(mesh, np.where(np.arange(len(mesh.triangles)) == 0, 1e-3, 10.0))
+    ends = found.triangles[:, mesh.cell.edges]
+    steps = np.linalg.norm(np.diff(found.points[ends], axis=2)[:, :, 0], axis=2)
+    assert (np.abs(np.diff(found.sizes[ends])[..., 0]) <= 0.3 * steps + 1e-12).all()
+
+
+@pytest.mark.parametrize("layers", ["", "Layers{3};", "Layers{3}; Recombine;"])
+def test_solids_of_gmshs_own_kernel(tmp_path, layers):
+    """A body is all volumes where no group says so; groups without a name have a number; prisms are cut."""
+    mesh = drawn(write(tmp_path / "block.geo", EXTRUDED % layers))
+    assert mesh.groups.keys() == {"bottom", "top", "7"} and bool(mesh.cut) == ("Recombine" in layers)
+    assert mesh.measures().sum() == pytest.approx(2.0, rel=1e-12)
+    assert (signed_measures(mesh.points, mesh.triangles) > 0).all()
+
+
+@pytest.mark.parametrize("suffix", [".step", ".brep"])
+def test_faces_of_cad_files_are_groups_by_number(tmp_path, suffix):
+    """Faces of STEP and BREP files are called by their numbers, which the message about a wrong one explains."""
+    path = cad(tmp_path / f"block{suffix}", lambda occ: occ.addBox(0, 0, 0, 2, 1, 0.5))
+    with pytest.raises(InputError, match=r"has no face 'left'; it has .*(\d) \(0, 0, 0\) to \(2, 1, 0\)"):
+        drawn(path, clamp=["left"])
+    mesh = drawn(path, order=2, clamp=["1"])
+    assert mesh.groups.keys() == {str(k) for k in range(1, 7)} and mesh.measures().sum() == pytest.approx(1.0)
+    areas = sorted(facet_measures(mesh.points[group]).sum() for group in mesh.groups.values())
+    assert areas == pytest.approx([0.5, 0.5, 1.0, 1.0, 2.0, 2.0])
+
+
+def test_drawings_say_the_dimension(tmp_path):
+    """A drawing with volumes makes the scene solid, where nothing else says what it is."""
+    solid, flat = write(tmp_path / "solid.geo", EXTRUDED % ""), write(
+        tmp_path / "flat.geo", (EXTRUDED % "").split("out[]")[0] + 'Physical Curve("bottom") = {1};')
+    kind = kind_of_files(tmp_path / "scene.toml")
+    assert kind(spec(solid)) == (3, 1) and kind(spec(flat)) == (2, 1)
+    text = """
+[[body]]
+name = "block"
+mesh = {{ geometry = "{0}", size = 0.5 }}
+material = {{ young = 1.0, poisson = 0.3 }}
+clamp = ["bottom"]
+[[rigid]]
+name = "floor"
+shape = "plane"
+point = {1}
+normal = {1}
+[[contact]]
+bodies = ["block", "floor"]
+on = ["bottom"]
+"""
+    assert read_scene("scene.toml", text.format("solid.geo", "[0, 0, 1]"), (), kind).dimension == 3
+    no_rigid = text.split("[[rigid]]")[0]
+    both = no_rigid + no_rigid.replace('"block"', '"other"').replace("{0}", "{1}") + """
+[[contact]]
+bodies = ["block", "other"]
+on = ["bottom", "bottom"]
+"""
+    assert read_scene("scene.toml", both.format("solid.geo", "solid.geo"), (), kind).dimension == 3
+    with pytest.raises(InputError, match=r"geometry: flat.geo is in the plane, and .* = solid.geo is in space"):
+        read_scene("scene.toml", both.format("solid.geo", "flat.geo"), (), kind)
+    with pytest.raises(InputError, match="the mesh is in space, and the scene is in the plane"):
+        build_mesh(spec(solid), dimension=2)
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    (BLOCK, "has no physical surfaces; clamps, tractions and contacts refer to these: Physical Surface("),
+    (BLOCK + GROUPS + 'Physical Volume("top") = {3};', "'top' is the name of both a physical surface and a physical "
+                                                       "volume; rename one"),
+    (BLOCK + GROUPS + "Box(9) = {5, 0, 0, 1, 1, 1};", "has 2 volumes and no physical one; name those of the body"),
+])
+def test_bad_drawings_of_solids_are_refused(tmp_path, text, words):
+    """A drawing that cannot be a solid body is refused with its name and the reason."""
+    path = write(tmp_path / "block.geo", text)
+    with pytest.raises(InputError) as error:
+        drawn(path)
+    assert str(error.value).startswith(f"body.block.mesh.geometry: {path}") and words in str(error.value)
+
+
+def test_a_size_in_other_units_is_refused(tmp_path):
+    """A size in metres for a drawing in millimetres ends at once, and the message says so."""
+    path = write(tmp_path / "block.geo", EXTRUDED % "")
+    with pytest.raises(InputError, match=r"size = 0\.0005 would make .* tetrahedra of a drawing of 2 by 1 by 1; is it"):
+        drawn(path, size=0.0005)
+
+
+def test_parts_and_loads_of_a_drawing(tmp_path):
+    """Physical volumes carry materials; a load on a curve is refused."""
+    path = write(tmp_path / "block.geo", BLOCK + GROUPS + 'Physical Volume("steel") = {3};')
+    mesh = drawn(path, material=[PartMaterial(on="steel", young=1.0, poisson=0.3)])
+    assert len(mesh.surfaces["steel"]) == len(mesh.triangles)
+    with pytest.raises(InputError, match="'edge' is a physical curve of the mesh, which only a clamp may name"):
+        drawn(path, traction=[Traction(on="edge", pressure=1.0)])
