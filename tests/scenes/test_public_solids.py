@@ -1,0 +1,83 @@
+"""Solids with published answers: eleven scenes by another program, and the model scene of two boxes in space."""
+
+import numpy as np
+import pytest
+import scenes
+from mpi4py import MPI
+from solid_scenes import PUBLIC, corners, two_boxes
+
+import ddmpi
+
+IMPOSSIBLE = [title for title, each in PUBLIC.items() if each["answer"]["status"] == "no equilibrium"]
+POSSIBLE = [title for title in PUBLIC if title not in IMPOSSIBLE]
+
+
+@pytest.mark.parametrize("title", POSSIBLE)
+def test_answer_is_the_published_one(title):
+    """Displacements of corners to 1e-6 of the largest one; where no node belongs to several contacts, whose forces are
+    then not unique, resultants to 1e-6 and nodes by status."""
+    scene, known = PUBLIC[title]["scene"], PUBLIC[title]["answer"]
+    answer = ddmpi.solve(scene, MPI.COMM_SELF)
+    assert answer.certified, answer.reason
+    largest = known["displacement_max"]
+    assert answer.summary["displacement_max"] == pytest.approx(largest, rel=1e-6)
+    for spec in scene["body"]:
+        body = answer.bodies[spec["name"]]
+        for at, u in zip(corners(spec["mesh"])[[0, 6]], known["corners"][spec["name"]], strict=True):
+            node = np.linalg.norm(body.points - at, axis=1).argmin()
+            assert np.abs(body.displacement[node] - u).max() <= 1e-6 * largest
+    assert len(answer.summary["steps"]) == len(known["steps"])
+    for step, expected in zip(answer.summary["steps"], known["steps"], strict=True):
+        for found, each in zip(step["contacts"].values(), expected, strict=True):
+            if each["shared_nodes"]:
+                continue
+            assert [found[key] for key in ("open", "slip", "stick")] == [each[key] for key in ("open", "slip", "stick")]
+            size = np.abs(each["force"]).max()
+            assert np.abs(np.subtract(found["force"], each["force"])).max() <= 1e-6 * size
+            assert np.abs(np.subtract(found["moment"], each["moment"])).max() <= 1e-6 * np.abs(each["moment"]).max()
+
+
+@pytest.mark.parametrize("title", IMPOSSIBLE)
+def test_what_cannot_stand_is_refused_by_the_command(title, tmp_path):
+    """Exit code 3, and a reason that names it."""
+    path = scenes.write_scene(PUBLIC[title]["scene"], tmp_path / "scene.toml")
+    run = scenes.run_command(path, tmp_path / "results", ranks=1)
+    assert run.code == 3, run.output
+    assert run.summary["converged"] is False
+    assert "no equilibrium" in run.summary["reason"]
+
+
+def boxes(*arguments, steps: int, inner: int, force: tuple[float, ...], m: int, rel: float = 1e-6, slow: bool = False,
+          **keys):
+    """A row of the table of two boxes: Newton steps, GMRES iterations, resultants along y, x and z, and rows."""
+    return pytest.param(arguments, keys, steps, inner, force, m, rel, marks=[pytest.mark.slow] if slow else [],
+                        id=" ".join(map(str, (*arguments, *keys.values()))))
+
+
+TRESCA = {"law": "tresca", "slip_bound": 1.2e7}
+
+
+@pytest.mark.parametrize("arguments, keys, steps, inner, force, m, rel", [
+    boxes(4, steps=8, inner=73, force=(1.13363555e8, -8.0786785e6, -4.9433846e6), m=60),
+    boxes(4, law=TRESCA, steps=8, inner=75, force=(1.13303709e8, -7.5050547e6, -4.6935660e6), m=60),
+    boxes(8, steps=10, inner=98, force=(1.146577e8, -8.234903e6, -4.547908e6), m=216),
+    boxes(8, law=TRESCA, steps=10, inner=108, force=(1.146029e8, -7.192454e6, -4.160715e6), m=216, slow=True),
+    boxes(16, steps=11, inner=134, force=(1.1529466e8, -8.268981e6, -4.433111e6), m=816, slow=True),
+    boxes(8, pairing="mortar", steps=10, inner=99, force=(1.1567e8,), m=216, rel=1e-4),
+    boxes(8, 6, slave="upper", steps=11, inner=119, force=(1.157e8,), m=216, rel=2e-3),
+    boxes(4, order=2, steps=7, inner=59, force=(1.1620e8,), m=60, rel=1e-4),
+    boxes(8, 7, order=2, slave="upper", steps=8, inner=83, force=(1.15911e8,), m=216, rel=1e-5, slow=True),
+    boxes(16, 13, slave="upper", steps=13, inner=160, force=(1.15780e8,), m=816, rel=1e-5, slow=True)])
+def test_two_boxes(arguments, keys, steps, inner, force, m, rel):
+    """Resultants as measured by another program, steps and GMRES iterations within 1.2 of its own."""
+    order = keys.get("order", 1)
+    answer = ddmpi.solve(two_boxes(*arguments, **keys), MPI.COMM_SELF)
+    assert answer.certified, answer.reason
+    summary, contact = answer.summary, answer.summary["contacts"]["upper-lower"]
+    assert (summary["order"], contact["m"]) == (order, m)
+    assert contact["pairing"] == ("nodes" if order == 1 and len(arguments) == 1 and "pairing" not in keys else "mortar")
+    assert np.array(contact["force"])[[1, 0, 2]][:len(force)] == pytest.approx(force, rel=rel)
+    if arguments == (16,):
+        assert [contact[key] for key in ("open", "slip", "stick")] == [82, 659, 75]
+    assert summary["outer_iterations"] <= 1.2 * steps
+    assert summary["inner_iterations"] <= 1.2 * inner
