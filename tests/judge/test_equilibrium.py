@@ -516,6 +516,8 @@ def test_motions_of_solids_are_found_from_displacements():
     shift = body.centre - points[0]  # about points[0], by Steiner
     moment = 6.0 * 9 * ((1.0 + 9.0) / 12 + shift[1:] @ shift[1:])
     assert body.inertia[0, 0] == pytest.approx(moment) and body.inertia[3, 3] == pytest.approx(6.0 * 4)
+
+
 def test_a_drift_is_named_by_how_far_nodes_move(monkeypatch):
     """A plate of 200 m that slides by 1 m and turns by 0.01 m at its farthest corner slides, whatever its size."""
     points = 100.0 * np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]])
