@@ -12,17 +12,22 @@ from petsc4py import PETSc
 from scipy.linalg.blas import dsymv
 
 from ddmpi.body.solver import StiffnessSolver
+from ddmpi.petsc.dissection import elimination_order
 from ddmpi.petsc.events import event
 from ddmpi.petsc.lanczos import estimate_norm
 from ddmpi.system import interrupt
 
 LARGEST_RATIO = 2e6
-"""A dense compliance is the default up to this ratio of k³ to n, with k contact dofs and n dofs in all: inverting
-k × k costs k³ and saves hundreds of solves, each of which costs a multiple of n. Measured on thin and thick blocks with
-k from 600 to 4000: faster than a solve per product in all cases, up to a ratio of 1.8e6."""
+"""A dense compliance is the default up to this ratio of k³ to n, with k contact dofs and n dofs in all. Thin blocks
+reach it: one of 2000 × 8 elements (1.8e6) takes 0.25 s more to factor and saves 3 ms of 7 with each product. Where MUMPS
+is called through PETSc, an inverse costs k³."""
 
-FACTORS, FACTORS_WITH_SCHUR = 55.0, 75.0
-"""Bytes per n log₂ n of MUMPS's factors, measured on pinched blocks up to n = 616,000 (both are within 3 %)."""
+FACTORS, FACTORS_WITH_SCHUR = 55.0, 60.0
+"""Bytes per n log₂ n of MUMPS's factors. The first was measured on pinched blocks up to n = 616,000, within 3 %; the
+second on these blocks from n = 45,000 to 279,000, of squares, squares of order 2 and gmsh's triangles, within 4 %."""
+
+FEWEST = 10_000
+"""Nodes from which on a body is factored in an order of our own; in smaller ones MUMPS's costs no more."""
 
 MARGIN = 1.5
 """The free memory must exceed the estimate by this factor (quadratic elements have denser rows)."""
@@ -54,6 +59,7 @@ class Compliance:
         decide, with direct instead of explicit if the factorization is not MUMPS's
     memory : bytes that may be used
     make_solver : what makes the solver with A, called as `StiffnessSolver` is
+    points : (nodes of A, d) their positions, for the order of elimination; without them MUMPS chooses it
 
     Attributes
     ----------
@@ -67,7 +73,8 @@ class Compliance:
     """
 
     def __init__(self, A: PETSc.Mat, B: sparse.csr_matrix, name: str, kind: str | None = None,
-                 memory: float = np.inf, make_solver: Callable[..., Any] = StiffnessSolver) -> None:
+                 memory: float = np.inf, make_solver: Callable[..., Any] = StiffnessSolver,
+                 points: np.ndarray | None = None) -> None:
         self.B, self.size, self._B_transposed = B, B.shape[0], B.T.tocsr()
         dofs = np.unique(B.indices[B.data != 0.0])
         self.kind, self.reason = (kind, "asked for") if kind else choose_kind(A.size[0], len(dofs), memory)
@@ -75,23 +82,29 @@ class Compliance:
             self.kind = "direct"
             self.reason = "clamps hold its whole contact: C = 0" if self.size else "it touches nothing"
         self._rigid = not len(dofs)
-        self.solver = make_solver(A, name, dofs if self.kind == "explicit" else None,
-                                  iterative=self.kind == "iterative")
+        self._trace: sparse.csr_matrix | None = None  # C = trace · matrix · traceᵀ, or without it the matrix itself
+        wanted, order = None, None
+        if self.kind == "explicit":
+            wanted = B
+            if len(dofs) < self.size:
+                self._trace = B[:, dofs]
+                self._spread = self._trace.T.tocsr()
+                wanted = sparse.csr_matrix((np.ones(len(dofs)), (np.arange(len(dofs)), dofs)), (len(dofs), B.shape[1]))
+            order = elimination_order(A, points) if points is not None and len(points) >= FEWEST else None
+        self.solver = make_solver(A, name, wanted, order, iterative=self.kind == "iterative")
         self.accuracy = FACTORED if self.solver.direct else ITERATED
         self.count: Counter[str] = Counter()
         self._u, self._f = A.createVecs()
         self._norm = 0.0
-        self._matrix = self.solver.inverse  # used by mult: C = trace · matrix · traceᵀ, or without a trace C itself
-        self._trace: sparse.csr_matrix | None = None
+        self._matrix = self.solver.condensed  # its upper triangle
         self._dense: np.ndarray | None = None  # made by dense
-        if self._matrix is not None:
-            self._trace = B[:, dofs]
-            self._spread = self._trace.T.tocsr()
-        elif self.kind == "explicit" and kind is None:
-            self.kind, self.reason = "direct", f"{self.solver.description} leaves no Schur complement"
-        elif self.kind == "explicit":
-            with event("ComplianceForm"):
-                self._matrix = self._by_blocks(B)
+        if self.kind == "explicit" and self._matrix is None:
+            self._trace = None
+            if kind is None:
+                self.kind, self.reason = "direct", f"{self.solver.description} leaves no Schur complement"
+            else:
+                with event("ComplianceForm"):
+                    self._matrix = self._by_blocks(B)
 
     def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
         """y ← C x (metres from newtons); both (size,). Collective on the body's communicator.
@@ -124,10 +137,10 @@ class Compliance:
     def dense(self) -> np.ndarray:
         """C (size, size) as a dense matrix (m/N); made at the first call, if need be by multiplications. Collective."""
         if self._dense is None:
-            if self._trace is not None:
-                C = self._trace @ (self._trace @ self._matrix).T
-            elif self._matrix is not None:
-                C = self._matrix
+            if self._matrix is not None:
+                C = np.triu(self._matrix) + np.triu(self._matrix, 1).T
+                if self._trace is not None:
+                    C = self._trace @ (self._trace @ C).T
             else:
                 counted = self.count["explicit"]
                 C, unit = np.empty((self.size, self.size)), np.zeros(self.size)

@@ -50,10 +50,13 @@ def solve(A: PETSc.Mat, f: PETSc.Vec) -> np.ndarray:
     return u.array_r.copy()
 
 
+needs_mumps = pytest.mark.skipif(best_cholesky(block().A) != "mumps", reason="this PETSc has no MUMPS")
+
+
 # Direct
 
 
-@pytest.mark.skipif(best_cholesky(block().A) != "mumps", reason="this PETSc has no MUMPS")
+@needs_mumps
 def test_ordering_of_mumps(petsc_options):
     """Minimum fill (2), which leaves no option behind; who names another (0, minimum degree) gets it."""
     def ordering() -> int:
@@ -377,23 +380,67 @@ def test_compliance_where_all_free_nodes_touch(divisions, kind):
     assert np.abs(operator.dense() - C).max() <= 1e-12 * np.abs(C).max()
 
 
-def test_schur_complement_and_full_solves_with_one_factorization():
-    problem = block()
-    A = to_scipy(problem.A).toarray()
-    size = len(A)
-    chosen = np.sort(np.random.default_rng(2).permutation(size)[:20])
-    solver = StiffnessSolver(problem.A, "upper", schur=chosen)
-    if best_cholesky(problem.A) == "mumps":
-        other = np.setdiff1d(np.arange(size), chosen)
-        mixed = A[np.ix_(other, chosen)]
-        schur = A[np.ix_(chosen, chosen)] - mixed.T @ np.linalg.solve(A[np.ix_(other, other)], mixed)
-        expected = np.linalg.inv(schur)
-        assert np.abs(solver.inverse - expected).max() <= 1e-12 * np.abs(expected).max()
-        assert np.array_equal(solver.inverse, solver.inverse.T)
-    u = problem.b.duplicate()
-    solver.solve(problem.b, u)
-    expected = np.linalg.solve(A, problem.b.array_r)
-    assert np.linalg.norm(u.array_r - expected) <= 1e-12 * np.linalg.norm(expected)
+ROUTES = {  # options, versions of MUMPS that count as tried, why MUMPS is not called directly
+    "own order": ({}, None, ""),
+    "MUMPS's order": ({}, None, ""),
+    "an ordering by option": ({"body_mat_mumps_icntl_7": 0}, None, ""),
+    "an option of PETSc's": ({"body_mat_mumps_icntl_10": 0}, None, "-body_mat_mumps_icntl_10 is an option of PETSc's"),
+    "another MUMPS": ({}, ("4.1",), "not among those tried, 4.1"),
+}
+
+
+@needs_mumps
+@pytest.mark.parametrize("route", ROUTES)
+def test_one_factorization_gives_the_compliance_and_solves(route, petsc_options, monkeypatch):
+    """C and solves with A, whoever calls MUMPS; why it is not called directly is said."""
+    options, tried, refused = ROUTES[route]
+    petsc_options(**options)
+    if tried:
+        monkeypatch.setattr("ddmpi.petsc.mumps.TRIED", tried)
+    problem, B, C = contact_problem()
+    order = np.random.default_rng(1).permutation(problem.b.size).astype(np.int32)
+    solver = StiffnessSolver(problem.A, "upper", B, None if route == "MUMPS's order" else order)
+    assert refused in solver.refused and bool(refused) == bool(solver.refused) == (solver._factors is None)
+    assert np.abs(np.triu(solver.condensed) - np.triu(C)).max() <= 1e-12 * np.abs(C).max()
+    if solver._factors:
+        assert (solver._factors._data.infog[6] == 1) == (route == "own order")  # ICNTL(7) as it was used
+    u, expected = problem.b.duplicate(), spsolve(to_scipy(problem.A), problem.b.array_r)
+    for factor in (1.0, -2.0):
+        f = problem.b.copy()
+        f.scale(factor)
+        solver.solve(f, u)
+        assert np.linalg.norm(u.array_r - factor * expected) <= 1e-12 * np.linalg.norm(expected)
+
+
+@needs_mumps
+def test_a_compliance_that_no_solve_gives_is_an_error():
+    """The first solve compares C with the factors, and says what to do."""
+    problem, B, _ = contact_problem()
+    solver = StiffnessSolver(problem.A, "upper", B)
+    solver.condensed[0, 3] *= 1.1
+    with pytest.raises(SolverError, match="does not agree with a solve; with -body_mat_mumps_icntl_10"):
+        solver.solve(problem.b, problem.b.duplicate())
+
+
+@needs_mumps
+def test_singular_matrix_with_a_compliance_is_an_error():
+    for matrix in SINGULAR.values():
+        size = len(matrix)
+        with pytest.raises(SolverError, match="body 'upper'"):
+            solver = StiffnessSolver(from_dense(matrix), "upper", sparse.csr_matrix(np.eye(size)[:1]))
+            solver.solve(vector(1.0 + np.arange(size)), vector(np.zeros(size)))
+
+
+def test_rows_that_depend_on_each_other():
+    """More rows than contact dofs, as where fine meshes meet coarse ones: C on the dofs is enough."""
+    problem, B, _ = contact_problem()
+    many = sparse.vstack([B, 2.0 * B, B[:5]], format="csr")
+    operator, dense = Compliance(problem.A, many, "upper"), many.toarray()
+    C = dense @ np.linalg.solve(to_scipy(problem.A).toarray(), dense.T)
+    y = np.empty(len(C))
+    operator.mult(np.arange(len(C), dtype=float), y, "step1")
+    assert np.linalg.norm(y - C @ np.arange(len(C))) <= 1e-12 * np.linalg.norm(y)
+    assert np.abs(operator.dense() - C).max() <= 1e-12 * np.abs(C).max()
 
 
 @pytest.mark.parametrize("iterative", [False, True])

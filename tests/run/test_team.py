@@ -128,10 +128,10 @@ FAULTS = {
     "deal, other rank": (1, "ddmpi.coupling.team.Share.deal", 1, "SolverError", {4}),
     "factor, other rank, before PETSc": (1, "ddmpi.coupling.team.Share.factor", 1, "SolverError", {4}),
     "factor, root, before PETSc": (0, "ddmpi.coupling.team.Share.factor", 1, "SolverError", {4}),
-    "factor, other rank, after PETSc": (3, "ddmpi.body.solver.SharedSolver._condense", 1, "RuntimeError", {1}),
+    "factor, other rank, after PETSc": (3, "ddmpi.body.solver.StiffnessSolver._condense", 1, "RuntimeError", {1}),
     "solve, other rank": (3, "ddmpi.coupling.team.Share.solve", 1, "SolverError", {4}),
     "end of a command, other rank": (1, "ddmpi.coupling.team.Share.peak", 1, "MemoryError", {4}),
-    "an error of PETSc, other rank": (1, "ddmpi.body.solver.SharedSolver._interior", 1, "PETSc.Error", {4}),
+    "an error of a solver, other rank": (1, "ddmpi.body.solver.StiffnessSolver._solve_with", 1, "SolverError", {4}),
     "killed, other rank": (1, "ddmpi.coupling.team.Share.solve", 1, "SIGKILL", None),
     "terminated, root": (0, "ddmpi.body.compliance.Compliance.mult", 12, "SIGTERM", {6}),
 }

@@ -22,7 +22,7 @@ STUDIES = {
     "extremes": ("--tables numbers --most 22",
                  ("| 1 | 13 · 200 | ±0% |", "| 1 | 22 | 1 + 1 | 0 + 0 | 98 + 98 |"), 1, 0),
     "inner_precision": ("--size 6 --laws tresca --etas 0.1 --repeats 1", ("| 0.1 | 1.00 | 0 of 8 |",), 1, 0),
-    "orderings": ("--meshes squares:6 gmsh:6 --repeats 1 --turns 1", ("| squares:6 | 252 |", "| gmsh:6 | farthest |"),
+    "orderings": ("--meshes squares:6 gmsh:6 --repeats 1 --turns 1", ("| squares:6 | 252 |", "| gmsh:6 | degree |"),
                   1, 0),
     "large_bodies": ("--millions 0.001 --ranks 2",
                      ("## 0.001 million unknowns on 2 ranks", "| chosen | explicit |"), 1, 0),

@@ -1,0 +1,201 @@
+"""MUMPS called directly: factors of A that solve with A and give C = B A⁻¹ Bᵀ without an inverse.
+
+In [A Bᵀ; B 0] the rows of B are the variables of a Schur complement, which is −C. MUMPS eliminates A alone, so that
+Cholesky factors do, in any order of A's rows. PETSc has no way to such a solver. The library is the one that PETSc has
+loaded; the structure is that of its public header `dmumps_c.h`.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import re
+import weakref
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sparse
+from petsc4py import PETSc
+
+TRIED = ("5.5.1",)
+"""Versions of MUMPS whose header has the structure below, and with which the tests ran. That of 5.8.2 is another."""
+
+KNOWN = ("ksp_type", "pc_type", "pc_factor_mat_solver_type")
+"""Options of a body's solver that are obeyed before MUMPS is called."""
+
+SETTINGS = (4, 6, 7, 8, 13, 14, 22, 23, 27, 29, 35, 36, 38, 48, 56, 58)
+"""The ICNTL that a user may set; all others are PETSc's to set, or change what is computed."""
+
+TOO_SMALL, RETRIES = (-8, -9), 4
+"""INFOG(1) where MUMPS's own estimate of its memory was too small; it may take twice as much more, so many times."""
+
+_INT, _LONG, _REAL, _POINTER, _CHAR = ctypes.c_int32, ctypes.c_int64, ctypes.c_double, ctypes.c_void_p, ctypes.c_char
+
+_LAYOUT: tuple[tuple[Any, str], ...] = (
+    (_INT, "sym par job comm_fortran icntl:60 keep:500"), (_REAL, "cntl:15 dkeep:230"), (_LONG, "keep8:150"),
+    (_INT, "n nblk nz_alloc nz"), (_LONG, "nnz"), (_POINTER, "irn jcn a"),
+    (_INT, "nz_loc"), (_LONG, "nnz_loc"), (_POINTER, "irn_loc jcn_loc a_loc"),
+    (_INT, "nelt"), (_POINTER, "eltptr eltvar a_elt blkptr blkvar perm_in sym_perm uns_perm colsca rowsca"),
+    (_INT, "colsca_from_mumps rowsca_from_mumps"),
+    (_POINTER, "rhs redrhs rhs_sparse sol_loc rhs_loc irhs_sparse irhs_ptr isol_loc irhs_loc"),
+    (_INT, "nrhs lrhs lredrhs nz_rhs lsol_loc nloc_rhs lrhs_loc schur_mloc schur_nloc schur_lld mblock nblock nprow "
+           "npcol info:80 infog:80"), (_REAL, "rinfo:40 rinfog:40"),
+    (_INT, "deficiency"), (_POINTER, "pivnul_list mapping"), (_INT, "size_schur"), (_POINTER, "listvar_schur schur"),
+    (_INT, "instance_number"), (_POINTER, "wk_user"), (_CHAR, "version_number:32"))
+"""The types and names of the structure's entries as far as they are used, with the lengths of arrays."""
+
+_SPACE = 2**14
+"""Bytes of the structure, with those entries that are not used, of any version."""
+
+
+class _Structure(ctypes.Structure):
+    _fields_ = [(name, kind * int(length) if length else kind) for kind, names in _LAYOUT
+                for name, _, length in (each.partition(":") for each in names.split())]
+
+
+class MumpsError(Exception):
+    """MUMPS reports an error."""
+
+
+class RefusedError(Exception):
+    """Why MUMPS is not called directly."""
+
+
+class Factors:
+    """Cholesky factors of A, on the ranks of its communicator.
+
+    Parameters
+    ----------
+    A : (n, n) symmetric, positive definite
+    B : (k, n) on the first rank; the others give one without rows
+    order : (n,) int32 the place of each row in the order of elimination, on the first rank; None leaves it to MUMPS
+    prefix : of the options that hold
+
+    Attributes
+    ----------
+    condensed : (k, k) C = B A⁻¹ Bᵀ in Fortran order, of which only the upper triangle counts; on the first rank only
+
+    Construction and all methods are collective. Raises RefusedError if this MUMPS, or an option, is not known here;
+    MumpsError if the factorization fails.
+    """
+
+    def __init__(self, A: PETSc.Mat, B: sparse.csr_matrix, order: np.ndarray | None, prefix: str) -> None:
+        settings, run, comm = _settings(prefix), _function(), A.comm.tompi4py()
+        k, n = B.shape
+        self._run, self._memory = run, ctypes.create_string_buffer(_SPACE)
+        self._data = data = _Structure.from_buffer(self._memory)
+        data.sym, data.par, data.job, data.comm_fortran = 1, 1, -1, comm.py2f()
+        run(self._memory)
+        self._end = weakref.finalize(self, _end, run, self._memory)
+        self._end.atexit = False
+        version = data.version_number.decode(errors="replace")
+        if version not in TRIED:
+            self.destroy()
+            raise RefusedError(f"its version is not among those tried, {', '.join(TRIED)}")
+        parallel = comm.size > 1
+        data.icntl[3], data.icntl[17], data.icntl[18] = 0, 3 * parallel, 1  # silence; whose entries; a Schur complement
+        entries = _entries(A, B)
+        length = ("nnz", "nnz_loc")[parallel]
+        setattr(data, length, len(entries[0]))
+        for name, array in zip(("irn", "jcn", "a"), entries, strict=True):
+            setattr(data, name + "_loc" * parallel, array.ctypes.data)
+        data.n, data.size_schur = comm.bcast((n + k, k))
+        last, places, schur = np.arange(n + 1, n + k + 1, dtype=np.int32), np.zeros(0, np.int32), np.zeros((k, k))
+        data.listvar_schur, data.schur = last.ctypes.data, schur.ctypes.data
+        if order is not None:
+            places = np.concatenate([order + np.int32(1), last])
+            data.perm_in, data.icntl[6] = places.ctypes.data, 1
+        for number, value in settings.items():
+            data.icntl[number - 1] = value
+        try:
+            self._do(1)
+            self._factor()
+        except MumpsError:
+            self.destroy()
+            raise
+        for name in ("irn", "jcn", "a", "irn_loc", "jcn_loc", "a_loc", "perm_in"):  # these arrays go
+            setattr(data, name, None)
+        data.icntl[25] = 0  # from now on the variables of the Schur complement are left out of solves
+        self._size = n
+        self.condensed = np.negative(schur, out=schur).T if comm.rank == 0 else None
+
+    def solve(self, F: np.ndarray | None) -> np.ndarray | None:
+        """A⁻¹ f for the rows f of F (j, n), both on the first rank; None elsewhere."""
+        n, work = self._size, np.zeros((0, 0))
+        if self.condensed is not None and F is not None:
+            work = np.zeros((len(F), n + len(self.condensed)))
+            work[:, :n] = F
+        self._data.rhs, self._data.nrhs, self._data.lrhs = work.ctypes.data, len(work), work.shape[1]
+        self._do(3)
+        return None if self.condensed is None else work[:, :n]
+
+    def destroy(self) -> None:
+        """Free what MUMPS holds, if that has not been done."""
+        self._end()
+
+    @property
+    def operations(self) -> float:
+        """Floating-point operations of the factorization."""
+        return self._data.rinfog[2]
+
+    def _factor(self) -> None:
+        for _ in range(RETRIES):
+            try:
+                return self._do(2)
+            except MumpsError:
+                if self._data.infog[0] not in TOO_SMALL:
+                    raise
+                self._data.icntl[13] *= 2
+        return self._do(2)
+
+    def _do(self, job: int) -> None:
+        self._data.job = job
+        self._run(self._memory)
+        if self._data.infog[0] < 0:
+            raise MumpsError(f"MUMPS: INFOG(1) = {self._data.infog[0]}, INFOG(2) = {self._data.infog[1]}")
+
+
+def _entries(A: PETSc.Mat, B: sparse.csr_matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows, columns (from one on) and values of the upper triangle of [A Bᵀ; B 0], of the own rows of A and of B."""
+    start, _ = A.getOwnershipRange()
+    indptr, columns, values = A.getValuesCSR()
+    rows = np.repeat(np.arange(start, start + len(indptr) - 1, dtype=np.int32), np.diff(indptr))
+    upper, trace = np.flatnonzero(columns >= rows), B.tocoo()
+    ends = len(upper), len(upper) + trace.nnz
+    irn, jcn, a = np.empty(ends[1], np.int32), np.empty(ends[1], np.int32), np.empty(ends[1])
+    for array, of_A, of_B in ((irn, rows, trace.col), (jcn, columns, A.size[0] + trace.row), (a, values, trace.data)):
+        array[:ends[0]], array[ends[0]:] = of_A[upper], of_B
+    irn += 1
+    jcn += 1
+    return irn, jcn, a
+
+
+def _settings(prefix: str) -> dict[int, int]:
+    """The ICNTL among the user's options. Raises RefusedError if there are options that only PETSc can obey."""
+    options, found = PETSc.Options(prefix), {}
+    for name in PETSc.Options().getAll():
+        if not name.startswith(prefix) or (word := name.removeprefix(prefix)) in KNOWN:
+            continue
+        number = re.fullmatch(r"mat_mumps_icntl_(\d+)", word)
+        if not number or int(number[1]) not in SETTINGS:
+            raise RefusedError(f"-{name} is an option of PETSc's")
+        found[int(number[1])] = options.getInt(word)
+    return found
+
+
+@functools.cache
+def _function() -> Callable[[Any], None]:
+    """`dmumps_c` of the library that PETSc has loaded. Raises RefusedError if there is none."""
+    try:
+        function = ctypes.CDLL(PETSc.__file__).dmumps_c
+    except AttributeError:
+        raise RefusedError("its library does not offer dmumps_c") from None
+    function.argtypes, function.restype = [ctypes.c_char_p], None
+    return function
+
+
+def _end(run: Callable[[Any], None], memory: ctypes.Array) -> None:
+    if not PETSc.Sys.isFinalized():
+        _Structure.from_buffer(memory).job = -2
+        run(memory)
