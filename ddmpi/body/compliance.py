@@ -19,8 +19,8 @@ from ddmpi.system import interrupt
 
 LARGEST_RATIO = 2e6
 """A dense compliance is the default up to this ratio of k³ to n, with k contact dofs and n dofs in all. Thin blocks
-reach it: one of 2000 × 8 elements (1.8e6) takes 0.25 s more to factor and saves 3 ms of 7 with each product. Where MUMPS
-is called through PETSc, an inverse costs k³."""
+reach it: one of 2000 × 8 elements (1.8e6) takes 0.25 s more to factor and saves 3 ms of 7 with each product. Where
+MUMPS is called through PETSc, an inverse costs k³."""
 
 FACTORS, FACTORS_WITH_SCHUR = 55.0, 60.0
 """Bytes per n log₂ n of MUMPS's factors. The first was measured on pinched blocks up to n = 616,000, within 3 %; the

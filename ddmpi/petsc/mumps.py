@@ -94,7 +94,8 @@ class Factors:
             self.destroy()
             raise RefusedError(f"its version is not among those tried, {', '.join(TRIED)}")
         parallel = comm.size > 1
-        data.icntl[3], data.icntl[17], data.icntl[18] = 0, 3 * parallel, 1  # silence; whose entries; a Schur complement
+        data.icntl[0], data.icntl[2], data.icntl[3] = -1, 6 if settings.get(4) else -1, 0  # messages if asked for
+        data.icntl[17], data.icntl[18] = 3 * parallel, 1  # whose entries; a Schur complement
         entries = _entries(A, B)
         length = ("nnz", "nnz_loc")[parallel]
         setattr(data, length, len(entries[0]))
@@ -197,5 +198,6 @@ def _function() -> Callable[[Any], None]:
 
 def _end(run: Callable[[Any], None], memory: ctypes.Array) -> None:
     if not PETSc.Sys.isFinalized():
-        _Structure.from_buffer(memory).job = -2
+        data = _Structure.from_buffer(memory)
+        data.job, data.icntl[2] = -2, -1  # in silence, where the version was refused as well
         run(memory)
