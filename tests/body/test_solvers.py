@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sparse
 from petsc4py import PETSc
+from scenes import mumps_is_known
 from scipy.sparse.linalg import spsolve
 
 from ddmpi.body.compliance import Compliance
@@ -51,6 +52,7 @@ def solve(A: PETSc.Mat, f: PETSc.Vec) -> np.ndarray:
 
 
 needs_mumps = pytest.mark.skipif(best_cholesky(block().A) != "mumps", reason="this PETSc has no MUMPS")
+known_mumps = pytest.mark.skipif(not mumps_is_known(), reason="MUMPS is not called directly")
 
 
 # Direct
@@ -389,7 +391,7 @@ ROUTES = {  # options, versions of MUMPS that count as tried, why MUMPS is not c
 }
 
 
-@needs_mumps
+@known_mumps
 @pytest.mark.parametrize("route", ROUTES)
 def test_one_factorization_gives_the_compliance_and_solves(route, petsc_options, monkeypatch):
     """C and solves with A, whoever calls MUMPS; why it is not called directly is said."""
@@ -412,7 +414,7 @@ def test_one_factorization_gives_the_compliance_and_solves(route, petsc_options,
         assert np.linalg.norm(u.array_r - factor * expected) <= 1e-12 * np.linalg.norm(expected)
 
 
-@needs_mumps
+@known_mumps
 def test_a_compliance_that_no_solve_gives_is_an_error():
     """The first solve compares C with the factors, and says what to do."""
     problem, B, _ = contact_problem()
