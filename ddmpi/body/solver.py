@@ -7,13 +7,11 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sparse
 from petsc4py import PETSc
-from scipy.linalg import cho_factor, cho_solve
-from scipy.linalg.blas import dsymv
 
 from ddmpi.errors import SolverError
 from ddmpi.petsc.messages import petsc_message, reason_name
 from ddmpi.petsc.mumps import Factors, MumpsError, RefusedError
-from ddmpi.petsc.schur import inverted_schur, request_schur
+from ddmpi.petsc.schur import invert_on_first, inverted_schur, request_schur
 
 REFINEMENTS = 3
 """An iterative solve with too large a true residual is refined this often; then it is an error."""
@@ -112,34 +110,39 @@ class StiffnessSolver:
                                  and pc.getFactorSolverType() == "mumps"):
             self._factor()
             return
-        self._condense(trace, order)
-        if self._factors is None and self.A.comm.size == 1:
-            self._invert(trace)
-        elif self._factors is None:
-            self._factor()
-
-    def _condense(self, trace: sparse.csr_matrix, order: np.ndarray | None) -> None:
-        """Factors and C by MUMPS, called directly, if it is known."""
         try:
             self._factors = Factors(self.A, trace, order, "body_")
+            self.condensed = self._factors.condensed
         except RefusedError as reason:
             self.refused = str(reason)
-            return
+            self._condense(trace)
         except MumpsError as error:
             raise SolverError(f"body {self.name!r}: the stiffness cannot be factored ({error})") from None
-        self._uniform = trace.T @ np.ones(trace.shape[0])  # a load whose displacement C gives as well
-        self._trace, self.condensed = trace, self._factors.condensed
 
-    def _invert(self, trace: sparse.csr_matrix) -> None:
-        """Factors by PETSc, and C from the inverse of the Schur complement on the dofs that the trace touches."""
-        pc, dofs = self.ksp.getPC(), np.unique(trace.indices[trace.data != 0.0])
-        condensed = self.A.size[0] > 2 * len(dofs)  # with little to eliminate MUMPS may fail
-        if condensed:
+    def _condense(self, trace: sparse.csr_matrix) -> None:
+        """Factors by PETSc, and C from the inverse of the Schur complement on the dofs that the trace touches.
+
+        On several ranks PETSc does not solve beside a Schur complement, and factors again.
+        """
+        pc, comm, dofs = self.ksp.getPC(), self.A.comm.tompi4py(), np.unique(trace.indices[trace.data != 0.0])
+        enough = comm.bcast(self.A.size[0] > 2 * len(dofs))  # with little to eliminate MUMPS may fail
+        if enough:
             request_schur(pc, dofs)
         self._factor()
-        inverse = inverted_schur(pc, len(dofs)) if condensed else _dense_inverse(self.A, dofs, self.name)
-        part = trace[:, dofs]
-        self.condensed = np.asfortranarray(part @ (part @ inverse).T)
+        if not enough:
+            return
+        code, inverse = pc.getFactorMatrix().getMumpsInfog(1), None
+        if code >= 0 and comm.rank == 0:
+            inverse = inverted_schur(pc, len(dofs)) if comm.size == 1 else invert_on_first(pc, len(dofs))
+        if not comm.bcast(inverse is not None):
+            raise SolverError(f"body {self.name!r}: the stiffness cannot be factored (MUMPS: INFOG(1) = {code})")
+        if inverse is not None:
+            part = trace[:, dofs]
+            self.condensed = np.asfortranarray(part @ (part @ inverse).T)
+        if comm.size > 1:
+            self.ksp.reset()
+            self.ksp.setOperators(self.A)
+            self._factor()
 
     def _factor(self) -> None:
         """Set up the KSP, with our ordering of MUMPS unless the user names one."""
@@ -207,21 +210,6 @@ class StiffnessSolver:
         """‖A‖, the largest sum of a row (N/m)."""
         return self.A.norm(PETSc.NormType.NORM_INFINITY)
 
-    def solve_block(self, F: np.ndarray) -> np.ndarray:
-        """A⁻¹ F for the columns of F (n, k); with a factorization the residuals are not checked. Collective."""
-        if self.direct and not self._factors and self.ksp.getPC().getType() in ("cholesky", "lu"):
-            right = PETSc.Mat().createDense(F.shape, array=np.asfortranarray(F), comm=self.A.comm)
-            found = PETSc.Mat().createDense(F.shape, comm=self.A.comm)
-            found.setUp()
-            self.ksp.getPC().getFactorMatrix().matSolve(right, found)
-            return found.getDenseArray().copy()
-        U, (f, u) = np.empty(F.shape), self.A.createVecs()
-        for k in range(F.shape[1]):
-            f.array[:] = F[:, k]
-            self.solve(f, u)
-            U[:, k] = u.array_r
-        return U
-
     def _solve(self, f: PETSc.Vec, u: PETSc.Vec) -> None:
         if self._factors is not None:
             self._solve_with(self._factors, f, u)
@@ -234,33 +222,17 @@ class StiffnessSolver:
                               f"{self.ksp.getIterationNumber()} iterations")
 
     def _solve_with(self, factors: Factors, f: PETSc.Vec, u: PETSc.Vec) -> None:
-        """Solve with factors that have right-hand sides and displacements on the first rank.
-
-        The first solve takes another load with it, at little cost, of which C must give the same displacement.
-        """
+        """Solve with factors that have the load and the displacement on the first rank."""
         comm, counts = self.A.comm.tompi4py(), np.diff(self.A.getOwnershipRanges())
         whole = np.empty(self.A.size[0]) if comm.rank == 0 else None
         comm.Gatherv(f.array_r, None if whole is None else [whole, counts])
         try:
-            found = factors.solve(None if whole is None else np.stack([whole, self._uniform][:1 + self._first]))
+            found = factors.solve(whole)
         except MumpsError as error:
             raise SolverError(f"body {self.name!r}: {self.description} failed: {error}") from None
         own = np.empty(u.local_size)
-        comm.Scatterv(None if found is None else [found[0], counts], own)
+        comm.Scatterv(None if found is None else [found, counts], own)
         u.array[:] = own
-        if self._first:
-            self._check(found)
-
-    def _check(self, found: np.ndarray | None) -> None:
-        """SolverError if C does not give the displacement under the second load of the first solve."""
-        agrees = True
-        if found is not None and self.condensed is not None:
-            moved = dsymv(1.0, self.condensed, np.ones(len(self.condensed)))
-            size = max(np.linalg.norm(moved), self.condensed.diagonal().max())  # rows may nearly cancel each other
-            agrees = bool(np.linalg.norm(self._trace @ found[1] - moved) <= DIRECT_RESIDUAL * size)
-        if not self.A.comm.tompi4py().bcast(agrees):
-            raise SolverError(f"body {self.name!r}: the compliance that MUMPS gives does not agree with a solve; with "
-                              "-body_mat_mumps_icntl_10 0 it is called through PETSc")
 
     def destroy(self) -> None:
         """Free what PETSc and MUMPS hold of it."""
@@ -288,13 +260,3 @@ def offers_cholesky(A: PETSc.Mat, package: str) -> bool:
     finally:
         pc.destroy()
     return True
-
-
-def _dense_inverse(A: PETSc.Mat, dofs: np.ndarray, name: str) -> np.ndarray:
-    """A⁻¹ on `dofs` by dense algebra."""
-    indptr, columns, values = A.getValuesCSR()
-    dense = sparse.csr_matrix((values, columns, indptr), A.size).toarray()
-    try:
-        return np.asfortranarray(cho_solve(cho_factor(dense), np.eye(len(dense))[:, dofs])[dofs])
-    except (np.linalg.LinAlgError, ValueError) as error:  # not positive definite, not finite
-        raise SolverError(f"body {name!r}: the stiffness cannot be factored: {error}") from None

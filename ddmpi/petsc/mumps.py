@@ -16,10 +16,15 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sparse
+from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.linalg.blas import dsymv
 
-TRIED = ("5.5.1",)
-"""Versions of MUMPS whose header has the structure below, and with which the tests ran. That of 5.8.2 is another."""
+VERSIONS = (("5.5.0", "5.5.1", "5.6.0", "5.6.1", "5.6.2"),
+            ("5.7.0", "5.7.1", "5.7.2", "5.7.3", "5.8.0", "5.8.1", "5.8.2"),
+            ("5.9.0",))
+"""Versions of MUMPS by the structure in their header, which changed with 5.7.0 and 5.9.0. docs/developers/versions.md
+says which of them ran here."""
 
 KNOWN = ("ksp_type", "pc_type", "pc_factor_mat_solver_type")
 """Options of a body's solver that are obeyed before MUMPS is called."""
@@ -30,28 +35,42 @@ SETTINGS = (4, 6, 7, 8, 13, 14, 22, 23, 27, 29, 35, 36, 38, 48, 56, 58)
 TOO_SMALL, RETRIES = (-8, -9), 4
 """INFOG(1) where MUMPS's own estimate of its memory was too small; it may take twice as much more, so many times."""
 
+AGREEMENT = 1e-3
+"""C·1 may differ from a solve by so much, relatively. What is misread is wrong by orders."""
+
 _INT, _LONG, _REAL, _POINTER, _CHAR = ctypes.c_int32, ctypes.c_int64, ctypes.c_double, ctypes.c_void_p, ctypes.c_char
 
-_LAYOUT: tuple[tuple[Any, str], ...] = (
-    (_INT, "sym par job comm_fortran icntl:60 keep:500"), (_REAL, "cntl:15 dkeep:230"), (_LONG, "keep8:150"),
-    (_INT, "n nblk nz_alloc nz"), (_LONG, "nnz"), (_POINTER, "irn jcn a"),
-    (_INT, "nz_loc"), (_LONG, "nnz_loc"), (_POINTER, "irn_loc jcn_loc a_loc"),
-    (_INT, "nelt"), (_POINTER, "eltptr eltvar a_elt blkptr blkvar perm_in sym_perm uns_perm colsca rowsca"),
-    (_INT, "colsca_from_mumps rowsca_from_mumps"),
-    (_POINTER, "rhs redrhs rhs_sparse sol_loc rhs_loc irhs_sparse irhs_ptr isol_loc irhs_loc"),
-    (_INT, "nrhs lrhs lredrhs nz_rhs lsol_loc nloc_rhs lrhs_loc schur_mloc schur_nloc schur_lld mblock nblock nprow "
-           "npcol info:80 infog:80"), (_REAL, "rinfo:40 rinfog:40"),
-    (_INT, "deficiency"), (_POINTER, "pivnul_list mapping"), (_INT, "size_schur"), (_POINTER, "listvar_schur schur"),
-    (_INT, "instance_number"), (_POINTER, "wk_user"), (_CHAR, "version_number:32"))
-"""The types and names of the structure's entries as far as they are used, with the lengths of arrays."""
+_ALL, _OLD, _NEW, _NEWEST, _TO_58 = (0, 1, 2), (0,), (1, 2), (2,), (0, 1)
 
-_SPACE = 2**14
-"""Bytes of the structure, with those entries that are not used, of any version."""
+_LAYOUT: tuple[tuple[tuple[int, ...], Any, str], ...] = (
+    (_ALL, _INT, "sym par job comm_fortran icntl:60 keep:500"), (_ALL, _REAL, "cntl:15 dkeep:230"),
+    (_ALL, _LONG, "keep8:150"), (_ALL, _INT, "n nblk nz_alloc nz"), (_ALL, _LONG, "nnz"), (_ALL, _POINTER, "irn jcn a"),
+    (_ALL, _INT, "nz_loc"), (_ALL, _LONG, "nnz_loc"), (_ALL, _POINTER, "irn_loc jcn_loc a_loc"), (_ALL, _INT, "nelt"),
+    (_ALL, _POINTER, "eltptr eltvar a_elt blkptr blkvar perm_in sym_perm uns_perm colsca rowsca"),
+    (_ALL, _INT, "colsca_from_mumps rowsca_from_mumps"),
+    (_NEW, _POINTER, "colsca_loc rowsca_loc rowind colind pivots"),
+    (_ALL, _POINTER, "rhs redrhs rhs_sparse sol_loc rhs_loc"), (_NEW, _POINTER, "rhsintr"),
+    (_ALL, _POINTER, "irhs_sparse irhs_ptr isol_loc irhs_loc"), (_NEW, _POINTER, "glob2loc_rhs glob2loc_sol"),
+    (_ALL, _INT, "nrhs lrhs lredrhs nz_rhs lsol_loc nloc_rhs lrhs_loc"), (_NEW, _INT, "nsol_loc"),
+    (_ALL, _INT, "schur_mloc schur_nloc schur_lld mblock nblock nprow npcol"), (_NEW, _INT, "ld_rhsintr"),
+    (_ALL, _INT, "info:80 infog:80"), (_ALL, _REAL, "rinfo:40 rinfog:40"), (_TO_58, _INT, "deficiency"),
+    (_ALL, _POINTER, "pivnul_list mapping"), (_NEW, _POINTER, "singular_values"), (_NEWEST, _INT, "nb_singular_values"),
+    (_ALL, _INT, "size_schur"), (_ALL, _POINTER, "listvar_schur schur"), (_OLD, _INT, "instance_number"),
+    (_ALL, _POINTER, "wk_user"), (_ALL, _CHAR, "version_number:32"))
+"""Which structures have them, the type and the names of their entries as far as they are used, with the lengths of
+arrays."""
+
+_SPACE = 2**16
+"""Bytes for the structure of any version, of which the largest known has 11,000."""
 
 
-class _Structure(ctypes.Structure):
-    _fields_ = [(name, kind * int(length) if length else kind) for kind, names in _LAYOUT
-                for name, _, length in (each.partition(":") for each in names.split())]
+def _structure(number: int) -> type[ctypes.Structure]:
+    fields = [(name, kind * int(length) if length else kind) for those, kind, names in _LAYOUT if number in those
+              for name, _, length in (each.partition(":") for each in names.split())]
+    return type(f"Structure{number}", (ctypes.Structure,), {"_fields_": fields})
+
+
+_STRUCTURES = [_structure(number) for number in range(len(VERSIONS))]
 
 
 class MumpsError(Exception):
@@ -84,15 +103,12 @@ class Factors:
         settings, run, comm = _settings(prefix), _function(), A.comm.tompi4py()
         k, n = B.shape
         self._run, self._memory = run, ctypes.create_string_buffer(_SPACE)
-        self._data = data = _Structure.from_buffer(self._memory)
-        data.sym, data.par, data.job, data.comm_fortran = 1, 1, -1, comm.py2f()
+        head = _STRUCTURES[0].from_buffer(self._memory)
+        head.sym, head.par, head.job, head.comm_fortran = 1, 1, -1, comm.py2f()  # the same in all versions
         run(self._memory)
         self._end = weakref.finalize(self, _end, run, self._memory)
         self._end.atexit = False
-        version = data.version_number.decode(errors="replace")
-        if version not in TRIED:
-            self.destroy()
-            raise RefusedError(f"its version is not among those tried, {', '.join(TRIED)}")
+        self._data = data = self._known()
         parallel = comm.size > 1
         data.icntl[0], data.icntl[2], data.icntl[3] = -1, 6 if settings.get(4) else -1, 0  # messages if asked for
         data.icntl[17], data.icntl[18] = 3 * parallel, 1  # whose entries; a Schur complement
@@ -118,18 +134,17 @@ class Factors:
         for name in ("irn", "jcn", "a", "irn_loc", "jcn_loc", "a_loc", "perm_in"):  # these arrays go
             setattr(data, name, None)
         data.icntl[25] = 0  # from now on the variables of the Schur complement are left out of solves
-        self._size = n
         self.condensed = np.negative(schur, out=schur).T if comm.rank == 0 else None
+        self._check(B, comm)
 
-    def solve(self, F: np.ndarray | None) -> np.ndarray | None:
-        """A⁻¹ f for the rows f of F (j, n), both on the first rank; None elsewhere."""
-        n, work = self._size, np.zeros((0, 0))
-        if self.condensed is not None and F is not None:
-            work = np.zeros((len(F), n + len(self.condensed)))
-            work[:, :n] = F
-        self._data.rhs, self._data.nrhs, self._data.lrhs = work.ctypes.data, len(work), work.shape[1]
+    def solve(self, f: np.ndarray | None) -> np.ndarray | None:
+        """A⁻¹ f (n,), both on the first rank; None elsewhere."""
+        work = np.zeros(0)
+        if self.condensed is not None and f is not None:
+            work = np.concatenate([f, np.zeros(len(self.condensed))])
+        self._data.rhs, self._data.nrhs, self._data.lrhs = work.ctypes.data, 1, len(work)
         self._do(3)
-        return None if self.condensed is None else work[:, :n]
+        return None if f is None else work[:len(f)]
 
     def destroy(self) -> None:
         """Free what MUMPS holds, if that has not been done."""
@@ -139,6 +154,27 @@ class Factors:
     def operations(self) -> float:
         """Floating-point operations of the factorization."""
         return self._data.rinfog[2]
+
+    def _known(self) -> ctypes.Structure:
+        """The structure of this version. Raises RefusedError if none of those known has a known version in it."""
+        for structure, versions in zip(_STRUCTURES, VERSIONS, strict=True):
+            data = structure.from_buffer(self._memory)
+            if data.version_number in [version.encode() for version in versions]:
+                return data
+        self.destroy()
+        found = re.search(rb"\d+\.\d+\.\d+", self._memory.raw)
+        raise RefusedError(f"version {found[0].decode() if found else 'unknown'} is not among those that ddmpi knows")
+
+    def _check(self, B: sparse.csr_matrix, comm: MPI.Comm) -> None:
+        """RefusedError unless C gives the displacement of a solve."""
+        found, agrees = self.solve(B.T @ np.ones(B.shape[0]) if comm.rank == 0 else None), True
+        if self.condensed is not None:
+            moved = dsymv(1.0, self.condensed, np.ones(len(self.condensed)))
+            size = max(np.linalg.norm(moved), self.condensed.diagonal().max())  # rows may nearly cancel each other
+            agrees = bool(np.linalg.norm(B @ found - moved) <= AGREEMENT * size)
+        if not comm.bcast(agrees):
+            self.destroy()
+            raise RefusedError("the compliance does not agree with a solve")
 
     def _factor(self) -> None:
         for _ in range(RETRIES):
@@ -198,6 +234,6 @@ def _function() -> Callable[[Any], None]:
 
 def _end(run: Callable[[Any], None], memory: ctypes.Array) -> None:
     if not PETSc.Sys.isFinalized():
-        data = _Structure.from_buffer(memory)
+        data = _STRUCTURES[0].from_buffer(memory)
         data.job, data.icntl[2] = -2, -1  # in silence, where the version was refused as well
         run(memory)

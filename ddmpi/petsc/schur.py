@@ -11,14 +11,16 @@ import functools
 
 import numpy as np
 from petsc4py import PETSc
+from scipy.linalg.lapack import dpotrf, dpotri
 
 _POINTER = ctypes.c_void_p
 
 
 def request_schur(pc: PETSc.PC, dofs: np.ndarray) -> None:
-    """Make the next factorization keep the Schur complement on `dofs` (unique, ascending). On one rank only.
+    """Make the next factorization keep the Schur complement on `dofs` (unique, ascending).
 
-    The PC must have its factor solver type, and must not be set up yet.
+    The PC must have its factor solver type, and must not be set up yet. On several ranks the first gives all `dofs`
+    and the others none. Collective.
     """
     pc.setFactorSetUpSolverType()
     index = PETSc.IS().createGeneral(dofs.astype(PETSc.IntType), comm=pc.comm)
@@ -37,6 +39,18 @@ def inverted_schur(pc: PETSc.PC, size: int) -> np.ndarray:
     array = _schur_array(pc, size)
     array.flags.writeable = False
     return array.T  # symmetric; the transpose has the Fortran order that BLAS needs
+
+
+def invert_on_first(pc: PETSc.PC, size: int) -> np.ndarray | None:
+    """The inverse (size, size) of the Schur complement of a factorization on several ranks, on the first of them.
+
+    MUMPS gives the lower triangle by rows, in the first rank's memory. None if it is not positive definite. Only on
+    the first rank, not collective.
+    """
+    S, failed = dpotrf(_schur_array(pc, size).T, lower=0, overwrite_a=1)
+    if not failed:
+        S, failed = dpotri(S, lower=0, overwrite_c=1)
+    return None if failed else np.triu(S) + np.triu(S, 1).T
 
 
 def _schur_array(pc: PETSc.PC, size: int) -> np.ndarray:

@@ -86,8 +86,8 @@ def test_dofs_of_a_node_stay_together():
     size = len(points)
     graph = sparse.coo_array((np.ones(len(first)), (first, second)), (size, size))
     blocks = sparse.kron(graph + graph.T + sparse.identity(size), np.ones((2, 2)), format="csr")
-    A = PETSc.Mat().createAIJ(blocks.shape, bsize=2, csr=(blocks.indptr, blocks.indices, blocks.data),
-                              comm=PETSc.COMM_SELF)
+    rows = (blocks.indptr.astype(PETSc.IntType), blocks.indices.astype(PETSc.IntType), blocks.data)
+    A = PETSc.Mat().createAIJ(blocks.shape, bsize=2, csr=rows, comm=PETSc.COMM_SELF)
     order = elimination_order(A, points)
     assert np.array_equal(order[::2], 2 * dissect(points, first, second))
     assert np.array_equal(order[1::2], order[::2] + 1)

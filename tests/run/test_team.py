@@ -6,7 +6,7 @@ import fault
 import numpy as np
 import pytest
 import scenes
-from scenes import mumps_is_known, pinched_blocks, to_toml
+from scenes import pinched_blocks, to_toml
 
 import ddmpi
 from ddmpi.coupling.ranks import place_ranks
@@ -69,8 +69,7 @@ def compare(comm, scene: dict) -> None:
     for name in few.contacts:
         assert few.contacts[name].status.tolist() == many.contacts[name].status.tolist()
     for name, body in few.summary["bodies"].items():
-        found = many.summary["bodies"][name]["compliance"]
-        assert found == body["compliance"] or (found == "direct" and not mumps_is_known())
+        assert many.summary["bodies"][name]["compliance"] == body["compliance"]
 
 
 @pytest.mark.mpi(ranks=3)
@@ -89,9 +88,9 @@ def test_two_ranks_on_one_body(comm, kind):
 
 @pytest.mark.mpi(ranks=2)
 def test_two_ranks_where_petsc_calls_mumps(comm, petsc_options):
-    """As where this version of MUMPS was not tried: an explicit compliance is then made by solves."""
+    """As where this version of MUMPS is not known: the compliance is explicit all the same."""
     petsc_options(body_mat_mumps_icntl_10=0)
-    compare(comm, loose_block(compliance="explicit"))
+    compare(comm, loose_block())
 
 
 @pytest.mark.mpi(ranks=4)
@@ -136,7 +135,7 @@ FAULTS = {
     "deal, other rank": (1, "ddmpi.coupling.team.Share.deal", 1, "SolverError", {4}),
     "factor, other rank, before PETSc": (1, "ddmpi.coupling.team.Share.factor", 1, "SolverError", {4}),
     "factor, root, before PETSc": (0, "ddmpi.coupling.team.Share.factor", 1, "SolverError", {4}),
-    "factor, other rank, after PETSc": (3, "ddmpi.body.solver.StiffnessSolver._condense", 1, "RuntimeError", {1}),
+    "factor, other rank, after MUMPS": (3, "ddmpi.petsc.mumps.Factors._check", 1, "RuntimeError", {1}),
     "solve, other rank": (3, "ddmpi.coupling.team.Share.solve", 1, "SolverError", {4}),
     "end of a command, other rank": (1, "ddmpi.coupling.team.Share.peak", 1, "MemoryError", {4}),
     "an error of a solver, other rank": (1, "ddmpi.body.solver.StiffnessSolver._solve_with", 1, "SolverError", {4}),
