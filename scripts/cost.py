@@ -27,8 +27,8 @@ from scenes import run_command, run_python
 
 from ddmpi.body.solver import StiffnessSolver
 from ddmpi.coupling.assembly import prepare
-from ddmpi.petsc.dissection import elimination_order
 from ddmpi.mesh.read import gmsh_session
+from ddmpi.petsc.dissection import elimination_order
 from ddmpi.results.tables import read_results
 from ddmpi.run.solve import solve
 from ddmpi.scene.reader import read_scene_file

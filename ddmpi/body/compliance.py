@@ -42,9 +42,6 @@ force, of which centring may leave little: with its usual 1e-2 one of 500 estima
 FACTORED, ITERATED = 1e-13, 1e-10
 """Smallest relative error of a multiplication that can be relied on: by factors, by an iterative solver."""
 
-BLOCK = 64
-"""Right-hand sides per solve when a dense compliance is made by solves."""
-
 
 class Compliance:
     """C = B A⁻¹ Bᵀ, by one solve with A per multiplication or as a dense matrix.
@@ -54,7 +51,7 @@ class Compliance:
     A : stiffness of the body, positive definite
     B : (size, columns of A) trace on its contact nodes
     name : the body's name, for messages
-    kind : "explicit", a dense matrix, from the factorization if it is MUMPS's, else by blocks of solves;
+    kind : "explicit", a dense matrix, from the factorization if it is MUMPS's, else by a solve for each row of B;
         "direct", a solve per multiplication; "iterative", the same by multigrid; None lets `choose_kind`
         decide, with direct instead of explicit if the factorization is not MUMPS's
     memory : bytes that may be used
@@ -82,16 +79,12 @@ class Compliance:
             self.kind = "direct"
             self.reason = "clamps hold its whole contact: C = 0" if self.size else "it touches nothing"
         self._rigid = not len(dofs)
-        self._trace: sparse.csr_matrix | None = None  # C = trace · matrix · traceᵀ, or without it the matrix itself
-        wanted, order = None, None
+        trace, order = None, None
         if self.kind == "explicit":
-            wanted = B
-            if len(dofs) < self.size:
-                self._trace = B[:, dofs]
-                self._spread = self._trace.T.tocsr()
-                wanted = sparse.csr_matrix((np.ones(len(dofs)), (np.arange(len(dofs)), dofs)), (len(dofs), B.shape[1]))
-            order = elimination_order(A, points) if points is not None and len(points) >= FEWEST else None
-        self.solver = make_solver(A, name, wanted, order, iterative=self.kind == "iterative")
+            trace = B
+            if points is not None and len(points) >= FEWEST:
+                order = elimination_order(A, points)
+        self.solver = make_solver(A, name, trace, order, iterative=self.kind == "iterative")
         self.accuracy = FACTORED if self.solver.direct else ITERATED
         self.count: Counter[str] = Counter()
         self._u, self._f = A.createVecs()
@@ -99,12 +92,11 @@ class Compliance:
         self._matrix = self.solver.condensed  # its upper triangle
         self._dense: np.ndarray | None = None  # made by dense
         if self.kind == "explicit" and self._matrix is None:
-            self._trace = None
             if kind is None:
                 self.kind, self.reason = "direct", f"{self.solver.description} leaves no Schur complement"
             else:
                 with event("ComplianceForm"):
-                    self._matrix = self._by_blocks(B)
+                    self._matrix = self.dense().T
 
     def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
         """y ← C x (metres from newtons); both (size,). Collective on the body's communicator.
@@ -123,8 +115,7 @@ class Compliance:
                 y[:] = self.B @ self._u.array_r
             else:
                 self.count[purpose] += 1
-                y[:] = (dsymv(1.0, self._matrix, x) if self._trace is None else
-                        self._trace @ dsymv(1.0, self._matrix, self._spread @ x))
+                y[:] = dsymv(1.0, self._matrix, x)
 
     def state(self) -> dict:
         """Plain values that `restore` of a new Compliance takes, to go on counting as if uninterrupted."""
@@ -139,8 +130,6 @@ class Compliance:
         if self._dense is None:
             if self._matrix is not None:
                 C = np.triu(self._matrix) + np.triu(self._matrix, 1).T
-                if self._trace is not None:
-                    C = self._trace @ (self._trace @ C).T
             else:
                 counted = self.count["explicit"]
                 C, unit = np.empty((self.size, self.size)), np.zeros(self.size)
@@ -151,16 +140,6 @@ class Compliance:
                 self.count["explicit"] = counted or self.count["explicit"]  # a continued run has counted them
             self._dense = (C + C.T) / 2
         return self._dense
-
-    def _by_blocks(self, trace: sparse.csr_matrix) -> np.ndarray:
-        """C by solves with blocks of right-hand sides, each of which is counted."""
-        C = np.empty((self.size, self.size))
-        for start in range(0, self.size, BLOCK):
-            interrupt.check()
-            rows = trace[start:start + BLOCK]
-            C[:, start:start + rows.shape[0]] = trace @ self.solver.solve_block(rows.T.toarray())
-            self.count["explicit"] += rows.shape[0]
-        return np.asfortranarray((C + C.T) / 2)
 
     def spread(self, s: np.ndarray, f: PETSc.Vec) -> None:
         """f ← Bᵀ s: the contact forces s (size,) as a load (N). Not collective."""

@@ -349,10 +349,6 @@ class TeamSolver:
         """u ← A⁻¹ f, see `StiffnessSolver.solve`."""
         u.array[:] = self._A.do("solve", f.array_r, relative)
 
-    def solve_block(self, F: np.ndarray) -> np.ndarray:
-        """A⁻¹ F for the columns of F (n, k)."""
-        return np.column_stack([self._A.do("solve", np.ascontiguousarray(f), 0.0) for f in F.T])
-
 
 def hold(A: PETSc.Mat | TeamMatrix, dofs: np.ndarray) -> PETSc.Mat | TeamMatrix:
     """A with springs on `dofs`, see `rigid_motions.add_springs`."""
