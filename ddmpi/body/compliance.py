@@ -17,20 +17,18 @@ from ddmpi.petsc.events import event
 from ddmpi.petsc.lanczos import estimate_norm
 from ddmpi.system import interrupt
 
-LARGEST_RATIO = 2e6
-"""A dense compliance is the default up to this ratio of k³ to n, with k contact dofs and n dofs in all. Thin blocks
-reach it: one of 2000 × 8 elements (1.8e6) takes 0.25 s more to factor and saves 3 ms of 7 with each product. Where
-MUMPS is called through PETSc, an inverse costs k³."""
+LARGEST_RATIO = 2e6, 5e6
+"""In the plane and in space, a dense compliance is the default up to this ratio of k³ to n, with k contact unknowns and
+n dofs in all. Only thin bodies exceed it. At 1.8e6 a plane one of 2000 × 8 elements takes 0.25 s more to factor and
+saves 3 ms of 7 with each product; at 5.3e6 a plate of 36 × 36 × 2 cubes takes 0.4 s more and saves nothing."""
 
-FACTORS, FACTORS_WITH_SCHUR = 55.0, 60.0
-"""Bytes per n log₂ n of MUMPS's factors. The first was measured on pinched blocks up to n = 616,000, within 3 %; the
-second on these blocks from n = 45,000 to 279,000, of squares, squares of order 2 and gmsh's triangles, within 4 %."""
-
-FEWEST = 10_000
-"""Nodes from which on a body is factored in an order of our own; in smaller ones MUMPS's costs no more."""
+FACTORS, FACTORS_WITH_SCHUR = (55.0, 250.0), (60.0, 285.0)
+"""Bytes of MUMPS's factors, without and with the compliance, per n log₂ n in the plane and per n^(4/3) in space.
+Measured from n = 45,000 to 279,000 (the first to 616,000) on squares of both orders and gmsh's triangles, within 4 %,
+and on cubes and slabs of tetrahedra of both orders from n = 35,000 to 105,000, where it was up to a third less."""
 
 MARGIN = 1.5
-"""The free memory must exceed the estimate by this factor (quadratic elements have denser rows)."""
+"""The free memory must exceed the estimated factors by this factor (quadratic elements have denser rows)."""
 
 NORM_PRECISION = 1e-3
 """Relative precision of the multiplications that estimate ‖C‖."""
@@ -73,18 +71,15 @@ class Compliance:
                  memory: float = np.inf, make_solver: Callable[..., Any] = StiffnessSolver,
                  points: np.ndarray | None = None) -> None:
         self.B, self.size, self._B_transposed = B, B.shape[0], B.T.tocsr()
-        dofs = np.unique(B.indices[B.data != 0.0])
-        self.kind, self.reason = (kind, "asked for") if kind else choose_kind(A.size[0], len(dofs), memory)
-        if not len(dofs):
+        self.kind, self.reason = (kind, "asked for") if kind else choose_kind(A.size[0], self.size, memory,
+                                                                               A.getBlockSize())
+        self._rigid = not B.count_nonzero()
+        if self._rigid:
             self.kind = "direct"
             self.reason = "clamps hold its whole contact: C = 0" if self.size else "it touches nothing"
-        self._rigid = not len(dofs)
-        trace, order = None, None
-        if self.kind == "explicit":
-            trace = B
-            if points is not None and len(points) >= FEWEST:
-                order = elimination_order(A, points)
-        self.solver = make_solver(A, name, trace, order, iterative=self.kind == "iterative")
+        dense = self.kind == "explicit"
+        order = elimination_order(A, points) if dense and points is not None else None
+        self.solver = make_solver(A, name, B if dense else None, order, iterative=self.kind == "iterative")
         self.accuracy = FACTORED if self.solver.direct else ITERATED
         self.count: Counter[str] = Counter()
         self._u, self._f = A.createVecs()
@@ -165,26 +160,33 @@ class Compliance:
         return self._norm
 
 
-def choose_kind(n: int, k: int, memory: float) -> tuple[str, str]:
-    """Choose the kind of compliance for a body with `n` dofs, `k` of them at the contact.
+def choose_kind(n: int, k: int, memory: float, d: int = 2) -> tuple[str, str]:
+    """Choose the kind of compliance for a body with `n` dofs and `k` contact unknowns.
+
+    Beyond the memory of factors a body is solved by multigrid. In space it is also where only the compliance does not
+    fit: hundreds of solves with factors take longer there.
 
     Parameters
     ----------
     memory : bytes that may be used
+    d : dofs of a node
 
     Returns
     -------
     "explicit", "direct" or "iterative", and the reason. Not collective.
     """
-    growth = n * np.log2(max(n, 2))
-    explicit, direct = FACTORS_WITH_SCHUR * growth + 8.0 * k**2, FACTORS * growth
-    if MARGIN * direct > memory:
-        return "iterative", f"factors would take about {_worded(direct)}, {_worded(memory)} are free"
-    if k**3 > LARGEST_RATIO * n:
-        return "direct", f"a dense matrix of {k} contact dofs costs more than it saves at {n} dofs"
-    if MARGIN * explicit > memory:
-        return "direct", f"a dense matrix would take about {_worded(explicit)}, {_worded(memory)} are free"
-    return "explicit", f"a dense matrix of {_worded(8.0 * k**2)} beside the factors"
+    solid = d == 3
+    growth = n ** (4 / 3) if solid else n * np.log2(max(n, 2))
+    plain, dense = MARGIN * FACTORS[solid] * growth, 8.0 * k**2
+    whole = MARGIN * FACTORS_WITH_SCHUR[solid] * growth + dense
+    if plain > memory:
+        return "iterative", f"factors may take {_worded(plain)}, {_worded(memory)} are free"
+    if k**3 > LARGEST_RATIO[solid] * n:
+        return "direct", f"a dense matrix of {k} contact unknowns costs more than it saves at {n} dofs"
+    if whole > memory:
+        return ("iterative" if solid else "direct",
+                f"factors and a dense matrix may take {_worded(whole)}, {_worded(memory)} are free")
+    return "explicit", f"a dense matrix of {_worded(dense)} beside the factors"
 
 
 def _worded(size: float) -> str:

@@ -381,8 +381,8 @@ def test_order_of_large_bodies(monkeypatch):
     scene = pinched_blocks(6)
     usual = solve_scene(MPI.COMM_SELF, scene)
     orders = []
-    for module in ("body.compliance.FEWEST", "petsc.dissection.LEAF"):
-        monkeypatch.setattr(f"ddmpi.{module}", 4)
+    for name in ("FEWEST", "LEAF"):
+        monkeypatch.setattr(f"ddmpi.petsc.dissection.{name}", 4)
     dissect = ddmpi.petsc.dissection.dissect
     monkeypatch.setattr("ddmpi.petsc.dissection.dissect", lambda *given: orders.append(dissect(*given)) or orders[-1])
     found = solve_scene(MPI.COMM_SELF, scene)

@@ -81,13 +81,16 @@ def test_smallest_cover():
                        for less in itertools.combinations(range(10), len(found) - 1))
 
 
-def test_dofs_of_a_node_stay_together():
+def test_dofs_of_a_node_stay_together(monkeypatch):
+    """In matrices that are large enough."""
     points, first, second = grid(8, 8)
     size = len(points)
     graph = sparse.coo_array((np.ones(len(first)), (first, second)), (size, size))
     blocks = sparse.kron(graph + graph.T + sparse.identity(size), np.ones((2, 2)), format="csr")
     rows = (blocks.indptr.astype(PETSc.IntType), blocks.indices.astype(PETSc.IntType), blocks.data)
     A = PETSc.Mat().createAIJ(blocks.shape, bsize=2, csr=rows, comm=PETSc.COMM_SELF)
+    assert elimination_order(A, points) is None
+    monkeypatch.setattr("ddmpi.petsc.dissection.FEWEST", blocks.nnz)
     order = elimination_order(A, points)
     assert np.array_equal(order[::2], 2 * dissect(points, first, second))
     assert np.array_equal(order[1::2], order[::2] + 1)
