@@ -164,11 +164,6 @@ class StiffnessSolver:
         kind = f"{self.ksp.getType()} + {pc.getType()}"
         return f"{kind} ({pc.getFactorSolverType()})" if pc.getType() in ("cholesky", "lu") else kind
 
-    @property
-    def operations(self) -> float:
-        """Floating-point operations of MUMPS's factorization."""
-        return self._factors.operations if self._factors else self.ksp.getPC().getFactorMatrix().getMumpsRinfog(3)
-
     def solve(self, f: PETSc.Vec, u: PETSc.Vec, relative: float = 0.0) -> None:
         """u ← A⁻¹ f. Collective. Raises SolverError when the true residual is too large.
 

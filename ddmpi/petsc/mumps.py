@@ -150,11 +150,6 @@ class Factors:
         """Free what MUMPS holds, if that has not been done."""
         self._end()
 
-    @property
-    def operations(self) -> float:
-        """Floating-point operations of the factorization."""
-        return self._data.rinfog[2]
-
     def _known(self) -> ctypes.Structure:
         """The structure of this version. Raises RefusedError if none of those known has a known version in it."""
         for structure, versions in zip(_STRUCTURES, VERSIONS, strict=True):

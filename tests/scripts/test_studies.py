@@ -24,6 +24,8 @@ STUDIES = {
     "inner_precision": ("--size 6 --laws tresca --etas 0.1 --repeats 1", ("| 0.1 | 1.00 | 0 of 8 |",), 1, 0),
     "orderings": ("--meshes squares:6 gmsh:6 --repeats 1 --turns 1", ("| squares:6 | 252 |", "| gmsh:6 | degree |"),
                   1, 0),
+    "solid_factors": ("--boxes cube:4 slab2:2 --turns 1", ("| cube:4 | 300 | 60 | schur |", "| slab2:2 | 900 | 54 |"),
+                      0, 0),
     "large_bodies": ("--millions 0.001 --ranks 2",
                      ("## 0.001 million unknowns on 2 ranks", "| chosen | explicit |"), 1, 0),
     "start_up": ("--times 1", ("| now | ", "| numpy | "), 1, 0),
