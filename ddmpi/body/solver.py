@@ -105,7 +105,7 @@ class StiffnessSolver:
                 self.ksp.setPCSide(PETSc.PC.Side.RIGHT)
 
     def _set_up(self, trace: sparse.csr_matrix | None, order: np.ndarray | None) -> None:
-        """Factor, with C if MUMPS gives it: called directly or, on one rank, through PETSc."""
+        """Factor, with C if MUMPS gives it: called directly or through PETSc."""
         pc = self.ksp.getPC()
         if trace is None or not (self.direct and pc.getType() == PETSc.PC.Type.CHOLESKY
                                  and pc.getFactorSolverType() == "mumps"):

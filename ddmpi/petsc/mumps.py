@@ -119,7 +119,7 @@ class Factors:
             setattr(data, name + "_loc" * parallel, array.ctypes.data)
         data.n, data.size_schur = comm.bcast((n + k, k))
         last, places, schur = np.arange(n + 1, n + k + 1, dtype=np.int32), np.zeros(0, np.int32), np.zeros((k, k))
-        data.listvar_schur, data.schur = last.ctypes.data, schur.ctypes.data
+        data.listvar_schur, data.schur, self._listed = last.ctypes.data, schur.ctypes.data, last
         if order is not None:
             places = np.concatenate([order + np.int32(1), last])
             data.perm_in, data.icntl[6] = places.ctypes.data, 1
