@@ -68,12 +68,11 @@ def dissect(points: np.ndarray, first: np.ndarray, second: np.ndarray, leaf: int
     order = np.argsort(level, kind="stable")
     lower, upper, ends = lower[order], upper[order], np.cumsum([0, *np.bincount(level, minlength=depth)])
     cut = np.full(len(points), depth)  # the level of the separator that has the node
-    work = np.empty(len(points), np.int32)
     for k in range(depth):
         a, b = lower[ends[k]:ends[k + 1]], upper[ends[k]:ends[k + 1]]
         left = (cut[a] == depth) & (cut[b] == depth)
         if left.any():
-            cut[_cover(a[left], b[left], work)] = k
+            cut[_cover(a[left], b[left])] = k
     last = part | ((1 << (depth - cut)) - 1)  # the last part that a separator follows
     place = np.empty(len(points), np.int64)
     place[np.lexsort((depth - cut, last))] = np.arange(len(points))
@@ -104,12 +103,12 @@ def _bisect(points: np.ndarray, depth: int) -> np.ndarray:
     return part
 
 
-def _cover(first: np.ndarray, second: np.ndarray, number: np.ndarray) -> np.ndarray:
+def _cover(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """The smallest set of nodes that touches all pairs from `first` to `second`, two disjoint sets of nodes.
 
-    By Kőnig's theorem, from a largest matching. `number` (k,) is work space, an entry for each node.
+    By Kőnig's theorem, from a largest matching.
     """
-    (left, row), (right, column) = _numbered(first, number), _numbered(second, number)
+    (left, row), (right, column) = (np.unique(nodes, return_inverse=True) for nodes in (first, second))
     m, source = len(left), len(left) + len(right)
     pairs = sparse.csr_matrix((np.ones(len(row), np.int8), (row, column)), (m, len(right)))
     match = csgraph.maximum_bipartite_matching(pairs, perm_type="column")  # the column of each row, or −1
@@ -120,12 +119,3 @@ def _cover(first: np.ndarray, second: np.ndarray, number: np.ndarray) -> np.ndar
     reached = np.zeros(source + 1, bool)  # by alternating paths from rows that are not matched
     reached[csgraph.breadth_first_order(ways, source, return_predecessors=False)] = True
     return np.concatenate([left[~reached[:m]], right[reached[m:-1]]])
-
-
-def _numbered(nodes: np.ndarray, number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The different ones among `nodes` (e,), and the place (e,) of each among them."""
-    own = np.arange(len(nodes))
-    number[nodes] = own
-    single = nodes[number[nodes] == own]
-    number[single] = own[:len(single)]
-    return single, number[nodes]

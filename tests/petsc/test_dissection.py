@@ -75,7 +75,7 @@ def test_smallest_cover():
     for _ in range(50):
         pairs = np.unique(random.integers(0, 5, (random.integers(1, 12), 2)), axis=0)
         first, second = pairs[:, 0], pairs[:, 1] + 5
-        found = _cover(first, second, np.empty(10, np.int32))
+        found = _cover(first, second)
         assert (np.isin(first, found) | np.isin(second, found)).all()
         assert not any((np.isin(first, less) | np.isin(second, less)).all()
                        for less in itertools.combinations(range(10), len(found) - 1))
