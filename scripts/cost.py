@@ -20,15 +20,18 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import scipy.sparse as sparse
 from experiment import ROOT, Ledger, Row, arguments, publish, start, table, where
 from mpi4py import MPI
 from petsc4py import PETSc
 from scenes import run_command, run_python
+from solids import SolidTraction, body, box, hold
 
 from ddmpi.body.elasticity import assemble
 from ddmpi.body.solver import StiffnessSolver
 from ddmpi.coupling.assembly import prepare
 from ddmpi.mesh.read import gmsh_session
+from ddmpi.petsc.dissection import elimination_order
 from ddmpi.results.tables import read_results
 from ddmpi.run.solve import solve
 from ddmpi.scene.reader import read_scene_file
@@ -38,10 +41,12 @@ from ddmpi.system.clock import Clock
 
 MESHES = ("squares:86", "squares:200", "squares:320", "quadratic:86", "gmsh:200", "curved:86")
 BOTH = ("lower", "upper")
-KINDS = ("schur", "farthest", "plain")
-EVENTS = {"analysis": "MatCholFctrSym", "numeric": "MatCholFctrNum", "solve": "MatSolve"}
-FIGURES = ("wall", "user", "system", "operations", *EVENTS)
-ORDERINGS = ("n", "k", "outer", *(f"{kind}_{figure}" for kind in KINDS for figure in FIGURES))
+KINDS = ("schur", "degree", "inverse", "plain")
+THROUGH_PETSC = "body_mat_mumps_icntl_10"
+"""An option that MUMPS is not called directly with."""
+
+FIGURES = ("wall", "user", "system", "operations", "memory")
+ORDERINGS = ("n", "k", "outer", "outer_user", *(f"{kind}_{figure}" for kind in KINDS for figure in FIGURES))
 
 
 def draw_block(path: Path, bottom: float, size: float, order: int, bend: float) -> None:
@@ -84,50 +89,56 @@ def fastest(rows: list[Row]) -> Row:
     return best
 
 
-def timed(do: Callable[[], float]) -> dict[str, float]:
-    """What it costs to `do`, which returns the count of operations."""
-    spent = resource.getrusage(resource.RUSAGE_SELF)
-    events = {name: PETSc.Log.Event(event).getPerfInfo()["time"] for name, event in EVENTS.items()}
-    start = time.perf_counter()
-    operations = do()
-    found = {"wall": time.perf_counter() - start, "operations": operations}
-    now = resource.getrusage(resource.RUSAGE_SELF)
-    found |= {"user": now.ru_utime - spent.ru_utime, "system": now.ru_stime - spent.ru_stime}
-    return found | {name: PETSc.Log.Event(event).getPerfInfo()["time"] - events[name] for name, event in EVENTS.items()}
+def timed(do: Callable[[], Row | None]) -> Row:
+    """What it costs to `do`, beside what that returns."""
+    spent, start = resource.getrusage(resource.RUSAGE_SELF), time.perf_counter()
+    found = do()
+    wall, now = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_SELF)
+    found = {"user": now.ru_utime - spent.ru_utime, "system": now.ru_stime - spent.ru_stime} | (found or {})
+    return found | {"wall": wall}
+
+
+def factor_and_solve(kind: str, A: PETSc.Mat, b: PETSc.Vec, B: sparse.csr_matrix, points: np.ndarray) -> Row:
+    """MUMPS's count of operations, and the megabytes that it took."""
+    order, options = elimination_order(A, points) if kind == "schur" else None, PETSc.Options()
+    if kind == "inverse":
+        options.setValue(THROUGH_PETSC, 0)
+    solver = StiffnessSolver(A, kind, None if kind == "plain" else B, order)
+    options.delValue(THROUGH_PETSC)
+    solver.solve(b, b.duplicate())
+    if solver._factors:
+        data = solver._factors._data
+        found = {"operations": data.rinfog[2], "memory": data.infog[21]}
+    else:
+        factor = solver.ksp.getPC().getFactorMatrix()
+        found = {"operations": factor.getMumpsRinfog(3), "memory": factor.getMumpsInfog(22)}
+    solver.destroy()
+    return found
 
 
 def measure_mesh(world: MPI.Comm, turns: int, scene_settings: list[str]) -> dict[str, float]:
     """The columns of a row. Collective."""
-    PETSc.Log.begin()
     scene = read_scene_file(ROOT / "configs" / "pinched_blocks.toml", scene_settings)
     assembly = prepare(world, scene)
-    (body,), C, nodes = assembly.bodies, assembly.member.C, assembly.member.elasticity.nodes
-    dofs = np.unique(C.B.indices[C.B.data != 0.0])
-    nodes, component = nodes[dofs // 2], dofs % 2
-    systems = {}
-    for kind in KINDS:
-        elasticity = assemble(body.mesh, body.spec, last=nodes if kind == "farthest" else None)
-        place = np.empty(len(body.mesh.points), int)
-        place[elasticity.nodes] = np.arange(len(elasticity.nodes))
-        systems[kind] = elasticity.A, elasticity.b, None if kind == "plain" else np.sort(2 * place[nodes] + component)
+    (own,), member = assembly.bodies, assembly.member
+    system = (member.elasticity.A, member.elasticity.b, member.C.B, own.mesh.points[member.elasticity.nodes])
 
-    def factor_and_solve(kind: str) -> float:
-        A, b, contact = systems[kind]
-        solver = StiffnessSolver(A, kind, contact)
-        solver.solve(b, b.duplicate())
-        return solver.ksp.getPC().getFactorMatrix().getMumpsRinfog(1)
-
-    found = []
-    for turn in range(turns):
+    def iterate() -> None:
         clock = Clock()
-        world.Barrier()
         solution = solve(assembly, scene.method, clock=clock)
         if not solution.certified:
             raise RuntimeError(solution.reason)
-        row = {"n": systems["plain"][0].size[0], "k": len(dofs), "outer": clock.seconds["outer"]}
+        row["outer"] = clock.seconds["outer"]
+
+    found = []
+    for turn in range(turns):
+        row = {"n": system[0].size[0], "k": member.C.size}
+        world.Barrier()
+        row["outer_user"] = timed(iterate)["user"]
         for kind in KINDS if turn % 2 else KINDS[::-1]:
             world.Barrier()
-            row |= {f"{kind}_{name}": value for name, value in timed(lambda kind=kind: factor_and_solve(kind)).items()}
+            spent = timed(lambda kind=kind: factor_and_solve(kind, *system))
+            row |= {f"{kind}_{name}": value for name, value in spent.items()}
         slower = np.max(world.allgather([row[name] for name in ORDERINGS]), axis=0)
         found.append(dict(zip(ORDERINGS, slower.tolist(), strict=True)))
     return fastest(found)
@@ -149,20 +160,20 @@ def orderings_page(rows: list[Row], meshes: list[str]) -> str:
         own = fastest(where(rows, mesh=mesh))
         lines.append([mesh, f"{own['n']:,.0f}", f"{own['k']:.0f}", f"{own['outer']:.3f}",
                       *(f"{own[f'{kind}_operations'] / 1e9:.3g}" for kind in KINDS),
-                      *(f"{(own[f'{kind}_{time}'] + own['outer']) / own[f'plain_{time}']:.2f}"
-                        for kind in KINDS[:2] for time in ("wall", "user"))])
-        parts += [[mesh, kind, *(f"{own[f'{kind}_{name}']:.3f}" for name in ("wall", "user", "system", *EVENTS))]
-                  for kind in KINDS]
+                      *(f"{(own[f'{kind}_{time}'] + own[outer]) / own[f'plain_{time}']:.2f}"
+                        for kind in KINDS[:3] for time, outer in (("wall", "outer"), ("user", "outer_user")))])
+        parts += [[mesh, kind, *(f"{own[f'{kind}_{name}']:.3f}" for name in ("wall", "user", "system")),
+                   f"{own[f'{kind}_memory']:.0f}"] for kind in KINDS]
     return "\n".join([
         "# What a Schur complement costs", "",
         "Generated by `scripts/study orderings`, whose `--help` says what is measured: pinched blocks, a rank each, "
-        "the larger figure of both. n and k are the dofs of a body and those at its contact; operations are in 10⁹. "
-        "The ratios are (factor + outer) / plain. Aims: 1.8 for squares at 86, 1.55 at 200 and 320, 1.4 on other "
+        "the larger figure of both. n and k are the dofs of a body and the rows of its contact; operations are in 10⁹. "
+        "The ratios are (factor + outer) / plain. Aims: 1.5 for squares at 86, 1.3 at 200 and 320, 1.35 on other "
         "meshes.", "",
         *table(["mesh", "n", "k", "outer", *(f"operations: {kind}" for kind in KINDS),
-                *(f"ratio, {kind}: {time}" for kind in KINDS[:2] for time in ("wall", "user"))], lines),
-        "## Where the seconds go", "", "The factorization with its solve, in all; and wall time of three parts.", "",
-        *table(["mesh", "", "wall", "user", "system", *EVENTS], parts)])
+                *(f"ratio, {kind}: {time}" for kind in KINDS[:3] for time in ("wall", "user"))], lines),
+        "## Seconds and megabytes", "", "The factorization with its solve.", "",
+        *table(["mesh", "", "wall", "user", "system", "memory"], parts)])
 
 
 def orderings() -> None:
@@ -174,9 +185,10 @@ def orderings() -> None:
     gmsh, and curved (bent upwards, of order 2), are not. On two ranks, which hold the two pinched blocks and start
     together:
 
-      schur      a factorization with the inverse of the Schur complement on the contact, and one solve; rows as in the
-                 mesh
-      farthest   the same, rows by falling distance from the contact, as the program has them from 10,000 nodes on
+      schur      a factorization by MUMPS, called directly, with the compliance of the contact, and one solve; in the
+                 order of elimination that the program has from 10,000 nodes on
+      degree     the same in MUMPS's own order, minimum degree
+      inverse    a factorization through PETSc with the inverse of the Schur complement on the contact, and one solve
       plain      a factorization without a Schur complement, by minimum fill, and one solve
       outer      the outer iteration of the default method
 
@@ -201,6 +213,60 @@ def orderings() -> None:
     text = orderings_page(rows, options.meshes)
     publish("orderings_table.md", text, options.output, set(MESHES) <= set(options.meshes))
     print(text)
+
+
+# Boxes of tetrahedra
+
+BOXES = ("cube:22", "slab:16", "slab2:8", "cube:32")
+
+
+def system_of(kind: str, size: int) -> tuple[PETSc.Mat, PETSc.Vec, sparse.csr_matrix, np.ndarray]:
+    """The system of a box clamped on its left, with a row for each component of each vertex of its bottom."""
+    order, length = 2 if kind.endswith("2") else 1, 3 if kind.startswith("slab") else 1
+    mesh = box((length * size, size, size), (float(length), 1.0, 1.0), order)
+    load = SolidTraction(on="top", value=(0.0, 0.0, -1.0))
+    problem = assemble(mesh, body(clamp=[hold("left", 0.0, 0.0, 0.0)], traction=[load]))
+    place = np.full(len(mesh.points), -1)
+    place[problem.nodes] = np.arange(len(problem.nodes))
+    facets = place[mesh.groups["bottom"]]
+    first, second = np.repeat(facets[:, :3], facets.shape[1], axis=1).ravel(), np.tile(facets, 3).ravel()
+    if order == 1:
+        first = second = np.unique(facets)
+    free = (first >= 0) & (second >= 0)
+    rows, number = np.unique(first[free], return_inverse=True)
+    weights = sparse.csr_matrix((np.ones(len(number)), (number, second[free])), (len(rows), len(problem.nodes)))
+    B = sparse.kron(weights, sparse.identity(3), "csr")
+    return problem.A, problem.b, B, mesh.points[problem.nodes]
+
+
+def solid_factors() -> None:
+    """What the compliance of a box of tetrahedra costs beside a plain factorization; nothing is in contact.
+
+        scripts/study solid_factors --boxes cube:22 slab2:8      # these two
+
+    A box is KIND:SIZE, of SIZE cubes a unit of length: a cube, or a slab of 3 × 1 × 1 whose long face is the contact;
+    slab2 and cube2 are of order 2. Each is done as by the study `orderings`, in turns, of which the one that takes the
+    least processor time counts. Prints a table; ratios are of processor time, to that of the plain factorization.
+    """
+    parser = arguments(solid_factors.__doc__)
+    parser.add_argument("--boxes", nargs="+", default=list(BOXES), metavar="KIND:SIZE", help="default: %(default)s")
+    parser.add_argument("--kinds", nargs="+", default=list(KINDS), help="default: %(default)s")
+    parser.add_argument("--turns", type=int, default=2, help="default: %(default)s")
+    options = parser.parse_args()
+    lines = []
+    for name in options.boxes:
+        kind, size = name.split(":")
+        system, best = system_of(kind, int(size)), {}
+        for _ in range(options.turns):
+            for way in options.kinds:
+                spent = timed(lambda way=way, system=system: factor_and_solve(way, *system))
+                spent["processor"] = spent["user"] + spent["system"]
+                best[way] = min(spent, best.get(way, spent), key=lambda row: row["processor"])
+        lines += [[name, f"{system[0].size[0]:,}", system[2].shape[0], way, f"{row['processor']:.2f}",
+                   f"{row['processor'] / best['plain']['processor']:.2f}" if "plain" in best else "–",
+                   f"{row['operations'] / 1e9:.3g}", f"{row['memory']:.0f}"] for way, row in best.items()]
+    head = ("box", "n", "k", "", "processor time (s)", "ratio", "operations (10⁹)", "memory (MB)")
+    print("\n".join(table(head, lines)))
 
 
 # Large bodies
@@ -420,7 +486,7 @@ def body_ranks() -> None:
                   f"{np.abs(u - reference).max() / np.abs(reference).max():.1e} |", flush=True)
 
 
-STUDIES = (orderings, large_bodies, start_up, body_ranks)
+STUDIES = (orderings, solid_factors, large_bodies, start_up, body_ranks)
 
 if __name__ == "__main__":
     start(*STUDIES)

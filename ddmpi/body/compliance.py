@@ -12,20 +12,23 @@ from petsc4py import PETSc
 from scipy.linalg.blas import dsymv
 
 from ddmpi.body.solver import StiffnessSolver
+from ddmpi.petsc.dissection import elimination_order
 from ddmpi.petsc.events import event
 from ddmpi.petsc.lanczos import estimate_norm
 from ddmpi.system import interrupt
 
-LARGEST_RATIO = 2e6
-"""A dense compliance is the default up to this ratio of k³ to n, with k contact dofs and n dofs in all: inverting
-k × k costs k³ and saves hundreds of solves, each of which costs a multiple of n. Measured on thin and thick blocks with
-k from 600 to 4000: faster than a solve per product in all cases, up to a ratio of 1.8e6."""
+LARGEST_RATIO = 2e6, 5e6
+"""In the plane and in space, a dense compliance is the default up to this ratio of k³ to n, with k contact unknowns and
+n dofs in all. Only thin bodies exceed it. At 1.8e6 a plane one of 2000 × 8 elements takes 0.25 s more to factor and
+saves 3 ms of 7 with each product; at 5.3e6 a plate of 36 × 36 × 2 cubes takes 0.4 s more and saves nothing."""
 
-FACTORS, FACTORS_WITH_SCHUR = 55.0, 75.0
-"""Bytes per n log₂ n of MUMPS's factors, measured on pinched blocks up to n = 616,000 (both are within 3 %)."""
+FACTORS, FACTORS_WITH_SCHUR = (55.0, 250.0), (60.0, 285.0)
+"""Bytes of MUMPS's factors, without and with the compliance, per n log₂ n in the plane and per n^(4/3) in space.
+Measured from n = 45,000 to 279,000 (the first to 616,000) on squares of both orders and gmsh's triangles, within 4 %,
+and on cubes and slabs of tetrahedra of both orders from n = 35,000 to 105,000, where it was up to a third less."""
 
 MARGIN = 1.5
-"""The free memory must exceed the estimate by this factor (quadratic elements have denser rows)."""
+"""The free memory must exceed the estimated factors by this factor (quadratic elements have denser rows)."""
 
 NORM_PRECISION = 1e-3
 """Relative precision of the multiplications that estimate ‖C‖."""
@@ -37,9 +40,6 @@ force, of which centring may leave little: with its usual 1e-2 one of 500 estima
 FACTORED, ITERATED = 1e-13, 1e-10
 """Smallest relative error of a multiplication that can be relied on: by factors, by an iterative solver."""
 
-BLOCK = 64
-"""Right-hand sides per solve when a dense compliance is made by solves."""
-
 
 class Compliance:
     """C = B A⁻¹ Bᵀ, by one solve with A per multiplication or as a dense matrix.
@@ -49,11 +49,12 @@ class Compliance:
     A : stiffness of the body, positive definite
     B : (size, columns of A) trace on its contact nodes
     name : the body's name, for messages
-    kind : "explicit", a dense matrix, from the factorization if it is MUMPS's, else by blocks of solves;
+    kind : "explicit", a dense matrix, from the factorization if it is MUMPS's, else by a solve for each row of B;
         "direct", a solve per multiplication; "iterative", the same by multigrid; None lets `choose_kind`
         decide, with direct instead of explicit if the factorization is not MUMPS's
     memory : bytes that may be used
     make_solver : what makes the solver with A, called as `StiffnessSolver` is
+    points : (nodes of A, d) their positions, for the order of elimination; without them MUMPS chooses it
 
     Attributes
     ----------
@@ -67,31 +68,30 @@ class Compliance:
     """
 
     def __init__(self, A: PETSc.Mat, B: sparse.csr_matrix, name: str, kind: str | None = None,
-                 memory: float = np.inf, make_solver: Callable[..., Any] = StiffnessSolver) -> None:
+                 memory: float = np.inf, make_solver: Callable[..., Any] = StiffnessSolver,
+                 points: np.ndarray | None = None) -> None:
         self.B, self.size, self._B_transposed = B, B.shape[0], B.T.tocsr()
-        dofs = np.unique(B.indices[B.data != 0.0])
-        self.kind, self.reason = (kind, "asked for") if kind else choose_kind(A.size[0], len(dofs), memory)
-        if not len(dofs):
+        self.kind, self.reason = (kind, "asked for") if kind else choose_kind(A.size[0], self.size, memory,
+                                                                               A.getBlockSize())
+        self._rigid = not B.count_nonzero()
+        if self._rigid:
             self.kind = "direct"
             self.reason = "clamps hold its whole contact: C = 0" if self.size else "it touches nothing"
-        self._rigid = not len(dofs)
-        self.solver = make_solver(A, name, dofs if self.kind == "explicit" else None,
-                                  iterative=self.kind == "iterative")
+        dense = self.kind == "explicit"
+        order = elimination_order(A, points) if dense and points is not None else None
+        self.solver = make_solver(A, name, B if dense else None, order, iterative=self.kind == "iterative")
         self.accuracy = FACTORED if self.solver.direct else ITERATED
         self.count: Counter[str] = Counter()
         self._u, self._f = A.createVecs()
         self._norm = 0.0
-        self._matrix = self.solver.inverse  # used by mult: C = trace · matrix · traceᵀ, or without a trace C itself
-        self._trace: sparse.csr_matrix | None = None
+        self._matrix = self.solver.condensed  # its upper triangle
         self._dense: np.ndarray | None = None  # made by dense
-        if self._matrix is not None:
-            self._trace = B[:, dofs]
-            self._spread = self._trace.T.tocsr()
-        elif self.kind == "explicit" and kind is None:
-            self.kind, self.reason = "direct", f"{self.solver.description} leaves no Schur complement"
-        elif self.kind == "explicit":
-            with event("ComplianceForm"):
-                self._matrix = self._by_blocks(B)
+        if self.kind == "explicit" and self._matrix is None:
+            if kind is None:
+                self.kind, self.reason = "direct", f"{self.solver.description} leaves no Schur complement"
+            else:
+                with event("ComplianceForm"):
+                    self._matrix = self.dense().T
 
     def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
         """y ← C x (metres from newtons); both (size,). Collective on the body's communicator.
@@ -110,8 +110,7 @@ class Compliance:
                 y[:] = self.B @ self._u.array_r
             else:
                 self.count[purpose] += 1
-                y[:] = (dsymv(1.0, self._matrix, x) if self._trace is None else
-                        self._trace @ dsymv(1.0, self._matrix, self._spread @ x))
+                y[:] = dsymv(1.0, self._matrix, x)
 
     def state(self) -> dict:
         """Plain values that `restore` of a new Compliance takes, to go on counting as if uninterrupted."""
@@ -124,10 +123,8 @@ class Compliance:
     def dense(self) -> np.ndarray:
         """C (size, size) as a dense matrix (m/N); made at the first call, if need be by multiplications. Collective."""
         if self._dense is None:
-            if self._trace is not None:
-                C = self._trace @ (self._trace @ self._matrix).T
-            elif self._matrix is not None:
-                C = self._matrix
+            if self._matrix is not None:
+                C = np.triu(self._matrix) + np.triu(self._matrix, 1).T
             else:
                 counted = self.count["explicit"]
                 C, unit = np.empty((self.size, self.size)), np.zeros(self.size)
@@ -138,16 +135,6 @@ class Compliance:
                 self.count["explicit"] = counted or self.count["explicit"]  # a continued run has counted them
             self._dense = (C + C.T) / 2
         return self._dense
-
-    def _by_blocks(self, trace: sparse.csr_matrix) -> np.ndarray:
-        """C by solves with blocks of right-hand sides, each of which is counted."""
-        C = np.empty((self.size, self.size))
-        for start in range(0, self.size, BLOCK):
-            interrupt.check()
-            rows = trace[start:start + BLOCK]
-            C[:, start:start + rows.shape[0]] = trace @ self.solver.solve_block(rows.T.toarray())
-            self.count["explicit"] += rows.shape[0]
-        return np.asfortranarray((C + C.T) / 2)
 
     def spread(self, s: np.ndarray, f: PETSc.Vec) -> None:
         """f ← Bᵀ s: the contact forces s (size,) as a load (N). Not collective."""
@@ -173,26 +160,33 @@ class Compliance:
         return self._norm
 
 
-def choose_kind(n: int, k: int, memory: float) -> tuple[str, str]:
-    """Choose the kind of compliance for a body with `n` dofs, `k` of them at the contact.
+def choose_kind(n: int, k: int, memory: float, d: int = 2) -> tuple[str, str]:
+    """Choose the kind of compliance for a body with `n` dofs and `k` contact unknowns.
+
+    Beyond the memory of factors a body is solved by multigrid. In space it is also where only the compliance does not
+    fit: hundreds of solves with factors take longer there.
 
     Parameters
     ----------
     memory : bytes that may be used
+    d : dofs of a node
 
     Returns
     -------
     "explicit", "direct" or "iterative", and the reason. Not collective.
     """
-    growth = n * np.log2(max(n, 2))
-    explicit, direct = FACTORS_WITH_SCHUR * growth + 8.0 * k**2, FACTORS * growth
-    if MARGIN * direct > memory:
-        return "iterative", f"factors would take about {_worded(direct)}, {_worded(memory)} are free"
-    if k**3 > LARGEST_RATIO * n:
-        return "direct", f"a dense matrix of {k} contact dofs costs more than it saves at {n} dofs"
-    if MARGIN * explicit > memory:
-        return "direct", f"a dense matrix would take about {_worded(explicit)}, {_worded(memory)} are free"
-    return "explicit", f"a dense matrix of {_worded(8.0 * k**2)} beside the factors"
+    solid = d == 3
+    growth = n ** (4 / 3) if solid else n * np.log2(max(n, 2))
+    plain, dense = MARGIN * FACTORS[solid] * growth, 8.0 * k**2
+    whole = MARGIN * FACTORS_WITH_SCHUR[solid] * growth + dense
+    if plain > memory:
+        return "iterative", f"factors may take {_worded(plain)}, {_worded(memory)} are free"
+    if k**3 > LARGEST_RATIO[solid] * n:
+        return "direct", f"a dense matrix of {k} contact unknowns costs more than it saves at {n} dofs"
+    if whole > memory:
+        return ("iterative" if solid else "direct",
+                f"factors and a dense matrix may take {_worded(whole)}, {_worded(memory)} are free")
+    return "explicit", f"a dense matrix of {_worded(dense)} beside the factors"
 
 
 def _worded(size: float) -> str:

@@ -120,13 +120,8 @@ class Elasticity:
         return full
 
 
-def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF, last: np.ndarray | None = None) -> Elasticity:
+def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     """Assemble stiffness and load of `body` and eliminate its clamped dofs symmetrically.
-
-    Parameters
-    ----------
-    last : nodes that have the last rows of A; the others have theirs by falling distance from them in the mesh. If
-        it is left out, rows are in the order of the mesh
 
     Collective on `comm`. Raises InputError if the clamps contradict each other, or leave a part of the body loose
     that is not connected to the rest.
@@ -136,8 +131,6 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF, last: np.ndarray 
     free = clamps < 0
     motions = body_motions(mesh, K, free, body.name)
     nodes = np.flatnonzero(free.any(axis=1))
-    if last is not None:
-        nodes = nodes[np.argsort(-K.steps(last)[nodes], kind="stable")]
     loose = free[nodes]
     cases = {}
     for history, moved in prescribed.items():

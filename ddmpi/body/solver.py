@@ -7,12 +7,11 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sparse
 from petsc4py import PETSc
-from scipy.linalg import cho_factor, cho_solve
-from scipy.linalg.blas import dsymv
 
 from ddmpi.errors import SolverError
 from ddmpi.petsc.messages import petsc_message, reason_name
-from ddmpi.petsc.schur import hold_schur, invert_on_first, inverted_schur, request_schur
+from ddmpi.petsc.mumps import Factors, MumpsError, RefusedError
+from ddmpi.petsc.schur import invert_on_first, inverted_schur, request_schur
 
 REFINEMENTS = 3
 """An iterative solve with too large a true residual is refined this often; then it is an error."""
@@ -21,8 +20,9 @@ TRUE_RESIDUAL = ("cg", "fcg", "pipecg", "gmres", "fgmres", "bcgs", "cr")
 """KSP types that can test the unpreconditioned residual; for the others the check after the solve decides."""
 
 MUMPS_ORDERING = 2
-"""Approximate minimum fill. MUMPS's own choice without METIS, PORD, took 1.3 to 2 times as long with linear
-triangles and four times as long with quadratic ones. With a Schur complement MUMPS uses its own ordering."""
+"""Approximate minimum fill. MUMPS's own choice without METIS, PORD, took 1.3 to 2 times as long with linear triangles
+and four times as long with quadratic ones. In space it takes 0.6 to 0.9 of the time, but ends the process (signal 11)
+where few nodes are free. Beside a Schur complement of PETSc's MUMPS uses its own."""
 
 DIRECT_RESIDUAL = 1e-6
 """A direct solve whose relative residual exceeds this has failed (a pivot was lost)."""
@@ -38,37 +38,45 @@ USUAL, LEAST = 1e-10, 1e-13
 class StiffnessSolver:
     """Solves with the stiffness A of one body; a factorization is made once, at construction.
 
-    The default is MUMPS Cholesky; without MUMPS, CHOLMOD; without that, PETSc's own.
+    The default is MUMPS Cholesky; without MUMPS, CHOLMOD; without that, PETSc's own. All methods are collective on A's
+    communicator.
 
     Parameters
     ----------
     A : the stiffness matrix, symmetric positive definite
     name : the body's name, for messages
-    schur : dofs on which the inverse of the Schur complement is wanted; only MUMPS gives it
+    trace : (k, columns of A) B, if C = B A⁻¹ Bᵀ is wanted; only MUMPS gives it. It is the first rank's; others give
+        one without rows
+    order : (columns of A,) the place of each row of A in the order of elimination, on the first rank; None leaves it
+        to MUMPS. It is used with `trace` only
     iterative : conjugate gradients with algebraic multigrid instead of a factorization
 
     Attributes
     ----------
     direct : whether solves are by a factorization alone
     given : relative residual at which -body_ksp_rtol stops an iterative solver; zero without that option
-    inverse : (k, k) A⁻¹ on the dofs `schur` (m/N), which is the inverse of the Schur complement: symmetric,
-        Fortran order; or None. Read only, and valid only as long as the solver exists
+    condensed : (k, k) C (m/N), in Fortran order, of which only the upper triangle counts; or None. On the first rank
+        only
+    refused : why MUMPS was not called directly for C, or nothing
 
     Raises
     ------
     SolverError
-        when the factorization fails. Collective on A's communicator.
+        when the factorization fails.
     """
 
-    def __init__(self, A: PETSc.Mat, name: str, schur: np.ndarray | None = None, iterative: bool = False) -> None:
+    def __init__(self, A: PETSc.Mat, name: str, trace: sparse.csr_matrix | None = None,
+                 order: np.ndarray | None = None, iterative: bool = False) -> None:
         self.A, self.name = A, name
         self.ksp = PETSc.KSP().create(A.comm)
         self.ksp.setOptionsPrefix("body_")
         self.ksp.setOperators(A)
-        self.inverse: np.ndarray | None = None
+        self.condensed: np.ndarray | None = None
+        self.refused = ""
+        self._factors: Factors | None = None
         try:
             self._configure(iterative)
-            self._set_up(schur)
+            self._set_up(trace, order)
         except PETSc.Error as error:
             given = ", ".join(f"-{k} {v}" for k, v in PETSc.Options().getAll().items() if k.startswith("body_"))
             raise SolverError(f"body {name!r}: PETSc cannot set up its solver ({self.description}"
@@ -96,18 +104,46 @@ class StiffnessSolver:
             if self.ksp.getType() == "gmres":
                 self.ksp.setPCSide(PETSc.PC.Side.RIGHT)
 
-    def _set_up(self, schur: np.ndarray | None) -> None:
-        """Factor, and keep the inverse of the Schur complement if MUMPS gives it."""
+    def _set_up(self, trace: sparse.csr_matrix | None, order: np.ndarray | None) -> None:
+        """Factor, with C if MUMPS gives it: called directly or through PETSc."""
         pc = self.ksp.getPC()
-        if not (self.direct and pc.getType() == PETSc.PC.Type.CHOLESKY and pc.getFactorSolverType() == "mumps"):
-            schur = None
-        if schur is not None and self.A.size[0] <= 2 * len(schur):  # little to eliminate, where MUMPS may fail
-            self.inverse, schur = _dense_inverse(self.A, schur, self.name), None
-        if schur is not None:
-            request_schur(pc, schur)
+        if trace is None or not (self.direct and pc.getType() == PETSc.PC.Type.CHOLESKY
+                                 and pc.getFactorSolverType() == "mumps"):
+            self._factor()
+            return
+        try:
+            self._factors = Factors(self.A, trace, order, "body_")
+            self.condensed = self._factors.condensed
+        except RefusedError as reason:
+            self.refused = str(reason)
+            self._condense(trace)
+        except MumpsError as error:
+            raise SolverError(f"body {self.name!r}: the stiffness cannot be factored ({error})") from None
+
+    def _condense(self, trace: sparse.csr_matrix) -> None:
+        """Factors by PETSc, and C from the inverse of the Schur complement on the dofs that the trace touches.
+
+        On several ranks PETSc does not solve beside a Schur complement, and factors again.
+        """
+        pc, comm, dofs = self.ksp.getPC(), self.A.comm.tompi4py(), np.unique(trace.indices[trace.data != 0.0])
+        enough = comm.bcast(self.A.size[0] > 2 * len(dofs))  # with little to eliminate MUMPS may fail
+        if enough:
+            request_schur(pc, dofs)
         self._factor()
-        if schur is not None:
-            self.inverse = inverted_schur(pc, len(schur))
+        if not enough:
+            return
+        code, inverse = pc.getFactorMatrix().getMumpsInfog(1), None
+        if code >= 0 and comm.rank == 0:
+            inverse = inverted_schur(pc, len(dofs)) if comm.size == 1 else invert_on_first(pc, len(dofs))
+        if not comm.bcast(inverse is not None):
+            raise SolverError(f"body {self.name!r}: the stiffness cannot be factored (MUMPS: INFOG(1) = {code})")
+        if inverse is not None:
+            part = trace[:, dofs]
+            self.condensed = np.asfortranarray(part @ (part @ inverse).T)
+        if comm.size > 1:
+            self.ksp.reset()
+            self.ksp.setOperators(self.A)
+            self._factor()
 
     def _factor(self) -> None:
         """Set up the KSP, with our ordering of MUMPS unless the user names one."""
@@ -170,22 +206,10 @@ class StiffnessSolver:
         """‖A‖, the largest sum of a row (N/m)."""
         return self.A.norm(PETSc.NormType.NORM_INFINITY)
 
-    def solve_block(self, F: np.ndarray) -> np.ndarray:
-        """A⁻¹ F for the columns of F (n, k); with a factorization the residuals are not checked. Collective."""
-        if self.direct and self.ksp.getPC().getType() in ("cholesky", "lu"):
-            right = PETSc.Mat().createDense(F.shape, array=np.asfortranarray(F), comm=self.A.comm)
-            found = PETSc.Mat().createDense(F.shape, comm=self.A.comm)
-            found.setUp()
-            self.ksp.getPC().getFactorMatrix().matSolve(right, found)
-            return found.getDenseArray().copy()
-        U, (f, u) = np.empty(F.shape), self.A.createVecs()
-        for k in range(F.shape[1]):
-            f.array[:] = F[:, k]
-            self.solve(f, u)
-            U[:, k] = u.array_r
-        return U
-
     def _solve(self, f: PETSc.Vec, u: PETSc.Vec) -> None:
+        if self._factors is not None:
+            self._solve_with(self._factors, f, u)
+            return
         self.ksp.solve(f, u)
         reason = self.ksp.getConvergedReason()
         if reason < 0:
@@ -193,95 +217,24 @@ class StiffnessSolver:
                               f"{reason_name(PETSc.KSP.ConvergedReason, reason)} after "
                               f"{self.ksp.getIterationNumber()} iterations")
 
-
-class SharedSolver(StiffnessSolver):
-    """A `StiffnessSolver` of a stiffness whose rows are on several ranks; all its methods are collective on them.
-
-    PETSc does not solve with MUMPS's factors beside a Schur complement on several ranks, except for the interior with
-    the dofs of the Schur complement held. So a solve is one of the interior, which leaves a residual g on these dofs,
-    their displacement `inverse` g on the first rank, and another solve of the interior.
-
-    Parameters
-    ----------
-    A, name, iterative : as for `StiffnessSolver`
-    schur : the same on all ranks, in the numbers of A, in any order
-
-    Attributes
-    ----------
-    inverse : in the order of `schur`, on the first rank only
-    little : whether a Schur complement was not asked of MUMPS since there is little to eliminate
-    """
-
-    def _set_up(self, schur: np.ndarray | None) -> None:
-        pc, self.little = self.ksp.getPC(), False
-        self._held: np.ndarray | None = None
-        if not (self.direct and pc.getType() == PETSc.PC.Type.CHOLESKY and pc.getFactorSolverType() == "mumps"):
-            schur = None
-        if schur is not None and self.A.size[0] <= 2 * len(schur):
-            schur, self.little = None, True
-        if schur is not None:
-            request_schur(pc, schur if self.A.comm.rank == 0 else schur[:0])
-        self._factor()
-        if schur is not None:
-            self._condense(pc, schur)
-
-    def _condense(self, pc: PETSc.PC, schur: np.ndarray) -> None:
-        """Invert the Schur complement, and have MUMPS solve with these dofs held from now on."""
-        self._factors, comm = pc.getFactorMatrix(), self.A.comm.tompi4py()
-        code, definite = self._factors.getMumpsInfog(1), True
-        if code >= 0 and comm.rank == 0:
-            self.inverse = invert_on_first(pc, len(schur))
-            definite = self.inverse is not None
-        if code < 0 or not comm.bcast(definite):
-            raise SolverError(f"body {self.name!r}: the stiffness cannot be factored (MUMPS: INFOG(1) = {code})")
-        hold_schur(self._factors)
-        start, stop = self.A.getOwnershipRange()
-        self._held, self._comm = np.flatnonzero((schur >= start) & (schur < stop)), comm
-        self._own = schur[self._held] - start
-        self._spread, self._work = self.A.createVecs()
-        self._spread.set(0.0)
-        self._right, self._found = (PETSc.Mat().createDense((self._work.sizes, 1), comm=self.A.comm,
-                                                            array=np.zeros((stop - start, 1))) for _ in range(2))
-        self._moved = np.zeros(len(schur))
-
-    def _solve(self, f: PETSc.Vec, u: PETSc.Vec) -> None:
-        if self._held is None:
-            super()._solve(f, u)
-            return
+    def _solve_with(self, factors: Factors, f: PETSc.Vec, u: PETSc.Vec) -> None:
+        """Solve with factors that have the load and the displacement on the first rank."""
+        comm, counts = self.A.comm.tompi4py(), np.diff(self.A.getOwnershipRanges())
+        whole = np.empty(self.A.size[0]) if comm.rank == 0 else None
+        comm.Gatherv(f.array_r, None if whole is None else [whole, counts])
         try:
-            self._interior(f, u)
-            self.A.mult(u, self._work)
-            self._work.aypx(-1.0, f)
-            self._move(self._work)
-            self._spread.array[self._own] = self._moved[self._held]  # zero elsewhere
-            self.A.mult(self._spread, self._work)
-            self._work.aypx(-1.0, f)
-            self._interior(self._work, u)
-            u.array[self._own] = self._moved[self._held]
-        except PETSc.Error as error:
-            raise SolverError(f"body {self.name!r}: {self.description} failed: {petsc_message(error)}") from None
-
-    def _interior(self, f: PETSc.Vec, u: PETSc.Vec) -> None:
-        """u ← the displacement under f with the dofs of the Schur complement held."""
-        self._right.getDenseArray()[:, 0] = f.array_r
-        self._factors.matSolve(self._right, self._found)
-        u.array[:] = self._found.getDenseArray()[:, 0]
-        u.array[self._own] = 0.0
-
-    def _move(self, residual: PETSc.Vec) -> None:
-        """Displacement of the dofs of the Schur complement, from what the held ones leave there; on all ranks."""
-        self._moved[:] = 0.0
-        self._moved[self._held] = residual.array_r[self._own]
-        total = np.empty_like(self._moved)
-        self._comm.Reduce(self._moved, total)  # each is one rank's, so that the sums are exact
-        if self.inverse is not None:
-            self._moved[:] = dsymv(1.0, self.inverse, total)
-        self._comm.Bcast(self._moved)
+            found = factors.solve(whole)
+        except MumpsError as error:
+            raise SolverError(f"body {self.name!r}: {self.description} failed: {error}") from None
+        own = np.empty(u.local_size)
+        comm.Scatterv(None if found is None else [found, counts], own)
+        u.array[:] = own
 
     def destroy(self) -> None:
-        """Free what PETSc holds of it."""
-        work = () if self._held is None else (self._spread, self._work, self._right, self._found)
-        for each in (self.ksp, self._residual, self._correction, *work):
+        """Free what PETSc and MUMPS hold of it."""
+        if self._factors is not None:
+            self._factors.destroy()
+        for each in (self.ksp, self._residual, self._correction):
             each.destroy()
 
 
@@ -303,13 +256,3 @@ def offers_cholesky(A: PETSc.Mat, package: str) -> bool:
     finally:
         pc.destroy()
     return True
-
-
-def _dense_inverse(A: PETSc.Mat, dofs: np.ndarray, name: str) -> np.ndarray:
-    """A⁻¹ on `dofs` by dense algebra."""
-    indptr, columns, values = A.getValuesCSR()
-    dense = sparse.csr_matrix((values, columns, indptr), A.size).toarray()
-    try:
-        return np.asfortranarray(cho_solve(cho_factor(dense), np.eye(len(dense))[:, dofs])[dofs])
-    except (np.linalg.LinAlgError, ValueError) as error:  # not positive definite, not finite
-        raise SolverError(f"body {name!r}: the stiffness cannot be factored: {error}") from None

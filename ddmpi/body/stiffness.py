@@ -49,28 +49,10 @@ class Stiffness:
 
     def connected(self) -> tuple[int, np.ndarray]:
         """The number of connected pieces of the body, and for each node (nv,) the number of its piece."""
-        number, piece = csgraph.connected_components(self._links(np.empty(0, int)), directed=False)
-        return number - 1, piece[:-1]
-
-    def steps(self, nodes: np.ndarray) -> np.ndarray:
-        """How many pairs lie between each node (nv,) and the nearest of `nodes`; nv where nothing connects them."""
-        size = len(self.diagonal)
-        order, before = csgraph.breadth_first_order(self._links(nodes), size, directed=False)
-        place = np.empty(size + 1, dtype=int)
-        place[order] = np.arange(len(order))
-        parents, ends = place[before[order[1:]]], [0, 1]  # the parents ascend; a step ends with the last one's children
-        while ends[-1] < len(order):
-            ends.append(1 + int(np.searchsorted(parents, ends[-1])))
-        found = np.full(size + 1, size)
-        found[order] = np.repeat(np.arange(len(ends) - 1), np.diff(ends)) - 1
-        return found[:-1]
-
-    def _links(self, nodes: np.ndarray) -> sparse.csr_matrix:
-        """The graph (nv + 1, nv + 1) of the pairs, with one more node that is linked to `nodes`."""
         size = len(self.diagonal)
         indptr = np.concatenate([[0], np.cumsum(np.bincount(self.first, minlength=size))])
-        second = np.concatenate([self.second, nodes])
-        return sparse.csr_matrix((np.ones(len(second)), second, np.append(indptr, len(second))), (size + 1, size + 1))
+        pairs = sparse.csr_matrix((np.ones(len(self.second)), self.second, indptr), (size, size))
+        return csgraph.connected_components(pairs, directed=False)
 
     def to_csr(self, free: np.ndarray, nodes: np.ndarray) -> sparse.csr_matrix:
         """The rows and columns (d k, d k) of some nodes, sorted.

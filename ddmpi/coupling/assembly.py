@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from ddmpi.body.compliance import choose_kind
 from ddmpi.body.elasticity import Elasticity, assemble
 from ddmpi.body.stress import Composite, material_of, modulus_beside
 from ddmpi.coupling.exchange import Ends, Exchange
@@ -38,10 +37,6 @@ from ddmpi.system.clock import Clock
 from ddmpi.system.memory import free_memory
 
 NO_SIZES: Mapping[str, Sizes] = {}
-
-FEWEST = 10_000
-"""Nodes from which on a body's rows are numbered towards its contacts for the factorization; in smaller ones it gains
-nothing."""
 
 
 @dataclass(frozen=True)
@@ -150,9 +145,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
         with agreed(world):
             for spec in mine:
                 mesh = meshes[spec.name]
-                facing = [edges[contact.name, side] for contact, side in _contacts_of(spec, contacts)]
-                alone = team is None or team.size == 1
-                elasticity = assemble(mesh, spec, last=_last(mesh, spec, facing, scene) if alone else None)
+                elasticity = assemble(mesh, spec)
                 material = material_of(mesh, spec)
                 bodies[spec.name] = elasticity
                 own = _contacts_of(spec, contacts)
@@ -176,9 +169,11 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     members, histories = [], [None, *scene.followed]
     with clock.phase("factor"), agreed(world):
         for spec in mine:
-            bodies[spec.name] = _deal(team, bodies[spec.name], meshes[spec.name])
+            points = meshes[spec.name].points[bodies[spec.name].nodes]
+            bodies[spec.name] = _deal(team, bodies[spec.name], points)
             ours = [interface for interface in interfaces if spec.name in interface.bodies]
-            members.append(Member(spec.name, bodies[spec.name], ours, scene.method.compliance, memory, histories))
+            members.append(Member(spec.name, bodies[spec.name], ours, scene.method.compliance, memory, histories,
+                                  points))
             interrupt.check()
     owned = {contact for contact, first, _ in exchange.ends if first == world.rank}
     if exchange.mirrored:
@@ -220,23 +215,11 @@ def _contacts_of(spec: SettledBody, contacts: Sequence[SettledContact]) -> list[
     return [(contact, contact.bodies.index(spec.name)) for contact in contacts if spec.name in contact.bodies]
 
 
-def _last(mesh: Mesh, spec: SettledBody, facing: Sequence[np.ndarray], scene: Settled) -> np.ndarray | None:
-    """The nodes at contacts, given by their edges, if the rows of the body are to end with them.
-
-    Beside a Schur complement MUMPS orders by minimum degree, which depends on the numbers: docs/studies/benchmark.md.
-    """
-    if not facing or len(mesh.points) < FEWEST:
-        return None
-    nodes = np.unique(np.concatenate([edges.ravel() for edges in facing]))
-    chosen = scene.method.compliance or choose_kind(mesh.points.size, nodes.size * mesh.dimension, np.inf)[0]
-    return nodes if chosen == "explicit" else None
-
-
-def _deal(team: Team | None, elasticity: Elasticity, mesh: Mesh) -> Elasticity:
+def _deal(team: Team | None, elasticity: Elasticity, points: np.ndarray) -> Elasticity:
     """The body with its stiffness on all ranks of its team, if it has several. Collective on them."""
     if team is None or team.size == 1:
         return elasticity
-    A = TeamMatrix(team, elasticity.A, mesh.points[elasticity.nodes], elasticity.held)
+    A = TeamMatrix(team, elasticity.A, points, elasticity.held)
     return replace(elasticity, A=A)
 
 

@@ -35,6 +35,7 @@ class Member:
     interfaces : at which it takes part, in the order of a vector's parts; may be none
     compliance, memory : kind of the compliance, and the bytes that it may use, see `Compliance`
     histories : that loads and clamps of the scene follow, None for those that follow none
+    points : (k, d) positions of the nodes that A acts on, see `Compliance`
 
     Attributes
     ----------
@@ -50,7 +51,7 @@ class Member:
 
     def __init__(self, name: str, elasticity: Elasticity, interfaces: Sequence[Interface],
                  compliance: str | None = None, memory: float = np.inf,
-                 histories: Sequence[str | None] = (None,)) -> None:
+                 histories: Sequence[str | None] = (None,), points: np.ndarray | None = None) -> None:
         self.name, self.elasticity, self.interfaces = name, elasticity, tuple(interfaces)
         self._histories = tuple(histories)
         ends = np.cumsum([0, *(each.size for each in self.interfaces)]).tolist()
@@ -67,7 +68,7 @@ class Member:
         if not elasticity.held:
             self._centring = Centring(R, B)
             A = hold(A, support(motions))
-        self.C = Compliance(A, B, name, compliance, memory, make_solver)
+        self.C = Compliance(A, B, name, compliance, memory, make_solver, points)
         self._responses = {name: self._response(case) for name, case in elasticity.cases.items()}
         self.h = sum((h for h, _ in self._responses.values()), np.zeros(1))
         self._set_up = self.C.count.copy()

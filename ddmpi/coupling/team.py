@@ -13,11 +13,12 @@ import time
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from ddmpi.body.rigid_motions import add_springs, stiffen
-from ddmpi.body.solver import SharedSolver, StiffnessSolver
+from ddmpi.body.solver import StiffnessSolver
 from ddmpi.errors import DdmpiError, SolverError
 from ddmpi.system.memory import free_memory
 from ddmpi.system.numbers import bisect
@@ -50,7 +51,7 @@ class Share:
         self.comm, self._beside = comm, beside
         self._A: PETSc.Mat | None = None
         self._springs: tuple[np.ndarray, float] = (np.zeros(0, int), 0.0)  # in A, on own rows; their stiffness
-        self._solver: SharedSolver | None = None
+        self._solver: StiffnessSolver | None = None
         self._place = np.zeros(0, int)  # in the order of the ranks, of each dof of the root's vectors
         self._counts = np.zeros(comm.size, int)
 
@@ -126,10 +127,16 @@ class Share:
         own = dofs[(dofs >= start) & (dofs < stop)] - start
         self._springs = own, stiffen(self._A, own)
 
-    def factor(self, given: np.ndarray | None, schur: bool, name: str, iterative: bool) -> SharedSolver | None:
-        """Make the solver; with `schur`, the dofs `given` are those of the Schur complement."""
-        dofs = self.comm.bcast(None if given is None else self._place[given]) if schur else None
-        self._solver = SharedSolver(self._A, name, dofs, iterative)
+    def factor(self, given: tuple[sparse.csr_matrix, np.ndarray | None] | None, condensed: bool, name: str,
+               iterative: bool) -> StiffnessSolver | None:
+        """Make the solver; if it is to be `condensed`, the root gives a trace and an order in its own numbers."""
+        assert self._A is not None
+        trace, order = sparse.csr_matrix((0, self._A.size[1])) if condensed else None, None
+        if given is not None:
+            trace, order = given
+            trace = sparse.csr_matrix((trace.data, self._place[trace.indices], trace.indptr), trace.shape)
+            order = None if order is None else self._ordered(order)
+        self._solver = StiffnessSolver(self._A, name, trace, order, iterative)
         return self._solver if self.comm.rank == 0 else None
 
     def solve(self, given: np.ndarray | None, relative: float) -> np.ndarray | None:
@@ -290,13 +297,24 @@ class TeamMatrix:
         self._held, self._springs = held, np.zeros(0, int)
         team.matrix = self
 
-    def factor(self, schur: np.ndarray | None, name: str, iterative: bool) -> SharedSolver:
+    def getRowIJ(self) -> tuple[np.ndarray, np.ndarray]:
+        """The pattern of the stiffness, see PETSc, until there is a solver."""
+        assert self._whole is not None
+        return self._whole[0].getRowIJ()
+
+    def getBlockSize(self) -> int:
+        """Rows of a node."""
+        return self._width
+
+    def factor(self, trace: sparse.csr_matrix | None, order: np.ndarray | None, name: str,
+               iterative: bool) -> StiffnessSolver:
         """Deal the rows out, and make a solver, parameters as for `StiffnessSolver`; once."""
         self.do("deal", self._whole, self._held, iterative)
         self._whole = None
         if len(self._springs):
             self.do("add_springs", self._springs)
-        return self.do("factor", schur, schur is not None, name, iterative)
+        given = None if trace is None else (trace, order)
+        return self.do("factor", given, given is not None, name, iterative)
 
     def do(self, command: str, given: Any = None, *arguments: Any) -> Any:
         """A command to the team, which must not have been given another body since."""
@@ -320,22 +338,16 @@ class TeamMatrix:
 class TeamSolver:
     """What a `StiffnessSolver` is, with a `TeamMatrix`, on the root."""
 
-    def __init__(self, A: TeamMatrix, name: str, schur: np.ndarray | None = None, iterative: bool = False) -> None:
+    def __init__(self, A: TeamMatrix, name: str, trace: sparse.csr_matrix | None = None,
+                 order: np.ndarray | None = None, iterative: bool = False) -> None:
         self._A = A
-        solver = A.factor(schur, name, iterative)
+        solver = A.factor(trace, order, name, iterative)
         self.direct, self.given, self.description = solver.direct, solver.given, solver.description
-        self.inverse = solver.inverse
-        if solver.little and schur is not None:
-            inverse = self.solve_block(np.eye(A.size[0])[:, schur])[schur]
-            self.inverse = np.asfortranarray((inverse + inverse.T) / 2)
+        self.condensed, self.refused = solver.condensed, solver.refused
 
     def solve(self, f: PETSc.Vec, u: PETSc.Vec, relative: float = 0.0) -> None:
         """u ← A⁻¹ f, see `StiffnessSolver.solve`."""
         u.array[:] = self._A.do("solve", f.array_r, relative)
-
-    def solve_block(self, F: np.ndarray) -> np.ndarray:
-        """A⁻¹ F for the columns of F (n, k)."""
-        return np.column_stack([self._A.do("solve", np.ascontiguousarray(f), 0.0) for f in F.T])
 
 
 def hold(A: PETSc.Mat | TeamMatrix, dofs: np.ndarray) -> PETSc.Mat | TeamMatrix:
@@ -343,11 +355,9 @@ def hold(A: PETSc.Mat | TeamMatrix, dofs: np.ndarray) -> PETSc.Mat | TeamMatrix:
     return A.with_springs(dofs) if isinstance(A, TeamMatrix) else add_springs(A, dofs)
 
 
-def make_solver(A: PETSc.Mat | TeamMatrix, name: str, schur: np.ndarray | None = None,
-                iterative: bool = False) -> StiffnessSolver | TeamSolver:
+def make_solver(A: PETSc.Mat | TeamMatrix, *arguments: Any, **named: Any) -> StiffnessSolver | TeamSolver:
     """The solver with A, parameters as for `StiffnessSolver`. Collective on the ranks of A."""
-    kind = TeamSolver if isinstance(A, TeamMatrix) else StiffnessSolver
-    return kind(A, name, schur, iterative)
+    return (TeamSolver if isinstance(A, TeamMatrix) else StiffnessSolver)(A, *arguments, **named)
 
 
 def _index(numbers: np.ndarray) -> PETSc.IS:

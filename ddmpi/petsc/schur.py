@@ -15,12 +15,9 @@ from scipy.linalg.lapack import dpotrf, dpotri
 
 _POINTER = ctypes.c_void_p
 
-MIRRORED = 256
-"""Columns that are mirrored at a time."""
-
 
 def request_schur(pc: PETSc.PC, dofs: np.ndarray) -> None:
-    """Make the next factorization keep the Schur complement on `dofs` (unique; ascending on a single rank).
+    """Make the next factorization keep the Schur complement on `dofs` (unique, ascending).
 
     The PC must have its factor solver type, and must not be set up yet. On several ranks the first gives all `dofs`
     and the others none. Collective.
@@ -47,31 +44,13 @@ def inverted_schur(pc: PETSc.PC, size: int) -> np.ndarray:
 def invert_on_first(pc: PETSc.PC, size: int) -> np.ndarray | None:
     """The inverse (size, size) of the Schur complement of a factorization on several ranks, on the first of them.
 
-    MUMPS gives the lower triangle by rows, in the first rank's memory, where it is inverted in place; valid only as
-    long as the PC exists. None if it is not positive definite. Only on the first rank, not collective.
+    MUMPS gives the lower triangle by rows, in the first rank's memory. None if it is not positive definite. Only on
+    the first rank, not collective.
     """
-    S = _schur_array(pc, size).T  # the upper triangle in Fortran order
-    S, failed = dpotrf(S, lower=0, clean=0, overwrite_a=1)
+    S, failed = dpotrf(_schur_array(pc, size).T, lower=0, overwrite_a=1)
     if not failed:
         S, failed = dpotri(S, lower=0, overwrite_c=1)
-    if failed:
-        return None
-    for start in range(0, size, MIRRORED):
-        stop = min(start + MIRRORED, size)
-        S[stop:, start:stop] = S[start:stop, stop:].T
-        square = S[start:stop, start:stop]
-        square[:] = np.triu(square) + np.triu(square, 1).T
-    return S
-
-
-def hold_schur(factors: PETSc.Mat) -> None:
-    """From now on `factors.matSolve` solves with the dofs of the Schur complement held, on several ranks too.
-
-    PETSc refuses other solves on several ranks. From 3.20 on it refuses `solve` even with the dofs held, but `matSolve`
-    only by ICNTL(19), which MUMPS does not read after the analysis. Collective.
-    """
-    factors.setMumpsIcntl(19, 0)  # whether there is a Schur complement
-    factors.setMumpsIcntl(26, 0)  # what a solve does beside it; zero: these dofs are left out
+    return None if failed else np.triu(S) + np.triu(S, 1).T
 
 
 def _schur_array(pc: PETSc.PC, size: int) -> np.ndarray:

@@ -95,6 +95,8 @@ def _describe_body(member: Member, ranks: int, way: str) -> tuple[str, bool]:
     if motions:
         way += f"not held by clamps ({_count(motions, 'rigid motion')}); "
     way += "direct solver" if solver == DIRECT else f"solver {solver}"
+    if compliance.solver.refused:
+        way += f" through PETSc (MUMPS is not called directly: {compliance.solver.refused})"
     if compliance.kind != "explicit" or compliance.reason == "asked for":
         way += f", compliance {compliance.kind} ({compliance.reason})"
     return way, member.elasticity.b.norm() > 0.0

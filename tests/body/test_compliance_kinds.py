@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scenes
-from scenes import pinched_blocks, prepare_scene
+from scenes import mumps_is_known, pinched_blocks, prepare_scene
 
 from ddmpi.body.compliance import FACTORS, FACTORS_WITH_SCHUR, LARGEST_RATIO, MARGIN, choose_kind
 from ddmpi.run.solve import solve
@@ -80,25 +80,34 @@ def test_explicit_without_mumps_takes_blocks_of_solves(comm, petsc_options):
 
 def test_kind_is_chosen_from_sizes():
     assert choose_kind(100_000, 500, np.inf)[0] == "explicit"
-    thin = int((LARGEST_RATIO * 100_000) ** (1 / 3))
-    assert choose_kind(100_000, thin, np.inf)[0] == "explicit"
-    kind, reason = choose_kind(100_000, thin + 10, np.inf)
-    assert kind == "direct"
-    assert f"{thin + 10} contact dofs" in reason
+    for d, ratio in zip((2, 3), LARGEST_RATIO, strict=True):
+        thin = int((ratio * 100_000) ** (1 / 3))
+        assert choose_kind(100_000, thin, np.inf, d)[0] == "explicit"
+        kind, reason = choose_kind(100_000, thin + 10, np.inf, d)
+        assert kind == "direct"
+        assert f"{thin + 10} contact unknowns" in reason
 
 
-def test_kind_is_chosen_from_memory():
+@pytest.mark.parametrize(("d", "growth", "without"), [(2, 1e6 * np.log2(1e6), "direct"), (3, 1e8, "iterative")])
+def test_kind_is_chosen_from_memory(d, growth, without):
+    """Where factors fit without the compliance, a body in the plane keeps them, and one in space does not."""
     n, k = 1_000_000, 2000
-    direct = MARGIN * FACTORS * n * np.log2(n)
-    explicit = MARGIN * (FACTORS_WITH_SCHUR * n * np.log2(n) + 8 * k**2)
-    assert choose_kind(n, k, 1.01 * explicit)[0] == "explicit"
-    kind, reason = choose_kind(n, k, 0.99 * explicit)
-    assert kind == "direct"
-    assert "GiB" in reason
-    assert choose_kind(n, k, 1.01 * direct)[0] == "direct"
-    kind, reason = choose_kind(n, k, 0.99 * direct)
+    direct, explicit = (MARGIN * each[d == 3] * growth for each in (FACTORS, FACTORS_WITH_SCHUR))
+    explicit += 8 * k**2
+    assert choose_kind(n, k, 1.01 * explicit, d)[0] == "explicit"
+    for memory in (0.99 * explicit, 1.01 * direct):
+        kind, reason = choose_kind(n, k, memory, d)
+        assert kind == without
+        assert "GiB" in reason
+    kind, reason = choose_kind(n, k, 0.99 * direct, d)
     assert kind == "iterative"
-    assert "are free" in reason
+    assert "factors may take" in reason and "are free" in reason
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_kind_of_thin_bodies_beyond_memory(d):
+    """Their factors alone are small."""
+    assert choose_kind(30_000, 15_000, 2**31, d)[0] == "direct"
 
 
 @pytest.mark.parametrize("n", [0, 1, 2])
@@ -122,8 +131,12 @@ def test_plan_says_what_was_chosen_and_why(tmp_path):
     scene = scenes.write_scene(pinched_blocks(6), tmp_path / "scene.toml")
     run = scenes.run_command(scene, tmp_path / "out", "--no-figures")
     assert run.code == 0, run.output
-    assert "upper, lower: direct solver\n" in run.stdout
+    way = "\n" if mumps_is_known() else " through PETSc (MUMPS is not called directly: "
+    assert f"upper, lower: direct solver{way}" in run.stdout
     assert [body["compliance"] for body in run.summary["bodies"].values()] == ["explicit", "explicit"]
+    run = scenes.run_command(scene, tmp_path / "petsc", "--no-figures", "-body_mat_mumps_icntl_10", "0")
+    assert ("upper, lower: direct solver through PETSc (MUMPS is not called directly: -body_mat_mumps_icntl_10 is an "
+            "option of PETSc's)\n") in run.stdout
     run = scenes.run_command(scene, tmp_path / "direct", "--no-figures", "--set", "method.compliance=direct")
     assert "upper, lower: direct solver, compliance direct (asked for)\n" in run.stdout
 

@@ -452,21 +452,3 @@ def test_load_and_clamp_name_absent_groups():
         assemble(mesh, body(clamp=["lft"]))
     with pytest.raises(InputError, match=r"body\.block\.traction: .*'rigt'"):
         assemble(mesh, body(clamp=["left"], traction=[Traction(on="rigt", value=(1.0, 0.0))]))
-
-
-@both_orders
-def test_rows_may_end_with_some_nodes(order):
-    """Rows that end with some nodes are those in the mesh's order, moved; the displacement is the same."""
-    mesh = distorted(rectangle())
-    mesh = raise_order(mesh, "mesh") if order == 2 else mesh
-    spec = body(clamp=["left", Clamp(on="top", y=0.0)], traction=[Traction(on="right", value=(1.0, 2.0))])
-    last = np.unique(mesh.groups["bottom"])
-    usual, moved = assemble(mesh, spec), assemble(mesh, spec, last=last)
-    nodes = np.searchsorted(usual.nodes, moved.nodes)
-    assert (usual.nodes[nodes] == moved.nodes).all()
-    there = np.isin(moved.nodes, last)
-    assert there[-there.sum():].all()
-    dofs = (2 * nodes[:, None] + np.arange(2)).ravel()
-    assert abs(to_scipy(moved.A) - to_scipy(usual.A)[dofs][:, dofs]).max() == 0.0
-    assert np.array_equal(moved.b.array_r, usual.b.array_r[dofs])
-    assert solve(moved) == pytest.approx(solve(usual), rel=1e-11, abs=1e-12)

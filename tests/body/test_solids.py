@@ -2,17 +2,19 @@
 
 import numpy as np
 import pytest
+from petsc4py import PETSc
 from reference import basis_of, load_of, stiffness_of
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, identity, kron
 from skfem import BilinearForm, LinearForm, asm
 from skfem.helpers import ddot, dot, eye, sym_grad, trace
 from solids import SIDES, STEEL, SolidTraction, body, box, hold, shell, solve, wavy
 
+from ddmpi.body.compliance import Compliance
 from ddmpi.body.elasticity import assemble
 from ddmpi.body.estimate import estimate_error
 from ddmpi.body.loads import nodal_loads
 from ddmpi.body.rigid_motions import add_springs, body_motions, support
-from ddmpi.body.solver import StiffnessSolver
+from ddmpi.body.solver import StiffnessSolver, best_cholesky
 from ddmpi.body.stiffness import Stiffness, sum_stiffness
 from ddmpi.body.stress import Composite, components, energy_density, stress, stress_at, von_mises
 from ddmpi.errors import InputError
@@ -20,6 +22,7 @@ from ddmpi.mesh.boundary import boundary_facets
 from ddmpi.mesh.elements import RULES
 from ddmpi.mesh.mesh import Mesh, refuse_folded
 from ddmpi.mesh.refine import bend
+from ddmpi.petsc.dissection import elimination_order
 from ddmpi.scene.bodies import Material
 
 both_orders = pytest.mark.parametrize("order", [1, 2])
@@ -352,3 +355,68 @@ def test_a_folded_tetrahedron_is_refused():
     bends[0, 0] = 0.8
     with pytest.raises(InputError, match=r"mesh: the curved tetrahedron at \(.*, .*, .*\) folds"):
         refuse_folded(bend(mesh, bends), "mesh")
+
+
+# The compliance
+
+
+def contact(order: int, held: bool) -> tuple[PETSc.Mat, csr_matrix, np.ndarray]:
+    """A of a box, on its bottom a row for each component of each vertex, and the nodes of A; a loose one on springs."""
+    mesh = box((3, 2, 2), (3.0, 1.0, 1.0), order, jitter=0.2)
+    problem = assemble(mesh, body(clamp=[hold("left", 0.0, 0.0, 0.0)] if held else []))
+    A = problem.A if held else add_springs(problem.A, support(problem.motions[problem.nodes]))
+    facets = np.searchsorted(problem.nodes, mesh.groups["bottom"][np.isin(mesh.groups["bottom"], problem.nodes).all(1)])
+    rows, number = np.unique(facets[:, :3], return_inverse=True)
+    ends = np.repeat(number.reshape(-1, 3), facets.shape[1], axis=1).ravel(), np.tile(facets, 3).ravel()
+    B = csr_matrix((np.arange(1.0, 1 + len(ends[0])), ends), (len(rows), len(problem.nodes)))
+    return A, kron(B, identity(3), "csr"), mesh.points[problem.nodes]
+
+
+def dense(A: PETSc.Mat) -> np.ndarray:
+    indptr, columns, values = A.getValuesCSR()
+    return csr_matrix((values, columns, indptr), A.size).toarray()
+
+
+@both_orders
+@pytest.mark.parametrize("held", [True, False], ids=["held", "loose"])
+@pytest.mark.parametrize("route", ["own order", "MUMPS's order", "through PETSc"])
+def test_compliance_is_the_dense_one(order, held, route, petsc_options, monkeypatch):
+    """With its order of elimination, without, and where PETSc calls MUMPS."""
+    monkeypatch.setattr("ddmpi.petsc.dissection.FEWEST", 0 if route == "own order" else 10**9)
+    if route == "through PETSc":
+        petsc_options(body_mat_mumps_icntl_10=0)
+    A, B, points = contact(order, held)
+    found = Compliance(A, B, "block", "explicit", points=points)
+    expected = B @ np.linalg.solve(dense(A), B.T.toarray())
+    assert np.abs(found.dense() - expected).max() <= 1e-11 * np.abs(expected).max()
+    f, u = A.createVecs()
+    f.array[:] = np.random.default_rng(2).standard_normal(f.size)
+    found.solve(f, u, "load")
+    expected = np.linalg.solve(dense(A), f.array_r)
+    assert np.abs(u.array_r - expected).max() <= 1e-11 * np.abs(expected).max()
+
+
+@pytest.mark.mpi(ranks=2)
+@pytest.mark.parametrize("options", [{}, {"body_mat_mumps_icntl_10": 0}], ids=["directly", "through PETSc"])
+def test_compliance_on_two_ranks(comm, options, petsc_options, monkeypatch):
+    """Of a body whose rows are on both."""
+    monkeypatch.setattr("ddmpi.petsc.dissection.FEWEST", 0)
+    petsc_options(**options)
+    whole, B, points = contact(2, held=True)
+    order, n = elimination_order(whole, points), whole.size[0]
+    first, last = ((rank * len(points) // 2) * 3 for rank in (comm.rank, comm.rank + 1))
+    indptr, columns, values = whole.getValuesCSR()
+    own = slice(indptr[first], indptr[last])
+    A = PETSc.Mat().createAIJ(((last - first, n),) * 2, bsize=3, comm=PETSc.COMM_WORLD,
+                              csr=(indptr[first:last + 1] - indptr[first], columns[own], values[own]))
+    A.setOption(PETSc.Mat.Option.SPD, True)
+    solver = StiffnessSolver(A, "block", B if comm.rank == 0 else B[:0], order if comm.rank == 0 else None)
+    inverse = np.linalg.inv(dense(whole))
+    if comm.rank == 0 and best_cholesky(whole) == "mumps":
+        expected = np.triu(B @ inverse @ B.T)
+        assert np.abs(np.triu(solver.condensed) - expected).max() <= 1e-11 * np.abs(expected).max()
+    f, u = A.createVecs()
+    f.set(1.0)
+    solver.solve(f, u)
+    expected = inverse.sum(axis=1)
+    assert np.abs(u.array_r - expected[first:last]).max() <= 1e-11 * np.abs(expected).max()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sparse
 from petsc4py import PETSc
+from scenes import mumps_is_known
 from scipy.sparse.linalg import spsolve
 
 from ddmpi.body.compliance import Compliance
@@ -50,10 +51,14 @@ def solve(A: PETSc.Mat, f: PETSc.Vec) -> np.ndarray:
     return u.array_r.copy()
 
 
+needs_mumps = pytest.mark.skipif(best_cholesky(block().A) != "mumps", reason="this PETSc has no MUMPS")
+known_mumps = pytest.mark.skipif(not mumps_is_known(), reason="MUMPS is not called directly")
+
+
 # Direct
 
 
-@pytest.mark.skipif(best_cholesky(block().A) != "mumps", reason="this PETSc has no MUMPS")
+@needs_mumps
 def test_ordering_of_mumps(petsc_options):
     """Minimum fill (2), which leaves no option behind; who names another (0, minimum degree) gets it."""
     def ordering() -> int:
@@ -202,14 +207,6 @@ def test_what_rounding_leaves_of_a_residual_is_no_failure():
 
 
 # Failures
-
-
-def test_a_block_of_solves_without_factors_is_checked(petsc_options):
-    petsc_options(body_ksp_type="preonly", body_pc_type="jacobi")
-    problem = block()
-    solver = StiffnessSolver(problem.A, "upper")
-    with pytest.raises(SolverError, match=r"'upper': preonly \+ jacobi left a true residual"):
-        solver.solve_block(np.eye(problem.b.size)[:, :3])
 
 
 def test_iteration_limit_names_the_reason(petsc_options):
@@ -377,32 +374,58 @@ def test_compliance_where_all_free_nodes_touch(divisions, kind):
     assert np.abs(operator.dense() - C).max() <= 1e-12 * np.abs(C).max()
 
 
-def test_schur_complement_and_full_solves_with_one_factorization():
-    problem = block()
-    A = to_scipy(problem.A).toarray()
-    size = len(A)
-    chosen = np.sort(np.random.default_rng(2).permutation(size)[:20])
-    solver = StiffnessSolver(problem.A, "upper", schur=chosen)
-    if best_cholesky(problem.A) == "mumps":
-        other = np.setdiff1d(np.arange(size), chosen)
-        mixed = A[np.ix_(other, chosen)]
-        schur = A[np.ix_(chosen, chosen)] - mixed.T @ np.linalg.solve(A[np.ix_(other, other)], mixed)
-        expected = np.linalg.inv(schur)
-        assert np.abs(solver.inverse - expected).max() <= 1e-12 * np.abs(expected).max()
-        assert np.array_equal(solver.inverse, solver.inverse.T)
-    u = problem.b.duplicate()
-    solver.solve(problem.b, u)
-    expected = np.linalg.solve(A, problem.b.array_r)
-    assert np.linalg.norm(u.array_r - expected) <= 1e-12 * np.linalg.norm(expected)
+ROUTES = {  # options, what counts in MUMPS's module, why MUMPS is not called directly
+    "own order": ({}, {}, ""),
+    "MUMPS's order": ({}, {}, ""),
+    "an ordering by option": ({"body_mat_mumps_icntl_7": 0}, {}, ""),
+    "an option of PETSc's": ({"body_mat_mumps_icntl_10": 0}, {}, "-body_mat_mumps_icntl_10 is an option of PETSc's"),
+    "another MUMPS": ({}, {"VERSIONS": (("4.1",), ("4.2",), ("4.3",))}, "is not among those that ddmpi knows"),
+    "no agreement": ({}, {"AGREEMENT": -1.0}, "the compliance does not agree with a solve"),
+}
 
 
-@pytest.mark.parametrize("iterative", [False, True])
-def test_block_of_right_hand_sides(iterative):
-    problem = block()
-    F = np.random.default_rng(3).normal(size=(problem.b.size, 5))
-    found = StiffnessSolver(problem.A, "upper", iterative=iterative).solve_block(F)
-    expected = np.linalg.solve(to_scipy(problem.A).toarray(), F)
-    assert np.abs(found - expected).max() <= (1e-8 if iterative else 1e-12) * np.abs(expected).max()
+@known_mumps
+@pytest.mark.parametrize("route", ROUTES)
+def test_one_factorization_gives_the_compliance_and_solves(route, petsc_options, monkeypatch):
+    """C and solves with A, whoever calls MUMPS; why it is not called directly is said."""
+    options, changed, refused = ROUTES[route]
+    petsc_options(**options)
+    for name, value in changed.items():
+        monkeypatch.setattr(f"ddmpi.petsc.mumps.{name}", value)
+    problem, B, C = contact_problem()
+    order = np.random.default_rng(1).permutation(problem.b.size).astype(np.int32)
+    solver = StiffnessSolver(problem.A, "upper", B, None if route == "MUMPS's order" else order)
+    assert refused in solver.refused and bool(refused) == bool(solver.refused) == (solver._factors is None)
+    assert np.abs(np.triu(solver.condensed) - np.triu(C)).max() <= 1e-12 * np.abs(C).max()
+    if solver._factors:
+        assert (solver._factors._data.infog[6] == 1) == (route == "own order")  # ICNTL(7) as it was used
+    u, expected = problem.b.duplicate(), spsolve(to_scipy(problem.A), problem.b.array_r)
+    for factor in (1.0, -2.0):
+        f = problem.b.copy()
+        f.scale(factor)
+        solver.solve(f, u)
+        assert np.linalg.norm(u.array_r - factor * expected) <= 1e-12 * np.linalg.norm(expected)
+
+
+@needs_mumps
+def test_singular_matrix_with_a_compliance_is_an_error():
+    for matrix in SINGULAR.values():
+        size = len(matrix)
+        with pytest.raises(SolverError, match="body 'upper'"):
+            solver = StiffnessSolver(from_dense(matrix), "upper", sparse.csr_matrix(np.eye(size)[:1]))
+            solver.solve(vector(1.0 + np.arange(size)), vector(np.zeros(size)))
+
+
+def test_rows_that_depend_on_each_other():
+    """More rows than contact dofs, as where fine meshes meet coarse ones: C is singular."""
+    problem, B, _ = contact_problem()
+    many = sparse.vstack([B, 2.0 * B, B[:5]], format="csr")
+    operator, dense = Compliance(problem.A, many, "upper"), many.toarray()
+    C = dense @ np.linalg.solve(to_scipy(problem.A).toarray(), dense.T)
+    y = np.empty(len(C))
+    operator.mult(np.arange(len(C), dtype=float), y, "step1")
+    assert np.linalg.norm(y - C @ np.arange(len(C))) <= 1e-12 * np.linalg.norm(y)
+    assert np.abs(operator.dense() - C).max() <= 1e-12 * np.abs(C).max()
 
 
 def test_solver_asked_to_iterate_uses_multigrid():

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 import scipy.sparse as sparse
 from mpi4py import MPI
-from scenes import pinched_blocks, prepare_scene, solve_scene
+from scenes import pinched_blocks, solve_scene
 
 import ddmpi.coupling.member
+import ddmpi.petsc.dissection
 from ddmpi.body.elasticity import Elasticity, assemble
 from ddmpi.coupling.member import Member
 from ddmpi.mesh.mesh import Mesh
@@ -375,18 +376,16 @@ def test_loose_body_that_touches_nothing(kind):
     assert displaced(pushed, np.empty(0))[1] > 0.1
 
 
-def test_rows_end_with_the_contact(monkeypatch):
-    """In large bodies with an explicit compliance, rows end with the contact; answers are the same."""
+def test_order_of_large_bodies(monkeypatch):
+    """Large bodies with an explicit compliance are factored in an order of our own; answers are the same."""
     scene = pinched_blocks(6)
     usual = solve_scene(MPI.COMM_SELF, scene)
-    monkeypatch.setattr("ddmpi.coupling.assembly.FEWEST", 0)
-    for kind, sorted_rows in ((None, False), ("explicit", False), ("direct", True)):
-        assembly = prepare_scene(MPI.COMM_SELF, scene | {"method": {"compliance": kind} if kind else {}})
-        for each in assembly.bodies:
-            nodes = each.member.elasticity.nodes
-            contact = np.isin(nodes, each.member.interfaces[0].nodes[each.member.interfaces[0].side(each.spec.name)])
-            assert (np.diff(nodes) > 0).all() == sorted_rows
-            assert contact[-contact.sum():].all() != sorted_rows
+    orders = []
+    for name in ("FEWEST", "LEAF"):
+        monkeypatch.setattr(f"ddmpi.petsc.dissection.{name}", 4)
+    dissect = ddmpi.petsc.dissection.dissect
+    monkeypatch.setattr("ddmpi.petsc.dissection.dissect", lambda *given: orders.append(dissect(*given)) or orders[-1])
     found = solve_scene(MPI.COMM_SELF, scene)
+    assert [sorted(order) for order in orders] == 2 * [list(range(18 * 7))]
     assert found["status"] == usual["status"]
     assert found["normal_force"] == pytest.approx(usual["normal_force"], abs=1e-8 * max(usual["normal_force"]))

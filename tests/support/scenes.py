@@ -33,6 +33,18 @@ BRASS = {"young": 1.0e11, "poisson": 0.35}
 CORK = {"young": 1.6e11, "poisson": 0.0}
 
 
+def mumps_is_known() -> bool:
+    """Whether MUMPS is there, in a version that is called directly."""
+    import scipy.sparse as sparse
+    from petsc4py import PETSc
+
+    from ddmpi.body.solver import StiffnessSolver
+
+    A = PETSc.Mat().createAIJ((1, 1), csr=([0, 1], [0], [1.0]), comm=PETSc.COMM_SELF)
+    solver = StiffnessSolver(A, "point", sparse.csr_matrix([[1.0]]))
+    return solver.condensed is not None and not solver.refused
+
+
 # Scenes
 
 

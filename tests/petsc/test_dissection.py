@@ -1,0 +1,96 @@
+"""The order of elimination: separators divide, are as small as can be, and save entries of the factors."""
+
+import itertools
+
+import numpy as np
+import pytest
+import scipy.sparse as sparse
+from petsc4py import PETSc
+from scipy.sparse.csgraph import connected_components
+
+from ddmpi.petsc.dissection import _cover, dissect, elimination_order
+
+
+def grid(*counts: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes of a grid, and the pairs of those that share a cell."""
+    points = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, len(counts))
+    near = np.abs(points[:, None] - points).max(axis=2) == 1
+    return points.astype(float), *np.argwhere(np.triu(near)).T
+
+
+def entries(place: np.ndarray, first: np.ndarray, second: np.ndarray) -> int:
+    """Entries of the factor that nodes eliminated in this order leave."""
+    size = len(place)
+    linked = np.zeros((size, size), bool)
+    linked[place[first], place[second]] = linked[place[second], place[first]] = True
+    for k in range(size):
+        later = k + 1 + np.flatnonzero(linked[k, k + 1:])
+        linked[np.ix_(later, later)] = True
+    return int(np.triu(linked, 1).sum())
+
+
+@pytest.mark.parametrize("counts", [(24, 24), (9, 9, 9)])
+def test_order_saves_entries(counts):
+    """In the plane and in space, however the nodes are numbered."""
+    points, first, second = grid(*counts)
+    place = dissect(points, first, second)
+    assert sorted(place) == list(range(len(points)))
+    own = entries(place, first, second)
+    assert own < 0.9 * entries(np.arange(len(points)), first, second)
+    number = np.random.default_rng(4).permutation(len(points))
+    shuffled = np.empty_like(points)
+    shuffled[number] = points
+    other = entries(dissect(shuffled, number[first], number[second]), number[first], number[second])
+    assert abs(other - own) <= 0.1 * own
+
+
+def test_last_nodes_divide_the_others():
+    """Without the nodes of the first cut, a column of the grid, two halves are left."""
+    points, first, second = grid(40, 12)
+    place = dissect(points, first, second)
+    left = (place[first] < len(points) - 12) & (place[second] < len(points) - 12)
+    graph = sparse.coo_array((np.ones(left.sum()), (first[left], second[left])), (len(points),) * 2)
+    sizes = np.bincount(connected_components(graph, directed=False)[1])
+    assert sorted(sizes[sizes > 1]) == [228, 240]
+
+
+def test_flat_cells():
+    """Cells that are a hundred times longer than high are divided like squares."""
+    points, first, second = grid(24, 24)
+    flat = dissect(points * [1.0, 100.0], first, second)
+    assert entries(flat, first, second) == entries(dissect(points, first, second), first, second)
+
+
+def test_nodes_at_one_place_and_few_nodes():
+    """What cannot be divided is ordered all the same."""
+    everywhere = np.triu_indices(50, 1)
+    assert sorted(dissect(np.zeros((50, 2)), *everywhere)) == list(range(50))
+    for k in (0, 1, 2):
+        assert sorted(dissect(np.zeros((k, 2)), np.zeros(0, int), np.zeros(0, int))) == list(range(k))
+
+
+def test_smallest_cover():
+    """As small as the smallest of all sets that touch all pairs."""
+    random = np.random.default_rng(5)
+    for _ in range(50):
+        pairs = np.unique(random.integers(0, 5, (random.integers(1, 12), 2)), axis=0)
+        first, second = pairs[:, 0], pairs[:, 1] + 5
+        found = _cover(first, second)
+        assert (np.isin(first, found) | np.isin(second, found)).all()
+        assert not any((np.isin(first, less) | np.isin(second, less)).all()
+                       for less in itertools.combinations(range(10), len(found) - 1))
+
+
+def test_dofs_of_a_node_stay_together(monkeypatch):
+    """In matrices that are large enough."""
+    points, first, second = grid(8, 8)
+    size = len(points)
+    graph = sparse.coo_array((np.ones(len(first)), (first, second)), (size, size))
+    blocks = sparse.kron(graph + graph.T + sparse.identity(size), np.ones((2, 2)), format="csr")
+    rows = (blocks.indptr.astype(PETSc.IntType), blocks.indices.astype(PETSc.IntType), blocks.data)
+    A = PETSc.Mat().createAIJ(blocks.shape, bsize=2, csr=rows, comm=PETSc.COMM_SELF)
+    assert elimination_order(A, points) is None
+    monkeypatch.setattr("ddmpi.petsc.dissection.FEWEST", blocks.nnz)
+    order = elimination_order(A, points)
+    assert np.array_equal(order[::2], 2 * dissect(points, first, second))
+    assert np.array_equal(order[1::2], order[::2] + 1)

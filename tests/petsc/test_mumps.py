@@ -1,0 +1,44 @@
+"""MUMPS called directly: the structure of each version, and how a version is found out before anything is read."""
+
+import ctypes
+from types import SimpleNamespace
+
+import pytest
+
+from ddmpi.petsc.mumps import _SPACE, _STRUCTURES, VERSIONS, Factors, RefusedError
+
+OFFSETS = {  # in bytes, by a C compiler from the headers in Debian's libmumps-headers-dev
+    "5.5.1": {"n": 5416, "irn": 5440, "a_loc": 5496, "perm_in": 5552, "rhs": 5600, "lrhs": 5676, "infog": 6048,
+              "rinfog": 6688, "size_schur": 7032, "schur": 7048, "version_number": 7072},
+    "5.7.3": {"n": 5416, "irn": 5440, "a_loc": 5496, "perm_in": 5552, "rhs": 5640, "lrhs": 5740, "infog": 6120,
+              "rinfog": 6760, "size_schur": 7112, "schur": 7128, "version_number": 7144},
+    "5.9.0": {"n": 5416, "irn": 5440, "a_loc": 5496, "perm_in": 5552, "rhs": 5640, "lrhs": 5740, "infog": 6120,
+              "rinfog": 6760, "size_schur": 7108, "schur": 7120, "version_number": 7136},
+}
+
+
+def started(version: str, number: int) -> SimpleNamespace:
+    """What is left by a MUMPS that writes this version where structure `number` has it."""
+    memory = ctypes.create_string_buffer(_SPACE)
+    _STRUCTURES[number].from_buffer(memory).version_number = version.encode()
+    return SimpleNamespace(_memory=memory, destroy=lambda: None)
+
+
+@pytest.mark.skipif(ctypes.sizeof(ctypes.c_void_p) != 8, reason="the offsets are those of 64 bits")
+@pytest.mark.parametrize("number", range(len(VERSIONS)))
+def test_structure_of_the_headers(number):
+    for version in set(VERSIONS[number]) & set(OFFSETS):
+        assert {name: getattr(_STRUCTURES[number], name).offset for name in OFFSETS[version]} == OFFSETS[version]
+
+
+def test_a_version_is_known_where_its_structure_has_it():
+    """Elsewhere it is another MUMPS's."""
+    for number, versions in enumerate(VERSIONS):
+        for version in versions:
+            assert isinstance(Factors._known(started(version, number)), _STRUCTURES[number])
+            with pytest.raises(RefusedError, match=f"version {version} is not among"):
+                Factors._known(started(version, (number + 1) % len(VERSIONS)))
+    with pytest.raises(RefusedError, match=r"version 9\.9\.9 is not among"):
+        Factors._known(started("9.9.9", 0))
+    with pytest.raises(RefusedError, match="version unknown is not among"):
+        Factors._known(started("", 0))
