@@ -12,7 +12,7 @@ from scenes import LIMIT, run_command, write_scene
 
 from ddmpi.errors import InputError
 from ddmpi.mesh import read
-from ddmpi.mesh.boundary import boundary_group, corners, group_nodes, segments, turn_outward
+from ddmpi.mesh.boundary import boundary_group, group_nodes, segments, turn_outward
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh, signed_measures
 from ddmpi.mesh.read import file_kind, read_mesh, shorter_diagonals
@@ -29,28 +29,6 @@ NAMES = ("bottom", "right", "top", "left")
 
 def rectangle(divisions, size=(3.0, 1.0), origin=(0.0, 0.0)) -> Mesh:
     return generate_rectangle(MeshSpec(shape="rectangle", origin=origin, size=size, divisions=divisions))
-
-
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("turned", [0.0, 1.0, 2.5])
-def test_the_angles_of_a_boundary(order, turned):
-    """An L has one of 270° and five of 90°; sides are straight; neighbours come before and after."""
-    squares = [(0, 0), (1, 0), (0, 1)]
-    at = {each: k for k, each in enumerate(sorted({(i + a, j + b) for i, j in squares for a in (0, 1)
-                                                   for b in (0, 1)}))}
-    triangles = [[at[i + a, j + b] for a, b in corner] for i, j in squares
-                 for corner in (((0, 0), (1, 0), (1, 1)), ((0, 0), (1, 1), (0, 1)))]
-    turn = np.array([[np.cos(turned), np.sin(turned)], [-np.sin(turned), np.cos(turned)]])
-    mesh = Mesh(np.array(list(at), float) @ turn, np.array(triangles), {})
-    mesh = raise_order(mesh, "mesh") if order == 2 else mesh
-    nodes, neighbours, angle = corners(mesh)
-    assert len(nodes) == 8 * order
-    found = {node: round(degrees) for node, degrees in zip(nodes.tolist(), np.degrees(angle).tolist(), strict=True)}
-    assert {found.pop(at[1, 1]), found.pop(at[2, 0])} == {270, 90}
-    assert sorted(found.values()) == [90] * 4 + [180] * (8 * order - 6)
-    first, last = neighbours[nodes.tolist().index(at[0, 0])]
-    assert mesh.points[first] @ turn.T == pytest.approx([0.0, 1.0 / order])
-    assert mesh.points[last] @ turn.T == pytest.approx([1.0 / order, 0.0])
 
 
 def write_square(path: Path, *, points=SQUARE, triangles=HALVES, lines=SIDES, tags=(1, 2, 3, 4), names=NAMES,
