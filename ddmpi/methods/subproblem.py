@@ -38,7 +38,7 @@ class Subproblem:
     Attributes
     ----------
     s, Cs : (size,) contact forces (N) of the last QP and their product with C (m)
-    steps : steps of MPRGP by kind
+    steps : steps of MPRGP and APG by kind
     solver : of the QPs
     """
 
