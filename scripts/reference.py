@@ -19,6 +19,7 @@ from typing import Any
 from experiment import ROOT, table
 
 import ddmpi.interface.state
+import ddmpi.qp.apg
 import ddmpi.qp.mprgp
 from ddmpi import errors
 from ddmpi.cli.arguments import build_parser
@@ -251,7 +252,8 @@ def python_page() -> str:
                 first = " ".join(inspect.cleandoc(value.__doc__ or "").split("\n\n")[0].split()).rstrip(".")
                 rows[name] = first[:1].lower() + first[1:]
         lines += [f"## {heading}", "", words, "", *table(("attribute", "meaning"), _coded(rows))]
-    lines += ["## ddmpi.mprgp.MPRGP", "", *_described(ddmpi.qp.mprgp.MPRGP), inspect.cleandoc(ddmpi.qp.mprgp.__doc__)]
+    for kind, room in (("ddmpi.mprgp.MPRGP", ddmpi.qp.mprgp), ("ddmpi.apg.APG", ddmpi.qp.apg)):
+        lines += [f"## {kind}", "", *_described(getattr(room, kind.split(".")[-1])), inspect.cleandoc(room.__doc__), ""]
     return "\n".join(lines)
 
 

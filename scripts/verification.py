@@ -16,14 +16,14 @@ from pathlib import Path
 import numpy as np
 import problems.curved
 import problems.flat
+import problems.solids
 from experiment import arguments, publish, save_figures, table
 from problems import Found, Order, Problem, Value
 
-from ddmpi.mesh.boundary import outline
-from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.boundary import boundary_facets, segments
 
 PAGE, FIGURES = "verification.md", "verification"
-PROBLEMS = {name: each for module in (problems.flat, problems.curved)
+PROBLEMS = {name: each for module in (problems.flat, problems.curved, problems.solids)
             for name, each in problems.PROBLEMS.items() if each.measure.__module__ == module.__name__}
 """By name, in the order of the page."""
 
@@ -60,6 +60,15 @@ def aims(runs: Runs) -> Iterator[tuple[str, float, float | None]]:
         for words, aim in (("gap measured", measured), ("gap given", given)):
             yield (f"Rings 4 : 5, N = 48, {described(order)}, {words}: side means", aim,
                    largest(runs, "rings", "side means", words, meshes=48, order=order))
+    for name in ("hertz-solid", "two-balls"):
+        for what in ("p₀", "a (m)"):
+            yield (f"{PROBLEMS[name].title}, order 2, 8 elements on a: {what.split()[0]}", 0.015,
+                   largest(runs, name, what, meshes=8, order=2))
+    for what, aim in (("stick radius", 0.08), ("loop of energy", 0.05)):
+        yield (f"{PROBLEMS['cattaneo-mindlin'].title}, 8 elements on a: {what}", aim,
+               largest(runs, "cattaneo-mindlin", what, meshes=8))
+    for name in ("tubes", "spheres"):
+        yield f"{PROBLEMS[name].title}, order 2: mean pressure", 0.005, largest(runs, name, "mean", meshes=10, order=2)
     yield "Fine and stiff against coarse and soft, slave chosen", 0.15, largest(runs, "contrast", "chosen")
     for what in ("steps", "n_A"):
         more = [found.values[f"all: {what}"].error for (name, *_), found in runs.items() if name == "work"]
@@ -149,20 +158,26 @@ def picture(its: Problem, runs: Runs) -> Callable:
         order = its.orders[-1]
         n = next(n for n in its.meshes if (its.name, n, order) in runs)
         figure, (left, right) = plt.subplots(1, 2, figsize=(8.4, 3.2), width_ratios=(1.0, 1.25))
-        bodies = runs[its.name, n, order].answer.bodies
+        answer = runs[its.name, n, order].answer
+        bodies = answer.bodies
         top = max(np.percentile(each.von_mises, 99.5) for each in bodies.values())
-        for each in bodies.values():
+        if its.in_space:
+            state = next(iter(answer.contacts.values()))
+            shown = left.tripcolor(*state.interface.xy[:, :2].T, state.interface.shown.facets, state.pressure,
+                                   cmap="viridis")
+            figure.colorbar(shown, ax=left)
+        for each in () if its.in_space else bodies.values():
             corners = each.triangles[:, :3]
             left.tripcolor(*each.points.T, corners, each.von_mises, vmin=0.0, vmax=top, cmap="viridis")
             if len(corners) < 3000:
                 left.triplot(*each.points.T, corners, color="white", linewidth=0.3, alpha=0.6)
-            around = each.points[outline(Mesh(each.points, each.triangles, {}))]
+            around = each.points[segments(boundary_facets(each.triangles)[0])]
             left.plot(*around.transpose(2, 1, 0), color="black", linewidth=0.7)
         if its.view:
             left.set(xlim=its.view[:2], ylim=its.view[2:])
         left.set_aspect("equal")
         left.grid(False)
-        left.set_title("von Mises stress", fontsize=9)
+        left.set_title("pressure, seen along z" if its.in_space else "von Mises stress", fontsize=9)
         shown = [(each, runs[its.name, each, order].curve) for each in its.meshes
                  if (its.name, each, order) in runs]
         for (each, curve), colour in zip(shown, ("#c8501e", "#1b4f8f", "#4d9a4d"), strict=False):

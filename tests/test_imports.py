@@ -15,8 +15,8 @@ ROOMS = ["errors", "petsc", "system", "scene", "mesh", "body", "surface", "qp", 
          "judge", "results", "run", "sweep", "cli"]
 """From the bottom to the top: a room imports only itself and rooms to its left."""
 
-ENTRANCES = {"__init__", "__main__", "mprgp"}
-"""Modules outside the rooms: the package, ``python -m ddmpi``, and a name that stands in users' options."""
+ENTRANCES = {"__init__", "__main__", "mprgp", "apg"}
+"""Modules outside the rooms: the package, ``python -m ddmpi``, and names that stand in users' options."""
 
 NEVERS = [("interface", "mpi4py", set()), ("interface", "petsc4py", {"trace"}),
           ("body", "ddmpi.interface", set()), ("methods", "ddmpi.body", set()),

@@ -38,7 +38,7 @@ class Subproblem:
     Attributes
     ----------
     s, Cs : (size,) contact forces (N) of the last QP and their product with C (m)
-    steps : steps of MPRGP by kind
+    steps : steps of MPRGP and APG by kind
     solver : of the QPs
     """
 
@@ -53,12 +53,11 @@ class Subproblem:
 
     def constraints(self, bound: np.ndarray, algorithm: str) -> Box:
         """The forces that the role allows in the algorithm, given the slip bound (mt,)."""
-        box = self.interface.law.cone(bound)
-        free = [part for part, role in ((self._normal, 2), (self._tangential, friction_role(algorithm)))
-                if role != self.role]
-        for part in free:
-            box.lower[part], box.upper[part] = -np.inf, np.inf
-        return box
+        slides = self.role != friction_role(algorithm)
+        allowed = self.interface.law.cone(np.full_like(bound, np.inf) if slides else bound)
+        if self.role == 1:
+            allowed.lower[self._normal] = -np.inf
+        return allowed
 
     def solve(self, lam: np.ndarray, bound: np.ndarray, tolerance: float, algorithm: str = "original",
               split: bool = False, neglected: float = 0.0) -> np.ndarray:
@@ -79,9 +78,8 @@ class Subproblem:
         if self.role == 2:
             d[self._normal] -= self.interface.gap
         for block in (self._normal, self._tangential) if split else (self._whole,):
-            held = Box(self.s.copy(), self.s.copy())
-            held.lower[block], held.upper[block] = allowed.lower[block], allowed.upper[block]
-            result = self.solver.solve(QP(C, d, held), self.s, self.Cs, tolerance, f"step{self.role}", neglected)
+            qp = QP(C, d, allowed.holding(self.s, block))
+            result = self.solver.solve(qp, self.s, self.Cs, tolerance, f"step{self.role}", neglected)
             self.s, self.Cs = result.s, result.Cs
             for kind, number in result.steps.items():
                 self.steps[kind] = self.steps.get(kind, 0) + number

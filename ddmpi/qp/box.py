@@ -1,4 +1,4 @@
-"""Bounds as a constraint set: all that a solver asks of the set of feasible points."""
+"""Bounds and discs as constraint sets: all that a solver asks of the set of feasible points."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
+SHORT = float(1 - 4 * np.finfo(float).eps)
+"""Vectors are shortened to this part of their limit, so that none exceeds it by rounding and is shortened again."""
 
 
 @dataclass
@@ -46,9 +49,9 @@ class Box:
         inside = (x > self.lower) & (x < self.upper)
         return np.where(inside, g, 0.0), np.where(inside, 0.0, self.projected_gradient(g, x))
 
-    def reduced(self, free: np.ndarray, x: np.ndarray, step: float) -> np.ndarray:
-        """The free gradient, cut so that x − step · reduced is feasible."""
-        return np.clip(free, (x - self.upper) / step, (x - self.lower) / step)
+    def reduced(self, g: np.ndarray, x: np.ndarray, step: float) -> np.ndarray:
+        """The gradient, cut so that x − step · reduced is the feasible point nearest to x − step · g."""
+        return np.clip(g, (x - self.upper) / step, (x - self.lower) / step)
 
     def longest_step(self, x: np.ndarray, p: np.ndarray) -> float:
         """The largest t for which x − t p is feasible."""
@@ -59,6 +62,12 @@ class Box:
     def restricted(self, indices: np.ndarray) -> Box:
         """The box of the components `indices`."""
         return Box(self.lower[indices], self.upper[indices])
+
+    def holding(self, x: np.ndarray, free: slice) -> Box:
+        """The points of the set whose components other than the `free` ones are those of x."""
+        lower, upper = x.copy(), x.copy()
+        lower[free], upper[free] = self.lower[free], self.upper[free]
+        return Box(lower, upper)
 
     def scaled(self, unit: float) -> Box:
         """The box of x / unit."""
@@ -75,6 +84,8 @@ class Box:
 class Discs(Box):
     """A box, some of whose points' components are vectors in discs (balls) about zero.
 
+    What MPRGP asks of a box (`split`, `projected_gradient`, `longest_step`) knows nothing of discs.
+
     Attributes
     ----------
     entries : (k, c) indices of the components of the vectors, which the box leaves free
@@ -88,6 +99,27 @@ class Discs(Box):
         y = super().project(x)
         y[self.entries] = shorten(y[self.entries], self.radius)
         return y
+
+    def reduced(self, g: np.ndarray, x: np.ndarray, step: float) -> np.ndarray:
+        cut, there = super().reduced(g, x, step), (x - step * g)[self.entries]
+        leaves = magnitude(there) > self.radius
+        discs = self.entries[leaves]
+        cut[discs] = (x[discs] - shorten(there[leaves], self.radius[leaves])) / step
+        return cut
+
+    def restricted(self, indices: np.ndarray) -> Discs:
+        """The set of the components `indices`, in ascending order; those of the discs are among them."""
+        return Discs(self.lower[indices], self.upper[indices], np.searchsorted(indices, self.entries), self.radius)
+
+    def holding(self, x: np.ndarray, free: slice) -> Box:
+        """As of a box; no disc is held in part. Without a disc that bounds what is free, it is a box."""
+        box, moves = super().holding(x, free), np.zeros(len(x), bool)
+        moves[free] = True
+        bounds = moves[self.entries].all(axis=1) & np.isfinite(self.radius)
+        return Discs(box.lower, box.upper, self.entries[bounds], self.radius[bounds]) if bounds.any() else box
+
+    def scaled(self, unit: float) -> Discs:
+        return Discs(self.lower / unit, self.upper / unit, self.entries, self.radius / unit)
 
 
 def product(sets: Sequence[Box]) -> Box:
@@ -107,8 +139,8 @@ def magnitude(vectors: np.ndarray) -> np.ndarray:
 
 
 def shorten(vectors: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    """The nearest vectors (k, c) that are no longer than the limits (k,)."""
+    """The nearest vectors (k, c) that are no longer than the limits (k,), also after rounding."""
     if vectors.shape[1] == 1:
         return np.clip(vectors, -limit[:, None], limit[:, None])
     size = magnitude(vectors)
-    return vectors * np.where(size > limit, limit / np.where(size > 0.0, size, 1.0), 1.0)[:, None]
+    return vectors * np.where(size > limit, SHORT * limit / np.where(size > 0.0, size, 1.0), 1.0)[:, None]

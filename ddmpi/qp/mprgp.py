@@ -1,8 +1,8 @@
 """MPRGP: modified proportioning with reduced gradient projections, as a TAO type in Python.
 
 Dostál, Schöberl: Minimizing quadratic functions over non-negative vectors with the rate of
-convergence and finite termination, Comput. Optim. Appl. 30 (2005) 23–43; here for any constraint set
-with the methods of `box.Box`. Without constraints it is the conjugate gradient method.
+convergence and finite termination, Comput. Optim. Appl. 30 (2005) 23–43; here for bounds on both sides,
+`box.Box`. Without constraints it is the conjugate gradient method.
 
 Differences from the paper:
 
@@ -49,7 +49,7 @@ class MPRGP:
 
     Parameters
     ----------
-    constraints : the set of feasible points; None stands for the variable bounds of the TAO
+    constraints : bounds, no discs; None stands for the variable bounds of the TAO
 
     Attributes
     ----------
@@ -72,8 +72,8 @@ class MPRGP:
         G = tao.getGradient()[0]
         tao.computeGradient(X, G)
         self.steps = dict.fromkeys(self.steps, 0)
-        reduce = _reduction(X)
-        norm = _norm(H, X, reduce)
+        reduce = reduction(X)
+        norm = hessian_norm(H, X, reduce)
 
         def multiply(direction: np.ndarray) -> np.ndarray:
             P.array[:] = direction
@@ -145,7 +145,7 @@ class MPRGP:
         HP.destroy()
 
 
-def _reduction(X: PETSc.Vec) -> Callable[..., list[float]]:
+def reduction(X: PETSc.Vec) -> Callable[..., list[float]]:
     """The scalar products of pairs of local arrays over all ranks of X, and the `least` of a number of each rank.
 
     All in one reduction, the same on all ranks.
@@ -164,7 +164,7 @@ def _reduction(X: PETSc.Vec) -> Callable[..., list[float]]:
     return reduce
 
 
-def _norm(H: PETSc.Mat, like: PETSc.Vec, reduce: Callable[..., list[float]]) -> float:
+def hessian_norm(H: PETSc.Mat, like: PETSc.Vec, reduce: Callable[..., list[float]]) -> float:
     """‖H‖₂ from below, as the context of H knows it or by Lanczos steps on vectors `like` this one."""
     context = H.getPythonContext() if H.getType() == PETSc.Mat.Type.PYTHON else None
     if context is not None and hasattr(context, "norm"):

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ddmpi.qp.box import Box
+from ddmpi.qp.box import Box, Discs
 from ddmpi.system.numbers import norm
 
 
@@ -51,8 +51,15 @@ class QP:
     comm: Any = None
 
     def residual(self, s: np.ndarray, Cs: np.ndarray) -> float:
-        """‖projected gradient‖₂ (unit of d) at a feasible s; zero exactly at the solution."""
-        return self.norm(self.constraints.projected_gradient(Cs - self.d, s))
+        """‖projected gradient‖₂ (unit of d) at a feasible s; zero exactly at the solution.
+
+        With discs it is ‖s − P(s − t ∇)‖₂ / t, with the projection P onto them and t = 1/‖C‖₂. Collective where the
+        norm of C is not known yet.
+        """
+        gradient = Cs - self.d
+        if isinstance(self.constraints, Discs):
+            return self.norm(self.constraints.reduced(gradient, s, 1.0 / self.C.norm()))
+        return self.norm(self.constraints.projected_gradient(gradient, s))
 
 
 @dataclass

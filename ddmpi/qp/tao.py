@@ -1,4 +1,4 @@
-"""How a QP is solved: by a TAO type, our MPRGP by default; options prefix ``qp_``."""
+"""How a QP is solved: by a TAO type, our MPRGP by default, our APG on discs; options prefix ``qp_``."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from ddmpi.errors import SolverError
 from ddmpi.petsc.events import event
 from ddmpi.petsc.messages import petsc_message, reason_name
 from ddmpi.petsc.versions import TaoReason, call_solver
+from ddmpi.qp.apg import APG
+from ddmpi.qp.box import Discs
 from ddmpi.qp.mprgp import MPRGP
 from ddmpi.qp.program import QP, Matrix, QPResult
 from ddmpi.system.numbers import norm
@@ -32,6 +34,9 @@ ON_BOUND = 1e-12
 MOST = 200
 """Most iterations, times one more than the number of unknowns: it ends what would never end."""
 
+MOST_GRADIENTS = 20_000
+"""At least so many are allowed on discs: projected gradients do not end after as many steps as there are unknowns."""
+
 STRICTER = 0.1
 """Factor on the tolerance when one of PETSc's types stops too early by its own norm (bncg: Fischer's)."""
 
@@ -50,7 +55,8 @@ class QPSolver:
     Every type gets the same problem, scaled free of units (Hessian and linear term have norm one), and the
     same stopping test, which is checked again afterwards. For PETSc's types, unknowns whose two bounds
     coincide are taken out, and the QP is posed for the change from the starting point. MPRGP needs neither,
-    and updates the product C s on its way. bqpip needs a dense Hessian (counted as "explicit").
+    and updates the product C s on its way. bqpip needs a dense Hessian (counted as "explicit"). PETSc's types
+    know bounds only: whatever the type, MPRGP solves what has none, and APG what has discs.
     """
 
     def __init__(self) -> None:
@@ -67,7 +73,7 @@ class QPSolver:
 
         Parameters
         ----------
-        tolerance : largest ‖projected gradient‖₂, in the unit of d (m)
+        tolerance : largest `QP.residual`, in the unit of d (m)
         purpose : the multiplications are counted under this name
         product_error : largest error, in the unit of d (m), that an iterative solver may leave in the
             returned product; zero leaves it to the operator
@@ -88,7 +94,8 @@ class QPSolver:
             Cs = multiply(start, max(qp.norm(qp.d), qp.norm(Cs)))
         if qp.residual(start, Cs) <= tolerance:
             return QPResult(start, Cs, qp.residual(start, Cs), 0, {})
-        solve = self._mprgp if self.type == "python" or qp.comm or not qp.constraints.bounded else self._petsc
+        bounds = qp.constraints.bounded and not isinstance(qp.constraints, Discs)
+        solve = self._petsc if bounds and self.type != "python" and not qp.comm else self._own
         try:
             with event("ContactQP"):
                 result = solve(qp, start, Cs, tolerance, multiply)
@@ -101,7 +108,7 @@ class QPSolver:
             self._release()
         return result
 
-    def _mprgp(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, multiply: Product) -> QPResult:
+    def _own(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, multiply: Product) -> QPResult:
         problem = _Scaled(qp, np.arange(qp.C.size), s, Cs, multiply)
         tao = self._create(problem, "python", tolerance)
         call_solver(tao.solve)
@@ -148,10 +155,14 @@ class QPSolver:
         tao.setObjective(problem.objective)
         H = problem.hessian()
         tao.setHessian(lambda *_: None, H)
-        tao.setMaximumIterations(MOST * (x.getSize() + 1))  # of all ranks: they must stop together
+        discs = isinstance(problem.constraints, Discs)
+        most = MOST * (x.getSize() + 1)  # of all ranks: they must stop together
+        tao.setMaximumIterations(max(most, MOST_GRADIENTS) if discs else most)
         tao.setTolerances(gatol=tolerance / problem.displacement, grtol=0.0, gttol=0.0)
         if kind == self.type:  # otherwise the options are meant for another type
             tao.setFromOptions()
+        if discs:  # of which no other type knows, whatever the options say
+            tao.setPythonContext(APG(problem.constraints))
         if kind in ("gpcg", "tron") and not PETSc.Options("qp_").hasName("pc_type"):
             tao.getKSP().getPC().setType(PETSc.PC.Type.NONE)  # the Hessian is a shell
         return tao

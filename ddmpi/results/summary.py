@@ -101,7 +101,8 @@ SUMMARY = {
     "exchange": "the most that a rank has sent: messages and bytes of interface vectors to its neighbours; reductions "
                 "over all ranks, of flags, scalars and coarse problems, and reduced_bytes, what it gave to them; "
                 "without PETSc's own in Krylov methods",
-    "solvers": "qp: TAO type of the quadratic subproblems, or none",
+    "solvers": "qp: TAO type of the quadratic subproblems, or none; in space those with friction have discs, and "
+               "python (APG) solves them whatever it is",
     "options": "PETSc's",
     "options_unused": "those that nothing has used",
     "scene": "with every default filled in",

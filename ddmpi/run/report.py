@@ -160,10 +160,12 @@ def log_step(step: Step) -> None:
 
 
 def _describe(method: SettledMethod, dimension: int) -> str:
-    plan = method.plan if dimension == 2 else method.plan.replace("half-plane", "half-space")
+    plan, discs = method.plan, ""
+    if dimension > 2:
+        plan, discs = plan.replace("half-plane", "half-space"), ", those with friction by python (APG)"
     if not method.by_body:
         return plan
-    return f"{plan}; subproblems by TAO {QPSolver().type.replace('python', 'python (MPRGP)')}"
+    return f"{plan}; subproblems by TAO {QPSolver().type.replace('python', 'python (MPRGP)')}{discs}"
 
 
 def log_end(summary: dict, solution: Solution) -> None:

@@ -1,6 +1,6 @@
 """What the verification problems share: their form, scenes in few words, meshes drawn by gmsh, norms of errors.
 
-The problems stand in flat.py and curved.py.
+The problems stand in flat.py, curved.py and solids.py.
 """
 
 from __future__ import annotations
@@ -95,6 +95,10 @@ class Problem:
     unit: str
     orders: tuple[Order, ...] = (1, 2)
     view: tuple[float, float, float, float] | None = None
+
+    @property
+    def in_space(self) -> bool:
+        return self.measure.__module__.endswith("solids")
 
 
 PROBLEMS: dict[str, Problem] = {}

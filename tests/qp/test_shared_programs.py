@@ -9,7 +9,7 @@ from test_mprgp import bounds, random_matrix
 from ddmpi.errors import SolverError
 from ddmpi.petsc.lanczos import estimate_norm
 from ddmpi.qp import tao
-from ddmpi.qp.box import Box
+from ddmpi.qp.box import Box, Discs, product
 from ddmpi.qp.mprgp import MPRGP
 from ddmpi.qp.program import QP
 from ddmpi.qp.tao import QPSolver
@@ -64,6 +64,29 @@ def test_a_program_of_hundreds_of_steps_ends_on_all_ranks_alike(comm):
     assert result.iterations > 20 * 3 + 200  # what 0.6.0 allowed a rank with three unknowns
     s = qp.C.whole(result.s)
     assert Box(lower, upper).projected_gradient(qp.C.matrix @ s - d, s) == pytest.approx(np.zeros(SIZE), abs=PRECISION)
+
+
+@one_to_three_ranks
+def test_discs_on_several_ranks_are_solved_by_the_same_steps(comm):
+    """Each rank has discs of its own, one rank three unknowns only."""
+    matrix, d = random_matrix(SIZE, 100.0, 7), np.random.default_rng(8).normal(size=SIZE)
+    radius = np.median(np.abs(np.linalg.solve(matrix, d)))
+
+    def discs(number: int) -> Discs:
+        normals, k = np.arange(number) % 3 == 0, number // 3
+        return Discs(np.where(normals, 0.0, -np.inf), np.full(number, np.inf), 3 * np.arange(k)[:, None] + [1, 2],
+                     radius * (1 + np.arange(k) % 5) / 5)
+
+    parts = [discs(number) for number in np.diff(PARTS[comm.size])]
+    C = Shared(comm, matrix)
+    qp = QP(C, d[C.own], parts[comm.rank], lambda x: float(np.linalg.norm(C.whole(x))),
+            MPI.Intracomm(comm) if comm.size > 1 else None)
+    zero = np.zeros(C.size)
+    result = QPSolver().solve(qp, zero, zero.copy(), PRECISION, "program")
+    steps = comm.allgather((result.iterations, result.steps, C.products))
+    assert steps == [steps[0]] * comm.size
+    s = C.whole(result.s)
+    assert np.linalg.norm(product(parts).reduced(matrix @ s - d, s, 1.0)) <= 1.1 * PRECISION
 
 
 @one_to_three_ranks

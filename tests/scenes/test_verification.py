@@ -1,7 +1,7 @@
 """The verification problems on their coarsest meshes."""
 
 import pytest
-from problems import PROBLEMS, Value, curved, flat
+from problems import PROBLEMS, Value, curved, flat, solids
 
 pytestmark = pytest.mark.slow
 
@@ -22,9 +22,9 @@ def test_problem(name, order, tmp_path):
 
 
 def test_all_problems_are_there():
-    """Those of both modules, each under its name, on ascending meshes."""
-    assert {each.measure.__module__ for each in PROBLEMS.values()} == {flat.__name__, curved.__name__}
-    assert len(PROBLEMS) == 17
+    """Those of all modules, each under its name, on ascending meshes."""
+    assert {each.measure.__module__ for each in PROBLEMS.values()} == {flat.__name__, curved.__name__, solids.__name__}
+    assert len(PROBLEMS) == 22
     for name, each in PROBLEMS.items():
         assert each.name == name and sorted(set(each.meshes)) == list(each.meshes)
 

@@ -1,0 +1,262 @@
+"""Verification problems in space: Hertz, Cattaneo and Mindlin, fits of tubes and spheres, exact stacks of cubes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+from scenes import to_toml
+
+import ddmpi
+from ddmpi.interface.state import ContactState
+from ddmpi.mesh.read import gmsh_session
+from ddmpi.run.answer import Answer
+from problems import Curve, Found, Order, Value, body, contact, coulomb, distance, problem, solved
+
+RADIUS = 1.0
+"""Of the balls (m)."""
+
+PLANES = [{"on": "start", "y": 0.0}, {"on": "end", "x": 0.0}]
+"""How a quarter is held on its planes of symmetry."""
+
+Test = Callable[[np.ndarray], np.ndarray]
+"""Which of points (k, 3) lie on a surface."""
+
+
+# Meshes
+
+def revolved(path: Path, profile: list[tuple[float, float]], arcs: Mapping[int, tuple[float, float]], turn: float,
+             groups: Mapping[str, Test], size: Callable[[np.ndarray], float], order: Order) -> dict:
+    """The mesh of a body that a profile in the plane y = 0 sweeps as it turns about z, by gmsh.
+
+    Parameters
+    ----------
+    profile : corners (x, z), around it
+    arcs : the centres (x, z) of the sides after some of the corners, by their number
+    turn : degrees
+    groups : tests of points on the surfaces, the first that holds counts
+    size : of the elements at a point
+    """
+    with gmsh_session() as gmsh:
+        occ = gmsh.model.occ
+        corners = [occ.addPoint(x, 0.0, z) for x, z in profile]
+        lines = []
+        for k, (start, end) in enumerate(zip(corners, [*corners[1:], corners[0]], strict=True)):
+            centre = occ.addPoint(arcs[k][0], 0.0, arcs[k][1]) if k in arcs else None
+            lines.append(occ.addLine(start, end) if centre is None else occ.addCircleArc(start, centre, end))
+        occ.revolve([(2, occ.addPlaneSurface([occ.addCurveLoop(lines)]))], 0, 0, 0, 0, 0, 1, np.radians(turn))
+        occ.synchronize()
+        found: dict[str, list[int]] = {}
+        for _, tag in gmsh.model.getEntities(2):
+            low, high = gmsh.model.getParametrizationBounds(2, tag)
+            at = [low + part * (high - low) for part in (np.array([0.3, 0.3]), np.array([0.7, 0.5]))]
+            points = np.reshape(gmsh.model.getValue(2, tag, np.concatenate(at)), (-1, 3))
+            name = next((name for name, test in groups.items() if test(points).all()), None)
+            if name:
+                found.setdefault(name, []).append(tag)
+        for name, tags in found.items():
+            gmsh.model.addPhysicalGroup(2, tags, name=name)
+        gmsh.model.addPhysicalGroup(3, [tag for _, tag in gmsh.model.getEntities(3)], name="body")
+        for option in ("MeshSizeFromPoints", "MeshSizeExtendFromBoundary", "MeshSizeFromCurvature"):
+            gmsh.option.setNumber(f"Mesh.{option}", 0)
+        gmsh.option.setNumber("General.NumThreads", 1)
+        gmsh.model.mesh.setSizeCallback(lambda dim, tag, x, y, z, size_of: size(np.array([x, y, z])))
+        gmsh.model.mesh.generate(3)
+        gmsh.model.mesh.setOrder(int(order))
+        gmsh.write(str(path))
+    return {"file": str(path), "order": int(order)}
+
+
+def half_ball(path: Path, a: float, h: float, order: Order, turn: float = 90.0, down: bool = False) -> dict:
+    """A part of a half ball that touches the plane z = 0 in the origin from above, or from below.
+
+    Groups: contact, as far as 1.6 a; top, its flat face; start (y = 0) and, of a quarter, end (x = 0).
+    """
+    sign, reach = -1.0 if down else 1.0, np.arcsin(1.6 * a / RADIUS)
+    rim = (RADIUS * np.sin(reach), sign * RADIUS * (1.0 - np.cos(reach)))
+    profile, middle = [(0.0, 0.0), rim, (RADIUS, sign * RADIUS), (0.0, sign * RADIUS)], (0.0, sign * RADIUS)
+
+    def sphere(p: np.ndarray) -> np.ndarray:
+        return np.abs(np.linalg.norm(p - [0.0, 0.0, sign * RADIUS], axis=1) - RADIUS) < 1e-7
+
+    across = {"start": lambda p: (np.abs(p[:, 1]) < 1e-9) & (p[:, 0] > 0.0)}
+    across["end"] = (lambda p: np.abs(p[:, 0]) < 1e-9) if turn == 90.0 else (lambda p: np.abs(p[:, 1]) < 1e-9)
+    groups = {"top": lambda p: np.abs(p[:, 2] - sign * RADIUS) < 1e-9, **across,
+              "contact": lambda p: sphere(p) & (np.hypot(p[:, 0], p[:, 1]) < 1.6 * a + 1e-9), "outer": sphere}
+    return revolved(path, profile, {0: middle, 1: middle}, turn, groups,
+                    lambda x: min(0.3, h + 0.35 * max(0.0, float(np.linalg.norm(x)) - 1.25 * a)), order)
+
+
+def tube(path: Path, inner: float, outer: float, h: float, order: Order) -> dict:
+    """A quarter of a tube 0.2 m long, with groups inner, outer, bottom, top, start and end."""
+    def radius(wanted: float) -> Test:
+        return lambda p: np.abs(np.hypot(p[:, 0], p[:, 1]) - wanted) < 1e-7
+
+    groups = {"bottom": lambda p: np.abs(p[:, 2]) < 1e-9, "top": lambda p: np.abs(p[:, 2] - 0.2) < 1e-9,
+              "start": lambda p: np.abs(p[:, 1]) < 1e-9, "end": lambda p: np.abs(p[:, 0]) < 1e-9,
+              "inner": radius(inner), "outer": radius(outer)}
+    profile = [(inner, 0.0), (outer, 0.0), (outer, 0.2), (inner, 0.2)]
+    return revolved(path, profile, {}, 90.0, groups, lambda x: h, order)
+
+
+def shell(path: Path, inner: float, outer: float, h: float, order: Order) -> dict:
+    """An octant of a spherical shell, with groups inner, outer, start, end and bottom."""
+    def radius(wanted: float) -> Test:
+        return lambda p: np.abs(np.linalg.norm(p, axis=1) - wanted) < 1e-7
+
+    groups = {"bottom": lambda p: np.abs(p[:, 2]) < 1e-9, "start": lambda p: np.abs(p[:, 1]) < 1e-9,
+              "end": lambda p: np.abs(p[:, 0]) < 1e-9, "inner": radius(inner), "outer": radius(outer)}
+    profile = [(inner, 0.0), (outer, 0.0), (0.0, outer), (0.0, inner)]
+    return revolved(path, profile, {1: (0.0, 0.0), 3: (0.0, 0.0)}, 90.0, groups, lambda x: h, order)
+
+
+# Hertz
+
+def hertz_values(state: ContactState, parts: int, modulus: float, radius: float,
+                 allowed: tuple[float, float]) -> tuple[dict[str, Value], Curve]:
+    """The greatest pressure and the radius of a contact that 1/`parts` of is modelled, beside those of its force.
+
+    The pressure by least squares of p² over r² up to 0.8 a, the radius by the second moment, Σ s r² = 2/5 P a².
+    """
+    force = parts * float(state.normal_force.sum())
+    a = (3.0 * force * radius / (4.0 * modulus)) ** (1 / 3)
+    top = 3.0 * force / (2.0 * np.pi * a**2)
+    r, p = np.hypot(*state.interface.xy[:, :2].T), state.pressure
+    near = r < 0.8 * a
+    _, square = np.polyfit(r[near] ** 2, p[near] ** 2, 1)
+    second = np.sqrt(2.5 * float(state.normal_force @ r**2) / float(state.normal_force.sum()))
+    values = {"p₀ (Pa)": Value(float(np.sqrt(max(square, 0.0))), top, allowed[0]),
+              "a (m)": Value(float(second), a, allowed[1])}
+    x, shown, order = np.linspace(0.0, a, 200), r < 1.3 * a, np.argsort(r)
+    order = order[shown[order]]
+    return values, Curve(r[order], p[order], x, top * np.sqrt(1.0 - (x / a) ** 2), "r (m)", "pressure (Pa)")
+
+
+ALLOWED = {1: (0.1, 0.06), 2: (0.06, 0.06)}
+"""Of p₀ and a, by the order."""
+
+
+@problem("hertz-solid", "A ball on a rigid plane", (3, 5, 8), "elements on a",
+         shows="Rows at the vertices of linear and quadratic facets, and gaps of curved ones.",
+         scene="A quarter of a half ball, R = 1 m, E = 1 Pa, ν = 0.3, whose flat face is moved by 7.5 mm; a ≈ 0.088 m.",
+         source="Hertz, for the force that was computed: a³ = 3PR/(4E*), p₀ = 3P/(2πa²).")
+def hertz_solid(n: int, order: Order, folder: Path) -> Found:
+    mesh = half_ball(folder / "ball.msh", 0.1, 0.088 / n, order)
+    answer = solved([body("ball", mesh, 1.0, 0.3, [*PLANES, {"on": "top", "z": -0.0075}])],
+                    [contact("ball", "floor", "contact")],
+                    [{"name": "floor", "shape": "plane", "point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}])
+    values, curve = hertz_values(answer.contacts["ball-floor"], 4, 1.0 / (1.0 - 0.09), RADIUS, ALLOWED[int(order)])
+    return Found(values, answer, curve)
+
+
+@problem("two-balls", "Two balls of unlike stiffness", (3, 5, 8), "elements on a of the soft ball",
+         shows="Two curved surfaces whose meshes do not match.",
+         scene="Quarters of half balls, R = 1 m, E = 1 and 5 Pa, ν = 0.3 and 0.2, elements 4 : 5, approached by 9 mm.",
+         source="Hertz, for the force that was computed.")
+def two_balls(n: int, order: Order, folder: Path) -> Found:
+    soft = half_ball(folder / "soft.msh", 0.08, 0.066 / n, order)
+    stiff = half_ball(folder / "stiff.msh", 0.08, 0.053 / n, order, down=True)
+    answer = solved([body("soft", soft, 1.0, 0.3, [*PLANES, {"on": "top", "z": -0.009}]),
+                     body("stiff", stiff, 5.0, 0.2, [*PLANES, {"on": "top", "z": 0.0}])],
+                    [contact("soft", "stiff", "contact", "contact")])
+    modulus = 1.0 / ((1.0 - 0.09) / 1.0 + (1.0 - 0.04) / 5.0)
+    values, curve = hertz_values(answer.contacts["soft-stiff"], 4, modulus, RADIUS / 2, ALLOWED[int(order)])
+    return Found(values, answer, curve)
+
+
+# Cattaneo and Mindlin
+
+@problem("cattaneo-mindlin", "A ball that is pressed and rubbed", (4, 8), "elements on a", orders=(1,),
+         shows="Friction with a memory in space: slip as vectors, a zone that sticks, energy lost in a loop.",
+         scene="Halves of two half balls, R = 1 m, E = 1 Pa, ν = 0, 𝓕 = 0.5, a ≈ 0.03 m; the upper flat face is moved "
+               "by 1.8 mm, then along x to and fro, to about three quarters of the sliding force; 8 load steps a leg.",
+         source="Cattaneo 1938, Mindlin 1949, for the forces that were computed: c = a (1 − Q/𝓕P)^⅓; energy of a loop "
+                "by Mindlin and Deresiewicz 1953.")
+def cattaneo(n: int, order: Order, folder: Path) -> Found:
+    friction, approach, gives = 0.5, 0.0018, 8.0  # the last: Σ (2 − ν)/G
+    upper = half_ball(folder / "upper.msh", 0.03, 0.03 / n, order, turn=180.0)
+    lower = half_ball(folder / "lower.msh", 0.03, 0.03 / n, order, turn=180.0, down=True)
+    plane = [{"on": "start", "y": 0.0}, {"on": "end", "y": 0.0}]
+    a = np.sqrt(RADIUS / 2 * approach)
+    push = 3.0 / 16.0 * friction * (2.0 / 3.0 * a * approach) / a * gives * (1.0 - 0.25 ** (2 / 3))
+    top = [{"on": "top", "y": 0.0, "z": -approach}, {"on": "top", "x": 1.0, "history": "rub"}, *plane]
+    scene = {"body": [body("upper", upper, 1.0, 0.0, top), body("lower", lower, 1.0, 0.0, ["top", *plane])],
+             "contact": [contact("upper", "lower", "contact", "contact", friction=coulomb(friction))],
+             "history": {"rub": {"times": [1.0, 2.0, 3.0, 4.0], "factors": [0.0, push, -push, push]}},
+             "time": {"points": [1.0, 2.0, 3.0, 4.0], "steps": 8}}
+    answer = ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
+    if not answer.certified:
+        raise RuntimeError(answer.reason)
+    state, steps = answer.contacts["upper-lower"], [step["contacts"]["upper-lower"] for step in answer.summary["steps"]]
+    P, Q = 2.0 * steps[31]["normal_force"], 2.0 * abs(steps[31]["force"][0])
+    a, share = (3.0 * P * RADIUS / 2 / (4.0 * 0.5)) ** (1 / 3), Q / (friction * P)
+    inner = a * (1.0 - share) ** (1 / 3)
+    loop = 9.0 * (friction * P) ** 2 / (10.0 * a) * gives * (
+        1.0 - (1.0 - share) ** (5 / 3) - 5.0 / 6.0 * share * (1.0 + (1.0 - share) ** (2 / 3)))
+    sticks = state.status == "stick"
+    values = {"loop of energy (J)": Value(2.0 * sum(step["dissipated"] for step in steps[16:]), loop, 0.3),
+              "stick radius (m)": Value(float(np.sqrt(2.0 * state.interface.area[sticks].sum() / np.pi)), inner, 0.25)}
+    r = np.hypot(*state.interface.xy[:, :2].T)
+    top_pressure = 3.0 * P / (2.0 * np.pi * a**2)
+
+    def shears(x: np.ndarray) -> np.ndarray:
+        return friction * top_pressure * (np.sqrt(np.maximum(1.0 - (x / a) ** 2, 0.0))
+                                          - inner / a * np.sqrt(np.maximum(1.0 - (x / inner) ** 2, 0.0)))
+
+    x, turn = np.linspace(0.0, 1.3 * a, 300), np.argsort(r)
+    turn = turn[r[turn] < 1.3 * a]
+    return Found(values, answer, Curve(r[turn], np.linalg.norm(state.shear, axis=1)[turn], x, shears(x), "r (m)",
+                                       "friction (Pa)"))
+
+
+# Fits
+
+def degrees_about_z(xy: np.ndarray) -> np.ndarray:
+    """The angles (k,) of places (k, 3) about z, from x (degrees)."""
+    return np.degrees(np.arctan2(xy[:, 1], xy[:, 0]))
+
+
+def fitted(answer: Answer, exact: float, order: Order, angle: Callable[[np.ndarray], np.ndarray],
+           xlabel: str) -> Found:
+    """The mean pressure of the only contact, and how far nodal ones are from the exact one in L2."""
+    (state,) = answer.contacts.values()
+    area, at, (mean, nodes) = state.interface.area, angle(state.interface.xy), {1: (0.12, 0.6), 2: (0.03, 0.25)}[order]
+    values = {"mean pressure (Pa)": Value(float(state.normal_force.sum() / area.sum()), exact, mean),
+              "nodes, in L2": Value(distance(state.pressure, exact, area), 0.0, nodes)}
+    turn, ends = np.argsort(at), np.array([at.min(), at.max()])
+    return Found(values, answer, Curve(at[turn], state.pressure[turn], ends, np.full(2, exact), xlabel,
+                                       "pressure (Pa)"))
+
+
+@problem("tubes", "Two tubes with interference", (3, 6, 10), "elements across the wall",
+         shows="Gaps between the surfaces that are meant: polygons overlap by less than the interference.",
+         scene="Quarters of tubes 0.3 – 0.6 – 0.9 m, held at both ends, E = 200 GPa, ν = 0.3, overlapping by 60 µm as "
+               "drawn; no friction; elements 4 : 5.",
+         source="Lamé, plane strain.")
+def tubes(n: int, order: Order, folder: Path) -> Found:
+    a, b, c, fit, E, nu = 0.3, 0.6, 0.9, 6e-5, 2e11, 0.3
+    ends = [*PLANES, {"on": "bottom", "z": 0.0}, {"on": "top", "z": 0.0}]
+    answer = solved([body("inner", tube(folder / "inner.msh", a, b + fit, 0.3 / n, order), E, nu, ends),
+                     body("outer", tube(folder / "outer.msh", b, c, 0.24 / n, order), E, nu, ends)],
+                    [contact("inner", "outer", "outer", "inner")])
+    first, second = (E / (1 - nu**2), nu / (1 - nu))
+    exact = fit * first / b / ((b**2 + a**2) / (b**2 - a**2) - second + (c**2 + b**2) / (c**2 - b**2) + second)
+    return fitted(answer, exact, order, degrees_about_z, "angle (°)")
+
+
+@problem("spheres", "A ball in a shell with interference", (3, 6, 10), "elements across the shell",
+         shows="The same on a surface that is curved in both directions.",
+         scene="Octants of a shell 0.25 – 0.5 m in a shell 0.5 – 1 m, E = 200 GPa, ν = 0.3, overlapping by 50 µm as "
+               "drawn; no friction; elements 4 : 5.",
+         source="Lamé, spheres.")
+def spheres(n: int, order: Order, folder: Path) -> Found:
+    a, b, c, fit, E, nu = 0.25, 0.5, 1.0, 5e-5, 2e11, 0.3
+    octant = [*PLANES, {"on": "bottom", "z": 0.0}]
+    answer = solved([body("ball", shell(folder / "ball.msh", a, b + fit, 0.4 / n, order), E, nu, octant),
+                     body("shell", shell(folder / "shell.msh", b, c, 0.5 / n, order), E, nu, octant)],
+                    [contact("ball", "shell", "outer", "inner")])
+    gives = [b / E * ((1 - 2 * nu) * b**3 + (1 + nu) * other**3 / 2) / abs(b**3 - other**3) for other in (a, c)]
+    return fitted(answer, fit / sum(gives), order,
+                  lambda xy: np.degrees(np.arcsin(xy[:, 2] / np.linalg.norm(xy, axis=1))), "latitude (°)")

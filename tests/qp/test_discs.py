@@ -1,0 +1,210 @@
+"""Vectors in discs as a constraint set, and accelerated projected gradients on it against closed forms."""
+
+import logging
+
+import numpy as np
+import pytest
+from petsc4py import PETSc
+from scipy.optimize import brentq
+from test_mprgp import Dense, program, random_matrix
+
+from ddmpi.apg import APG
+from ddmpi.errors import SolverError
+from ddmpi.qp.box import Box, Discs, magnitude
+from ddmpi.qp.program import QP, QPResult
+from ddmpi.qp.tao import QPSolver
+
+
+def contact(m: int, radius: np.ndarray) -> Discs:
+    """What contact of m nodes in space allows: pressure, and tangential forces in discs."""
+    size = 3 * m
+    lower = np.where(np.arange(size) < m, 0.0, -np.inf)
+    return Discs(lower, np.full(size, np.inf), np.arange(m, size).reshape(m, 2), radius)
+
+
+def on_discs(m: int, condition: float = 100.0, norm: float = 1.0, linear: float = 1.0, seed: int = 0) -> QP:
+    """Some nodes open and some closed, some slip and some stick, one has no friction."""
+    matrix, rng = random_matrix(3 * m, condition, seed), np.random.default_rng(seed + 1)
+    d = rng.normal(size=3 * m)
+    radius = np.median(np.abs(np.linalg.solve(matrix, d))) * rng.uniform(0.05, 1.0, m)
+    radius[0] = 0.0
+    return QP(Dense(norm * matrix), linear * d, contact(m, radius * (linear / norm)))
+
+
+def solve(qp: QP, tolerance: float) -> QPResult:
+    zero = np.zeros(qp.C.size)
+    return QPSolver().solve(qp, zero, zero.copy(), tolerance, "program")
+
+
+def multipliers(qp: QP, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What the gradient leaves once each bound has taken off what it can hold, and the multipliers of the discs."""
+    discs, g = qp.constraints, qp.C.matrix @ s - qp.d
+    left = np.where(s <= discs.lower, np.minimum(g, 0.0), g)
+    vectors, against = s[discs.entries], -g[discs.entries]
+    size = magnitude(vectors)
+    on = size >= (1 - 1e-9) * discs.radius
+    hold = np.where(on & (size > 0), np.einsum("kc,kc->k", vectors, against) / np.where(size > 0, size, 1.0)**2, 0.0)
+    left[discs.entries] = np.where((discs.radius > 0.0)[:, None], hold[:, None] * vectors - against, 0.0)
+    return left, hold
+
+
+def test_projection_is_feasible_to_the_last_bit_and_projects_once():
+    rng = np.random.default_rng(0)
+    discs = contact(500, rng.uniform(0.0, 1.0, 500))
+    for size in (1e-3, 1.0, 1e12):
+        x = discs.project(size * rng.normal(size=1500))
+        assert np.all(magnitude(x[discs.entries]) <= discs.radius)
+        assert np.array_equal(discs.project(x), x)
+        assert np.all(x[:500] >= 0.0)
+
+
+def test_reduced_gradient_leads_to_the_projection():
+    rng = np.random.default_rng(1)
+    discs = contact(50, rng.uniform(0.0, 1.0, 50))
+    for step in (0.1, 1.0, 10.0):
+        x, g = discs.project(rng.normal(size=150)), rng.normal(size=150)
+        assert x - step * discs.reduced(g, x, step) == pytest.approx(discs.project(x - step * g), abs=1e-14 * step)
+
+
+def test_without_a_free_disc_the_set_is_a_box():
+    """Where the tangential forces are held, or unbounded, or none: what remains is for all TAO types."""
+    x = np.arange(9.0)
+    discs = contact(3, np.array([1.0, 2.0, 3.0]))
+    assert type(discs.holding(x, slice(0, 3))) is Box
+    assert type(contact(3, np.full(3, np.inf)).holding(x, slice(None))) is Box
+    assert type(Discs(np.zeros(3), np.ones(3), np.empty((0, 2), int), np.empty(0)).holding(x[:3], slice(None))) is Box
+    held = discs.holding(x, slice(3, None))
+    assert isinstance(held, Discs)
+    found = held.project(np.full(9, 7.0))
+    assert found[:3].tolist() == [0.0, 1.0, 2.0]
+    assert magnitude(found[held.entries]) == pytest.approx([1.0, 2.0, 3.0])
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-9, 1e9])
+def test_one_disc_in_an_ellipse_of_forces(unit):
+    """min ½ sᵀ diag(a, b) s − sᵀ d, |s| ≤ r: s = d / (a + λ, b + λ) with the λ at which |s| = r."""
+    a, b, radius, d = 1.0, 0.04, 2.0, np.array([1.0, 3.0])
+    lam = brentq(lambda lam: np.linalg.norm(d / (np.array([a, b]) + lam)) - radius, 0.0, 100.0, xtol=1e-15)
+    free = np.full(2, np.inf)
+    qp = QP(Dense(np.diag([a, b]) / unit), d, Discs(-free, free, np.array([[0, 1]]), np.array([radius * unit])))
+    result = solve(qp, 1e-12)
+    assert result.s == pytest.approx(unit * d / (np.array([a, b]) + lam), rel=1e-9)
+    assert np.linalg.norm(result.s) == pytest.approx(radius * unit, rel=1e-14)
+    qp.constraints.radius[:] = 1e9 * unit
+    assert solve(qp, 1e-12).s == pytest.approx(unit * d / [a, b], rel=1e-9)
+
+
+@pytest.mark.parametrize(("condition", "norm", "linear"), [(10.0, 1.0, 1.0), (1e4, 1e-11, 1e-4), (100.0, 1e6, 1e7)])
+def test_random_programs_fulfil_the_conditions_of_optimality(condition, norm, linear):
+    for seed in range(4):
+        qp = on_discs(12, condition, norm, linear, seed)
+        tolerance = 1e-9 * linear
+        result = solve(qp, tolerance)
+        assert result.residual <= 1.01 * tolerance
+        assert np.all(magnitude(result.s[qp.constraints.entries]) <= qp.constraints.radius)
+        assert np.all(result.s >= qp.constraints.lower)
+        left, hold = multipliers(qp, result.s)
+        assert np.linalg.norm(left) <= 20 * tolerance
+        assert hold.min() >= -1e-6 * norm
+        assert 0 < np.count_nonzero(hold) < 12
+        assert 0 < np.count_nonzero(result.s[:12]) < 12
+        assert np.linalg.norm(qp.C.matrix @ result.s - result.Cs) <= 1e-12 * linear * np.sqrt(36)
+
+
+@pytest.mark.parametrize("kind", ["box", "contact", "shifted box"])
+def test_discs_of_one_component_are_bounds(kind):
+    """There MPRGP solves the same problem."""
+    qp = program(30, kind)
+    box, tolerance = qp.constraints, 1e-10 * np.linalg.norm(qp.d)
+    s = solve(qp, tolerance).s
+    one = np.flatnonzero(box.upper == -box.lower)
+    lower, upper, radius = box.lower.copy(), box.upper.copy(), box.upper[one]
+    lower[one], upper[one] = -np.inf, np.inf
+    qp.constraints = Discs(lower, upper, one[:, None], radius)
+    result = solve(qp, tolerance)
+    assert result.s == pytest.approx(s, abs=1e-7 * np.abs(s).max())
+
+
+def test_a_step_costs_one_product_and_a_start_at_the_answer_none():
+    qp = on_discs(20)
+    result = solve(qp, 1e-9)
+    assert result.iterations == result.steps["gradient"] == qp.C.count["program"] > 0
+    again = QPSolver().solve(qp, result.s, result.Cs, 1e-9, "program")
+    assert (again.iterations, qp.C.count["program"]) == (0, result.iterations)
+    assert np.array_equal(again.s, result.s)
+
+
+def test_steps_grow_with_the_root_of_the_condition():
+    """Of plain projected gradients they would grow with the condition, a hundred times instead of ten."""
+    steps = [solve(on_discs(20, condition), 1e-8).iterations for condition in (1e2, 1e4)]
+    assert steps[1] <= 20 * steps[0]
+
+
+def test_a_norm_that_is_too_small_is_raised():
+    qp = on_discs(10)
+    qp.C._norm = 0.3 * np.linalg.norm(qp.C.matrix, 2)
+    assert np.linalg.norm(multipliers(qp, solve(qp, 1e-8).s)[0]) <= 1e-6
+
+
+def test_precision_beyond_rounding_is_real_or_refused():
+    for seed in range(4):
+        qp = on_discs(10, 1e4, seed=seed)
+        try:
+            result = solve(qp, 0.0)
+        except SolverError as error:
+            assert "ended with" in str(error)
+        else:
+            assert qp.residual(result.s, qp.C.matrix @ result.s) <= 1e-13 * np.linalg.norm(qp.d)
+
+
+def test_not_a_number_is_an_error():
+    qp = on_discs(5)
+    qp.C.matrix[3, 4] = np.nan
+    with pytest.raises(SolverError):
+        solve(qp, 1e-10)
+
+
+@pytest.mark.parametrize("options", [
+    {"qp_tao_type": "tron"}, {"qp_tao_type": "bqpip"}, {"qp_tao_type": "blmvm"},
+    {"qp_tao_type": "python", "qp_tao_python_type": "ddmpi.mprgp.MPRGP"},
+    {"qp_tao_type": "python", "qp_tao_python_type": "ddmpi.apg.APG"}])
+def test_types_that_know_bounds_only_leave_discs_to_projected_gradients(options, petsc_options):
+    qp = on_discs(10)
+    expected = solve(qp, 1e-9)
+    petsc_options(**options)
+    found = solve(qp, 1e-9)
+    assert found.steps == expected.steps
+    assert np.array_equal(found.s, expected.s)
+
+
+def test_apg_takes_the_variable_bounds_of_any_tao(petsc_options):
+    """``-tao_python_type ddmpi.apg.APG`` solves a TAO of the user's own, within its variable bounds."""
+    petsc_options(tao_type="python", tao_python_type="ddmpi.apg.APG")
+    matrix = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 2.0]])
+    right = np.array([1.0, 4.0, -1.0])
+    H = PETSc.Mat().createDense((3, 3), array=matrix, comm=PETSc.COMM_SELF)
+    x, lower, upper = (PETSc.Vec().createWithArray(np.full(3, v), comm=PETSc.COMM_SELF) for v in (0.0, 0.0, 2.0))
+    tao = PETSc.TAO().create(PETSc.COMM_SELF)
+    tao.setSolution(x)
+    tao.setVariableBounds((lower, upper))
+
+    def gradient(_tao, X, G):
+        H.mult(X, G)
+        G.array[:] -= right
+
+    tao.setGradient(gradient, x.duplicate())
+    tao.setHessian(lambda *_: None, H)
+    tao.setTolerances(gatol=1e-10)
+    tao.setFromOptions()
+    assert isinstance(tao.getPythonContext(), APG)
+    tao.solve()
+    assert tao.getConvergedReason() > 0
+    assert x.array_r == pytest.approx([1.5, 2.0, 0.5], rel=1e-9)
+    tao.destroy()
+
+
+def test_a_long_solve_says_how_far_it_has_come(caplog, monkeypatch):
+    monkeypatch.setattr("ddmpi.qp.apg.TELLING", 10)
+    with caplog.at_level(logging.INFO, logger="ddmpi"):
+        solve(on_discs(20), 1e-8)
+    assert "10 projected gradient steps: residual" in caplog.text
