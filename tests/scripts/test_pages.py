@@ -100,7 +100,7 @@ MISTAKES: dict[str, dict] = {
         "geo": SQUARES + 'Coherence;\nPhysical Surface("one") = {1};\nPhysical Surface("two") = {2};\n' + ENDS,
         "material": [{"on": "one", "young": 1.0, "poisson": 0.3}]},
     "no `Plane Surface`": {"geo": PLATE.replace("Plane Surface(1) = {1};\n", "") + NAMES},
-    "a solid": {"geo": SOLID},
+    "a solid without names": {"geo": SOLID},
     "a tilted plane": {"geo": PLATE.replace("1, 0}", "1, 1}") + BODY + NAMES},
     "a missing semicolon": {"geo": PLATE.replace("{1 : 4};", "{1 : 4}") + BODY + NAMES},
     "a size in other units than the drawing": {"mesh": {"size": 5e-5}},
@@ -117,7 +117,7 @@ MISTAKES: dict[str, dict] = {
     "`Exit`": {"geo": PLATE + BODY + NAMES + "Exit;\n"},
     "a mesh file saved without any groups": {"saved": PLATE},
     "a mesh file with groups of curves only": {"saved": PLATE + NAMES},
-    "a mesh of a solid": {"saved": SOLID + 'Physical Volume("solid") = {1};\n'},
+    "the surface of a solid without its cells": {"saved": SOLID + 'Physical Surface("skin") = Surface{:};\n'},
     "a curve of a STEP file by a wrong name": {"step": True},
 }
 """What is drawn and written otherwise than it should be, by the words of the page."""
@@ -176,7 +176,8 @@ def test_theory_has_the_numbers_of_the_code():
     page = " ".join((DOCS / "understand" / "theory.md").read_text(encoding="utf-8").split())
     count = {3: "three", 6: "six", 10: "ten"}
     for words in (
-            f"three and more bodies also the deformations v = M_a⁻¹x with C_a x = μ M_a⁻¹ x, μ > {newton.SMOOTH:g}",
+            f"three and more bodies also the deformations v = M_a⁻¹x with C_a x = μ M_a⁻¹ x, μ > {newton.SMOOTH[1]:g}"
+            f" (in space {newton.SMOOTH[2]:g})",
             f"loose bodies or {count[newton.MANY]} and more bodies",
             f"where it leaves at most {newton.GAIN:g} of the residual",
             f"the length, 1 to {newton.LENGTHS[-1]:g}, that leaves least",
