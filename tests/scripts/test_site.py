@@ -41,11 +41,11 @@ def test_the_search_box_stays_in_sight():
 
 
 def test_what_is_said_first():
-    """README and limits begin with what the program is for: parts of two dimensions. The README leads to the peers."""
+    """README and limits begin with what the program is for: solids and plane parts. The README leads to the peers."""
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     first = {"README.md": readme.split("\n\n")[1],
              "docs/use/limits.md": (ROOT / "docs" / "use" / "limits.md").read_text(encoding="utf-8").split("\n\n")[2]}
-    assert all("two-dimensional" in words for words in first.values()), first
+    assert all("solids" in words and "plane" in words for words in first.values()), first
     assert "(docs/tables/peers.md)" in readme
 
 
