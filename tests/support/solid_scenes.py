@@ -41,7 +41,7 @@ def two_boxes(N: int, M: int | None = None, order: int = 1, law: dict | None = N
                                    {"on": "right", "value": [2e7, 3e7, 1.5e7]}]),
                      box("lower", (0, 0, 0), (3, 1, 1), (3 * (M or N), M or N, M or N), order, **steel,
                          traction=[{"on": "front", "value": [0.0, 4e7, 0.0]}])],
-            "contact": [{"bodies": ["upper", "lower"], "on": ["front", "back"],
+            "contact": [{"name": "upper-lower", "bodies": ["upper", "lower"], "on": ["front", "back"],
                          "friction": law or {"law": "coulomb", "coefficient": 0.3}} | more]}
 
 
@@ -204,8 +204,8 @@ def jittered(amount: float = 0.3, still: float = np.inf) -> Iterator[None]:
 def patch_errors(answer) -> SimpleNamespace:
     """Of an answer to a `patch`: the largest errors of displacements and tractions, relative to the exact ones, of the
     bodies of this rank and of all contacts."""
-    u = max(np.abs(body.displacement - body.points @ STRAIN.T).max() / np.abs(body.points @ STRAIN.T).max()
-            for body in answer.bodies.values())
+    u = max((np.abs(body.displacement - body.points @ STRAIN.T).max() / np.abs(body.points @ STRAIN.T).max()
+             for body in answer.bodies.values()), default=0.0)
     size = np.abs(STRESS).max()
     t = max(np.abs(state.forces / state.interface.area[:, None] - state.interface.normal @ STRESS).max() / size
             for state in answer.contacts.values())
