@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from reference import basis_of, load_of, stiffness_of
+from by_skfem import basis_of, load_of, stiffness_of
 from scipy.sparse import csr_matrix
 from skfem import BilinearForm, LinearForm, asm
 from skfem.helpers import ddot, dot, eye, sym_grad, trace
