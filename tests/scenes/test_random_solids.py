@@ -1,4 +1,4 @@
-"""Random assemblies of solids, checked from their result files as scripts/random_solids.py does, and that check itself."""
+"""Random assemblies of solids, checked from their result files by scripts/random_solids.py, and that check itself."""
 
 import pytest
 import random_solids

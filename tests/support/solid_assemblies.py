@@ -52,7 +52,7 @@ class Maker:
         return name
 
     def load(self, name: str, on: str, normal: float, shear: float) -> None:
-        """Pressure and shear of random direction, in units of `stress`; the latter with a history in scenes of steps."""
+        """Pressure and shear of random direction, in units of `stress`, with a history in scenes of steps."""
         n, turn = np.array(NORMALS[on], float), self.rng.uniform(0, 2 * np.pi)
         first = np.roll(n, 1)
         along = np.cos(turn) * first + np.sin(turn) * np.cross(n, first)

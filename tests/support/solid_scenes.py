@@ -4,7 +4,6 @@ stress; and what turns, mirrors and rescales a scene."""
 from __future__ import annotations
 
 import contextlib
-import copy
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -69,7 +68,7 @@ def moved(scene: dict, Q: np.ndarray, length: float = 1.0, stress: float = 1.0) 
     def turned(vector: Sequence[float], unit: float = 1.0) -> list[float]:
         return (np.array(vector) @ Q.T / unit).tolist()
 
-    scene = copy.deepcopy(scene)
+    scene = json.loads(json.dumps(scene))  # in which no two bodies share a list
     for body in scene["body"]:
         nx, ny, nz = body["mesh"]["divisions"]
         body["mesh"] = {"shape": "hexahedron", "corners": turned(corners(body["mesh"])[order], length),
