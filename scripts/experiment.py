@@ -17,6 +17,7 @@ import inspect
 import platform
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
@@ -224,7 +225,27 @@ def save_figures(folder: Path, figures: dict[str, Callable], **options) -> None:
             plt.close(figure)
 
 
+def by_family(tally: Counter[tuple[str, str]]) -> list[str]:
+    """The lines of a table: how often each family of scenes had each verdict."""
+    verdicts = sorted({verdict for _, verdict in tally})
+    lines = ["family        " + "".join(f"{verdict:>12s}" for verdict in verdicts)]
+    for family in [*sorted({family for family, _ in tally}), "all"]:
+        counts = [sum(n for (f, v), n in tally.items() if v == verdict and family in (f, "all"))
+                  for verdict in verdicts]
+        lines.append(f"{family:14s}" + "".join(f"{count:12d}" for count in counts))
+    return lines
+
+
 # Commands
+
+def seeds(text: str) -> list[int]:
+    """Seeds as A, A:B (B left out), or several of these with commas."""
+    found: list[int] = []
+    for part in text.split(","):
+        first, _, end = part.partition(":")
+        found += range(int(first), int(end)) if end else [int(first)]
+    return found
+
 
 def arguments(description: str | None, name: str = "") -> argparse.ArgumentParser:
     """A parser; with the option --output, by default results/NAME, for a study that writes files."""

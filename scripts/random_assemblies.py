@@ -30,7 +30,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
+from experiment import by_family, seeds  # isort: skip, with which the helpers of the tests can be imported
 
 import assemblies
 import assembly_scenes
@@ -43,15 +43,6 @@ STEPS, PRODUCTS = 40, 400
 
 SOLUTION = 1e-5
 """Violation (`assemblies.violation`) up to which displacements count as a solution."""
-
-
-def numbers(text: str) -> list[int]:
-    """Seeds as A, A:B (B left out), or several of these with commas."""
-    found: list[int] = []
-    for part in text.split(","):
-        first, _, end = part.partition(":")
-        found += range(int(first), int(end)) if end else [int(first)]
-    return found
 
 
 def solve(scene: dict[str, Any], comm: Any) -> SimpleNamespace:
@@ -105,7 +96,7 @@ def judge(reference: assemblies.Solution, answer: SimpleNamespace, tolerance: fl
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=numbers, default=numbers("0:300"), help="A:B, or seeds with commas")
+    parser.add_argument("--seeds", type=seeds, default=seeds("0:300"), help="A:B, or seeds with commas")
     parser.add_argument("--tolerance", type=float, default=1e-6, help="of displacements, over the largest one")
     parser.add_argument("--reference-only", action="store_true")
     parser.add_argument("--no-reference", action="store_true")
@@ -164,12 +155,7 @@ def main() -> int:
         above = [f"{seed} ({k}, {p:.0f})" for seed, (k, p) in taken.items() if k > STEPS or p > PRODUCTS]
         print(f"\nddmpi: {steps} steps and {made:.0f} products a body; above {STEPS} or {PRODUCTS}: "
               f"{', '.join(above) or 'none'}")
-    verdicts = sorted({verdict for _, verdict in tally})
-    print("\nfamily        " + "".join(f"{verdict:>12s}" for verdict in verdicts))
-    for family in [*sorted({family for family, _ in tally}), "all"]:
-        counts = [sum(n for (f, v), n in tally.items() if v == verdict and family in (f, "all"))
-                  for verdict in verdicts]
-        print(f"{family:14s}" + "".join(f"{count:12d}" for count in counts))
+    print("", *by_family(tally), sep="\n")
     print("\nreference by: " + ", ".join(f"{how} {count}" for how, count in attempts.most_common()))
     return int(any(verdict in WRONG for _, verdict in tally))
 

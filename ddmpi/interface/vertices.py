@@ -35,6 +35,9 @@ BARELY = 0.5
 LACKING = 1e-3
 """A facet of which no more than this part is not covered is wholly covered."""
 
+FLAT = 1e-3
+"""Places within this part of their extent beside a line count as on it."""
+
 
 def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, contact: SettledContact) -> Rows:
     """The rows of the slave, `sides[own]`. Not collective."""
@@ -42,8 +45,10 @@ def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, contact: S
     seen = np.isin(np.arange(len(side.facets)), over.facet)
     psi, full = _functions(side, over, bonded), _areas(side, seen)
     D = np.asarray(psi.sum(axis=0)).ravel()
-    shares = (UNCOVERED * full > D) | _meets_others(side, D)
-    shares |= ~(side.free.all(axis=1) if bonded else side.free.any(axis=1))
+    shares = (UNCOVERED * full > D) | ~(side.free.all(axis=1) if bonded else side.free.any(axis=1))
+    also = shares | _meets_others(side, D)
+    if _spread(side.xy[~also & (full > 0.0)]):  # else rows in a line would be a hinge, which the bodies do not have
+        shares = also
     shares[full == 0.0] = False
     pairs, size = links(side.facets[seen, :3], 3), len(side.nodes)
     near = sparse.csr_matrix((np.ones(2 * len(pairs)), np.concatenate([pairs, pairs[:, ::-1]]).T), (size, size))
@@ -85,6 +90,14 @@ def _meets_others(side: Side, D: np.ndarray) -> np.ndarray:
     rim[edges[count == 1]] = True
     partly = (1.0 - UNCOVERED) * _areas(side, np.ones(len(facets), bool)) > D
     return (rim & side.tied) | (partly & side.parted)
+
+
+def _spread(xy: np.ndarray) -> bool:
+    """Whether places (k, 3) are more than a point or a line, so that forces there bear moments about any axis."""
+    if len(xy) < 3:
+        return False
+    sizes = np.linalg.svd(xy - xy.mean(axis=0), compute_uv=False)
+    return bool(sizes[1] > FLAT * sizes[0])
 
 
 def _shared(vertices: np.ndarray, shares: np.ndarray, links: sparse.csr_matrix) -> sparse.csr_matrix:

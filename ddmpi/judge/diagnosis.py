@@ -125,7 +125,7 @@ def diagnose(reason: str, stopped: str, violations: list[str], method: SettledMe
                      f"{min(LOOK_BACK, len(history) - 1)}")
     nodes = log.unsettled()
     if len(nodes):
-        places = ", ".join(in_words(place, 4) for place in log.xy[nodes[:4]])
+        places = ", ".join(in_words(place, 4) for place in (log.xy[node] for node in nodes[:4]))
         lines.append(f"{len(nodes)} of {len(log.xy)} nodes changed between open, slip and stick"
                      f"{' in a cycle' if log.cycles() else ''}, at {places}{' …' if len(nodes) > 4 else ''}")
     if log.largest_slope >= LARGE_FRICTION:

@@ -6,7 +6,7 @@ All loads are affine, as the scene language has them.
 import numpy as np
 import pytest
 import scenes
-from reference import basis_of
+from by_skfem import basis_of
 from scenes import BRASS, STEEL
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import spsolve

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import scipy.sparse as sparse
+from by_skfem import load_of, stiffness_of
 from petsc4py import PETSc
-from reference import load_of, stiffness_of
 from scipy.sparse.linalg import spsolve
 from skfem import LinearForm
 

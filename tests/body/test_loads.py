@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from reference import load_of, solve
+from by_skfem import load_of, solve
 from skfem import LinearForm
 
 from ddmpi.body.elasticity import assemble

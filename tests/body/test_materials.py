@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from reference import basis_of, solve
+from by_skfem import basis_of, solve
 from scipy.sparse import csr_matrix
 from skfem import BilinearForm, asm
 from skfem.helpers import ddot, eye, sym_grad, trace

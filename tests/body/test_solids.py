@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from by_skfem import basis_of, load_of, stiffness_of
 from petsc4py import PETSc
-from reference import basis_of, load_of, stiffness_of
 from scipy.sparse import csr_matrix, identity, kron
 from skfem import BilinearForm, LinearForm, asm
 from skfem.helpers import ddot, dot, eye, sym_grad, trace

@@ -4,7 +4,6 @@ stress; and what turns, mirrors and rescales a scene."""
 from __future__ import annotations
 
 import contextlib
-import copy
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -41,7 +40,7 @@ def two_boxes(N: int, M: int | None = None, order: int = 1, law: dict | None = N
                                    {"on": "right", "value": [2e7, 3e7, 1.5e7]}]),
                      box("lower", (0, 0, 0), (3, 1, 1), (3 * (M or N), M or N, M or N), order, **steel,
                          traction=[{"on": "front", "value": [0.0, 4e7, 0.0]}])],
-            "contact": [{"bodies": ["upper", "lower"], "on": ["front", "back"],
+            "contact": [{"name": "upper-lower", "bodies": ["upper", "lower"], "on": ["front", "back"],
                          "friction": law or {"law": "coulomb", "coefficient": 0.3}} | more]}
 
 
@@ -69,7 +68,7 @@ def moved(scene: dict, Q: np.ndarray, length: float = 1.0, stress: float = 1.0) 
     def turned(vector: Sequence[float], unit: float = 1.0) -> list[float]:
         return (np.array(vector) @ Q.T / unit).tolist()
 
-    scene = copy.deepcopy(scene)
+    scene = json.loads(json.dumps(scene))  # in which no two bodies share a list
     for body in scene["body"]:
         nx, ny, nz = body["mesh"]["divisions"]
         body["mesh"] = {"shape": "hexahedron", "corners": turned(corners(body["mesh"])[order], length),
@@ -204,8 +203,8 @@ def jittered(amount: float = 0.3, still: float = np.inf) -> Iterator[None]:
 def patch_errors(answer) -> SimpleNamespace:
     """Of an answer to a `patch`: the largest errors of displacements and tractions, relative to the exact ones, of the
     bodies of this rank and of all contacts."""
-    u = max(np.abs(body.displacement - body.points @ STRAIN.T).max() / np.abs(body.points @ STRAIN.T).max()
-            for body in answer.bodies.values())
+    u = max((np.abs(body.displacement - body.points @ STRAIN.T).max() / np.abs(body.points @ STRAIN.T).max()
+             for body in answer.bodies.values()), default=0.0)
     size = np.abs(STRESS).max()
     t = max(np.abs(state.forces / state.interface.area[:, None] - state.interface.normal @ STRESS).max() / size
             for state in answer.contacts.values())

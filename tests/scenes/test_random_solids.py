@@ -1,0 +1,56 @@
+"""Random assemblies of solids, checked from their result files by scripts/random_solids.py, and that check itself."""
+
+import pytest
+import random_solids
+import scenes
+import solid_assemblies
+from solid_assemblies import feasible, random_scene, violations
+from solid_scenes import two_boxes
+
+from ddmpi.results.tables import CONTACT_IN_SPACE
+
+LIMIT = scenes.LIMIT
+
+
+@pytest.mark.parametrize("seed, verdict", [(46, "verified"), (10, "reported"), *(
+    pytest.param(seed, verdict, marks=pytest.mark.slow) for seed, verdict in
+    [(3, "verified"), (5, "verified"), (6, "verified"), (8, "verified"), (11, "verified"), (26, "verified"),
+     (29, "verified"), (23, "verified"), (2, "verified"), (0, "reported"), (27, "reported"), (31, "reported")])])
+def test_random_assembly(seed, verdict, tmp_path):
+    """Certified and verified, or without equilibrium, on one to four ranks."""
+    found = random_solids.judge(seed, 1 + seed % 7 % 4, tmp_path, 1e-5, LIMIT)
+    assert found[0] == verdict, found
+
+
+@pytest.fixture(scope="module")
+def solved(tmp_path_factory):
+    scene = two_boxes(2)
+    folder = tmp_path_factory.mktemp("solved")
+    run = scenes.run_command(scenes.write_scene(scene, folder / "scene.toml"), folder / "results", "--no-figures",
+                             ranks=1)
+    assert run.code == 0, run.output
+    return scene, folder / "results"
+
+
+@pytest.mark.parametrize("column, law", [
+    ("force_x", "at nodes"), ("force_y", "force"), ("gap", "penetration"), ("slip_x", "slip against friction")])
+def test_the_check_sees_what_is_wrong(solved, monkeypatch, column, law):
+    """A column that is not what was computed."""
+    scene, folder = solved
+    assert column in CONTACT_IN_SPACE
+    assert max(violations(scene, folder).values()) < 1e-7
+    read = solid_assemblies.read_results
+
+    def spoiled(path):
+        results = read(path)
+        for table in results.contacts.values():
+            table[column] = -table[column] - 1e-6
+        return results
+
+    monkeypatch.setattr(solid_assemblies, "read_results", spoiled)
+    assert violations(scene, folder)[law] > 1e-5
+
+
+def test_what_clamps_hold_is_feasible():
+    assert feasible(two_boxes(2))
+    assert not feasible(random_scene(10))
