@@ -85,16 +85,17 @@ def test_two_boxes(arguments, keys, steps, inner, force, m, rel):
 
 @pytest.mark.parametrize("part", [0.8, 1.2])
 def test_a_twisted_block(part):
-    """Friction on a square holds 0.8 of the torque that a uniform pressure gives, and not 1.2, though forces at nodes that
-    balance it exist: ∫ r dA of a unit square about its centre is (√2 + ln(1 + √2)) / 6, ∫ r² dA is 1/6."""
+    """Friction on a square holds 0.8 of the torque that a uniform pressure gives, and not 1.2, though forces at nodes
+    that balance it exist: ∫ r dA of a unit square about its centre is (√2 + ln(1 + √2)) / 6, ∫ r² dA is 1/6."""
     pressure, friction = 1e6, 0.3
     shear = part * friction * pressure * (2**0.5 + np.log(1.0 + 2**0.5))
     block = {"name": "block", "mesh": {"shape": "box", "size": [1.0, 1.0, 0.6], "divisions": [4, 4, 2]},
              "material": {"young": 2e9, "poisson": 0.25},
              "traction": [{"on": "top", "value": [f"-{shear} * (y - 0.5)", f"{shear} * (x - 0.5)", -pressure]}]}
     floor = {"name": "floor", "shape": "plane", "point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}
-    answer = ddmpi.solve({"body": [block], "rigid": [floor], "contact": [
-        {"bodies": ["block", "floor"], "on": ["bottom"], "friction": {"law": "coulomb", "coefficient": friction}}]}, MPI.COMM_SELF)
+    contact = {"bodies": ["block", "floor"], "on": ["bottom"],
+               "friction": {"law": "coulomb", "coefficient": friction}}
+    answer = ddmpi.solve({"body": [block], "rigid": [floor], "contact": [contact]}, MPI.COMM_SELF)
     assert answer.certified == (part < 1.0)
     if part > 1.0:
         assert answer.reason.startswith("no equilibrium found: block turns about the axis through (")
