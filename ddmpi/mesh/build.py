@@ -14,6 +14,7 @@ import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group, group_nodes, material_numbers
+from ddmpi.mesh.elements import NAMES
 from ddmpi.mesh.geometry import Sizes, geometry_dimension, mesh_geometry
 from ddmpi.mesh.mesh import MEASURE, Mesh, refuse_folded, signed_measures
 from ddmpi.mesh.read import file_kind, read_mesh
@@ -44,7 +45,8 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
     key = f"body.{body.name}.mesh"
     if spec.shape:
         assert spec.divisions
-        _refuse_huge(float(factorial(len(spec.divisions)) * np.prod(spec.divisions, dtype=float)), f"{key}.divisions")
+        _refuse_huge(float(factorial(len(spec.divisions)) * np.prod(spec.divisions, dtype=float)),
+                     NAMES[len(spec.divisions)][1], f"{key}.divisions")
         mesh = SHAPES[spec.shape](spec)
         if not signed_measures(mesh.points, mesh.triangles).min() > 0.0:
             raise InputError(f"{key}: its {mesh.cell.names} have no {MEASURE[mesh.dimension]} in double precision; "
@@ -56,7 +58,7 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
     if dimension not in (None, mesh.dimension):
         raise InputError(f"{key}: the mesh is {WHERE[mesh.dimension]}, and the scene is {WHERE[dimension or 2]}")
     for _ in range(spec.halvings):
-        _refuse_huge(2.0**mesh.dimension * len(mesh.triangles), f"{key}.refine")
+        _refuse_huge(2.0**mesh.dimension * len(mesh.triangles), mesh.cell.names, f"{key}.refine")
         mesh = halve(mesh, key)
     if spec.order == 2 and mesh.order == 1:
         mesh = raise_order(mesh, key)
@@ -69,11 +71,11 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
     return mesh
 
 
-def _refuse_huge(cells: float, key: str) -> None:
+def _refuse_huge(cells: float, names: str, key: str) -> None:
     """Raise InputError where the memory that is free cannot hold so many cells and their stiffness."""
     needed, free = EACH * cells, free_memory()
     if needed > free:
-        raise InputError(f"{key}: {cells:.2g} cells need more than {needed / 2**30:.2g} GiB of memory; "
+        raise InputError(f"{key}: {cells:.2g} {names} need more than {needed / 2**30:.2g} GiB of memory; "
                          f"{free / 2**30:.2g} GiB are free")
 
 
