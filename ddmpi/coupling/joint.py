@@ -89,7 +89,7 @@ class Joint:
         return self.rigid.joined(more), self._of_all(values)
 
     def rigid_moduli(self) -> np.ndarray:
-        """The plane modulus (Pa) of the body that each rigid motion belongs to (rigid.size,)."""
+        """`Member.stiffness` (N/m²; in space N/m) of the body that each rigid motion belongs to (rigid.size,)."""
         return self._of_all([np.full(len(member.e), member.stiffness) for member in self.members])
 
     def first_closed(self) -> np.ndarray:

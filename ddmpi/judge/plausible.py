@@ -201,7 +201,7 @@ def _lost_in_rounding(state: ContactState, moved: float) -> list[str]:
     if (state.status == "open").all() and moved and widest <= UNDECIDED * moved:
         return [f"contact.{name}: rounding decides that it is open: its gaps, up to {widest:.3g}, are nothing beside "
                 f"the displacements of up to {moved:.3g}"]
-    noise = state.interface.modulus * float(np.finfo(float).eps) * moved  # a node's compliance is about 1 / modulus
+    noise = 2.0 * float(state.interface.stiffness.max()) * float(np.finfo(float).eps) * moved
     if not largest or noise <= LOST * largest:
         return []
     return [f"contact.{name}: its forces are uncertain by about {noise / largest:.1g} of the largest ({largest:.3g} at "

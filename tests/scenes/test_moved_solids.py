@@ -48,6 +48,16 @@ def test_moved(name, Q, length, stress):
     compare(one, other, Q, length, stress)
 
 
+@pytest.mark.parametrize("length", [1e9, 1e-9])
+def test_far_units(length):
+    """Loose bodies take the same steps, and no warning comes with units in which they are very small or large."""
+    scene = SCENES["loose"]()
+    one, other = (ddmpi.solve(each, MPI.COMM_SELF) for each in (scene, moved(scene, STILL, length)))
+    assert other.certified, other.reason
+    for key in ("outer_iterations", "n_A", "warnings"):
+        assert one.summary[key] == other.summary[key]
+
+
 @pytest.mark.parametrize("name", SCENES)
 def test_order_of_bodies(name):
     """Bodies and contacts the other way round; contacts keep which body is the first."""
