@@ -19,7 +19,7 @@ from experiment import ROOT, Ledger, Row, arguments, on_two_ranks, publish, tabl
 from mpi4py import MPI
 
 import ddmpi
-from ddmpi.errors import DdmpiError, NotConvergedError
+from ddmpi.errors import DdmpiError, InputError, NotConvergedError
 from ddmpi.judge.brute_force import solve_coupled
 from ddmpi.run.answer import Answer
 
@@ -178,11 +178,12 @@ def describe(world: MPI.Comm, answer: Answer) -> Row:
 
 
 def distance(answer: Answer) -> float:
-    """Of the contact forces from those of the coupled problem, relatively; nan if brute force fails. Collective."""
+    """Of the contact forces from those of the coupled problem, relatively; nan if brute force fails, or is not for such
+    scenes. Collective."""
     assembly, norm = answer.solved.assembly, answer.solved.assembly.space.norm
     try:
         exact = solve_coupled(assembly)
-    except NotConvergedError:
+    except (NotConvergedError, InputError):
         return np.nan
     return norm(answer.solved.solution.outer.forces - exact) / (norm(exact) or 1.0)
 
