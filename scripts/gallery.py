@@ -109,6 +109,16 @@ def second_cycle(summary: dict) -> float:
     return sum(step["contacts"]["pad-base"]["dissipated"] for step in summary["steps"] if 3.5 < step["time"] <= 5.5)
 
 
+def abutments(summary: dict) -> float:
+    """What both abutments of the arch in space bear (kN)."""
+    return 1e-3 * sum(summary["contacts"][name]["force"][2] for name in ("v1-left", "v7-right"))
+
+
+def bolt_over_joint(summary: dict) -> float:
+    """By how much the force of the bolt is larger than that of the joint (kN)."""
+    return 1e-3 * (summary["contacts"]["head"]["force"][2] - summary["contacts"]["joint"]["force"][2])
+
+
 EXHIBITS = [
     Exhibit("pinched_blocks", "bodies.png", 8.36886, "MN/m", 1e-5, "brute force, ddmpi verify",
             contact("upper-lower", "tangential_force", factor=1e-6)),
@@ -144,6 +154,12 @@ EXHIBITS = [
             lambda summary: -1e-6 * sum(summary["contacts"][name]["force"][1] for name in ("lower", "upper"))),
     Exhibit("lined_wheel", "bodies.png", 18.85, "N/mm", 0.02, "balance, with a round bore",
             contact("wheel-ground", "force", 1)),
+    Exhibit("drawn/ball_on_floor", "bodies.png", 3.014, "MPa", 0.03, "Hertz", contact("ball-floor", "pressure_max")),
+    Exhibit("drawn/bolted_flange", "bodies.png", 10, "kN", 5e-3, "balance", bolt_over_joint,
+            {"time.steps": 1}, warned="stands at a re-entrant edge"),
+    Exhibit("drawn/shaft_turned_in_hub", "bodies.png", 800, "N m", 0.025, "balance, with a round shaft",
+            contact("fit", "moment", 2, -1e-3), {"time.steps": 1}),
+    Exhibit("arch_in_space", "bodies.png", 448.77, "kN", 1e-4, "balance", abutments),
 ]
 
 
