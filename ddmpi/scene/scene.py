@@ -192,8 +192,8 @@ class Scene(Table, frozen=True, kw_only=True):
         if second in rigid and (contact.slave or contact.pairing):
             raise ValueError(f"{key}.{'slave' if contact.slave else 'pairing'}: {second!r} is rigid and has no nodes; "
                              f"rows stand at the nodes of {first!r}, so leave this key out")
-        planes = [bodies[name].plane for name in contact.bodies if name in bodies]  # of solids all alike
-        if len(set(planes)) > 1:
+        planes = [bodies[name].plane for name in contact.bodies if name in bodies]  # solids may name none: `_misplaced`
+        if len(set(planes)) > 1 and all(bodies[name].mesh.dimension != 3 for name in contact.bodies):
             raise ValueError(f"{key}.bodies: {first!r} is in plane {planes[0]} and {second!r} in plane {planes[1]}; "
                              "they cannot touch, so give both the same material.plane")
 
