@@ -192,10 +192,6 @@ class Scene(Table, frozen=True, kw_only=True):
         if second in rigid and (contact.slave or contact.pairing):
             raise ValueError(f"{key}.{'slave' if contact.slave else 'pairing'}: {second!r} is rigid and has no nodes; "
                              f"rows stand at the nodes of {first!r}, so leave this key out")
-        planes = [bodies[name].plane for name in contact.bodies if name in bodies]  # of solids all alike
-        if len(set(planes)) > 1:
-            raise ValueError(f"{key}.bodies: {first!r} is in plane {planes[0]} and {second!r} in plane {planes[1]}; "
-                             "they cannot touch, so give both the same material.plane")
 
     def settled(self, file_kind: FileKind | None = None) -> Settled:
         """The scene with everything filled in that was left out.
@@ -265,6 +261,14 @@ class Scene(Table, frozen=True, kw_only=True):
             if isinstance(table, Profile) and table.along == "z":
                 uses_z.append("along")
             yield from ((3, f"{key}.{name}", "there is no z in the plane") for name in uses_z)
+        bodies = {body.name: body for body in self.body}
+        for contact in self.contact:
+            planes = [(name, bodies[name].plane) for name in contact.bodies if name in bodies]
+            if len({plane for _, plane in planes}) > 1:
+                (one, its), (other, theirs) = planes
+                yield 3, f"contact.{contact.settled().name}.bodies", (
+                    f"{one!r} is in plane {its} and {other!r} in plane {theirs}; they cannot touch, so give both the "
+                    "same material.plane")
 
     def _order_of_files(self, file_kind: FileKind) -> Literal[1, 2]:
         """The order that all mesh files have; 1 if there are none. Raises ValueError if they differ."""
