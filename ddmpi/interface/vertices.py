@@ -130,10 +130,10 @@ def _rows(sides: tuple[Side, Side], own: int, over: Cover, psi: sparse.csr_matri
     area = theta @ np.ones(theta.shape[1])
     at = (_shapes(side, over.facet, over.at), _shapes(other, over.other, over.there))
     S, P = (means(theta @ each, area) for each in at)
-    normals = means(theta @ at_points(over.at, side.facets[over.facet, :3], len(side.nodes)), area) @ side.normal
-    normals = normals - means(theta @ at_points(over.there, other.facets[over.other, :3], len(other.nodes)),
-                               area) @ other.normal
-    normal = unit(normals)
+    across = -means(theta @ at_points(over.there, other.facets[over.other, :3], len(other.nodes)), area) @ other.normal
+    if np.isfinite(other.modulus):  # that of a rigid partner counts alone
+        across += means(theta @ at_points(over.at, side.facets[over.facet, :3], len(side.nodes)), area) @ side.normal
+    normal = unit(across)
     gap = theta @ over.gap / area * np.einsum("ij,ij->i", unit(theta @ over.direction), normal)
     gap = without_rounding(gap, side.spacing[nodes])
     share = np.bincount(over.facet, over.weight, len(seen))

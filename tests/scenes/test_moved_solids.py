@@ -76,3 +76,18 @@ def test_two_ranks(comm, name):
     one.bodies.clear()
     one.bodies.update(bodies)
     compare(one, other)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_normals_on_a_rigid_partner_are_its_own(order):
+    """Also where a body lies askew on it: no force along a plane without friction."""
+    corners = [[0, 0, 0.0], [1, 0, 0.01], [1, 1, 0.03], [0, 1, 0.02], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
+    mesh = {"shape": "hexahedron", "corners": corners, "divisions": [2, 2, 2], "order": order}
+    block = {"name": "block", "mesh": mesh,
+             "material": {"young": 1e9, "poisson": 0.3}, "clamp": [{"on": "top", "x": 0.0, "y": 0.0, "z": -0.05}]}
+    floor = {"name": "floor", "shape": "plane", "point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}
+    answer = ddmpi.solve({"body": [block], "rigid": [floor],
+                          "contact": [{"bodies": ["block", "floor"], "on": ["bottom"]}]}, MPI.COMM_SELF)
+    state = answer.contacts["block-floor"]
+    assert np.abs(state.interface.normal + np.eye(3)[2]).max() < 1e-15
+    assert np.abs(state.force[:2]).max() <= 1e-12 * state.force[2]
