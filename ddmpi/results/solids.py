@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from ddmpi.results.fields import skin
 from ddmpi.results.frame import (
@@ -40,12 +41,11 @@ from ddmpi.results.frame import (
     write_names,
 )
 from ddmpi.results.tables import Columns, Results
-from ddmpi.surface.side import unit
+from ddmpi.surface.side import frames, unit
 from ddmpi.system.numbers import scaled_unit
 
 LIGHT, DARKEST = np.array([-0.35, 0.5, 0.8]), 0.8
-"""Where light comes from, as the picture has right, up and towards the eye; and what is left of it where it does not
-shine."""
+"""Where light comes from, as the picture has right, up and towards the eye; and what is left in the shade."""
 
 PIXELS = 1200
 """Of the longer side of a picture."""
@@ -156,9 +156,11 @@ def rigid_surfaces(results: Results, scale: float = 0.0, time: float | None = No
             at, facets = vectors(results.contacts[contact["name"]]), results.triangles(contact["name"])
             at = at.mean(axis=0) + AROUND * (at - at.mean(axis=0))
             normal, distance = rigid.facing(at)
-            found.append(Surface(at - distance[:, None] * normal + scale * moved, facets[:, ::-1],
-                                 plain(COLOURS["patch"]),
-                                 edges=COLOURS["still"]))
+            at, facets = at - distance[:, None] * normal, facets[:, ::-1]
+            if np.isinf(rigid.bend):
+                hull = ConvexHull(at @ frames(normal[:1])[0, 1:].T).vertices
+                facets = np.stack([np.full(len(hull) - 2, hull[0]), hull[1:-1], hull[2:]], axis=1)
+            found.append(Surface(at + scale * moved, facets, plain(COLOURS["patch"]), edges=COLOURS["still"]))
     return [each for each in found if len(each.facets)]
 
 

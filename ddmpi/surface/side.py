@@ -162,17 +162,16 @@ def unit(vectors: np.ndarray) -> np.ndarray:
 def frames(normal: np.ndarray) -> np.ndarray:
     """Unit vectors (k, d, d) at places with unit normals (k, d): these, then the tangents.
 
-    In the plane the tangent lies at their left. In space the tangents of the mean normal are turned with it to each
-    normal the shortest way, so that neighbours have nearly the same.
+    In the plane the tangent lies at their left. In space the three are right-handed, and the tangents of the mean normal
+    are turned with it to each normal the shortest way, so that neighbours have nearly the same.
     """
     if normal.shape[1] == 2:
         return np.stack([normal, -turn_right(normal)], axis=1)
     mean = unit(normal.sum(axis=0))
     mean = mean if mean.any() else normal[0]
-    base = np.linalg.qr(np.column_stack([mean, np.eye(3)[np.argsort(np.abs(mean))[:2]].T]))[0].T
-    base *= np.where(base[:1] @ mean < 0.0, -1.0, 1.0)
-    half = unit(normal + mean)  # two reflections, in the mean and in this, turn the mean to a normal
-    turned = base[1:] - 2.0 * (base[1:] @ half.T).T[:, :, None] * half[:, None]
+    first = unit(np.cross(mean, np.eye(3)[np.abs(mean).argmin()]))
+    base, half = np.stack([first, np.cross(mean, first)]), unit(normal + mean)
+    turned = base - 2.0 * (base @ half.T).T[:, :, None] * half[:, None]  # by reflections in the mean and in the half
     return np.concatenate([normal[:, None], turned], axis=1)
 
 
