@@ -30,6 +30,9 @@ from ddmpi.results.frame import (
 from ddmpi.results.solids import ZONES, Surface, draw_surfaces, rigid_surfaces, stage
 from ddmpi.results.tables import Columns, Results, drawn_rows, leg_columns, writing
 
+ROUNDING = 1e-6
+"""Resultants below this part of the normal force are none, as of a shaft in its hub."""
+
 LOOPS = 3
 """At most so many contacts, those with the largest forces, have their loop and their stresses drawn."""
 
@@ -187,14 +190,15 @@ def _draw_stresses(axes: Any, name: str, results: Results, units: dict) -> None:
 
 
 def _draw_course(axes: Any, name: str, results: Results, units: dict) -> None:
-    """Force on the first body along x, y and z, and nodes by status, of a contact over time."""
+    """Force on the first body along x, y and z, or where there is none its moment, and nodes by status, over time."""
     own = results.steps["contact"] == name
     steps = {column: values[own] for column, values in results.steps.items()}
-    time = np.append(0.0, steps["time"])
+    time, forces = np.append(0.0, steps["time"]), np.array([steps[f"force_{axis}"] for axis in "xyz"])
+    what = "force" if np.abs(forces).max() > ROUNDING * steps["normal_force"].max() else "moment"
     for axis in "xyz":
-        axes[0].plot(time, np.append(0.0, steps[f"force_{axis}"]), marker=".", label=axis)
+        axes[0].plot(time, np.append(0.0, steps[f"{what}_{axis}"]), marker=".", label=axis)
     axes[0].axhline(0.0, color="black", linewidth=0.6)
-    axes[0].set(xlabel="time", ylabel=f"force of {name} ({units['force']})")
+    axes[0].set(xlabel="time", ylabel=f"{what} of {name} ({units[what]})")
     counts = (np.insert(steps[zone], 0, steps[zone][:1]) for zone in ZONES)
     axes[1].stackplot(time, *counts, labels=list(ZONES), colors=list(ZONES.values()))
     axes[1].set(xlabel="time", ylabel=f"nodes of {name}", xlim=(0.0, time[-1]))

@@ -162,7 +162,7 @@ def unit(vectors: np.ndarray) -> np.ndarray:
 def frames(normal: np.ndarray) -> np.ndarray:
     """Unit vectors (k, d, d) at places with unit normals (k, d): these, then the tangents.
 
-    In the plane the tangent lies at their left. In space the three are right-handed, and the tangents of the mean normal
+    In the plane the tangent lies at their left. In space the three are right-handed; the tangents of the mean normal
     are turned with it to each normal the shortest way, so that neighbours have nearly the same.
     """
     if normal.shape[1] == 2:
