@@ -110,7 +110,7 @@ def test_hexahedra_share_the_nodes_of_a_common_face():
 
 def test_too_many_cells_are_refused():
     """A typing error in divisions is found before the memory is gone."""
-    with pytest.raises(InputError, match=r"^body\.body\.mesh\.divisions: 6e\+27 cells need more than"):
+    with pytest.raises(InputError, match=r"^body\.body\.mesh\.divisions: 6e\+27 tetrahedra need more than"):
         box((10**9, 10**9, 10**9))
 
 
