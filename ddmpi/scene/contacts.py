@@ -242,8 +242,8 @@ class Round(RigidSurface, frozen=True, kw_only=True):
         return self.inside
 
 
-class Circle(Round, frozen=True, kw_only=True, tag="circle"):
-    """A rigid disc that bodies touch from outside, or a bore that they touch from inside; in the plane.
+class Centred(Round, frozen=True, kw_only=True):
+    """A rigid surface at a distance from a point.
 
     Attributes
     ----------
@@ -254,6 +254,10 @@ class Circle(Round, frozen=True, kw_only=True, tag="circle"):
 
     def away(self, points: np.ndarray) -> np.ndarray:
         return points - np.array(self.center)
+
+
+class Circle(Centred, frozen=True, kw_only=True, tag="circle"):
+    """A rigid disc that bodies touch from outside, or a bore that they touch from inside; in the plane."""
 
     def outline(self, touched: np.ndarray, bodies: np.ndarray, margin: float) -> np.ndarray:
         angle = np.sort(np.arctan2(*(touched - self.center).T[::-1]))
@@ -266,18 +270,8 @@ class Circle(Round, frozen=True, kw_only=True, tag="circle"):
         return self.center + self.radius * np.column_stack([np.cos(t), np.sin(t)])
 
 
-class Sphere(Round, frozen=True, kw_only=True, tag="sphere"):
-    """A rigid ball that bodies touch from outside, or a hollow that they touch from inside; in space.
-
-    Attributes
-    ----------
-    center : its centre (m)
-    """
-
-    center: Point
-
-    def away(self, points: np.ndarray) -> np.ndarray:
-        return points - np.array(self.center)
+class Sphere(Centred, frozen=True, kw_only=True, tag="sphere"):
+    """A rigid ball that bodies touch from outside, or a hollow that they touch from inside; in space."""
 
 
 class Cylinder(Round, frozen=True, kw_only=True, tag="cylinder"):

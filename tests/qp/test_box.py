@@ -5,6 +5,7 @@ import pytest
 from petsc4py import PETSc
 
 from ddmpi.mprgp import MPRGP
+from ddmpi.qp.apg import APG
 from ddmpi.qp.box import Box
 
 BOX = Box(np.array([0.0, -1.0, -np.inf, 2.0, 0.0]), np.array([np.inf, 1.0, np.inf, 2.0, 3.0]))
@@ -60,9 +61,10 @@ def test_scaling_there_and_back_keeps_what_lies_on_bounds():
         assert np.array_equal(on, (back == box.lower) | (back == box.upper))
 
 
-def test_mprgp_takes_the_variable_bounds_of_any_tao(petsc_options):
+@pytest.mark.parametrize("name, kind", [("ddmpi.mprgp.MPRGP", MPRGP), ("ddmpi.apg.APG", APG)])
+def test_our_types_take_the_variable_bounds_of_any_tao(name, kind, petsc_options):
     """``-tao_python_type ddmpi.mprgp.MPRGP`` solves a TAO of the user's own, within its variable bounds."""
-    petsc_options(tao_type="python", tao_python_type="ddmpi.mprgp.MPRGP")
+    petsc_options(tao_type="python", tao_python_type=name)
     matrix = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 2.0]])
     right = np.array([1.0, 4.0, -1.0])
     H = PETSc.Mat().createDense((3, 3), array=matrix, comm=PETSc.COMM_SELF)
@@ -79,7 +81,7 @@ def test_mprgp_takes_the_variable_bounds_of_any_tao(petsc_options):
     tao.setHessian(lambda *_: None, H)
     tao.setTolerances(gatol=1e-10)
     tao.setFromOptions()
-    assert isinstance(tao.getPythonContext(), MPRGP)
+    assert isinstance(tao.getPythonContext(), kind)
     tao.solve()
     assert tao.getConvergedReason() > 0
     assert x.array_r == pytest.approx([1.5, 2.0, 0.5], rel=1e-9)

@@ -4,11 +4,9 @@ import logging
 
 import numpy as np
 import pytest
-from petsc4py import PETSc
 from scipy.optimize import brentq
 from test_mprgp import Dense, program, random_matrix
 
-from ddmpi.apg import APG
 from ddmpi.errors import SolverError
 from ddmpi.qp.box import Box, Discs, magnitude
 from ddmpi.qp.program import QP, QPResult
@@ -175,32 +173,6 @@ def test_types_that_know_bounds_only_leave_discs_to_projected_gradients(options,
     found = solve(qp, 1e-9)
     assert found.steps == expected.steps
     assert np.array_equal(found.s, expected.s)
-
-
-def test_apg_takes_the_variable_bounds_of_any_tao(petsc_options):
-    """``-tao_python_type ddmpi.apg.APG`` solves a TAO of the user's own, within its variable bounds."""
-    petsc_options(tao_type="python", tao_python_type="ddmpi.apg.APG")
-    matrix = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 2.0]])
-    right = np.array([1.0, 4.0, -1.0])
-    H = PETSc.Mat().createDense((3, 3), array=matrix, comm=PETSc.COMM_SELF)
-    x, lower, upper = (PETSc.Vec().createWithArray(np.full(3, v), comm=PETSc.COMM_SELF) for v in (0.0, 0.0, 2.0))
-    tao = PETSc.TAO().create(PETSc.COMM_SELF)
-    tao.setSolution(x)
-    tao.setVariableBounds((lower, upper))
-
-    def gradient(_tao, X, G):
-        H.mult(X, G)
-        G.array[:] -= right
-
-    tao.setGradient(gradient, x.duplicate())
-    tao.setHessian(lambda *_: None, H)
-    tao.setTolerances(gatol=1e-10)
-    tao.setFromOptions()
-    assert isinstance(tao.getPythonContext(), APG)
-    tao.solve()
-    assert tao.getConvergedReason() > 0
-    assert x.array_r == pytest.approx([1.5, 2.0, 0.5], rel=1e-9)
-    tao.destroy()
 
 
 def test_a_long_solve_says_how_far_it_has_come(caplog, monkeypatch):
