@@ -27,6 +27,7 @@ ASKS = re.compile(
     r"\b(?:dimension|components)\b (?:==|!=|<|>|<=|>=) \d"  # compares it
     r"|\b\w?x\w?, \w?y\w?\)?(?: =| in\b)|\(x, y\), \("  # takes points apart into two coordinates
     r"|(?:np\.empty|np\.zeros)\(\((?:0|len\(\w+\)|\w+), 2\)"  # makes vectors of two components
+    r"|isinstance\(\w+, (?:Curve|Patch)\)|facets\.shape\[1\] == \d|law\.size > law\.m"  # in other words
     r"|\[-(\w+)\[1\], \1\[0\]\]")  # turns a vector of two components
 """Code that asks for the dimension, or takes it to be two."""
 
@@ -41,7 +42,10 @@ PLACES = {
     "results/tables": 2, "results/summary": 1, "run/report": 1,
     "scene/meshes": 2,
     # a scene in the plane has plane strain or plane stress
-    "scene/bodies": 1}
+    "scene/bodies": 1,
+    # by the kind of a side, and by what its facets are: pairs or rows at vertices, one rule or the other
+    "interface/matching": 1, "interface/mortar": 2, "judge/brute_force": 1, "mesh/refine": 1, "surface/cover": 1,
+    "surface/cut": 2, "mesh/refine": 1, "interface/matching": 1, "interface/mortar": 2, "results/fields": 1, "judge/brute_force": 1, "surface/cut": 2, "surface/cover": 1}
 """How often a module does so. The numbers only fall: everything else holds in any dimension."""
 
 MODULES = sorted(path.relative_to(PACKAGE).with_suffix("").as_posix() for path in PACKAGE.rglob("*.py"))
