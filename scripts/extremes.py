@@ -19,7 +19,7 @@ from experiment import ROOT, Ledger, Row, arguments, on_two_ranks, publish, tabl
 from mpi4py import MPI
 
 import ddmpi
-from ddmpi.errors import DdmpiError, InputError, NotConvergedError
+from ddmpi.errors import DdmpiError, NotConvergedError
 from ddmpi.judge.brute_force import solve_coupled
 from ddmpi.run.answer import Answer
 
@@ -154,7 +154,8 @@ def attempt(world: MPI.Comm, changes: Overrides, compare: bool = False) -> Row:
     try:
         answer = ddmpi.solve(SCENE.read_text(encoding="utf-8"), world, changes)
         row |= describe(world, answer)
-        if compare and world.allreduce(answer.solved.assembly.space.size) <= LARGEST_COUPLED:
+        assembly = answer.solved.assembly  # brute force is for held bodies
+        if compare and not assembly.loose and world.allreduce(assembly.space.size) <= LARGEST_COUPLED:
             row["distance"] = distance(answer)
     except DdmpiError as error:
         row["outcome"] = f"refused: {str(error).splitlines()[0].removeprefix('scene: ')}"
@@ -178,12 +179,11 @@ def describe(world: MPI.Comm, answer: Answer) -> Row:
 
 
 def distance(answer: Answer) -> float:
-    """Of the contact forces from those of the coupled problem, relatively; nan if brute force fails, or is not for such
-    scenes. Collective."""
+    """Of the contact forces from those of the coupled problem, relatively; nan if brute force fails. Collective."""
     assembly, norm = answer.solved.assembly, answer.solved.assembly.space.norm
     try:
         exact = solve_coupled(assembly)
-    except (NotConvergedError, InputError):
+    except NotConvergedError:
         return np.nan
     return norm(answer.solved.solution.outer.forces - exact) / (norm(exact) or 1.0)
 

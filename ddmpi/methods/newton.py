@@ -42,7 +42,8 @@ PATIENCE, PROGRESS = 3, 0.7
 tried from a path as long as each leaves less than this."""
 
 FULL_STEPS = 12
-"""In space the first so many steps are full ones: while friction turns, lengths by residuals take twice the steps."""
+"""In space the first so many steps are full ones: while friction turns, lengths by residuals take a quarter more
+steps."""
 
 ERROR = 10.0
 """The forces are converged when the error estimated for them is below this times the tolerance."""
