@@ -45,7 +45,7 @@ PLACES = {
     "scene/bodies": 1,
     # by the kind of a side, and by what its facets are: pairs or rows at vertices, one rule or the other
     "interface/matching": 1, "interface/mortar": 2, "judge/brute_force": 1, "mesh/refine": 1, "surface/cover": 1,
-    "surface/cut": 2, "mesh/refine": 1, "interface/matching": 1, "interface/mortar": 2, "results/fields": 1, "judge/brute_force": 1, "surface/cut": 2, "surface/cover": 1}
+    "surface/cut": 2, "results/fields": 1}
 """How often a module does so. The numbers only fall: everything else holds in any dimension."""
 
 MODULES = sorted(path.relative_to(PACKAGE).with_suffix("").as_posix() for path in PACKAGE.rglob("*.py"))
