@@ -244,7 +244,7 @@ class March:
         work += 0.5 * (factors - now.factors) @ (solution.work[1] + now.work[1]) + driven
         lost = work - (solution.energy - now.energy) - interface_work
         dissipated = sum(state.dissipated for state in contacts)
-        before = self.log.energies.all[-1] if len(self.log.energies) else np.zeros(5)
+        before = self.log.energies[-1] if self.log.energies else np.zeros(5)
         self.log.energies.append([before[0] + work, solution.energy, before[2] + interface_work,
                                   before[3] + dissipated, lost])
         number = len(outer.history)
