@@ -9,6 +9,7 @@ import numpy as np
 
 from ddmpi.interface.interface import Interface
 from ddmpi.qp.box import magnitude
+from ddmpi.system.numbers import moment
 
 CLOSED = 1e-8
 """A node whose normal force is this part of the largest one, or less, counts as open, unless it is bonded."""
@@ -98,7 +99,7 @@ class ContactState:
     def moment(self) -> np.ndarray:
         """Moment of the forces on the first body about the origin (N m): in the plane x F_y − y F_x (), in space (3,).
         """
-        return _moment(self.interface.xy if self.interface.at is None else self.interface.at[0], self.forces)
+        return moment(self.interface.xy if self.interface.at is None else self.interface.at[0], self.forces)
 
     @property
     def moment_imbalance(self) -> tuple[float, float]:
@@ -111,7 +112,7 @@ class ContactState:
             return 0.0, 0.0
         arm = self.interface.at[1] - self.interface.at[0]
         bound = np.linalg.norm(arm, axis=1) @ np.linalg.norm(self.forces, axis=1)
-        return float(np.linalg.norm(_moment(arm, self.forces))), float(bound)
+        return float(np.linalg.norm(moment(arm, self.forces))), float(bound)
 
     @property
     def deepest(self) -> float:
@@ -197,10 +198,3 @@ def slip_start(interface: Interface, s: np.ndarray, moved: np.ndarray, rate: np.
 def signed(components: np.ndarray) -> np.ndarray:
     """(m,) of tangential components (m, d − 1) the only one, in the plane, or the length of their vector."""
     return components[:, 0] if components.shape[1] == 1 else np.linalg.norm(components, axis=1)
-
-
-def _moment(at: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    """The moment about the origin, () or (3,), of forces (m, d) at places (m, d)."""
-    flat = ((0, 0), (0, 3 - at.shape[1]))
-    total = np.ascontiguousarray(np.cross(np.pad(at, flat), np.pad(forces, flat)).T).sum(axis=1)
-    return total if at.shape[1] == 3 else total[2]
