@@ -163,7 +163,7 @@ MUTANTS = [Mutant(*row) for row in (
      "coupling[tangential] = (active.slip * slope[:, None]).ravel()", "pass", LAW),
     ("slip bounds change with the pressure of another node", "interface/law",
      "return self.coefficient * pressure[self.sliding]", "return self.coefficient * pressure[:len(self.sliding)]", LAW),
-    ("final gap without the initial one", "interface/state", "interface.gap - moved[0], slip", "-moved[0], slip",
+    ("final gap without the initial one", "interface/state", "interface.opening - moved[0], slip", "-moved[0], slip",
      NODES),
     ("status: slip is called stick", "interface/state", 'status[sliding[slips]] = "slip"', "pass", NODES),
     ("status: open is called slip", "interface/state", 'status[~closed] = "open"', "pass", NODES),
