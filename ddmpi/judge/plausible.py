@@ -258,7 +258,7 @@ def _unresolved_zone(state: ContactState) -> list[str]:
     zone = csgraph.connected_components(links, directed=False)[1]
     parting = pairs[closed[pairs[:, 0]] != closed[pairs[:, 1]]]
     inner, outer = np.where(closed[parting[:, :1]], parting, parting[:, ::-1]).T
-    apart = interface.gap[outer] > interface.gap[inner] + CURVED * interface.spacing[inner]
+    apart = interface.opening[outer] > interface.opening[inner] + CURVED * interface.spacing[inner]
     curving = np.bincount(zone[inner[apart]], minlength=number)  # where it ends because the boundaries curve apart
     enclosed = (curving >= 2) & (curving == np.bincount(zone[inner], minlength=number))
     facets = interface.facets[:, :d]

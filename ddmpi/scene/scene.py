@@ -37,7 +37,7 @@ FileKind = Callable[[BodySpec], tuple[int, Literal[1, 2]]]
 EXTENTS = ("size", "divisions", "radii", "angles", "bodies", "on")
 """Rows of numbers or words that are neither places nor vectors."""
 
-FORMULAS = ("x", "y", "z", "value", "pressure", "volume_force", "temperature")
+FORMULAS = ("x", "y", "z", "value", "pressure", "volume_force", "gap", "temperature")
 """Keys whose values may be formulas."""
 
 PETScOptions = dict[str, str | int | Number | bool]
@@ -150,7 +150,7 @@ class Scene(Table, frozen=True, kw_only=True):
                              "mesh.refine")
 
     def _followers(self) -> Iterator[tuple[str, str]]:
-        """The key of each load, clamp and rigid partner that follows a history, and the history's name."""
+        """The key of each load, clamp, rigid partner and gap that follows a history, and the history's name."""
         for body in self.body:
             key = f"body.{body.name}"
             entries: list[tuple[str, Clamp | Traction]]
@@ -163,6 +163,9 @@ class Scene(Table, frozen=True, kw_only=True):
         for rigid in self.rigid:
             if rigid.history is not None:
                 yield f"rigid.{rigid.name}", rigid.history
+        for contact in self.contact:
+            if (name := contact.opening[1]) is not None:
+                yield f"contact.{contact.settled().name}.gap", name
 
     def _check_heat(self) -> None:
         """Where materials expand, some body has a temperature; the others keep that of the state free of stress."""
@@ -330,6 +333,7 @@ class Settled(Table, frozen=True, kw_only=True):
     def followed(self) -> list[str]:
         """Names of the histories that something follows, in the order of the scene."""
         used = {name for body in self.body for name in body.histories} | {rigid.history for rigid in self.rigid}
+        used |= {contact.opening[1] for contact in self.contact}
         return [name for name in self.history if name in used]
 
     @property

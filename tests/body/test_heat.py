@@ -5,9 +5,9 @@ import pytest
 from by_skfem import solve
 from msgspec.structs import replace
 
-from ddmpi.body.elasticity import assemble
+from ddmpi.body.elasticity import assemble, clamp_forces
 from ddmpi.body.estimate import estimate_error
-from ddmpi.body.loads import thermal_loads
+from ddmpi.body.loads import resultants, thermal_loads
 from ddmpi.body.stress import material_of, stress, von_mises
 from ddmpi.errors import InputError
 from ddmpi.mesh.build import build_mesh
@@ -107,9 +107,12 @@ def test_bars_of_two_materials_between_walls(order):
         PartMaterial(on="one", young=E, poisson=0.0, plane="stress", expansion=ALPHA),
         PartMaterial(young=E / 3, poisson=0.0, plane="stress", expansion=2 * ALPHA)],
         clamp=[Clamp(on="left", x=0.0), Clamp(on="right", x=0.0), Clamp(on="bottom", y=0.0), Clamp(on="top", y=0.0)])
-    u, heat = solve(mesh, spec), assemble(mesh, spec).acting.heated
-    sigma = stress(mesh, material_of(mesh, spec), u, heat)[:, 0]
-    assert sigma == pytest.approx(-T * ALPHA * (1.0 + 2 * 2.0) / (1.0 / E + 3 * 2.0 / E), rel=1e-10)
+    u, problem = solve(mesh, spec), assemble(mesh, spec)
+    pressure = T * ALPHA * (1.0 + 2 * 2.0) / (1.0 / E + 3 * 2.0 / E)
+    assert stress(mesh, material_of(mesh, spec), u, problem.acting.heated)[:, 0] == pytest.approx(-pressure, rel=1e-10)
+    reactions = resultants(mesh, clamp_forces(mesh, spec, problem, u, np.zeros_like(u)))
+    assert reactions["left"]["force"] == pytest.approx([pressure, 0.0], rel=1e-10, abs=1e-10 * pressure)
+    assert reactions["right"]["force"] == pytest.approx([-pressure, 0.0], rel=1e-10, abs=1e-10 * pressure)
 
 
 @both
