@@ -85,7 +85,7 @@ def face_rigid(side: Side, rigid: Rigid, contact: SettledContact) -> Interface:
         raise InputError(f"contact.{contact.name}: near {place} the boundary of {side.body!r} does not face "
                          f"{rigid.name!r}; {rigid.turned}")
     partner = replace(side, body=rigid.name, modulus=np.inf, xy=side.xy - measured[:, None] * outward, normal=outward,
-                      clamps=np.zeros_like(side.clamps))
+                      clamps=np.zeros_like(side.clamps), free=np.zeros_like(side.free))
     if side.facets.shape[1] == 6:
         rows = replace(rows_at_vertices((side, partner), 0, _over_rigid(side, rigid, np.flatnonzero(towards)), contact),
                        points=None)

@@ -110,6 +110,7 @@ class Clamp(Table, frozen=True, kw_only=True):
     ----------
     on : boundary group or physical point, in space also physical curve
     x, y, z : component of the displacement (m); left out, it is free
+    normal : the displacement along the outer normal of a boundary group (m), node by node; along it the group slides
     history : [history.NAME] whose factor multiplies it
     """
 
@@ -117,13 +118,14 @@ class Clamp(Table, frozen=True, kw_only=True):
     x: Number | Formula | AffineScalar | None = None
     y: Number | Formula | AffineScalar | None = None
     z: Number | Formula | AffineScalar | None = None
+    normal: Number | Formula | AffineScalar | None = None
     history: Name | None = None
 
     def __post_init__(self) -> None:
-        if self.components == (None,) * 3:
-            raise ValueError("a clamp prescribes one or several of x, y and, in space, z; to fix all, write clamp = "
-                             f'["{self.on}"]')
-        for key, value in zip("xyz", self.components, strict=True):
+        if (*self.components, self.normal) == (None,) * 4:
+            raise ValueError("a clamp prescribes one or several of x, y and, in space, z, or the normal component; to "
+                             f'fix all, write clamp = ["{self.on}"]')
+        for key, value in zip(("x", "y", "z", "normal"), (*self.components, self.normal), strict=True):
             check_formulas(key, value)
 
     @property

@@ -538,7 +538,7 @@ OPTIONAL = {
     "SettledContact": {"gap", "pairing", "slave"},  # measured, chosen
     "Material": {"plane", "expansion"}, "PartMaterial": {"on", "plane", "expansion"},  # solids have none; what is left
     "SettledBody": {"temperature"}, "Heat": {"history"},  # none; constant in time
-    "Clamp": {"x", "y", "z", "history"},  # free; constant in time
+    "Clamp": {"x", "y", "z", "normal", "history"},  # free; constant in time
     "Traction": {"value", "pressure", "force", "history"},  # one of them
     "VolumeForce": {"value", "history", "constant", "x_slope", "y_slope", "z_slope"},
     "Gap": {"value", "history"},  # a profile

@@ -105,3 +105,56 @@ def test_heat_closes_a_gap_in_space(order):
     assert answer.certified
     exact = ((1 + nu) / (1 - nu) * 1.2e-5 * 60.0 - gap) / (2.0 / modulus)
     assert answer.contacts["lower-upper"].pressure == pytest.approx(exact, rel=1e-9)
+
+
+# Clamps along normals
+
+
+def wedge(d: int, angle: float, order: int, pairing: str, law: str = "coulomb") -> dict:
+    """Two blocks on symmetry planes at the left and, in space, in front, the lower one at its bottom as well; pressed
+    together and sheared. All of it is turned about z by an angle (degrees), symmetry planes by clamps along normals."""
+    c, s = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
+
+    def turn(x: float, y: float, *z: float) -> list[float]:
+        return [c * x - s * y, s * x + c * y, *z]
+
+    def block(name: str, bottom: float, top: float, divisions: list[int], **more) -> dict:
+        corners = [(0.0, bottom), (2.0, bottom), (2.0, top), (0.0, top)]
+        mesh = {"shape": "quadrilateral", "corners": [turn(*at) for at in corners]} if d == 2 else {
+            "shape": "hexahedron", "corners": [turn(*at, z) for z in (0.0, 1.0) for at in corners]}
+        return {"name": name, "mesh": mesh | {"divisions": divisions, "order": order},
+                "material": {"young": 2.1e11, "poisson": 0.3}} | more
+
+    planes = [{"on": "left", "normal": 0.0}, *([{"on": "bottom", "normal": 0.0}] if d == 3 else [])]
+    lower_top, upper_bottom, floor, top = ("top", "bottom", "bottom", "top") if d == 2 else (
+        "back", "front", "front", "back")
+    aside = [3e7, -1e8, 2e7][:d]
+    fine = 1 if pairing == "nodes" else 2
+    n = [4, 3, 2][:d]
+    return {"body": [block("lower", 0.0, 1.0, n, clamp=[*planes, {"on": floor, "normal": 0.0}]),
+                     block("upper", 1.0, 1.5, [n[0] * fine, *n[1:]], clamp=planes,
+                           traction=[{"on": top, "value": turn(*aside)}, {"on": "right", "value": turn(
+                               *[5e6, 1e6, 0.0][:d])}])],
+            "contact": [{"bodies": ["lower", "upper"], "on": [lower_top, upper_bottom], "pairing": pairing,
+                         "friction": {"law": law, "coefficient": 0.2} if law == "coulomb" else {"law": law}}],
+            "method": {"tolerance": 1e-11}}
+
+
+@pytest.mark.mpi(ranks=2)
+@pytest.mark.parametrize(("d", "order", "pairing"), [(2, 1, "nodes"), (2, 2, "nodes"), (2, 1, "mortar"),
+                                                     (2, 2, "mortar"), (3, 1, "nodes"), (3, 1, "mortar"),
+                                                     (3, 2, "mortar")])
+def test_an_inclined_sector_is_its_turned_twin(d, order, pairing):
+    """A scene on planes of symmetry at any angle has the answer of the scene along the axes, turned."""
+    upright, inclined = (solve_scene(COMM, wedge(d, angle, order, pairing)) for angle in (0.0, 33.0))
+    assert upright["certified"] and inclined["certified"]
+    assert upright["n"] == inclined["n"] and upright["m"] == inclined["m"]
+    size = np.abs(upright["normal_force"]).max()
+    assert np.abs(inclined["normal_force"] - upright["normal_force"]).max() <= 1e-9 * size > 0.0
+    assert inclined["status"] == upright["status"] and {"slip", "stick"} & set(upright["status"])
+    c, s = np.cos(np.deg2rad(33.0)), np.sin(np.deg2rad(33.0))
+    R = np.eye(d)
+    R[:2, :2] = [[c, -s], [s, c]]
+    for name, (_, u) in upright["body"].items():
+        assert np.abs(inclined["body"][name][1] - u @ R.T).max() <= 1e-9 * np.abs(u).max()
+    assert inclined["energy"] == pytest.approx(upright["energy"], rel=1e-9)
