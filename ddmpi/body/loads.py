@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
 
-from ddmpi.body.stress import blocks
+from ddmpi.body.stress import Composite, blocks, cell_temperature, portions
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group, group_nodes, turn_outward
-from ddmpi.mesh.elements import CELLS, FINE, curved_facets
+from ddmpi.mesh.elements import CELLS, FINE, RULES, curved_facets
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.scene.bodies import BodySpec, Traction
+from ddmpi.scene.bodies import BodySpec, Material, Traction
 from ddmpi.scene.values import AffineVector, Vector, evaluate, varies
-from ddmpi.system.numbers import in_words
+from ddmpi.system.numbers import in_words, moment
 
 SAME = 1e-9
 """Relative difference up to which two clamps prescribe the same displacement."""
@@ -26,28 +27,47 @@ SMALLEST = 1e-150
 """Squares of smaller numbers lose digits or vanish; norms are made of squares."""
 
 
+VOLUME = "volume_force"
+"""What the volume force is called among the groups that are loaded."""
+
+
 def nodal_loads(mesh: Mesh, body: BodySpec, history: str | None = None) -> np.ndarray:
     """Nodal loads (nv, d) in newtons of tractions, pressures and volume force that follow `history`, None for none.
 
     They are exact where these are affine on straight facets and cells; formulas, and what acts on curved ones, are
     integrated by Gauss's rule. Raises InputError where a formula is not finite.
     """
-    f = np.zeros_like(mesh.points)
+    return sum((f for _, f in loads_by_group(mesh, body, history)), np.zeros_like(mesh.points))
+
+
+def loads_by_group(mesh: Mesh, body: BodySpec, history: str | None = None) -> Iterator[tuple[str, np.ndarray]]:
+    """The parts of `nodal_loads`, each with its group; the volume force is called VOLUME. A group may come again."""
     for traction in body.traction:
-        if traction.history != history:
-            continue
-        key = f"body.{body.name}.traction"
-        _values(traction.given, mesh.points[boundary_group(mesh, traction.on, key)], key)
-        for facets, shares, stress in _stress(mesh, traction, key):
-            np.add.at(f, facets, np.einsum("lqs,dqs->sld", shares, stress))
+        if traction.history == history:
+            key, f = f"body.{body.name}.traction", np.zeros_like(mesh.points)
+            _values(traction.given, mesh.points[boundary_group(mesh, traction.on, key)], key)
+            for facets, shares, stress in _stress(mesh, traction, key):
+                np.add.at(f, facets, np.einsum("lqs,dqs->sld", shares, stress))
+            yield traction.on, f
     force, follows = body.weight
     if follows == history and force != (0.0,) * mesh.dimension:
+        f = np.zeros_like(mesh.points)
         _add_volume_force(mesh, force, f"body.{body.name}.volume_force", f)
-    return f
+        yield VOLUME, f
+
+
+def resultants(mesh: Mesh, parts: Iterable[tuple[str, np.ndarray]]) -> dict[str, dict[str, np.ndarray]]:
+    """By group the force (d,) in newtons and the moment about the origin (N m), () or (3,), of nodal forces (nv, d)."""
+    found: dict[str, dict[str, np.ndarray]] = {}
+    for group, f in parts:
+        acts = f.any(axis=1)
+        now = {"force": f[acts].sum(axis=0), "moment": moment(mesh.points[acts], f[acts])}
+        found[group] = {kind: now[kind] + value for kind, value in found[group].items()} if group in found else now
+    return found
 
 
 def _stress(mesh: Mesh, traction: Traction, key: str) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """What a traction or pressure is on the facets of its group, apart for those where tables are exact.
+    """What a traction, pressure or force is on the facets of its group, apart for those where tables are exact.
 
     Returns
     -------
@@ -68,7 +88,18 @@ def _stress(mesh: Mesh, traction: Traction, key: str) -> list[tuple[np.ndarray, 
             if traction.pressure is not None:
                 stress = -vectors / size * stress
             found.append((facets[part], table[..., None] * size, stress))
-    return found
+    if traction.force is None:
+        return found
+    area = sum(float(shares.sum()) for _, shares, _ in found)
+    if not area > 0.0:
+        raise InputError(f"{key}: the group {traction.on!r} has no area over which a force could be spread")
+    return [(on, shares, stress / area) for on, shares, stress in found]
+
+
+def temperature(mesh: Mesh, body: BodySpec, history: str | None) -> np.ndarray:
+    """Temperature (nv,) in K at the nodes, as far as it follows `history`. Raises InputError where it is not finite."""
+    value = body.heat.value if body.heat.history == history else 0.0
+    return _values(value, mesh.points, f"body.{body.name}.temperature")
 
 
 def _add_volume_force(mesh: Mesh, force: Vector | AffineVector, key: str, f: np.ndarray) -> None:
@@ -90,6 +121,25 @@ def _add_volume_force(mesh: Mesh, force: Vector | AffineVector, key: str, f: np.
         shares = weights[:, None] * mapped.measures
         for component, density in enumerate(_values(force, mapped.places, key)):
             f[:, component] += np.bincount(nodes.ravel(), ((shares * density).T @ shapes).ravel(), len(f))
+
+
+def thermal_loads(mesh: Mesh, material: Material | Composite, heat: np.ndarray) -> tuple[np.ndarray, float]:
+    """Nodal loads (nv, d) in newtons by which a temperature (nv,) in K strains a body, ∫ β T : ∇φ; and twice the
+    elastic energy where no strain yields to it (J). Not collective.
+
+    The temperature is that of the points where the stress is taken, see `Cell.samples`.
+    """
+    f, energy = np.zeros_like(mesh.points), 0.0
+    for cells, own, curved in portions(mesh, material):
+        samples = mesh.cell.samples
+        points, weights = RULES[mesh.dimension] if curved else (samples, np.full(len(samples), 1.0 / len(samples)))
+        mapped, warm = mesh.map(cells, points), cell_temperature(mesh, heat, points, cells)
+        beta, whole, *_ = own.thermal(mesh.dimension)
+        share = weights[:, None] * mapped.measures * warm
+        for component, loads in enumerate(np.einsum("rc,cqit,qt->rti", beta, mapped.slopes, share)):
+            f[:, component] += np.bincount(mesh.triangles[cells].ravel(), loads.ravel(), len(f))
+        energy += whole * float((share * warm).sum())
+    return f, energy
 
 
 def _values(value: Any, points: np.ndarray, key: str) -> np.ndarray:
