@@ -16,7 +16,16 @@ from math import comb
 
 import numpy as np
 
-from ddmpi.body.stress import Composite, blocks, cell_stress, components, energy_density, portions, stress_at
+from ddmpi.body.stress import (
+    Composite,
+    blocks,
+    cell_stress,
+    cell_temperature,
+    components,
+    energy_density,
+    portions,
+    stress_at,
+)
 from ddmpi.mesh.boundary import boundary_facets
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Material
@@ -102,15 +111,18 @@ def sum_errors(bodies: Mapping[str, tuple[float, float, float]],
                                float(energies.sum() / areas.sum()))
 
 
-def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray) -> ErrorEstimate:
+def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray,
+                   heat: np.ndarray | None = None) -> ErrorEstimate:
     """Estimate the discretization error of the displacement `u` (nv, d) in metres. Not collective.
+
+    `heat` (nv,) is the temperature over the state free of stress (K).
 
     Energy and error are zero where only rounding strains the body. Errors of linear cells that lock are nan: they
     hardly deform, so that their stress jumps little however wrong it is. Where materials meet, stress does jump, and is
     recovered from either side.
     """
     cell, (points, weights), measures = mesh.cell, mesh.cell.rule, mesh.measures()
-    sampled, shapes = components(stress_at(mesh, material, u, cell.samples)), cell.shapes(points)
+    sampled, shapes = components(stress_at(mesh, material, u, cell.samples, heat)), cell.shapes(points)
     between: np.ndarray = np.ones((len(points), 1))
     if cell.order == 2:  # stress is linear between samples
         between = points @ np.linalg.inv(cell.samples)
@@ -121,11 +133,15 @@ def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray) ->
     for cells, own, curved in portions(mesh, material):
         computed, share = between @ sampled[..., cells], weights[:, None] * measures[cells]
         if curved:
-            computed = components(cell_stress(mesh, own, u, points, cells, curved))
+            computed = components(cell_stress(mesh, own, u, points, cells, curved, heat))
             share = weights[:, None] * mesh.map(cells, points).measures
         difference = shapes @ np.take(recovered, parts.triangles[cells].T, axis=1) - computed
         squares[cells] = (share * energy_density(own, difference)).sum(axis=0)
         energy += float((share * energy_density(own, computed)).sum())
+        if heat is not None:  # in plane strain σ_zz has energy as well
+            warm = cell_temperature(mesh, heat, points, cells) if curved else (
+                between @ cell_temperature(mesh, heat, cell.samples, cells))
+            energy += own.thermal(mesh.dimension)[3] * float((share * warm**2).sum())
     materials = [material] if isinstance(material, Material) else material.materials
     stiffest = max(each.tensor(mesh.dimension).max() for each in materials)
     if energy <= stiffest * len(measures) * (UNSTRAINED * np.abs(u).max()) ** 2:

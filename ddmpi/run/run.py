@@ -183,7 +183,8 @@ def _fall_back(ladder: MeshLadder, reason: str) -> bool:
 def _estimate(assembly: Assembly, solution: Solution, clock: Clock) -> DiscretizationError:
     """The discretization error of all bodies. Collective."""
     with clock.phase("estimate"):
-        own = {body.spec.name: estimate_error(body.mesh, body.material, solution.displacements[body.spec.name])
+        own = {body.spec.name: estimate_error(body.mesh, body.material, solution.displacements[body.spec.name],
+                                              body.member.elasticity.acting.heated)
                for body in assembly.bodies}
         numbers = {name: (each.total, each.energy, each.area) for name, each in own.items()}
         return sum_errors(merged(assembly.world, numbers), own)
@@ -208,7 +209,7 @@ def _finish(assembly: Assembly, solution: Solution, steps: StepLog | None, error
 def _fields(assembly: Assembly, body: Body, u: np.ndarray, error: DiscretizationError | None = None) -> Fields:
     """The fields of a body that moves by `u` (nv, 2), as far as they are asked for. Not collective."""
     mesh, output = body.mesh, assembly.scene.output
-    sigma = stress(mesh, body.material, u) if output.stress else None
+    sigma = stress(mesh, body.material, u, body.member.elasticity.acting.heated) if output.stress else None
     return Fields(mesh.points, mesh.triangles, u, sigma, von_mises(sigma) if sigma is not None else None,
                   error.density(body.spec.name) if error and output.error else None)
 
