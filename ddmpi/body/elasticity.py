@@ -171,7 +171,8 @@ def clamp_forces(mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarr
     """
     held = np.flatnonzero(~elasticity.free.all(axis=1))
     forces = np.zeros_like(u)
-    forces[held] = forces_at(mesh, material_of(mesh, body), u, held) - (elasticity.acting.f + pull)[held]
+    if len(held):
+        forces[held] = forces_at(mesh, material_of(mesh, body), u, held) - (elasticity.acting.f + pull)[held]
     for which, clamp in enumerate(body.clamps):
         yield clamp.on, np.where(elasticity.clamps == which, forces, 0.0)
 
