@@ -16,7 +16,16 @@ from math import comb
 
 import numpy as np
 
-from ddmpi.body.stress import Composite, blocks, cell_stress, components, energy_density, portions, stress_at
+from ddmpi.body.stress import (
+    Composite,
+    blocks,
+    cell_stress,
+    columns_of,
+    components,
+    energy_density,
+    portions,
+    stress_at,
+)
 from ddmpi.mesh.boundary import boundary_facets
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Material
@@ -43,11 +52,13 @@ class ErrorEstimate:
     squares : (nt,) squared error of each cell, ∫ (σ* − σ_h) : C⁻¹ (σ* − σ_h) (J; in the plane per metre of depth)
     areas : (nt,) areas or volumes of the cells (m² or m³)
     energy : squared energy norm ∫ σ_h : C⁻¹ σ_h, twice the strain energy (J)
+    stress : (nv, 4) or (nv, 6) the recovered stress at the nodes, as of `nodal_stress` (Pa)
     """
 
     squares: np.ndarray
     areas: np.ndarray
     energy: float
+    stress: np.ndarray
 
     @property
     def area(self) -> float:
@@ -110,12 +121,11 @@ def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray) ->
     recovered from either side.
     """
     cell, (points, weights), measures = mesh.cell, mesh.cell.rule, mesh.measures()
-    sampled, shapes = components(stress_at(mesh, material, u, cell.samples)), cell.shapes(points)
+    shapes = cell.shapes(points)
     between: np.ndarray = np.ones((len(points), 1))
     if cell.order == 2:  # stress is linear between samples
         between = points @ np.linalg.inv(cell.samples)
-    parts = mesh if isinstance(material, Material) else _apart(mesh, material)
-    recovered = _recover(parts, sampled)
+    parts, sampled, recovered = _recovered(mesh, material, u)
     squares: np.ndarray = np.zeros(len(measures))
     energy = 0.0
     for cells, own, curved in portions(mesh, material):
@@ -132,7 +142,37 @@ def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray) ->
         squares, energy = np.zeros(len(measures)), 0.0
     if mesh.order == 1 and material.locks:
         squares = np.full(len(measures), np.nan)
-    return ErrorEstimate(squares, measures, energy)
+    return ErrorEstimate(squares, measures, energy, _joined(mesh, material, parts, recovered))
+
+
+def nodal_stress(mesh: Mesh, material: Material | Composite, u: np.ndarray) -> np.ndarray:
+    """The recovered stress at the nodes (nv, 4), in space (nv, 6), in Pa, with the columns of `stress`, for a
+    displacement u (nv, d) in metres; where materials meet, the mean of theirs. Not collective."""
+    parts, _, recovered = _recovered(mesh, material, u)
+    return _joined(mesh, material, parts, recovered)
+
+
+def _recovered(mesh: Mesh, material: Material | Composite, u: np.ndarray) -> tuple[Mesh, np.ndarray, np.ndarray]:
+    """The mesh with nodes of its own for each material, stress (n, q, nt) at the samples, and recovered (n, ·)."""
+    parts = mesh if isinstance(material, Material) else _apart(mesh, material)
+    sampled = components(stress_at(mesh, material, u, mesh.cell.samples))
+    return parts, sampled, _recover(parts, sampled)
+
+
+def _joined(mesh: Mesh, material: Material | Composite, parts: Mesh, recovered: np.ndarray) -> np.ndarray:
+    """The columns of `stress` at the nodes of the mesh, from the recovered stress (n, ·) at those of its `parts`."""
+    d = mesh.dimension
+    tensors = np.empty((d, d, recovered.shape[1]))
+    i, j = np.triu_indices(d)
+    tensors[i, j] = tensors[j, i] = recovered
+    if isinstance(material, Material):
+        return columns_of(tensors, material).T
+    node, number = np.empty((2, len(parts.points)), int)
+    node[parts.triangles], number[parts.triangles] = mesh.triangles, material.number[:, None]
+    total = np.zeros((len(mesh.points), 2 * d))
+    for k, own in enumerate(material.materials):
+        np.add.at(total, node[number == k], columns_of(tensors[..., number == k], own).T)
+    return total / np.bincount(node, minlength=len(total))[:, None]
 
 
 def _apart(mesh: Mesh, material: Composite) -> Mesh:

@@ -97,8 +97,7 @@ def stress(mesh: Mesh, material: Material | Composite, u: np.ndarray) -> np.ndar
     (nt, 4) array of σ_xx, σ_yy, σ_zz, σ_xy in Pa, in space (nt, 6) with σ_yz, σ_xz; in the plane σ_zz is that of plane
     strain, or zero. Not collective.
     """
-    columns = [pair for pair in COLUMNS if pair[0] == pair[1] or max(pair) < mesh.dimension]
-    found = np.empty((len(columns), len(mesh.triangles)))
+    found = np.empty((2 * mesh.dimension, len(mesh.triangles)))
     for cells, own, curved in portions(mesh, material):
         points, weights = (RULES if curved else FIRST)[mesh.dimension]
         sigma = cell_stress(mesh, own, u, points, cells, curved)
@@ -106,9 +105,23 @@ def stress(mesh: Mesh, material: Material | Composite, u: np.ndarray) -> np.ndar
         if curved:
             parts = weights[:, None] * mesh.map(cells, points).measures
             mean = (sigma * parts).sum(axis=2) / parts.sum(axis=0)
-        for column, (i, j) in enumerate(columns):
-            found[column, cells] = mean[i, j] if j < mesh.dimension else np.einsum("kl,klt->t", own.across, mean)
+        found[:, cells] = columns_of(mean, own)
     return np.ascontiguousarray(found.T)
+
+
+def columns_of(sigma: np.ndarray, material: Material) -> np.ndarray:
+    """The columns (4, n), in space (6, n), of `stress` from tensors (d, d, n), in Pa."""
+    d = len(sigma)
+    return np.stack([sigma[i, j] if j < d else np.einsum("kl,kln->n", material.across, sigma)
+                     for i, j in COLUMNS if i == j or max(i, j) < d])
+
+
+def principal(sigma: np.ndarray) -> np.ndarray:
+    """Principal stresses (nt, 3) in Pa from `stress`, the largest first; tension is positive."""
+    tensors = np.zeros((len(sigma), 3, 3))
+    for column, (i, j) in zip(sigma.T, COLUMNS, strict=False):
+        tensors[:, i, j] = tensors[:, j, i] = column
+    return np.linalg.eigvalsh(tensors)[:, ::-1]
 
 
 def von_mises(sigma: np.ndarray) -> np.ndarray:
