@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.body.stress import blocks
+from ddmpi.body.stress import Composite, blocks, cell_temperature, portions
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group, group_nodes, turn_outward
-from ddmpi.mesh.elements import CELLS, FINE, curved_facets
+from ddmpi.mesh.elements import CELLS, FINE, RULES, curved_facets
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.scene.bodies import BodySpec, Traction
+from ddmpi.scene.bodies import BodySpec, Material, Traction
 from ddmpi.scene.values import AffineVector, Vector, evaluate, varies
 from ddmpi.system.numbers import in_words, moment
 
@@ -96,6 +96,12 @@ def _stress(mesh: Mesh, traction: Traction, key: str) -> list[tuple[np.ndarray, 
     return [(on, shares, stress / area) for on, shares, stress in found]
 
 
+def temperature(mesh: Mesh, body: BodySpec, history: str | None) -> np.ndarray:
+    """Temperature (nv,) in K at the nodes, as far as it follows `history`. Raises InputError where it is not finite."""
+    value = body.heat.value if body.heat.history == history else 0.0
+    return _values(value, mesh.points, f"body.{body.name}.temperature")
+
+
 def _add_volume_force(mesh: Mesh, force: Vector | AffineVector, key: str, f: np.ndarray) -> None:
     """Add the nodal loads of a volume force (N/m³) to f (nv, d)."""
     parts: list[slice] | list[np.ndarray] = mesh.curved_blocks()
@@ -115,6 +121,25 @@ def _add_volume_force(mesh: Mesh, force: Vector | AffineVector, key: str, f: np.
         shares = weights[:, None] * mapped.measures
         for component, density in enumerate(_values(force, mapped.places, key)):
             f[:, component] += np.bincount(nodes.ravel(), ((shares * density).T @ shapes).ravel(), len(f))
+
+
+def thermal_loads(mesh: Mesh, material: Material | Composite, heat: np.ndarray) -> tuple[np.ndarray, float]:
+    """Nodal loads (nv, d) in newtons by which a temperature (nv,) in K strains a body, ∫ β T : ∇φ; and twice the
+    elastic energy where no strain yields to it (J). Not collective.
+
+    The temperature is that of the points where the stress is taken, see `Cell.samples`.
+    """
+    f, energy = np.zeros_like(mesh.points), 0.0
+    for cells, own, curved in portions(mesh, material):
+        samples = mesh.cell.samples
+        points, weights = RULES[mesh.dimension] if curved else (samples, np.full(len(samples), 1.0 / len(samples)))
+        mapped, warm = mesh.map(cells, points), cell_temperature(mesh, heat, points, cells)
+        beta, whole, *_ = own.thermal(mesh.dimension)
+        share = weights[:, None] * mapped.measures * warm
+        for component, loads in enumerate(np.einsum("rc,cqit,qt->rti", beta, mapped.slopes, share)):
+            f[:, component] += np.bincount(mesh.triangles[cells].ravel(), loads.ravel(), len(f))
+        energy += whole * float((share * warm).sum())
+    return f, energy
 
 
 def _values(value: Any, points: np.ndarray, key: str) -> np.ndarray:

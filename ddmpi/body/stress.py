@@ -85,12 +85,13 @@ def modulus_beside(mesh: Mesh, material: Material | Composite, facets: np.ndarra
     return float(measures.sum() / (measures / material.plane_modulus[cells]).sum())
 
 
-def stress(mesh: Mesh, material: Material | Composite, u: np.ndarray) -> np.ndarray:
+def stress(mesh: Mesh, material: Material | Composite, u: np.ndarray, heat: np.ndarray | None = None) -> np.ndarray:
     """Mean stress of each cell.
 
     Parameters
     ----------
     u : (nv, d) displacement (m)
+    heat : (nv,) temperature over the state free of stress (K)
 
     Returns
     -------
@@ -100,20 +101,24 @@ def stress(mesh: Mesh, material: Material | Composite, u: np.ndarray) -> np.ndar
     found = np.empty((2 * mesh.dimension, len(mesh.triangles)))
     for cells, own, curved in portions(mesh, material):
         points, weights = (RULES if curved else FIRST)[mesh.dimension]
-        sigma = cell_stress(mesh, own, u, points, cells, curved)
-        mean = sigma[:, :, 0]
+        sigma, parts = cell_stress(mesh, own, u, points, cells, curved, heat), np.ones((1, 1))
         if curved:
             parts = weights[:, None] * mesh.map(cells, points).measures
-            mean = (sigma * parts).sum(axis=2) / parts.sum(axis=0)
-        found[:, cells] = columns_of(mean, own)
+        mean, warm = (sigma * parts).sum(axis=2) / parts.sum(axis=0), None
+        if heat is not None:
+            warm = (cell_temperature(mesh, heat, points, cells) * parts).sum(axis=0) / parts.sum(axis=0)
+        found[:, cells] = columns_of(mean, own, warm)
     return np.ascontiguousarray(found.T)
 
 
-def columns_of(sigma: np.ndarray, material: Material) -> np.ndarray:
-    """The columns (4, n), in space (6, n), of `stress` from tensors (d, d, n), in Pa."""
+def columns_of(sigma: np.ndarray, material: Material, warm: np.ndarray | None) -> np.ndarray:
+    """The columns (4, n), in space (6, n), of `stress` from tensors (d, d, n) in Pa, with temperatures (n,) in K."""
     d = len(sigma)
-    return np.stack([sigma[i, j] if j < d else np.einsum("kl,kln->n", material.across, sigma)
-                     for i, j in COLUMNS if i == j or max(i, j) < d])
+    found = [sigma[i, j] for i, j in COLUMNS if max(i, j) < d]
+    if d == 2:
+        found.insert(d, np.einsum("kl,kln->n", material.across, sigma)
+                     - (0.0 if warm is None else material.thermal(d)[2] * warm))
+    return np.stack(found)
 
 
 def principal(sigma: np.ndarray) -> np.ndarray:
@@ -130,19 +135,21 @@ def von_mises(sigma: np.ndarray) -> np.ndarray:
     return np.sqrt(0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) + 3 * sum(each**2 for each in shears))
 
 
-def stress_at(mesh: Mesh, material: Material | Composite, u: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
-    """Stress (d, d, q, nt) in Pa at the same points (q, d + 1) of every cell, for a displacement u (nv, d) in metres.
+def stress_at(mesh: Mesh, material: Material | Composite, u: np.ndarray, barycentric: np.ndarray,
+              heat: np.ndarray | None = None) -> np.ndarray:
+    """Stress (d, d, q, nt) in Pa at the same points (q, d + 1) of every cell, for a displacement u (nv, d) in metres
+    and a temperature (nv,) in K.
 
     Not collective.
     """
     sigma = np.empty((mesh.dimension, mesh.dimension, len(barycentric), len(mesh.triangles)))
     for cells, own, curved in portions(mesh, material):
-        sigma[..., cells] = cell_stress(mesh, own, u, barycentric, cells, curved)
+        sigma[..., cells] = cell_stress(mesh, own, u, barycentric, cells, curved, heat)
     return sigma
 
 
 def cell_stress(mesh: Mesh, material: Material, u: np.ndarray, barycentric: np.ndarray, cells: slice | np.ndarray,
-                curved: bool) -> np.ndarray:
+                curved: bool, heat: np.ndarray | None = None) -> np.ndarray:
     """`stress_at` (d, d, q, t) in some cells of one material, which are all straight or all `curved`."""
     moved = np.take(u.T, mesh.triangles[cells].T, axis=1)
     if curved:
@@ -152,7 +159,15 @@ def cell_stress(mesh: Mesh, material: Material, u: np.ndarray, barycentric: np.n
         gradient = np.einsum("acqt,art->crqt", mesh.cell.derivatives(barycentric)[:, None] @ moved, inverse)
     square = len(u.T) ** 2
     C = material.tensor(len(u.T)).reshape(square, square)
-    return (C @ gradient.reshape(square, -1)).reshape(gradient.shape)
+    sigma = (C @ gradient.reshape(square, -1)).reshape(gradient.shape)
+    if heat is not None:
+        sigma -= np.multiply.outer(material.thermal(len(sigma))[0], cell_temperature(mesh, heat, barycentric, cells))
+    return sigma
+
+
+def cell_temperature(mesh: Mesh, heat: np.ndarray, barycentric: np.ndarray, cells: slice | np.ndarray) -> np.ndarray:
+    """Temperature (q, t) at points (q, d + 1) of some cells, from that of the nodes (nv,)."""
+    return mesh.cell.shapes(barycentric) @ heat[mesh.triangles[cells]].T
 
 
 def components(sigma: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ddmpi.interface.interface import Interface
+from ddmpi.interface.law import Law
 from ddmpi.qp.box import magnitude
 from ddmpi.system.numbers import moment
 
@@ -164,11 +165,11 @@ def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.
     status[~closed] = "open"
     slips &= closed[sliding] | (law.bound_at(none) > 0.0)
     resistance[sliding[slips]] = 0.5 * bound[slips] + 0.5 * law.bound_at(former)[slips]
-    return ContactState(interface, normal, tangential, interface.gap - moved[0], slip, status,
+    return ContactState(interface, normal, tangential, interface.opening - moved[0], slip, status,
                         np.empty(0) if between is None else between, before, yielding, resistance)
 
 
-def slip_start(interface: Interface, s: np.ndarray, moved: np.ndarray, rate: np.ndarray, ahead: float) -> np.ndarray:
+def slip_start(law: Law, s: np.ndarray, closed: np.ndarray, rate: np.ndarray, ahead: float) -> np.ndarray:
     """Where the slip of the next load step begins: the displacement (size,), tangential entries only (m).
 
     It is that at the end of the last step, of open nodes as well. A node that may slide as it likes slips from where it
@@ -177,17 +178,17 @@ def slip_start(interface: Interface, s: np.ndarray, moved: np.ndarray, rate: np.
     Parameters
     ----------
     s : (size,) forces at the end of the last load step (N)
-    moved : (size,) relative displacements there (m)
+    closed : (size,) relative displacements less the initial gaps there (m)
     rate : (size,) what the last load step has added to them (m)
     ahead : length of the next load step over that of the last one; zero where they are not alike
 
     Not collective.
     """
-    law, start = interface.law, np.zeros(interface.size)
+    start = np.zeros(law.size)
     if law.name == "bonded":  # nothing slides
         return start
-    (normal, tangential), (closing, sliding) = law.split(moved), law.split(rate)
-    gap, closing = (interface.gap - normal)[law.sliding], closing[law.sliding]
+    (normal, tangential), (closing, sliding) = law.split(closed), law.split(rate)
+    gap, closing = -normal[law.sliding], closing[law.sliding]
     touches = (law.bound_at(s) == 0.0) & (gap > 0.0) & (closing > 0.0)
     share = np.zeros(len(law.sliding))
     share[touches] = np.minimum(gap[touches] / closing[touches], ahead)

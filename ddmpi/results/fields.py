@@ -12,9 +12,9 @@ import numpy as np
 from ddmpi.body.stress import principal, von_mises
 from ddmpi.interface.interface import Interface, Lines, in_order
 from ddmpi.interface.state import ContactState
-from ddmpi.judge.overlap import PARTS
 from ddmpi.mesh.boundary import boundary_facets
 from ddmpi.mesh.mesh import signed_measures
+from ddmpi.mesh.refine import CORNERS_CUT
 from ddmpi.results.tables import leg_values, writing
 from ddmpi.system.files import FileOfHDF5, contact_files
 
@@ -148,7 +148,8 @@ def drawn_facets(lines: Lines) -> np.ndarray:
 def write_facets(path: Path, interfaces: Iterable[Interface]) -> None:
     """Add contacts/NAME/facets (f, d) and contacts/NAME/initial_gap (l,) to result.h5 in the folder `path`.
 
-    Facets are `drawn_facets`; the gap (m) has an entry per line of the contact's table. Not collective. Raises
+    Facets are `drawn_facets`; the gap (m), at the factor 1 of its history, has an entry per line of the contact's
+    table. Not collective. Raises
     OutputError.
     """
     import h5py
@@ -333,7 +334,7 @@ def _padded(array: np.ndarray) -> np.ndarray:
 
 def linear_triangles(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Cells (nt, 3 or 6) as triangles between neighbouring nodes, and the cell that each is part of."""
-    parts = PARTS[cells.shape[1]]
+    parts = [[0, 1, 2]] if cells.shape[1] == 3 else CORNERS_CUT[2]
     return cells[:, parts].reshape(-1, 3), np.repeat(np.arange(len(cells)), len(parts))
 
 

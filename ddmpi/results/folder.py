@@ -48,7 +48,8 @@ FILES = {
                  "node, stresses recovered from the cells around it; cells, body (its number), stress "
                  "(xx, xy, xz, yy, yz, zz), principal (the largest first), von_mises, error by cell; earlier load "
                  "steps in groups step_000001, …; in contacts/NAME the facets, pairs of lines of contact_NAME.csv "
-                 "whose nodes are neighbours, of solids triples, and initial_gap of each line",
+                 "whose nodes are neighbours, of solids triples, and initial_gap of each line at the factor 1 of its "
+                 "history",
     "bodies.png": "the deformed bodies, coloured by von Mises stress, else by displacement. Displacements are enlarged "
                   "as the title says, grey outlines are undeformed, and what touches is drawn touching",
     "contact.png": "of one contact: stresses, slip bound, gap and slip along the contact, and its zones; of solids, "

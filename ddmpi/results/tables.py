@@ -89,7 +89,7 @@ STEPS_IN_SPACE = {
     "open": "nodes", "slip": "", "stick": "", "dissipated": STEPS["dissipated"]}
 
 ENERGY = {
-    "time": "end of the load step", "external_work": "of loads, clamps and rigid partners since time 0",
+    "time": "end of the load step", "external_work": "of loads, clamps, heat and rigid partners since time 0",
     "strain_energy": "of all bodies", "interface_work": "of the contact forces since time 0",
     "dissipated": "its part that friction takes",
     "residual": "what external work exceeds the growth of strain energy and interface work by, of the step"}

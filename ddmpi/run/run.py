@@ -183,7 +183,8 @@ def _fall_back(ladder: MeshLadder, reason: str) -> bool:
 def _estimate(assembly: Assembly, solution: Solution, clock: Clock) -> DiscretizationError:
     """The discretization error of all bodies. Collective."""
     with clock.phase("estimate"):
-        own = {body.spec.name: estimate_error(body.mesh, body.material, solution.displacements[body.spec.name])
+        own = {body.spec.name: estimate_error(body.mesh, body.material, solution.displacements[body.spec.name],
+                                              body.member.elasticity.acting.heated)
                for body in assembly.bodies}
         numbers = {name: (each.total, each.energy, each.area) for name, each in own.items()}
         return sum_errors(merged(assembly.world, numbers), own)
@@ -211,9 +212,10 @@ def _fields(assembly: Assembly, body: Body, u: np.ndarray, error: Discretization
     density = error.density(body.spec.name) if error and output.error else None
     if not output.stress:
         return Fields(mesh.points, mesh.triangles, u, error=density)
-    sigma = stress(mesh, body.material, u)
+    heat = body.member.elasticity.acting.heated
+    sigma = stress(mesh, body.material, u, heat)
     return Fields(mesh.points, mesh.triangles, u, sigma, von_mises(sigma), density,
-                  error.own[body.spec.name].stress if error else nodal_stress(mesh, body.material, u))
+                  error.own[body.spec.name].stress if error else nodal_stress(mesh, body.material, u, heat))
 
 
 def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock | None = None,

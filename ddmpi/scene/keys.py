@@ -40,7 +40,7 @@ MEANT = {
     "load": "traction", "loads": "traction", "BodySpec.force": "traction", "BodySpec.pressure": "traction",
     "gravity": "volume_force", "body_force": "volume_force", "weight": "volume_force", "plane stress": "stress",
     "plane strain": "strain", "solver": "outer", "interference": "a negative gap is an interference",
-    "expansion": "thermal expansion is not modelled", "temperature": "thermal expansion is not modelled",
+    "alpha": "expansion", "thermal_expansion": "expansion", "temp": "temperature", "heat": "temperature",
     "density": "weight is the body's volume_force = [0, -density * gravity], in space [0, 0, …]",
     "rho": "weight is the body's volume_force = [0, -density * gravity], in space [0, 0, …]",
     "thickness": "forces in the plane are those on a unit of depth", "yield_stress": "materials are linear elastic",

@@ -37,7 +37,7 @@ FileKind = Callable[[BodySpec], tuple[int, Literal[1, 2]]]
 EXTENTS = ("size", "divisions", "radii", "angles", "bodies", "on")
 """Rows of numbers or words that are neither places nor vectors."""
 
-FORMULAS = ("x", "y", "z", "value", "pressure", "volume_force")
+FORMULAS = ("x", "y", "z", "value", "pressure", "volume_force", "gap", "temperature")
 """Keys whose values may be formulas."""
 
 PETScOptions = dict[str, str | int | Number | bool]
@@ -83,6 +83,7 @@ class Scene(Table, frozen=True, kw_only=True):
             raise ValueError("bodies have mesh.order 1 and 2; forces at their common nodes would mean different "
                              "pressures, so give all bodies the same")
         self._check_histories()
+        self._check_heat()
         check_petsc(self.petsc)
         two = (len(self.body), len(self.rigid), len(self.contact)) == (2, 0, 1)
         if self.method.for_two and not (two and self.contact[0].kind == "unilateral"):
@@ -149,18 +150,30 @@ class Scene(Table, frozen=True, kw_only=True):
                              "mesh.refine")
 
     def _followers(self) -> Iterator[tuple[str, str]]:
-        """The key of each load, clamp and rigid partner that follows a history, and the history's name."""
+        """The key of each load, clamp, rigid partner and gap that follows a history, and the history's name."""
         for body in self.body:
             key = f"body.{body.name}"
             entries: list[tuple[str, Clamp | Traction]]
             entries = [*((f"clamp.{k}", each) for k, each in enumerate(body.clamps)),
                        *((f"traction.{k}", each) for k, each in enumerate(body.traction))]
-            for part, name in [*((part, each.history) for part, each in entries), ("volume_force", body.weight[1])]:
+            for part, name in [*((part, each.history) for part, each in entries), ("volume_force", body.weight[1]),
+                               ("temperature", body.heat.history)]:
                 if name is not None:
                     yield f"{key}.{part}", name
         for rigid in self.rigid:
             if rigid.history is not None:
                 yield f"rigid.{rigid.name}", rigid.history
+        for contact in self.contact:
+            if (name := contact.opening[1]) is not None:
+                yield f"contact.{contact.settled().name}.gap", name
+
+    def _check_heat(self) -> None:
+        """Where materials expand, some body has a temperature; the others keep that of the state free of stress."""
+        expanding = [body.name for body in self.body if any(material.expansion for material in body.materials)]
+        if expanding and all(body.temperature is None for body in self.body):
+            raise ValueError(f"body.{expanding[0]}.material.expansion: no body has a temperature, so nothing expands; "
+                             "write temperature = 80.0 (K over the state free of stress) into a [[body]], or leave "
+                             "expansion out")
 
     def _check_partners(self, contact: SettledContact) -> None:
         """A contact is between two bodies, or a body and then a rigid partner, with a group for each body."""
@@ -320,6 +333,7 @@ class Settled(Table, frozen=True, kw_only=True):
     def followed(self) -> list[str]:
         """Names of the histories that something follows, in the order of the scene."""
         used = {name for body in self.body for name in body.histories} | {rigid.history for rigid in self.rigid}
+        used |= {contact.opening[1] for contact in self.contact}
         return [name for name in self.history if name in used]
 
     @property

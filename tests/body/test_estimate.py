@@ -5,10 +5,10 @@ import pytest
 
 from ddmpi.body.estimate import ErrorEstimate, estimate_error, nodal_stress, relative_error, sum_errors
 from ddmpi.body.stiffness import sum_stiffness
-from ddmpi.body.stress import Composite
+from ddmpi.body.stress import Composite, stress
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
-from ddmpi.mesh.shapes import generate_box, generate_rectangle
+from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import Material, MeshSpec
 
 STEEL = Material(young=2e11, poisson=0.3)
@@ -197,7 +197,7 @@ def test_relative_error():
 @pytest.mark.parametrize("cell, order", [("plane", 1), ("plane", 2), ("space", 1)])
 def test_stress_at_nodes_is_exact_where_it_can_be(cell, order):
     """A constant stress with linear elements, a linear one with quadratic elements, at all nodes; σ_zz as well."""
-    mesh = rectangle(4, order, distorted=True) if cell == "plane" else generate_box(MeshSpec(
+    mesh = rectangle(4, order, distorted=True) if cell == "plane" else generate_rectangle(MeshSpec(
         shape="box", size=(2.0, 1.0, 1.0), divisions=(4, 3, 3)))
     x, *_, y = mesh.points.T
     strain = 1e-3 * (1.0 + (order - 1) * x)
@@ -211,6 +211,14 @@ def test_stress_at_nodes_is_exact_where_it_can_be(cell, order):
     expected = np.stack([*along, *np.zeros((2 * len(u.T) - 3, len(u)))], axis=1)
     assert nodal_stress(mesh, STEEL, u) == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
     assert np.array_equal(estimate_error(mesh, STEEL, u).stress, nodal_stress(mesh, STEEL, u))
+
+
+def test_stress_at_nodes_knows_of_heat():
+    """Where the strain and the temperature are constant, all nodes have the stress of the cells."""
+    mesh, warm = rectangle(4, 1), Material(young=2e11, poisson=0.3, expansion=1e-5)
+    u, heat = 1e-4 * mesh.points, np.full(len(mesh.points), 40.0)
+    expected = stress(mesh, warm, u, heat)[0]
+    assert nodal_stress(mesh, warm, u, heat) == pytest.approx(np.tile(expected, (len(u), 1)), rel=1e-9, abs=1.0)
 
 
 def test_stress_at_nodes_between_materials_is_the_mean_of_theirs():
