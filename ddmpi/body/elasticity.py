@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+import scipy.sparse as sparse
 from petsc4py import PETSc
 
 from ddmpi.body.loads import (
@@ -20,6 +21,7 @@ from ddmpi.body.loads import (
     lost_loads,
     nodal_loads,
     refuse_underflow,
+    springs,
     supports,
     temperature,
     thermal_loads,
@@ -156,8 +158,11 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     """
     material = material_of(mesh, body)
     K = sum_stiffness(mesh, material)
-    held = supports(mesh, body)
-    motions = body_motions(mesh, K, held.free, body.name)
+    held, found = supports(mesh, body), list(springs(mesh, body))
+    rows = sparse.vstack([Q for *_, Q in found], format="csr") if found else None
+    motions = body_motions(mesh, K, held.free, body.name, rows)
+    for _, root, Q in found:
+        K = K.with_springs(root * Q)
     nodes = np.flatnonzero(held.free.any(axis=(1, 2)))
     loose = held.free[nodes]
     cases = {}
@@ -169,15 +174,15 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
         refuse_underflow(mesh, body, right, moved, float(K.diagonal.max()))
         cases[history] = LoadCase(f, warm, heat, energy**0.5, moved, taken, apply(loose, right[nodes]).ravel())
     case = _sum_cases([(1.0, each) for each in cases.values()])
-    rows, d = K.to_csr(held.free, nodes), mesh.dimension
-    if not (np.isfinite(rows.data).all() and np.isfinite(case.b).all()
+    whole, d = K.to_csr(held.free, nodes), mesh.dimension
+    if not (np.isfinite(whole.data).all() and np.isfinite(case.b).all()
             and K.diagonal[nodes].diagonal(axis1=1, axis2=2).min() > 0.0):
         raise InputError(f"body.{body.name}: material, loads and lengths give numbers out of the range of "
                          "double precision; choose other units")
 
     matrix = PETSc.Mat().createAIJWithArrays(
-        rows.shape, (rows.indptr.astype(PETSc.IntType, copy=False), rows.indices.astype(PETSc.IntType, copy=False),
-                     rows.data), bsize=d, comm=comm)
+        whole.shape, (whole.indptr.astype(PETSc.IntType, copy=False), whole.indices.astype(PETSc.IntType, copy=False),
+                      whole.data), bsize=d, comm=comm)
     matrix.setBlockSize(d)  # createAIJWithArrays ignores its bsize
     matrix.setOption(PETSc.Mat.Option.SYMMETRIC if motions.size else PETSc.Mat.Option.SPD, True)
     matrix.setNearNullSpace(near_null_space(mesh.points[nodes], loose, comm))
@@ -189,7 +194,7 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
 
 def clamp_forces(mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarray,
                  pull: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
-    """What each clamp does to the body: its group, and nodal forces (nv, d) in newtons. Not collective.
+    """What each clamp and foundation does to the body: its group, and nodal forces (nv, d) in newtons. Not collective.
 
     A component of a node that several clamps hold is the last one's, so that all forces together are counted once.
 
@@ -198,9 +203,14 @@ def clamp_forces(mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarr
     u : (nv, d) displacement under the present loads (m)
     pull : (nv, d) contact forces on the body (N)
     """
-    held, acting = np.flatnonzero((elasticity.clamps >= 0).any(axis=1)), elasticity.acting
-    forces = np.zeros_like(u)
-    forces[held] = forces_at(mesh, material_of(mesh, body), u, held) - (acting.f + acting.heat + pull)[held]
+    held = np.flatnonzero((elasticity.clamps >= 0).any(axis=1))
+    forces, given = np.zeros_like(u), elasticity.acting.f + elasticity.acting.heat + pull
+    for on, root, Q in springs(mesh, body):
+        pressed = -root**2 * (Q.T @ (Q @ u.ravel())).reshape(u.shape)
+        given = given + pressed
+        yield on, pressed
+    if len(held):
+        forces[held] = forces_at(mesh, material_of(mesh, body), u, held) - given[held]
     for which, clamp in enumerate(body.clamps):
         yield clamp.on, np.where(elasticity.clamps == which, forces, 0.0)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sparse
 
 from ddmpi.body.stress import Composite, blocks, cell_temperature, portions
 from ddmpi.errors import InputError
@@ -131,6 +132,31 @@ def _add_volume_force(mesh: Mesh, force: Vector | AffineVector, key: str, f: np.
         shares = weights[:, None] * mapped.measures
         for component, density in enumerate(_values(force, mapped.places, key)):
             f[:, component] += np.bincount(nodes.ravel(), ((shares * density).T @ shapes).ravel(), len(f))
+
+
+def springs(mesh: Mesh, body: BodySpec) -> Iterator[tuple[str, float, sparse.csr_matrix]]:
+    """The foundations of a body: group, stiffness √k (N/m)^½, and rows Q (r, d nv) without units.
+
+    Under a displacement u the springs store ½ k |Q u|², and take the forces k Qᵀ Q u. Not collective. Raises InputError
+    for inner facets.
+    """
+    for foundation in body.foundation:
+        key = f"body.{body.name}.foundation"
+        facets = turn_outward(mesh, boundary_group(mesh, foundation.on, key), key)[0]
+        cell, d = CELLS[mesh.dimension - 1, mesh.order], mesh.dimension
+        points, weights = FINE[cell.dimension]
+        vectors = cell.vectors(mesh.points[facets], points)
+        size = np.linalg.norm(vectors, axis=0)
+        along = np.einsum("iqs,jqs->qsij", vectors / size, vectors / size)
+        largest, measure = max(foundation.normal, foundation.tangential), float(weights @ size.sum(axis=1))
+        normal, tangential = np.sqrt([foundation.normal / largest, foundation.tangential / largest])
+        roots = normal * along + tangential * (np.eye(d) - along)
+        roots = roots * np.sqrt(weights[:, None] * size / measure)[..., None, None]
+        values = np.einsum("qsij,ql->qsilj", roots, cell.shapes(points))
+        columns = np.broadcast_to((d * facets[:, :, None] + np.arange(d))[None, :, None], values.shape)
+        starts = np.arange(0, values.size + 1, d * facets.shape[1])
+        yield foundation.on, float(np.sqrt(largest * measure)), sparse.csr_matrix(
+            (values.ravel(), columns.ravel(), starts), (len(starts) - 1, mesh.points.size))
 
 
 def thermal_loads(mesh: Mesh, material: Material | Composite, heat: np.ndarray) -> tuple[np.ndarray, float]:

@@ -16,6 +16,7 @@ from ddmpi.scene.values import (
     Formula,
     Group,
     Name,
+    NonNegative,
     Number,
     Point,
     Positive,
@@ -165,6 +166,25 @@ class Traction(Table, frozen=True, kw_only=True):
         return next(each for each in (self.value, self.pressure, self.force) if each is not None)
 
 
+class Foundation(Table, frozen=True, kw_only=True):
+    """Springs between a boundary group and the ground, as a mat or rubber; see docs/use/supports.md.
+
+    Attributes
+    ----------
+    on : boundary group
+    normal : stiffness along the normal, per area (N/m³); it pulls as well as it presses
+    tangential : stiffness along the surface, per area (N/m³)
+    """
+
+    on: Group
+    normal: NonNegative = 0.0
+    tangential: NonNegative = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.normal and not self.tangential:
+            raise ValueError("a foundation has a stiffness per area, as in normal = 1e9 or tangential = 1e8")
+
+
 class VolumeForce(AffineVector, frozen=True, kw_only=True):
     """Force per volume (N/m³): linear in the coordinates, or a ``value``.
 
@@ -212,6 +232,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
     mesh : see below
     material : one, or a list with an entry for each part of a drawing or a mesh file
     clamp : boundary groups or physical points: by name, whose displacements are zero, or with given displacements
+    foundation : springs on boundary groups, which hold the body where they resist
     traction : loads on boundary groups
     volume_force : such as weight (N/m³), a list [x, y] or [x, y, z], or a table
     temperature : over the state free of stress (K), a number, a formula, or a table; it takes a material.expansion
@@ -221,6 +242,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
     mesh: MeshSpec
     material: Material | Annotated[list[PartMaterial], msgspec.Meta(min_length=1)]
     clamp: list[Group | Clamp] = []
+    foundation: list[Foundation] = []
     traction: list[Traction] = []
     volume_force: Vector | VolumeForce | None = None
     temperature: Number | Formula | Heat | None = None
@@ -274,6 +296,12 @@ class BodySpec(Table, frozen=True, kw_only=True):
     def clamps(self) -> list[Clamp]:
         """All clamps in the long form; a bare group name fixes all components."""
         return [Clamp(on=c, x=0.0, y=0.0, z=0.0) if isinstance(c, str) else c for c in self.clamp]
+
+    @property
+    def groups(self) -> list[str]:
+        """Names of the groups, curves and points that clamps, loads and foundations act on."""
+        return [*(clamp.on for clamp in self.clamps), *(load.on for load in self.traction),
+                *(springs.on for springs in self.foundation)]
 
     @property
     def weight(self) -> tuple[Vector | AffineVector, str | None]:

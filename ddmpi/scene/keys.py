@@ -37,6 +37,7 @@ MEANT = {
     "mu": "coefficient", "ux": "x", "uy": "y", "group": "on", "centre": "center", "elements": "divisions", "uz": "z",
     "tied": "bonded", "glued": "bonded", "welded": "bonded", "contact": "unilateral", "frictionless": "unilateral",
     "fix": "clamp", "fixed": "clamp", "support": "clamp", "boundary": "clamp", "dirichlet": "clamp",
+    "springs": "foundation", "spring": "foundation", "winkler": "foundation", "bed": "foundation",
     "load": "traction", "loads": "traction", "BodySpec.force": "traction", "BodySpec.pressure": "traction",
     "gravity": "volume_force", "body_force": "volume_force", "weight": "volume_force", "plane stress": "stress",
     "plane strain": "strain", "solver": "outer", "interference": "a negative gap is an interference",
