@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sparse
 
-from ddmpi.body.stress import Composite, blocks, cell_temperature, portions
+from ddmpi.body.stress import Composite, blocks, cell_temperature, portions, thermal
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import SHARPEST, boundary_group, group_nodes, outer_normals, turn_outward
 from ddmpi.mesh.elements import CELLS, FINE, RULES, curved_facets
@@ -170,7 +170,7 @@ def thermal_loads(mesh: Mesh, material: Material | Composite, heat: np.ndarray) 
         samples = mesh.cell.samples
         points, weights = RULES[mesh.dimension] if curved else (samples, np.full(len(samples), 1.0 / len(samples)))
         mapped, warm = mesh.map(cells, points), cell_temperature(mesh, heat, points, cells)
-        beta, whole, *_ = own.thermal(mesh.dimension)
+        beta, whole, *_ = thermal(own, mesh.dimension)
         share = weights[:, None] * mapped.measures * warm
         for component, loads in enumerate(np.einsum("rc,cqit,qt->rti", beta, mapped.slopes, share)):
             f[:, component] += np.bincount(mesh.triangles[cells].ravel(), loads.ravel(), len(f))

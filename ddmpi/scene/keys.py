@@ -192,7 +192,8 @@ def explain(message: str, data: dict, root: type) -> str:
         problem = "a name has no '.', '=', '/', blank or control character"
     rows = [kind for kind in kinds if isinstance(kind, inspect.VarTupleType) and kind.max_length]
     if rows and isinstance(here, list):
-        problem = f"expected a list of length {rows[0].min_length} or {rows[0].max_length}, got {len(here)}"
+        lengths = dict.fromkeys((rows[0].min_length, rows[0].max_length))
+        problem = f"expected a list of length {' or '.join(map(str, lengths))}, got {len(here)}"
     if not isinstance(here, dict | list):
         problem = re.sub(r", got `.*?`$", "", problem) + f" (got {here!r})"
     problem = re.sub(r"`(.*?)`", lambda kind: kind[1].replace("object", "a table").replace("array", "a list")

@@ -158,3 +158,55 @@ def test_an_inclined_sector_is_its_turned_twin(d, order, pairing):
     for name, (_, u) in upright["body"].items():
         assert np.abs(inclined["body"][name][1] - u @ R.T).max() <= 1e-9 * np.abs(u).max()
     assert inclined["energy"] == pytest.approx(upright["energy"], rel=1e-9)
+
+
+# Orthotropic materials
+
+PLY = {"young": [1.4e11, 1.0e10, 2.0e10], "poisson": [0.3, 0.25, 0.4]}
+
+
+@pytest.mark.mpi(ranks=2)
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("plane", ["strain", "stress"])
+@pytest.mark.parametrize("pairing", ["nodes", "mortar"])
+def test_plies_are_pressed_together(pairing, plane, order):
+    """Two plies of fibres at 30° with free sides, pressed by δ: p = δ / (S_yy Σ H), S_yy the compliance off the axis.
+
+    Under this stress both shear alike, so that friction has nothing to do.
+    """
+    def block(name: str, y: float, n: int, clamp: dict) -> dict:
+        return {"name": name, "clamp": [clamp], "material": PLY | {"shear": 5e9, "angle": 30.0, "plane": plane},
+                "mesh": {"shape": "rectangle", "origin": [0.0, y], "size": [2.0, 1.0], "divisions": [n, 2],
+                         "order": order}}
+
+    found = solve_scene(COMM, {
+        "body": [block("upper", 1.0, 4, {"on": "top", "normal": -1e-3}),
+                 block("lower", 0.0, 4 if pairing == "nodes" else 6, {"on": "bottom", "normal": 0.0})],
+        "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "pairing": pairing,
+                     "friction": {"law": "coulomb", "coefficient": 0.3}}], "method": {"tolerance": 1e-10}})
+    assert found["certified"]
+    (E1, E2, E3), (n12, n13, n23), c, s = PLY["young"], PLY["poisson"], 3**0.5 / 2, 0.5
+    S11, S22, S12 = 1 / E1, 1 / E2, -n12 / E1
+    if plane == "strain":
+        S11, S22, S12 = S11 - n13**2 * E3 / E1**2, S22 - n23**2 * E3 / E2**2, S12 - n13 * n23 * E3 / E1 / E2
+    exact = 1e-3 / 2.0 / (s**4 * S11 + c**4 * S22 + s**2 * c**2 * (2 * S12 + 1 / 5e9))
+    assert found["normal_force"] / found["length"] == pytest.approx(exact, rel=1e-8)
+    assert np.abs(found["tangential_force"]).max() <= 1e-7 * np.abs(found["normal_force"]).max()
+
+
+@pytest.mark.mpi(ranks=2)
+@pytest.mark.parametrize("order", [1, 2])
+def test_orthotropic_solids_are_pressed_together(order):
+    """Two orthotropic boxes with free sides, pressed along axis 2: p = δ E2 / Σ H."""
+    def block(name: str, y: float, clamp: dict) -> dict:
+        return {"name": name, "clamp": [clamp], "material": PLY | {"shear": [5e9, 7e9, 3e9]},
+                "mesh": {"shape": "box", "origin": [0.0, y, 0.0], "size": [1.0, 1.0, 1.0], "divisions": [2, 2, 2],
+                         "order": order}}
+
+    found = solve_scene(COMM, {
+        "body": [block("upper", 1.0, {"on": "back", "normal": -1e-3}),
+                 block("lower", 0.0, {"on": "front", "normal": 0.0})],
+        "contact": [{"bodies": ["upper", "lower"], "on": ["front", "back"],
+                     "friction": {"law": "coulomb", "coefficient": 0.3}}], "method": {"tolerance": 1e-10}})
+    assert found["certified"]
+    assert found["normal_force"] / found["length"] == pytest.approx(1e-3 / 2.0 * PLY["young"][1], rel=1e-8)
