@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import comb
 
 import numpy as np
@@ -139,7 +139,7 @@ def _apart(mesh: Mesh, material: Composite) -> Mesh:
     """The mesh with nodes of its own for each material, so that no patch reaches from one into another."""
     size = len(material.materials)
     keys, cells = np.unique(mesh.triangles * size + material.number[:, None], return_inverse=True)
-    return Mesh(mesh.points[keys // size], cells.reshape(mesh.triangles.shape), {})
+    return replace(mesh, points=mesh.points[keys // size], triangles=cells.reshape(mesh.triangles.shape))
 
 
 def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
@@ -147,7 +147,7 @@ def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
     x, order, corners, samples = mesh.points, mesh.order, mesh.corners, mesh.cell.samples
     nv, n, k = int(corners.max()) + 1, len(sampled), comb(mesh.dimension + order, order)
     places = samples @ np.take(x.T, corners.T, axis=1)  # (d, q, nt)
-    for bent in mesh.curved_blocks():
+    for bent in mesh.summed_blocks():
         places[..., bent] = mesh.map(bent, samples).places.transpose(2, 0, 1)
     reach = np.zeros(nv)
     for block in blocks(len(corners)):

@@ -10,9 +10,9 @@ import numpy as np
 from ddmpi.body.stress import blocks
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group, group_nodes, turn_outward
-from ddmpi.mesh.elements import CELLS, FINE, curved_facets
+from ddmpi.mesh.elements import CELLS, FINE, circumference, curved_facets
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.scene.bodies import BodySpec, Traction
+from ddmpi.scene.bodies import BodySpec, Clamp, Traction
 from ddmpi.scene.values import AffineVector, Vector, evaluate, varies
 from ddmpi.system.numbers import in_words
 
@@ -24,6 +24,9 @@ ROUNDING = 1e-9
 
 SMALLEST = 1e-150
 """Squares of smaller numbers lose digits or vanish; norms are made of squares."""
+
+ON_AXIS = Clamp(on="the axis", x=0.0)
+"""Around an axis, the clamp whose number follows those of the body."""
 
 
 def nodal_loads(mesh: Mesh, body: BodySpec, history: str | None = None) -> np.ndarray:
@@ -57,29 +60,31 @@ def _stress(mesh: Mesh, traction: Traction, key: str) -> list[tuple[np.ndarray, 
     facets = turn_outward(mesh, boundary_group(mesh, traction.on, key), key)[0]
     nodes, cell = mesh.points[facets], CELLS[mesh.dimension - 1, mesh.order]
     points, weights = FINE[cell.dimension]
-    exact = ~(curved_facets(nodes) | varies(traction.given))
+    exact = ~(curved_facets(nodes) | varies(traction.given) | mesh.axisymmetric)
     found = []
     for part, where, table in ((exact, np.eye(mesh.dimension), cell.mass),
                                (~exact, points, (weights[:, None] * cell.shapes(points)).T)):
         if part.any():
             vectors = cell.vectors(nodes[part], where)
             size = np.linalg.norm(vectors, axis=0)
-            stress = _values(traction.given, np.einsum("ql,sld->qsd", cell.shapes(where), nodes[part]), key)
+            places = np.einsum("ql,sld->qsd", cell.shapes(where), nodes[part])
+            stress = _values(traction.given, places, key)
             if traction.pressure is not None:
                 stress = -vectors / size * stress
-            found.append((facets[part], table[..., None] * size, stress))
+            around = circumference(places, mesh.axisymmetric)
+            found.append((facets[part], table[..., None] * size * around, stress))
     return found
 
 
 def _add_volume_force(mesh: Mesh, force: Vector | AffineVector, key: str, f: np.ndarray) -> None:
     """Add the nodal loads of a volume force (N/m³) to f (nv, d)."""
-    parts: list[slice] | list[np.ndarray] = mesh.curved_blocks()
+    parts: list[slice] | list[np.ndarray] = mesh.summed_blocks()
     if varies(force):
         _values(force, mesh.points, key)
         parts = blocks(len(mesh.triangles))
     else:
         measures = mesh.measures()
-        measures[mesh.curved] = 0.0
+        measures[mesh.summed] = 0.0
         for component, density in enumerate(_values(force, mesh.points[mesh.corners], key)):
             loads = (measures[:, None] * density) @ mesh.cell.mass.T
             f[:, component] += np.bincount(mesh.triangles.ravel(), loads.ravel(), len(f))
@@ -106,6 +111,7 @@ def _values(value: Any, points: np.ndarray, key: str) -> np.ndarray:
 def clamp_nodes(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, dict[str | None, np.ndarray]]:
     """Which clamp holds each component (nv, d), −1 if it is free, and the displacements (nv, d) in metres prescribed.
 
+    Nodes on an axis are held radially as by one clamp more, see `ON_AXIS`.
     The latter by the history that they follow, at its factor 1; None stands for those that follow none.
 
     Not collective. Raises InputError where two clamps prescribe different displacements of one component.
@@ -130,6 +136,12 @@ def clamp_nodes(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, dict[str | None
                                      + (", with another history" if wanted[k] == before[k] else ""))
                 clamps[nodes, component] = which
                 prescribed[nodes, component], followed[nodes, component] = wanted, number
+    moved = np.flatnonzero(mesh.on_axis & (prescribed[:, 0] != 0.0))
+    if len(moved):
+        raise InputError(f"body.{body.name}.clamp: x at {in_words(mesh.points[moved[0]])} is prescribed as "
+                         f"{prescribed[moved[0], 0]:.6g}, and what lies on the axis does not move radially; write a "
+                         'formula that is zero there, such as x = "1e-3 * x"')
+    clamps[mesh.on_axis & (clamps[:, 0] < 0), 0] = len(body.clamps)
     return clamps, {name: np.where(followed == number, prescribed, 0.0) for number, name in enumerate(names)}
 
 

@@ -42,9 +42,12 @@ def rigid_motions(points: np.ndarray, centre: np.ndarray, size: float = 1.0) -> 
     return np.stack(motions, axis=-1)
 
 
-def free_motions(motions: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Combinations (j, ·) of `motions` (k, d, j), orthonormal columns, that all components not `free` (k, d) allow."""
-    held = motions[~free]
+def free_motions(motions: np.ndarray, free: np.ndarray, axisymmetric: bool = False) -> np.ndarray:
+    """Combinations (j, ·) of `motions` (k, d, j), orthonormal columns, that all components not `free` (k, d) allow.
+
+    Around an axis all but the motion along it are held.
+    """
+    held = np.concatenate([motions[~free], np.eye(3)[[0, 2]]]) if axisymmetric else motions[~free]
     _, values, vectors = np.linalg.svd(np.linalg.qr(held, mode="r") if len(held) else np.zeros((1, motions.shape[2])))
     squares = np.zeros(motions.shape[2])
     squares[:len(values)] = values**2
@@ -72,7 +75,9 @@ def body_motions(mesh: Mesh, K: Stiffness, free: np.ndarray, name: str) -> np.nd
 
     Translations move by one; rotations by the distance from their centre, over that of the farthest node from the
     centroid. So coefficients are lengths. If nothing is held, the motions are those along the axes and the rotations
-    about the centroid. Not collective. Raises InputError if a part of the body is loose that is not connected to the
+    about the centroid; around an axis there is only that along it.
+
+    Not collective. Raises InputError if a part of the body is loose that is not connected to the
     rest.
     """
     pieces, piece = K.connected()
@@ -82,7 +87,7 @@ def body_motions(mesh: Mesh, K: Stiffness, free: np.ndarray, name: str) -> np.nd
     size = float(np.linalg.norm(mesh.points - centre, axis=1).max())
     left = np.empty((0, 0))
     if pieces == 1:
-        left = free_motions(rigid_motions(mesh.points[touched], centre, size), free[touched])
+        left = free_motions(rigid_motions(mesh.points[touched], centre, size), free[touched], mesh.axisymmetric)
     if not left.size:
         return np.empty((*free.shape, 0))
     return rigid_motions(mesh.points, centre, size) @ recognisable(left, free.shape[1]) * free[:, :, None]
@@ -92,7 +97,7 @@ def _refuse_loose(mesh: Mesh, members: np.ndarray, pieces: int, free: np.ndarray
     """Raise InputError if the piece of the nodes `members` (nv,), one of several, can move as a rigid body."""
     touched = members & ~free.all(axis=1)
     left = free_motions(rigid_motions(mesh.points[touched], mesh.points[members].mean(axis=0), mesh.extent),
-                        free[touched])
+                        free[touched], mesh.axisymmetric)
     if left.size:
         translations, rotations = np.split(np.abs(left[:, 0]), [free.shape[1]])
         motion = "rotate" if rotations.max() > 0.5 else f"move along {'xyz'[translations.argmax()]}"
@@ -107,7 +112,7 @@ def _centroid(mesh: Mesh) -> np.ndarray:
     measures, middle = mesh.measures(), mesh.points.mean(axis=0)
     moments = measures[:, None] * (mesh.points[mesh.corners].mean(axis=1) - middle)
     points, weights = RULES[mesh.dimension]
-    for cells in mesh.curved_blocks():
+    for cells in mesh.summed_blocks():
         mapped = mesh.map(cells, points)
         moments[cells] = np.einsum("q,qt,qtd->td", weights, mapped.measures, mapped.places - middle)
     return middle + moments.sum(axis=0) / measures.sum()

@@ -15,6 +15,7 @@ from msgspec.structs import astuple
 
 from ddmpi.errors import InputError
 from ddmpi.interface.law import Law
+from ddmpi.mesh.elements import circumference
 from ddmpi.scene.bodies import Clamp
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.scene.values import Profile, evaluate
@@ -113,6 +114,7 @@ class Interface:
     displacement : (d,) of a rigid partner (m)
     history : that the displacement of the rigid partner follows, or None
     arc : (m,) arc lengths along the first body's boundary, by which profiles count (m); empty where there are none
+    axisymmetric : whether it turns around the axis x = 0; nodal lengths are areas then
     """
 
     name: str
@@ -137,6 +139,7 @@ class Interface:
     displacement: np.ndarray = field(default_factory=lambda: np.zeros(2))
     history: str | None = None
     arc: np.ndarray = field(default_factory=lambda: np.empty(0))
+    axisymmetric: bool = False
 
     def displaced(self, U: np.ndarray) -> Interface:
         """The same interface with the rigid partner displaced by `U` (d,)."""
@@ -168,12 +171,23 @@ class Interface:
     @property
     def spacing(self) -> np.ndarray:
         """(m,) distance to the next nodes by the nodal lengths or areas (m)."""
-        return self.area ** (1.0 / self.law.components)
+        return (self.area / self.around) ** (1.0 / self.law.components)
+
+    @property
+    def around(self) -> np.ndarray | float:
+        """`circumference` (m,) at the rows (m); at the axis that of a circle within the row's area."""
+        least = np.sqrt(4.0 / 3.0 * np.pi * self.area) if self.axisymmetric else 0.0
+        return np.maximum(circumference(self.xy, self.axisymmetric), least)
+
+    @property
+    def length(self) -> float:
+        """Of the contact, in space the root of its area (m)."""
+        return float((self.area / self.around).sum() ** (1.0 / self.law.components))
 
     @property
     def stiffness(self) -> np.ndarray:
         """c (size,), that of half-spaces against waves as short as the distance between nodes (N/m)."""
-        width = self.area ** (1.0 - 1.0 / self.law.components)  # 1 in the plane, per length
+        width = self.around * (self.area / self.around) ** (1.0 - 1.0 / self.law.components)  # 1 in the plane
         return 0.5 * self.modulus * width[self.law.node]
 
     @property

@@ -105,6 +105,7 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
         one_sided=of_rows(held.any(axis=0)), prescribed=of_rows(np.zeros(live.shape)),
         displacement=np.zeros(xy.shape[1]), slave=side.body if rows.points else None, lines=lines,
         at=(rows.transfers[0][keep] @ sides[0].xy, rows.transfers[1][keep] @ sides[1].xy),
+        axisymmetric=side.axisymmetric,
         fixed=_at_rows(rows, dropped, start), probes=_probes(rows, contact, dropped, start))
 
 

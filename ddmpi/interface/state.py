@@ -98,7 +98,7 @@ class ContactState:
     def moment(self) -> np.ndarray:
         """Moment of the forces on the first body about the origin (N m): in the plane x F_y − y F_x (), in space (3,).
         """
-        return _moment(self.interface.xy if self.interface.at is None else self.interface.at[0], self.forces)
+        return self._moment(self.interface.xy if self.interface.at is None else self.interface.at[0])
 
     @property
     def moment_imbalance(self) -> tuple[float, float]:
@@ -111,7 +111,14 @@ class ContactState:
             return 0.0, 0.0
         arm = self.interface.at[1] - self.interface.at[0]
         bound = np.linalg.norm(arm, axis=1) @ np.linalg.norm(self.forces, axis=1)
-        return float(np.linalg.norm(_moment(arm, self.forces))), float(bound)
+        return float(np.linalg.norm(self._moment(arm))), float(bound) * (not self.interface.axisymmetric)
+
+    def _moment(self, at: np.ndarray) -> np.ndarray:
+        """The moment about the origin, () or (3,), of the forces at places (m, d); around an axis zero."""
+        flat = ((0, 0), (0, 3 - at.shape[1]))
+        forces = self.forces * (not self.interface.axisymmetric)
+        total = np.ascontiguousarray(np.cross(np.pad(at, flat), np.pad(forces, flat)).T).sum(axis=1)
+        return total if at.shape[1] == 3 else total[2]
 
     @property
     def deepest(self) -> float:
@@ -198,9 +205,3 @@ def signed(components: np.ndarray) -> np.ndarray:
     """(m,) of tangential components (m, d − 1) the only one, in the plane, or the length of their vector."""
     return components[:, 0] if components.shape[1] == 1 else np.linalg.norm(components, axis=1)
 
-
-def _moment(at: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    """The moment about the origin, () or (3,), of forces (m, d) at places (m, d)."""
-    flat = ((0, 0), (0, 3 - at.shape[1]))
-    total = np.ascontiguousarray(np.cross(np.pad(at, flat), np.pad(forces, flat)).T).sum(axis=1)
-    return total if at.shape[1] == 3 else total[2]

@@ -62,6 +62,9 @@ LEGS_IN_SPACE = {
     "normal_stress": "as in contact_NAME.csv", "tangential_stress": "", "gap": "", "slip": "", "slip_total": "",
     "status": ""} | dict.fromkeys(VECTORS, "")
 
+AREAS = {"length": "area"}
+"""Names of columns around an axis, where nodal lengths are those of rings: areas."""
+
 LEGS_IN = {2: LEGS, 3: LEGS_IN_SPACE}
 """By dimension."""
 
@@ -113,7 +116,7 @@ def write_contact(path: Path, name: str, state: ContactState) -> None:
     if interface.dimension > 2:
         vectors = np.vstack([state.forces[lines.row].T * share, state.along(state.slip)[lines.row].T])
         names, columns = CONTACT_IN_SPACE, (*columns, *(vectors + 0.0))  # no −0
-    _write_csv(path / contact_files(name).table, names, zip(*columns, strict=True))
+    _write_csv(path / contact_files(name).table, named(names, interface.axisymmetric), zip(*columns, strict=True))
 
 
 def write_sides(path: Path, name: str, state: ContactState) -> None:
@@ -124,13 +127,19 @@ def write_sides(path: Path, name: str, state: ContactState) -> None:
     force are left out. Linear elements have no such file, and solids have none: their rows stand at the corners of
     facets, and do not oscillate. Not collective. Raises OutputError.
     """
-    xy, facets = state.interface.xy, state.interface.facets
+    xy, facets, around = state.interface.xy, state.interface.facets, state.interface.around
     if len(facets) == 0 or facets.shape[1] == xy.shape[1]:
         return
-    start, end, middle = facets.T
-    length = facet_measures(xy[facets])
-    means = ((stress[start] + 4 * stress[middle] + stress[end]) / 6 for stress in (state.pressure, signed(state.shear)))
+    middle, length = facets[:, 2], facet_measures(xy[facets])
+    shares = np.array([1.0, 1.0, 4.0]) * (around * np.ones(len(xy)))[facets]
+    means = ((shares * stress[facets]).sum(axis=1) / shares.sum(axis=1)
+             for stress in (state.pressure, signed(state.shear)))
     _write_csv(path / contact_files(name).sides, SIDES, zip(*xy[middle].T, length, *means, strict=True))
+
+
+def named(columns: Iterable[str], axisymmetric: bool) -> list[str]:
+    """Names of columns, around an axis with AREAS."""
+    return [AREAS.get(column, column) if axisymmetric else column for column in columns]
 
 
 def leg_columns(dimension: int) -> list[str]:
@@ -163,7 +172,7 @@ def write_legs(path: Path, name: str, state: ContactState, steps: Iterable[tuple
     share = lines.area / interface.area[lines.row]
     parts = np.column_stack([share if column.startswith("force") else np.ones_like(share) for column in columns])
     k = columns.index("status")
-    _write_csv(path / contact_files(name).legs, LEGS_IN[interface.dimension], (
+    _write_csv(path / contact_files(name).legs, named(LEGS_IN[interface.dimension], interface.axisymmetric), (
         (time, *place, area, *row[:k], STATUS[int(row[k])], *row[k + 1:]) for time, values in steps
         for place, area, row in zip(lines.xy, lines.area, values[lines.row] * parts, strict=True)))
 

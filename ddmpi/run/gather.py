@@ -12,6 +12,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ddmpi.body.estimate import DiscretizationError
+from ddmpi.body.stiffness import forces_at
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.ranks import team_of
 from ddmpi.interface.state import ContactState, resultants_in
@@ -214,6 +215,8 @@ def _body(body: Body, solution: Solution, error: DiscretizationError, fields: Fi
     outer = member.elasticity.resultant + sum(
         state.force if state.interface.side(name) == 0 else -state.force
         for state in solution.contacts.values() if name in state.interface.bodies)
+    if body.mesh.axisymmetric:
+        outer[0] = -_radial_reaction(body, solution)
     return {
         "n": member.elasticity.n, "ranks": ranks, "held": member.elasticity.held,
         "displacement_max": solution.displacement_max[name],
@@ -222,3 +225,18 @@ def _body(body: Body, solution: Solution, error: DiscretizationError, fields: Fi
         "reaction": 0.0 - outer, "discretization_error": error.by_body[name],
         "n_A_by_purpose": dict(member.C.count), "inner_steps": dict(solution.outer.inner_steps),
         "solver": member.C.solver.description, "compliance": member.C.kind, "memory_mib": memory}
+
+
+def _radial_reaction(body: Body, solution: Solution) -> float:
+    """The sum of radial forces of clamps (N): the body bears the rest by its circumferential stress. Not collective."""
+    elasticity, u = body.member.elasticity, solution.displacements[body.spec.name]
+    held = np.flatnonzero((elasticity.clamps[:, 0] >= 0) & ~body.mesh.on_axis)
+    if not len(held):
+        return 0.0
+    acting = elasticity.acting.f[:, 0].copy()
+    for state in solution.contacts.values():
+        if body.spec.name in state.interface.bodies:
+            side = state.interface.side(body.spec.name)
+            pull = (1 - 2 * side) * state.interface.transfer[side].T @ state.forces[:, 0]
+            np.add.at(acting, state.interface.nodes[side], pull)
+    return float((forces_at(body.mesh, body.material, u, held)[:, 0] - acting[held]).sum())
