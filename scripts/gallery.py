@@ -120,7 +120,7 @@ def bolt_over_joint(summary: dict) -> float:
 
 
 EXHIBITS = [
-    Exhibit("pinched_blocks", "bodies.png", 8.36886, "MN/m", 1e-5, "brute force, ddmpi verify",
+    Exhibit("pinched_blocks", "bodies.png", 8.36886, "MN/m", 1e-5, "brute force",
             contact("upper-lower", "tangential_force", factor=1e-6)),
     Exhibit("punch", "bodies.png", 190.8, "N/mm", 1e-3, "mesh halved: 1.0 % less; twice: 1.3 % less",
             contact("punch-base", "tangential_force")),

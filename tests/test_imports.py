@@ -44,7 +44,7 @@ PLACES = {
     # a scene in the plane has plane strain or plane stress
     "scene/bodies": 1,
     # by the kind of a side, and by what its facets are: pairs or rows at vertices, one rule or the other
-    "interface/matching": 1, "interface/mortar": 2, "judge/brute_force": 1, "mesh/refine": 1, "surface/cover": 1,
+    "interface/matching": 1, "interface/mortar": 2, "mesh/refine": 1, "surface/cover": 1,
     "surface/cut": 2, "results/fields": 1}
 """How often a module does so. The numbers only fall: everything else holds in any dimension."""
 

@@ -50,7 +50,7 @@ def nodal_loads(mesh: Mesh, body: BodySpec, history: str | None = None) -> np.nd
 
 
 def _stress(mesh: Mesh, traction: Traction, key: str) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """What a traction or pressure is on the facets of its group, apart for those where tables are exact.
+    """What a traction, pressure or force is on the facets of its group, apart for those where tables are exact.
 
     Returns
     -------
@@ -73,7 +73,12 @@ def _stress(mesh: Mesh, traction: Traction, key: str) -> list[tuple[np.ndarray, 
                 stress = -vectors / size * stress
             around = circumference(places, mesh.axisymmetric)
             found.append((facets[part], table[..., None] * size * around, stress))
-    return found
+    if traction.force is None:
+        return found
+    area = sum(float(shares.sum()) for _, shares, _ in found)
+    if not area > 0.0:
+        raise InputError(f"{key}: the group {traction.on!r} has no area over which a force could be spread")
+    return [(on, shares, stress / area) for on, shares, stress in found]
 
 
 def _add_volume_force(mesh: Mesh, force: Vector | AffineVector, key: str, f: np.ndarray) -> None:

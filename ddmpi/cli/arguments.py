@@ -56,8 +56,6 @@ def build_parser() -> argparse.ArgumentParser:
     run.add_argument("--restart", type=_named, metavar="DIR", help="go on from the checkpoint of an interrupted run in "
                      "DIR, with the same scene and options; results go there too unless --output says otherwise")
     run.add_argument("--no-figures", action="store_true", help="draw no pictures")
-    commands.add_parser("verify", help="solve a small scene twice, also as the coupled problem by brute force, "
-                        "and compare", parents=[scene], **formats)
     _add_sweep(commands, scene, formats)
     figures = commands.add_parser("figures", help="draw the pictures of saved results anew", allow_abbrev=False)
     figures.add_argument("folder", type=_named, metavar="DIR", help="folder of results")

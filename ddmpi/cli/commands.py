@@ -33,13 +33,8 @@ def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None
         from ddmpi.run.run import run
 
     interrupt.listen()
-    if options.command == "verify":
-        from ddmpi.cli.verify import verify
-
-        verify(world, scene, options.scene)
-    else:
-        run(world, scene, options.scene, options.output, figures=scene.output.figures and not options.no_figures,
-            restart=options.restart)
+    run(world, scene, options.scene, options.output, figures=scene.output.figures and not options.no_figures,
+        restart=options.restart)
 
 
 def _sweep(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
@@ -110,7 +105,7 @@ def _schema(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> N
         print(json.dumps(json_schema(Scene), indent=1, ensure_ascii=False))
 
 
-COMMANDS = {"run": _run, "verify": _run, "sweep": _sweep, "figures": _draw, "sweep-plot": _draw, "report": _report,
+COMMANDS = {"run": _run, "sweep": _sweep, "figures": _draw, "sweep-plot": _draw, "report": _report,
             "info": _info, "schema": _schema}
 
 

@@ -129,15 +129,6 @@ class Joint:
         """e − G s (rigid.size,) in newtons: the loads on loose bodies that the forces s leave."""
         return self.e - self.rigid.sums(s)
 
-    def dense(self) -> np.ndarray:
-        """C as a dense matrix (m/N), where this rank or one of two holds all interfaces; the same on all ranks."""
-        own = np.zeros((0, 0))
-        with self.deferred():
-            (member,) = self.members
-            own = member.dense()
-        self.meet("dense matrix")
-        return sum(self._exchange.world.allgather(own))
-
     def multiplications(self) -> int:
         """Multiplications by A_a⁻¹ so far, of all bodies."""
         return int(self._exchange.add(float(sum(member.C.count.total() for member in self.members))))

@@ -17,6 +17,7 @@ from ddmpi.scene.values import (
     Group,
     Name,
     Number,
+    Point,
     Positive,
     Table,
     Vector,
@@ -117,34 +118,34 @@ class Clamp(Table, frozen=True, kw_only=True):
 
 
 class Traction(Table, frozen=True, kw_only=True):
-    """Surface load on a boundary group: a ``value`` or a ``pressure``; see docs/use/loads.md.
+    """Surface load on a boundary group: a ``value``, a ``pressure`` or a ``force``; see docs/use/loads.md.
 
     Attributes
     ----------
     on : boundary group
     value : force per area (Pa), as in [0.0, "-6e7 * (1 + x/3)"]
     pressure : normal stress (Pa) against the outer normal
+    force : total force (N; in the plane per metre of depth), spread evenly over the area of the group
     history : [history.NAME] whose factor multiplies it
     """
 
     on: Group
     value: Vector | AffineVector | None = None
     pressure: Number | Formula | AffineScalar | None = None
+    force: Point | None = None
     history: Name | None = None
 
     def __post_init__(self) -> None:
-        if (self.value is None) == (self.pressure is None):
-            raise ValueError("a traction has either a value, as in value = [0.0, -6e7], or a pressure along the inner "
-                             "normal, as in pressure = 1e6")
+        if [self.value, self.pressure, self.force].count(None) != 2:
+            raise ValueError("a traction has either a value (Pa), as in value = [0.0, -6e7], or a pressure along the "
+                             "inner normal, as in pressure = 1e6, or the total force (N), as in force = [0.0, -1e4]")
         check_formulas("value", self.value)
         check_formulas("pressure", self.pressure)
 
     @property
     def given(self) -> Vector | AffineVector | Number | Formula | AffineScalar:
-        """The value or the pressure, whichever there is."""
-        found = self.pressure if self.value is None else self.value
-        assert found is not None
-        return found
+        """The value, the pressure or the force, whichever there is."""
+        return next(each for each in (self.value, self.pressure, self.force) if each is not None)
 
 
 class VolumeForce(AffineVector, frozen=True, kw_only=True):

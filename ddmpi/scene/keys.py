@@ -40,7 +40,6 @@ MEANT = {
     "load": "traction", "loads": "traction", "BodySpec.force": "traction", "BodySpec.pressure": "traction",
     "gravity": "volume_force", "body_force": "volume_force", "weight": "volume_force", "plane stress": "stress",
     "plane strain": "strain", "solver": "outer", "interference": "a negative gap is an interference",
-    "Traction.force": "a load is a stress: divide the force by the length or area of the group, and write value = […]",
     "expansion": "thermal expansion is not modelled", "temperature": "thermal expansion is not modelled",
     "density": "weight is the body's volume_force = [0, -density * gravity], in space [0, 0, …]",
     "rho": "weight is the body's volume_force = [0, -density * gravity], in space [0, 0, …]",
@@ -60,8 +59,8 @@ WRITTEN = {
     "mesh": 'mesh = { file = "….msh" }, { geometry = "….geo", size = … } or { shape = "rectangle", … }',
     "bodies": 'bodies = ["…", "…"]', "divisions": "divisions = [nx, ny], in space [nx, ny, nz]",
     "size": "size = [width, height], of a box [length, depth, height], of a geometry h",
-    **{key: f"{key} = [x, y], in space [x, y, z]" for key in ("value", "volume_force", "origin", "center", "point",
-                                                              "normal", "axis", "displacement")},
+    **{key: f"{key} = [x, y], in space [x, y, z]" for key in ("value", "volume_force", "force", "origin", "center",
+                                                              "point", "normal", "axis", "displacement")},
     "method": '[method], and below it a line for each key, such as preset = "accurate"'}
 """How a table or a pair is written."""
 

@@ -170,9 +170,10 @@ REFUSED = {
     "E": (["body.upper.material.E=1e-5"], ["material.E: unknown key; did you mean 'young'?"]),
     "density": (["body.upper.material.density=1"], ["unknown key; weight is the body's volume_force = "]),
     "steel": (["body.upper.material=steel"], ["(got 'steel'); write material = { young = …, poisson = … }"]),
-    "force on a group": (['body.upper.traction=[{on="top", force=[0.0, 1.0]}]'],
-                         ["traction.0.force: unknown key; a load is a stress: divide the force by the length",
-                          "valid here: on, value"]),
+    "force and value": (["body.upper.traction.0.force=[0.0, 1.0]"],
+                        ["body.upper.traction.0: a traction has either a value", "or the total force (N)"]),
+    "force is a number": (['body.upper.traction=[{on="top", force=1e6}]'], ["write force = [x, y]"]),
+    "force in space": (['body.upper.traction=[{on="top", force=[1e6, 0, 0]}]'], ["traction.0.force", "is in space"]),
     "force on a body": (["body.upper.force=[0.0, 1.0]"], ["body.upper.force: unknown key; did you mean 'traction'?"]),
     "traction is a number": (["body.upper.traction.0.value=4e7"], ["write value = [x, y]"]),
     "gravity": (["body.upper.gravity=[0.0, -9.81]"], ["gravity: unknown key; did you mean 'volume_force'?"]),
@@ -526,7 +527,7 @@ OPTIONAL = {
     "SettledContact": {"gap", "pairing", "slave"},  # measured, chosen
     "Material": {"plane"}, "PartMaterial": {"on", "plane"},  # solids have none; what the others leave
     "Clamp": {"x", "y", "z", "history"},  # free; constant in time
-    "Traction": {"value", "pressure", "history"},  # one of them
+    "Traction": {"value", "pressure", "force", "history"},  # one of them
     "VolumeForce": {"value", "history", "constant", "x_slope", "y_slope", "z_slope"},
     "AffineVector": {"constant", "x_slope", "y_slope", "z_slope"},  # zero
     **{shape: {"displacement", "history"} for shape in ("Plane", "Circle", "Sphere", "Cylinder")},  # not moved

@@ -281,7 +281,7 @@ def everywhere(assembly, x: np.ndarray) -> np.ndarray:
 
 def exact_forces(assembly) -> np.ndarray:
     """The contact forces (N) of the coupled problem by brute force, on all ranks. Collective."""
-    from ddmpi.judge.brute_force import solve_coupled
+    from brute_force import solve_coupled
 
     return everywhere(assembly, solve_coupled(assembly))
 
