@@ -102,7 +102,8 @@ class Interface:
     modulus : E* (Pa), 1/E* being the sum of both bodies' (1 − ν²)/E, of which a rigid partner's is zero
     fixed : nodes without unknowns, because clamps hold both bodies there; the gap they keep is no residual
     facets : (f, l) rows at the nodes of facets, turned out of the body; in space triangles between vertices. Only of
-        facets that wholly face the other side and whose nodes all have a row to themselves
+        facets that wholly face the other side and whose nodes all have a row to themselves, but for those on an axis in
+        order 2: a facet there has the row of its middle twice
     laplacian : (m, m) sparse, of hat functions on all facets between the rows, m^(d − 3); nodes without a row that
         clamps or other contacts hold are fixed. Rows with an entry are neighbours
     one_sided : (size,) bool, unknowns along which only one of the bodies can move

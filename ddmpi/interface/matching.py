@@ -34,7 +34,7 @@ def pairs(sides: tuple[Side, Side], here: np.ndarray, there: np.ndarray, normal:
 
     `Side.bare` nodes share the rows of the middles of their facets.
     """
-    side, own, lines, whole = sides[0], np.arange(len(here)), None, seen
+    side, own, lines = sides[0], np.arange(len(here)), None
     place = np.full(len(side.nodes), -1)
     place[here] = own
     for facet in side.facets[side.bare[side.facets].any(axis=1) & (place[side.facets] >= 0).all(axis=1)]:
@@ -47,10 +47,9 @@ def pairs(sides: tuple[Side, Side], here: np.ndarray, there: np.ndarray, normal:
         place[here], lengths = row, np.zeros(len(place))
         lengths[here] = area
         lines = Lines(place, side.xy, lengths, in_order(segments(side.facets[seen]))).only(place >= 0)
-        whole = seen & ~side.bare[side.facets].any(axis=1)
     here = here[kept]
     return Rows(sides, 0, here, place, seen, (transfers[0], transfers[1]), normal[kept], total, gap[kept],
-                side.arc[here], np.zeros(len(place), bool), whole, lines)
+                side.arc[here], np.zeros(len(place), bool), seen, lines)
 
 
 def pair(first: Side, second: Side, contact: SettledContact, refinement: int = 1) -> Interface:

@@ -185,7 +185,9 @@ def _rows(sides: tuple[Side, Side], own: int, over: Cover, root: np.ndarray) -> 
     gap = psi @ over.gap / area * np.einsum("ij,ij->i", unit(psi @ over.direction), normal)
     gap = without_rounding(gap, side.spacing[nodes])
     lines = _lines(side, nodes, place, area, S, seen)
-    alone, share = np.bincount(lines.row, minlength=len(nodes)) == 1, np.bincount(over.facet, over.weight, len(seen))
+    nodes_of = np.bincount(lines.row, minlength=len(nodes)) - np.bincount(place[side.bare & (place >= 0)],
+                                                                         minlength=len(nodes))
+    alone, share = nodes_of == 1, np.bincount(over.facet, over.weight, len(seen))
     whole = seen & (share >= (1.0 - LACKING) * side.areas) & alone[place[side.facets]].all(axis=1)
     first, sign = (1, 1.0) if own == 0 else (-1, -1.0)
     return Rows(sides, own, nodes, place, seen, (S, P)[::first], sign * normal, area, gap,

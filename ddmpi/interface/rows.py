@@ -38,7 +38,8 @@ class Rows:
     gap : (r,) along the normals, between the arcs over the chords (m)
     arc : (r,) arc lengths along the first body's boundary (m)
     bound : (k,) bool, nodes that share another one's row because clamps or other contacts hold them
-    whole : (f,) bool, whether facets wholly face the other side, each of their nodes with a row to itself
+    whole : (f,) bool, whether facets wholly face the other side, each of their nodes that is not `bare` with a row to
+        itself
     lines : the nodes of the rows; None where each row has one
     points : between the nodes, with their gaps; None where there are none
     """

@@ -14,7 +14,7 @@ import numpy as np
 
 from ddmpi.errors import DdmpiError, InputError, OutputError
 from ddmpi.interface.state import ContactState, signed
-from ddmpi.mesh.elements import CELLS, facet_measures
+from ddmpi.mesh.elements import CELLS, circumference, facet_measures
 from ddmpi.system.files import contact_files
 
 FORMAT = 2
@@ -127,12 +127,15 @@ def write_sides(path: Path, name: str, state: ContactState) -> None:
     force are left out. Linear elements have no such file, and solids have none: their rows stand at the corners of
     facets, and do not oscillate. Not collective. Raises OutputError.
     """
-    xy, facets, around = state.interface.xy, state.interface.facets, state.interface.around
+    xy, facets = state.interface.xy, state.interface.facets
     if len(facets) == 0 or facets.shape[1] == xy.shape[1]:
         return
-    middle, length = facets[:, 2], facet_measures(xy[facets])
-    shares = np.array([1.0, 1.0, 4.0]) * (around * np.ones(len(xy)))[facets]
-    means = ((shares * stress[facets]).sum(axis=1) / shares.sum(axis=1)
+    middle, places = facets[:, 2], xy[facets]
+    bare = facets[:, :2] == facets[:, 2:]  # ends on an axis, which have no row
+    places[:, :2][bare] = (2.0 * places[:, 2:] - places[:, 1::-1])[bare]
+    length = facet_measures(places)
+    shares = np.array([1.0, 1.0, 4.0]) * circumference(places, state.interface.axisymmetric)
+    means = ((shares * stress[facets]).sum(axis=1) / (shares * np.ones(facets.shape)).sum(axis=1)
              for stress in (state.pressure, signed(state.shear)))
     _write_csv(path / contact_files(name).sides, SIDES, zip(*xy[middle].T, length, *means, strict=True))
 
@@ -277,6 +280,11 @@ class Results:
     def dimension(self) -> int:
         """That of the cells."""
         return next(d for (d, _), cell in CELLS.items() if d > 1 and len(cell.nodes) == self.fields["cells"].shape[1])
+
+    @property
+    def axisymmetric(self) -> bool:
+        """Whether the bodies turn around the axis x = 0."""
+        return bool(self.summary["scene"].get("axisymmetric"))
 
     @property
     def points(self) -> np.ndarray:

@@ -85,6 +85,9 @@ class Scene(Table, frozen=True, kw_only=True):
         if len({body.mesh.order for body in self.body} - {None}) > 1:
             raise ValueError("bodies have mesh.order 1 and 2; forces at their common nodes would mean different "
                              "pressures, so give all bodies the same")
+        if self.output.mirrored and not self.axisymmetric:
+            raise ValueError("output.mirrored: shows the other half of what turns around an axis; write axisymmetric = "
+                             "true at the top, or leave it out")
         self._check_histories()
         check_petsc(self.petsc)
         two = (len(self.body), len(self.rigid), len(self.contact)) == (2, 0, 1)
@@ -261,7 +264,7 @@ class Scene(Table, frozen=True, kw_only=True):
                 yield 2, f"{key}.along", 'surfaces have no arc length; take a coordinate, such as along = "x"'
             if isinstance(table, Material) and table.plane:
                 yield 3 if self.axisymmetric else 2, f"{key}.plane", (
-                    "solids are neither in plane strain nor in plane stress; leave it out")
+                    "solids, and what turns around an axis, are neither in plane strain nor in plane stress; leave it out")
             uses_z = [name for name in FORMULAS if varies(getattr(table, name, None), "z")]
             if isinstance(table, Clamp) and table.z is not None:
                 uses_z.append("z")
