@@ -137,6 +137,8 @@ EXHIBITS = [
             contact("fit", "moment", factor=-1e-3), {"time.steps": 1}),
     Exhibit("shaft_in_hub", "contacts.png", 2.0106, "kN m/m", 1e-3, "balance",
             contact("bush-hub", "moment", factor=-1e-3)),
+    Exhibit("loosened_fit", "steps.png", 227.3, "kN mm/mm", 1e-3, "Lamé and Coulomb",
+            contact("fit", "moment", factor=1e-3), {"time.steps": 1}),
     Exhibit("press_fit", "contact.png", 0.0326, "mm", 0.01, "rod theory",
             lambda summary: summary["displacement_max"], {"time.steps": 1}),
     Exhibit("fretting", "steps.png", 0.424, "N mm/mm", 1e-3, "mesh twice as fine: 2.8 % less", second_cycle,

@@ -37,7 +37,7 @@ HEADINGS = {
     "PartMaterial": "material of a part", "Clamp": "clamp", "Traction": "traction", "VolumeForce": "volume_force",
     "AffineVector": "vector with slopes", "AffineScalar": "number with slopes", "ContactSpec": "[[contact]]",
     "Coulomb": "friction by Coulomb", "Tresca": "friction by Tresca", "NoFriction": "no friction",
-    "Profile": "profile", "SignedProfile": "signed profile", "Plane": "[[rigid]]: a plane",
+    "Profile": "profile", "SignedProfile": "signed profile", "Gap": "gap", "Plane": "[[rigid]]: a plane",
     "Circle": "[[rigid]]: a circle", "Sphere": "[[rigid]]: a sphere", "Cylinder": "[[rigid]]: a cylinder",
     "History": "[history.NAME]", "Time": "[time]", "Method": "[method]", "Output": "[output]",
     "Checkpoint": "[checkpoint]"}

@@ -17,13 +17,14 @@ import numpy as np
 import problems.curved
 import problems.flat
 import problems.solids
+import problems.supports
 from experiment import arguments, publish, save_figures, table
 from problems import Found, Order, Problem, Value
 
 from ddmpi.mesh.boundary import boundary_facets, segments
 
 PAGE, FIGURES = "verification.md", "verification"
-PROBLEMS = {name: each for module in (problems.flat, problems.curved, problems.solids)
+PROBLEMS = {name: each for module in (problems.flat, problems.curved, problems.supports, problems.solids)
             for name, each in problems.PROBLEMS.items() if each.measure.__module__ == module.__name__}
 """By name, in the order of the page."""
 

@@ -7,7 +7,7 @@ block size of A is d everywhere, as GAMG needs it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from petsc4py import PETSc
 
 from ddmpi.body.loads import clamp_nodes, lost_loads, nodal_loads, refuse_underflow
 from ddmpi.body.rigid_motions import body_motions, near_null_space
-from ddmpi.body.stiffness import sum_stiffness
+from ddmpi.body.stiffness import forces_at, sum_stiffness
 from ddmpi.body.stress import material_of
 from ddmpi.errors import InputError
 from ddmpi.mesh.mesh import Mesh
@@ -156,6 +156,24 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     load.setBlockSize(d)
     return Elasticity(matrix, load, int(loose.sum()), nodes, clamps, case, motions, case.size,
                       lost_loads(mesh, body, free), cases)
+
+
+def clamp_forces(mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarray,
+                 pull: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+    """What each clamp does to the body: its group, and nodal forces (nv, d) in newtons. Not collective.
+
+    A component of a node that several clamps hold is the last one's, so that all forces together are counted once.
+
+    Parameters
+    ----------
+    u : (nv, d) displacement under the present loads (m)
+    pull : (nv, d) contact forces on the body (N)
+    """
+    held = np.flatnonzero(~elasticity.free.all(axis=1))
+    forces = np.zeros_like(u)
+    forces[held] = forces_at(mesh, material_of(mesh, body), u, held) - (elasticity.acting.f + pull)[held]
+    for which, clamp in enumerate(body.clamps):
+        yield clamp.on, np.where(elasticity.clamps == which, forces, 0.0)
 
 
 def _sum_cases(parts: Sequence[tuple[float, LoadCase]]) -> LoadCase:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from ddmpi.mesh.elements import CELLS, FINE, circumference, curved_facets
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Traction
 from ddmpi.scene.values import AffineVector, Vector, evaluate, varies
-from ddmpi.system.numbers import in_words
+from ddmpi.system.numbers import in_words, moment
 
 SAME = 1e-9
 """Relative difference up to which two clamps prescribe the same displacement."""
@@ -29,24 +30,43 @@ ON_AXIS = Clamp(on="the axis", x=0.0)
 """Around an axis, the clamp whose number follows those of the body."""
 
 
+VOLUME = "volume_force"
+"""What the volume force is called among the groups that are loaded."""
+
+
 def nodal_loads(mesh: Mesh, body: BodySpec, history: str | None = None) -> np.ndarray:
     """Nodal loads (nv, d) in newtons of tractions, pressures and volume force that follow `history`, None for none.
 
     They are exact where these are affine on straight facets and cells; formulas, and what acts on curved ones, are
     integrated by Gauss's rule. Raises InputError where a formula is not finite.
     """
-    f = np.zeros_like(mesh.points)
+    return sum((f for _, f in loads_by_group(mesh, body, history)), np.zeros_like(mesh.points))
+
+
+def loads_by_group(mesh: Mesh, body: BodySpec, history: str | None = None) -> Iterator[tuple[str, np.ndarray]]:
+    """The parts of `nodal_loads`, each with its group; the volume force is called VOLUME. A group may come again."""
     for traction in body.traction:
-        if traction.history != history:
-            continue
-        key = f"body.{body.name}.traction"
-        _values(traction.given, mesh.points[boundary_group(mesh, traction.on, key)], key)
-        for facets, shares, stress in _stress(mesh, traction, key):
-            np.add.at(f, facets, np.einsum("lqs,dqs->sld", shares, stress))
+        if traction.history == history:
+            key, f = f"body.{body.name}.traction", np.zeros_like(mesh.points)
+            _values(traction.given, mesh.points[boundary_group(mesh, traction.on, key)], key)
+            for facets, shares, stress in _stress(mesh, traction, key):
+                np.add.at(f, facets, np.einsum("lqs,dqs->sld", shares, stress))
+            yield traction.on, f
     force, follows = body.weight
     if follows == history and force != (0.0,) * mesh.dimension:
+        f = np.zeros_like(mesh.points)
         _add_volume_force(mesh, force, f"body.{body.name}.volume_force", f)
-    return f
+        yield VOLUME, f
+
+
+def resultants(mesh: Mesh, parts: Iterable[tuple[str, np.ndarray]]) -> dict[str, dict[str, np.ndarray]]:
+    """By group the force (d,) in newtons and the moment about the origin (N m), () or (3,), of nodal forces (nv, d)."""
+    found: dict[str, dict[str, np.ndarray]] = {}
+    for group, f in parts:
+        acts = f.any(axis=1)
+        now = {"force": f[acts].sum(axis=0), "moment": moment(mesh.points[acts], f[acts], mesh.axisymmetric)}
+        found[group] = {kind: now[kind] + value for kind, value in found[group].items()} if group in found else now
+    return found
 
 
 def _stress(mesh: Mesh, traction: Traction, key: str) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:

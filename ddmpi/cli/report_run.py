@@ -70,7 +70,8 @@ class RunReport:
         self.axes = "xyz"[:len(next(iter(self.bodies.values()))["reaction"])]
         self.units = units(self.scene, len(self.axes)) | {"": ""}
         moment = self._vector("moment", "moment") if len(self.axes) > 2 else {"moment": ("moment", "moment")}
-        self.resultants = self._vector("force", "force") | moment | SUMS
+        self.force = self._vector("force", "force") | moment
+        self.resultants = self.force | SUMS
 
     def page(self, template: str) -> str:
         """The filled template."""
@@ -205,7 +206,16 @@ class RunReport:
             "Largest displacement and stress; the reaction of the clamps, where there are any",
             Column("body", list(self.bodies)), *self._columns(columns, bodies),
             Column("held by", ["clamps" if body["held"] else "clamps and contacts" if name in clamped else "contacts"
-                               for name, body in self.bodies.items()]))}
+                               for name, body in self.bodies.items()])),
+            "groups": self._groups()}
+
+    def _groups(self) -> Html | str:
+        """Applied loads and forces of clamps by group; nothing where none are known, as of an earlier load step."""
+        rows = [(name, group, by, forces) for name, body in self.bodies.items() for by in ("loads", "reactions")
+                for group, forces in body.get(by, {}).items()]
+        return table("What loads and clamps do to bodies, by group; moments are about the origin", *(
+            Column(head, [row[k] for row in rows]) for k, head in enumerate(("body", "group", "of"))),
+            *self._columns(self.force, [forces for *_, forces in rows])) if rows else ""
 
     def _steps(self) -> dict[str, Any]:
         """The load steps, condensed where there are many, and the balance of energy."""

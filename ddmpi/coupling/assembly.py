@@ -248,18 +248,18 @@ def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | Non
     if second is None:
         (rigid,) = (each for each in scene.rigid if each.name == contact.bodies[1])
         interface = face_rigid(first, rigid, contact)
-        overlaps = check_overlap(interface, first)
         moved = dict(zip("xyz", rigid.displacement or (), strict=False))
         partner = Mover(rigid.name, [Clamp(on=rigid.name, history=rigid.history, **moved)])
     else:
         if any(body.mesh.geometry for body in scene.body if body.name in contact.bodies):
             refinement = 1  # its nodes match by their number alone
         interface = connect(first, second, contact, refinement)
-        overlaps = check_overlap(interface, first, second)
         partner = Mover(second.body, clamps[second.body], second)
     times = scene.legs if scene.time is None or scene.time.steps == 1 else [0.0, *scene.legs]
-    refuse_contradiction(interface, [Mover(first.body, clamps[first.body], first), partner],
-                         {time: scene.factors(time) for time in times})
+    factors = {time: scene.factors(time) for time in times}
+    overlaps = check_overlap(interface, *(side for side in (first, second) if side),
+                             scales=[each[interface.gap_history] for each in factors.values()])
+    refuse_contradiction(interface, [Mover(first.body, clamps[first.body], first), partner], factors)
     idle = [] if contact.slave is None or interface.slave else [
         f"contact.{contact.name}.slave: no side is a slave, because nodes match and are paired; pairing = \"mortar\" "
         "makes one of them the slave"]

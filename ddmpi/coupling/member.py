@@ -14,7 +14,7 @@ from ddmpi.body.elasticity import Elasticity, LoadCase
 from ddmpi.body.rigid_motions import Centring, support
 from ddmpi.coupling.team import hold, make_solver
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.trace import displacement_trace, normal_trace, rows, trace
+from ddmpi.interface.trace import displacement_trace, nodal_forces, normal_trace, rows, trace
 from ddmpi.petsc.events import event
 
 PRECISE = 1e-12
@@ -155,6 +155,12 @@ class Member:
     def trace(self, u: np.ndarray) -> np.ndarray:
         """B u (size,) in metres, of a displacement (nv, d) of all nodes. Not collective."""
         return self._all(displacement_trace(each, each.side(self.name), u) for each in self.interfaces)
+
+    def pull(self, s: np.ndarray) -> np.ndarray:
+        """−Bᵀ s (nv, d): what contact forces s (size,) do to all nodes of the body (N). Not collective."""
+        parts = (nodal_forces(each, side, s[part], len(self.motions))
+                 for each, (part, side) in zip(self.interfaces, self.parts.values(), strict=True))
+        return sum(parts, np.zeros(self.motions.shape[:2]))
 
     def normal_parts(self, u: np.ndarray) -> dict[tuple[str, int], np.ndarray]:
         """Normal displacements in metres at the probes of its interfaces, by contact and side. Not collective."""

@@ -43,14 +43,20 @@ class Places:
     ----------
     nodes : of each side (j,), numbers in its body's mesh; none of a rigid partner
     normal : (k, d) outer normals of the first body
-    gap : (k,) initial gap (m)
+    gap : (k,) initial gap (m), at the factor 1 of its history
     transfer : of each side (k, j), sparse: a place moves as the rows say that the side's nodes move
+    stays : (k,) the part of an overlap that clamps keep, and that is no overlap of the answer
     """
 
     nodes: tuple[np.ndarray, np.ndarray] = (np.empty(0, int), np.empty(0, int))
     normal: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
     gap: np.ndarray = field(default_factory=lambda: np.empty(0))
     transfer: tuple[sparse.csr_matrix, sparse.csr_matrix] = (sparse.csr_matrix((0, 0)), sparse.csr_matrix((0, 0)))
+    stays: np.ndarray | float = 0.0
+
+    def opening(self, scale: float) -> np.ndarray:
+        """(k,) the gap times `scale` (m), without what clamps keep of an overlap."""
+        return scale * self.gap - self.stays * np.minimum(scale * self.gap, 0.0)
 
     def moved(self, side: int, u: np.ndarray) -> np.ndarray:
         """Displacement (k, d) of the places with a side whose nodes all move by `u` (nv, d)."""
@@ -95,7 +101,7 @@ class Interface:
     xy : (m, d) positions of the contact nodes on the first side, or on the slave (m)
     frame : (m, d, d) unit vectors of the first body: outer normal, then tangents; the second body's are opposite
     area : (m,) nodal lengths, in three dimensions areas, of what faces the other side (m)
-    gap : (m,) initial gap along the normal (m); negative for an initial overlap
+    gap : (m,) initial gap along the normal (m), at the factor 1 of its history; negative for an initial overlap
     nodes : of each side (k,), numbers in its body's mesh; none of a rigid partner
     transfer : of each side (m, k), sparse: a contact node moves as the rows say that the side's nodes move
     law : of contact and friction at these nodes
@@ -114,6 +120,8 @@ class Interface:
     probes : places between the nodes of sides that do not match; of others, fixed nodes that can still move a little
     displacement : (d,) of a rigid partner (m)
     history : that the displacement of the rigid partner follows, or None
+    gap_history : that the gap follows, or None
+    scale : factor of the gap at present
     arc : (m,) arc lengths along the first body's boundary, by which profiles count (m); empty where there are none
     axisymmetric : whether it turns around the axis x = 0; nodal lengths are areas then
     """
@@ -139,12 +147,24 @@ class Interface:
     probes: Places = field(default_factory=Places)
     displacement: np.ndarray = field(default_factory=lambda: np.zeros(2))
     history: str | None = None
+    gap_history: str | None = None
+    scale: float = 1.0
     arc: np.ndarray = field(default_factory=lambda: np.empty(0))
     axisymmetric: bool = False
 
     def displaced(self, U: np.ndarray) -> Interface:
         """The same interface with the rigid partner displaced by `U` (d,)."""
         return replace(self, prescribed=-(self.directions @ U), displacement=U)
+
+    def under(self, factors: Mapping[str | None, float]) -> Interface:
+        """The same interface with these `factors` of its gap and rigid partner, by history."""
+        moved = self.displaced(factors[self.history] * self.displacement)
+        return replace(moved, scale=factors[self.gap_history])
+
+    @property
+    def opening(self) -> np.ndarray:
+        """(m,) the gap at present (m)."""
+        return self.scale * self.gap
 
     @property
     def m(self) -> int:
@@ -245,7 +265,7 @@ def in_order(facets: np.ndarray) -> np.ndarray:
     return facets[np.argsort(facets[:, 0])]
 
 
-def check_overlap(interface: Interface, *sides: Side) -> list[str]:
+def check_overlap(interface: Interface, *sides: Side, scales: Sequence[float] = (1.0,)) -> list[str]:
     """Warnings of a large initial overlap; InputError where the sides turn their backs on each other. Not collective.
 
     A body's depth is its extent along the normal of the contact.
@@ -253,8 +273,10 @@ def check_overlap(interface: Interface, *sides: Side) -> list[str]:
     Parameters
     ----------
     sides : of both bodies, or of the one that has a rigid partner
+    scales : factors that the gap has
     """
-    gap = np.concatenate([interface.gap, interface.fixed.gap])
+    given = np.concatenate([interface.gap, interface.fixed.gap])
+    gap = np.min([scale * given for scale in scales], axis=0)
     normal = np.concatenate([interface.normal, interface.fixed.normal])
     k = int(np.argmin(gap))
     overlap, depths = -gap[k], [float(np.abs(normal[k]) @ side.extent) for side in sides]
@@ -342,8 +364,9 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
     pairs = [Places(interface.nodes, interface.normal, interface.gap, interface.transfer), interface.fixed]
     for places in [interface.probes] if interface.slave else pairs:
         free = sum(mover.free(places, k) for k, mover in enumerate(movers)) > SAME
-        gap, across = places.gap[:, None], np.abs(places.normal) > SAME
+        across = np.abs(places.normal) > SAME
         for time, now in factors.items():
+            gap = now[interface.gap_history] * places.gap[:, None]
             u = np.array([mover.moved(places, k, now) for k, mover in enumerate(movers)])
             closing, slack = u[0] - u[1], SAME * (np.abs(gap) + np.linalg.norm(u, axis=2).sum(axis=0)[:, None])
             if bonded:
@@ -373,7 +396,7 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
 def uncovered_profile(interface: Interface, contact: SettledContact) -> list[str]:
     """A warning where a profile of friction or of the gap ends before the contact does. Not collective."""
     found = []
-    for key, values in (*(("friction", each) for each in astuple(contact.friction)), ("gap", contact.gap)):
+    for key, values in (*(("friction", each) for each in astuple(contact.friction)), ("gap", contact.opening[0])):
         if not isinstance(values, Profile) or len(values.points) < 2:
             continue
         along = values.position(interface.xy, interface.arc)

@@ -11,8 +11,9 @@ from ddmpi.errors import InputError
 from ddmpi.interface.interface import SAME, Interface, Lines, Places
 from ddmpi.interface.law import law_of
 from ddmpi.scene.contacts import NoFriction, SettledContact
-from ddmpi.scene.values import Profile
+from ddmpi.scene.values import Profile, evaluate
 from ddmpi.surface.side import Side, frames
+from ddmpi.system.numbers import in_words
 
 NOTHING = 1e-12
 """Entries of transfers below this are rounding."""
@@ -104,7 +105,8 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
         modulus=1.0 / (1.0 / sides[0].modulus + 1.0 / sides[1].modulus),
         facets=facets[(facets >= 0).all(axis=1)], laplacian=side.laplacian(rows.seen, row, len(keep)),
         one_sided=of_rows(held.any(axis=0)), prescribed=of_rows(np.zeros(live.shape)),
-        displacement=np.zeros(xy.shape[1]), slave=side.body if rows.points else None, lines=lines,
+        displacement=np.zeros(xy.shape[1]), gap_history=contact.opening[1],
+        slave=side.body if rows.points else None, lines=lines,
         at=(rows.transfers[0][keep] @ sides[0].xy, rows.transfers[1][keep] @ sides[1].xy),
         axisymmetric=side.axisymmetric,
         fixed=_at_rows(rows, dropped, start), probes=_probes(rows, contact, dropped, start))
@@ -139,14 +141,13 @@ def _probes(rows: Rows, contact: SettledContact, dropped: np.ndarray, start: np.
     if rows.points is None:
         free = [transfer @ (1.0 * side.free) for side, transfer in zip(rows.sides, rows.transfers, strict=True)]
         moves = sum(np.abs(rows.normal * each).max(axis=1) for each in free) > SAME
-        return _at_rows(rows, dropped & moves, np.maximum(start, 0.0))
-    points, gap = rows.points, rows.points.gap
+        return replace(_at_rows(rows, dropped & moves, start), stays=1.0)
+    points, gap, stays = rows.points, rows.points.gap, [np.zeros(1)]
     if contact.gap is not None or contact.kind == "bonded":
         gap = points.transfer[rows.own] @ np.append(start, 0.0)[rows.place]
     if contact.kind != "bonded":
         stays = [each @ is_held(side.normal, side.free) for each, side in zip(points.transfer, rows.sides, strict=True)]
-        gap = gap - np.clip(np.min(stays, axis=0), 0.0, 1.0) * np.minimum(gap, 0.0)
-    return replace(points, gap=gap)
+    return replace(points, gap=gap, stays=np.clip(np.min(stays, axis=0), 0.0, 1.0))
 
 
 def _used(side: Side, transfer: sparse.csr_matrix) -> tuple[np.ndarray, sparse.csr_matrix]:
@@ -163,10 +164,16 @@ def holds_along(contact: SettledContact) -> bool:
 
 def initial_gap(contact: SettledContact, measured: np.ndarray, xy: np.ndarray, arc: np.ndarray) -> np.ndarray:
     """The initial gap (k,) at nodes `xy` (k, d), at arc lengths (k,): given, else measured, or zero of a bond."""
-    if isinstance(contact.gap, Profile):
-        return contact.gap.at(xy, arc).astype(float)
-    if contact.gap is not None:
-        return np.full(len(xy), float(contact.gap))
+    given, _ = contact.opening
+    if isinstance(given, Profile):
+        return given.at(xy, arc).astype(float)
+    if given is not None:
+        found = evaluate(given, *xy.T)
+        if not np.isfinite(found).all():
+            k = int(np.argmin(np.isfinite(found)))
+            raise InputError(f'contact.{contact.name}.gap: the formula "{given}" is {found[k]} at {in_words(xy[k])}; '
+                             "it must be a finite number wherever it acts")
+        return found
     return np.zeros(len(xy)) if contact.kind == "bonded" else measured
 
 

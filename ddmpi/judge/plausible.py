@@ -257,7 +257,7 @@ def _unresolved_zone(state: ContactState) -> list[str]:
     zone = csgraph.connected_components(links, directed=False)[1]
     parting = pairs[closed[pairs[:, 0]] != closed[pairs[:, 1]]]
     inner, outer = np.where(closed[parting[:, :1]], parting, parting[:, ::-1]).T
-    apart = interface.gap[outer] > interface.gap[inner] + CURVED * interface.spacing[inner]
+    apart = interface.opening[outer] > interface.opening[inner] + CURVED * interface.spacing[inner]
     curving = np.bincount(zone[inner[apart]], minlength=number)  # where it ends because the boundaries curve apart
     axis = interface.axisymmetric & (interface.xy[:, 0] < 0.75 * interface.spacing)
     twice = 1 + (np.bincount(zone[axis], minlength=number) > 0)  # a zone goes on beyond the axis

@@ -141,7 +141,8 @@ def drawn_facets(lines: Lines, axisymmetric: bool = False) -> np.ndarray:
 def write_facets(path: Path, interfaces: Iterable[Interface]) -> None:
     """Add contacts/NAME/facets (f, d) and contacts/NAME/initial_gap (l,) to result.h5 in the folder `path`.
 
-    Facets are `drawn_facets`; the gap (m) has an entry per line of the contact's table. Not collective. Raises
+    Facets are `drawn_facets`; the gap (m), at the factor 1 of its history, has an entry per line of the contact's
+    table. Not collective. Raises
     OutputError.
     """
     import h5py

@@ -43,7 +43,7 @@ FILES = {
     "result.h5": "the data of result.xdmf: points, displacement by node; cells, body (its number), stress "
                  "(xx, xy, xz, yy, yz, zz), von_mises, error by cell; earlier load steps in groups step_000001, …; "
                  "in contacts/NAME the facets, pairs of lines of contact_NAME.csv whose nodes are neighbours, of "
-                 "solids triples, and initial_gap of each line",
+                 "solids triples, and initial_gap of each line at the factor 1 of its history",
     "bodies.png": "the deformed bodies, coloured by von Mises stress, else by displacement. Displacements are enlarged "
                   "as the title says, grey outlines are undeformed, and what touches is drawn touching",
     "contact.png": "of one contact: stresses, slip bound, gap and slip along the contact, and its zones; of solids, "

@@ -187,7 +187,9 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
     """
     points, moved = results.points, np.linalg.norm(results.fields["displacement"], axis=1)
     owner, names, contacts = owners(results), list(results.summary["bodies"]), results.summary["scene"]["contact"]
-    tables = [results.contacts[contact["name"]] for contact in contacts]
+    tables = [results.contacts[each["name"]] for each in contacts]
+    tables = [table | {"initial_gap": _share(results, _follows(each)) * table["initial_gap"]}
+              for each, table in zip(contacts, tables, strict=True)]
     mobile, apart = np.zeros(len(names)), np.zeros((len(tables), len(names)))
     distances = np.zeros((len(tables), results.dimension))
     np.maximum.at(mobile, owner, moved)
@@ -208,7 +210,7 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
 
 
 def _initially(table: Columns) -> np.ndarray:
-    """(l, d) from the first to the second body along the normal, undeformed (m): the gap that the run began with."""
+    """(l, d) from the first to the second body along the normal, undeformed (m): the gap without displacements."""
     return table["initial_gap"][:, None] * vectors(table, "n")
 
 
@@ -258,14 +260,25 @@ def surfaces(results: Results, factor: float = 0.0,
 def partners(results: Results, time: float | None = None) -> Iterator[tuple[Rigid, list[dict], np.ndarray]]:
     """Each rigid partner that bodies may touch, its contacts, and its displacement (d,) at `time`, else at that of the
     results (m)."""
-    scene, last = results.summary["scene"], results.energy.get("time", np.zeros(0)).max(initial=0.0)
-    time = next(each for each in (time, results.time, last) if each is not None)
+    scene = results.summary["scene"]
     for rigid in msgspec.convert(scene.get("rigid", ()), list[Rigid]):
         contacts = [each for each in scene["contact"] if each["bodies"][1] == rigid.name]
-        history = scene.get("history", {}).get(rigid.history)
-        share = np.interp(time, history["times"], history["factors"]) if history else 1.0
         if contacts:
-            yield rigid, contacts, share * np.array(rigid.displacement)
+            yield rigid, contacts, _share(results, rigid.history, time) * np.array(rigid.displacement)
+
+
+def _share(results: Results, name: str | None, time: float | None = None) -> float:
+    """The factor at `time`, else at that of the results, of the history with a name; 1 of none."""
+    last = results.energy.get("time", np.zeros(0)).max(initial=0.0)
+    time = next(each for each in (time, results.time, last) if each is not None)
+    history = results.summary["scene"].get("history", {}).get(name)
+    return float(np.interp(time, history["times"], history["factors"])) if history else 1.0
+
+
+def _follows(contact: dict) -> str | None:
+    """The name of the history that the gap of a contact in the summary follows."""
+    gap = contact.get("gap")
+    return gap.get("history") if isinstance(gap, dict) else None
 
 
 def round_down(factor: float) -> float:

@@ -320,7 +320,7 @@ def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, stat
         for (interface, part), limits in zip(space.each(), space.laws.bounds(bound), strict=False):
             u1, u2 = both[0][part], both[1][part] + interface.prescribed
             probes = interface.probes
-            between = probes.gap + probes.normal @ interface.displacement - sum(
+            between = probes.opening(interface.scale) + probes.normal @ interface.displacement - sum(
                 each for each in places[interface.name] if each is not None)
             yielding = max(bodies[name]["yielding"] for name in interface.bodies if name in bodies)
             state = contact_state(interface, forces[part], limits, u1 + u2, between,

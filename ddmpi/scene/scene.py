@@ -37,7 +37,7 @@ FileKind = Callable[[BodySpec], tuple[int, Literal[1, 2]]]
 EXTENTS = ("size", "divisions", "radii", "angles", "bodies", "on")
 """Rows of numbers or words that are neither places nor vectors."""
 
-FORMULAS = ("x", "y", "z", "value", "pressure", "volume_force")
+FORMULAS = ("x", "y", "z", "value", "pressure", "volume_force", "gap")
 """Keys whose values may be formulas."""
 
 PETScOptions = dict[str, str | int | Number | bool]
@@ -155,7 +155,7 @@ class Scene(Table, frozen=True, kw_only=True):
                              "mesh.refine")
 
     def _followers(self) -> Iterator[tuple[str, str]]:
-        """The key of each load, clamp and rigid partner that follows a history, and the history's name."""
+        """The key of each load, clamp, rigid partner and gap that follows a history, and the history's name."""
         for body in self.body:
             key = f"body.{body.name}"
             entries: list[tuple[str, Clamp | Traction]]
@@ -167,6 +167,9 @@ class Scene(Table, frozen=True, kw_only=True):
         for rigid in self.rigid:
             if rigid.history is not None:
                 yield f"rigid.{rigid.name}", rigid.history
+        for contact in self.contact:
+            if (name := contact.opening[1]) is not None:
+                yield f"contact.{contact.settled().name}.gap", name
 
     def _check_partners(self, contact: SettledContact) -> None:
         """A contact is between two bodies, or a body and then a rigid partner, with a group for each body."""
@@ -333,6 +336,7 @@ class Settled(Table, frozen=True, kw_only=True):
     def followed(self) -> list[str]:
         """Names of the histories that something follows, in the order of the scene."""
         used = {name for body in self.body for name in body.histories} | {rigid.history for rigid in self.rigid}
+        used |= {contact.opening[1] for contact in self.contact}
         return [name for name in self.history if name in used]
 
     @property

@@ -298,22 +298,6 @@ def test_a_signal_to_one_rank_is_raised_on_all(comm):
         assert caught.value.agreed and caught.value.kind == "interrupted by SIGTERM"
 
 
-@one_to_four_ranks
-def test_all_ranks_learn_that_one_wants_a_checkpoint(comm):
-    """At the same exchange, and they remember it until they have written one."""
-    for asking in range(comm.size):
-        bodies = Bodies(comm)
-        exchange = bodies.exchange
-        exchange.total(bodies.of_bodies(), "test")
-        assert not exchange.checkpoint_due
-        exchange.wants_checkpoint = lambda asking=asking: comm.rank == asking
-        exchange.total(bodies.of_bodies(), "test")
-        assert exchange.checkpoint_due
-        exchange.wants_checkpoint = lambda: False
-        exchange.meet("test")
-        assert exchange.checkpoint_due
-
-
 @two_ranks
 def test_deferred_keeps_nothing_but_our_own_errors(comm):
     """Another exception is a bug: it ends the run at once (test_failures), and is no rank's to agree on."""

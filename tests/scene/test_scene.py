@@ -529,6 +529,7 @@ OPTIONAL = {
     "Clamp": {"x", "y", "z", "history"},  # free; constant in time
     "Traction": {"value", "pressure", "force", "history"},  # one of them
     "VolumeForce": {"value", "history", "constant", "x_slope", "y_slope", "z_slope"},
+    "Gap": {"value", "history"},  # a profile
     "AffineVector": {"constant", "x_slope", "y_slope", "z_slope"},  # zero
     **{shape: {"displacement", "history"} for shape in ("Plane", "Circle", "Sphere", "Cylinder")},  # not moved
     "Settled": {"time"}, "SettledTime": {"steps", "tolerance"},  # one load step; the one or the other

@@ -94,7 +94,8 @@ def scene(contacts: list[str], friction=COULOMB, title: str = "Made up") -> dict
 
 def body(**changes) -> dict:
     values = {"n": 432, "ranks": [0], "held": True, "displacement_max": 1e-4, "von_mises_max": 8e7, "energy": 12.0,
-              "reaction": (1.0, -2.0), "discretization_error": 0.05,
+              "reaction": (1.0, -2.0), "loads": {"top": {"force": (-1.0, 2.0), "moment": 3.0}},
+              "reactions": {"left": {"force": (1.0, -2.0), "moment": -3.0}}, "discretization_error": 0.05,
               "n_A_by_purpose": {"newton": 90, "recover": 10}, "inner_steps": {}, "solver": "preonly, cholesky (mumps)",
               "compliance": "explicit", "memory_mib": 120.5}
     return values | changes

@@ -123,7 +123,8 @@ def results(folder: Path, bodies: Mapping[str, Mesh], contacts: Mapping[str, tup
                for factor in np.linspace(1.0 / max(len(times), 1), 1.0, max(len(times), 1))]
     states = marched[-1]
     parts = {name: fields(mesh, **how) for name, mesh in bodies.items()}
-    entries = {name: made_up.body(reaction=(1.0, -2.0, 3.0),
+    entries = {name: made_up.body(reaction=(1.0, -2.0, 3.0), loads={}, reactions={
+        "left": {"force": (1.0, -2.0, 3.0), "moment": (4.0, 5.0, -6.0)}},
                                   displacement_max=np.linalg.norm(part.displacement, axis=1).max())
                for name, part in parts.items()}
     order = 1 if next(iter(bodies.values())).triangles.shape[1] == 4 else 2
