@@ -100,7 +100,7 @@ def sum_stiffness(mesh: Mesh, material: Material | Composite) -> Stiffness:
     order = sort_stably(high, size)
     order = order[sort_stably(low[order], size)]
     low, high = low[order], high[order]
-    new = np.concatenate([[True], (low[1:] != low[:-1]) | (high[1:] != high[:-1])])
+    new = np.concatenate([np.ones(min(number, 1), bool), (low[1:] != low[:-1]) | (high[1:] != high[:-1])])
     pair = np.empty(number, dtype=np.int64)
     pair[order] = np.cumsum(new) - 1
     total, diagonal = np.empty((np.count_nonzero(new), d, d)), np.empty((size, d, d))
