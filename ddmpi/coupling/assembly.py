@@ -19,10 +19,10 @@ from ddmpi.coupling.ranks import homes_of, ranks_beside, team_of
 from ddmpi.coupling.space import Space
 from ddmpi.coupling.team import Team, TeamMatrix
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import Interface, Mover, check_overlap, refuse_contradiction, uncovered_profile
+from ddmpi.interface.interface import Interface, Mover, check_overlap, refuse_contradiction
 from ddmpi.interface.matching import face_rigid
 from ddmpi.interface.mortar import connect
-from ddmpi.interface.rows import holds_along
+from ddmpi.interface.rows import holds_along, uncovered_profile
 from ddmpi.mesh.boundary import boundary_group
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh

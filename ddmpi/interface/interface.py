@@ -11,14 +11,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.sparse as sparse
-from msgspec.structs import astuple
 
 from ddmpi.errors import InputError
 from ddmpi.interface.law import Law
 from ddmpi.mesh.elements import circumference
 from ddmpi.scene.bodies import Clamp
-from ddmpi.scene.contacts import SettledContact
-from ddmpi.scene.values import Profile, evaluate
+from ddmpi.scene.values import evaluate
 from ddmpi.surface.side import Side
 from ddmpi.system.numbers import in_words, spans
 
@@ -391,18 +389,3 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
                        + f" by {worst:.3g}, and no force can prevent that; prescribe motions that go together")
     if message:
         raise InputError(message)
-
-
-def uncovered_profile(interface: Interface, contact: SettledContact) -> list[str]:
-    """A warning where a profile of friction or of the gap ends before the contact does. Not collective."""
-    found = []
-    for key, values in (*(("friction", each) for each in astuple(contact.friction)), ("gap", contact.opening[0])):
-        if not isinstance(values, Profile) or len(values.points) < 2:
-            continue
-        along = values.position(interface.xy, interface.arc)
-        low, high, slack = values.points[0], values.points[-1], 1e-6 * float(np.ptp(along))
-        if along.min() < low - slack or along.max() > high + slack:
-            found.append(f"contact.{interface.name}.{key}: the profile covers {values.along} from {low:g} to {high:g}, "
-                         f"the contact goes from {along.min():g} to {along.max():g}; beyond its ends the profile is "
-                         "constant")
-    return found

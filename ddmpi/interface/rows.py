@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sparse
+from msgspec.structs import astuple
 
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import SAME, Interface, Lines, Places
@@ -202,3 +203,18 @@ def means(integrals: sparse.csr_matrix, area: np.ndarray) -> sparse.csr_matrix:
     found.data[np.abs(found.data) <= NOTHING * area.repeat(np.diff(found.indptr))] = 0.0
     found.eliminate_zeros()
     return (sparse.diags(1.0 / np.asarray(found.sum(axis=1)).ravel()) @ found).tocsr()
+
+
+def uncovered_profile(interface: Interface, contact: SettledContact) -> list[str]:
+    """A warning where a profile of friction or of the gap ends before the contact does. Not collective."""
+    found = []
+    for key, values in (*(("friction", each) for each in astuple(contact.friction)), ("gap", contact.opening[0])):
+        if not isinstance(values, Profile) or len(values.points) < 2:
+            continue
+        along = values.position(interface.xy, interface.arc)
+        low, high, slack = values.points[0], values.points[-1], 1e-6 * float(np.ptp(along))
+        if along.min() < low - slack or along.max() > high + slack:
+            found.append(f"contact.{interface.name}.{key}: the profile covers {values.along} from {low:g} to {high:g}, "
+                         f"the contact goes from {along.min():g} to {along.max():g}; beyond its ends the profile is "
+                         "constant")
+    return found

@@ -128,7 +128,7 @@ def drawn_facets(lines: Lines, axisymmetric: bool = False) -> np.ndarray:
     or (k, k, k).
 
     A facet is left out if it hardly faces the other side: two of its nodes share a row, and one has less than FEW of
-    another's length or area, unless it is on an axis. Drawn, the stress would go on outside of the body. Not collective.
+    another's length or area and is not on an axis. Drawn, the stress would go on outside of the body. Not collective.
     """
     facets, nodes = lines.facets, np.arange(len(lines.row))
     row, area = np.sort(lines.row[facets], axis=1), lines.area[facets]

@@ -267,7 +267,7 @@ class Scene(Table, frozen=True, kw_only=True):
                 yield 2, f"{key}.along", 'surfaces have no arc length; take a coordinate, such as along = "x"'
             if isinstance(table, Material) and table.plane:
                 yield 3 if self.axisymmetric else 2, f"{key}.plane", (
-                    "solids, and what turns around an axis, are neither in plane strain nor in plane stress; leave it out")
+                    "solids and turned parts are neither in plane strain nor in plane stress; leave it out")
             uses_z = [name for name in FORMULAS if varies(getattr(table, name, None), "z")]
             if isinstance(table, Clamp) and table.z is not None:
                 uses_z.append("z")
