@@ -7,13 +7,14 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sparse
 
-from ddmpi.body.stress import blocks
+from ddmpi.body.stress import Composite, blocks, cell_temperature, gradients, portions
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group, group_nodes, turn_outward
-from ddmpi.mesh.elements import CELLS, FINE, circumference, curved_facets
+from ddmpi.mesh.elements import CELLS, FINE, RULES, circumference, curved_facets
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.scene.bodies import BodySpec, Clamp, Traction
+from ddmpi.scene.bodies import BodySpec, Clamp, Material, Traction
 from ddmpi.scene.values import AffineVector, Vector, evaluate, varies
 from ddmpi.system.numbers import in_words, moment
 
@@ -101,6 +102,12 @@ def _stress(mesh: Mesh, traction: Traction, key: str) -> list[tuple[np.ndarray, 
     return [(on, shares, stress / area) for on, shares, stress in found]
 
 
+def temperature(mesh: Mesh, body: BodySpec, history: str | None) -> np.ndarray:
+    """Temperature (nv,) in K at the nodes, as far as it follows `history`. Raises InputError where it is not finite."""
+    value = body.heat.value if body.heat.history == history else 0.0
+    return _values(value, mesh.points, f"body.{body.name}.temperature")
+
+
 def _add_volume_force(mesh: Mesh, force: Vector | AffineVector, key: str, f: np.ndarray) -> None:
     """Add the nodal loads of a volume force (N/m³) to f (nv, d)."""
     parts: list[slice] | list[np.ndarray] = mesh.summed_blocks()
@@ -120,6 +127,53 @@ def _add_volume_force(mesh: Mesh, force: Vector | AffineVector, key: str, f: np.
         shares = weights[:, None] * mapped.measures
         for component, density in enumerate(_values(force, mapped.places, key)):
             f[:, component] += np.bincount(nodes.ravel(), ((shares * density).T @ shapes).ravel(), len(f))
+
+
+def springs(mesh: Mesh, body: BodySpec) -> Iterator[tuple[str, float, sparse.csr_matrix]]:
+    """The foundations of a body: group, stiffness √k (N/m)^½, and rows Q (r, d nv) without units.
+
+    Under a displacement u the springs store ½ k |Q u|², and take the forces k Qᵀ Q u. Not collective. Raises InputError
+    for inner facets.
+    """
+    for foundation in body.foundation:
+        key = f"body.{body.name}.foundation"
+        facets = turn_outward(mesh, boundary_group(mesh, foundation.on, key), key)[0]
+        cell, d = CELLS[mesh.dimension - 1, mesh.order], mesh.dimension
+        points, weights = FINE[cell.dimension]
+        vectors = cell.vectors(mesh.points[facets], points)
+        size = np.linalg.norm(vectors, axis=0)
+        along = np.einsum("iqs,jqs->qsij", vectors / size, vectors / size)
+        places = np.einsum("ql,sld->qsd", cell.shapes(points), mesh.points[facets])
+        size = size * circumference(places, mesh.axisymmetric)
+        largest, measure = max(foundation.normal, foundation.tangential), float(weights @ size.sum(axis=1))
+        normal, tangential = np.sqrt([foundation.normal / largest, foundation.tangential / largest])
+        roots = normal * along + tangential * (np.eye(d) - along)
+        roots = roots * np.sqrt(weights[:, None] * size / measure)[..., None, None]
+        values = np.einsum("qsij,ql->qsilj", roots, cell.shapes(points))
+        columns = np.broadcast_to((d * facets[:, :, None] + np.arange(d))[None, :, None], values.shape)
+        starts = np.arange(0, values.size + 1, d * facets.shape[1])
+        yield foundation.on, float(np.sqrt(largest * measure)), sparse.csr_matrix(
+            (values.ravel(), columns.ravel(), starts), (len(starts) - 1, mesh.points.size))
+
+
+def thermal_loads(mesh: Mesh, material: Material | Composite, heat: np.ndarray) -> tuple[np.ndarray, float]:
+    """Nodal loads (nv, d) in newtons by which a temperature (nv,) in K strains a body, ∫ β T : ∇φ; and twice the
+    elastic energy where no strain yields to it (J). Not collective.
+
+    The temperature is that of the points where the stress is taken, see `Cell.samples`.
+    """
+    f, energy = np.zeros_like(mesh.points), 0.0
+    for cells, own, curved in portions(mesh, material):
+        samples = mesh.cell.samples
+        points, weights = RULES[mesh.dimension] if curved else (samples, np.full(len(samples), 1.0 / len(samples)))
+        mapped, warm = mesh.map(cells, points), cell_temperature(mesh, heat, points, cells)
+        beta, whole, *_ = own.thermal(mesh.strains)
+        beta = np.einsum("ij,ijrc->rc", beta, gradients(mesh))
+        share = weights[:, None] * mapped.measures * warm
+        for component, loads in enumerate(np.einsum("rc,cqit,qt->rti", beta, mapped.slopes, share)):
+            f[:, component] += np.bincount(mesh.triangles[cells].ravel(), loads.ravel(), len(f))
+        energy += whole * float((share * warm).sum())
+    return f, energy
 
 
 def _values(value: Any, points: np.ndarray, key: str) -> np.ndarray:

@@ -47,6 +47,22 @@ class Stiffness:
         np.add.at(y, b, np.einsum("nji,nj->ni", block, u[a]))
         return y
 
+    def with_springs(self, Q: sparse.csr_matrix) -> Stiffness:
+        """The same with QᵀQ (d nv, d nv) in N/m added, of the rows Q (r, d nv) of springs."""
+        size, d = self.diagonal.shape[:2]
+        added = (Q.T @ Q).tobsr((d, d))
+        row, column = np.repeat(np.arange(size), np.diff(added.indptr)), added.indices
+        diagonal, above, own = self.diagonal.copy(), row < column, row == column
+        diagonal[row[own]] += added.data[own]
+        pairs, place = np.unique(np.concatenate([size * self.first.astype(np.int64) + self.second,
+                                                 size * row[above].astype(np.int64) + column[above]]),
+                                 return_inverse=True)
+        upper = np.zeros((len(pairs), d, d))
+        upper[place[:len(self.first)]] = self.upper
+        upper[place[len(self.first):]] += added.data[above]
+        kind = self.first.dtype
+        return Stiffness((pairs // size).astype(kind), (pairs % size).astype(kind), upper, diagonal)
+
     def connected(self) -> tuple[int, np.ndarray]:
         """The number of connected pieces of the body, and for each node (nv,) the number of its piece."""
         size = len(self.diagonal)

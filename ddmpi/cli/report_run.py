@@ -198,14 +198,16 @@ class RunReport:
             "unmatched": ", ".join(unmatched[:FEW]) + ", …" * (len(unmatched) > FEW)}
 
     def _bodies(self) -> dict[str, Any]:
-        clamped = {each["name"] for each in self.scene.get("body", ()) if each["clamp"]}
+        specs = {each["name"]: each for each in self.scene.get("body", ())}
+        supports = {name: [word for word in ("clamp", "foundation") if specs.get(name, {}).get(word)]
+                    for name in self.bodies}
         unknown = {"reaction": (None,) * len(self.axes)}
-        bodies = [body if name in clamped else body | unknown for name, body in self.bodies.items()]
+        bodies = [body if supports[name] else body | unknown for name, body in self.bodies.items()]
         columns = BODIES | self._vector("reaction", "force") | {"strain energy": ("energy", "energy")}
         return {"bodies": table(
-            "Largest displacement and stress; the reaction of the clamps, where there are any",
+            "Largest displacement and stress; the reaction of clamps and foundations, where there are any",
             Column("body", list(self.bodies)), *self._columns(columns, bodies),
-            Column("held by", ["clamps" if body["held"] else "clamps and contacts" if name in clamped else "contacts"
+            Column("held by", [" and ".join([f"{word}s" for word in supports[name]] + ["contacts"] * (not body["held"]))
                                for name, body in self.bodies.items()])),
             "groups": self._groups()}
 
@@ -213,7 +215,7 @@ class RunReport:
         """Applied loads and forces of clamps by group; nothing where none are known, as of an earlier load step."""
         rows = [(name, group, by, forces) for name, body in self.bodies.items() for by in ("loads", "reactions")
                 for group, forces in body.get(by, {}).items()]
-        return table("What loads and clamps do to bodies, by group; moments are about the origin", *(
+        return table("What loads and supports do to bodies, by group; moments are about the origin", *(
             Column(head, [row[k] for row in rows]) for k, head in enumerate(("body", "group", "of"))),
             *self._columns(self.force, [forces for *_, forces in rows])) if rows else ""
 

@@ -172,7 +172,7 @@ class Member:
         return np.concatenate([np.empty(0), *parts])
 
     def work(self, u: np.ndarray, s: np.ndarray) -> np.ndarray:
-        """What loads and reactions do along displacements: (2, k) in J, by history in the order of the scene.
+        """What loads, reactions and heat do along displacements: (2, k) in J, by history in the order of the scene.
 
         Parameters
         ----------
@@ -180,15 +180,17 @@ class Member:
 
         Returns
         -------
-        f·u for the loads f that follow a history, at its factor 1, and R·p for the reactions R of clamps and the
-        displacements p that follow it. Not collective.
+        f·u for the loads f that follow a history, at its factor 1; and R·p − ∫ σ : ε for the reactions R of clamps, the
+        displacements p and the thermal strains ε that follow it. Not collective.
         """
-        found, f = np.zeros((2, len(self._histories))), self.elasticity.acting.f
+        found, acting = np.zeros((2, len(self._histories))), self.elasticity.acting
         for k, name in enumerate(self._histories):
             case = self.elasticity.cases.get(name)
             if case:
                 found[0, k] = (case.f * u).sum()
-                found[1, k] = (u * case.taken).sum() - (f * case.prescribed).sum() + s @ self.trace(case.prescribed)
+                found[1, k] = ((u * case.taken).sum() - ((acting.f + acting.heat) * case.prescribed).sum()
+                               + s @ self.trace(case.prescribed)
+                               - (case.heat * u).sum() + case.stored * acting.stored)
         return found
 
     def displacement(self, s: np.ndarray, alpha: np.ndarray | None = None) -> tuple[np.ndarray, float, float, float]:
@@ -203,7 +205,7 @@ class Member:
         u : (nv, d)
         left : ‖A u + Bᵀ s − b‖ (N), large where contact forces do not balance the load of a loose body
         acting : max(‖b‖, ‖Bᵀ s‖), which it is to be compared with
-        energy : strain energy ½ uᵀ K u with the stiffness K of all dofs (J)
+        energy : strain energy (J): ½ uᵀ K u with the stiffness K of all dofs, without what heat strains freely
 
         Collective on the body's communicator. Raises SolverError.
         """
@@ -225,6 +227,7 @@ class Member:
             full = self.elasticity.expand(u)
             acting = self.elasticity.acting
             energy += float((acting.taken * (full - 0.5 * acting.prescribed)).sum())
+            energy += 0.5 * acting.stored**2 - float((acting.heat * full).sum())
             return (full if alpha is None else full + self.motions @ alpha), Au.norm(), size, energy
 
     def _balanced(self, f: PETSc.Vec) -> PETSc.Vec:

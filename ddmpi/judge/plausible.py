@@ -138,11 +138,12 @@ def _points_that_carry(body: Body, u: np.ndarray, contacts: Mapping[str, Contact
         return []
     held = [interface.nodes[interface.side(name)] for interface in body.member.interfaces]
     held += [np.unique(mesh.groups[clamp.on]) for clamp in body.spec.clamps if clamp.on in mesh.groups]
-    loads, clamped = np.abs(body.member.elasticity.acting.f), ~body.member.elasticity.free
+    acting, clamped = body.member.elasticity.acting, ~body.member.elasticity.free
+    loads, heat = np.abs(acting.f), acting.heat
     pressed = sum(float(np.abs(contacts[each.name].normal_force).sum()) for each in body.member.interfaces)
     least, found = POINT * max(body.member.elasticity.load, pressed), []
     for on, nodes in points.items():
-        force = np.abs(forces_at(mesh, body.material, u, nodes)) * clamped[nodes]
+        force = np.abs(forces_at(mesh, body.material, u, nodes) - heat[nodes]) * clamped[nodes]
         alone = not any(np.isin(nodes, others).any() for others in held)
         if alone and (force > np.maximum(least, 2.0 * loads[nodes])).any():  # nodes have their share of other loads
             found.append(f"body.{name}.clamp: the point {on!r} carries a force of {force.max():.3g}; it gives way the "

@@ -73,6 +73,8 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
         group_nodes(mesh, clamp.on, f"body.{body.name}.clamp")
     for traction in body.traction:
         boundary_group(mesh, traction.on, f"body.{body.name}.traction")
+    for foundation in body.foundation:
+        boundary_group(mesh, foundation.on, f"body.{body.name}.foundation")
     return _turned(mesh, key) if axisymmetric else mesh
 
 

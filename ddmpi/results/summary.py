@@ -44,17 +44,19 @@ SUMMARY = {
     "bodies.NAME.n": "its unknowns",
     "bodies.NAME.ranks": "that it lives on",
     "bodies.NAME.n_A": "multiplications by A⁻¹",
-    "bodies.NAME.held": "whether its clamps alone prevent every rigid motion",
+    "bodies.NAME.held": "whether its clamps and foundations alone prevent every rigid motion",
     "bodies.NAME.displacement_max": "largest displacement",
     "bodies.NAME.von_mises_max": "largest von Mises stress; null if stresses were not asked for",
-    "bodies.NAME.energy": "strain energy",
-    "bodies.NAME.reaction": "[x, y], in space [x, y, z]: resultant of the forces of its clamps",
+    "bodies.NAME.energy": "strain energy, without that of foundations",
+    "bodies.NAME.reaction": "[x, y], in space [x, y, z]: resultant of the forces of its clamps and "
+                           "foundations",
     "bodies.NAME.loads.GROUP.force": "[x, y], in space [x, y, z]: resultant of the tractions on a boundary group; that "
                                      "of the volume force is under the name volume_force",
     "bodies.NAME.loads.GROUP.moment": "x F_y − y F_x of the same forces, in space [x, y, z], about the origin",
-    "bodies.NAME.reactions.GROUP.force": "resultant of the forces of the clamps of a group. Where groups share nodes, "
-                                         "each component of the force on a node counts for one clamp, the last one in "
-                                         "the scene that holds it; all reactions together are reaction",
+    "bodies.NAME.reactions.GROUP.force": "resultant of the forces of clamps and foundations on a group. "
+                                         "Where groups share nodes, each component of the force on a node counts for "
+                                         "one clamp, the last one in the scene that holds it; all reactions together "
+                                         "are reaction",
     "bodies.NAME.reactions.GROUP.moment": "of the same forces about the origin",
     "bodies.NAME.discretization_error": "its part of the estimated error, relative to the energy norm of all bodies",
     "bodies.NAME.n_A_by_purpose": "n_A in parts",

@@ -37,7 +37,7 @@ FileKind = Callable[[BodySpec], tuple[int, Literal[1, 2]]]
 EXTENTS = ("size", "divisions", "radii", "angles", "bodies", "on")
 """Rows of numbers or words that are neither places nor vectors."""
 
-FORMULAS = ("x", "y", "z", "value", "pressure", "volume_force", "gap")
+FORMULAS = ("x", "y", "z", "value", "pressure", "volume_force", "gap", "temperature")
 """Keys whose values may be formulas."""
 
 PETScOptions = dict[str, str | int | Number | bool]
@@ -89,6 +89,7 @@ class Scene(Table, frozen=True, kw_only=True):
             raise ValueError("output.mirrored: shows the other half of what turns around an axis; write axisymmetric = "
                              "true at the top, or leave it out")
         self._check_histories()
+        self._check_heat()
         check_petsc(self.petsc)
         two = (len(self.body), len(self.rigid), len(self.contact)) == (2, 0, 1)
         if self.method.for_two and not (two and self.contact[0].kind == "unilateral"):
@@ -161,7 +162,8 @@ class Scene(Table, frozen=True, kw_only=True):
             entries: list[tuple[str, Clamp | Traction]]
             entries = [*((f"clamp.{k}", each) for k, each in enumerate(body.clamps)),
                        *((f"traction.{k}", each) for k, each in enumerate(body.traction))]
-            for part, name in [*((part, each.history) for part, each in entries), ("volume_force", body.weight[1])]:
+            for part, name in [*((part, each.history) for part, each in entries), ("volume_force", body.weight[1]),
+                               ("temperature", body.heat.history)]:
                 if name is not None:
                     yield f"{key}.{part}", name
         for rigid in self.rigid:
@@ -170,6 +172,14 @@ class Scene(Table, frozen=True, kw_only=True):
         for contact in self.contact:
             if (name := contact.opening[1]) is not None:
                 yield f"contact.{contact.settled().name}.gap", name
+
+    def _check_heat(self) -> None:
+        """Where materials expand, some body has a temperature; the others keep that of the state free of stress."""
+        expanding = [body.name for body in self.body if any(material.expansion for material in body.materials)]
+        if expanding and all(body.temperature is None for body in self.body):
+            raise ValueError(f"body.{expanding[0]}.material.expansion: no body has a temperature, so nothing expands; "
+                             "write temperature = 80.0 (K over the state free of stress) into a [[body]], or leave "
+                             "expansion out")
 
     def _check_partners(self, contact: SettledContact) -> None:
         """A contact is between two bodies, or a body and then a rigid partner, with a group for each body."""

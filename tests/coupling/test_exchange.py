@@ -168,7 +168,7 @@ def test_messages_and_bytes_of_vectors_are_counted(comm):
     exchange = bodies.exchange
     exchange.swap_objects({(key, side): None for own in bodies.mine.values() for key, (_, side) in own.items()})
     exchange.meet("test")
-    assert exchange.state() == {"messages": 0, "bytes": 0, "reductions": 1, "reduced_bytes": 32}  # of `meet`
+    assert exchange.state() == {"messages": 0, "bytes": 0, "reductions": 1, "reduced_bytes": 24}  # of `meet`
     lent = {rank: [each for each in CONTACTS.values() if each[0] == "abcd"[comm.rank] and each[1] == "abcd"[rank]]
             for rank in range(4)}
     borrowed = {rank: [each for each in CONTACTS.values() if each[1] == "abcd"[comm.rank] and each[0] == "abcd"[rank]]

@@ -303,7 +303,8 @@ def solve_scene(comm, scene: dict) -> dict:
     for body in assembly.bodies:
         u = solution.displacements[body.spec.name]
         own.append({"name": body.spec.name, "points": body.mesh.points, "u": u,
-                    "energy": estimate_error(body.mesh, body.material, u).energy / 2,
+                    "energy": estimate_error(body.mesh, body.material, u,
+                                              body.member.elasticity.acting.heated).energy / 2,
                     "n_A": body.member.C.count.total()})
     bodies = [each for rank in comm.allgather(own) for each in rank]
     energies = {b["name"]: b["energy"] for b in bodies}
