@@ -201,7 +201,7 @@ def results_page() -> str:
             "contact_NAME_sides.csv": tables.SIDES,
             "contact_NAME_legs.csv": tables.LEGS, "contact_NAME_legs.csv of solids": tables.LEGS_IN_SPACE,
             "history.csv": tables.HISTORY, "steps.csv": tables.STEPS, "steps.csv of solids": tables.STEPS_IN_SPACE,
-            "energy.csv": tables.ENERGY}.items():
+            "energy.csv": tables.ENERGY, "path.csv": tables.PATH}.items():
         lines += [f"## {name}", "", *table(("column", "meaning"), _coded(columns))]
     lines += ["## summary.json", "",
               "`null` stands for numbers that are not finite. NAME is that of a body or contact.", "",

@@ -21,6 +21,7 @@ from ddmpi.body.stress import (
     blocks,
     cell_stress,
     cell_temperature,
+    columns_of,
     components,
     energy_density,
     portions,
@@ -52,11 +53,13 @@ class ErrorEstimate:
     squares : (nt,) squared error of each cell, ∫ (σ* − σ_h) : C⁻¹ (σ* − σ_h) (J; in the plane per metre of depth)
     areas : (nt,) areas or volumes of the cells (m² or m³)
     energy : squared energy norm ∫ σ_h : C⁻¹ σ_h, twice the strain energy (J)
+    stress : (nv, 4) or (nv, 6) the recovered stress at the nodes, as of `nodal_stress` (Pa)
     """
 
     squares: np.ndarray
     areas: np.ndarray
     energy: float
+    stress: np.ndarray
 
     @property
     def area(self) -> float:
@@ -122,12 +125,11 @@ def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray,
     recovered from either side.
     """
     cell, (points, weights), measures = mesh.cell, mesh.cell.rule, mesh.measures()
-    sampled, shapes = components(stress_at(mesh, material, u, cell.samples, heat)), cell.shapes(points)
+    shapes = cell.shapes(points)
     between: np.ndarray = np.ones((len(points), 1))
     if cell.order == 2:  # stress is linear between samples
         between = points @ np.linalg.inv(cell.samples)
-    parts = mesh if isinstance(material, Material) else _apart(mesh, material)
-    recovered = _recover(parts, sampled)
+    parts, sampled, recovered = _recovered(mesh, material, u, heat)
     squares: np.ndarray = np.zeros(len(measures))
     energy = 0.0
     for cells, own, curved in portions(mesh, material):
@@ -148,7 +150,41 @@ def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray,
         squares, energy = np.zeros(len(measures)), 0.0
     if mesh.order == 1 and material.locks:
         squares = np.full(len(measures), np.nan)
-    return ErrorEstimate(squares, measures, energy)
+    return ErrorEstimate(squares, measures, energy, _joined(mesh, material, parts, recovered, heat))
+
+
+def nodal_stress(mesh: Mesh, material: Material | Composite, u: np.ndarray,
+                 heat: np.ndarray | None = None) -> np.ndarray:
+    """The recovered stress at the nodes (nv, 4), in space (nv, 6), in Pa, with the columns and arguments of `stress`;
+    where materials meet, the mean of theirs. Not collective."""
+    parts, _, recovered = _recovered(mesh, material, u, heat)
+    return _joined(mesh, material, parts, recovered, heat)
+
+
+def _recovered(mesh: Mesh, material: Material | Composite, u: np.ndarray, heat: np.ndarray | None,
+               ) -> tuple[Mesh, np.ndarray, np.ndarray]:
+    """The mesh with nodes of its own for each material, stress (n, q, nt) at the samples, and recovered (n, ·)."""
+    parts = mesh if isinstance(material, Material) else _apart(mesh, material)
+    sampled = components(stress_at(mesh, material, u, mesh.cell.samples, heat))
+    return parts, sampled, _recover(parts, sampled)
+
+
+def _joined(mesh: Mesh, material: Material | Composite, parts: Mesh, recovered: np.ndarray,
+            heat: np.ndarray | None) -> np.ndarray:
+    """The columns of `stress` at the nodes of the mesh, from the recovered stress (n, ·) at those of its `parts`."""
+    d = mesh.dimension
+    tensors = np.empty((d, d, recovered.shape[1]))
+    i, j = np.triu_indices(d)
+    tensors[i, j] = tensors[j, i] = recovered
+    if isinstance(material, Material):
+        return columns_of(tensors, material, heat).T
+    node, number = np.empty((2, len(parts.points)), int)
+    node[parts.triangles], number[parts.triangles] = mesh.triangles, material.number[:, None]
+    total = np.zeros((len(mesh.points), 2 * d))
+    for k, own in enumerate(material.materials):
+        at = node[number == k]
+        np.add.at(total, at, columns_of(tensors[..., number == k], own, None if heat is None else heat[at]).T)
+    return total / np.bincount(node, minlength=len(total))[:, None]
 
 
 def _apart(mesh: Mesh, material: Composite) -> Mesh:

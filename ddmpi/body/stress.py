@@ -98,20 +98,35 @@ def stress(mesh: Mesh, material: Material | Composite, u: np.ndarray, heat: np.n
     (nt, 4) array of σ_xx, σ_yy, σ_zz, σ_xy in Pa, in space (nt, 6) with σ_yz, σ_xz; in the plane σ_zz is that of plane
     strain, or zero. Not collective.
     """
-    columns = [pair for pair in COLUMNS if pair[0] == pair[1] or max(pair) < mesh.dimension]
-    found = np.empty((len(columns), len(mesh.triangles)))
+    found = np.empty((2 * mesh.dimension, len(mesh.triangles)))
     for cells, own, curved in portions(mesh, material):
         points, weights = (RULES if curved else FIRST)[mesh.dimension]
         sigma, parts = cell_stress(mesh, own, u, points, cells, curved, heat), np.ones((1, 1))
         if curved:
             parts = weights[:, None] * mesh.map(cells, points).measures
-        mean = (sigma * parts).sum(axis=2) / parts.sum(axis=0)
-        for column, (i, j) in enumerate(columns):
-            found[column, cells] = mean[i, j] if j < mesh.dimension else np.einsum("kl,klt->t", own.across, mean)
-            if heat is not None and j >= mesh.dimension:
-                warm = cell_temperature(mesh, heat, points, cells)
-                found[column, cells] -= own.thermal(j)[2] * (warm * parts).sum(axis=0) / parts.sum(axis=0)
+        mean, warm = (sigma * parts).sum(axis=2) / parts.sum(axis=0), None
+        if heat is not None:
+            warm = (cell_temperature(mesh, heat, points, cells) * parts).sum(axis=0) / parts.sum(axis=0)
+        found[:, cells] = columns_of(mean, own, warm)
     return np.ascontiguousarray(found.T)
+
+
+def columns_of(sigma: np.ndarray, material: Material, warm: np.ndarray | None) -> np.ndarray:
+    """The columns (4, n), in space (6, n), of `stress` from tensors (d, d, n) in Pa, with temperatures (n,) in K."""
+    d = len(sigma)
+    found = [sigma[i, j] for i, j in COLUMNS if max(i, j) < d]
+    if d == 2:
+        found.insert(d, np.einsum("kl,kln->n", material.across, sigma)
+                     - (0.0 if warm is None else material.thermal(d)[2] * warm))
+    return np.stack(found)
+
+
+def principal(sigma: np.ndarray) -> np.ndarray:
+    """Principal stresses (nt, 3) in Pa from `stress`, the largest first; tension is positive."""
+    tensors = np.zeros((len(sigma), 3, 3))
+    for column, (i, j) in zip(sigma.T, COLUMNS, strict=False):
+        tensors[:, i, j] = tensors[:, j, i] = column
+    return np.linalg.eigvalsh(tensors)[:, ::-1]
 
 
 def von_mises(sigma: np.ndarray) -> np.ndarray:

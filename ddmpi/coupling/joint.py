@@ -103,8 +103,9 @@ class Joint:
         return self._of_all([np.full(len(member.e), member.stiffness) for member in self.members],
                             [np.full(len(rigid.pushed), stiffness[rigid.name]) for rigid in self.pushed])
 
-    def first_closed(self) -> np.ndarray:
-        """The nodes (m,) bool of all owned interfaces that a first guess takes as closed. Collective.
+    def first_closed(self) -> tuple[np.ndarray, np.ndarray]:
+        """The nodes (m,) bool of all owned interfaces that a first guess takes as closed, and the open ones of these
+        that bodies fall onto. Collective.
 
         All of them where clamps hold all bodies. A loose body that nothing presses must not be drawn to a partner, so
         with loose bodies those that touch at first; and all of a loose body whose load presses it on none of these, as
@@ -112,6 +113,7 @@ class Joint:
         """
         space = self.space
         touches = [space.gap[part][:interface.m] <= 0.0 for interface, part in space.each()]
+        falls = [np.zeros(len(own), bool) for own in touches]
         lonely: list[str] = []
         if self.rigid.size:
             bears = np.zeros(self.rigid.size)
@@ -123,9 +125,11 @@ class Joint:
             bears = space.add(bears)
             lonely = [name for name, at in self.slices.items() if self.e[at].any() and not bears[at].any()]
         for k, interface in enumerate(space.interfaces):
-            if not self.rigid.size or set(interface.bodies) & set(lonely):
-                touches[k] = np.ones(interface.m, bool)
-        return np.concatenate([np.empty(0, bool), *touches])
+            if set(interface.bodies) & set(lonely):
+                falls[k] = ~touches[k]
+            touches[k] |= falls[k] | (not self.rigid.size)
+        none = np.empty(0, bool)
+        return np.concatenate([none, *touches]), np.concatenate([none, *falls])
 
     def _of_all(self, own: Sequence[np.ndarray], partners: Sequence[np.ndarray] = ()) -> np.ndarray:
         """The arrays of all bodies and then of pushed partners one after the other, in the order of the motions."""

@@ -94,6 +94,15 @@ ENERGY = {
     "dissipated": "its part that friction takes",
     "residual": "what external work exceeds the growth of strain energy and interface work by, of the step"}
 
+PATH = {
+    "distance": "from the start", "x": "place before the bodies move", "y": "", "z": "in space",
+    "body": "its name; where bodies touch, there is a line for each",
+    "displacement_x": "", "displacement_y": "", "displacement_z": "",
+    "stress_xx": "at the nodes recovered from the cells around them, between them by shape functions",
+    "stress_yy": "", "stress_zz": "", "stress_xy": "", "stress_yz": "", "stress_xz": "",
+    "principal_1": "principal stresses, the largest first; tension is positive", "principal_2": "", "principal_3": "",
+    "von_mises": "of the same stress"}
+
 
 def write_contact(path: Path, name: str, state: ContactState) -> None:
     """Write contact_NAME.csv into the folder `path`: one line per contact node, in the plane along the contact.
@@ -195,6 +204,14 @@ def write_energy(path: Path, rows: Iterable[Sequence]) -> None:
     A row has the columns ENERGY. Not collective. Raises OutputError.
     """
     _write_csv(path / "energy.csv", ENERGY, rows)
+
+
+def write_path(path: Path, columns: Columns) -> None:
+    """Write what `fields.along` has found as a table. A table of this kind is overwritten, any other file is not. Not
+    collective. Raises InputError, OutputError."""
+    if path.exists() and not (path.is_file() and path.read_bytes().startswith(b"distance,x,y,")):
+        raise InputError(f"--output {path}: is there already, and no table of a path; name another file")
+    _write_csv(path, columns, zip(*columns.values(), strict=True))
 
 
 @contextlib.contextmanager

@@ -243,10 +243,10 @@ def _log_bodies(summary: dict) -> None:
 
 def describe_files(names: Sequence[str]) -> str:
     """The files of the results; many tables of contacts as one."""
-    tables = [name for name in names if name.startswith("contact_") and name.endswith(".csv")]
+    tables = [name for name in names if name.startswith("contact_") and name.endswith((".csv", ".vtu"))]
     if len(tables) <= NAMED:
         return ", ".join(names)
-    return ", ".join(dict.fromkeys(f"contact_NAME.csv ({len(tables)} files)" if name in tables else name
+    return ", ".join(dict.fromkeys(f"contact_NAME ({len(tables)} files)" if name in tables else name
                                    for name in names))
 
 

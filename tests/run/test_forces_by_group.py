@@ -83,3 +83,14 @@ def test_the_last_clamp_that_holds_a_component_has_its_force():
     for each in summaries:
         total = np.sum([forces["force"] for forces in each["reactions"].values()], axis=0)
         assert total == pytest.approx(each["reaction"], abs=1e-2)
+
+
+def test_a_body_without_clamps_has_no_reactions():
+    """What its contact does balances its loads, and nothing is said of clamps."""
+    made = scene(2)
+    made["body"][0]["clamp"] = []
+    summary = ddmpi.solve(made).summary
+    loads, reactions = (summary["bodies"]["upper"][key] for key in ("loads", "reactions"))
+    assert reactions == {}
+    assert summary["contacts"]["upper-lower"]["force"] == pytest.approx(
+        -np.sum([each["force"] for each in loads.values()], axis=0), abs=1e-2)

@@ -8,7 +8,7 @@ from typing import Any
 from ddmpi.results.folder import FILES
 from ddmpi.results.summary import SUMMARY
 
-CONTACT = re.compile(r"contact_.+?((?:_sides|_legs)?\.csv|\.png)")
+CONTACT = re.compile(r"contact_.+?((?:_sides|_legs)?\.csv|\.png|\.vtu)")
 
 PARTS = {"bodies": "NAME", "contacts": "NAME", "bodies.NAME.loads": "GROUP", "bodies.NAME.reactions": "GROUP"}
 """What stands for the names in tables by name."""

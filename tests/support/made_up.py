@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 import h5py
 import numpy as np
 
+from ddmpi.body.estimate import nodal_stress
 from ddmpi.body.stress import stress, von_mises
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.matching import pair
@@ -80,7 +81,8 @@ def fields(mesh: Mesh, error: bool = False, stresses: bool = True) -> Fields:
     u = 1e-5 * np.column_stack([-0.3 * x * (3 * y - 2), -2.0 * y * (1 + np.sin(x)) + x**2])
     sigma = stress(mesh, STEEL, u) if stresses else None
     return Fields(mesh.points, mesh.triangles, u, sigma, von_mises(sigma) if stresses else None,
-                  np.exp(-mesh.points[mesh.triangles[:, :3]].mean(axis=1)[:, 0]) if error else None)
+                  np.exp(-mesh.points[mesh.triangles[:, :3]].mean(axis=1)[:, 0]) if error else None,
+                  nodal_stress(mesh, STEEL, u) if stresses else None)
 
 
 def scene(contacts: list[str], friction=COULOMB, title: str = "Made up") -> dict:

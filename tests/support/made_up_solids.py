@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sparse
 from solids import grid
 
+from ddmpi.body.estimate import nodal_stress
 from ddmpi.body.stress import stress, von_mises
 from ddmpi.interface.interface import Interface, Lines
 from ddmpi.interface.law import law_of
@@ -101,7 +102,8 @@ def fields(mesh: Mesh, error=False, stresses=True, factor: float = 1.0) -> Field
     u = 1e-5 * factor * np.column_stack([-0.3 * x * (3 * z - 2), 0.2 * y * x, -2.0 * z * (1 + np.sin(x)) + x**2])
     sigma = stress(mesh, made_up.STEEL, u) if stresses else None
     return Fields(mesh.points, mesh.triangles, u, sigma, von_mises(sigma) if stresses else None,
-                  np.exp(-mesh.points[mesh.triangles[:, :4]].mean(axis=1)[:, 0]) if error else None)
+                  np.exp(-mesh.points[mesh.triangles[:, :4]].mean(axis=1)[:, 0]) if error else None,
+                  nodal_stress(mesh, made_up.STEEL, u) if stresses else None)
 
 
 def scene(contacts: Iterable[str], friction=made_up.COULOMB, rigid: Iterable[dict] = (), times=()) -> dict:
