@@ -97,8 +97,15 @@ class Assembly:
         return body.member
 
     @property
+    def pushes(self) -> dict[str, float]:
+        """Sum of the components (N) of the force on each pushed partner, the largest at the ends of all legs."""
+        factors = [self.scene.factors(time) for time in self.scene.legs]
+        return {rigid.name: float(np.abs(rigid.force or 0.0).sum()) * max(abs(each[rigid.history]) for each in factors)
+                for rigid in self.joint.pushed}
+
+    @property
     def loose(self) -> list[str]:
-        """Names of the bodies that clamps do not hold."""
+        """Names of the bodies that clamps do not hold, and of the rigid partners that are pushed."""
         return [name for name, motions in self.joint.slices.items() if motions.stop > motions.start]
 
 
@@ -186,7 +193,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     numbers = [body.name for body in scene.body]
     return Assembly(world, scene, tuple(Body(numbers.index(spec.name), spec, meshes[spec.name], member)
                                         for spec, member in zip(mine, members, strict=True)),
-                    space, exchange, Joint(members, exchange, space, histories),
+                    space, exchange, Joint(members, exchange, space, histories, scene.pushed),
                     world.allreduce(sum(each.n for each in bodies.values())),
                     sum(merged(world, {interface.name: interface.m for interface in interfaces}).values()), told)
 
@@ -249,7 +256,7 @@ def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | Non
         (rigid,) = (each for each in scene.rigid if each.name == contact.bodies[1])
         interface = face_rigid(first, rigid, contact)
         moved = dict(zip("xyz", rigid.displacement or (), strict=False))
-        partner = Mover(rigid.name, [Clamp(on=rigid.name, history=rigid.history, **moved)])
+        partner = Mover(rigid.name, [Clamp(on=rigid.name, history=rigid.history, **moved)], pushed=rigid.pushed)
     else:
         if any(body.mesh.geometry for body in scene.body if body.name in contact.bodies):
             refinement = 1  # its nodes match by their number alone

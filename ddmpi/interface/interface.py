@@ -304,15 +304,19 @@ class Mover:
     name : of the body or the partner
     clamps : of the body; of a partner its displacement, as one clamp
     side : of the body; None of a partner
+    pushed : axes along which a force moves the partner
     """
 
     name: str
     clamps: Sequence[Clamp]
     side: Side | None = None
+    pushed: Sequence[int] = ()
 
     def free(self, places: Places, k: int) -> np.ndarray:
         """(n, d) the share in the motion of `places` that this side, the k-th, has without clamps."""
-        return np.zeros_like(places.normal) if self.side is None else abs(self.at(places, k, 1.0 * self.side.free))
+        if self.side is None:
+            return np.zeros_like(places.normal) + np.isin(np.arange(places.normal.shape[1]), self.pushed)
+        return abs(self.at(places, k, 1.0 * self.side.free))
 
     def moved(self, places: Places, k: int, factors: Mapping[str | None, float]) -> np.ndarray:
         """(n, d) the displacement of places that clamps prescribe (m), with these factors by history."""

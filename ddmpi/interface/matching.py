@@ -97,8 +97,10 @@ def face_rigid(side: Side, rigid: Rigid, contact: SettledContact) -> Interface:
         place = in_words(side.xy[np.argmin(np.einsum("ij,ij->i", outward, side.normal))])
         raise InputError(f"contact.{contact.name}: near {place} the boundary of {side.body!r} does not face "
                          f"{rigid.name!r}; {rigid.turned}")
+    clamps = np.zeros_like(side.clamps)
+    clamps[:, rigid.pushed] = -1
     partner = replace(side, body=rigid.name, modulus=np.inf, xy=side.xy - measured[:, None] * outward, normal=outward,
-                      clamps=np.zeros_like(side.clamps))
+                      clamps=clamps)
     if side.facets.shape[1] == 6:
         rows = replace(rows_at_vertices((side, partner), 0, _over_rigid(side, rigid, np.flatnonzero(towards)), contact),
                        points=None)

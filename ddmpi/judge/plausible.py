@@ -121,7 +121,7 @@ def _unresolved(assembly: Assembly, contacts: Mapping[str, ContactState], loads:
     """Warnings of loose bodies whose loads and contact forces are nothing beside the loads of others."""
     most, found = max(loads.values()), []
     for name in assembly.loose:
-        acting = max([loads[name], *(float(np.abs(contacts[contact.name].forces).sum())
+        acting = max([loads.get(name, 0.0), *(float(np.abs(contacts[contact.name].forces).sum())
                                      for contact in assembly.scene.contact if name in contact.bodies)])
         if 0.0 < acting < UNRESOLVED * most:
             found.append(f"body.{name}: the forces on it, {acting:.3g} in all, are nothing beside the loads of "

@@ -236,7 +236,8 @@ class Scene(Table, frozen=True, kw_only=True):
         still = (0.0,) * dimension
         return settle(self, Settled, method=method, dimension=dimension,
                       body=[body.settled(order, dimension, self.axisymmetric) for body in self.body],
-                      rigid=[settle(rigid, type(rigid), displacement=rigid.displacement or still)
+                      rigid=[settle(rigid, type(rigid), displacement=rigid.displacement or still,
+                                    force=rigid.force or None)
                              for rigid in self.rigid],
                       time=self.time.settled() if self.time else None,
                       contact=[contact.settled() for contact in self.contact])
@@ -348,6 +349,12 @@ class Settled(Table, frozen=True, kw_only=True):
         used = {name for body in self.body for name in body.histories} | {rigid.history for rigid in self.rigid}
         used |= {contact.opening[1] for contact in self.contact}
         return [name for name in self.history if name in used]
+
+    @property
+    def pushed(self) -> list[Rigid]:
+        """The rigid partners that are pushed, and that some contact names."""
+        named = {contact.bodies[1] for contact in self.contact}
+        return [rigid for rigid in self.rigid if rigid.pushed and rigid.name in named]
 
     @property
     def legs(self) -> list[float]:
