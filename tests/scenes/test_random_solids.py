@@ -1,7 +1,7 @@
-"""Random assemblies of solids, checked from their result files by scripts/random_solids.py, and that check itself."""
+"""Random assemblies of solids, checked from their result files as scripts/study random_solids does, and that check."""
 
 import pytest
-import random_solids
+import random_assemblies
 import scenes
 import solid_assemblies
 from solid_assemblies import feasible, random_scene, violations
@@ -18,7 +18,7 @@ LIMIT = scenes.LIMIT
      (29, "verified"), (23, "verified"), (2, "verified"), (0, "reported"), (27, "reported"), (31, "reported")])])
 def test_random_assembly(seed, verdict, tmp_path):
     """Certified and verified, or without equilibrium, on one to four ranks."""
-    found = random_solids.judge(seed, 1 + seed % 7 % 4, tmp_path, 1e-5, LIMIT)
+    found = random_assemblies.judge_solids(seed, 1 + seed % 7 % 4, tmp_path, 1e-5, LIMIT)
     assert found[0] == verdict, found
 
 
