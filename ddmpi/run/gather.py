@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from ddmpi.body.elasticity import clamp_forces
 from ddmpi.body.estimate import DiscretizationError
+from ddmpi.body.loads import loads_by_group, resultants
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.ranks import team_of
 from ddmpi.interface.state import ContactState, resultants_in
@@ -182,8 +184,10 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     ranks = team.ranks if team else [world.rank]
     memory = team.do("peak") if team else peak_memory()
     hosts = team.do("hosts") if team else [MPI.Get_processor_name()]
-    own = [(body.number, (body.spec.name, _body(body, solution, error, own_fields[body.spec.name], ranks, memory)))
-           for body in assembly.bodies]
+    factors = scene.factors(1.0 if solution.time is None else solution.time)
+    own = [(body.number, (body.spec.name, _body(body, solution, error, own_fields[body.spec.name], ranks, memory)
+                          | _forces_by_group(body, solution.displacements[body.spec.name], s, factors)))
+           for body, s in zip(assembly.bodies, outer.body_forces(), strict=True)]
     everyone = world.allgather((own, unused_options(), sum(outer.inner_steps.values()), assembly.exchange.state(),
                                 hosts))
     bodies = dict(body for _, body in sorted(itertools.chain(*(each for each, *_ in everyone)),
@@ -223,3 +227,16 @@ def _body(body: Body, solution: Solution, error: DiscretizationError, fields: Fi
         "reaction": 0.0 - outer, "discretization_error": error.by_body[name],
         "n_A_by_purpose": dict(member.C.count), "inner_steps": dict(solution.outer.inner_steps),
         "solver": member.C.solver.description, "compliance": member.C.kind, "memory_mib": memory}
+
+
+def _forces_by_group(body: Body, u: np.ndarray, s: np.ndarray, factors: Mapping[str | None, float]) -> dict:
+    """The applied loads and the forces of clamps, under the displacement u (nv, d) and contact forces s (size,). Not
+    collective."""
+    mesh, member = body.mesh, body.member
+    loads = ((group, factor * f) for history, factor in factors.items()
+             for group, f in loads_by_group(mesh, body.spec, history))
+    clamps = list(clamp_forces(mesh, body.spec, member.elasticity, u, member.pull(s)))
+    found: dict = {"loads": resultants(mesh, loads), "reactions": resultants(mesh, clamps)}
+    if mesh.axisymmetric:  # circumferential stress bears radial forces, too
+        found["reaction"] = sum((f.sum(axis=0) for _, f in clamps), np.zeros(mesh.dimension))
+    return found

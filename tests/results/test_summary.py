@@ -21,7 +21,8 @@ TOP = {"format", "title", "converged", "reason", "outer", "order", "n", "m", "ra
        "algorithm", "splitting", "friction", "eff", "certificate_limit", "solvers", "options_unused",
        "undetermined"}
 
-BODY = {"n", "ranks", "n_A", "held", "displacement_max", "von_mises_max", "energy", "reaction", "discretization_error",
+BODY = {"n", "ranks", "n_A", "held", "displacement_max", "von_mises_max", "energy", "reaction", "loads", "reactions",
+        "discretization_error",
         "compliance", "memory_mib", "n_A_by_purpose", "inner_steps", "solver", "certificate"}
 
 STEP = {"force", "moment", "normal_force", "tangential_force", "open", "slip", "stick", "dissipated"}

@@ -163,7 +163,7 @@ MUTANTS = [Mutant(*row) for row in (
      "coupling[tangential] = (active.slip * slope[:, None]).ravel()", "pass", LAW),
     ("slip bounds change with the pressure of another node", "interface/law",
      "return self.coefficient * pressure[self.sliding]", "return self.coefficient * pressure[:len(self.sliding)]", LAW),
-    ("final gap without the initial one", "interface/state", "interface.gap - moved[0], slip", "-moved[0], slip",
+    ("final gap without the initial one", "interface/state", "interface.opening - moved[0], slip", "-moved[0], slip",
      NODES),
     ("status: slip is called stick", "interface/state", 'status[sliding[slips]] = "slip"', "pass", NODES),
     ("status: open is called slip", "interface/state", 'status[~closed] = "open"', "pass", NODES),
@@ -240,7 +240,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("equilibrium set to zero", "coupling/member", "Au.norm(), size", "0.0, size", SOLVED),
     # methods
     ("no line search in Newton", "methods/newton",
-     "if self._start or self._runs or full[0] <= GAIN * far:", "if full:",
+     "if self._start or full[0] <= (GROWTH if self._runs else GAIN) * far:", "if full:",
      "methods/test_steps.py::test_no_step_makes_the_residual_larger"),
     ("the shortest step instead of the best", "methods/newton",
      "return min(zip(full + there(LENGTHS[1:]), LENGTHS, strict=True))",
