@@ -94,9 +94,10 @@ class Joint:
         return self.rigid.joined(more), self._of_all(values)
 
     def rigid_moduli(self) -> np.ndarray:
-        """`Member.stiffness` (N/m²; in space N/m) of the body that each rigid motion belongs to, or of the stiffest body
-        that a partner pushes (rigid.size,)."""
-        own = [(name, member.stiffness) for member in self.members for each in member.interfaces for name in each.bodies]
+        """`Member.stiffness` (N/m²; in space N/m) of the body that each rigid motion belongs to, or of the stiffest
+        body that a partner pushes (rigid.size,)."""
+        own = [(name, member.stiffness) for member in self.members for each in member.interfaces
+               for name in each.bodies]
         stiffness: dict[str, float] = {}
         for name, value in itertools.chain(*self._exchange.world.allgather(own)):
             stiffness[name] = max(value, stiffness.get(name, 0.0))
