@@ -141,6 +141,8 @@ EXHIBITS = [
             contact("fit", "moment", factor=1e-3), {"time.steps": 1}),
     Exhibit("press_fit", "contact.png", 0.0326, "mm", 0.01, "rod theory",
             lambda summary: summary["displacement_max"], {"time.steps": 1}),
+    Exhibit("rail_on_bed", "bodies.png", 603.2, "N/mm", 1e-3, "beam on springs",
+            contact("rail-wheel", "normal_force")),
     Exhibit("fretting", "steps.png", 0.424, "N mm/mm", 1e-3, "mesh twice as fine: 2.8 % less", second_cycle,
             {"time.steps": 2}),
     Exhibit("bolted_plates", "contacts.png", 3200, "N/mm", 1e-5, "balance",

@@ -11,9 +11,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+import scipy.sparse as sparse
 from petsc4py import PETSc
 
-from ddmpi.body.loads import clamp_nodes, lost_loads, nodal_loads, refuse_underflow, temperature, thermal_loads
+from ddmpi.body.loads import (
+    clamp_nodes,
+    lost_loads,
+    nodal_loads,
+    refuse_underflow,
+    springs,
+    temperature,
+    thermal_loads,
+)
 from ddmpi.body.rigid_motions import body_motions, near_null_space
 from ddmpi.body.stiffness import forces_at, sum_stiffness
 from ddmpi.body.stress import material_of
@@ -142,8 +151,11 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     material = material_of(mesh, body)
     K = sum_stiffness(mesh, material)
     clamps, prescribed = clamp_nodes(mesh, body)
-    free = clamps < 0
-    motions = body_motions(mesh, K, free, body.name)
+    free, found = clamps < 0, list(springs(mesh, body))
+    rows = sparse.vstack([Q for *_, Q in found], format="csr") if found else None
+    motions = body_motions(mesh, K, free, body.name, rows)
+    for _, root, Q in found:
+        K = K.with_springs(root * Q)
     nodes = np.flatnonzero(free.any(axis=1))
     loose = free[nodes]
     cases = {}
@@ -155,15 +167,15 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
         refuse_underflow(mesh, body, right, moved, float(K.diagonal.max()))
         cases[history] = LoadCase(f, warm, heat, energy**0.5, moved, taken, (right[nodes] * loose).ravel())
     case = _sum_cases([(1.0, each) for each in cases.values()])
-    rows, d = K.to_csr(free, nodes), mesh.dimension
-    if not (np.isfinite(rows.data).all() and np.isfinite(case.b).all()
+    whole, d = K.to_csr(free, nodes), mesh.dimension
+    if not (np.isfinite(whole.data).all() and np.isfinite(case.b).all()
             and K.diagonal[nodes].diagonal(axis1=1, axis2=2).min() > 0.0):
         raise InputError(f"body.{body.name}: material, loads and lengths give numbers out of the range of "
                          "double precision; choose other units")
 
     matrix = PETSc.Mat().createAIJWithArrays(
-        rows.shape, (rows.indptr.astype(PETSc.IntType, copy=False), rows.indices.astype(PETSc.IntType, copy=False),
-                     rows.data), bsize=d, comm=comm)
+        whole.shape, (whole.indptr.astype(PETSc.IntType, copy=False), whole.indices.astype(PETSc.IntType, copy=False),
+                      whole.data), bsize=d, comm=comm)
     matrix.setBlockSize(d)  # createAIJWithArrays ignores its bsize
     matrix.setOption(PETSc.Mat.Option.SYMMETRIC if motions.size else PETSc.Mat.Option.SPD, True)
     matrix.setNearNullSpace(near_null_space(mesh.points[nodes], loose, comm))
@@ -175,7 +187,7 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
 
 def clamp_forces(mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarray,
                  pull: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
-    """What each clamp does to the body: its group, and nodal forces (nv, d) in newtons. Not collective.
+    """What each clamp and foundation does to the body: its group, and nodal forces (nv, d) in newtons. Not collective.
 
     A component of a node that several clamps hold is the last one's, so that all forces together are counted once.
 
@@ -184,10 +196,14 @@ def clamp_forces(mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarr
     u : (nv, d) displacement under the present loads (m)
     pull : (nv, d) contact forces on the body (N)
     """
-    held, acting = np.flatnonzero(~elasticity.free.all(axis=1)), elasticity.acting
-    forces = np.zeros_like(u)
+    held = np.flatnonzero(~elasticity.free.all(axis=1))
+    forces, given = np.zeros_like(u), elasticity.acting.f + elasticity.acting.heat + pull
+    for on, root, Q in springs(mesh, body):
+        pressed = -root**2 * (Q.T @ (Q @ u.ravel())).reshape(u.shape)
+        given = given + pressed
+        yield on, pressed
     if len(held):
-        forces[held] = forces_at(mesh, material_of(mesh, body), u, held) - (acting.f + acting.heat + pull)[held]
+        forces[held] = forces_at(mesh, material_of(mesh, body), u, held) - given[held]
     for which, clamp in enumerate(body.clamps):
         yield clamp.on, np.where(elasticity.clamps == which, forces, 0.0)
 

@@ -148,9 +148,11 @@ class Laws:
         """Which nodes are closed and which slip at q = s − c r (size,)."""
         return [law.active_set(part) for law, part in self.parts(q)]
 
-    def sticking(self, closed: np.ndarray) -> list[ActiveSet]:
-        """The nodes `closed` of all interfaces closed and sticking, the others open."""
-        return [law.sticking(own) for law, own in zip(self.laws, np.split(closed, self._nodes), strict=True)]
+    def sticking(self, closed: np.ndarray, falls: np.ndarray | None = None) -> list[ActiveSet]:
+        """The nodes `closed` of all interfaces closed and sticking, but for those that fall; the others open."""
+        falls = np.zeros_like(closed) if falls is None else falls
+        return [law.sticking(*own) for law, *own in zip(self.laws, np.split(closed, self._nodes),
+                                                        np.split(falls, self._nodes), strict=True)]
 
     def linearise(self, active: list[ActiveSet]) -> list[Tangent]:
         """What the active sets imply for the forces of each interface."""

@@ -82,7 +82,7 @@ def _describe_body(member: Member, ranks: int, way: str) -> str:
     way += "" if ranks == 1 else f"on {ranks} ranks; "
     motions, solver, compliance = member.motions.shape[2], member.C.solver.description, member.C
     if motions:
-        way += f"not held by clamps ({_count(motions, 'rigid motion')}); "
+        way += f"not held by clamps or foundations ({_count(motions, 'rigid motion')}); "
     way += "direct solver" if solver == DIRECT else f"solver {solver}"
     if compliance.solver.refused:
         way += f" through PETSc (MUMPS is not called directly: {compliance.solver.refused})"
@@ -223,7 +223,7 @@ def _log_between_nodes(contacts: dict, units: dict) -> None:
 
 def _log_bodies(summary: dict) -> None:
     bodies, units = summary["bodies"], summary["units"]
-    clamped = {each["name"] for each in summary["scene"]["body"] if each["clamp"]}
+    held = {each["name"] for each in summary["scene"]["body"] if each["clamp"] or each["foundation"]}
     listed = list(bodies)
     if len(bodies) > LISTED:
         moved, stressed = (max(bodies, key=lambda name: _number(bodies[name][key]))
@@ -232,11 +232,11 @@ def _log_bodies(summary: dict) -> None:
         log.info("%d bodies: largest displacement %.4g %s, of %s%s", len(bodies),
                  _number(bodies[moved]["displacement_max"]), units["length"], moved,
                  "" if stress is None else f"; largest von Mises stress {stress:.4g} {units['stress']}, of {stressed}")
-        listed = [name for name in bodies if name in clamped][:LISTED]
+        listed = [name for name in bodies if name in held][:LISTED]
     for name in listed:
         body, stress = bodies[name], bodies[name]["von_mises_max"]
         log.info("%s: %slargest displacement %.4g %s%s", name,
-                 f"reaction of its clamps {_vector(body['reaction'])} {units['force']}, " if name in clamped else "",
+                 f"reaction {_vector(body['reaction'])} {units['force']}, " if name in held else "",
                  _number(body["displacement_max"]), units["length"],
                  "" if stress is None else f", von Mises stress {stress:.4g} {units['stress']}")
 

@@ -16,6 +16,7 @@ from ddmpi.scene.values import (
     Formula,
     Group,
     Name,
+    NonNegative,
     Number,
     Point,
     Positive,
@@ -37,7 +38,7 @@ class Material(Table, frozen=True, kw_only=True):
     ----------
     young : Young's modulus (Pa)
     poisson : Poisson's ratio; linear triangles lock near 0.5, quadratic ones do not
-    plane : plane strain, the default in the plane, or plane stress; solids have none
+    plane : plane strain, the default in the plane, or plane stress; solids and turned parts have none
     expansion : coefficient of thermal expansion (1/K), with the body's temperature
     """
 
@@ -163,6 +164,25 @@ class Traction(Table, frozen=True, kw_only=True):
         return next(each for each in (self.value, self.pressure, self.force) if each is not None)
 
 
+class Foundation(Table, frozen=True, kw_only=True):
+    """Springs between a boundary group and the ground, as a mat or rubber; see docs/use/supports.md.
+
+    Attributes
+    ----------
+    on : boundary group
+    normal : stiffness along the normal, per area (N/m³); it pulls as well as it presses
+    tangential : stiffness along the surface, per area (N/m³)
+    """
+
+    on: Group
+    normal: NonNegative = 0.0
+    tangential: NonNegative = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.normal and not self.tangential:
+            raise ValueError("a foundation has a stiffness per area, as in normal = 1e9 or tangential = 1e8")
+
+
 class VolumeForce(AffineVector, frozen=True, kw_only=True):
     """Force per volume (N/m³): linear in the coordinates, or a ``value``.
 
@@ -210,6 +230,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
     mesh : see below
     material : one, or a list with an entry for each part of a drawing or a mesh file
     clamp : boundary groups or physical points: by name, whose displacements are zero, or with given displacements
+    foundation : springs on boundary groups, which hold the body where they resist
     traction : loads on boundary groups
     volume_force : such as weight (N/m³), a list [x, y] or [x, y, z], or a table
     temperature : over the state free of stress (K), a number, a formula, or a table; it takes a material.expansion
@@ -219,6 +240,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
     mesh: MeshSpec
     material: Material | Annotated[list[PartMaterial], msgspec.Meta(min_length=1)]
     clamp: list[Group | Clamp] = []
+    foundation: list[Foundation] = []
     traction: list[Traction] = []
     volume_force: Vector | VolumeForce | None = None
     temperature: Number | Formula | Heat | None = None
@@ -274,6 +296,12 @@ class BodySpec(Table, frozen=True, kw_only=True):
         return [Clamp(on=c, x=0.0, y=0.0, z=0.0) if isinstance(c, str) else c for c in self.clamp]
 
     @property
+    def groups(self) -> list[str]:
+        """Names of the groups, curves and points that clamps, loads and foundations act on."""
+        return [*(clamp.on for clamp in self.clamps), *(load.on for load in self.traction),
+                *(springs.on for springs in self.foundation)]
+
+    @property
     def weight(self) -> tuple[Vector | AffineVector, str | None]:
         """The volume force (N/m³), and the history that it follows."""
         force = self.volume_force
@@ -294,12 +322,13 @@ class BodySpec(Table, frozen=True, kw_only=True):
                  self.heat.history]
         return list(dict.fromkeys(name for name in named if name is not None))
 
-    def settled(self, order: Literal[1, 2], dimension: int = 2) -> SettledBody:
-        """This body with elements of `order`, in the plane or in space."""
+    def settled(self, order: Literal[1, 2], dimension: int = 2, axisymmetric: bool = False) -> SettledBody:
+        """This body with elements of `order`, in the plane, around an axis or in space."""
         mesh = self.mesh
         finest = mesh.contact_size or TOWARDS_CONTACTS * mesh.largest if mesh.geometry is not None else None
         origin = mesh.origin or (0.0,) * dimension if mesh.shape in WITH_ORIGIN else None
-        parts = [replace(part, plane=self.plane if dimension == 2 else None) for part in self.materials]
+        plane = self.plane if dimension == 2 and not axisymmetric else None
+        parts = [replace(part, plane=plane) for part in self.materials]
         settled_mesh = settle(mesh, SettledMesh, order=order, contact_size=finest, origin=origin)
         return settle(self, SettledBody, mesh=settled_mesh,
                       material=parts[0] if isinstance(self.material, Material) else parts,

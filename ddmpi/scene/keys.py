@@ -37,6 +37,7 @@ MEANT = {
     "mu": "coefficient", "ux": "x", "uy": "y", "group": "on", "centre": "center", "elements": "divisions", "uz": "z",
     "tied": "bonded", "glued": "bonded", "welded": "bonded", "contact": "unilateral", "frictionless": "unilateral",
     "fix": "clamp", "fixed": "clamp", "support": "clamp", "boundary": "clamp", "dirichlet": "clamp",
+    "springs": "foundation", "spring": "foundation", "winkler": "foundation", "bed": "foundation",
     "load": "traction", "loads": "traction", "BodySpec.force": "traction", "BodySpec.pressure": "traction",
     "gravity": "volume_force", "body_force": "volume_force", "weight": "volume_force", "plane stress": "stress",
     "plane strain": "strain", "solver": "outer", "interference": "a negative gap is an interference",
@@ -47,7 +48,6 @@ MEANT = {
     "plasticity": "materials are linear elastic", "stiffness": "there is no contact stiffness to choose",
     "penalty": "there is no contact stiffness to choose", "master": "it is the body that slave does not name",
     "symmetry": "clamp = [{ on = …, x = 0.0 }] lets the group slide along y", "Clamp.normal": "give x, y or z",
-    "RigidSurface.force": "a rigid partner is moved, not pushed",
     "rotation": "nothing is turned by an angle", "units": "any units that fit together do; [output] has labels",
     "axisymmetric": "scenes are plane or solid", "steps": "load steps stand in [time]",
     "dimension": "meshes and lists say it: [x, y] in the plane, [x, y, z] in space"}

@@ -1,4 +1,4 @@
-"""Verification problems of what presses and supports bodies: fits that change."""
+"""Verification problems of what presses and supports bodies: fits that change, and foundations."""
 
 from __future__ import annotations
 
@@ -6,7 +6,34 @@ from pathlib import Path
 
 import numpy as np
 
-from problems import Found, Order, Value, along, annulus, body, contact, coulomb, degrees, problem, solved
+from problems import Found, Order, Value, along, annulus, block, body, contact, coulomb, degrees, problem, solved
+
+
+@problem("mat", "A block on springs", (1, 2, 4), "times finer than the coarsest mesh",
+         shows="A foundation holds a body that nothing else holds, also where it is a million times softer.",
+         scene="A block of 2 m × 1 m between rigid walls on springs of 1 GN/m³, 1 MN/m³ and 1 kN/m³, pressed by "
+               "1 MPa from above; E = 1 GPa, ν = 0.3, no friction.",
+         source="u = p/k below, and pH/M more above, M = E(1 − ν)/((1 + ν)(1 − 2ν)); the walls bear ν/(1 − ν) p.")
+def mat(n: int, order: Order, folder: Path) -> Found:
+    young, poisson, p, height = 1e9, 0.3, 1e6, 1.0
+    confined = young * (1 - poisson) / (1 + poisson) / (1 - 2 * poisson)
+    walls = [{"name": name, "shape": "plane", "point": [x, 0.0], "normal": [sign, 0.0]}
+             for name, x, sign in (("west", 0.0, 1.0), ("east", 2.0, -1.0))]
+    values = {}
+    for stiffness in (1e3, 1e6, 1e9):
+        made = body("block", block(0, 0, 2, height, (4 * n, 3 * n), order), young, poisson, [], {"top": (0.0, -p)})
+        answer = solved([made | {"foundation": [{"on": "bottom", "normal": stiffness}]}],
+                        [contact("block", wall, side) for wall, side in (("west", "left"), ("east", "right"))], walls)
+        fields = answer.bodies["block"]
+        down = -fields.displacement[:, 1]
+        low, high = (down[np.isclose(fields.points[:, 1], y)] for y in (0.0, height))
+        values |= {f"below, k = {stiffness:g} (m)": Value(float(low.mean()), p / stiffness, 1e-7),
+                   f"above less below, k = {stiffness:g} (m)": Value(float(high.mean() - low.mean()),
+                                                                      p * height / confined, 1e-7),
+                   f"worst node below, k = {stiffness:g}": Value(float(np.ptp(low) * stiffness / p), 0.0, 1e-7)}
+    return Found(values, answer, along(answer.contacts["block-east"],
+                                       lambda y: np.full(len(y), p * poisson / (1 - poisson)), lambda xy: xy[:, 1],
+                                       "y (m)", "pressure of a wall (Pa)"))
 
 
 @problem("loosened-fit", "A fit that loosens under a torque", (24, 48, 96), "sides around",

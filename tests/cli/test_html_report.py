@@ -116,7 +116,7 @@ def test_a_report_has_verdict_numbers_and_pictures(run):
 
 def test_loads_and_forces_of_clamps_are_told_by_group(run):
     """What acts on a body is listed by group; of earlier results, which do not say it, nothing is."""
-    page, caption = report(run), "What loads and clamps do to bodies, by group"
+    page, caption = report(run), "What loads and supports do to bodies, by group"
     assert [row[:3] for row in page.table(caption)[1:3]] == [["upper", "top", "loads"], ["upper", "left", "reactions"]]
     assert page.column(caption, "moment N·m/m")[:2] == ["3.000", "-3.000"]
     bodies = change(run)["bodies"]
