@@ -56,6 +56,11 @@ def build_parser() -> argparse.ArgumentParser:
     run.add_argument("--restart", type=_named, metavar="DIR", help="go on from the checkpoint of an interrupted run in "
                      "DIR, with the same scene and options; results go there too unless --output says otherwise")
     run.add_argument("--no-figures", action="store_true", help="draw no pictures")
+    check = commands.add_parser("check", help="say and draw what a run would do, without solving", parents=[scene],
+                                **formats)
+    check.add_argument("--output", type=_named, metavar="DIR",
+                       help="folder for the pictures (default: a new one in results/)")
+    check.add_argument("--no-figures", action="store_true", help="draw no pictures")
     commands.add_parser("verify", help="solve a small scene twice, also as the coupled problem by brute force, "
                         "and compare", parents=[scene], **formats)
     _add_sweep(commands, scene, formats)
