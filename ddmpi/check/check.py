@@ -31,7 +31,8 @@ from ddmpi.results.summary import units
 from ddmpi.run.equilibrium import look_for_mechanism, motions_without_resistance
 from ddmpi.run.report import LISTED, describe_gap, describe_method, grouped, some
 from ddmpi.run.run import prepare_scene
-from ddmpi.scene.bodies import Clamp
+from ddmpi.scene.bodies import Clamp, Traction
+from ddmpi.scene.contacts import Rigid
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agreed
 from ddmpi.system.numbers import in_words
@@ -111,13 +112,14 @@ def _look(body: Body) -> Looked:
     size, doubt = _quality(mesh, spec.name)
     words = [f"{len(mesh.points)} nodes, {len(mesh.triangles)} {mesh.cell.names} of size {size}; "
              f"groups {', '.join(mesh.groups)}"]
-    words += [f"{how} on {clamp.on}" for (how, _), clamp in zip(clamps, spec.clamps, strict=True)]
+    words += [f"{how} on {clamp.on}{_following(clamp)}" for (how, _), clamp in zip(clamps, spec.clamps, strict=True)]
     if not member.elasticity.held:
         motions = undetermined(np.zeros((len(member.e), 0)), [MotionsOfBody.of(spec.name, mesh.points, member.motions)])
-        words.append("clamps do not hold it: " + "; ".join(each.rpartition(": ")[2].removesuffix(
+        words.append("loose: " + "; ".join(each.rpartition(": ")[2].removesuffix(
             " without any force").replace(f"{spec.name} can", "it can", 1) for each in motions))
-    words += [f"load on {on}: {_force(mesh.points, f)}" if on else f"volume force: {_vector(f.sum(axis=0), f)}"
-              for on, f in loads]
+    words += [f"load on {on}{_following(each)}: {_force(mesh.points, f)}" for (on, f), each in
+              zip(loads, spec.traction, strict=False)]
+    words += [f"volume force: {_vector(f.sum(axis=0), f)}" for on, f in loads if not on]
     if len(loads) > 1:
         words.append(f"loads in all: {_force(mesh.points, np.sum([f for _, f in loads], axis=0))}")
     words.append(f"{member.elasticity.n} unknowns, {member.size} of contact: {SOLVERS[member.kind]} ({member.reason})")
@@ -145,6 +147,10 @@ def _held(clamp: Clamp, d: int) -> str:
     kinds = (("held", [axis for axis in given if given[axis] == 0.0]),
              ("moved", [axis for axis in given if given[axis] != 0.0]))
     return ", ".join(f"{how} along {', '.join(axes)}" for how, axes in kinds if axes)
+
+
+def _following(entry: Clamp | Traction | Rigid) -> str:
+    return f" (history {entry.history})" if entry.history else ""
 
 
 def _range(least: float, most: float) -> str:
@@ -175,6 +181,8 @@ def _page(assembly: Assembly, bodies: Mapping[str, Looked], interfaces: Sequence
     yield f"lengths in {unit['length']}, forces in {unit['force']}, moments about the origin in {unit['moment']}"
     for words, names in grouped(("\n    ".join(each.words), name) for name, each in bodies.items()):
         yield f"body {some(names, 'bodies')}: {words}"
+    yield from (f"rigid {each.name}: moved by {_vector(moved, np.ones(1))}{_following(each)}"
+                for each in scene.rigid for moved in [each.displacement or ()] if any(moved))
     contacts = []
     for contact, each in zip(scene.contact, interfaces, strict=True):
         sides = " and ".join(".".join(side) for side in zip(each.bodies, contact.on, strict=False))
