@@ -13,7 +13,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ddmpi.body.compliance import bytes_in_words, memory_of_factors
-from ddmpi.body.loads import nodal_loads
+from ddmpi.body.loads import VOLUME, loads_by_group
 from ddmpi.check.drawing import Looked, draw
 from ddmpi.check.nearby import Boundary, Missing, find_missing
 from ddmpi.coupling.assembly import Assembly, Body
@@ -21,21 +21,20 @@ from ddmpi.coupling.ranks import on_working_ranks
 from ddmpi.errors import NotConvergedError
 from ddmpi.interface.interface import Interface
 from ddmpi.judge.equilibrium import ROUNDING, describe
-from ddmpi.judge.motions import TURNS, MotionsOfBody, undetermined
+from ddmpi.judge.motions import MotionsOfBody, undetermined
 from ddmpi.judge.overlap import doubt_overlaps
 from ddmpi.mesh.boundary import group_nodes
 from ddmpi.mesh.elements import NAMES, REGULAR
-from ddmpi.mesh.mesh import PHYSICAL, Mesh
+from ddmpi.mesh.mesh import PHYSICAL, Mesh, signed_measures
 from ddmpi.results.folder import choose_folder
 from ddmpi.results.summary import units
 from ddmpi.run.equilibrium import look_for_mechanism, motions_without_resistance
 from ddmpi.run.report import LISTED, describe_gap, describe_method, grouped, some
 from ddmpi.run.run import prepare_scene
-from ddmpi.scene.bodies import Clamp, Traction
-from ddmpi.scene.contacts import Rigid
+from ddmpi.scene.bodies import Clamp
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agreed
-from ddmpi.system.numbers import in_words
+from ddmpi.system.numbers import in_words, moment
 from ddmpi.system.provenance import NO_MATPLOTLIB, has_matplotlib
 
 log = logging.getLogger("ddmpi")
@@ -102,38 +101,36 @@ def _check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None,
 
 def _look(body: Body) -> Looked:
     """What there is to say of a body. Not collective."""
-    mesh, spec, member, d = body.mesh, body.spec, body.member, body.mesh.dimension
-    bare = msgspec.structs.replace(spec, traction=[], volume_force=(0.0,) * d)
-    loads = [(each.on, nodal_loads(mesh, msgspec.structs.replace(bare, traction=[each]), each.history))
-             for each in spec.traction]
-    if (weight := nodal_loads(mesh, msgspec.structs.replace(spec, traction=[]), spec.weight[1])).any():
-        loads.append(("", weight))
-    clamps = [(_held(clamp, d), group_nodes(mesh, clamp.on, "")) for clamp in spec.clamps]
+    mesh, spec, member = body.mesh, body.spec, body.member
+    loads = [(history, on, f) for history in (None, *spec.histories)
+             for on, f in loads_by_group(mesh, spec, history)]
+    supports = [(_held(clamp, mesh.dimension), clamp.on, clamp.history) for clamp in spec.clamps]
+    supports += [("foundation", each.on, None) for each in spec.foundation]
     size, doubt = _quality(mesh, spec.name)
     words = [f"{len(mesh.points)} nodes, {len(mesh.triangles)} {mesh.cell.names} of size {size}; "
              f"groups {', '.join(mesh.groups)}"]
-    words += [f"{how} on {clamp.on}{_following(clamp)}" for (how, _), clamp in zip(clamps, spec.clamps, strict=True)]
+    words += [f"{how} on {on}{_following(history)}" for how, on, history in supports]
     if not member.elasticity.held:
         motions = undetermined(np.zeros((len(member.e), 0)), [MotionsOfBody.of(spec.name, mesh.points, member.motions)])
-        words.append("loose: " + "; ".join(each.rpartition(": ")[2].removesuffix(
-            " without any force").replace(f"{spec.name} can", "it can", 1) for each in motions))
-    words += [f"load on {on}{_following(each)}: {_force(mesh.points, f)}" for (on, f), each in
-              zip(loads, spec.traction, strict=False)]
-    words += [f"volume force: {_vector(f.sum(axis=0), f)}" for on, f in loads if not on]
+        words.append("loose: " + "; ".join(each.rpartition(": ")[2].removesuffix(" without any force").replace(
+            f"{spec.name} can", "it can", 1) for each in motions))
+    words += [f"load on {on}{_following(history)}: {_force(mesh, on, f)}" for history, on, f in loads]
     if len(loads) > 1:
-        words.append(f"loads in all: {_force(mesh.points, np.sum([f for _, f in loads], axis=0))}")
+        words.append(f"loads in all: {_force(mesh, '', np.sum([f for *_, f in loads], axis=0))}")
     words.append(f"{member.elasticity.n} unknowns, {member.size} of contact: {SOLVERS[member.kind]} ({member.reason})")
     dense, memory = member.kind == "explicit", 0.0
     if member.kind != "iterative":
-        memory = memory_of_factors(member.elasticity.A.size[0], d, dense) + dense * 8.0 * member.size**2
-    return Looked(mesh, Boundary.of(mesh), loads, clamps, memory, words, doubt)
+        memory = memory_of_factors(member.elasticity.A.size[0], mesh.dimension, dense) + dense * 8.0 * member.size**2
+    return Looked(mesh, Boundary.of(mesh), [each[1:] for each in loads],
+                  [(how, group_nodes(mesh, on, "")) for how, on, _ in supports], memory, words, doubt)
 
 
 def _quality(mesh: Mesh, name: str) -> tuple[str, str]:
     """The sizes of the cells of a body's mesh in words, and a warning of thin ones, if there are."""
     edges = mesh.points[mesh.corners[:, mesh.cell.edges[:, :2]]]
     length = np.linalg.norm(edges[:, :, 1] - edges[:, :, 0], axis=2)
-    quality = mesh.measures() / (REGULAR[mesh.dimension] * np.sqrt((length**2).mean(axis=1)) ** mesh.dimension)
+    regular = REGULAR[mesh.dimension] * np.sqrt((length**2).mean(axis=1)) ** mesh.dimension
+    quality = signed_measures(mesh.points, mesh.corners) / regular
     worst, poor = int(quality.argmin()), int((quality < POOR).sum())
     return _range(length.max(axis=1).min(), length.max()), (
         f"body.{name}.mesh: {poor} of {len(quality)} {mesh.cell.names} are thin: the one at "
@@ -149,31 +146,32 @@ def _held(clamp: Clamp, d: int) -> str:
     return ", ".join(f"{how} along {', '.join(axes)}" for how, axes in kinds if axes)
 
 
-def _following(entry: Clamp | Traction | Rigid) -> str:
-    return f" (history {entry.history})" if entry.history else ""
+def _following(history: str | None) -> str:
+    return f" (history {history})" if history else ""
 
 
 def _range(least: float, most: float) -> str:
     return " to ".join(dict.fromkeys(f"{each:.3g}" for each in (least, most)))
 
 
-def _force(points: np.ndarray, f: np.ndarray) -> str:
-    """Resultant and moment of nodal loads (nv, d), in words."""
-    moment = [(points[:, i] * f[:, j] - points[:, j] * f[:, i]).sum() for i, j in TURNS[f.shape[1]]]
-    return f"force {_vector(f.sum(axis=0), f)}, moment {_vector(moment, f * np.abs(points).max())}"
+def _force(mesh: Mesh, on: str, f: np.ndarray) -> str:
+    """Resultant, and unless it is that of volume forces moment, of nodal loads (nv, d), in words."""
+    moments = f", moment {_vector(moment(mesh.points, f, mesh.axisymmetric), f * np.abs(mesh.points).max())}"
+    return f"force {_vector(f.sum(axis=0), f)}{moments * (on != VOLUME)}"
 
 
-def _vector(parts: Sequence[float], summands: np.ndarray) -> str:
-    """A vector in words, without what is rounding beside its summands; one number without brackets."""
-    words = [f"{0.0 if abs(x) <= ROUNDING * np.abs(summands).sum() else x:.4g}" for x in parts]
-    return f"({', '.join(words)})" if len(words) > 1 else words[0]
+def _vector(value: Sequence[float] | np.ndarray, summands: np.ndarray) -> str:
+    """A vector, or one number, in words, without what is rounding beside its summands."""
+    parts, least = np.asarray(value, float), ROUNDING * np.abs(summands).sum()
+    words = [f"{0.0 if abs(x) <= least else x:.4g}" for x in np.atleast_1d(parts)]
+    return f"({', '.join(words)})" if parts.ndim else words[0]
 
 
 def _page(assembly: Assembly, bodies: Mapping[str, Looked], interfaces: Sequence[Interface],
           missing: Sequence[Missing], free: Sequence[str], ranks: int) -> Iterator[str]:
     """The lines of the page. Not collective."""
     scene = assembly.scene
-    unit, order = units(msgspec.to_builtins(scene.output), scene.dimension), scene.body[0].mesh.order
+    unit, order = units(scene.resolved(), scene.dimension), scene.body[0].mesh.order
     yield (f"{assembly.n} unknowns ({('linear', 'quadratic')[order - 1]} {NAMES[scene.dimension][1]}), {assembly.m} "
            f"contact nodes, bodies: {len(bodies)}, ranks: {ranks}; factors take about "
            f"{bytes_in_words(sum(each.memory for each in bodies.values()))}")
@@ -181,15 +179,16 @@ def _page(assembly: Assembly, bodies: Mapping[str, Looked], interfaces: Sequence
     yield f"lengths in {unit['length']}, forces in {unit['force']}, moments about the origin in {unit['moment']}"
     for words, names in grouped(("\n    ".join(each.words), name) for name, each in bodies.items()):
         yield f"body {some(names, 'bodies')}: {words}"
-    yield from (f"rigid {each.name}: moved by {_vector(moved, np.ones(1))}{_following(each)}"
-                for each in scene.rigid for moved in [each.displacement or ()] if any(moved))
+    for each in scene.rigid:
+        for how, value in ("moved", each.displacement), ("pushed", each.force):
+            if value and any(value):
+                yield f"rigid {each.name}: {how} by {_vector(value, np.zeros(1))}{_following(each.history)}"
     contacts = []
-    for contact, each in zip(scene.contact, interfaces, strict=True):
-        sides = " and ".join(".".join(side) for side in zip(each.bodies, contact.on, strict=False))
-        law = {"bonded": "bonded", "none": "no friction"}.get(each.law.name, f"{each.law.name} friction")
-        contacts.append((f"{sides}: " * (len(interfaces) <= LISTED) + f"{each.m} nodes, "
-                         f"{f'mortar, slave {each.slave}' if each.slave else 'paired'}, {law}; "
-                         f"{describe_gap(each, unit['length'])}", each.name))
+    for contact, interface in zip(scene.contact, interfaces, strict=True):
+        sides = " and ".join(".".join(side) for side in zip(contact.bodies, contact.on, strict=False))
+        pairing = f"mortar, slave {interface.slave}" if interface.slave else "paired"
+        contacts.append((f"{sides}: " * (len(interfaces) <= LISTED) + f"{interface.m} nodes, {pairing}, law "
+                         f"{interface.law.name}; {describe_gap(interface, unit['length'])}", contact.name))
     yield from (f"contact {some(names, 'contacts')}: {words}" for words, names in grouped(contacts))
     yield from (f"{motion}, whatever touches" for motion in free)
     taken = {contact.name for contact in scene.contact}

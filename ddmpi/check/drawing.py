@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ddmpi.body.loads import VOLUME
 from ddmpi.check.nearby import Boundary, Missing
 from ddmpi.interface.interface import Interface
 from ddmpi.mesh.boundary import segments
@@ -66,8 +67,8 @@ class Looked:
     Attributes
     ----------
     mesh, boundary : of the body
-    loads : the group of each traction, and its nodal loads (nv, d); "" for the volume force (N)
-    clamps : how each clamp holds its nodes, in words, and these
+    loads : nodal loads (nv, d) by group, that of the volume force is VOLUME (N)
+    supports : how each clamp and foundation holds its nodes, in words, and these
     memory : bytes of its factors, none for multigrid; an estimate
     words : what there is to say
     doubt : a warning of its mesh, or nothing
@@ -76,7 +77,7 @@ class Looked:
     mesh: Mesh
     boundary: Boundary
     loads: list[tuple[str, np.ndarray]]
-    clamps: list[tuple[str, np.ndarray]]
+    supports: list[tuple[str, np.ndarray]]
     memory: float
     words: list[str]
     doubt: str
@@ -183,7 +184,7 @@ def _as_results(scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequen
     points = np.concatenate([_padded(mesh.points) for mesh in meshes])
     tables = {each.name: dict(zip("xyz", each.shown.xy.T, strict=False)) for each in interfaces}
     return Results({"title": scene.title, "bodies": dict.fromkeys(bodies), "scene": plain_scene,
-                    "units": units(plain_scene["output"], scene.dimension)}, tables, {}, {}, {}, {
+                    "units": units(plain_scene, scene.dimension)}, tables, {}, {}, {}, {
         "points": points, "displacement": np.zeros_like(points),
         "cells": np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)]),
         "body": np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes])},
@@ -208,18 +209,19 @@ def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = F
         if len(groups) <= NAMED:
             sheet.name(f"{body}.{name}" if sheet.solid else name, each.boundary.at[own].mean(axis=1),
                        each.boundary.normal[own], number)
-    arrows = [_stresses(each, on, f, sheet.size / PLACES) for each in looked for on, f in each.loads if on]
+    arrows = [_stresses(each, on, f, sheet.size / PLACES) for each in looked for on, f in each.loads if on != VOLUME]
     largest = max((np.linalg.norm(stress, axis=1).max() for _, stress, _ in arrows), default=0.0)
     for at, stress, outward in arrows:
         sheet.point(at, ARROW * sheet.size / (largest or 1.0) * stress, outward, COLOURS["force"])
     inside = [each.mesh.points.mean(axis=0) for each in looked] if sheet.solid else middles(
         results.points, linear_triangles(results.fields["cells"])[0], owners(results))
-    weights = [(at, f.sum(axis=0)) for at, each in zip(inside, looked, strict=True) for on, f in each.loads if not on]
+    weights = [(at, f.sum(axis=0)) for at, each in zip(inside, looked, strict=True)
+               for on, f in each.loads if on == VOLUME]
     for at, force in weights:
         arrow = ARROW * sheet.size / (np.linalg.norm(force) or 1.0) * force
         sheet.point(at[None], arrow[None], arrow[None], COLOURS["moved"])
     for each in looked:
-        for how, nodes in each.clamps:
+        for how, nodes in each.supports:
             at, _ = _thinned(each.mesh.points[nodes], sheet.size / PLACES)
             sheet.mark(at, MARKERS[ways.setdefault(how, len(ways)) % len(MARKERS)])
     factor, unit_of = scaled_unit(largest, results.summary["units"]["stress"])
@@ -320,7 +322,8 @@ def _stresses(body: Looked, on: str, f: np.ndarray, size: float) -> tuple[np.nda
     """Some places (k, d) on the group `on`, its load there (Pa), and which way is outward; from nodal loads (nv, d)."""
     own = body.boundary.groups[on]
     facets, normal = body.boundary.facets[own], body.boundary.normal[own]
-    nodes, area = np.unique(facets), nodal(facet_shares(body.mesh.points[facets]), facets, len(f))
+    nodes, area = np.unique(facets), nodal(
+        facet_shares(body.mesh.points[facets], body.mesh.axisymmetric), facets, len(f))
     outward = nodal(np.repeat(normal[:, None], facets.shape[1], axis=1), facets, len(f))
     at, (force, around, outward) = _thinned(body.mesh.points[nodes], size, f[nodes], area[nodes], outward[nodes])
     return at, force / np.where(around > 0.0, around, np.inf)[:, None], outward

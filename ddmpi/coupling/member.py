@@ -14,7 +14,7 @@ from ddmpi.body.elasticity import Elasticity, LoadCase
 from ddmpi.body.rigid_motions import Centring, support
 from ddmpi.coupling.team import hold, make_solver
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.trace import displacement_trace, normal_trace, rows, trace
+from ddmpi.interface.trace import displacement_trace, nodal_forces, normal_trace, rows, trace
 from ddmpi.petsc.events import event
 
 PRECISE = 1e-12
@@ -105,9 +105,10 @@ class Member:
 
     @property
     def stiffness(self) -> float:
-        """The largest E* of its interfaces (N/m²), in space times their extent (N/m); without one, the largest of A."""
+        """The largest E* of its interfaces (N/m²), in space and around an axis times their extent (N/m); without
+        interfaces, the largest of A."""
         if self.interfaces:
-            return max(each.modulus * each.area.sum() ** (1.0 - 1.0 / each.law.components) for each in self.interfaces)
+            return max(each.modulus * each.area.sum() / each.length for each in self.interfaces)
         return float(self.elasticity.A.getDiagonal().array_r.max(initial=0.0))
 
     @property
@@ -159,6 +160,12 @@ class Member:
         """B u (size,) in metres, of a displacement (nv, d) of all nodes. Not collective."""
         return self._all(displacement_trace(each, each.side(self.name), u) for each in self.interfaces)
 
+    def pull(self, s: np.ndarray) -> np.ndarray:
+        """−Bᵀ s (nv, d): what contact forces s (size,) do to all nodes of the body (N). Not collective."""
+        parts = (nodal_forces(each, side, s[part], len(self.motions))
+                 for each, (part, side) in zip(self.interfaces, self.parts.values(), strict=True))
+        return sum(parts, np.zeros(self.motions.shape[:2]))
+
     def normal_parts(self, u: np.ndarray) -> dict[tuple[str, int], np.ndarray]:
         """Normal displacements in metres at the probes of its interfaces, by contact and side. Not collective."""
         sides = [(each, each.side(self.name)) for each in self.interfaces]
@@ -169,7 +176,7 @@ class Member:
         return np.concatenate([np.empty(0), *parts])
 
     def work(self, u: np.ndarray, s: np.ndarray) -> np.ndarray:
-        """What loads and reactions do along displacements: (2, k) in J, by history in the order of the scene.
+        """What loads, reactions and heat do along displacements: (2, k) in J, by history in the order of the scene.
 
         Parameters
         ----------
@@ -177,15 +184,17 @@ class Member:
 
         Returns
         -------
-        f·u for the loads f that follow a history, at its factor 1, and R·p for the reactions R of clamps and the
-        displacements p that follow it. Not collective.
+        f·u for the loads f that follow a history, at its factor 1; and R·p − ∫ σ : ε for the reactions R of clamps, the
+        displacements p and the thermal strains ε that follow it. Not collective.
         """
-        found, f = np.zeros((2, len(self._histories))), self.elasticity.acting.f
+        found, acting = np.zeros((2, len(self._histories))), self.elasticity.acting
         for k, name in enumerate(self._histories):
             case = self.elasticity.cases.get(name)
             if case:
                 found[0, k] = (case.f * u).sum()
-                found[1, k] = (u * case.taken).sum() - (f * case.prescribed).sum() + s @ self.trace(case.prescribed)
+                found[1, k] = ((u * case.taken).sum() - ((acting.f + acting.heat) * case.prescribed).sum()
+                               + s @ self.trace(case.prescribed)
+                               - (case.heat * u).sum() + case.stored * acting.stored)
         return found
 
     def displacement(self, s: np.ndarray, alpha: np.ndarray | None = None) -> tuple[np.ndarray, float, float, float]:
@@ -200,7 +209,7 @@ class Member:
         u : (nv, d)
         left : ‖A u + Bᵀ s − b‖ (N), large where contact forces do not balance the load of a loose body
         acting : max(‖b‖, ‖Bᵀ s‖), which it is to be compared with
-        energy : strain energy ½ uᵀ K u with the stiffness K of all dofs (J)
+        energy : strain energy (J): ½ uᵀ K u with the stiffness K of all dofs, without what heat strains freely
 
         Collective on the body's communicator. Raises SolverError.
         """
@@ -222,6 +231,7 @@ class Member:
             full = self.elasticity.expand(u)
             acting = self.elasticity.acting
             energy += float((acting.taken * (full - 0.5 * acting.prescribed)).sum())
+            energy += 0.5 * acting.stored**2 - float((acting.heat * full).sum())
             return (full if alpha is None else full + self.motions @ alpha), Au.norm(), size, energy
 
     def _balanced(self, f: PETSc.Vec) -> PETSc.Vec:

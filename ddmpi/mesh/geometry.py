@@ -231,7 +231,7 @@ def _name_sides(gmsh, body: BodySpec, contacts: Collection[str], label: str) -> 
     for _, tag in gmsh.model.getEntities(side):
         for name in {str(tag), gmsh.model.getEntityName(side, tag).split("/")[-1]} - {""}:
             sides.setdefault(name, []).append(tag)
-    asked = [*contacts, *(clamp.on for clamp in body.clamps), *(load.on for load in body.traction)]
+    asked = [*contacts, *body.groups]
     missing = next((name for name in asked if name not in sides), None)
     if missing is not None:
         each = "; ".join(f"{name} {_where(gmsh, side, tags[0])}" for name, tags in sides.items())

@@ -105,7 +105,7 @@ def halve(mesh: Mesh, key: str) -> Mesh:
         return halved
     # in the middle of a step v, the map's 4 λ_i λ_j of an edge is off its chord by −v_i v_j
     (i, j), bends = fine.cell.edges[:, :2].T, np.zeros((len(parts), number, len(fine.cell.edges), d))
-    for cells in mesh.curved_blocks():
+    for cells in mesh.summed_blocks():
         steps = np.diff(fine.cell.nodes[parts[cells][:, :, fine.cell.edges[:, :2]]], axis=3)[:, :, :, 0]
         bends[cells] = np.einsum("tpef,tfd->tped", -steps[..., i] * steps[..., j], mesh.bends[cells])
     return bend(raise_order(halved, key), bends.reshape(-1, *bends.shape[2:]))

@@ -44,11 +44,20 @@ SUMMARY = {
     "bodies.NAME.n": "its unknowns",
     "bodies.NAME.ranks": "that it lives on",
     "bodies.NAME.n_A": "multiplications by A⁻¹",
-    "bodies.NAME.held": "whether its clamps alone prevent every rigid motion",
+    "bodies.NAME.held": "whether its clamps and foundations alone prevent every rigid motion",
     "bodies.NAME.displacement_max": "largest displacement",
     "bodies.NAME.von_mises_max": "largest von Mises stress; null if stresses were not asked for",
-    "bodies.NAME.energy": "strain energy",
-    "bodies.NAME.reaction": "[x, y], in space [x, y, z]: resultant of the forces of its clamps",
+    "bodies.NAME.energy": "strain energy, without that of foundations",
+    "bodies.NAME.reaction": "[x, y], in space [x, y, z]: resultant of the forces of its clamps and "
+                           "foundations",
+    "bodies.NAME.loads.GROUP.force": "[x, y], in space [x, y, z]: resultant of the tractions on a boundary group; that "
+                                     "of the volume force is under the name volume_force",
+    "bodies.NAME.loads.GROUP.moment": "x F_y − y F_x of the same forces, in space [x, y, z], about the origin",
+    "bodies.NAME.reactions.GROUP.force": "resultant of the forces of clamps and foundations on a group. "
+                                         "Where groups share nodes, each component of the force on a node counts for "
+                                         "one clamp, the last one in the scene that holds it; all reactions together "
+                                         "are reaction",
+    "bodies.NAME.reactions.GROUP.moment": "of the same forces about the origin",
     "bodies.NAME.discretization_error": "its part of the estimated error, relative to the energy norm of all bodies",
     "bodies.NAME.n_A_by_purpose": "n_A in parts",
     "bodies.NAME.inner_steps": "steps of inner solvers, by kind",
@@ -178,7 +187,7 @@ def summarize(scene: dict, run: RunResult, bodies: Mapping[str, dict], contacts:
         "discretization_error": {"energy_norm": run.energy_norm, "target": method.get("target_error"),
                                  "levels": run.levels},
         "displacement_max": np.max([body["displacement_max"] for body in bodies.values()]),
-        "units": units(scene["output"], dimension), "warnings": run.warnings, "undetermined": run.undetermined,
+        "units": units(scene, dimension), "warnings": run.warnings, "undetermined": run.undetermined,
         "seconds": {}, "exchange": run.exchange, "solvers": {"qp": run.qp},
         "options": run.options, "options_unused": run.options_unused, "scene": scene})
     return summary
@@ -206,11 +215,11 @@ def _write_json(path: Path, content: dict) -> None:
         path.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def units(output: dict, dimension: int = 2) -> dict[str, str]:
+def units(scene: dict, dimension: int = 2) -> dict[str, str]:
     """Labels of lengths, stresses, forces, moments and energies; in the plane the last three are per unit of depth."""
-    length, stress = output["length_unit"], output["stress_unit"]
+    length, stress = scene["output"]["length_unit"], scene["output"]["stress_unit"]
     product = f"{stress}·{length}"
-    if dimension == 3:
+    if dimension == 3 or scene.get("axisymmetric"):
         named = {"Pa·m": ("N", "N·m", "J"), "MPa·mm": ("N", "N·mm", "mJ")}
         force, moment, energy = named.get(product, (f"{product}²", f"{product}³", f"{product}³"))
         return {"length": length, "stress": stress, "force": force, "moment": moment, "energy": energy}

@@ -23,7 +23,6 @@ import numpy as np
 from mpi4py import MPI
 
 from ddmpi.coupling.assembly import Assembly
-from ddmpi.coupling.exchange import Exchange
 from ddmpi.errors import InputError, InterruptionError, OutputError, TakenError
 from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.methods.outer import Outer
@@ -37,7 +36,7 @@ from ddmpi.system.files import CHECKPOINT, write_atomically
 
 log = logging.getLogger("ddmpi")
 
-FORMAT, BLOCK = b"ddmpi checkpoint 7 sha256 ", 512
+FORMAT, BLOCK = b"ddmpi checkpoint 8 sha256 ", 512
 """What stands in HDF5's user block, before the digest of the rest; its size, the smallest that HDF5 has."""
 
 KIND = "a checkpoint of this version of ddmpi"
@@ -163,21 +162,20 @@ class Checkpoints:
                             "memory): the answer will be as good, but not the same to the last digit")
             self._written = count()
             log.info("continuing after iteration %d", self._written)
-        outer.checkpoint = lambda: self._note(count(), exchange)
-        exchange.wants_checkpoint = lambda: bool(
-            self.folder and self.spec.seconds and time.monotonic() - self._last >= self.spec.seconds)
+        outer.checkpoint = lambda: self._note(count())
 
-    def _note(self, k: int, exchange: Exchange) -> None:
+    def _note(self, k: int) -> None:
         """Note the state after iteration k, and write it when it is due. Collective."""
         self._at = k
         self._now = {name: part.state() for name, part in self._parts.items()} | self._fixed
-        by_number = self.spec.iterations > 0 and k > 0 and k % self.spec.iterations == 0
-        if k != self._written and (exchange.checkpoint_due or by_number):
+        due = self.spec.iterations > 0 and k > 0 and k % self.spec.iterations == 0
+        if self.spec.seconds:
+            due = self.world.bcast(due or time.monotonic() - self._last >= self.spec.seconds)
+        if due and k != self._written:
             try:
                 self._write()
             except OutputError as error:  # on rank 0 alone; the run is worth more than its checkpoint
                 log.warning("%s; going on without", error)
-        exchange.checkpoint_due = False
 
     def leave(self) -> None:
         """Keep nothing of the present mesh any more."""

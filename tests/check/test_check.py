@@ -123,9 +123,9 @@ def test_what_there_is_to_say(looked_at):
     scene["body"][1]["mesh"]["divisions"] = [90, 2]
     scene["body"][1]["mesh"]["size"] = [0.3, 1.0]
     text = looked_at(scene)
-    for words in ("load on top: force (0, -1.8e+08), moment -2.7e+08", "volume force: (0, -3e+04)",
+    for words in ("load on top: force (0, -1.8e+08), moment -2.7e+08", "load on volume_force: force (0, -3e+04)",
                   "loads in all: force (2e+07, -1.5e+08), moment -2.1e+08", "held along x on left",
-                  "loose: it can slide along y", "held along x, y on left", "mortar, slave upper, coulomb friction",
+                  "loose: it can slide along y", "held along x, y on left", "mortar, slave upper, law coulomb",
                   "body.lower.mesh: 360 of 360 triangles are thin", "Newton"):
         assert words in text
 

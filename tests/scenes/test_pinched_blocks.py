@@ -43,9 +43,10 @@ SHIPPED = {
 RESIDUALS = {"force_mismatch": float, "penetration": float, "complementarity": float, "friction": float}
 STEP = {"force": [float, float], "moment": float, "normal_force": float, "tangential_force": float, "open": int,
         "slip": int, "stick": int, "dissipated": float}
+FORCES = {"force": [float, float], "moment": float}
 BODY = {"n": int, "ranks": [int], "n_A": int, "held": bool, "displacement_max": float, "von_mises_max": float,
-        "energy": float, "reaction": [float, float], "discretization_error": float, "compliance": str,
-        "memory_mib": float}
+        "energy": float, "reaction": [float, float], "loads": {}, "reactions": {"left": FORCES},
+        "discretization_error": float, "compliance": str, "memory_mib": float}
 SUMMARY_KEYS = {
     "format": int, "title": str, "converged": bool, "reason": str, "outer": str, "order": int, "algorithm": str,
     "splitting": str, "friction": str, "n": int, "m": int, "ranks": int, "outer_iterations": int,
