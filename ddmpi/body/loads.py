@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sparse
 
-from ddmpi.body.stress import Composite, blocks, cell_temperature, portions, thermal
+from ddmpi.body.stress import Composite, blocks, cell_temperature, gradients, portions, thermal
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import SHARPEST, boundary_group, group_nodes, outer_normals, turn_outward
-from ddmpi.mesh.elements import CELLS, FINE, RULES, curved_facets
+from ddmpi.mesh.elements import CELLS, FINE, RULES, circumference, curved_facets
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, Traction
 from ddmpi.scene.values import AffineVector, Vector, evaluate, varies
@@ -30,6 +30,9 @@ ROUNDING = 1e-9
 
 SMALLEST = 1e-150
 """Squares of smaller numbers lose digits or vanish; norms are made of squares."""
+
+ON_AXIS = Clamp(on="the axis", x=0.0)
+"""Around an axis, the clamp whose number follows those of the body."""
 
 
 VOLUME = "volume_force"
@@ -64,7 +67,7 @@ def resultants(mesh: Mesh, parts: Iterable[tuple[str, np.ndarray]]) -> dict[str,
     found: dict[str, dict[str, np.ndarray]] = {}
     for group, f in parts:
         acts = f.any(axis=1)
-        now = {"force": f[acts].sum(axis=0), "moment": moment(mesh.points[acts], f[acts])}
+        now = {"force": f[acts].sum(axis=0), "moment": moment(mesh.points[acts], f[acts], mesh.axisymmetric)}
         found[group] = {kind: now[kind] + value for kind, value in found[group].items()} if group in found else now
     return found
 
@@ -88,17 +91,19 @@ def _stress(mesh: Mesh, traction: Traction, key: str) -> list[tuple[np.ndarray, 
     facets = turn_outward(mesh, boundary_group(mesh, traction.on, key), key)[0]
     nodes, cell = mesh.points[facets], CELLS[mesh.dimension - 1, mesh.order]
     points, weights = FINE[cell.dimension]
-    exact = ~(curved_facets(nodes) | varies(traction.given))
+    exact = ~(curved_facets(nodes) | varies(traction.given) | mesh.axisymmetric)
     found = []
     for part, where, table in ((exact, np.eye(mesh.dimension), cell.mass),
                                (~exact, points, (weights[:, None] * cell.shapes(points)).T)):
         if part.any():
             vectors = cell.vectors(nodes[part], where)
             size = np.linalg.norm(vectors, axis=0)
-            stress = _values(traction.given, np.einsum("ql,sld->qsd", cell.shapes(where), nodes[part]), key)
+            places = np.einsum("ql,sld->qsd", cell.shapes(where), nodes[part])
+            stress = _values(traction.given, places, key)
             if traction.pressure is not None:
                 stress = -vectors / size * stress
-            found.append((facets[part], table[..., None] * size, stress))
+            around = circumference(places, mesh.axisymmetric)
+            found.append((facets[part], table[..., None] * size * around, stress))
     if traction.force is None:
         return found
     area = sum(float(shares.sum()) for _, shares, _ in found)
@@ -115,13 +120,13 @@ def temperature(mesh: Mesh, body: BodySpec, history: str | None) -> np.ndarray:
 
 def _add_volume_force(mesh: Mesh, force: Vector | AffineVector, key: str, f: np.ndarray) -> None:
     """Add the nodal loads of a volume force (N/m³) to f (nv, d)."""
-    parts: list[slice] | list[np.ndarray] = mesh.curved_blocks()
+    parts: list[slice] | list[np.ndarray] = mesh.summed_blocks()
     if varies(force):
         _values(force, mesh.points, key)
         parts = blocks(len(mesh.triangles))
     else:
         measures = mesh.measures()
-        measures[mesh.curved] = 0.0
+        measures[mesh.summed] = 0.0
         for component, density in enumerate(_values(force, mesh.points[mesh.corners], key)):
             loads = (measures[:, None] * density) @ mesh.cell.mass.T
             f[:, component] += np.bincount(mesh.triangles.ravel(), loads.ravel(), len(f))
@@ -148,6 +153,8 @@ def springs(mesh: Mesh, body: BodySpec) -> Iterator[tuple[str, float, sparse.csr
         vectors = cell.vectors(mesh.points[facets], points)
         size = np.linalg.norm(vectors, axis=0)
         along = np.einsum("iqs,jqs->qsij", vectors / size, vectors / size)
+        places = np.einsum("ql,sld->qsd", cell.shapes(points), mesh.points[facets])
+        size = size * circumference(places, mesh.axisymmetric)
         largest, measure = max(foundation.normal, foundation.tangential), float(weights @ size.sum(axis=1))
         normal, tangential = np.sqrt([foundation.normal / largest, foundation.tangential / largest])
         roots = normal * along + tangential * (np.eye(d) - along)
@@ -170,7 +177,8 @@ def thermal_loads(mesh: Mesh, material: Material | Composite, heat: np.ndarray) 
         samples = mesh.cell.samples
         points, weights = RULES[mesh.dimension] if curved else (samples, np.full(len(samples), 1.0 / len(samples)))
         mapped, warm = mesh.map(cells, points), cell_temperature(mesh, heat, points, cells)
-        beta, whole, *_ = thermal(own, mesh.dimension)
+        beta, whole, *_ = thermal(own, mesh.strains)
+        beta = np.einsum("ij,ijrc->rc", beta, gradients(mesh))
         share = weights[:, None] * mapped.measures * warm
         for component, loads in enumerate(np.einsum("rc,cqit,qt->rti", beta, mapped.slopes, share)):
             f[:, component] += np.bincount(mesh.triangles[cells].ravel(), loads.ravel(), len(f))
@@ -210,6 +218,7 @@ class Supports:
 def supports(mesh: Mesh, body: BodySpec) -> Supports:
     """What the clamps of a body hold; several at a node hold what they hold together. Not collective.
 
+    Nodes on an axis are held radially as by one clamp more.
     Of two clamps along normals, a node where one surface goes on smoothly in the other has the normal of the first.
     Raises InputError where two clamps prescribe different displacements in one direction, and at a corner inside a
     group that is clamped along its normal.
@@ -217,6 +226,7 @@ def supports(mesh: Mesh, body: BodySpec) -> Supports:
     (size, d), key, names = mesh.points.shape, f"body.{body.name}.clamp", [None, *body.histories]
     clamps, free = np.full((size, d), -1), np.tile(np.eye(d), (size, 1, 1))
     moved, outer = np.zeros((len(names), size, d)), np.zeros((size, d))
+    clamps[mesh.on_axis, 0], free[mesh.on_axis, 0, 0] = len(body.clamps), 0.0
     for which, clamp in enumerate(body.clamps):
         for axis, value, nodes, direction in _held(mesh, clamp, key):
             if axis == "normal":
@@ -231,9 +241,12 @@ def supports(mesh: Mesh, body: BodySpec) -> Supports:
             allowed += EXACT * np.linalg.norm(moved[:, nodes], axis=2)
             clash = np.flatnonzero(~new & (np.abs(wanted - before) > allowed).any(axis=0))
             if len(clash):
-                one, other = before[:, clash[0]].sum(), wanted[:, clash[0]].sum()
-                raise InputError(f"{key}: {axis} at {in_words(mesh.points[nodes[clash[0]]])} is prescribed twice, as "
-                                 f"{one:.6g} and, on {clamp.on!r}, as {other:.6g}"
+                one, other, node = before[:, clash[0]].sum(), wanted[:, clash[0]].sum(), nodes[clash[0]]
+                where = f"{key}: {axis} at {in_words(mesh.points[node])} is prescribed "
+                if mesh.on_axis[node] and axis == "x":
+                    raise InputError(f"{where}as {other:.6g}, and what lies on the axis does not move radially; write "
+                                     'a formula that is zero there, such as x = "1e-3 * x"')
+                raise InputError(f"{where}twice, as {one:.6g} and, on {clamp.on!r}, as {other:.6g}"
                                  + ", with another history" * bool(one == other))
             rows, columns = np.nonzero(np.abs(direction) > ALONG)
             clamps[nodes[rows], columns] = which

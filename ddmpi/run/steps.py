@@ -114,7 +114,7 @@ def solve_scene(assembly: Assembly, report: Report = no_report, checkpoints: Che
     march = March(assembly, Iteration(assembly, scene.method, no_report, clock))
     if checkpoints:
         checkpoints.follow(assembly, outer=march.outer, statuses=march.iteration.statuses, goal=march.iteration.goal,
-                           steps=march)
+                           steps=march, before=lambda: march.iterations)
     return march.run(), march.log
 
 
@@ -132,8 +132,10 @@ class March:
         assert isinstance(iteration.outer, Newton)
         scene = assembly.scene
         self.assembly, self.iteration, self.outer = assembly, iteration, iteration.outer
-        self.log = StepLog([contact.name for contact in scene.contact], [body.name for body in scene.body],
-                           scene.dimension)
+        self.log = StepLog([contact.name for contact in scene.contact],
+                           [each.name for each in (*scene.body, *scene.pushed)], scene.dimension,
+                           [each.name for each in scene.rigid
+                            if any(each.name in contact.bodies for contact in scene.contact)])
         self.iterations = 0
         assert scene.time is not None
         self._legs, self._steps, self._tolerance = scene.legs, scene.time.steps, scene.time.tolerance or math.inf
@@ -243,7 +245,7 @@ class March:
         contacts = [solution.contacts[name] for name in self.log.contacts]
         factors = np.array(list(scene.factors(time).values()))
         s, moved = outer.forces, solution.moved
-        opened, gone = space.opening - now.opening, space.prescribed - now.prescribed
+        opened, gone = space.opening - now.opening, solution.prescribed - now.prescribed
         closing = moved - now.moved - opened
         mean = 0.5 * (s + now.s)
         driven, interface_work = space.add(np.array([mean @ (gone - opened), mean @ closing]))
@@ -262,7 +264,7 @@ class March:
         self.log.largest = np.maximum(self.log.largest, solution.sizes)
         alike = not (self._sudden and now.time == 0.0)
         self._now = _Mark(time, time - now.time if alike else 0.0, s, outer.motions, self._d, moved, space.opening,
-                          space.prescribed, s - now.s, outer.motions - now.alpha, closing, factors, solution.work,
+                          solution.prescribed, s - now.s, outer.motions - now.alpha, closing, factors, solution.work,
                           solution.energy,
                           sum(float(each.interface.area[each.status != "open"].sum()) for each in contacts))
         del self._ahead[0]

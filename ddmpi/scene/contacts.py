@@ -129,11 +129,14 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
     ----------
     name : unique among bodies and rigid partners
     displacement : how it is moved (m); left out, not at all
-    history : [history.NAME] whose factor multiplies the displacement
+    force : by which it is pushed along those axes where it is not 0 (N); along the others it follows the displacement.
+        It never turns
+    history : [history.NAME] whose factor multiplies displacement and force
     """
 
     name: Name
     displacement: Point | None = None
+    force: Point | None = None
     history: Name | None = None
 
     turned: ClassVar[str]
@@ -141,6 +144,19 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
 
     crossed: ClassVar[str] = ""
     """Ends the advice where a body runs through it."""
+
+    def __post_init__(self) -> None:
+        if self.force is not None and not self.pushed:
+            raise ValueError("force must not be zero; leave it out, or the partner moves as displacement says")
+        both = [axis for axis in self.pushed if self.displacement and self.displacement[axis]]
+        if both:
+            raise ValueError(f"along {'xyz'[both[0]]} it has both a force and a displacement; it is pushed or moved, "
+                             "so set one of them to 0")
+
+    @property
+    def pushed(self) -> list[int]:
+        """The axes along which a force moves it."""
+        return [axis for axis, value in enumerate(self.force or ()) if value]
 
     def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Its unit normals (…, d), towards the bodies, at the places nearest to points (…, d), and the distances (…)
@@ -193,6 +209,7 @@ class Plane(RigidSurface, frozen=True, kw_only=True, tag="plane"):
     crossed = "; a plane has no end"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not any(self.normal):
             raise ValueError("normal must not be zero; it points towards the bodies")
 
@@ -298,6 +315,7 @@ class Cylinder(Round, frozen=True, kw_only=True, tag="cylinder"):
     axis: Point
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not any(self.axis):
             raise ValueError("axis must not be zero")
 

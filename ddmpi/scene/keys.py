@@ -48,7 +48,6 @@ MEANT = {
     "plasticity": "materials are linear elastic", "stiffness": "there is no contact stiffness to choose",
     "penalty": "there is no contact stiffness to choose", "master": "it is the body that slave does not name",
     "symmetry": "clamp = [{ on = …, normal = 0.0 }] lets the group slide along itself",
-    "RigidSurface.force": "a rigid partner is moved, not pushed",
     "rotation": "nothing is turned by an angle", "units": "any units that fit together do; [output] has labels",
     "axisymmetric": "scenes are plane or solid", "steps": "load steps stand in [time]",
     "dimension": "meshes and lists say it: [x, y] in the plane, [x, y, z] in space"}

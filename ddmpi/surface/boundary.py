@@ -36,8 +36,9 @@ def contact_side(mesh: Mesh, edges: np.ndarray, held: Supports, body: str, modul
     place[nodes] = np.arange(len(nodes))
     facets = place[edges]
     facets = facets[np.argsort(facets[:, -1])]
-    normal, length = (nodal(of(xy[facets]), facets, len(nodes)) for of in (across, facet_shares))
-    return kind(body, modulus, nodes, xy, unit(normal), length, held.clamps[nodes],
+    normal = unit(nodal(across(xy[facets]), facets, len(nodes)))
+    area = nodal(facet_shares(xy[facets], mesh.axisymmetric), facets, len(nodes))
+    return kind(body, modulus, nodes, xy, normal, area, held.clamps[nodes],
                 held.free[nodes], {name: u[nodes] for name, u in held.moved.items()},
                 np.zeros(len(nodes), bool) if tied is None else tied[nodes], np.ptp(mesh.points, axis=0),
-                arc[nodes], facets, parted)
+                arc[nodes], facets, parted, mesh.axisymmetric)

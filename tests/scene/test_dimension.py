@@ -148,9 +148,11 @@ REFUSED = {
                         "contact.upper-floor.gap.along: there is no z in the plane"),
     "profile along arc": (SOLID, "contact.0.gap={along='arc', points=[0], values=[1]}",
                           "contact.upper-lower.gap.along: surfaces have no arc length; take a coordinate"),
-    "plane stress of one": (SOLID, "body.upper.material.plane=stress", "body.upper.material.plane: solids are neither"),
+    "plane stress of one": (SOLID, "body.upper.material.plane=stress",
+                            "body.upper.material.plane: solids and turned parts are neither"),
     "plane stress": (SOLID, "body.upper.material.plane=strain",
-                     "body.upper.material.plane: solids are neither in plane strain nor in plane stress; leave it out"),
+                     "body.upper.material.plane: solids and turned parts are neither in plane strain nor in plane "
+                     "stress; leave it out"),
     "angle": (SOLID, "body.upper.material={young=[3e9, 2e9, 1e9], poisson=[0.3, 0.3, 0.3], shear=[1e9, 1e9, 1e9], "
                      "angle=30}", "body.upper.material.angle: the axes 1, 2, 3 of solids are x, y, z; leave it out"),
     "one shear modulus": (SOLID, "body.upper.material={young=[3e9, 2e9, 1e9], poisson=[0.3, 0.3, 0.3], shear=1e9}",
