@@ -133,7 +133,9 @@ class March:
         scene = assembly.scene
         self.assembly, self.iteration, self.outer = assembly, iteration, iteration.outer
         self.log = StepLog([contact.name for contact in scene.contact],
-                           [each.name for each in (*scene.body, *scene.pushed)], scene.dimension)
+                           [each.name for each in (*scene.body, *scene.pushed)], scene.dimension,
+                           [each.name for each in scene.rigid
+                            if any(each.name in contact.bodies for contact in scene.contact)])
         self.iterations = 0
         assert scene.time is not None
         self._legs, self._steps, self._tolerance = scene.legs, scene.time.steps, scene.time.tolerance or math.inf
