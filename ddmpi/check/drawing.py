@@ -117,7 +117,9 @@ class Sheet:
         """Draw surfaces, and `rigid` partners with them."""
         some = [*(self._rigid if rigid else ()), *some]
         draw_surfaces(self.axes, self.view, some)
-        self._corners = np.concatenate([self.place(each.at)[each.facets] for each in some])
+        corners = np.concatenate([self.place(each.at)[each.facets] for each in some])
+        u, v = np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 0)
+        self._corners = corners[u[:, 0] * v[:, 1] > u[:, 1] * v[:, 0]]  # those that face the eye
 
     def shows(self, at: np.ndarray) -> np.ndarray:
         """Which places (k, d) nothing hides."""
