@@ -106,8 +106,8 @@ def _whole(assembly: Assembly,
 
 
 def _loose_bodies(assembly: Assembly, interfaces: Sequence[Interface]) -> list[tuple[MotionsOfBody, float]]:
-    """The bodies that clamps do not hold and the partners that are pushed, in the order of their motions, with the sizes
-    of their loads. A partner has the shape of what faces it in the `interfaces`. Collective."""
+    """The bodies that clamps do not hold and the partners that are pushed, in the order of their motions, with the
+    sizes of their loads. A partner has the shape of what faces it in the `interfaces`. Collective."""
     own = [(MotionsOfBody.of(body.spec.name, body.mesh.points, body.member.motions), body.member.elasticity.load)
            for body in assembly.bodies if not body.member.elasticity.held]
     found = [each for rank in assembly.world.allgather(own) for each in rank]

@@ -159,6 +159,7 @@ def log_end(summary: dict, solution: Solution) -> None:
     if not solution.mechanism:
         _log_contacts(summary, solution)
         _log_bodies(summary)
+        _log_partners(summary)
         log.info("certificate (limit %.2g): %s", solution.limit,
                  ", ".join(f"{kind.replace('_', ' ')} {value:.1e}"
                            for kind, (value, _) in solution.certificate.worst().items()))
@@ -240,6 +241,15 @@ def _log_bodies(summary: dict) -> None:
                  f"reaction {_vector(body['reaction'])} {units['force']}, " if name in held else "",
                  _number(body["displacement_max"]), units["length"],
                  "" if stress is None else f", von Mises stress {stress:.4g} {units['stress']}")
+
+
+def _log_partners(summary: dict) -> None:
+    """Where forces have pushed rigid partners."""
+    for rigid in summary["scene"]["rigid"]:
+        if rigid["force"] and rigid["name"] in summary["rigid"]:
+            found, units = summary["rigid"][rigid["name"]], summary["units"]
+            log.info("%s: force of bodies %s %s, displacement %s %s", rigid["name"], _vector(found["force"]),
+                     units["force"], _vector(found["displacement"]), units["length"])
 
 
 def describe_files(names: Sequence[str]) -> str:
