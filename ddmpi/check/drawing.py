@@ -60,6 +60,7 @@ SPACED = 4.0
 TRIED = 8
 """So many facets of a group are tried for a place at which its name is not hidden."""
 
+
 @dataclass(frozen=True)
 class Looked:
     """A body as its rank looks at it.
@@ -155,8 +156,10 @@ class Sheet:
         """Draw vectors (k, d) that are not hidden as arrows: to places where they point inward, else from these."""
         inward = np.einsum("kd,kd->k", vectors, outward) < 0.0
         tail = at - np.where(inward, 1.0, 0.0)[:, None] * vectors
-        tail, arrows = (self.place(each[self.shows(tail)])[:, :2].T for each in (tail, vectors))
-        self.axes.quiver(*tail, *arrows, angles="xy", scale_units="xy", scale=1.0, width=0.0025, color=colour, zorder=6)
+        seen = self.shows(tail)
+        ends = (self.place(each[seen])[:, :2].T for each in (tail, vectors))
+        self.axes.quiver(*np.concatenate([*ends]), angles="xy", scale_units="xy", scale=1.0, width=0.0025, zorder=6,
+                         color=colour)
 
     def mark(self, at: np.ndarray, marker: str) -> None:
         """Draw markers at places (k, d) that are not hidden."""
@@ -185,7 +188,7 @@ def _as_results(scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequen
     starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
     points = np.concatenate([_padded(mesh.points) for mesh in meshes])
     tables = {each.name: dict(zip("xyz", each.shown.xy.T, strict=False)) for each in interfaces}
-    return Results({"title": scene.title, "bodies": dict.fromkeys(bodies), "scene": plain_scene,
+    return Results({"title": scene.title, "bodies": dict.fromkeys(bodies), "scene": plain_scene, "steps": [],
                     "units": units(plain_scene, scene.dimension)}, tables, {}, {}, {}, {
         "points": points, "displacement": np.zeros_like(points),
         "cells": np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)]),
