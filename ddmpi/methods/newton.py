@@ -58,9 +58,9 @@ NO_FORCE = 1e-6
 HELD_LOOSELY = 1e-6
 """Stiffness of springs that steer rigid motions, over the plane modulus; from 0 to 1e-4 they change no count."""
 
-SOFTER, NEARLY = 1e-3, 1e-3
-"""The springs get softer by the first factor where a step leaves most of an imbalance that is below the second part of
-the loads: friction that turns may resist a motion less than they do."""
+SOFTER, SOFTEST, NEARLY = 1e-3, 1e-6, 1e-3
+"""The springs get softer by the first factor, at most by the second, where a step leaves most of an imbalance that is
+below the third part of the loads: friction that turns may resist a motion less than they do."""
 
 SHARED = 1e-3
 """Compliance that steers forces at nodes which several contacts share, over that of a half-plane. Without it six of 27
@@ -216,7 +216,7 @@ class Newton:
         self._start = False
         after, size, left = self._relative(far), self._size(), norm(self._at.left)
         if max(tolerance * size, PROGRESS * imbalance) < left < NEARLY * norm(self.joint.e):
-            self._held *= SOFTER
+            self._held = max(SOFTER * self._held, SOFTEST)
         update = self.space.norm(self._at.s - before) / size if size else 0.0
         if not update:
             self._stalled = PATIENCE  # the next step would be the same
