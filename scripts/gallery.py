@@ -143,6 +143,8 @@ EXHIBITS = [
             lambda summary: summary["displacement_max"], {"time.steps": 1}),
     Exhibit("rail_on_bed", "bodies.png", 603.2, "N/mm", 1e-3, "beam on springs",
             contact("rail-wheel", "normal_force")),
+    Exhibit("vice", "contacts.png", 120, "N/mm", 1e-3, "balance",
+            contact("part-moving", "force", 1, -1.0), {"time.steps": 1}),
     Exhibit("fretting", "steps.png", 0.424, "N mm/mm", 1e-3, "mesh twice as fine: 2.8 % less", second_cycle,
             {"time.steps": 2}),
     Exhibit("bolted_plates", "contacts.png", 3200, "N/mm", 1e-5, "balance",

@@ -13,10 +13,14 @@ from ddmpi.coupling.exchange import Exchange
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.space import Space
 from ddmpi.scene.contacts import Rigid
+from ddmpi.system.numbers import norm
 
 STEERING = 0.1
 """Where the compliance is applied by an iterative solver: a product in GMRES need only be as precise as this times
 what GMRES has left to do (Bouras and Frayssé, SIAM J. Matrix Anal. Appl. 26, 2005), since it steers, no more."""
+
+BALANCED = 1e-12
+"""The force on a pushed partner is balanced if less than this part of it and of all contact forces is left."""
 
 
 class Joint:
@@ -106,7 +110,7 @@ class Joint:
 
     def first_closed(self) -> tuple[np.ndarray, np.ndarray]:
         """The nodes (m,) bool of all owned interfaces that a first guess takes as closed, and the open ones of these
-        that bodies fall onto. Collective.
+        that bodies fall onto, which may turn. Collective.
 
         All of them where clamps hold all bodies. A loose body that nothing presses must not be drawn to a partner, so
         with loose bodies those that touch at first; and all of a loose body whose load presses it on none of these, as
@@ -125,10 +129,12 @@ class Joint:
                     bears[numbers[own]] += (block[:interface.m][closed][:, own] @ self.e[at] > 0.0).any()
             bears = space.add(bears)
             lonely = [name for name, at in self.slices.items() if self.e[at].any() and not bears[at].any()]
+        upright = {rigid.name for rigid in self.pushed}
         for k, interface in enumerate(space.interfaces):
-            if set(interface.bodies) & set(lonely):
+            falling = set(interface.bodies) & set(lonely)
+            if falling - upright:
                 falls[k] = ~touches[k]
-            touches[k] |= falls[k] | (not self.rigid.size)
+            touches[k] |= bool(falling) or not self.rigid.size
         none = np.empty(0, bool)
         return np.concatenate([none, *touches]), np.concatenate([none, *falls])
 
@@ -149,6 +155,11 @@ class Joint:
     def imbalance(self, s: np.ndarray) -> np.ndarray:
         """e − G s (rigid.size,) in newtons: the loads on loose bodies that the forces s leave."""
         return self.e - self.rigid.sums(s)
+
+    def balances(self, left: np.ndarray, size: float) -> bool:
+        """Whether `imbalance` leaves nothing on pushed partners beside them, and beside forces of this size (N)."""
+        own = [self.slices[rigid.name] for rigid in self.pushed]
+        return all(norm(left[at]) <= BALANCED * (norm(self.e[at]) + size) for at in own)
 
     def multiplications(self) -> int:
         """Multiplications by A_a⁻¹ so far, of all bodies."""

@@ -181,7 +181,7 @@ class Newton:
                 self._note(residual, 0.0)
             if not np.isfinite(residual):
                 return "diverged"
-            if done or len(self.history) >= self.max_iterations:
+            if (done and self.joint.balances(self._at.left, self._size())) or len(self.history) >= self.max_iterations:
                 self._settle()
                 return "converged" if done else "max_iterations"
             if self._path and not self._trying and self._path.failed and not self._next_path():

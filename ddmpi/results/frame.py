@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -240,14 +240,14 @@ def owners(results: Results) -> np.ndarray:
     return found
 
 
-def surfaces(results: Results, factor: float = 0.0,
-             time: float | None = None) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def surfaces(results: Results, factor: float = 0.0, time: float | None = None,
+             going: Mapping[str, np.ndarray] | None = None) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Points (k, 2) along each rigid surface that bodies may touch, and its unit normals there, towards the bodies.
 
     In the plane. Drawn where it has gone to at `time`, else at that of the results, its displacement times `factor`.
     """
     points, names, owner = results.points, list(results.summary["bodies"]), owners(results)
-    for rigid, contacts, moved in partners(results, time):
+    for rigid, contacts, moved in partners(results, time, going):
         touched = np.concatenate([vectors(results.contacts[each["name"]]) for each in contacts])
         bodies = points[np.isin(owner, [names.index(each["bodies"][0]) for each in contacts])]
         at = rigid.outline(touched, bodies, MARGIN * np.ptp(points, axis=0).max())
@@ -257,14 +257,26 @@ def surfaces(results: Results, factor: float = 0.0,
         yield at + factor * moved, rigid.facing(at)[0]
 
 
-def partners(results: Results, time: float | None = None) -> Iterator[tuple[Rigid, list[dict], np.ndarray]]:
+def partners(results: Results, time: float | None = None,
+             going: Mapping[str, np.ndarray] | None = None) -> Iterator[tuple[Rigid, list[dict], np.ndarray]]:
     """Each rigid partner that bodies may touch, its contacts, and its displacement (d,) at `time`, else at that of the
-    results (m)."""
+    results (m); or those of a mechanism, with the velocities with which they are `going`."""
     scene = results.summary["scene"]
     for rigid in msgspec.convert(scene.get("rigid", ()), list[Rigid]):
         contacts = [each for each in scene["contact"] if each["bodies"][1] == rigid.name]
-        if contacts:
-            yield rigid, contacts, _share(results, rigid.history, time) * np.array(rigid.displacement)
+        moved = _gone(results, rigid, time) if going is None else going.get(rigid.name)
+        if contacts and moved is not None:
+            yield rigid, contacts, moved
+
+
+def _gone(results: Results, rigid: Rigid, time: float | None) -> np.ndarray:
+    """The displacement (d,) of a rigid partner at `time`, else at that of the results (m)."""
+    if not rigid.pushed:
+        return _share(results, rigid.history, time) * np.array(rigid.displacement)
+    at = {0.0: np.zeros(results.dimension)} | {
+        step["time"]: step["rigid"][rigid.name]["displacement"] for step in results.summary["steps"]}
+    now = next(each for each in (time, results.time, max(at)) if each is not None)
+    return np.array([np.interp(now, list(at), each) for each in zip(*at.values(), strict=True)])
 
 
 def _share(results: Results, name: str | None, time: float | None = None) -> float:

@@ -99,7 +99,8 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
                                           for column in leg_columns(results.dimension)}
         area = table["length"] if "length" in table else table["area"]
         contacts[name] = table | {f"{kind}_force": table[f"{kind}_stress"] * area for kind in ("normal", "tangential")}
-    step = next(each for each in results.summary["steps"] if each["time"] == time)["contacts"]
+    entry = next(each for each in results.summary["steps"] if each["time"] == time)
+    step, rigid = entry["contacts"], entry.get("rigid", {})
     moved, owner = np.linalg.norm(fields["displacement"], axis=1), owners(results)
     unknown: dict[str, Any] = {"energy": None, "reaction": (None,) * results.dimension, "discretization_error": None,
                                "loads": {}, "reactions": {}}
@@ -108,7 +109,7 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
         for k, (name, entry) in enumerate(results.summary["bodies"].items())}
     unknown = dict.fromkeys(("pointwise_penetration", "moment_imbalance", "moment_imbalance_bound"))
     summary = results.summary | {
-        "displacement_max": float(moved.max()), "bodies": bodies,
+        "displacement_max": float(moved.max()), "bodies": bodies, "rigid": rigid,
         "discretization_error": results.summary["discretization_error"] | {"energy_norm": None},
         "contacts": {name: entry | unknown | step[name] | {"dissipated": entry["dissipated"],
                                                            "pressure_max": float(contacts[name]["normal_stress"].max())}

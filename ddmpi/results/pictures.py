@@ -42,7 +42,7 @@ from ddmpi.results.frame import (
     write_names,
 )
 from ddmpi.results.histories import animate, at_step, draw_steps
-from ddmpi.results.tables import Columns, Results, chains, drawn_rows, read_results, reading, writing
+from ddmpi.results.tables import Columns, Results, chains, drawn_rows, read_results, reading, velocities_in, writing
 from ddmpi.scene.contacts import Friction
 from ddmpi.scene.method import METHODS
 from ddmpi.system.files import MECHANISM, contact_files
@@ -156,19 +156,18 @@ def draw_mechanism(results: Results, mechanism: dict[str, Any]) -> Any:
 
     points, names = results.fields["points"][:, :2], list(results.summary["bodies"])
     (cells, part), owner = linear_triangles(results.fields["cells"]), owners(results)
-    centres, velocities = np.array(middles(points, cells, owner)), np.zeros((len(names), 3))
-    for body in mechanism["bodies"]:
-        centres[names.index(body["name"])], velocities[names.index(body["name"])] = body["centre"], body["velocity"]
+    centres = np.array(middles(points, cells, owner))
+    velocities, going = velocities_in(mechanism, names, centres)
     turned = (points - centres[owner])[:, ::-1] * (-1.0, 1.0)
     u = velocities[owner, :2] + velocities[owner, 2:] * turned
     speed = np.linalg.norm(u, axis=1)
-    turning = np.abs(velocities[:, 2]).max()
-    step = min(MOVED * np.ptp(points, axis=0).max() / speed.max(), TURNED_BY / max(turning, 1e-300))
-    moves = np.bincount(owner, speed > AT_REST * speed.max()) > 0
+    turning, fastest = np.abs(velocities[:, 2]).max(), max([speed.max(), *map(np.linalg.norm, going.values())])
+    step = min(MOVED * np.ptp(points, axis=0).max() / fastest, TURNED_BY / max(turning, 1e-300))
+    moves = np.bincount(owner, speed > AT_REST * fastest) > 0
     own = cells[moves[results.fields["body"][part]]]
-    rigid = list(surfaces(results))
+    rigid = [*surfaces(results), *surfaces(results, step, going=going)]
     figure, axes = map_of(results, np.vstack([points, points + step * u]), rigid)
-    for at, some, kind in ((points, cells, "still"), (points + step * u, own, "moved")):
+    for at, some, kind in ((points, cells, "still"), (points + step * u, own, "moved"))[:2 if len(own) else 1]:
         fill(axes, at, some, FILLED[kind])
         draw_outline(axes, at, some, color=COLOURS[kind], linewidth=0.9)
     arrows = step * velocities[:, :2]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -86,12 +86,14 @@ SUMMARY = {
     "contacts.NAME.moment_imbalance": "where nodes do not match: by how much the moments of the two bodies' forces "
                                       "differ, because they act on nodes that stand apart; without a limit",
     "contacts.NAME.moment_imbalance_bound": "the bound on it",
+    "rigid.NAME.displacement": "[x, y], in space [x, y, z]: of a rigid partner that bodies may touch",
+    "rigid.NAME.force": "resultant of the bodies' forces on it; where it is pushed, against the force that pushes it",
     "certificate.force_mismatch": "the worst of all contacts and load steps; so are the next three",
     "certificate.penetration": "", "certificate.complementarity": "", "certificate.friction": "",
-    "certificate.equilibrium": "the worst of all bodies and load steps",
+    "certificate.equilibrium": "the worst of all bodies, pushed partners and load steps",
     "certificate_limit": "the largest residual of a certified answer: 50 times the tolerance, but at most 0.05",
     "steps": "load steps in the order of time: time, outer_iterations, and contacts by name with force, moment, "
-             "normal_force, tangential_force, open, slip, stick and dissipated, of the step",
+             "normal_force, tangential_force, open, slip, stick and dissipated, of the step, and rigid as above",
     "energy.external_work": "with load steps: the last line of energy.csv; so are the next three",
     "energy.strain_energy": "", "energy.interface_work": "", "energy.dissipated": "",
     "energy.lost": "interface work less dissipation: what interference, closing gaps and time stepping take",
@@ -178,11 +180,13 @@ def summarize(scene: dict, run: RunResult, bodies: Mapping[str, dict], contacts:
         "eff": n_A / (2 * m) if m else None, "bodies": entries,
         "contacts": {name: _contact(state) | {"certificate": certificate.contacts[name]._asdict()}
                      | ({"dissipated": dissipated[name]} if dissipated else {}) for name, state in contacts.items()},
+        "rigid": rigid_partners(contacts.values()),
         "certificate": {kind: value for kind, (value, _) in certificate.worst().items()},
         "certificate_limit": run.certificate_limit,
         "steps": run.steps if run.steps is not None else [
                   {"time": 1.0, "outer_iterations": run.outer_iterations,
-                   "contacts": {name: state.resultants for name, state in contacts.items()}}],
+                   "contacts": {name: state.resultants for name, state in contacts.items()},
+                   "rigid": rigid_partners(contacts.values())}],
         **({} if run.energy is None else {"energy": run.energy}),
         "discretization_error": {"energy_norm": run.energy_norm, "target": method.get("target_error"),
                                  "levels": run.levels},
@@ -191,6 +195,17 @@ def summarize(scene: dict, run: RunResult, bodies: Mapping[str, dict], contacts:
         "seconds": {}, "exchange": run.exchange, "solvers": {"qp": run.qp},
         "options": run.options, "options_unused": run.options_unused, "scene": scene})
     return summary
+
+
+def rigid_partners(contacts: Iterable[ContactState]) -> dict[str, dict[str, np.ndarray]]:
+    """Displacement (m) and force (N) (d,) of each rigid partner that bodies may touch, by its name."""
+    found: dict[str, dict[str, np.ndarray]] = {}
+    for state in contacts:
+        if state.interface.on_rigid:
+            entry = found.setdefault(state.interface.bodies[1], {"displacement": state.interface.displacement,
+                                                                 "force": np.zeros(state.interface.dimension)})
+            entry["force"] = entry["force"] - state.force
+    return found
 
 
 def write_summary(path: Path, summary: dict) -> None:

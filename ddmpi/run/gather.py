@@ -21,7 +21,7 @@ from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.petsc.options import unused_options
 from ddmpi.results.fields import Fields
-from ddmpi.results.summary import RunResult, summarize
+from ddmpi.results.summary import RunResult, rigid_partners, summarize
 from ddmpi.results.tables import leg_columns, leg_values
 from ddmpi.run.solve import Solution
 from ddmpi.system.provenance import peak_memory, provenance
@@ -37,8 +37,10 @@ class StepLog:
     ----------
     contacts, bodies : names
     dimension : of the scene
+    partners : names of rigid ones that bodies may touch
     steps : time and number of iterations of each
     resultants : of each the `resultants` of the contacts
+    placed : of each the displacements (m) and forces (N) of rigid partners (np, 2, d)
     energies : external work, strain energy, interface work and dissipated energy since time 0, and what the step's
         balance leaves, of each (J)
     iterations : a line of history.csv for each
@@ -47,7 +49,10 @@ class StepLog:
     largest : (3,) `Solution.sizes` so far
     """
 
-    def __init__(self, contacts: Sequence[str], bodies: Sequence[str], dimension: int) -> None:
+    def __init__(self, contacts: Sequence[str], bodies: Sequence[str], dimension: int,
+                 partners: Sequence[str] = ()) -> None:
+        self.partners = tuple(partners)
+        self.placed: list[np.ndarray] = []
         self.contacts, self.bodies, self.dimension = tuple(contacts), tuple(bodies), dimension
         self.steps: list[Sequence[float]] = []
         self.resultants: list[np.ndarray] = []
@@ -61,7 +66,7 @@ class StepLog:
     @property
     def _tables(self) -> dict[str, list]:
         return {"steps": self.steps, "resultants": self.resultants, "energies": self.energies,
-                "iterations": self.iterations, "kept": self._kept}
+                "iterations": self.iterations, "kept": self._kept, "placed": self.placed}
 
     def judge(self, certificate: Certificate) -> Certificate:
         """Note the residuals of a step; the largest ones so far."""
@@ -73,7 +78,9 @@ class StepLog:
                            dict(zip(self.bodies, self.worst[1].tolist(), strict=True)))
 
     def note_contacts(self, contacts: Sequence[ContactState]) -> None:
-        """Note the resultants of a step."""
+        """Note the resultants of a step, and where rigid partners are."""
+        found = rigid_partners(contacts)
+        self.placed.append(np.array([list(found[name].values()) for name in self.partners]))
         self.resultants.append(np.array([state.resultants for state in contacts], resultants_in(self.dimension)))
 
     def doubt(self, time: float, warnings: Sequence[str]) -> None:
@@ -106,8 +113,10 @@ class StepLog:
     def summary(self) -> list[dict]:
         """The entry ``steps`` of summary.json."""
         return [{"time": float(time), "outer_iterations": int(number),
-                 "contacts": dict(zip(self.contacts, records, strict=True))}
-                for (time, number), records in zip(self.steps, self.resultants, strict=True)]
+                 "contacts": dict(zip(self.contacts, records, strict=True)),
+                 "rigid": {name: {"displacement": place, "force": force} for name, (place, force) in
+                           zip(self.partners, placed, strict=True)}}
+                for (time, number), records, placed in zip(self.steps, self.resultants, self.placed, strict=True)]
 
     def energy(self) -> list[tuple[float, ...]]:
         """The rows of energy.csv."""
@@ -182,8 +191,7 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     world, scene, outer = assembly.world, assembly.scene, solution.outer
     team = team_of(world)
     ranks = team.ranks if team else [world.rank]
-    memory = team.do("peak") if team else peak_memory()
-    hosts = team.do("hosts") if team else [MPI.Get_processor_name()]
+    memory, hosts = team.do("machine") if team else (peak_memory(), [MPI.Get_processor_name()])
     factors = scene.factors(1.0 if solution.time is None else solution.time)
     own = [(body.number, (body.spec.name, _body(body, solution, error, own_fields[body.spec.name], ranks, memory)
                           | _forces_by_group(body, solution.displacements[body.spec.name], s, factors)))

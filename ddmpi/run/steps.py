@@ -114,7 +114,7 @@ def solve_scene(assembly: Assembly, report: Report = no_report, checkpoints: Che
     march = March(assembly, Iteration(assembly, scene.method, no_report, clock))
     if checkpoints:
         checkpoints.follow(assembly, outer=march.outer, statuses=march.iteration.statuses, goal=march.iteration.goal,
-                           steps=march)
+                           steps=march, before=lambda: march.iterations)
     return march.run(), march.log
 
 
@@ -133,7 +133,9 @@ class March:
         scene = assembly.scene
         self.assembly, self.iteration, self.outer = assembly, iteration, iteration.outer
         self.log = StepLog([contact.name for contact in scene.contact],
-                           [each.name for each in (*scene.body, *scene.pushed)], scene.dimension)
+                           [each.name for each in (*scene.body, *scene.pushed)], scene.dimension,
+                           [each.name for each in scene.rigid
+                            if any(each.name in contact.bodies for contact in scene.contact)])
         self.iterations = 0
         assert scene.time is not None
         self._legs, self._steps, self._tolerance = scene.legs, scene.time.steps, scene.time.tolerance or math.inf

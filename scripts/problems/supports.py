@@ -1,4 +1,5 @@
-"""Verification problems of what presses and supports bodies: fits that change, and foundations."""
+"""Verification problems of what presses and supports bodies: fits that change, foundations,
+and rigid partners that are pushed."""
 
 from __future__ import annotations
 
@@ -7,6 +8,32 @@ from pathlib import Path
 import numpy as np
 
 from problems import Found, Order, Value, along, annulus, block, body, contact, coulomb, degrees, problem, solved
+
+
+@problem("ram", "A ram on two bars", (1, 2, 4), "times finer than the coarsest meshes",
+         shows="A rigid partner that is pushed finds its place, across a clearance, and shares the force out.",
+         scene="Bars of 1 m and 0.999 m height, 1 m wide, E = 1 GPa, ν = 0, on rollers; 0.2 m above them a rigid ram "
+               "that is pushed down by 3 MN/m; no friction.",
+         source="Springs side by side: δ = (F + k₂ g)/(k₁ + k₂), k = E/H, g = 1 mm.")
+def ram(n: int, order: Order, folder: Path) -> Found:
+    young, force, heights, lift = 1e9, 3e6, (1.0, 0.999), 0.2
+    rollers = [{"on": "left", "x": 0.0}, {"on": "bottom", "y": 0.0}]
+    stiffness = young / np.array(heights)
+    down = (force + stiffness[1] * (heights[0] - heights[1])) / stiffness.sum()
+    borne = stiffness * (down - np.array([0.0, heights[0] - heights[1]]))
+    answer = solved([body(name, block(2.0 * k, 0, 1.0, height, ((3 + k) * n, 2 * n), order), young, 0.0, rollers)
+                     for k, (name, height) in enumerate(zip(("one", "two"), heights, strict=True))],
+                    [contact(name, "ram", "top") for name in ("one", "two")],
+                    [{"name": "ram", "shape": "plane", "point": [0.0, heights[0] + lift], "normal": [0.0, -1.0],
+                      "force": [0.0, -force]}], 1e-12)
+    place = answer.summary["rigid"]["ram"]
+    values = {"displacement (m)": Value(place["displacement"][1], -lift - down, 1e-10),
+              "balance of the ram (N/m)": Value(place["force"][1], force, 1e-10)}
+    values |= {f"force on {name} (N/m)": Value(answer.summary["contacts"][f"{name}-ram"]["normal_force"],
+                                               float(value), 1e-8) for name, value in zip(("one", "two"), borne,
+                                                                                           strict=True)}
+    return Found(values, answer, along(answer.contacts["one-ram"], lambda x: np.full(len(x), borne[0]),
+                                       lambda xy: xy[:, 0], "x (m)", "pressure (Pa)"))
 
 
 @problem("mat", "A block on springs", (1, 2, 4), "times finer than the coarsest mesh",
