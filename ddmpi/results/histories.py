@@ -14,13 +14,12 @@ import numpy as np
 from ddmpi.body.stress import principal, von_mises
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import cell_with
-from ddmpi.results.fields import group_of, linear_triangles, skin
+from ddmpi.results.fields import coloured, group_of, linear_triangles, skin
 from ddmpi.results.frame import (
     ABOVE,
     BESIDE,
     View,
     by_value,
-    coloured,
     colours_of,
     draw_colours,
     draw_outline,
