@@ -120,7 +120,7 @@ def bolt_over_joint(summary: dict) -> float:
 
 
 EXHIBITS = [
-    Exhibit("pinched_blocks", "bodies.png", 8.36886, "MN/m", 1e-5, "brute force, ddmpi verify",
+    Exhibit("pinched_blocks", "bodies.png", 8.36886, "MN/m", 1e-5, "brute force",
             contact("upper-lower", "tangential_force", factor=1e-6)),
     Exhibit("punch", "bodies.png", 190.8, "N/mm", 1e-3, "mesh halved: 1.0 % less; twice: 1.3 % less",
             contact("punch-base", "tangential_force")),
@@ -137,8 +137,14 @@ EXHIBITS = [
             contact("fit", "moment", factor=-1e-3), {"time.steps": 1}),
     Exhibit("shaft_in_hub", "contacts.png", 2.0106, "kN m/m", 1e-3, "balance",
             contact("bush-hub", "moment", factor=-1e-3)),
+    Exhibit("loosened_fit", "steps.png", 227.3, "kN mm/mm", 1e-3, "Lamé and Coulomb",
+            contact("fit", "moment", factor=1e-3), {"time.steps": 1}),
     Exhibit("press_fit", "contact.png", 0.0326, "mm", 0.01, "rod theory",
             lambda summary: summary["displacement_max"], {"time.steps": 1}),
+    Exhibit("rail_on_bed", "bodies.png", 603.2, "N/mm", 1e-3, "beam on springs",
+            contact("rail-wheel", "normal_force")),
+    Exhibit("vice", "contacts.png", 120, "N/mm", 1e-3, "balance",
+            contact("part-moving", "force", 1, -1.0), {"time.steps": 1}),
     Exhibit("fretting", "steps.png", 0.424, "N mm/mm", 1e-3, "mesh twice as fine: 2.8 % less", second_cycle,
             {"time.steps": 2}),
     Exhibit("bolted_plates", "contacts.png", 3200, "N/mm", 1e-5, "balance",

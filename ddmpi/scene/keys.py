@@ -37,18 +37,17 @@ MEANT = {
     "mu": "coefficient", "ux": "x", "uy": "y", "group": "on", "centre": "center", "elements": "divisions", "uz": "z",
     "tied": "bonded", "glued": "bonded", "welded": "bonded", "contact": "unilateral", "frictionless": "unilateral",
     "fix": "clamp", "fixed": "clamp", "support": "clamp", "boundary": "clamp", "dirichlet": "clamp",
+    "springs": "foundation", "spring": "foundation", "winkler": "foundation", "bed": "foundation",
     "load": "traction", "loads": "traction", "BodySpec.force": "traction", "BodySpec.pressure": "traction",
     "gravity": "volume_force", "body_force": "volume_force", "weight": "volume_force", "plane stress": "stress",
     "plane strain": "strain", "solver": "outer", "interference": "a negative gap is an interference",
-    "Traction.force": "a load is a stress: divide the force by the length or area of the group, and write value = […]",
-    "expansion": "thermal expansion is not modelled", "temperature": "thermal expansion is not modelled",
+    "alpha": "expansion", "thermal_expansion": "expansion", "temp": "temperature", "heat": "temperature",
     "density": "weight is the body's volume_force = [0, -density * gravity], in space [0, 0, …]",
     "rho": "weight is the body's volume_force = [0, -density * gravity], in space [0, 0, …]",
     "thickness": "forces in the plane are those on a unit of depth", "yield_stress": "materials are linear elastic",
     "plasticity": "materials are linear elastic", "stiffness": "there is no contact stiffness to choose",
     "penalty": "there is no contact stiffness to choose", "master": "it is the body that slave does not name",
     "symmetry": "clamp = [{ on = …, x = 0.0 }] lets the group slide along y", "Clamp.normal": "give x, y or z",
-    "RigidSurface.force": "a rigid partner is moved, not pushed",
     "rotation": "nothing is turned by an angle", "units": "any units that fit together do; [output] has labels",
     "axisymmetric": "scenes are plane or solid", "steps": "load steps stand in [time]",
     "dimension": "meshes and lists say it: [x, y] in the plane, [x, y, z] in space"}
@@ -60,8 +59,8 @@ WRITTEN = {
     "mesh": 'mesh = { file = "….msh" }, { geometry = "….geo", size = … } or { shape = "rectangle", … }',
     "bodies": 'bodies = ["…", "…"]', "divisions": "divisions = [nx, ny], in space [nx, ny, nz]",
     "size": "size = [width, height], of a box [length, depth, height], of a geometry h",
-    **{key: f"{key} = [x, y], in space [x, y, z]" for key in ("value", "volume_force", "origin", "center", "point",
-                                                              "normal", "axis", "displacement")},
+    **{key: f"{key} = [x, y], in space [x, y, z]" for key in ("value", "volume_force", "force", "origin", "center",
+                                                              "point", "normal", "axis", "displacement")},
     "method": '[method], and below it a line for each key, such as preset = "accurate"'}
 """How a table or a pair is written."""
 

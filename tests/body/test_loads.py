@@ -46,6 +46,38 @@ def moment(mesh: Mesh, f: np.ndarray) -> float:
     return float(mesh.points[:, 0] @ f[:, 1] - mesh.points[:, 1] @ f[:, 0])
 
 
+# Forces
+
+
+@both_orders
+def test_force_is_spread_evenly(order):
+    """A force on a group is the stress of the force over its area, on straight and curved sides, in the plane and in
+    space."""
+    half_pi = np.pi / 2
+    box = build_mesh(BodySpec(name="box", material=STEEL, mesh=MeshSpec(
+        shape="box", size=(3.0, 1.0, 2.0), divisions=(3, 2, 2), order=order)))
+    for mesh, on, area, force in ((dam(order), "left", np.hypot(5.0, 40.0), (2e5, -1e6)),
+                                  (ring(64, 32, order), "inner", half_pi, (2e5, -1e6)),
+                                  (box, "top", 3.0, (2e5, -1e6, 3e4))):
+        f, g = (nodal_loads(mesh, body(traction=[load])) for load in (
+            Traction(on=on, force=force), Traction(on=on, value=tuple(each / area for each in force))))
+        assert f.sum(axis=0) == pytest.approx(force, rel=1e-13)
+        assert np.abs(f - g).max() <= (2e-4 if on == "inner" else 1e-13) * np.abs(g).max()
+
+
+def test_force_on_no_area_is_refused():
+    """A force on a group whose facets have no area, on a point, or on an empty group is one clear error."""
+    mesh = dam(1, vertices=["tip"])
+    line = Mesh(mesh.points * [1.0, 0.0], mesh.triangles, mesh.groups | {"none": np.empty((0, 2), int)}, mesh.vertices)
+    flat = Mesh(np.where(np.isin(np.arange(len(mesh.points)), mesh.groups["left"])[:, None], 0.0, mesh.points),
+                mesh.triangles, mesh.groups)
+    for of, on, words in ((flat, "left", "'left' has no area over which a force could be spread"),
+                          (line, "none", "'none' of the mesh has a name, but no lines"),
+                          (mesh, "tip", "'tip' is a physical point of the mesh, which only a clamp may name")):
+        with pytest.raises(InputError, match="body.block.traction: .*" + words):
+            nodal_loads(of, body(traction=[Traction(on=on, force=(1.0, 1.0))]))
+
+
 # Pressures
 
 

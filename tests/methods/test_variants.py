@@ -1,6 +1,6 @@
 """The sixteen published variants, all in one pair of processes: the answer, and the outer iterations.
 
-The answer is that of the coupled problem, which `ddmpi.judge.brute_force` finds by brute force; what it found is
+The answer is that of the coupled problem, which `tests/support/brute_force.py` finds by brute force; what it found is
 checked here against the conditions that it has to fulfil.
 """
 

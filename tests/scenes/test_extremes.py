@@ -1,7 +1,7 @@
 """The default method at the extremes of material, friction, shape, size and load, on small meshes.
 
 Every scene is certified at 1e-8 and gives the contact forces of the coupled problem, which
-`ddmpi.judge.brute_force` finds by brute force, or is refused for a reason. The same scenes on larger meshes:
+`tests/support/brute_force.py` finds by brute force, or is refused for a reason. The same scenes on larger meshes:
 scripts/extremes.py.
 """
 

@@ -153,11 +153,15 @@ def test_means_over_sides_do_not_swing_on_a_curved_interface(folder):
     assert np.abs(sides / rings.pressure - 1).max() < 1e-3 < 0.02 < np.abs(nodes / rings.pressure - 1).max()
 
 
-def test_verify(folder):
-    """Against the coupled problem, solved by brute force."""
-    scene = scenes.write_scene(blocks(12, 2), folder / "small.toml")
-    run = scenes.run_python(["-m", "ddmpi", "verify", str(scene)])
-    assert run.code == 0, run.output
+@pytest.mark.mpi(ranks=2)
+def test_the_coupled_problem_has_the_same_forces(comm):
+    from ddmpi.run.solve import solve
+
+    assembly = scenes.prepare_scene(comm, blocks(12, 2))
+    answer, exact = solve(assembly, assembly.scene.method), scenes.exact_forces(assembly)
+    forces = scenes.everywhere(assembly, answer.outer.forces)
+    assert answer.certified
+    assert np.linalg.norm(forces - exact) <= answer.limit * np.linalg.norm(exact)
 
 
 def test_bodies_of_different_order_are_refused(folder):

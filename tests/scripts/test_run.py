@@ -56,7 +56,7 @@ RANKS = {
     ("1.toml",): 1, ("2.toml",): 2, ("5.toml",): 5, ("run", "5.toml"): 5, ("12.toml",): 8,
     (): 2, ("--quiet",): 2, ("--help",): 2, ("info",): 2, ("absent.toml",): 2, ("blanks.toml",): 3,
     ("inline.toml",): 2, ("run", "--set", "title=1.toml", "5.toml"): 5, ("sweep", "3.toml", "--vary", "a=1,2"): 3,
-    ("verify", "3.toml"): 3, ("run", "-options_file", "inline.toml", "3.toml"): 3,
+    ("run", "-options_file", "inline.toml", "3.toml"): 3,
 }
 
 

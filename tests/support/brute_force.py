@@ -30,11 +30,11 @@ FIXED_POINT = 1e-12
 def check_size(assembly: Assembly) -> None:
     """InputError when the scene is too large, or not of the kind, to be solved this way."""
     if assembly.joint.bodies != 2 or assembly.world.size != 2 or len(assembly.scene.contact) != 1 or assembly.loose:
-        raise InputError("verify compares two bodies that clamps hold, with one contact, on two ranks; this scene is "
-                         "another one")
+        raise InputError("brute force is for two bodies that clamps hold, with one contact, on two ranks; this scene "
+                         "is another one")
     if any(law.size > law.m + len(law.sliding) for law in assembly.space.laws.laws):
-        raise InputError("verify bounds each tangential force by itself, as there is one in the plane; the friction of "
-                         "solids it cannot check")
+        raise InputError("brute force bounds each tangential force by itself, as there is one in the plane; the "
+                         "friction of solids it cannot check")
     if assembly.space.size > LARGEST:
         raise InputError(f"the coupled problem has {assembly.space.size} contact unknowns; by brute force {LARGEST} "
                          "are the most")
@@ -48,11 +48,11 @@ def solve_coupled(assembly: Assembly) -> np.ndarray:
     """
     with agreed(assembly.world):
         check_size(assembly)
-    joint, s = assembly.joint, np.empty(0)
-    C = joint.dense()
+    s = np.empty(0)
+    C = sum(assembly.world.allgather(assembly.member.dense()))
     with agreed(assembly.world):
         if assembly.space.interfaces:
-            s = solve_dense(C, joint.d, assembly.space.laws.laws[0])
+            s = solve_dense(C, assembly.joint.d, assembly.space.laws.laws[0])
     return s
 
 
