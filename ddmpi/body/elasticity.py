@@ -7,22 +7,32 @@ block size of A is d everywhere, as GAMG needs it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+import scipy.sparse as sparse
 from petsc4py import PETSc
 
-from ddmpi.body.loads import clamp_nodes, lost_loads, nodal_loads, refuse_underflow
+from ddmpi.body.loads import (
+    clamp_nodes,
+    lost_loads,
+    nodal_loads,
+    refuse_underflow,
+    springs,
+    temperature,
+    thermal_loads,
+)
 from ddmpi.body.rigid_motions import body_motions, near_null_space
-from ddmpi.body.stiffness import sum_stiffness
+from ddmpi.body.stiffness import forces_at, sum_stiffness
 from ddmpi.body.stress import material_of
 from ddmpi.errors import InputError
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec
 
 PRESCRIBED_SHARE = 1e-3
-"""Prescribed displacements count as a load of this fraction of the forces K u that they take by themselves."""
+"""Prescribed displacements count as a load of this fraction of the forces K u that they take by themselves, and
+temperatures of the forces that would undo what they strain."""
 
 
 @dataclass(frozen=True)
@@ -32,12 +42,18 @@ class LoadCase:
     Attributes
     ----------
     f : (nv, d) nodal loads of tractions and volume force (N)
+    warm : (nv,) temperature over the state free of stress (K)
+    heat : (nv, d) nodal loads by which it strains the body (N)
+    stored : root of twice the elastic energy where no strain yields to it (√J)
     prescribed : (nv, d) displacements of clamped dofs (m), zero elsewhere
     taken : (nv, d) the forces K u of the prescribed displacements alone (N)
     b : (d k,) what stands on the right of the system (N)
     """
 
     f: np.ndarray
+    warm: np.ndarray
+    heat: np.ndarray
+    stored: float
     prescribed: np.ndarray
     taken: np.ndarray
     b: np.ndarray
@@ -45,7 +61,13 @@ class LoadCase:
     @property
     def size(self) -> float:
         """Sum of the absolute nodal loads (N), as for `Elasticity.load`."""
-        return float(max(np.abs(self.f).sum(), PRESCRIBED_SHARE * np.abs(self.taken).sum()))
+        return float(max(np.abs(self.f).sum(), *(PRESCRIBED_SHARE * np.abs(each).sum() for each in
+                                                 (self.taken, self.heat))))
+
+    @property
+    def heated(self) -> np.ndarray | None:
+        """`warm`, or None if the body is as warm as where it is free of stress."""
+        return self.warm if self.warm.any() else None
 
 
 @dataclass(frozen=True)
@@ -64,8 +86,8 @@ class Elasticity:
     clamps : (nv, d) the number of the clamp that prescribes each dof, −1 if none does
     acting : the load case at present
     motions : (nv, d, j) the rigid motions that clamps leave free, see `body_motions`; zero at prescribed dofs
-    load : sum of the absolute nodal loads (N), tractions and volume forces; where displacements are
-        prescribed, at least PRESCRIBED_SHARE of the forces that these take
+    load : sum of the absolute nodal loads (N), tractions and volume forces; where displacements are prescribed or the
+        body is heated, at least PRESCRIBED_SHARE of the forces that these take
     warnings : loads that come to nothing, or are given twice
     cases : what the loads and prescribed displacements consist of, by history
     """
@@ -126,29 +148,34 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     Collective on `comm`. Raises InputError if the clamps contradict each other, or leave a part of the body loose
     that is not connected to the rest.
     """
-    K = sum_stiffness(mesh, material_of(mesh, body))
+    material = material_of(mesh, body)
+    K = sum_stiffness(mesh, material)
     clamps, prescribed = clamp_nodes(mesh, body)
-    free = clamps < 0
-    motions = body_motions(mesh, K, free, body.name)
+    free, found = clamps < 0, list(springs(mesh, body))
+    rows = sparse.vstack([Q for *_, Q in found], format="csr") if found else None
+    motions = body_motions(mesh, K, free, body.name, rows)
+    for _, root, Q in found:
+        K = K.with_springs(root * Q)
     nodes = np.flatnonzero(free.any(axis=1))
     loose = free[nodes]
     cases = {}
     for history, moved in prescribed.items():
-        f = nodal_loads(mesh, body, history)
+        f, warm = nodal_loads(mesh, body, history), temperature(mesh, body, history)
+        heat, energy = thermal_loads(mesh, material, warm) if warm.any() else (np.zeros_like(f), 0.0)
         taken = K.mult(moved)
-        right = f - taken
+        right = f + heat - taken
         refuse_underflow(mesh, body, right, moved, float(K.diagonal.max()))
-        cases[history] = LoadCase(f, moved, taken, (right[nodes] * loose).ravel())
+        cases[history] = LoadCase(f, warm, heat, energy**0.5, moved, taken, (right[nodes] * loose).ravel())
     case = _sum_cases([(1.0, each) for each in cases.values()])
-    rows, d = K.to_csr(free, nodes), mesh.dimension
-    if not (np.isfinite(rows.data).all() and np.isfinite(case.b).all()
+    whole, d = K.to_csr(free, nodes), mesh.dimension
+    if not (np.isfinite(whole.data).all() and np.isfinite(case.b).all()
             and K.diagonal[nodes].diagonal(axis1=1, axis2=2).min() > 0.0):
         raise InputError(f"body.{body.name}: material, loads and lengths give numbers out of the range of "
                          "double precision; choose other units")
 
     matrix = PETSc.Mat().createAIJWithArrays(
-        rows.shape, (rows.indptr.astype(PETSc.IntType, copy=False), rows.indices.astype(PETSc.IntType, copy=False),
-                     rows.data), bsize=d, comm=comm)
+        whole.shape, (whole.indptr.astype(PETSc.IntType, copy=False), whole.indices.astype(PETSc.IntType, copy=False),
+                      whole.data), bsize=d, comm=comm)
     matrix.setBlockSize(d)  # createAIJWithArrays ignores its bsize
     matrix.setOption(PETSc.Mat.Option.SYMMETRIC if motions.size else PETSc.Mat.Option.SPD, True)
     matrix.setNearNullSpace(near_null_space(mesh.points[nodes], loose, comm))
@@ -156,6 +183,29 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     load.setBlockSize(d)
     return Elasticity(matrix, load, int(loose.sum()), nodes, clamps, case, motions, case.size,
                       lost_loads(mesh, body, free), cases)
+
+
+def clamp_forces(mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarray,
+                 pull: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+    """What each clamp and foundation does to the body: its group, and nodal forces (nv, d) in newtons. Not collective.
+
+    A component of a node that several clamps hold is the last one's, so that all forces together are counted once.
+
+    Parameters
+    ----------
+    u : (nv, d) displacement under the present loads (m)
+    pull : (nv, d) contact forces on the body (N)
+    """
+    held = np.flatnonzero(~elasticity.free.all(axis=1))
+    forces, given = np.zeros_like(u), elasticity.acting.f + elasticity.acting.heat + pull
+    for on, root, Q in springs(mesh, body):
+        pressed = -root**2 * (Q.T @ (Q @ u.ravel())).reshape(u.shape)
+        given = given + pressed
+        yield on, pressed
+    if len(held):
+        forces[held] = forces_at(mesh, material_of(mesh, body), u, held) - given[held]
+    for which, clamp in enumerate(body.clamps):
+        yield clamp.on, np.where(elasticity.clamps == which, forces, 0.0)
 
 
 def _sum_cases(parts: Sequence[tuple[float, LoadCase]]) -> LoadCase:

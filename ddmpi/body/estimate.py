@@ -11,12 +11,22 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import comb
 
 import numpy as np
 
-from ddmpi.body.stress import Composite, blocks, cell_stress, components, energy_density, portions, stress_at
+from ddmpi.body.stress import (
+    Composite,
+    blocks,
+    cell_stress,
+    cell_temperature,
+    columns_of,
+    components,
+    energy_density,
+    portions,
+    stress_at,
+)
 from ddmpi.mesh.boundary import boundary_facets
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Material
@@ -43,11 +53,13 @@ class ErrorEstimate:
     squares : (nt,) squared error of each cell, ∫ (σ* − σ_h) : C⁻¹ (σ* − σ_h) (J; in the plane per metre of depth)
     areas : (nt,) areas or volumes of the cells (m² or m³)
     energy : squared energy norm ∫ σ_h : C⁻¹ σ_h, twice the strain energy (J)
+    stress : (nv, 4) or (nv, 6) the recovered stress at the nodes, as of `nodal_stress` (Pa)
     """
 
     squares: np.ndarray
     areas: np.ndarray
     energy: float
+    stress: np.ndarray
 
     @property
     def area(self) -> float:
@@ -102,44 +114,85 @@ def sum_errors(bodies: Mapping[str, tuple[float, float, float]],
                                float(energies.sum() / areas.sum()))
 
 
-def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray) -> ErrorEstimate:
+def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray,
+                   heat: np.ndarray | None = None) -> ErrorEstimate:
     """Estimate the discretization error of the displacement `u` (nv, d) in metres. Not collective.
+
+    `heat` (nv,) is the temperature over the state free of stress (K).
 
     Energy and error are zero where only rounding strains the body. Errors of linear cells that lock are nan: they
     hardly deform, so that their stress jumps little however wrong it is. Where materials meet, stress does jump, and is
     recovered from either side.
     """
     cell, (points, weights), measures = mesh.cell, mesh.cell.rule, mesh.measures()
-    sampled, shapes = components(stress_at(mesh, material, u, cell.samples)), cell.shapes(points)
+    shapes = cell.shapes(points)
     between: np.ndarray = np.ones((len(points), 1))
     if cell.order == 2:  # stress is linear between samples
         between = points @ np.linalg.inv(cell.samples)
-    parts = mesh if isinstance(material, Material) else _apart(mesh, material)
-    recovered = _recover(parts, sampled)
+    parts, sampled, recovered = _recovered(mesh, material, u, heat)
     squares: np.ndarray = np.zeros(len(measures))
     energy = 0.0
     for cells, own, curved in portions(mesh, material):
         computed, share = between @ sampled[..., cells], weights[:, None] * measures[cells]
         if curved:
-            computed = components(cell_stress(mesh, own, u, points, cells, curved))
+            computed = components(cell_stress(mesh, own, u, points, cells, curved, heat))
             share = weights[:, None] * mesh.map(cells, points).measures
         difference = shapes @ np.take(recovered, parts.triangles[cells].T, axis=1) - computed
         squares[cells] = (share * energy_density(own, difference)).sum(axis=0)
         energy += float((share * energy_density(own, computed)).sum())
+        if heat is not None:  # in plane strain σ_zz has energy as well
+            warm = cell_temperature(mesh, heat, points, cells) if curved else (
+                between @ cell_temperature(mesh, heat, cell.samples, cells))
+            energy += own.thermal(mesh.strains)[3] * float((share * warm**2).sum())
     materials = [material] if isinstance(material, Material) else material.materials
     stiffest = max(each.tensor(mesh.dimension).max() for each in materials)
     if energy <= stiffest * len(measures) * (UNSTRAINED * np.abs(u).max()) ** 2:
         squares, energy = np.zeros(len(measures)), 0.0
     if mesh.order == 1 and material.locks:
         squares = np.full(len(measures), np.nan)
-    return ErrorEstimate(squares, measures, energy)
+    return ErrorEstimate(squares, measures, energy, _joined(mesh, material, parts, recovered, heat))
+
+
+def nodal_stress(mesh: Mesh, material: Material | Composite, u: np.ndarray,
+                 heat: np.ndarray | None = None) -> np.ndarray:
+    """The recovered stress at the nodes (nv, 4), in space (nv, 6), in Pa, with the columns and arguments of `stress`;
+    where materials meet, the mean of theirs. Not collective."""
+    parts, _, recovered = _recovered(mesh, material, u, heat)
+    return _joined(mesh, material, parts, recovered, heat)
+
+
+def _recovered(mesh: Mesh, material: Material | Composite, u: np.ndarray, heat: np.ndarray | None,
+               ) -> tuple[Mesh, np.ndarray, np.ndarray]:
+    """The mesh with nodes of its own for each material, stress (n, q, nt) at the samples, and recovered (n, ·)."""
+    parts = mesh if isinstance(material, Material) else _apart(mesh, material)
+    sampled = components(stress_at(mesh, material, u, mesh.cell.samples, heat))
+    return parts, sampled, _recover(parts, sampled)
+
+
+def _joined(mesh: Mesh, material: Material | Composite, parts: Mesh, recovered: np.ndarray,
+            heat: np.ndarray | None) -> np.ndarray:
+    """The columns of `stress` at the nodes of the mesh, from the recovered stress (n, ·) at those of its `parts`."""
+    n, columns = mesh.strains, 2 * mesh.dimension
+    tensors = np.empty((n, n, recovered.shape[1]))
+    i, j = np.triu_indices(n)
+    tensors[i, j] = tensors[j, i] = recovered
+    if isinstance(material, Material):
+        return columns_of(tensors, material, heat)[:columns].T
+    node, number = np.empty((2, len(parts.points)), int)
+    node[parts.triangles], number[parts.triangles] = mesh.triangles, material.number[:, None]
+    total = np.zeros((len(mesh.points), columns))
+    for k, own in enumerate(material.materials):
+        at = node[number == k]
+        found = columns_of(tensors[..., number == k], own, None if heat is None else heat[at])
+        np.add.at(total, at, found[:columns].T)
+    return total / np.bincount(node, minlength=len(total))[:, None]
 
 
 def _apart(mesh: Mesh, material: Composite) -> Mesh:
     """The mesh with nodes of its own for each material, so that no patch reaches from one into another."""
     size = len(material.materials)
     keys, cells = np.unique(mesh.triangles * size + material.number[:, None], return_inverse=True)
-    return Mesh(mesh.points[keys // size], cells.reshape(mesh.triangles.shape), {})
+    return replace(mesh, points=mesh.points[keys // size], triangles=cells.reshape(mesh.triangles.shape))
 
 
 def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
@@ -147,7 +200,7 @@ def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
     x, order, corners, samples = mesh.points, mesh.order, mesh.corners, mesh.cell.samples
     nv, n, k = int(corners.max()) + 1, len(sampled), comb(mesh.dimension + order, order)
     places = samples @ np.take(x.T, corners.T, axis=1)  # (d, q, nt)
-    for bent in mesh.curved_blocks():
+    for bent in mesh.summed_blocks():
         places[..., bent] = mesh.map(bent, samples).places.transpose(2, 0, 1)
     reach = np.zeros(nv)
     for block in blocks(len(corners)):

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sparse
 
-from ddmpi.body.stress import blocks
+from ddmpi.body.stress import Composite, blocks, cell_temperature, gradients, portions
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group, group_nodes, turn_outward
-from ddmpi.mesh.elements import CELLS, FINE, curved_facets
+from ddmpi.mesh.elements import CELLS, FINE, RULES, circumference, curved_facets
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.scene.bodies import BodySpec, Traction
+from ddmpi.scene.bodies import BodySpec, Clamp, Material, Traction
 from ddmpi.scene.values import AffineVector, Vector, evaluate, varies
-from ddmpi.system.numbers import in_words
+from ddmpi.system.numbers import in_words, moment
 
 SAME = 1e-9
 """Relative difference up to which two clamps prescribe the same displacement."""
@@ -25,6 +27,13 @@ ROUNDING = 1e-9
 SMALLEST = 1e-150
 """Squares of smaller numbers lose digits or vanish; norms are made of squares."""
 
+ON_AXIS = Clamp(on="the axis", x=0.0)
+"""Around an axis, the clamp whose number follows those of the body."""
+
+
+VOLUME = "volume_force"
+"""What the volume force is called among the groups that are loaded."""
+
 
 def nodal_loads(mesh: Mesh, body: BodySpec, history: str | None = None) -> np.ndarray:
     """Nodal loads (nv, d) in newtons of tractions, pressures and volume force that follow `history`, None for none.
@@ -32,18 +41,33 @@ def nodal_loads(mesh: Mesh, body: BodySpec, history: str | None = None) -> np.nd
     They are exact where these are affine on straight facets and cells; formulas, and what acts on curved ones, are
     integrated by Gauss's rule. Raises InputError where a formula is not finite.
     """
-    f = np.zeros_like(mesh.points)
+    return sum((f for _, f in loads_by_group(mesh, body, history)), np.zeros_like(mesh.points))
+
+
+def loads_by_group(mesh: Mesh, body: BodySpec, history: str | None = None) -> Iterator[tuple[str, np.ndarray]]:
+    """The parts of `nodal_loads`, each with its group; the volume force is called VOLUME. A group may come again."""
     for traction in body.traction:
-        if traction.history != history:
-            continue
-        key = f"body.{body.name}.traction"
-        _values(traction.given, mesh.points[boundary_group(mesh, traction.on, key)], key)
-        for facets, shares, stress in _stress(mesh, traction, key):
-            np.add.at(f, facets, np.einsum("lqs,dqs->sld", shares, stress))
+        if traction.history == history:
+            key, f = f"body.{body.name}.traction", np.zeros_like(mesh.points)
+            _values(traction.given, mesh.points[boundary_group(mesh, traction.on, key)], key)
+            for facets, shares, stress in _stress(mesh, traction, key):
+                np.add.at(f, facets, np.einsum("lqs,dqs->sld", shares, stress))
+            yield traction.on, f
     force, follows = body.weight
     if follows == history and force != (0.0,) * mesh.dimension:
+        f = np.zeros_like(mesh.points)
         _add_volume_force(mesh, force, f"body.{body.name}.volume_force", f)
-    return f
+        yield VOLUME, f
+
+
+def resultants(mesh: Mesh, parts: Iterable[tuple[str, np.ndarray]]) -> dict[str, dict[str, np.ndarray]]:
+    """By group the force (d,) in newtons and the moment about the origin (N m), () or (3,), of nodal forces (nv, d)."""
+    found: dict[str, dict[str, np.ndarray]] = {}
+    for group, f in parts:
+        acts = f.any(axis=1)
+        now = {"force": f[acts].sum(axis=0), "moment": moment(mesh.points[acts], f[acts], mesh.axisymmetric)}
+        found[group] = {kind: now[kind] + value for kind, value in found[group].items()} if group in found else now
+    return found
 
 
 def _stress(mesh: Mesh, traction: Traction, key: str) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
@@ -57,17 +81,19 @@ def _stress(mesh: Mesh, traction: Traction, key: str) -> list[tuple[np.ndarray, 
     facets = turn_outward(mesh, boundary_group(mesh, traction.on, key), key)[0]
     nodes, cell = mesh.points[facets], CELLS[mesh.dimension - 1, mesh.order]
     points, weights = FINE[cell.dimension]
-    exact = ~(curved_facets(nodes) | varies(traction.given))
+    exact = ~(curved_facets(nodes) | varies(traction.given) | mesh.axisymmetric)
     found = []
     for part, where, table in ((exact, np.eye(mesh.dimension), cell.mass),
                                (~exact, points, (weights[:, None] * cell.shapes(points)).T)):
         if part.any():
             vectors = cell.vectors(nodes[part], where)
             size = np.linalg.norm(vectors, axis=0)
-            stress = _values(traction.given, np.einsum("ql,sld->qsd", cell.shapes(where), nodes[part]), key)
+            places = np.einsum("ql,sld->qsd", cell.shapes(where), nodes[part])
+            stress = _values(traction.given, places, key)
             if traction.pressure is not None:
                 stress = -vectors / size * stress
-            found.append((facets[part], table[..., None] * size, stress))
+            around = circumference(places, mesh.axisymmetric)
+            found.append((facets[part], table[..., None] * size * around, stress))
     if traction.force is None:
         return found
     area = sum(float(shares.sum()) for _, shares, _ in found)
@@ -76,15 +102,21 @@ def _stress(mesh: Mesh, traction: Traction, key: str) -> list[tuple[np.ndarray, 
     return [(on, shares, stress / area) for on, shares, stress in found]
 
 
+def temperature(mesh: Mesh, body: BodySpec, history: str | None) -> np.ndarray:
+    """Temperature (nv,) in K at the nodes, as far as it follows `history`. Raises InputError where it is not finite."""
+    value = body.heat.value if body.heat.history == history else 0.0
+    return _values(value, mesh.points, f"body.{body.name}.temperature")
+
+
 def _add_volume_force(mesh: Mesh, force: Vector | AffineVector, key: str, f: np.ndarray) -> None:
     """Add the nodal loads of a volume force (N/m³) to f (nv, d)."""
-    parts: list[slice] | list[np.ndarray] = mesh.curved_blocks()
+    parts: list[slice] | list[np.ndarray] = mesh.summed_blocks()
     if varies(force):
         _values(force, mesh.points, key)
         parts = blocks(len(mesh.triangles))
     else:
         measures = mesh.measures()
-        measures[mesh.curved] = 0.0
+        measures[mesh.summed] = 0.0
         for component, density in enumerate(_values(force, mesh.points[mesh.corners], key)):
             loads = (measures[:, None] * density) @ mesh.cell.mass.T
             f[:, component] += np.bincount(mesh.triangles.ravel(), loads.ravel(), len(f))
@@ -95,6 +127,53 @@ def _add_volume_force(mesh: Mesh, force: Vector | AffineVector, key: str, f: np.
         shares = weights[:, None] * mapped.measures
         for component, density in enumerate(_values(force, mapped.places, key)):
             f[:, component] += np.bincount(nodes.ravel(), ((shares * density).T @ shapes).ravel(), len(f))
+
+
+def springs(mesh: Mesh, body: BodySpec) -> Iterator[tuple[str, float, sparse.csr_matrix]]:
+    """The foundations of a body: group, stiffness √k (N/m)^½, and rows Q (r, d nv) without units.
+
+    Under a displacement u the springs store ½ k |Q u|², and take the forces k Qᵀ Q u. Not collective. Raises InputError
+    for inner facets.
+    """
+    for foundation in body.foundation:
+        key = f"body.{body.name}.foundation"
+        facets = turn_outward(mesh, boundary_group(mesh, foundation.on, key), key)[0]
+        cell, d = CELLS[mesh.dimension - 1, mesh.order], mesh.dimension
+        points, weights = FINE[cell.dimension]
+        vectors = cell.vectors(mesh.points[facets], points)
+        size = np.linalg.norm(vectors, axis=0)
+        along = np.einsum("iqs,jqs->qsij", vectors / size, vectors / size)
+        places = np.einsum("ql,sld->qsd", cell.shapes(points), mesh.points[facets])
+        size = size * circumference(places, mesh.axisymmetric)
+        largest, measure = max(foundation.normal, foundation.tangential), float(weights @ size.sum(axis=1))
+        normal, tangential = np.sqrt([foundation.normal / largest, foundation.tangential / largest])
+        roots = normal * along + tangential * (np.eye(d) - along)
+        roots = roots * np.sqrt(weights[:, None] * size / measure)[..., None, None]
+        values = np.einsum("qsij,ql->qsilj", roots, cell.shapes(points))
+        columns = np.broadcast_to((d * facets[:, :, None] + np.arange(d))[None, :, None], values.shape)
+        starts = np.arange(0, values.size + 1, d * facets.shape[1])
+        yield foundation.on, float(np.sqrt(largest * measure)), sparse.csr_matrix(
+            (values.ravel(), columns.ravel(), starts), (len(starts) - 1, mesh.points.size))
+
+
+def thermal_loads(mesh: Mesh, material: Material | Composite, heat: np.ndarray) -> tuple[np.ndarray, float]:
+    """Nodal loads (nv, d) in newtons by which a temperature (nv,) in K strains a body, ∫ β T : ∇φ; and twice the
+    elastic energy where no strain yields to it (J). Not collective.
+
+    The temperature is that of the points where the stress is taken, see `Cell.samples`.
+    """
+    f, energy = np.zeros_like(mesh.points), 0.0
+    for cells, own, curved in portions(mesh, material):
+        samples = mesh.cell.samples
+        points, weights = RULES[mesh.dimension] if curved else (samples, np.full(len(samples), 1.0 / len(samples)))
+        mapped, warm = mesh.map(cells, points), cell_temperature(mesh, heat, points, cells)
+        beta, whole, *_ = own.thermal(mesh.strains)
+        beta = np.einsum("ij,ijrc->rc", beta, gradients(mesh))
+        share = weights[:, None] * mapped.measures * warm
+        for component, loads in enumerate(np.einsum("rc,cqit,qt->rti", beta, mapped.slopes, share)):
+            f[:, component] += np.bincount(mesh.triangles[cells].ravel(), loads.ravel(), len(f))
+        energy += whole * float((share * warm).sum())
+    return f, energy
 
 
 def _values(value: Any, points: np.ndarray, key: str) -> np.ndarray:
@@ -111,6 +190,7 @@ def _values(value: Any, points: np.ndarray, key: str) -> np.ndarray:
 def clamp_nodes(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, dict[str | None, np.ndarray]]:
     """Which clamp holds each component (nv, d), −1 if it is free, and the displacements (nv, d) in metres prescribed.
 
+    Nodes on an axis are held radially as by one clamp more, see `ON_AXIS`.
     The latter by the history that they follow, at its factor 1; None stands for those that follow none.
 
     Not collective. Raises InputError where two clamps prescribe different displacements of one component.
@@ -135,6 +215,12 @@ def clamp_nodes(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, dict[str | None
                                      + (", with another history" if wanted[k] == before[k] else ""))
                 clamps[nodes, component] = which
                 prescribed[nodes, component], followed[nodes, component] = wanted, number
+    moved = np.flatnonzero(mesh.on_axis & (prescribed[:, 0] != 0.0))
+    if len(moved):
+        raise InputError(f"body.{body.name}.clamp: x at {in_words(mesh.points[moved[0]])} is prescribed as "
+                         f"{prescribed[moved[0], 0]:.6g}, and what lies on the axis does not move radially; write a "
+                         'formula that is zero there, such as x = "1e-3 * x"')
+    clamps[mesh.on_axis & (clamps[:, 0] < 0), 0] = len(body.clamps)
     return clamps, {name: np.where(followed == number, prescribed, 0.0) for number, name in enumerate(names)}
 
 

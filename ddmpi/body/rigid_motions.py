@@ -42,9 +42,10 @@ def rigid_motions(points: np.ndarray, centre: np.ndarray, size: float = 1.0) -> 
     return np.stack(motions, axis=-1)
 
 
-def free_motions(motions: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Combinations (j, ·) of `motions` (k, d, j), orthonormal columns, that all components not `free` (k, d) allow."""
-    held = motions[~free]
+def free_motions(motions: np.ndarray, free: np.ndarray, springs: np.ndarray | None = None) -> np.ndarray:
+    """Combinations (j, ·) of `motions` (k, d, j), orthonormal columns, that all components not `free` (k, d) allow, and
+    that strain no springs: rows (r, j) of what these see of the motions."""
+    held = motions[~free] if springs is None else np.concatenate([motions[~free], springs])
     _, values, vectors = np.linalg.svd(np.linalg.qr(held, mode="r") if len(held) else np.zeros((1, motions.shape[2])))
     squares = np.zeros(motions.shape[2])
     squares[:len(values)] = values**2
@@ -67,32 +68,56 @@ def recognisable(left: np.ndarray, dimension: int) -> np.ndarray:
     return np.hstack([pure, rest])
 
 
-def body_motions(mesh: Mesh, K: Stiffness, free: np.ndarray, name: str) -> np.ndarray:
-    """The rigid motions that the clamps of a body leave free, as displacements (nv, d, j) of all nodes.
+def body_motions(mesh: Mesh, K: Stiffness, free: np.ndarray, name: str,
+                 springs: sparse.csr_matrix | None = None) -> np.ndarray:
+    """The rigid motions that clamps and springs of a body leave free, as displacements (nv, d, j) of all nodes.
+
+    Of the springs there are rows (r, d nv) without units.
 
     Translations move by one; rotations by the distance from their centre, over that of the farthest node from the
     centroid. So coefficients are lengths. If nothing is held, the motions are those along the axes and the rotations
-    about the centroid. Not collective. Raises InputError if a part of the body is loose that is not connected to the
+    about the centroid; around an axis there is only that along it.
+
+    Not collective. Raises InputError if a part of the body is loose that is not connected to the
     rest.
     """
     pieces, piece = K.connected()
     for k in range(pieces if pieces > 1 else 0):
-        _refuse_loose(mesh, piece == k, pieces, free, name)
+        _refuse_loose(mesh, piece == k, pieces, free, name, springs)
     centre, touched = _centroid(mesh), ~free.all(axis=1)
     size = float(np.linalg.norm(mesh.points - centre, axis=1).max())
     left = np.empty((0, 0))
     if pieces == 1:
-        left = free_motions(rigid_motions(mesh.points[touched], centre, size), free[touched])
+        left = free_motions(rigid_motions(mesh.points[touched], centre, size), free[touched],
+                            _seen(springs, mesh, centre, size))
     if not left.size:
         return np.empty((*free.shape, 0))
     return rigid_motions(mesh.points, centre, size) @ recognisable(left, free.shape[1]) * free[:, :, None]
 
 
-def _refuse_loose(mesh: Mesh, members: np.ndarray, pieces: int, free: np.ndarray, name: str) -> None:
+def _seen(springs: sparse.csr_matrix | None, mesh: Mesh, centre: np.ndarray, size: float,
+          members: np.ndarray | None = None) -> np.ndarray | None:
+    """What springs (r, d nv) see (r, j) of the rigid motions of all nodes, or of the `members` (nv,) bool alone.
+
+    Around an axis all motions but that along it strain the body, as if they strained springs.
+    """
+    strained = np.eye(3)[[0, 2]] if mesh.axisymmetric else None
+    if springs is None:
+        return strained
+    motions = rigid_motions(mesh.points, centre, size)
+    if members is not None:
+        motions[~members] = 0.0
+    seen = springs @ motions.reshape(springs.shape[1], -1)
+    return seen if strained is None else np.concatenate([seen, strained])
+
+
+def _refuse_loose(mesh: Mesh, members: np.ndarray, pieces: int, free: np.ndarray, name: str,
+                  springs: sparse.csr_matrix | None) -> None:
     """Raise InputError if the piece of the nodes `members` (nv,), one of several, can move as a rigid body."""
     touched = members & ~free.all(axis=1)
-    left = free_motions(rigid_motions(mesh.points[touched], mesh.points[members].mean(axis=0), mesh.extent),
-                        free[touched])
+    centre = mesh.points[members].mean(axis=0)
+    left = free_motions(rigid_motions(mesh.points[touched], centre, mesh.extent), free[touched],
+                        _seen(springs, mesh, centre, mesh.extent, members))
     if left.size:
         translations, rotations = np.split(np.abs(left[:, 0]), [free.shape[1]])
         motion = "rotate" if rotations.max() > 0.5 else f"move along {'xyz'[translations.argmax()]}"
@@ -107,7 +132,7 @@ def _centroid(mesh: Mesh) -> np.ndarray:
     measures, middle = mesh.measures(), mesh.points.mean(axis=0)
     moments = measures[:, None] * (mesh.points[mesh.corners].mean(axis=1) - middle)
     points, weights = RULES[mesh.dimension]
-    for cells in mesh.curved_blocks():
+    for cells in mesh.summed_blocks():
         mapped = mesh.map(cells, points)
         moments[cells] = np.einsum("q,qt,qtd->td", weights, mapped.measures, mapped.places - middle)
     return middle + moments.sum(axis=0) / measures.sum()

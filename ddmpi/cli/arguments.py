@@ -19,6 +19,8 @@ STEP = "time of the load step to show, of those whose fields are written (defaul
 
 REPEATED = ("--set=", "--vary=")  # they may be followed by several KEY=VALUE
 
+SIGNED = ("--from=", "--to=")  # their values may begin with a minus
+
 
 class _Parser(argparse.ArgumentParser):
     """Raises InputError instead of printing on every rank."""
@@ -31,6 +33,13 @@ def _named(word: str) -> str:
     if not word:
         raise argparse.ArgumentTypeError("an empty name (a variable of the shell that is not set?)")
     return word
+
+
+def _point(word: str) -> list[float]:
+    try:
+        return [float(each) for each in word.split(",")]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{word!r} is no point; write it as 0,0.5 or 0,0,1") from None
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -56,10 +65,24 @@ def build_parser() -> argparse.ArgumentParser:
     run.add_argument("--restart", type=_named, metavar="DIR", help="go on from the checkpoint of an interrupted run in "
                      "DIR, with the same scene and options; results go there too unless --output says otherwise")
     run.add_argument("--no-figures", action="store_true", help="draw no pictures")
+    check = commands.add_parser("check", help="say and draw what a run would do, without solving", parents=[scene],
+                                **formats)
+    check.add_argument("--output", type=_named, metavar="DIR",
+                       help="folder for the pictures (default: a new one in results/)")
+    check.add_argument("--no-figures", action="store_true", help="draw no pictures")
     _add_sweep(commands, scene, formats)
     figures = commands.add_parser("figures", help="draw the pictures of saved results anew", allow_abbrev=False)
     figures.add_argument("folder", type=_named, metavar="DIR", help="folder of results")
     figures.add_argument("--step", type=float, metavar="TIME", help=STEP)
+    path = commands.add_parser("path", help="write displacements and stresses along a straight line through the bodies "
+                               "as a table", allow_abbrev=False)
+    path.add_argument("folder", type=_named, metavar="DIR", help="folder of results")
+    for name, words in ("from", "first point, as in 0,0.5 or 0,0,1"), ("to", "last point"):
+        path.add_argument(f"--{name}", type=_point, metavar="X,Y", dest=name, required=True, help=words)
+    path.add_argument("--points", type=int, metavar="N", default=101, help="so many, evenly (default: 101)")
+    path.add_argument("--step", type=float, metavar="TIME", help=STEP)
+    path.add_argument("--output", type=_named, metavar="FILE", help="file to write (default: DIR/path.csv); the table "
+                      "of an earlier path is overwritten, any other file is not")
     plot = commands.add_parser("sweep-plot", help="draw a result of a sweep against a parameter", allow_abbrev=False)
     plot.add_argument("folder", type=_named, metavar="DIR", help="folder of the sweep")
     plot.add_argument("plots", nargs="+", metavar="RESULT:KEY", help="two columns of its table, as in n_A:theta")
@@ -109,7 +132,7 @@ def split_arguments(arguments: list[str]) -> tuple[list[str], list[str]]:
             petsc.append(word)
             if words and not re.match(r"--?[A-Za-z]", words[0]):
                 petsc.append(words.pop(0))
-        elif f"{word}=" in REPEATED and words:
+        elif f"{word}=" in REPEATED + SIGNED and words:
             own.append(f"{word}={words.pop(0)}")
         elif "=" in word and word[0] != "-" and own and own[-1].startswith(REPEATED):
             own.append(f"{own[-1].partition('=')[0]}={word}")

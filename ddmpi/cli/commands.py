@@ -33,8 +33,13 @@ def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None
         from ddmpi.run.run import run
 
     interrupt.listen()
-    run(world, scene, options.scene, options.output, figures=scene.output.figures and not options.no_figures,
-        restart=options.restart)
+    if options.command == "check":
+        from ddmpi.check.check import check
+
+        check(world, scene, options.scene, options.output, scene.output.figures and not options.no_figures)
+    else:
+        run(world, scene, options.scene, options.output, figures=scene.output.figures and not options.no_figures,
+            restart=options.restart)
 
 
 def _sweep(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
@@ -77,6 +82,22 @@ def _draw(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> Non
                     print(draw_plot(Path(options.folder), plot))
 
 
+def _path(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
+    interrupt.leave()
+    from ddmpi.results.histories import along, at_step
+    from ddmpi.results.tables import read_results, reading, write_path
+
+    with agreed(world), printing(world):
+        if world.rank == 0:
+            folder = Path(options.folder)
+            with reading(folder):
+                results = at_step(read_results(folder), folder, options.step)
+                columns = along(results, getattr(options, "from"), options.to, options.points)
+            path = Path(options.output or folder / "path.csv")
+            write_path(path, columns)
+            print(path)
+
+
 def _report(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
     interrupt.leave()
     from ddmpi.cli.report import write_report
@@ -105,8 +126,8 @@ def _schema(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> N
         print(json.dumps(json_schema(Scene), indent=1, ensure_ascii=False))
 
 
-COMMANDS = {"run": _run, "sweep": _sweep, "figures": _draw, "sweep-plot": _draw, "report": _report,
-            "info": _info, "schema": _schema}
+COMMANDS = {"run": _run, "check": _run, "sweep": _sweep, "figures": _draw, "path": _path, "sweep-plot": _draw,
+            "report": _report, "info": _info, "schema": _schema}
 
 
 @contextlib.contextmanager

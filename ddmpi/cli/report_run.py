@@ -68,9 +68,10 @@ class RunReport:
         last = time in (None, *(step["time"] for step in summary["steps"][-1:]))
         self.of_step = ("of the last load step" if last else f"at time {time:g}") if self.stepped else ""
         self.axes = "xyz"[:len(next(iter(self.bodies.values()))["reaction"])]
-        self.units = units(self.scene["output"], len(self.axes)) | {"": ""}
+        self.units = units(self.scene, len(self.axes)) | {"": ""}
         moment = self._vector("moment", "moment") if len(self.axes) > 2 else {"moment": ("moment", "moment")}
-        self.resultants = self._vector("force", "force") | moment | SUMS
+        self.force = self._vector("force", "force") | moment
+        self.resultants = self.force | SUMS
 
     def page(self, template: str) -> str:
         """The filled template."""
@@ -148,7 +149,7 @@ class RunReport:
         contacts = self.contacts.values()
         counts = [f"{sum(contact[status] for contact in contacts)} {status}" for status in ("open", "slip", "stick")]
         found = {"m": sum(contact["m"] for contact in contacts), "nodes": ", ".join(counts), "of_step": self.of_step,
-                 "depth": "depth" if len(self.axes) == 2 else "",
+                 "depth": "depth" if len(self.axes) == 2 and not self.scene.get("axisymmetric") else "",
                  "estimate": percent(self.error["energy_norm"]), "body_number": len(self.bodies),
                  "elements": ("linear", "quadratic")[self.summary["order"] - 1]}
         if not {contact["friction"] for contact in contacts} <= {"none", "bonded"}:
@@ -197,15 +198,26 @@ class RunReport:
             "unmatched": ", ".join(unmatched[:FEW]) + ", …" * (len(unmatched) > FEW)}
 
     def _bodies(self) -> dict[str, Any]:
-        clamped = {each["name"] for each in self.scene.get("body", ()) if each["clamp"]}
+        specs = {each["name"]: each for each in self.scene.get("body", ())}
+        supports = {name: [word for word in ("clamp", "foundation") if specs.get(name, {}).get(word)]
+                    for name in self.bodies}
         unknown = {"reaction": (None,) * len(self.axes)}
-        bodies = [body if name in clamped else body | unknown for name, body in self.bodies.items()]
+        bodies = [body if supports[name] else body | unknown for name, body in self.bodies.items()]
         columns = BODIES | self._vector("reaction", "force") | {"strain energy": ("energy", "energy")}
         return {"bodies": table(
-            "Largest displacement and stress; the reaction of the clamps, where there are any",
+            "Largest displacement and stress; the reaction of clamps and foundations, where there are any",
             Column("body", list(self.bodies)), *self._columns(columns, bodies),
-            Column("held by", ["clamps" if body["held"] else "clamps and contacts" if name in clamped else "contacts"
-                               for name, body in self.bodies.items()]))}
+            Column("held by", [" and ".join([f"{word}s" for word in supports[name]] + ["contacts"] * (not body["held"]))
+                               for name, body in self.bodies.items()])),
+            "groups": self._groups()}
+
+    def _groups(self) -> Html | str:
+        """Applied loads and forces of clamps by group; nothing where none are known, as of an earlier load step."""
+        rows = [(name, group, by, forces) for name, body in self.bodies.items() for by in ("loads", "reactions")
+                for group, forces in body.get(by, {}).items()]
+        return table("What loads and supports do to bodies, by group; moments are about the origin", *(
+            Column(head, [row[k] for row in rows]) for k, head in enumerate(("body", "group", "of"))),
+            *self._columns(self.force, [forces for *_, forces in rows])) if rows else ""
 
     def _steps(self) -> dict[str, Any]:
         """The load steps, condensed where there are many, and the balance of energy."""

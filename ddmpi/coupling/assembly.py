@@ -10,6 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ddmpi.body.elasticity import Elasticity, assemble
+from ddmpi.body.loads import ON_AXIS
 from ddmpi.body.stress import Composite, material_of, modulus_beside
 from ddmpi.coupling.exchange import Ends, Exchange
 from ddmpi.coupling.joint import Joint
@@ -18,10 +19,10 @@ from ddmpi.coupling.ranks import homes_of, ranks_beside, team_of
 from ddmpi.coupling.space import Space
 from ddmpi.coupling.team import Team, TeamMatrix
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import Interface, Mover, check_overlap, refuse_contradiction, uncovered_profile
+from ddmpi.interface.interface import Interface, Mover, check_overlap, refuse_contradiction
 from ddmpi.interface.matching import face_rigid
 from ddmpi.interface.mortar import connect
-from ddmpi.interface.rows import holds_along
+from ddmpi.interface.rows import holds_along, uncovered_profile
 from ddmpi.mesh.boundary import boundary_group
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh
@@ -96,13 +97,20 @@ class Assembly:
         return body.member
 
     @property
+    def pushes(self) -> dict[str, float]:
+        """Sum of the components (N) of the force on each pushed partner, the largest at the ends of all legs."""
+        factors = [self.scene.factors(time) for time in self.scene.legs]
+        return {rigid.name: float(np.abs(rigid.force or 0.0).sum()) * max(abs(each[rigid.history]) for each in factors)
+                for rigid in self.joint.pushed}
+
+    @property
     def loose(self) -> list[str]:
-        """Names of the bodies that clamps do not hold."""
+        """Names of the bodies that clamps do not hold, and of the rigid partners that are pushed."""
         return [name for name, motions in self.joint.slices.items() if motions.stop > motions.start]
 
 
 def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Clock | None = None,
-            refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES) -> Assembly:
+            refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES, factor: bool = True) -> Assembly:
     """Mesh, assemble, pair and factor.
 
     Parameters
@@ -112,6 +120,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     clock : times the phases mesh, assemble and factor
     refinement : how many times finer the meshes of `scene` are than the given ones, but for geometries
     sizes : of the elements of geometries, by the names of the own bodies, where an accuracy target has led to them
+    factor : False for an assembly that is only looked at, see `Member`
 
     Raises
     ------
@@ -137,7 +146,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
         for spec in mine:
             own = _contacts_of(spec, contacts)
             meshes[spec.name] = build_mesh(spec, folder, [contact.on[side] for contact, side in own],
-                                           sizes.get(spec.name), scene.dimension)
+                                           sizes.get(spec.name), scene.dimension, scene.axisymmetric)
             for contact, side in own:
                 edges[contact.name, side] = boundary_group(meshes[spec.name], contact.on[side], _key(contact))
             interrupt.check()
@@ -170,10 +179,11 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     with clock.phase("factor"), agreed(world):
         for spec in mine:
             points = meshes[spec.name].points[bodies[spec.name].nodes]
-            bodies[spec.name] = _deal(team, bodies[spec.name], points)
+            if factor:
+                bodies[spec.name] = _deal(team, bodies[spec.name], points)
             ours = [interface for interface in interfaces if spec.name in interface.bodies]
             members.append(Member(spec.name, bodies[spec.name], ours, scene.method.compliance, memory, histories,
-                                  points))
+                                  points, factor))
             interrupt.check()
     owned = {contact for contact, first, _ in exchange.ends if first == world.rank}
     if exchange.mirrored:
@@ -185,7 +195,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     numbers = [body.name for body in scene.body]
     return Assembly(world, scene, tuple(Body(numbers.index(spec.name), spec, meshes[spec.name], member)
                                         for spec, member in zip(mine, members, strict=True)),
-                    space, exchange, Joint(members, exchange, space, histories),
+                    space, exchange, Joint(members, exchange, space, histories, scene.pushed),
                     world.allreduce(sum(each.n for each in bodies.values())),
                     sum(merged(world, {interface.name: interface.m for interface in interfaces}).values()), told)
 
@@ -243,22 +253,22 @@ def _tied(spec: SettledBody, contacts: Sequence[SettledContact], edges: Mapping[
 def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | None],
           refinement: int) -> tuple[Interface, list[str]]:
     """The interface of two sides, or of one and a rigid partner, and warnings. Raises InputError."""
-    (first, second), clamps = sides, {body.name: body.clamps for body in scene.body}
+    (first, second), clamps = sides, {body.name: [*body.clamps, ON_AXIS] for body in scene.body}
     if second is None:
         (rigid,) = (each for each in scene.rigid if each.name == contact.bodies[1])
         interface = face_rigid(first, rigid, contact)
-        overlaps = check_overlap(interface, first)
         moved = dict(zip("xyz", rigid.displacement or (), strict=False))
-        partner = Mover(rigid.name, [Clamp(on=rigid.name, history=rigid.history, **moved)])
+        partner = Mover(rigid.name, [Clamp(on=rigid.name, history=rigid.history, **moved)], pushed=rigid.pushed)
     else:
         if any(body.mesh.geometry for body in scene.body if body.name in contact.bodies):
             refinement = 1  # its nodes match by their number alone
         interface = connect(first, second, contact, refinement)
-        overlaps = check_overlap(interface, first, second)
         partner = Mover(second.body, clamps[second.body], second)
     times = scene.legs if scene.time is None or scene.time.steps == 1 else [0.0, *scene.legs]
-    refuse_contradiction(interface, [Mover(first.body, clamps[first.body], first), partner],
-                         {time: scene.factors(time) for time in times})
+    factors = {time: scene.factors(time) for time in times}
+    overlaps = check_overlap(interface, *(side for side in (first, second) if side),
+                             scales=[each[interface.gap_history] for each in factors.values()])
+    refuse_contradiction(interface, [Mover(first.body, clamps[first.body], first), partner], factors)
     idle = [] if contact.slave is None or interface.slave else [
         f"contact.{contact.name}.slave: no side is a slave, because nodes match and are paired; pairing = \"mortar\" "
         "makes one of them the slave"]

@@ -20,6 +20,7 @@ from ddmpi.coupling.member import Member
 from ddmpi.coupling.space import Space
 from ddmpi.errors import SolverError
 from ddmpi.petsc.events import event
+from ddmpi.scene.contacts import Rigid
 
 
 class Motions:
@@ -70,19 +71,20 @@ class Motions:
         return self.space.add(self.Z.T @ s) if self.size else np.zeros(0)
 
 
-def gather_motions(exchange: Exchange, space: Space, members: Sequence[Member],
-                   columns: Sequence[np.ndarray]) -> tuple[Motions, dict[str, slice]]:
+def gather_motions(exchange: Exchange, space: Space, members: Sequence[Member], columns: Sequence[np.ndarray],
+                   pushed: Sequence[Rigid] = ()) -> tuple[Motions, dict[str, slice]]:
     """The motions of all bodies, and their numbers by body: in the order of the ranks and of the bodies there.
 
     Parameters
     ----------
     columns : of each local body (j, size of its vector), the contact displacements of its motions (m)
+    pushed : rigid partners, whose translations along the axes where forces act on them come last
 
     Collective.
     """
     counts = exchange.world.allgather([(member.name, len(own)) for member, own in zip(members, columns, strict=True)])
-    slices, size = {}, 0
-    for name, count in itertools.chain(*counts):
+    slices, size, axes = {}, 0, {rigid.name: rigid.pushed for rigid in pushed}
+    for name, count in itertools.chain(*counts, ((name, len(own)) for name, own in axes.items())):
         slices[name] = slice(size, size + count)
         size += count
     if not size:
@@ -91,8 +93,11 @@ def gather_motions(exchange: Exchange, space: Space, members: Sequence[Member],
                                   for contact, (part, side) in member.parts.items()})
     blocks = []
     for interface, part in space.each():
+        sides = dict(zip(interface.bodies, both[interface.name], strict=True))
+        if interface.bodies[1] in axes:
+            sides[interface.bodies[1]] = -interface.directions[:, axes[interface.bodies[1]]]
         found = [(np.arange(slices[name].start, slices[name].stop), block)
-                 for name, block in zip(interface.bodies, both[interface.name], strict=True) if block is not None]
+                 for name, block in sides.items() if block is not None]
         numbers, columns = zip(*found, strict=True)
         blocks.append((part, np.concatenate(numbers), np.hstack(columns)))
     return Motions(space, size, blocks), slices

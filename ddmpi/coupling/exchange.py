@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,10 +18,6 @@ from ddmpi.system import interrupt
 from ddmpi.system.agreement import agree
 
 _INTERFACE, _PART, _OBJECT = 11, 12, 13
-
-FAILED, DUE = 1, 2
-"""Bits of a message's first word: the sender has met an error; it wants a checkpoint to be written."""
-
 
 class Ends(NamedTuple):
     """A contact and the ranks of its first and second body; a rigid partner has no rank, and the first's stands here.
@@ -64,16 +60,12 @@ class Exchange:
     messages, bytes : of interface vectors, sent so far by this rank
     collectives : reductions over all ranks so far, of flags, scalars and coarse problems, and reduced_bytes, what this
         rank gave to them; PETSc's own in Krylov methods are not counted
-    wants_checkpoint : asked at every exchange
-    checkpoint_due : whether a rank wanted a checkpoint so far; the same on all
     """
 
     def __init__(self, world: MPI.Comm, ends: Sequence[Ends], mirrored: bool = False) -> None:
         self.world, self.ends, self.mirrored = world, tuple(ends), mirrored
         self.messages = self.bytes = 0
         self.collectives: Counter[str] = Counter(reductions=0, reduced_bytes=0)
-        self.wants_checkpoint: Callable[[], bool] = lambda: False
-        self.checkpoint_due = False
         self._failure: DdmpiError | None = None
         self._sizes: list[int] = []
         self._local: list[_Part] = []
@@ -162,19 +154,18 @@ class Exchange:
             return
         self._failure = self._failure or interrupt.interruption()
         if self.world.size == 1:
-            self.checkpoint_due |= self.wants_checkpoint()
             if self._failure:
                 self.agree()
             return
         topic = zlib.crc32(about.encode())
-        words = np.array([self._failure is not None, self.wants_checkpoint(), topic, -topic], dtype=np.int64)
+        words = np.array([self._failure is not None, topic, -topic], dtype=np.int64)
         self.collectives.update(reductions=1, reduced_bytes=words.nbytes)
         with event("Exchange"):
             self.world.Allreduce(MPI.IN_PLACE, words, MPI.MAX)
-        if words[2] != -words[3]:
+        lost = words[1] != -words[2]
+        if lost:
             self._failure = self._failure or _lost(about)
-        self.checkpoint_due |= bool(words[1])
-        if words[0] or words[2] != -words[3]:
+        if words[0] or lost:
             self.agree()
 
     def swap(self, mine: np.ndarray, about: str) -> tuple[np.ndarray, np.ndarray]:
@@ -186,7 +177,7 @@ class Exchange:
         partner = second if self.world.rank == first else first
         self._failure = self._failure or interrupt.interruption()
         send = np.empty(len(mine) + 2)
-        send[0] = FAILED * (self._failure is not None) + DUE * self.wants_checkpoint()
+        send[0] = self._failure is not None
         send[1] = zlib.crc32(about.encode())
         send[2:] = mine
         with event("Exchange"):
@@ -201,9 +192,7 @@ class Exchange:
         lost = send[1] != receive[1] or len(send) != len(receive)
         if lost:
             self._failure = self._failure or _lost(about)
-        flags = int(send[0]) | int(receive[0])
-        self.checkpoint_due |= bool(flags & DUE)
-        if flags & FAILED or lost:
+        if send[0] or receive[0] or lost:
             self.agree()
         theirs = receive[2:]
         return (mine, theirs) if self.world.rank == first else (theirs, mine)

@@ -12,10 +12,15 @@ from ddmpi.coupling.coarse import Motions, gather_motions
 from ddmpi.coupling.exchange import Exchange
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.space import Space
+from ddmpi.scene.contacts import Rigid
+from ddmpi.system.numbers import norm
 
 STEERING = 0.1
 """Where the compliance is applied by an iterative solver: a product in GMRES need only be as precise as this times
 what GMRES has left to do (Bouras and Frayssé, SIAM J. Matrix Anal. Appl. 26, 2005), since it steers, no more."""
+
+BALANCED = 1e-12
+"""The force on a pushed partner is balanced if less than this part of it and of all contact forces is left."""
 
 
 class Joint:
@@ -30,6 +35,7 @@ class Joint:
     members : the bodies of this rank
     exchange, space : between the bodies, and the layout of the vectors
     histories : that loads, clamps and rigid partners follow, None for those that follow none
+    pushed : rigid partners that forces push: loose bodies without compliance that do not turn
 
     Attributes
     ----------
@@ -37,23 +43,26 @@ class Joint:
     bodies : number of bodies of all ranks
     d : (size,) how far the bodies would overlap without contact forces (m), tangentially from where slip begins
     rigid : the rigid motions of loose bodies, Gᵀ = rigid.Z; of size 0 where clamps hold all bodies
-    slices : of them by body, also of the bodies that have none
+    slices : of them by body, also of the bodies that have none, and by pushed partner
     e : (rigid.size,) the loads along them (N)
     shared : (size,) bool, unknowns of nodes at which a body has several contacts
     neglected : forces (N) that do not matter in a product that is kept
     """
 
     def __init__(self, members: Sequence[Member], exchange: Exchange, space: Space,
-                 histories: Sequence[str | None] = (None,)) -> None:
+                 histories: Sequence[str | None] = (None,), pushed: Sequence[Rigid] = ()) -> None:
+        self.pushed = tuple(pushed)
         self.members, self.space, self.size = tuple(members), space, space.size
         self.neglected = 0.0
         self._exchange = exchange
         self.shared = exchange.total([member.shared for member in members], "shared nodes") > 0.0
         self._moved = {name: exchange.total([member.response(name)[0] for member in members], "free displacement")
                        for name in histories}
-        self.rigid, self.slices = gather_motions(exchange, space, members, [member.G for member in members])
-        self.bodies = len(self.slices)
-        self._pulled = {name: self._of_all([member.response(name)[1] for member in members]) for name in histories}
+        self.rigid, self.slices = gather_motions(exchange, space, members, [member.G for member in members], pushed)
+        self.bodies = len(self.slices) - len(pushed)
+        self._pulled = {name: self._of_all([member.response(name)[1] for member in members],
+                                           [(rigid.history == name) * np.array(rigid.force)[rigid.pushed]
+                                            for rigid in pushed]) for name in histories}
         self.act(dict.fromkeys(histories, 1.0))
 
     def act(self, factors: Mapping[str | None, float]) -> None:
@@ -89,11 +98,19 @@ class Joint:
         return self.rigid.joined(more), self._of_all(values)
 
     def rigid_moduli(self) -> np.ndarray:
-        """`Member.stiffness` (N/m²; in space N/m) of the body that each rigid motion belongs to (rigid.size,)."""
-        return self._of_all([np.full(len(member.e), member.stiffness) for member in self.members])
+        """`Member.stiffness` (N/m²; in space N/m) of the body that each rigid motion belongs to, or of the stiffest
+        body that a partner pushes (rigid.size,)."""
+        own = [(name, member.stiffness) for member in self.members for each in member.interfaces
+               for name in each.bodies]
+        stiffness: dict[str, float] = {}
+        for name, value in itertools.chain(*self._exchange.world.allgather(own)):
+            stiffness[name] = max(value, stiffness.get(name, 0.0))
+        return self._of_all([np.full(len(member.e), member.stiffness) for member in self.members],
+                            [np.full(len(rigid.pushed), stiffness[rigid.name]) for rigid in self.pushed])
 
-    def first_closed(self) -> np.ndarray:
-        """The nodes (m,) bool of all owned interfaces that a first guess takes as closed. Collective.
+    def first_closed(self) -> tuple[np.ndarray, np.ndarray]:
+        """The nodes (m,) bool of all owned interfaces that a first guess takes as closed, and the open ones of these
+        that bodies fall onto, which may turn. Collective.
 
         All of them where clamps hold all bodies. A loose body that nothing presses must not be drawn to a partner, so
         with loose bodies those that touch at first; and all of a loose body whose load presses it on none of these, as
@@ -101,6 +118,7 @@ class Joint:
         """
         space = self.space
         touches = [space.gap[part][:interface.m] <= 0.0 for interface, part in space.each()]
+        falls = [np.zeros(len(own), bool) for own in touches]
         lonely: list[str] = []
         if self.rigid.size:
             bears = np.zeros(self.rigid.size)
@@ -111,15 +129,24 @@ class Joint:
                     bears[numbers[own]] += (block[:interface.m][closed][:, own] @ self.e[at] > 0.0).any()
             bears = space.add(bears)
             lonely = [name for name, at in self.slices.items() if self.e[at].any() and not bears[at].any()]
+        upright = {rigid.name for rigid in self.pushed}
         for k, interface in enumerate(space.interfaces):
-            if not self.rigid.size or set(interface.bodies) & set(lonely):
-                touches[k] = np.ones(interface.m, bool)
-        return np.concatenate([np.empty(0, bool), *touches])
+            falling = set(interface.bodies) & set(lonely)
+            if falling - upright:
+                falls[k] = ~touches[k]
+            touches[k] |= bool(falling) or not self.rigid.size
+        none = np.empty(0, bool)
+        return np.concatenate([none, *touches]), np.concatenate([none, *falls])
 
-    def _of_all(self, own: Sequence[np.ndarray]) -> np.ndarray:
-        """The arrays of all bodies one after the other, in the order of the motions."""
+    def _of_all(self, own: Sequence[np.ndarray], partners: Sequence[np.ndarray] = ()) -> np.ndarray:
+        """The arrays of all bodies and then of pushed partners one after the other, in the order of the motions."""
         everyone = self._exchange.world.allgather(own)
-        return np.concatenate([np.zeros(0), *itertools.chain(*everyone)])
+        return np.concatenate([np.zeros(0), *itertools.chain(*everyone), *partners])
+
+    def pushed_by(self, alpha: np.ndarray) -> dict[str, np.ndarray]:
+        """How far (d,) pushed partners move along with the motions α (rigid.size,), beside their displacements (m)."""
+        return {rigid.name: np.bincount(rigid.pushed, alpha[self.slices[rigid.name]], len(rigid.force or ()))
+                for rigid in self.pushed}
 
     def spread(self, s: np.ndarray) -> list[np.ndarray]:
         """The vector s (size,) as each body of this rank sees it."""
@@ -128,6 +155,11 @@ class Joint:
     def imbalance(self, s: np.ndarray) -> np.ndarray:
         """e − G s (rigid.size,) in newtons: the loads on loose bodies that the forces s leave."""
         return self.e - self.rigid.sums(s)
+
+    def balances(self, left: np.ndarray, size: float) -> bool:
+        """Whether `imbalance` leaves nothing on pushed partners beside them, and beside forces of this size (N)."""
+        own = [self.slices[rigid.name] for rigid in self.pushed]
+        return all(norm(left[at]) <= BALANCED * (norm(self.e[at]) + size) for at in own)
 
     def multiplications(self) -> int:
         """Multiplications by A_a⁻¹ so far, of all bodies."""

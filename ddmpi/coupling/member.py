@@ -9,12 +9,12 @@ import numpy as np
 import scipy.sparse as sparse
 from petsc4py import PETSc
 
-from ddmpi.body.compliance import Compliance
+from ddmpi.body.compliance import Compliance, plan_compliance
 from ddmpi.body.elasticity import Elasticity, LoadCase
 from ddmpi.body.rigid_motions import Centring, support
 from ddmpi.coupling.team import hold, make_solver
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.trace import displacement_trace, normal_trace, rows, trace
+from ddmpi.interface.trace import displacement_trace, nodal_forces, normal_trace, rows, trace
 from ddmpi.petsc.events import event
 
 PRECISE = 1e-12
@@ -36,22 +36,26 @@ class Member:
     compliance, memory : kind of the compliance, and the bytes that it may use, see `Compliance`
     histories : that loads and clamps of the scene follow, None for those that follow none
     points : (k, d) positions of the nodes that A acts on, see `Compliance`
+    factor : without it the body is only looked at: there is no C, and h is zero
 
     Attributes
     ----------
+    kind, reason : of a body that is only looked at, those that its `Compliance` would have
     C : contact compliance B A⁻¹ Bᵀ with its counts; of a loose body before centring, so multiply by `mult`
     h : (size,) B A⁻¹ b, the contact displacement without contact forces (m); of a loose body, with those that
         balance the load
+    size : length of the body's vectors
     parts : of its vector by contact, and its side there, 0 or 1
     G : (j, size) contact displacements of the rigid motions that clamps leave free
     e : (j,) what the load does along these motions (N); G s does the same if the body is in equilibrium
 
-    Construction factors A and is collective on the body's communicator. Raises SolverError.
+    Construction factors A, unless told not to, and is collective on the body's communicator. Raises SolverError.
     """
 
     def __init__(self, name: str, elasticity: Elasticity, interfaces: Sequence[Interface],
                  compliance: str | None = None, memory: float = np.inf,
-                 histories: Sequence[str | None] = (None,), points: np.ndarray | None = None) -> None:
+                 histories: Sequence[str | None] = (None,), points: np.ndarray | None = None,
+                 factor: bool = True) -> None:
         self.name, self.elasticity, self.interfaces = name, elasticity, tuple(interfaces)
         self._histories = tuple(histories)
         ends = np.cumsum([0, *(each.size for each in self.interfaces)]).tolist()
@@ -62,9 +66,14 @@ class Member:
                            *(trace(each, each.side(name), elasticity) for each in self.interfaces)], format="csr")
         motions = self.motions[elasticity.nodes]
         R = motions.reshape(A.size[1], motions.shape[2])
+        self.size = B.shape[0]
         self.G, self.e = np.ascontiguousarray((B @ R).T), R.T @ b.array_r
         self._R = R
         self._centring: Centring | None = None
+        if not factor:
+            self.kind, self.reason = plan_compliance(A.size[0], B, compliance, memory, A.getBlockSize())
+            self._responses = {name: (np.zeros(self.size), R.T @ case.b) for name, case in elasticity.cases.items()}
+            return
         if not elasticity.held:
             self._centring = Centring(R, B)
             A = hold(A, support(motions))
@@ -95,15 +104,11 @@ class Member:
                           for k in (0, 1))
 
     @property
-    def size(self) -> int:
-        """Length of the body's vectors."""
-        return self.C.size
-
-    @property
     def stiffness(self) -> float:
-        """The largest E* of its interfaces (N/m²), in space times their extent (N/m); without one, the largest of A."""
+        """The largest E* of its interfaces (N/m²), in space and around an axis times their extent (N/m); without
+        interfaces, the largest of A."""
         if self.interfaces:
-            return max(each.modulus * each.area.sum() ** (1.0 - 1.0 / each.law.components) for each in self.interfaces)
+            return max(each.modulus * each.area.sum() / each.length for each in self.interfaces)
         return float(self.elasticity.A.getDiagonal().array_r.max(initial=0.0))
 
     @property
@@ -155,6 +160,12 @@ class Member:
         """B u (size,) in metres, of a displacement (nv, d) of all nodes. Not collective."""
         return self._all(displacement_trace(each, each.side(self.name), u) for each in self.interfaces)
 
+    def pull(self, s: np.ndarray) -> np.ndarray:
+        """−Bᵀ s (nv, d): what contact forces s (size,) do to all nodes of the body (N). Not collective."""
+        parts = (nodal_forces(each, side, s[part], len(self.motions))
+                 for each, (part, side) in zip(self.interfaces, self.parts.values(), strict=True))
+        return sum(parts, np.zeros(self.motions.shape[:2]))
+
     def normal_parts(self, u: np.ndarray) -> dict[tuple[str, int], np.ndarray]:
         """Normal displacements in metres at the probes of its interfaces, by contact and side. Not collective."""
         sides = [(each, each.side(self.name)) for each in self.interfaces]
@@ -165,7 +176,7 @@ class Member:
         return np.concatenate([np.empty(0), *parts])
 
     def work(self, u: np.ndarray, s: np.ndarray) -> np.ndarray:
-        """What loads and reactions do along displacements: (2, k) in J, by history in the order of the scene.
+        """What loads, reactions and heat do along displacements: (2, k) in J, by history in the order of the scene.
 
         Parameters
         ----------
@@ -173,15 +184,17 @@ class Member:
 
         Returns
         -------
-        f·u for the loads f that follow a history, at its factor 1, and R·p for the reactions R of clamps and the
-        displacements p that follow it. Not collective.
+        f·u for the loads f that follow a history, at its factor 1; and R·p − ∫ σ : ε for the reactions R of clamps, the
+        displacements p and the thermal strains ε that follow it. Not collective.
         """
-        found, f = np.zeros((2, len(self._histories))), self.elasticity.acting.f
+        found, acting = np.zeros((2, len(self._histories))), self.elasticity.acting
         for k, name in enumerate(self._histories):
             case = self.elasticity.cases.get(name)
             if case:
                 found[0, k] = (case.f * u).sum()
-                found[1, k] = (u * case.taken).sum() - (f * case.prescribed).sum() + s @ self.trace(case.prescribed)
+                found[1, k] = ((u * case.taken).sum() - ((acting.f + acting.heat) * case.prescribed).sum()
+                               + s @ self.trace(case.prescribed)
+                               - (case.heat * u).sum() + case.stored * acting.stored)
         return found
 
     def displacement(self, s: np.ndarray, alpha: np.ndarray | None = None) -> tuple[np.ndarray, float, float, float]:
@@ -196,7 +209,7 @@ class Member:
         u : (nv, d)
         left : ‖A u + Bᵀ s − b‖ (N), large where contact forces do not balance the load of a loose body
         acting : max(‖b‖, ‖Bᵀ s‖), which it is to be compared with
-        energy : strain energy ½ uᵀ K u with the stiffness K of all dofs (J)
+        energy : strain energy (J): ½ uᵀ K u with the stiffness K of all dofs, without what heat strains freely
 
         Collective on the body's communicator. Raises SolverError.
         """
@@ -218,6 +231,7 @@ class Member:
             full = self.elasticity.expand(u)
             acting = self.elasticity.acting
             energy += float((acting.taken * (full - 0.5 * acting.prescribed)).sum())
+            energy += 0.5 * acting.stored**2 - float((acting.heat * full).sum())
             return (full if alpha is None else full + self.motions @ alpha), Au.norm(), size, energy
 
     def _balanced(self, f: PETSc.Vec) -> PETSc.Vec:

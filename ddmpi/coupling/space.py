@@ -33,7 +33,7 @@ class Space:
     size : length of this rank's vectors
     petsc_comm : `comm` as PETSc takes it
     laws : of the owned interfaces, on vectors of this space
-    opening : (size,) initial gaps at the normal entries (m), zero at the tangential ones
+    opening : (size,) initial gaps at the normal entries (m), as their histories have them; zero at the tangential ones
     prescribed : (size,) what rigid partners move (m)
     gap : (size,) the first less the second
     """
@@ -49,21 +49,21 @@ class Space:
             start += interface.size
         self.size = start
         self.laws = Laws([interface.law for interface in self.interfaces])
-        self.opening = np.zeros(start)
-        for interface, part in self.each():
-            self.opening[part][:interface.m] = interface.gap
         self._drawn = self.interfaces
-        self._place_partners()
+        self._place()
 
-    def _place_partners(self) -> None:
+    def _place(self) -> None:
+        self.opening = np.zeros(self.size)
+        for interface, part in self.each():
+            self.opening[part][:interface.m] = interface.opening
         self.prescribed = np.concatenate([np.empty(0), *(interface.prescribed for interface in self.interfaces)])
         self.gap = self.opening - self.prescribed
 
     def act(self, factors: Mapping[str | None, float]) -> None:
-        """Displace the rigid partners that follow histories by these `factors` of what the scene says."""
-        if any(interface.history is not None for interface in self._drawn):
-            self.interfaces = tuple(each.displaced(factors[each.history] * each.displacement) for each in self._drawn)
-            self._place_partners()
+        """Let gaps and rigid partners be as their histories have them with these `factors`."""
+        if any((each.history, each.gap_history) != (None, None) for each in self._drawn):
+            self.interfaces = tuple(each.under(factors) for each in self._drawn)
+            self._place()
 
     @property
     def m(self) -> int:
@@ -148,9 +148,11 @@ class Laws:
         """Which nodes are closed and which slip at q = s − c r (size,)."""
         return [law.active_set(part) for law, part in self.parts(q)]
 
-    def sticking(self, closed: np.ndarray) -> list[ActiveSet]:
-        """The nodes `closed` of all interfaces closed and sticking, the others open."""
-        return [law.sticking(own) for law, own in zip(self.laws, np.split(closed, self._nodes), strict=True)]
+    def sticking(self, closed: np.ndarray, falls: np.ndarray | None = None) -> list[ActiveSet]:
+        """The nodes `closed` of all interfaces closed and sticking, but for those that fall; the others open."""
+        falls = np.zeros_like(closed) if falls is None else falls
+        return [law.sticking(*own) for law, *own in zip(self.laws, np.split(closed, self._nodes),
+                                                        np.split(falls, self._nodes), strict=True)]
 
     def linearise(self, active: list[ActiveSet]) -> list[Tangent]:
         """What the active sets imply for the forces of each interface."""

@@ -11,13 +11,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.sparse as sparse
-from msgspec.structs import astuple
 
 from ddmpi.errors import InputError
 from ddmpi.interface.law import Law
+from ddmpi.mesh.elements import circumference
 from ddmpi.scene.bodies import Clamp
-from ddmpi.scene.contacts import SettledContact
-from ddmpi.scene.values import Profile, evaluate
+from ddmpi.scene.values import evaluate
 from ddmpi.surface.side import Side
 from ddmpi.system.numbers import in_words, spans
 
@@ -42,14 +41,20 @@ class Places:
     ----------
     nodes : of each side (j,), numbers in its body's mesh; none of a rigid partner
     normal : (k, d) outer normals of the first body
-    gap : (k,) initial gap (m)
+    gap : (k,) initial gap (m), at the factor 1 of its history
     transfer : of each side (k, j), sparse: a place moves as the rows say that the side's nodes move
+    stays : (k,) the part of an overlap that clamps keep, and that is no overlap of the answer
     """
 
     nodes: tuple[np.ndarray, np.ndarray] = (np.empty(0, int), np.empty(0, int))
     normal: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
     gap: np.ndarray = field(default_factory=lambda: np.empty(0))
     transfer: tuple[sparse.csr_matrix, sparse.csr_matrix] = (sparse.csr_matrix((0, 0)), sparse.csr_matrix((0, 0)))
+    stays: np.ndarray | float = 0.0
+
+    def opening(self, scale: float) -> np.ndarray:
+        """(k,) the gap times `scale` (m), without what clamps keep of an overlap."""
+        return scale * self.gap - self.stays * np.minimum(scale * self.gap, 0.0)
 
     def moved(self, side: int, u: np.ndarray) -> np.ndarray:
         """Displacement (k, d) of the places with a side whose nodes all move by `u` (nv, d)."""
@@ -94,14 +99,15 @@ class Interface:
     xy : (m, d) positions of the contact nodes on the first side, or on the slave (m)
     frame : (m, d, d) unit vectors of the first body: outer normal, then tangents; the second body's are opposite
     area : (m,) nodal lengths, in three dimensions areas, of what faces the other side (m)
-    gap : (m,) initial gap along the normal (m); negative for an initial overlap
+    gap : (m,) initial gap along the normal (m), at the factor 1 of its history; negative for an initial overlap
     nodes : of each side (k,), numbers in its body's mesh; none of a rigid partner
     transfer : of each side (m, k), sparse: a contact node moves as the rows say that the side's nodes move
     law : of contact and friction at these nodes
     modulus : E* (Pa), 1/E* being the sum of both bodies' (1 − ν²)/E, of which a rigid partner's is zero
     fixed : nodes without unknowns, because clamps hold both bodies there; the gap they keep is no residual
     facets : (f, l) rows at the nodes of facets, turned out of the body; in space triangles between vertices. Only of
-        facets that wholly face the other side and whose nodes all have a row to themselves
+        facets that wholly face the other side and whose nodes all have a row to themselves, but for those on an axis in
+        order 2: a facet there has the row of its middle twice
     laplacian : (m, m) sparse, of hat functions on all facets between the rows, m^(d − 3); nodes without a row that
         clamps or other contacts hold are fixed. Rows with an entry are neighbours
     one_sided : (size,) bool, unknowns along which only one of the bodies can move
@@ -112,7 +118,10 @@ class Interface:
     probes : places between the nodes of sides that do not match; of others, fixed nodes that can still move a little
     displacement : (d,) of a rigid partner (m)
     history : that the displacement of the rigid partner follows, or None
+    gap_history : that the gap follows, or None
+    scale : factor of the gap at present
     arc : (m,) arc lengths along the first body's boundary, by which profiles count (m); empty where there are none
+    axisymmetric : whether it turns around the axis x = 0; nodal lengths are areas then
     """
 
     name: str
@@ -136,11 +145,24 @@ class Interface:
     probes: Places = field(default_factory=Places)
     displacement: np.ndarray = field(default_factory=lambda: np.zeros(2))
     history: str | None = None
+    gap_history: str | None = None
+    scale: float = 1.0
     arc: np.ndarray = field(default_factory=lambda: np.empty(0))
+    axisymmetric: bool = False
 
     def displaced(self, U: np.ndarray) -> Interface:
         """The same interface with the rigid partner displaced by `U` (d,)."""
         return replace(self, prescribed=-(self.directions @ U), displacement=U)
+
+    def under(self, factors: Mapping[str | None, float]) -> Interface:
+        """The same interface with these `factors` of its gap and rigid partner, by history."""
+        moved = self.displaced(factors[self.history] * self.displacement)
+        return replace(moved, scale=factors[self.gap_history])
+
+    @property
+    def opening(self) -> np.ndarray:
+        """(m,) the gap at present (m)."""
+        return self.scale * self.gap
 
     @property
     def m(self) -> int:
@@ -168,12 +190,23 @@ class Interface:
     @property
     def spacing(self) -> np.ndarray:
         """(m,) distance to the next nodes by the nodal lengths or areas (m)."""
-        return self.area ** (1.0 / self.law.components)
+        return (self.area / self.around) ** (1.0 / self.law.components)
+
+    @property
+    def around(self) -> np.ndarray | float:
+        """`circumference` (m,) at the rows (m); at the axis that of a circle within the row's area."""
+        least = np.sqrt(4.0 / 3.0 * np.pi * self.area) if self.axisymmetric else 0.0
+        return np.maximum(circumference(self.xy, self.axisymmetric), least)
+
+    @property
+    def length(self) -> float:
+        """Of the contact, in space the root of its area (m)."""
+        return float((self.area / self.around).sum() ** (1.0 / self.law.components))
 
     @property
     def stiffness(self) -> np.ndarray:
         """c (size,), that of half-spaces against waves as short as the distance between nodes (N/m)."""
-        width = self.area ** (1.0 - 1.0 / self.law.components)  # 1 in the plane, per length
+        width = self.around * (self.area / self.around) ** (1.0 - 1.0 / self.law.components)  # 1 in the plane
         return 0.5 * self.modulus * width[self.law.node]
 
     @property
@@ -230,7 +263,7 @@ def in_order(facets: np.ndarray) -> np.ndarray:
     return facets[np.argsort(facets[:, 0])]
 
 
-def check_overlap(interface: Interface, *sides: Side) -> list[str]:
+def check_overlap(interface: Interface, *sides: Side, scales: Sequence[float] = (1.0,)) -> list[str]:
     """Warnings of a large initial overlap; InputError where the sides turn their backs on each other. Not collective.
 
     A body's depth is its extent along the normal of the contact.
@@ -238,8 +271,10 @@ def check_overlap(interface: Interface, *sides: Side) -> list[str]:
     Parameters
     ----------
     sides : of both bodies, or of the one that has a rigid partner
+    scales : factors that the gap has
     """
-    gap = np.concatenate([interface.gap, interface.fixed.gap])
+    given = np.concatenate([interface.gap, interface.fixed.gap])
+    gap = np.min([scale * given for scale in scales], axis=0)
     normal = np.concatenate([interface.normal, interface.fixed.normal])
     k = int(np.argmin(gap))
     overlap, depths = -gap[k], [float(np.abs(normal[k]) @ side.extent) for side in sides]
@@ -269,15 +304,19 @@ class Mover:
     name : of the body or the partner
     clamps : of the body; of a partner its displacement, as one clamp
     side : of the body; None of a partner
+    pushed : axes along which a force moves the partner
     """
 
     name: str
     clamps: Sequence[Clamp]
     side: Side | None = None
+    pushed: Sequence[int] = ()
 
     def free(self, places: Places, k: int) -> np.ndarray:
         """(n, d) the share in the motion of `places` that this side, the k-th, has without clamps."""
-        return np.zeros_like(places.normal) if self.side is None else abs(self.at(places, k, 1.0 * self.side.free))
+        if self.side is None:
+            return np.zeros_like(places.normal) + np.isin(np.arange(places.normal.shape[1]), self.pushed)
+        return abs(self.at(places, k, 1.0 * self.side.free))
 
     def moved(self, places: Places, k: int, factors: Mapping[str | None, float]) -> np.ndarray:
         """(n, d) the displacement of places that clamps prescribe (m), with these factors by history."""
@@ -327,8 +366,9 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
     pairs = [Places(interface.nodes, interface.normal, interface.gap, interface.transfer), interface.fixed]
     for places in [interface.probes] if interface.slave else pairs:
         free = sum(mover.free(places, k) for k, mover in enumerate(movers)) > SAME
-        gap, across = places.gap[:, None], np.abs(places.normal) > SAME
+        across = np.abs(places.normal) > SAME
         for time, now in factors.items():
+            gap = now[interface.gap_history] * places.gap[:, None]
             u = np.array([mover.moved(places, k, now) for k, mover in enumerate(movers)])
             closing, slack = u[0] - u[1], SAME * (np.abs(gap) + np.linalg.norm(u, axis=2).sum(axis=0)[:, None])
             if bonded:
@@ -353,18 +393,3 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
                        + f" by {worst:.3g}, and no force can prevent that; prescribe motions that go together")
     if message:
         raise InputError(message)
-
-
-def uncovered_profile(interface: Interface, contact: SettledContact) -> list[str]:
-    """A warning where a profile of friction or of the gap ends before the contact does. Not collective."""
-    found = []
-    for key, values in (*(("friction", each) for each in astuple(contact.friction)), ("gap", contact.gap)):
-        if not isinstance(values, Profile) or len(values.points) < 2:
-            continue
-        along = values.position(interface.xy, interface.arc)
-        low, high, slack = values.points[0], values.points[-1], 1e-6 * float(np.ptp(along))
-        if along.min() < low - slack or along.max() > high + slack:
-            found.append(f"contact.{interface.name}.{key}: the profile covers {values.along} from {low:g} to {high:g}, "
-                         f"the contact goes from {along.min():g} to {along.max():g}; beyond its ends the profile is "
-                         "constant")
-    return found

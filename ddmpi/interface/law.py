@@ -146,11 +146,14 @@ class Law:
         excess = np.where(slips & (bound > 0.0), size / np.where(bound > 0.0, bound, 1.0) - 1.0, 0.0)
         return ActiveSet(pressure, normal > 0.0, np.where(slips[:, None], direction(tangential), 0.0), bound, excess)
 
-    def sticking(self, closed: np.ndarray) -> ActiveSet:
-        """The nodes `closed` (m,) closed and sticking, the others open: the guess where nothing is known."""
+    def sticking(self, closed: np.ndarray, falls: np.ndarray) -> ActiveSet:
+        """The nodes `closed` (m,) closed and sticking, the others open: the guess where nothing is known.
+
+        Coulomb's friction holds none that `falls` (m,): which way it slides is not known before the body has fallen.
+        """
         none, mt = np.zeros(self.m), len(self.sliding)
         active = ActiveSet(none, closed, np.zeros((mt, self.components)), self.slip_bound(none), np.zeros(mt))
-        free = ~closed[self.sliding] & (self.slope(none) > 0.0)  # the others may carry tangential forces though open
+        free = (~closed | falls)[self.sliding] & (self.slope(none) > 0.0)  # others may carry friction though open
         active.slip[free, 0] = 1.0
         return active
 
@@ -286,7 +289,7 @@ class BondedLaw(Law):
         return ActiveSet(normal.copy(), np.ones(self.m, bool), np.zeros_like(tangential), self.slip_bound(normal),
                          np.zeros(len(tangential)))
 
-    def sticking(self, closed: np.ndarray) -> ActiveSet:
+    def sticking(self, closed: np.ndarray, falls: np.ndarray) -> ActiveSet:
         return self.active_set(np.zeros(self.size))
 
     def linearise(self, active: ActiveSet) -> Tangent:

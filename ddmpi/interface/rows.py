@@ -6,13 +6,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sparse
+from msgspec.structs import astuple
 
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import SAME, Interface, Lines, Places
 from ddmpi.interface.law import law_of
 from ddmpi.scene.contacts import NoFriction, SettledContact
-from ddmpi.scene.values import Profile
+from ddmpi.scene.values import Profile, evaluate
 from ddmpi.surface.side import Side, frames
+from ddmpi.system.numbers import in_words
 
 NOTHING = 1e-12
 """Entries of transfers below this are rounding."""
@@ -38,7 +40,8 @@ class Rows:
     gap : (r,) along the normals, between the arcs over the chords (m)
     arc : (r,) arc lengths along the first body's boundary (m)
     bound : (k,) bool, nodes that share another one's row because clamps or other contacts hold them
-    whole : (f,) bool, whether facets wholly face the other side, each of their nodes with a row to itself
+    whole : (f,) bool, whether facets wholly face the other side, each of their nodes that is not `bare` with a row to
+        itself
     lines : the nodes of the rows; None where each row has one
     points : between the nodes, with their gaps; None where there are none
     """
@@ -103,8 +106,10 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
         modulus=1.0 / (1.0 / sides[0].modulus + 1.0 / sides[1].modulus),
         facets=facets[(facets >= 0).all(axis=1)], laplacian=side.laplacian(rows.seen, row, len(keep)),
         one_sided=of_rows(held.any(axis=0)), prescribed=of_rows(np.zeros(live.shape)),
-        displacement=np.zeros(xy.shape[1]), slave=side.body if rows.points else None, lines=lines,
+        displacement=np.zeros(xy.shape[1]), gap_history=contact.opening[1],
+        slave=side.body if rows.points else None, lines=lines,
         at=(rows.transfers[0][keep] @ sides[0].xy, rows.transfers[1][keep] @ sides[1].xy),
+        axisymmetric=side.axisymmetric,
         fixed=_at_rows(rows, dropped, start), probes=_probes(rows, contact, dropped, start))
 
 
@@ -137,14 +142,13 @@ def _probes(rows: Rows, contact: SettledContact, dropped: np.ndarray, start: np.
     if rows.points is None:
         free = [transfer @ (1.0 * side.free) for side, transfer in zip(rows.sides, rows.transfers, strict=True)]
         moves = sum(np.abs(rows.normal * each).max(axis=1) for each in free) > SAME
-        return _at_rows(rows, dropped & moves, np.maximum(start, 0.0))
-    points, gap = rows.points, rows.points.gap
+        return replace(_at_rows(rows, dropped & moves, start), stays=1.0)
+    points, gap, stays = rows.points, rows.points.gap, [np.zeros(1)]
     if contact.gap is not None or contact.kind == "bonded":
         gap = points.transfer[rows.own] @ np.append(start, 0.0)[rows.place]
     if contact.kind != "bonded":
         stays = [each @ is_held(side.normal, side.free) for each, side in zip(points.transfer, rows.sides, strict=True)]
-        gap = gap - np.clip(np.min(stays, axis=0), 0.0, 1.0) * np.minimum(gap, 0.0)
-    return replace(points, gap=gap)
+    return replace(points, gap=gap, stays=np.clip(np.min(stays, axis=0), 0.0, 1.0))
 
 
 def _used(side: Side, transfer: sparse.csr_matrix) -> tuple[np.ndarray, sparse.csr_matrix]:
@@ -161,10 +165,16 @@ def holds_along(contact: SettledContact) -> bool:
 
 def initial_gap(contact: SettledContact, measured: np.ndarray, xy: np.ndarray, arc: np.ndarray) -> np.ndarray:
     """The initial gap (k,) at nodes `xy` (k, d), at arc lengths (k,): given, else measured, or zero of a bond."""
-    if isinstance(contact.gap, Profile):
-        return contact.gap.at(xy, arc).astype(float)
-    if contact.gap is not None:
-        return np.full(len(xy), float(contact.gap))
+    given, _ = contact.opening
+    if isinstance(given, Profile):
+        return given.at(xy, arc).astype(float)
+    if given is not None:
+        found = evaluate(given, *xy.T)
+        if not np.isfinite(found).all():
+            k = int(np.argmin(np.isfinite(found)))
+            raise InputError(f'contact.{contact.name}.gap: the formula "{given}" is {found[k]} at {in_words(xy[k])}; '
+                             "it must be a finite number wherever it acts")
+        return found
     return np.zeros(len(xy)) if contact.kind == "bonded" else measured
 
 
@@ -193,3 +203,18 @@ def means(integrals: sparse.csr_matrix, area: np.ndarray) -> sparse.csr_matrix:
     found.data[np.abs(found.data) <= NOTHING * area.repeat(np.diff(found.indptr))] = 0.0
     found.eliminate_zeros()
     return (sparse.diags(1.0 / np.asarray(found.sum(axis=1)).ravel()) @ found).tocsr()
+
+
+def uncovered_profile(interface: Interface, contact: SettledContact) -> list[str]:
+    """A warning where a profile of friction or of the gap ends before the contact does. Not collective."""
+    found = []
+    for key, values in (*(("friction", each) for each in astuple(contact.friction)), ("gap", contact.opening[0])):
+        if not isinstance(values, Profile) or len(values.points) < 2:
+            continue
+        along = values.position(interface.xy, interface.arc)
+        low, high, slack = values.points[0], values.points[-1], 1e-6 * float(np.ptp(along))
+        if along.min() < low - slack or along.max() > high + slack:
+            found.append(f"contact.{interface.name}.{key}: the profile covers {values.along} from {low:g} to {high:g}, "
+                         f"the contact goes from {along.min():g} to {along.max():g}; beyond its ends the profile is "
+                         "constant")
+    return found

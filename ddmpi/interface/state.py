@@ -8,7 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ddmpi.interface.interface import Interface
+from ddmpi.interface.law import Law
 from ddmpi.qp.box import magnitude
+from ddmpi.system.numbers import moment
 
 CLOSED = 1e-8
 """A node whose normal force is this part of the largest one, or less, counts as open, unless it is bonded."""
@@ -98,7 +100,8 @@ class ContactState:
     def moment(self) -> np.ndarray:
         """Moment of the forces on the first body about the origin (N m): in the plane x F_y − y F_x (), in space (3,).
         """
-        return _moment(self.interface.xy if self.interface.at is None else self.interface.at[0], self.forces)
+        interface = self.interface
+        return moment(interface.xy if interface.at is None else interface.at[0], self.forces, interface.axisymmetric)
 
     @property
     def moment_imbalance(self) -> tuple[float, float]:
@@ -107,11 +110,11 @@ class ContactState:
         Forces act along the normal of the contact on nodes that stand apart: by the gap, and where the nodes of curved
         sides do not match by their arcs over the chords.
         """
-        if self.interface.at is None:
+        if self.interface.at is None or self.interface.axisymmetric:
             return 0.0, 0.0
         arm = self.interface.at[1] - self.interface.at[0]
         bound = np.linalg.norm(arm, axis=1) @ np.linalg.norm(self.forces, axis=1)
-        return float(np.linalg.norm(_moment(arm, self.forces))), float(bound)
+        return float(np.linalg.norm(moment(arm, self.forces))), float(bound)
 
     @property
     def deepest(self) -> float:
@@ -163,11 +166,11 @@ def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.
     status[~closed] = "open"
     slips &= closed[sliding] | (law.bound_at(none) > 0.0)
     resistance[sliding[slips]] = 0.5 * bound[slips] + 0.5 * law.bound_at(former)[slips]
-    return ContactState(interface, normal, tangential, interface.gap - moved[0], slip, status,
+    return ContactState(interface, normal, tangential, interface.opening - moved[0], slip, status,
                         np.empty(0) if between is None else between, before, yielding, resistance)
 
 
-def slip_start(interface: Interface, s: np.ndarray, moved: np.ndarray, rate: np.ndarray, ahead: float) -> np.ndarray:
+def slip_start(law: Law, s: np.ndarray, closed: np.ndarray, rate: np.ndarray, ahead: float) -> np.ndarray:
     """Where the slip of the next load step begins: the displacement (size,), tangential entries only (m).
 
     It is that at the end of the last step, of open nodes as well. A node that may slide as it likes slips from where it
@@ -176,17 +179,17 @@ def slip_start(interface: Interface, s: np.ndarray, moved: np.ndarray, rate: np.
     Parameters
     ----------
     s : (size,) forces at the end of the last load step (N)
-    moved : (size,) relative displacements there (m)
+    closed : (size,) relative displacements less the initial gaps there (m)
     rate : (size,) what the last load step has added to them (m)
     ahead : length of the next load step over that of the last one; zero where they are not alike
 
     Not collective.
     """
-    law, start = interface.law, np.zeros(interface.size)
+    start = np.zeros(law.size)
     if law.name == "bonded":  # nothing slides
         return start
-    (normal, tangential), (closing, sliding) = law.split(moved), law.split(rate)
-    gap, closing = (interface.gap - normal)[law.sliding], closing[law.sliding]
+    (normal, tangential), (closing, sliding) = law.split(closed), law.split(rate)
+    gap, closing = -normal[law.sliding], closing[law.sliding]
     touches = (law.bound_at(s) == 0.0) & (gap > 0.0) & (closing > 0.0)
     share = np.zeros(len(law.sliding))
     share[touches] = np.minimum(gap[touches] / closing[touches], ahead)
@@ -197,10 +200,3 @@ def slip_start(interface: Interface, s: np.ndarray, moved: np.ndarray, rate: np.
 def signed(components: np.ndarray) -> np.ndarray:
     """(m,) of tangential components (m, d − 1) the only one, in the plane, or the length of their vector."""
     return components[:, 0] if components.shape[1] == 1 else np.linalg.norm(components, axis=1)
-
-
-def _moment(at: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    """The moment about the origin, () or (3,), of forces (m, d) at places (m, d)."""
-    flat = ((0, 0), (0, 3 - at.shape[1]))
-    total = np.ascontiguousarray(np.cross(np.pad(at, flat), np.pad(forces, flat)).T).sum(axis=1)
-    return total if at.shape[1] == 3 else total[2]

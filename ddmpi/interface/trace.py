@@ -32,6 +32,13 @@ def displacement_trace(interface: Interface, side: int, u: np.ndarray) -> np.nda
     return _sign(side) * np.einsum("ij,ij->i", moved, interface.directions)
 
 
+def nodal_forces(interface: Interface, side: int, s: np.ndarray, nodes: int) -> np.ndarray:
+    """−Bᵀ s (nodes, d): what contact forces s (size,) do to all nodes of the body on `side` (N). Not collective."""
+    found, moves = np.zeros((nodes, interface.dimension)), rows(interface, side)
+    np.add.at(found, interface.nodes[side], -_sign(side) * (moves.T @ (s[:, None] * interface.directions)))
+    return found
+
+
 def normal_trace(side: int, places: Places, u: np.ndarray) -> np.ndarray:
     """Normal displacement (k,) in metres at places of the interface. Not collective."""
     return _sign(side) * np.einsum("ij,ij->i", places.normal, places.moved(side, u))

@@ -142,8 +142,7 @@ class _Scale:
 
     def __init__(self, bodies: Sequence[MotionsOfBody], e: np.ndarray, load: np.ndarray | None) -> None:
         self._starts = np.cumsum([body.basis.shape[1] for body in bodies])[:-1]
-        self.unit = np.concatenate([[body.speed(body.velocity(unit)) for unit in np.eye(body.basis.shape[1])]
-                                    for body in bodies])
+        self.unit = np.concatenate([body.speeds for body in bodies])
         own = np.array([np.abs(part).max(initial=0.0) for part in self.split(e / self.unit)])
         loads = own if load is None else np.maximum(own, load)
         self.largest = float(loads.max())

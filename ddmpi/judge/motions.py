@@ -86,6 +86,11 @@ class MotionsOfBody:
         mass[:d, :d] = np.eye(d)
         return self.measure * self.basis.T @ mass @ self.basis
 
+    @property
+    def speeds(self) -> np.ndarray:
+        """(j,) the largest nodal velocity of each free motion."""
+        return np.array([self.speed(self.velocity(unit)) for unit in np.eye(self.basis.shape[1])])
+
     def velocity(self, coefficients: np.ndarray) -> np.ndarray:
         """(n,) that of the combination (j,) of the free motions."""
         found = self.basis @ coefficients
@@ -136,7 +141,7 @@ def undetermined(G_active: np.ndarray, bodies: Sequence[MotionsOfBody]) -> list[
     """
     starts = np.cumsum([0, *(body.basis.shape[1] for body in bodies)])
     dense = np.asarray(G_active.todense() if hasattr(G_active, "todense") else G_active, dtype=float)
-    unit = np.concatenate([_speeds(body) for body in bodies]) if bodies else np.empty(0)
+    unit = np.concatenate([np.empty(0), *(body.speeds for body in bodies)])
     dense = dense / unit[:, None]
     length = np.linalg.norm(dense, axis=0)
     dense = dense[:, length > 0.0] / length[length > 0.0]
@@ -306,11 +311,6 @@ def _names(names: list[str]) -> str:
     if len(shown) < len(names):
         return f"{', '.join(shown)} (and {len(names) - len(shown)} more)"
     return " and ".join([", ".join(shown[:-1]), shown[-1]] if len(shown) > 1 else shown)
-
-
-def _speeds(body: MotionsOfBody) -> np.ndarray:
-    """(j,) the largest nodal velocity of each free motion."""
-    return np.array([body.speed(body.velocity(unit)) for unit in np.eye(body.basis.shape[1])])
 
 
 def _hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:

@@ -18,6 +18,8 @@ from scipy.spatial import cKDTree
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState
+from ddmpi.mesh.boundary import boundary_facets
+from ddmpi.mesh.refine import CORNERS_CUT, INSIDE
 from ddmpi.scene.contacts import Rigid
 from ddmpi.system.agreement import merged
 from ddmpi.system.numbers import across, in_words, nearest_in
@@ -54,11 +56,6 @@ BETWEEN = 0.25
 """A rigid partner that lies deeper between two contact nodes than this part of their distance, or of its radius, is too
 small for them."""
 
-PARTS = {3: [[0, 1, 2]], 6: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]], 4: [[0, 1, 2, 3]],
-         10: [[0, 4, 6, 7], [4, 1, 5, 8], [6, 5, 2, 9], [7, 8, 9, 3], [4, 9, 5, 6], [4, 9, 6, 7], [4, 9, 7, 8],
-              [4, 9, 8, 5]]}
-"""Simplices between the nodes of a cell, by their number."""
-
 
 @dataclass(frozen=True)
 class Solid:
@@ -81,11 +78,12 @@ class Solid:
     @classmethod
     def of(cls, points: np.ndarray, cells: np.ndarray, u: np.ndarray) -> Solid:
         """A body with nodes (n, d) that moved by `u` (n, d) and cells of order 1 or 2."""
-        cells = cells[:, PARTS[cells.shape[1]]].reshape(-1, points.shape[1] + 1)
-        each = np.concatenate([np.roll(cells, k, axis=1) for k in range(cells.shape[1])])
-        keys = np.ravel_multi_index(tuple(np.sort(each[:, :-1], axis=1).T), (len(points),) * points.shape[1])
-        _, place, count = np.unique(keys, return_index=True, return_counts=True)
-        return cls(points, points + u, cells, each[place[count == 1]], np.arange(len(points)))
+        d = points.shape[1]
+        if cells.shape[1] > d + 1:
+            cells = cells[:, np.concatenate([CORNERS_CUT[d], *INSIDE.get(d, ())[:1]])].reshape(-1, d + 1)
+        facets, owner = boundary_facets(cells)
+        other = cells[owner].sum(axis=1) - facets.sum(axis=1)
+        return cls(points, points + u, cells, np.column_stack([facets, other]), np.arange(len(points)))
 
     def box(self) -> tuple[np.ndarray, np.ndarray]:
         """The corners of the box around its boundary, as drawn and in the answer."""
@@ -258,7 +256,7 @@ def deepest_in(a: Solid, x: np.ndarray, kept: np.ndarray, bows: np.ndarray, b: S
     inside = np.flatnonzero(_depth_in_cell(points, y[b.cells]) >= -ROUNDING)
     if not len(inside):
         return []
-    depth, nearest = _distance(points[inside], y[b.facets[:, :-1]])
+    depth, nearest = distance_to(points[inside], y[b.facets[:, :-1]])
     held = held[inside] & kept_of_b[b.facets[nearest, :-1]].all(axis=1)
     excess = depth - slack[inside] - bows_of_b[nearest] - least - depth[held].max(initial=0.0)
     k = int(np.argmax(np.where(held, 0.0, excess)))
@@ -335,7 +333,7 @@ def _depth_in_cell(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
     return best
 
 
-def _distance(points: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def distance_to(points: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The distance of each point (k, d) to the nearest of the facets (f, d, d), and the number of that one."""
     middle = facets.mean(axis=1)
     tree, reach = cKDTree(middle), float(np.linalg.norm(facets - middle[:, None], axis=2).max())

@@ -121,7 +121,7 @@ def _unresolved(assembly: Assembly, contacts: Mapping[str, ContactState], loads:
     """Warnings of loose bodies whose loads and contact forces are nothing beside the loads of others."""
     most, found = max(loads.values()), []
     for name in assembly.loose:
-        acting = max([loads[name], *(float(np.abs(contacts[contact.name].forces).sum())
+        acting = max([loads.get(name, 0.0), *(float(np.abs(contacts[contact.name].forces).sum())
                                      for contact in assembly.scene.contact if name in contact.bodies)])
         if 0.0 < acting < UNRESOLVED * most:
             found.append(f"body.{name}: the forces on it, {acting:.3g} in all, are nothing beside the loads of "
@@ -138,11 +138,12 @@ def _points_that_carry(body: Body, u: np.ndarray, contacts: Mapping[str, Contact
         return []
     held = [interface.nodes[interface.side(name)] for interface in body.member.interfaces]
     held += [np.unique(mesh.groups[clamp.on]) for clamp in body.spec.clamps if clamp.on in mesh.groups]
-    loads, clamped = np.abs(body.member.elasticity.acting.f), ~body.member.elasticity.free
+    acting, clamped = body.member.elasticity.acting, ~body.member.elasticity.free
+    loads, heat = np.abs(acting.f), acting.heat
     pressed = sum(float(np.abs(contacts[each.name].normal_force).sum()) for each in body.member.interfaces)
     least, found = POINT * max(body.member.elasticity.load, pressed), []
     for on, nodes in points.items():
-        force = np.abs(forces_at(mesh, body.material, u, nodes)) * clamped[nodes]
+        force = np.abs(forces_at(mesh, body.material, u, nodes) - heat[nodes]) * clamped[nodes]
         alone = not any(np.isin(nodes, others).any() for others in held)
         if alone and (force > np.maximum(least, 2.0 * loads[nodes])).any():  # nodes have their share of other loads
             found.append(f"body.{name}.clamp: the point {on!r} carries a force of {force.max():.3g}; it gives way the "
@@ -257,14 +258,17 @@ def _unresolved_zone(state: ContactState) -> list[str]:
     zone = csgraph.connected_components(links, directed=False)[1]
     parting = pairs[closed[pairs[:, 0]] != closed[pairs[:, 1]]]
     inner, outer = np.where(closed[parting[:, :1]], parting, parting[:, ::-1]).T
-    apart = interface.gap[outer] > interface.gap[inner] + CURVED * interface.spacing[inner]
+    apart = interface.opening[outer] > interface.opening[inner] + CURVED * interface.spacing[inner]
     curving = np.bincount(zone[inner[apart]], minlength=number)  # where it ends because the boundaries curve apart
-    enclosed = (curving >= 2) & (curving == np.bincount(zone[inner], minlength=number))
+    axis = interface.axisymmetric & (interface.xy[:, 0] < 0.75 * interface.spacing)
+    twice = 1 + (np.bincount(zone[axis], minlength=number) > 0)  # a zone goes on beyond the axis
+    enclosed = (twice * curving >= 2) & (curving == np.bincount(zone[inner], minlength=number))
     facets = interface.facets[:, :d]
     bent = creases(interface.xy, facets, interface.normal[facets].sum(axis=1))
     sharp = np.append(bent.nodes[np.abs(bent.turn) > SHARPEST], bent.rim)
+    sharp = sharp[~axis[sharp]]
     cornered = np.bincount(zone[sharp], minlength=number) > 0
-    size, force = np.bincount(zone, closed, number), np.bincount(zone, state.normal_force, number)
+    size, force = np.bincount(zone, closed, number) * twice, np.bincount(zone, state.normal_force, number)
     least = RESOLVED_BY[interface.facets.shape[1] - d] ** (d - 1)
     poor = (size > 0) & (size < least) & enclosed & ~cornered & (force > SHARE * force.sum())
     if not poor.any():

@@ -15,29 +15,27 @@ from ddmpi.scene.meshes import MeshSpec
 
 
 def generate_rectangle(spec: MeshSpec) -> Mesh:
-    """A rectangle with diagonals from lower left to upper right; groups ``bottom``, ``right``, ``top``, ``left``.
-
-    Not collective.
+    """A rectangle or a box, with a `_grid` or a `_solid_grid`; touching ones of equal divisions match. Not collective.
     """
     assert spec.divisions and isinstance(spec.size, tuple)  # of a shape, the scene has seen to it
-    parameters, triangles, sides = _grid(spec.divisions[0], spec.divisions[1])
+    parameters, cells, sides = _grid_of(spec)
     # exact multiples, so that both sides of an interface agree
-    return Mesh(np.array(spec.origin or (0.0, 0.0)) + parameters * spec.size, triangles, sides)
+    return Mesh(np.array(spec.origin or (0.0,) * len(spec.size)) + parameters * spec.size, cells, sides)
 
 
 def generate_quadrilateral(spec: MeshSpec) -> Mesh:
-    """A convex quadrilateral, the groups ``bottom``, ``right``, ``top``, ``left`` along its corners in their order.
+    """A convex quadrilateral or a hexahedron, whose groups and cells are those of a rectangle or a box.
 
-    Nodes lie at equal parameters of the bilinear map of the corners, cells are cut from their first to their third
-    corner. Nodes on the sides depend on the two corners alone, and those at corners are the corners exactly. Where the
-    sides are parallel to the axes, nodes are those of a rectangle. Not collective.
+    Nodes lie at equal parameters of the bilinear or trilinear map of the corners; in the plane the groups follow the
+    corners in their order. Nodes on a side depend on its corners alone, and those at corners are the corners exactly.
+    Where the sides are parallel to the axes, nodes are those of a rectangle. Not collective.
     """
     assert spec.divisions and spec.corners
-    parameters, triangles, sides = _grid(spec.divisions[0], spec.divisions[1])
-    first, second, third, fourth = np.array(spec.corners)
-    along, up = parameters[:, :1], parameters[:, 1:]
-    points = _between(_between(first, second, along), _between(fourth, third, along), up)
-    return Mesh(points, triangles, sides)
+    parameters, cells, sides = _grid_of(spec)
+    x, y, *z = parameters.T[:, :, None]
+    layers = [_between(_between(one, two, x), _between(four, three, x), y)
+              for one, two, three, four in np.array(spec.corners).reshape(-1, 4, len(spec.divisions))]
+    return Mesh(_between(*layers, *z) if z else layers[0], cells, sides)
 
 
 def generate_annulus(spec: MeshSpec) -> Mesh:
@@ -65,33 +63,14 @@ def generate_annulus(spec: MeshSpec) -> Mesh:
     return replace(mesh, points=points)
 
 
-def generate_box(spec: MeshSpec) -> Mesh:
-    """A box; groups ``left`` and ``right``, ``front`` and ``back``, ``bottom`` and ``top`` along x, y and z.
-
-    Cells are cut as `_solid_grid` says, so that touching boxes of equal divisions match. Not collective.
-    """
-    assert spec.divisions and isinstance(spec.size, tuple)
-    parameters, cells, sides = _solid_grid(spec.divisions)
-    return Mesh(np.array(spec.origin or (0.0,) * 3) + parameters * spec.size, cells, sides)
-
-
-def generate_hexahedron(spec: MeshSpec) -> Mesh:
-    """A hexahedron with nodes at equal parameters of the trilinear map of its corners; groups and cut of a box.
-
-    Nodes on a face depend on its four corners alone, and those at corners are the corners exactly. Not collective.
-    """
-    assert spec.divisions and spec.corners
-    parameters, cells, sides = _solid_grid(spec.divisions)
-    a, b, c, d, *above = np.array(spec.corners)
-    x, y, z = parameters.T[:, :, None]
-    bottom, top = (_between(_between(one, two, x), _between(four, three, x), y)
-                   for one, two, three, four in ((a, b, c, d), above))
-    points = _between(bottom, top, z)
-    return Mesh(points, cells, sides)
+def _grid_of(spec: MeshSpec) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    assert spec.divisions
+    return _solid_grid(spec.divisions) if len(spec.divisions) > 2 else _grid(spec.divisions[0], spec.divisions[1])
 
 
 def _solid_grid(divisions: Sequence[int]) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Nodes (·, 3) of a grid on the unit cube, tetrahedra, and the triangles of its sides.
+    """Nodes (·, 3) of a grid on the unit cube, tetrahedra, and the triangles of its sides ``left`` and ``right`` (x),
+    ``front`` and ``back`` (y), ``bottom`` and ``top`` (z).
 
     Each cell is cut into the six tetrahedra around its diagonal from the corner of least to that of greatest
     coordinates, one for each order in which a way along edges takes the axes (Kuhn 1960). Translated cells are cut
@@ -114,7 +93,8 @@ def _solid_grid(divisions: Sequence[int]) -> tuple[np.ndarray, np.ndarray, dict[
 
 
 def _grid(nx: int, ny: int, closed: bool = False) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Nodes (·, 2) of a grid on the unit square, triangles of its nx × ny cells, and the edges of its sides.
+    """Nodes (·, 2) of a grid on the unit square, triangles of its nx × ny cells, and the edges of its sides ``bottom``,
+    ``right``, ``top`` and ``left``. Diagonals go from lower left to upper right.
 
     Corners come first, then the other nodes of the sides, both counter-clockwise, then the inner nodes by columns: the
     numbers that gmsh gives a transfinite surface. The ordering inside MUMPS depends on them. In a `closed` grid the
@@ -149,6 +129,6 @@ def _directions(degrees: np.ndarray) -> np.ndarray:
     return np.column_stack([turned.real, turned.imag])
 
 
-SHAPES = {"rectangle": generate_rectangle, "quadrilateral": generate_quadrilateral, "annulus": generate_annulus,
-          "box": generate_box, "hexahedron": generate_hexahedron}
+SHAPES = {"rectangle": generate_rectangle, "box": generate_rectangle, "quadrilateral": generate_quadrilateral,
+          "hexahedron": generate_quadrilateral, "annulus": generate_annulus}
 """What generates the mesh of a shape."""

@@ -41,9 +41,9 @@ PATIENCE, PROGRESS = 3, 0.7
 """A path begins after so many steps that together leave more than this of the smallest residual. Newton's own steps are
 tried from a path as long as each leaves less than this."""
 
-FULL_STEPS = 12
-"""In space the first so many steps are full ones: while friction turns, lengths by residuals take a quarter more
-steps."""
+FULL_STEPS, GROWTH = 12, 3.0
+"""In space the first so many steps are full ones, as long as none multiplies the residual by more than the second
+number: while friction turns, lengths by residuals take a quarter more steps."""
 
 ERROR = 10.0
 """The forces are converged when the error estimated for them is below this times the tolerance."""
@@ -57,6 +57,10 @@ NO_FORCE = 1e-6
 
 HELD_LOOSELY = 1e-6
 """Stiffness of springs that steer rigid motions, over the plane modulus; from 0 to 1e-4 they change no count."""
+
+SOFTER, NEARLY = 1e-3, 1e-3
+"""The springs get softer by the first factor where a step leaves most of an imbalance that is below the second part of
+the loads: friction that turns may resist a motion less than they do."""
 
 SHARED = 1e-3
 """Compliance that steers forces at nodes which several contacts share, over that of a half-plane. Without it six of 27
@@ -123,7 +127,7 @@ class Newton:
         self._far: float | None = None  # `_distances` of the iterate
         self._least = max(self._least, NO_FORCE * max(self.space.norm(self._c * joint.d), norm(joint.e)))
         self._start, self._settled, self._error = not foreseen, False, math.inf if foreseen else 0.0
-        self._stalled, self._smallest = 0, np.inf
+        self._stalled, self._smallest, self._held = 0, np.inf, 1.0
         self.history: list[Step] = []
 
     def _pressed(self) -> np.ndarray:
@@ -177,7 +181,7 @@ class Newton:
                 self._note(residual, 0.0)
             if not np.isfinite(residual):
                 return "diverged"
-            if done or len(self.history) >= self.max_iterations:
+            if (done and self.joint.balances(self._at.left, self._size())) or len(self.history) >= self.max_iterations:
                 self._settle()
                 return "converged" if done else "max_iterations"
             if self._path and not self._trying and self._path.failed and not self._next_path():
@@ -188,9 +192,9 @@ class Newton:
         """One step, of Newton's method or of a path, from and to where `_distances` is `far` and what is returned."""
         residual = self._relative(far)
         gained = residual < PROGRESS * self._smallest
-        self._stalled = 0 if gained or self._path or self._runs else self._stalled + 1
+        self._stalled = 0 if gained or self._path else self._stalled + (not self._runs)
         self._smallest = residual if gained else self._smallest
-        before = self._at.s
+        before, imbalance = self._at.s, norm(self._at.left)
         self.joint.neglected = NEGLECTED * tolerance * self._size()
         if self._stalled >= PATIENCE and not self._path:
             self._path = Softening(self.joint, self._c)
@@ -210,8 +214,9 @@ class Newton:
             with event("NewtonStep"):
                 far = self._newton_step(far)
         self._start = False
-        after = self._relative(far)
-        size = self._size()
+        after, size, left = self._relative(far), self._size(), norm(self._at.left)
+        if max(tolerance * size, PROGRESS * imbalance) < left < NEARLY * norm(self.joint.e):
+            self._held *= SOFTER
         update = self.space.norm(self._at.s - before) / size if size else 0.0
         if not update:
             self._stalled = PATIENCE  # the next step would be the same
@@ -225,8 +230,8 @@ class Newton:
 
     @property
     def _runs(self) -> bool:
-        """Whether steps are full ones whatever they leave."""
-        return not self._path and len(self.history) < self._full
+        """Whether steps are full ones though they gain nothing."""
+        return not self._path and not self._stalled and len(self.history) < self._full
 
     def _next_path(self) -> bool:
         """Whether there is another path, which begins then. Collective."""
@@ -282,8 +287,10 @@ class Newton:
         s, r, *_ = self._at
         active = self._laws.active_sets(s - self._c * r)
         if self._start:  # nothing is known yet
-            active = self._laws.sticking(self._pressed() if self._warm else self.joint.first_closed())
+            active = self._laws.sticking(*(self._pressed(),) if self._warm else self.joint.first_closed())
         linearised = Linearised.of(self._laws.linearise(active))
+        if self._start:  # nor do bounds follow pressures
+            linearised = linearised.frozen(0.0 * s)
         move, layer = linearised.move(s), linearised.spring / self._c
         change = self.direction(self._at, linearised, move, -layer * (s + move), layer)
         far, length = self._length(far, change)
@@ -308,7 +315,7 @@ class Newton:
         problem, y = None, np.zeros(linearised.number)
         if space.any(np.ones(linearised.number)):
             problem = LinearProblem(joint, self._preconditioner, linearised, layer, self._path is not None,
-                                    *(self._path.held, self._path.forcing) if self._path else ())
+                                    *(self._path.held, self._path.forcing) if self._path else (self._held,))
             if rigid.size:  # the nearest forces by half-planes that balance the loads
                 y, alpha = problem.precondition(y, joint.imbalance(point.s + change))
                 change = change + linearised.expand(y)
@@ -332,7 +339,7 @@ class Newton:
             return self._distances(self._at.along(change, length) for length in lengths)
 
         full = there(LENGTHS[:1])
-        if self._start or self._runs or full[0] <= GAIN * far:
+        if self._start or full[0] <= (GROWTH if self._runs else GAIN) * far:
             return full[0], LENGTHS[0]
         return min(zip(full + there(LENGTHS[1:]), LENGTHS, strict=True))
 
@@ -345,8 +352,9 @@ class Newton:
     def state(self) -> dict[str, Any]:
         return self._at._asdict() | {
             "start": self._start, "warm": self._warm, "least": self._least, "settled": self._settled,
-            "error": self._error, "far": self._far, "norm": self._norm(), "stalled": self._stalled,
-            "smallest": self._smallest, "inner_steps": dict(self.inner_steps), "history": rows_of(self.history)}
+            "error": self._error, "held": self._held, "far": self._far, "norm": self._norm(),
+            "stalled": self._stalled, "smallest": self._smallest, "inner_steps": dict(self.inner_steps),
+            "history": rows_of(self.history)}
 
     def restore(self, state: dict[str, Any]) -> None:
         self._at = Point(*(state[name] for name in Point._fields))
@@ -354,6 +362,7 @@ class Newton:
         self._least = float(state["least"])
         self._error, self._smallest = float(state["error"]), float(state["smallest"])
         self._stalled, self.inner_steps = int(state["stalled"]), dict(state["inner_steps"])
+        self._held = float(state["held"])
         self._far = None if state["far"] is None else float(state["far"])
         self._measured = self._at.s, float(state["norm"])
         self.history = steps_of(state["history"])

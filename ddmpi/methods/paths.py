@@ -34,7 +34,7 @@ first δ on."""
 MOST_STEPS = 15
 """Most steps of a stage."""
 
-STUCK, GAIN = 4, 0.9
+STUCK, GAIN = 8, 0.9
 """A stage leads nowhere after so many steps that together leave more than the second part of the residual."""
 
 STIFF = 0.011
@@ -143,7 +143,7 @@ class Softening:
         """One step of the stage, or the first one of the next. Collective; raises what `solve` raises."""
         point, first = self.point, not self._seen
         if first:
-            active, q = self._laws.sticking(self._joint.first_closed()), point.s
+            active, q = self._laws.sticking(self._joint.first_closed()[0]), point.s
         else:
             q = self._pressed(point, self._seen)
             active = self._laws.active_sets(q)

@@ -6,9 +6,8 @@ convergence and finite termination, Comput. Optim. Appl. 30 (2005) 23–43; here
 
 Differences from the paper:
 
-* an expansion, where the conjugate gradient step leaves the set, first tries the *projected conjugate
-  gradient step* and keeps it if it lowers the objective; otherwise it takes the projected gradient step
-  of fixed length;
+* an expansion, where the conjugate gradient step leaves the set, first tries the *projected conjugate gradient step*
+  and keeps it if it lowers the objective; otherwise it takes the projected gradient step of fixed length;
 * the proportioning step ends at the opposite bound;
 * the gradient follows the iterates by recurrence: every step costs one multiplication by the
   Hessian, an expansion two or three.
@@ -40,75 +39,96 @@ TELLING = 1000
 """After so many steps, and again and again, the log shows how far the solve has come."""
 
 
-class MPRGP:
-    """``-tao_type python -tao_python_type ddmpi.mprgp.MPRGP``.
+class TaoType:
+    """A TAO type in Python: what `iterate` of each one works with.
 
-    The Hessian must be a PETSc matrix. If its Python context has ``norm()``, that estimate of ‖H‖₂ is
-    used; otherwise Lanczos steps make one. The solution satisfies the constraints exactly, and the TAO's
-    gradient vector holds the gradient there. Stops at ‖projected gradient‖ ≤ gatol.
+    The Hessian must be a PETSc matrix. If its Python context has ``norm()``, that estimate of ‖H‖₂ is used; otherwise
+    Lanczos steps make one. The solution satisfies the constraints exactly, and the TAO's gradient vector holds the
+    gradient there.
 
     Parameters
     ----------
-    constraints : bounds, no discs; None stands for the variable bounds of the TAO
+    constraints : the set of feasible points; None stands for the variable bounds of the TAO
 
     Attributes
     ----------
     steps : number of steps of each kind in the last solve
     """
 
+    title: str
+
     def __init__(self, constraints: Box | None = None) -> None:
         self.constraints = constraints
-        self.steps = {"cg": 0, "expansion": 0, "proportioning": 0}
+        self.steps: dict[str, int] = {}
 
     def solve(self, tao: PETSc.TAO) -> None:
         """Called by TAOSolve. Collective on the TAO's communicator."""
-        X = tao.getSolution()
+        X, H = tao.getSolution(), tao.getHessian()[0]
         feasible = self.constraints or Box(*(bound.array_r for bound in tao.getVariableBounds()))
-        H = tao.getHessian()[0]
-        tolerance = tao.getTolerances()[0]
-        limit = tao.getMaximumIterations()
+        self._tolerance, self._limit, self._iteration = tao.getTolerances()[0], tao.getMaximumIterations(), 0
         P, HP = X.duplicate(), X.duplicate()
         X.array[:] = feasible.project(X.array_r)
         G = tao.getGradient()[0]
         tao.computeGradient(X, G)
-        self.steps = dict.fromkeys(self.steps, 0)
-        reduce = reduction(X)
-        norm = hessian_norm(H, X, reduce)
 
         def multiply(direction: np.ndarray) -> np.ndarray:
             P.array[:] = direction
             H.mult(P, HP)
             return HP.array_r.copy()  # the next product overwrites it
 
-        x, g = X.array, G.array
-        iteration, p = 0, np.empty(0)
+        reduce = reduction(X)
+        reason = self.iterate(X.array, G.array, feasible, multiply, reduce, hessian_norm(H, X, reduce))
+        tao.setIterationNumber(self._iteration)
+        tao.setConvergedReason(reason)
+        P.destroy()
+        HP.destroy()
+
+    def iterate(self, x: np.ndarray, g: np.ndarray, feasible: Box, multiply: Callable[[np.ndarray], np.ndarray],
+                reduce: Callable[..., list[float]], norm: float) -> int:
+        """Improve x and its gradient g in place; why it ends. `norm` is ‖H‖₂ from below, `reduce` as of `reduction`."""
+        raise NotImplementedError
+
+    def _ends(self, residual: float, rounding: float = 0.0) -> int | None:
+        """Why the iteration ends with this residual, or where a step would be `rounding`; else None, and a step counts.
+        """
+        if not np.isfinite(residual + rounding):
+            return TaoReason.DIVERGED_NAN
+        if residual <= self._tolerance:
+            return TaoReason.CONVERGED_GATOL
+        if self._iteration >= self._limit:
+            return TaoReason.DIVERGED_MAXITS
+        if residual <= rounding:
+            return TaoReason.CONVERGED_STEPTOL
+        self._iteration += 1
+        if self._iteration % TELLING == 0:
+            log.info("        %d %s: residual %.1e, %.1e is asked for", self._iteration, self.title, residual,
+                     self._tolerance)
+        return None
+
+
+class MPRGP(TaoType):
+    """``-tao_type python -tao_python_type ddmpi.mprgp.MPRGP``, for bounds. Stops at ‖projected gradient‖ ≤ gatol."""
+
+    title = "steps of MPRGP"
+
+    def iterate(self, x: np.ndarray, g: np.ndarray, feasible: Box, multiply: Callable[[np.ndarray], np.ndarray],
+                reduce: Callable[..., list[float]], norm: float) -> int:
+        self.steps, p = dict.fromkeys(("cg", "expansion", "proportioning"), 0), np.empty(0)
         Hp, curvature = np.zeros_like(x), 0.0  # without curvature the next conjugate gradient step is the first one
         while True:
             free, chopped = feasible.split(g, x)
             gradient, leading, gain, beta = reduce(free + chopped, free + chopped, chopped, chopped,
                                                    feasible.reduced(free, x, STEP / norm), free, free, Hp)
-            residual = math.sqrt(gradient)
-            if not np.isfinite(residual):
-                reason = TaoReason.DIVERGED_NAN
-                break
-            if residual <= tolerance:
-                reason = TaoReason.CONVERGED_GATOL
-                break
-            if iteration >= limit:
-                reason = TaoReason.DIVERGED_MAXITS
-                break
-            iteration += 1
-            if iteration % TELLING == 0:
-                log.info("        %d steps of MPRGP: projected gradient %.1e, %.1e is asked for", iteration, residual,
-                         tolerance)
+            reason = self._ends(math.sqrt(gradient))
+            if reason is not None:
+                return reason
             expansion, proportional = False, leading <= PROPORTION**2 * gain
             if proportional:
                 p = free - (beta / curvature) * p if curvature else free
                 Hp = multiply(p)
                 curvature, slope, size, longest = reduce(p, Hp, g, p, p, p, least=feasible.longest_step(x, p))
                 if not curvature > 0.0:  # underflow, or not a number
-                    reason = TaoReason.DIVERGED_NAN
-                    break
+                    return TaoReason.DIVERGED_NAN
                 norm, step = max(norm, curvature / size), slope / curvature
                 expansion = step > longest
             if not proportional:
@@ -139,10 +159,6 @@ class MPRGP:
             x += change
             g += H_change
             x[:] = feasible.project(x)  # rounding in the last bit
-        tao.setIterationNumber(iteration)
-        tao.setConvergedReason(reason)
-        P.destroy()
-        HP.destroy()
 
 
 def reduction(X: PETSc.Vec) -> Callable[..., list[float]]:

@@ -23,12 +23,8 @@ class Operator(Protocol):
     def norm(self) -> float:
         """An estimate of ‖C‖₂ from below, by a few per cent at most."""
 
-
-class Matrix(Operator, Protocol):
-    """An operator that can be had as a matrix, for solvers that take no other."""
-
     def dense(self) -> np.ndarray:
-        """C (size, size) as a dense matrix."""
+        """C (size, size) as a dense matrix, for solvers that take no other."""
 
 
 @dataclass

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import cast
 
 import numpy as np
 from petsc4py import PETSc
@@ -16,7 +15,7 @@ from ddmpi.petsc.versions import TaoReason, call_solver
 from ddmpi.qp.apg import APG
 from ddmpi.qp.box import Discs
 from ddmpi.qp.mprgp import MPRGP
-from ddmpi.qp.program import QP, Matrix, QPResult
+from ddmpi.qp.program import QP, QPResult
 from ddmpi.system.numbers import norm
 
 LEAST_PRECISE = 1e-2
@@ -253,7 +252,7 @@ class _Explicit(_Scaled):
 
     def __init__(self, qp: QP, moving: np.ndarray, s: np.ndarray, Cs: np.ndarray, multiply: Product) -> None:
         super().__init__(qp, moving, s, Cs, multiply)
-        self._matrix = cast(Matrix, qp.C).dense()[np.ix_(moving, moving)] / self._norm
+        self._matrix = qp.C.dense()[np.ix_(moving, moving)] / self._norm
 
     def vectors(self) -> tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]:
         """As before, but instead of infinite bounds those that no point better than the start exceeds."""

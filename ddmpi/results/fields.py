@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from ddmpi.body.stress import principal, von_mises
 from ddmpi.interface.interface import Interface, Lines, in_order
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.boundary import boundary_facets
 from ddmpi.mesh.mesh import signed_measures
+from ddmpi.mesh.refine import CORNERS_CUT
 from ddmpi.results.tables import leg_values, writing
-from ddmpi.system.files import FileOfHDF5
+from ddmpi.system.files import FileOfHDF5, contact_files
 
 TOPOLOGY = {2: "Polyline", 3: "Triangle", 6: "Triangle_6", 4: "Tetrahedron", 10: "Tetrahedron_10"}
 """What XDMF calls lines, triangles and tetrahedra, by their number of nodes."""
@@ -25,7 +27,10 @@ KIND = {1: "Scalar", 3: "Vector", 6: "Tensor6"}
 MESH = {"points": "Geometry", "cells": "Topology"}
 """What XDMF calls the datasets of a mesh."""
 
-AT_STEPS = ("displacement", "stress", "von_mises", "error")
+NODAL = ("nodal_stress", "nodal_principal", "nodal_von_mises")
+"""Stress at nodes: recovered, see `body.estimate`; principal stresses and von Mises stress of it."""
+
+AT_STEPS = ("displacement", "stress", "principal", "von_mises", *NODAL, "error")
 """The datasets that differ from load step to load step."""
 
 AT_CONTACT = ("pressure", "friction", "gap", "slip", "slip_total", "status")
@@ -34,7 +39,7 @@ AT_CONTACT = ("pressure", "friction", "gap", "slip", "slip_total", "status")
 AT_CONTACT_IN_SPACE = ("friction_vector", "slip_vector")
 """So are these, as vectors: the friction that acts on the first body, and how it has slipped past the second."""
 
-AT_NODES = ("points", "displacement", *AT_CONTACT, *AT_CONTACT_IN_SPACE)
+AT_NODES = ("points", "displacement", *NODAL, *AT_CONTACT, *AT_CONTACT_IN_SPACE)
 """What has a row per node; all else has a row per cell."""
 
 MANY = 10_000
@@ -42,7 +47,6 @@ MANY = 10_000
 
 FEW = 0.02
 """A node that shares its neighbour's row and has less than this part of its length hardly faces the other side."""
-
 
 @dataclass(frozen=True)
 class Fields:
@@ -56,6 +60,7 @@ class Fields:
     stress : (nt, 4) σ_xx, σ_yy, σ_zz, σ_xy in Pa, in space (nt, 6) with σ_yz, σ_xz
     von_mises : (nt,) in Pa
     error : (nt,) estimated discretization error, without unit
+    nodal_stress : (nv, 4), in space (nv, 6), as stress, at the nodes: recovered from the cells around each
     """
 
     points: np.ndarray
@@ -64,6 +69,7 @@ class Fields:
     stress: np.ndarray | None = None
     von_mises: np.ndarray | None = None
     error: np.ndarray | None = None
+    nodal_stress: np.ndarray | None = None
 
     def __repr__(self) -> str:
         return f"Fields({len(self.points)} nodes, {len(self.triangles)} cells)"
@@ -89,9 +95,11 @@ def write_fields(path: Path, fields: Fields, body: int, sizes: Sequence[tuple[in
     before, total = ends[body], ends[-1]
     parts = {"points": _padded(fields.points), "cells": fields.triangles + before[0],
              "displacement": _padded(fields.displacement), "body": np.full(len(fields.triangles), body)}
-    if fields.stress is not None:
-        xx, yy, zz, xy, yz, xz = np.pad(fields.stress, ((0, 0), (0, 6 - fields.stress.shape[1]))).T
-        parts |= {"stress": np.column_stack([xx, xy, xz, yy, yz, zz]), "von_mises": fields.von_mises}
+    for where, sigma in ("", fields.stress), ("nodal_", fields.nodal_stress):
+        if sigma is not None:
+            xx, yy, zz, xy, yz, xz = np.pad(sigma, ((0, 0), (0, 6 - sigma.shape[1]))).T
+            parts |= {f"{where}stress": np.column_stack([xx, xy, xz, yy, yz, zz]),
+                      f"{where}principal": principal(sigma), f"{where}von_mises": von_mises(sigma)}
     if fields.error is not None:
         parts["error"] = fields.error
     if step is not None:
@@ -114,7 +122,7 @@ def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dic
     interface = state.interface
     lines = interface.shown
     values = leg_values(state) if values is None else values
-    found = {"points": _padded(lines.xy), "cells": drawn_facets(lines)} | dict(
+    found = {"points": _padded(lines.xy), "cells": drawn_facets(lines, interface.axisymmetric)} | dict(
         zip(AT_CONTACT, values[lines.row].T[:len(AT_CONTACT)], strict=True))
     if len(values.T) > len(AT_CONTACT):
         force, slip = np.split(values[:, len(AT_CONTACT):], 2, axis=1)
@@ -123,16 +131,17 @@ def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dic
     return found
 
 
-def drawn_facets(lines: Lines) -> np.ndarray:
+def drawn_facets(lines: Lines, axisymmetric: bool = False) -> np.ndarray:
     """The facets (f, d) of a contact that are drawn, by the lines of its table; a node without neighbours has (k, k)
     or (k, k, k).
 
     A facet is left out if it hardly faces the other side: two of its nodes share a row, and one has less than FEW of
-    another's length or area. Drawn, the stress would go on outside of the body. Not collective.
+    another's length or area and is not on an axis. Drawn, the stress would go on outside of the body. Not collective.
     """
     facets, nodes = lines.facets, np.arange(len(lines.row))
     row, area = np.sort(lines.row[facets], axis=1), lines.area[facets]
     faces = np.diff(row, axis=1).all(axis=1) | (area.min(axis=1) >= FEW * area.max(axis=1))
+    faces |= axisymmetric & (lines.xy[facets, 0] == 0.0).any(axis=1)
     drawn = np.vstack([facets[faces], np.setdiff1d(nodes, facets)[:, None].repeat(facets.shape[1], axis=1)])
     return in_order(drawn) if facets.shape[1] == 2 else drawn
 
@@ -140,7 +149,8 @@ def drawn_facets(lines: Lines) -> np.ndarray:
 def write_facets(path: Path, interfaces: Iterable[Interface]) -> None:
     """Add contacts/NAME/facets (f, d) and contacts/NAME/initial_gap (l,) to result.h5 in the folder `path`.
 
-    Facets are `drawn_facets`; the gap (m) has an entry per line of the contact's table. Not collective. Raises
+    Facets are `drawn_facets`; the gap (m), at the factor 1 of its history, has an entry per line of the contact's
+    table. Not collective. Raises
     OutputError.
     """
     import h5py
@@ -149,7 +159,7 @@ def write_facets(path: Path, interfaces: Iterable[Interface]) -> None:
     with writing(target), FileOfHDF5(target, "r+") as storage, h5py.File(storage, "r+") as file:
         for interface in interfaces:
             group = file.create_group(f"contacts/{interface.name}")
-            group["facets"] = drawn_facets(interface.shown)
+            group["facets"] = drawn_facets(interface.shown, interface.axisymmetric)
             group["initial_gap"] = interface.gap[interface.shown.row]
 
 
@@ -160,7 +170,8 @@ def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, tup
     With the `times` of load steps whose fields have been written, the last one's without a number, there is a grid for
     each. meshio.read takes the grid of a single step, meshio.xdmf.TimeSeriesReader those of several; both refuse more.
     So grids of bodies and contacts by name, with their times, stand where meshio does not look, in an Information.
-    ParaView and pyvista are referred to them (Reference="XML", as XDMF 2 has it).
+    ParaView and pyvista are referred to them (Reference="XML", as XDMF 2 has it). result_last.xdmf has the last of
+    several load steps, for meshio.read.
 
     Parameters
     ----------
@@ -174,8 +185,7 @@ def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, tup
     import h5py
 
     bodies, contacts = bodies or {}, contacts or {}
-    root = ElementTree.Element("Xdmf", Version="3.0")
-    domain = ElementTree.SubElement(root, "Domain")
+    root, domain = _document()
     with writing(path / "result.xdmf"), h5py.File(path / "result.h5", "r") as file:
         steps = [group if (group := group_of(k)) in file else "" for k in range(len(times))]
         plain = [_grid(parent, "bodies", time) for parent, time in _over(domain, "steps", times, None)]
@@ -197,8 +207,50 @@ def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, tup
                 for (parent, time), each in zip(_over(named, name, times), fields, strict=True):
                     former = f"{domain[0].text}/Grid[{len(named)}]/Grid[1]" if times and len(parent) else ""
                     _describe(_grid(parent, name, time), each, mesh=former)
-        ElementTree.indent(root)
-        ElementTree.ElementTree(root).write(path / "result.xdmf", encoding="utf-8", xml_declaration=True)
+        _write_document(path / "result.xdmf", root)
+        if times:
+            root, domain = _document()
+            _describe(_grid(domain, "bodies", None), _datasets(file, ""))
+            _write_document(path / "result_last.xdmf", root)
+
+
+def write_surface(path: Path, name: str, fields: Mapping[str, np.ndarray]) -> None:
+    """Write the `contact_fields` of the contact `name` as contact_NAME.vtu into the folder `path`, which ParaView,
+    pyvista and meshio read. Not collective. Raises OutputError."""
+    from xml.etree import ElementTree
+
+    number, width = fields["cells"].shape
+    root = ElementTree.Element("VTKFile", type="UnstructuredGrid", version="0.1", byte_order="LittleEndian")
+    piece = ElementTree.SubElement(ElementTree.SubElement(root, "UnstructuredGrid"), "Piece",
+                                   NumberOfPoints=str(len(fields["points"])), NumberOfCells=str(number))
+    cells = {"connectivity": fields["cells"].ravel(), "offsets": width * np.arange(1, number + 1),
+             "types": np.full(number, {2: 3, 3: 5}[width])}  # VTK's lines and triangles
+    for tag, arrays in {"Points": {"points": fields["points"]}, "Cells": cells, "PointData": {
+            key: values for key, values in fields.items() if key not in MESH}}.items():
+        parent = ElementTree.SubElement(piece, tag)
+        for key, values in arrays.items():
+            item = ElementTree.SubElement(parent, "DataArray", Name=key, format="ascii",
+                                          type="Int64" if values.dtype.kind == "i" else "Float64")
+            item.text = _words(*values.ravel().tolist())
+            if values.ndim > 1:
+                item.set("NumberOfComponents", str(values.shape[1]))
+    _write_document(path / contact_files(name).surface, root)
+
+
+def _document() -> tuple[Any, Any]:
+    """The root of a new document of XDMF, and the domain in it."""
+    from xml.etree import ElementTree
+
+    root = ElementTree.Element("Xdmf", Version="3.0")
+    return root, ElementTree.SubElement(root, "Domain")
+
+
+def _write_document(path: Path, root: Any) -> None:
+    from xml.etree import ElementTree
+
+    ElementTree.indent(root)
+    with writing(path):
+        ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
 
 
 def _over(parent: Any, name: str, times: Sequence[float],
@@ -281,9 +333,17 @@ def _padded(array: np.ndarray) -> np.ndarray:
     return np.pad(array, ((0, 0), (0, 3 - array.shape[1])))
 
 
+def both_halves(cells: np.ndarray, values: np.ndarray, *places: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Triangles (nt, 3), values (nv,) and places (nv, 2) of a half-plane x ≥ 0 together with its mirror image."""
+    number = np.arange(len(values))
+    other = np.where(places[-1][:, 0] == 0.0, number, number + len(values))  # none of its own on the axis
+    return (np.vstack([cells, other[cells[:, ::-1]]]), np.tile(values, 2),
+            *(np.vstack([each, each * (-1.0, 1.0)]) for each in places))
+
+
 def linear_triangles(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Cells (nt, 3 or 6) as triangles between neighbouring nodes, and the cell that each is part of."""
-    parts = [[0, 1, 2]] if cells.shape[1] == 3 else [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]
+    parts = [[0, 1, 2]] if cells.shape[1] == 3 else CORNERS_CUT[2]
     return cells[:, parts].reshape(-1, 3), np.repeat(np.arange(len(cells)), len(parts))
 
 
@@ -314,8 +374,7 @@ def middles(points: np.ndarray, cells: np.ndarray, owner: np.ndarray) -> list[np
 
 
 def areas_at_nodes(points: np.ndarray, cells: np.ndarray, values: np.ndarray | float = 1.0) -> np.ndarray:
-    """(nv,) the areas or volumes of the cells around each node times `values` (nt,), shared evenly among their nodes.
-    """
+    """(nv,) areas or volumes of the cells around each node times `values` (nt,), shared evenly among their nodes."""
     number = cells.shape[1]
     shares = values * np.abs(signed_measures(points, cells[:, :points.shape[1] + 1])) / number
     return np.bincount(cells.ravel(), np.repeat(shares, number), len(points))

@@ -31,19 +31,25 @@ FILES = {
     "contact_NAME_sides.csv": "with quadratic elements in the plane: mean stresses over the elements' sides, which are "
                               "what to plot there; sides with a node that carries no force are left out. Solids have "
                               "no such file: their forces stand at the corners of elements",
+    "contact_NAME.vtu": "the contact's surface with its fields, those of result.xdmf, at the last load step: for "
+                        "ParaView, pyvista and meshio.read",
     "contact_NAME_legs.csv": "with load steps: contact stresses of the steps whose fields are written",
     "history.csv": "a line per outer iteration",
     "steps.csv": "a line per load step and contact",
     "energy.csv": "with load steps: the balance of energy, a line per step",
-    "result.xdmf": "for ParaView, pyvista and meshio: displacement, stress and von Mises stress of bodies, and the "
-                   "estimated error if asked for; pressure, friction, gap, slip, slip_total and status (0 open, 1 "
-                   "slip, 2 stick) of contacts, of solids also friction_vector, on the first body, and slip_vector; "
-                   "with load steps a time series. ParaView and pyvista find a grid for each body and contact, by its "
-                   "name; meshio.read, or with load steps meshio.xdmf.TimeSeriesReader, finds all bodies as one",
-    "result.h5": "the data of result.xdmf: points, displacement by node; cells, body (its number), stress "
-                 "(xx, xy, xz, yy, yz, zz), von_mises, error by cell; earlier load steps in groups step_000001, …; "
-                 "in contacts/NAME the facets, pairs of lines of contact_NAME.csv whose nodes are neighbours, of "
-                 "solids triples, and initial_gap of each line",
+    "result.xdmf": "for ParaView, pyvista and meshio: displacement, stress, principal stresses and von Mises stress of "
+                   "bodies, and the estimated error if asked for; pressure, friction, gap, slip, slip_total and status "
+                   "(0 open, 1 slip, 2 stick) of contacts, of solids also friction_vector, on the first body, and "
+                   "slip_vector; with load steps a time series. ParaView and pyvista find a grid for each body and "
+                   "contact, by its name; meshio.read, or with load steps meshio.xdmf.TimeSeriesReader, finds all "
+                   "bodies as one",
+    "result_last.xdmf": "with load steps: all bodies at the last one, for meshio.read, which takes no time series",
+    "result.h5": "the data of result.xdmf: points, displacement, nodal_stress, nodal_principal, nodal_von_mises by "
+                 "node, stresses recovered from the cells around it; cells, body (its number), stress "
+                 "(xx, xy, xz, yy, yz, zz), principal (the largest first), von_mises, error by cell; earlier load "
+                 "steps in groups step_000001, …; in contacts/NAME the facets, pairs of lines of contact_NAME.csv "
+                 "whose nodes are neighbours, of solids triples, and initial_gap of each line at the factor 1 of its "
+                 "history",
     "bodies.png": "the deformed bodies, coloured by von Mises stress, else by displacement. Displacements are enlarged "
                   "as the title says, grey outlines are undeformed, and what touches is drawn touching",
     "contact.png": "of one contact: stresses, slip bound, gap and slip along the contact, and its zones; of solids, "
@@ -63,6 +69,7 @@ FILES = {
                       "(x, y, turning; in space x, y, z, and turning about them) in the mechanism, of which the "
                       "fastest node has 1",
     "mechanism.png": "the bodies as they stand and as the mechanism would move them, in place of all other pictures",
+    "path.csv": "what `ddmpi path` has found along a line",
     "report.html": "what `ddmpi report` has made of all these",
     "checkpoint.h5": "of an interrupted run, for --restart; completed runs have none"}
 """What a folder of results may hold; NAME is that of a contact. docs/reference/results.md shows this."""

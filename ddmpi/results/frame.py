@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -89,14 +89,19 @@ def map_of(results: Results, at: np.ndarray, rigid: Iterable[tuple[np.ndarray, n
     """
     import matplotlib.pyplot as plt
 
-    rigid = list(rigid)
+    rigid, radius = list(rigid), "radius " * results.axisymmetric
     everything = np.vstack([at, *(line for line, _ in rigid)])
+    near = results.axisymmetric and at[:, 0].min() <= np.ptp(at, axis=0).max()
+    if near:
+        everything = np.vstack([everything, everything * (0.0, 1.0)])
     width, height = np.ptp(everything, axis=0)
     size = (8.6, 1.4 + 8.0 * height / width) if is_wide(everything) else (1.8 + 6.2 * width / height, 6.4)
     figure, axes = plt.subplots(figsize=np.clip(size, (4.8, 3.0), (10.0, 8.0)), layout="compressed")
     draw_rigid(axes, rigid, float(np.ptp(at, axis=0).max()))
     unit = results.summary["scene"]["output"]["length_unit"]
-    axes.set(aspect="equal", xlabel=f"x ({unit})", ylabel=f"y ({unit})")
+    axes.set(aspect="equal", xlabel=f"{radius}x ({unit})", ylabel=f"y ({unit})")
+    if near:
+        axes.axvline(0.0, color=COLOURS["rigid"], linewidth=0.8, linestyle="-.", zorder=1)
     return figure, axes
 
 
@@ -182,7 +187,9 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
     """
     points, moved = results.points, np.linalg.norm(results.fields["displacement"], axis=1)
     owner, names, contacts = owners(results), list(results.summary["bodies"]), results.summary["scene"]["contact"]
-    tables = [results.contacts[contact["name"]] for contact in contacts]
+    tables = [results.contacts[each["name"]] for each in contacts]
+    tables = [table | {"initial_gap": _share(results, _follows(each)) * table["initial_gap"]}
+              for each, table in zip(contacts, tables, strict=True)]
     mobile, apart = np.zeros(len(names)), np.zeros((len(tables), len(names)))
     distances = np.zeros((len(tables), results.dimension))
     np.maximum.at(mobile, owner, moved)
@@ -203,7 +210,7 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
 
 
 def _initially(table: Columns) -> np.ndarray:
-    """(l, d) from the first to the second body along the normal, undeformed (m): the gap that the run began with."""
+    """(l, d) from the first to the second body along the normal, undeformed (m): the gap without displacements."""
     return table["initial_gap"][:, None] * vectors(table, "n")
 
 
@@ -233,31 +240,57 @@ def owners(results: Results) -> np.ndarray:
     return found
 
 
-def surfaces(results: Results, factor: float = 0.0,
-             time: float | None = None) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def surfaces(results: Results, factor: float = 0.0, time: float | None = None,
+             going: Mapping[str, np.ndarray] | None = None) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Points (k, 2) along each rigid surface that bodies may touch, and its unit normals there, towards the bodies.
 
     In the plane. Drawn where it has gone to at `time`, else at that of the results, its displacement times `factor`.
     """
     points, names, owner = results.points, list(results.summary["bodies"]), owners(results)
-    for rigid, contacts, moved in partners(results, time):
+    for rigid, contacts, moved in partners(results, time, going):
         touched = np.concatenate([vectors(results.contacts[each["name"]]) for each in contacts])
         bodies = points[np.isin(owner, [names.index(each["bodies"][0]) for each in contacts])]
         at = rigid.outline(touched, bodies, MARGIN * np.ptp(points, axis=0).max())
+        if results.axisymmetric:
+            right = np.flatnonzero(at[:, 0] >= 0.0)
+            at = np.roll(at[right], -1 - np.argmax(np.diff(right, append=right[-1] + 2) > 1), axis=0)
         yield at + factor * moved, rigid.facing(at)[0]
 
 
-def partners(results: Results, time: float | None = None) -> Iterator[tuple[Rigid, list[dict], np.ndarray]]:
+def partners(results: Results, time: float | None = None,
+             going: Mapping[str, np.ndarray] | None = None) -> Iterator[tuple[Rigid, list[dict], np.ndarray]]:
     """Each rigid partner that bodies may touch, its contacts, and its displacement (d,) at `time`, else at that of the
-    results (m)."""
-    scene, last = results.summary["scene"], results.energy.get("time", np.zeros(0)).max(initial=0.0)
-    time = next(each for each in (time, results.time, last) if each is not None)
+    results (m); or those of a mechanism, with the velocities with which they are `going`."""
+    scene = results.summary["scene"]
     for rigid in msgspec.convert(scene.get("rigid", ()), list[Rigid]):
         contacts = [each for each in scene["contact"] if each["bodies"][1] == rigid.name]
-        history = scene.get("history", {}).get(rigid.history)
-        share = np.interp(time, history["times"], history["factors"]) if history else 1.0
-        if contacts:
-            yield rigid, contacts, share * np.array(rigid.displacement)
+        moved = _gone(results, rigid, time) if going is None else going.get(rigid.name)
+        if contacts and moved is not None:
+            yield rigid, contacts, moved
+
+
+def _gone(results: Results, rigid: Rigid, time: float | None) -> np.ndarray:
+    """The displacement (d,) of a rigid partner at `time`, else at that of the results (m)."""
+    if not rigid.pushed:
+        return _share(results, rigid.history, time) * np.array(rigid.displacement)
+    at = {0.0: np.zeros(results.dimension)} | {
+        step["time"]: step["rigid"][rigid.name]["displacement"] for step in results.summary["steps"]}
+    now = next(each for each in (time, results.time, max(at)) if each is not None)
+    return np.array([np.interp(now, list(at), each) for each in zip(*at.values(), strict=True)])
+
+
+def _share(results: Results, name: str | None, time: float | None = None) -> float:
+    """The factor at `time`, else at that of the results, of the history with a name; 1 of none."""
+    last = results.energy.get("time", np.zeros(0)).max(initial=0.0)
+    time = next(each for each in (time, results.time, last) if each is not None)
+    history = results.summary["scene"].get("history", {}).get(name)
+    return float(np.interp(time, history["times"], history["factors"])) if history else 1.0
+
+
+def _follows(contact: dict) -> str | None:
+    """The name of the history that the gap of a contact in the summary follows."""
+    gap = contact.get("gap")
+    return gap.get("history") if isinstance(gap, dict) else None
 
 
 def round_down(factor: float) -> float:

@@ -1,16 +1,19 @@
-"""Pictures of load steps: loops of the forces, energies, contact stresses at the ends of legs; and an animation."""
+"""Results at a load step and along a line. Pictures of load steps: loops of the forces, energies, contact stresses at
+the ends of legs; an animation."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ddmpi.body.stress import principal, von_mises
 from ddmpi.errors import InputError
+from ddmpi.mesh.elements import cell_with
 from ddmpi.results.fields import group_of, linear_triangles, skin
 from ddmpi.results.frame import (
     ABOVE,
@@ -28,7 +31,8 @@ from ddmpi.results.frame import (
     surfaces,
 )
 from ddmpi.results.solids import ZONES, Surface, draw_surfaces, rigid_surfaces, stage
-from ddmpi.results.tables import Columns, Results, drawn_rows, leg_columns, writing
+from ddmpi.results.tables import PATH, Columns, Results, drawn_rows, leg_columns, writing
+from ddmpi.system.numbers import in_words
 
 ROUNDING = 1e-6
 """Resultants below this part of the normal force are none, as of a shaft in its hub."""
@@ -41,6 +45,12 @@ FRAMES, SECONDS, SLOWEST, FASTEST = 200, 6.0, 2.0, 20.0
 
 CURVES = 8
 """Of more ends of legs than this, so many are drawn, from the first to the last."""
+
+INSIDE, OUTSIDE = -1e-6, -0.05
+"""A place is in a cell if no barycentric coordinate is below the first, hardly outside if none is below the second."""
+
+NEWTON = 8
+"""Steps to the barycentric coordinates of a place; straight cells need one."""
 
 
 def step_times(folder: Path) -> list[float]:
@@ -57,10 +67,10 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
 
     The load is the sum of the factors of all histories, without signs, each over its largest one.
 
-    What the summary has of the last step alone is None: reactions, strain energies, estimated errors, overlaps between
-    nodes. The certificate and what friction dissipates stay those of all steps. Without load steps, or without an
-    answer, `results` are as they were read. Not collective. Raises InputError where there are no fields of the time
-    `asked` for.
+    What the summary has of the last step alone is None or empty: loads and reactions, strain energies, estimated
+    errors, overlaps between nodes. The certificate and what friction dissipates stay those of all steps. Without load
+    steps, or without an answer, `results` are as they were read. Not collective. Raises InputError where there are no
+    fields of the time `asked` for.
     """
     import h5py
 
@@ -89,15 +99,17 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
                                           for column in leg_columns(results.dimension)}
         area = table["length"] if "length" in table else table["area"]
         contacts[name] = table | {f"{kind}_force": table[f"{kind}_stress"] * area for kind in ("normal", "tangential")}
-    step = next(each for each in results.summary["steps"] if each["time"] == time)["contacts"]
+    entry = next(each for each in results.summary["steps"] if each["time"] == time)
+    step, rigid = entry["contacts"], entry.get("rigid", {})
     moved, owner = np.linalg.norm(fields["displacement"], axis=1), owners(results)
-    unknown = {"energy": None, "reaction": (None,) * results.dimension, "discretization_error": None}
+    unknown: dict[str, Any] = {"energy": None, "reaction": (None,) * results.dimension, "discretization_error": None,
+                               "loads": {}, "reactions": {}}
     bodies = {name: entry | unknown | {"displacement_max": float(moved[owner == k].max())} | (
         {"von_mises_max": float(fields["von_mises"][fields["body"] == k].max())} if "von_mises" in fields else {})
         for k, (name, entry) in enumerate(results.summary["bodies"].items())}
     unknown = dict.fromkeys(("pointwise_penetration", "moment_imbalance", "moment_imbalance_bound"))
     summary = results.summary | {
-        "displacement_max": float(moved.max()), "bodies": bodies,
+        "displacement_max": float(moved.max()), "bodies": bodies, "rigid": rigid,
         "discretization_error": results.summary["discretization_error"] | {"energy_norm": None},
         "contacts": {name: entry | unknown | step[name] | {"dissipated": entry["dissipated"],
                                                            "pressure_max": float(contacts[name]["normal_stress"].max())}
@@ -113,6 +125,63 @@ def _means(sides: Columns, nodes: Columns) -> Columns:
     after = (middle + 1) % len(row)
     return sides | {column: (nodes[column][middle - 1] + 4 * nodes[column][middle] + nodes[column][after]) / 6
                     for column in ("normal_stress", "tangential_stress")}
+
+
+def along(results: Results, start: Sequence[float], end: Sequence[float], number: int) -> Columns:
+    """The columns PATH at so many places, evenly from `start` to `end` (d,), by shape functions from the nodes.
+
+    A place in no body has no line, unless it is hardly outside, as where a body's curved side is a chord in the mesh;
+    one at which bodies touch has a line for each. Places are those before the bodies move. Not collective. Raises
+    InputError.
+    """
+    d, (first, last) = results.dimension, (np.array(each) for each in (start, end))
+    if {len(first), len(last)} != {d} or not 0.0 < np.linalg.norm(last - first) < np.inf or number < 2:
+        raise InputError(f"a path has two different ends with {d} coordinates each, and 2 points at least")
+    length, share = np.linalg.norm(last - first), np.linspace(0.0, 1.0, number)
+    places = first + share[:, None] * (last - first)
+    place, cell, at = _located(results.points, results.fields["cells"], results.fields["body"], places)
+    if len(place) == 0:
+        raise InputError(f"the path from {in_words(first)} to {in_words(last)} meets no body")
+    nodes = results.fields["cells"][cell]
+    shapes = cell_with(d, nodes.shape[1]).shapes(at)
+
+    def there(values: np.ndarray) -> np.ndarray:
+        return np.einsum("pk,pkc->pc", shapes, values[nodes])
+
+    axes, found = "xyz"[:d], {"distance": length * share[place]}
+    found |= zip(axes, places[place].T, strict=True)
+    found["body"] = np.array(list(results.summary["bodies"]))[results.fields["body"][cell]]
+    found |= zip((f"displacement_{axis}" for axis in axes), there(results.displacement()).T, strict=True)
+    if "nodal_stress" in results.fields:
+        sigma = there(results.fields["nodal_stress"])[:, [0, 3, 5, 1, 4, 2][:2 * d]]
+        for kind, values in ("stress", sigma), ("principal", principal(sigma)):
+            found |= zip((name for name in PATH if name.startswith(kind)), values.T, strict=False)
+        found["von_mises"] = von_mises(sigma)
+    return found
+
+
+def _located(points: np.ndarray, cells: np.ndarray, body: np.ndarray, places: np.ndarray,
+             ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which of some `places` lies in which cell, the best of each body (nt,), and its barycentric coordinates there."""
+    low, high = (extreme.reduce([points[node] for node in cells.T]) for extreme in (np.minimum, np.maximum))
+    low, high = low + OUTSIDE * (high - low), high - OUTSIDE * (high - low)
+    near = np.flatnonzero(((low <= places.max(axis=0)) & (high >= places.min(axis=0))).all(axis=1))
+    pairs = [near[((low[near] <= each) & (high[near] >= each)).all(axis=1)] for each in places]
+    place, cell = np.repeat(np.arange(len(places)), [len(each) for each in pairs]), np.concatenate(pairs)
+    kind, nodes = cell_with(points.shape[1], cells.shape[1]), points[cells[cell]]
+    at = np.full((len(cell), points.shape[1] + 1), 1.0 / (points.shape[1] + 1))
+    for _ in range(NEWTON):
+        off = places[place] - np.einsum("pk,pkd->pd", kind.shapes(at), nodes)
+        step = np.linalg.solve(np.einsum("apk,pkd->pda", kind.derivatives(at), nodes), off[:, :, None])[:, :, 0]
+        inner = np.clip(at[:, 1:] + step, -1.0, 2.0)
+        at = np.column_stack([1.0 - inner.sum(axis=1), inner])
+    inside = at.min(axis=1)
+    kept = inside >= INSIDE
+    kept |= (inside >= OUTSIDE) & ~np.isin(place, place[kept])
+    order = np.lexsort((-inside, body[cell], place))
+    order = order[kept[order]]
+    order = order[np.unique(np.column_stack([place, body[cell]])[order], axis=0, return_index=True)[1]]
+    return place[order], cell[order], at[order]
 
 
 def draw_steps(results: Results, title: str) -> Any:

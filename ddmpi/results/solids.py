@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,7 +40,7 @@ from ddmpi.results.frame import (
     vectors,
     write_names,
 )
-from ddmpi.results.tables import Columns, Results
+from ddmpi.results.tables import Columns, Results, velocities_in
 from ddmpi.surface.side import frames, unit
 from ddmpi.system.numbers import scaled_unit
 
@@ -148,10 +148,11 @@ def draw_surfaces(axes: Any, view: View, surfaces: Sequence[Surface]) -> None:
         axes.add_collection(LineCollection(lines, colors=each.edges, linewidth=0.6, capstyle="round", zorder=3))
 
 
-def rigid_surfaces(results: Results, scale: float = 0.0, time: float | None = None) -> list[Surface]:
+def rigid_surfaces(results: Results, scale: float = 0.0, time: float | None = None,
+                   going: Mapping[str, np.ndarray] | None = None) -> list[Surface]:
     """Parts of rigid partners around what may touch them, as `frame.surfaces` in the plane."""
     found = []
-    for rigid, contacts, moved in partners(results, time):
+    for rigid, contacts, moved in partners(results, time, going):
         for contact in contacts:
             at, facets = vectors(results.contacts[contact["name"]]), results.triangles(contact["name"])
             at = at.mean(axis=0) + AROUND * (at - at.mean(axis=0))
@@ -206,15 +207,14 @@ def draw_mechanism(results: Results, mechanism: dict[str, Any]) -> Any:
     points, names, owner = results.points, list(results.summary["bodies"]), owners(results)
     facets = skin(results.fields["cells"])[0]
     centres = np.array([points[owner == k].mean(axis=0) for k in range(len(names))])
-    velocities = np.zeros((len(names), 6))
-    for body in mechanism["bodies"]:
-        centres[names.index(body["name"])], velocities[names.index(body["name"])] = body["centre"], body["velocity"]
+    velocities, going = velocities_in(mechanism, names, centres)
     u = velocities[owner, :3] + np.cross(velocities[owner, 3:], points - centres[owner])
     speed = np.linalg.norm(u, axis=1)
-    turning = np.linalg.norm(velocities[:, 3:], axis=1).max()
-    step = min(MOVED * np.ptp(points, axis=0).max() / speed.max(), TURNED_BY / max(turning, 1e-300))
-    moves = (np.bincount(owner, speed > AT_REST * speed.max()) > 0)[owner[facets[:, 0]]]
-    at, partner = points + step * u, rigid_surfaces(results)
+    turning, fastest = np.linalg.norm(velocities[:, 3:], axis=1).max(), max([speed.max(), *map(np.linalg.norm,
+                                                                                                going.values())])
+    step = min(MOVED * np.ptp(points, axis=0).max() / fastest, TURNED_BY / max(turning, 1e-300))
+    moves = (np.bincount(owner, speed > AT_REST * fastest) > 0)[owner[facets[:, 0]]]
+    at, partner = points + step * u, [*rigid_surfaces(results), *rigid_surfaces(results, step, going=going)]
     view = View(np.ptp(points, axis=0))
     figure, axes = stage(results, np.vstack([points, at, *(each.at for each in partner)]), view)
     draw_surfaces(axes, view, [*partner, *(Surface(at, facets[some], plain(FILLED[kind])) for some, kind in (

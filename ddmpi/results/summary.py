@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -44,11 +44,20 @@ SUMMARY = {
     "bodies.NAME.n": "its unknowns",
     "bodies.NAME.ranks": "that it lives on",
     "bodies.NAME.n_A": "multiplications by A⁻¹",
-    "bodies.NAME.held": "whether its clamps alone prevent every rigid motion",
+    "bodies.NAME.held": "whether its clamps and foundations alone prevent every rigid motion",
     "bodies.NAME.displacement_max": "largest displacement",
     "bodies.NAME.von_mises_max": "largest von Mises stress; null if stresses were not asked for",
-    "bodies.NAME.energy": "strain energy",
-    "bodies.NAME.reaction": "[x, y], in space [x, y, z]: resultant of the forces of its clamps",
+    "bodies.NAME.energy": "strain energy, without that of foundations",
+    "bodies.NAME.reaction": "[x, y], in space [x, y, z]: resultant of the forces of its clamps and "
+                           "foundations",
+    "bodies.NAME.loads.GROUP.force": "[x, y], in space [x, y, z]: resultant of the tractions on a boundary group; that "
+                                     "of the volume force is under the name volume_force",
+    "bodies.NAME.loads.GROUP.moment": "x F_y − y F_x of the same forces, in space [x, y, z], about the origin",
+    "bodies.NAME.reactions.GROUP.force": "resultant of the forces of clamps and foundations on a group. "
+                                         "Where groups share nodes, each component of the force on a node counts for "
+                                         "one clamp, the last one in the scene that holds it; all reactions together "
+                                         "are reaction",
+    "bodies.NAME.reactions.GROUP.moment": "of the same forces about the origin",
     "bodies.NAME.discretization_error": "its part of the estimated error, relative to the energy norm of all bodies",
     "bodies.NAME.n_A_by_purpose": "n_A in parts",
     "bodies.NAME.inner_steps": "steps of inner solvers, by kind",
@@ -77,12 +86,14 @@ SUMMARY = {
     "contacts.NAME.moment_imbalance": "where nodes do not match: by how much the moments of the two bodies' forces "
                                       "differ, because they act on nodes that stand apart; without a limit",
     "contacts.NAME.moment_imbalance_bound": "the bound on it",
+    "rigid.NAME.displacement": "[x, y], in space [x, y, z]: of a rigid partner that bodies may touch",
+    "rigid.NAME.force": "resultant of the bodies' forces on it; where it is pushed, against the force that pushes it",
     "certificate.force_mismatch": "the worst of all contacts and load steps; so are the next three",
     "certificate.penetration": "", "certificate.complementarity": "", "certificate.friction": "",
-    "certificate.equilibrium": "the worst of all bodies and load steps",
+    "certificate.equilibrium": "the worst of all bodies, pushed partners and load steps",
     "certificate_limit": "the largest residual of a certified answer: 50 times the tolerance, but at most 0.05",
     "steps": "load steps in the order of time: time, outer_iterations, and contacts by name with force, moment, "
-             "normal_force, tangential_force, open, slip, stick and dissipated, of the step",
+             "normal_force, tangential_force, open, slip, stick and dissipated, of the step, and rigid as above",
     "energy.external_work": "with load steps: the last line of energy.csv; so are the next three",
     "energy.strain_energy": "", "energy.interface_work": "", "energy.dissipated": "",
     "energy.lost": "interface work less dissipation: what interference, closing gaps and time stepping take",
@@ -169,19 +180,32 @@ def summarize(scene: dict, run: RunResult, bodies: Mapping[str, dict], contacts:
         "eff": n_A / (2 * m) if m else None, "bodies": entries,
         "contacts": {name: _contact(state) | {"certificate": certificate.contacts[name]._asdict()}
                      | ({"dissipated": dissipated[name]} if dissipated else {}) for name, state in contacts.items()},
+        "rigid": rigid_partners(contacts.values()),
         "certificate": {kind: value for kind, (value, _) in certificate.worst().items()},
         "certificate_limit": run.certificate_limit,
         "steps": run.steps if run.steps is not None else [
                   {"time": 1.0, "outer_iterations": run.outer_iterations,
-                   "contacts": {name: state.resultants for name, state in contacts.items()}}],
+                   "contacts": {name: state.resultants for name, state in contacts.items()},
+                   "rigid": rigid_partners(contacts.values())}],
         **({} if run.energy is None else {"energy": run.energy}),
         "discretization_error": {"energy_norm": run.energy_norm, "target": method.get("target_error"),
                                  "levels": run.levels},
         "displacement_max": np.max([body["displacement_max"] for body in bodies.values()]),
-        "units": units(scene["output"], dimension), "warnings": run.warnings, "undetermined": run.undetermined,
+        "units": units(scene, dimension), "warnings": run.warnings, "undetermined": run.undetermined,
         "seconds": {}, "exchange": run.exchange, "solvers": {"qp": run.qp},
         "options": run.options, "options_unused": run.options_unused, "scene": scene})
     return summary
+
+
+def rigid_partners(contacts: Iterable[ContactState]) -> dict[str, dict[str, np.ndarray]]:
+    """Displacement (m) and force (N) (d,) of each rigid partner that bodies may touch, by its name."""
+    found: dict[str, dict[str, np.ndarray]] = {}
+    for state in contacts:
+        if state.interface.on_rigid:
+            entry = found.setdefault(state.interface.bodies[1], {"displacement": state.interface.displacement,
+                                                                 "force": np.zeros(state.interface.dimension)})
+            entry["force"] = entry["force"] - state.force
+    return found
 
 
 def write_summary(path: Path, summary: dict) -> None:
@@ -206,11 +230,11 @@ def _write_json(path: Path, content: dict) -> None:
         path.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def units(output: dict, dimension: int = 2) -> dict[str, str]:
+def units(scene: dict, dimension: int = 2) -> dict[str, str]:
     """Labels of lengths, stresses, forces, moments and energies; in the plane the last three are per unit of depth."""
-    length, stress = output["length_unit"], output["stress_unit"]
+    length, stress = scene["output"]["length_unit"], scene["output"]["stress_unit"]
     product = f"{stress}·{length}"
-    if dimension == 3:
+    if dimension == 3 or scene.get("axisymmetric"):
         named = {"Pa·m": ("N", "N·m", "J"), "MPa·mm": ("N", "N·mm", "mJ")}
         force, moment, energy = named.get(product, (f"{product}²", f"{product}³", f"{product}³"))
         return {"length": length, "stress": stress, "force": force, "moment": moment, "energy": energy}

@@ -14,7 +14,7 @@ import numpy as np
 
 from ddmpi.errors import DdmpiError, InputError, OutputError
 from ddmpi.interface.state import ContactState, signed
-from ddmpi.mesh.elements import CELLS, facet_measures
+from ddmpi.mesh.elements import CELLS, circumference, facet_measures
 from ddmpi.system.files import contact_files
 
 FORMAT = 2
@@ -62,6 +62,9 @@ LEGS_IN_SPACE = {
     "normal_stress": "as in contact_NAME.csv", "tangential_stress": "", "gap": "", "slip": "", "slip_total": "",
     "status": ""} | dict.fromkeys(VECTORS, "")
 
+AREAS = {"length": "area"}
+"""Names of columns around an axis, where nodal lengths are those of rings: areas."""
+
 LEGS_IN = {2: LEGS, 3: LEGS_IN_SPACE}
 """By dimension."""
 
@@ -89,10 +92,19 @@ STEPS_IN_SPACE = {
     "open": "nodes", "slip": "", "stick": "", "dissipated": STEPS["dissipated"]}
 
 ENERGY = {
-    "time": "end of the load step", "external_work": "of loads, clamps and rigid partners since time 0",
+    "time": "end of the load step", "external_work": "of loads, clamps, heat and rigid partners since time 0",
     "strain_energy": "of all bodies", "interface_work": "of the contact forces since time 0",
     "dissipated": "its part that friction takes",
     "residual": "what external work exceeds the growth of strain energy and interface work by, of the step"}
+
+PATH = {
+    "distance": "from the start", "x": "place before the bodies move", "y": "", "z": "in space",
+    "body": "its name; where bodies touch, there is a line for each",
+    "displacement_x": "", "displacement_y": "", "displacement_z": "",
+    "stress_xx": "at the nodes recovered from the cells around them, between them by shape functions",
+    "stress_yy": "", "stress_zz": "", "stress_xy": "", "stress_yz": "", "stress_xz": "",
+    "principal_1": "principal stresses, the largest first; tension is positive", "principal_2": "", "principal_3": "",
+    "von_mises": "of the same stress"}
 
 
 def write_contact(path: Path, name: str, state: ContactState) -> None:
@@ -113,7 +125,7 @@ def write_contact(path: Path, name: str, state: ContactState) -> None:
     if interface.dimension > 2:
         vectors = np.vstack([state.forces[lines.row].T * share, state.along(state.slip)[lines.row].T])
         names, columns = CONTACT_IN_SPACE, (*columns, *(vectors + 0.0))  # no −0
-    _write_csv(path / contact_files(name).table, names, zip(*columns, strict=True))
+    _write_csv(path / contact_files(name).table, named(names, interface.axisymmetric), zip(*columns, strict=True))
 
 
 def write_sides(path: Path, name: str, state: ContactState) -> None:
@@ -127,10 +139,19 @@ def write_sides(path: Path, name: str, state: ContactState) -> None:
     xy, facets = state.interface.xy, state.interface.facets
     if len(facets) == 0 or facets.shape[1] == xy.shape[1]:
         return
-    start, end, middle = facets.T
-    length = facet_measures(xy[facets])
-    means = ((stress[start] + 4 * stress[middle] + stress[end]) / 6 for stress in (state.pressure, signed(state.shear)))
+    middle, places = facets[:, 2], xy[facets]
+    bare = facets[:, :2] == facets[:, 2:]  # ends on an axis, which have no row
+    places[:, :2][bare] = (2.0 * places[:, 2:] - places[:, 1::-1])[bare]
+    length = facet_measures(places)
+    shares = np.array([1.0, 1.0, 4.0]) * circumference(places, state.interface.axisymmetric)
+    means = ((shares * stress[facets]).sum(axis=1) / (shares * np.ones(facets.shape)).sum(axis=1)
+             for stress in (state.pressure, signed(state.shear)))
     _write_csv(path / contact_files(name).sides, SIDES, zip(*xy[middle].T, length, *means, strict=True))
+
+
+def named(columns: Iterable[str], axisymmetric: bool) -> list[str]:
+    """Names of columns, around an axis with AREAS."""
+    return [AREAS.get(column, column) if axisymmetric else column for column in columns]
 
 
 def leg_columns(dimension: int) -> list[str]:
@@ -163,7 +184,7 @@ def write_legs(path: Path, name: str, state: ContactState, steps: Iterable[tuple
     share = lines.area / interface.area[lines.row]
     parts = np.column_stack([share if column.startswith("force") else np.ones_like(share) for column in columns])
     k = columns.index("status")
-    _write_csv(path / contact_files(name).legs, LEGS_IN[interface.dimension], (
+    _write_csv(path / contact_files(name).legs, named(LEGS_IN[interface.dimension], interface.axisymmetric), (
         (time, *place, area, *row[:k], STATUS[int(row[k])], *row[k + 1:]) for time, values in steps
         for place, area, row in zip(lines.xy, lines.area, values[lines.row] * parts, strict=True)))
 
@@ -195,6 +216,14 @@ def write_energy(path: Path, rows: Iterable[Sequence]) -> None:
     A row has the columns ENERGY. Not collective. Raises OutputError.
     """
     _write_csv(path / "energy.csv", ENERGY, rows)
+
+
+def write_path(path: Path, columns: Columns) -> None:
+    """Write what `fields.along` has found as a table. A table of this kind is overwritten, any other file is not. Not
+    collective. Raises InputError, OutputError."""
+    if path.exists() and not (path.is_file() and path.read_bytes().startswith(b"distance,x,y,")):
+        raise InputError(f"--output {path}: is there already, and no table of a path; name another file")
+    _write_csv(path, columns, zip(*columns.values(), strict=True))
 
 
 @contextlib.contextmanager
@@ -270,6 +299,11 @@ class Results:
         return next(d for (d, _), cell in CELLS.items() if d > 1 and len(cell.nodes) == self.fields["cells"].shape[1])
 
     @property
+    def axisymmetric(self) -> bool:
+        """Whether the bodies turn around the axis x = 0."""
+        return bool(self.summary["scene"].get("axisymmetric"))
+
+    @property
     def points(self) -> np.ndarray:
         """(nv, d) of all bodies (m)."""
         return self.fields["points"][:, :self.dimension]
@@ -316,6 +350,20 @@ def read_results(folder: str | Path) -> Results:
                        _read_csv(folder / "history.csv"), _read_csv(folder / "steps.csv"), fields,
                        _read_csv(folder / "energy.csv") if steps else {},
                        {name: _read_csv(folder / contact_files(name).legs) for name in tables if steps}, facets)
+
+
+def velocities_in(mechanism: dict, names: Sequence[str],
+                  centres: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Velocities of bodies (nb, n), and of rigid partners (d,) by name, in the content of mechanism.json. The `centres`
+    (nb, d) of bodies that move become those there."""
+    velocities, going = np.zeros((len(names), len(mechanism["bodies"][0]["velocity"]))), {}
+    for body in mechanism["bodies"]:
+        if body["name"] in names:
+            k = names.index(body["name"])
+            centres[k], velocities[k] = body["centre"], body["velocity"]
+        else:
+            going[body["name"]] = np.array(body["velocity"][:centres.shape[1]])
+    return velocities, going
 
 
 def read_summary(folder: str | Path) -> dict:

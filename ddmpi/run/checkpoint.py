@@ -15,7 +15,7 @@ import logging
 import os
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -23,7 +23,6 @@ import numpy as np
 from mpi4py import MPI
 
 from ddmpi.coupling.assembly import Assembly
-from ddmpi.coupling.exchange import Exchange
 from ddmpi.errors import InputError, InterruptionError, OutputError, TakenError
 from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.methods.outer import Outer
@@ -37,7 +36,7 @@ from ddmpi.system.files import CHECKPOINT, write_atomically
 
 log = logging.getLogger("ddmpi")
 
-FORMAT, BLOCK = b"ddmpi checkpoint 7 sha256 ", 512
+FORMAT, BLOCK = b"ddmpi checkpoint 8 sha256 ", 512
 """What stands in HDF5's user block, before the digest of the rest; its size, the smallest that HDF5 has."""
 
 KIND = "a checkpoint of this version of ddmpi"
@@ -55,12 +54,6 @@ class Part(Protocol):
     def state(self) -> dict[str, Any]: ...
 
     def restore(self, state: dict[str, Any]) -> None: ...
-
-
-class LoadSteps(Part, Protocol):
-    """The load steps of a run, with the number of iterations of all before the present one."""
-
-    iterations: int
 
 
 def identify(scene: Settled, options: dict[str, str], versions: dict[str, str]) -> dict[str, dict]:
@@ -133,18 +126,18 @@ class Checkpoints:
         if folder:
             import h5py  # noqa: F401  a signal may leave a second, and to load it takes a part of that
 
-    def follow(self, assembly: Assembly, outer: Outer, steps: LoadSteps | None = None, **parts: Part) -> None:
+    def follow(self, assembly: Assembly, outer: Outer, before: Callable[[], int] = int, **parts: Part) -> None:
         """Keep the state of the iteration and of other `parts` from now on; restore what there is to go on from.
 
+        `before` says how many iterations the load steps before the present one have taken.
         Collective. Raises InputError on all ranks when the checkpoint is of other meshes.
         """
         exchange, bodies = assembly.exchange, assembly.bodies
 
         def count() -> int:
-            return len(outer.history) + (steps.iterations if steps else 0)
+            return len(outer.history) + before()
 
         self._parts = parts | {"ladder": self._ladder, "outer": outer, "exchange": exchange}
-        self._parts |= {"steps": steps} if steps else {}
         self._parts |= {f"compliance of {body.spec.name}": body.member.C for body in bodies}
         self._fixed = {"mesh": _digest(assembly), "kind": ", ".join(body.member.C.kind for body in bodies),
                        "h": np.concatenate([body.member.h for body in bodies])}
@@ -163,21 +156,20 @@ class Checkpoints:
                             "memory): the answer will be as good, but not the same to the last digit")
             self._written = count()
             log.info("continuing after iteration %d", self._written)
-        outer.checkpoint = lambda: self._note(count(), exchange)
-        exchange.wants_checkpoint = lambda: bool(
-            self.folder and self.spec.seconds and time.monotonic() - self._last >= self.spec.seconds)
+        outer.checkpoint = lambda: self._note(count())
 
-    def _note(self, k: int, exchange: Exchange) -> None:
+    def _note(self, k: int) -> None:
         """Note the state after iteration k, and write it when it is due. Collective."""
         self._at = k
         self._now = {name: part.state() for name, part in self._parts.items()} | self._fixed
-        by_number = self.spec.iterations > 0 and k > 0 and k % self.spec.iterations == 0
-        if k != self._written and (exchange.checkpoint_due or by_number):
+        due = self.spec.iterations > 0 and k > 0 and k % self.spec.iterations == 0
+        if self.spec.seconds:
+            due = self.world.bcast(due or time.monotonic() - self._last >= self.spec.seconds)
+        if due and k != self._written:
             try:
                 self._write()
             except OutputError as error:  # on rank 0 alone; the run is worth more than its checkpoint
                 log.warning("%s; going on without", error)
-        exchange.checkpoint_due = False
 
     def leave(self) -> None:
         """Keep nothing of the present mesh any more."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import scipy.sparse as sparse
@@ -11,7 +12,7 @@ from ddmpi.coupling.assembly import Assembly
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import across, direction
 from ddmpi.interface.state import ContactState
-from ddmpi.judge.equilibrium import LARGEST, Mechanism, find_mechanism
+from ddmpi.judge.equilibrium import LARGEST, ROUNDING, Mechanism, find_mechanism
 from ddmpi.judge.motions import MotionsOfBody, describe_motions, undetermined
 from ddmpi.system.agreement import from_first, merged
 
@@ -26,11 +27,30 @@ def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
     if not loose or len(loose) > LARGEST:
         return None
     interfaces, G = _whole(assembly, lambda interface: sparse.identity(interface.size, format="csr"))
-    bodies = _loose_bodies(assembly)
+    bodies = _loose_bodies(assembly, interfaces)
 
     def find() -> Mechanism | None:
         load = np.array([load for _, load in bodies])
         return find_mechanism(interfaces, G, assembly.joint.e, [body for body, _ in bodies], load)
+
+    return from_first(assembly.world, find)
+
+
+def motions_without_resistance(assembly: Assembly) -> list[str]:
+    """The rigid motions that no force of any contact resists, a sentence each, the same on all ranks. Collective."""
+    if not assembly.loose or len(assembly.loose) > LARGEST:
+        return []
+    interfaces, G = _whole(assembly, lambda interface: sparse.identity(interface.size, format="csr"))
+    bodies = _loose_bodies(assembly, interfaces)
+
+    def find() -> list[str]:
+        parts, ends = [np.zeros((G.shape[0], 0))], np.cumsum([0, *(each.size for each in interfaces)])
+        for start, stop in itertools.pairwise(ends):  # a few forces are as good as all of a contact
+            axes, sizes, _ = np.linalg.svd((own := G[:, start:stop])[np.unique(own.indices)].toarray(), False)
+            some = np.flatnonzero(sizes > ROUNDING * sizes.max(initial=0.0))
+            parts.append(np.zeros((G.shape[0], len(some))))
+            parts[-1][np.unique(own.indices)] = axes[:, some] * sizes[some]
+        return undetermined(np.hstack(parts), [body for body, _ in bodies])
 
     return from_first(assembly.world, find)
 
@@ -58,14 +78,15 @@ def undetermined_motions(assembly: Assembly, contacts: Mapping[str, ContactState
             parts.append(turned[np.flatnonzero(np.repeat(slips, law.components - 1))])
         return sparse.vstack(parts, format="csr")
 
-    _, G = _whole(assembly, resists)
-    bodies = _loose_bodies(assembly)
+    interfaces, G = _whole(assembly, resists)
+    bodies = _loose_bodies(assembly, interfaces)
     return from_first(assembly.world, lambda: undetermined(G.toarray(), [body for body, _ in bodies]))
 
 
 def describe_drift(assembly: Assembly, motions: np.ndarray) -> str:
     """Where the loose bodies drift to, in words; `motions` as `Outer.motions`. Collective."""
-    bodies = [body for body, _ in _loose_bodies(assembly)]
+    interfaces, _ = _whole(assembly, lambda interface: sparse.csr_matrix((0, interface.size)))
+    bodies = [body for body, _ in _loose_bodies(assembly, interfaces)]
     velocities = np.array([body.velocity(motions[assembly.joint.slices[body.name]]) for body in bodies])
     fastest = max((body.speed(v) for body, v in zip(bodies, velocities, strict=True)), default=0.0)
     return describe_motions(bodies, velocities / fastest, set()) if fastest else "no body"
@@ -84,8 +105,16 @@ def _whole(assembly: Assembly,
     return [interface for interface, _ in ordered], sparse.vstack([rows for _, rows in ordered], format="csr").T.tocsc()
 
 
-def _loose_bodies(assembly: Assembly) -> list[tuple[MotionsOfBody, float]]:
-    """The bodies that clamps do not hold, in the order of their motions, with the sizes of their loads. Collective."""
+def _loose_bodies(assembly: Assembly, interfaces: Sequence[Interface]) -> list[tuple[MotionsOfBody, float]]:
+    """The bodies that clamps do not hold and the partners that are pushed, in the order of their motions, with the
+    sizes of their loads. A partner has the shape of what faces it in the `interfaces`. Collective."""
     own = [(MotionsOfBody.of(body.spec.name, body.mesh.points, body.member.motions), body.member.elasticity.load)
            for body in assembly.bodies if not body.member.elasticity.held]
-    return [each for rank in assembly.world.allgather(own) for each in rank]
+    found = [each for rank in assembly.world.allgather(own) for each in rank]
+    for rigid in assembly.joint.pushed:
+        facing = [each for each in interfaces if each.bodies[1] == rigid.name]
+        at = np.concatenate([each.xy + side * each.spacing[:, None] * axis for each in facing
+                             for axis in np.eye(each.dimension) for side in (-1.0, 1.0)])
+        motions = np.broadcast_to(np.eye(at.shape[1])[:, rigid.pushed], (*at.shape, len(rigid.pushed)))
+        found.append((MotionsOfBody.of(rigid.name, at, motions), assembly.pushes[rigid.name]))
+    return found

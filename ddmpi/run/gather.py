@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from ddmpi.body.elasticity import clamp_forces
 from ddmpi.body.estimate import DiscretizationError
+from ddmpi.body.loads import loads_by_group, resultants
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.ranks import team_of
 from ddmpi.interface.state import ContactState, resultants_in
@@ -19,10 +21,9 @@ from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.petsc.options import unused_options
 from ddmpi.results.fields import Fields
-from ddmpi.results.summary import RunResult, summarize
+from ddmpi.results.summary import RunResult, rigid_partners, summarize
 from ddmpi.results.tables import leg_columns, leg_values
 from ddmpi.run.solve import Solution
-from ddmpi.system.numbers import Rows
 from ddmpi.system.provenance import peak_memory, provenance
 
 LITTLE = 0.1
@@ -30,14 +31,16 @@ LITTLE = 0.1
 
 
 class StepLog:
-    """What is kept of the load steps, in their order, as rows of numbers: a step costs no more than these.
+    """What is kept of the load steps, in their order, as rows of numbers.
 
     Attributes
     ----------
     contacts, bodies : names
     dimension : of the scene
+    partners : names of rigid ones that bodies may touch
     steps : time and number of iterations of each
     resultants : of each the `resultants` of the contacts
+    placed : of each the displacements (m) and forces (N) of rigid partners (np, 2, d)
     energies : external work, strain energy, interface work and dissipated energy since time 0, and what the step's
         balance leaves, of each (J)
     iterations : a line of history.csv for each
@@ -46,18 +49,24 @@ class StepLog:
     largest : (3,) `Solution.sizes` so far
     """
 
-    def __init__(self, contacts: Sequence[str], bodies: Sequence[str], dimension: int) -> None:
+    def __init__(self, contacts: Sequence[str], bodies: Sequence[str], dimension: int,
+                 partners: Sequence[str] = ()) -> None:
+        self.partners = tuple(partners)
+        self.placed: list[np.ndarray] = []
         self.contacts, self.bodies, self.dimension = tuple(contacts), tuple(bodies), dimension
-        self.steps, self.resultants, self.energies, self.iterations = Rows(), Rows(), Rows(), Rows()
-        self._kept, self._ends = Rows(), np.zeros(0, int)
+        self.steps: list[Sequence[float]] = []
+        self.resultants: list[np.ndarray] = []
+        self.energies: list[Sequence[float]] = []
+        self.iterations: list[Sequence[float]] = []
+        self._kept, self._ends = list[np.ndarray](), np.zeros(0, int)
         self.doubts: dict[str, str] = {}
         self.worst = np.zeros((len(self.contacts), len(ContactResiduals._fields))), np.zeros(len(self.bodies))
         self.largest = np.zeros(3)
 
     @property
-    def _tables(self) -> dict[str, Rows]:
+    def _tables(self) -> dict[str, list]:
         return {"steps": self.steps, "resultants": self.resultants, "energies": self.energies,
-                "iterations": self.iterations, "kept": self._kept}
+                "iterations": self.iterations, "kept": self._kept, "placed": self.placed}
 
     def judge(self, certificate: Certificate) -> Certificate:
         """Note the residuals of a step; the largest ones so far."""
@@ -69,7 +78,9 @@ class StepLog:
                            dict(zip(self.bodies, self.worst[1].tolist(), strict=True)))
 
     def note_contacts(self, contacts: Sequence[ContactState]) -> None:
-        """Note the resultants of a step."""
+        """Note the resultants of a step, and where rigid partners are."""
+        found = rigid_partners(contacts)
+        self.placed.append(np.array([list(found[name].values()) for name in self.partners]))
         self.resultants.append(np.array([state.resultants for state in contacts], resultants_in(self.dimension)))
 
     def doubt(self, time: float, warnings: Sequence[str]) -> None:
@@ -90,25 +101,26 @@ class StepLog:
     @property
     def kept(self) -> list[tuple[float, np.ndarray, np.ndarray, np.ndarray]]:
         """Time, forces, motions, and `leg_values` of all contacts, of the steps whose fields are written."""
-        width, parts = len(leg_columns(self.dimension)), (np.split(row, self._ends) for row in self._kept.all)
+        width, parts = len(leg_columns(self.dimension)), (np.split(row, self._ends) for row in self._kept)
         return [(float(time[0]), s, alpha, values.reshape(-1, width)) for time, s, alpha, values in parts]
 
     @property
     def dissipated(self) -> dict[str, float]:
         """The frictional work of all steps by contact (J)."""
-        work = self.resultants.all["dissipated"].sum(axis=0) if len(self.steps) else np.zeros(len(self.contacts))
+        work = np.sum([each["dissipated"] for each in self.resultants] or np.zeros((1, len(self.contacts))), axis=0)
         return dict(zip(self.contacts, work.tolist(), strict=True))
 
     def summary(self) -> list[dict]:
         """The entry ``steps`` of summary.json."""
-        return [{"time": time, "outer_iterations": int(number),
-                 "contacts": dict(zip(self.contacts, records, strict=True))}
-                for (time, number), records in zip(self.steps.all.tolist(), self.resultants.all, strict=True)]
+        return [{"time": float(time), "outer_iterations": int(number),
+                 "contacts": dict(zip(self.contacts, records, strict=True)),
+                 "rigid": {name: {"displacement": place, "force": force} for name, (place, force) in
+                           zip(self.partners, placed, strict=True)}}
+                for (time, number), records, placed in zip(self.steps, self.resultants, self.placed, strict=True)]
 
     def energy(self) -> list[tuple[float, ...]]:
         """The rows of energy.csv."""
-        return [(time, *row) for (time, _), row in zip(self.steps.all.tolist(), self.energies.all.tolist(),
-                                                       strict=True)]
+        return [(float(time), *row) for (time, _), row in zip(self.steps, self.energies, strict=True)]
 
     def excess(self, since: dict[str, Any]) -> float:
         """How much more friction has dissipated since `lengths` than contacts took, over all that it has dissipated.
@@ -116,7 +128,7 @@ class StepLog:
         Never so in truth, it shows how coarse the steps are where slip begins within one of them. Friction that
         dissipates less than LITTLE of the largest energy is compared with that.
         """
-        rows, k = self.energies.all, int(since["energies"])
+        rows, k = np.array(self.energies), int(since["energies"])
         before = rows[k - 1] if k else np.zeros(5)
         took, dissipated = rows[-1, 2:4] - before[2:4]
         size = max(rows[-1, 3], LITTLE * np.abs(rows[:, :3]).max())
@@ -124,7 +136,7 @@ class StepLog:
 
     def balance(self) -> dict[str, float]:
         """The entry ``energy`` of summary.json: the balance at the end; the worst residual over the largest energy."""
-        rows = self.energies.all if len(self.energies) else np.zeros((1, 5))
+        rows = np.array(self.energies or np.zeros((1, 5)))
         external, strain, interface, dissipated, _ = rows[-1].tolist()
         size = float(np.abs(rows[:, :3]).max())
         return {"external_work": external, "strain_energy": strain, "interface_work": interface,
@@ -133,7 +145,7 @@ class StepLog:
 
     def history(self) -> list[tuple[float, ...]]:
         """The rows of history.csv."""
-        return [(int(row[0]), int(row[1]), *row[2:5], *map(int, row[5:])) for row in self.iterations.all.tolist()]
+        return [(int(row[0]), int(row[1]), *map(float, row[2:5]), *map(int, row[5:])) for row in self.iterations]
 
     def lengths(self) -> dict[str, Any]:
         """What `shorten` needs to come back to the present state."""
@@ -143,17 +155,17 @@ class StepLog:
     def shorten(self, lengths: dict[str, Any]) -> None:
         """Forget what was noted since `lengths`."""
         for name, rows in self._tables.items():
-            rows.shorten(lengths[name])
+            del rows[int(lengths[name]):]
         self.worst, self.largest = (lengths["contacts"], lengths["bodies"]), lengths["largest"]
 
     def state(self) -> dict[str, Any]:
-        return {name: rows.all for name, rows in self._tables.items()} | {
+        return {name: list(rows) for name, rows in self._tables.items()} | {
             "doubts": tuple(self.doubts.values()), "ends": self._ends,
             "contacts": self.worst[0], "bodies": self.worst[1], "largest": self.largest}
 
     def restore(self, state: dict[str, Any]) -> None:
-        self.steps, self.resultants, self.energies, self.iterations, self._kept = (
-            Rows(state[name]) for name in self._tables)
+        for name, rows in self._tables.items():
+            rows[:] = state[name]
         self.doubts = {_kind(doubt.rpartition(" (at time")[0]): doubt for doubt in state["doubts"]}
         self._ends, self.worst = state["ends"], (state["contacts"], state["bodies"])
         self.largest = state["largest"]
@@ -179,10 +191,11 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     world, scene, outer = assembly.world, assembly.scene, solution.outer
     team = team_of(world)
     ranks = team.ranks if team else [world.rank]
-    memory = team.do("peak") if team else peak_memory()
-    hosts = team.do("hosts") if team else [MPI.Get_processor_name()]
-    own = [(body.number, (body.spec.name, _body(body, solution, error, own_fields[body.spec.name], ranks, memory)))
-           for body in assembly.bodies]
+    memory, hosts = team.do("machine") if team else (peak_memory(), [MPI.Get_processor_name()])
+    factors = scene.factors(1.0 if solution.time is None else solution.time)
+    own = [(body.number, (body.spec.name, _body(body, solution, error, own_fields[body.spec.name], ranks, memory)
+                          | _forces_by_group(body, solution.displacements[body.spec.name], s, factors)))
+           for body, s in zip(assembly.bodies, outer.body_forces(), strict=True)]
     everyone = world.allgather((own, unused_options(), sum(outer.inner_steps.values()), assembly.exchange.state(),
                                 hosts))
     bodies = dict(body for _, body in sorted(itertools.chain(*(each for each, *_ in everyone)),
@@ -222,3 +235,16 @@ def _body(body: Body, solution: Solution, error: DiscretizationError, fields: Fi
         "reaction": 0.0 - outer, "discretization_error": error.by_body[name],
         "n_A_by_purpose": dict(member.C.count), "inner_steps": dict(solution.outer.inner_steps),
         "solver": member.C.solver.description, "compliance": member.C.kind, "memory_mib": memory}
+
+
+def _forces_by_group(body: Body, u: np.ndarray, s: np.ndarray, factors: Mapping[str | None, float]) -> dict:
+    """The applied loads and the forces of clamps, under the displacement u (nv, d) and contact forces s (size,). Not
+    collective."""
+    mesh, member = body.mesh, body.member
+    loads = ((group, factor * f) for history, factor in factors.items()
+             for group, f in loads_by_group(mesh, body.spec, history))
+    clamps = list(clamp_forces(mesh, body.spec, member.elasticity, u, member.pull(s)))
+    found: dict = {"loads": resultants(mesh, loads), "reactions": resultants(mesh, clamps)}
+    if mesh.axisymmetric:  # circumferential stress bears radial forces, too
+        found["reaction"] = sum((f.sum(axis=0) for _, f in clamps), np.zeros(mesh.dimension))
+    return found

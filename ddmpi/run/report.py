@@ -37,40 +37,29 @@ UNDETERMINED = 3
 
 
 def log_plan(assembly: Assembly, figures: bool) -> None:
-    """Log what is solved, how, and what is left out because the scene does not need it. Collective."""
+    """Log what is solved and how, and what is left out although the scene asks for it. Collective."""
     scene, world = assembly.scene, assembly.world
     owned = merged(world, {each.name: each for each in assembly.space.interfaces})
     interfaces = [owned[contact.name] for contact in scene.contact]
     log.info("n = %d unknowns (%s %s), m = %d contact nodes, friction: %s", assembly.n,
              ("linear", "quadratic")[scene.body[0].mesh.order - 1], NAMES[scene.dimension][1], assembly.m,
              ", ".join(dict.fromkeys(interface.law.name for interface in interfaces)))
-    for gap, names in grouped((_describe_gap(each, scene.output.length_unit), each.name) for each in interfaces):
+    for gap, names in grouped((describe_gap(each, scene.output.length_unit), each.name) for each in interfaces):
         log.info("%s: %s", some(names, "contacts"), gap)
     team = team_of(world)
     own = {body.spec.name: _describe_body(body.member, team.size if team else 1, _cut(body.mesh))
            for body in assembly.bodies}
     bodies = merged(world, own)
-    for way, names in grouped((bodies[spec.name][0], spec.name) for spec in scene.body):
+    for way, names in grouped((bodies[spec.name], spec.name) for spec in scene.body):
         log.info("%s: %s", some(names, "bodies"), way)
-    unloaded = [spec.name for spec in scene.body if not bodies[spec.name][1]]
-    left_out = _contact_left_out(interfaces)
-    if unloaded:
-        left_out.append(f"loads of {some(unloaded, 'bodies')} (there are none)")
-    unused = [rigid.name for rigid in scene.rigid if all(rigid.name not in each.bodies for each in scene.contact)]
-    if unused:
-        left_out.append(f"rigid {some(unused, 'partners')} (no contact names {'it' if len(unused) == 1 else 'them'})")
-    if not assembly.loose:
-        left_out.append("rigid motions (clamps hold all bodies)")
     if world.size < len(scene.body):
         log.info("%d bodies on %s", len(scene.body), _count(world.size, "rank"))
-    if not scene.output.stress:
-        left_out.append("stress in the files (not asked for)")
-    if not figures:
-        left_out.append("pictures (not asked for)")
-    elif not has_matplotlib():
+    log.info("%s", describe_method(scene.method, scene.dimension))
+    left_out = [*_held_by_clamps(interfaces), *_target_left_out(scene)]
+    if figures and not has_matplotlib():
         left_out.append(f"pictures ({NO_MATPLOTLIB})")
-    left_out += _target_left_out(scene)
-    log.info("%s; left out: %s", _describe(scene.method, scene.dimension), ", ".join(left_out) or "nothing")
+    if left_out:
+        log.info("left out: %s", ", ".join(left_out))
     log.info("%5s  %10s  %10s  %6s", "k", "update", "residual", "n_A")
 
 
@@ -88,18 +77,18 @@ def _cut(mesh: Mesh) -> str:
     return f"{mesh.cut} {what} cut into {mesh.cell.names}; " if mesh.cut else ""
 
 
-def _describe_body(member: Member, ranks: int, way: str) -> tuple[str, bool]:
-    """How a body is solved, on how many ranks, after what is known of its mesh; and whether loads act on it."""
+def _describe_body(member: Member, ranks: int, way: str) -> str:
+    """How a body is solved, on how many ranks, after what is known of its mesh."""
     way += "" if ranks == 1 else f"on {ranks} ranks; "
     motions, solver, compliance = member.motions.shape[2], member.C.solver.description, member.C
     if motions:
-        way += f"not held by clamps ({_count(motions, 'rigid motion')}); "
+        way += f"not held by clamps or foundations ({_count(motions, 'rigid motion')}); "
     way += "direct solver" if solver == DIRECT else f"solver {solver}"
     if compliance.solver.refused:
         way += f" through PETSc (MUMPS is not called directly: {compliance.solver.refused})"
     if compliance.kind != "explicit" or compliance.reason == "asked for":
         way += f", compliance {compliance.kind} ({compliance.reason})"
-    return way, member.elasticity.b.norm() > 0.0
+    return way
 
 
 def grouped(pairs: Iterable[tuple[str, str]]) -> Iterator[tuple[str, list[str]]]:
@@ -115,20 +104,15 @@ def some(names: Sequence[str], what: str) -> str:
     return ", ".join(names) if len(names) <= NAMED else f"{names[0]}, {names[1]}, … ({len(names)} {what})"
 
 
-def _contact_left_out(interfaces: Sequence[Interface]) -> list[str]:
+def _held_by_clamps(interfaces: Sequence[Interface]) -> list[str]:
     found = []
     for interface in interfaces:
         held = interface.m - len(interface.sliding)
-        if interface.law.name == "none":
-            found.append(("tangential unknowns%s (no friction)", interface.name))
-        elif held:
-            found.append((f"{_count(held, 'tangential unknown')}%s (held by clamps)", interface.name))
+        if held and interface.law.name != "none":
+            found.append((f"{_count(held, 'tangential unknown')} of %s (held by clamps)", interface.name))
         if interface.dropped:
-            found.append((f"{_count(interface.dropped, 'contact node')}%s (clamped)", interface.name))
-        if not interface.gap.any():
-            found.append(("initial gap%s (all nodes touch)", interface.name))
-    return [what % ("" if len(names) == len(interfaces) else f" of {some(names, 'contacts')}")
-            for what, names in grouped(found)]
+            found.append((f"{_count(interface.dropped, 'contact node')} of %s (clamped)", interface.name))
+    return [what % some(names, "contacts") for what, names in grouped(found)]
 
 
 def _target_left_out(scene: Settled) -> list[str]:
@@ -145,7 +129,7 @@ def _count(number: int, what: str) -> str:
     return f"{number} {what}{'s' * (number != 1)}"
 
 
-def _describe_gap(interface: Interface, unit: str) -> str:
+def describe_gap(interface: Interface, unit: str) -> str:
     """How far the sides are apart at first, and what a load on them means."""
     gap = np.concatenate([interface.gap, interface.fixed.gap])
     if not gap.any():
@@ -159,7 +143,8 @@ def log_step(step: Step) -> None:
              f"  {step.stage}" if step.stage else "")
 
 
-def _describe(method: SettledMethod, dimension: int) -> str:
+def describe_method(method: SettledMethod, dimension: int) -> str:
+    """The outer method with its solvers, in words."""
     plan, discs = method.plan, ""
     if dimension > 2:
         plan, discs = plan.replace("half-plane", "half-space"), ", those with friction by python (APG)"
@@ -174,6 +159,7 @@ def log_end(summary: dict, solution: Solution) -> None:
     if not solution.mechanism:
         _log_contacts(summary, solution)
         _log_bodies(summary)
+        _log_partners(summary)
         log.info("certificate (limit %.2g): %s", solution.limit,
                  ", ".join(f"{kind.replace('_', ' ')} {value:.1e}"
                            for kind, (value, _) in solution.certificate.worst().items()))
@@ -239,7 +225,7 @@ def _log_between_nodes(contacts: dict, units: dict) -> None:
 
 def _log_bodies(summary: dict) -> None:
     bodies, units = summary["bodies"], summary["units"]
-    clamped = {each["name"] for each in summary["scene"]["body"] if each["clamp"]}
+    held = {each["name"] for each in summary["scene"]["body"] if each["clamp"] or each["foundation"]}
     listed = list(bodies)
     if len(bodies) > LISTED:
         moved, stressed = (max(bodies, key=lambda name: _number(bodies[name][key]))
@@ -248,21 +234,30 @@ def _log_bodies(summary: dict) -> None:
         log.info("%d bodies: largest displacement %.4g %s, of %s%s", len(bodies),
                  _number(bodies[moved]["displacement_max"]), units["length"], moved,
                  "" if stress is None else f"; largest von Mises stress {stress:.4g} {units['stress']}, of {stressed}")
-        listed = [name for name in bodies if name in clamped][:LISTED]
+        listed = [name for name in bodies if name in held][:LISTED]
     for name in listed:
         body, stress = bodies[name], bodies[name]["von_mises_max"]
         log.info("%s: %slargest displacement %.4g %s%s", name,
-                 f"reaction of its clamps {_vector(body['reaction'])} {units['force']}, " if name in clamped else "",
+                 f"reaction {_vector(body['reaction'])} {units['force']}, " if name in held else "",
                  _number(body["displacement_max"]), units["length"],
                  "" if stress is None else f", von Mises stress {stress:.4g} {units['stress']}")
 
 
+def _log_partners(summary: dict) -> None:
+    """Where forces have pushed rigid partners."""
+    for rigid in summary["scene"]["rigid"]:
+        if rigid["force"] and rigid["name"] in summary["rigid"]:
+            found, units = summary["rigid"][rigid["name"]], summary["units"]
+            log.info("%s: force of bodies %s %s, displacement %s %s", rigid["name"], _vector(found["force"]),
+                     units["force"], _vector(found["displacement"]), units["length"])
+
+
 def describe_files(names: Sequence[str]) -> str:
     """The files of the results; many tables of contacts as one."""
-    tables = [name for name in names if name.startswith("contact_") and name.endswith(".csv")]
+    tables = [name for name in names if name.startswith("contact_") and name.endswith((".csv", ".vtu"))]
     if len(tables) <= NAMED:
         return ", ".join(names)
-    return ", ".join(dict.fromkeys(f"contact_NAME.csv ({len(tables)} files)" if name in tables else name
+    return ", ".join(dict.fromkeys(f"contact_NAME ({len(tables)} files)" if name in tables else name
                                    for name in names))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ddmpi.body.estimate import DiscretizationError, estimate_error, sum_errors
+from ddmpi.body.estimate import DiscretizationError, estimate_error, nodal_stress, sum_errors
 from ddmpi.body.stress import stress, von_mises
 from ddmpi.coupling.assembly import NO_SIZES, Assembly, Body, prepare
 from ddmpi.coupling.ranks import on_working_ranks
@@ -24,7 +24,7 @@ from ddmpi.judge.plausible import doubt_answer, doubt_mesh, doubt_stress
 from ddmpi.mesh.refine import Sizes
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
-from ddmpi.results.fields import Fields, contact_fields, write_facets, write_fields, write_xdmf
+from ddmpi.results.fields import Fields, contact_fields, write_facets, write_fields, write_surface, write_xdmf
 from ddmpi.results.folder import Staging, choose_folder
 from ddmpi.results.summary import write_mechanism, write_summary
 from ddmpi.results.tables import write_contact, write_energy, write_history, write_legs, write_sides, write_steps
@@ -183,7 +183,8 @@ def _fall_back(ladder: MeshLadder, reason: str) -> bool:
 def _estimate(assembly: Assembly, solution: Solution, clock: Clock) -> DiscretizationError:
     """The discretization error of all bodies. Collective."""
     with clock.phase("estimate"):
-        own = {body.spec.name: estimate_error(body.mesh, body.material, solution.displacements[body.spec.name])
+        own = {body.spec.name: estimate_error(body.mesh, body.material, solution.displacements[body.spec.name],
+                                              body.member.elasticity.acting.heated)
                for body in assembly.bodies}
         numbers = {name: (each.total, each.energy, each.area) for name, each in own.items()}
         return sum_errors(merged(assembly.world, numbers), own)
@@ -208,16 +209,20 @@ def _finish(assembly: Assembly, solution: Solution, steps: StepLog | None, error
 def _fields(assembly: Assembly, body: Body, u: np.ndarray, error: DiscretizationError | None = None) -> Fields:
     """The fields of a body that moves by `u` (nv, 2), as far as they are asked for. Not collective."""
     mesh, output = body.mesh, assembly.scene.output
-    sigma = stress(mesh, body.material, u) if output.stress else None
-    return Fields(mesh.points, mesh.triangles, u, sigma, von_mises(sigma) if sigma is not None else None,
-                  error.density(body.spec.name) if error and output.error else None)
+    density = error.density(body.spec.name) if error and output.error else None
+    if not output.stress:
+        return Fields(mesh.points, mesh.triangles, u, error=density)
+    heat = body.member.elasticity.acting.heated
+    sigma = stress(mesh, body.material, u, heat)
+    return Fields(mesh.points, mesh.triangles, u, sigma, von_mises(sigma), density,
+                  error.own[body.spec.name].stress if error else nodal_stress(mesh, body.material, u, heat))
 
 
 def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock | None = None,
-                  refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES) -> Assembly:
+                  refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES, factor: bool = True) -> Assembly:
     """`prepare`, with the scene's file named in what is wrong with it. Collective."""
     try:
-        return prepare(world, scene, Path(scene_path).parent, clock, refinement, sizes)
+        return prepare(world, scene, Path(scene_path).parent, clock, refinement, sizes, factor)
     except InputError as error:
         error.args = (f"{scene_path}: {error}",)
         raise
@@ -243,6 +248,8 @@ def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, che
                     fields = _write_tables(path, solved)
                     names = (body.name for body in solved.assembly.scene.body)
                     write_xdmf(path, times, dict(zip(names, sizes, strict=True)), fields)
+                    for name, each in fields.items():
+                        write_surface(path, name, each[-1])
                     if solved.solution.mechanism:
                         write_mechanism(path, solved.solution.mechanism)
                     if figures:  # they show it

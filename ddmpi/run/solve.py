@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,6 +34,7 @@ from ddmpi.run.equilibrium import describe_drift, look_for_mechanism, undetermin
 from ddmpi.scene.method import SettledMethod
 from ddmpi.system.agreement import merged
 from ddmpi.system.clock import Clock
+from ddmpi.system.numbers import norm
 
 log = logging.getLogger("ddmpi")
 
@@ -85,6 +86,7 @@ class Solution:
     undetermined : motions of loose bodies that no contact resists, in words
     drift : where loose bodies drift, in words
     moved : (size,) how far the bodies have moved against each other at the interfaces that this rank owns (m)
+    prescribed : (size,) what rigid partners have, those that are pushed as well
     energy : strain energy of all bodies (J)
     sizes : (3,) largest nodal contact force (N), displacement, and displacement by contact forces (m)
     work : (2, cases) of all bodies, as `Member.work`, by history in the order of the scene
@@ -104,6 +106,7 @@ class Solution:
     undetermined: Sequence[str] = ()
     drift: str = ""
     moved: np.ndarray = field(default_factory=lambda: np.empty(0))
+    prescribed: np.ndarray = field(default_factory=lambda: np.empty(0))
     energy: float = 0.0
     sizes: np.ndarray = field(default_factory=lambda: np.zeros(3))
     work: np.ndarray = field(default_factory=lambda: np.empty((2, 0)))
@@ -155,7 +158,7 @@ class _Goal:
     steps: int = 0
 
     def state(self) -> dict[str, Any]:
-        return {"tolerance": self.tolerance, "worst": self.worst, "steps": self.steps}
+        return asdict(self)
 
     def restore(self, state: dict[str, Any]) -> None:
         self.tolerance, self.worst = float(state["tolerance"]), float(state["worst"])
@@ -166,10 +169,6 @@ class _Goal:
         useless = steps > self.steps and not worst < USEFUL * self.worst
         self.worst, self.steps = worst, steps
         return useless or self.tolerance < sys.float_info.epsilon
-
-
-def no_mechanism(assembly: Assembly) -> None:
-    """Look for no mechanism."""
 
 
 class Iteration:
@@ -193,7 +192,7 @@ class Iteration:
     """
 
     def __init__(self, assembly: Assembly, method: SettledMethod, report: Report, clock: Clock,
-                 first: Callable[[Assembly], Mechanism | None] = no_mechanism) -> None:
+                 first: Callable[[Assembly], Mechanism | None] | None = None) -> None:
         self.assembly, self.method, self.clock = assembly, method, clock
         for body in assembly.bodies:
             body.member.restart()
@@ -205,7 +204,7 @@ class Iteration:
             report(step)
 
         with clock.phase("outer"):
-            self.mechanism = first(assembly)
+            self.mechanism = first(assembly) if first else None
             self.outer = choose_outer(assembly, method, note)
         self.limit, self.goal = certificate_limit(method.tolerance), _Goal(method.tolerance)
         self.given = assembly.world.allreduce(max(body.member.C.solver.given for body in assembly.bodies), MPI.MAX)
@@ -313,14 +312,23 @@ def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, stat
     both = exchange.collect(traces, "answer")
     places = exchange.swap_objects({key: part for own in stayed for key, part in own.items()})
     bodies = merged(assembly.world, numbers)
+    gone, unbalanced = joint.pushed_by(outer.motions), joint.imbalance(forces) if joint.pushed else joint.e
+    for rigid in joint.pushed:
+        at = joint.slices[rigid.name]
+        acting = max(norm(joint.e[at]), norm(joint.e[at] - unbalanced[at]))
+        bodies[rigid.name] = {"left": norm(unbalanced[at]), "acting": acting, "moved": norm(gone[rigid.name]),
+                              "yielding": 0.0, "load": assembly.pushes[rigid.name]}
+    interfaces = [each.displaced(each.displacement + gone[each.bodies[1]]) if each.bodies[1] in gone else each
+                  for each in space.interfaces]
+    prescribed = np.concatenate([np.empty(0), *(each.prescribed for each in interfaces)])
     load = float(sum(body["load"] for body in bodies.values()))
     now = [max(body[key] for body in bodies.values()) for key in ("moved", "yielding")]
     found = {}
     with event("Certificate"):
-        for (interface, part), limits in zip(space.each(), space.laws.bounds(bound), strict=False):
+        for interface, part, limits in zip(interfaces, space.parts.values(), space.laws.bounds(bound), strict=False):
             u1, u2 = both[0][part], both[1][part] + interface.prescribed
             probes = interface.probes
-            between = probes.gap + probes.normal @ interface.displacement - sum(
+            between = probes.opening(interface.scale) + probes.normal @ interface.displacement - sum(
                 each for each in places[interface.name] if each is not None)
             yielding = max(bodies[name]["yielding"] for name in interface.bodies if name in bodies)
             state = contact_state(interface, forces[part], limits, u1 + u2, between,
@@ -331,11 +339,11 @@ def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, stat
     force = max((float(np.abs(state.forces).max()) for state, _ in found.values()), default=0.0)
     names, contacts = [body.name for body in assembly.scene.body], [contact.name for contact in assembly.scene.contact]
     certificate = Certificate({name: found[name][1] for name in contacts},
-                              {name: equilibrium_residual(bodies[name]["left"], bodies[name]["acting"], load)
-                               for name in names})
+                              {name: equilibrium_residual(each["left"], each["acting"], load)
+                               for name, each in bodies.items()})
     return Solution(stopped, moved, {name: bodies[name]["moved"] for name in names},
                     {name: found[name][0] for name in contacts}, certificate, limit, outer, statuses, given,
-                    moved=both[0] + both[1] + space.prescribed,
+                    moved=both[0] + both[1] + prescribed, prescribed=prescribed,
                     energy=float(sum(bodies[name]["energy"] for name in names)),
                     sizes=np.array([force, *now]),
                     work=np.sum([bodies[name]["work"] for name in names], axis=0))

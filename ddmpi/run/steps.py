@@ -61,8 +61,8 @@ class _Mark:
     s, alpha : forces (size,) in N and motions of loose bodies in m
     d : (size,) free displacements less gaps, tangentially from the beginning (m)
     moved : (size,) relative displacements (m)
-    s_gain, alpha_gain, moved_gain : what the step has added to s, alpha and moved
-    prescribed : (size,) displacements of rigid partners (m)
+    opening, prescribed : (size,) of a `Space` (m)
+    s_gain, alpha_gain, closed_gain : what the step has added to s, alpha and `closed`
     factors : (k,) by history
     work : (2, k), as `Solution.work` (J)
     energy : strain energy (J)
@@ -75,23 +75,29 @@ class _Mark:
     alpha: np.ndarray
     d: np.ndarray
     moved: np.ndarray
+    opening: np.ndarray
+    prescribed: np.ndarray
     s_gain: np.ndarray
     alpha_gain: np.ndarray
-    moved_gain: np.ndarray
-    prescribed: np.ndarray
+    closed_gain: np.ndarray
     factors: np.ndarray
     work: np.ndarray
     energy: float
     length: float
 
+    @property
+    def closed(self) -> np.ndarray:
+        """(size,) relative displacements less the initial gaps (m)."""
+        return self.moved - self.opening
+
     @classmethod
     def first(cls, assembly: Assembly) -> _Mark:
         """Time 0, free of stress."""
         space, zero = assembly.space, np.zeros(assembly.space.size)
-        touching = sum(float(each.area[each.gap <= 0.0].sum()) for each in space.interfaces)
+        touching = sum(float(each.area[each.opening <= 0.0].sum()) for each in space.interfaces)
         still, k = np.zeros(assembly.joint.rigid.size), len(assembly.scene.followed) + 1
-        return cls(0.0, 0.0, zero, still, zero, zero, zero, still, zero, zero, np.zeros(k), np.zeros((2, k)), 0.0,
-                   float(space.add(np.array([touching]))[0]))
+        return cls(0.0, 0.0, zero, still, zero, zero, space.opening, zero, zero, still, zero, np.zeros(k),
+                   np.zeros((2, k)), 0.0, float(space.add(np.array([touching]))[0]))
 
 
 def solve_scene(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoints | None = None,
@@ -108,7 +114,7 @@ def solve_scene(assembly: Assembly, report: Report = no_report, checkpoints: Che
     march = March(assembly, Iteration(assembly, scene.method, no_report, clock))
     if checkpoints:
         checkpoints.follow(assembly, outer=march.outer, statuses=march.iteration.statuses, goal=march.iteration.goal,
-                           steps=march)
+                           steps=march, before=lambda: march.iterations)
     return march.run(), march.log
 
 
@@ -126,8 +132,10 @@ class March:
         assert isinstance(iteration.outer, Newton)
         scene = assembly.scene
         self.assembly, self.iteration, self.outer = assembly, iteration, iteration.outer
-        self.log = StepLog([contact.name for contact in scene.contact], [body.name for body in scene.body],
-                           scene.dimension)
+        self.log = StepLog([contact.name for contact in scene.contact],
+                           [each.name for each in (*scene.body, *scene.pushed)], scene.dimension,
+                           [each.name for each in scene.rigid
+                            if any(each.name in contact.bodies for contact in scene.contact)])
         self.iterations = 0
         assert scene.time is not None
         self._legs, self._steps, self._tolerance = scene.legs, scene.time.steps, scene.time.tolerance or math.inf
@@ -189,22 +197,22 @@ class March:
 
         After a cut, and where a leg begins, nothing is known of the way on.
         """
-        now, opening = self._now, self.assembly.space.opening
+        now = self._now
         self.iteration.begin()
         if now.time == 0.0:
             self.outer.begin()
         elif now.span and not self._cuts:
             share = (time - now.time) / now.span
-            moved = now.moved + share * now.moved_gain  # if forces grow so, since loads are linear along a leg
-            self.outer.begin((now.s + share * now.s_gain, opening - moved + start, now.alpha + share * now.alpha_gain),
+            closed = now.closed + share * now.closed_gain  # if forces grow so, since loads are linear along a leg
+            self.outer.begin((now.s + share * now.s_gain, start - closed, now.alpha + share * now.alpha_gain),
                              foreseen=True)
         else:
-            self.outer.begin((now.s, now.d - self._d + opening - now.moved + start, now.alpha))
+            self.outer.begin((now.s, now.d - self._d - now.closed + start, now.alpha))
 
     def _slip_begins(self, time: float) -> np.ndarray:
         """Where the slip of the step to `time` begins (size,)."""
         now, ahead = self._now, (time - self._now.time) / self._now.span if self._now.span else 0.0
-        parts = [slip_start(interface, now.s[part], now.moved[part], now.moved_gain[part], ahead)
+        parts = [slip_start(interface.law, now.s[part], now.closed[part], now.closed_gain[part], ahead)
                  for interface, part in self.assembly.space.each()]
         return np.concatenate([np.empty(0), *parts])
 
@@ -237,14 +245,15 @@ class March:
         contacts = [solution.contacts[name] for name in self.log.contacts]
         factors = np.array(list(scene.factors(time).values()))
         s, moved = outer.forces, solution.moved
+        opened, gone = space.opening - now.opening, solution.prescribed - now.prescribed
+        closing = moved - now.moved - opened
         mean = 0.5 * (s + now.s)
-        driven, interface_work = space.add(np.array([mean @ (space.prescribed - now.prescribed),
-                                                     mean @ (moved - now.moved)]))
+        driven, interface_work = space.add(np.array([mean @ (gone - opened), mean @ closing]))
         work = 0.5 * (factors + now.factors) @ (solution.work[0] - now.work[0])
         work += 0.5 * (factors - now.factors) @ (solution.work[1] + now.work[1]) + driven
         lost = work - (solution.energy - now.energy) - interface_work
         dissipated = sum(state.dissipated for state in contacts)
-        before = self.log.energies.all[-1] if len(self.log.energies) else np.zeros(5)
+        before = self.log.energies[-1] if self.log.energies else np.zeros(5)
         self.log.energies.append([before[0] + work, solution.energy, before[2] + interface_work,
                                   before[3] + dissipated, lost])
         number = len(outer.history)
@@ -254,8 +263,8 @@ class March:
         self.log.judge(solution.certificate)
         self.log.largest = np.maximum(self.log.largest, solution.sizes)
         alike = not (self._sudden and now.time == 0.0)
-        self._now = _Mark(time, time - now.time if alike else 0.0, s, outer.motions, self._d, moved, s - now.s,
-                          outer.motions - now.alpha, moved - now.moved, space.prescribed, factors, solution.work,
+        self._now = _Mark(time, time - now.time if alike else 0.0, s, outer.motions, self._d, moved, space.opening,
+                          solution.prescribed, s - now.s, outer.motions - now.alpha, closing, factors, solution.work,
                           solution.energy,
                           sum(float(each.interface.area[each.status != "open"].sum()) for each in contacts))
         del self._ahead[0]
@@ -338,7 +347,7 @@ class March:
             return False
         closing = space.any(np.array([
             ((s[part][:each.m] > 0.0) & (self._base.s[part][:each.m] <= 0.0)
-             & (self._base.moved[part][:each.m] < each.gap)).any() for each, part in frictional]))
+             & (self._base.closed[part][:each.m] < 0.0)).any() for each, part in frictional]))
         self._coarse, self._number = s, 2 * self._number
         length, self._now = self._now.length, self._base
         self.log.shorten(self._noted)

@@ -16,6 +16,7 @@ from ddmpi.scene.values import (
     Formula,
     Group,
     Name,
+    NonNegative,
     Number,
     Point,
     Positive,
@@ -37,12 +38,14 @@ class Material(Table, frozen=True, kw_only=True):
     ----------
     young : Young's modulus (Pa)
     poisson : Poisson's ratio; linear triangles lock near 0.5, quadratic ones do not
-    plane : plane strain, the default in the plane, or plane stress; solids have none
+    plane : plane strain, the default in the plane, or plane stress; solids and turned parts have none
+    expansion : coefficient of thermal expansion (1/K), with the body's temperature
     """
 
     young: Positive
     poisson: Annotated[float, msgspec.Meta(gt=-1, lt=0.5)]
     plane: Literal["strain", "stress"] | None = None
+    expansion: Number | None = None
 
     @property
     def lame(self) -> tuple[float, float]:
@@ -64,6 +67,19 @@ class Material(Table, frozen=True, kw_only=True):
     def across(self) -> np.ndarray:
         """a (2, 2) of σ_zz = a : σ in the plane."""
         return np.eye(2) * (0.0 if self.plane == "stress" else self.poisson)
+
+    def thermal(self, dimension: int) -> tuple[np.ndarray, float, float, float]:
+        """What a temperature of 1 K does where no strain yields to it, in the plane or in space.
+
+        Returns
+        -------
+        β (d, d) of the stress −β (Pa/K); twice the elastic energy (J/m³/K²); b of σ_zz = a : σ − b in the plane, where
+        a is `across`; the part of that energy that a free body keeps (J/m³/K²), zero but in plane strain
+        """
+        expansion = self.expansion or 0.0
+        beta = expansion * np.einsum("ijkk->ij", self.tensor(2 if self.plane == "stress" else 3))
+        across = expansion * self.young * (len(beta) > dimension)
+        return beta[:dimension, :dimension], expansion * float(np.trace(beta)), across, expansion * across
 
     @property
     def locks(self) -> bool:
@@ -148,6 +164,25 @@ class Traction(Table, frozen=True, kw_only=True):
         return next(each for each in (self.value, self.pressure, self.force) if each is not None)
 
 
+class Foundation(Table, frozen=True, kw_only=True):
+    """Springs between a boundary group and the ground, as a mat or rubber; see docs/use/supports.md.
+
+    Attributes
+    ----------
+    on : boundary group
+    normal : stiffness along the normal, per area (N/m³); it pulls as well as it presses
+    tangential : stiffness along the surface, per area (N/m³)
+    """
+
+    on: Group
+    normal: NonNegative = 0.0
+    tangential: NonNegative = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.normal and not self.tangential:
+            raise ValueError("a foundation has a stiffness per area, as in normal = 1e9 or tangential = 1e8")
+
+
 class VolumeForce(AffineVector, frozen=True, kw_only=True):
     """Force per volume (N/m³): linear in the coordinates, or a ``value``.
 
@@ -170,6 +205,22 @@ class VolumeForce(AffineVector, frozen=True, kw_only=True):
         check_formulas("value", self.value)
 
 
+class Heat(Table, frozen=True, kw_only=True):
+    """Temperature over the state free of stress, with a history.
+
+    Attributes
+    ----------
+    value : temperature (K)
+    history : [history.NAME] whose factor multiplies it
+    """
+
+    value: Number | Formula
+    history: Name | None = None
+
+    def __post_init__(self) -> None:
+        check_formulas("value", self.value)
+
+
 class BodySpec(Table, frozen=True, kw_only=True):
     """One elastic body. Where clamps do not hold it, its contacts do, or the run says that it can move.
 
@@ -179,19 +230,27 @@ class BodySpec(Table, frozen=True, kw_only=True):
     mesh : see below
     material : one, or a list with an entry for each part of a drawing or a mesh file
     clamp : boundary groups or physical points: by name, whose displacements are zero, or with given displacements
+    foundation : springs on boundary groups, which hold the body where they resist
     traction : loads on boundary groups
     volume_force : such as weight (N/m³), a list [x, y] or [x, y, z], or a table
+    temperature : over the state free of stress (K), a number, a formula, or a table; it takes a material.expansion
     """
 
     name: Name
     mesh: MeshSpec
     material: Material | Annotated[list[PartMaterial], msgspec.Meta(min_length=1)]
     clamp: list[Group | Clamp] = []
+    foundation: list[Foundation] = []
     traction: list[Traction] = []
     volume_force: Vector | VolumeForce | None = None
+    temperature: Number | Formula | Heat | None = None
 
     def __post_init__(self) -> None:
         check_formulas("volume_force", self.volume_force)
+        check_formulas("temperature", self.temperature)
+        if self.temperature is not None and any(material.expansion is None for material in self.materials):
+            raise ValueError("temperature: the material has no expansion, without which nothing follows from a "
+                             "temperature; write expansion = 1.2e-5 (1/K, of steel) into material, 0 for none")
         if isinstance(self.material, Material):
             return
         surfaces = [part.on for part in self.material]
@@ -237,6 +296,12 @@ class BodySpec(Table, frozen=True, kw_only=True):
         return [Clamp(on=c, x=0.0, y=0.0, z=0.0) if isinstance(c, str) else c for c in self.clamp]
 
     @property
+    def groups(self) -> list[str]:
+        """Names of the groups, curves and points that clamps, loads and foundations act on."""
+        return [*(clamp.on for clamp in self.clamps), *(load.on for load in self.traction),
+                *(springs.on for springs in self.foundation)]
+
+    @property
     def weight(self) -> tuple[Vector | AffineVector, str | None]:
         """The volume force (N/m³), and the history that it follows."""
         force = self.volume_force
@@ -245,17 +310,25 @@ class BodySpec(Table, frozen=True, kw_only=True):
         return AffineVector() if force is None else force, None
 
     @property
+    def heat(self) -> Heat:
+        """The temperature (K), zero where none is given, and the history that it follows."""
+        given = self.temperature
+        return given if isinstance(given, Heat) else Heat(value=0.0 if given is None else given)
+
+    @property
     def histories(self) -> list[str]:
-        """Names of the histories that its loads and clamps follow, each once."""
-        named = [*(clamp.history for clamp in self.clamps), *(load.history for load in self.traction), self.weight[1]]
+        """Names of the histories that its loads, clamps and temperature follow, each once."""
+        named = [*(clamp.history for clamp in self.clamps), *(load.history for load in self.traction), self.weight[1],
+                 self.heat.history]
         return list(dict.fromkeys(name for name in named if name is not None))
 
-    def settled(self, order: Literal[1, 2], dimension: int = 2) -> SettledBody:
-        """This body with elements of `order`, in the plane or in space."""
+    def settled(self, order: Literal[1, 2], dimension: int = 2, axisymmetric: bool = False) -> SettledBody:
+        """This body with elements of `order`, in the plane, around an axis or in space."""
         mesh = self.mesh
         finest = mesh.contact_size or TOWARDS_CONTACTS * mesh.largest if mesh.geometry is not None else None
         origin = mesh.origin or (0.0,) * dimension if mesh.shape in WITH_ORIGIN else None
-        parts = [replace(part, plane=self.plane if dimension == 2 else None) for part in self.materials]
+        plane = self.plane if dimension == 2 and not axisymmetric else None
+        parts = [replace(part, plane=plane) for part in self.materials]
         settled_mesh = settle(mesh, SettledMesh, order=order, contact_size=finest, origin=origin)
         return settle(self, SettledBody, mesh=settled_mesh,
                       material=parts[0] if isinstance(self.material, Material) else parts,

@@ -10,6 +10,8 @@ import msgspec
 import numpy as np
 
 from ddmpi.scene.values import (
+    Formula,
+    Gap,
     Group,
     Name,
     NonNegative,
@@ -19,6 +21,7 @@ from ddmpi.scene.values import (
     Profile,
     SignedProfile,
     Table,
+    check_formulas,
     settle,
 )
 from ddmpi.system.numbers import nearest_in
@@ -72,8 +75,8 @@ class ContactSpec(Table, frozen=True, kw_only=True):
     on : a boundary group of each body, so only one if the partner is rigid
     kind : "bonded" neither parts nor slides
     friction : law of friction; left out, none
-    gap : initial gap along the normal (m), positive open, negative an interference; left out, it is measured, on curved
-        sides between the arcs over their chords
+    gap : initial gap along the normal (m), positive open, negative an interference, as in -1e-5 or { value = -1e-5,
+        history = "fit" }; left out, it is measured, on curved sides between the arcs over their chords
     pairing : "nodes" with nodes, or "mortar"; left out, by nodes where those of both sides match, else by (dual) mortar
     slave : with mortar, the body whose nodes carry the forces; left out, the one with the larger spacing of nodes over
         E/(1 − ν²)
@@ -84,16 +87,24 @@ class ContactSpec(Table, frozen=True, kw_only=True):
     on: Annotated[tuple[Group, ...], msgspec.Meta(min_length=1, max_length=2)]
     kind: Literal["unilateral", "bonded"] = "unilateral"
     friction: Friction = NoFriction()
-    gap: Number | SignedProfile | None = None
+    gap: Number | Formula | Gap | None = None
     pairing: Literal["nodes", "mortar"] | None = None
     slave: Name | None = None
 
     def __post_init__(self) -> None:
+        check_formulas("gap", self.gap)
         if self.kind == "bonded" and not isinstance(self.friction, NoFriction):
             raise ValueError('friction does not go with kind = "bonded", which lets nothing slide; leave one of them '
                              "out")
         if self.slave is not None and self.pairing == "nodes":
             raise ValueError('slave does not go with pairing = "nodes", which has none; leave one of them out')
+
+    @property
+    def opening(self) -> tuple[Number | Formula | SignedProfile | None, str | None]:
+        """The gap that is given, if one is, and the history that it follows."""
+        if isinstance(self.gap, Gap) and self.gap.value is not None:
+            return self.gap.value, self.gap.history
+        return self.gap, None
 
     def settled(self) -> SettledContact:
         """This contact under its name, which is by default the bodies' names with a dash."""
@@ -118,11 +129,14 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
     ----------
     name : unique among bodies and rigid partners
     displacement : how it is moved (m); left out, not at all
-    history : [history.NAME] whose factor multiplies the displacement
+    force : by which it is pushed along those axes where it is not 0 (N); along the others it follows the displacement.
+        It never turns
+    history : [history.NAME] whose factor multiplies displacement and force
     """
 
     name: Name
     displacement: Point | None = None
+    force: Point | None = None
     history: Name | None = None
 
     turned: ClassVar[str]
@@ -130,6 +144,19 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
 
     crossed: ClassVar[str] = ""
     """Ends the advice where a body runs through it."""
+
+    def __post_init__(self) -> None:
+        if self.force is not None and not self.pushed:
+            raise ValueError("force must not be zero; leave it out, or the partner moves as displacement says")
+        both = [axis for axis in self.pushed if self.displacement and self.displacement[axis]]
+        if both:
+            raise ValueError(f"along {'xyz'[both[0]]} it has both a force and a displacement; it is pushed or moved, "
+                             "so set one of them to 0")
+
+    @property
+    def pushed(self) -> list[int]:
+        """The axes along which a force moves it."""
+        return [axis for axis, value in enumerate(self.force or ()) if value]
 
     def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Its unit normals (…, d), towards the bodies, at the places nearest to points (…, d), and the distances (…)
@@ -182,6 +209,7 @@ class Plane(RigidSurface, frozen=True, kw_only=True, tag="plane"):
     crossed = "; a plane has no end"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not any(self.normal):
             raise ValueError("normal must not be zero; it points towards the bodies")
 
@@ -287,6 +315,7 @@ class Cylinder(Round, frozen=True, kw_only=True, tag="cylinder"):
     axis: Point
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not any(self.axis):
             raise ValueError("axis must not be zero")
 

@@ -37,7 +37,7 @@ FileKind = Callable[[BodySpec], tuple[int, Literal[1, 2]]]
 EXTENTS = ("size", "divisions", "radii", "angles", "bodies", "on")
 """Rows of numbers or words that are neither places nor vectors."""
 
-FORMULAS = ("x", "y", "z", "value", "pressure", "volume_force")
+FORMULAS = ("x", "y", "z", "value", "pressure", "volume_force", "gap", "temperature")
 """Keys whose values may be formulas."""
 
 PETScOptions = dict[str, str | int | Number | bool]
@@ -49,6 +49,8 @@ class Scene(Table, frozen=True, kw_only=True):
     Attributes
     ----------
     title : heads pictures and summary
+    axisymmetric : whether all parts turn around the axis x = 0: x is the radius, y the axis, forces are of the whole
+        circumference
     body : elastic bodies
     rigid : partners of contacts without mesh and material, which take no rank
     contact : where bodies meet each other or a rigid partner
@@ -62,6 +64,7 @@ class Scene(Table, frozen=True, kw_only=True):
     """
 
     title: str = ""
+    axisymmetric: bool = False
     body: Annotated[list[BodySpec], msgspec.Meta(min_length=1)]
     rigid: list[Rigid] = []
     contact: list[ContactSpec]
@@ -82,7 +85,11 @@ class Scene(Table, frozen=True, kw_only=True):
         if len({body.mesh.order for body in self.body} - {None}) > 1:
             raise ValueError("bodies have mesh.order 1 and 2; forces at their common nodes would mean different "
                              "pressures, so give all bodies the same")
+        if self.output.mirrored and not self.axisymmetric:
+            raise ValueError("output.mirrored: shows the other half of what turns around an axis; write axisymmetric = "
+                             "true at the top, or leave it out")
         self._check_histories()
+        self._check_heat()
         check_petsc(self.petsc)
         two = (len(self.body), len(self.rigid), len(self.contact)) == (2, 0, 1)
         if self.method.for_two and not (two and self.contact[0].kind == "unilateral"):
@@ -149,18 +156,30 @@ class Scene(Table, frozen=True, kw_only=True):
                              "mesh.refine")
 
     def _followers(self) -> Iterator[tuple[str, str]]:
-        """The key of each load, clamp and rigid partner that follows a history, and the history's name."""
+        """The key of each load, clamp, rigid partner and gap that follows a history, and the history's name."""
         for body in self.body:
             key = f"body.{body.name}"
             entries: list[tuple[str, Clamp | Traction]]
             entries = [*((f"clamp.{k}", each) for k, each in enumerate(body.clamps)),
                        *((f"traction.{k}", each) for k, each in enumerate(body.traction))]
-            for part, name in [*((part, each.history) for part, each in entries), ("volume_force", body.weight[1])]:
+            for part, name in [*((part, each.history) for part, each in entries), ("volume_force", body.weight[1]),
+                               ("temperature", body.heat.history)]:
                 if name is not None:
                     yield f"{key}.{part}", name
         for rigid in self.rigid:
             if rigid.history is not None:
                 yield f"rigid.{rigid.name}", rigid.history
+        for contact in self.contact:
+            if (name := contact.opening[1]) is not None:
+                yield f"contact.{contact.settled().name}.gap", name
+
+    def _check_heat(self) -> None:
+        """Where materials expand, some body has a temperature; the others keep that of the state free of stress."""
+        expanding = [body.name for body in self.body if any(material.expansion for material in body.materials)]
+        if expanding and all(body.temperature is None for body in self.body):
+            raise ValueError(f"body.{expanding[0]}.material.expansion: no body has a temperature, so nothing expands; "
+                             "write temperature = 80.0 (K over the state free of stress) into a [[body]], or leave "
+                             "expansion out")
 
     def _check_partners(self, contact: SettledContact) -> None:
         """A contact is between two bodies, or a body and then a rigid partner, with a group for each body."""
@@ -215,10 +234,12 @@ class Scene(Table, frozen=True, kw_only=True):
         if not order:
             order = self._order_of_files(file_kind) if file_kind else 1
         still = (0.0,) * dimension
-        return settle(self, Settled, method=method, body=[body.settled(order, dimension) for body in self.body],
-                      rigid=[settle(rigid, type(rigid), displacement=rigid.displacement or still)
+        return settle(self, Settled, method=method, dimension=dimension,
+                      body=[body.settled(order, dimension, self.axisymmetric) for body in self.body],
+                      rigid=[settle(rigid, type(rigid), displacement=rigid.displacement or still,
+                                    force=rigid.force or None)
                              for rigid in self.rigid],
-                      time=self.time.settled() if self.time else None, dimension=dimension,
+                      time=self.time.settled() if self.time else None,
                       contact=[contact.settled() for contact in self.contact])
 
     def _dimension(self, file_kind: FileKind | None) -> int:
@@ -230,10 +251,11 @@ class Scene(Table, frozen=True, kw_only=True):
             found = [(f"body.{body.name}.mesh.{'file' if body.mesh.file else 'geometry'}",
                       body.mesh.file or body.mesh.geometry, file_kind(body)[0]) for body in self.body]
         first, value, dimension = found[0] if found else ("", "", 2)
+        where = WHERE | ({2: "around an axis"} if self.axisymmetric else {})
         for number, key, what in self._misplaced():
             if number != dimension:
                 why = f", as {first} = {value}" * bool(first)
-                raise ValueError(f"{key}: {what}; this scene is {WHERE[dimension]}{why}")
+                raise ValueError(f"{key}: {what}; this scene is {where[dimension]}{why}")
         for key, other, number in found:
             if number != dimension:
                 raise ValueError(f"{key}: {other} is {WHERE[number]}, and {first} = {value} is {WHERE[dimension]}; a "
@@ -248,11 +270,15 @@ class Scene(Table, frozen=True, kw_only=True):
             if isinstance(rigid, Sphere | Cylinder):
                 shape = rigid.__struct_config__.tag
                 yield 3, f"rigid.{rigid.name}.shape", f"a {shape} is solid; in the plane there is circle"
+        if self.axisymmetric:
+            yield 2, "axisymmetric", "parts that turn around an axis are drawn in the half-plane x >= 0"
+        what = "nothing is twisted around the axis" if self.axisymmetric else "there is no z in the plane"
         for key, table in _tables(self):
             if isinstance(table, Profile) and table.along == "arc":
                 yield 2, f"{key}.along", 'surfaces have no arc length; take a coordinate, such as along = "x"'
             if isinstance(table, Material) and table.plane:
-                yield 2, f"{key}.plane", "solids are neither in plane strain nor in plane stress; leave it out"
+                yield 3 if self.axisymmetric else 2, f"{key}.plane", (
+                    "solids and turned parts are neither in plane strain nor in plane stress; leave it out")
             uses_z = [name for name in FORMULAS if varies(getattr(table, name, None), "z")]
             if isinstance(table, Clamp) and table.z is not None:
                 uses_z.append("z")
@@ -260,7 +286,7 @@ class Scene(Table, frozen=True, kw_only=True):
                 uses_z.append("z_slope")
             if isinstance(table, Profile) and table.along == "z":
                 uses_z.append("along")
-            yield from ((3, f"{key}.{name}", "there is no z in the plane") for name in uses_z)
+            yield from ((3, f"{key}.{name}", what) for name in uses_z)
         bodies = {body.name: body for body in self.body}
         for contact in self.contact:
             planes = [(name, bodies[name].plane) for name in contact.bodies if name in bodies]
@@ -305,6 +331,7 @@ class Settled(Table, frozen=True, kw_only=True):
     """A whole scene without optional keys: everything that was left out is filled in; in the plane or in space."""
 
     title: str
+    axisymmetric: bool
     body: list[SettledBody]
     rigid: list[Rigid]
     contact: list[SettledContact]
@@ -320,7 +347,14 @@ class Settled(Table, frozen=True, kw_only=True):
     def followed(self) -> list[str]:
         """Names of the histories that something follows, in the order of the scene."""
         used = {name for body in self.body for name in body.histories} | {rigid.history for rigid in self.rigid}
+        used |= {contact.opening[1] for contact in self.contact}
         return [name for name in self.history if name in used]
+
+    @property
+    def pushed(self) -> list[Rigid]:
+        """The rigid partners that are pushed, and that some contact names."""
+        named = {contact.bodies[1] for contact in self.contact}
+        return [rigid for rigid in self.rigid if rigid.pushed and rigid.name in named]
 
     @property
     def legs(self) -> list[float]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import itertools
 import math
 import statistics
 from collections.abc import Iterable
@@ -21,10 +20,6 @@ from ddmpi.system.provenance import identity
 MOST_CURVES = 12  # that a legend can tell apart
 
 WIDE = 20.0  # positive values that span more than this factor may stand on a logarithmic axis
-
-UNEVEN = 2.5  # steps of its values that differ by a larger factor are not those of a logarithmic axis
-
-FEW = 4  # so many results can be told apart on any axis
 
 UNITS = {"seconds": "s", "memory_mib": "MiB", "displacement_max": "{length}", "young": "{stress}",
          "slip_bound": "{stress}", "von_mises_max": "{stress}", "pressure_max": "{stress}",
@@ -89,7 +84,7 @@ def draw_curves(rows: list[dict[str, Any]], result: str, key: str, summary: dict
     if len(curves) > 1:
         axes.legend(title="\n".join(_label(name, summary) for name in others), loc="upper left",
                     bbox_to_anchor=(1.0, 1.0), alignment="left")
-    if not words and _is_even_in_logs([row[key] for row in points]):
+    if not words and _crowds([row[key] for row in points]):
         axes.set_xscale("log")
     if _crowds([row[result] for row in points]):
         axes.set_yscale("log")
@@ -133,19 +128,10 @@ def _curves(rows: list[dict[str, Any]], others: list[str], plot: str) -> dict[tu
         value if isinstance(value, int | float) else math.inf for value in item[0]]))
 
 
-def _is_even_in_logs(values: list[float]) -> bool:
-    """Whether numbers are far apart and stand about evenly on a logarithmic axis, as 1, 10, 100 and 1, 3, 10, 30 do."""
-    ascending = sorted(set(values))
-    if not 0 < WIDE * ascending[0] < ascending[-1]:
-        return False
-    steps = [math.log(b / a) for a, b in itertools.pairwise(ascending)]
-    return max(steps) <= UNEVEN * min(steps)
-
-
 def _crowds(values: list[float]) -> bool:
-    """Whether numbers are far apart, and most of them are so small that a linear axis does not tell them apart."""
-    low, high, several = min(values), max(values), set(values)
-    return len(several) > FEW and 0 < WIDE * low < high and statistics.median_low(several) < (low + high) / 4
+    """Whether positive numbers are far apart, and half of them crowd in the lowest quarter of a linear axis."""
+    low, high = min(values), max(values)
+    return 0 < WIDE * low < high and statistics.median_low(set(values)) < (low + high) / 4
 
 
 def _label(name: str, summary: dict) -> str:

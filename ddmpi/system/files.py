@@ -33,12 +33,13 @@ class ContactFiles(NamedTuple):
     sides: str
     legs: str
     picture: str
+    surface: str
 
 
 def contact_files(name: str) -> ContactFiles:
     """The names of the files of the contact `name`."""
     return ContactFiles(f"contact_{name}.csv", f"contact_{name}_sides.csv", f"contact_{name}_legs.csv",
-                        f"contact_{name}.png")
+                        f"contact_{name}.png", f"contact_{name}.vtu")
 
 
 class FileOfHDF5(io.FileIO):

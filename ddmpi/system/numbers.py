@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 SI = ("m", "Pa", "N/m", "N·m/m", "J/m", "N", "N·m", "J")
@@ -15,6 +13,14 @@ PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "
 def norm(x: np.ndarray) -> float:
     """‖x‖₂ of a vector."""
     return float(np.linalg.norm(x))
+
+
+def moment(at: np.ndarray, forces: np.ndarray, axisymmetric: bool = False) -> np.ndarray:
+    """The moment about the origin, () or (3,), of forces (m, d) at places (m, d); around an axis they have none."""
+    flat = ((0, 0), (0, 3 - at.shape[1]))
+    at = at * (not axisymmetric)
+    total = np.ascontiguousarray(np.cross(np.pad(at, flat), np.pad(forces, flat)).T).sum(axis=1)
+    return total if at.shape[1] == 3 else total[2]
 
 
 def in_words(point: np.ndarray, digits: int = 6) -> str:
@@ -54,36 +60,6 @@ def bisect(points: np.ndarray, parts: int) -> np.ndarray:
             cut = len(members) * (number // 2) // number
             todo += [(order[:cut], first, number // 2), (order[cut:], first + number // 2, number - number // 2)]
     return part
-
-
-class Rows:
-    """Rows of equally many numbers, or records, which grow in place: a row costs its numbers, however many there are.
-
-    Attributes
-    ----------
-    all : (k, width) those so far; what grows later, or is cut off, leaves this array as it is
-    """
-
-    def __init__(self, rows: np.ndarray | None = None) -> None:
-        self.all: np.ndarray = np.empty((0, 0)) if rows is None else rows
-        self._data = self.all
-
-    def __len__(self) -> int:
-        return len(self.all)
-
-    def append(self, row: Sequence[float] | np.ndarray) -> None:
-        """Add a row, as wide as all others: numbers, which become floats, or records of one type."""
-        k, given = len(self.all), np.asarray(row)
-        if k == len(self._data):
-            data = np.empty((max(16, 2 * k), len(given)), given.dtype if given.dtype.names else float)
-            data[:k] = self.all if k else 0
-            self._data = data
-        self._data[k] = given
-        self.all = self._data[:k + 1]
-
-    def shorten(self, k: int) -> None:
-        """Keep the first k rows."""
-        self._data = self.all = self.all[:k].copy()
 
 
 def nearest_in(points: np.ndarray, simplices: np.ndarray) -> np.ndarray:

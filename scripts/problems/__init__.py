@@ -1,6 +1,6 @@
 """What the verification problems share: their form, scenes in few words, meshes drawn by gmsh, norms of errors.
 
-The problems stand in flat.py, curved.py and solids.py.
+The problems stand in flat.py, curved.py, supports.py and solids.py.
 """
 
 from __future__ import annotations
@@ -169,9 +169,10 @@ def coulomb(coefficient: float) -> dict:
     return {"law": "coulomb", "coefficient": coefficient}
 
 
-def solved(bodies: list[dict], contacts: list[dict], rigid: Sequence[dict] = (), tolerance: float = 1e-8) -> Answer:
-    """The answer on this rank alone. Stops with the reason where it is not certified."""
-    scene = {"rigid": list(rigid), "body": bodies, "contact": contacts, "method": {"tolerance": tolerance}}
+def solved(bodies: list[dict], contacts: list[dict], rigid: Sequence[dict] = (), tolerance: float = 1e-8,
+           **more) -> Answer:
+    """The answer on this rank alone, of a scene with `more` tables. Stops with the reason where it is not certified."""
+    scene = {"rigid": list(rigid), "body": bodies, "contact": contacts, "method": {"tolerance": tolerance}} | more
     answer = ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
     if not answer.certified:
         raise RuntimeError(answer.reason)

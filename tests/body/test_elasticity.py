@@ -11,7 +11,7 @@ from skfem import LinearForm
 from ddmpi.body.elasticity import Elasticity, assemble
 from ddmpi.body.rigid_motions import free_motions, rigid_motions
 from ddmpi.body.stiffness import sum_stiffness
-from ddmpi.body.stress import stress, von_mises
+from ddmpi.body.stress import principal, stress, von_mises
 from ddmpi.errors import InputError
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
@@ -193,6 +193,15 @@ def test_von_mises():
     deviator = np.array([4.0, -1.0, 2.0]) - 5 / 3
     general = np.sqrt(1.5 * (deviator @ deviator + 2 * 1.5**2))
     assert von_mises(cases) == pytest.approx([5.0, 2.0 * np.sqrt(3), 0.0, general], rel=1e-14)
+
+
+def test_principal_stresses():
+    """Of pure shear, of a diagonal tensor in any order, and of a turned one in space; the largest first."""
+    assert principal(np.array([[0.0, 0.0, 0.5, -2.0], [3.0, -1.0, 7.0, 0.0]])) == pytest.approx(
+        np.array([[2.0, 0.5, -2.0], [7.0, 3.0, -1.0]]), abs=1e-14)
+    turn = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0]
+    (xx, xy, xz), (_, yy, yz), (*_, zz) = turn @ np.diag([5.0, -4.0, 1.0]) @ turn.T
+    assert principal(np.array([[xx, yy, zz, xy, yz, xz]])) == pytest.approx(np.array([[5.0, 1.0, -4.0]]), abs=1e-13)
 
 
 # Loads. With the virtual displacement w = (x − x_left) e_i, which is in the space and vanishes on the

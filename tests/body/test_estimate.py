@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from ddmpi.body.estimate import ErrorEstimate, estimate_error, relative_error, sum_errors
+from ddmpi.body.estimate import ErrorEstimate, estimate_error, nodal_stress, relative_error, sum_errors
 from ddmpi.body.stiffness import sum_stiffness
+from ddmpi.body.stress import Composite, stress
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_rectangle
@@ -187,4 +188,47 @@ def test_bodies_without_inner_vertices_get_a_rough_estimate(order, divisions):
 def test_relative_error():
     assert relative_error(0.0, 0.0) == 0.0
     assert relative_error(1.0, 3.0) == 0.5
-    assert ErrorEstimate(np.array([1.0, 2.0]), np.array([0.5, 0.5]), 5.0).total == 3.0
+    assert ErrorEstimate(np.array([1.0, 2.0]), np.array([0.5, 0.5]), 5.0, np.zeros((3, 4))).total == 3.0
+
+
+# The recovered stress at the nodes
+
+
+@pytest.mark.parametrize("cell, order", [("plane", 1), ("plane", 2), ("space", 1)])
+def test_stress_at_nodes_is_exact_where_it_can_be(cell, order):
+    """A constant stress with linear elements, a linear one with quadratic elements, at all nodes; σ_zz as well."""
+    mesh = rectangle(4, order, distorted=True) if cell == "plane" else generate_rectangle(MeshSpec(
+        shape="box", size=(2.0, 1.0, 1.0), divisions=(4, 3, 3)))
+    x, *_, y = mesh.points.T
+    strain = 1e-3 * (1.0 + (order - 1) * x)
+    u = np.zeros_like(mesh.points)
+    u[:, 0] = 1e-3 * (x + (order - 1) * x**2 / 2)
+    u[:, -1] = -2e-4 * y
+    first, shear = STEEL.lame
+    trace = first * (strain - 2e-4)
+    along = [trace + 2 * shear * strain, trace, trace]
+    along[len(u.T) - 1] = trace - 4e-4 * shear
+    expected = np.stack([*along, *np.zeros((2 * len(u.T) - 3, len(u)))], axis=1)
+    assert nodal_stress(mesh, STEEL, u) == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
+    assert np.array_equal(estimate_error(mesh, STEEL, u).stress, nodal_stress(mesh, STEEL, u))
+
+
+def test_stress_at_nodes_knows_of_heat():
+    """Where the strain and the temperature are constant, all nodes have the stress of the cells."""
+    mesh, warm = rectangle(4, 1), Material(young=2e11, poisson=0.3, expansion=1e-5)
+    u, heat = 1e-4 * mesh.points, np.full(len(mesh.points), 40.0)
+    expected = stress(mesh, warm, u, heat)[0]
+    assert nodal_stress(mesh, warm, u, heat) == pytest.approx(np.tile(expected, (len(u), 1)), rel=1e-9, abs=1.0)
+
+
+def test_stress_at_nodes_between_materials_is_the_mean_of_theirs():
+    """Beside the nodes that two materials share, each has its own stress."""
+    mesh = rectangle(4, 2)
+    soft = Material(young=1e11, poisson=0.2)
+    number = (mesh.points[mesh.corners].mean(axis=1)[:, 0] > 1.5).astype(int)
+    u = 1e-3 * np.column_stack([mesh.points[:, 0], 0.0 * mesh.points[:, 0]])
+    pure = [nodal_stress(mesh, each, u)[0] for each in (STEEL, soft)]
+    assert not np.allclose(*pure)
+    found, x = nodal_stress(mesh, Composite([STEEL, soft], number), u), mesh.points[:, 0]
+    for at, expected in ((x < 1.49, pure[0]), (x > 1.51, pure[1]), (np.abs(x - 1.5) < 0.01, np.mean(pure, axis=0))):
+        assert found[at] == pytest.approx(np.broadcast_to(expected, found[at].shape), abs=1e-9 * np.abs(pure).max())

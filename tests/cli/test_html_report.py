@@ -114,6 +114,17 @@ def test_a_report_has_verdict_numbers_and_pictures(run):
     assert len(set(page.ids)) == len(page.ids) and "script" not in page.elements
 
 
+def test_loads_and_forces_of_clamps_are_told_by_group(run):
+    """What acts on a body is listed by group; of earlier results, which do not say it, nothing is."""
+    page, caption = report(run), "What loads and supports do to bodies, by group"
+    assert [row[:3] for row in page.table(caption)[1:3]] == [["upper", "top", "loads"], ["upper", "left", "reactions"]]
+    assert page.column(caption, "moment N·m/m")[:2] == ["3.000", "-3.000"]
+    bodies = change(run)["bodies"]
+    change(run, bodies={name: {key: body[key] for key in body if key not in ("loads", "reactions")}
+                        for name, body in bodies.items()})
+    assert caption not in report(run).text
+
+
 def test_everything_is_escaped(run):
     """Text of the scene is text in the report, whatever it looks like."""
     evil = '</pre></title><script>alert("1")</script><img src=x> & $title ${x} \x7f'

@@ -168,7 +168,7 @@ def test_messages_and_bytes_of_vectors_are_counted(comm):
     exchange = bodies.exchange
     exchange.swap_objects({(key, side): None for own in bodies.mine.values() for key, (_, side) in own.items()})
     exchange.meet("test")
-    assert exchange.state() == {"messages": 0, "bytes": 0, "reductions": 1, "reduced_bytes": 32}  # of `meet`
+    assert exchange.state() == {"messages": 0, "bytes": 0, "reductions": 1, "reduced_bytes": 24}  # of `meet`
     lent = {rank: [each for each in CONTACTS.values() if each[0] == "abcd"[comm.rank] and each[1] == "abcd"[rank]]
             for rank in range(4)}
     borrowed = {rank: [each for each in CONTACTS.values() if each[1] == "abcd"[comm.rank] and each[0] == "abcd"[rank]]
@@ -296,22 +296,6 @@ def test_a_signal_to_one_rank_is_raised_on_all(comm):
         with pytest.raises(InterruptionError) as caught:
             bodies.exchange.total(bodies.of_bodies(), "test")
         assert caught.value.agreed and caught.value.kind == "interrupted by SIGTERM"
-
-
-@one_to_four_ranks
-def test_all_ranks_learn_that_one_wants_a_checkpoint(comm):
-    """At the same exchange, and they remember it until they have written one."""
-    for asking in range(comm.size):
-        bodies = Bodies(comm)
-        exchange = bodies.exchange
-        exchange.total(bodies.of_bodies(), "test")
-        assert not exchange.checkpoint_due
-        exchange.wants_checkpoint = lambda asking=asking: comm.rank == asking
-        exchange.total(bodies.of_bodies(), "test")
-        assert exchange.checkpoint_due
-        exchange.wants_checkpoint = lambda: False
-        exchange.meet("test")
-        assert exchange.checkpoint_due
 
 
 @two_ranks

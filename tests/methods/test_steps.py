@@ -48,8 +48,8 @@ class Dense:
     def imbalance(self, s) -> np.ndarray:
         return np.empty(0)
 
-    def first_closed(self) -> np.ndarray:
-        return np.ones(self._m, bool)
+    def first_closed(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.ones(self._m, bool), np.zeros(self._m, bool)
 
     deferred = contextlib.nullcontext
 
@@ -129,8 +129,8 @@ def test_the_full_step_is_taken_where_it_gains_and_the_best_one_elsewhere():
 def test_newton_goes_on_from_its_whole_state():
     """What is restored is what the state held, entry by entry; no entry is as in a new iteration."""
     state = {"s": np.arange(12.0), "r": np.arange(12.0) - 5.0, "alpha": np.arange(3.0), "left": -np.arange(3.0),
-             "start": False, "warm": True, "least": 2.5, "settled": True, "error": 0.25, "far": 0.5, "norm": 3.0,
-             "stalled": 4, "smallest": 0.125, "inner_steps": {"gmres": 7},
+             "start": False, "warm": True, "least": 2.5, "settled": True, "error": 0.25, "held": 0.1, "far": 0.5,
+             "norm": 3.0, "stalled": 4, "smallest": 0.125, "inner_steps": {"gmres": 7},
              "history": [Step(1, 0.5, 0.25, 1e-3, 12)[:5]]}
     new, fresh = Newton(random_joint(0), 60), Newton(random_joint(0), 60)
     new.restore(state)

@@ -9,7 +9,7 @@ import meshio
 import numpy as np
 import pytest
 
-from ddmpi.results.fields import MANY, contact_fields, write_fields, write_xdmf
+from ddmpi.results.fields import MANY, contact_fields, write_fields, write_surface, write_xdmf
 from ddmpi.results.tables import STATUS
 
 
@@ -24,8 +24,8 @@ def test_meshio_reads_all_bodies(tmp_path, order):
     write_xdmf(tmp_path)
     mesh = meshio.read(tmp_path / "result.xdmf")
     assert [cells.type for cells in mesh.cells] == [{1: "triangle", 2: "triangle6"}[order]]
-    assert list(mesh.point_data) == ["displacement"]
-    assert set(mesh.cell_data) == {"body", "stress", "von_mises", "error"}
+    assert set(mesh.point_data) == {"displacement", "nodal_stress", "nodal_principal", "nodal_von_mises"}
+    assert set(mesh.cell_data) == {"body", "stress", "principal", "von_mises", "error"}
     first = 0
     for number, (block, part) in enumerate(zip(blocks, parts, strict=True)):
         nodes, own = slice(first, first + len(block.points)), mesh.cell_data["body"][0] == number
@@ -35,8 +35,11 @@ def test_meshio_reads_all_bodies(tmp_path, order):
         assert np.array_equal(mesh.points[mesh.cells[0].data[own], :2], block.points[block.triangles])
         assert np.array_equal(mesh.cell_data["von_mises"][0][own], part.von_mises)
         assert np.array_equal(mesh.cell_data["error"][0][own], part.error)
-        assert np.array_equal(mesh.cell_data["stress"][0][own][:, [0, 3, 5, 1]], part.stress)
-        assert not mesh.cell_data["stress"][0][own][:, [2, 4]].any()
+        for stresses, expected, principal in (
+                (mesh.cell_data["stress"][0][own], part.stress, mesh.cell_data["principal"][0][own]),
+                (mesh.point_data["nodal_stress"][nodes], part.nodal_stress, mesh.point_data["nodal_principal"][nodes])):
+            assert np.array_equal(stresses[:, [0, 3, 5, 1]], expected) and not stresses[:, [2, 4]].any()
+            assert principal.sum(axis=1) == pytest.approx(expected[:, :3].sum(axis=1))
     assert first == len(mesh.points)
 
 
@@ -73,6 +76,19 @@ def test_bodies_and_contacts_are_grids_of_their_names(tmp_path, order):
         assert grid["Topology"].tolist() == [[k, k + 1] for k in range(len(table) - 1)]
     assert len(meshio.read(tmp_path / "result.xdmf").points) == sum(len(grids[name][0]["Geometry"])
                                                                     for name in made_up.ROW)
+
+
+def test_contact_surfaces_are_files_of_their_own(tmp_path):
+    """meshio.read takes contact_NAME.vtu: lines between the nodes of the table, with its columns."""
+    contact = made_up.interface("upper-lower", *(made_up.block(origin) for origin in made_up.STACK.values()),
+                                ("bottom", "top"))
+    fields = contact_fields(made_up.state(contact))
+    write_surface(tmp_path, "upper-lower", fields)
+    mesh = meshio.read(tmp_path / "contact_upper-lower.vtu")
+    assert [(block.type, block.data.tolist()) for block in mesh.cells] == [("line", fields.pop("cells").tolist())]
+    assert np.array_equal(mesh.points, fields.pop("points")) and fields.keys() == mesh.point_data.keys()
+    assert all(np.array_equal(mesh.point_data[name], values) for name, values in fields.items())
+    assert {"pressure", "friction", "gap", "slip", "status"} <= fields.keys()
 
 
 def test_contacts_in_pieces_and_of_one_node():

@@ -21,8 +21,8 @@ def test_many_names_are_counted():
 def test_many_tables_are_one():
     few = ["bodies.png", "contact_a.csv", "contact_b.csv", "summary.json"]
     assert describe_files(few) == ", ".join(few)
-    many = ["bodies.png", *(f"contact_{k}.csv" for k in range(9)), "summary.json"]
-    assert describe_files(many) == "bodies.png, contact_NAME.csv (9 files), summary.json"
+    many = ["bodies.png", *(f"contact_{k}.{end}" for k in range(9) for end in ("csv", "vtu")), "summary.json"]
+    assert describe_files(many) == "bodies.png, contact_NAME (18 files), summary.json"
 
 
 def test_what_lies_between_nodes_is_said_of_the_worst_contacts(monkeypatch):

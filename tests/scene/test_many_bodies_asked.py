@@ -10,7 +10,7 @@ from ddmpi.mesh.build import build_mesh
 from ddmpi.scene.contacts import Circle, Coulomb, NoFriction, Plane
 from ddmpi.scene.reader import read_scene
 from ddmpi.scene.scene import Settled
-from ddmpi.scene.values import SignedProfile
+from ddmpi.scene.values import Gap
 
 BODIES = """
 [[body]]
@@ -99,7 +99,7 @@ def test_assembly_is_read():
 def test_gap_is_a_number_or_a_profile_or_measured():
     """A gap may be negative; one that is left out is measured."""
     assert [contact.gap for contact in scene().contact] == [
-        -1e-4, None, SignedProfile(along="y", points=[0.0, 1.0], values=[-1e-3, 1e-3]), None]
+        -1e-4, None, Gap(along="y", points=[0.0, 1.0], values=[-1e-3, 1e-3]), None]
 
 
 def test_body_need_not_be_clamped_nor_in_contact():
@@ -264,10 +264,11 @@ REFUSED = {
     "unknown key for gap": (["contact.0.gpa=1"], ["contact.shaft-hub.gpa: unknown key; did you mean 'gap'?"]),
     "bonded with friction": (["contact.0.kind=bonded"],
                              ['contact.shaft-hub: friction does not go with kind = "bonded"', "leave one of them out"]),
-    "gap in words": (["contact.0.gap=measured"], ["shaft-hub.gap: expected a number or a table (got 'measured')"]),
+    "gap in words": (["contact.0.gap=measured"],
+                     ["shaft-hub.gap: the formula \"measured\" cannot be evaluated: 'measured' is not known"]),
     "infinite gap": (["contact.0.gap=inf"], ["contact.shaft-hub.gap: must be a finite number (got inf)"]),
-    "typo in a gap": (["contact.glue.gap={points=[0], value=[1]}"],
-                      ["contact.glue.gap.value: unknown key; did you mean 'values'?"]),
+    "typo in a gap": (["contact.glue.gap={points=[0], valeus=[1]}"],
+                      ["contact.glue.gap.valeus: unknown key; did you mean 'values'?"]),
     "unequal gap": (["contact.glue.gap.points=[0]"], ["contact.glue.gap: points and values must be equally many"]),
     "typo in a gap's coordinate": (["contact.glue.gap.along=w"], ["contact.glue.gap.along: 'w' is not valid"]),
     # meshes

@@ -165,8 +165,18 @@ REFUSED = {
     "tied": (["contact.0.kind=tied"], ["'tied' is not valid", "did you mean 'bonded'?"]),
     "penalty": (["contact.0.penalty=1e9"], ["penalty: unknown key; there is no contact stiffness to choose"]),
     "interference": (["contact.0.interference=1e-5"], ["unknown key; a negative gap is an interference"]),
-    "expansion": (["body.upper.material.expansion=1e-5"],
-                  ["material.expansion: unknown key; thermal expansion is not modelled (valid"]),
+    "expansion without temperature": (["body.upper.material.expansion=1e-5"],
+                                      ["body.upper.material.expansion: no body has a temperature, so nothing expands"]),
+    "temperature without expansion": (["body.upper.temperature=80.0"],
+                                      ["body.upper.temperature: the material has no expansion", "1.2e-5"]),
+    "temperature without number": (["body.upper.material.expansion=1e-5", "body.upper.temperature={}"],
+                                   ["body.upper.temperature", "value"]),
+    "temperature with z": (["body.upper.material.expansion=1e-5", "body.upper.temperature=z"],
+                           ["body.upper.temperature: there is no z in the plane"]),
+    "temperature without history": (
+        ["body.upper.material.expansion=1e-5", 'body.upper.temperature={value=3.0, history="day"}'],
+        ["body.upper.temperature.history: there is no [history.day]"]),
+    "alpha": (["body.upper.material.alpha=1e-5"], ["material.alpha: unknown key; did you mean 'expansion'?"]),
     "E": (["body.upper.material.E=1e-5"], ["material.E: unknown key; did you mean 'young'?"]),
     "density": (["body.upper.material.density=1"], ["unknown key; weight is the body's volume_force = "]),
     "steel": (["body.upper.material=steel"], ["(got 'steel'); write material = { young = …, poisson = … }"]),
@@ -496,7 +506,8 @@ def test_resolved_scene_has_all_defaults():
     assert (method["outer"], method["algorithm"], method["splitting"]) == ("relaxation", "original", "none")
     assert (method["theta"], method["tolerance"], method["max_iterations"]) == (0.25, 1e-4, 500)
     assert data["contact"][0]["friction"] == {"law": "coulomb", "coefficient": 0.3}
-    assert data["body"][0]["material"] == {"young": 2e11, "poisson": 0.3, "plane": "strain"}
+    assert data["body"][0]["material"] == {"young": 2e11, "poisson": 0.3, "plane": "strain",
+                                           "expansion": None}
     assert data["body"][1]["traction"] == []
     assert data["contact"][0]["name"] == "upper-lower"
     assert [body["mesh"]["order"] for body in data["body"]] == [1, 1]
@@ -525,12 +536,14 @@ OPTIONAL = {
     "SettledMesh": {"shape", "origin", "size", "corners", "center", "radii", "angles", "divisions", "file", "geometry",
                     "contact_size"},  # one of shape, file and geometry
     "SettledContact": {"gap", "pairing", "slave"},  # measured, chosen
-    "Material": {"plane"}, "PartMaterial": {"on", "plane"},  # solids have none; what the others leave
+    "Material": {"plane", "expansion"}, "PartMaterial": {"on", "plane", "expansion"},  # solids have none; what is left
+    "SettledBody": {"temperature"}, "Heat": {"history"},  # none; constant in time
     "Clamp": {"x", "y", "z", "history"},  # free; constant in time
     "Traction": {"value", "pressure", "force", "history"},  # one of them
     "VolumeForce": {"value", "history", "constant", "x_slope", "y_slope", "z_slope"},
+    "Gap": {"value", "history"},  # a profile
     "AffineVector": {"constant", "x_slope", "y_slope", "z_slope"},  # zero
-    **{shape: {"displacement", "history"} for shape in ("Plane", "Circle", "Sphere", "Cylinder")},  # not moved
+    **{shape: {"displacement", "force", "history"} for shape in ("Plane", "Circle", "Sphere", "Cylinder")},  # at rest
     "Settled": {"time"}, "SettledTime": {"steps", "tolerance"},  # one load step; the one or the other
     "Output": {"magnification"},  # chosen by the picture
     "SettledMethod": {"algorithm", "splitting", "theta", "target_error", "preset", "compliance"},

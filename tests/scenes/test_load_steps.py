@@ -357,17 +357,17 @@ def test_a_node_slips_from_where_it_touches():
     """The slip of an open node begins when its gap, going on as in the last step, closes; others keep theirs."""
     (contact,) = solve(circle(steps=1)).contacts.values()
     interface, m = contact.interface, contact.interface.m
-    s, moved, rate = np.zeros(interface.size), np.zeros(interface.size), np.zeros(interface.size)
-    moved[:m] = interface.gap - 2.0  # all gaps are 2
-    moved[m:] = 5.0
+    s, closed, rate = np.zeros(interface.size), np.zeros(interface.size), np.zeros(interface.size)
+    closed[:m] = -2.0  # all gaps are 2
+    closed[m:] = 5.0
     rate[:m], rate[m:] = 4.0, 1.0
-    assert slip_start(interface, s, moved, rate, 0.0)[m:] == pytest.approx(np.full(m, 5.0))
-    assert slip_start(interface, s, moved, rate, 1.0)[m:] == pytest.approx(np.full(m, 5.5))
-    assert slip_start(interface, s, moved, rate, 0.25)[m:] == pytest.approx(np.full(m, 5.25))
-    assert slip_start(interface, s, moved, -rate, 1.0)[m:] == pytest.approx(np.full(m, 5.0))
+    assert slip_start(interface.law, s, closed, rate, 0.0)[m:] == pytest.approx(np.full(m, 5.0))
+    assert slip_start(interface.law, s, closed, rate, 1.0)[m:] == pytest.approx(np.full(m, 5.5))
+    assert slip_start(interface.law, s, closed, rate, 0.25)[m:] == pytest.approx(np.full(m, 5.25))
+    assert slip_start(interface.law, s, closed, -rate, 1.0)[m:] == pytest.approx(np.full(m, 5.0))
     s[:m] = 1.0
-    assert slip_start(interface, s, moved, rate, 1.0)[m:] == pytest.approx(np.full(m, 5.0))
-    assert not slip_start(interface, s, moved, rate, 1.0)[:m].any()
+    assert slip_start(interface.law, s, closed, rate, 1.0)[m:] == pytest.approx(np.full(m, 5.0))
+    assert not slip_start(interface.law, s, closed, rate, 1.0)[:m].any()
 
 
 def test_a_run_goes_on_within_a_load_step_bit_for_bit(tmp_path):

@@ -1,7 +1,7 @@
-"""Random assemblies of solids, checked from their result files by scripts/random_solids.py, and that check itself."""
+"""Random assemblies of solids, checked from their result files as scripts/study random_solids does, and that check."""
 
 import pytest
-import random_solids
+import random_assemblies
 import scenes
 import solid_assemblies
 from solid_assemblies import feasible, random_scene, violations
@@ -15,10 +15,15 @@ LIMIT = scenes.LIMIT
 @pytest.mark.parametrize("seed, verdict", [(46, "verified"), (10, "reported"), *(
     pytest.param(seed, verdict, marks=pytest.mark.slow) for seed, verdict in
     [(3, "verified"), (5, "verified"), (6, "verified"), (8, "verified"), (11, "verified"), (26, "verified"),
-     (29, "verified"), (23, "verified"), (2, "verified"), (0, "reported"), (27, "reported"), (31, "reported")])])
+     (29, "verified"), (23, "verified"), (2, "verified"), (0, "reported"), (27, "reported"), (31, "reported"),
+     (214, "reported"), (217, "verified"), (220, "edge"), (229, "edge")])])
 def test_random_assembly(seed, verdict, tmp_path):
-    """Certified and verified, or without equilibrium, on one to four ranks."""
-    found = random_solids.judge(seed, 1 + seed % 7 % 4, tmp_path, 1e-5, LIMIT)
+    """Certified and verified, or without equilibrium, on one to four ranks.
+
+    217 needs that full steps which multiply the residual are not taken. Tresca's friction does not hold the torsion of
+    214; 220 and 229 tip about the edges of contacts, or do not, where meshes are coarse.
+    """
+    found = random_assemblies.judge_solids(seed, 1 + seed % 7 % 4, tmp_path, 1e-5, LIMIT)
     assert found[0] == verdict, found
 
 

@@ -1,7 +1,7 @@
 """The verification problems on their coarsest meshes."""
 
 import pytest
-from problems import PROBLEMS, Value, curved, flat, solids
+from problems import PROBLEMS, Value, around_axis, curved, flat, solids, supports
 
 pytestmark = pytest.mark.slow
 
@@ -23,8 +23,9 @@ def test_problem(name, order, tmp_path):
 
 def test_all_problems_are_there():
     """Those of all modules, each under its name, on ascending meshes."""
-    assert {each.measure.__module__ for each in PROBLEMS.values()} == {flat.__name__, curved.__name__, solids.__name__}
-    assert len(PROBLEMS) == 22
+    assert {each.measure.__module__ for each in PROBLEMS.values()} == {
+        module.__name__ for module in (flat, curved, supports, around_axis, solids)}
+    assert len(PROBLEMS) == 33
     for name, each in PROBLEMS.items():
         assert each.name == name and sorted(set(each.meshes)) == list(each.meshes)
 

@@ -5,7 +5,7 @@ import scipy.sparse as sparse
 from scipy.sparse.linalg import spsolve
 
 from ddmpi.body.elasticity import Elasticity, assemble
-from ddmpi.interface import interface, matching
+from ddmpi.interface import matching, rows
 from ddmpi.interface import mortar as mortars
 from ddmpi.interface.interface import Interface
 from ddmpi.mesh.mesh import Mesh
@@ -37,7 +37,7 @@ def ring(inner: float, outer: float, angles: np.ndarray, order: int = 1, closed:
 
 def side(mesh: Mesh, *groups: str, body: str = "body", where=None, x: bool = False, y: bool = False) -> Side:
     """The boundary `groups`; nodes for which `where` holds are clamped along x, y or both."""
-    clamps = np.full((len(mesh.points), 2), -1)
+    clamps = np.full(mesh.points.shape, -1)
     if where is not None:
         clamps[np.ix_(where(*mesh.points.T), [x, y])] = 0
     edges = np.concatenate([mesh.groups[group] for group in groups])
@@ -103,4 +103,4 @@ def join(first: Side, second: Side, friction, name: str, refinement: int = 1, ga
 
 
 def uncovered_profile(contact: Interface, friction, gap=None) -> list[str]:
-    return interface.uncovered_profile(contact, asked(friction, gap=gap))
+    return rows.uncovered_profile(contact, asked(friction, gap=gap))

@@ -8,7 +8,10 @@ from typing import Any
 from ddmpi.results.folder import FILES
 from ddmpi.results.summary import SUMMARY
 
-CONTACT = re.compile(r"contact_.+?((?:_sides|_legs)?\.csv|\.png)")
+CONTACT = re.compile(r"contact_.+?((?:_sides|_legs)?\.csv|\.png|\.vtu)")
+
+PARTS = {"bodies": "NAME", "contacts": "NAME", "bodies.NAME.loads": "GROUP", "bodies.NAME.reactions": "GROUP"}
+"""What stands for the names in tables by name."""
 
 
 def undocumented(folder: Path) -> list[str]:
@@ -17,10 +20,10 @@ def undocumented(folder: Path) -> list[str]:
 
 
 def entries(value: Any, path: str = "") -> Iterator[str]:
-    """The names of a summary's entries, as SUMMARY has them, with NAME for those of bodies and contacts."""
+    """The names of a summary's entries, as SUMMARY has them, with NAME for those of bodies and contacts, and GROUP."""
     if path in SUMMARY or not isinstance(value, dict):
         yield path
         return
     for name, entry in value.items():
-        part = "NAME" if path in ("bodies", "contacts") else name
+        part = PARTS.get(path, name)
         yield from entries(entry, f"{path}.{part}" if path else part)

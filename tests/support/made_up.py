@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 import h5py
 import numpy as np
 
+from ddmpi.body.estimate import nodal_stress
 from ddmpi.body.stress import stress, von_mises
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.matching import pair
@@ -80,7 +81,8 @@ def fields(mesh: Mesh, error: bool = False, stresses: bool = True) -> Fields:
     u = 1e-5 * np.column_stack([-0.3 * x * (3 * y - 2), -2.0 * y * (1 + np.sin(x)) + x**2])
     sigma = stress(mesh, STEEL, u) if stresses else None
     return Fields(mesh.points, mesh.triangles, u, sigma, von_mises(sigma) if stresses else None,
-                  np.exp(-mesh.points[mesh.triangles[:, :3]].mean(axis=1)[:, 0]) if error else None)
+                  np.exp(-mesh.points[mesh.triangles[:, :3]].mean(axis=1)[:, 0]) if error else None,
+                  nodal_stress(mesh, STEEL, u) if stresses else None)
 
 
 def scene(contacts: list[str], friction=COULOMB, title: str = "Made up") -> dict:
@@ -94,7 +96,8 @@ def scene(contacts: list[str], friction=COULOMB, title: str = "Made up") -> dict
 
 def body(**changes) -> dict:
     values = {"n": 432, "ranks": [0], "held": True, "displacement_max": 1e-4, "von_mises_max": 8e7, "energy": 12.0,
-              "reaction": (1.0, -2.0), "discretization_error": 0.05,
+              "reaction": (1.0, -2.0), "loads": {"top": {"force": (-1.0, 2.0), "moment": 3.0}},
+              "reactions": {"left": {"force": (1.0, -2.0), "moment": -3.0}}, "discretization_error": 0.05,
               "n_A_by_purpose": {"newton": 90, "recover": 10}, "inner_steps": {}, "solver": "preonly, cholesky (mumps)",
               "compliance": "explicit", "memory_mib": 120.5}
     return values | changes

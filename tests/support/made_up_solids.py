@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sparse
 from solids import grid
 
+from ddmpi.body.estimate import nodal_stress
 from ddmpi.body.stress import stress, von_mises
 from ddmpi.interface.interface import Interface, Lines
 from ddmpi.interface.law import law_of
@@ -101,7 +102,8 @@ def fields(mesh: Mesh, error=False, stresses=True, factor: float = 1.0) -> Field
     u = 1e-5 * factor * np.column_stack([-0.3 * x * (3 * z - 2), 0.2 * y * x, -2.0 * z * (1 + np.sin(x)) + x**2])
     sigma = stress(mesh, made_up.STEEL, u) if stresses else None
     return Fields(mesh.points, mesh.triangles, u, sigma, von_mises(sigma) if stresses else None,
-                  np.exp(-mesh.points[mesh.triangles[:, :4]].mean(axis=1)[:, 0]) if error else None)
+                  np.exp(-mesh.points[mesh.triangles[:, :4]].mean(axis=1)[:, 0]) if error else None,
+                  nodal_stress(mesh, made_up.STEEL, u) if stresses else None)
 
 
 def scene(contacts: Iterable[str], friction=made_up.COULOMB, rigid: Iterable[dict] = (), times=()) -> dict:
@@ -123,7 +125,8 @@ def results(folder: Path, bodies: Mapping[str, Mesh], contacts: Mapping[str, tup
                for factor in np.linspace(1.0 / max(len(times), 1), 1.0, max(len(times), 1))]
     states = marched[-1]
     parts = {name: fields(mesh, **how) for name, mesh in bodies.items()}
-    entries = {name: made_up.body(reaction=(1.0, -2.0, 3.0),
+    entries = {name: made_up.body(reaction=(1.0, -2.0, 3.0), loads={}, reactions={
+        "left": {"force": (1.0, -2.0, 3.0), "moment": (4.0, 5.0, -6.0)}},
                                   displacement_max=np.linalg.norm(part.displacement, axis=1).max())
                for name, part in parts.items()}
     order = 1 if next(iter(bodies.values())).triangles.shape[1] == 4 else 2

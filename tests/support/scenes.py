@@ -22,7 +22,8 @@ from pathlib import Path
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-DATA = {"result.h5", "result.xdmf", "history.csv", "steps.csv", "contact_upper-lower.csv", "summary.json"}
+DATA = {"result.h5", "result.xdmf", "history.csv", "steps.csv", "contact_upper-lower.csv", "contact_upper-lower.vtu",
+        "summary.json"}
 """Files of a run of `pinched_blocks`, or of a `Stack`, without pictures."""
 
 LIMIT = float(os.environ.get("DDMPI_TEST_LIMIT", "1200"))
@@ -303,7 +304,8 @@ def solve_scene(comm, scene: dict) -> dict:
     for body in assembly.bodies:
         u = solution.displacements[body.spec.name]
         own.append({"name": body.spec.name, "points": body.mesh.points, "u": u,
-                    "energy": estimate_error(body.mesh, body.material, u).energy / 2,
+                    "energy": estimate_error(body.mesh, body.material, u,
+                                              body.member.elasticity.acting.heated).energy / 2,
                     "n_A": body.member.C.count.total()})
     bodies = [each for rank in comm.allgather(own) for each in rank]
     energies = {b["name"]: b["energy"] for b in bodies}

@@ -1,0 +1,193 @@
+"""Foundations: springs per area on boundary groups, against closed forms; what they hold, and what they leave."""
+
+import json
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scenes import run_command, to_toml, write_scene
+
+import ddmpi
+from ddmpi.run.answer import Answer
+
+pytestmark = pytest.mark.slow
+
+YOUNG, POISSON, PRESSURE = 1e9, 0.3, 1e6
+CONFINED = YOUNG * (1 - POISSON) / (1 + POISSON) / (1 - 2 * POISSON)
+STEEL = {"young": YOUNG, "poisson": POISSON}
+
+
+def solve(scene: dict, **overrides) -> Answer:
+    answer = ddmpi.solve(to_toml(scene), MPI.COMM_SELF, {k.replace("__", "."): v for k, v in overrides.items()})
+    assert answer.certified, answer.reason
+    return answer
+
+
+def resting(k: float, order: int = 1, solid: bool = False, unit: float = 1.0) -> dict:
+    """A block between rollers on springs alone, pressed from above; far from it a rigid plane."""
+    size, divisions = ([2.0, 1.0, 1.0], [4, 2, 3]) if solid else ([2.0, 1.0], [6, 4])
+    none = [0.0] * (len(size) - 1)
+    sides = [("left", "x"), ("right", "x"), *([("front", "y"), ("back", "y")] if solid else [])]
+    return {"body": [{"name": "block", "material": STEEL | {"young": YOUNG / unit},
+                      "mesh": {"shape": "box" if solid else "rectangle", "size": [unit * each for each in size],
+                               "divisions": divisions, "order": order},
+                      "clamp": [{"on": on, axis: 0.0} for on, axis in sides],
+                      "foundation": [{"on": "bottom", "normal": k / unit**2}],
+                      "traction": [{"on": "top", "value": [*none, -PRESSURE / unit]}]}],
+            "rigid": [{"name": "sky", "shape": "plane", "point": [*none, 9.0 * unit], "normal": [*none, -1.0]}],
+            "contact": [{"bodies": ["block", "sky"], "on": ["top"]}]}
+
+
+@pytest.mark.parametrize("solid", [False, True])
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(("k", "unit"), [(1e9, 1.0), (1e3, 1.0), (1e15, 1.0), (1e9, 1e3)])
+def test_a_block_on_a_mat(k, unit, order, solid):
+    """p/k below and pH/M more above, springs alone holding the block; also a million times softer, and in other units.
+    """
+    answer = solve(resting(k, order, solid, unit))
+    block, fields = answer.summary["bodies"]["block"], answer.bodies["block"]
+    y, u = fields.points[:, -1], -fields.displacement[:, -1] / unit
+    low, high = u[y == 0.0], u[np.isclose(y, unit)]
+    assert low == pytest.approx(np.full(len(low), PRESSURE / k), rel=1e-7)
+    assert high.mean() - low.mean() == pytest.approx(PRESSURE / CONFINED, rel=1e-7)
+    force = block["reactions"]["bottom"]["force"]
+    assert force == pytest.approx(block["reaction"], rel=1e-7, abs=1e-7 * PRESSURE * unit)
+    assert block["held"] and block["reaction"][-1] == pytest.approx(2.0 * PRESSURE * (unit if solid else 1.0), rel=1e-9)
+
+
+@pytest.mark.parametrize("solver", ["explicit", "direct", "iterative"])
+def test_every_compliance_knows_of_the_springs(solver):
+    """Dense, by solves and by multigrid."""
+    scene = resting(1e8)
+    scene["rigid"][0]["point"][-1] = 1.0
+    scene["body"][0]["traction"][0]["value"][-1] = PRESSURE
+    answer = solve(scene, method__compliance=solver, method__tolerance=1e-6)
+    pressure = PRESSURE / (1.0 + 1e8 / CONFINED) * 1e8 / CONFINED
+    assert answer.contacts["block-sky"].pressure == pytest.approx(np.full(7, PRESSURE), rel=1e-4) and pressure > 0.0
+
+
+def test_tangential_springs():
+    """A block that is pushed along its base: shear of the springs, the force over their area and stiffness."""
+    scene = resting(1e9)
+    scene["body"][0] |= {"clamp": [], "foundation": [{"on": "bottom", "normal": 1e12, "tangential": 1e6}],
+                         "traction": [{"on": "bottom", "value": [1e3, 0.0]}]}
+    answer = solve(scene)
+    u = answer.bodies["block"].displacement
+    assert u[:, 0].mean() == pytest.approx(1e-3, rel=1e-5)
+    assert answer.summary["bodies"]["block"]["reaction"] == pytest.approx([-2e3, 0.0], abs=1e-6)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_curved_foundation(order):
+    """A ring that a pressure widens against springs around it: Lamé with p = k u at the rim."""
+    a, b, k = 0.5, 1.0, 1e9
+    ring = {"name": "ring", "material": STEEL, "foundation": [{"on": "outer", "normal": k}],
+            "mesh": {"shape": "annulus", "center": [0.0, 0.0], "radii": [a, b], "angles": [0.0, 90.0],
+                     "divisions": [48, 24], "order": order},
+            "clamp": [{"on": "start", "y": 0.0}, {"on": "end", "x": 0.0}],
+            "traction": [{"on": "inner", "pressure": PRESSURE}]}
+    scene = {"body": [ring], "rigid": [{"name": "far", "shape": "circle", "center": [0.0, 0.0], "radius": 9.0,
+                                        "inside": True}], "contact": [{"bodies": ["ring", "far"], "on": ["outer"]}]}
+    shear = YOUNG / 2 / (1 + POISSON)
+    bulk = shear / (1 - 2 * POISSON)  # u = A r + B/r, σ_r = 2 bulk A − 2 shear B/r²
+    A, B = np.linalg.solve([[2 * bulk, -2 * shear / a**2], [2 * bulk + k * b, -2 * shear / b**2 + k / b]],
+                           [-PRESSURE, 0.0])
+    fields = solve(scene).bodies["ring"]
+    rim = np.isclose(np.linalg.norm(fields.points, axis=1), b)
+    u = np.einsum("ij,ij->i", fields.points, fields.displacement)[rim] / b
+    assert u == pytest.approx(np.full(rim.sum(), A * b + B / b), rel={1: 5e-3, 2: 1e-5}[order])
+
+
+def beside(solid: bool, tangential: float = 0.0, friction: float = 0.3, pull: float = 0.0, **clamps) -> dict:
+    """A block on another one, which a foundation alone bears; the upper one is pulled aside."""
+    def mesh(x: float, z: float, width: float, across: int) -> dict:
+        if solid:
+            return {"shape": "box", "origin": [x, 0.0, z], "size": [width, 1.0, 1.0], "divisions": [across, 2, 2]}
+        return {"shape": "rectangle", "origin": [x, z], "size": [width, 1.0], "divisions": [across, 3]}
+    load = [pull, 0.0, -PRESSURE] if solid else [pull, -PRESSURE]
+    springs = {"on": "bottom", "normal": 1e9} | ({"tangential": tangential} if tangential else {})
+    return {"body": [{"name": "upper", "mesh": mesh(0.5, 1.0, 1.0, 3), "material": STEEL,
+                      "traction": [{"on": "top", "value": load}]},
+                     {"name": "lower", "mesh": mesh(0.0, 0.0, 2.0, 8), "material": STEEL, "foundation": [springs]}
+                     | clamps],
+            "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"],
+                         "friction": {"law": "coulomb", "coefficient": friction}}]}
+
+
+@pytest.mark.parametrize("solid", [False, True])
+def test_what_a_foundation_leaves(solid):
+    """A normal one below a flat base leaves sliding: told where no load asks for it, no equilibrium where one does;
+    with tangential springs, or a clamp, all is held."""
+    answer = solve(beside(solid))
+    assert any("slide along x without any force" in each for each in answer.summary["undetermined"])
+    assert not answer.summary["bodies"]["lower"]["held"]
+    lost = ddmpi.solve(to_toml(beside(solid, pull=0.1 * PRESSURE)), MPI.COMM_SELF)
+    assert "no equilibrium: nothing holds upper and lower: they would move along x" in lost.reason
+    held = solve(beside(solid, tangential=1e8, pull=0.1 * PRESSURE))
+    assert held.summary["bodies"]["lower"]["held"] and not held.summary["undetermined"]
+    assert held.summary["bodies"]["lower"]["reaction"][0] == pytest.approx(-0.1 * PRESSURE, rel=1e-6)
+    clamped = solve(beside(solid, pull=0.1 * PRESSURE, clamp=["left"]))
+    lower = clamped.summary["bodies"]["lower"]
+    assert lower["held"] and lower["reaction"] == pytest.approx(
+        np.sum([lower["reactions"][group]["force"] for group in ("left", "bottom")], axis=0), abs=1.0)
+    slips = ddmpi.solve(to_toml(beside(solid, tangential=1e8, friction=0.05, pull=0.1 * PRESSURE)), MPI.COMM_SELF)
+    assert "no equilibrium: upper would slide along x" in slips.reason
+
+
+def test_a_body_of_pieces_may_stand_on_springs():
+    """Pieces that are not connected are held each by its own springs; one without is refused with its name."""
+    from ddmpi.body.elasticity import assemble
+    from ddmpi.errors import InputError
+    from ddmpi.mesh.mesh import Mesh
+    from ddmpi.scene.reader import read_scene
+
+    points = np.array([[0, 0], [1, 0], [0, 1], [3, 0], [4, 0], [3, 1]], float)
+    groups = {"one": np.array([[0, 1]]), "two": np.array([[3, 4]])}
+    mesh = Mesh(points, np.array([[0, 1, 2], [3, 4, 5]]), groups)
+    scene = resting(1e9)
+    scene["body"][0] |= {"clamp": [], "traction": []}
+    both = [{"on": name, "normal": 1e9, "tangential": 1e9} for name in groups]
+    for springs in (both, both[:1]):
+        scene["body"][0]["foundation"] = springs
+        (body,) = read_scene("scene", to_toml(scene), []).body
+        if springs is both:
+            assert assemble(mesh, body).held
+        else:
+            with pytest.raises(InputError, match=r"a piece of the body .* is not held"):
+                assemble(mesh, body)
+
+
+def test_load_steps_keep_the_balance_of_energy():
+    """Springs store what loads and a moved clamp put in; steps come back to where they were."""
+    scene = beside(False, tangential=1e8, pull=2e5)
+    scene["body"][0]["traction"][0]["history"] = "push"
+    scene["body"][1]["clamp"] = [{"on": "left", "y": -1e-4, "history": "push"}]
+    scene |= {"history": {"push": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.3]}},
+              "time": {"points": [1.0, 2.0], "steps": 2}}
+    energy = solve(scene).summary["energy"]
+    assert energy["residual"] <= 1e-10 and energy["strain_energy"] > 0.0
+
+
+def test_ranks_agree(tmp_path):
+    """Bodies on one, two and four ranks."""
+    path = write_scene(beside(True, tangential=1e8, pull=1e5), tmp_path / "scene.toml")
+    found = []
+    for ranks in (1, 2, 4):
+        assert run_command(path, tmp_path / f"{ranks}", "--no-figures", ranks=ranks).code == 0
+        summary = json.loads((tmp_path / f"{ranks}" / "summary.json").read_text())
+        found.append([summary["displacement_max"], *summary["contacts"]["upper-lower"]["force"]])
+    for other in found[1:]:
+        assert other == pytest.approx(found[0], rel=1e-9, abs=1e-4)
+
+
+@pytest.mark.parametrize(("foundation", "words"), [
+    ({"on": "bottom"}, "body.block.foundation.0: a foundation has a stiffness per area"),
+    ({"on": "bottom", "normal": -1.0}, "body.block.foundation.0.normal: expected a number >= 0"),
+    ({"on": "botom", "normal": 1e9}, "body.block.foundation: the mesh has no boundary group 'botom'; did you mean"),
+    ({"on": "bottom", "normal": 1e9, "history": "x"}, "body.block.foundation.0.history: unknown key")])
+def test_a_foundation_is_refused(foundation, words):
+    scene = resting(1e9)
+    scene["body"][0]["foundation"] = [foundation]
+    with pytest.raises(ddmpi.errors.InputError) as refused:
+        ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
+    assert words in str(refused.value)

@@ -1,0 +1,228 @@
+"""Rigid partners that forces push: against closed forms and against partners that are moved; what they hold."""
+
+import json
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scenes import run_command, to_toml, write_scene
+
+import ddmpi
+from ddmpi.results.pictures import draw_all
+from ddmpi.results.tables import read_results
+from ddmpi.run.answer import Answer
+
+pytestmark = pytest.mark.slow
+
+YOUNG, FORCE = 1e9, 1e6
+SHAPES = {2: {"plane": {"point": [0.0, 1.0], "normal": [0.0, -1.0]}, "circle": {"center": [1.0, 4.0], "radius": 3.0}},
+          3: {"plane": {"point": [0.0, 0.0, 1.0], "normal": [0.0, 0.0, -1.0]},
+              "sphere": {"center": [1.0, 0.5, 4.0], "radius": 3.0},
+              "cylinder": {"point": [1.0, 0.0, 4.0], "axis": [0.0, 1.0, 0.0], "radius": 3.0}}}
+
+
+def solve(scene: dict, **overrides) -> Answer:
+    settings = {key.replace("__", "."): value for key, value in overrides.items()}
+    answer = ddmpi.solve(to_toml(scene), MPI.COMM_SELF, settings)
+    assert answer.certified, answer.reason
+    return answer
+
+
+def refused(scene: dict) -> str:
+    """Why there is no answer."""
+    answer = ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
+    assert not answer.certified
+    return answer.reason
+
+
+def block(name: str, d: int, at: tuple[float, float] = (0.0, 0.0), size: tuple[float, float] = (2.0, 1.0),
+          divisions: tuple[int, int] = (8, 4), order: int = 1, poisson: float = 0.3, **more) -> dict:
+    mesh = {"shape": "rectangle", "origin": list(at), "size": list(size), "divisions": list(divisions), "order": order}
+    if d == 3:
+        mesh |= {"shape": "box", "origin": [at[0], 0.0, at[1]], "size": [size[0], 1.0, size[1]],
+                 "divisions": [divisions[0], 2, divisions[1]]}
+    return {"name": name, "mesh": mesh, "material": {"young": YOUNG, "poisson": poisson}} | more
+
+
+def along(d: int, across: float, down: float) -> list[float]:
+    return [across, *[0.0] * (d - 2), -down]
+
+
+def pressed(d: int, shape: str = "plane", force: list | None = None, lift: float = 0.0, law: dict | None = None,
+            order: int = 1, **ram) -> dict:
+    """A block that stands on its clamp, and a ram above it."""
+    place = {key: np.add(value, along(d, 0.0, -lift)).tolist() if key in ("point", "center") else value
+             for key, value in SHAPES[d][shape].items()}
+    return {"body": [block("block", d, order=order, clamp=["bottom"])],
+            "rigid": [{"name": "ram", "shape": shape, "force": along(d, 0.0, FORCE) if force is None else force}
+                      | place | ram],
+            "contact": [{"bodies": ["block", "ram"], "on": ["top"]} | ({"friction": law} if law else {})]}
+
+
+LAWS = {"none": None, "coulomb": {"law": "coulomb", "coefficient": 0.5}, "tresca": {"law": "tresca", "slip_bound": 4e5}}
+
+
+@pytest.mark.parametrize("lift", [0.0, 0.3])
+@pytest.mark.parametrize(("d", "shape", "law", "order"), [
+    (2, "plane", "coulomb", 1), (2, "circle", "none", 2), (2, "circle", "coulomb", 1), (2, "plane", "tresca", 2),
+    (3, "plane", "coulomb", 1), (3, "sphere", "none", 1), (3, "cylinder", "coulomb", 1), (3, "plane", "tresca", 2)])
+def test_pushed_as_far_as_moved(d, shape, law, order, lift):
+    """Force balance to rounding; the same partner, moved as far, is pressed by the same forces; also across a gap."""
+    force = along(d, 0.2 * FORCE if law != "none" else 0.0, FORCE)
+    scene = pressed(d, shape, force, lift, LAWS[law], order)
+    answer = solve(scene)
+    ram, (state,) = answer.summary["rigid"]["ram"], answer.contacts.values()
+    axes = np.flatnonzero(force)  # along the others it is held
+    assert np.abs(np.array(ram["force"]) + force)[axes].max() <= 1e-8 * FORCE
+    assert state.forces.sum(axis=0)[axes] == pytest.approx(np.array(force)[axes], abs=1e-8 * FORCE)
+    pushed = scene["rigid"][0]
+    del pushed["force"]
+    moved = solve(scene | {"rigid": [pushed | {"displacement": ram["displacement"]}]})
+    (other,) = moved.contacts.values()
+    assert np.abs(other.forces - state.forces).max() <= 1e-5 * np.abs(state.forces).max()
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_one_ram_on_two_bars(d):
+    """Bars of unlike height share the force as springs do, once the ram has come down on both."""
+    heights, gap = (1.0, 0.999), 0.2
+    bars = [block(name, d, (2.0 * k, 0.0), (1.0, height), (3 + k, 4), poisson=0.0,
+                  clamp=[{"on": "bottom", "y" if d == 2 else "z": 0.0}, {"on": "left", "x": 0.0},
+                         *[{"on": "front", "y": 0.0}][:d - 2]])
+            for k, (name, height) in enumerate(zip(("one", "two"), heights, strict=True))]
+    scene = {"body": bars, "rigid": [{"name": "ram", "shape": "plane", "point": along(d, 0.0, -1.0 - gap),
+                                      "normal": along(d, 0.0, 1.0), "force": along(d, 0.0, 3 * FORCE)}],
+             "contact": [{"bodies": [name, "ram"], "on": ["top"]} for name in ("one", "two")]}
+    answer = solve(scene, method__tolerance=1e-12)
+    stiffness = YOUNG / np.array(heights)
+    down = (3 * FORCE + stiffness[1] * 1e-3) / stiffness.sum()
+    assert answer.summary["rigid"]["ram"]["displacement"] == pytest.approx(along(d, 0.0, gap + down), abs=1e-10)
+    found = [answer.summary["contacts"][f"{name}-ram"]["normal_force"] for name in ("one", "two")]
+    assert found == pytest.approx([stiffness[0] * down, stiffness[1] * (down - 1e-3)], rel=1e-9)
+    scene["rigid"][0]["force"] = along(d, 0.0, 0.5 * FORCE)  # borne by the first alone
+    single = solve(scene).summary
+    assert single["contacts"]["two-ram"]["normal_force"] == 0.0
+    assert single["contacts"]["one-ram"]["normal_force"] == pytest.approx(0.5 * FORCE, rel=1e-9)
+
+
+def vice(d: int, force: float, weight: float) -> dict:
+    """A loose block between a fixed jaw and one that is pushed, with a weight."""
+    jaws = [("fixed", 2.0, -1.0), ("moving", -0.1, 1.0)]
+    return {"body": [block("part", d, volume_force=along(d, 0.0, weight))],
+            "rigid": [{"name": name, "shape": "plane", "point": along(d, x, 0.0), "normal": along(d, sign, 0.0)}
+                      | ({"force": along(d, force, 0.0)} if name == "moving" else {}) for name, x, sign in jaws],
+            "contact": [{"bodies": ["part", name], "on": [on], "friction": {"law": "coulomb", "coefficient": 0.3}}
+                        for name, on in (("fixed", "right"), ("moving", "left"))]}
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_pushed_jaw_holds_a_loose_body(d):
+    """Up to the weight that friction bears; beyond it the block slides; without a force, and pulled, nothing holds."""
+    answer = solve(vice(d, FORCE, 0.9 * 0.3 * FORCE))
+    contacts = answer.summary["contacts"]
+    assert sum(each["force"][-1] for each in contacts.values()) == pytest.approx(0.54 * FORCE, rel=1e-6)
+    assert answer.summary["rigid"]["moving"]["displacement"][0] > 0.1
+    assert "no equilibrium: part would slide along -" + "xyz"[d - 1] in refused(vice(d, FORCE, 1.1 * 0.3 * FORCE))
+    assert "no equilibrium" in refused(vice(d, -FORCE, 0.0))
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_push_that_nothing_bears(d):
+    """The partner moves away, or slides off, in words that name it."""
+    assert "no equilibrium: nothing holds ram: it would move along " + "xyz"[d - 1] in refused(
+        pressed(d, force=along(d, 0.0, -FORCE), lift=0.1))
+    assert "no equilibrium: ram would slide along x" in refused(
+        pressed(d, force=along(d, 0.6 * FORCE, FORCE), law=LAWS["coulomb"]))
+
+
+def test_a_bonded_partner_may_be_pulled():
+    """The same displacement as by a traction of a rigid side: forces in any direction."""
+    scene = pressed(2, force=[2e5, 3e5])
+    scene["contact"][0]["kind"] = "bonded"
+    answer = solve(scene)
+    assert answer.summary["rigid"]["ram"]["force"] == pytest.approx([-2e5, -3e5], abs=1e-3)
+    top = answer.bodies["block"].points[:, 1] == 1.0
+    moved = answer.bodies["block"].displacement[top]
+    assert np.abs(moved - answer.summary["rigid"]["ram"]["displacement"]).max() <= 1e-9 * np.abs(moved).max()
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_load_steps(d):
+    """A push that grows, is joined by a displacement aside, and goes: works balance, the partner goes as far as in one
+    step where there is no friction, and stays behind with it."""
+    scene = pressed(d, force=along(d, 0.0, FORCE), law=LAWS["coulomb"], lift=0.05, history="push",
+                    displacement=along(d, 1e-3, 0.0))
+    scene |= {"history": {"push": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.4]}},
+              "time": {"points": [1.0, 2.0], "steps": 4}, "output": {"steps": "all"}}
+    summary = solve(scene).summary
+    assert summary["energy"]["residual"] <= 1e-10
+    for step, factor in zip(summary["steps"], [0.25, 0.5, 0.75, 1.0, 0.85, 0.7, 0.55, 0.4], strict=True):
+        ram = step["rigid"]["ram"]
+        assert ram["force"][-1] == pytest.approx(factor * FORCE, rel=1e-8)
+        assert ram["displacement"][0] == pytest.approx(factor * 1e-3, rel=1e-12)
+        assert ram["displacement"][-1] < -0.05
+    scene["contact"][0]["friction"] = {"law": "none"}
+    stepped = solve(scene).summary["rigid"]["ram"]["displacement"]
+    for key in ("history", "time", "output"):
+        del scene[key]
+    del scene["rigid"][0]["history"]
+    scene["rigid"][0] |= {"force": along(d, 0.0, 0.4 * FORCE), "displacement": along(d, 4e-4, 0.0)}
+    assert stepped == pytest.approx(solve(scene).summary["rigid"]["ram"]["displacement"], rel=1e-7)
+
+
+def test_ranks_agree_and_a_run_goes_on(tmp_path):
+    """Two bodies under one ram on one, two and four ranks; pictures show where it is at each step."""
+    scene = {"body": [block(name, 2, (3.0 * k, 0.0), clamp=["bottom"]) for k, name in enumerate(("one", "two"))],
+             "rigid": [{"name": "ram", "shape": "plane", "point": [0.0, 1.2], "normal": [0.0, -1.0],
+                        "force": [1e5, -FORCE], "history": "push"}],
+             "contact": [{"bodies": [name, "ram"], "on": ["top"], "friction": LAWS["coulomb"]}
+                         for name in ("one", "two")],
+             "history": {"push": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.5]}},
+             "time": {"points": [1.0, 2.0], "steps": 2}}
+    path, found = write_scene(scene, tmp_path / "scene.toml"), []
+    for ranks in (1, 2, 4):
+        assert run_command(path, tmp_path / f"{ranks}", "--no-figures", ranks=ranks).code == 0
+        found.append(json.loads((tmp_path / f"{ranks}" / "summary.json").read_text())["rigid"]["ram"])
+    for other in found[1:]:
+        assert other["displacement"] == pytest.approx(found[0]["displacement"], rel=1e-9)
+        assert other["force"] == pytest.approx(found[0]["force"], rel=1e-9)
+    results = read_results(tmp_path / "1")
+    draw_all(tmp_path / "1")
+    assert (tmp_path / "1" / "bodies.png").exists() and results.summary["rigid"]["ram"] == found[0]
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_mechanism_of_a_partner_alone_is_drawn(d, tmp_path):
+    """No body moves, and the picture shows the partner that does."""
+    path = write_scene(pressed(d, force=along(d, 0.0, -FORCE)), tmp_path / "scene.toml")
+    assert run_command(path, tmp_path / "out", ranks=1).code == 3
+    assert (tmp_path / "out" / "mechanism.png").exists()
+
+
+def test_a_partner_falls_on_a_clamped_node():
+    """A flat ram that meets a node which clamps hold comes no farther."""
+    scene = pressed(2)
+    scene["body"][0]["clamp"] = ["bottom", "left"]
+    answer = solve(scene)
+    assert answer.summary["rigid"]["ram"]["displacement"][1] == pytest.approx(0.0, abs=1e-12)
+    assert answer.summary["rigid"]["ram"]["force"] == pytest.approx([0.0, FORCE], rel=1e-9, abs=1e-3)
+
+
+@pytest.mark.parametrize(("ram", "words"), [
+    ({"force": [0.0, 0.0]}, "rigid.ram: force must not be zero"),
+    ({"force": [1.0, -1e4], "displacement": [1e-3, 0.0]}, "rigid.ram: along x it has both a force and a displacement"),
+    ({"force": [0.0, 0.0, 1.0]}, "rigid.ram.force: [0.0, 0.0, 1.0] is in space"),
+    ({"force": [0.0, "x"]}, "rigid.ram.force.1: expected a number"),
+    ({"force": [0.0, -1.0], "history": "x"}, "rigid.ram.history: there is no [history.x]")])
+def test_a_push_is_refused(ram, words):
+    scene = pressed(2)
+    scene["rigid"][0] |= ram
+    with pytest.raises(ddmpi.errors.InputError) as error:
+        ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
+    assert words in str(error.value)
+
+
+def test_the_published_iteration_refuses_it():
+    scene = pressed(2) | {"method": {"outer": "relaxation"}}
+    with pytest.raises(ddmpi.errors.InputError, match="is for two held bodies with one unilateral contact"):
+        ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
