@@ -1,4 +1,4 @@
-"""The pages that are run, docs/start/tutorial.md, tutorial_in_space.md and drawing.md; what docs/understand/theory.md says of the code."""
+"""The pages of docs/start/ that are run; what docs/understand/theory.md says of the code."""
 
 import re
 import subprocess
