@@ -121,11 +121,6 @@ class Elasticity:
         """(nv, d) displacement (m) in the prescribed directions, zero across them."""
         return self.acting.prescribed
 
-    @property
-    def resultant(self) -> np.ndarray:
-        """(d,) sum of the loads (N), those on clamped nodes too."""
-        return self.acting.f.sum(axis=0)
-
     def under(self, factors: Mapping[str | None, float]) -> Elasticity:
         """The same body under its load cases times `factors`. `load` stays what forces are compared with."""
         case = _sum_cases([(factors[name], case) for name, case in self.cases.items()])

@@ -53,6 +53,36 @@ def boxes_on_floor() -> dict:
                         *({"bodies": [name, "floor"], "on": ["bottom"]} for name in "abc")]}
 
 
+def plug_in_ring() -> dict:
+    """Around an axis, a plug on a rigid floor that a rigid stamp pushes, in a ring on springs that no contact names."""
+    def turned(name: str, radius: float, **more) -> dict:
+        return {"name": name, "material": {"young": 2.1e5, "poisson": 0.3}, "mesh": {
+            "shape": "rectangle", "origin": [radius, 0.0], "size": [10.0, 20.0], "divisions": [4, 8]}} | more
+
+    def plane(name: str, y: float, normal: float, **more) -> dict:
+        return {"name": name, "shape": "plane", "point": [0.0, y], "normal": [0.0, normal]} | more
+
+    return {"axisymmetric": True,
+            "body": [turned("plug", 0.0, traction=[{"on": "top", "force": [0.0, -100.0]}], volume_force=[0.0, -1e-3]),
+                     turned("ring", 10.0, foundation=[{"on": "right", "normal": 1e3, "tangential": 10.0}])],
+            "rigid": [plane("floor", 0.0, 1.0), plane("stamp", 20.0, -1.0, force=[0.0, -50.0])],
+            "contact": [{"bodies": ["plug", "floor"], "on": ["bottom"]}, {"bodies": ["plug", "stamp"], "on": ["top"]}]}
+
+
+def test_around_an_axis_with_springs_and_pushed_partners(looked_at, tmp_path):
+    """Forces are of the whole circumference; what is not clamped is said to be held by springs, or loose."""
+    pytest.importorskip("matplotlib")
+    text = looked_at(plug_in_ring(), "out")
+    for words in ("load on top: force (0, -100), moment 0", "loose: it can slide along y", "foundation on right",
+                  "rigid stamp: pushed by (0, -50)", "forces in N,"):
+        assert words in text
+    assert text.count("loose") == 1
+    assert sides(proposed(text)) == {frozenset({("plug", "right"), ("ring", "left")}),
+                                     frozenset({("ring", "bottom"), ("floor", "")}),
+                                     frozenset({("ring", "top"), ("stamp", "")})}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"bodies.png", "contacts.png"}
+
+
 def test_nothing_is_factored():
     """A scene is assembled and paired as for a run, but no body can be solved with."""
     scene = read_scene("scene.toml", to_toml(two_boxes(2)))
@@ -127,6 +157,18 @@ def test_what_there_is_to_say(looked_at):
                   "loads in all: force (2e+07, -1.5e+08), moment -2.1e+08", "held along x on left",
                   "loose: it can slide along y", "held along x, y on left", "mortar, slave upper, law coulomb",
                   "body.lower.mesh: 360 of 360 triangles are thin", "Newton"):
+        assert words in text
+
+
+def test_clamps_along_normals_and_heat_are_told(looked_at):
+    """What slides along its group, and how warm a body is."""
+    scene = pinched_blocks(4)
+    scene["body"][0]["clamp"] = [{"on": "left", "normal": 0.0}, {"on": "right", "normal": 1e-3, "y": 0.0}]
+    scene["body"][1] |= {"temperature": "20 + 10 * x"}
+    scene["body"][1]["material"] |= {"expansion": 1.2e-5}
+    text = looked_at(scene)
+    for words in ("held along its normal on left", "held along y, moved along its normal on right",
+                  "heated by 20 to 50 K"):
         assert words in text
 
 

@@ -1,4 +1,4 @@
-"""The pages that are run, docs/start/tutorial.md and drawing.md; what docs/understand/theory.md says of the code."""
+"""The pages of docs/start/ that are run; what docs/understand/theory.md says of the code."""
 
 import re
 import subprocess
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.slow
 DOCS = scenes.ROOT / "docs"
 
 
-@pytest.mark.parametrize("name", ["start/tutorial.md", "start/drawing.md"])
+@pytest.mark.parametrize("name", ["start/tutorial.md", "start/tutorial_in_space.md", "start/drawing.md"])
 def test_commands_of_a_page_do_what_it_says(name, tmp_path):
     """Each command of the page runs as its reader would run it, prints what is shown, and makes the pictures."""
     page = (DOCS / name).read_text(encoding="utf-8")
