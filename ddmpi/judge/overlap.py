@@ -19,7 +19,8 @@ from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.boundary import boundary_facets
-from ddmpi.mesh.refine import CORNERS_CUT, INSIDE
+from ddmpi.mesh.elements import CORNERS_CUT
+from ddmpi.mesh.refine import INSIDE
 from ddmpi.scene.contacts import Rigid
 from ddmpi.system.agreement import merged
 from ddmpi.system.numbers import across, in_words, nearest_in

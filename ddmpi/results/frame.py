@@ -9,10 +9,10 @@ import msgspec
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.boundary import boundary_facets
+from ddmpi.mesh.boundary import SHARPEST, boundary_facets
 from ddmpi.results.tables import Columns, Results
 from ddmpi.scene.contacts import Rigid
-from ddmpi.surface.side import SHARPEST, unit
+from ddmpi.surface.side import unit
 from ddmpi.system.numbers import spans
 from ddmpi.system.provenance import NO_MATPLOTLIB, has_matplotlib
 

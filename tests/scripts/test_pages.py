@@ -14,9 +14,9 @@ from mpi4py import MPI
 from ddmpi.errors import InputError
 from ddmpi.interface import mortar
 from ddmpi.judge import accuracy, certificate
+from ddmpi.mesh import boundary
 from ddmpi.methods import newton, paths
 from ddmpi.methods.krylov import FORCING
-from ddmpi.surface import side
 
 pytestmark = pytest.mark.slow
 
@@ -189,7 +189,7 @@ def test_theory_has_the_numbers_of_the_code():
             f"GMRES solves it to 1e{np.log10(FORCING):.0f}",
             f"all below {certificate.FACTOR:g} times the tolerance (and {certificate.LARGEST_LIMIT:g}, whatever",
             f"covered by less than {100 * mortar.UNCOVERED:g} %",
-            f"turns by more than {np.rad2deg(side.SHARPEST):.0f}°"):
+            f"turns by more than {np.rad2deg(boundary.SHARPEST):.0f}°"):
         assert words in page
     assert accuracy.CAUTION == {1: 1 - 1 / 5, 2: 1 - 1 / 10}  # "by a fifth in order 1 and a tenth in order 2"
 
