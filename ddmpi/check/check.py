@@ -115,6 +115,8 @@ def _look(body: Body) -> Looked:
         motions = undetermined(np.zeros((len(member.e), 0)), [MotionsOfBody.of(spec.name, mesh.points, member.motions)])
         words.append("loose: " + "; ".join(each.rpartition(": ")[2].removesuffix(" without any force").replace(
             f"{spec.name} can", "it can", 1) for each in motions))
+    if spec.heat.value:
+        words.append(f"temperature {spec.heat.value}{_following(spec.heat.history)}")
     words += [f"load on {on}{_following(history)}: {_force(mesh, on, f)}" for history, on, f in loads]
     if len(loads) > 1:
         words.append(f"loads in all: {_force(mesh, '', np.sum([f for *_, f in loads], axis=0))}")
@@ -141,7 +143,8 @@ def _quality(mesh: Mesh, name: str) -> tuple[str, str]:
 
 def _held(clamp: Clamp, d: int) -> str:
     """How a clamp holds nodes, in words."""
-    given = {axis: getattr(clamp, axis) for axis in "xyz"[:d] if getattr(clamp, axis) is not None}
+    given = {("its normal" if key == "normal" else key): getattr(clamp, key) for key in (*"xyz"[:d], "normal")
+             if getattr(clamp, key) is not None}
     kinds = (("held", [axis for axis in given if given[axis] == 0.0]),
              ("moved", [axis for axis in given if given[axis] != 0.0]))
     return ", ".join(f"{how} along {', '.join(axes)}" for how, axes in kinds if axes)
