@@ -237,6 +237,21 @@ def test_rigid_partners_are_drawn(tmp_path, rigid, draw):
         assert (np.linalg.norm(ends - middle, axis=1) > 3.0).all()
 
 
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_the_axis_is_drawn(tmp_path, mirrored):
+    """Bodies around an axis are drawn with it, and with their other half if that is wanted; partners end at it."""
+    results = with_rigid(tmp_path, BORE | {"center": [0.0, 1.0], "radius": 1.0})
+    results.summary["scene"] |= {"axisymmetric": True}
+    results.summary["scene"]["output"] |= {"mirrored": mirrored}
+    axes = draw_bodies(results).axes[0]
+    partner, *_, axis = axes.lines
+    assert not any(axis.get_xdata()) and axis.get_linestyle() == "-."
+    drawn = np.concatenate([np.concatenate(each) for each in segments(axes) if len(each) > 40])
+    assert (drawn[:, 0].min() < -2.5) == mirrored and partner.get_xdata().min() >= 0.0
+    assert len(axes.lines) == 2 + mirrored and axes.get_xlabel() == "radius x (m)"
+    assert max(np.hypot(*np.diff(partner.get_xydata(), axis=0).T)) < 0.1  # in one piece
+
+
 def test_resultants_are_drawn_where_they_act(tmp_path):
     """The force of a contact is drawn through the point that its moment says, as steep as it is."""
     results = with_rigid(tmp_path, FLOOR)

@@ -123,6 +123,17 @@ def test_files_say_the_dimension_where_nothing_else_does():
         scene(FILES, upper=(3, 1), lower=(2, 1))
 
 
+AROUND = f"axisymmetric = true\n{PLANE}"
+
+
+def test_scene_around_an_axis_is_filled_in():
+    """It is a plane scene in neither plane strain nor plane stress, and is read again as it is written."""
+    turned = scene(AROUND, "output.mirrored=true")
+    assert turned.axisymmetric and turned.dimension == 2 and turned.body[0].material.plane is None
+    assert scene(write_toml(turned.resolved())) == turned
+    assert not scene(PLANE).axisymmetric
+
+
 BOTTOM, TOP = "[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]", "[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]"
 
 REFUSED = {
@@ -164,6 +175,15 @@ REFUSED = {
                "rigid.floor.shape: a sphere is solid; in the plane there is circle"),
     "cylinder": (PLANE, "rigid.floor={name='floor', shape='cylinder', point=[0, 0], axis=[0, 1], radius=1}",
                  "rigid.floor.shape: a cylinder is solid"),
+    "solid around an axis": (SOLID, "axisymmetric=true", "axisymmetric: parts that turn around an axis are drawn in "
+                             "the half-plane x >= 0; this scene is in space, as body.upper.mesh.shape = box"),
+    "plane strain around an axis": (AROUND, "body.upper.material.plane=strain",
+                                    "body.upper.material.plane: solids and turned parts are neither in plane strain "
+                                    "nor in plane stress; leave it out; this scene is around an axis"),
+    "torsion": (AROUND, "body.upper.clamp=[{on='left', z=0.1}]", "body.upper.clamp.0.z: nothing is twisted around the "
+                "axis; this scene is around an axis, as body.upper.mesh.shape = rectangle"),
+    "torque": (AROUND, "body.upper.volume_force=[0, 0, 1]", "body.upper.volume_force: [0.0, 0.0, 1.0] is in space"),
+    "mirrored": (PLANE, "output.mirrored=true", "output.mirrored: shows the other half of what turns around an axis"),
     "no axis": (SOLID, "rigid.shaft.axis=[0, 0, 0]", "rigid.shaft: axis must not be zero"),
     "flat box": (SOLID, "body.upper.mesh.size=[3, 1]", "body.upper.mesh.size: a box has size = [length, depth, "
                  "height], got [3.0, 1.0]"),

@@ -143,6 +143,57 @@ def test_published_iteration(comm, name):
         assert other.summary["contacts"]["upper-lower"]["force"] == pytest.approx(force, rel=1e-4)
 
 
+def test_a_fit_by_heat_is_one_by_interference():
+    """A shaft that is warmer than its hub presses as one that is too thick, at free ends; it grows along the axis."""
+    mesh, steel = {"shape": "rectangle", "order": 2}, {"young": 2e11, "poisson": 0.3, "expansion": 1.2e-5}
+    scene = {"axisymmetric": True, "body": [
+        {"name": "shaft", "material": steel, "clamp": [{"on": "bottom", "y": 0.0}],
+         "mesh": mesh | {"origin": [0.0, 0.0], "size": [0.05, 0.05], "divisions": [5, 5]}},
+        {"name": "hub", "material": steel, "clamp": [{"on": "bottom", "y": 0.0}],
+         "mesh": mesh | {"origin": [0.05, 0.0], "size": [0.05, 0.05], "divisions": [5, 5]}}],
+        "contact": [{"bodies": ["shaft", "hub"], "on": ["right", "left"], "pairing": "nodes"}]} | TIGHT
+    scene["body"][0]["temperature"] = 50.0
+    warm = solved(scene)
+    del scene["body"][0]["temperature"]
+    scene["body"][0]["material"] = scene["body"][1]["material"] = {"young": 2e11, "poisson": 0.3}
+    scene["contact"][0]["gap"] = -1.2e-5 * 50.0 * 0.05
+    thick = solved(scene)
+    one, other = (each.contacts["shaft-hub"].pressure for each in (warm, thick))
+    assert one == pytest.approx(other, rel=1e-9)
+    exact = 3e-5 * 2e11 / 2 / 0.05 * (1.0 - 0.05**2 / 0.1**2)
+    assert one.mean() == pytest.approx(exact, rel=2e-3)
+
+
+def test_clamping_the_axis_is_needless():
+    """With and without a clamp at x = 0 the answer is the same, to the last bit, and that clamp bears nothing."""
+    scene = pressed(2)
+    one = solved(scene)
+    scene["body"][0]["clamp"] = [{"on": "left", "x": 0.0}]
+    other = solved(scene)
+    assert np.array_equal(one.bodies["upper"].displacement, other.bodies["upper"].displacement)
+    assert other.summary["bodies"]["upper"]["reactions"]["left"]["force"] == [0.0, 0.0]
+
+
+def test_a_clamp_along_the_normal_is_a_cone_without_friction():
+    """A ring that slides on a cone by a clamp along the normal moves as on a rigid cone that it is pressed onto."""
+    scene = on_cone() | TIGHT
+    scene["contact"][0]["friction"] = {"law": "none"}
+    one = solved(scene)
+    assert one.summary["contacts"]["ring-cone"]["open"] == 0
+    scene["body"][0]["clamp"] = [{"on": "left", "normal": 0.0}]
+    scene["rigid"], scene["body"] = [], [*scene["body"], disc("other", 5.0, (2, 2), 2, 3.0, clamp=["bottom"])]
+    scene["body"][1]["mesh"] |= {"origin": [3.0, 5.0], "size": [1.0, 1.0]}
+    scene["body"].append(disc("third", 6.0, (2, 2), 2, 3.0))
+    scene["body"][2]["mesh"] |= {"origin": [3.0, 6.0], "size": [1.0, 1.0]}
+    scene["contact"] = [{"bodies": ["other", "third"], "on": ["top", "bottom"], "kind": "bonded"}]
+    other = solved(scene)
+    found = other.bodies["ring"].displacement
+    assert found == pytest.approx(one.bodies["ring"].displacement, abs=1e-9 * np.abs(found).max())
+    reaction = other.summary["bodies"]["ring"]["reactions"]["left"]["force"]
+    assert reaction == pytest.approx(one.summary["contacts"]["ring-cone"]["force"], rel=1e-8)
+    assert other.summary["bodies"]["ring"]["reaction"] == pytest.approx(reaction)
+
+
 def test_load_steps_keep_the_energy():
     """A shaft with interference is pushed through a hub: all friction acts, and the energy balance closes."""
     mesh = {"shape": "rectangle", "order": 2}
@@ -176,6 +227,7 @@ def test_target_error_refines_the_meshes():
     assert answer.summary["contacts"]["upper-lower"]["normal_force"] == pytest.approx(2 * np.pi * 8 / 3 * 1e6)
 
 
+@pytest.mark.slow
 def test_the_turned_sphere_is_the_solid_one(tmp_path):
     """Hertz's ball around an axis and as a quarter of a solid agree to 2 % in force, pressure and radius."""
     from problems import around_axis, solids
@@ -204,6 +256,67 @@ def test_what_slides_along_the_axis_is_named():
     scene["body"][1]["volume_force"] = [0.0, -1e3]
     failed = ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
     assert failed.reason == "no equilibrium: sleeve would slide along -y"
+
+
+@pytest.mark.parametrize("partner", [(24, 4), (19, 4), None], ids=["pairs", "mortar", "rigid"])
+def test_rows_on_the_axis_are_merged(partner):
+    """On arcs of order 2, where nodes on the axis have next to no area, they have the rows of the next nodes; the
+    pressure between balls is constant up to the poles."""
+    def shell(name, radii, divisions):
+        return {"name": name, "material": {"young": 1e9, "poisson": 0.3}, "mesh": {
+            "shape": "annulus", "center": [0.0, 0.0], "radii": radii, "angles": [-90, 90], "divisions": list(divisions),
+            "order": 2}}
+
+    scene = {"axisymmetric": True, "body": [shell("ball", [1.0, 2.0], (24, 4))]} | TIGHT
+    contact = {"bodies": ["ball", "shell"], "on": ["outer", "inner"], "gap": -1e-4}
+    if partner:
+        scene["body"].append(shell("shell", [2.0, 3.0], partner))
+    else:
+        contact = {"bodies": ["ball", "shell"], "on": ["outer"], "gap": -1e-4}
+        scene["rigid"] = [{"name": "shell", "shape": "circle", "center": [0.0, 0.0], "radius": 2.0, "inside": True}]
+    scene["contact"] = [contact]
+    state = solved(scene).contacts["ball-shell"]
+    lines = state.interface.shown
+    ends = np.flatnonzero(lines.xy[:, 0] == 0.0)
+    assert len(ends) == 2 and len(lines.row) == state.interface.m + 2
+    assert (np.bincount(lines.row)[lines.row[ends]] == 2).all()
+    assert state.pressure[lines.row[ends]] == pytest.approx(state.pressure.mean(), rel=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(12))
+def test_random_scenes(seed):
+    """Stacks of discs and rings of any stiffness, mesh and law, held or loose, are certified in any order of bodies, and
+    obey all laws."""
+    rng = np.random.default_rng(seed)
+    order, number, scene = int(rng.integers(1, 3)), int(rng.integers(2, 5)), {"axisymmetric": True} | TIGHT
+    laws = [{"law": "coulomb", "coefficient": 0.4}, {"law": "none"}, {"law": "tresca", "slip_bound": 1e5}]
+    scene["body"] = [disc(f"b{k}", float(k), tuple(rng.integers(2, 8, 2).tolist()), order,
+                          float(rng.choice([0.0, 0.4, 0.8]))) for k in range(number)]
+    for body in scene["body"]:
+        body["material"] = {"young": 1e9 * 10 ** rng.uniform(-1.5, 1.5), "poisson": rng.uniform(0.0, 0.45)}
+    scene["body"][-1]["traction"] = [{"on": "top", "pressure": f"1e6 * (1 + {rng.uniform(-0.3, 0.5)} * x)"}]
+    scene["contact"] = [{"bodies": [f"b{k}", f"b{k + 1}"], "on": ["top", "bottom"], "friction": laws[rng.integers(3)]}
+                        for k in range(number - 1)]
+    if rng.random() < 0.5:
+        scene["body"][0]["clamp"] = ["bottom"]
+    else:
+        scene["rigid"] = [{"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}]
+        scene["contact"].append({"bodies": ["b0", "floor"], "on": ["bottom"], "friction": laws[rng.integers(3)]})
+    answer = solved(scene)
+    compare(answer, solved(scene | {"body": scene["body"][::-1], "contact": scene["contact"][::-1]}))
+    load = answer.summary["bodies"][f"b{number - 1}"]["loads"]["top"]["force"][1]
+    for contact in answer.summary["contacts"].values():
+        sign = 1.0 if contact["force"][1] > 0.0 else -1.0
+        assert contact["force"][1] == pytest.approx(-sign * load, rel=1e-8)
+    for state in answer.contacts.values():
+        normal, bound = state.normal_force, state.interface.law.bound_at(np.zeros(state.interface.size))
+        assert normal.min() >= -1e-9 * abs(load) and state.gap.min() >= -1e-9
+        assert (normal * state.gap).max() <= 1e-9 * abs(load)
+        if state.interface.law.name == "coulomb":
+            bound = 0.4 * normal[state.interface.sliding]
+        if len(bound):
+            assert (np.abs(state.tangential_force[state.interface.sliding, 0]) <= bound + 1e-9 * abs(load)).all()
 
 
 def test_files(tmp_path):
