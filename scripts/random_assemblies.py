@@ -1,42 +1,29 @@
 #!/usr/bin/env -S bash -c 'exec "${0%/*}/study" "$0" "$@"'
-"""Random assemblies: ddmpi against the brute-force reference of the tests, seed by seed.
+"""Random assemblies, seed by seed: in the plane against a reference, solids checked from their result files.
 
-    scripts/study random_assemblies --seeds 0:300                 # ddmpi on one rank
-    mpirun -n 3 python scripts/random_assemblies.py --seeds 7     # on several
-    scripts/study random_assemblies --reference-only --seeds 0:50 # only the reference
-    scripts/study random_assemblies --no-reference --seeds 0:600  # only steps and products of ddmpi; two minutes
-
-A line for each seed, then a table of families, and what ddmpi took: products are multiplications by a body's compliance
-over the number of bodies. Ends with 1 if a verdict is among `WRONG`. Verdicts:
-
-agrees        certified, displacement within --tolerance of the reference's
-another       certified, displacement elsewhere but a solution, too: friction need not leave one only
-differs       certified, and no solution
-missed        not certified, though the reference has a solution
-reported      no equilibrium by linear program, and ddmpi says so
-unreported    no equilibrium by linear program, but ddmpi certifies an answer or ends for another reason
-undecided     the reference finds neither a solution nor a proof that there is none, and ddmpi certifies none; by the
-              reference "drift": bodies slide at a steady imbalance, so that there is hardly an equilibrium
-found         the same, but ddmpi certifies an answer, which is a solution
-solved, none  with --reference-only: solution, or certainly no equilibrium
-failed        ddmpi raised an error
+`scripts/study random_assemblies --help` and `scripts/study random_solids --help` say more. Each prints a line for each
+seed, then a table of families, and ends with 1 if a verdict is among `WRONG`.
 """
 
 import argparse
 import sys
+import tempfile
 import time
 from collections import Counter
+from collections.abc import Callable
+from inspect import cleandoc
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from experiment import by_family, seeds  # isort: skip, with which the helpers of the tests can be imported
+from experiment import by_family, seeds, start  # isort: skip, with which the helpers of the tests can be imported
 
 import assemblies
 import assembly_scenes
 import scenes
+import solid_assemblies
 
-WRONG = {"differs", "missed", "unreported", "failed"}
+WRONG = {"differs", "missed", "unreported", "failed", "violated"}
 
 STEPS, PRODUCTS = 40, 400
 """Seeds that take more of either are named."""
@@ -94,8 +81,36 @@ def judge(reference: assemblies.Solution, answer: SimpleNamespace, tolerance: fl
     return ("found" if excess <= SOLUTION else "differs"), f"violation {excess:.1e}"
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def described(study: Callable[[], None]) -> argparse.ArgumentParser:
+    """A parser of arguments that says what the study is."""
+    return argparse.ArgumentParser(description=cleandoc(study.__doc__ or ""),
+                                   formatter_class=argparse.RawDescriptionHelpFormatter)
+
+
+def random_assemblies() -> None:
+    """Random assemblies: ddmpi against the brute-force reference of the tests, seed by seed.
+
+        scripts/study random_assemblies --seeds 0:300                 # ddmpi on one rank
+        mpirun -n 3 python scripts/random_assemblies.py random_assemblies --seeds 7  # on several
+        scripts/study random_assemblies --reference-only --seeds 0:50 # only the reference
+        scripts/study random_assemblies --no-reference --seeds 0:600  # only steps and products of ddmpi; two minutes
+
+    A line for each seed, then a table of families, and what ddmpi took: products are multiplications by a body's
+    compliance over the number of bodies. Verdicts:
+
+    agrees        certified, displacement within --tolerance of the reference's
+    another       certified, displacement elsewhere but a solution, too: friction need not leave one only
+    differs       certified, and no solution
+    missed        not certified, though the reference has a solution
+    reported      no equilibrium by linear program, and ddmpi says so
+    unreported    no equilibrium by linear program, but ddmpi certifies an answer or ends for another reason
+    undecided     the reference finds neither a solution nor a proof that there is none, and ddmpi certifies none; by
+                  the reference "drift": bodies slide at a steady imbalance, so that there is hardly an equilibrium
+    found         the same, but ddmpi certifies an answer, which is a solution
+    solved, none  with --reference-only: solution, or certainly no equilibrium
+    failed        ddmpi raised an error
+    """
+    parser = described(random_assemblies)
     parser.add_argument("--seeds", type=seeds, default=seeds("0:300"), help="A:B, or seeds with commas")
     parser.add_argument("--tolerance", type=float, default=1e-6, help="of displacements, over the largest one")
     parser.add_argument("--reference-only", action="store_true")
@@ -107,7 +122,7 @@ def main() -> int:
         for seed in arguments.seeds:
             text = scenes.to_toml(assembly_scenes.random_scene(seed))
             (arguments.write / f"random_{seed}.toml").write_text(text, encoding="utf-8")
-        return 0
+        return
     comm, first = None, True
     if not arguments.reference_only:
         from mpi4py import MPI
@@ -149,7 +164,7 @@ def main() -> int:
         print(f"{seed:4d} {family:13s} {N[4:]:>2s} {law:9s} {dofs:6d} {len(reference.assembly.gap):4d}  {how:15s} "
               f"{reference.steps:5d} {between - start:5.1f}  {verdict:10s} {last}", flush=True)
     if not first:
-        return 0
+        return
     if taken:
         steps, made = (sum(each[k] for each in taken.values()) for k in (0, 1))
         above = [f"{seed} ({k}, {p:.0f})" for seed, (k, p) in taken.items() if k > STEPS or p > PRODUCTS]
@@ -157,8 +172,76 @@ def main() -> int:
               f"{', '.join(above) or 'none'}")
     print("", *by_family(tally), sep="\n")
     print("\nreference by: " + ", ".join(f"{how} {count}" for how, count in attempts.most_common()))
-    return int(any(verdict in WRONG for _, verdict in tally))
+    sys.exit(any(verdict in WRONG for _, verdict in tally))
+
+
+def judge_solids(seed: int, ranks: int, folder: Path, tolerance: float, limit: float) -> tuple[str, str]:
+    """The verdict on the scene of a seed, and what to say about it; what the run writes is left in the folder."""
+    scene = solid_assemblies.random_scene(seed)
+    path = scenes.write_scene(scene, folder / "scene.toml")
+    try:
+        run = scenes.run_command(path, folder / "results", "--no-figures", ranks=ranks, limit=limit)
+    except AssertionError as late:
+        return "failed", str(late)
+    if not (folder / "results" / "summary.json").exists():
+        return "failed", run.output.strip()[-300:]
+    reason = run.summary["reason"]
+    if "no equilibrium" in reason and run.code == 3:
+        if not solid_assemblies.feasible(scene):
+            return "reported", reason
+        certain = solid_assemblies.feasible(scene, -solid_assemblies.REACH)
+        return "finding" if "found" in reason else "missed" if certain else "edge", reason
+    if run.code != 0 or not run.summary["converged"]:
+        return "missed", f"exit code {run.code}: {reason}"
+    found = solid_assemblies.violations(scene, folder / "results")
+    law, worst = max(found.items(), key=lambda item: item[1])
+    said = f"{run.summary['outer_iterations']:3d} steps, largest violation {worst:.1e} ({law})"
+    if not solid_assemblies.feasible(scene, solid_assemblies.REACH):
+        return "violated", f"{said}; no forces can hold the bodies"
+    return "violated" if worst > tolerance else "verified" if solid_assemblies.feasible(scene) else "edge", said
+
+
+def random_solids() -> None:
+    """Random assemblies of solids: every one certified and verified from its result files, or reported.
+
+        scripts/study random_solids --seeds 0:300          # one to four ranks, by seed
+        scripts/study random_solids --seeds 7 --ranks 3 --keep DIR
+
+    Each scene is solved by the command. What it writes is checked without anything of the program's that computed it
+    (tests/support/solid_assemblies.py): the equilibrium of bodies as wholes and at their nodes, and all laws of all
+    contacts. Verdicts:
+
+    verified    certified, and all violations below --tolerance
+    reported    no equilibrium, and a linear program over the corners of the contacts agrees
+    edge        the linear program disagrees, unless contacts are smaller or larger by a part of a cell: meshes that do
+                not match bear up to their nodes, not up to the edge of a contact
+    finding     no equilibrium found, though the linear program has forces: the iteration drifts, and with friction
+                elastic bodies may not find these
+    violated    certified, and some law is not obeyed, or no forces can hold the bodies
+    missed      ended for another reason, or "no equilibrium" is said to be certain and is not
+    failed      ended with an error, or not within --limit seconds
+    """
+    parser = described(random_solids)
+    parser.add_argument("--seeds", type=seeds, default=seeds("0:300"), help="A:B, or seeds with commas")
+    parser.add_argument("--ranks", type=int, help="left out, 1 to 4 by seed")
+    parser.add_argument("--tolerance", type=float, default=1e-5, help="of violations, over the largest of their kind")
+    parser.add_argument("--limit", type=float, default=600.0, help="seconds of a run")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="folder for scenes and results, one folder each")
+    options = parser.parse_args()
+    tally: Counter[tuple[str, str]] = Counter()
+    for seed in options.seeds:
+        ranks, start = options.ranks or 1 + seed % 7 % 4, time.perf_counter()
+        with tempfile.TemporaryDirectory() as scratch:
+            folder = options.keep / str(seed) if options.keep else Path(scratch)
+            folder.mkdir(parents=True, exist_ok=True)
+            verdict, words = judge_solids(seed, ranks, folder, options.tolerance, options.limit)
+        title = solid_assemblies.random_scene(seed)["title"]
+        tally[title.split()[0], verdict] += 1
+        spent = time.perf_counter() - start
+        print(f"{seed:4d} {title:34s} {ranks} ranks {spent:5.1f} s  {verdict:9s} {words}", flush=True)
+    print("", *by_family(tally), sep="\n")
+    sys.exit(any(verdict in WRONG for _, verdict in tally))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    start(random_assemblies, random_solids)

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
+import problems.around_axis
 import problems.curved
 import problems.flat
 import problems.solids
@@ -24,7 +25,8 @@ from problems import Found, Order, Problem, Value
 from ddmpi.mesh.boundary import boundary_facets, segments
 
 PAGE, FIGURES = "verification.md", "verification"
-PROBLEMS = {name: each for module in (problems.flat, problems.curved, problems.supports, problems.solids)
+PROBLEMS = {name: each for module in (problems.flat, problems.curved, problems.supports, problems.around_axis,
+                                   problems.solids)
             for name, each in problems.PROBLEMS.items() if each.measure.__module__ == module.__name__}
 """By name, in the order of the page."""
 
@@ -45,7 +47,7 @@ def largest(runs: Runs, name: str, *words: str, meshes: int | None = None,
 
 def aims(runs: Runs) -> Iterator[tuple[str, float, float | None]]:
     """What is aimed at, the aim, and what is seen."""
-    for name in ("patch", "el-abbasi-bathe", "cgs-1"):
+    for name in ("patch", "el-abbasi-bathe", "cgs-1", "cgs-1-turned", "cone-patch", "ring-on-cone"):
         yield f"{PROBLEMS[name].title}, every variant, worst node", 1e-8, largest(runs, name)
     for order in (1, 2):
         for what in ("p₀", "a (mm)"):
@@ -70,6 +72,12 @@ def aims(runs: Runs) -> Iterator[tuple[str, float, float | None]]:
                largest(runs, "cattaneo-mindlin", what, meshes=8))
     for name in ("tubes", "spheres"):
         yield f"{PROBLEMS[name].title}, order 2: mean pressure", 0.005, largest(runs, name, "mean", meshes=10, order=2)
+    for name in ("hertz-turned", "two-balls-turned"):
+        for what in ("p₀", "a (m)"):
+            yield (f"{PROBLEMS[name].title}, order 2, 8 nodes on a: {what.split()[0]}", 0.01,
+                   largest(runs, name, what, meshes=8, order=2))
+    for name in ("tubes-turned", "spheres-turned"):
+        yield f"{PROBLEMS[name].title}, order 2: mean pressure", 0.002, largest(runs, name, "mean", order=2)
     yield "Fine and stiff against coarse and soft, slave chosen", 0.15, largest(runs, "contrast", "chosen")
     for what in ("steps", "n_A"):
         more = [found.values[f"all: {what}"].error for (name, *_), found in runs.items() if name == "work"]

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import comb
 
 import numpy as np
@@ -143,7 +143,7 @@ def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray,
         if heat is not None:  # in plane strain σ_zz has energy as well
             warm = cell_temperature(mesh, heat, points, cells) if curved else (
                 between @ cell_temperature(mesh, heat, cell.samples, cells))
-            energy += own.thermal(mesh.dimension)[3] * float((share * warm**2).sum())
+            energy += own.thermal(mesh.strains)[3] * float((share * warm**2).sum())
     materials = [material] if isinstance(material, Material) else material.materials
     stiffest = max(each.tensor(mesh.dimension).max() for each in materials)
     if energy <= stiffest * len(measures) * (UNSTRAINED * np.abs(u).max()) ** 2:
@@ -172,18 +172,19 @@ def _recovered(mesh: Mesh, material: Material | Composite, u: np.ndarray, heat: 
 def _joined(mesh: Mesh, material: Material | Composite, parts: Mesh, recovered: np.ndarray,
             heat: np.ndarray | None) -> np.ndarray:
     """The columns of `stress` at the nodes of the mesh, from the recovered stress (n, ·) at those of its `parts`."""
-    d = mesh.dimension
-    tensors = np.empty((d, d, recovered.shape[1]))
-    i, j = np.triu_indices(d)
+    n, columns = mesh.strains, 2 * mesh.dimension
+    tensors = np.empty((n, n, recovered.shape[1]))
+    i, j = np.triu_indices(n)
     tensors[i, j] = tensors[j, i] = recovered
     if isinstance(material, Material):
-        return columns_of(tensors, material, heat).T
+        return columns_of(tensors, material, heat)[:columns].T
     node, number = np.empty((2, len(parts.points)), int)
     node[parts.triangles], number[parts.triangles] = mesh.triangles, material.number[:, None]
-    total = np.zeros((len(mesh.points), 2 * d))
+    total = np.zeros((len(mesh.points), columns))
     for k, own in enumerate(material.materials):
         at = node[number == k]
-        np.add.at(total, at, columns_of(tensors[..., number == k], own, None if heat is None else heat[at]).T)
+        found = columns_of(tensors[..., number == k], own, None if heat is None else heat[at])
+        np.add.at(total, at, found[:columns].T)
     return total / np.bincount(node, minlength=len(total))[:, None]
 
 
@@ -191,7 +192,7 @@ def _apart(mesh: Mesh, material: Composite) -> Mesh:
     """The mesh with nodes of its own for each material, so that no patch reaches from one into another."""
     size = len(material.materials)
     keys, cells = np.unique(mesh.triangles * size + material.number[:, None], return_inverse=True)
-    return Mesh(mesh.points[keys // size], cells.reshape(mesh.triangles.shape), {})
+    return replace(mesh, points=mesh.points[keys // size], triangles=cells.reshape(mesh.triangles.shape))
 
 
 def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
@@ -199,7 +200,7 @@ def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
     x, order, corners, samples = mesh.points, mesh.order, mesh.corners, mesh.cell.samples
     nv, n, k = int(corners.max()) + 1, len(sampled), comb(mesh.dimension + order, order)
     places = samples @ np.take(x.T, corners.T, axis=1)  # (d, q, nt)
-    for bent in mesh.curved_blocks():
+    for bent in mesh.summed_blocks():
         places[..., bent] = mesh.map(bent, samples).places.transpose(2, 0, 1)
     reach = np.zeros(nv)
     for block in blocks(len(corners)):

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sparse
 
-from ddmpi.body.stress import Composite, blocks, cell_temperature, portions
+from ddmpi.body.stress import Composite, blocks, cell_temperature, gradients, portions
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group, group_nodes, turn_outward
-from ddmpi.mesh.elements import CELLS, FINE, RULES, curved_facets
+from ddmpi.mesh.elements import CELLS, FINE, RULES, circumference, curved_facets
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.scene.bodies import BodySpec, Material, Traction
+from ddmpi.scene.bodies import BodySpec, Clamp, Material, Traction
 from ddmpi.scene.values import AffineVector, Vector, evaluate, varies
 from ddmpi.system.numbers import in_words, moment
 
@@ -26,6 +26,9 @@ ROUNDING = 1e-9
 
 SMALLEST = 1e-150
 """Squares of smaller numbers lose digits or vanish; norms are made of squares."""
+
+ON_AXIS = Clamp(on="the axis", x=0.0)
+"""Around an axis, the clamp whose number follows those of the body."""
 
 
 VOLUME = "volume_force"
@@ -62,7 +65,7 @@ def resultants(mesh: Mesh, parts: Iterable[tuple[str, np.ndarray]]) -> dict[str,
     found: dict[str, dict[str, np.ndarray]] = {}
     for group, f in parts:
         acts = f.any(axis=1)
-        now = {"force": f[acts].sum(axis=0), "moment": moment(mesh.points[acts], f[acts])}
+        now = {"force": f[acts].sum(axis=0), "moment": moment(mesh.points[acts], f[acts], mesh.axisymmetric)}
         found[group] = {kind: now[kind] + value for kind, value in found[group].items()} if group in found else now
     return found
 
@@ -78,17 +81,19 @@ def _stress(mesh: Mesh, traction: Traction, key: str) -> list[tuple[np.ndarray, 
     facets = turn_outward(mesh, boundary_group(mesh, traction.on, key), key)[0]
     nodes, cell = mesh.points[facets], CELLS[mesh.dimension - 1, mesh.order]
     points, weights = FINE[cell.dimension]
-    exact = ~(curved_facets(nodes) | varies(traction.given))
+    exact = ~(curved_facets(nodes) | varies(traction.given) | mesh.axisymmetric)
     found = []
     for part, where, table in ((exact, np.eye(mesh.dimension), cell.mass),
                                (~exact, points, (weights[:, None] * cell.shapes(points)).T)):
         if part.any():
             vectors = cell.vectors(nodes[part], where)
             size = np.linalg.norm(vectors, axis=0)
-            stress = _values(traction.given, np.einsum("ql,sld->qsd", cell.shapes(where), nodes[part]), key)
+            places = np.einsum("ql,sld->qsd", cell.shapes(where), nodes[part])
+            stress = _values(traction.given, places, key)
             if traction.pressure is not None:
                 stress = -vectors / size * stress
-            found.append((facets[part], table[..., None] * size, stress))
+            around = circumference(places, mesh.axisymmetric)
+            found.append((facets[part], table[..., None] * size * around, stress))
     if traction.force is None:
         return found
     area = sum(float(shares.sum()) for _, shares, _ in found)
@@ -105,13 +110,13 @@ def temperature(mesh: Mesh, body: BodySpec, history: str | None) -> np.ndarray:
 
 def _add_volume_force(mesh: Mesh, force: Vector | AffineVector, key: str, f: np.ndarray) -> None:
     """Add the nodal loads of a volume force (N/m³) to f (nv, d)."""
-    parts: list[slice] | list[np.ndarray] = mesh.curved_blocks()
+    parts: list[slice] | list[np.ndarray] = mesh.summed_blocks()
     if varies(force):
         _values(force, mesh.points, key)
         parts = blocks(len(mesh.triangles))
     else:
         measures = mesh.measures()
-        measures[mesh.curved] = 0.0
+        measures[mesh.summed] = 0.0
         for component, density in enumerate(_values(force, mesh.points[mesh.corners], key)):
             loads = (measures[:, None] * density) @ mesh.cell.mass.T
             f[:, component] += np.bincount(mesh.triangles.ravel(), loads.ravel(), len(f))
@@ -138,6 +143,8 @@ def springs(mesh: Mesh, body: BodySpec) -> Iterator[tuple[str, float, sparse.csr
         vectors = cell.vectors(mesh.points[facets], points)
         size = np.linalg.norm(vectors, axis=0)
         along = np.einsum("iqs,jqs->qsij", vectors / size, vectors / size)
+        places = np.einsum("ql,sld->qsd", cell.shapes(points), mesh.points[facets])
+        size = size * circumference(places, mesh.axisymmetric)
         largest, measure = max(foundation.normal, foundation.tangential), float(weights @ size.sum(axis=1))
         normal, tangential = np.sqrt([foundation.normal / largest, foundation.tangential / largest])
         roots = normal * along + tangential * (np.eye(d) - along)
@@ -160,7 +167,8 @@ def thermal_loads(mesh: Mesh, material: Material | Composite, heat: np.ndarray) 
         samples = mesh.cell.samples
         points, weights = RULES[mesh.dimension] if curved else (samples, np.full(len(samples), 1.0 / len(samples)))
         mapped, warm = mesh.map(cells, points), cell_temperature(mesh, heat, points, cells)
-        beta, whole, *_ = own.thermal(mesh.dimension)
+        beta, whole, *_ = own.thermal(mesh.strains)
+        beta = np.einsum("ij,ijrc->rc", beta, gradients(mesh))
         share = weights[:, None] * mapped.measures * warm
         for component, loads in enumerate(np.einsum("rc,cqit,qt->rti", beta, mapped.slopes, share)):
             f[:, component] += np.bincount(mesh.triangles[cells].ravel(), loads.ravel(), len(f))
@@ -182,6 +190,7 @@ def _values(value: Any, points: np.ndarray, key: str) -> np.ndarray:
 def clamp_nodes(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, dict[str | None, np.ndarray]]:
     """Which clamp holds each component (nv, d), −1 if it is free, and the displacements (nv, d) in metres prescribed.
 
+    Nodes on an axis are held radially as by one clamp more, see `ON_AXIS`.
     The latter by the history that they follow, at its factor 1; None stands for those that follow none.
 
     Not collective. Raises InputError where two clamps prescribe different displacements of one component.
@@ -206,6 +215,12 @@ def clamp_nodes(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, dict[str | None
                                      + (", with another history" if wanted[k] == before[k] else ""))
                 clamps[nodes, component] = which
                 prescribed[nodes, component], followed[nodes, component] = wanted, number
+    moved = np.flatnonzero(mesh.on_axis & (prescribed[:, 0] != 0.0))
+    if len(moved):
+        raise InputError(f"body.{body.name}.clamp: x at {in_words(mesh.points[moved[0]])} is prescribed as "
+                         f"{prescribed[moved[0], 0]:.6g}, and what lies on the axis does not move radially; write a "
+                         'formula that is zero there, such as x = "1e-3 * x"')
+    clamps[mesh.on_axis & (clamps[:, 0] < 0), 0] = len(body.clamps)
     return clamps, {name: np.where(followed == number, prescribed, 0.0) for number, name in enumerate(names)}
 
 

@@ -76,7 +76,9 @@ def body_motions(mesh: Mesh, K: Stiffness, free: np.ndarray, name: str,
 
     Translations move by one; rotations by the distance from their centre, over that of the farthest node from the
     centroid. So coefficients are lengths. If nothing is held, the motions are those along the axes and the rotations
-    about the centroid. Not collective. Raises InputError if a part of the body is loose that is not connected to the
+    about the centroid; around an axis there is only that along it.
+
+    Not collective. Raises InputError if a part of the body is loose that is not connected to the
     rest.
     """
     pieces, piece = K.connected()
@@ -95,13 +97,18 @@ def body_motions(mesh: Mesh, K: Stiffness, free: np.ndarray, name: str,
 
 def _seen(springs: sparse.csr_matrix | None, mesh: Mesh, centre: np.ndarray, size: float,
           members: np.ndarray | None = None) -> np.ndarray | None:
-    """What springs (r, d nv) see (r, j) of the rigid motions of all nodes, or of the `members` (nv,) bool alone."""
+    """What springs (r, d nv) see (r, j) of the rigid motions of all nodes, or of the `members` (nv,) bool alone.
+
+    Around an axis all motions but that along it strain the body, as if they strained springs.
+    """
+    strained = np.eye(3)[[0, 2]] if mesh.axisymmetric else None
     if springs is None:
-        return None
+        return strained
     motions = rigid_motions(mesh.points, centre, size)
     if members is not None:
         motions[~members] = 0.0
-    return springs @ motions.reshape(springs.shape[1], -1)
+    seen = springs @ motions.reshape(springs.shape[1], -1)
+    return seen if strained is None else np.concatenate([seen, strained])
 
 
 def _refuse_loose(mesh: Mesh, members: np.ndarray, pieces: int, free: np.ndarray, name: str,
@@ -125,7 +132,7 @@ def _centroid(mesh: Mesh) -> np.ndarray:
     measures, middle = mesh.measures(), mesh.points.mean(axis=0)
     moments = measures[:, None] * (mesh.points[mesh.corners].mean(axis=1) - middle)
     points, weights = RULES[mesh.dimension]
-    for cells in mesh.curved_blocks():
+    for cells in mesh.summed_blocks():
         mapped = mesh.map(cells, points)
         moments[cells] = np.einsum("q,qt,qtd->td", weights, mapped.measures, mapped.places - middle)
     return middle + moments.sum(axis=0) / measures.sum()

@@ -7,14 +7,14 @@ time in proportion to the mesh.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import factorial
 
 import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
-from ddmpi.body.stress import Composite, portions
+from ddmpi.body.stress import Composite, gradients, portions
 from ddmpi.mesh.elements import RULES, invert
 from ddmpi.mesh.mesh import Mesh, tangents
 from ddmpi.scene.bodies import Material
@@ -116,7 +116,7 @@ def sum_stiffness(mesh: Mesh, material: Material | Composite) -> Stiffness:
     order = sort_stably(high, size)
     order = order[sort_stably(low[order], size)]
     low, high = low[order], high[order]
-    new = np.concatenate([[True], (low[1:] != low[:-1]) | (high[1:] != high[:-1])])
+    new = np.concatenate([np.ones(min(number, 1), bool), (low[1:] != low[:-1]) | (high[1:] != high[:-1])])
     pair = np.empty(number, dtype=np.int64)
     pair[order] = np.cumsum(new) - 1
     total, diagonal = np.empty((np.count_nonzero(new), d, d)), np.empty((size, d, d))
@@ -132,34 +132,35 @@ def forces_at(mesh: Mesh, material: Material | Composite, u: np.ndarray, nodes: 
     near = np.isin(mesh.triangles, nodes).any(axis=1)
     if isinstance(material, Composite):
         material = Composite(material.materials, material.number[near])
-    return sum_stiffness(Mesh(mesh.points, mesh.triangles[near], {}), material).mult(u)[nodes]
+    return sum_stiffness(replace(mesh, triangles=mesh.triangles[near]), material).mult(u)[nodes]
 
 
 def _straight_blocks(mesh: Mesh, material: Material, cells: slice | np.ndarray, i: np.ndarray, j: np.ndarray) \
         -> np.ndarray:
-    """Blocks (d, d, p, t) of pairs i, j (p,) of nodes in straight cells: ∫ C_rkcl ∂_kφ_i ∂_lφ_j."""
+    """Blocks (d, d, p, t) of pairs i, j (p,) of nodes in straight cells of a plane figure or a solid: ∫ C_rkcl ∂_kφ_i
+    ∂_lφ_j."""
     inverse, determinant = invert(tangents(mesh.points, mesh.corners[cells]))
     slopes = (inverse * np.sqrt(determinant / factorial(len(inverse)))).swapaxes(0, 1)  # ∇λ √|T|, (d, a, t)
-    products = _elastic(material, slopes[:, None, :, None] * slopes[:, None])
+    products = _elastic(mesh, material, slopes[:, None, :, None] * slopes[:, None])
     table = mesh.cell.stiffness[i, j].reshape(len(i), -1)
     return table @ products.reshape(*products.shape[:2], table.shape[1], -1)
 
 
 def _curved_blocks(mesh: Mesh, material: Material, cells: slice | np.ndarray, i: np.ndarray, j: np.ndarray) \
         -> np.ndarray:
-    """`_straight_blocks` of curved cells, by quadrature."""
+    """`_straight_blocks` of curved cells, or of those around an axis, by quadrature."""
     points, weights = RULES[mesh.dimension]
     mapped = mesh.map(cells, points)
     slopes = mapped.slopes * np.sqrt(weights[:, None] * mapped.measures)[:, None]  # of which products are summed
     one, two = slopes[:, :, i], slopes[:, :, j]
-    return _elastic(material, np.stack([np.stack([np.einsum("qpt,qpt->pt", x, y) for y in two]) for x in one]))
+    return _elastic(mesh, material, np.stack([np.stack([np.einsum("qpt,qpt->pt", x, y) for y in two]) for x in one]))
 
 
-def _elastic(material: Material, products: np.ndarray) -> np.ndarray:
-    """Σ C_rkcl P_kl (d, d, …) for products (d, d, …)."""
-    d = len(products)
-    C = material.tensor(d).transpose(0, 2, 1, 3).reshape(d * d, d * d)
-    return (C @ products.reshape(d * d, -1)).reshape(products.shape)
+def _elastic(mesh: Mesh, material: Material, products: np.ndarray) -> np.ndarray:
+    """Σ C_rkcl P_kl (d, d, …) for products (n, n, …) of slopes."""
+    d, n, M = mesh.dimension, len(products), gradients(mesh)
+    C = np.einsum("ijrk,ijmn,mncl->rckl", M, material.tensor(n), M, optimize=True).reshape(d * d, n * n)
+    return (C @ products.reshape(n * n, -1)).reshape(d, d, *products.shape[2:])
 
 
 def sort_stably(keys: np.ndarray, size: int) -> np.ndarray:

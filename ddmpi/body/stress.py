@@ -59,12 +59,12 @@ def material_of(mesh: Mesh, body: BodySpec) -> Material | Composite:
 
 
 def portions(mesh: Mesh, material: Material | Composite) -> list[tuple[slice | np.ndarray, Material, bool]]:
-    """All cells, some at a time, with their material and whether they are curved: so many that they stay in cache."""
-    if isinstance(material, Material) and not len(mesh.curved):
+    """All cells, some at a time, with their material and whether they are `summed`: so many that they stay in cache."""
+    if isinstance(material, Material) and not len(mesh.summed):
         return [(block, material, False) for block in blocks(len(mesh.triangles))]
     number = np.zeros(len(mesh.triangles), int) if isinstance(material, Material) else material.number
     bent = np.zeros(len(number), bool)
-    bent[mesh.curved] = True
+    bent[mesh.summed] = True
     found: list[tuple[slice | np.ndarray, Material, bool]] = []
     for k, own in enumerate([material] if isinstance(material, Material) else material.materials):
         for curved in (False, True):
@@ -81,7 +81,7 @@ def modulus_beside(mesh: Mesh, material: Material | Composite, facets: np.ndarra
     if not isinstance(material, Composite):
         return material.plane_modulus
     facets, cells = turn_outward(mesh, facets, key)
-    measures = facet_measures(mesh.points[facets])
+    measures = facet_measures(mesh.points[facets], mesh.axisymmetric)
     return float(measures.sum() / (measures / material.plane_modulus[cells]).sum())
 
 
@@ -96,7 +96,7 @@ def stress(mesh: Mesh, material: Material | Composite, u: np.ndarray, heat: np.n
     Returns
     -------
     (nt, 4) array of σ_xx, σ_yy, σ_zz, σ_xy in Pa, in space (nt, 6) with σ_yz, σ_xz; in the plane σ_zz is that of plane
-    strain, or zero. Not collective.
+    strain, or zero, around an axis the circumferential stress. Not collective.
     """
     found = np.empty((2 * mesh.dimension, len(mesh.triangles)))
     for cells, own, curved in portions(mesh, material):
@@ -107,12 +107,15 @@ def stress(mesh: Mesh, material: Material | Composite, u: np.ndarray, heat: np.n
         mean, warm = (sigma * parts).sum(axis=2) / parts.sum(axis=0), None
         if heat is not None:
             warm = (cell_temperature(mesh, heat, points, cells) * parts).sum(axis=0) / parts.sum(axis=0)
-        found[:, cells] = columns_of(mean, own, warm)
+        found[:, cells] = columns_of(mean, own, warm)[:len(found)]
     return np.ascontiguousarray(found.T)
 
 
 def columns_of(sigma: np.ndarray, material: Material, warm: np.ndarray | None) -> np.ndarray:
-    """The columns (4, n), in space (6, n), of `stress` from tensors (d, d, n) in Pa, with temperatures (n,) in K."""
+    """The columns (4, n) of `stress` from tensors (2, 2, n) in Pa, of larger ones (6, n), with temperatures (n,) in K.
+
+    Around an axis the last two are zero.
+    """
     d = len(sigma)
     found = [sigma[i, j] for i, j in COLUMNS if max(i, j) < d]
     if d == 2:
@@ -137,12 +140,12 @@ def von_mises(sigma: np.ndarray) -> np.ndarray:
 
 def stress_at(mesh: Mesh, material: Material | Composite, u: np.ndarray, barycentric: np.ndarray,
               heat: np.ndarray | None = None) -> np.ndarray:
-    """Stress (d, d, q, nt) in Pa at the same points (q, d + 1) of every cell, for a displacement u (nv, d) in metres
+    """Stress (n, n, q, nt) in Pa at the same points (q, d + 1) of every cell, for a displacement u (nv, d) in metres
     and a temperature (nv,) in K.
 
-    Not collective.
+    n is `Mesh.strains`. Not collective.
     """
-    sigma = np.empty((mesh.dimension, mesh.dimension, len(barycentric), len(mesh.triangles)))
+    sigma = np.empty((mesh.strains, mesh.strains, len(barycentric), len(mesh.triangles)))
     for cells, own, curved in portions(mesh, material):
         sigma[..., cells] = cell_stress(mesh, own, u, barycentric, cells, curved, heat)
     return sigma
@@ -150,19 +153,28 @@ def stress_at(mesh: Mesh, material: Material | Composite, u: np.ndarray, barycen
 
 def cell_stress(mesh: Mesh, material: Material, u: np.ndarray, barycentric: np.ndarray, cells: slice | np.ndarray,
                 curved: bool, heat: np.ndarray | None = None) -> np.ndarray:
-    """`stress_at` (d, d, q, t) in some cells of one material, which are all straight or all `curved`."""
-    moved = np.take(u.T, mesh.triangles[cells].T, axis=1)
+    """`stress_at` (n, n, q, t) in some cells of one material, none of which are `summed` or all, `curved`."""
+    n, moved = mesh.strains, np.take(u.T, mesh.triangles[cells].T, axis=1)
     if curved:
         gradient = np.einsum("rqkt,ckt->crqt", mesh.map(cells, barycentric).slopes, moved)
     else:
         inverse, _ = invert(tangents(mesh.points, mesh.corners[cells]))
         gradient = np.einsum("acqt,art->crqt", mesh.cell.derivatives(barycentric)[:, None] @ moved, inverse)
-    square = len(u.T) ** 2
-    C = material.tensor(len(u.T)).reshape(square, square)
-    sigma = (C @ gradient.reshape(square, -1)).reshape(gradient.shape)
+    C = np.einsum("ijmn,mncl->ijcl", material.tensor(n), gradients(mesh)).reshape(n * n, -1)
+    sigma = (C @ gradient.reshape(C.shape[1], -1)).reshape(n, n, *gradient.shape[2:])
     if heat is not None:
-        sigma -= np.multiply.outer(material.thermal(len(sigma))[0], cell_temperature(mesh, heat, barycentric, cells))
+        sigma -= np.multiply.outer(material.thermal(n)[0], cell_temperature(mesh, heat, barycentric, cells))
     return sigma
+
+
+def gradients(mesh: Mesh) -> np.ndarray:
+    """M (n, n, d, n) of ∇u_ij = M_ijcl s_cl with s_cl = Σ u_c slope_l: the identity, but that around an axis u_r/r is
+    the circumferential strain and u_y/r none."""
+    n, d = mesh.strains, mesh.dimension
+    M = np.eye(n * n).reshape(n, n, n, n)[:, :, :d]
+    M[..., d:] = 0.0
+    M[d:, d:, 0, d:] = 1.0
+    return M
 
 
 def cell_temperature(mesh: Mesh, heat: np.ndarray, barycentric: np.ndarray, cells: slice | np.ndarray) -> np.ndarray:

@@ -68,7 +68,7 @@ class RunReport:
         last = time in (None, *(step["time"] for step in summary["steps"][-1:]))
         self.of_step = ("of the last load step" if last else f"at time {time:g}") if self.stepped else ""
         self.axes = "xyz"[:len(next(iter(self.bodies.values()))["reaction"])]
-        self.units = units(self.scene["output"], len(self.axes)) | {"": ""}
+        self.units = units(self.scene, len(self.axes)) | {"": ""}
         moment = self._vector("moment", "moment") if len(self.axes) > 2 else {"moment": ("moment", "moment")}
         self.force = self._vector("force", "force") | moment
         self.resultants = self.force | SUMS
@@ -149,7 +149,7 @@ class RunReport:
         contacts = self.contacts.values()
         counts = [f"{sum(contact[status] for contact in contacts)} {status}" for status in ("open", "slip", "stick")]
         found = {"m": sum(contact["m"] for contact in contacts), "nodes": ", ".join(counts), "of_step": self.of_step,
-                 "depth": "depth" if len(self.axes) == 2 else "",
+                 "depth": "depth" if len(self.axes) == 2 and not self.scene.get("axisymmetric") else "",
                  "estimate": percent(self.error["energy_norm"]), "body_number": len(self.bodies),
                  "elements": ("linear", "quadratic")[self.summary["order"] - 1]}
         if not {contact["friction"] for contact in contacts} <= {"none", "bonded"}:

@@ -10,6 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ddmpi.body.elasticity import Elasticity, assemble
+from ddmpi.body.loads import ON_AXIS
 from ddmpi.body.stress import Composite, material_of, modulus_beside
 from ddmpi.coupling.exchange import Ends, Exchange
 from ddmpi.coupling.joint import Joint
@@ -18,10 +19,10 @@ from ddmpi.coupling.ranks import homes_of, ranks_beside, team_of
 from ddmpi.coupling.space import Space
 from ddmpi.coupling.team import Team, TeamMatrix
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import Interface, Mover, check_overlap, refuse_contradiction, uncovered_profile
+from ddmpi.interface.interface import Interface, Mover, check_overlap, refuse_contradiction
 from ddmpi.interface.matching import face_rigid
 from ddmpi.interface.mortar import connect
-from ddmpi.interface.rows import holds_along
+from ddmpi.interface.rows import holds_along, uncovered_profile
 from ddmpi.mesh.boundary import boundary_group
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh
@@ -144,7 +145,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
         for spec in mine:
             own = _contacts_of(spec, contacts)
             meshes[spec.name] = build_mesh(spec, folder, [contact.on[side] for contact, side in own],
-                                           sizes.get(spec.name), scene.dimension)
+                                           sizes.get(spec.name), scene.dimension, scene.axisymmetric)
             for contact, side in own:
                 edges[contact.name, side] = boundary_group(meshes[spec.name], contact.on[side], _key(contact))
             interrupt.check()
@@ -250,7 +251,7 @@ def _tied(spec: SettledBody, contacts: Sequence[SettledContact], edges: Mapping[
 def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | None],
           refinement: int) -> tuple[Interface, list[str]]:
     """The interface of two sides, or of one and a rigid partner, and warnings. Raises InputError."""
-    (first, second), clamps = sides, {body.name: body.clamps for body in scene.body}
+    (first, second), clamps = sides, {body.name: [*body.clamps, ON_AXIS] for body in scene.body}
     if second is None:
         (rigid,) = (each for each in scene.rigid if each.name == contact.bodies[1])
         interface = face_rigid(first, rigid, contact)

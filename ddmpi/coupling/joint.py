@@ -98,8 +98,8 @@ class Joint:
         return self.rigid.joined(more), self._of_all(values)
 
     def rigid_moduli(self) -> np.ndarray:
-        """`Member.stiffness` (N/m²; in space N/m) of the body that each rigid motion belongs to, or of the stiffest one
-        that a partner pushes (rigid.size,)."""
+        """`Member.stiffness` (N/m²; in space N/m) of the body that each rigid motion belongs to, or of the stiffest
+        body that a partner pushes (rigid.size,)."""
         own = [(name, member.stiffness) for member in self.members for each in member.interfaces
                for name in each.bodies]
         stiffness: dict[str, float] = {}

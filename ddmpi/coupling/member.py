@@ -101,9 +101,10 @@ class Member:
 
     @property
     def stiffness(self) -> float:
-        """The largest E* of its interfaces (N/m²), in space times their extent (N/m); without one, the largest of A."""
+        """The largest E* of its interfaces (N/m²), in space and around an axis times their extent (N/m); without
+        interfaces, the largest of A."""
         if self.interfaces:
-            return max(each.modulus * each.area.sum() ** (1.0 - 1.0 / each.law.components) for each in self.interfaces)
+            return max(each.modulus * each.area.sum() / each.length for each in self.interfaces)
         return float(self.elasticity.A.getDiagonal().array_r.max(initial=0.0))
 
     @property

@@ -11,13 +11,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.sparse as sparse
-from msgspec.structs import astuple
 
 from ddmpi.errors import InputError
 from ddmpi.interface.law import Law
+from ddmpi.mesh.elements import circumference
 from ddmpi.scene.bodies import Clamp
-from ddmpi.scene.contacts import SettledContact
-from ddmpi.scene.values import Profile, evaluate
+from ddmpi.scene.values import evaluate
 from ddmpi.surface.side import Side
 from ddmpi.system.numbers import in_words, spans
 
@@ -107,7 +106,8 @@ class Interface:
     modulus : E* (Pa), 1/E* being the sum of both bodies' (1 − ν²)/E, of which a rigid partner's is zero
     fixed : nodes without unknowns, because clamps hold both bodies there; the gap they keep is no residual
     facets : (f, l) rows at the nodes of facets, turned out of the body; in space triangles between vertices. Only of
-        facets that wholly face the other side and whose nodes all have a row to themselves
+        facets that wholly face the other side and whose nodes all have a row to themselves, but for those on an axis in
+        order 2: a facet there has the row of its middle twice
     laplacian : (m, m) sparse, of hat functions on all facets between the rows, m^(d − 3); nodes without a row that
         clamps or other contacts hold are fixed. Rows with an entry are neighbours
     one_sided : (size,) bool, unknowns along which only one of the bodies can move
@@ -121,6 +121,7 @@ class Interface:
     gap_history : that the gap follows, or None
     scale : factor of the gap at present
     arc : (m,) arc lengths along the first body's boundary, by which profiles count (m); empty where there are none
+    axisymmetric : whether it turns around the axis x = 0; nodal lengths are areas then
     """
 
     name: str
@@ -147,6 +148,7 @@ class Interface:
     gap_history: str | None = None
     scale: float = 1.0
     arc: np.ndarray = field(default_factory=lambda: np.empty(0))
+    axisymmetric: bool = False
 
     def displaced(self, U: np.ndarray) -> Interface:
         """The same interface with the rigid partner displaced by `U` (d,)."""
@@ -188,12 +190,23 @@ class Interface:
     @property
     def spacing(self) -> np.ndarray:
         """(m,) distance to the next nodes by the nodal lengths or areas (m)."""
-        return self.area ** (1.0 / self.law.components)
+        return (self.area / self.around) ** (1.0 / self.law.components)
+
+    @property
+    def around(self) -> np.ndarray | float:
+        """`circumference` (m,) at the rows (m); at the axis that of a circle within the row's area."""
+        least = np.sqrt(4.0 / 3.0 * np.pi * self.area) if self.axisymmetric else 0.0
+        return np.maximum(circumference(self.xy, self.axisymmetric), least)
+
+    @property
+    def length(self) -> float:
+        """Of the contact, in space the root of its area (m)."""
+        return float((self.area / self.around).sum() ** (1.0 / self.law.components))
 
     @property
     def stiffness(self) -> np.ndarray:
         """c (size,), that of half-spaces against waves as short as the distance between nodes (N/m)."""
-        width = self.area ** (1.0 - 1.0 / self.law.components)  # 1 in the plane, per length
+        width = self.around * (self.area / self.around) ** (1.0 - 1.0 / self.law.components)  # 1 in the plane
         return 0.5 * self.modulus * width[self.law.node]
 
     @property
@@ -380,18 +393,3 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
                        + f" by {worst:.3g}, and no force can prevent that; prescribe motions that go together")
     if message:
         raise InputError(message)
-
-
-def uncovered_profile(interface: Interface, contact: SettledContact) -> list[str]:
-    """A warning where a profile of friction or of the gap ends before the contact does. Not collective."""
-    found = []
-    for key, values in (*(("friction", each) for each in astuple(contact.friction)), ("gap", contact.opening[0])):
-        if not isinstance(values, Profile) or len(values.points) < 2:
-            continue
-        along = values.position(interface.xy, interface.arc)
-        low, high, slack = values.points[0], values.points[-1], 1e-6 * float(np.ptp(along))
-        if along.min() < low - slack or along.max() > high + slack:
-            found.append(f"contact.{interface.name}.{key}: the profile covers {values.along} from {low:g} to {high:g}, "
-                         f"the contact goes from {along.min():g} to {along.max():g}; beyond its ends the profile is "
-                         "constant")
-    return found

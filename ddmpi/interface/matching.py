@@ -12,11 +12,11 @@ import scipy.sparse as sparse
 from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import Interface
+from ddmpi.interface.interface import Interface, Lines, in_order
 from ddmpi.interface.rows import Rows, build, without_rounding
 from ddmpi.interface.vertices import rows_at_vertices
-from ddmpi.mesh.boundary import links
-from ddmpi.mesh.elements import RULES
+from ddmpi.mesh.boundary import links, segments
+from ddmpi.mesh.elements import RULES, circumference
 from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.surface.cover import DEEPEST, FACING, Cover, cover
 from ddmpi.surface.cut import facet_areas, stretch
@@ -30,13 +30,26 @@ given: finer versions of the same boundaries are offset as much."""
 
 def pairs(sides: tuple[Side, Side], here: np.ndarray, there: np.ndarray, normal: np.ndarray, area: np.ndarray,
           gap: np.ndarray, seen: np.ndarray) -> Rows:
-    """The rows of nodes `here` (r,) of the first side and their partners; otherwise as `Rows`."""
-    place = np.full(len(sides[0].nodes), -1)
-    place[here] = np.arange(len(here))
-    transfers = [sparse.csr_matrix((np.ones(len(here)), (np.arange(len(here)), nodes)), (len(here), len(side.nodes)))
-                 for side, nodes in zip(sides, (here, there), strict=True)]
-    return Rows(sides, 0, here, place, seen, (transfers[0], transfers[1]), normal, area, gap, sides[0].arc[here],
-                np.zeros(len(place), bool), seen)
+    """The rows of nodes `here` (r,) of the first side and their partners; otherwise as `Rows`.
+
+    `Side.bare` nodes share the rows of the middles of their facets.
+    """
+    side, own, lines = sides[0], np.arange(len(here)), None
+    place = np.full(len(side.nodes), -1)
+    place[here] = own
+    for facet in side.facets[side.bare[side.facets].any(axis=1) & (place[side.facets] >= 0).all(axis=1)]:
+        place[facet[side.bare[facet]]] = place[facet[2]]
+    kept, row = np.unique(place[here], return_inverse=True)
+    total = np.bincount(row, area)
+    transfers = [sparse.csr_matrix((area / total[row], (row, nodes)), (len(kept), len(each.nodes)))
+                 for each, nodes in zip(sides, (here, there), strict=True)]
+    if len(kept) < len(own):
+        place[here], lengths = row, np.zeros(len(place))
+        lengths[here] = area
+        lines = Lines(place, side.xy, lengths, in_order(segments(side.facets[seen]))).only(place >= 0)
+    here = here[kept]
+    return Rows(sides, 0, here, place, seen, (transfers[0], transfers[1]), normal[kept], total, gap[kept],
+                side.arc[here], np.zeros(len(place), bool), seen, lines)
 
 
 def pair(first: Side, second: Side, contact: SettledContact, refinement: int = 1) -> Interface:
@@ -164,6 +177,7 @@ def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
             return None
         here, there, normal, gap = here[fits], there[fits], normal[fits], gap[fits]
         area = (first.spacing[here] + second.spacing[there]) / 2
+        area = area * circumference(np.maximum(first.xy[here], area[:, None] / 4), first.axisymmetric)
     elif not fits.all() or any(len(np.unique(each)) < len(each) for each in (here, there)):
         return None
     return pairs((first, second), here, there, normal, area, gap, common[0])
@@ -177,7 +191,7 @@ def _faced(side: Side, other: Side, least: float) -> np.ndarray:
     over = cover(side, other)
     facets, point = np.unique(np.stack([over.facet, over.other]), axis=1, return_inverse=True)
     covered = np.bincount(point.ravel(), over.weight, facets.shape[1])
-    return facets[:, covered > least * side.lengths[facets[0]]]
+    return facets[:, covered > least * side.areas[facets[0]]]
 
 
 def _opposite(first: Side, second: Side, name: str) -> np.ndarray:

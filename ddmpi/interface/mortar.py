@@ -138,7 +138,7 @@ def duals(side: Side, over: Cover) -> tuple[np.ndarray, np.ndarray]:
     np.add.at(lengths, part, over.weight[:, None] * phi)
     mass = np.zeros((*lengths.shape, phi.shape[1]))
     np.add.at(mass, part, np.einsum("q,qi,qj->qij", over.weight, phi, phi))
-    sliver = share < SLIVER * side.lengths[covered]
+    sliver = share < SLIVER * side.areas[covered]
     mass[sliver] = np.eye(phi.shape[1])
     psi = np.einsum("qi,qij->qj", phi, np.linalg.inv(mass)[part]) * lengths[part]
     nearest = np.arange(phi.shape[1]) == np.where(middle < 0.5 * share, 0, 1)[:, None]
@@ -156,7 +156,7 @@ def _choose_slave(sides: tuple[Side, Side], covers: list[Cover | None], name: st
     softness = []
     for side, over in zip(sides, covers, strict=True):
         assert over is not None
-        length = side.lengths[np.unique(over.facet)]
+        length = side.areas[np.unique(over.facet)]
         softness.append(float(length.mean()) / (side.facets.shape[1] - 1) / side.modulus)
     return 1 if softness[1] > (1.0 + 1e-6) * softness[0] else 0
 
@@ -185,8 +185,10 @@ def _rows(sides: tuple[Side, Side], own: int, over: Cover, root: np.ndarray) -> 
     gap = psi @ over.gap / area * np.einsum("ij,ij->i", unit(psi @ over.direction), normal)
     gap = without_rounding(gap, side.spacing[nodes])
     lines = _lines(side, nodes, place, area, S, seen)
-    alone, share = np.bincount(lines.row, minlength=len(nodes)) == 1, np.bincount(over.facet, over.weight, len(seen))
-    whole = seen & (share >= (1.0 - LACKING) * side.lengths) & alone[place[side.facets]].all(axis=1)
+    nodes_of = np.bincount(lines.row, minlength=len(nodes)) - np.bincount(place[side.bare & (place >= 0)],
+                                                                         minlength=len(nodes))
+    alone, share = nodes_of == 1, np.bincount(over.facet, over.weight, len(seen))
+    whole = seen & (share >= (1.0 - LACKING) * side.areas) & alone[place[side.facets]].all(axis=1)
     first, sign = (1, 1.0) if own == 0 else (-1, -1.0)
     return Rows(sides, own, nodes, place, seen, (S, P)[::first], sign * normal, area, gap,
                 side.arc[nodes] if own == 0 else faced_arc(side.xy[nodes], row, over, other),
@@ -232,7 +234,7 @@ def _merged(side: Side, over: Cover) -> np.ndarray:
     some = np.isin(np.arange(len(side.facets)), over.facet)
     full = side.lengths_over(some)
     best = np.full(len(D), -1)
-    thin = full * UNCOVERED > D
+    thin = (full * UNCOVERED > D) | side.bare
     for facet in side.facets[some & thin[side.facets].any(axis=1)]:
         top = facet[np.argmax(D[facet])]
         for node in facet[thin[facet]]:
@@ -257,7 +259,7 @@ def _lines(side: Side, nodes: np.ndarray, place: np.ndarray, area: np.ndarray, S
     entries, length = S.tocoo(), np.zeros(len(place))
     own = place[entries.col] == entries.row
     length[entries.col[own]] = (area[entries.row] * entries.data)[own]
-    faces = np.abs(length) > UNSEEN * side.lengths_over(seen)
+    faces = (np.abs(length) > UNSEEN * side.lengths_over(seen)) | (side.bare & (place >= 0))
     faces[nodes] = True
     length[nodes] += area - np.bincount(place[faces], length[faces])  # what is left out
     return Lines(place, side.xy, length, in_order(segments(side.facets[seen]))).only(faces)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sparse
+from msgspec.structs import astuple
 
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import SAME, Interface, Lines, Places
@@ -39,7 +40,8 @@ class Rows:
     gap : (r,) along the normals, between the arcs over the chords (m)
     arc : (r,) arc lengths along the first body's boundary (m)
     bound : (k,) bool, nodes that share another one's row because clamps or other contacts hold them
-    whole : (f,) bool, whether facets wholly face the other side, each of their nodes with a row to itself
+    whole : (f,) bool, whether facets wholly face the other side, each of their nodes that is not `bare` with a row to
+        itself
     lines : the nodes of the rows; None where each row has one
     points : between the nodes, with their gaps; None where there are none
     """
@@ -107,6 +109,7 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
         displacement=np.zeros(xy.shape[1]), gap_history=contact.opening[1],
         slave=side.body if rows.points else None, lines=lines,
         at=(rows.transfers[0][keep] @ sides[0].xy, rows.transfers[1][keep] @ sides[1].xy),
+        axisymmetric=side.axisymmetric,
         fixed=_at_rows(rows, dropped, start), probes=_probes(rows, contact, dropped, start))
 
 
@@ -200,3 +203,18 @@ def means(integrals: sparse.csr_matrix, area: np.ndarray) -> sparse.csr_matrix:
     found.data[np.abs(found.data) <= NOTHING * area.repeat(np.diff(found.indptr))] = 0.0
     found.eliminate_zeros()
     return (sparse.diags(1.0 / np.asarray(found.sum(axis=1)).ravel()) @ found).tocsr()
+
+
+def uncovered_profile(interface: Interface, contact: SettledContact) -> list[str]:
+    """A warning where a profile of friction or of the gap ends before the contact does. Not collective."""
+    found = []
+    for key, values in (*(("friction", each) for each in astuple(contact.friction)), ("gap", contact.opening[0])):
+        if not isinstance(values, Profile) or len(values.points) < 2:
+            continue
+        along = values.position(interface.xy, interface.arc)
+        low, high, slack = values.points[0], values.points[-1], 1e-6 * float(np.ptp(along))
+        if along.min() < low - slack or along.max() > high + slack:
+            found.append(f"contact.{interface.name}.{key}: the profile covers {values.along} from {low:g} to {high:g}, "
+                         f"the contact goes from {along.min():g} to {along.max():g}; beyond its ends the profile is "
+                         "constant")
+    return found

@@ -100,7 +100,8 @@ class ContactState:
     def moment(self) -> np.ndarray:
         """Moment of the forces on the first body about the origin (N m): in the plane x F_y − y F_x (), in space (3,).
         """
-        return moment(self.interface.xy if self.interface.at is None else self.interface.at[0], self.forces)
+        interface = self.interface
+        return moment(interface.xy if interface.at is None else interface.at[0], self.forces, interface.axisymmetric)
 
     @property
     def moment_imbalance(self) -> tuple[float, float]:
@@ -109,7 +110,7 @@ class ContactState:
         Forces act along the normal of the contact on nodes that stand apart: by the gap, and where the nodes of curved
         sides do not match by their arcs over the chords.
         """
-        if self.interface.at is None:
+        if self.interface.at is None or self.interface.axisymmetric:
             return 0.0, 0.0
         arm = self.interface.at[1] - self.interface.at[0]
         bound = np.linalg.norm(arm, axis=1) @ np.linalg.norm(self.forces, axis=1)

@@ -260,12 +260,15 @@ def _unresolved_zone(state: ContactState) -> list[str]:
     inner, outer = np.where(closed[parting[:, :1]], parting, parting[:, ::-1]).T
     apart = interface.opening[outer] > interface.opening[inner] + CURVED * interface.spacing[inner]
     curving = np.bincount(zone[inner[apart]], minlength=number)  # where it ends because the boundaries curve apart
-    enclosed = (curving >= 2) & (curving == np.bincount(zone[inner], minlength=number))
+    axis = interface.axisymmetric & (interface.xy[:, 0] < 0.75 * interface.spacing)
+    twice = 1 + (np.bincount(zone[axis], minlength=number) > 0)  # a zone goes on beyond the axis
+    enclosed = (twice * curving >= 2) & (curving == np.bincount(zone[inner], minlength=number))
     facets = interface.facets[:, :d]
     bent = creases(interface.xy, facets, interface.normal[facets].sum(axis=1))
     sharp = np.append(bent.nodes[np.abs(bent.turn) > SHARPEST], bent.rim)
+    sharp = sharp[~axis[sharp]]
     cornered = np.bincount(zone[sharp], minlength=number) > 0
-    size, force = np.bincount(zone, closed, number), np.bincount(zone, state.normal_force, number)
+    size, force = np.bincount(zone, closed, number) * twice, np.bincount(zone, state.normal_force, number)
     least = RESOLVED_BY[interface.facets.shape[1] - d] ** (d - 1)
     poor = (size > 0) & (size < least) & enclosed & ~cornered & (force > SHARE * force.sum())
     if not poor.any():

@@ -1,4 +1,5 @@
-"""Groups of a mesh by name; facets on its boundary: their direction, their pieces between nodes, their creases."""
+"""Groups of a mesh and of a mesh file by name; facets on a boundary: their direction, their pieces between nodes, their
+creases."""
 
 from __future__ import annotations
 
@@ -9,6 +10,7 @@ import numpy as np
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import CELLS, cell_with
 from ddmpi.mesh.mesh import PHYSICAL, Mesh
+from ddmpi.mesh.refine import KINDS, distinct, simplices
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.keys import nearest
 from ddmpi.system.numbers import across, in_words
@@ -158,3 +160,51 @@ def creases(points: np.ndarray, facets: np.ndarray, outward: np.ndarray) -> Crea
     turn = np.arccos(np.clip(np.einsum("cd,cd->c", normal[a], normal[b]), -1.0, 1.0))
     hollow = np.einsum("cd,cd->c", ends[b].mean(axis=1) - ends[a].mean(axis=1), normal[a]) > 0.0
     return Creases(nodes[count == 2], np.column_stack([a, b]), np.where(hollow, -turn, turn), nodes[count != 2])
+
+
+def file_groups(raw, label: str, cells: np.ndarray) -> tuple[dict[str, np.ndarray], ...]:
+    """By name the facets (·, d) of each group of the boundary, in space the lines (·, 2) of curves, and nodes.
+
+    Of a set of nodes the facets, or else the lines, or else the nodes. Raises InputError where no group has facets.
+    """
+    d, found = cells.shape[1] - 1, list[dict[str, np.ndarray]]()
+    for dimension in range(d - 1, 0, -1):
+        parts, _, element, _ = simplices(raw, dimension, raw.points)
+        own = {name: parts[np.isin(element, members)] for name, members in file_members(raw, dimension).items()}
+        found.append({name: facets[distinct(facets)[0]] for name, facets in own.items()})
+    alone: dict[str, np.ndarray] = {}
+    if raw.point_sets and not raw.field_data:
+        facets = boundary_facets(cells)[0]
+        sides = [facets, facets[:, CELLS[d - 1, 1].edges].reshape(-1, 2)][:len(found)]
+        sides = [np.unique(np.sort(each, axis=1), axis=0) for each in sides]
+        for name, nodes in raw.point_sets.items():
+            inside = [each[np.isin(each, nodes).all(axis=1)] for each in sides]
+            first = next((k for k, each in enumerate(inside) if len(each)), len(found))
+            if name not in raw.cell_sets:
+                [*found, alone][first][name] = [*inside, np.asarray(nodes, int)][first]
+    if not found[0]:
+        raise InputError(f"{label} has no named physical groups of {CELLS[d - 1, 1].names}; clamps, tractions and "
+                         'contacts refer to boundaries by such names: '
+                         f'{PHYSICAL[d - 1].title()}("left") = {{4}};')
+    points_of = raw.cells_dict.get("vertex", np.empty((0, 1), int))[:, 0]
+    alone |= {name: np.unique(points_of[members]) for name, members in file_members(raw, 0).items()}
+    return found[0], {} if d == 2 else found[1], alone
+
+
+def file_members(raw, dimension: int) -> dict[str, np.ndarray]:
+    """Which elements, counted through all KINDS, each named physical group of a dimension has."""
+    kinds = KINDS[dimension]
+    tags = {int(tag): name for name, (tag, of) in raw.field_data.items() if of == dimension}
+    sets = raw.cell_sets_dict  # of version 4 files, where an element may be in several groups
+    if not raw.field_data:
+        tags |= {-k: name for k, name in enumerate(sets, 1) if not name.startswith("gmsh:")  # meshio's own
+                 and any(len(sets[name].get(kind, ())) for kind in kinds)}
+    members: dict[str, list[np.ndarray]] = {name: [] for name in tags.values()}
+    before = 0
+    for kind in kinds:
+        physical = raw.cell_data_dict.get("gmsh:physical", {}).get(kind, np.empty(0, int))
+        for tag, name in tags.items():
+            own = sets[name].get(kind, ()) if name in sets else np.flatnonzero(physical == tag)
+            members[name].append(before + np.asarray(own, int))
+        before += len(raw.cells_dict.get(kind, ()))
+    return {name: np.concatenate(own) for name, own in members.items()}

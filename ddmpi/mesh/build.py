@@ -6,6 +6,7 @@ import functools
 import os
 import stat
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from math import factorial
 from pathlib import Path
 from typing import Literal
@@ -23,13 +24,17 @@ from ddmpi.mesh.shapes import SHAPES
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.values import WHERE
 from ddmpi.system.memory import free_memory
+from ddmpi.system.numbers import in_words
 
 EACH = 200.0
 """Bytes that a linear cell needs at least: its nodes and groups, and its part of the stiffness."""
 
+ROUNDING = 1e-12
+"""Nodes nearer to the axis than this part of the largest coordinate lie on it."""
+
 
 def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[str] = (),
-               sizes: Sizes | None = None, dimension: int | None = None) -> Mesh:
+               sizes: Sizes | None = None, dimension: int | None = None, axisymmetric: bool = False) -> Mesh:
     """Generate or read the mesh of `body` and check that it has the groups that the body names.
 
     Parameters
@@ -37,7 +42,7 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
     folder : of the scene; relative mesh files are looked for there first, then in the current directory
     contacts : names of the groups at contacts, towards which the elements of a geometry become finer
     sizes : of the elements of a geometry, where an accuracy target has led to them
-    dimension : of the scene, which the mesh must have
+    dimension, axisymmetric : of the scene; the mesh must have this dimension and, around an axis, no x < 0
 
     Not collective. Raises InputError.
     """
@@ -70,7 +75,17 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
         boundary_group(mesh, traction.on, f"body.{body.name}.traction")
     for foundation in body.foundation:
         boundary_group(mesh, foundation.on, f"body.{body.name}.foundation")
-    return mesh
+    return _turned(mesh, key) if axisymmetric else mesh
+
+
+def _turned(mesh: Mesh, key: str) -> Mesh:
+    """The mesh around the axis x = 0, with nodes on it that lie there but for rounding. Raises InputError for x < 0."""
+    points = mesh.points.copy()
+    points[np.abs(points[:, 0]) <= ROUNDING * np.abs(points).max(), 0] = 0.0
+    if points[:, 0].min() < 0.0:
+        raise InputError(f"{key}: the node at {in_words(points[points[:, 0].argmin()])} lies on the other side of the "
+                         "axis; an axisymmetric scene has x >= 0, x being the radius and y the axis")
+    return replace(mesh, points=points, axisymmetric=True)
 
 
 def _refuse_huge(cells: float, names: str, key: str) -> None:

@@ -52,17 +52,22 @@ class Mapped:
     places : (q, t, d) where the points lie (m)
     measures : (q, t) ratio of measures to those of the reference cell, of measure one; positive unless the cell folds
     derivatives, inverse : ∂φ_i/∂λ_a (d, q, k), and ∂λ_a/∂x (d, d, q, t) (1/m)
+    turned : φ_i (q, k) of cells that turn around an axis, else None
     """
 
     places: np.ndarray
     measures: np.ndarray
     derivatives: np.ndarray
     inverse: np.ndarray
+    turned: np.ndarray | None = None
 
     @property
     def slopes(self) -> np.ndarray:
-        """The gradients ∂φ_i/∂x (d, q, k, t) (1/m)."""
-        return self.derivatives.transpose(1, 2, 0) @ self.inverse.transpose(1, 2, 0, 3)
+        """The gradients ∂φ_i/∂x (d, q, k, t) (1/m); around an axis (3, q, k, t), the last of them φ_i/r."""
+        slopes = self.derivatives.transpose(1, 2, 0) @ self.inverse.transpose(1, 2, 0, 3)
+        if self.turned is None:
+            return slopes
+        return np.concatenate([slopes, [self.turned[:, :, None] / self.places[:, None, :, 0]]])
 
 
 @dataclass(frozen=True)
@@ -148,11 +153,13 @@ class Cell:
         """∂x/∂λ_a (d, D, q, t) at points (q, d + 1) of t cells in space of dimension D, with `nodes` (t, k, D) (m)."""
         return self.derivatives(barycentric)[:, None] @ np.ascontiguousarray(nodes.transpose(2, 1, 0))
 
-    def map(self, nodes: np.ndarray, barycentric: np.ndarray) -> Mapped:
+    def map(self, nodes: np.ndarray, barycentric: np.ndarray, axisymmetric: bool = False) -> Mapped:
         """Points (q, d + 1) of cells whose `nodes` (t, k, d) need not lie on straight edges (m)."""
         inverse, determinant = invert(self.tangents(nodes, barycentric))
-        places = np.moveaxis(self.shapes(barycentric) @ nodes.transpose(2, 1, 0), 0, -1)
-        return Mapped(places, determinant / factorial(self.dimension), self.derivatives(barycentric), inverse)
+        shapes = self.shapes(barycentric)
+        places = np.moveaxis(shapes @ nodes.transpose(2, 1, 0), 0, -1)
+        measures = determinant / factorial(self.dimension) * circumference(places, axisymmetric)
+        return Mapped(places, measures, self.derivatives(barycentric), inverse, shapes if axisymmetric else None)
 
     def vectors(self, nodes: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
         """Normal vectors (d + 1, q, t) of facets in space of dimension d + 1, with `nodes` (t, k, d + 1) (m).
@@ -291,17 +298,25 @@ def curved_facets(facets: np.ndarray) -> np.ndarray:
     return bends(facets[:, facet_cell(facets).edges]).any(axis=(1, 2))
 
 
-def facet_measures(facets: np.ndarray) -> np.ndarray:
+def circumference(places: np.ndarray, axisymmetric: bool) -> np.ndarray | float:
+    """By what measures in the plane count at places (…, d): 2πr (…) around an axis (m), else one."""
+    return 2.0 * np.pi * places[..., 0] if axisymmetric else 1.0
+
+
+def facet_measures(facets: np.ndarray, axisymmetric: bool = False) -> np.ndarray:
     """The lengths or areas (s,) of facets with nodes (s, l, D) (m or m²)."""
-    return facet_shares(facets).sum(axis=1)
+    return facet_shares(facets, axisymmetric).sum(axis=1)
 
 
-def facet_shares(facets: np.ndarray) -> np.ndarray:
+def facet_shares(facets: np.ndarray, axisymmetric: bool = False) -> np.ndarray:
     """∫ φ_i (s, l) over facets with nodes (s, l, D) (m or m²)."""
-    cell, bent = facet_cell(facets), curved_facets(facets)
+    cell, bent = facet_cell(facets), curved_facets(facets) | axisymmetric
     (centre, _), (points, weights) = FIRST[cell.dimension], FINE[cell.dimension]
     found = np.outer(np.linalg.norm(cell.vectors(facets, centre)[:, 0], axis=0), cell.mass.sum(axis=1))
-    found[bent] = (np.linalg.norm(cell.vectors(facets[bent], points), axis=0).T * weights) @ cell.shapes(points)
+    size = np.linalg.norm(cell.vectors(facets[bent], points), axis=0).T
+    shapes = cell.shapes(points)
+    around = circumference(shapes @ facets[bent], axisymmetric)
+    found[bent] = (size * around * weights) @ shapes
     return found
 
 

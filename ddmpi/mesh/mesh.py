@@ -41,6 +41,7 @@ class Mesh:
     surfaces : name → (k,) int, the cells of each physical surface or volume
     cut : how many cells of a file were cut into triangles or tetrahedra
     curves : name → (·, 2 or 3) int, in space the lines of each physical curve
+    axisymmetric : whether the cells turn around the axis x = 0: all integrals are over the rings that they are then
     """
 
     points: np.ndarray
@@ -50,6 +51,7 @@ class Mesh:
     surfaces: dict[str, np.ndarray] = field(default_factory=dict)
     cut: int = 0
     curves: dict[str, np.ndarray] = field(default_factory=dict)
+    axisymmetric: bool = False
 
     @property
     def dimension(self) -> int:
@@ -90,18 +92,35 @@ class Mesh:
         cells = np.flatnonzero(off)
         return cells[bends(self.points[self.triangles[cells][:, self.cell.edges]]).any(axis=(1, 2))]
 
-    def curved_blocks(self) -> list[np.ndarray]:
-        """The numbers of the curved cells, BLOCK at a time."""
-        return [self.curved[start:start + BLOCK] for start in range(0, len(self.curved), BLOCK)]
+    @property
+    def summed(self) -> np.ndarray:
+        """(nc,) the numbers of the cells over which integrals are sums over points: curved ones, all around an axis.
+        """
+        return np.arange(len(self.triangles)) if self.axisymmetric else self.curved
+
+    @property
+    def on_axis(self) -> np.ndarray:
+        """(nv,) bool, nodes on an axis, which do not move radially."""
+        return (self.points[:, 0] == 0.0) & self.axisymmetric
+
+    @property
+    def strains(self) -> int:
+        """n, of the tensors (n, n) of strain and stress: 3 around an axis, with the circumferential ones, else d."""
+        return self.dimension + self.axisymmetric
+
+    def summed_blocks(self) -> list[np.ndarray]:
+        """The numbers of the `summed` cells, BLOCK at a time."""
+        cells = self.summed
+        return [cells[start:start + BLOCK] for start in range(0, len(cells), BLOCK)]
 
     def map(self, cells: np.ndarray | slice, barycentric: np.ndarray) -> Mapped:
         """Some cells, numbers or a slice of them, at the points `barycentric` (q, d + 1) of each, curved or not."""
-        return self.cell.map(self.points[self.triangles[cells]], barycentric)
+        return self.cell.map(self.points[self.triangles[cells]], barycentric, self.axisymmetric)
 
     def measures(self) -> np.ndarray:
-        """(nt,) areas or volumes of the cells (m² or m³)."""
+        """(nt,) areas or volumes of the cells, around an axis those of rings (m² or m³)."""
         found, (points, weights) = signed_measures(self.points, self.corners), RULES[self.dimension]
-        for cells in self.curved_blocks():
+        for cells in self.summed_blocks():
             found[cells] = weights @ self.map(cells, points).measures
         return found
 
@@ -131,7 +150,7 @@ def tangents(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
 def refuse_folded(mesh: Mesh, key: str) -> None:
     """Raise InputError, naming `key`, where a curved cell is not mapped one to one. Not collective."""
     points = np.concatenate([RULES[mesh.dimension][0], np.eye(mesh.dimension + 1)])
-    for cells in mesh.curved_blocks():
+    for cells in mesh.summed_blocks():
         least = mesh.map(cells, points).measures.min(axis=0)
         if (least <= 0.0).any():
             place = in_words(mesh.points[mesh.triangles[cells[np.argmin(least)]]].mean(axis=0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -12,66 +13,41 @@ from typing import Literal
 import numpy as np
 
 from ddmpi.errors import InputError, InterruptionError
-from ddmpi.mesh.boundary import boundary_facets
+from ddmpi.mesh.boundary import file_groups, file_members
 from ddmpi.mesh.elements import CELLS, EDGES
-from ddmpi.mesh.mesh import MEASURE, PHYSICAL, Mesh, signed_measures
-from ddmpi.mesh.refine import bend, raise_order
+from ddmpi.mesh.mesh import MEASURE, Mesh, signed_measures
+from ddmpi.mesh.refine import FACES, KINDS, SIDES, bend, distinct, raise_order, simplices
 from ddmpi.scene.values import LARGEST
 from ddmpi.system import interrupt
 
 MSH = (b"$MeshFormat", b"$Comments", b"$NOD", b"$NOE")
 """How files of meshes by gmsh begin. Only these does it open: what it does not know it runs as a script."""
 
-KINDS: dict[int, tuple[str, ...]] = {
-    0: ("vertex",), 1: ("line", "line3"), 2: ("triangle", "triangle6", "quad", "quad8", "quad9"),
-    3: ("tetra", "tetra10", "hexahedron", "hexahedron20", "hexahedron27", "wedge", "wedge15", "wedge18", "pyramid",
-        "pyramid13", "pyramid14")}
-"""The element types, in meshio's words, that are read, by dimension."""
-
-SIMPLICES = ("vertex", "line", "triangle", "tetra")
-"""By dimension; other elements are cut."""
-
-SIDES: dict[str, list[tuple[int, int]]] = {
-    **{shape: EDGES[d] for d, shape in enumerate(SIMPLICES) if d}, "quad": [(0, 1), (1, 2), (2, 3), (3, 0)],
-    "hexahedron": [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)],
-    "wedge": [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)],
-    "pyramid": [(0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4)]}
-"""Corners at the ends of the edges of an element, whose middles come in this order, which is VTK's."""
-
-FACES: dict[str, list[tuple[int, ...]]] = {
-    "hexahedron": [(0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)],
-    "wedge": [(0, 1, 2), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)],
-    "pyramid": [(0, 1, 2, 3), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)]}
-"""Corners around the faces of an element."""
-
 COMPLETE = {"wedge18": [0, 1, 2, 3, 4, 5, 6, 9, 7, 12, 14, 13, 8, 10, 11],
             "pyramid14": [0, 1, 2, 3, 4, 5, 8, 10, 6, 7, 9, 11, 12]}
 """The order of VTK in elements with middles of faces, which meshio leaves in gmsh's."""
 
-FORMATS = {".inp": "abaqus", ".med": "med", ".vtu": "vtu", ".vtk": "vtk"}
-"""What meshio calls the formats of other programs, by the ending of a file. Files of all other endings are gmsh's."""
+FORMATS = {".med": "med", ".vtu": "vtu", ".vtk": "vtk"}
+"""What meshio calls the formats of other programs, by the ending of a file. `Input` reads .inp; others are gmsh's."""
 
 NUMBERED = ("cell_tags", "gmsh:physical", "CellEntityIds")
 """What numbers the groups of elements in these formats."""
 
-ELEMENTS = {f"{family}{corners}{variant}": name
-            for families, kinds in (
-                (("CPE", "CPS", "CAX", "S"), {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8"}),
-                (("C3D",), {4: "tetra", 5: "pyramid", 6: "wedge", 8: "hexahedron", 10: "tetra10", 15: "wedge15",
-                            20: "hexahedron20"}))
-            for corners, name in kinds.items() for family in families
-            for variant in ("", "R", "H", "I", "M", "S", "RH", "IH", "MH", "HS")}
-"""Abaqus's names of elements, of which meshio does not know all."""
+ELEMENTS: dict[str, dict[int, str]] = {
+    "CPE|CPS|CPEG|CAX|CGAX|S|STRI|M3D|SFM3D|R3D": {3: "triangle", 4: "quad", 6: "triangle6", 65: "triangle6",
+                                                   8: "quad8", 9: "quad9"},
+    "C3D": {4: "tetra", 5: "pyramid", 6: "wedge", 8: "hexahedron", 10: "tetra10", 15: "wedge15", 20: "hexahedron20"},
+    "T2D|T3D": {2: "line", 3: "line3"}, "B2|B3": {1: "line", 2: "line3", 3: "line"}}
+"""Abaqus's names of elements: letters, a number, and what follows does not matter."""
 
-HALVES = np.array([[[0, 1, 2], [2, 3, 0]], [[1, 2, 3], [3, 0, 1]]])
-"""Corners of the triangles that a quadrilateral is cut into, along its first or its second diagonal."""
+SHAPELESS = ("MASS", "ROTARYI", "SPRING", "DASHPOT", "CONN", "GAP", "DCOUP")
+"""Elements whose names begin like this are left out."""
 
-EQUAL = 1e-6
-"""Diagonals of a quadrilateral whose lengths differ by less than this part of them are equally long."""
+GENERATING = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
+"""Keywords that make nodes or elements from others, or move them; they are not read."""
 
-STRAIGHT = 1e-6
-"""How far the middle node of a straight side may lie from the side's midpoint, as a fraction of the side; it then
-becomes the midpoint."""
+MOST = 10**8
+"""A set that is generated has not more members than this."""
 
 PLANE = 1e-9
 """How far the z coordinates of a plane mesh may differ, as a fraction of its extent."""
@@ -99,8 +75,8 @@ def read_mesh(path: Path, body: str, order: Literal[1, 2] = 1, label: str = "") 
                          "tetrahedra, hexahedra, prisms, pyramids and lines of first or second order are supported")
     if not (np.abs(raw.points) <= LARGEST).all():
         raise InputError(f"{label} has coordinates that are not numbers, or above {LARGEST:g}")
-    cells, bends, element, cut = _simplices(raw, d, raw.points[:, :d], order == 2)
-    first, place = _distinct(cells)
+    cells, bends, element, cut = simplices(raw, d, raw.points[:, :d], order == 2)
+    first, place = distinct(cells)
     cells, bends = cells[first], bends[first]
     if len(cells) == 0:
         raise InputError(f"{label} has neither triangles nor tetrahedra; gmsh saves only elements in physical groups: "
@@ -108,8 +84,8 @@ def read_mesh(path: Path, body: str, order: Literal[1, 2] = 1, label: str = "") 
     if (np.ptp(raw.points[:, d:], axis=0) > PLANE * np.ptp(raw.points)).any():
         raise InputError(f"{label} is not plane (its z coordinates differ), and has no tetrahedra; a solid needs its "
                          'cells: Physical Volume("body") = {1};')
-    groups, curves, vertices = _groups(raw, label, cells)
-    surfaces = {name: np.unique(place[np.isin(element, members)]) for name, members in _members(raw, d).items()}
+    groups, curves, vertices = file_groups(raw, label, cells)
+    surfaces = {name: np.unique(place[np.isin(element, members)]) for name, members in file_members(raw, d).items()}
 
     used, renumbered = np.unique(cells, return_inverse=True)
     number = np.full(len(raw.points), -1)
@@ -145,99 +121,22 @@ def _kind(raw) -> tuple[int, Literal[1, 2]]:
     return d, 2 if types & set(KINDS[d]) - SIDES.keys() else 1
 
 
-def _simplices(raw, d: int, points: np.ndarray, curved: bool = False
-               ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-    """All elements of dimension d, cut into simplices.
-
-    Corners (n, d + 1), if `curved` the bends (n, e, ·) of their edges (m), of which element each is a part, counted
-    through all KINDS, and how many different elements were cut.
-    """
-    cells, bends, element, before, cut = [], [], [], 0, 0
-    for kind in KINDS[d]:
-        nodes = raw.cells_dict.get(kind, np.empty((0, 27), int)).astype(np.int64)
-        shape = kind.rstrip("0123456789")
-        number = 1 + max(map(max, SIDES[shape]))
-        corners, middles = nodes[:, :number], nodes[:, number:number + len(SIDES[shape])]
-        parts = _parts(points, corners, shape)
-        cells.append(np.take_along_axis(corners[:, None], parts, axis=2).reshape(-1, d + 1))
-        found = np.zeros((*parts.shape[:2], len(EDGES[d]) * curved, points.shape[1]))
-        if curved and kind != shape and len(nodes):
-            off = _bends(points, corners, middles, np.array(SIDES[shape]))
-            bent = np.flatnonzero(off.any(axis=(1, 2)))
-            between = np.einsum("ijs,nsc->nijc", _weights(shape, number), off[bent])
-            i, j = np.moveaxis(parts[bent][:, :, EDGES[d]], -1, 0)
-            found[bent] = between[np.arange(len(bent))[:, None, None], i, j]
-        bends.append(found.reshape(parts.shape[0] * parts.shape[1], *found.shape[2:]))
-        element.append(before + np.repeat(np.arange(len(nodes)), parts.shape[1]))
-        before += len(nodes)
-        cut += len(_distinct(corners)[0]) if shape not in SIMPLICES else 0
-    return np.concatenate(cells), np.concatenate(bends), np.concatenate(element), cut
-
-
-def _parts(points: np.ndarray, corners: np.ndarray, shape: str) -> np.ndarray:
-    """(n, parts, d + 1) which of its corners (n, k) the parts of each element have.
-
-    In space every quadrilateral has its diagonal from its smallest node, so that neighbours fit, and an element is the
-    pyramids over its other faces from its smallest node.
-    """
-    n, k = corners.shape
-    if shape in SIMPLICES:
-        return np.broadcast_to(np.arange(k), (n, 1, k))
-    if shape == "quad":
-        return HALVES[corners.argmin(axis=1) % 2 if points.shape[1] > 2 else shorter_diagonals(points, corners)]
-    parts = np.empty((n, {"hexahedron": 6, "wedge": 3, "pyramid": 2}[shape], 4), int)
-    smallest = corners.argmin(axis=1)
-    for apex in range(k):
-        own, faces = corners[smallest == apex], [np.array(face) for face in FACES[shape] if apex not in face]
-        over = [face[HALVES[own[:, face].argmin(axis=1) % 2]] if len(face) == 4
-                else np.broadcast_to(face, (len(own), 1, 3)) for face in faces]
-        parts[smallest == apex] = np.pad(np.concatenate(over, axis=1), ((0, 0), (0, 0), (1, 0)), constant_values=apex)
-    return parts
-
-
-def _weights(shape: str, number: int) -> np.ndarray:
-    """(k, k, s) the bend in the middle between two corners of a curved element, as a sum of those of its edges.
-
-    As in serendipity elements a face's diagonal has half of the sum of its edges, a hexahedron's a quarter of the sum
-    of all. Diagonals in the plane stay straight.
-    """
-    sides, weights = [set(side) for side in SIDES[shape]], np.zeros((number, number, len(SIDES[shape])))
-    if shape == "hexahedron":
-        weights += 0.25
-    for face in FACES.get(shape, ()):
-        weights[np.ix_(face, face)] = [0.5 * (side <= set(face)) for side in sides]
-    for s, (i, j) in enumerate(SIDES[shape]):
-        weights[[i, j], [j, i]] = np.eye(len(sides))[s]
-    return weights
-
-
-def shorter_diagonals(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
-    """Which diagonal (k,), 0 or 1, cuts each quadrilateral (k, 4) by its corners in the plane `points`: the shorter.
-
-    Of equal diagonals it is the one that begins farthest to the left and below. The order in which a file names the
-    corners makes no difference. A quadrilateral that is not convex is cut from its inner corner. Not collective.
-    """
-    corners = points[quads]
-    diagonals = np.linalg.norm(corners[:, :2] - corners[:, 2:], axis=2)
-    left = (corners @ [1.0, 0.6]).argmin(axis=1) % 2  # ties of both are rare
-    size = [signed_measures(corners.reshape(-1, 2), 4 * np.arange(len(quads))[:, None] + part)
-            for part in np.array([[0, 1, 2], [0, 2, 3], [1, 2, 3], [1, 3, 0]])]
-    fits = np.stack([size[0] * size[1] > 0.0, size[2] * size[3] > 0.0], axis=1)
-    shorter = np.where(np.abs(np.diff(diagonals)[:, 0]) <= EQUAL * diagonals.max(axis=1), left,
-                       diagonals.argmin(axis=1))
-    return np.where(fits.all(axis=1) | ~fits.any(axis=1), shorter, fits.argmax(axis=1))
-
-
 def _load(path: Path, label: str):
     """The file as a mesh of meshio. Raises InputError where neither meshio nor gmsh can read it."""
     import meshio
 
     meshio._mesh.topological_dimension.update(dict.fromkeys(KINDS[3], 3))  # it does not know all
-    kind = FORMATS.get(path.suffix.lower())
-    if kind:
-        meshio.abaqus._abaqus.abaqus_to_meshio_type.update(ELEMENTS)
+    kind = path.suffix.lower()
+    if kind == ".inp":
         try:
-            return _with_sets(getattr(meshio, kind).read(path))
+            return Input(path).mesh()
+        except (ValueError, OSError) as error:
+            raise InputError(f"{label} is not a mesh that can be read: {error}") from None
+        except (KeyError, IndexError, OverflowError, RecursionError) as error:
+            raise InputError(f"{label} is not a mesh that can be read ({type(error).__name__} {error})") from None
+    if kind in FORMATS:
+        try:
+            return _with_sets(getattr(meshio, FORMATS[kind]).read(path))
         except Exception as error:
             raise InputError(f"{label} is not a mesh that meshio can read ({type(error).__name__} {error})") from None
     with open(path, "rb") as file:
@@ -296,6 +195,152 @@ def _sets(blocks: list, names: dict[int, list[str]] | None) -> dict[str, list[np
     return found
 
 
+class Input:
+    """What an input of Abaqus or CalculiX says of a mesh: nodes, elements, sets and surfaces.
+
+    A part may stand in an assembly, once, moved or turned. Nodes and sets of the assembly itself, such as reference
+    points, are left out, and so are internal sets. Names are alike whatever their case. Construction and `mesh` raise
+    ValueError with the reason, OSError, and KeyError, IndexError or OverflowError where parameters or numbers are none.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.points: dict[int, list[float]] = {}
+        self.blocks: list[tuple[str, np.ndarray]] = []  # meshio's names of elements; their numbers and nodes
+        self.sets: dict[str, dict[str, list]] = {"NSET": {}, "ELSET": {}, "SURFACE": {}}
+        self.names: dict[tuple[str, str], str] = {}  # of sets that are not internal, as they are written
+        self.place: list[list[float]] = []
+        scopes = ["PART"]
+        for word, given, rows in _keywords(path):
+            if word in GENERATING:
+                raise ValueError(f"*{word} is not supported; write all nodes and elements")
+            if word in ("PART", "INSTANCE", "ASSEMBLY", "END INSTANCE"):
+                if word in ("PART", "INSTANCE") and word in scopes[1:]:
+                    raise ValueError(f"it has several {word.lower()}s; each body needs a file of its own")
+                scopes.append("ASSEMBLY" if word == "END INSTANCE" else word)
+                self.place += [[float(each) for each in row] for row in rows]
+            elif scopes[-1] != "ASSEMBLY" or word == "SURFACE" or "INSTANCE" in given:
+                self._take(word, given, rows)
+
+    def _take(self, word: str, given: dict[str, str], rows: list[list[str]]) -> None:
+        """Note what one keyword says."""
+        if word == "NODE":
+            self.points |= {int(row[0]): [float(each or 0.0) for each in [*row[1:], "", ""][:3]] for row in rows}
+        elif word == "ELEMENT" and not given["TYPE"].upper().startswith(SHAPELESS):
+            kind, number = _element(given["TYPE"])
+            entries = [int(each) for row in rows for each in row if each]
+            self.blocks.append((kind, np.array(entries).reshape(-1, 1 + number)))
+            if "ELSET" in given:
+                self._set("ELSET", given["ELSET"], self.blocks[-1][1][:, 0].tolist())
+        elif word in ("NSET", "ELSET"):
+            if "GENERATE" in given:
+                runs = [range(int(row[0]), int(row[1]) + 1, int([*row, "1"][2])) for row in rows]
+                if max(map(len, runs), default=0) > MOST:
+                    raise ValueError(f"the set {given[word]} has more than {MOST} members")
+                rows = [list(map(str, run)) for run in runs]
+            self._set(word, given[word], [each for row in rows for each in row if each], "INTERNAL" in given)
+        elif word == "SURFACE" and given.get("TYPE", "").upper() == "NODE":
+            self._set("NSET", given["NAME"], [row[0] for row in rows])
+        elif word == "SURFACE":
+            self._set(word, given["NAME"], rows)
+
+    def _set(self, kind: str, name: str, entries: list, internal: bool = False) -> None:
+        self.sets[kind].setdefault(name.lower(), []).extend(entries)
+        if not internal:
+            self.names.setdefault((kind, name.lower()), name)
+
+    def _members(self, kind: str, what: str | int, within: tuple[str, ...] = ()) -> set[int]:
+        """The numbers in a set and in the sets that it names, or the number itself."""
+        if str(what).isdigit():
+            return {int(what)}
+        name = str(what).rpartition(".")[2].lower()
+        if name in within or name not in self.sets[kind]:
+            raise ValueError(f"the set {what} contains itself" if name in within else f"there is no set {what}")
+        return set().union(*(self._members(kind, each, (*within, name)) for each in self.sets[kind][name]))
+
+    def mesh(self):
+        """All of it as a mesh of meshio; surfaces are elements between corners."""
+        import meshio
+
+        numbers = np.array(sorted(self.points), int)
+        points = np.array([self.points[number] for number in numbers]).reshape(-1, 3)
+        cells, groups, nothing = [], dict[str, list[np.ndarray]](), np.empty(0, int)
+        for kind, entries in self.blocks:
+            lost = np.setdiff1d(entries[:, 1:], numbers)
+            if len(lost):
+                raise ValueError(f"an element has node {lost[0]}, which is not there")
+            cells.append((kind, np.searchsorted(numbers, entries[:, 1:])))
+
+        def chosen(kind: str, what: str | int, among: np.ndarray) -> np.ndarray:
+            return np.flatnonzero(np.isin(among, list(self._members(kind, what))))
+
+        for key, name in self.names.items():
+            if key[0] == "ELSET":
+                groups[name] = [chosen(*key, entries[:, 0]) for _, entries in self.blocks]
+        for key, name in self.names.items():
+            for what, face in ([*row, ""][:2] for row in self.sets["SURFACE"].get(key[1] * (key[0] == "SURFACE"), [])):
+                for (kind, entries), (_, nodes) in list(zip(self.blocks, cells, strict=False)):
+                    own = nodes[chosen("ELSET", what, entries[:, 0])]
+                    if len(own):
+                        facets, before = own[:, _face(kind, face.upper(), name)], groups.get(name, [])
+                        groups[name] = [*before, *[nothing] * (len(cells) - len(before)), np.arange(len(facets))]
+                        cells.append((("line", "triangle", "quad")[len(facets.T) - 2], facets))
+        groups = {name: [*own, *[nothing] * (len(cells) - len(own))] for name, own in groups.items()}
+        return meshio.Mesh(self._placed(points), cells, cell_sets=groups, point_sets={
+            name: chosen(*key, numbers) for key, name in self.names.items() if key[0] == "NSET"})
+
+    def _placed(self, points: np.ndarray) -> np.ndarray:
+        """The points (n, 3) where the instance has them: shifted, then turned about an axis through two points."""
+        for row in self.place[:1]:
+            points = points + row[:3]
+        for row in self.place[1:2]:
+            start, axis, angle = np.array(row[:3]), np.subtract(row[3:6], row[:3]), np.radians(row[6])
+            axis, away = axis / np.linalg.norm(axis), points - start
+            points = (start + np.cos(angle) * away + np.sin(angle) * np.cross(axis, away)
+                      + (1.0 - np.cos(angle)) * np.outer(away @ axis, axis))
+        return points
+
+
+def _keywords(path: Path, within: tuple[Path, ...] = ()) -> Iterator[tuple[str, dict[str, str], list[list[str]]]]:
+    """Each keyword of an input and of those that it includes, its parameters, and the entries of its data lines."""
+    if path in within:
+        raise ValueError(f"{path} includes itself")
+    lines = [line.strip() for line in path.read_text(encoding="utf-8", errors="replace").splitlines()]
+    lines = [line for line in lines if line and not line.startswith("**")]
+    starts = [k for k, line in enumerate(lines) if line.startswith("*")]
+    for start, end in zip(starts, [*starts[1:], len(lines)], strict=True):
+        head, first = lines[start], start + 1
+        while head.endswith(",") and first < end:
+            head, first = head + lines[first], first + 1
+        word, *rest = head[1:].split(",")
+        word, parts = " ".join(word.split()).upper(), [each.partition("=") for each in rest]
+        given = {name.strip().upper(): value.strip().strip('"') for name, _, value in parts}
+        if word == "INCLUDE":
+            yield from _keywords(path.parent / given["INPUT"], (*within, path))
+        else:
+            yield word, given, [[each.strip() for each in line.rstrip(", ").split(",")] for line in lines[first:end]]
+
+
+def _element(name: str) -> tuple[str, int]:
+    """What meshio calls an element of Abaqus, and the number of its nodes."""
+    for families, kinds in ELEMENTS.items():
+        found = re.match(rf"({families})(\d+)", name.upper())
+        if found and int(found[2]) in kinds:
+            kind = kinds[int(found[2])]
+            return kind, int(re.sub(r"\D", "", kind) or 1 + max(map(max, SIDES[kind])))
+    raise ValueError(f"the element type {name} is not known")
+
+
+def _face(kind: str, face: str, surface: str) -> list[int]:
+    """The corners of the face S1, S2, … of an element, or of the whole of a shell (SPOS, SNEG)."""
+    shape = re.sub(r"\d", "", kind)
+    faces = FACES.get(shape) or ([(0, 1, 2), (0, 1, 3), (1, 2, 3), (2, 0, 3)] if shape == "tetra" else SIDES[shape])
+    if face in ("SPOS", "SNEG") and shape in ("triangle", "quad"):
+        return list(range(len(faces)))
+    if not re.fullmatch(r"[SE]\d", face) or not 1 <= int(face[1]) <= len(faces):
+        raise ValueError(f"the surface {surface} has {face or 'no'} face of a {shape}; these are S1 to S{len(faces)}")
+    return list(faces[int(face[1]) - 1])
+
+
 def _convert() -> None:
     """Write "old.msh", of any version, in MSH 4.1, binary and thus exact; for a process that does nothing else."""
     with gmsh_session() as gmsh:
@@ -332,69 +377,3 @@ def gmsh_session() -> Iterator:
     finally:
         gmsh.finalize()
         interrupt.listen_again()
-
-
-def _groups(raw, label: str, cells: np.ndarray) -> tuple[dict[str, np.ndarray], ...]:
-    """By name the facets (·, d) of each group of the boundary, in space the lines (·, 2) of curves, and nodes.
-
-    Of a set of nodes the facets, or else the lines, or else the nodes. Raises InputError where no group has facets.
-    """
-    d, found = cells.shape[1] - 1, list[dict[str, np.ndarray]]()
-    for dimension in range(d - 1, 0, -1):
-        parts, _, element, _ = _simplices(raw, dimension, raw.points)
-        own = {name: parts[np.isin(element, members)] for name, members in _members(raw, dimension).items()}
-        found.append({name: facets[_distinct(facets)[0]] for name, facets in own.items()})
-    alone: dict[str, np.ndarray] = {}
-    if raw.point_sets and not raw.field_data:
-        facets = boundary_facets(cells)[0]
-        sides = [facets, facets[:, CELLS[d - 1, 1].edges].reshape(-1, 2)][:len(found)]
-        sides = [np.unique(np.sort(each, axis=1), axis=0) for each in sides]
-        for name, nodes in raw.point_sets.items():
-            inside = [each[np.isin(each, nodes).all(axis=1)] for each in sides]
-            first = next((k for k, each in enumerate(inside) if len(each)), len(found))
-            if name not in raw.cell_sets:
-                [*found, alone][first][name] = [*inside, np.asarray(nodes, int)][first]
-    if not found[0]:
-        raise InputError(f"{label} has no named physical groups of {CELLS[d - 1, 1].names}; clamps, tractions and "
-                         'contacts refer to boundaries by such names: '
-                         f'{PHYSICAL[d - 1].title()}("left") = {{4}};')
-    points_of = raw.cells_dict.get("vertex", np.empty((0, 1), int))[:, 0]
-    alone |= {name: np.unique(points_of[members]) for name, members in _members(raw, 0).items()}
-    return found[0], {} if d == 2 else found[1], alone
-
-
-def _members(raw, dimension: int) -> dict[str, np.ndarray]:
-    """Which elements, counted through all KINDS, each named physical group of a dimension has."""
-    kinds = KINDS[dimension]
-    tags = {int(tag): name for name, (tag, of) in raw.field_data.items() if of == dimension}
-    sets = raw.cell_sets_dict  # of version 4 files, where an element may be in several groups
-    if not raw.field_data:
-        tags |= {-k: name for k, name in enumerate(sets, 1) if not name.startswith("gmsh:")  # meshio's own
-                 and any(len(sets[name].get(kind, ())) for kind in kinds)}
-    members: dict[str, list[np.ndarray]] = {name: [] for name in tags.values()}
-    before = 0
-    for kind in kinds:
-        physical = raw.cell_data_dict.get("gmsh:physical", {}).get(kind, np.empty(0, int))
-        for tag, name in tags.items():
-            own = sets[name].get(kind, ()) if name in sets else np.flatnonzero(physical == tag)
-            members[name].append(before + np.asarray(own, int))
-        before += len(raw.cells_dict.get(kind, ()))
-    return {name: np.concatenate(own) for name, own in members.items()}
-
-
-def _distinct(elements: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The places of different elements (k,), in the given order, and which of these each element is.
-
-    Up to version 2 a file repeats an element for each group that it is in.
-    """
-    _, first, same = np.unique(np.sort(elements, axis=1), axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    return first[order], np.argsort(order)[same.ravel()]
-
-
-def _bends(points: np.ndarray, corners: np.ndarray, middles: np.ndarray, sides: np.ndarray) -> np.ndarray:
-    """How far (n, s, ·) the middles (n, s) of edges are off those of their chords, if by more than STRAIGHT (m)."""
-    start, end = (points[corners[:, each]] for each in sides.T)
-    off = points[middles] - (start + end) / 2
-    far = np.linalg.norm(off, axis=2) > STRAIGHT * np.linalg.norm(end - start, axis=2)
-    return np.where(far[..., None], off, 0.0)

@@ -1,4 +1,4 @@
-"""Finer meshes, sizes of their elements, and meshes of order 2."""
+"""Finer meshes, sizes of their elements, meshes of order 2, and other cells cut into simplices."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.elements import CELLS
+from ddmpi.mesh.elements import CELLS, EDGES
 from ddmpi.mesh.mesh import Mesh, signed_measures
 
 CORNERS_CUT = {1: [[0, 2], [2, 1]], 2: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]],
@@ -22,8 +22,37 @@ INSIDE = {3: np.array([[[4, 9, a, b] for a, b in ((5, 6), (6, 7), (7, 8), (8, 5)
                          [[6, 8, a, b] for a, b in ((4, 5), (5, 9), (9, 7), (7, 4))]])}
 """The four tetrahedra around each of its three diagonals."""
 
+KINDS: dict[int, tuple[str, ...]] = {
+    0: ("vertex",), 1: ("line", "line3"), 2: ("triangle", "triangle6", "quad", "quad8", "quad9"),
+    3: ("tetra", "tetra10", "hexahedron", "hexahedron20", "hexahedron27", "wedge", "wedge15", "wedge18", "pyramid",
+        "pyramid13", "pyramid14")}
+"""The element types, in meshio's words, that are read, by dimension."""
+
+SIMPLICES = ("vertex", "line", "triangle", "tetra")
+"""By dimension; other elements are cut."""
+
+SIDES: dict[str, list[tuple[int, int]]] = {
+    **{shape: EDGES[d] for d, shape in enumerate(SIMPLICES) if d}, "quad": [(0, 1), (1, 2), (2, 3), (3, 0)],
+    "hexahedron": [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)],
+    "wedge": [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)],
+    "pyramid": [(0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4)]}
+"""Corners at the ends of the edges of an element, whose middles come in this order, which is VTK's."""
+
+FACES: dict[str, list[tuple[int, ...]]] = {
+    "hexahedron": [(0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)],
+    "wedge": [(0, 1, 2), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)],
+    "pyramid": [(0, 1, 2, 3), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)]}
+"""Corners around the faces of an element."""
+
+HALVES = np.array([[[0, 1, 2], [2, 3, 0]], [[1, 2, 3], [3, 0, 1]]])
+"""Corners of the triangles that a quadrilateral is cut into, along its first or its second diagonal."""
+
 EQUAL = 1e-6
-"""Diagonals whose lengths differ by less than this part of them are equally long; the first of them is taken."""
+"""Diagonals whose lengths differ by less than this part of them are equally long."""
+
+STRAIGHT = 1e-6
+"""How far the middle node of a straight side may lie from the side's midpoint, as a fraction of the side; it then
+becomes the midpoint."""
 
 GRADE = 0.3
 """By how much the size of elements grows with the distance, at most."""
@@ -105,7 +134,7 @@ def halve(mesh: Mesh, key: str) -> Mesh:
         return halved
     # in the middle of a step v, the map's 4 λ_i λ_j of an edge is off its chord by −v_i v_j
     (i, j), bends = fine.cell.edges[:, :2].T, np.zeros((len(parts), number, len(fine.cell.edges), d))
-    for cells in mesh.curved_blocks():
+    for cells in mesh.summed_blocks():
         steps = np.diff(fine.cell.nodes[parts[cells][:, :, fine.cell.edges[:, :2]]], axis=3)[:, :, :, 0]
         bends[cells] = np.einsum("tpef,tfd->tped", -steps[..., i] * steps[..., j], mesh.bends[cells])
     return bend(raise_order(halved, key), bends.reshape(-1, *bends.shape[2:]))
@@ -115,6 +144,35 @@ def cut(facets: np.ndarray) -> np.ndarray:
     """Facets or lines (k, l) of order 2 cut into those of order 1 between their nodes: first parts come first."""
     dimension = 1 if facets.shape[1] == 3 else 2
     return facets[:, CORNERS_CUT[dimension]].swapaxes(0, 1).reshape(-1, dimension + 1)
+
+
+def simplices(raw, d: int, points: np.ndarray, curved: bool = False
+               ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    """All elements of dimension d, cut into simplices.
+
+    Corners (n, d + 1), if `curved` the bends (n, e, ·) of their edges (m), of which element each is a part, counted
+    through all KINDS, and how many different elements were cut.
+    """
+    cells, bends, element, before, cut = [], [], [], 0, 0
+    for kind in KINDS[d]:
+        nodes = raw.cells_dict.get(kind, np.empty((0, 27), int)).astype(np.int64)
+        shape = kind.rstrip("0123456789")
+        number = 1 + max(map(max, SIDES[shape]))
+        corners, middles = nodes[:, :number], nodes[:, number:number + len(SIDES[shape])]
+        parts = _cuts(points, corners, shape)
+        cells.append(np.take_along_axis(corners[:, None], parts, axis=2).reshape(-1, d + 1))
+        found = np.zeros((*parts.shape[:2], len(EDGES[d]) * curved, points.shape[1]))
+        if curved and kind != shape and len(nodes):
+            off = _bends(points, corners, middles, np.array(SIDES[shape]))
+            bent = np.flatnonzero(off.any(axis=(1, 2)))
+            between = np.einsum("ijs,nsc->nijc", _weights(shape, number), off[bent])
+            i, j = np.moveaxis(parts[bent][:, :, EDGES[d]], -1, 0)
+            found[bent] = between[np.arange(len(bent))[:, None, None], i, j]
+        bends.append(found.reshape(parts.shape[0] * parts.shape[1], *found.shape[2:]))
+        element.append(before + np.repeat(np.arange(len(nodes)), parts.shape[1]))
+        before += len(nodes)
+        cut += len(distinct(corners)[0]) if shape not in SIMPLICES else 0
+    return np.concatenate(cells), np.concatenate(bends), np.concatenate(element), cut
 
 
 def _parts(mesh: Mesh) -> np.ndarray:
@@ -146,3 +204,75 @@ def graded(mesh: Mesh, sizes: np.ndarray) -> Sizes:
     _, first = np.unique(np.sort(ends, axis=0), axis=1, return_index=True)
     graph = sparse.csr_matrix((np.concatenate([far, nodal])[first], ends[:, first]), shape=(k + 1, k + 1))
     return Sizes(points, corners, csgraph.dijkstra(graph, directed=False, indices=k)[:k])
+
+
+def _cuts(points: np.ndarray, corners: np.ndarray, shape: str) -> np.ndarray:
+    """(n, parts, d + 1) which of its corners (n, k) the parts of each element have.
+
+    In space every quadrilateral has its diagonal from its smallest node, so that neighbours fit, and an element is the
+    pyramids over its other faces from its smallest node.
+    """
+    n, k = corners.shape
+    if shape in SIMPLICES:
+        return np.broadcast_to(np.arange(k), (n, 1, k))
+    if shape == "quad":
+        return HALVES[corners.argmin(axis=1) % 2 if points.shape[1] > 2 else shorter_diagonals(points, corners)]
+    parts = np.empty((n, {"hexahedron": 6, "wedge": 3, "pyramid": 2}[shape], 4), int)
+    smallest = corners.argmin(axis=1)
+    for apex in range(k):
+        own, faces = corners[smallest == apex], [np.array(face) for face in FACES[shape] if apex not in face]
+        over = [face[HALVES[own[:, face].argmin(axis=1) % 2]] if len(face) == 4
+                else np.broadcast_to(face, (len(own), 1, 3)) for face in faces]
+        parts[smallest == apex] = np.pad(np.concatenate(over, axis=1), ((0, 0), (0, 0), (1, 0)), constant_values=apex)
+    return parts
+
+
+def _weights(shape: str, number: int) -> np.ndarray:
+    """(k, k, s) the bend in the middle between two corners of a curved element, as a sum of those of its edges.
+
+    As in serendipity elements a face's diagonal has half of the sum of its edges, a hexahedron's a quarter of the sum
+    of all. Diagonals in the plane stay straight.
+    """
+    sides, weights = [set(side) for side in SIDES[shape]], np.zeros((number, number, len(SIDES[shape])))
+    if shape == "hexahedron":
+        weights += 0.25
+    for face in FACES.get(shape, ()):
+        weights[np.ix_(face, face)] = [0.5 * (side <= set(face)) for side in sides]
+    for s, (i, j) in enumerate(SIDES[shape]):
+        weights[[i, j], [j, i]] = np.eye(len(sides))[s]
+    return weights
+
+
+def shorter_diagonals(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
+    """Which diagonal (k,), 0 or 1, cuts each quadrilateral (k, 4) by its corners in the plane `points`: the shorter.
+
+    Of equal diagonals it is the one that begins farthest to the left and below. The order in which a file names the
+    corners makes no difference. A quadrilateral that is not convex is cut from its inner corner. Not collective.
+    """
+    corners = points[quads]
+    diagonals = np.linalg.norm(corners[:, :2] - corners[:, 2:], axis=2)
+    left = (corners @ [1.0, 0.6]).argmin(axis=1) % 2  # ties of both are rare
+    size = [signed_measures(corners.reshape(-1, 2), 4 * np.arange(len(quads))[:, None] + part)
+            for part in np.array([[0, 1, 2], [0, 2, 3], [1, 2, 3], [1, 3, 0]])]
+    fits = np.stack([size[0] * size[1] > 0.0, size[2] * size[3] > 0.0], axis=1)
+    shorter = np.where(np.abs(np.diff(diagonals)[:, 0]) <= EQUAL * diagonals.max(axis=1), left,
+                       diagonals.argmin(axis=1))
+    return np.where(fits.all(axis=1) | ~fits.any(axis=1), shorter, fits.argmax(axis=1))
+
+
+def distinct(elements: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The places of different elements (k,), in the given order, and which of these each element is.
+
+    Up to version 2 a file repeats an element for each group that it is in.
+    """
+    _, first, same = np.unique(np.sort(elements, axis=1), axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    return first[order], np.argsort(order)[same.ravel()]
+
+
+def _bends(points: np.ndarray, corners: np.ndarray, middles: np.ndarray, sides: np.ndarray) -> np.ndarray:
+    """How far (n, s, ·) the middles (n, s) of edges are off those of their chords, if by more than STRAIGHT (m)."""
+    start, end = (points[corners[:, each]] for each in sides.T)
+    off = points[middles] - (start + end) / 2
+    far = np.linalg.norm(off, axis=2) > STRAIGHT * np.linalg.norm(end - start, axis=2)
+    return np.where(far[..., None], off, 0.0)

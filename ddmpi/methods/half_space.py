@@ -64,7 +64,7 @@ class _Block:
         self._sliding, self._components = interface.sliding, interface.law.components * (len(interface.sliding) > 0)
         self._root, self._scale = np.sqrt(interface.area)[:, None], 0.5 * interface.modulus
         self._spacing = float(np.mean(self._scale * interface.area / interface.stiffness[:interface.m]))
-        lowest = (1.5 / interface.area.sum() ** (1.0 / (interface.dimension - 1))) ** 2
+        lowest = (1.5 / interface.length) ** 2
         over = sparse.diags(1.0 / self._root[:, 0])
         one = sparse.identity(interface.m)
         A = (over @ interface.laplacian @ over + lowest * one).tocsr()

@@ -122,7 +122,7 @@ def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dic
     interface = state.interface
     lines = interface.shown
     values = leg_values(state) if values is None else values
-    found = {"points": _padded(lines.xy), "cells": drawn_facets(lines)} | dict(
+    found = {"points": _padded(lines.xy), "cells": drawn_facets(lines, interface.axisymmetric)} | dict(
         zip(AT_CONTACT, values[lines.row].T[:len(AT_CONTACT)], strict=True))
     if len(values.T) > len(AT_CONTACT):
         force, slip = np.split(values[:, len(AT_CONTACT):], 2, axis=1)
@@ -131,16 +131,17 @@ def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dic
     return found
 
 
-def drawn_facets(lines: Lines) -> np.ndarray:
+def drawn_facets(lines: Lines, axisymmetric: bool = False) -> np.ndarray:
     """The facets (f, d) of a contact that are drawn, by the lines of its table; a node without neighbours has (k, k)
     or (k, k, k).
 
     A facet is left out if it hardly faces the other side: two of its nodes share a row, and one has less than FEW of
-    another's length or area. Drawn, the stress would go on outside of the body. Not collective.
+    another's length or area and is not on an axis. Drawn, the stress would go on outside of the body. Not collective.
     """
     facets, nodes = lines.facets, np.arange(len(lines.row))
     row, area = np.sort(lines.row[facets], axis=1), lines.area[facets]
     faces = np.diff(row, axis=1).all(axis=1) | (area.min(axis=1) >= FEW * area.max(axis=1))
+    faces |= axisymmetric & (lines.xy[facets, 0] == 0.0).any(axis=1)
     drawn = np.vstack([facets[faces], np.setdiff1d(nodes, facets)[:, None].repeat(facets.shape[1], axis=1)])
     return in_order(drawn) if facets.shape[1] == 2 else drawn
 
@@ -158,7 +159,7 @@ def write_facets(path: Path, interfaces: Iterable[Interface]) -> None:
     with writing(target), FileOfHDF5(target, "r+") as storage, h5py.File(storage, "r+") as file:
         for interface in interfaces:
             group = file.create_group(f"contacts/{interface.name}")
-            group["facets"] = drawn_facets(interface.shown)
+            group["facets"] = drawn_facets(interface.shown, interface.axisymmetric)
             group["initial_gap"] = interface.gap[interface.shown.row]
 
 
@@ -330,6 +331,14 @@ def _words(*numbers: float) -> str:
 
 def _padded(array: np.ndarray) -> np.ndarray:
     return np.pad(array, ((0, 0), (0, 3 - array.shape[1])))
+
+
+def both_halves(cells: np.ndarray, values: np.ndarray, *places: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Triangles (nt, 3), values (nv,) and places (nv, 2) of a half-plane x ≥ 0 together with its mirror image."""
+    number = np.arange(len(values))
+    other = np.where(places[-1][:, 0] == 0.0, number, number + len(values))  # none of its own on the axis
+    return (np.vstack([cells, other[cells[:, ::-1]]]), np.tile(values, 2),
+            *(np.vstack([each, each * (-1.0, 1.0)]) for each in places))
 
 
 def linear_triangles(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -89,14 +89,19 @@ def map_of(results: Results, at: np.ndarray, rigid: Iterable[tuple[np.ndarray, n
     """
     import matplotlib.pyplot as plt
 
-    rigid = list(rigid)
+    rigid, radius = list(rigid), "radius " * results.axisymmetric
     everything = np.vstack([at, *(line for line, _ in rigid)])
+    near = results.axisymmetric and at[:, 0].min() <= np.ptp(at, axis=0).max()
+    if near:
+        everything = np.vstack([everything, everything * (0.0, 1.0)])
     width, height = np.ptp(everything, axis=0)
     size = (8.6, 1.4 + 8.0 * height / width) if is_wide(everything) else (1.8 + 6.2 * width / height, 6.4)
     figure, axes = plt.subplots(figsize=np.clip(size, (4.8, 3.0), (10.0, 8.0)), layout="compressed")
     draw_rigid(axes, rigid, float(np.ptp(at, axis=0).max()))
     unit = results.summary["scene"]["output"]["length_unit"]
-    axes.set(aspect="equal", xlabel=f"x ({unit})", ylabel=f"y ({unit})")
+    axes.set(aspect="equal", xlabel=f"{radius}x ({unit})", ylabel=f"y ({unit})")
+    if near:
+        axes.axvline(0.0, color=COLOURS["rigid"], linewidth=0.8, linestyle="-.", zorder=1)
     return figure, axes
 
 
@@ -246,6 +251,9 @@ def surfaces(results: Results, factor: float = 0.0, time: float | None = None,
         touched = np.concatenate([vectors(results.contacts[each["name"]]) for each in contacts])
         bodies = points[np.isin(owner, [names.index(each["bodies"][0]) for each in contacts])]
         at = rigid.outline(touched, bodies, MARGIN * np.ptp(points, axis=0).max())
+        if results.axisymmetric:
+            right = np.flatnonzero(at[:, 0] >= 0.0)
+            at = np.roll(at[right], -1 - np.argmax(np.diff(right, append=right[-1] + 2) > 1), axis=0)
         yield at + factor * moved, rigid.facing(at)[0]
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from ddmpi.errors import InputError
 from ddmpi.interface.law import law_of
 from ddmpi.results import solids
-from ddmpi.results.fields import areas_at_nodes, linear_triangles, middles
+from ddmpi.results.fields import areas_at_nodes, both_halves, linear_triangles, middles
 from ddmpi.results.frame import (
     ABOVE,
     AT_REST,
@@ -134,10 +134,14 @@ def draw_bodies(results: Results) -> Any:
     low, top = ((0.0, np.percentile(values, 99.5))  # stresses are singular in corners, which must not set the scale
                 if "von_mises" in fields else (values.min(), values.max()))
     factor, unit = scaled_unit(values.max(), unit)
-    figure, axes = map_of(results, points + scale * u, surfaces(results, scale))
-    draw_outline(axes, points + scale * u, cells)
+    at, rigid = points + scale * u, list(surfaces(results, scale))
+    if results.summary["scene"]["output"].get("mirrored"):
+        cells, values, at, points = both_halves(cells, values, at, points)
+        rigid += [(line * (-1.0, 1.0), normal * (-1.0, 1.0)) for line, normal in rigid]
+    figure, axes = map_of(results, at, rigid)
+    draw_outline(axes, at, cells)
     draw_outline(axes, points, cells, color=COLOURS["still"], linewidth=0.7, zorder=1)
-    image = axes.tripcolor(*(points + scale * u).T, cells, values / factor, shading="gouraud", cmap="viridis",
+    image = axes.tripcolor(*at.T, cells, values / factor, shading="gouraud", cmap="viridis",
                            vmin=low / factor, vmax=top / factor or 1.0, rasterized=True, zorder=2)
     draw_colours(figure, axes, image, f"{quantity} ({unit})", "max" if values.max() > top else "neither")
     factor, unit = scaled_unit(moved.max(), length_unit)
@@ -219,7 +223,7 @@ def draw_contacts(results: Results) -> Any:
         force = np.array(contact["force"], float)
         if np.hypot(*force) > weak:
             centre = weight @ xy / weight.sum()
-            arm = contact["moment"] - (centre[0] * force[1] - centre[1] * force[0])
+            arm = contact["moment"] - (centre[0] * force[1] - centre[1] * force[0]) * (not results.axisymmetric)
             at = centre + arm * np.array([force[1], -force[0]]) / (force @ force)
             if np.linalg.norm(at - centre) <= np.ptp(xy, axis=0).max() + size:
                 forces.append(at + np.outer((-1.0, 1.0), size / largest * force))

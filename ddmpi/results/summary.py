@@ -191,7 +191,7 @@ def summarize(scene: dict, run: RunResult, bodies: Mapping[str, dict], contacts:
         "discretization_error": {"energy_norm": run.energy_norm, "target": method.get("target_error"),
                                  "levels": run.levels},
         "displacement_max": np.max([body["displacement_max"] for body in bodies.values()]),
-        "units": units(scene["output"], dimension), "warnings": run.warnings, "undetermined": run.undetermined,
+        "units": units(scene, dimension), "warnings": run.warnings, "undetermined": run.undetermined,
         "seconds": {}, "exchange": run.exchange, "solvers": {"qp": run.qp},
         "options": run.options, "options_unused": run.options_unused, "scene": scene})
     return summary
@@ -230,11 +230,11 @@ def _write_json(path: Path, content: dict) -> None:
         path.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def units(output: dict, dimension: int = 2) -> dict[str, str]:
+def units(scene: dict, dimension: int = 2) -> dict[str, str]:
     """Labels of lengths, stresses, forces, moments and energies; in the plane the last three are per unit of depth."""
-    length, stress = output["length_unit"], output["stress_unit"]
+    length, stress = scene["output"]["length_unit"], scene["output"]["stress_unit"]
     product = f"{stress}·{length}"
-    if dimension == 3:
+    if dimension == 3 or scene.get("axisymmetric"):
         named = {"Pa·m": ("N", "N·m", "J"), "MPa·mm": ("N", "N·mm", "mJ")}
         force, moment, energy = named.get(product, (f"{product}²", f"{product}³", f"{product}³"))
         return {"length": length, "stress": stress, "force": force, "moment": moment, "energy": energy}

@@ -14,7 +14,7 @@ import numpy as np
 
 from ddmpi.errors import DdmpiError, InputError, OutputError
 from ddmpi.interface.state import ContactState, signed
-from ddmpi.mesh.elements import CELLS, facet_measures
+from ddmpi.mesh.elements import CELLS, circumference, facet_measures
 from ddmpi.system.files import contact_files
 
 FORMAT = 2
@@ -61,6 +61,9 @@ LEGS_IN_SPACE = {
     "time": "of the load step", "x": "position of the node", "y": "", "z": "", "area": "nodal area",
     "normal_stress": "as in contact_NAME.csv", "tangential_stress": "", "gap": "", "slip": "", "slip_total": "",
     "status": ""} | dict.fromkeys(VECTORS, "")
+
+AREAS = {"length": "area"}
+"""Names of columns around an axis, where nodal lengths are those of rings: areas."""
 
 LEGS_IN = {2: LEGS, 3: LEGS_IN_SPACE}
 """By dimension."""
@@ -122,7 +125,7 @@ def write_contact(path: Path, name: str, state: ContactState) -> None:
     if interface.dimension > 2:
         vectors = np.vstack([state.forces[lines.row].T * share, state.along(state.slip)[lines.row].T])
         names, columns = CONTACT_IN_SPACE, (*columns, *(vectors + 0.0))  # no −0
-    _write_csv(path / contact_files(name).table, names, zip(*columns, strict=True))
+    _write_csv(path / contact_files(name).table, named(names, interface.axisymmetric), zip(*columns, strict=True))
 
 
 def write_sides(path: Path, name: str, state: ContactState) -> None:
@@ -136,10 +139,19 @@ def write_sides(path: Path, name: str, state: ContactState) -> None:
     xy, facets = state.interface.xy, state.interface.facets
     if len(facets) == 0 or facets.shape[1] == xy.shape[1]:
         return
-    start, end, middle = facets.T
-    length = facet_measures(xy[facets])
-    means = ((stress[start] + 4 * stress[middle] + stress[end]) / 6 for stress in (state.pressure, signed(state.shear)))
+    middle, places = facets[:, 2], xy[facets]
+    bare = facets[:, :2] == facets[:, 2:]  # ends on an axis, which have no row
+    places[:, :2][bare] = (2.0 * places[:, 2:] - places[:, 1::-1])[bare]
+    length = facet_measures(places)
+    shares = np.array([1.0, 1.0, 4.0]) * circumference(places, state.interface.axisymmetric)
+    means = ((shares * stress[facets]).sum(axis=1) / (shares * np.ones(facets.shape)).sum(axis=1)
+             for stress in (state.pressure, signed(state.shear)))
     _write_csv(path / contact_files(name).sides, SIDES, zip(*xy[middle].T, length, *means, strict=True))
+
+
+def named(columns: Iterable[str], axisymmetric: bool) -> list[str]:
+    """Names of columns, around an axis with AREAS."""
+    return [AREAS.get(column, column) if axisymmetric else column for column in columns]
 
 
 def leg_columns(dimension: int) -> list[str]:
@@ -172,7 +184,7 @@ def write_legs(path: Path, name: str, state: ContactState, steps: Iterable[tuple
     share = lines.area / interface.area[lines.row]
     parts = np.column_stack([share if column.startswith("force") else np.ones_like(share) for column in columns])
     k = columns.index("status")
-    _write_csv(path / contact_files(name).legs, LEGS_IN[interface.dimension], (
+    _write_csv(path / contact_files(name).legs, named(LEGS_IN[interface.dimension], interface.axisymmetric), (
         (time, *place, area, *row[:k], STATUS[int(row[k])], *row[k + 1:]) for time, values in steps
         for place, area, row in zip(lines.xy, lines.area, values[lines.row] * parts, strict=True)))
 
@@ -285,6 +297,11 @@ class Results:
     def dimension(self) -> int:
         """That of the cells."""
         return next(d for (d, _), cell in CELLS.items() if d > 1 and len(cell.nodes) == self.fields["cells"].shape[1])
+
+    @property
+    def axisymmetric(self) -> bool:
+        """Whether the bodies turn around the axis x = 0."""
+        return bool(self.summary["scene"].get("axisymmetric"))
 
     @property
     def points(self) -> np.ndarray:

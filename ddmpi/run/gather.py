@@ -244,5 +244,8 @@ def _forces_by_group(body: Body, u: np.ndarray, s: np.ndarray, factors: Mapping[
     mesh, member = body.mesh, body.member
     loads = ((group, factor * f) for history, factor in factors.items()
              for group, f in loads_by_group(mesh, body.spec, history))
-    clamps = clamp_forces(mesh, body.spec, member.elasticity, u, member.pull(s))
-    return {"loads": resultants(mesh, loads), "reactions": resultants(mesh, clamps)}
+    clamps = list(clamp_forces(mesh, body.spec, member.elasticity, u, member.pull(s)))
+    found: dict = {"loads": resultants(mesh, loads), "reactions": resultants(mesh, clamps)}
+    if mesh.axisymmetric:  # circumferential stress bears radial forces, too
+        found["reaction"] = sum((f.sum(axis=0) for _, f in clamps), np.zeros(mesh.dimension))
+    return found

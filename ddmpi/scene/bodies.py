@@ -38,7 +38,7 @@ class Material(Table, frozen=True, kw_only=True):
     ----------
     young : Young's modulus (Pa)
     poisson : Poisson's ratio; linear triangles lock near 0.5, quadratic ones do not
-    plane : plane strain, the default in the plane, or plane stress; solids have none
+    plane : plane strain, the default in the plane, or plane stress; solids and turned parts have none
     expansion : coefficient of thermal expansion (1/K), with the body's temperature
     """
 
@@ -322,12 +322,13 @@ class BodySpec(Table, frozen=True, kw_only=True):
                  self.heat.history]
         return list(dict.fromkeys(name for name in named if name is not None))
 
-    def settled(self, order: Literal[1, 2], dimension: int = 2) -> SettledBody:
-        """This body with elements of `order`, in the plane or in space."""
+    def settled(self, order: Literal[1, 2], dimension: int = 2, axisymmetric: bool = False) -> SettledBody:
+        """This body with elements of `order`, in the plane, around an axis or in space."""
         mesh = self.mesh
         finest = mesh.contact_size or TOWARDS_CONTACTS * mesh.largest if mesh.geometry is not None else None
         origin = mesh.origin or (0.0,) * dimension if mesh.shape in WITH_ORIGIN else None
-        parts = [replace(part, plane=self.plane if dimension == 2 else None) for part in self.materials]
+        plane = self.plane if dimension == 2 and not axisymmetric else None
+        parts = [replace(part, plane=plane) for part in self.materials]
         settled_mesh = settle(mesh, SettledMesh, order=order, contact_size=finest, origin=origin)
         return settle(self, SettledBody, mesh=settled_mesh,
                       material=parts[0] if isinstance(self.material, Material) else parts,

@@ -256,6 +256,7 @@ class Output(Table, frozen=True, kw_only=True):
     length_unit, stress_unit : labels of pictures, summary and what is printed; the numbers mean what the scene's own
         units make of them
     magnification : of displacements and gaps in bodies.png; left out, as much as suits the picture
+    mirrored : bodies.png of an axisymmetric scene also shows the other half
     """
 
     stress: bool = True
@@ -266,6 +267,7 @@ class Output(Table, frozen=True, kw_only=True):
     length_unit: str = "m"
     stress_unit: str = "Pa"
     magnification: Positive | None = None
+    mirrored: bool = False
 
 
 class Checkpoint(Table, frozen=True, kw_only=True):

@@ -49,6 +49,8 @@ class Scene(Table, frozen=True, kw_only=True):
     Attributes
     ----------
     title : heads pictures and summary
+    axisymmetric : whether all parts turn around the axis x = 0: x is the radius, y the axis, forces are of the whole
+        circumference
     body : elastic bodies
     rigid : partners of contacts without mesh and material, which take no rank
     contact : where bodies meet each other or a rigid partner
@@ -62,6 +64,7 @@ class Scene(Table, frozen=True, kw_only=True):
     """
 
     title: str = ""
+    axisymmetric: bool = False
     body: Annotated[list[BodySpec], msgspec.Meta(min_length=1)]
     rigid: list[Rigid] = []
     contact: list[ContactSpec]
@@ -82,6 +85,13 @@ class Scene(Table, frozen=True, kw_only=True):
         if len({body.mesh.order for body in self.body} - {None}) > 1:
             raise ValueError("bodies have mesh.order 1 and 2; forces at their common nodes would mean different "
                              "pressures, so give all bodies the same")
+        for rigid in self.rigid:
+            if self.axisymmetric and 0 in rigid.pushed:
+                raise ValueError(f"rigid.{rigid.name}.force: around an axis a partner is pushed along y alone; what "
+                                 "pushes it across the axis cancels all around")
+        if self.output.mirrored and not self.axisymmetric:
+            raise ValueError("output.mirrored: shows the other half of what turns around an axis; write axisymmetric = "
+                             "true at the top, or leave it out")
         self._check_histories()
         self._check_heat()
         check_petsc(self.petsc)
@@ -228,11 +238,12 @@ class Scene(Table, frozen=True, kw_only=True):
         if not order:
             order = self._order_of_files(file_kind) if file_kind else 1
         still = (0.0,) * dimension
-        return settle(self, Settled, method=method, body=[body.settled(order, dimension) for body in self.body],
+        return settle(self, Settled, method=method, dimension=dimension,
+                      body=[body.settled(order, dimension, self.axisymmetric) for body in self.body],
                       rigid=[settle(rigid, type(rigid), displacement=rigid.displacement or still,
                                     force=rigid.force or None)
                              for rigid in self.rigid],
-                      time=self.time.settled() if self.time else None, dimension=dimension,
+                      time=self.time.settled() if self.time else None,
                       contact=[contact.settled() for contact in self.contact])
 
     def _dimension(self, file_kind: FileKind | None) -> int:
@@ -244,10 +255,11 @@ class Scene(Table, frozen=True, kw_only=True):
             found = [(f"body.{body.name}.mesh.{'file' if body.mesh.file else 'geometry'}",
                       body.mesh.file or body.mesh.geometry, file_kind(body)[0]) for body in self.body]
         first, value, dimension = found[0] if found else ("", "", 2)
+        where = WHERE | ({2: "around an axis"} if self.axisymmetric else {})
         for number, key, what in self._misplaced():
             if number != dimension:
                 why = f", as {first} = {value}" * bool(first)
-                raise ValueError(f"{key}: {what}; this scene is {WHERE[dimension]}{why}")
+                raise ValueError(f"{key}: {what}; this scene is {where[dimension]}{why}")
         for key, other, number in found:
             if number != dimension:
                 raise ValueError(f"{key}: {other} is {WHERE[number]}, and {first} = {value} is {WHERE[dimension]}; a "
@@ -262,11 +274,15 @@ class Scene(Table, frozen=True, kw_only=True):
             if isinstance(rigid, Sphere | Cylinder):
                 shape = rigid.__struct_config__.tag
                 yield 3, f"rigid.{rigid.name}.shape", f"a {shape} is solid; in the plane there is circle"
+        if self.axisymmetric:
+            yield 2, "axisymmetric", "parts that turn around an axis are drawn in the half-plane x >= 0"
+        what = "nothing is twisted around the axis" if self.axisymmetric else "there is no z in the plane"
         for key, table in _tables(self):
             if isinstance(table, Profile) and table.along == "arc":
                 yield 2, f"{key}.along", 'surfaces have no arc length; take a coordinate, such as along = "x"'
             if isinstance(table, Material) and table.plane:
-                yield 2, f"{key}.plane", "solids are neither in plane strain nor in plane stress; leave it out"
+                yield 3 if self.axisymmetric else 2, f"{key}.plane", (
+                    "solids and turned parts are neither in plane strain nor in plane stress; leave it out")
             uses_z = [name for name in FORMULAS if varies(getattr(table, name, None), "z")]
             if isinstance(table, Clamp) and table.z is not None:
                 uses_z.append("z")
@@ -274,7 +290,7 @@ class Scene(Table, frozen=True, kw_only=True):
                 uses_z.append("z_slope")
             if isinstance(table, Profile) and table.along == "z":
                 uses_z.append("along")
-            yield from ((3, f"{key}.{name}", "there is no z in the plane") for name in uses_z)
+            yield from ((3, f"{key}.{name}", what) for name in uses_z)
         bodies = {body.name: body for body in self.body}
         for contact in self.contact:
             planes = [(name, bodies[name].plane) for name in contact.bodies if name in bodies]
@@ -319,6 +335,7 @@ class Settled(Table, frozen=True, kw_only=True):
     """A whole scene without optional keys: everything that was left out is filled in; in the plane or in space."""
 
     title: str
+    axisymmetric: bool
     body: list[SettledBody]
     rigid: list[Rigid]
     contact: list[SettledContact]

@@ -35,7 +35,8 @@ def contact_side(mesh: Mesh, edges: np.ndarray, clamps: np.ndarray, body: str, m
     place[nodes] = np.arange(len(nodes))
     facets = place[edges]
     facets = facets[np.argsort(facets[:, -1])]
-    normal, length = (nodal(of(xy[facets]), facets, len(nodes)) for of in (across, facet_shares))
-    return kind(body, modulus, nodes, xy, unit(normal), length, clamps[nodes],
+    normal = unit(nodal(across(xy[facets]), facets, len(nodes)))
+    area = nodal(facet_shares(xy[facets], mesh.axisymmetric), facets, len(nodes))
+    return kind(body, modulus, nodes, xy, normal, area, clamps[nodes],
                 np.zeros(len(nodes), bool) if tied is None else tied[nodes], np.ptp(mesh.points, axis=0),
-                arc[nodes], facets, parted)
+                arc[nodes], facets, parted, mesh.axisymmetric)

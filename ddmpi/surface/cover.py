@@ -36,7 +36,7 @@ class Cover:
     facet, at : (q,) the slave's facet of each point, and where on it, the parameter from 0 to 1; in space (q, 3)
         barycentric coordinates
     other, there : the same of the point that it faces
-    weight : (q,) parts of the length or area of the slave's facets (m or m²)
+    weight : (q,) parts of the length or area of the slave's facets, around an axis of their areas (m or m²)
     direction : (q, d) unit normal along which the other side is looked for
     gap : (q,) distance along it of the boundaries that are meant (m)
     """
@@ -96,9 +96,10 @@ def _along(slave: Curve, master: Curve, depth: np.ndarray) -> Cover:
     there, distance, ray = _meet(own, fans, facet, at, corners[one])
     gap = distance - slave.bulge(facet, at, ray) - master.bulge(one, np.clip(there, 0.0, 1.0), -ray)
     height, ratio = slave.off_chords(facet, at)
+    on = slave.parameters(facet, at, outward[facet])
+    ratio = ratio * slave.around(facet, on)
     there = np.clip(there + height * cross(outward[facet], ray) / cross(master.along[one], ray), 0.0, 1.0)
-    return Cover(facet, slave.parameters(facet, at, outward[facet]), one, master.parameters(one, there, ray),
-                 weight * ratio, ray, gap)
+    return Cover(facet, on, one, master.parameters(one, there, ray), weight * ratio, ray, gap)
 
 
 def faced_arc(xy: np.ndarray, rows: np.ndarray, over: Cover, master: Side) -> np.ndarray:

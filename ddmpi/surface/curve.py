@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ddmpi.mesh.boundary import segments
-from ddmpi.mesh.elements import bends, facet_measures
+from ddmpi.mesh.elements import bends, circumference, facet_measures, shapes_on_side
 from ddmpi.surface.side import SHARPEST, Side, cross
 
 STRAIGHT = 1e-9
@@ -131,6 +131,11 @@ class Curve(Side):
         aside = 4.0 * np.einsum("qi,qi->q", self.bends[facets], along) / length
         slope = height * (1.0 - 2.0 * t) / (length + aside * (1.0 - 2.0 * t))
         return height * t * (1.0 - t), np.sqrt(1.0 + slope**2)
+
+    def around(self, facets: np.ndarray, at: np.ndarray) -> np.ndarray | float:
+        """`circumference` (q,) at the parameters `at` (q,) of facets (q,)."""
+        nodes = self.xy[self.facets[facets]]
+        return circumference(np.einsum("ql,qli->qi", shapes_on_side(at, nodes.shape[1]), nodes), self.axisymmetric)
 
     def pieces(self, some: np.ndarray) -> np.ndarray:
         """Segments between neighbouring nodes, also those of quadratic facets."""

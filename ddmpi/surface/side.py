@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.mesh.boundary import links
-from ddmpi.mesh.elements import CELLS, FIRST, facet_cell, facet_measures, facet_shares
+from ddmpi.mesh.elements import CELLS, FIRST, circumference, facet_cell, facet_measures, facet_shares
 
 SHARPEST = np.deg2rad(40.0)
 """Where a boundary turns by more than this from one side of an element to the next, it has a corner; where by less, it
@@ -38,6 +38,7 @@ class Side:
         starts at the first node of the group's first line on it. Zero in space
     facets : (f, l) by the places of their nodes, turned outward as `turn_outward` does; in the order of the last column
     parted : whether another contact is on the same group
+    axisymmetric : whether it turns around the axis x = 0; nodal lengths are areas then
     """
 
     body: str
@@ -52,6 +53,7 @@ class Side:
     arc: np.ndarray
     facets: np.ndarray
     parted: bool = False
+    axisymmetric: bool = False
 
     @property
     def free(self) -> np.ndarray:
@@ -66,6 +68,16 @@ class Side:
     def lengths(self) -> np.ndarray:
         """(f,) lengths or areas of the facets (m or m²)."""
         return facet_measures(self.xy[self.facets])
+
+    @property
+    def bare(self) -> np.ndarray:
+        """(k,) bool, nodes on an axis in order 2, whose shape functions have next to no integral."""
+        return (self.xy[:, 0] == 0.0) & (self.axisymmetric and self.facets.shape[1] > self.dimension)
+
+    @property
+    def areas(self) -> np.ndarray:
+        """(f,) the same, around an axis areas."""
+        return facet_measures(self.xy[self.facets], self.axisymmetric)
 
     @property
     def outward(self) -> np.ndarray:
@@ -125,12 +137,12 @@ class Side:
 
     def laplacian(self, some: np.ndarray, row: np.ndarray, m: int) -> sparse.csr_matrix:
         """That of some of the facets (f,) bool, as `laplacian`."""
-        return laplacian(self.xy, self.pieces(some), row, m)
+        return laplacian(self.xy, self.pieces(some), row, m, self.axisymmetric)
 
     def lengths_over(self, some: np.ndarray) -> np.ndarray:
         """Nodal lengths (k,) over some of the facets (f,) bool: integrals of the shape functions (m)."""
         facets = self.facets[some]
-        return nodal(facet_shares(self.xy[facets]), facets, len(self.nodes))
+        return nodal(facet_shares(self.xy[facets], self.axisymmetric), facets, len(self.nodes))
 
     def normals_over(self, some: np.ndarray) -> np.ndarray:
         """Outer unit normals (k, d) averaged over some of the facets (f,) bool; those of the side away from these."""
@@ -139,15 +151,18 @@ class Side:
         return np.where(total.any(axis=1, keepdims=True), total, self.normal)
 
 
-def laplacian(xy: np.ndarray, facets: np.ndarray, row: np.ndarray, m: int) -> sparse.csr_matrix:
+def laplacian(xy: np.ndarray, facets: np.ndarray, row: np.ndarray, m: int,
+              axisymmetric: bool = False) -> sparse.csr_matrix:
     """Laplacian (m, m) of the hat functions of rows on facets between nodes at `xy` (k, d), in m^(d − 3).
 
     Facets (f, d) are straight simplices. The nodes with number j in `row` (k,) move with row j; −1 is held fast.
+    Around an axis the integrals count by `circumference`.
     """
     along = xy[facets[:, 1:]] - xy[facets[:, :1]]
     gram, order = along @ along.transpose(0, 2, 1), along.shape[1]
     slopes = np.vstack([-np.ones(order), np.eye(order)])
-    local = slopes @ np.linalg.inv(gram) @ slopes.T * np.sqrt(np.linalg.det(gram))[:, None, None] / factorial(order)
+    measures = np.sqrt(np.linalg.det(gram)) / factorial(order) * circumference(xy[facets].mean(axis=1), axisymmetric)
+    local = slopes @ np.linalg.inv(gram) @ slopes.T * measures[:, None, None]
     one, other = np.broadcast_arrays(row[facets][:, :, None], row[facets][:, None, :])
     moves = (one >= 0) & (other >= 0)
     return sparse.csr_matrix((local[moves], (one[moves], other[moves])), (m, m))

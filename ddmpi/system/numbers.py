@@ -15,9 +15,10 @@ def norm(x: np.ndarray) -> float:
     return float(np.linalg.norm(x))
 
 
-def moment(at: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    """The moment about the origin, () or (3,), of forces (m, d) at places (m, d)."""
+def moment(at: np.ndarray, forces: np.ndarray, axisymmetric: bool = False) -> np.ndarray:
+    """The moment about the origin, () or (3,), of forces (m, d) at places (m, d); around an axis they have none."""
     flat = ((0, 0), (0, 3 - at.shape[1]))
+    at = at * (not axisymmetric)
     total = np.ascontiguousarray(np.cross(np.pad(at, flat), np.pad(forces, flat)).T).sum(axis=1)
     return total if at.shape[1] == 3 else total[2]
 

@@ -8,6 +8,7 @@ from test_mesh import HALVES, NAMES, SIDES, SQUARE, area, body_with, length, ref
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.build import build_mesh
+from ddmpi.mesh.elements import facet_measures
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.read import file_kind, read_mesh
 from ddmpi.scene.bodies import MeshSpec
@@ -54,6 +55,120 @@ def test_abaqus_input(tmp_path, kind):
     assert (file_kind(path, "upper"), mesh.cut) == ((2, order), int(corners in (4, 8)))
     assert mesh.surfaces.keys() == {"volume"} and len(mesh.surfaces["volume"]) == len(mesh.triangles)
     assert np.array_equal(mesh.points[mesh.vertices["corner"]], [[0.0, 0.0]])
+
+
+CAE = """*Heading
+** as Abaqus/CAE writes it
+*Part, name=Block
+*Node
+      1,           0.,           0.,           0.
+      2,           1.,           0.,           0.
+      3,           1.,           1.,           0.
+      4,           0.,           1.,           0.
+      5,           0.,           0.,           1.
+      6,           1.,           0.,           1.
+      7,           1.,           1.,           1.
+      8,           0.,           1.,           1.
+      9,           0.,           0.,           2.
+     10,           1.,           0.,           2.
+     11,           1.,           1.,           2.
+     12,           0.,           1.,           2.
+*Element, type=C3D8R
+1, 1, 2, 3, 4, 5, 6, 7, 8
+2, 5, 6, 7, 8, 9, 10, 11, 12
+*Nset, nset=Whole, generate
+  1,  12,   1
+*Elset, elset=Lower
+ 1,
+*Elset, elset=Upper
+ 2,
+*Solid Section, elset=Lower, material=Steel
+,
+*End Part
+*Assembly, name=Assembly
+*Instance, name=Block-1, part=Block
+         10.,           0.,           0.
+         10.,           0.,           0.,          10.,           0.,           1.,          90.
+*End Instance
+*Node
+      1,           0.,           5.,           9.
+*Nset, nset=_PickedSet4, internal
+ 1,
+*Nset, nset="Fixed end", instance=Block-1
+ 1, 2, 3, 4
+*Nset, nset=edge, instance=Block-1
+ 9, 10
+*Elset, elset=_Side_S3, internal, instance=Block-1, generate
+ 1,  2,  1
+*Elset, elset=_Side_S4, internal, instance=Block-1
+ 2,
+*Surface, type=ELEMENT, name=Side
+_SIDE_S3, S3
+_Side_S4, S4
+*Surface, type=ELEMENT, name=Top
+Block-1.Upper, S2
+*Surface, type=NODE, name=Corners
+Fixed end, 1.
+*Element, type=MASS, elset=mass
+9, 1
+*End Assembly
+*Material, name=Steel
+*Elastic
+210000., 0.3
+"""
+
+
+def test_input_of_an_assembly(tmp_path):
+    """A part that stands in an assembly, moved and turned: sets of the instance, surfaces of faces, no internal set."""
+    path = tmp_path / "Job-1.inp"
+    path.write_text(CAE)
+    mesh = build_mesh(body_with(MeshSpec(file=str(path)), clamp=["Fixed end", "edge"]))
+    assert sorted(mesh.groups) == ["Corners", "Fixed end", "Side", "Top", "Whole"] and list(mesh.curves) == ["edge"]
+    assert {name: len(cells) for name, cells in mesh.surfaces.items()} == {"Lower": 6, "Upper": 6}
+    assert mesh.cut == 2 and mesh.measures().sum() == pytest.approx(2.0)
+    assert mesh.points.min(axis=0) == pytest.approx([9.0, 0.0, 0.0])  # a quarter turn about x = 10, y = 0
+    assert mesh.points.max(axis=0) == pytest.approx([10.0, 1.0, 2.0])
+    areas = {name: facet_measures(mesh.points[facets]).sum() for name, facets in mesh.groups.items()}
+    assert areas == pytest.approx({"Corners": 1.0, "Fixed end": 1.0, "Side": 3.0, "Top": 1.0, "Whole": 10.0})
+    assert np.all(mesh.points[mesh.groups["Top"], 2] == 2.0)
+
+
+FACES = {
+    "C3D4": ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [0.5, 0.5, 3**0.5 / 2, 0.5]),
+    "C3D6": ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 2], [1, 0, 2], [0, 1, 2]], [0.5, 0.5, 2.0, 8**0.5, 2.0]),
+    "C3D5": ([[0, 0, 0], [1, 0, 0], [1, 2, 0], [0, 2, 0], [0, 0, 1]], [2.0, 0.5, 2**0.5, 5**0.5 / 2, 1.0]),
+    "C3D8I": ([[0, 0, 0], [1, 0, 0], [1, 2, 0], [0, 2, 0], [0, 0, 3], [1, 0, 3], [1, 2, 3], [0, 2, 3]],
+              [2.0, 2.0, 3.0, 6.0, 3.0, 6.0]),
+    "CAX3": ([[0, 0], [3, 0], [0, 4]], [3.0, 5.0, 4.0]),
+    "CPE4": ([[0, 0], [3, 0], [3, 4], [0, 5]], [3.0, 4.0, 10**0.5, 5.0])}
+"""An element of each kind: its nodes, and how large its faces S1, S2, … are."""
+
+
+@pytest.mark.parametrize("kind", FACES)
+def test_faces_of_elements(tmp_path, kind):
+    """Faces of elements in surfaces are numbered as Abaqus and CalculiX do, in the plane and in space."""
+    (points, sizes), path = FACES[kind], tmp_path / "one.inp"
+    lines = ["*NODE", *(", ".join(map(str, (10 * k, *at))) for k, at in enumerate(points, 1)), f"*ELEMENT, TYPE={kind}",
+             ", ".join(map(str, [7, *(10 * k for k in range(1, len(points) + 1))]))]
+    for k in range(1, len(sizes) + 1):
+        lines += [f"*SURFACE, NAME=face{k}", f"7, S{k}"]
+    path.write_text("\n".join(lines))
+    mesh = read_mesh(path, "upper")
+    assert {name: facet_measures(mesh.points[own]).sum() for name, own in mesh.groups.items()} == pytest.approx(
+        {f"face{k}": size for k, size in enumerate(sizes, 1)})
+
+
+def test_sets_of_sets_and_parts_of_a_file(tmp_path):
+    """Sets may name others, be continued, and be spelt in any case; what is included belongs to the file."""
+    path = write_inp(tmp_path / "square.inp", "CPS3", more="*NSET, NSET=rim\nBottom, RIGHT\ntop\n*NSET, NSET=Rim\nleft")
+    whole = tmp_path / "whole.inp"
+    whole.write_text("*INCLUDE,\nINPUT=square.inp\n*ELSET, ELSET=one\n1\n*ELSET, ELSET=two\none,\n2,")
+    mesh = read_mesh(whole, "upper")
+    assert length(mesh, "rim") == pytest.approx(4.0)
+    assert {name: sorted(own.tolist()) for name, own in mesh.surfaces.items()} == {"volume": [0, 1], "one": [0],
+                                                                                   "two": [0, 1]}
+    same_square(Mesh(mesh.points, mesh.triangles, {name: mesh.groups[name] for name in NAMES}))
+    assert path.exists()
 
 
 def test_input_of_gmsh(tmp_path):
@@ -107,12 +222,20 @@ def test_groups_by_number(tmp_path, ending):
 
 @pytest.mark.parametrize(("more", "words"), [
     ("*ELEMENT, TYPE=C3D4\n9, 1, 2, 3, 4", "has tetrahedra without volume"),
-    ("*ELEMENT, TYPE=CPS3\n9, 1, 2, 77", "is not a mesh that meshio can read (KeyError 77)"),
-    ("*ELEMENT, TYPE=UNKNOWN\n9, 1, 2, 3", "is not a mesh that meshio can read (ReadError"),
-    ("*NODE\n1, 0, 0", "elements of nodes that are not there"),
-    ("*INCLUDE, INPUT=square.inp", "is not a mesh that meshio can read (Rec")])
+    ("*ELEMENT, TYPE=CPS3\n9, 1, 2, 77", "that can be read: an element has node 77, which is not there"),
+    ("*ELEMENT, TYPE=CPS3\n9, 1, 2", "that can be read: cannot reshape"),
+    ("*ELEMENT, TYPE=UNKNOWN\n9, 1, 2, 3", "that can be read: the element type UNKNOWN is not known"),
+    ("*ELEMENT\n9, 1, 2, 3", "that can be read (KeyError 'TYPE')"),
+    ("*ELGEN\n9, 1, 2, 3", "that can be read: *ELGEN is not supported; write all nodes and elements"),
+    ("*PART, NAME=one\n*END PART\n*PART, NAME=two", "it has several parts; each body needs a file of its own"),
+    ("*INSTANCE, NAME=one\n*END INSTANCE\n*INSTANCE, NAME=two", "it has several instances"),
+    ("*NSET, NSET=a\nb\n*NSET, NSET=b\na", "the set a contains itself"), ("*ELSET, ELSET=a\nb", "there is no set b"),
+    ("*NSET, NSET=a, GENERATE\n1, 999999999999", "the set a has more than 100000000 members"),
+    ("*SURFACE, NAME=rim\nvolume", "the surface rim has no face of a triangle; these are S1 to S3"),
+    ("*SURFACE, NAME=rim\nvolume, S4", "the surface rim has S4 face of a triangle"),
+    ("*INCLUDE, INPUT=none.inp", "No such file"), ("*INCLUDE, INPUT=square.inp", "square.inp includes itself")])
 def test_refused_input(tmp_path, monkeypatch, more, words):
-    """What meshio cannot read, or reads wrong, is refused with the reason."""
+    """What cannot be read is refused with the reason."""
     monkeypatch.chdir(tmp_path)
     assert words in refused(write_inp(tmp_path / "square.inp", "CPS3", more=more))
 

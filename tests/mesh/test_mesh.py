@@ -11,12 +11,12 @@ import pytest
 from scenes import LIMIT, run_command, write_scene
 
 from ddmpi.errors import InputError
-from ddmpi.mesh import read
 from ddmpi.mesh.boundary import boundary_group, group_nodes, segments, turn_outward
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh, signed_measures
-from ddmpi.mesh.read import file_kind, read_mesh, shorter_diagonals
-from ddmpi.mesh.refine import raise_order
+from ddmpi.mesh.read import file_kind, read_mesh
+from ddmpi.mesh.refine import HALVES as HALVED
+from ddmpi.mesh.refine import raise_order, shorter_diagonals
 from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, PartMaterial, Traction
 
@@ -506,7 +506,7 @@ def test_quadrilaterals_are_cut_along_the_shorter_diagonal(tmp_path):
     for turn in range(4):
         for way in (1, -1):
             turned = np.roll(quads, turn, axis=1)[:, ::way]
-            parts = read.HALVES[shorter_diagonals(points, turned)]
+            parts = HALVED[shorter_diagonals(points, turned)]
             triangles = np.take_along_axis(turned[:, None], parts, axis=2).reshape(-1, 3)
             assert {tuple(sorted(each)) for each in triangles.tolist()} == expected, (turn, way)
 

@@ -208,6 +208,21 @@ def test_a_partner_falls_on_a_clamped_node():
     assert answer.summary["rigid"]["ram"]["force"] == pytest.approx([0.0, FORCE], rel=1e-9, abs=1e-3)
 
 
+def test_a_ram_around_an_axis():
+    """A confined disc on a mat under a ram whose force is that of the whole disc, across a gap: p/k + pH/M."""
+    poisson, radius, k = 0.3, 2.0, 1e9
+    scene = pressed(2, force=[0.0, -np.pi * radius**2 * FORCE], lift=0.3) | {"axisymmetric": True}
+    scene["body"][0] |= {"clamp": [{"on": "right", "x": 0.0}], "foundation": [{"on": "bottom", "normal": k}]}
+    answer = solve(scene)
+    confined = YOUNG * (1 - poisson) / (1 + poisson) / (1 - 2 * poisson)
+    down = 0.3 + FORCE / k + FORCE / confined
+    assert answer.summary["rigid"]["ram"]["displacement"] == pytest.approx([0.0, -down], rel=1e-9)
+    assert answer.summary["rigid"]["ram"]["force"][1] == pytest.approx(np.pi * radius**2 * FORCE, rel=1e-12)
+    scene["rigid"][0]["force"] = [1.0, -1.0]
+    with pytest.raises(ddmpi.errors.InputError, match=r"rigid\.ram\.force: around an axis .* along y alone"):
+        ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
+
+
 @pytest.mark.parametrize(("ram", "words"), [
     ({"force": [0.0, 0.0]}, "rigid.ram: force must not be zero"),
     ({"force": [1.0, -1e4], "displacement": [1e-3, 0.0]}, "rigid.ram: along x it has both a force and a displacement"),

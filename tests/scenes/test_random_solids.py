@@ -1,7 +1,7 @@
-"""Random assemblies of solids, checked from their result files by scripts/random_solids.py, and that check itself."""
+"""Random assemblies of solids, checked from their result files as scripts/study random_solids does, and that check."""
 
 import pytest
-import random_solids
+import random_assemblies
 import scenes
 import solid_assemblies
 from solid_assemblies import feasible, random_scene, violations
@@ -23,7 +23,7 @@ def test_random_assembly(seed, verdict, tmp_path):
     217 needs that full steps which multiply the residual are not taken. Tresca's friction does not hold the torsion of
     214; 220 and 229 tip about the edges of contacts, or do not, where meshes are coarse.
     """
-    found = random_solids.judge(seed, 1 + seed % 7 % 4, tmp_path, 1e-5, LIMIT)
+    found = random_assemblies.judge_solids(seed, 1 + seed % 7 % 4, tmp_path, 1e-5, LIMIT)
     assert found[0] == verdict, found
 
 

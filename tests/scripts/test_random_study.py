@@ -18,8 +18,8 @@ SOLVED, NONE = 1, 2
 
 
 def run(*arguments: str) -> str:
-    return subprocess.run([sys.executable, SCRIPT, *arguments], text=True, capture_output=True, check=True,
-                          timeout=scenes.LIMIT).stdout
+    return subprocess.run([sys.executable, SCRIPT, "random_assemblies", *arguments], text=True, capture_output=True,
+                          check=True, timeout=scenes.LIMIT).stdout
 
 
 def test_the_reference_alone():

@@ -40,7 +40,7 @@ STUDIES = {
 
 
 COMMANDS = ("reproduce_tables", "hard_scenes", "random_assemblies", "extremes", "benchmark", "reference", "gallery",
-            "mutation", "verification")
+            "verification")
 
 
 def start(folder: Path, name: str, *arguments: str) -> subprocess.CompletedProcess:

@@ -5,7 +5,7 @@ import scipy.sparse as sparse
 from scipy.sparse.linalg import spsolve
 
 from ddmpi.body.elasticity import Elasticity, assemble
-from ddmpi.interface import interface, matching
+from ddmpi.interface import matching, rows
 from ddmpi.interface import mortar as mortars
 from ddmpi.interface.interface import Interface
 from ddmpi.mesh.mesh import Mesh
@@ -103,4 +103,4 @@ def join(first: Side, second: Side, friction, name: str, refinement: int = 1, ga
 
 
 def uncovered_profile(contact: Interface, friction, gap=None) -> list[str]:
-    return interface.uncovered_profile(contact, asked(friction, gap=gap))
+    return rows.uncovered_profile(contact, asked(friction, gap=gap))

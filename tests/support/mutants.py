@@ -200,7 +200,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("order of the roles swapped in one place", "coupling/exchange",
      "theirs = receive[2:]\n        return (mine, theirs) if", "theirs = receive[2:]\n        return (theirs, mine) if",
      f"{LEGS}::test_swap_returns_the_first_bodys_vector_first"),
-    ("error of the other rank not raised", "coupling/exchange", "if flags & FAILED or lost:", "if lost:",
+    ("error of the other rank not raised", "coupling/exchange", "if send[0] or receive[0] or lost:", "if lost:",
      f"{LEGS}::test_deferred_error_of_one_of_two_is_raised_on_both"),
     ("error of another rank not raised", "coupling/exchange", "if words[0] or lost:",
      "if lost:", f"{LEGS}::test_deferred_error_of_one_rank_is_raised_on_all"),

@@ -22,7 +22,8 @@ from pathlib import Path
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-DATA = {"result.h5", "result.xdmf", "history.csv", "steps.csv", "contact_upper-lower.csv", "summary.json"}
+DATA = {"result.h5", "result.xdmf", "history.csv", "steps.csv", "contact_upper-lower.csv", "contact_upper-lower.vtu",
+        "summary.json"}
 """Files of a run of `pinched_blocks`, or of a `Stack`, without pictures."""
 
 LIMIT = float(os.environ.get("DDMPI_TEST_LIMIT", "1200"))

@@ -338,7 +338,7 @@ def table(**columns) -> list[dict]:
             | {name: values[k] for name, values in columns.items() if "." not in name} for k in range(length)]
 
 
-SUMMARY = {"title": "t", "units": units({"length_unit": "mm", "stress_unit": "MPa"}, 2)}
+SUMMARY = {"title": "t", "units": units({"output": {"length_unit": "mm", "stress_unit": "MPa"}}, 2)}
 
 
 def draw(rows: list[dict], result: str, key: str):

@@ -1,4 +1,3 @@
-#!/usr/bin/env -S bash -c 'exec "${0%/*}/study" "$0" "$@"'
 """A mutation study: important lines are made wrong, one at a time, and a test must fail each time.
 
     scripts/study mutation [--only WORD]
@@ -18,8 +17,9 @@ import tempfile
 import time
 from pathlib import Path
 
-from experiment import ROOT
 from mutants import MUTANTS, Mutant
+
+ROOT = Path(__file__).resolve().parents[2]
 
 LIMIT = 120.0
 """Seconds after which a test counts as failed; mutants may make it hang."""

@@ -1,0 +1,187 @@
+"""One body around an axis: measures, stiffness, loads, clamps, motions, stress."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from by_skfem import basis_of, solve
+from petsc4py import PETSc
+from skfem import BilinearForm
+from skfem.helpers import ddot, sym_grad, trace
+
+from ddmpi.body.elasticity import assemble
+from ddmpi.body.estimate import estimate_error
+from ddmpi.body.stiffness import forces_at, sum_stiffness
+from ddmpi.body.stress import stress, von_mises
+from ddmpi.errors import InputError
+from ddmpi.mesh.build import build_mesh
+from ddmpi.mesh.mesh import Mesh
+from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction, VolumeForce
+
+STEEL = Material(young=3.0, poisson=0.3)
+
+both_orders = pytest.mark.parametrize("order", [1, 2])
+
+
+def ring(order: int = 1, inner: float = 1.0, **more) -> BodySpec:
+    """A rectangle 2 × 1 that turns into a tube, or with `inner` 0 into a disc."""
+    mesh = MeshSpec(shape="rectangle", origin=(inner, -0.5), size=(2.0, 1.0), divisions=(8, 4), order=order)
+    return BodySpec(name="ring", mesh=mesh, material=STEEL, **more)
+
+
+def ball(order: int = 2, **more) -> BodySpec:
+    """Half of an annulus, which turns into a hollow ball."""
+    mesh = MeshSpec(shape="annulus", center=(0.0, 0.0), radii=(1.0, 2.0), angles=(-90.0, 90.0), divisions=(24, 8),
+                    order=order)
+    return BodySpec(name="ball", mesh=mesh, material=STEEL, **more)
+
+
+def turned(spec: BodySpec) -> Mesh:
+    return build_mesh(spec, Path("."), dimension=2, axisymmetric=True)
+
+
+def test_measures_are_those_of_rings():
+    """Cells have the volumes of rings, on straight and on curved sides, next to the axis as well."""
+    assert turned(ring()).measures().sum() == pytest.approx(np.pi * (9.0 - 1.0))
+    assert turned(ring(inner=0.0)).measures().sum() == pytest.approx(np.pi * 4.0)
+    assert turned(ball()).measures().sum() == pytest.approx(4 / 3 * np.pi * (8.0 - 1.0), rel=1e-6)
+
+
+@both_orders
+def test_stiffness_is_that_of_skfem(order):
+    """K of a tube, with the strain u_r/r and the measure 2πr, as another program assembles it."""
+    mesh = turned(ring(order))
+    basis, numbers = basis_of(mesh, intorder=4)
+    first, shear = STEEL.lame
+
+    @BilinearForm
+    def form(u, v, w):
+        r = w.x[0]
+        volume = [trace(sym_grad(each)) + each[0] / r for each in (u, v)]
+        hoop = u[0] * v[0] / r**2
+        return 2 * np.pi * r * (first * volume[0] * volume[1]
+                                + 2 * shear * (ddot(sym_grad(u), sym_grad(v)) + hoop))
+
+    K = form.assemble(basis).tocoo()
+    dense, own = np.zeros(K.shape), sum_stiffness(mesh, STEEL)
+    np.add.at(dense, (numbers[K.row], numbers[K.col]), K.data)
+    ours = own.to_csr(np.ones(mesh.points.shape, bool), np.arange(len(mesh.points))).toarray()
+    assert ours == pytest.approx(dense, rel=1e-7, abs=1e-7 * np.abs(dense).max())  # u_r/r is no polynomial
+
+
+@both_orders
+@pytest.mark.parametrize("spec", [ring, lambda order: ring(order, inner=0.0), ball])
+def test_constant_stress_is_exact(spec, order):
+    """u = (a r, b y) has σ_rr = σ_φφ and σ_yy constant, in equilibrium with the tractions of these."""
+    mesh = turned(spec(order))
+    a, b = 2e-3, -1e-3
+    u = mesh.points * [a, b]
+    first, shear = STEEL.lame
+    rr, yy = (first * (2 * a + b) + 2 * shear * each for each in (a, b))
+    assert stress(mesh, STEEL, u) == pytest.approx(np.tile([rr, yy, rr, 0.0], (len(mesh.triangles), 1)), abs=1e-12)
+    assert von_mises(stress(mesh, STEEL, u)) == pytest.approx(np.full(len(mesh.triangles), abs(yy - rr)))
+    inner = ~np.isin(np.arange(len(mesh.points)), np.concatenate([each.ravel() for each in mesh.groups.values()]))
+    inner &= ~mesh.on_axis
+    forces = sum_stiffness(mesh, STEEL).mult(u)
+    assert forces[inner] == pytest.approx(0.0, abs=1e-3 * 1e-2 if order == 2 and spec is ball else 1e-14)
+    energy = 0.5 * (rr * 2 * a + yy * b) * mesh.measures().sum()
+    assert 0.5 * (forces * u).sum() == pytest.approx(energy, rel=1e-9)
+    estimate = estimate_error(mesh, STEEL, u)
+    assert estimate.energy == pytest.approx(2 * energy) and estimate.total < 1e-20
+
+
+@both_orders
+def test_loads_are_of_the_whole_circumference(order):
+    """Pressures, tractions, total forces and volume forces act on true areas and volumes."""
+    loaded = ring(order, traction=[Traction(on="top", pressure=2.0), Traction(on="right", value=("x", "1 + y")),
+                                   Traction(on="bottom", force=(5.0, 7.0))],
+                  volume_force=VolumeForce(value=(0.0, "x")))
+    f = assemble(turned(loaded), loaded).acting.f
+    top, right = np.pi * 8.0, 2 * np.pi * 3.0
+    axial = -2.0 * top + right + 7.0 + 2 * np.pi * (27.0 - 1.0) / 3
+    assert f.sum(axis=0) == pytest.approx([3.0 * right + 5.0, axial])
+
+
+@pytest.mark.parametrize("ends", ["held", "free"])
+def test_a_tube_under_pressure_is_lame_s(ends):
+    """Displacement and circumferential stress of a thick tube, with ends that are held or free."""
+    clamps = [Clamp(on="bottom", y=0.0)] + [Clamp(on="top", y=0.0)] * (ends == "held")
+    spec = ring(2, traction=[Traction(on="left", pressure=1e-3)], clamp=clamps)
+    mesh = turned(spec)
+    u, (p, a, b) = solve(mesh, spec), (1e-3, 1.0, 3.0)
+    E, nu = (3.0, 0.3) if ends == "free" else (3.0 / (1 - 0.09), 0.3 / 0.7)
+    r = mesh.points[:, 0]
+    exact = p * a**2 / (b**2 - a**2) / E * ((1 - nu) * r + (1 + nu) * b**2 / r)
+    assert u[:, 0] == pytest.approx(exact, rel=2e-3)
+    middle = mesh.points[mesh.corners].mean(axis=1)[:, 0]
+    hoop = p * a**2 / (b**2 - a**2) * (1 + b**2 / middle**2)
+    assert stress(mesh, STEEL, u)[:, 2] == pytest.approx(hoop, rel=0.03)
+
+
+def test_quadratic_ball_under_pressure_is_lame_s():
+    """A hollow ball, curved and touching the axis, that only its symmetry holds."""
+    spec = ball(2, traction=[Traction(on="outer", pressure=1e-3)],
+                clamp=[Clamp(on="inner", y="-1e-3 * 1.5 * 0.7 / 3 * 8 / 7 * y")])
+    mesh = turned(spec)
+    u = solve(mesh, spec)
+    inner = np.unique(mesh.groups["inner"])
+    exact = -1e-3 * 1.5 * 0.7 / 3.0 * 8.0 / 7.0  # at the inner radius
+    assert u[inner, 0] == pytest.approx(exact * mesh.points[inner, 0], abs=2e-3 * abs(exact))
+
+
+@both_orders
+def test_only_the_motion_along_the_axis_is_free(order):
+    """Clamps across the axis hold no body along it, one along it holds the body."""
+    for spec in (ring(order), ring(order, clamp=[Clamp(on="left", x=0.0)])):
+        motions = assemble(turned(spec), spec).motions
+        assert motions.shape[2] == 1 and np.ptp(motions[:, 1]) == 0.0 and not motions[:, 0].any()
+    held = ring(order, clamp=[Clamp(on="left", y=0.0)])
+    assert assemble(turned(held), held).held
+
+
+def test_nodes_on_the_axis_do_not_move_radially():
+    """Without being told; to say so is allowed, to say otherwise is an error, unless it is zero there."""
+    for clamps in ([], [Clamp(on="left", x=0.0)], [Clamp(on="top", x="1e-3 * x")]):
+        spec = ring(inner=0.0, clamp=clamps)
+        mesh = turned(spec)
+        problem = assemble(mesh, spec)
+        assert not problem.free[mesh.points[:, 0] == 0.0, 0].any()
+        assert problem.free[mesh.points[:, 0] == 1.0, 0].any()
+    spec = ring(inner=0.0, clamp=[Clamp(on="top", x=1e-3)])
+    with pytest.raises(InputError, match=r"body.ring.clamp: x at \(0, 0.5\) is prescribed as 0.001, and what lies"):
+        assemble(turned(spec), spec)
+
+
+def test_meshes_lie_on_one_side_of_the_axis():
+    """x < 0 is refused with the place; rounding is none."""
+    with pytest.raises(InputError, match=r"body.ring.mesh: the node at \(-0.25, .*\) lies on the other side"):
+        turned(ring(inner=-0.25))
+    assert turned(ring(inner=-1e-15)).points[:, 0].min() == 0.0
+
+
+def test_no_nodes_have_no_forces():
+    """The forces at none of the nodes of a body: those of clamps where there are none."""
+    mesh = turned(ring())
+    assert forces_at(mesh, STEEL, mesh.points, np.empty(0, int)).shape == (0, 2)
+    assert forces_at(replace(mesh, axisymmetric=False), STEEL, mesh.points, np.empty(0, int)).shape == (0, 2)
+
+
+@both_orders
+@pytest.mark.parametrize("inner", [0.0, 0.01, 1.0, 100.0])
+def test_multigrid_takes_as_many_iterations_as_in_the_plane(order, inner):
+    """The plane's rigid motions make a near-null space for bodies around an axis, far from it and on it."""
+    counts = []
+    for axisymmetric in (False, True):
+        mesh = MeshSpec(shape="rectangle", origin=(inner, 0.0), size=(2.0, 1.0), divisions=(40, 20), order=order)
+        spec = BodySpec(name="ring", mesh=mesh, material=STEEL, clamp=["bottom"],
+                        traction=[Traction(on="top", pressure=1.0)])
+        problem = assemble(build_mesh(spec, Path("."), dimension=2, axisymmetric=axisymmetric), spec)
+        solver, u = PETSc.KSP().create(PETSc.COMM_SELF), problem.b.duplicate()
+        solver.setOperators(problem.A)
+        solver.setType("cg")
+        solver.pc.setType("gamg")
+        solver.setTolerances(rtol=1e-8)
+        solver.solve(problem.b, u)
+        counts.append(solver.getIterationNumber())
+    assert counts[1] <= counts[0] + 3 < 25
