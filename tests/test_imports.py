@@ -12,7 +12,7 @@ from scenes import LIMIT
 PACKAGE = Path(__file__).resolve().parents[1] / "ddmpi"
 
 ROOMS = ["errors", "petsc", "system", "scene", "mesh", "body", "surface", "qp", "interface", "coupling", "methods",
-         "judge", "results", "run", "sweep", "cli"]
+         "judge", "results", "run", "check", "sweep", "cli"]
 """From the bottom to the top: a room imports only itself and rooms to its left."""
 
 ENTRANCES = {"__init__", "__main__", "mprgp", "apg"}
@@ -39,6 +39,7 @@ PLACES = {
     # pictures, and meshes that are made or drawn
     "mesh/geometry": 1, "results/frame": 1, "results/histories": 2, "results/pictures": 2,
     # columns, units and the name of the preconditioner
+    "check/drawing": 2,
     "results/tables": 2, "results/summary": 1, "run/report": 1,
     "scene/meshes": 2,
     # a scene in the plane has plane strain or plane stress

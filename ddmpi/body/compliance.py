@@ -71,12 +71,8 @@ class Compliance:
                  memory: float = np.inf, make_solver: Callable[..., Any] = StiffnessSolver,
                  points: np.ndarray | None = None) -> None:
         self.B, self.size, self._B_transposed = B, B.shape[0], B.T.tocsr()
-        self.kind, self.reason = (kind, "asked for") if kind else choose_kind(A.size[0], self.size, memory,
-                                                                               A.getBlockSize())
+        self.kind, self.reason = plan_compliance(A.size[0], B, kind, memory, A.getBlockSize())
         self._rigid = not B.count_nonzero()
-        if self._rigid:
-            self.kind = "direct"
-            self.reason = "clamps hold its whole contact: C = 0" if self.size else "it touches nothing"
         dense = self.kind == "explicit"
         order = elimination_order(A, points) if dense and points is not None else None
         self.solver = make_solver(A, name, B if dense else None, order, iterative=self.kind == "iterative")
@@ -160,6 +156,14 @@ class Compliance:
         return self._norm
 
 
+def plan_compliance(n: int, B: sparse.csr_matrix, kind: str | None, memory: float, d: int) -> tuple[str, str]:
+    """The `kind` that is asked for, or else that of `choose_kind`, and the reason; that of a body whose contact nodes
+    cannot move, with a trace B of no entries, is direct. Not collective."""
+    if not B.count_nonzero():
+        return "direct", "clamps hold its whole contact: C = 0" if B.shape[0] else "it touches nothing"
+    return (kind, "asked for") if kind else choose_kind(n, B.shape[0], memory, d)
+
+
 def choose_kind(n: int, k: int, memory: float, d: int = 2) -> tuple[str, str]:
     """Choose the kind of compliance for a body with `n` dofs and `k` contact unknowns.
 
@@ -175,19 +179,26 @@ def choose_kind(n: int, k: int, memory: float, d: int = 2) -> tuple[str, str]:
     -------
     "explicit", "direct" or "iterative", and the reason. Not collective.
     """
-    solid = d == 3
-    growth = n ** (4 / 3) if solid else n * np.log2(max(n, 2))
-    plain, dense = MARGIN * FACTORS[solid] * growth, 8.0 * k**2
-    whole = MARGIN * FACTORS_WITH_SCHUR[solid] * growth + dense
+    solid, dense = d == 3, 8.0 * k**2
+    plain, whole = (MARGIN * memory_of_factors(n, d, condensed) for condensed in (False, True))
+    whole += dense
     if plain > memory:
-        return "iterative", f"factors may take {_worded(plain)}, {_worded(memory)} are free"
+        return "iterative", f"factors may take {bytes_in_words(plain)}, {bytes_in_words(memory)} are free"
     if k**3 > LARGEST_RATIO[solid] * n:
         return "direct", f"a dense matrix of {k} contact unknowns costs more than it saves at {n} dofs"
     if whole > memory:
         return ("iterative" if solid else "direct",
-                f"factors and a dense matrix may take {_worded(whole)}, {_worded(memory)} are free")
-    return "explicit", f"a dense matrix of {_worded(dense)} beside the factors"
+                f"factors and a dense matrix may take {bytes_in_words(whole)}, {bytes_in_words(memory)} are free")
+    return "explicit", f"a dense matrix of {bytes_in_words(dense)} beside the factors"
 
 
-def _worded(size: float) -> str:
+def memory_of_factors(n: int, d: int, condensed: bool) -> float:
+    """Bytes of MUMPS's factors of `n` dofs, d a node, with the compliance if it is `condensed`; an estimate."""
+    solid = d == 3
+    growth = n ** (4 / 3) if solid else n * np.log2(max(n, 2))
+    return (FACTORS_WITH_SCHUR if condensed else FACTORS)[solid] * growth
+
+
+def bytes_in_words(size: float) -> str:
+    """A number of bytes in words."""
     return f"{size / 2**30:.1f} GiB" if size >= 2**30 else f"{max(size / 2**20, 0.1):.1f} MiB"

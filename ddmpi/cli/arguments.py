@@ -65,6 +65,11 @@ def build_parser() -> argparse.ArgumentParser:
     run.add_argument("--restart", type=_named, metavar="DIR", help="go on from the checkpoint of an interrupted run in "
                      "DIR, with the same scene and options; results go there too unless --output says otherwise")
     run.add_argument("--no-figures", action="store_true", help="draw no pictures")
+    check = commands.add_parser("check", help="say and draw what a run would do, without solving", parents=[scene],
+                                **formats)
+    check.add_argument("--output", type=_named, metavar="DIR",
+                       help="folder for the pictures (default: a new one in results/)")
+    check.add_argument("--no-figures", action="store_true", help="draw no pictures")
     _add_sweep(commands, scene, formats)
     figures = commands.add_parser("figures", help="draw the pictures of saved results anew", allow_abbrev=False)
     figures.add_argument("folder", type=_named, metavar="DIR", help="folder of results")

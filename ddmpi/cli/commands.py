@@ -33,8 +33,13 @@ def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None
         from ddmpi.run.run import run
 
     interrupt.listen()
-    run(world, scene, options.scene, options.output, figures=scene.output.figures and not options.no_figures,
-        restart=options.restart)
+    if options.command == "check":
+        from ddmpi.check.check import check
+
+        check(world, scene, options.scene, options.output, scene.output.figures and not options.no_figures)
+    else:
+        run(world, scene, options.scene, options.output, figures=scene.output.figures and not options.no_figures,
+            restart=options.restart)
 
 
 def _sweep(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
@@ -121,8 +126,8 @@ def _schema(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> N
         print(json.dumps(json_schema(Scene), indent=1, ensure_ascii=False))
 
 
-COMMANDS = {"run": _run, "sweep": _sweep, "figures": _draw, "path": _path, "sweep-plot": _draw, "report": _report,
-            "info": _info, "schema": _schema}
+COMMANDS = {"run": _run, "check": _run, "sweep": _sweep, "figures": _draw, "path": _path, "sweep-plot": _draw,
+            "report": _report, "info": _info, "schema": _schema}
 
 
 @contextlib.contextmanager

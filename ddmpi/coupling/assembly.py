@@ -110,7 +110,7 @@ class Assembly:
 
 
 def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Clock | None = None,
-            refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES) -> Assembly:
+            refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES, factor: bool = True) -> Assembly:
     """Mesh, assemble, pair and factor.
 
     Parameters
@@ -120,6 +120,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     clock : times the phases mesh, assemble and factor
     refinement : how many times finer the meshes of `scene` are than the given ones, but for geometries
     sizes : of the elements of geometries, by the names of the own bodies, where an accuracy target has led to them
+    factor : False for an assembly that is only looked at, see `Member`
 
     Raises
     ------
@@ -178,10 +179,11 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     with clock.phase("factor"), agreed(world):
         for spec in mine:
             points = meshes[spec.name].points[bodies[spec.name].nodes]
-            bodies[spec.name] = _deal(team, bodies[spec.name], points)
+            if factor:
+                bodies[spec.name] = _deal(team, bodies[spec.name], points)
             ours = [interface for interface in interfaces if spec.name in interface.bodies]
             members.append(Member(spec.name, bodies[spec.name], ours, scene.method.compliance, memory, histories,
-                                  points))
+                                  points, factor))
             interrupt.check()
     owned = {contact for contact, first, _ in exchange.ends if first == world.rank}
     if exchange.mirrored:

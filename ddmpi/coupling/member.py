@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sparse
 from petsc4py import PETSc
 
-from ddmpi.body.compliance import Compliance
+from ddmpi.body.compliance import Compliance, plan_compliance
 from ddmpi.body.elasticity import Elasticity, LoadCase
 from ddmpi.body.rigid_motions import Centring, support
 from ddmpi.coupling.team import hold, make_solver
@@ -36,22 +36,26 @@ class Member:
     compliance, memory : kind of the compliance, and the bytes that it may use, see `Compliance`
     histories : that loads and clamps of the scene follow, None for those that follow none
     points : (k, d) positions of the nodes that A acts on, see `Compliance`
+    factor : without it the body is only looked at: there is no C, and h is zero
 
     Attributes
     ----------
+    kind, reason : of a body that is only looked at, those that its `Compliance` would have
     C : contact compliance B A⁻¹ Bᵀ with its counts; of a loose body before centring, so multiply by `mult`
     h : (size,) B A⁻¹ b, the contact displacement without contact forces (m); of a loose body, with those that
         balance the load
+    size : length of the body's vectors
     parts : of its vector by contact, and its side there, 0 or 1
     G : (j, size) contact displacements of the rigid motions that clamps leave free
     e : (j,) what the load does along these motions (N); G s does the same if the body is in equilibrium
 
-    Construction factors A and is collective on the body's communicator. Raises SolverError.
+    Construction factors A, unless told not to, and is collective on the body's communicator. Raises SolverError.
     """
 
     def __init__(self, name: str, elasticity: Elasticity, interfaces: Sequence[Interface],
                  compliance: str | None = None, memory: float = np.inf,
-                 histories: Sequence[str | None] = (None,), points: np.ndarray | None = None) -> None:
+                 histories: Sequence[str | None] = (None,), points: np.ndarray | None = None,
+                 factor: bool = True) -> None:
         self.name, self.elasticity, self.interfaces = name, elasticity, tuple(interfaces)
         self._histories = tuple(histories)
         ends = np.cumsum([0, *(each.size for each in self.interfaces)]).tolist()
@@ -62,9 +66,14 @@ class Member:
                            *(trace(each, each.side(name), elasticity) for each in self.interfaces)], format="csr")
         motions = self.motions[elasticity.nodes]
         R = motions.reshape(A.size[1], motions.shape[2])
+        self.size = B.shape[0]
         self.G, self.e = np.ascontiguousarray((B @ R).T), R.T @ b.array_r
         self._R = R
         self._centring: Centring | None = None
+        if not factor:
+            self.kind, self.reason = plan_compliance(A.size[0], B, compliance, memory, A.getBlockSize())
+            self._responses = {name: (np.zeros(self.size), R.T @ case.b) for name, case in elasticity.cases.items()}
+            return
         if not elasticity.held:
             self._centring = Centring(R, B)
             A = hold(A, support(motions))
@@ -93,11 +102,6 @@ class Member:
         self.elasticity = self.elasticity.under(factors)
         self.h, self.e = (sum((factors[name] * response[k] for name, response in self._responses.items()), np.zeros(1))
                           for k in (0, 1))
-
-    @property
-    def size(self) -> int:
-        """Length of the body's vectors."""
-        return self.C.size
 
     @property
     def stiffness(self) -> float:

@@ -25,11 +25,6 @@ _TEAM = MPI.Comm.Create_keyval()
 """Under this the communicator of the roots carries the team of its rank."""
 
 
-def place_bodies(number: int, ranks: int) -> list[int]:
-    """The rank of each body: one body a rank, or, with fewer ranks than bodies, neighbours in the scene together."""
-    return [k * min(ranks, number) // number for k in range(number)]
-
-
 def on_working_ranks(world: MPI.Comm, scene: Settled, work: Callable[[MPI.Comm], T]) -> T | None:
     """What `work` returns on the roots of the bodies, which it is given; the others serve them, and return None.
 
@@ -114,5 +109,5 @@ def ranks_beside(world: MPI.Comm) -> int:
 
 
 def homes_of(names: Sequence[str], world: MPI.Comm) -> dict[str, int]:
-    """The rank of each body by name."""
-    return dict(zip(names, place_bodies(len(names), world.size), strict=True))
+    """The rank of each body: one body a rank, or, with fewer ranks than bodies, neighbours in the scene together."""
+    return {name: k * min(world.size, len(names)) // len(names) for k, name in enumerate(names)}

@@ -159,13 +159,10 @@ class Share:
         """Bytes that the ranks can get, together."""
         return self.comm.allreduce(free_memory() / self._beside)
 
-    def peak(self, given: None = None) -> float:
-        """The most memory (MiB) that a rank has held."""
-        return max(self.comm.allgather(peak_memory()))
-
-    def hosts(self, given: None = None) -> list[str]:
-        """The host of each rank."""
-        return self.comm.allgather(MPI.Get_processor_name())
+    def machine(self, given: None = None) -> tuple[float, list[str]]:
+        """The most memory (MiB) that a rank has held, and the host of each rank."""
+        peaks, hosts = zip(*self.comm.allgather((peak_memory(), MPI.Get_processor_name())), strict=True)
+        return max(peaks), list(hosts)
 
     def _ordered(self, x: np.ndarray) -> np.ndarray:
         """The root's vector in the order of the ranks."""

@@ -256,7 +256,7 @@ def deepest_in(a: Solid, x: np.ndarray, kept: np.ndarray, bows: np.ndarray, b: S
     inside = np.flatnonzero(_depth_in_cell(points, y[b.cells]) >= -ROUNDING)
     if not len(inside):
         return []
-    depth, nearest = _distance(points[inside], y[b.facets[:, :-1]])
+    depth, nearest = distance_to(points[inside], y[b.facets[:, :-1]])
     held = held[inside] & kept_of_b[b.facets[nearest, :-1]].all(axis=1)
     excess = depth - slack[inside] - bows_of_b[nearest] - least - depth[held].max(initial=0.0)
     k = int(np.argmax(np.where(held, 0.0, excess)))
@@ -333,7 +333,7 @@ def _depth_in_cell(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
     return best
 
 
-def _distance(points: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def distance_to(points: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The distance of each point (k, d) to the nearest of the facets (f, d, d), and the number of that one."""
     middle = facets.mean(axis=1)
     tree, reach = cKDTree(middle), float(np.linalg.norm(facets - middle[:, None], axis=2).max())

@@ -41,8 +41,8 @@ READ_AS_DATA = (".step", ".stp", ".brep", ".brp", ".iges", ".igs", ".stl")
 """Endings, in small letters, of files that gmsh takes for no script whatever they hold."""
 
 AROUND = 24
-"""Elements around a full circle, at least: beyond 40 degrees from one side to the next a contact has a corner. Not by
-Mesh.MeshSizeFromCurvature: gmsh 4.15 differentiates its own arcs twice by differences, and never ends on small ones."""
+"""Elements around a full circle, at least: beyond 40 degrees from one side to the next a contact has a corner. With
+Mesh.MeshSizeFromCurvature gmsh 4.15 never ends on small arcs."""
 
 SAMPLES, MOST = 65, 200
 """Points on a curve by which its radius is found; most elements along a curve or a face because of its curvature."""
@@ -225,27 +225,29 @@ def _choose_groups(gmsh, script: bool, body: BodySpec, contacts: Collection[str]
 
 
 def _name_sides(gmsh, body: BodySpec, contacts: Collection[str], label: str) -> None:
-    """Make every curve or face a group by its number, and by the last part of its label. Raises InputError."""
-    side = gmsh.model.getDimension() - 1
-    sides: dict[str, list[int]] = {}
-    for _, tag in gmsh.model.getEntities(side):
-        for name in {str(tag), gmsh.model.getEntityName(side, tag).split("/")[-1]} - {""}:
-            sides.setdefault(name, []).append(tag)
-    asked = [*contacts, *body.groups]
-    missing = next((name for name in asked if name not in sides), None)
-    if missing is not None:
-        each = "; ".join(f"{name} {_where(gmsh, side, tags[0])}" for name, tags in sides.items())
-        raise InputError(f"{label} has no {('curve', 'face')[side - 1]} {missing!r}; it has {each}")
-    for name, tags in sides.items():
-        gmsh.model.addPhysicalGroup(side, tags, name=name)
+    """Make every curve or face a group by its number, and by the last part of its label. So are curves of solids and
+    points that are asked for, as in "curve 5" and "point 3". Raises InputError."""
+    side, kinds, found = gmsh.model.getDimension() - 1, ("point", "curve", "face"), dict[tuple[str, int], list[int]]()
+    for k, tag in gmsh.model.getEntities():
+        number = str(tag) if k == side else f"{PHYSICAL[k].split()[1]} {tag}"
+        for name in {number, gmsh.model.getEntityName(k, tag).split("/")[-1]} - {""} if k <= side else ():
+            found.setdefault((name, k), []).append(tag)
+    for missing in (each for each in [*contacts, *body.groups] if not any((each, k) in found for k in range(3))):
+        of = next((k for k in range(side) if missing.startswith(kinds[k])), side)
+        each = "; ".join(f"{name} {_where(gmsh, k, tags[0])}" for (name, k), tags in found.items() if k == of)
+        raise InputError(f"{label} has no {kinds[of]} {missing!r}; it has {each}")
+    for (name, k), tags in found.items():
+        if k == side or name in body.groups:
+            gmsh.model.addPhysicalGroup(k, tags, name=name)
 
 
-def _where(gmsh, side: int, tag: int) -> str:
-    """Where a curve runs in the plane, or a face lies in space, in words."""
-    if side > 1:
-        digits = 5 - int(np.log10(_extent(gmsh, side, tag)))
-        return " to ".join(in_words(np.round(each, digits) + 0.0) for each in _box(gmsh, side, tag))
-    return "from {} by {} to {}".format(*(in_words(at + 0.0) for at in _samples(gmsh, tag)[[0, SAMPLES // 2, -1], :2]))
+def _where(gmsh, k: int, tag: int) -> str:
+    """Where a point, a curve or a face lies, in words."""
+    if k == 1:
+        places = _samples(gmsh, tag)[[0, SAMPLES // 2, -1], :gmsh.model.getDimension()]
+        return "from {} by {} to {}".format(*(in_words(at + 0.0) for at in places))
+    box = np.round(_box(gmsh, k, tag), 5 - int(np.log10(_extent(gmsh)))) + 0.0
+    return " to ".join(dict.fromkeys(map(in_words, box)))
 
 
 def _box(gmsh, dimension: int = -1, tag: int = -1) -> np.ndarray:
@@ -268,10 +270,8 @@ def _refuse_tiny(gmsh, body: BodySpec, contacts: Collection[str], label: str) ->
 
 def _measure(gmsh, dimension: int, tag: int) -> float:
     """The length of a curve, the area of a plane surface; for a face or a volume an estimate by its box."""
-    if dimension == 1:
-        return _curve_bend(gmsh, tag)[1]
     if gmsh.model.getDimension() == 2:
-        return _area(gmsh, tag)
+        return _area(gmsh, tag) if dimension == 2 else _curve_bend(gmsh, tag)[1]
     return float(np.sort(np.diff(_box(gmsh, dimension, tag), axis=0)[0])[-dimension:].prod()) * FILLED
 
 
@@ -300,9 +300,8 @@ def _area(gmsh, surface: int) -> float:
 def _refine_towards(gmsh, body: BodySpec, contacts: Collection[str]) -> None:
     """Limit the sizes of the file, and make elements finer along the groups in `contacts`."""
     largest, finest = body.mesh.largest, body.mesh.contact_size or body.mesh.largest
-    number = gmsh.option.getNumber
-    gmsh.option.setNumber("Mesh.MeshSizeMax", min(number("Mesh.MeshSizeMax"), largest))
-    gmsh.option.setNumber("Mesh.MeshSizeMin", min(number("Mesh.MeshSizeMin"), finest))
+    for option, most in (("Mesh.MeshSizeMax", largest), ("Mesh.MeshSizeMin", finest)):
+        gmsh.option.setNumber(option, min(gmsh.option.getNumber(option), most))
     side = gmsh.model.getDimension() - 1
     near, own = _of_groups(gmsh, side, contacts), re.search(r"^Background Field = (\d+);", _unrolled(gmsh), re.M)
     fields = _around(gmsh, largest) + ([int(own[1])] if own else [])

@@ -1,10 +1,9 @@
 """Anderson acceleration of the published outer map, with weights for unlike bodies.
 
-The map of the slides, λ ↦ λ + θ (B_1 w_1 + B_2 w_2), crawls or diverges when the bodies differ in
-stiffness. Two cures: each body's Neumann displacement is weighted with the square of its share of the
-stiffness (weighted Neumann–Neumann), and the stiffer body takes role 1. Anderson acceleration (Anderson
-1965; Walker and Ni, SIAM J. Numer. Anal. 49, 2011) makes the relaxation harmless. It needs inner solves
-that are more precise than the published rule asks for.
+The map of the slides, λ ↦ λ + θ (B_1 w_1 + B_2 w_2), crawls or diverges when the bodies differ in stiffness. Two cures:
+each body's Neumann displacement is weighted with the square of its share of the stiffness (weighted Neumann–Neumann),
+and the stiffer body takes role 1. Anderson acceleration (Anderson 1965; Walker and Ni, SIAM J. Numer. Anal. 49, 2011)
+makes the relaxation harmless. It needs inner solves that are more precise than the published rule asks for.
 """
 
 from __future__ import annotations

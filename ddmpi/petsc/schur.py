@@ -31,9 +31,8 @@ def request_schur(pc: PETSc.PC, dofs: np.ndarray) -> None:
 def inverted_schur(pc: PETSc.PC, size: int) -> np.ndarray:
     """The inverse (size, size) of the Schur complement, after the factorization.
 
-    It is inverted in place, in PETSc's memory: full solves with the factors use the same copy. The array
-    is read only, and valid only as long as the PC exists. Raises PETSc.Error if the Schur complement is
-    not positive definite.
+    It is inverted in place, in PETSc's memory: full solves with the factors use the same copy. The array is read only,
+    and valid only as long as the PC exists. Raises PETSc.Error if the Schur complement is not positive definite.
     """
     _call("MatFactorInvertSchurComplement", _POINTER(pc.getFactorMatrix().handle))
     array = _schur_array(pc, size)

@@ -6,9 +6,8 @@ convergence and finite termination, Comput. Optim. Appl. 30 (2005) 23–43; here
 
 Differences from the paper:
 
-* an expansion, where the conjugate gradient step leaves the set, first tries the *projected conjugate
-  gradient step* and keeps it if it lowers the objective; otherwise it takes the projected gradient step
-  of fixed length;
+* an expansion, where the conjugate gradient step leaves the set, first tries the *projected conjugate gradient step*
+  and keeps it if it lowers the objective; otherwise it takes the projected gradient step of fixed length;
 * the proportioning step ends at the opposite bound;
 * the gradient follows the iterates by recurrence: every step costs one multiplication by the
   Hessian, an expansion two or three.

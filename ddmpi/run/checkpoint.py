@@ -15,7 +15,7 @@ import logging
 import os
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -54,12 +54,6 @@ class Part(Protocol):
     def state(self) -> dict[str, Any]: ...
 
     def restore(self, state: dict[str, Any]) -> None: ...
-
-
-class LoadSteps(Part, Protocol):
-    """The load steps of a run, with the number of iterations of all before the present one."""
-
-    iterations: int
 
 
 def identify(scene: Settled, options: dict[str, str], versions: dict[str, str]) -> dict[str, dict]:
@@ -132,18 +126,18 @@ class Checkpoints:
         if folder:
             import h5py  # noqa: F401  a signal may leave a second, and to load it takes a part of that
 
-    def follow(self, assembly: Assembly, outer: Outer, steps: LoadSteps | None = None, **parts: Part) -> None:
+    def follow(self, assembly: Assembly, outer: Outer, before: Callable[[], int] = int, **parts: Part) -> None:
         """Keep the state of the iteration and of other `parts` from now on; restore what there is to go on from.
 
+        `before` says how many iterations the load steps before the present one have taken.
         Collective. Raises InputError on all ranks when the checkpoint is of other meshes.
         """
         exchange, bodies = assembly.exchange, assembly.bodies
 
         def count() -> int:
-            return len(outer.history) + (steps.iterations if steps else 0)
+            return len(outer.history) + before()
 
         self._parts = parts | {"ladder": self._ladder, "outer": outer, "exchange": exchange}
-        self._parts |= {"steps": steps} if steps else {}
         self._parts |= {f"compliance of {body.spec.name}": body.member.C for body in bodies}
         self._fixed = {"mesh": _digest(assembly), "kind": ", ".join(body.member.C.kind for body in bodies),
                        "h": np.concatenate([body.member.h for body in bodies])}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -11,7 +12,7 @@ from ddmpi.coupling.assembly import Assembly
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import across, direction
 from ddmpi.interface.state import ContactState
-from ddmpi.judge.equilibrium import LARGEST, Mechanism, find_mechanism
+from ddmpi.judge.equilibrium import LARGEST, ROUNDING, Mechanism, find_mechanism
 from ddmpi.judge.motions import MotionsOfBody, describe_motions, undetermined
 from ddmpi.system.agreement import from_first, merged
 
@@ -31,6 +32,25 @@ def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
     def find() -> Mechanism | None:
         load = np.array([load for _, load in bodies])
         return find_mechanism(interfaces, G, assembly.joint.e, [body for body, _ in bodies], load)
+
+    return from_first(assembly.world, find)
+
+
+def motions_without_resistance(assembly: Assembly) -> list[str]:
+    """The rigid motions that no force of any contact resists, a sentence each, the same on all ranks. Collective."""
+    if not assembly.loose or len(assembly.loose) > LARGEST:
+        return []
+    interfaces, G = _whole(assembly, lambda interface: sparse.identity(interface.size, format="csr"))
+    bodies = _loose_bodies(assembly)
+
+    def find() -> list[str]:
+        parts, ends = [np.zeros((G.shape[0], 0))], np.cumsum([0, *(each.size for each in interfaces)])
+        for start, stop in itertools.pairwise(ends):  # a few forces are as good as all of a contact
+            axes, sizes, _ = np.linalg.svd((own := G[:, start:stop])[np.unique(own.indices)].toarray(), False)
+            some = np.flatnonzero(sizes > ROUNDING * sizes.max(initial=0.0))
+            parts.append(np.zeros((G.shape[0], len(some))))
+            parts[-1][np.unique(own.indices)] = axes[:, some] * sizes[some]
+        return undetermined(np.hstack(parts), [body for body, _ in bodies])
 
     return from_first(assembly.world, find)
 

@@ -191,8 +191,7 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     world, scene, outer = assembly.world, assembly.scene, solution.outer
     team = team_of(world)
     ranks = team.ranks if team else [world.rank]
-    memory = team.do("peak") if team else peak_memory()
-    hosts = team.do("hosts") if team else [MPI.Get_processor_name()]
+    memory, hosts = team.do("machine") if team else (peak_memory(), [MPI.Get_processor_name()])
     factors = scene.factors(1.0 if solution.time is None else solution.time)
     own = [(body.number, (body.spec.name, _body(body, solution, error, own_fields[body.spec.name], ranks, memory)
                           | _forces_by_group(body, solution.displacements[body.spec.name], s, factors)))

@@ -44,7 +44,7 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     log.info("n = %d unknowns (%s %s), m = %d contact nodes, friction: %s", assembly.n,
              ("linear", "quadratic")[scene.body[0].mesh.order - 1], NAMES[scene.dimension][1], assembly.m,
              ", ".join(dict.fromkeys(interface.law.name for interface in interfaces)))
-    for gap, names in grouped((_describe_gap(each, scene.output.length_unit), each.name) for each in interfaces):
+    for gap, names in grouped((describe_gap(each, scene.output.length_unit), each.name) for each in interfaces):
         log.info("%s: %s", some(names, "contacts"), gap)
     team = team_of(world)
     own = {body.spec.name: _describe_body(body.member, team.size if team else 1, _cut(body.mesh))
@@ -54,7 +54,7 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
         log.info("%s: %s", some(names, "bodies"), way)
     if world.size < len(scene.body):
         log.info("%d bodies on %s", len(scene.body), _count(world.size, "rank"))
-    log.info("%s", _describe(scene.method, scene.dimension))
+    log.info("%s", describe_method(scene.method, scene.dimension))
     left_out = [*_held_by_clamps(interfaces), *_target_left_out(scene)]
     if figures and not has_matplotlib():
         left_out.append(f"pictures ({NO_MATPLOTLIB})")
@@ -129,7 +129,7 @@ def _count(number: int, what: str) -> str:
     return f"{number} {what}{'s' * (number != 1)}"
 
 
-def _describe_gap(interface: Interface, unit: str) -> str:
+def describe_gap(interface: Interface, unit: str) -> str:
     """How far the sides are apart at first, and what a load on them means."""
     gap = np.concatenate([interface.gap, interface.fixed.gap])
     if not gap.any():
@@ -143,7 +143,8 @@ def log_step(step: Step) -> None:
              f"  {step.stage}" if step.stage else "")
 
 
-def _describe(method: SettledMethod, dimension: int) -> str:
+def describe_method(method: SettledMethod, dimension: int) -> str:
+    """The outer method with its solvers, in words."""
     plan, discs = method.plan, ""
     if dimension > 2:
         plan, discs = plan.replace("half-plane", "half-space"), ", those with friction by python (APG)"

@@ -219,10 +219,10 @@ def _fields(assembly: Assembly, body: Body, u: np.ndarray, error: Discretization
 
 
 def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock | None = None,
-                  refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES) -> Assembly:
+                  refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES, factor: bool = True) -> Assembly:
     """`prepare`, with the scene's file named in what is wrong with it. Collective."""
     try:
-        return prepare(world, scene, Path(scene_path).parent, clock, refinement, sizes)
+        return prepare(world, scene, Path(scene_path).parent, clock, refinement, sizes, factor)
     except InputError as error:
         error.args = (f"{scene_path}: {error}",)
         raise

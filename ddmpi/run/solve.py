@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -158,7 +158,7 @@ class _Goal:
     steps: int = 0
 
     def state(self) -> dict[str, Any]:
-        return {"tolerance": self.tolerance, "worst": self.worst, "steps": self.steps}
+        return asdict(self)
 
     def restore(self, state: dict[str, Any]) -> None:
         self.tolerance, self.worst = float(state["tolerance"]), float(state["worst"])
@@ -169,10 +169,6 @@ class _Goal:
         useless = steps > self.steps and not worst < USEFUL * self.worst
         self.worst, self.steps = worst, steps
         return useless or self.tolerance < sys.float_info.epsilon
-
-
-def no_mechanism(assembly: Assembly) -> None:
-    """Look for no mechanism."""
 
 
 class Iteration:
@@ -196,7 +192,7 @@ class Iteration:
     """
 
     def __init__(self, assembly: Assembly, method: SettledMethod, report: Report, clock: Clock,
-                 first: Callable[[Assembly], Mechanism | None] = no_mechanism) -> None:
+                 first: Callable[[Assembly], Mechanism | None] | None = None) -> None:
         self.assembly, self.method, self.clock = assembly, method, clock
         for body in assembly.bodies:
             body.member.restart()
@@ -208,7 +204,7 @@ class Iteration:
             report(step)
 
         with clock.phase("outer"):
-            self.mechanism = first(assembly)
+            self.mechanism = first(assembly) if first else None
             self.outer = choose_outer(assembly, method, note)
         self.limit, self.goal = certificate_limit(method.tolerance), _Goal(method.tolerance)
         self.given = assembly.world.allreduce(max(body.member.C.solver.given for body in assembly.bodies), MPI.MAX)

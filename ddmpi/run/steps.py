@@ -114,7 +114,7 @@ def solve_scene(assembly: Assembly, report: Report = no_report, checkpoints: Che
     march = March(assembly, Iteration(assembly, scene.method, no_report, clock))
     if checkpoints:
         checkpoints.follow(assembly, outer=march.outer, statuses=march.iteration.statuses, goal=march.iteration.goal,
-                           steps=march)
+                           steps=march, before=lambda: march.iterations)
     return march.run(), march.log
 
 

@@ -58,9 +58,14 @@ def cut(slave: Side, master: Side, facing: float, deepest: np.ndarray) -> tuple[
     distance = np.einsum("qd,qd->q", np.einsum("qc,qcd->qd", there, others[other])
                          - np.einsum("qc,qcd->qd", at, own[facet]), outward[facet])
     keep = distance.reshape(-1, number).mean(axis=1) >= deepest[facet[::number]]
-    size = np.sqrt(facet_areas(own))
-    keep &= ~_hidden(own, others, outward, facet[::number], other[::number], at.reshape(-1, number, 3).mean(axis=1),
-                     distance.reshape(-1, number).mean(axis=1), BEHIND * size)
+    piece, over, slack = facet[::number], other[::number], BEHIND * np.sqrt(facet_areas(own))
+    middle, away = at.reshape(-1, number, 3).mean(axis=1), distance.reshape(-1, number).mean(axis=1)
+    pairs = np.unique(np.stack([piece, over]), axis=1)
+    if pairs.shape[1] > len(np.unique(piece)):
+        keep &= ~_hidden(own, outward, others, pairs, piece, over, middle, away, slack, -np.inf)
+    pairs = _opposite(own, outward, piece, away, slack)
+    if pairs.size:
+        keep &= ~_hidden(own, outward, own, pairs, piece, piece, middle, away, slack, 0.0)
     keep = np.repeat(keep, number)
     facet, other, at, there, weight, distance = (
         each[keep] for each in (facet, other, at, there, weight, distance))
@@ -172,12 +177,35 @@ def unit_edges(triangles: np.ndarray) -> np.ndarray:
     return along / np.linalg.norm(along, axis=1)[:, None]
 
 
-def _hidden(own: np.ndarray, others: np.ndarray, outward: np.ndarray, facet: np.ndarray, other: np.ndarray,
-            at: np.ndarray, distance: np.ndarray, slack: np.ndarray) -> np.ndarray:
-    """Which pieces (p,), with middles at (p, 3), have another of the master's facets before them."""
-    pairs = np.unique(np.stack([facet, other]), axis=1)
-    if pairs.shape[1] == len(np.unique(pairs[0])):
-        return np.zeros(len(facet), bool)
+def _opposite(own: np.ndarray, outward: np.ndarray, facet: np.ndarray, distance: np.ndarray,
+              slack: np.ndarray) -> np.ndarray:
+    """Pairs (2, p) of the slave's facets of which the second may lie before what pieces (q,) of the first face.
+
+    They are looked for in balls along the normal, no farther than the box around the slave: a flat one has none.
+    """
+    centre, reach = own.mean(axis=1), np.zeros(len(own))
+    radius = np.linalg.norm(own - centre[:, None], axis=2).max(initial=0.0)
+    np.maximum.at(reach, facet, distance)
+    room = np.where(outward > 0.0, own.max(axis=(0, 1)), own.min(axis=(0, 1))) - np.moveaxis(own, 1, 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        leaves = np.abs(room / outward)
+    reach = np.minimum(reach, np.fmin.reduce(leaves, axis=2).max(axis=0))
+    one, step = spans(np.zeros(len(own), int), np.where(reach > slack, np.ceil(reach / (2.0 * radius)), 0).astype(int))
+    ahead = centre[one] + (2 * step[:, None] + 1) * radius * outward[one]
+    found = cKDTree(centre).query_ball_point(ahead, 3.0 * radius)
+    one = np.repeat(one, [len(each) for each in found])
+    other = np.concatenate([np.empty(0, int), *map(np.asarray, filter(len, found))]).astype(int)
+    opposed = np.einsum("pd,pd->p", outward[one], outward[other]) < -BEHIND
+    return np.unique(np.stack([one, other])[:, opposed], axis=1)
+
+
+def _hidden(own: np.ndarray, outward: np.ndarray, triangles: np.ndarray, pairs: np.ndarray, facet: np.ndarray,
+            other: np.ndarray, at: np.ndarray, distance: np.ndarray, slack: np.ndarray, least: float) -> np.ndarray:
+    """Which pieces (p,), with middles at (p, 3), have another of the `triangles` (·, 3, 3) before what they face.
+
+    `pairs` (2, r), sorted, has each facet's rivals among the triangles, `other` (p,) what is none of them; rivals count
+    from the distance `least` on.
+    """
     start = np.searchsorted(pairs[0], facet)
     piece, candidate = spans(start, np.searchsorted(pairs[0], facet, "right"))
     rival = pairs[1, candidate]
@@ -185,7 +213,7 @@ def _hidden(own: np.ndarray, others: np.ndarray, outward: np.ndarray, facet: np.
     place = np.einsum("pc,pcd->pd", at[piece], own[on])
     first = unit_edges(own[on])
     axes = np.stack([first, np.cross(outward[on], first)], axis=1)
-    inside = _barycentric(_flat(place[:, None], place, axes), _flat(others[rival], place, axes))[:, 0]
-    reach = np.einsum("pd,pd->p", np.einsum("pc,pcd->pd", inside, others[rival]) - place, outward[on])
-    before = (inside > 0.0).all(axis=1) & (np.abs(reach) < np.abs(distance[piece]) - slack[on])
+    inside = _barycentric(_flat(place[:, None], place, axes), _flat(triangles[rival], place, axes))[:, 0]
+    reach = np.einsum("pd,pd->p", np.einsum("pc,pcd->pd", inside, triangles[rival]) - place, outward[on])
+    before = (inside >= -INSIDE).all(axis=1) & (reach > least) & (np.abs(reach) < np.abs(distance[piece]) - slack[on])
     return np.bincount(piece, before, len(facet)) > 0

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boundaries import held_beside, join, joined, mortar, pair, rectangle, ring, side
+from made_up_solids import box
 
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface
@@ -256,6 +257,29 @@ def test_the_far_side_of_a_ring_is_no_partner(order):
             assert np.hypot(*(wheel.points[contact.nodes[0]] - [0.0, 1.001]).T) == pytest.approx(1.0, abs=6e-3)
             assert wheel.points[contact.nodes[0], 1].max() < 0.6
             assert contact.gap.min() == pytest.approx(1e-3, abs=5e-3)  # a mean over two sides of 10°
+
+
+def walls(divisions: int, order: int) -> Side:
+    """What faces the other of two walls of one body, 0.8 apart: a bottomless channel along y."""
+    left, right = (box((x, 0.0, 0.0), (0.2, 1.0, 1.0), (1, divisions, divisions), order) for x in (0.0, 1.0))
+    number = len(left.points)
+    facets = np.concatenate([left.groups["right"], right.groups["left"] + number])
+    mesh = Mesh(np.concatenate([left.points, right.points]),
+                np.concatenate([left.triangles, right.triangles + number]), {"walls": facets})
+    return side(mesh, "walls", body="channel")
+
+
+@orders
+@pytest.mark.parametrize("divisions", [1, 5])
+@pytest.mark.parametrize("size", [0.6, 8.0])
+def test_a_wall_hides_what_stands_behind_it_in_space(divisions, size, order):
+    """The left wall of a channel does not see a block behind the right one, but a block between the two."""
+    channel = walls(divisions, order)
+    behind, between = (side(box((x, 0.1, 0.1), (width, size, size), (2, 3, 3), order), group, body="block")
+                       for x, width, group in ((1.5, size, "left"), (0.5, 0.2, "left")))
+    assert not cover(channel, behind).weight.size
+    over = cover(channel, between)
+    assert over.weight.sum() == pytest.approx(min(size, 0.9) ** 2) and over.gap == pytest.approx(0.3)
 
 
 @orders

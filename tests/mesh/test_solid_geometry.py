@@ -154,6 +154,23 @@ def test_faces_of_cad_files_are_groups_by_number(tmp_path, suffix):
     assert areas == pytest.approx([0.5, 0.5, 1.0, 1.0, 2.0, 2.0])
 
 
+@pytest.mark.parametrize("suffix", [".step", ".brep"])
+def test_curves_and_points_of_cad_files_may_be_clamped(tmp_path, suffix):
+    """They are called "curve 5" and "point 3"; what asks for others, or loads them, is refused with what there is."""
+    path = cad(tmp_path / f"block{suffix}", lambda occ: occ.addBox(0, 0, 0, 2, 1, 0.5))
+    with pytest.raises(InputError, match=r"'curve 99'; it has curve 1 from \(.*\) by .* to .*; curve 2") as error:
+        drawn(path, clamp=["curve 99"])
+    assert str(error.value).count("; curve") == 11
+    with pytest.raises(InputError, match=r"has no point 'point 99'; .*point (\d) \(2, 1, 0.5\)"):
+        drawn(path, clamp=["point 99"])
+    mesh = drawn(path, order=2, clamp=["curve 3", "point 2", "5"])
+    assert list(mesh.curves) == ["curve 3"] and list(mesh.vertices) == ["point 2"] and len(mesh.groups) == 6
+    ends = mesh.points[group_nodes(mesh, "curve 3", "")]
+    assert np.count_nonzero(np.ptp(ends, axis=0) > 1e-9) == 1 and len(mesh.vertices["point 2"]) == 1
+    with pytest.raises(InputError, match="'curve 3' is a physical curve of the mesh, which only a clamp may name"):
+        drawn(path, traction=[Traction(on="curve 3", pressure=1.0)])
+
+
 def test_drawings_say_the_dimension(tmp_path):
     """A drawing with volumes makes the scene solid, where nothing else says what it is."""
     solid, flat = write(tmp_path / "solid.geo", EXTRUDED % ""), write(

@@ -148,9 +148,11 @@ REFUSED = {
                         "contact.upper-floor.gap.along: there is no z in the plane"),
     "profile along arc": (SOLID, "contact.0.gap={along='arc', points=[0], values=[1]}",
                           "contact.upper-lower.gap.along: surfaces have no arc length; take a coordinate"),
-    "plane stress of one": (SOLID, "body.upper.material.plane=stress", "body.upper.material.plane: solids are neither"),
+    "plane stress of one": (SOLID, "body.upper.material.plane=stress",
+                            "body.upper.material.plane: solids and turned parts are neither"),
     "plane stress": (SOLID, "body.upper.material.plane=strain",
-                     "body.upper.material.plane: solids are neither in plane strain nor in plane stress; leave it out"),
+                     "body.upper.material.plane: solids and turned parts are neither in plane strain nor in plane "
+                     "stress; leave it out"),
     "circle": (SOLID, "rigid.ball={name='ball', shape='circle', center=[0, 0, 0], radius=1}",
                "rigid.ball.shape: a circle is plane; in space there are sphere and cylinder; this scene is in space, "
                "as body.upper.mesh.shape = box"),

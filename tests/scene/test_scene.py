@@ -543,7 +543,7 @@ OPTIONAL = {
     "VolumeForce": {"value", "history", "constant", "x_slope", "y_slope", "z_slope"},
     "Gap": {"value", "history"},  # a profile
     "AffineVector": {"constant", "x_slope", "y_slope", "z_slope"},  # zero
-    **{shape: {"displacement", "force", "history"} for shape in ("Plane", "Circle", "Sphere", "Cylinder")},  # not moved
+    **{shape: {"displacement", "force", "history"} for shape in ("Plane", "Circle", "Sphere", "Cylinder")},  # at rest
     "Settled": {"time"}, "SettledTime": {"steps", "tolerance"},  # one load step; the one or the other
     "Output": {"magnification"},  # chosen by the picture
     "SettledMethod": {"algorithm", "splitting", "theta", "target_error", "preset", "compliance"},

@@ -37,7 +37,7 @@ def ring(inner: float, outer: float, angles: np.ndarray, order: int = 1, closed:
 
 def side(mesh: Mesh, *groups: str, body: str = "body", where=None, x: bool = False, y: bool = False) -> Side:
     """The boundary `groups`; nodes for which `where` holds are clamped along x, y or both."""
-    clamps = np.full((len(mesh.points), 2), -1)
+    clamps = np.full(mesh.points.shape, -1)
     if where is not None:
         clamps[np.ix_(where(*mesh.points.T), [x, y])] = 0
     edges = np.concatenate([mesh.groups[group] for group in groups])

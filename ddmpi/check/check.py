@@ -1,0 +1,202 @@
+"""What a run would do, without solving: a scene meshed, assembled and paired, in words and pictures."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from mpi4py import MPI
+
+from ddmpi.body.compliance import bytes_in_words, memory_of_factors
+from ddmpi.body.loads import VOLUME, loads_by_group
+from ddmpi.check.drawing import Looked, draw
+from ddmpi.check.nearby import Boundary, Missing, find_missing
+from ddmpi.coupling.assembly import Assembly, Body
+from ddmpi.coupling.ranks import on_working_ranks
+from ddmpi.errors import NotConvergedError
+from ddmpi.interface.interface import Interface
+from ddmpi.judge.equilibrium import ROUNDING, describe
+from ddmpi.judge.motions import MotionsOfBody, undetermined
+from ddmpi.judge.overlap import doubt_overlaps
+from ddmpi.mesh.boundary import group_nodes
+from ddmpi.mesh.elements import NAMES, REGULAR
+from ddmpi.mesh.mesh import PHYSICAL, Mesh, signed_measures
+from ddmpi.results.folder import choose_folder
+from ddmpi.results.summary import units
+from ddmpi.run.equilibrium import look_for_mechanism, motions_without_resistance
+from ddmpi.run.report import LISTED, describe_gap, describe_method, grouped, some
+from ddmpi.run.run import prepare_scene
+from ddmpi.scene.bodies import Clamp
+from ddmpi.scene.scene import Settled
+from ddmpi.system.agreement import agreed
+from ddmpi.system.numbers import in_words, moment
+from ddmpi.system.provenance import NO_MATPLOTLIB, has_matplotlib
+
+log = logging.getLogger("ddmpi")
+
+POOR = 0.05
+"""Cells with less of the measure of a regular one, whose edges are as long in the root mean square, are poor."""
+
+SOLVERS = {"explicit": "direct solver", "direct": "direct solver, compliance direct", "iterative": "multigrid"}
+
+
+def check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool) -> None:
+    """Log what a run of `scene` would do, and draw it. Collective on `world`.
+
+    Parameters
+    ----------
+    output : folder for the pictures, or None for a new one under results/
+    figures : whether pictures are drawn, if matplotlib is installed
+
+    Raises
+    ------
+    InputError, SolverError, OutputError, InterruptionError
+        as a run does, the same on all ranks; NotConvergedError where it would find that there is no equilibrium
+    """
+    ranks = world.size
+    on_working_ranks(world, scene, lambda part: _check(part, scene, scene_path, output, figures, ranks))
+
+
+def _check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool, ranks: int) -> None:
+    """`check` on the ranks that hold bodies, of all `ranks`."""
+    folder, held = None, contextlib.ExitStack()
+    with agreed(world):
+        if world.rank == 0 and figures and has_matplotlib():
+            folder = held.enter_context(choose_folder(output, None, f"{Path(scene_path).stem}-check"))
+    with held:
+        log.info("%s", scene.title or scene_path)
+        assembly = prepare_scene(world, scene, scene_path, factor=False)
+        mechanism, free = look_for_mechanism(assembly), motions_without_resistance(assembly)
+        still = [msgspec.structs.replace(each, displacement=(0.0,) * scene.dimension) for each in scene.rigid]
+        overlaps = doubt_overlaps(
+            dataclasses.replace(assembly, scene=msgspec.structs.replace(scene, rigid=still)),
+            {body.spec.name: np.zeros_like(body.mesh.points) for body in assembly.bodies}, {})
+        with agreed(world):
+            own = {body.spec.name: _look(body) for body in assembly.bodies}
+        everyone = world.gather((own, {each.name: each for each in assembly.space.interfaces}))
+        with agreed(world):
+            if everyone:
+                found, owned = ({key: each for rank in everyone for key, each in rank[k].items()} for k in (0, 1))
+                bodies = {body.name: found[body.name] for body in scene.body}
+                interfaces = [owned[contact.name] for contact in scene.contact]
+                missing = list(find_missing({name: each.boundary for name, each in bodies.items()}, scene.rigid,
+                                            scene.contact))
+                for line in _page(assembly, bodies, interfaces, missing, free, ranks):
+                    log.info("%s", line)
+                for warning in (*assembly.warnings, *(body.locking for body in scene.body if body.locking), *overlaps,
+                                *(each.doubt for each in bodies.values() if each.doubt)):
+                    log.warning("%s", warning)
+                if folder:
+                    log.info("pictures in %s: %s", folder, ", ".join(draw(folder, scene, bodies, interfaces, missing)))
+                elif figures:
+                    log.info("no pictures: %s", NO_MATPLOTLIB)
+            if mechanism:
+                raise NotConvergedError(describe(mechanism))
+
+
+def _look(body: Body) -> Looked:
+    """What there is to say of a body. Not collective."""
+    mesh, spec, member = body.mesh, body.spec, body.member
+    loads = [(history, on, f) for history in (None, *spec.histories)
+             for on, f in loads_by_group(mesh, spec, history)]
+    supports = [(_held(clamp, mesh.dimension), clamp.on, clamp.history) for clamp in spec.clamps]
+    supports += [("foundation", each.on, None) for each in spec.foundation]
+    size, doubt = _quality(mesh, spec.name)
+    words = [f"{len(mesh.points)} nodes, {len(mesh.triangles)} {mesh.cell.names} of size {size}; "
+             f"groups {', '.join(mesh.groups)}"]
+    words += [f"{how} on {on}{_following(history)}" for how, on, history in supports]
+    if not member.elasticity.held:
+        motions = undetermined(np.zeros((len(member.e), 0)), [MotionsOfBody.of(spec.name, mesh.points, member.motions)])
+        words.append("loose: " + "; ".join(each.rpartition(": ")[2].removesuffix(" without any force").replace(
+            f"{spec.name} can", "it can", 1) for each in motions))
+    words += [f"load on {on}{_following(history)}: {_force(mesh, on, f)}" for history, on, f in loads]
+    if len(loads) > 1:
+        words.append(f"loads in all: {_force(mesh, '', np.sum([f for *_, f in loads], axis=0))}")
+    words.append(f"{member.elasticity.n} unknowns, {member.size} of contact: {SOLVERS[member.kind]} ({member.reason})")
+    dense, memory = member.kind == "explicit", 0.0
+    if member.kind != "iterative":
+        memory = memory_of_factors(member.elasticity.A.size[0], mesh.dimension, dense) + dense * 8.0 * member.size**2
+    return Looked(mesh, Boundary.of(mesh), [each[1:] for each in loads],
+                  [(how, group_nodes(mesh, on, "")) for how, on, _ in supports], memory, words, doubt)
+
+
+def _quality(mesh: Mesh, name: str) -> tuple[str, str]:
+    """The sizes of the cells of a body's mesh in words, and a warning of thin ones, if there are."""
+    edges = mesh.points[mesh.corners[:, mesh.cell.edges[:, :2]]]
+    length = np.linalg.norm(edges[:, :, 1] - edges[:, :, 0], axis=2)
+    regular = REGULAR[mesh.dimension] * np.sqrt((length**2).mean(axis=1)) ** mesh.dimension
+    quality = signed_measures(mesh.points, mesh.corners) / regular
+    worst, poor = int(quality.argmin()), int((quality < POOR).sum())
+    return _range(length.max(axis=1).min(), length.max()), (
+        f"body.{name}.mesh: {poor} of {len(quality)} {mesh.cell.names} are thin: the one at "
+        f"{in_words(mesh.points[mesh.corners[worst]].mean(axis=0), 4)} has {quality[worst]:.2g} of the measure of a "
+        "regular one; stresses are poor there") * (poor > 0)
+
+
+def _held(clamp: Clamp, d: int) -> str:
+    """How a clamp holds nodes, in words."""
+    given = {axis: getattr(clamp, axis) for axis in "xyz"[:d] if getattr(clamp, axis) is not None}
+    kinds = (("held", [axis for axis in given if given[axis] == 0.0]),
+             ("moved", [axis for axis in given if given[axis] != 0.0]))
+    return ", ".join(f"{how} along {', '.join(axes)}" for how, axes in kinds if axes)
+
+
+def _following(history: str | None) -> str:
+    return f" (history {history})" if history else ""
+
+
+def _range(least: float, most: float) -> str:
+    return " to ".join(dict.fromkeys(f"{each:.3g}" for each in (least, most)))
+
+
+def _force(mesh: Mesh, on: str, f: np.ndarray) -> str:
+    """Resultant, and unless it is that of volume forces moment, of nodal loads (nv, d), in words."""
+    moments = f", moment {_vector(moment(mesh.points, f, mesh.axisymmetric), f * np.abs(mesh.points).max())}"
+    return f"force {_vector(f.sum(axis=0), f)}{moments * (on != VOLUME)}"
+
+
+def _vector(value: Sequence[float] | np.ndarray, summands: np.ndarray) -> str:
+    """A vector, or one number, in words, without what is rounding beside its summands."""
+    parts, least = np.asarray(value, float), ROUNDING * np.abs(summands).sum()
+    words = [f"{0.0 if abs(x) <= least else x:.4g}" for x in np.atleast_1d(parts)]
+    return f"({', '.join(words)})" if parts.ndim else words[0]
+
+
+def _page(assembly: Assembly, bodies: Mapping[str, Looked], interfaces: Sequence[Interface],
+          missing: Sequence[Missing], free: Sequence[str], ranks: int) -> Iterator[str]:
+    """The lines of the page. Not collective."""
+    scene = assembly.scene
+    unit, order = units(scene.resolved(), scene.dimension), scene.body[0].mesh.order
+    yield (f"{assembly.n} unknowns ({('linear', 'quadratic')[order - 1]} {NAMES[scene.dimension][1]}), {assembly.m} "
+           f"contact nodes, bodies: {len(bodies)}, ranks: {ranks}; factors take about "
+           f"{bytes_in_words(sum(each.memory for each in bodies.values()))}")
+    yield describe_method(scene.method, scene.dimension)
+    yield f"lengths in {unit['length']}, forces in {unit['force']}, moments about the origin in {unit['moment']}"
+    for words, names in grouped(("\n    ".join(each.words), name) for name, each in bodies.items()):
+        yield f"body {some(names, 'bodies')}: {words}"
+    for each in scene.rigid:
+        for how, value in ("moved", each.displacement), ("pushed", each.force):
+            if value and any(value):
+                yield f"rigid {each.name}: {how} by {_vector(value, np.zeros(1))}{_following(each.history)}"
+    contacts = []
+    for contact, interface in zip(scene.contact, interfaces, strict=True):
+        sides = " and ".join(".".join(side) for side in zip(contact.bodies, contact.on, strict=False))
+        pairing = f"mortar, slave {interface.slave}" if interface.slave else "paired"
+        contacts.append((f"{sides}: " * (len(interfaces) <= LISTED) + f"{interface.m} nodes, {pairing}, law "
+                         f"{interface.law.name}; {describe_gap(interface, unit['length'])}", contact.name))
+    yield from (f"contact {some(names, 'contacts')}: {words}" for words, names in grouped(contacts))
+    yield from (f"{motion}, whatever touches" for motion in free)
+    taken = {contact.name for contact in scene.contact}
+    for lack in missing:
+        nameless = " and ".join(name for name, on in zip(lack.bodies, lack.on, strict=False) if not on)
+        yield (f"{' and '.join(lack.bodies)} are {_range(*lack.gap)} {unit['length']} apart at "
+               f"{in_words(lack.facets[0].mean(axis=0), 4)} and near it, where no contact names both; " + (
+                   f"to name one, give the boundary of {nameless} a name there (a {PHYSICAL[scene.dimension - 1]})"
+                   if nameless else "where they may touch, add"))
+        if not nameless:
+            yield lack.lines(taken)

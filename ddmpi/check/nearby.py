@@ -1,0 +1,152 @@
+"""Contacts that bodies lie close enough to have, but that the scene does not name. The same in any dimension."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ddmpi.judge.overlap import distance_to
+from ddmpi.mesh.boundary import boundary_facets
+from ddmpi.mesh.mesh import Mesh
+from ddmpi.scene.contacts import Rigid, SettledContact, default_name
+from ddmpi.surface.cover import FACING
+from ddmpi.surface.side import unit
+from ddmpi.system.numbers import across, nearest_in
+
+NEAR = 0.25
+"""Facets that are closer than this part of the smaller one's size may be meant to touch."""
+
+ASIDE, ROUNDING = 0.5, 1e-6
+"""What is nearest to a facet lies before it: aside by at most the first of its distance, and the second of its size."""
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """The boundary of a body.
+
+    Attributes
+    ----------
+    facets : (f, l) their nodes
+    at : (f, d, d) their corners (m)
+    normal : (f, d) outer unit normals
+    groups : by name which facets (f,) bool belong to it
+    """
+
+    facets: np.ndarray
+    at: np.ndarray
+    normal: np.ndarray
+    groups: Mapping[str, np.ndarray]
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> Boundary:
+        """That of a body's mesh. Not collective."""
+        d, (facets, cells) = mesh.dimension, boundary_facets(mesh.triangles)
+        at = mesh.points[facets[:, :d]]
+        keys = [np.sort(each[:, :d], axis=1) for each in (facets, *mesh.groups.values())]
+        number = np.split(np.unique(np.concatenate(keys), axis=0, return_inverse=True)[1].ravel(),
+                          np.cumsum([len(each) for each in keys])[:-1])
+        return cls(facets, at, unit(across(at[:, 0] - mesh.points[mesh.corners[cells]].mean(axis=1), at)[0]),
+                   {name: np.isin(number[0], own) for name, own in zip(mesh.groups, number[1:], strict=True)})
+
+    @property
+    def size(self) -> np.ndarray:
+        """(f,) longest edges of the facets (m)."""
+        return np.linalg.norm(self.at - np.roll(self.at, 1, axis=1), axis=2).max(axis=1)
+
+    def named(self, some: np.ndarray) -> np.ndarray:
+        """Of some facets (k,) the group of each: of those that it belongs to that which most of them do, of these the
+        smallest; "" if it belongs to none."""
+        found = np.full(len(some), "", dtype=object)
+        for name in sorted(self.groups, key=lambda name: (-self.groups[name][some].sum(), self.groups[name].sum())):
+            found[(found == "") & self.groups[name][some]] = name
+        return found
+
+
+class Missing(NamedTuple):
+    """A contact that is not there.
+
+    Attributes
+    ----------
+    bodies : the two, of which the second may be a rigid partner
+    on : a group of each body; "" where the boundary has no name
+    facets : (k, d, d) of both bodies (m)
+    gap : the least and the largest distance, negative where they overlap (m)
+    """
+
+    bodies: tuple[str, str]
+    on: tuple[str, ...]
+    facets: np.ndarray
+    gap: tuple[float, float]
+
+    def lines(self, taken: set[str]) -> str:
+        """What to add to the scene, whose contacts have the names that are `taken`; one more is then."""
+        first, k = default_name(self.bodies), 1
+        while (name := first if k == 1 else f"{first}-{k}") in taken:
+            k += 1
+        taken.add(name)
+        bodies, on = (json.dumps(names, ensure_ascii=False) for names in (self.bodies, self.on))
+        return "[[contact]]\n" + f'name = "{name}"\n' * (k > 1) + f"bodies = {bodies}\non = {on}"
+
+
+def find_missing(boundaries: Mapping[str, Boundary], rigid: Sequence[Rigid],
+                 contacts: Sequence[SettledContact]) -> Iterator[Missing]:
+    """Groups of bodies, and rigid partners, that face each other closer than NEAR, but not in a contact of both.
+
+    Each facet is looked at with what is nearest to its middle among the other bodies and the rigid partners. Not
+    collective.
+    """
+    bodies = list(boundaries.values())
+    number = {name: k for k, name in enumerate((*boundaries, *(each.name for each in rigid)))}
+    starts = np.cumsum([0, *(len(each.at) for each in bodies)])
+    owner = np.repeat(np.arange(len(bodies)), np.diff(starts))
+    middle, normal, size = (np.concatenate(each) for each in zip(*(
+        (each.at.mean(axis=1), each.normal, each.size) for each in bodies), strict=True))
+    least, gap = np.full(len(owner), np.inf), np.zeros(len(owner))
+    partner, facing = np.full((2, len(owner)), -1)
+
+    def note(some: np.ndarray, k: int, away: np.ndarray, against: np.ndarray, reach: np.ndarray,
+             there: np.ndarray | int = 0) -> None:
+        """Note that facets `there` of the k-th, with normals `against`, lie `away` (j, d) from some facets (j,)."""
+        distance, ahead = np.linalg.norm(away, axis=1), np.einsum("kd,kd->k", away, normal[some])
+        aside = np.linalg.norm(away - ahead[:, None] * normal[some], axis=1)
+        near = (distance <= NEAR * reach) & (distance < least[some] - ROUNDING * reach)
+        near &= aside <= ASIDE * distance + ROUNDING * reach
+        near &= np.einsum("kd,kd->k", normal[some], against) < FACING
+        for values, new in (least, distance), (gap, ahead), (partner, k), (facing, there):
+            values[some[near]] = np.broadcast_to(new, len(some))[near]
+
+    for k, body in enumerate(bodies):
+        low, high, wide = body.at.min(axis=(0, 1)), body.at.max(axis=(0, 1)), NEAR * body.size.max()
+        some = np.flatnonzero((owner != k) & ((middle > low - wide) & (middle < high + wide)).all(axis=1))
+        if len(some):
+            there = distance_to(middle[some], body.at)[1]
+            away = nearest_in(middle[some], body.at[there]) - middle[some]
+            note(some, k, away, body.normal[there], np.minimum(size[some], body.size[there]), there)
+    named = [(number[on], starts[number[body]] + np.flatnonzero(boundaries[body].groups[contact.on[0]]))
+             for contact in contacts for body, on in [contact.bodies] if on not in boundaries]
+    for k, some in [*named, *((number[each.name], np.arange(len(owner))) for each in rigid)]:  # of planes in line
+        surface = rigid[k - len(bodies)]  # that comes first which a contact names
+        against, distance = surface.facing(middle[some])
+        note(some, k, -distance[:, None] * against, against, np.minimum(size[some], surface.bend))
+    own = np.arange(len(owner)) - starts[owner]
+    first, second = (np.where(owner < partner, *each) for each in ((own, facing), (facing, own)))
+    low, high = np.minimum(owner, partner), np.maximum(owner, partner)
+    names = list(number)
+    for a, b in np.unique(np.column_stack([low, high])[partner >= 0], axis=0):
+        some = np.flatnonzero((partner >= 0) & (low == a) & (high == b))
+        for contact in contacts:
+            if set(contact.bodies) == {names[a], names[b]}:
+                both = [boundaries[name].groups[on][(first if name == names[a] else second)[some]]
+                        for name, on in zip(contact.bodies, contact.on, strict=False)]
+                some = some[~np.logical_and.reduce(both)]
+        sides = [(bodies[k], each[some]) for k, each in ((a, first), (b, second)) if k < len(bodies)]
+        groups = list(zip(*(body.named(each) for body, each in sides), strict=True))
+        for on in dict.fromkeys(groups):
+            chosen = np.array([each == on for each in groups])
+            yield Missing((names[a], names[b]), on,
+                          np.concatenate([body.at[np.unique(each[chosen])] for body, each in sides]),
+                          (float(gap[some[chosen]].min()), float(gap[some[chosen]].max())))

@@ -1,0 +1,163 @@
+"""`ddmpi check`: what it says and draws, the contacts that it proposes, and how it ends."""
+
+import contextlib
+import re
+import tomllib
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scenes import ROOT, pinched_blocks, run_command, run_python, to_toml, tower, write_scene
+from solid_scenes import HELD, box, two_boxes
+
+from ddmpi.check.check import check
+from ddmpi.check.nearby import NEAR
+from ddmpi.coupling.assembly import prepare
+from ddmpi.errors import InputError, NotConvergedError
+from ddmpi.scene.reader import read_scene
+
+
+@pytest.fixture
+def looked_at(tmp_path, caplog):
+    """What `check` logs of a scene; with pictures in a folder `name`."""
+    def look(scene: dict, name: str = "") -> str:
+        caplog.set_level("INFO", "ddmpi")
+        caplog.clear()
+        with contextlib.suppress(NotConvergedError):
+            check(MPI.COMM_SELF, read_scene("scene.toml", to_toml(scene)), str(tmp_path / "scene.toml"),
+                  str(tmp_path / name), bool(name))
+        return "\n".join(record.getMessage() for record in caplog.records)
+
+    return look
+
+
+def proposed(text: str) -> list[dict]:
+    """The contacts in what `check` says."""
+    lines = re.findall(r'^(?:\[\[contact\]\]|name = "|bodies = \[|on = \[).*', text, re.M)
+    return tomllib.loads("\n".join(lines)).get("contact", [])
+
+
+def sides(contacts: list[dict]) -> set[frozenset]:
+    """The sides of contacts in any order: bodies with their groups."""
+    return {frozenset(zip(each["bodies"], [*each["on"], ""], strict=False)) for each in contacts}
+
+
+def boxes_on_floor() -> dict:
+    """Three boxes in a row on a rigid plane, of other meshes each, and a box on top of two of them."""
+    bodies = [box("a", (0, 0, 0), (1, 1, 1), (2, 2, 2)), box("b", (1, 0, 0), (1, 1, 1), (3, 3, 3)),
+              box("c", (2, 0, 0), (1, 1, 1), (4, 2, 2)), box("d", (0.5, 0, 1), (1, 1, 1), (3, 2, 2))]
+    return {"body": [each | {"clamp": [{"on": "front"} | HELD]} for each in bodies],
+            "rigid": [{"name": "floor", "shape": "plane", "point": [0, 0, 0], "normal": [0, 0, 1]}],
+            "contact": [*({"bodies": pair, "on": ["right", "left"]} for pair in (["a", "b"], ["b", "c"])),
+                        *({"bodies": ["d", name], "on": ["bottom", "top"]} for name in "ab"),
+                        *({"bodies": [name, "floor"], "on": ["bottom"]} for name in "abc")]}
+
+
+def test_nothing_is_factored():
+    """A scene is assembled and paired as for a run, but no body can be solved with."""
+    scene = read_scene("scene.toml", to_toml(two_boxes(2)))
+    whole, seen = (prepare(MPI.COMM_SELF, scene, factor=factor) for factor in (True, False))
+    assert not any(hasattr(body.member, "C") for body in seen.bodies)
+    assert (seen.n, seen.m) == (whole.n, whole.m)
+    assert [body.member.C.kind for body in whole.bodies] == [body.member.kind for body in seen.bodies]
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-3])
+@pytest.mark.parametrize("scene, order", [(tower(4, 3), 1), (tower(4, 3), -1), (boxes_on_floor(), 1)])
+def test_contacts_that_are_missing_are_proposed(scene, order, unit, looked_at):
+    """All but the first, by the names of their groups, in any unit and any order of bodies; none that is there."""
+    scene = scene | {"body": [body | {"mesh": body["mesh"] | {
+        key: (unit * np.array(body["mesh"][key])).tolist() for key in ("corners", "origin", "size")
+        if key in body["mesh"]}} for body in scene["body"]][::order]}
+    assert not proposed(looked_at(scene))
+    assert sides(proposed(looked_at(scene | {"contact": scene["contact"][:1]}))) == sides(scene["contact"][1:])
+
+
+@pytest.mark.parametrize("gap, found", [(0.9 * NEAR, True), (1.1 * NEAR, False), (-0.9 * NEAR, True)])
+def test_what_lies_near_is_measured_by_the_smaller_facet(gap, found, looked_at):
+    """Also where bodies overlap."""
+    scene = tower(3, 4)
+    top = scene["body"][2]["mesh"]
+    top["corners"] = [[x, y + gap / 8] for x, y in top["corners"]]
+    top["divisions"] = [24, 8]
+    text = looked_at(scene | {"contact": scene["contact"][:1]})
+    assert bool(proposed(text)) == found
+    assert (f"block2 and block3 are {gap / 8:.3g} m apart at" in text) == found
+
+
+def test_a_second_contact_of_two_bodies_has_a_name(looked_at):
+    """Two contacts of the same bodies must be told apart, and so a scene with the lines is read."""
+    scene = {"body": [box("slot", (0, 0, 0), (3, 1, 1), (6, 2, 2), clamp=[{"on": "bottom"} | HELD]),
+                      box("block", (0, 1, 0), (3, 1, 1), (6, 2, 2))],
+             "rigid": [{"name": "wall", "shape": "plane", "point": [0, 0, 0], "normal": [1, 0, 0]}],
+             "contact": [{"name": "block-wall", "bodies": ["slot", "wall"], "on": ["left"]}]}
+    new = proposed(looked_at(scene))
+    assert [each.get("name") for each in new] == [None, "block-wall-2"]
+    assert not proposed(looked_at(scene | {"contact": scene["contact"] + new}))
+
+
+@pytest.mark.slow
+def test_the_lines_solve_the_scene(tmp_path):
+    """Pasted at the end of the file, they make of a scene without equilibrium one with a certified answer."""
+    path = ROOT / "configs" / "bolted_plates.toml"
+    text = path.read_text(encoding="utf-8")
+    start = text.index("[[contact]]", text.index("[[contact]]") + 1)
+    broken = text[:start] + text[text.index("[history.tighten]"):]
+    (tmp_path / "scene.toml").write_text(broken, encoding="utf-8")
+    args = ["-m", "ddmpi", "check", "scene.toml", "--no-figures"]
+    seen = run_python(args, 3, tmp_path, tmp_path)
+    assert seen.code == 3
+    lines = re.search(r"^\[\[contact\]\]\n.*\n.*\n", seen.stdout, re.M).group()
+    (tmp_path / "scene.toml").write_text(f"{broken}\n{lines}", encoding="utf-8")
+    assert run_python(args, 1, tmp_path, tmp_path).code == 0
+    run = run_command(tmp_path / "scene.toml", tmp_path / "out", "--no-figures", "--set",
+                      "time.steps=1", ranks=2)
+    assert run.code == 0
+
+
+def test_what_there_is_to_say(looked_at):
+    """Resultants of the loads, clamps, what is loose, how contacts are paired, and thin cells."""
+    scene = pinched_blocks(6)
+    scene["body"][0]["clamp"] = [{"on": "left", "x": 0.0}]
+    scene["body"][0]["volume_force"] = [0.0, -1e4]
+    scene["body"][1]["mesh"]["divisions"] = [90, 2]
+    scene["body"][1]["mesh"]["size"] = [0.3, 1.0]
+    text = looked_at(scene)
+    for words in ("load on top: force (0, -1.8e+08), moment -2.7e+08", "load on volume_force: force (0, -3e+04)",
+                  "loads in all: force (2e+07, -1.5e+08), moment -2.1e+08", "held along x on left",
+                  "loose: it can slide along y", "held along x, y on left", "mortar, slave upper, law coulomb",
+                  "body.lower.mesh: 360 of 360 triangles are thin", "Newton"):
+        assert words in text
+
+
+@pytest.mark.parametrize("scene", [pinched_blocks(4), two_boxes(2, 3), two_boxes(1, order=2)])
+def test_pictures(scene, looked_at, tmp_path):
+    """They are drawn with missing contacts, too, and nothing is overwritten."""
+    pytest.importorskip("matplotlib")
+    scene["body"].append(scene["body"][1] | {"name": "third"})
+    looked_at(scene, "out")
+    solid = {"bodies_behind.png"} if scene["body"][0]["mesh"]["shape"] == "box" else set()
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"bodies.png", "contacts.png"} | solid
+    with pytest.raises(InputError, match="name a new folder"):
+        looked_at(scene, "out")
+
+
+@pytest.mark.slow
+def test_ranks_and_ends(tmp_path):
+    """On any number of ranks it says the same; scenes that are wrong end as a run of them does."""
+    write_scene(two_boxes(2, 3), tmp_path / "scene.toml")
+    said = {}
+    for ranks in (1, 2, 3):
+        run = run_python(["-m", "ddmpi", "check", "scene.toml", "--no-figures"], ranks, tmp_path, tmp_path)
+        assert (run.code, run.own_stderr) == (0, "")
+        said[ranks] = run.stdout.replace(f"ranks: {ranks}", "")
+    assert said[1] == said[2] == said[3]
+    for setting in ('contact.0.on=["front", "nowhere"]', "body.upper.material.poisson=0.7", "body.lower.clamp=['up']"):
+        ends = []
+        for command in ("run", "check"):
+            run = run_python(["-m", "ddmpi", command, "scene.toml", "--output", "out", "--set", setting], 2, tmp_path,
+                             tmp_path)
+            ends.append((run.code, run.messages))
+        assert ends[0] == ends[1]
+        assert ends[0][0] == 2
+    assert not (tmp_path / "out").exists()
