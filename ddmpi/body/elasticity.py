@@ -90,6 +90,7 @@ class Elasticity:
         body is heated, at least PRESCRIBED_SHARE of the forces that these take
     warnings : loads that come to nothing, or are given twice
     cases : what the loads and prescribed displacements consist of, by history
+    softest : stiffness of its softest foundation, k times the area (N/m); infinite without
     """
 
     A: PETSc.Mat
@@ -102,6 +103,7 @@ class Elasticity:
     load: float
     warnings: list[str]
     cases: Mapping[str | None, LoadCase]
+    softest: float = np.inf
 
     @property
     def free(self) -> np.ndarray:
@@ -182,7 +184,7 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     load = PETSc.Vec().createWithArray(case.b, bsize=d, comm=comm)
     load.setBlockSize(d)
     return Elasticity(matrix, load, int(loose.sum()), nodes, clamps, case, motions, case.size,
-                      lost_loads(mesh, body, free), cases)
+                      lost_loads(mesh, body, free), cases, min((root**2 for _, root, _ in found), default=np.inf))
 
 
 def clamp_forces(mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarray,

@@ -214,7 +214,7 @@ def factor_at(summary: dict, name: str | None, time: float | None) -> float:
     history = summary["scene"].get("history", {}).get(name)
     if not history:
         return 1.0
-    last = max([0.0, *(step["time"] for step in summary["steps"])])
+    last = max([0.0, *(step["time"] for step in summary.get("steps", ()))])
     return float(np.interp(last if time is None else time, history["times"], history["factors"]))
 
 
@@ -223,7 +223,7 @@ def displacement_at(summary: dict, rigid: Rigid, time: float | None) -> np.ndarr
     if not rigid.pushed:
         return factor_at(summary, rigid.history, time) * np.array(rigid.displacement)
     at = {0.0: [0.0] * len(rigid.force or ())} | {
-        step["time"]: step["rigid"][rigid.name]["displacement"] for step in summary["steps"]}
+        step["time"]: step["rigid"][rigid.name]["displacement"] for step in summary.get("steps", ())}
     now = max(at) if time is None else time
     return np.array([np.interp(now, list(at), each) for each in zip(*at.values(), strict=True)])
 

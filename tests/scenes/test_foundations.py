@@ -134,6 +134,17 @@ def test_what_a_foundation_leaves(solid):
     assert "no equilibrium: upper would slide along x" in slips.reason
 
 
+@pytest.mark.parametrize("solid", [False, True])
+def test_soft_springs_cost_no_steps(solid):
+    """A loose block on one that stands on springs of the stiffness of the blocks, and on some a million times softer:
+    displacements grow, forces and steps hardly do."""
+    stiff, soft = (solve(beside(solid, tangential=k, pull=0.1 * PRESSURE) | {"method": {"tolerance": 1e-8}},
+                         body__lower__foundation__0__normal=k) for k in (1e9, 1e3))
+    assert soft.summary["outer_iterations"] <= 15 and soft.summary["n_A"] <= 2 * stiff.summary["n_A"]
+    assert soft.summary["bodies"]["lower"]["reaction"][0] == pytest.approx(-0.1 * PRESSURE, rel=1e-7)
+    assert soft.summary["displacement_max"] > 1e4 * stiff.summary["displacement_max"]
+
+
 def test_a_body_of_pieces_may_stand_on_springs():
     """Pieces that are not connected are held each by its own springs; one without is refused with its name."""
     from ddmpi.body.elasticity import assemble

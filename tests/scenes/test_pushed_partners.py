@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import run_command, to_toml, write_scene
+from scenes import run_command, run_python, to_toml, write_scene
 
 import ddmpi
 from ddmpi.results.pictures import draw_all
@@ -241,3 +241,11 @@ def test_the_published_iteration_refuses_it():
     scene = pressed(2) | {"method": {"outer": "relaxation"}}
     with pytest.raises(ddmpi.errors.InputError, match="is for two held bodies with one unilateral contact"):
         ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
+
+
+def test_a_scene_is_checked_before_it_is_solved(tmp_path):
+    """`ddmpi check` says by what a partner is pushed, and draws it where it stands."""
+    path = write_scene(pressed(2), tmp_path / "scene.toml")
+    done = run_python(["-m", "ddmpi", "check", str(path), "--output", str(tmp_path / "out")], 1)
+    assert done.code == 0 and "rigid ram: pushed by (0, -1e+06)" in done.stdout + done.stderr, done.stderr
+    assert (tmp_path / "out" / "bodies.png").exists()
