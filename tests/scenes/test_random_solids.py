@@ -4,9 +4,11 @@ import pytest
 import random_assemblies
 import scenes
 import solid_assemblies
+from mpi4py import MPI
 from solid_assemblies import feasible, random_scene, violations
 from solid_scenes import two_boxes
 
+import ddmpi
 from ddmpi.results.tables import CONTACT_IN_SPACE
 
 LIMIT = scenes.LIMIT
@@ -25,6 +27,16 @@ def test_random_assembly(seed, verdict, tmp_path):
     """
     found = random_assemblies.judge_solids(seed, 1 + seed % 7 % 4, tmp_path, 1e-5, LIMIT)
     assert found[0] == verdict, found
+
+
+@pytest.mark.slow
+def test_bodies_that_slide_between_walls_have_no_equilibrium():
+    """Springs that get softer near an answer stay stiff enough for the coarse problem."""
+    scene = random_scene(1053)
+    for load in (load for body in scene["body"] for load in body["traction"]):
+        load["value"] = [0.5 * value for value in load["value"]]
+    answer = ddmpi.solve(scenes.to_toml(scene), MPI.COMM_SELF)
+    assert not answer.certified and "no equilibrium" in answer.reason
 
 
 @pytest.fixture(scope="module")
