@@ -423,6 +423,32 @@ def start_up() -> None:
     print(text)
 
 
+def check() -> None:
+    """What a look at a scene costs: `ddmpi check` of two blocks of 100,000 unknowns, in the plane and in space.
+
+        scripts/study check
+        scripts/study check --ranks 2
+
+    The whole command, with pictures and without: wall time, and time of the processor, the least of three.
+    """
+    parser = arguments(check.__doc__, "check")
+    parser.add_argument("--ranks", type=int, default=1)
+    options = parser.parse_args()
+    for scene, divisions in (("pinched_blocks", [273, 91]), ("two_boxes", [48, 18, 18])):
+        for figures in ([], ["--no-figures"]):
+            taken = []
+            for _ in range(3):
+                with tempfile.TemporaryDirectory() as folder:
+                    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+                    run_python(["-m", "ddmpi", "check", str(ROOT / "configs" / f"{scene}.toml"), *figures, "--set",
+                                *(f"body.{name}.mesh.divisions={divisions}" for name in BOTH), "--output",
+                                f"{folder}/looked"], options.ranks)
+                    wall, now = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+                    taken.append((wall, now.ru_utime + now.ru_stime - before.ru_utime - before.ru_stime))
+            wall, processor = min(each[0] for each in taken), min(each[1] for each in taken)
+            print(f"{scene}, {'without' if figures else 'with'} pictures: {wall:.2f} s, {processor:.2f} s of processor")
+
+
 # One body on several ranks
 
 RANK_PHASES = ("assemble", "factor", "outer", "recover", "estimate", "output", "total")
@@ -486,7 +512,7 @@ def body_ranks() -> None:
                   f"{np.abs(u - reference).max() / np.abs(reference).max():.1e} |", flush=True)
 
 
-STUDIES = (orderings, solid_factors, large_bodies, start_up, body_ranks)
+STUDIES = (orderings, solid_factors, large_bodies, start_up, check, body_ranks)
 
 if __name__ == "__main__":
     start(*STUDIES)

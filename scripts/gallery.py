@@ -116,7 +116,7 @@ def abutments(summary: dict) -> float:
 
 def bolt_over_joint(summary: dict) -> float:
     """By how much the force of the bolt is larger than that of the joint (kN)."""
-    return 1e-3 * (summary["contacts"]["head"]["force"][2] - summary["contacts"]["joint"]["force"][2])
+    return 1e-3 * (summary["contacts"]["head"]["force"][-1] - summary["contacts"]["joint"]["force"][-1])
 
 
 EXHIBITS = [
@@ -139,6 +139,10 @@ EXHIBITS = [
             contact("bush-hub", "moment", factor=-1e-3)),
     Exhibit("loosened_fit", "steps.png", 227.3, "kN mm/mm", 1e-3, "Lamé and Coulomb",
             contact("fit", "moment", factor=1e-3), {"time.steps": 1}),
+    Exhibit("guided_wedge", "bodies.png", 5435.5, "N/mm", 1e-4, "balance, as all slips",
+            contact("wedge-block", "force", 0, -1.0)),
+    Exhibit("heated_bush", "bodies.png", 0.0144, "mm", 1e-3, "free expansion",
+            lambda summary: summary["bodies"]["bush"]["displacement_max"], {"time.steps": 1}),
     Exhibit("press_fit", "contact.png", 0.0326, "mm", 0.01, "rod theory",
             lambda summary: summary["displacement_max"], {"time.steps": 1}),
     Exhibit("rail_on_bed", "bodies.png", 603.2, "N/mm", 1e-3, "beam on springs",
@@ -160,6 +164,8 @@ EXHIBITS = [
             lambda summary: -1e-6 * sum(summary["contacts"][name]["force"][1] for name in ("lower", "upper"))),
     Exhibit("lined_wheel", "bodies.png", 18.85, "N/mm", 0.02, "balance, with a round bore",
             contact("wheel-ground", "force", 1)),
+    Exhibit("drawn/turned_bolt", "bodies.png", 12, "kN", 1e-6, "balance", bolt_over_joint,
+            {"time.steps": 1, "body.bolt.mesh.contact_size": 0.8}),
     Exhibit("drawn/ball_on_floor", "bodies.png", 3.014, "MPa", 0.03, "Hertz", contact("ball-floor", "pressure_max")),
     Exhibit("drawn/bolted_flange", "bodies.png", 10, "kN", 5e-3, "balance", bolt_over_joint,
             {"time.steps": 1}, warned="stands at a re-entrant edge"),

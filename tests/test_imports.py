@@ -37,7 +37,7 @@ PLACES = {
     # what the plane has and space has not, to be replaced with solids
     "surface/curve": 1, "interface/state": 1, "judge/motions": 1,
     # pictures, and meshes that are made or drawn
-    "mesh/geometry": 1, "results/frame": 1, "results/histories": 2, "results/pictures": 2,
+    "mesh/geometry": 1, "results/histories": 2, "results/pictures": 2,
     # columns, units and the name of the preconditioner
     "check/drawing": 2,
     "results/tables": 2, "results/summary": 1, "run/report": 1,
@@ -46,7 +46,7 @@ PLACES = {
     "scene/bodies": 1,
     # by the kind of a side, and by what its facets are: pairs or rows at vertices, one rule or the other
     "interface/matching": 1, "interface/mortar": 2, "mesh/refine": 1, "surface/cover": 1,
-    "surface/cut": 2, "results/fields": 1}
+    "surface/cut": 2, "results/fields": 2}
 """How often a module does so. The numbers only fall: everything else holds in any dimension."""
 
 MODULES = sorted(path.relative_to(PACKAGE).with_suffix("").as_posix() for path in PACKAGE.rglob("*.py"))

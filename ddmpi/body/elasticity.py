@@ -1,8 +1,9 @@
 """Linear elasticity of one body: stiffness A and load b, with clamped dofs eliminated.
 
 Nodes carry d dofs each, interleaved (x of node i is dof d i). A node with all components clamped is taken out of the
-system. A node with some clamped components stays; these are decoupled and keep their own diagonal entries, so that the
-block size of A is d everywhere, as GAMG needs it.
+system. A node that clamps let move in some directions stays, with the blocks P K P of the projection P onto these; the
+directions across them are decoupled and keep diagonal entries, so that the block size of A is d everywhere, as GAMG
+needs it, and all vectors are along the axes, whatever the angle of a clamp.
 """
 
 from __future__ import annotations
@@ -15,11 +16,13 @@ import scipy.sparse as sparse
 from petsc4py import PETSc
 
 from ddmpi.body.loads import (
-    clamp_nodes,
+    ALONG,
+    Supports,
     lost_loads,
     nodal_loads,
     refuse_underflow,
     springs,
+    supports,
     temperature,
     thermal_loads,
 )
@@ -81,11 +84,11 @@ class Elasticity:
     A : PETSc AIJ matrix (d k, d k), symmetric, block size d (N/m; in the plane per metre of depth); positive definite
         if the body is held, else its null space are the motions
     b : PETSc vector (d k,) (N; in the plane per metre of depth)
-    n : number of free dofs: d k less the clamped components of nodes that stay
+    n : number of free dofs: d k less the clamped directions of nodes that stay
     nodes : (k,) the mesh nodes that A acts on, in the order of its rows
-    clamps : (nv, d) the number of the clamp that prescribes each dof, −1 if none does
+    supports : what clamps hold
     acting : the load case at present
-    motions : (nv, d, j) the rigid motions that clamps leave free, see `body_motions`; zero at prescribed dofs
+    motions : (nv, d, j) the rigid motions that clamps leave free, see `body_motions`; zero in prescribed directions
     load : sum of the absolute nodal loads (N), tractions and volume forces; where displacements are prescribed or the
         body is heated, at least PRESCRIBED_SHARE of the forces that these take
     warnings : loads that come to nothing, or are given twice
@@ -96,7 +99,7 @@ class Elasticity:
     b: PETSc.Vec
     n: int
     nodes: np.ndarray
-    clamps: np.ndarray
+    supports: Supports
     acting: LoadCase
     motions: np.ndarray
     load: float
@@ -104,19 +107,19 @@ class Elasticity:
     cases: Mapping[str | None, LoadCase]
 
     @property
+    def clamps(self) -> np.ndarray:
+        """(nv, d) as those of the supports."""
+        return self.supports.clamps
+
+    @property
     def free(self) -> np.ndarray:
-        """(nv, d) bool, dofs that are not prescribed."""
-        return self.clamps < 0
+        """(nv, d) bool, components that can move."""
+        return self.supports.free.diagonal(axis1=1, axis2=2) > ALONG
 
     @property
     def prescribed(self) -> np.ndarray:
-        """(nv, d) displacement (m) of the prescribed dofs, zero elsewhere."""
+        """(nv, d) displacement (m) in the prescribed directions, zero across them."""
         return self.acting.prescribed
-
-    @property
-    def resultant(self) -> np.ndarray:
-        """(d,) sum of the loads (N), those on clamped nodes too."""
-        return self.acting.f.sum(axis=0)
 
     def under(self, factors: Mapping[str | None, float]) -> Elasticity:
         """The same body under its load cases times `factors`. `load` stays what forces are compared with."""
@@ -138,7 +141,7 @@ class Elasticity:
     def expand(self, u: PETSc.Vec) -> np.ndarray:
         """The displacement (nv, d) of all nodes from the solution `u` of the reduced system (m)."""
         full = self.prescribed.copy()
-        full[self.nodes] += u.array_r.reshape(-1, full.shape[1]) * self.free[self.nodes]
+        full[self.nodes] += apply(self.supports.free[self.nodes], u.array_r.reshape(-1, full.shape[1]))
         return full
 
 
@@ -150,24 +153,23 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     """
     material = material_of(mesh, body)
     K = sum_stiffness(mesh, material)
-    clamps, prescribed = clamp_nodes(mesh, body)
-    free, found = clamps < 0, list(springs(mesh, body))
+    held, found = supports(mesh, body), list(springs(mesh, body))
     rows = sparse.vstack([Q for *_, Q in found], format="csr") if found else None
-    motions = body_motions(mesh, K, free, body.name, rows)
+    motions = body_motions(mesh, K, held.free, body.name, rows)
     for _, root, Q in found:
         K = K.with_springs(root * Q)
-    nodes = np.flatnonzero(free.any(axis=1))
-    loose = free[nodes]
+    nodes = np.flatnonzero(held.free.any(axis=(1, 2)))
+    loose = held.free[nodes]
     cases = {}
-    for history, moved in prescribed.items():
+    for history, moved in held.moved.items():
         f, warm = nodal_loads(mesh, body, history), temperature(mesh, body, history)
         heat, energy = thermal_loads(mesh, material, warm) if warm.any() else (np.zeros_like(f), 0.0)
         taken = K.mult(moved)
         right = f + heat - taken
         refuse_underflow(mesh, body, right, moved, float(K.diagonal.max()))
-        cases[history] = LoadCase(f, warm, heat, energy**0.5, moved, taken, (right[nodes] * loose).ravel())
+        cases[history] = LoadCase(f, warm, heat, energy**0.5, moved, taken, apply(loose, right[nodes]).ravel())
     case = _sum_cases([(1.0, each) for each in cases.values()])
-    whole, d = K.to_csr(free, nodes), mesh.dimension
+    whole, d = K.to_csr(held.free, nodes), mesh.dimension
     if not (np.isfinite(whole.data).all() and np.isfinite(case.b).all()
             and K.diagonal[nodes].diagonal(axis1=1, axis2=2).min() > 0.0):
         raise InputError(f"body.{body.name}: material, loads and lengths give numbers out of the range of "
@@ -181,8 +183,8 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     matrix.setNearNullSpace(near_null_space(mesh.points[nodes], loose, comm))
     load = PETSc.Vec().createWithArray(case.b, bsize=d, comm=comm)
     load.setBlockSize(d)
-    return Elasticity(matrix, load, int(loose.sum()), nodes, clamps, case, motions, case.size,
-                      lost_loads(mesh, body, free), cases)
+    return Elasticity(matrix, load, round(np.einsum("kii->", loose)), nodes, held, case, motions, case.size,
+                      lost_loads(mesh, body, held.free), cases)
 
 
 def clamp_forces(mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarray,
@@ -196,7 +198,7 @@ def clamp_forces(mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarr
     u : (nv, d) displacement under the present loads (m)
     pull : (nv, d) contact forces on the body (N)
     """
-    held = np.flatnonzero(~elasticity.free.all(axis=1))
+    held = np.flatnonzero((elasticity.clamps >= 0).any(axis=1))
     forces, given = np.zeros_like(u), elasticity.acting.f + elasticity.acting.heat + pull
     for on, root, Q in springs(mesh, body):
         pressed = -root**2 * (Q.T @ (Q @ u.ravel())).reshape(u.shape)
@@ -206,6 +208,11 @@ def clamp_forces(mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarr
         forces[held] = forces_at(mesh, material_of(mesh, body), u, held) - given[held]
     for which, clamp in enumerate(body.clamps):
         yield clamp.on, np.where(elasticity.clamps == which, forces, 0.0)
+
+
+def apply(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """The products (k, d) of matrices (k, d, d) with vectors (k, d)."""
+    return np.einsum("kij,kj->ki", matrices, vectors)
 
 
 def _sum_cases(parts: Sequence[tuple[float, LoadCase]]) -> LoadCase:

@@ -26,6 +26,7 @@ from ddmpi.body.stress import (
     energy_density,
     portions,
     stress_at,
+    thermal,
 )
 from ddmpi.mesh.boundary import boundary_facets
 from ddmpi.mesh.mesh import Mesh
@@ -143,7 +144,7 @@ def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray,
         if heat is not None:  # in plane strain σ_zz has energy as well
             warm = cell_temperature(mesh, heat, points, cells) if curved else (
                 between @ cell_temperature(mesh, heat, cell.samples, cells))
-            energy += own.thermal(mesh.strains)[3] * float((share * warm**2).sum())
+            energy += thermal(own, mesh.strains)[3] * float((share * warm**2).sum())
     materials = [material] if isinstance(material, Material) else material.materials
     stiffest = max(each.tensor(mesh.dimension).max() for each in materials)
     if energy <= stiffest * len(measures) * (UNSTRAINED * np.abs(u).max()) ** 2:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sparse
 
-from ddmpi.body.stress import Composite, blocks, cell_temperature, gradients, portions
+from ddmpi.body.stress import Composite, blocks, cell_temperature, gradients, portions, thermal
 from ddmpi.errors import InputError
-from ddmpi.mesh.boundary import boundary_group, group_nodes, turn_outward
+from ddmpi.mesh.boundary import SHARPEST, boundary_group, group_nodes, outer_normals, turn_outward
 from ddmpi.mesh.elements import CELLS, FINE, RULES, circumference, curved_facets
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, Traction
@@ -21,8 +22,11 @@ from ddmpi.system.numbers import in_words, moment
 SAME = 1e-9
 """Relative difference up to which two clamps prescribe the same displacement."""
 
+ALONG, EXACT = 1e-6, 1e-14
+"""A direction of which no more than the first is free is held. Of displacements, the second is rounding."""
+
 ROUNDING = 1e-9
-"""A pressure has no component along an axis from which its direction differs by less than this from a right angle."""
+"""A load has no component along an axis from which its direction differs by less than this from a right angle."""
 
 SMALLEST = 1e-150
 """Squares of smaller numbers lose digits or vanish; norms are made of squares."""
@@ -48,11 +52,9 @@ def loads_by_group(mesh: Mesh, body: BodySpec, history: str | None = None) -> It
     """The parts of `nodal_loads`, each with its group; the volume force is called VOLUME. A group may come again."""
     for traction in body.traction:
         if traction.history == history:
-            key, f = f"body.{body.name}.traction", np.zeros_like(mesh.points)
+            key = f"body.{body.name}.traction"
             _values(traction.given, mesh.points[boundary_group(mesh, traction.on, key)], key)
-            for facets, shares, stress in _stress(mesh, traction, key):
-                np.add.at(f, facets, np.einsum("lqs,dqs->sld", shares, stress))
-            yield traction.on, f
+            yield traction.on, _sum_stress(mesh, _stress(mesh, traction, key))
     force, follows = body.weight
     if follows == history and force != (0.0,) * mesh.dimension:
         f = np.zeros_like(mesh.points)
@@ -68,6 +70,14 @@ def resultants(mesh: Mesh, parts: Iterable[tuple[str, np.ndarray]]) -> dict[str,
         now = {"force": f[acts].sum(axis=0), "moment": moment(mesh.points[acts], f[acts], mesh.axisymmetric)}
         found[group] = {kind: now[kind] + value for kind, value in found[group].items()} if group in found else now
     return found
+
+
+def _sum_stress(mesh: Mesh, parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.ndarray:
+    """Nodal loads (nv, d) in newtons of the parts of a `_stress`."""
+    f = np.zeros_like(mesh.points)
+    for facets, shares, stress in parts:
+        np.add.at(f, facets, np.einsum("lqs,dqs->sld", shares, stress))
+    return f
 
 
 def _stress(mesh: Mesh, traction: Traction, key: str) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
@@ -167,7 +177,7 @@ def thermal_loads(mesh: Mesh, material: Material | Composite, heat: np.ndarray) 
         samples = mesh.cell.samples
         points, weights = RULES[mesh.dimension] if curved else (samples, np.full(len(samples), 1.0 / len(samples)))
         mapped, warm = mesh.map(cells, points), cell_temperature(mesh, heat, points, cells)
-        beta, whole, *_ = own.thermal(mesh.strains)
+        beta, whole, *_ = thermal(own, mesh.strains)
         beta = np.einsum("ij,ijrc->rc", beta, gradients(mesh))
         share = weights[:, None] * mapped.measures * warm
         for component, loads in enumerate(np.einsum("rc,cqit,qt->rti", beta, mapped.slopes, share)):
@@ -187,41 +197,77 @@ def _values(value: Any, points: np.ndarray, key: str) -> np.ndarray:
     return found
 
 
-def clamp_nodes(mesh: Mesh, body: BodySpec) -> tuple[np.ndarray, dict[str | None, np.ndarray]]:
-    """Which clamp holds each component (nv, d), −1 if it is free, and the displacements (nv, d) in metres prescribed.
+@dataclass(frozen=True)
+class Supports:
+    """What clamps hold of a body.
 
-    Nodes on an axis are held radially as by one clamp more, see `ON_AXIS`.
-    The latter by the history that they follow, at its factor 1; None stands for those that follow none.
-
-    Not collective. Raises InputError where two clamps prescribe different displacements of one component.
+    Attributes
+    ----------
+    clamps : (nv, d) the number of the clamp that prescribes each component, −1 if none does; a clamp along a normal
+        counts for all components that the normal has
+    free : (nv, d, d) projections onto the directions in which the nodes can move
+    moved : (nv, d) the displacements that clamps prescribe (m), at factor 1 of the history that they follow, None for
+        those that follow none
     """
-    clamps, prescribed = np.full(mesh.points.shape, -1), np.zeros(mesh.points.shape)
-    names, followed = [None, *body.histories], np.zeros(mesh.points.shape, int)
+
+    clamps: np.ndarray
+    free: np.ndarray
+    moved: Mapping[str | None, np.ndarray]
+
+
+def supports(mesh: Mesh, body: BodySpec) -> Supports:
+    """What the clamps of a body hold; several at a node hold what they hold together. Not collective.
+
+    Nodes on an axis are held radially as by one clamp more.
+    Of two clamps along normals, a node where one surface goes on smoothly in the other has the normal of the first.
+    Raises InputError where two clamps prescribe different displacements in one direction, and at a corner inside a
+    group that is clamped along its normal.
+    """
+    (size, d), key, names = mesh.points.shape, f"body.{body.name}.clamp", [None, *body.histories]
+    clamps, free = np.full((size, d), -1), np.tile(np.eye(d), (size, 1, 1))
+    moved, outer = np.zeros((len(names), size, d)), np.zeros((size, d))
+    clamps[mesh.on_axis, 0], free[mesh.on_axis, 0, 0] = len(body.clamps), 0.0
     for which, clamp in enumerate(body.clamps):
-        key = f"body.{body.name}.clamp"
-        nodes = group_nodes(mesh, clamp.on, key)
-        for component, axis in enumerate("xyz"[:mesh.dimension]):
-            if (value := getattr(clamp, axis, None)) is not None:
-                wanted, before = _values(value, mesh.points[nodes], key), prescribed[nodes, component]
-                size = np.maximum(np.abs(wanted), np.abs(before))
-                number = names.index(clamp.history)
-                otherwise = (np.abs(wanted - before) > SAME * size) | (
-                    (followed[nodes, component] != number) & (size > 0.0))
-                clash = np.flatnonzero((clamps[nodes, component] >= 0) & otherwise)
-                if len(clash):
-                    k = clash[0]
-                    raise InputError(f"{key}: {axis} at {in_words(mesh.points[nodes[k]])} is prescribed twice, as "
-                                     f"{before[k]:.6g} and, on {clamp.on!r}, as {wanted[k]:.6g}"
-                                     + (", with another history" if wanted[k] == before[k] else ""))
-                clamps[nodes, component] = which
-                prescribed[nodes, component], followed[nodes, component] = wanted, number
-    moved = np.flatnonzero(mesh.on_axis & (prescribed[:, 0] != 0.0))
-    if len(moved):
-        raise InputError(f"body.{body.name}.clamp: x at {in_words(mesh.points[moved[0]])} is prescribed as "
-                         f"{prescribed[moved[0], 0]:.6g}, and what lies on the axis does not move radially; write a "
-                         'formula that is zero there, such as x = "1e-3 * x"')
-    clamps[mesh.on_axis & (clamps[:, 0] < 0), 0] = len(body.clamps)
-    return clamps, {name: np.where(followed == number, prescribed, 0.0) for number, name in enumerate(names)}
+        for axis, value, nodes, direction in _held(mesh, clamp, key):
+            if axis == "normal":
+                smooth = np.einsum("ki,ki->k", direction, outer[nodes]) > np.cos(SHARPEST)
+                outer[nodes] = direction = np.where(smooth[:, None], outer[nodes], direction)
+            rest = np.einsum("kij,kj->ki", free[nodes], direction)
+            new = np.linalg.norm(rest, axis=1) > ALONG
+            wanted = np.zeros((len(names), len(nodes)))
+            wanted[names.index(clamp.history)] = _values(value, mesh.points[nodes], key)
+            before = np.einsum("hki,ki->hk", moved[:, nodes], direction)
+            allowed = SAME * np.maximum(np.abs(wanted), np.abs(before))
+            allowed += EXACT * np.linalg.norm(moved[:, nodes], axis=2)
+            clash = np.flatnonzero(~new & (np.abs(wanted - before) > allowed).any(axis=0))
+            if len(clash):
+                one, other, node = before[:, clash[0]].sum(), wanted[:, clash[0]].sum(), nodes[clash[0]]
+                where = f"{key}: {axis} at {in_words(mesh.points[node])} is prescribed "
+                if mesh.on_axis[node] and axis == "x":
+                    raise InputError(f"{where}as {other:.6g}, and what lies on the axis does not move radially; write "
+                                     'a formula that is zero there, such as x = "1e-3 * x"')
+                raise InputError(f"{where}twice, as {one:.6g} and, on {clamp.on!r}, as {other:.6g}"
+                                 + ", with another history" * bool(one == other))
+            rows, columns = np.nonzero(np.abs(direction) > ALONG)
+            clamps[nodes[rows], columns] = which
+            nodes, rest = nodes[new], rest[new]
+            squares = (rest**2).sum(axis=1)
+            moved[:, nodes] += ((wanted - before)[:, new] / squares)[:, :, None] * rest
+            free[nodes] -= rest[:, :, None] * rest[:, None] / squares[:, None, None]
+    free[np.einsum("kii->k", free) < 0.5] = 0.0  # nothing but rounding
+    return Supports(clamps, free, dict(zip(names, moved, strict=True)))
+
+
+def _held(mesh: Mesh, clamp: Clamp, key: str) -> Iterator[tuple[str, Any, np.ndarray, np.ndarray]]:
+    """What a clamp prescribes: the component in words, its value, the nodes (k,) and unit vectors (k, d) there."""
+    nodes = group_nodes(mesh, clamp.on, key)
+    for axis, value, unit in zip("xyz", clamp.components, np.eye(3), strict=True):
+        if value is not None and unit[:mesh.dimension].any():
+            yield axis, value, nodes, np.tile(unit[:mesh.dimension], (len(nodes), 1))
+    if clamp.normal is not None:
+        if clamp.on not in mesh.groups:
+            raise InputError(f"{key}: {clamp.on!r} is no boundary group of the mesh and has no normal; give x, y or z")
+        yield "normal", clamp.normal, *outer_normals(mesh, clamp.on, key)
 
 
 def refuse_underflow(mesh: Mesh, body: BodySpec, f: np.ndarray, prescribed: np.ndarray, stiffest: float) -> None:
@@ -245,11 +291,13 @@ def lost_loads(mesh: Mesh, body: BodySpec, free: np.ndarray) -> list[str]:
     """Warnings of tractions that clamps take up wholly, and of groups that are loaded twice. Not collective."""
     key, found = f"body.{body.name}.traction", []
     for traction in body.traction:
-        nodes = np.unique(boundary_group(mesh, traction.on, key))
-        size = np.max([np.abs(stress).max(axis=(1, 2)) for *_, stress in _stress(mesh, traction, key)], axis=0)
-        acts = size > (ROUNDING * size.max() if traction.pressure is not None else 0.0)
+        parts = _stress(mesh, traction, key)
+        size = np.max([np.abs(stress).max(axis=(1, 2)) for *_, stress in parts], axis=0)
+        acts = size > ROUNDING * size.max()
+        f = _sum_stress(mesh, parts)
+        left = np.abs(np.einsum("kij,kj->ki", free, f)).max(axis=0) > ROUNDING * np.abs(f).max()
         for component, axis in enumerate("xyz"[:mesh.dimension]):
-            if acts[component] and not free[nodes, component].any():
+            if acts[component] and not left[component]:
                 found.append(f"{key}: the load on {traction.on!r} along {axis} is lost, because clamps hold the whole "
                              "group in this direction")
     for (group, _), number in Counter((traction.on, traction.history) for traction in body.traction).items():

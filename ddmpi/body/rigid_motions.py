@@ -18,6 +18,7 @@ from ddmpi.body.stiffness import Stiffness
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import RULES
 from ddmpi.mesh.mesh import Mesh
+from ddmpi.system.numbers import is_touched
 
 LOOSE = 1e-16
 """A motion is free if its squared size at the clamps is below this, relative to the largest, for each component."""
@@ -43,9 +44,11 @@ def rigid_motions(points: np.ndarray, centre: np.ndarray, size: float = 1.0) -> 
 
 
 def free_motions(motions: np.ndarray, free: np.ndarray, springs: np.ndarray | None = None) -> np.ndarray:
-    """Combinations (j, ·) of `motions` (k, d, j), orthonormal columns, that all components not `free` (k, d) allow, and
-    that strain no springs: rows (r, j) of what these see of the motions."""
-    held = motions[~free] if springs is None else np.concatenate([motions[~free], springs])
+    """Combinations (j, ·) of `motions` (k, d, j), orthonormal columns, that move the nodes in the directions onto which
+    `free` (k, d, d) projects, and that strain no springs: rows (r, j) of what these see of the motions."""
+    across = np.eye(free.shape[1]) - free
+    held = (across @ motions)[across.diagonal(axis1=1, axis2=2) > 0.0]
+    held = held if springs is None else np.concatenate([held, springs])
     _, values, vectors = np.linalg.svd(np.linalg.qr(held, mode="r") if len(held) else np.zeros((1, motions.shape[2])))
     squares = np.zeros(motions.shape[2])
     squares[:len(values)] = values**2
@@ -84,15 +87,15 @@ def body_motions(mesh: Mesh, K: Stiffness, free: np.ndarray, name: str,
     pieces, piece = K.connected()
     for k in range(pieces if pieces > 1 else 0):
         _refuse_loose(mesh, piece == k, pieces, free, name, springs)
-    centre, touched = _centroid(mesh), ~free.all(axis=1)
+    centre, touched = _centroid(mesh), is_touched(free)
     size = float(np.linalg.norm(mesh.points - centre, axis=1).max())
     left = np.empty((0, 0))
     if pieces == 1:
         left = free_motions(rigid_motions(mesh.points[touched], centre, size), free[touched],
                             _seen(springs, mesh, centre, size))
     if not left.size:
-        return np.empty((*free.shape, 0))
-    return rigid_motions(mesh.points, centre, size) @ recognisable(left, free.shape[1]) * free[:, :, None]
+        return np.empty((*mesh.points.shape, 0))
+    return free @ (rigid_motions(mesh.points, centre, size) @ recognisable(left, mesh.dimension))
 
 
 def _seen(springs: sparse.csr_matrix | None, mesh: Mesh, centre: np.ndarray, size: float,
@@ -114,8 +117,7 @@ def _seen(springs: sparse.csr_matrix | None, mesh: Mesh, centre: np.ndarray, siz
 def _refuse_loose(mesh: Mesh, members: np.ndarray, pieces: int, free: np.ndarray, name: str,
                   springs: sparse.csr_matrix | None) -> None:
     """Raise InputError if the piece of the nodes `members` (nv,), one of several, can move as a rigid body."""
-    touched = members & ~free.all(axis=1)
-    centre = mesh.points[members].mean(axis=0)
+    touched, centre = members & is_touched(free), mesh.points[members].mean(axis=0)
     left = free_motions(rigid_motions(mesh.points[touched], centre, mesh.extent), free[touched],
                         _seen(springs, mesh, centre, mesh.extent, members))
     if left.size:
@@ -139,8 +141,9 @@ def _centroid(mesh: Mesh) -> np.ndarray:
 
 
 def near_null_space(points: np.ndarray, free: np.ndarray, comm) -> PETSc.NullSpace:
-    """The rigid motions of `points` (k, d), zero where not `free` (k, d), orthonormal, for algebraic multigrid."""
-    motions = rigid_motions(points, points.mean(axis=0)) * free[:, :, None]
+    """The rigid motions of `points` (k, d) in the directions onto which `free` (k, d, d) projects, orthonormal, for
+    algebraic multigrid."""
+    motions = free @ rigid_motions(points, points.mean(axis=0))
     Q, _ = np.linalg.qr(motions.reshape(-1, motions.shape[2]))
     vectors = [PETSc.Vec().createWithArray(np.ascontiguousarray(q), bsize=points.shape[1], comm=comm) for q in Q.T]
     return PETSc.NullSpace().create(vectors=vectors, comm=comm)

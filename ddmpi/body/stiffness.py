@@ -18,6 +18,7 @@ from ddmpi.body.stress import Composite, gradients, portions
 from ddmpi.mesh.elements import RULES, invert
 from ddmpi.mesh.mesh import Mesh, tangents
 from ddmpi.scene.bodies import Material
+from ddmpi.system.numbers import is_touched
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,8 @@ class Stiffness:
 
         Parameters
         ----------
-        free : (nv, d) bool; if a component of a node is held, it is decoupled and keeps its diagonal entry
+        free : (nv, d, d) projections onto the directions in which nodes can move; those across them are decoupled and
+            keep their diagonal entries
         nodes : (k,) in the order of the rows
         """
         loose, (size, d) = free[nodes], (len(nodes), free.shape[1])
@@ -84,9 +86,12 @@ class Stiffness:
         inside = (place[self.first] >= 0) & (place[self.second] >= 0)
         a, b, own = place[self.first[inside]], place[self.second[inside]], np.arange(size, dtype=np.int32)
         upper, diagonal = self.upper[inside], self.diagonal[nodes]
-        if not loose.all():
-            upper *= loose[a][:, :, None] & loose[b][:, None, :]
-            diagonal *= (loose[:, :, None] & loose[:, None, :]) | np.eye(d, dtype=bool)
+        held = is_touched(loose)
+        pairs = held[a] | held[b]
+        upper[pairs] = loose[a[pairs]] @ upper[pairs] @ loose[b[pairs]]
+        P, Q, D = loose[held], np.eye(d) - loose[held], diagonal[held]
+        total = P @ D @ P + Q @ (D * np.eye(d)) @ Q
+        diagonal[held] = 0.5 * (total + total.swapaxes(1, 2))
         ends = np.concatenate([own, a, b]), np.concatenate([own, b, a])
         order = sparse.csr_matrix((np.arange(len(ends[0]), dtype=np.int32), ends), (size, size))  # sorts
         blocks = np.empty((len(order.data), d, d))

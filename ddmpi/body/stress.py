@@ -12,7 +12,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from ddmpi.mesh.boundary import material_numbers, turn_outward
-from ddmpi.mesh.elements import FIRST, RULES, facet_measures, invert
+from ddmpi.mesh.elements import CELLS, FIRST, RULES, facet_measures, invert
 from ddmpi.mesh.mesh import BLOCK, Mesh, tangents
 from ddmpi.scene.bodies import BodySpec, Material
 
@@ -35,11 +35,6 @@ class Composite:
 
     materials: Sequence[Material]
     number: np.ndarray
-
-    @property
-    def plane_modulus(self) -> np.ndarray:
-        """(nt,) in Pa."""
-        return np.array([material.plane_modulus for material in self.materials])[self.number]
 
     @property
     def locks(self) -> bool:
@@ -74,15 +69,54 @@ def portions(mesh: Mesh, material: Material | Composite) -> list[tuple[slice | n
 
 
 def modulus_beside(mesh: Mesh, material: Material | Composite, facets: np.ndarray, key: str) -> float:
-    """Plane modulus (Pa) of the cells at boundary facets (k, l); of several the harmonic mean by their measures.
+    """Plane modulus (Pa) of the cells at boundary facets (k, l), along their normals: the harmonic mean by measures.
 
     Raises InputError, naming `key`, for an inner facet. Not collective.
     """
-    if not isinstance(material, Composite):
+    if isinstance(material, Material) and material.shear is None:
         return material.plane_modulus
     facets, cells = turn_outward(mesh, facets, key)
+    corners = facets[:, :mesh.dimension]
+    normals = CELLS[mesh.dimension - 1, 1].vectors(mesh.points[corners], FIRST[mesh.dimension - 1][0])[:, 0].T
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    kinds = material.materials if isinstance(material, Composite) else [material]
+    number = material.number[cells] if isinstance(material, Composite) else np.zeros(len(cells), int)
+    moduli = np.array([moduli_along(each, normals) for each in kinds])[number, np.arange(len(cells))]
     measures = facet_measures(mesh.points[facets], mesh.axisymmetric)
-    return float(measures.sum() / (measures / material.plane_modulus[cells]).sum())
+    return float(measures.sum() / (measures / moduli).sum())
+
+
+def moduli_along(material: Material, normals: np.ndarray) -> np.ndarray:
+    """Plane moduli (k,) of a material along unit vectors (k, d) (Pa): under stress along these, while strain along one
+    direction across them is held. In space the harmonic mean of two such directions; none is held in plane stress."""
+    if material.shear is None:
+        return np.full(len(normals), material.plane_modulus)
+    S, (k, d) = material.compliance, normals.shape
+    n = np.pad(normals, ((0, 0), (0, 3 - d)))
+    strains = np.einsum("ijkl,ni,nj->nkl", S, n, n)
+    found = np.einsum("nkl,nk,nl->n", strains, n, n)
+    across = [np.tile([0.0, 0.0, 1.0], (k, 1))]
+    if d == len(S):
+        one = np.cross(n, np.eye(3)[np.abs(n).round(6).argmin(axis=1)])  # rounding decides nothing
+        across = [one / np.linalg.norm(one, axis=1)[:, None], np.cross(n, one / np.linalg.norm(one, axis=1)[:, None])]
+    for t in across if material.plane != "stress" else ():
+        held = np.einsum("nkl,nk,nl->n", strains, t, t) ** 2 / np.einsum("ijkl,ni,nj,nk,nl->n", S, t, t, t, t)
+        found = found - held / len(across)
+    return 1.0 / found
+
+
+def thermal(material: Material, dimension: int) -> tuple[np.ndarray, float, float, float]:
+    """What a temperature of 1 K does where no strain yields to it, in the plane or in space.
+
+    Returns
+    -------
+    β (d, d) of the stress −β (Pa/K); twice the elastic energy (J/m³/K²); b of σ_zz = a : σ − b in the plane, where a is
+    `Material.across`; the part of that energy that a free body keeps (J/m³/K²), zero but in plane strain
+    """
+    expansion = material.expansion or 0.0
+    beta = expansion * np.einsum("ijkk->ij", material.tensor(2 if material.plane == "stress" else 3))
+    across = expansion * float(material.moduli[2]) * (len(beta) > dimension)
+    return beta[:dimension, :dimension], expansion * float(np.trace(beta)), across, expansion * across
 
 
 def stress(mesh: Mesh, material: Material | Composite, u: np.ndarray, heat: np.ndarray | None = None) -> np.ndarray:
@@ -120,7 +154,7 @@ def columns_of(sigma: np.ndarray, material: Material, warm: np.ndarray | None) -
     found = [sigma[i, j] for i, j in COLUMNS if max(i, j) < d]
     if d == 2:
         found.insert(d, np.einsum("kl,kln->n", material.across, sigma)
-                     - (0.0 if warm is None else material.thermal(d)[2] * warm))
+                     - (0.0 if warm is None else thermal(material, d)[2] * warm))
     return np.stack(found)
 
 
@@ -163,7 +197,7 @@ def cell_stress(mesh: Mesh, material: Material, u: np.ndarray, barycentric: np.n
     C = np.einsum("ijmn,mncl->ijcl", material.tensor(n), gradients(mesh)).reshape(n * n, -1)
     sigma = (C @ gradient.reshape(C.shape[1], -1)).reshape(n, n, *gradient.shape[2:])
     if heat is not None:
-        sigma -= np.multiply.outer(material.thermal(n)[0], cell_temperature(mesh, heat, barycentric, cells))
+        sigma -= np.multiply.outer(thermal(material, len(sigma))[0], cell_temperature(mesh, heat, barycentric, cells))
     return sigma
 
 

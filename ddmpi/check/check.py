@@ -30,10 +30,10 @@ from ddmpi.results.folder import choose_folder
 from ddmpi.results.summary import units
 from ddmpi.run.equilibrium import look_for_mechanism, motions_without_resistance
 from ddmpi.run.report import LISTED, describe_gap, describe_method, grouped, some
-from ddmpi.run.run import prepare_scene
+from ddmpi.run.run import DRAWERS, prepare_scene
 from ddmpi.scene.bodies import Clamp
 from ddmpi.scene.scene import Settled
-from ddmpi.system.agreement import agreed
+from ddmpi.system.agreement import agreed, merged
 from ddmpi.system.numbers import in_words, moment
 from ddmpi.system.provenance import NO_MATPLOTLIB, has_matplotlib
 
@@ -78,23 +78,24 @@ def _check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None,
             {body.spec.name: np.zeros_like(body.mesh.points) for body in assembly.bodies}, {})
         with agreed(world):
             own = {body.spec.name: _look(body) for body in assembly.bodies}
-        everyone = world.gather((own, {each.name: each for each in assembly.space.interfaces}))
+        found, owned = merged(world, own), merged(world, {each.name: each for each in assembly.space.interfaces})
+        hosts, folder = world.allgather(MPI.Get_processor_name()), world.bcast(folder)
+        near = [rank for rank, host in enumerate(hosts) if host == hosts[0]][:DRAWERS]
         with agreed(world):
-            if everyone:
-                found, owned = ({key: each for rank in everyone for key, each in rank[k].items()} for k in (0, 1))
-                bodies = {body.name: found[body.name] for body in scene.body}
-                interfaces = [owned[contact.name] for contact in scene.contact]
-                missing = list(find_missing({name: each.boundary for name, each in bodies.items()}, scene.rigid,
-                                            scene.contact))
-                for line in _page(assembly, bodies, interfaces, missing, free, ranks):
-                    log.info("%s", line)
-                for warning in (*assembly.warnings, *(body.locking for body in scene.body if body.locking), *overlaps,
-                                *(each.doubt for each in bodies.values() if each.doubt)):
-                    log.warning("%s", warning)
-                if folder:
-                    log.info("pictures in %s: %s", folder, ", ".join(draw(folder, scene, bodies, interfaces, missing)))
-                elif figures:
-                    log.info("no pictures: %s", NO_MATPLOTLIB)
+            bodies = {body.name: found[body.name] for body in scene.body}
+            interfaces = [owned[contact.name] for contact in scene.contact]
+            missing = list(find_missing({name: each.boundary for name, each in bodies.items()}, scene.rigid,
+                                        scene.contact))
+            for line in _page(assembly, bodies, interfaces, missing, free, ranks):
+                log.info("%s", line)
+            for warning in (*assembly.warnings, *(body.locking for body in scene.body if body.locking), *overlaps,
+                            *(each.doubt for each in bodies.values() if each.doubt)):
+                log.warning("%s", warning)
+            if folder and world.rank in near:
+                names = draw(folder, scene, bodies, interfaces, missing, near.index(world.rank), len(near))
+                log.info("pictures in %s: %s", folder, ", ".join(names))
+            elif figures and not folder:
+                log.info("no pictures: %s", NO_MATPLOTLIB)
             if mechanism:
                 raise NotConvergedError(describe(mechanism))
 
@@ -114,6 +115,8 @@ def _look(body: Body) -> Looked:
         motions = undetermined(np.zeros((len(member.e), 0)), [MotionsOfBody.of(spec.name, mesh.points, member.motions)])
         words.append("loose: " + "; ".join(each.rpartition(": ")[2].removesuffix(" without any force").replace(
             f"{spec.name} can", "it can", 1) for each in motions))
+    if spec.heat.value:
+        words.append(f"temperature {spec.heat.value}{_following(spec.heat.history)}")
     words += [f"load on {on}{_following(history)}: {_force(mesh, on, f)}" for history, on, f in loads]
     if len(loads) > 1:
         words.append(f"loads in all: {_force(mesh, '', np.sum([f for *_, f in loads], axis=0))}")
@@ -140,7 +143,8 @@ def _quality(mesh: Mesh, name: str) -> tuple[str, str]:
 
 def _held(clamp: Clamp, d: int) -> str:
     """How a clamp holds nodes, in words."""
-    given = {axis: getattr(clamp, axis) for axis in "xyz"[:d] if getattr(clamp, axis) is not None}
+    given = {("its normal" if key == "normal" else key): getattr(clamp, key) for key in (*"xyz"[:d], "normal")
+             if getattr(clamp, key) is not None}
     kinds = (("held", [axis for axis in given if given[axis] == 0.0]),
              ("moved", [axis for axis in given if given[axis] != 0.0]))
     return ", ".join(f"{how} along {', '.join(axes)}" for how, axes in kinds if axes)

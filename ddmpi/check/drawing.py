@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from ddmpi.results.frame import (
     colours_of,
     draw_colours,
     draw_edges,
+    draw_outline,
     map_of,
     owners,
     plain,
@@ -59,6 +61,7 @@ SPACED = 4.0
 
 TRIED = 8
 """So many facets of a group are tried for a place at which its name is not hidden."""
+
 
 @dataclass(frozen=True)
 class Looked:
@@ -113,11 +116,13 @@ class Sheet:
         """Places (…, d) to the right, upwards, and towards the eye."""
         return self.view.place(_padded(at))
 
-    def show(self, some: Sequence[Surface], rigid: bool = True) -> None:
-        """Draw surfaces, and `rigid` partners with them."""
-        some = [*(self._rigid if rigid else ()), *some]
+    def show(self, some: Sequence[Surface]) -> None:
+        """Draw surfaces, and rigid partners with them."""
+        some = [*self._rigid, *some]
         draw_surfaces(self.axes, self.view, some)
-        self._corners = np.concatenate([self.place(each.at)[each.facets] for each in some])
+        corners = np.concatenate([self.place(each.at)[each.facets] for each in some])
+        u, v = np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 0)
+        self._corners = corners[u[:, 0] * v[:, 1] > u[:, 1] * v[:, 0]]  # those that face the eye
 
     def shows(self, at: np.ndarray) -> np.ndarray:
         """Which places (k, d) nothing hides."""
@@ -153,8 +158,10 @@ class Sheet:
         """Draw vectors (k, d) that are not hidden as arrows: to places where they point inward, else from these."""
         inward = np.einsum("kd,kd->k", vectors, outward) < 0.0
         tail = at - np.where(inward, 1.0, 0.0)[:, None] * vectors
-        tail, arrows = (self.place(each[self.shows(tail)])[:, :2].T for each in (tail, vectors))
-        self.axes.quiver(*tail, *arrows, angles="xy", scale_units="xy", scale=1.0, width=0.0025, color=colour, zorder=6)
+        seen = self.shows(tail)
+        ends = (self.place(each[seen])[:, :2].T for each in (tail, vectors))
+        self.axes.quiver(*np.concatenate([*ends]), angles="xy", scale_units="xy", scale=1.0, width=0.0025, zorder=6,
+                         color=colour)
 
     def mark(self, at: np.ndarray, marker: str) -> None:
         """Draw markers at places (k, d) that are not hidden."""
@@ -162,17 +169,18 @@ class Sheet:
 
 
 def draw(folder: Path, scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequence[Interface],
-         missing: Sequence[Missing]) -> list[str]:
-    """Write the pictures into `folder`; their names. Not collective. Raises OutputError."""
+         missing: Sequence[Missing], number: int = 0, drawers: int = 1) -> list[str]:
+    """Write the pictures into `folder`, or this one's share if several `drawers` do; the names of all. Not collective.
+    Raises OutputError."""
     plt, results = start_drawing(), _as_results(scene, bodies, interfaces)
     pictures = {"bodies.png": lambda: draw_bodies(results, bodies)}
     if scene.dimension > 2:
         pictures["bodies_behind.png"] = lambda: draw_bodies(results, bodies, behind=True)
     pictures["contacts.png"] = lambda: draw_contacts(results, interfaces, missing)
     with plt.rc_context(STYLE):
-        for name, make in pictures.items():
+        for name, make in islice(pictures.items(), number, None, drawers):
             with writing(folder / name):
-                make().savefig(folder / name)
+                make().savefig(folder / name, pil_kwargs={"compress_level": 1})
         plt.close("all")
     return list(pictures)
 
@@ -183,7 +191,7 @@ def _as_results(scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequen
     starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
     points = np.concatenate([_padded(mesh.points) for mesh in meshes])
     tables = {each.name: dict(zip("xyz", each.shown.xy.T, strict=False)) for each in interfaces}
-    return Results({"title": scene.title, "bodies": dict.fromkeys(bodies), "scene": plain_scene,
+    return Results({"title": scene.title, "bodies": dict.fromkeys(bodies), "scene": plain_scene, "steps": [],
                     "units": units(plain_scene, scene.dimension)}, tables, {}, {}, {}, {
         "points": points, "displacement": np.zeros_like(points),
         "cells": np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)]),
@@ -249,7 +257,7 @@ def draw_contacts(results: Results, interfaces: Sequence[Interface], missing: Se
     if sheet.solid:
         draw_edges(sheet.axes, sheet.place(results.points), skin(cells)[0])
     else:
-        sheet.show([Surface(_padded(results.points), linear_triangles(cells)[0], plain(FILLED["still"]))])
+        draw_outline(sheet.axes, results.points, linear_triangles(cells)[0])
     shown = []
     for each in interfaces:
         lines, facets = each.shown, drawn_facets(each.shown)
@@ -272,7 +280,7 @@ def draw_contacts(results: Results, interfaces: Sequence[Interface], missing: Se
         else:
             sheet.axes.add_collection(LineCollection(lack.facets, colors=MISSING, linewidth=1.6, zorder=6))
     if shown:
-        sheet.show(shown, rigid=False)
+        draw_surfaces(sheet.axes, sheet.view, shown)
     if gaps.any():
         draw_colours(sheet.figure, sheet.axes, image, f"gap, negative where bodies overlap ({unit_of})", "neither")
     if missing:

@@ -45,7 +45,8 @@ def _point(word: str) -> list[float]:
 def build_parser() -> argparse.ArgumentParser:
     """The parser of everything that is not a PETSc option."""
     parser = _Parser(
-        prog="ddmpi", description="Contact of plane elastic bodies with friction, by domain decomposition on MPI.",
+        prog="ddmpi", description="Contact of elastic bodies with friction, in the plane, around an axis and in space, "
+                                  "by domain decomposition on MPI.",
         epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False)
     parser.add_argument("--version", action="version", version=f"ddmpi {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")

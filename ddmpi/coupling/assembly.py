@@ -161,8 +161,8 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                 for contact, side in own:
                     links, key = edges[contact.name, side], _key(contact)
                     sides[contact.name, side] = contact_side(
-                        mesh, links, elasticity.clamps, spec.name, modulus_beside(mesh, material, links, key), key,
-                        _tied(spec, contacts, edges, elasticity.clamps, contact.name),
+                        mesh, links, elasticity.supports, spec.name, modulus_beside(mesh, material, links, key), key,
+                        _tied(spec, contacts, edges, elasticity.supports.free, contact.name),
                         any(contact.on[side] == other.on[which] for other, which in own if other is not contact))
                 interrupt.check()
         both = exchange.swap_objects(sides)
@@ -238,14 +238,14 @@ def _key(contact: SettledContact) -> str:
 
 
 def _tied(spec: SettledBody, contacts: Sequence[SettledContact], edges: Mapping[tuple[str, int], np.ndarray],
-          clamps: np.ndarray, name: str) -> np.ndarray:
+          free: np.ndarray, name: str) -> np.ndarray:
     """Nodes (nv,) bool of a body that clamps hold in all components, or that lie on other contacts than `name` that
     can hold: bonded or frictional ones; in space on those of other groups."""
-    tied, own = (clamps >= 0).all(axis=1), _contacts_of(spec, contacts)
+    tied, own = ~free.any(axis=(1, 2)), _contacts_of(spec, contacts)
     here = next(contact.on[side] for contact, side in own if contact.name == name)
     for contact, side in own:
         if contact.name != name and holds_along(contact) and (
-                clamps.shape[1] == 2 or contact.on[side] != here):
+                free.shape[1] == 2 or contact.on[side] != here):
             tied[edges[contact.name, side]] = True
     return tied
 

@@ -16,7 +16,6 @@ from ddmpi.errors import InputError
 from ddmpi.interface.law import Law
 from ddmpi.mesh.elements import circumference
 from ddmpi.scene.bodies import Clamp
-from ddmpi.scene.values import evaluate
 from ddmpi.surface.side import Side
 from ddmpi.system.numbers import in_words, spans
 
@@ -313,20 +312,20 @@ class Mover:
     pushed: Sequence[int] = ()
 
     def free(self, places: Places, k: int) -> np.ndarray:
-        """(n, d) the share in the motion of `places` that this side, the k-th, has without clamps."""
+        """M (n, d, d): where all else would move by e, `places` move by M e with this side, the k-th, as clamps let it.
+        """
+        n, d = places.normal.shape
         if self.side is None:
-            return np.zeros_like(places.normal) + np.isin(np.arange(places.normal.shape[1]), self.pushed)
-        return abs(self.at(places, k, 1.0 * self.side.free))
+            return np.zeros((n, d, d)) + np.diag(1.0 * np.isin(np.arange(d), self.pushed))
+        return self.at(places, k, self.side.free.reshape(-1, d * d)).reshape(n, d, d)
 
     def moved(self, places: Places, k: int, factors: Mapping[str | None, float]) -> np.ndarray:
         """(n, d) the displacement of places that clamps prescribe (m), with these factors by history."""
-        xy = np.zeros_like(places.normal) if self.side is None else self.side.xy
-        held, u = np.zeros(xy.shape, int) if self.side is None else self.side.clamps, np.zeros_like(xy)
-        for number, clamp in enumerate(self.clamps):
-            for axis, value in enumerate(clamp.components[:xy.shape[1]]):
-                nodes = held[:, axis] == number
-                if value is not None:
-                    u[nodes, axis] = factors[clamp.history] * evaluate(value, *xy[nodes].T)
+        u = np.zeros_like(places.normal if self.side is None else self.side.xy)
+        for clamp in self.clamps if self.side is None else ():
+            u += factors[clamp.history] * np.array(clamp.components[:u.shape[1]])
+        for history, part in self.side.moved.items() if self.side else ():
+            u += factors[history] * part
         return self.at(places, k, u)
 
     def at(self, places: Places, k: int, values: np.ndarray) -> np.ndarray:
@@ -345,7 +344,7 @@ class Mover:
         node = int(np.argmax(abs(places.transfer[k][[place]].toarray())))
         numbers = self.side.clamps[self.side.nodes == places.nodes[k][node]][0, axes]
         return ", ".join(f"body.{self.name}.clamp.{number} on {self.clamps[number].on!r} prescribes {value}"
-                         for value, number in zip(values, numbers, strict=True))
+                         for value, number in zip(values, numbers, strict=True) if number >= 0)
 
 
 def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
@@ -365,26 +364,26 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
     worst, message, bonded = 0.0, "", interface.law.name == "bonded"
     pairs = [Places(interface.nodes, interface.normal, interface.gap, interface.transfer), interface.fixed]
     for places in [interface.probes] if interface.slave else pairs:
-        free = sum(mover.free(places, k) for k, mover in enumerate(movers)) > SAME
-        across = np.abs(places.normal) > SAME
+        sizes, axes = np.linalg.eigh(sum(mover.free(places, k) for k, mover in enumerate(movers)))
+        normal, free = np.einsum("nd,ndk->nk", places.normal, axes), np.abs(sizes) > SAME
         for time, now in factors.items():
             gap = now[interface.gap_history] * places.gap[:, None]
             u = np.array([mover.moved(places, k, now) for k, mover in enumerate(movers)])
             closing, slack = u[0] - u[1], SAME * (np.abs(gap) + np.linalg.norm(u, axis=2).sum(axis=0)[:, None])
             if bonded:
-                ends = np.stack([0.0 * places.normal, gap * places.normal])
+                ends, closing = np.stack([0.0 * normal, gap * normal]), np.einsum("nd,ndk->nk", closing, axes)
                 beyond = np.maximum(closing - ends.max(axis=0), ends.min(axis=0) - closing)
                 beyond[free] = 0.0
             else:
                 beyond = (closing * places.normal).sum(axis=1, keepdims=True) - np.maximum(gap, 0.0)
-                beyond[(free & across).any(axis=1)] = 0.0
+                beyond[(free & (np.abs(normal) > SAME)).any(axis=1)] = 0.0
             beyond[beyond <= slack] = 0.0
             if not beyond.max(initial=0.0) > worst:
                 continue
             worst = float(beyond.max())
             place, axis = (int(each) for each in np.unravel_index(np.argmax(beyond), beyond.shape))
-            axes = [axis] if bonded else np.flatnonzero(across[place]).tolist()
-            first, second = (mover.words(places, k, place, axes, u[k, place]) for k, mover in enumerate(movers))
+            along = np.flatnonzero(np.abs(axes[place, :, axis] if bonded else places.normal[place]) > SAME).tolist()
+            first, second = (mover.words(places, k, place, along, u[k, place]) for k, mover in enumerate(movers))
             assert movers[0].side
             at = in_words(movers[0].at(places, 0, movers[0].side.xy)[place])
             message = (f"contact.{interface.name}: at {at}{f', at time {time:g},' * (len(factors) > 1)} "

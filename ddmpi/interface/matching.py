@@ -100,7 +100,7 @@ def face_rigid(side: Side, rigid: Rigid, contact: SettledContact) -> Interface:
     clamps = np.zeros_like(side.clamps)
     clamps[:, rigid.pushed] = -1
     partner = replace(side, body=rigid.name, modulus=np.inf, xy=side.xy - measured[:, None] * outward, normal=outward,
-                      clamps=clamps)
+                      clamps=clamps, free=(clamps < 0)[:, :, None] * np.eye(side.dimension))
     if side.facets.shape[1] == 6:
         rows = replace(rows_at_vertices((side, partner), 0, _over_rigid(side, rigid, np.flatnonzero(towards)), contact),
                        points=None)

@@ -14,7 +14,7 @@ from ddmpi.interface.law import law_of
 from ddmpi.scene.contacts import NoFriction, SettledContact
 from ddmpi.scene.values import Profile, evaluate
 from ddmpi.surface.side import Side, frames
-from ddmpi.system.numbers import in_words
+from ddmpi.system.numbers import in_words, is_touched
 
 NOTHING = 1e-12
 """Entries of transfers below this are rounding."""
@@ -117,12 +117,12 @@ def _along_clamps(rows: Rows, frame: np.ndarray) -> np.ndarray:
     """The frames (r, d, d), in space with tangents along which clamps of both sides hold a row, the free one first."""
     if frame.shape[2] == 2:
         return frame
-    moves = np.zeros(rows.normal.shape)
-    for side, transfer in zip(rows.sides, rows.transfers, strict=True):
-        moves += abs(transfer) @ (1.0 * side.free)
-    some = (moves == 0.0).any(axis=1)
-    tangents, free = frame[some, 1:], 1.0 * (moves[some] > 0.0)
-    turns = np.linalg.eigh(np.einsum("rid,rd,rjd->rij", tangents, free, tangents))[1][:, :, ::-1]
+    sizes, axes = np.linalg.eigh(sum(side.moves_with(abs(transfer)) for side, transfer in
+                                     zip(rows.sides, rows.transfers, strict=True)))
+    some = sizes[:, 0] <= NOTHING
+    tangents, free, axes = frame[some, 1:], 1.0 * (sizes[some] > NOTHING), axes[some]
+    along = tangents @ axes
+    turns = np.linalg.eigh(np.einsum("rid,rd,rjd->rij", along, free, along))[1][:, :, ::-1]
     frame[some, 1:] = turns.transpose(0, 2, 1) @ tangents
     return frame
 
@@ -140,8 +140,8 @@ def _probes(rows: Rows, contact: SettledContact, dropped: np.ndarray, start: np.
     What overlaps between clamps at first stays, and is no overlap of the answer.
     """
     if rows.points is None:
-        free = [transfer @ (1.0 * side.free) for side, transfer in zip(rows.sides, rows.transfers, strict=True)]
-        moves = sum(np.abs(rows.normal * each).max(axis=1) for each in free) > SAME
+        moves = sum(np.abs(np.einsum("rij,rj->ri", side.moves_with(transfer), rows.normal)).max(axis=1)
+                    for side, transfer in zip(rows.sides, rows.transfers, strict=True)) > SAME
         return replace(_at_rows(rows, dropped & moves, start), stays=1.0)
     points, gap, stays = rows.points, rows.points.gap, [np.zeros(1)]
     if contact.gap is not None or contact.kind == "bonded":
@@ -184,11 +184,12 @@ def without_rounding(gap: np.ndarray, spacing: np.ndarray) -> np.ndarray:
 
 
 def is_held(direction: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Whether a clamp takes the motion along `direction` (m, d).
+    """Whether clamps take the motion along `direction` (m, d) of nodes with projections `free` (m, d, d).
 
-    With one component free, the unknown along the direction nearest to it stays.
+    With one direction free, the unknown along that of the two which is nearest to it stays.
     """
-    return np.linalg.norm(direction * free, axis=1) < np.where(free.all(axis=1), 0.0, np.sqrt(0.5) - 1e-9)
+    left = np.einsum("kij,kj->ki", free, direction)
+    return np.linalg.norm(left, axis=1) < np.where(is_touched(free), np.sqrt(0.5) - 1e-9, 0.0)
 
 
 def at_points(phi: np.ndarray, nodes: np.ndarray, size: int) -> sparse.csr_matrix:

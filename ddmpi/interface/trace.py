@@ -8,19 +8,24 @@ import scipy.sparse as sparse
 from ddmpi.body.elasticity import Elasticity
 from ddmpi.interface.interface import Interface, Places
 
+ROUNDING = 1e-12
+"""Entries of a clamped node that are no larger than this part of the others are rounding."""
+
 
 def trace(interface: Interface, side: int, body: Elasticity) -> sparse.csr_matrix:
     """B = [N; T] of the body on `side` (0 or 1): (size, columns of A). Not collective.
 
-    Clamped components have no entry; their contribution to the trace is constant, and `displacement_trace` of the
+    Clamped directions have no entry; their contribution to the trace is constant, and `displacement_trace` of the
     prescribed displacement gives it.
     """
     d, moves = interface.dimension, rows(interface, side).tocoo()
     nodes = interface.nodes[side][moves.col]
-    place = np.full(len(body.free), -1)
+    place = np.full(len(body.clamps), -1)
     place[body.nodes] = np.arange(len(body.nodes))
-    values = _sign(side) * moves.data[:, None] * interface.directions[moves.row]
-    entry = body.free[nodes] & (values != 0.0)
+    along = _sign(side) * moves.data[:, None] * interface.directions[moves.row]
+    values = np.einsum("kij,kj->ki", body.supports.free[nodes], along)
+    entry = np.abs(values) > np.where((body.clamps[nodes] >= 0).any(axis=1), ROUNDING * np.linalg.norm(along, axis=1),
+                                      0.0)[:, None]
     columns = d * place[nodes][:, None] + np.arange(d)
     row = np.repeat(moves.row[:, None], d, axis=1)
     return sparse.csr_matrix((values[entry], (row[entry], columns[entry])), (interface.size, body.A.size[1]))

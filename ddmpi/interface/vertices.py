@@ -45,7 +45,7 @@ def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, contact: S
     seen = np.isin(np.arange(len(side.facets)), over.facet)
     psi, full = _functions(side, over, bonded), _areas(side, seen)
     D = np.asarray(psi.sum(axis=0)).ravel()
-    shares = (UNCOVERED * full > D) | ~(side.free.all(axis=1) if bonded else side.free.any(axis=1))
+    shares = (UNCOVERED * full > D) | (side.touched if bonded else side.fast)
     also = shares | _meets_others(side, D)
     if _spread(side.xy[~also & (full > 0.0)]):  # else rows in a line would be a hinge, which the bodies do not have
         shares = also
@@ -149,13 +149,14 @@ def _rows(sides: tuple[Side, Side], own: int, over: Cover, psi: sparse.csr_matri
 
 
 def _hardly_move(rows: Rows, tangential: bool) -> np.ndarray:
-    """Which rows (r,) clamps of a side hardly let move, along the normal, or along any axis if this counts."""
-    most = np.zeros(rows.normal.shape)
-    for side, transfer in zip(rows.sides, rows.transfers, strict=True):
-        most = np.maximum(most, np.abs(transfer @ (1.0 * side.free)))
+    """Which rows (r,) clamps of a side hardly let move, along the normal, or along any direction if this counts."""
+    moves = [side.moves_with(transfer) for side, transfer in zip(rows.sides, rows.transfers, strict=True)]
+    axes = np.linalg.eigh(sum(each + each.swapaxes(1, 2) for each in moves))[1]
+    most = np.max([np.linalg.norm(each @ axes, axis=1) for each in moves], axis=0)
     if tangential:
         return most.min(axis=1) < BARELY
-    return np.linalg.norm(rows.normal * np.minimum(most, 1.0), axis=1) < BARELY
+    along = np.einsum("rd,rdk->rk", rows.normal, axes)
+    return np.linalg.norm(along * np.minimum(most, 1.0), axis=1) < BARELY
 
 
 def _shapes(side: Side, facet: np.ndarray, at: np.ndarray) -> sparse.csr_matrix:

@@ -19,7 +19,8 @@ from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.boundary import boundary_facets
-from ddmpi.mesh.refine import CORNERS_CUT, INSIDE
+from ddmpi.mesh.elements import CORNERS_CUT
+from ddmpi.mesh.refine import INSIDE
 from ddmpi.scene.contacts import Rigid
 from ddmpi.system.agreement import merged
 from ddmpi.system.numbers import across, in_words, nearest_in
@@ -191,7 +192,7 @@ def _kept_apart(interfaces: Sequence[Interface], names: tuple[str, str], solids:
 def through_itself(body: Solid) -> np.ndarray | None:
     """Where (d,) the boundary of a body lies in one of its cells in the answer, but not as drawn; None if nowhere."""
     facets = body.facets[:, :-1]
-    if not np.abs(body.moved - body.at).max() <= np.ptp(body.at, axis=0).max():  # or is no number
+    if not 0.0 < np.abs(body.moved - body.at).max() <= np.ptp(body.at, axis=0).max():  # or is no number
         return None
     inside = _depth_in_cell(body.moved[facets].mean(axis=1), body.moved[body.cells]) > RESOLVED
     if inside.any():
@@ -226,7 +227,7 @@ def run_through(first: Solid, second: Solid, kept: tuple[np.ndarray, np.ndarray]
     u, v = first.moved - first.at, second.moved - second.at
     motions = np.concatenate([u[np.unique(first.facets)], v[np.unique(second.facets)]])
     size = max(np.ptp(each.at, axis=0).max() for each in (first, second))
-    if not np.abs(motions).max() <= size:  # or is no number
+    if not 0.0 < np.abs(motions).max() <= size:  # or is no number
         return drawn, _depth(drawn)
     largest = float(np.linalg.norm(motions - motions.mean(axis=0), axis=1).max())
     least = rounding + slack + (0.0 if drawn else deep)

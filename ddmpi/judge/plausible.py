@@ -13,9 +13,8 @@ from ddmpi.body.stiffness import forces_at
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.state import ContactState
 from ddmpi.judge.overlap import BESIDE, RESOLVED, Solid, doubt_overlaps
-from ddmpi.mesh.boundary import creases
+from ddmpi.mesh.boundary import SHARPEST, creases
 from ddmpi.scene.bodies import SettledBody
-from ddmpi.surface.side import SHARPEST
 from ddmpi.system.agreement import merged
 from ddmpi.system.numbers import in_words
 

@@ -8,12 +8,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.elements import CELLS, cell_with
+from ddmpi.mesh.elements import CELLS, CORNERS_CUT, FIRST, cell_with
 from ddmpi.mesh.mesh import PHYSICAL, Mesh
 from ddmpi.mesh.refine import KINDS, distinct, simplices
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.keys import nearest
 from ddmpi.system.numbers import across, in_words
+
+SHARPEST = np.deg2rad(40.0)
+"""Where a boundary turns by more than this from one side of an element to the next, it has a corner; where by less, it
+may be a curve."""
 
 
 def boundary_group(mesh: Mesh, name: str, key: str) -> np.ndarray:
@@ -128,6 +132,31 @@ def links(facets: np.ndarray, dimension: int) -> np.ndarray:
     if dimension == 2:
         return segments(facets)
     return np.unique(np.sort(segments(facets[:, cell.edges].reshape(-1, cell.order + 1)), axis=1), axis=0)
+
+
+def outer_normals(mesh: Mesh, name: str, key: str) -> tuple[np.ndarray, np.ndarray]:
+    """The nodes (k,) of a boundary group, ascending, and its outer unit normals (k, d) there.
+
+    Those of the facets between neighbouring nodes, weighted such that they are exact where the nodes lie on a circle or
+    a sphere (Max, J. Graphics Tools 4, 1999). Raises InputError, naming `key`, at a corner inside the group, and where
+    there is no such group.
+    """
+    d = mesh.dimension
+    facets = turn_outward(mesh, boundary_group(mesh, name, key), key)[0]
+    corners = facets if mesh.order == 1 else facets[:, CORNERS_CUT[d - 1]].reshape(-1, d)
+    points = mesh.points[corners]
+    outward = CELLS[d - 1, 1].vectors(points, FIRST[d - 1][0])[:, 0].T
+    found = creases(mesh.points, corners, outward)
+    sharp = np.flatnonzero(np.abs(found.turn) > SHARPEST)
+    if len(sharp):
+        at = in_words(mesh.points[found.nodes[sharp[0]]].mean(axis=0))
+        raise InputError(f"{key}: {name!r} has a corner at {at}, where it has no normal; make groups of what meets "
+                         "there, and clamp each along its normal")
+    squares = ((points[:, :, None] - points[:, None]) ** 2).sum(axis=3) + np.eye(d)
+    normal = np.zeros_like(mesh.points)
+    np.add.at(normal, corners, outward[:, None] / squares.prod(axis=2)[:, :, None])
+    nodes = np.unique(corners)
+    return nodes, normal[nodes] / np.linalg.norm(normal[nodes], axis=1)[:, None]
 
 
 class Creases(NamedTuple):

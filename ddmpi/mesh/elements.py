@@ -33,6 +33,11 @@ FACETS: dict[int, list[tuple[int, ...]]] = {
 """Corners of the facets by dimension. From outside they are counter-clockwise; in the plane the cell lies to their
 left."""
 
+CORNERS_CUT = {1: [[0, 2], [2, 1]], 2: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]],
+               3: [[0, 4, 6, 7], [4, 1, 5, 8], [6, 5, 2, 9], [7, 8, 9, 3]]}
+"""Parts of a cell of order 2 with halved edges, by dimension: its nodes at their corners. In space an octahedron is
+left over."""
+
 NAMES = {0: ("point", "points"), 1: ("line", "lines"), 2: ("triangle", "triangles"), 3: ("tetrahedron", "tetrahedra")}
 """One and several, by dimension."""
 

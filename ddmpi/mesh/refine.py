@@ -9,13 +9,8 @@ import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.elements import CELLS, EDGES
+from ddmpi.mesh.elements import CELLS, CORNERS_CUT, EDGES
 from ddmpi.mesh.mesh import Mesh, signed_measures
-
-CORNERS_CUT = {1: [[0, 2], [2, 1]], 2: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]],
-               3: [[0, 4, 6, 7], [4, 1, 5, 8], [6, 5, 2, 9], [7, 8, 9, 3]]}
-"""Parts of a cell of order 2 with halved edges, by dimension: its nodes at their corners. In space an octahedron is
-left over."""
 
 INSIDE = {3: np.array([[[4, 9, a, b] for a, b in ((5, 6), (6, 7), (7, 8), (8, 5))],
                          [[5, 7, a, b] for a, b in ((6, 4), (9, 6), (8, 9), (4, 8))],

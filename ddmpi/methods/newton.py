@@ -41,9 +41,13 @@ PATIENCE, PROGRESS = 3, 0.7
 """A path begins after so many steps that together leave more than this of the smallest residual. Newton's own steps are
 tried from a path as long as each leaves less than this."""
 
-FULL_STEPS, GROWTH = 12, 3.0
-"""In space the first so many steps are full ones, as long as none multiplies the residual by more than the second
-number: while friction turns, lengths by residuals take a quarter more steps."""
+PATHS: tuple[type[Path], ...] = InteriorPoints, Softening
+"""The paths in the order in which they are tried; the other way round in space, where interior points know no discs."""
+
+FULL_STEPS, GIVEN_STEPS, GROWTH = 12, 3, 3.0
+"""In space the first so many steps are full ones, as long as none multiplies the residual by more than the last number:
+while friction turns, lengths by residuals take a quarter more steps. In the plane fewer are, and none with Coulomb
+friction: where bounds are given, full steps seldom cycle."""
 
 ERROR = 10.0
 """The forces are converged when the error estimated for them is below this times the tolerance."""
@@ -100,7 +104,8 @@ class Newton:
         self._preconditioner = precondition(joint, self._c)
         self._coulomb = self.space.largest(np.array([self._laws.largest_slope])) > 0.0  # else forces can be found
         components = max((law.components for law in self._laws.laws), default=1)
-        self._full = FULL_STEPS if self.space.largest(np.array([float(components)])) > 1.0 else 0
+        self._in_space = self.space.largest(np.array([float(components)])) > 1.0
+        self._full = FULL_STEPS if self._in_space else 0 if self._coulomb else GIVEN_STEPS
         self._least = 0.0
         self.nothing = 0.0
         self.begin()
@@ -122,6 +127,8 @@ class Newton:
         self._at = Point(s, r, alpha, joint.imbalance(s))
         self._warm = warm is not None and self.space.any(self._pressed())
         self._path: Path | None = None
+        self._paths = list(PATHS[::-1] if self._in_space else PATHS)  # that are left
+        self._softened = self._at  # where softening has ended
         self._trying = False  # Newton's own steps, from the path's point
         self._measured: tuple[np.ndarray | None, float] = (None, 0.0)
         self._far: float | None = None  # `_distances` of the iterate
@@ -197,7 +204,7 @@ class Newton:
         before, imbalance = self._at.s, norm(self._at.left)
         self.joint.neglected = NEGLECTED * tolerance * self._size()
         if self._stalled >= PATIENCE and not self._path:
-            self._path = Softening(self.joint, self._c)
+            self._next_path()
         stage = "" if self._trying or not self._path else self._path.stage
         if stage and self._path:
             with event("NewtonStep"):
@@ -205,9 +212,6 @@ class Newton:
             self._at = self._path.point
             far = self._distances([self._at])[0]
             self._path.see(self._relative(far))
-            if self._path.failed:
-                self._at = self._path.point
-                far = self._distances([self._at])[0]
             near = self._path.kind == "softening" or self._relative(far) < NEAR
             self._trying = self._path.ready and near and not self._path.failed
         else:
@@ -234,11 +238,16 @@ class Newton:
         return not self._path and not self._stalled and len(self.history) < self._full
 
     def _next_path(self) -> bool:
-        """Whether there is another path, which begins then. Collective."""
-        assert self._path
-        if self._path.kind != "softening":
+        """Whether there is another path, which begins then; else the iterate goes to the end of softening. Collective.
+
+        What is left of the loads there says which bodies drift.
+        """
+        if self._path and self._path.kind == "softening":
+            self._softened = self._path.point
+        if not self._paths:
+            self._at = self._softened
             return False
-        self._path = InteriorPoints(self.joint, self._c, self._path.point)
+        self._path = self._paths.pop(0)(self.joint, self._c)
         return True
 
     def _settle(self) -> None:

@@ -21,7 +21,7 @@ import numpy as np
 
 from ddmpi.coupling.joint import Joint
 from ddmpi.interface.law import Tangent
-from ddmpi.methods.krylov import FORCING, Linearised
+from ddmpi.methods.krylov import Linearised
 from ddmpi.system.numbers import norm
 
 SOFTEST, HARDEST, HARDER = 1e3, 1e-7, 0.1
@@ -59,6 +59,10 @@ LOWER = ((0.9, 0.1), (0.5, 0.2), (0.2, 0.5), (0.0, 0.8))
 
 NEAR = 3e-3
 """Newton's own steps are tried from interior points with a smaller residual."""
+
+INEXACT = 1e-2
+"""GMRES reduces the residual of a step of interior points by this; 1e-3 takes a twentieth fewer steps, and a tenth more
+products."""
 
 MOST_POINTS, SHORT, SHORTS = 60, 1e-3, 5
 """Interior points are given up after so many steps, and after the last number of steps shorter than the second."""
@@ -225,35 +229,31 @@ class Softening:
 
 
 class InteriorPoints:
-    """Interior points, from forces on that are all alike and as large as the loads, or as those that softening carried.
+    """Interior points, from forces on that are all alike: as large as the loads, or as what closes the free gaps.
 
-    Parameters and attributes as for `Softening`; where `before`, its last point, is given, the iterate comes back to it
-    when interior points fail. Collective.
+    Parameters and attributes as for `Softening`. Collective.
     """
 
     kind = "interior points"
-    held, forcing = 1e-6, FORCING
+    held, forcing = 1e-6, INEXACT
     """Springs of Newton's method would bring bodies across wide clearances too slowly: each step moves by the load that
     is left over the spring. Wherever there is a contact a barrier holds bodies, too."""
 
-    def __init__(self, joint: Joint, c: np.ndarray, before: Point | None = None) -> None:
+    def __init__(self, joint: Joint, c: np.ndarray) -> None:
         self._joint, self._space, self._laws = joint, joint.space, joint.space.laws
-        self._before = before
         size, space = joint.size, joint.space
-        self._normal, self._sliding, source = np.zeros(size, bool), np.zeros(size, bool), np.arange(size)
+        self._normal, sliding, self._source = np.zeros(size, bool), np.zeros(size, bool), np.arange(size)
         for interface, part in space.each():
             if interface.law.name != "bonded":
                 end = part.start + interface.m
-                self._normal[part.start:end] = self._sliding[end:part.stop] = True
-                source[part] = part.start + interface.law.node
-        self._source = source
+                self._normal[part.start:end] = sliding[end:part.stop] = True
+                self._source[part] = part.start + interface.law.node
         number = float(space.add(np.array([float(np.count_nonzero(self._normal))]))[0])
-        carried = space.norm(before.s) if before else 0.0
-        force = max(norm(joint.e), carried or space.norm(c * (joint.d + space.opening))) / np.sqrt(max(number, 1.0))
+        force = self._first_force(c) / np.sqrt(max(number, 1.0))
         s = np.where(self._normal, force, 0.0)
         bound, _ = self._bounds(s)
-        self._given = self._sliding & ~(bound > 0.0)  # no friction force at all
-        self._sliding = self._sliding & ~self._given
+        self._given = sliding & ~(bound > 0.0)  # no friction force at all
+        self._sliding = sliding & ~self._given
         self._w = np.where(self._normal, space.largest(np.maximum(space.opening, force / c)), 0.0)
         self._barrier = self._mean(s)
         self._p = np.where(self._sliding, self._barrier / np.where(self._sliding, bound, 1.0), 0.0)
@@ -261,6 +261,17 @@ class InteriorPoints:
         self.point = Point(s, -joint.d, np.zeros(joint.rigid.size), joint.imbalance(s))
         self._last, self._steps, self._shorts, self.failed = 1.0, 0, 0, False
         self._first, self._idle, self._smallest, self._lowest = 0.0, 0, np.inf, np.inf
+
+    def _first_force(self, c: np.ndarray) -> float:
+        """The norm of the first forces (N): of the loads, or of those that close the free gaps d.
+
+        These are c d, or the part of c d with which the energy is least: a slender body bends far under small forces.
+        """
+        gaps = self._joint.d + self._space.opening
+        forces = c * gaps
+        given, stored = self._space.add(np.array([forces @ gaps, forces @ self._joint.product(forces, "newton")]))
+        part = given / stored if stored > given else 1.0
+        return max(norm(self._joint.e), part * self._space.norm(forces))
 
     @property
     def stage(self) -> str:
@@ -298,7 +309,7 @@ class InteriorPoints:
         least = np.concatenate([s[normal], w[normal], (bound - np.abs(s))[sliding]]).min(initial=np.inf)
         self._first = self._first or mean
         if self._space.any(np.array([not least > 0.0])) or not mean > LOWEST * self._first:
-            self._give_up()
+            self.failed = True
             return
         mu = self._barrier = mean * next(part for least, part in LOWER if self._last >= least)
         one, two = (np.where(sliding, room, 1.0) for room in (bound - s, bound + s))
@@ -322,7 +333,7 @@ class InteriorPoints:
         self.point, self._last, self._steps = point.along(change, length), length, self._steps + 1
         self._shorts = self._shorts + 1 if length < SHORT else 0
         if self._steps >= MOST_POINTS or self._shorts >= SHORTS or not np.isfinite(fastest):
-            self._give_up()
+            self.failed = True
 
     def see(self, residual: float) -> None:
         """Note the residual that a step has left; give up after too many that get nowhere."""
@@ -330,12 +341,7 @@ class InteriorPoints:
         self._smallest, self._lowest = min(residual, self._smallest), min(self._barrier, self._lowest)
         self._idle = 0 if gains else self._idle + 1
         if self._idle >= IDLE:
-            self._give_up()
-
-    def _give_up(self) -> None:
-        self.failed = True
-        if self._before:
-            self.point = self._before
+            self.failed = True
 
 
 Path = Softening | InteriorPoints

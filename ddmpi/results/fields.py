@@ -15,7 +15,7 @@ from ddmpi.interface.state import ContactState
 from ddmpi.mesh.boundary import boundary_facets
 from ddmpi.mesh.mesh import signed_measures
 from ddmpi.mesh.refine import CORNERS_CUT
-from ddmpi.results.tables import leg_values, writing
+from ddmpi.results.tables import Results, leg_values, writing
 from ddmpi.system.files import FileOfHDF5, contact_files
 
 TOPOLOGY = {2: "Polyline", 3: "Triangle", 6: "Triangle_6", 4: "Tetrahedron", 10: "Tetrahedron_10"}
@@ -380,7 +380,16 @@ def areas_at_nodes(points: np.ndarray, cells: np.ndarray, values: np.ndarray | f
     return np.bincount(cells.ravel(), np.repeat(shares, number), len(points))
 
 
-def at_nodes(values: np.ndarray, points: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Averages (nv,) of `values` (nt,) over the cells around each node, weighted by their areas or volumes."""
-    total = areas_at_nodes(points, cells)
-    return areas_at_nodes(points, cells, values) / np.where(total > 0, total, 1.0)
+def coloured(results: Results, fields: dict[str, np.ndarray]) -> tuple[np.ndarray, str, str]:
+    """What colours bodies, at their nodes (nv,), with its name and unit: the mean von Mises stress of the cells around,
+    or displacement if there is no stress."""
+    output, u = results.summary["scene"]["output"], fields["displacement"][:, :results.dimension]
+    if "von_mises" not in fields:
+        return np.linalg.norm(u, axis=1), "displacement", output["length_unit"]
+    cells, stress = results.fields["cells"], fields["von_mises"]
+    if results.dimension == 2:
+        cells, owner = linear_triangles(cells)
+        stress = stress[owner]
+    around = areas_at_nodes(results.points, cells)
+    mean = areas_at_nodes(results.points, cells, stress) / np.where(around > 0.0, around, 1.0)
+    return mean, "von Mises stress", output["stress_unit"]

@@ -9,11 +9,10 @@ import msgspec
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.boundary import boundary_facets
-from ddmpi.results.fields import at_nodes, linear_triangles
+from ddmpi.mesh.boundary import SHARPEST, boundary_facets
 from ddmpi.results.tables import Columns, Results
 from ddmpi.scene.contacts import Rigid
-from ddmpi.surface.side import SHARPEST, unit
+from ddmpi.surface.side import unit
 from ddmpi.system.numbers import spans
 from ddmpi.system.provenance import NO_MATPLOTLIB, has_matplotlib
 
@@ -156,19 +155,6 @@ def draw_colours(figure: Any, axes: Any, image: Any, label: str, extend: str) ->
     wide = is_wide(np.column_stack([axes.get_xlim(), axes.get_ylim()]))
     figure.colorbar(image, ax=axes, label=label, extend=extend, shrink=0.85, aspect=40 if wide else 25,
                     orientation="horizontal" if wide else "vertical")
-
-
-def coloured(results: Results, fields: dict[str, np.ndarray]) -> tuple[np.ndarray, str, str]:
-    """What colours bodies, at their nodes (nv,): von Mises stress, or displacement if there is no stress; its name and
-    unit."""
-    output, u = results.summary["scene"]["output"], fields["displacement"][:, :results.dimension]
-    if "von_mises" not in fields:
-        return np.linalg.norm(u, axis=1), "displacement", output["length_unit"]
-    cells, stress = results.fields["cells"], fields["von_mises"]
-    if results.dimension == 2:
-        cells, owner = linear_triangles(cells)
-        stress = stress[owner]
-    return at_nodes(stress, results.points, cells), "von Mises stress", output["stress_unit"]
 
 
 def rounded(value: float) -> str:

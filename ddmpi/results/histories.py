@@ -14,13 +14,12 @@ import numpy as np
 from ddmpi.body.stress import principal, von_mises
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import cell_with
-from ddmpi.results.fields import group_of, linear_triangles, skin
+from ddmpi.results.fields import coloured, group_of, linear_triangles, skin
 from ddmpi.results.frame import (
     ABOVE,
     BESIDE,
     View,
     by_value,
-    coloured,
     colours_of,
     draw_colours,
     draw_outline,
@@ -67,10 +66,10 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
 
     The load is the sum of the factors of all histories, without signs, each over its largest one.
 
-    What the summary has of the last step alone is None or empty: loads and reactions, strain energies, estimated
-    errors, overlaps between nodes. The certificate and what friction dissipates stay those of all steps. Without load
-    steps, or without an answer, `results` are as they were read. Not collective. Raises InputError where there are no
-    fields of the time `asked` for.
+    What the summary has of the last step alone is None: strain energies, estimated errors, overlaps between nodes. The
+    certificate and what friction dissipates stay those of all steps. Without load steps, or without an answer,
+    `results` are as they were read. Not collective. Raises InputError where there are no fields of the time `asked`
+    for.
     """
     import h5py
 
@@ -100,11 +99,11 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
         area = table["length"] if "length" in table else table["area"]
         contacts[name] = table | {f"{kind}_force": table[f"{kind}_stress"] * area for kind in ("normal", "tangential")}
     entry = next(each for each in results.summary["steps"] if each["time"] == time)
-    step, rigid = entry["contacts"], entry.get("rigid", {})
+    step, rigid, forces = entry["contacts"], entry.get("rigid", {}), entry.get("bodies", {})
     moved, owner = np.linalg.norm(fields["displacement"], axis=1), owners(results)
     unknown: dict[str, Any] = {"energy": None, "reaction": (None,) * results.dimension, "discretization_error": None,
                                "loads": {}, "reactions": {}}
-    bodies = {name: entry | unknown | {"displacement_max": float(moved[owner == k].max())} | (
+    bodies = {name: entry | unknown | forces.get(name, {}) | {"displacement_max": float(moved[owner == k].max())} | (
         {"von_mises_max": float(fields["von_mises"][fields["body"] == k].max())} if "von_mises" in fields else {})
         for k, (name, entry) in enumerate(results.summary["bodies"].items())}
     unknown = dict.fromkeys(("pointwise_penetration", "moment_imbalance", "moment_imbalance_bound"))

@@ -16,7 +16,7 @@ import numpy as np
 from ddmpi.errors import InputError
 from ddmpi.interface.law import law_of
 from ddmpi.results import solids
-from ddmpi.results.fields import areas_at_nodes, both_halves, linear_triangles, middles
+from ddmpi.results.fields import areas_at_nodes, both_halves, coloured, linear_triangles, middles
 from ddmpi.results.frame import (
     ABOVE,
     AT_REST,
@@ -28,7 +28,6 @@ from ddmpi.results.frame import (
     STYLE,
     TURNED_BY,
     WEAK,
-    coloured,
     draw_colours,
     draw_outline,
     fill,

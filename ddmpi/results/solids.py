@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from ddmpi.results.fields import skin
+from ddmpi.results.fields import coloured, skin
 from ddmpi.results.frame import (
     ABOVE,
     AT_REST,
@@ -23,7 +23,6 @@ from ddmpi.results.frame import (
     Paint,
     View,
     by_value,
-    coloured,
     colours_of,
     draw_colours,
     draw_edges,

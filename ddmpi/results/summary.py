@@ -93,7 +93,8 @@ SUMMARY = {
     "certificate.equilibrium": "the worst of all bodies, pushed partners and load steps",
     "certificate_limit": "the largest residual of a certified answer: 50 times the tolerance, but at most 0.05",
     "steps": "load steps in the order of time: time, outer_iterations, and contacts by name with force, moment, "
-             "normal_force, tangential_force, open, slip, stick and dissipated, of the step, and rigid as above",
+             "normal_force, tangential_force, open, slip, stick and dissipated, of the step, and rigid as above; in "
+             "summary.json, where the fields of the step are written, bodies with reaction, loads and reactions",
     "energy.external_work": "with load steps: the last line of energy.csv; so are the next three",
     "energy.strain_energy": "", "energy.interface_work": "", "energy.dissipated": "",
     "energy.lost": "interface work less dissipation: what interference, closing gaps and time stepping take",
@@ -170,7 +171,7 @@ def summarize(scene: dict, run: RunResult, bodies: Mapping[str, dict], contacts:
                              "certificate": {"equilibrium": certificate.equilibrium[name]}}
                for name, body in bodies.items()}
     n_A, m = sum(entry["n_A"] for entry in entries.values()), sum(interface.m for interface in interfaces)
-    summary: dict = _plain({
+    summary: dict = plain({
         "format": FORMAT, "title": scene["title"], "converged": run.converged, "reason": run.reason,
         "outer": method["outer"], "algorithm": method.get("algorithm") or method["outer"],
         "splitting": method.get("splitting") or "none",
@@ -219,7 +220,7 @@ def write_mechanism(path: Path, mechanism: Mechanism) -> None:
     A velocity is (v_x, v_y, ω), in space (v_x, v_y, v_z, ω_x, ω_y, ω_z), such that the fastest node has velocity 1.
     Not collective. Raises OutputError.
     """
-    _write_json(path / MECHANISM, _plain({
+    _write_json(path / MECHANISM, plain({
         "reason": describe(mechanism), "imbalance": mechanism.imbalance,
         "bodies": [{"name": body.name, "centre": body.centre, "velocity": velocity}
                    for body, velocity in zip(mechanism.bodies, mechanism.velocities, strict=True)]}))
@@ -246,18 +247,18 @@ def units(scene: dict, dimension: int = 2) -> dict[str, str]:
 def _contact(state: ContactState) -> dict:
     slave, (imbalance, bound) = state.interface.slave, state.moment_imbalance
     return {"m": state.interface.m, "pairing": "mortar" if slave else "nodes", "slave": slave,
-            "friction": state.interface.law.name, **_plain(state.resultants), "pressure_max": state.pressure.max(),
+            "friction": state.interface.law.name, **plain(state.resultants), "pressure_max": state.pressure.max(),
             "pointwise_penetration": state.deepest, "moment_imbalance": imbalance, "moment_imbalance_bound": bound}
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """The value as JSON has it: lists for arrays, tables for records, None for numbers that are not finite."""
     if isinstance(value, np.void):
         value = dict(zip(value.dtype.names or (), value.item(), strict=True))
     if isinstance(value, dict):
-        return {key: _plain(entry) for key, entry in value.items()}
+        return {key: plain(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
-        return [_plain(entry) for entry in value]
+        return [plain(entry) for entry in value]
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value

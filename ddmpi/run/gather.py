@@ -194,7 +194,7 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     memory, hosts = team.do("machine") if team else (peak_memory(), [MPI.Get_processor_name()])
     factors = scene.factors(1.0 if solution.time is None else solution.time)
     own = [(body.number, (body.spec.name, _body(body, solution, error, own_fields[body.spec.name], ranks, memory)
-                          | _forces_by_group(body, solution.displacements[body.spec.name], s, factors)))
+                          | forces_by_group(body, solution.displacements[body.spec.name], s, factors)))
            for body, s in zip(assembly.bodies, outer.body_forces(), strict=True)]
     everyone = world.allgather((own, unused_options(), sum(outer.inner_steps.values()), assembly.exchange.state(),
                                 hosts))
@@ -224,27 +224,22 @@ def _body(body: Body, solution: Solution, error: DiscretizationError, fields: Fi
           memory: float) -> dict:
     """What the summary says of a body of this rank; its `ranks` have held up to `memory` MiB. Not collective."""
     member, name = body.member, body.spec.name
-    outer = member.elasticity.resultant + sum(
-        state.force if state.interface.side(name) == 0 else -state.force
-        for state in solution.contacts.values() if name in state.interface.bodies)
     return {
         "n": member.elasticity.n, "ranks": ranks, "held": member.elasticity.held,
         "displacement_max": solution.displacement_max[name],
         "von_mises_max": None if fields.von_mises is None else float(fields.von_mises.max()),
         "energy": error.own[name].energy / 2,  # of the stresses: free of what moves the body without strain
-        "reaction": 0.0 - outer, "discretization_error": error.by_body[name],
+        "discretization_error": error.by_body[name],
         "n_A_by_purpose": dict(member.C.count), "inner_steps": dict(solution.outer.inner_steps),
         "solver": member.C.solver.description, "compliance": member.C.kind, "memory_mib": memory}
 
 
-def _forces_by_group(body: Body, u: np.ndarray, s: np.ndarray, factors: Mapping[str | None, float]) -> dict:
-    """The applied loads and the forces of clamps, under the displacement u (nv, d) and contact forces s (size,). Not
-    collective."""
+def forces_by_group(body: Body, u: np.ndarray, s: np.ndarray, factors: Mapping[str | None, float]) -> dict:
+    """The applied loads and the forces of clamps, by group, and the resultant of the latter, under the displacement u
+    (nv, d) and contact forces s (size,). Not collective."""
     mesh, member = body.mesh, body.member
     loads = ((group, factor * f) for history, factor in factors.items()
              for group, f in loads_by_group(mesh, body.spec, history))
-    clamps = list(clamp_forces(mesh, body.spec, member.elasticity, u, member.pull(s)))
-    found: dict = {"loads": resultants(mesh, loads), "reactions": resultants(mesh, clamps)}
-    if mesh.axisymmetric:  # circumferential stress bears radial forces, too
-        found["reaction"] = sum((f.sum(axis=0) for _, f in clamps), np.zeros(mesh.dimension))
-    return found
+    reactions = resultants(mesh, clamp_forces(mesh, body.spec, member.elasticity, u, member.pull(s)))
+    return {"reaction": sum((each["force"] for each in reactions.values()), np.zeros(mesh.dimension)),
+            "loads": resultants(mesh, loads), "reactions": reactions}

@@ -32,6 +32,9 @@ LISTED = 12
 DIRECT = "preonly + cholesky (mumps)"
 """How PETSc calls the solver that bodies have by default."""
 
+PRECISION = 1e-8
+"""Components of a force below this part of it are printed as zero: rounding, and what iterations leave."""
+
 UNDETERMINED = 3
 """Of more undetermined motions than this, the first ones stand for all."""
 
@@ -266,4 +269,7 @@ def _number(value: float | None) -> float:
 
 
 def _vector(components: list[float | None]) -> str:
-    return "(" + ", ".join(f"{_number(component):.4g}" for component in components) + ")"
+    """In words, as zero what is below the precision of forces."""
+    parts = np.array([_number(component) for component in components])
+    parts[np.abs(parts) < PRECISION * np.linalg.norm(parts)] = 0.0
+    return "(" + ", ".join(f"{part:.4g}" for part in parts) + ")"

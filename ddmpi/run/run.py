@@ -26,10 +26,10 @@ from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.results.fields import Fields, contact_fields, write_facets, write_fields, write_surface, write_xdmf
 from ddmpi.results.folder import Staging, choose_folder
-from ddmpi.results.summary import write_mechanism, write_summary
+from ddmpi.results.summary import plain, write_mechanism, write_summary
 from ddmpi.results.tables import write_contact, write_energy, write_history, write_legs, write_sides, write_steps
 from ddmpi.run.checkpoint import Checkpoints, continue_from, identify
-from ddmpi.run.gather import StepLog, gather_summary
+from ddmpi.run.gather import StepLog, forces_by_group, gather_summary
 from ddmpi.run.report import describe_files, log_end, log_plan, log_step, log_warnings
 from ddmpi.run.solve import Solution, recover
 from ddmpi.run.steps import solve_scene
@@ -285,21 +285,28 @@ def _write_in_turn(world: MPI.Comm, path: Path, fields: Mapping[int, Fields], si
 
 
 def _write_steps(path: Path, solved: Solved, sizes: Sequence[tuple[int, int]]) -> list[float]:
-    """Write the fields of the load steps that are kept, computed anew from their forces; their times. Collective."""
+    """Write the fields of the load steps that are kept, computed anew from their forces; their times. The summary has
+    the forces of each by body and group. Collective."""
     assembly, times, steps = solved.assembly, [], solved.steps
     world, joint = assembly.world, assembly.joint
     if not steps:
         return []
+    told = {step["time"]: step for step in solved.summary["steps"]}
     for number, (time, s, alpha, _) in enumerate(steps.kept):
         times.append(time)
         if time == solved.solution.time:  # the last one is there
+            told[time]["bodies"] = {name: {key: body[key] for key in ("reaction", "loads", "reactions")}
+                                    for name, body in solved.summary["bodies"].items()}
             continue
         assembly.act(time)
-        parts, fields = joint.spread(s), {}
+        parts, fields, forces = joint.spread(s), {}, {}
         with agreed(world):
             for body, part in zip(assembly.bodies, parts, strict=True):
                 u, *_ = recover(body.member, part, alpha[joint.slices[body.spec.name]], steps.largest)
                 fields[body.number] = _fields(assembly, body, u)
+                forces[body.spec.name] = plain(forces_by_group(body, u, part, assembly.scene.factors(time)))
+        forces = merged(world, forces)
+        told[time]["bodies"] = {name: forces[name] for name in solved.summary["bodies"]}
         _write_in_turn(world, path, fields, sizes, number)
     return times or ([solved.solution.time] if solved.solution.time is not None else [])
 

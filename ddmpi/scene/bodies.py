@@ -15,6 +15,7 @@ from ddmpi.scene.values import (
     AffineVector,
     Formula,
     Group,
+    Heat,
     Name,
     NonNegative,
     Number,
@@ -22,6 +23,7 @@ from ddmpi.scene.values import (
     Positive,
     Table,
     Vector,
+    VolumeForce,
     check_formulas,
     settle,
 )
@@ -31,26 +33,80 @@ LOCKING = 0.48
 are right to within a fifth."""
 
 
+Moduli = Annotated[tuple[Positive, ...], msgspec.Meta(min_length=3, max_length=3)]
+Ratios = Annotated[tuple[Number, ...], msgspec.Meta(min_length=3, max_length=3)]
+
+DEFINITE = 1e-9
+"""Smallest eigenvalue of a compliance without units that counts as positive."""
+
+
 class Material(Table, frozen=True, kw_only=True):
-    """Isotropic linear elasticity.
+    """Linear elasticity: isotropic, or orthotropic with axes 1, 2, 3, which are x, y, z; see docs/use/materials.md.
 
     Attributes
     ----------
-    young : Young's modulus (Pa)
-    poisson : Poisson's ratio; linear triangles lock near 0.5, quadratic ones do not
+    young : Young's modulus (Pa); orthotropic: [E1, E2, E3]
+    poisson : Poisson's ratio; linear triangles lock near 0.5, quadratic ones do not;
+        orthotropic: [ν12, ν13, ν23], where ν12 = −ε2/ε1 under stress along axis 1
+    shear : of an orthotropic material: shear modulus G12 in the plane (Pa), in space [G12, G13, G23]
+    angle : of axis 1 of an orthotropic material in the plane, counter-clockwise from x (degrees); left out, 0
     plane : plane strain, the default in the plane, or plane stress; solids and turned parts have none
     expansion : coefficient of thermal expansion (1/K), with the body's temperature
     """
 
-    young: Positive
-    poisson: Annotated[float, msgspec.Meta(gt=-1, lt=0.5)]
+    young: Positive | Moduli
+    poisson: Annotated[float, msgspec.Meta(gt=-1, lt=0.5)] | Ratios
+    shear: Positive | Moduli | None = None
+    angle: Number | None = None
     plane: Literal["strain", "stress"] | None = None
     expansion: Number | None = None
 
+    def __post_init__(self) -> None:
+        rows = [isinstance(value, tuple) for value in (self.young, self.poisson)]
+        if rows[0] != rows[1] or rows[0] != (self.shear is not None):
+            raise ValueError("an isotropic material has young = E and poisson = ν; an orthotropic one young = [E1, E2, "
+                             "E3], poisson = [ν12, ν13, ν23] and shear = G12 or, in space, [G12, G13, G23]")
+        if self.angle is not None and not rows[0]:
+            raise ValueError("angle: an isotropic material has no axes; leave it out")
+        scale = np.sqrt(self.moduli)
+        if rows[0] and not np.linalg.eigvalsh(self._matrix[:3, :3] * scale[:, None] * scale).min() > DEFINITE:
+            raise ValueError("poisson: no material has these ratios and moduli: the matrix of its compliances is not "
+                             "positive definite; ν12 is −ε2/ε1 under stress along axis 1, so that |ν12| < √(E1/E2)")
+
+    @property
+    def moduli(self) -> np.ndarray:
+        """(3,) Young's moduli along the axes of the material (Pa)."""
+        return np.array(self.young) * np.ones(3)
+
+    @property
+    def _matrix(self) -> np.ndarray:
+        """(6, 6) of strains ε11, ε22, ε33, 2 ε12, 2 ε13, 2 ε23 of an orthotropic material (1/Pa)."""
+        E, (n12, n13, n23) = self.moduli, self.poisson if isinstance(self.poisson, tuple) else [self.poisson] * 3
+        S = np.diag(1.0 / np.append(E, np.array(self.shear) * np.ones(3)))  # in the plane G13 and G23 do not count
+        S[0, 1] = S[1, 0] = -n12 / E[0]
+        S[0, 2] = S[2, 0] = -n13 / E[0]
+        S[1, 2] = S[2, 1] = -n23 / E[1]
+        return S
+
+    @property
+    def compliance(self) -> np.ndarray:
+        """S (3, 3, 3, 3) of ε = S : σ of an orthotropic material, along x, y, z (1/Pa)."""
+        half = np.repeat([1.0, 0.5], 3)
+        return self._along_axes(self._matrix * half[:, None] * half)
+
+    def _along_axes(self, matrix: np.ndarray) -> np.ndarray:
+        """The tensor (3, 3, 3, 3) along x, y, z of components (6, 6) along the axes of the material."""
+        number = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
+        c, s = np.cos(np.deg2rad(self.angle or 0.0)), np.sin(np.deg2rad(self.angle or 0.0))
+        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        return np.einsum("ia,jb,kc,ld,abcd->ijkl", R, R, R, R, matrix[number[:, :, None, None], number], optimize=True)
+
     @property
     def lame(self) -> tuple[float, float]:
-        """First Lamé constant and shear modulus (Pa), in plane stress those of the plane problem."""
+        """First Lamé constant and shear modulus (Pa) of an isotropic material, in plane stress those of the plane
+        problem."""
         E, nu = self.young, self.poisson
+        assert not isinstance(E, tuple) and not isinstance(nu, tuple)
         shear = E / (2 * (1 + nu))
         first = E * nu / ((1 + nu) * (1 - 2 * nu))
         if self.plane == "stress":
@@ -59,6 +115,11 @@ class Material(Table, frozen=True, kw_only=True):
 
     def tensor(self, dimension: int) -> np.ndarray:
         """C (d, d, d, d) of σ = C : ε (Pa), in the plane or in space."""
+        if self.shear is not None:
+            C = self._along_axes(np.linalg.inv(self._matrix))
+            if self.plane == "stress":
+                C = C - np.multiply.outer(C[..., 2, 2], C[2, 2]) / C[2, 2, 2, 2]
+            return C[:dimension, :dimension, :dimension, :dimension]
         (first, shear), unit = self.lame, np.eye(dimension)
         both = np.multiply.outer(unit, unit)  # δ_ij δ_kl
         return first * both + shear * (both.transpose(0, 2, 1, 3) + both.transpose(0, 2, 3, 1))
@@ -66,29 +127,30 @@ class Material(Table, frozen=True, kw_only=True):
     @property
     def across(self) -> np.ndarray:
         """a (2, 2) of σ_zz = a : σ in the plane."""
-        return np.eye(2) * (0.0 if self.plane == "stress" else self.poisson)
-
-    def thermal(self, dimension: int) -> tuple[np.ndarray, float, float, float]:
-        """What a temperature of 1 K does where no strain yields to it, in the plane or in space.
-
-        Returns
-        -------
-        β (d, d) of the stress −β (Pa/K); twice the elastic energy (J/m³/K²); b of σ_zz = a : σ − b in the plane, where
-        a is `across`; the part of that energy that a free body keeps (J/m³/K²), zero but in plane strain
-        """
-        expansion = self.expansion or 0.0
-        beta = expansion * np.einsum("ijkk->ij", self.tensor(2 if self.plane == "stress" else 3))
-        across = expansion * self.young * (len(beta) > dimension)
-        return beta[:dimension, :dimension], expansion * float(np.trace(beta)), across, expansion * across
+        if self.plane == "stress" or not isinstance(self.poisson, tuple):
+            return np.eye(2) * (0.0 if self.plane == "stress" else self.poisson)
+        S = self.compliance
+        return -S[2, 2, :2, :2] / S[2, 2, 2, 2]
 
     @property
     def locks(self) -> bool:
         """Whether linear elements are so much too stiff for this material that error estimates mean nothing."""
-        return self.plane != "stress" and self.poisson > LOCKING
+        return self.plane != "stress" and self.mean_ratio > LOCKING
+
+    @property
+    def mean_ratio(self) -> float:
+        """Poisson's ratio, of an orthotropic material that of its mean compliances (Reuss)."""
+        if not isinstance(self.poisson, tuple):
+            return self.poisson
+        normal, shears = self._matrix[:3, :3], np.trace(self._matrix[3:, 3:])
+        bulk, shear = normal.sum(), (6.0 * np.trace(normal) - 2.0 * normal.sum() + 3.0 * shears) / 15.0
+        return float((3.0 * shear - 2.0 * bulk) / (6.0 * shear + 2.0 * bulk))
 
     @property
     def plane_modulus(self) -> float:
-        """E / (1 − ν²), E in plane stress (Pa)."""
+        """E / (1 − ν²), E in plane stress (Pa); of an orthotropic material the mean of its moduli."""
+        if isinstance(self.young, tuple) or isinstance(self.poisson, tuple):
+            return float(self.moduli.mean())
         return self.young if self.plane == "stress" else self.young / (1 - self.poisson**2)
 
 
@@ -111,6 +173,7 @@ class Clamp(Table, frozen=True, kw_only=True):
     ----------
     on : boundary group or physical point, in space also physical curve
     x, y, z : component of the displacement (m); left out, it is free
+    normal : the displacement along the outer normal of a boundary group (m), node by node; along it the group slides
     history : [history.NAME] whose factor multiplies it
     """
 
@@ -118,13 +181,14 @@ class Clamp(Table, frozen=True, kw_only=True):
     x: Number | Formula | AffineScalar | None = None
     y: Number | Formula | AffineScalar | None = None
     z: Number | Formula | AffineScalar | None = None
+    normal: Number | Formula | AffineScalar | None = None
     history: Name | None = None
 
     def __post_init__(self) -> None:
-        if self.components == (None,) * 3:
-            raise ValueError("a clamp prescribes one or several of x, y and, in space, z; to fix all, write clamp = "
-                             f'["{self.on}"]')
-        for key, value in zip("xyz", self.components, strict=True):
+        if (*self.components, self.normal) == (None,) * 4:
+            raise ValueError("a clamp prescribes one or several of x, y and, in space, z, or the normal component; to "
+                             f'fix all, write clamp = ["{self.on}"]')
+        for key, value in zip(("x", "y", "z", "normal"), (*self.components, self.normal), strict=True):
             check_formulas(key, value)
 
     @property
@@ -181,44 +245,6 @@ class Foundation(Table, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         if not self.normal and not self.tangential:
             raise ValueError("a foundation has a stiffness per area, as in normal = 1e9 or tangential = 1e8")
-
-
-class VolumeForce(AffineVector, frozen=True, kw_only=True):
-    """Force per volume (N/m³): linear in the coordinates, or a ``value``.
-
-    Attributes
-    ----------
-    value : the force, in place of constant and slopes
-    history : [history.NAME] whose factor multiplies the value
-    """
-
-    value: Vector | AffineVector | None = None
-    history: Name | None = None
-
-    def __post_init__(self) -> None:
-        affine = (self.constant, self.x_slope, self.y_slope, self.z_slope) != (None,) * 4
-        if self.value is not None and affine:
-            raise ValueError("value does not go with constant and slopes; write them into it, as in value = "
-                             "{ constant = …, x_slope = … }")
-        if self.value is None and self.history is not None:
-            raise ValueError('a volume force with a history has a value: write { value = […], history = "…" }')
-        check_formulas("value", self.value)
-
-
-class Heat(Table, frozen=True, kw_only=True):
-    """Temperature over the state free of stress, with a history.
-
-    Attributes
-    ----------
-    value : temperature (K)
-    history : [history.NAME] whose factor multiplies it
-    """
-
-    value: Number | Formula
-    history: Name | None = None
-
-    def __post_init__(self) -> None:
-        check_formulas("value", self.value)
 
 
 class BodySpec(Table, frozen=True, kw_only=True):
@@ -288,7 +314,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
     @property
     def locking_ratio(self) -> float | None:
         """Poisson's ratio of a material in which linear triangles lock; None if there is none."""
-        return max((material.poisson for material in self.materials if material.locks), default=None)
+        return max((material.mean_ratio for material in self.materials if material.locks), default=None)
 
     @property
     def clamps(self) -> list[Clamp]:

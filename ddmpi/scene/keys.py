@@ -47,7 +47,7 @@ MEANT = {
     "thickness": "forces in the plane are those on a unit of depth", "yield_stress": "materials are linear elastic",
     "plasticity": "materials are linear elastic", "stiffness": "there is no contact stiffness to choose",
     "penalty": "there is no contact stiffness to choose", "master": "it is the body that slave does not name",
-    "symmetry": "clamp = [{ on = …, x = 0.0 }] lets the group slide along y", "Clamp.normal": "give x, y or z",
+    "symmetry": "clamp = [{ on = …, normal = 0.0 }] lets the group slide along itself",
     "rotation": "nothing is turned by an angle", "units": "any units that fit together do; [output] has labels",
     "axisymmetric": "scenes are plane or solid", "steps": "load steps stand in [time]",
     "dimension": "meshes and lists say it: [x, y] in the plane, [x, y, z] in space"}
@@ -191,7 +191,8 @@ def explain(message: str, data: dict, root: type) -> str:
         problem = "a name has no '.', '=', '/', blank or control character"
     rows = [kind for kind in kinds if isinstance(kind, inspect.VarTupleType) and kind.max_length]
     if rows and isinstance(here, list):
-        problem = f"expected a list of length {rows[0].min_length} or {rows[0].max_length}, got {len(here)}"
+        lengths = dict.fromkeys((rows[0].min_length, rows[0].max_length))
+        problem = f"expected a list of length {' or '.join(map(str, lengths))}, got {len(here)}"
     if not isinstance(here, dict | list):
         problem = re.sub(r", got `.*?`$", "", problem) + f" (got {here!r})"
     problem = re.sub(r"`(.*?)`", lambda kind: kind[1].replace("object", "a table").replace("array", "a list")

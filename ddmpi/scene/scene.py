@@ -34,10 +34,10 @@ from ddmpi.system.files import LONGEST, contact_files
 FileKind = Callable[[BodySpec], tuple[int, Literal[1, 2]]]
 """Gives dimension and order of the elements in the mesh file, or in the drawing, of a body; raises InputError."""
 
-EXTENTS = ("size", "divisions", "radii", "angles", "bodies", "on")
+EXTENTS = ("size", "divisions", "radii", "angles", "bodies", "on", "young", "poisson", "shear")
 """Rows of numbers or words that are neither places nor vectors."""
 
-FORMULAS = ("x", "y", "z", "value", "pressure", "volume_force", "gap", "temperature")
+FORMULAS = ("x", "y", "z", "normal", "value", "pressure", "volume_force", "gap", "temperature")
 """Keys whose values may be formulas."""
 
 PETScOptions = dict[str, str | int | Number | bool]
@@ -279,6 +279,11 @@ class Scene(Table, frozen=True, kw_only=True):
             if isinstance(table, Material) and table.plane:
                 yield 3 if self.axisymmetric else 2, f"{key}.plane", (
                     "solids and turned parts are neither in plane strain nor in plane stress; leave it out")
+            if isinstance(table, Material) and table.angle is not None:
+                yield 2, f"{key}.angle", "the axes 1, 2, 3 of solids are x, y, z; leave it out"
+            if isinstance(table, Material) and table.shear is not None:
+                yield (3, f"{key}.shear", "in the plane it is one number, G12") if isinstance(table.shear, tuple) else (
+                    2, f"{key}.shear", "solids have shear = [G12, G13, G23]")
             uses_z = [name for name in FORMULAS if varies(getattr(table, name, None), "z")]
             if isinstance(table, Clamp) and table.z is not None:
                 uses_z.append("z")

@@ -204,6 +204,44 @@ def evaluate(value: Any, *x: np.ndarray) -> np.ndarray:
     return np.sum([np.multiply.outer(none if factor is None else factor, of) for factor, of in parts], axis=0)
 
 
+class VolumeForce(AffineVector, frozen=True, kw_only=True):
+    """Force per volume (N/m³): linear in the coordinates, or a ``value``.
+
+    Attributes
+    ----------
+    value : the force, in place of constant and slopes
+    history : [history.NAME] whose factor multiplies the value
+    """
+
+    value: Vector | AffineVector | None = None
+    history: Name | None = None
+
+    def __post_init__(self) -> None:
+        affine = (self.constant, self.x_slope, self.y_slope, self.z_slope) != (None,) * 4
+        if self.value is not None and affine:
+            raise ValueError("value does not go with constant and slopes; write them into it, as in value = "
+                             "{ constant = …, x_slope = … }")
+        if self.value is None and self.history is not None:
+            raise ValueError('a volume force with a history has a value: write { value = […], history = "…" }')
+        check_formulas("value", self.value)
+
+
+class Heat(Table, frozen=True, kw_only=True):
+    """Temperature over the state free of stress, with a history.
+
+    Attributes
+    ----------
+    value : temperature (K)
+    history : [history.NAME] whose factor multiplies it
+    """
+
+    value: Number | Formula
+    history: Name | None = None
+
+    def __post_init__(self) -> None:
+        check_formulas("value", self.value)
+
+
 class Profile(Table, frozen=True, kw_only=True):
     """A number that varies along the contact: linear between points, constant beyond the first and the last.
 

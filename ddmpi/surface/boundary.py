@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ddmpi.body.loads import Supports
 from ddmpi.mesh.boundary import turn_outward
 from ddmpi.mesh.elements import facet_shares
 from ddmpi.mesh.mesh import Mesh
@@ -18,11 +19,11 @@ KINDS = {2: Curve, 3: Patch}
 """By dimension."""
 
 
-def contact_side(mesh: Mesh, edges: np.ndarray, clamps: np.ndarray, body: str, modulus: float, key: str,
+def contact_side(mesh: Mesh, edges: np.ndarray, held: Supports, body: str, modulus: float, key: str,
                  tied: np.ndarray | None = None, parted: bool = False) -> Side:
     """The contact boundary made of `edges` (k, l), in the plane ordered from its first end. Not collective.
 
-    `clamps` (nv, d) and `tied` (nv,) as those of a `Side`, of all nodes of the body; without `tied` none is.
+    `tied` (nv,) as that of a `Side`, of all nodes of the body; without it none is.
     `parted` as of a `Side`.
 
     Raises InputError naming `key` when an edge does not lie on the boundary.
@@ -37,6 +38,7 @@ def contact_side(mesh: Mesh, edges: np.ndarray, clamps: np.ndarray, body: str, m
     facets = facets[np.argsort(facets[:, -1])]
     normal = unit(nodal(across(xy[facets]), facets, len(nodes)))
     area = nodal(facet_shares(xy[facets], mesh.axisymmetric), facets, len(nodes))
-    return kind(body, modulus, nodes, xy, normal, area, clamps[nodes],
+    return kind(body, modulus, nodes, xy, normal, area, held.clamps[nodes],
+                held.free[nodes], {name: u[nodes] for name, u in held.moved.items()},
                 np.zeros(len(nodes), bool) if tied is None else tied[nodes], np.ptp(mesh.points, axis=0),
                 arc[nodes], facets, parted, mesh.axisymmetric)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ddmpi.mesh.boundary import segments
+from ddmpi.mesh.boundary import SHARPEST, segments
 from ddmpi.mesh.elements import bends, circumference, facet_measures, shapes_on_side
-from ddmpi.surface.side import SHARPEST, Side, cross
+from ddmpi.surface.side import Side, cross
 
 STRAIGHT = 1e-9
 """Turns (rad) below this are rounding of a straight boundary."""

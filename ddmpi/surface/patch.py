@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sparse
 
-from ddmpi.mesh.boundary import links
-from ddmpi.surface.side import SHARPEST, Side
+from ddmpi.mesh.boundary import SHARPEST, links
+from ddmpi.surface.side import Side
 from ddmpi.system.numbers import spans
 
 FEWEST = 5

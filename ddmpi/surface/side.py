@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import factorial
 
@@ -10,10 +11,7 @@ import scipy.sparse as sparse
 
 from ddmpi.mesh.boundary import links
 from ddmpi.mesh.elements import CELLS, FIRST, circumference, facet_cell, facet_measures, facet_shares
-
-SHARPEST = np.deg2rad(40.0)
-"""Where a boundary turns by more than this from one side of an element to the next, it has a corner; where by less, it
-may be a curve."""
+from ddmpi.system.numbers import is_touched
 
 
 @dataclass(frozen=True)
@@ -32,6 +30,8 @@ class Side:
         a constant stress times them gives its nodal forces. Half the adjacent edges in order 1 in the plane; in order 2
         two thirds of its edge for a middle, a sixth of the adjacent edges for a corner, where these are straight
     clamps : (k, d) the number of the clamp that prescribes each component, −1 if none does
+    free : (k, d, d) projections onto the directions in which clamps let the nodes move
+    moved : (k, d) the displacements that clamps prescribe (m), by the history that they follow
     tied : (k,) bool, whether clamps hold a node in all components, or another contact can
     extent : (d,) of the body along the axes (m)
     arc : (k,) arc length from the start of the node's chain, on the way with the body to the left (m). A closed chain
@@ -48,6 +48,8 @@ class Side:
     normal: np.ndarray
     area: np.ndarray
     clamps: np.ndarray
+    free: np.ndarray
+    moved: Mapping[str | None, np.ndarray]
     tied: np.ndarray
     extent: np.ndarray
     arc: np.ndarray
@@ -56,13 +58,23 @@ class Side:
     axisymmetric: bool = False
 
     @property
-    def free(self) -> np.ndarray:
-        """(k, d) bool, components that are not clamped."""
-        return self.clamps < 0
-
-    @property
     def dimension(self) -> int:
         return self.xy.shape[1]
+
+    @property
+    def touched(self) -> np.ndarray:
+        """(k,) bool, nodes that clamps do not let move in all directions."""
+        return is_touched(self.free)
+
+    @property
+    def fast(self) -> np.ndarray:
+        """(k,) bool, nodes that clamps let move in no direction."""
+        return ~self.free.any(axis=(1, 2))
+
+    def moves_with(self, transfer: sparse.csr_matrix) -> np.ndarray:
+        """M (r, d, d): places that move as a transfer (r, k) says move by M e where all nodes move by e as clamps let
+        them."""
+        return (transfer @ self.free.reshape(len(self.free), -1)).reshape(-1, *self.free.shape[1:])
 
     @property
     def lengths(self) -> np.ndarray:

@@ -75,6 +75,11 @@ def nearest_in(points: np.ndarray, simplices: np.ndarray) -> np.ndarray:
     return places
 
 
+def is_touched(free: np.ndarray) -> np.ndarray:
+    """Which (k,) of the projections (k, d, d) onto directions in which nodes can move are not the identity."""
+    return (free != np.eye(free.shape[1])).any(axis=(1, 2))
+
+
 def across(v: np.ndarray, simplices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The part of vectors (k, d) across simplices (k, j, d), and the coordinates (k, j − 1) of the rest along them."""
     along = simplices[:, 1:] - simplices[:, :1]

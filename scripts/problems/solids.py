@@ -260,3 +260,34 @@ def spheres(n: int, order: Order, folder: Path) -> Found:
     gives = [b / E * ((1 - 2 * nu) * b**3 + (1 + nu) * other**3 / 2) / abs(b**3 - other**3) for other in (a, c)]
     return fitted(answer, fit / sum(gives), order,
                   lambda xy: np.degrees(np.arcsin(xy[:, 2] / np.linalg.norm(xy, axis=1))), "latitude (°)")
+
+
+@problem("heated-cubes", "Heated cubes on inclined planes", (1, 2, 4), "times finer than the coarsest meshes",
+         shows="Heat, orthotropic materials and clamps along normals in space.",
+         scene="Two cubes of 1 m on each other, turned by 40° about z, on planes of symmetry on all sides; the lower "
+               "one is heated by 60 K, α = 12e-6/K, with 0.1 mm between them. E = 210 GPa, ν = 0.3, as constants of an "
+               "orthotropic material in the upper cube.",
+         source="p = ((1 + ν)/(1 − ν) α T H − g)/Σ(H/M), M = E(1 − ν)/((1 + ν)(1 − 2ν)).")
+def heated_cubes(n: int, order: Order, folder: Path) -> Found:
+    young, poisson, gap = 2.1e11, 0.3, 1e-4
+    modulus, shear, turn = young * (1 - poisson) / (1 + poisson) / (1 - 2 * poisson), young / 2 / (1 + poisson), 0.7
+    c, s = np.cos(turn), np.sin(turn)
+
+    def cube(name: str, low: float, end: str, across: int) -> dict:
+        corners = [[float(c * x - s * y), float(s * x + c * y), z] for z in (low, low + 1.0)
+                   for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
+        mesh = {"shape": "hexahedron", "corners": corners, "divisions": [across * n, across * n, n], "order": order}
+        return body(name, mesh, young, poisson, [{"on": on, "normal": 0.0} for on in (
+            "left", "right", "front", "back", end)])
+
+    lower, upper = cube("lower", 0.0, "bottom", 2), cube("upper", 1.0 + gap, "top", 3)
+    lower["material"] |= {"expansion": 1.2e-5}
+    upper["material"] = {"young": [young] * 3, "poisson": [poisson] * 3, "shear": [shear] * 3}
+    answer = solved([lower | {"temperature": 60.0}, upper], [contact("lower", "upper", "top", "bottom")])
+    exact = ((1 + poisson) / (1 - poisson) * 1.2e-5 * 60.0 - gap) * modulus / 2
+    state = answer.contacts["lower-upper"]
+    x = state.interface.xy @ [c, s, 0.0]
+    rank = np.argsort(x)
+    return Found({"worst pressure": Value(float(np.abs(state.pressure / exact - 1).max()), 0.0, 1e-7)}, answer,
+                 Curve(x[rank], state.pressure[rank], x[rank], np.full(len(x), exact), "along a side (m)",
+                       "pressure (Pa)"))

@@ -12,7 +12,8 @@ from ddmpi.body.stress import material_of, stress, von_mises
 from ddmpi.errors import InputError
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.scene.bodies import BodySpec, Clamp, Heat, Material, MeshSpec, PartMaterial
+from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, PartMaterial
+from ddmpi.scene.values import Heat
 
 E, NU, ALPHA, T = 2.1e11, 0.3, 1.2e-5, 80.0
 SHAPES = {

@@ -148,7 +148,7 @@ def test_pressure_that_clamps_take_up_is_warned_of():
 
     def warnings(clamp: Clamp) -> list[str]:
         spec = body(clamp=[clamp], **load)
-        return lost_loads(mesh, spec, assemble(mesh, spec).free)
+        return lost_loads(mesh, spec, assemble(mesh, spec).supports.free)
 
     assert warnings(Clamp(on="top", x=0.0)) == []
     (warning,) = warnings(Clamp(on="top", y=0.0))

@@ -274,9 +274,9 @@ def contact_problem(divisions=(8, 4), clamp=("left",), order=1) -> tuple[Elastic
         upper, lower = (raise_order(mesh, "mesh") for mesh in (upper, lower))
     spec = BodySpec(name="upper", mesh=MeshSpec(file="unused.msh"), clamp=list(clamp),
                     material=Material(young=2e11, poisson=0.3), traction=[Traction(on="top", value=(1e6, -2e6))])
-    problem, clamps = assemble(upper, spec), assemble(lower, spec).clamps
-    sides = [contact_side(upper, upper.groups["bottom"], problem.clamps, "upper", 2e11, "contact.upper-lower.on"),
-             contact_side(lower, lower.groups["top"], clamps, "lower", 2e11, "contact.upper-lower.on")]
+    problem, other = assemble(upper, spec), assemble(lower, spec)
+    sides = [contact_side(upper, upper.groups["bottom"], problem.supports, "upper", 2e11, "contact.upper-lower.on"),
+             contact_side(lower, lower.groups["top"], other.supports, "lower", 2e11, "contact.upper-lower.on")]
     contact = SettledContact(name="upper-lower", bodies=("upper", "lower"), on=("bottom", "top"),
                              friction=Coulomb(coefficient=0.3))
     B = trace(pair(*sides, contact), 0, problem)

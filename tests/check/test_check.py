@@ -53,6 +53,36 @@ def boxes_on_floor() -> dict:
                         *({"bodies": [name, "floor"], "on": ["bottom"]} for name in "abc")]}
 
 
+def plug_in_ring() -> dict:
+    """Around an axis, a plug on a rigid floor that a rigid stamp pushes, in a ring on springs that no contact names."""
+    def turned(name: str, radius: float, **more) -> dict:
+        return {"name": name, "material": {"young": 2.1e5, "poisson": 0.3}, "mesh": {
+            "shape": "rectangle", "origin": [radius, 0.0], "size": [10.0, 20.0], "divisions": [4, 8]}} | more
+
+    def plane(name: str, y: float, normal: float, **more) -> dict:
+        return {"name": name, "shape": "plane", "point": [0.0, y], "normal": [0.0, normal]} | more
+
+    return {"axisymmetric": True,
+            "body": [turned("plug", 0.0, traction=[{"on": "top", "force": [0.0, -100.0]}], volume_force=[0.0, -1e-3]),
+                     turned("ring", 10.0, foundation=[{"on": "right", "normal": 1e3, "tangential": 10.0}])],
+            "rigid": [plane("floor", 0.0, 1.0), plane("stamp", 20.0, -1.0, force=[0.0, -50.0])],
+            "contact": [{"bodies": ["plug", "floor"], "on": ["bottom"]}, {"bodies": ["plug", "stamp"], "on": ["top"]}]}
+
+
+def test_around_an_axis_with_springs_and_pushed_partners(looked_at, tmp_path):
+    """Forces are of the whole circumference; what is not clamped is said to be held by springs, or loose."""
+    pytest.importorskip("matplotlib")
+    text = looked_at(plug_in_ring(), "out")
+    for words in ("load on top: force (0, -100), moment 0", "loose: it can slide along y", "foundation on right",
+                  "rigid stamp: pushed by (0, -50)", "forces in N,"):
+        assert words in text
+    assert text.count("loose") == 1
+    assert sides(proposed(text)) == {frozenset({("plug", "right"), ("ring", "left")}),
+                                     frozenset({("ring", "bottom"), ("floor", "")}),
+                                     frozenset({("ring", "top"), ("stamp", "")})}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"bodies.png", "contacts.png"}
+
+
 def test_nothing_is_factored():
     """A scene is assembled and paired as for a run, but no body can be solved with."""
     scene = read_scene("scene.toml", to_toml(two_boxes(2)))

@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 from boundaries import join, rectangle, side, touch
 
+from ddmpi.body.loads import supports
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Mover, refuse_contradiction
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.scene.bodies import Clamp
+from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec
 from ddmpi.scene.contacts import NoFriction, Plane
+from ddmpi.scene.values import evaluate
+from ddmpi.surface.boundary import contact_side
+from ddmpi.surface.side import Side
 
 NOW = {1.0: {None: 1.0}}
 meshes = pytest.mark.parametrize("below", [6, 7, 13], ids=["pairs", "mortar", "fine mortar"])
@@ -32,7 +36,7 @@ def blocks(upper: Clamp, lower: Clamp, below: int = 6, order: int = 1, drawn: fl
         left = np.unique(mesh.groups["left"])
         boundary = side(turned(mesh, angle), on, body=name, x=clamp.x is not None, y=clamp.y is not None,
                         where=lambda x, y, left=left: np.isin(np.arange(len(x)), left))
-        found.append(Mover(name, [clamp], boundary))
+        found.append(Mover(name, [clamp], moved(boundary, clamp)))
     if swapped:
         found.reverse()
     interface = join(*(mover.side for mover in found), NoFriction(), "seam", gap=gap, kind=kind)
@@ -41,6 +45,15 @@ def blocks(upper: Clamp, lower: Clamp, below: int = 6, order: int = 1, drawn: fl
     except InputError as error:
         return str(error)
     return ""
+
+
+def moved(boundary: Side, clamp: Clamp) -> Side:
+    """The side with the displacements that its clamp prescribes."""
+    u = np.zeros_like(boundary.xy)
+    for axis, value in enumerate(clamp.components[:2]):
+        held = boundary.clamps[:, axis] >= 0
+        u[held, axis] = 0.0 if value is None else evaluate(value, *boundary.xy[held].T)
+    return replace(boundary, moved={clamp.history: u})
 
 
 def left(x=None, y=None, history=None) -> Clamp:
@@ -121,7 +134,8 @@ def test_a_rigid_partner_that_moves_into_clamped_nodes_is_refused(U, said):
     clamp, floor = left(y=0.0), Plane(name="floor", point=(0.0, 0.0), normal=(0.0, 1.0), displacement=U, history="lift")
     boundary = side(rectangle((6, 2), (3.0, 1.0), (0.0, 0.01)), "bottom", where=lambda x, y: x == 0.0, y=True)
     interface = touch(boundary, floor, NoFriction(), "seam")
-    movers = [Mover("body", [clamp], boundary), Mover("floor", [Clamp(on="floor", x=U[0], y=U[1], history="lift")])]
+    movers = [Mover("body", [clamp], moved(boundary, clamp)),
+              Mover("floor", [Clamp(on="floor", x=U[0], y=U[1], history="lift")])]
     refuse_contradiction(interface, movers, {0.0: {None: 1.0, "lift": 0.0}})
     times = {0.0: {None: 1.0, "lift": 0.0}, 1.0: {None: 1.0, "lift": 1.0}}
     if not said:
@@ -129,5 +143,37 @@ def test_a_rigid_partner_that_moves_into_clamped_nodes_is_refused(U, said):
     with pytest.raises(InputError) as error:
         refuse_contradiction(interface, movers, times)
     assert said in str(error.value) and "rigid.floor.displacement prescribes y = 0.02" in str(error.value)
-    refuse_contradiction(interface, [replace(movers[0], side=replace(
-        boundary, clamps=np.full_like(boundary.clamps, -1))), movers[1]], times)  # the body can give way
+    every = np.tile(np.eye(2), (len(boundary.xy), 1, 1))
+    free = replace(boundary, clamps=np.full_like(boundary.clamps, -1), free=every)
+    refuse_contradiction(interface, [replace(movers[0], side=free), movers[1]], times)  # the body can give way
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.7, 2.0])
+@pytest.mark.parametrize("below", [6, 7], ids=["pairs", "mortar"])
+def test_clamps_along_normals_that_push_bodies_into_each_other(below, angle):
+    """Parts of a contact that clamps along normals move into each other at any angle are refused, parts that such
+    clamps move away from each other are not."""
+    def said(push: float) -> str:
+        movers = []
+        for (n, y, on), name, value in zip(((6, 1.0, "bottom"), (below, 0.0, "top")), ("upper", "lower"),
+                                           (push, 1e-3), strict=True):
+            mesh = turned(rectangle((n, 2), (3.0, 1.0), (0.0, y)), angle)
+            edges = mesh.groups[on]
+            along = mesh.points[edges].mean(axis=1) @ [np.cos(angle), np.sin(angle)]
+            mesh = Mesh(mesh.points, mesh.triangles, mesh.groups | {"part": edges[along < 1.6]})
+            clamp = Clamp(on="part", normal=value)
+            held = supports(mesh, BodySpec(name=name, mesh=MeshSpec(file="none.msh"), clamp=[clamp],
+                                           material=Material(young=1.0, poisson=0.3)))
+            movers.append(Mover(name, [clamp], contact_side(mesh, edges, held, name, 1.0, "contact.seam.on")))
+        interface = join(*(mover.side for mover in movers), NoFriction(), "seam")
+        if below == 6:
+            assert interface.m == 3 and interface.dropped == 4  # the pairs that both sides hold carry no row
+        try:
+            refuse_contradiction(interface, movers, NOW)
+        except InputError as error:
+            return str(error)
+        return ""
+
+    assert "push the bodies into each other by 0.006" in said(5e-3)
+    assert "body.upper.clamp.0 on 'part' prescribes" in said(5e-3)
+    assert said(-2e-3) == ""

@@ -276,7 +276,7 @@ def test_each_path_alone_leads_to_the_same_answer(comm, monkeypatch, path):
         usual = solve(assembly).outer
         with monkeypatch.context() as patch:
             patch.setattr("ddmpi.methods.newton.PATIENCE", 0)
-            patch.setattr("ddmpi.methods.newton.Softening", path)
+            patch.setattr("ddmpi.methods.newton.PATHS", (path,))
             answer = solve(assembly)
             outer = answer.outer
         assert answer.certified, (law, answer.reason)

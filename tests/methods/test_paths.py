@@ -1,5 +1,6 @@
 """The paths to where Newton's method converges: their energy, their ends, and the scenes that need them."""
 
+import assembly_scenes
 import hard_scenes
 import numpy as np
 import pytest
@@ -70,6 +71,22 @@ def test_hard_scenes_take_few_steps(word):
     summary = ddmpi.solve(scene(), MPI.COMM_SELF).summary
     made = sum(body["n_A_by_purpose"]["newton"] for body in summary["bodies"].values()) / len(summary["bodies"])
     assert summary["converged"] and summary["outer_iterations"] <= steps and made <= products, name
+
+
+@pytest.mark.parametrize("seed", [873, 897, 907])
+def test_stacks_where_bodies_slide_take_few_steps(seed):
+    """Two walls and a row between walls where softening alone gets nowhere, which took 42 to 47 steps."""
+    answer = ddmpi.solve(scenes.to_toml(assembly_scenes.random_scene(seed)), MPI.COMM_SELF)
+    assert answer.certified and answer.summary["outer_iterations"] <= 30
+
+
+def test_given_slip_bounds_need_no_path():
+    """The lower one of the pinched blocks alone is loaded: 14 steps where the first ones were shortened."""
+    friction = {"contact.0.friction": {"law": "tresca", "slip_bound": 1.2e7}}
+    lift = {"body.upper.traction": [], "body.lower.traction": [{"on": "bottom", "value": [0.0, 4e7]}]}
+    scene = (hard_scenes.ROOT / "configs" / "pinched_blocks.toml").read_text(encoding="utf-8")
+    answer = ddmpi.solve(scene, MPI.COMM_SELF, friction | lift)
+    assert answer.certified and answer.summary["outer_iterations"] <= 8
 
 
 @pytest.mark.parametrize("coefficient", [0.104, 0.2])

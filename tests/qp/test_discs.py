@@ -176,7 +176,7 @@ def test_types_that_know_bounds_only_leave_discs_to_projected_gradients(options,
 
 
 def test_a_long_solve_says_how_far_it_has_come(caplog, monkeypatch):
-    monkeypatch.setattr("ddmpi.qp.apg.TELLING", 10)
+    monkeypatch.setattr("ddmpi.qp.mprgp.TELLING", 10)
     with caplog.at_level(logging.INFO, logger="ddmpi"):
         solve(on_discs(20), 1e-8)
     assert "10 projected gradient steps: residual" in caplog.text

@@ -165,7 +165,7 @@ def test_restart_of_three_bodies_gives_the_same_bits(comm, shared, monkeypatch, 
 def test_restart_on_a_path(comm, shared, monkeypatch, path):
     """The path is gone through again from its beginning, with the same bits."""
     monkeypatch.setattr(ddmpi.methods.newton, "PATIENCE", 0)
-    monkeypatch.setattr(ddmpi.methods.newton, "Softening", path)
+    monkeypatch.setattr(ddmpi.methods.newton, "PATHS", (path,))
     assert interrupt_everywhere(comm, pinched_blocks(4), shared, 23, monkeypatch) == {0}
 
 

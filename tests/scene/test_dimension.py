@@ -153,6 +153,10 @@ REFUSED = {
     "plane stress": (SOLID, "body.upper.material.plane=strain",
                      "body.upper.material.plane: solids and turned parts are neither in plane strain nor in plane "
                      "stress; leave it out"),
+    "angle": (SOLID, "body.upper.material={young=[3e9, 2e9, 1e9], poisson=[0.3, 0.3, 0.3], shear=[1e9, 1e9, 1e9], "
+                     "angle=30}", "body.upper.material.angle: the axes 1, 2, 3 of solids are x, y, z; leave it out"),
+    "one shear modulus": (SOLID, "body.upper.material={young=[3e9, 2e9, 1e9], poisson=[0.3, 0.3, 0.3], shear=1e9}",
+                          "body.upper.material.shear: solids have shear = [G12, G13, G23]"),
     "circle": (SOLID, "rigid.ball={name='ball', shape='circle', center=[0, 0, 0], radius=1}",
                "rigid.ball.shape: a circle is plane; in space there are sphere and cylinder; this scene is in space, "
                "as body.upper.mesh.shape = box"),

@@ -90,7 +90,7 @@ REFUSED = {
     "string for number": (["method.theta=fast"], ["method.theta: expected a number", "'fast'"]),
     "float for integer": (["method.max_iterations=1.5"], ["method.max_iterations: expected a whole number", "1.5"]),
     "bool for number": (["body.upper.material.young=true"],
-                        ["body.upper.material.young: expected a number (got True)"]),
+                        ["body.upper.material.young: expected a number or a list (got True)"]),
     "number for string": (["title=3"], ["title: expected words in quotes", "3"]),
     "number for table": (["method=3"], ["method: ", "3"]),
     "number for list": (["body=3"], ["body: ", "3"]),
@@ -167,6 +167,17 @@ REFUSED = {
     "interference": (["contact.0.interference=1e-5"], ["unknown key; a negative gap is an interference"]),
     "expansion without temperature": (["body.upper.material.expansion=1e-5"],
                                       ["body.upper.material.expansion: no body has a temperature, so nothing expands"]),
+    "orthotropic in part": (["body.upper.material.young=[1e11, 1e10, 1e10]"],
+                            ["body.upper.material: an isotropic material has", "[ν12, ν13, ν23]", "shear = G12"]),
+    "isotropic with shear": (["body.upper.material.shear=1e9"], ["body.upper.material: an isotropic material has"]),
+    "isotropic with an angle": (["body.upper.material.angle=30.0"], ["angle: an isotropic material has no axes"]),
+    "two moduli": (["body.upper.material.young=[1e11, 1e10]"],
+                   ["body.upper.material.young: expected a list of length 3, got 2"]),
+    "no such material": (["body.upper.material={young=[1e11, 1e10, 1e10], poisson=[3.5, 0.3, 0.3], shear=5e9}"],
+                         ["body.upper.material", "the matrix of its compliances is not positive definite"]),
+    "three shear moduli in the plane": (
+        ["body.upper.material={young=[1e11, 1e10, 1e10], poisson=[0.3, 0.3, 0.3], shear=[5e9, 5e9, 3e9]}"],
+        ["body.upper.material.shear: in the plane it is one number, G12"]),
     "temperature without expansion": (["body.upper.temperature=80.0"],
                                       ["body.upper.temperature: the material has no expansion", "1.2e-5"]),
     "temperature without number": (["body.upper.material.expansion=1e-5", "body.upper.temperature={}"],
@@ -507,7 +518,7 @@ def test_resolved_scene_has_all_defaults():
     assert (method["theta"], method["tolerance"], method["max_iterations"]) == (0.25, 1e-4, 500)
     assert data["contact"][0]["friction"] == {"law": "coulomb", "coefficient": 0.3}
     assert data["body"][0]["material"] == {"young": 2e11, "poisson": 0.3, "plane": "strain",
-                                           "expansion": None}
+                                           "shear": None, "angle": None, "expansion": None}
     assert data["body"][1]["traction"] == []
     assert data["contact"][0]["name"] == "upper-lower"
     assert [body["mesh"]["order"] for body in data["body"]] == [1, 1]
@@ -536,9 +547,10 @@ OPTIONAL = {
     "SettledMesh": {"shape", "origin", "size", "corners", "center", "radii", "angles", "divisions", "file", "geometry",
                     "contact_size"},  # one of shape, file and geometry
     "SettledContact": {"gap", "pairing", "slave"},  # measured, chosen
-    "Material": {"plane", "expansion"}, "PartMaterial": {"on", "plane", "expansion"},  # solids have none; what is left
+    "Material": {"plane", "expansion", "shear", "angle"},  # solids have none; isotropic
+    "PartMaterial": {"on", "plane", "expansion", "shear", "angle"},  # what the others leave
     "SettledBody": {"temperature"}, "Heat": {"history"},  # none; constant in time
-    "Clamp": {"x", "y", "z", "history"},  # free; constant in time
+    "Clamp": {"x", "y", "z", "normal", "history"},  # free; constant in time
     "Traction": {"value", "pressure", "force", "history"},  # one of them
     "VolumeForce": {"value", "history", "constant", "x_slope", "y_slope", "z_slope"},
     "Gap": {"value", "history"},  # a profile

@@ -105,3 +105,108 @@ def test_heat_closes_a_gap_in_space(order):
     assert answer.certified
     exact = ((1 + nu) / (1 - nu) * 1.2e-5 * 60.0 - gap) / (2.0 / modulus)
     assert answer.contacts["lower-upper"].pressure == pytest.approx(exact, rel=1e-9)
+
+
+# Clamps along normals
+
+
+def wedge(d: int, angle: float, order: int, pairing: str, law: str = "coulomb") -> dict:
+    """Two blocks on symmetry planes at the left and, in space, in front, the lower one at its bottom as well; pressed
+    together and sheared. All of it is turned about z by an angle (degrees), symmetry planes by clamps along normals."""
+    c, s = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
+
+    def turn(x: float, y: float, *z: float) -> list[float]:
+        return [c * x - s * y, s * x + c * y, *z]
+
+    def block(name: str, bottom: float, top: float, divisions: list[int], **more) -> dict:
+        corners = [(0.0, bottom), (2.0, bottom), (2.0, top), (0.0, top)]
+        mesh = {"shape": "quadrilateral", "corners": [turn(*at) for at in corners]} if d == 2 else {
+            "shape": "hexahedron", "corners": [turn(*at, z) for z in (0.0, 1.0) for at in corners]}
+        return {"name": name, "mesh": mesh | {"divisions": divisions, "order": order},
+                "material": {"young": 2.1e11, "poisson": 0.3}} | more
+
+    planes = [{"on": "left", "normal": 0.0}, *([{"on": "bottom", "normal": 0.0}] if d == 3 else [])]
+    lower_top, upper_bottom, floor, top = ("top", "bottom", "bottom", "top") if d == 2 else (
+        "back", "front", "front", "back")
+    aside = [3e7, -1e8, 2e7][:d]
+    fine = 1 if pairing == "nodes" else 2
+    n = [4, 3, 2][:d]
+    return {"body": [block("lower", 0.0, 1.0, n, clamp=[*planes, {"on": floor, "normal": 0.0}]),
+                     block("upper", 1.0, 1.5, [n[0] * fine, *n[1:]], clamp=planes,
+                           traction=[{"on": top, "value": turn(*aside)}, {"on": "right", "value": turn(
+                               *[5e6, 1e6, 0.0][:d])}])],
+            "contact": [{"bodies": ["lower", "upper"], "on": [lower_top, upper_bottom], "pairing": pairing,
+                         "friction": {"law": law, "coefficient": 0.2} if law == "coulomb" else {"law": law}}],
+            "method": {"tolerance": 1e-11}}
+
+
+@pytest.mark.mpi(ranks=2)
+@pytest.mark.parametrize(("d", "order", "pairing"), [(2, 1, "nodes"), (2, 2, "nodes"), (2, 1, "mortar"),
+                                                     (2, 2, "mortar"), (3, 1, "nodes"), (3, 1, "mortar"),
+                                                     (3, 2, "mortar")])
+def test_an_inclined_sector_is_its_turned_twin(d, order, pairing):
+    """A scene on planes of symmetry at any angle has the answer of the scene along the axes, turned."""
+    upright, inclined = (solve_scene(COMM, wedge(d, angle, order, pairing)) for angle in (0.0, 33.0))
+    assert upright["certified"] and inclined["certified"]
+    assert upright["n"] == inclined["n"] and upright["m"] == inclined["m"]
+    size = np.abs(upright["normal_force"]).max()
+    assert np.abs(inclined["normal_force"] - upright["normal_force"]).max() <= 1e-9 * size > 0.0
+    assert inclined["status"] == upright["status"] and {"slip", "stick"} & set(upright["status"])
+    c, s = np.cos(np.deg2rad(33.0)), np.sin(np.deg2rad(33.0))
+    R = np.eye(d)
+    R[:2, :2] = [[c, -s], [s, c]]
+    for name, (_, u) in upright["body"].items():
+        assert np.abs(inclined["body"][name][1] - u @ R.T).max() <= 1e-9 * np.abs(u).max()
+    assert inclined["energy"] == pytest.approx(upright["energy"], rel=1e-9)
+
+
+# Orthotropic materials
+
+PLY = {"young": [1.4e11, 1.0e10, 2.0e10], "poisson": [0.3, 0.25, 0.4]}
+
+
+@pytest.mark.mpi(ranks=2)
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("plane", ["strain", "stress"])
+@pytest.mark.parametrize("pairing", ["nodes", "mortar"])
+def test_plies_are_pressed_together(pairing, plane, order):
+    """Two plies of fibres at 30° with free sides, pressed by δ: p = δ / (S_yy Σ H), S_yy the compliance off the axis.
+
+    Under this stress both shear alike, so that friction has nothing to do.
+    """
+    def block(name: str, y: float, n: int, clamp: dict) -> dict:
+        return {"name": name, "clamp": [clamp], "material": PLY | {"shear": 5e9, "angle": 30.0, "plane": plane},
+                "mesh": {"shape": "rectangle", "origin": [0.0, y], "size": [2.0, 1.0], "divisions": [n, 2],
+                         "order": order}}
+
+    found = solve_scene(COMM, {
+        "body": [block("upper", 1.0, 4, {"on": "top", "normal": -1e-3}),
+                 block("lower", 0.0, 4 if pairing == "nodes" else 6, {"on": "bottom", "normal": 0.0})],
+        "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "pairing": pairing,
+                     "friction": {"law": "coulomb", "coefficient": 0.3}}], "method": {"tolerance": 1e-10}})
+    assert found["certified"]
+    (E1, E2, E3), (n12, n13, n23), c, s = PLY["young"], PLY["poisson"], 3**0.5 / 2, 0.5
+    S11, S22, S12 = 1 / E1, 1 / E2, -n12 / E1
+    if plane == "strain":
+        S11, S22, S12 = S11 - n13**2 * E3 / E1**2, S22 - n23**2 * E3 / E2**2, S12 - n13 * n23 * E3 / E1 / E2
+    exact = 1e-3 / 2.0 / (s**4 * S11 + c**4 * S22 + s**2 * c**2 * (2 * S12 + 1 / 5e9))
+    assert found["normal_force"] / found["length"] == pytest.approx(exact, rel=1e-8)
+    assert np.abs(found["tangential_force"]).max() <= 1e-7 * np.abs(found["normal_force"]).max()
+
+
+@pytest.mark.mpi(ranks=2)
+@pytest.mark.parametrize("order", [1, 2])
+def test_orthotropic_solids_are_pressed_together(order):
+    """Two orthotropic boxes with free sides, pressed along axis 2: p = δ E2 / Σ H."""
+    def block(name: str, y: float, clamp: dict) -> dict:
+        return {"name": name, "clamp": [clamp], "material": PLY | {"shear": [5e9, 7e9, 3e9]},
+                "mesh": {"shape": "box", "origin": [0.0, y, 0.0], "size": [1.0, 1.0, 1.0], "divisions": [2, 2, 2],
+                         "order": order}}
+
+    found = solve_scene(COMM, {
+        "body": [block("upper", 1.0, {"on": "back", "normal": -1e-3}),
+                 block("lower", 0.0, {"on": "front", "normal": 0.0})],
+        "contact": [{"bodies": ["upper", "lower"], "on": ["front", "back"],
+                     "friction": {"law": "coulomb", "coefficient": 0.3}}], "method": {"tolerance": 1e-10}})
+    assert found["certified"]
+    assert found["normal_force"] / found["length"] == pytest.approx(1e-3 / 2.0 * PLY["young"][1], rel=1e-8)

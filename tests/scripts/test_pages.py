@@ -1,4 +1,4 @@
-"""The pages that are run, docs/start/tutorial.md and drawing.md; what docs/understand/theory.md says of the code."""
+"""The pages of docs/start/ that are run; what docs/understand/theory.md says of the code."""
 
 import re
 import subprocess
@@ -14,16 +14,16 @@ from mpi4py import MPI
 from ddmpi.errors import InputError
 from ddmpi.interface import mortar
 from ddmpi.judge import accuracy, certificate
+from ddmpi.mesh import boundary
 from ddmpi.methods import newton, paths
 from ddmpi.methods.krylov import FORCING
-from ddmpi.surface import side
 
 pytestmark = pytest.mark.slow
 
 DOCS = scenes.ROOT / "docs"
 
 
-@pytest.mark.parametrize("name", ["start/tutorial.md", "start/drawing.md"])
+@pytest.mark.parametrize("name", ["start/tutorial.md", "start/tutorial_in_space.md", "start/drawing.md"])
 def test_commands_of_a_page_do_what_it_says(name, tmp_path):
     """Each command of the page runs as its reader would run it, prints what is shown, and makes the pictures."""
     page = (DOCS / name).read_text(encoding="utf-8")
@@ -189,7 +189,7 @@ def test_theory_has_the_numbers_of_the_code():
             f"GMRES solves it to 1e{np.log10(FORCING):.0f}",
             f"all below {certificate.FACTOR:g} times the tolerance (and {certificate.LARGEST_LIMIT:g}, whatever",
             f"covered by less than {100 * mortar.UNCOVERED:g} %",
-            f"turns by more than {np.rad2deg(side.SHARPEST):.0f}°"):
+            f"turns by more than {np.rad2deg(boundary.SHARPEST):.0f}°"):
         assert words in page
     assert accuracy.CAUTION == {1: 1 - 1 / 5, 2: 1 - 1 / 10}  # "by a fifth in order 1 and a tenth in order 2"
 

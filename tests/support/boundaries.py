@@ -5,6 +5,7 @@ import scipy.sparse as sparse
 from scipy.sparse.linalg import spsolve
 
 from ddmpi.body.elasticity import Elasticity, assemble
+from ddmpi.body.loads import Supports
 from ddmpi.interface import matching, rows
 from ddmpi.interface import mortar as mortars
 from ddmpi.interface.interface import Interface
@@ -41,11 +42,21 @@ def side(mesh: Mesh, *groups: str, body: str = "body", where=None, x: bool = Fal
     if where is not None:
         clamps[np.ix_(where(*mesh.points.T), [x, y])] = 0
     edges = np.concatenate([mesh.groups[group] for group in groups])
-    return contact_side(mesh, edges, clamps, body, YOUNG / (1 - POISSON**2), "contact.seam.on")
+    return contact_side(mesh, edges, holding(clamps), body, YOUNG / (1 - POISSON**2), "contact.seam.on")
+
+
+def holding(clamps: np.ndarray, *displacements: tuple[str | None, np.ndarray]) -> Supports:
+    """Clamps of the components (nv, d) that are not −1, with displacements (nv, d) by history."""
+    return Supports(clamps, directions(clamps < 0), dict(displacements))
+
+
+def directions(free: np.ndarray) -> np.ndarray:
+    """Projections (nv, d, d) onto the directions of free components (nv, d) bool."""
+    return free[:, :, None] * np.eye(free.shape[1])
 
 
 def body_side(mesh: Mesh, body: Elasticity, group: str, name: str = "body") -> Side:
-    return contact_side(mesh, mesh.groups[group], body.clamps, name, YOUNG / (1 - POISSON**2), "contact.seam.on")
+    return contact_side(mesh, mesh.groups[group], body.supports, name, YOUNG / (1 - POISSON**2), "contact.seam.on")
 
 
 def elastic(mesh: Mesh, clamp: list, **loads) -> Elasticity:

@@ -343,7 +343,7 @@ MUTANTS = [Mutant(*row) for row in (
      'float(state["start"]), math.nan', ADAPTIVE),
     ("slip bounds of the step before forgotten", "run/steps", "Past(start, self._now.s,", "Past(start, 0.0 * start,",
      "scenes/test_load_steps.py::test_a_proportional_load_dissipates_the_same_in_any_number_of_steps"),
-    ("sign of the reactions", "run/gather", '"reaction": 0.0 - outer', '"reaction": 0.0 + outer',
+    ("sign of the reactions", "body/elasticity", "u, held) - given[held]", "u, held) + given[held]",
      f"{ANSWER}::test_reactions_of_the_clamps_balance_the_contact"),
     ("certified although the certificate fails", "run/solve",
      'return self.stopped == "converged" and not self.violations', 'return self.stopped == "converged"', SOLVED),

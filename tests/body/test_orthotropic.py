@@ -1,0 +1,164 @@
+"""Orthotropic materials: strips at an angle, boxes, the same by isotropic constants, moduli along a normal."""
+
+import msgspec
+import numpy as np
+import pytest
+from by_skfem import solve
+
+from ddmpi.body.elasticity import assemble
+from ddmpi.body.estimate import estimate_error
+from ddmpi.body.stiffness import sum_stiffness
+from ddmpi.body.stress import Composite, components, energy_density, moduli_along, modulus_beside, stress, thermal
+from ddmpi.mesh.build import build_mesh
+from ddmpi.mesh.mesh import Mesh
+from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
+
+E, NU, G, ALPHA = (1.4e11, 1.0e10, 2.0e10), (0.3, 0.25, 0.4), (5.0e9, 7.0e9, 3.0e9), 1.2e-5
+"""A carbon laminate, more or less; all three axes differ."""
+
+angles = pytest.mark.parametrize("angle", [0.0, 30.0, 90.0, -50.0])
+planes = pytest.mark.parametrize("plane", ["strain", "stress"])
+both_orders = pytest.mark.parametrize("order", [1, 2])
+
+
+def laminate(plane: str | None, angle: float | None = None, **more) -> Material:
+    return Material(young=E, poisson=NU, shear=G[0] if plane else G, plane=plane, angle=angle, **more)
+
+
+def strip(d: int, order: int, **more) -> tuple[Mesh, BodySpec]:
+    """A skewed strip with supports that hold it at three points, in space a skewed box."""
+    quad = ((0.0, 0.0), (3.0, 0.5), (2.5, 2.0), (0.0, 1.0))
+    corners = quad if d == 2 else tuple((*at, z) for z in (0.0, 1.0) for at in quad)
+    spec = BodySpec(name="strip", material=Material(young=1.0, poisson=0.0), mesh=MeshSpec(
+        shape="quadrilateral" if d == 2 else "hexahedron", corners=corners, divisions=(4, 3, 2)[:d], order=order))
+    mesh = build_mesh(spec)
+    places = {"a": (0.0, 0.0, 0.0), "b": (3.0, 0.5, 0.0), "c": (0.0, 0.0, 1.0)}
+    vertices = {name: np.flatnonzero(np.linalg.norm(mesh.points - at[:d], axis=1) < 1e-9)
+                for name, at in places.items()}
+    clamps = [Clamp(on="a", x=0.0, y=0.0, z=0.0), Clamp(on="b", y=0.0), Clamp(on="c", x=0.0, y=0.0)][:d]
+    return Mesh(mesh.points, mesh.triangles, mesh.groups, vertices), msgspec.structs.replace(
+        spec, clamp=clamps, **more)
+
+
+def pulled(mesh: Mesh, sigma: np.ndarray) -> list[Traction]:
+    """Tractions of a constant stress (d, d) on all sides, as their nodes are on planes."""
+    found = []
+    for on, facets in mesh.groups.items():
+        x = mesh.points[facets[:, :mesh.dimension]]
+        along = (x[:, 1:] - x[:, :1])[0]
+        normal = np.array([along[0, 1], -along[0, 0]]) if mesh.dimension == 2 else np.cross(*along)
+        normal /= np.linalg.norm(normal)
+        normal *= np.sign(normal @ (x.mean(axis=(0, 1)) - mesh.points.mean(axis=0)))
+        found.append(Traction(on=on, value=tuple((sigma @ normal).tolist())))
+    return found
+
+
+@both_orders
+@angles
+@planes
+def test_a_strip_is_pulled_at_an_angle(plane, angle, order):
+    """E_x, ν_xy and the coupling of stress and shear strain are those of the formulas for an off-axis ply."""
+    mesh, spec = strip(2, order, material=laminate(plane, angle))
+    sigma = np.array([[1e6, 0.0], [0.0, 0.0]])
+    spec = msgspec.structs.replace(spec, traction=pulled(mesh, sigma))
+    u = solve(mesh, spec)
+    (E1, E2, E3), (n12, n13, n23) = E, NU
+    S11, S22, S12 = 1.0 / E1, 1.0 / E2, -n12 / E1
+    if plane == "strain":  # σ33 = E3 (ν13 σ1 / E1 + ν23 σ2 / E2)
+        S11, S22 = S11 - n13**2 * E3 / E1**2, S22 - n23**2 * E3 / E2**2
+        S12 -= n13 * n23 * E3 / E1 / E2
+    c, s = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
+    xx = c**4 * S11 + s**4 * S22 + s**2 * c**2 * (1.0 / G[0] + 2 * S12)
+    yy = s**2 * c**2 * (S11 + S22 - 1.0 / G[0]) + (s**4 + c**4) * S12
+    xy = 2 * c**3 * s * (S11 - S12) - 2 * s**3 * c * (S22 - S12) - (c**2 - s**2) * s * c / G[0]
+    gradient = np.linalg.lstsq(np.column_stack([np.ones(len(u)), mesh.points]), u, rcond=None)[0]
+    assert np.abs(np.column_stack([np.ones(len(u)), mesh.points]) @ gradient - u).max() <= 1e-10 * np.abs(u).max()
+    strains = gradient[1, 0], gradient[2, 1], gradient[1, 1] + gradient[2, 0]
+    assert strains == pytest.approx([1e6 * each for each in (xx, yy, xy)], rel=1e-9, abs=1e-9 * 1e6 * xx)
+    found = stress(mesh, spec.material, u)
+    across = E3 * (n13 / E1 * c**2 + n23 / E2 * s**2) * (plane == "strain")
+    assert np.abs(found - 1e6 * np.array([1.0, 0.0, across, 0.0])).max() <= 1e-8 * 1e6
+    error = estimate_error(mesh, spec.material, u)
+    assert error.energy == pytest.approx(1e12 * xx * error.area, rel=1e-9)
+    assert error.total <= 1e-14 * error.energy
+
+
+@both_orders
+def test_a_box_is_pulled_along_each_axis(order):
+    """In space ν12 is −ε2/ε1 under stress along 1, and so on; shear strains follow the three shear moduli."""
+    for k, (i, j) in enumerate([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]):
+        sigma = np.zeros((3, 3))
+        sigma[i, j] = sigma[j, i] = 1e6
+        mesh, spec = strip(3, order, material=laminate(None))
+        spec = msgspec.structs.replace(spec, traction=pulled(mesh, sigma))
+        u = solve(mesh, spec)
+        gradient = np.linalg.lstsq(np.column_stack([np.ones(len(u)), mesh.points]), u, rcond=None)[0][1:]
+        strain = (gradient + gradient.T) / 2
+        if k < 3:
+            ratios = np.array([[1.0, -NU[0], -NU[1]], [-NU[0] * E[1] / E[0], 1.0, -NU[2]],
+                               [-NU[1] * E[2] / E[0], -NU[2] * E[2] / E[1], 1.0]])
+            expected = np.diag(1e6 / E[k] * ratios[k])
+        else:
+            expected = sigma / 2 / G[k - 3]
+        assert np.abs(strain - expected).max() <= 1e-9 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize(("d", "plane"), [(2, "strain"), (2, "stress"), (3, None)])
+def test_equal_constants_are_isotropic(d, plane):
+    """With the same moduli and ratios along all axes, whatever the angle, all is that of the isotropic material."""
+    young, nu = 2.1e11, 0.3
+    shear = young / 2 / (1 + nu)
+    one = Material(young=young, poisson=nu, plane=plane, expansion=ALPHA)
+    other = Material(young=(young,) * 3, poisson=(nu,) * 3, shear=shear if d == 2 else (shear,) * 3, plane=plane,
+                     angle=25.0 if d == 2 else None, expansion=ALPHA)
+    assert other.tensor(d) == pytest.approx(one.tensor(d), rel=1e-13, abs=1e-3)
+    assert other.across == pytest.approx(one.across, abs=1e-14)
+    assert other.mean_ratio == pytest.approx(nu, rel=1e-13)
+    for mine, its in zip(thermal(one, d), thermal(other, d), strict=True):
+        assert np.abs(mine - its).max() <= 1e-12 * young * ALPHA
+    rng = np.random.default_rng(1)
+    normals = rng.standard_normal((5, d))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    assert moduli_along(other, normals) == pytest.approx(moduli_along(one, normals), rel=1e-12)
+    sigma = components(rng.standard_normal((d, d, 7)))
+    assert energy_density(other, sigma) == pytest.approx(energy_density(one, sigma), rel=1e-12)
+
+
+@planes
+def test_an_angle_turns_the_material(plane):
+    """A body whose material and mesh are turned has the stiffness of the body that is not, turned."""
+    mesh, _ = strip(2, 2)
+    c, s = np.cos(0.6), np.sin(0.6)
+    R = np.array([[c, -s], [s, c]])
+    turned = Mesh(mesh.points @ R.T, mesh.triangles, mesh.groups)
+    u = np.sin(3 * mesh.points)
+    one = sum_stiffness(mesh, laminate(plane, 10.0)).mult(u)
+    other = sum_stiffness(turned, laminate(plane, 10.0 + np.rad2deg(0.6))).mult(u @ R.T)
+    assert np.abs(other - one @ R.T).max() <= 1e-12 * np.abs(one).max()
+
+
+def test_the_modulus_at_a_contact_is_that_along_its_normal():
+    """Along the fibres a laminate is stiff, across them soft; two materials count by their measures."""
+    mesh, _ = strip(2, 1)
+    stiff, soft = (modulus_beside(mesh, laminate("stress", angle), mesh.groups["left"], "key") for angle in (0.0, 90.0))
+    assert (stiff, soft) == pytest.approx(E[:2])
+    stiff = modulus_beside(mesh, laminate("strain", 0.0), mesh.groups["left"], "key")
+    assert stiff == pytest.approx(1.0 / (1.0 / E[0] - NU[1]**2 * E[2] / E[0]**2))
+    number = (mesh.points[mesh.corners].mean(axis=1)[:, 1] > 0.5).astype(int)
+    both = modulus_beside(mesh, Composite([laminate("stress", 0.0), laminate("stress", 90.0)], number),
+                          mesh.groups["left"], "key")
+    assert soft < both < stiff
+
+
+def test_heat_in_an_orthotropic_body():
+    """Heated without a hindrance, it grows alike in all directions, in plane strain more along the soft ones."""
+    for plane, d in (("stress", 2), (None, 3), ("strain", 2)):
+        mesh, spec = strip(d, 1, material=laminate(plane, expansion=ALPHA), temperature=50.0)
+        u = solve(mesh, spec)
+        gradient = np.linalg.lstsq(np.column_stack([np.ones(len(u)), mesh.points]), u, rcond=None)[0][1:]
+        more = np.zeros(d) if plane != "strain" else np.array([NU[1] * E[2] / E[0], NU[2] * E[2] / E[1]])
+        expected = np.diag(ALPHA * 50.0 * (1.0 + more))
+        assert np.abs((gradient + gradient.T) / 2 - expected).max() <= 1e-10 * ALPHA * 50.0
+        sigma = stress(mesh, spec.material, u, assemble(mesh, spec).acting.heated)
+        sigma[:, 2] += E[2] * ALPHA * 50.0 * (plane == "strain")
+        assert np.abs(sigma).max() <= 1e-8 * E[2] * ALPHA * 50.0
