@@ -206,6 +206,7 @@ def clamp_forces(mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarr
         yield on, pressed
     if len(held):
         forces[held] = forces_at(mesh, material_of(mesh, body), u, held) - given[held]
+    forces[mesh.on_axis, 0] = 0.0  # what is left of integrals
     for which, clamp in enumerate(body.clamps):
         yield clamp.on, np.where(elasticity.clamps == which, forces, 0.0)
 

@@ -91,6 +91,19 @@ def test_constant_stress_is_exact(spec, order):
     assert estimate.energy == pytest.approx(2 * energy) and estimate.total < 1e-20
 
 
+def test_orthotropic_parts_have_a_stiffness_around_the_axis():
+    """Axis 3 is that of the circumference: wound parts are stiff along it. The energy is that of the stresses."""
+    wound = Material(young=(1.0, 2.0, 40.0), poisson=(0.2, 0.01, 0.02), shear=0.5)
+    mesh, a, b = turned(ring(2)), 2e-3, -1e-3
+    strain = np.array([a, b, a])
+    matrix = np.array([[1.0, -0.2, -0.01], [-0.2, 0.5, -0.01], [-0.01, -0.01, 1 / 40]])
+    exact = np.linalg.solve(matrix, strain)
+    u = mesh.points * [a, b]
+    assert stress(mesh, wound, u) == pytest.approx(np.tile([*exact, 0.0], (len(mesh.triangles), 1)), abs=1e-12)
+    forces = sum_stiffness(mesh, wound).mult(u)
+    assert (forces * u).sum() == pytest.approx(strain @ exact * mesh.measures().sum(), rel=1e-9)
+
+
 @both_orders
 def test_loads_are_of_the_whole_circumference(order):
     """Pressures, tractions, total forces and volume forces act on true areas and volumes."""

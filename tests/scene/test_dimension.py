@@ -175,11 +175,11 @@ REFUSED = {
                "rigid.floor.shape: a sphere is solid; in the plane there is circle"),
     "cylinder": (PLANE, "rigid.floor={name='floor', shape='cylinder', point=[0, 0], axis=[0, 1], radius=1}",
                  "rigid.floor.shape: a cylinder is solid"),
-    "solid around an axis": (SOLID, "axisymmetric=true", "axisymmetric: parts that turn around an axis are drawn in the "
-                             "half-plane x >= 0; this scene is in space, as body.upper.mesh.shape = box"),
+    "solid around an axis": (SOLID, "axisymmetric=true", "axisymmetric: parts that turn around an axis are drawn in "
+                             "the half-plane x >= 0; this scene is in space, as body.upper.mesh.shape = box"),
     "plane strain around an axis": (AROUND, "body.upper.material.plane=strain",
-                                    "body.upper.material.plane: solids and turned parts are neither in plane strain nor "
-                                    "in plane stress; leave it out; this scene is around an axis"),
+                                    "body.upper.material.plane: solids and turned parts are neither in plane strain "
+                                    "nor in plane stress; leave it out; this scene is around an axis"),
     "torsion": (AROUND, "body.upper.clamp=[{on='left', z=0.1}]", "body.upper.clamp.0.z: nothing is twisted around the "
                 "axis; this scene is around an axis, as body.upper.mesh.shape = rectangle"),
     "torque": (AROUND, "body.upper.volume_force=[0, 0, 1]", "body.upper.volume_force: [0.0, 0.0, 1.0] is in space"),

@@ -143,6 +143,57 @@ def test_published_iteration(comm, name):
         assert other.summary["contacts"]["upper-lower"]["force"] == pytest.approx(force, rel=1e-4)
 
 
+def test_a_fit_by_heat_is_one_by_interference():
+    """A shaft that is warmer than its hub presses as one that is too thick, at free ends; it grows along the axis."""
+    mesh, steel = {"shape": "rectangle", "order": 2}, {"young": 2e11, "poisson": 0.3, "expansion": 1.2e-5}
+    scene = {"axisymmetric": True, "body": [
+        {"name": "shaft", "material": steel, "clamp": [{"on": "bottom", "y": 0.0}],
+         "mesh": mesh | {"origin": [0.0, 0.0], "size": [0.05, 0.05], "divisions": [5, 5]}},
+        {"name": "hub", "material": steel, "clamp": [{"on": "bottom", "y": 0.0}],
+         "mesh": mesh | {"origin": [0.05, 0.0], "size": [0.05, 0.05], "divisions": [5, 5]}}],
+        "contact": [{"bodies": ["shaft", "hub"], "on": ["right", "left"], "pairing": "nodes"}]} | TIGHT
+    scene["body"][0]["temperature"] = 50.0
+    warm = solved(scene)
+    del scene["body"][0]["temperature"]
+    scene["body"][0]["material"] = scene["body"][1]["material"] = {"young": 2e11, "poisson": 0.3}
+    scene["contact"][0]["gap"] = -1.2e-5 * 50.0 * 0.05
+    thick = solved(scene)
+    one, other = (each.contacts["shaft-hub"].pressure for each in (warm, thick))
+    assert one == pytest.approx(other, rel=1e-9)
+    exact = 3e-5 * 2e11 / 2 / 0.05 * (1.0 - 0.05**2 / 0.1**2)
+    assert one.mean() == pytest.approx(exact, rel=2e-3)
+
+
+def test_clamping_the_axis_is_needless():
+    """With and without a clamp at x = 0 the answer is the same, to the last bit, and that clamp bears nothing."""
+    scene = pressed(2)
+    one = solved(scene)
+    scene["body"][0]["clamp"] = [{"on": "left", "x": 0.0}]
+    other = solved(scene)
+    assert np.array_equal(one.bodies["upper"].displacement, other.bodies["upper"].displacement)
+    assert other.summary["bodies"]["upper"]["reactions"]["left"]["force"] == [0.0, 0.0]
+
+
+def test_a_clamp_along_the_normal_is_a_cone_without_friction():
+    """A ring that slides on a cone by a clamp along the normal moves as on a rigid cone that it is pressed onto."""
+    scene = on_cone() | TIGHT
+    scene["contact"][0]["friction"] = {"law": "none"}
+    one = solved(scene)
+    assert one.summary["contacts"]["ring-cone"]["open"] == 0
+    scene["body"][0]["clamp"] = [{"on": "left", "normal": 0.0}]
+    scene["rigid"], scene["body"] = [], [*scene["body"], disc("other", 5.0, (2, 2), 2, 3.0, clamp=["bottom"])]
+    scene["body"][1]["mesh"] |= {"origin": [3.0, 5.0], "size": [1.0, 1.0]}
+    scene["body"].append(disc("third", 6.0, (2, 2), 2, 3.0))
+    scene["body"][2]["mesh"] |= {"origin": [3.0, 6.0], "size": [1.0, 1.0]}
+    scene["contact"] = [{"bodies": ["other", "third"], "on": ["top", "bottom"], "kind": "bonded"}]
+    other = solved(scene)
+    found = other.bodies["ring"].displacement
+    assert found == pytest.approx(one.bodies["ring"].displacement, abs=1e-9 * np.abs(found).max())
+    reaction = other.summary["bodies"]["ring"]["reactions"]["left"]["force"]
+    assert reaction == pytest.approx(one.summary["contacts"]["ring-cone"]["force"], rel=1e-8)
+    assert other.summary["bodies"]["ring"]["reaction"] == pytest.approx(reaction)
+
+
 def test_load_steps_keep_the_energy():
     """A shaft with interference is pushed through a hub: all friction acts, and the energy balance closes."""
     mesh = {"shape": "rectangle", "order": 2}
@@ -235,8 +286,8 @@ def test_rows_on_the_axis_are_merged(partner):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12))
 def test_random_scenes(seed):
-    """Stacks of discs and rings of any stiffness, mesh and law, held or loose: certified, in any order of bodies, and in
-    equilibrium along the axis by their result."""
+    """Stacks of discs and rings of any stiffness, mesh and law, held or loose, are certified in any order of bodies and
+    obey all laws."""
     rng = np.random.default_rng(seed)
     order, number, scene = int(rng.integers(1, 3)), int(rng.integers(2, 5)), {"axisymmetric": True} | TIGHT
     laws = [{"law": "coulomb", "coefficient": 0.4}, {"law": "none"}, {"law": "tresca", "slip_bound": 1e5}]
