@@ -6,8 +6,8 @@ equations of this (Alart and Curnier 1991; Christensen, Klarbring, Pang and Str�
 primal–dual active set step: the projections say which nodes are open, slip and stick, and GMRES solves the linear
 problem that follows, preconditioned with the stiffness of half-planes. Since r is linear in s, the residual of the
 equations is known along the whole step without a further multiplication, and the step is as long as makes it
-smallest: this stops the active sets from cycling. Where that gets nowhere, a layer between the bodies leads to where it
-does, and where that fails, interior points do (`ddmpi.methods.paths`).
+smallest: this stops the active sets from cycling. Where that gets nowhere, interior points lead to where it does, and
+where they fail, a layer between the bodies (`ddmpi.methods.paths`).
 
 Bodies that no clamp holds have rigid motions α: unknowns with an equation each, G s = e, in every step.
 """

@@ -1,15 +1,15 @@
-"""Two paths to where Newton's own steps converge: a layer that gets harder, and a barrier that gets lower.
+"""Two paths to where Newton's own steps converge: a barrier that gets lower, and a layer that gets harder.
 
 Where bodies hinge, jam or slide as wholes, a few closed nodes hold them, and a Newton step that guesses these wrong
 leads nowhere. Both paths solve a series of easier problems, each from the answer of the one before, by the same linear
 problem with a diagonal D added (`ddmpi.methods.krylov`).
 
-Softening puts a layer of compliance D = δ/c between the bodies, so that many nodes carry load: s = P(−r/D). As δ falls,
-hinges and zones that stick shrink gradually, and the active sets of one stage nearly fit the next.
-
 Interior points replace each bound by a barrier μ: s w = μ for forces s and gaps w, p (g − s_t) = μ and q (g + s_t) = μ
 for what slips at either bound, which follows the pressure (Wright, Primal-dual interior-point methods, 1997, for
 convex problems). They let bodies cross clearances, and move where friction decides.
+
+Softening puts a layer of compliance D = δ/c between the bodies, so that many nodes carry load: s = P(−r/D). As δ falls,
+hinges and zones that stick shrink gradually, and the active sets of one stage nearly fit the next.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ TO_BOUND = 0.99
 LOWER = ((0.9, 0.1), (0.5, 0.2), (0.2, 0.5), (0.0, 0.8))
 """The barrier falls to the second number where the last step was longer than the first."""
 
-NEAR = 3e-3
+NEAR = 1e-2
 """Newton's own steps are tried from interior points with a smaller residual."""
 
 INEXACT = 1e-2
