@@ -48,6 +48,9 @@ class Dense:
     def imbalance(self, s) -> np.ndarray:
         return np.empty(0)
 
+    def balances(self, left, size) -> bool:
+        return True
+
     def first_closed(self) -> tuple[np.ndarray, np.ndarray]:
         return np.ones(self._m, bool), np.zeros(self._m, bool)
 
