@@ -93,6 +93,7 @@ class Elasticity:
         body is heated, at least PRESCRIBED_SHARE of the forces that these take
     warnings : loads that come to nothing, or are given twice
     cases : what the loads and prescribed displacements consist of, by history
+    softest : stiffness of its softest foundation, k times the area (N/m); infinite without
     """
 
     A: PETSc.Mat
@@ -105,6 +106,7 @@ class Elasticity:
     load: float
     warnings: list[str]
     cases: Mapping[str | None, LoadCase]
+    softest: float = np.inf
 
     @property
     def clamps(self) -> np.ndarray:
@@ -184,7 +186,7 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     load = PETSc.Vec().createWithArray(case.b, bsize=d, comm=comm)
     load.setBlockSize(d)
     return Elasticity(matrix, load, round(np.einsum("kii->", loose)), nodes, held, case, motions, case.size,
-                      lost_loads(mesh, body, held.free), cases)
+                      lost_loads(mesh, body, held.free), cases, min((root**2 for _, root, _ in found), default=np.inf))
 
 
 def clamp_forces(mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarray,

@@ -99,14 +99,16 @@ class Joint:
 
     def rigid_moduli(self) -> np.ndarray:
         """`Member.stiffness` (N/m²; in space N/m) of the body that each rigid motion belongs to, or of the stiffest
-        body that a partner pushes (rigid.size,)."""
+        body that a partner pushes (rigid.size,); times the softest foundation over its body's, if that is softer."""
+        soft = [member.elasticity.softest / member.stiffness for member in self.members]
+        share = min([1.0, *itertools.chain(*self._exchange.world.allgather(soft))])
         own = [(name, member.stiffness) for member in self.members for each in member.interfaces
                for name in each.bodies]
         stiffness: dict[str, float] = {}
         for name, value in itertools.chain(*self._exchange.world.allgather(own)):
             stiffness[name] = max(value, stiffness.get(name, 0.0))
-        return self._of_all([np.full(len(member.e), member.stiffness) for member in self.members],
-                            [np.full(len(rigid.pushed), stiffness[rigid.name]) for rigid in self.pushed])
+        return share * self._of_all([np.full(len(member.e), member.stiffness) for member in self.members],
+                                    [np.full(len(rigid.pushed), stiffness[rigid.name]) for rigid in self.pushed])
 
     def first_closed(self) -> tuple[np.ndarray, np.ndarray]:
         """The nodes (m,) bool of all owned interfaces that a first guess takes as closed, and the open ones of these

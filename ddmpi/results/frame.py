@@ -10,6 +10,7 @@ import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import SHARPEST, boundary_facets
+from ddmpi.results.summary import displacement_at, factor_at
 from ddmpi.results.tables import Columns, Results
 from ddmpi.scene.contacts import Rigid
 from ddmpi.surface.side import unit
@@ -174,7 +175,7 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
     points, moved = results.points, np.linalg.norm(results.fields["displacement"], axis=1)
     owner, names, contacts = owners(results), list(results.summary["bodies"]), results.summary["scene"]["contact"]
     tables = [results.contacts[each["name"]] for each in contacts]
-    tables = [table | {"initial_gap": _share(results, _follows(each)) * table["initial_gap"]}
+    tables = [table | {"initial_gap": factor_at(results.summary, _follows(each), results.time) * table["initial_gap"]}
               for each, table in zip(contacts, tables, strict=True)]
     mobile, apart = np.zeros(len(names)), np.zeros((len(tables), len(names)))
     distances = np.zeros((len(tables), results.dimension))
@@ -250,27 +251,10 @@ def partners(results: Results, time: float | None = None,
     scene = results.summary["scene"]
     for rigid in msgspec.convert(scene.get("rigid", ()), list[Rigid]):
         contacts = [each for each in scene["contact"] if each["bodies"][1] == rigid.name]
-        moved = _gone(results, rigid, time) if going is None else going.get(rigid.name)
+        now = results.time if time is None else time
+        moved = displacement_at(results.summary, rigid, now) if going is None else going.get(rigid.name)
         if contacts and moved is not None:
             yield rigid, contacts, moved
-
-
-def _gone(results: Results, rigid: Rigid, time: float | None) -> np.ndarray:
-    """The displacement (d,) of a rigid partner at `time`, else at that of the results (m)."""
-    if not rigid.pushed:
-        return _share(results, rigid.history, time) * np.array(rigid.displacement)
-    at = {0.0: np.zeros(results.dimension)} | {
-        step["time"]: step["rigid"][rigid.name]["displacement"] for step in results.summary["steps"]}
-    now = next(each for each in (time, results.time, max(at)) if each is not None)
-    return np.array([np.interp(now, list(at), each) for each in zip(*at.values(), strict=True)])
-
-
-def _share(results: Results, name: str | None, time: float | None = None) -> float:
-    """The factor at `time`, else at that of the results, of the history with a name; 1 of none."""
-    last = results.energy.get("time", np.zeros(0)).max(initial=0.0)
-    time = next(each for each in (time, results.time, last) if each is not None)
-    history = results.summary["scene"].get("history", {}).get(name)
-    return float(np.interp(time, history["times"], history["factors"])) if history else 1.0
 
 
 def _follows(contact: dict) -> str | None:

@@ -15,6 +15,7 @@ from ddmpi.interface.state import ContactState
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.judge.equilibrium import Mechanism, describe
 from ddmpi.results.tables import FORMAT, writing
+from ddmpi.scene.contacts import Rigid
 from ddmpi.system.files import MECHANISM
 
 RESIDUALS = {
@@ -207,6 +208,25 @@ def rigid_partners(contacts: Iterable[ContactState]) -> dict[str, dict[str, np.n
                                                                  "force": np.zeros(state.interface.dimension)})
             entry["force"] = entry["force"] - state.force
     return found
+
+
+def factor_at(summary: dict, name: str | None, time: float | None) -> float:
+    """The factor at `time`, else at the last load step, of the history with a name; 1 of none."""
+    history = summary["scene"].get("history", {}).get(name)
+    if not history:
+        return 1.0
+    last = max([0.0, *(step["time"] for step in summary.get("steps", ()))])
+    return float(np.interp(last if time is None else time, history["times"], history["factors"]))
+
+
+def displacement_at(summary: dict, rigid: Rigid, time: float | None) -> np.ndarray:
+    """The displacement (d,) of a rigid partner at `time`, else at the last load step (m)."""
+    if not rigid.pushed:
+        return factor_at(summary, rigid.history, time) * np.array(rigid.displacement)
+    at = {0.0: [0.0] * len(rigid.force or ())} | {
+        step["time"]: step["rigid"][rigid.name]["displacement"] for step in summary.get("steps", ())}
+    now = max(at) if time is None else time
+    return np.array([np.interp(now, list(at), each) for each in zip(*at.values(), strict=True)])
 
 
 def write_summary(path: Path, summary: dict) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import scipy.sparse as sparse
@@ -27,7 +27,7 @@ def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
     if not loose or len(loose) > LARGEST:
         return None
     interfaces, G = _whole(assembly, lambda interface: sparse.identity(interface.size, format="csr"))
-    bodies = _loose_bodies(assembly, interfaces)
+    bodies = _loose_bodies(assembly)
 
     def find() -> Mechanism | None:
         load = np.array([load for _, load in bodies])
@@ -41,7 +41,7 @@ def motions_without_resistance(assembly: Assembly) -> list[str]:
     if not assembly.loose or len(assembly.loose) > LARGEST:
         return []
     interfaces, G = _whole(assembly, lambda interface: sparse.identity(interface.size, format="csr"))
-    bodies = _loose_bodies(assembly, interfaces)
+    bodies = _loose_bodies(assembly)
 
     def find() -> list[str]:
         parts, ends = [np.zeros((G.shape[0], 0))], np.cumsum([0, *(each.size for each in interfaces)])
@@ -78,15 +78,14 @@ def undetermined_motions(assembly: Assembly, contacts: Mapping[str, ContactState
             parts.append(turned[np.flatnonzero(np.repeat(slips, law.components - 1))])
         return sparse.vstack(parts, format="csr")
 
-    interfaces, G = _whole(assembly, resists)
-    bodies = _loose_bodies(assembly, interfaces)
+    _, G = _whole(assembly, resists)
+    bodies = _loose_bodies(assembly)
     return from_first(assembly.world, lambda: undetermined(G.toarray(), [body for body, _ in bodies]))
 
 
 def describe_drift(assembly: Assembly, motions: np.ndarray) -> str:
     """Where the loose bodies drift to, in words; `motions` as `Outer.motions`. Collective."""
-    interfaces, _ = _whole(assembly, lambda interface: sparse.csr_matrix((0, interface.size)))
-    bodies = [body for body, _ in _loose_bodies(assembly, interfaces)]
+    bodies = [body for body, _ in _loose_bodies(assembly)]
     velocities = np.array([body.velocity(motions[assembly.joint.slices[body.name]]) for body in bodies])
     fastest = max((body.speed(v) for body, v in zip(bodies, velocities, strict=True)), default=0.0)
     return describe_motions(bodies, velocities / fastest, set()) if fastest else "no body"
@@ -105,14 +104,15 @@ def _whole(assembly: Assembly,
     return [interface for interface, _ in ordered], sparse.vstack([rows for _, rows in ordered], format="csr").T.tocsc()
 
 
-def _loose_bodies(assembly: Assembly, interfaces: Sequence[Interface]) -> list[tuple[MotionsOfBody, float]]:
+def _loose_bodies(assembly: Assembly) -> list[tuple[MotionsOfBody, float]]:
     """The bodies that clamps do not hold and the partners that are pushed, in the order of their motions, with the
-    sizes of their loads. A partner has the shape of what faces it in the `interfaces`. Collective."""
+    sizes of their loads. A partner has the shape of what faces it. Collective."""
     own = [(MotionsOfBody.of(body.spec.name, body.mesh.points, body.member.motions), body.member.elasticity.load)
            for body in assembly.bodies if not body.member.elasticity.held]
     found = [each for rank in assembly.world.allgather(own) for each in rank]
     for rigid in assembly.joint.pushed:
-        facing = [each for each in interfaces if each.bodies[1] == rigid.name]
+        own_parts = {each.name: each for each in assembly.space.interfaces if each.bodies[1] == rigid.name}
+        facing = list(merged(assembly.world, own_parts).values())
         at = np.concatenate([each.xy + side * each.spacing[:, None] * axis for each in facing
                              for axis in np.eye(each.dimension) for side in (-1.0, 1.0)])
         motions = np.broadcast_to(np.eye(at.shape[1])[:, rigid.pushed], (*at.shape, len(rigid.pushed)))

@@ -85,7 +85,7 @@ def _describe_body(member: Member, ranks: int, way: str) -> str:
     way += "" if ranks == 1 else f"on {ranks} ranks; "
     motions, solver, compliance = member.motions.shape[2], member.C.solver.description, member.C
     if motions:
-        way += f"not held by clamps or foundations ({_count(motions, 'rigid motion')}); "
+        way += f"not held by clamps ({_count(motions, 'rigid motion')}); "
     way += "direct solver" if solver == DIRECT else f"solver {solver}"
     if compliance.solver.refused:
         way += f" through PETSc (MUMPS is not called directly: {compliance.solver.refused})"

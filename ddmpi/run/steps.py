@@ -334,10 +334,11 @@ class March:
             change = self._change(s - self._coarse)
             faster = self._changed / change - 1.0 if change else math.inf  # the error left is about change / faster
             before, self._changed = self._changed, change
-            enough = (change <= self._tolerance * (1.0 if math.isnan(before) else min(max(faster, CERTAIN), 1.0))
-                      and self.log.excess(self._noted) <= self._tolerance)
+            close = change <= self._tolerance * (1.0 if math.isnan(before) else min(max(faster, CERTAIN), 1.0))
+            enough = close and self.log.excess(self._noted) <= self._tolerance
             log.info("time %g reached: %d and %d steps agree to %.2g, %s", self._legs[self._leg], self._number // 2,
-                     self._number, change, "accepted" if enough else "not enough")
+                     self._number, change, "accepted" if enough else "but friction dissipates more than it can"
+                     if close else "not enough")
             if enough:
                 return False
         if 2 * self._number > MOST or not self._largest.all():

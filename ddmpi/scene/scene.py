@@ -85,6 +85,10 @@ class Scene(Table, frozen=True, kw_only=True):
         if len({body.mesh.order for body in self.body} - {None}) > 1:
             raise ValueError("bodies have mesh.order 1 and 2; forces at their common nodes would mean different "
                              "pressures, so give all bodies the same")
+        for rigid in self.rigid:
+            if self.axisymmetric and 0 in rigid.pushed:
+                raise ValueError(f"rigid.{rigid.name}.force: around an axis a partner is pushed along y alone; what "
+                                 "pushes it across the axis cancels all around")
         if self.output.mirrored and not self.axisymmetric:
             raise ValueError("output.mirrored: shows the other half of what turns around an axis; write axisymmetric = "
                              "true at the top, or leave it out")

@@ -160,6 +160,18 @@ def test_what_there_is_to_say(looked_at):
         assert words in text
 
 
+def test_clamps_along_normals_and_heat_are_told(looked_at):
+    """What slides along its group, and how warm a body is."""
+    scene = pinched_blocks(4)
+    scene["body"][0]["clamp"] = [{"on": "left", "normal": 0.0}, {"on": "right", "normal": 1e-3, "y": 0.0}]
+    scene["body"][1] |= {"temperature": "20 + 10 * x"}
+    scene["body"][1]["material"] |= {"expansion": 1.2e-5}
+    text = looked_at(scene)
+    for words in ("held along its normal on left", "held along y, moved along its normal on right",
+                  "temperature 20 + 10 * x"):
+        assert words in text
+
+
 @pytest.mark.parametrize("scene", [pinched_blocks(4), two_boxes(2, 3), two_boxes(1, order=2)])
 def test_pictures(scene, looked_at, tmp_path):
     """They are drawn with missing contacts, too, and nothing is overwritten."""

@@ -67,3 +67,17 @@ def test_steps_that_agree_are_said_to_be_accepted(tmp_path):
     assert run.code == 0, run.output
     *_, last = re.findall(r"time 1 reached: (\d+) and (\d+) steps agree to \S+, (accepted|not enough)\n", run.stdout)
     assert 2 * int(last[0]) == int(last[1]) and last[2] == "accepted"
+
+
+def test_steps_whose_forces_agree_though_slip_is_coarse_are_said_to_dissipate_too_much(tmp_path):
+    """A cube that is dragged over a floor: in one step the force is exact, and the work half of the friction's."""
+    scene = {"history": {"drag": {"times": [1.0, 2.0], "factors": [0.0, 1.0]}}, "time": {"points": [1.0, 2.0]},
+             "body": [{"name": "block", "mesh": {"shape": "box", "origin": [0, 0, 0], "size": [1, 1, 1],
+                                                 "divisions": [1, 1, 1]}, "material": {"young": 1e9, "poisson": 0.0},
+                       "clamp": [{"on": "top", "x": 1e-3, "history": "drag"}, {"on": "top", "y": 0.0, "z": -1e-4}]}],
+             "rigid": [{"name": "floor", "shape": "plane", "point": [0, 0, 0], "normal": [0, 0, 1]}],
+             "contact": [{"bodies": ["block", "floor"], "on": ["bottom"],
+                          "friction": {"law": "coulomb", "coefficient": 0.3}}]}
+    run = scenes.run_command(scenes.write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures")
+    assert run.code == 0, run.output
+    assert re.search(r"agree to \S+e-\d+, but friction dissipates more than it can\n", run.stdout), run.stdout

@@ -21,11 +21,21 @@ import pytest
 import scenes
 from fault_cases import RESULTS, contents, run_in_one_go
 from scenes import Run, pinched_blocks
+from solid_scenes import two_boxes
 from test_failures import of, only_message, run_all
 
 pytestmark = pytest.mark.slow
 
 FILES = set(RESULTS)
+
+def solids_in_steps() -> dict:
+    """Two boxes that are loaded in four steps and then in the other direction."""
+    scene = two_boxes(2) | {"history": {"load": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.5]}},
+                            "time": {"points": [1.0, 2.0], "steps": 2}}
+    for body in scene["body"]:
+        body["traction"] = [load | {"history": "load"} for load in body["traction"]]
+    return scene
+
 
 METHODS = {
     "newton": pinched_blocks(2),
@@ -33,6 +43,7 @@ METHODS = {
     "anderson": pinched_blocks(2, "tresca", outer="anderson", tolerance=1e-5),
     "two meshes": pinched_blocks(2, target_error=0.17),
     "drawn": scenes.drawn_roller(target_error=0.05),
+    "solids": solids_in_steps(),
 }
 FACTOR, MULT, NEUMANN = "ddmpi.body.solver.StiffnessSolver.__init__", "ddmpi.body.compliance.Compliance.mult", \
     "ddmpi.methods.subproblem.Subproblem.neumann"
@@ -50,6 +61,7 @@ INTERRUPTED = {
     "finer mesh": ("two meshes", "SIGUSR1", 0, FACTOR, 2, True),
     "iteration on the finer mesh": ("two meshes", "SIGTERM", 1, MULT, 110, True),
     "finer drawn mesh": ("drawn", "SIGUSR1", 0, FACTOR, 2, True),
+    "later load step of solids": ("solids", "SIGTERM", 1, MULT, 60, True),
     "iteration on a finer drawn mesh": ("drawn", "SIGTERM", 1, MULT, 70, True),
 }
 
@@ -113,7 +125,7 @@ def test_restart_ends_with_the_results_of_the_run_that_was_not_interrupted(conti
     expected = undisturbed[INTERRUPTED[name][0]]
     between = name in ("finer mesh", "finer drawn mesh")
     assert ("continuing with meshes" if between else "continuing after iteration") in run.stdout
-    assert expected.files == FILES or INTERRUPTED[name][0] == "drawn"
+    assert expected.files == FILES or INTERRUPTED[name][0] in ("drawn", "solids")
     assert run.files == expected.files  # and no checkpoint any more
     assert contents(run.folder) == contents(expected.folder)
 

@@ -137,7 +137,7 @@ FAULTS = {
     "factor, root, before PETSc": (0, "ddmpi.coupling.team.Share.factor", 1, "SolverError", {4}),
     "factor, other rank, after MUMPS": (3, "ddmpi.petsc.mumps.Factors._check", 1, "RuntimeError", {1}),
     "solve, other rank": (3, "ddmpi.coupling.team.Share.solve", 1, "SolverError", {4}),
-    "end of a command, other rank": (1, "ddmpi.coupling.team.Share.peak", 1, "MemoryError", {4}),
+    "end of a command, other rank": (1, "ddmpi.coupling.team.Share.machine", 1, "MemoryError", {4}),
     "an error of a solver, other rank": (1, "ddmpi.body.solver.StiffnessSolver._solve_with", 1, "SolverError", {4}),
     "killed, other rank": (1, "ddmpi.coupling.team.Share.solve", 1, "SIGKILL", None),
     "terminated, root": (0, "ddmpi.body.compliance.Compliance.mult", 12, "SIGTERM", {6}),

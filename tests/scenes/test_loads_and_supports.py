@@ -1,9 +1,11 @@
 """Forces, supports along normals, heat and orthotropic materials in whole scenes, against closed forms and twins."""
 
+import tomllib
+
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import pinched_blocks, solve_scene, to_toml
+from scenes import ROOT, pinched_blocks, solve_scene, to_toml
 
 import ddmpi
 
@@ -158,6 +160,34 @@ def test_an_inclined_sector_is_its_turned_twin(d, order, pairing):
     for name, (_, u) in upright["body"].items():
         assert np.abs(inclined["body"][name][1] - u @ R.T).max() <= 1e-9 * np.abs(u).max()
     assert inclined["energy"] == pytest.approx(upright["energy"], rel=1e-9)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_energy_balances_on_inclined_planes(d):
+    """So it does where an inclined plane moves along its normal while a body is heated, both by histories."""
+    scene = wedge(d, 33.0, 1, "nodes")
+    scene["body"][0]["clamp"][-1] |= {"normal": -1e-4, "history": "up"}
+    scene["body"][1]["material"] |= {"expansion": 1e-5}
+    scene["body"][1] |= {"temperature": {"value": "30 + x", "history": "warm"}}
+    scene |= {"time": {"points": [1.0, 2.0], "steps": 2},
+              "history": {"up": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.5]},
+                          "warm": {"times": [0.0, 2.0], "factors": [0.0, 1.0]}}}
+    answer = ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
+    energy, bodies = answer.summary["energy"], answer.summary["bodies"]
+    assert answer.certified and energy["residual"] <= 1e-10 and energy["dissipated"] > 0.0
+    assert energy["strain_energy"] == pytest.approx(sum(each["energy"] for each in bodies.values()), rel=1e-9)
+
+
+def test_an_accuracy_target_is_met_with_heat_and_inclined_planes():
+    """Meshes are refined by the error of the thermal stress; a target that one mesh misses is met by finer ones."""
+    scene = tomllib.loads((ROOT / "configs" / "heated_bush.toml").read_text(encoding="utf-8"))
+    del scene["time"], scene["history"]
+    for body in scene["body"]:
+        body["temperature"] = 120.0
+        body["mesh"] |= {"divisions": [8, 3], "order": 1}
+    answer = ddmpi.solve(to_toml(scene | {"method": {"target_error": 0.1}}), MPI.COMM_SELF)
+    error = answer.summary["discretization_error"]
+    assert answer.certified and error["energy_norm"] <= 0.1 < error["levels"][0]["error"]
 
 
 # Orthotropic materials

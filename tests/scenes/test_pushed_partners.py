@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import run_command, to_toml, write_scene
+from scenes import run_command, run_python, to_toml, write_scene
 
 import ddmpi
 from ddmpi.results.pictures import draw_all
@@ -208,6 +208,21 @@ def test_a_partner_falls_on_a_clamped_node():
     assert answer.summary["rigid"]["ram"]["force"] == pytest.approx([0.0, FORCE], rel=1e-9, abs=1e-3)
 
 
+def test_a_ram_around_an_axis():
+    """A confined disc on a mat under a ram whose force is that of the whole disc, across a gap: p/k + pH/M."""
+    poisson, radius, k = 0.3, 2.0, 1e9
+    scene = pressed(2, force=[0.0, -np.pi * radius**2 * FORCE], lift=0.3) | {"axisymmetric": True}
+    scene["body"][0] |= {"clamp": [{"on": "right", "x": 0.0}], "foundation": [{"on": "bottom", "normal": k}]}
+    answer = solve(scene)
+    confined = YOUNG * (1 - poisson) / (1 + poisson) / (1 - 2 * poisson)
+    down = 0.3 + FORCE / k + FORCE / confined
+    assert answer.summary["rigid"]["ram"]["displacement"] == pytest.approx([0.0, -down], rel=1e-9)
+    assert answer.summary["rigid"]["ram"]["force"][1] == pytest.approx(np.pi * radius**2 * FORCE, rel=1e-12)
+    scene["rigid"][0]["force"] = [1.0, -1.0]
+    with pytest.raises(ddmpi.errors.InputError, match=r"rigid\.ram\.force: around an axis .* along y alone"):
+        ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
+
+
 @pytest.mark.parametrize(("ram", "words"), [
     ({"force": [0.0, 0.0]}, "rigid.ram: force must not be zero"),
     ({"force": [1.0, -1e4], "displacement": [1e-3, 0.0]}, "rigid.ram: along x it has both a force and a displacement"),
@@ -226,3 +241,11 @@ def test_the_published_iteration_refuses_it():
     scene = pressed(2) | {"method": {"outer": "relaxation"}}
     with pytest.raises(ddmpi.errors.InputError, match="is for two held bodies with one unilateral contact"):
         ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
+
+
+def test_a_scene_is_checked_before_it_is_solved(tmp_path):
+    """`ddmpi check` says by what a partner is pushed, and draws it where it stands."""
+    path = write_scene(pressed(2), tmp_path / "scene.toml")
+    done = run_python(["-m", "ddmpi", "check", str(path), "--output", str(tmp_path / "out")], 1)
+    assert done.code == 0 and "rigid ram: pushed by (0, -1e+06)" in done.stdout + done.stderr, done.stderr
+    assert (tmp_path / "out" / "bodies.png").exists()

@@ -1,0 +1,160 @@
+"""Solids in contact whose exact answers elements of any order have: bars, stacks, gaps, overlaps, slip as a vector."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scenes import to_toml
+
+import ddmpi
+from ddmpi.run.answer import Answer
+
+YOUNG = 1e9
+FRICTION = {"friction": {"law": "coulomb", "coefficient": 0.3}}
+FLOOR = {"name": "floor", "shape": "plane", "point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}
+
+
+def cube(name: str, z: float = 0.0, x: float = 0.0, divisions: int = 2, order: int = 1, young: float = YOUNG,
+         poisson: float = 0.3, **more) -> dict:
+    """Of side 1, with its lowest corner at (x, 0, z)."""
+    mesh = {"shape": "box", "origin": [x, 0.0, z], "size": [1.0, 1.0, 1.0], "divisions": [divisions] * 3,
+            "order": order}
+    return {"name": name, "mesh": mesh, "material": {"young": young, "poisson": poisson}, **more}
+
+
+def rollers(**more: float) -> list[dict]:
+    """Planes of symmetry at x = 0 and y = 0, and faces that are moved along z."""
+    return [{"on": "left", "x": 0.0}, {"on": "front", "y": 0.0}, *({"on": face, "z": z} for face, z in more.items())]
+
+
+def solve(bodies: list[dict], contacts: list[dict], comm: MPI.Comm = MPI.COMM_SELF, **more) -> Answer:
+    """The certified answer."""
+    answer = ddmpi.solve(to_toml({"body": bodies, "contact": contacts, **more}), comm)
+    assert answer.certified, answer.reason
+    return answer
+
+
+def on(first: str, second: str, **more) -> dict:
+    """The contact of the bottom of the first with the top of the second, or with a rigid partner."""
+    return {"name": "c", "bodies": [first, second], "on": ["bottom", "top"][:1 if second == "floor" else 2], **more}
+
+
+def confined(young: float, poisson: float) -> float:
+    return young * (1.0 - poisson) / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("divisions", [(2, 2), (2, 3)])
+def test_cubes_between_planes_of_symmetry_bulge_alike(divisions, order):
+    """Quarters of a bar that is pressed by 0.1 along itself, held by symmetry alone, on meshes that match or not."""
+    push = 1e-3
+    bodies = [cube("lower", 0.0, divisions=divisions[0], order=order, clamp=rollers(bottom=0.0)),
+              cube("upper", 1.0, divisions=divisions[1], order=order, clamp=rollers(top=-2.0 * push))]
+    answer = solve(bodies, [on("upper", "lower", **FRICTION)])
+    for name in ("lower", "upper"):
+        x, u = answer.bodies[name].points, answer.bodies[name].displacement
+        exact = push * np.column_stack([0.3 * x[:, 0], 0.3 * x[:, 1], -x[:, 2]])
+        assert u == pytest.approx(exact, abs=1e-8 * push)
+    assert answer.contacts["c"].pressure == pytest.approx(YOUNG * push, rel=1e-7)
+
+
+@pytest.mark.parametrize("how", ["drawn", "given", "moved"])
+def test_overlapping_cubes_share_the_overlap(how):
+    """An interference that is drawn, given, or comes from a cube that is set down, is the same problem."""
+    overlap = 0.01
+    bodies = [cube("lower", 0.0, poisson=0.0, clamp=rollers(bottom=0.0)),
+              cube("upper", 1.0 - overlap * (how == "drawn"), poisson=0.0,
+                   clamp=rollers(top=-overlap * (how == "moved")))]
+    answer = solve(bodies, [on("upper", "lower", **({"gap": -overlap} if how == "given" else {}))])
+    assert answer.contacts["c"].pressure == pytest.approx(YOUNG * overlap / 2.0, rel=1e-6)
+    assert answer.bodies["lower"].displacement[:, 2].min() == pytest.approx(-overlap / 2.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("gap, pressed", [(0.0, True), (4e-4, True), (1.1e-3, False)])
+def test_a_stack_closes_its_gap_first(gap, pressed):
+    """Confined cubes of unlike stiffness: p = (δ − g) / Σ H/M, or nothing."""
+    sides = [{"on": face, axis: 0.0} for axis, faces in (("x", ("left", "right")), ("y", ("front", "back")))
+             for face in faces]
+    bodies = [cube("lower", 0.0, young=3.0 * YOUNG, poisson=0.2, clamp=[*sides, {"on": "bottom", "z": 0.0}]),
+              cube("upper", 1.0 + gap, clamp=[*sides, {"on": "top", "z": -1e-3}])]
+    answer = solve(bodies, [on("upper", "lower", **FRICTION)])
+    exact = (1e-3 - gap) / (1.0 / confined(YOUNG, 0.3) + 1.0 / confined(3.0 * YOUNG, 0.2)) if pressed else 0.0
+    assert answer.contacts["c"].pressure == pytest.approx(exact, rel=1e-6, abs=1e-6)
+
+
+def test_cubes_side_by_side_carry_their_own_loads():
+    """Two cubes on one floor, pushed down unlike, touch each other and do not press: ν = 0."""
+    bodies = [cube(name, x=x, poisson=0.0, clamp=[{"on": "top", "x": 0.0, "y": 0.0, "z": -push}])
+              for name, x, push in (("a", 0.0, 1e-3), ("b", 1.0, 2e-3))]
+    contacts = [{"name": "a", "bodies": ["a", "floor"], "on": ["bottom"]},
+                {"name": "b", "bodies": ["b", "floor"], "on": ["bottom"]},
+                {"name": "between", "bodies": ["a", "b"], "on": ["right", "left"]}]
+    answer = solve(bodies, contacts, rigid=[FLOOR])
+    assert answer.contacts["a"].pressure == pytest.approx(YOUNG * 1e-3, rel=1e-7)
+    assert answer.contacts["b"].pressure == pytest.approx(YOUNG * 2e-3, rel=1e-7)
+    assert np.abs(answer.contacts["between"].force).max() < 1e-3
+
+
+PRESSURE, THICK = 1e6, 0.01
+
+
+def dragged(path: np.ndarray, **more) -> dict:
+    """A thin plate, pressed on a floor with 1 MPa, its top dragged along a path (k, 2) from 0."""
+    times = np.arange(len(path) + 1.0)
+    clamp = [{"on": "top", axis: 1.0, "history": axis} for axis in "xy"]
+    plate = cube("plate", clamp=[*clamp, {"on": "top", "z": -PRESSURE * THICK / YOUNG}],
+                 poisson=0.0)
+    plate["mesh"]["size"] = [1.0, 1.0, THICK]
+    return {"body": [plate], "rigid": [FLOOR], "contact": [on("plate", "floor", **FRICTION)],
+            "history": {axis: {"times": times.tolist(), "factors": [0.0, *path[:, k].tolist()]}
+                        for k, axis in enumerate("xy")},
+            "time": {"points": times[1:].tolist(), "steps": 1}, **more}
+
+
+@pytest.mark.slow
+@pytest.mark.mpi(ranks=2)
+def test_a_plate_that_is_dragged_around_a_circle_follows_the_radial_return():
+    """Friction as a vector with memory: q ← P(q + k Δu) in each step, and what it dissipates."""
+    angle = 2.0 * np.pi * np.arange(1, 17) / 16
+    path = 2e-5 * np.column_stack([1.0 - np.cos(angle), np.sin(angle)])
+    answer = ddmpi.solve(to_toml(dragged(path)), MPI.COMM_WORLD)
+    assert answer.certified, answer.reason
+    stiffness, bound = YOUNG / 2.0 / THICK, 0.3 * PRESSURE
+    q, before, work = np.zeros(2), np.zeros(2), 0.0
+    for k, (end, step) in enumerate(zip(path, answer.summary["steps"], strict=True)):
+        trial = q + stiffness * (end - before)
+        q = trial * min(1.0, bound / np.linalg.norm(trial))
+        slip = np.linalg.norm(trial - q) / stiffness
+        work += slip * (bound if k else bound / 2.0)
+        assert step["contacts"]["c"]["force"] == pytest.approx([*-q, PRESSURE], abs=0.01 * bound)
+        before = end
+    assert answer.summary["contacts"]["c"]["dissipated"] == pytest.approx(work, rel=0.01)
+
+
+def bent(cells: int, order: int, pairing: str) -> float:
+    """The relative error of displacements in two cubes under the pressure p₀ + p₁ x, ν = 0: these are quadratic."""
+    p0, p1 = 2e6, 1e6
+    bodies = [cube("lower", 0.0, divisions=cells, order=order, poisson=0.0,
+                   clamp=[{"on": "bottom", "x": 0.0, "y": 0.0, "z": 0.0}]),
+              cube("upper", 1.0, divisions=cells if pairing == "nodes" else 3 * cells // 2, order=order, poisson=0.0,
+                   traction=[{"on": "top", "pressure": f"{p0} + {p1} * x"}])]
+    how = {"pairing": "mortar"} if pairing == "mortar" else {}
+    answer = solve(bodies, [on("upper", "lower", **how, **FRICTION)])
+    wrong = size = 0.0
+    for body in answer.bodies.values():
+        x, _, z = body.points.T
+        exact = np.column_stack([p1 * z**2 / 2.0, 0.0 * z, -(p0 + p1 * x) * z]) / YOUNG
+        wrong, size = wrong + ((body.displacement - exact) ** 2).mean(), size + (exact**2).mean()
+    return float(np.sqrt(wrong / size))
+
+
+def test_errors_of_order_1_fall_with_the_square_of_cells():
+    errors = [bent(cells, 1, "nodes") for cells in (4, 8)]
+    assert errors[0] < 0.07 and errors[0] / errors[1] > 3.3
+
+
+def test_errors_of_order_2_fall_with_the_cube_of_cells():
+    """Linear pressure between meshes 2 : 3 by dual multipliers: nearly the power 3 in displacements."""
+    errors = [bent(cells, 2, "mortar") for cells in (2, 4)]
+    assert errors[0] < 0.015 and errors[0] / errors[1] > 6.0
