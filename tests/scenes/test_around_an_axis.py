@@ -286,8 +286,8 @@ def test_rows_on_the_axis_are_merged(partner):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12))
 def test_random_scenes(seed):
-    """Stacks of discs and rings of any stiffness, mesh and law, held or loose, are certified in any order of bodies and
-    obey all laws."""
+    """Stacks of discs and rings of any stiffness, mesh and law, held or loose, are certified in any order of bodies,
+    and obey all laws."""
     rng = np.random.default_rng(seed)
     order, number, scene = int(rng.integers(1, 3)), int(rng.integers(2, 5)), {"axisymmetric": True} | TIGHT
     laws = [{"law": "coulomb", "coefficient": 0.4}, {"law": "none"}, {"law": "tresca", "slip_bound": 1e5}]

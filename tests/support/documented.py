@@ -10,7 +10,8 @@ from ddmpi.results.summary import SUMMARY
 
 CONTACT = re.compile(r"contact_.+?((?:_sides|_legs)?\.csv|\.png|\.vtu)")
 
-PARTS = {"bodies": "NAME", "contacts": "NAME", "bodies.NAME.loads": "GROUP", "bodies.NAME.reactions": "GROUP"}
+PARTS = {"bodies": "NAME", "contacts": "NAME", "rigid": "NAME", "bodies.NAME.loads": "GROUP",
+         "bodies.NAME.reactions": "GROUP"}
 """What stands for the names in tables by name."""
 
 

@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 
 import h5py
 import numpy as np
+from boundaries import holding
 
 from ddmpi.body.estimate import nodal_stress
 from ddmpi.body.stress import stress, von_mises
@@ -56,7 +57,7 @@ def ring(radii=(1.0, 2.0), around: int = 24, order: int = 1) -> Mesh:
 
 def interface(name: str, first: Mesh, second: Mesh, on: tuple[str, str], friction=COULOMB) -> Interface:
     """Of two meshes without clamps."""
-    sides = [contact_side(mesh, mesh.groups[group], np.full((len(mesh.points), 2), -1), body,
+    sides = [contact_side(mesh, mesh.groups[group], holding(np.full((len(mesh.points), 2), -1)), body,
                           STEEL.plane_modulus, group)
              for mesh, group, body in zip((first, second), on, name.split("-"), strict=True)]
     return pair(*sides, SettledContact(name=name, bodies=tuple(name.split("-")), on=on, friction=friction))
