@@ -75,16 +75,24 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
         boundary_group(mesh, traction.on, f"body.{body.name}.traction")
     for foundation in body.foundation:
         boundary_group(mesh, foundation.on, f"body.{body.name}.foundation")
-    return _turned(mesh, key) if axisymmetric else mesh
+    acted = [*contacts, *(load.on for load in body.traction), *(spring.on for spring in body.foundation)]
+    return _turned(mesh, key, acted) if axisymmetric else mesh
 
 
-def _turned(mesh: Mesh, key: str) -> Mesh:
-    """The mesh around the axis x = 0, with nodes on it that lie there but for rounding. Raises InputError for x < 0."""
+def _turned(mesh: Mesh, key: str, acted: Collection[str]) -> Mesh:
+    """The mesh around the axis x = 0, with nodes on it that lie there but for rounding.
+
+    Raises InputError for x < 0, and where a group that is `acted` on has facets on the axis.
+    """
     points = mesh.points.copy()
     points[np.abs(points[:, 0]) <= ROUNDING * np.abs(points).max(), 0] = 0.0
     if points[:, 0].min() < 0.0:
         raise InputError(f"{key}: the node at {in_words(points[points[:, 0].argmin()])} lies on the other side of the "
                          "axis; an axisymmetric scene has x >= 0, x being the radius and y the axis")
+    for name in acted:
+        if name in mesh.groups and not points[mesh.groups[name], 0].any(axis=1).all():
+            raise InputError(f"{key}: {name!r} has sides on the axis, where they have no area: contacts, loads and "
+                             "foundations are on other sides, and nodes on the axis are held radially anyway")
     return replace(mesh, points=points, axisymmetric=True)
 
 

@@ -50,7 +50,8 @@ SUMMARY = {
     "bodies.NAME.von_mises_max": "largest von Mises stress; null if stresses were not asked for",
     "bodies.NAME.energy": "strain energy, without that of foundations",
     "bodies.NAME.reaction": "[x, y], in space [x, y, z]: resultant of the forces of its clamps and "
-                           "foundations",
+                           "foundations; around an axis, as all forces, [radial sum, axial force] of the whole "
+                           "circumference",
     "bodies.NAME.loads.GROUP.force": "[x, y], in space [x, y, z]: resultant of the tractions on a boundary group; that "
                                      "of the volume force is under the name volume_force",
     "bodies.NAME.loads.GROUP.moment": "x F_y − y F_x of the same forces, in space [x, y, z], about the origin",
@@ -74,7 +75,7 @@ SUMMARY = {
                            "tangential_force · t)",
     "contacts.NAME.moment": "x F_y − y F_x of the same forces, in space [x, y, z], about the origin, on the first "
                             "body's nodes. That of the lines of contact_NAME.csv is the same; where the second body "
-                            "is the slave it differs by moment_imbalance",
+                            "is the slave it differs by moment_imbalance. Around an axis all moments are 0",
     "contacts.NAME.normal_force": "sum over the nodes",
     "contacts.NAME.tangential_force": "sum over the nodes; in space the length of the sum of their vectors",
     "contacts.NAME.open": "number of open nodes",

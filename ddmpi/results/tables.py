@@ -25,7 +25,8 @@ FORMAT = 2
 CONTACT = {
     "x": "position of the node", "y": "",
     "nx": "outer normal n of the first body", "ny": "",
-    "length": "nodal length: the integral of the node's shape function over what faces the other side",
+    "length": "nodal length: the integral of the node's shape function over what faces the other side; around an axis "
+              "the column is called area",
     "normal_force": "positive under pressure",
     "tangential_force": "along t = (−n_y, n_x), n turned counterclockwise; a positive one pushes the second body along "
                         "t, the first against it",

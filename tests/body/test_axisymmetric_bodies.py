@@ -17,7 +17,7 @@ from ddmpi.body.stress import stress, von_mises
 from ddmpi.errors import InputError
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction, VolumeForce
+from ddmpi.scene.bodies import BodySpec, Clamp, Foundation, Material, MeshSpec, Traction, VolumeForce
 
 STEEL = Material(young=3.0, poisson=0.3)
 
@@ -171,6 +171,16 @@ def test_meshes_lie_on_one_side_of_the_axis():
     with pytest.raises(InputError, match=r"body.ring.mesh: the node at \(-0.25, .*\) lies on the other side"):
         turned(ring(inner=-0.25))
     assert turned(ring(inner=-1e-15)).points[:, 0].min() == 0.0
+
+
+def test_nothing_acts_on_the_axis():
+    """Groups on the axis have no area: contacts, loads and foundations there are refused, clamps are not."""
+    for contacts, acted in (([], {"traction": [Traction(on="left", pressure=1.0)]}), (["left"], {}),
+                            ([], {"foundation": [Foundation(on="left", normal=1.0)]})):
+        spec = ring(inner=0.0, **acted)
+        with pytest.raises(InputError, match=r"body.ring.mesh: 'left' has sides on the axis, where they have no area"):
+            build_mesh(spec, Path("."), contacts, dimension=2, axisymmetric=True)
+    turned(ring(inner=0.0, clamp=["left"]))
 
 
 def test_no_nodes_have_no_forces():
