@@ -54,9 +54,6 @@ class Dense:
     def first_closed(self) -> tuple[np.ndarray, np.ndarray]:
         return np.ones(self._m, bool), np.zeros(self._m, bool)
 
-    def balances(self, left, size) -> bool:
-        return True
-
     deferred = contextlib.nullcontext
 
 
