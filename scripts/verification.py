@@ -17,7 +17,6 @@ import numpy as np
 import problems.around_axis
 import problems.curved
 import problems.flat
-import problems.materials
 import problems.solids
 import problems.supports
 from experiment import arguments, publish, save_figures, table
@@ -26,8 +25,8 @@ from problems import Found, Order, Problem, Value
 from ddmpi.mesh.boundary import boundary_facets, segments
 
 PAGE, FIGURES = "verification.md", "verification"
-PROBLEMS = {name: each for module in (problems.flat, problems.curved, problems.supports, problems.materials,
-                                   problems.around_axis, problems.solids)
+PROBLEMS = {name: each for module in (problems.flat, problems.curved, problems.supports, problems.around_axis,
+                                   problems.solids)
             for name, each in problems.PROBLEMS.items() if each.measure.__module__ == module.__name__}
 """By name, in the order of the page."""
 

@@ -1,13 +1,31 @@
-"""Verification problems of what presses and supports bodies: fits that change, foundations,
-and rigid partners that are pushed."""
+"""Verification problems of what loads and supports bodies beyond stresses and clamps along x and y: fits that change,
+foundations, pushed partners, heat, inclined planes, and orthotropic materials."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from problems import Found, Order, Value, along, annulus, block, body, contact, coulomb, degrees, problem, solved
+from problems import (
+    Found,
+    Order,
+    Value,
+    along,
+    annulus,
+    block,
+    body,
+    contact,
+    coulomb,
+    degrees,
+    number,
+    problem,
+    solved,
+)
+
+STEEL = 2.1e11, 0.3
+PLY = {"young": [1.4e11, 1.0e10, 2.0e10], "poisson": [0.3, 0.25, 0.4], "shear": 5.0e9, "angle": 30.0}
 
 
 @problem("ram", "A ram on two bars", (1, 2, 4), "times finer than the coarsest meshes",
@@ -93,3 +111,119 @@ def loosened_fit(n: int, order: Order, folder: Path) -> Found:
               "residual of energies": Value(answer.summary["energy"]["residual"], 0.0, 1e-9)}
     return Found(values, answer, along(state, lambda x: np.full(len(x), p / 2), degrees, "angle (°)",
                                        "pressure (MPa)"))
+
+
+@problem("expansion", "Free and held expansion", (1, 2, 4), "times finer than the coarsest meshes",
+         shows="A temperature strains a body freely, or presses it.",
+         scene="Two blocks of 2 m × 1 m on each other with rollers below; the lower one is heated by 80 K. First "
+               "nothing is above them, then rollers on all other sides hold them. E = 210 GPa, ν = 0.3, α = 12e-6/K, "
+               "no friction; 3 : 4 sides.",
+         source="Free: u = (1 + ν) α T x, no stress. Held: the lower one would grow by (1 + ν)/(1 − ν) α T H, which "
+                "the compliances H/M of both take up, M = E(1 − ν)/((1 + ν)(1 − 2ν)).")
+def expansion(n: int, order: Order, folder: Path) -> Found:
+    (young, poisson), alpha, warm = STEEL, 1.2e-5, 80.0
+    left, sides = [{"on": "left", "x": 0.0}], [{"on": "left", "x": 0.0}, {"on": "right", "x": 0.0}]
+
+    def pair(held: Sequence[dict], top: Sequence[dict]) -> list[dict]:
+        return [body("upper", block(0, 1, 2, 1, (3 * n, 2 * n), order), young, poisson, [*held, *top]),
+                body("lower", block(0, 0, 2, 1, (4 * n, 2 * n), order), young, poisson,
+                     [*held, {"on": "bottom", "y": 0.0}], expansion=alpha) | {"temperature": warm}]
+
+    weight = {"volume_force": [0.0, -1.0]}  # holds the upper block down, and is nothing beside heat
+    upper, lower = pair(left, [])
+    free = solved([upper | weight, lower], [contact("upper", "lower", "bottom", "top")]).bodies["lower"]
+    grown = (1 + poisson) * alpha * warm * free.points
+    answer = solved(pair(sides, [{"on": "top", "y": 0.0}]), [contact("upper", "lower", "bottom", "top")])
+    modulus = young * (1 - poisson) / (1 + poisson) / (1 - 2 * poisson)
+    exact = (1 + poisson) / (1 - poisson) * alpha * warm * modulus / 2
+    state = answer.contacts["upper-lower"]
+    return Found({"free: worst displacement": Value(float(np.abs(free.displacement - grown).max() / grown.max()), 0.0,
+                                                    1e-7),
+                  "held: worst pressure": Value(float(np.abs(state.pressure / exact - 1).max()), 0.0, 1e-7)},
+                 answer, along(state, lambda x: np.full(len(x), exact), lambda xy: xy[:, 0], "x (m)", "pressure (Pa)"))
+
+
+@problem("heated-shaft", "A shrink fit by heat", (24, 48, 96), "sides around",
+         shows="A shaft that is heated fits like one that is too large.",
+         scene="Hollow shaft of 0.6 – 1 m in a ring of 1 – 1.5 m whose rim is held, both of steel, plane strain, "
+               "Coulomb 0.2. The shaft is heated by 8 K, α = 12.5e-6/K; or its radius is 0.13 mm too large.",
+         source="p = (1 + ν) α T / (u_o/p + u_i/p), Lamé in plane strain, with the outer ring's rim held.")
+def heated_shaft(n: int, order: Order, folder: Path) -> Found:
+    young, poisson = STEEL
+    E, nu, a, c, fit = young / (1 - poisson**2), poisson / (1 - poisson), 0.6, 1.5, 1.3 * 1.25e-5 * 8.0
+    exact = fit * E / ((c**2 - 1) * (1 - nu**2) / (1 + nu + (1 - nu) * c**2) + (1 + a**2) / (1 - a**2) - nu)
+
+    def fitted(heat: float | None) -> tuple:
+        shaft = body("shaft", annulus((a, 1.0), (n, n // 8), order, folder, (0.0, 360.0)), young, poisson,
+                     **({"expansion": 1.25e-5} if heat else {})) | ({"temperature": heat} if heat else {})
+        ring = body("ring", annulus((1.0, c), (n, n // 8), order, folder, (0.0, 360.0)), young, poisson, ["outer"])
+        answer = solved([shaft, ring], [contact("shaft", "ring", "outer", "inner", friction=coulomb(0.2),
+                                                **({} if heat else {"gap": -fit}))], tolerance=1e-10)
+        return answer, answer.contacts["shaft-ring"]
+
+    (answer, heated), (_, large) = fitted(8.0), fitted(None)
+    mean = heated.normal_force.sum() / heated.interface.area.sum()
+    return Found({"mean pressure (Pa)": Value(float(mean), exact, 0.02 if order == 1 else 2e-3),
+                  "worst node, heated less too large": Value(
+                      float(np.abs(heated.pressure / large.pressure - 1).max()), 0.0, 1e-7)},
+                 answer, along(heated, lambda t: np.full(len(t), exact), degrees, "angle (°)", "pressure (Pa)"))
+
+
+@problem("sector", "A sector on inclined planes of symmetry", (1, 2, 4), "times finer than the coarsest meshes",
+         shows="Clamps along normals hold at any angle as clamps along the axes do.",
+         scene="Two blocks of 2 m × 1 m and 2 m × 0.5 m on planes of symmetry at the left and below, pressed and "
+               "sheared, Coulomb 0.2; the same turned by 33°.",
+         source="The scene along the axes, computed.")
+def sector(n: int, order: Order, folder: Path) -> Found:
+    def turned(angle: float):
+        c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+
+        def turn(x: float, y: float) -> list[float]:
+            return [float(c * x - s * y), float(s * x + c * y)]
+
+        def part(name: str, low: float, high: float, divisions: tuple[int, int], clamp: list, loads: dict) -> dict:
+            mesh = {"shape": "quadrilateral", "divisions": list(divisions), "order": number(order),
+                    "corners": [turn(*at) for at in ((0, low), (2, low), (2, high), (0, high))]}
+            return body(name, mesh, *STEEL, clamp, {on: turn(*value) for on, value in loads.items()})
+
+        plane = [{"on": "left", "normal": 0.0}]
+        return solved([part("lower", 0, 1, (6 * n, 3 * n), [*plane, {"on": "bottom", "normal": 0.0}], {}),
+                       part("upper", 1, 1.5, (8 * n, 2 * n), plane, {"top": (3e7, -1e8), "right": (5e6, 1e6)})],
+                      [contact("lower", "upper", "top", "bottom", friction=coulomb(0.2))], tolerance=1e-11), turn
+
+    (upright, _), (inclined, turn) = turned(0.0), turned(33.0)
+    one, other = (each.contacts["lower-upper"] for each in (upright, inclined))
+    u, v = (each.bodies["upper"].displacement for each in (upright, inclined))
+    back = v @ np.array([turn(1, 0), turn(0, 1)]).T
+    return Found({"worst contact force, inclined less upright": Value(
+        float(np.abs(other.normal_force - one.normal_force).max() / one.normal_force.max()), 0.0, 1e-9),
+        "worst displacement, inclined less upright": Value(float(np.abs(back - u).max() / np.abs(u).max()), 0.0, 1e-9)},
+        inclined, along(one, lambda x: np.interp(x, *one.interface.xy.T[:1], one.pressure), lambda xy: xy[:, 0],
+                        "x (m)", "pressure (Pa)", values=other.pressure))
+
+
+@problem("plies", "Orthotropic plies at an angle", (1, 2, 4), "times finer than the coarsest meshes",
+         shows="The stiffness of an orthotropic strip off its axes, in plane stress and plane strain.",
+         scene="Two plies of 2 m × 1 m with fibres at 30° and free sides, pressed by 1 mm; E = 140, 10, 20 GPa, "
+               "ν = 0.3, 0.25, 0.4, G12 = 5 GPa, Coulomb 0.3; 3 : 4 sides.",
+         source="p = δ/(S_yy Σ H), S_yy = s⁴S₁₁ + c⁴S₂₂ + s²c²(2S₁₂ + 1/G₁₂); in plane strain S_ij less S_i3 S_j3/S₃₃.")
+def plies(n: int, order: Order, folder: Path) -> Found:
+    (E1, E2, E3), (n12, n13, n23), c, s = PLY["young"], PLY["poisson"], 3**0.5 / 2, 0.5
+    values = {}
+    for plane in ("stress", "strain"):
+        S11, S22, S12, held = 1 / E1, 1 / E2, -n12 / E1, plane == "strain"
+        S11, S22 = S11 - held * n13**2 * E3 / E1**2, S22 - held * n23**2 * E3 / E2**2
+        S12 -= held * n13 * n23 * E3 / E1 / E2
+        exact = 1e-3 / 2 / (s**4 * S11 + c**4 * S22 + s**2 * c**2 * (2 * S12 + 1 / PLY["shear"]))
+
+        def ply(name: str, y: int, across: int, clamp: dict, plane: str = plane) -> dict:
+            return {"name": name, "mesh": block(0, y, 2, 1, (across * n, 2 * n), order), "clamp": [clamp],
+                    "material": PLY | {"plane": plane}}
+
+        answer = solved([ply("upper", 1, 3, {"on": "top", "normal": -1e-3}),
+                         ply("lower", 0, 4, {"on": "bottom", "normal": 0.0})],
+                        [contact("upper", "lower", "bottom", "top", friction=coulomb(0.3))])
+        state = answer.contacts["upper-lower"]
+        values[f"worst pressure, plane {plane}"] = Value(float(np.abs(state.pressure / exact - 1).max()), 0.0, 1e-7)
+    return Found(values, answer, along(state, lambda x: np.full(len(x), exact), lambda xy: xy[:, 0], "x (m)",
+                                       "pressure (Pa)"))

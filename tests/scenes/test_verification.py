@@ -1,7 +1,7 @@
 """The verification problems on their coarsest meshes."""
 
 import pytest
-from problems import PROBLEMS, Value, around_axis, curved, flat, materials, solids, supports
+from problems import PROBLEMS, Value, around_axis, curved, flat, solids, supports
 
 pytestmark = pytest.mark.slow
 
@@ -24,7 +24,7 @@ def test_problem(name, order, tmp_path):
 def test_all_problems_are_there():
     """Those of all modules, each under its name, on ascending meshes."""
     assert {each.measure.__module__ for each in PROBLEMS.values()} == {
-        module.__name__ for module in (flat, curved, supports, materials, around_axis, solids)}
+        module.__name__ for module in (flat, curved, supports, around_axis, solids)}
     assert len(PROBLEMS) == 38
     for name, each in PROBLEMS.items():
         assert each.name == name and sorted(set(each.meshes)) == list(each.meshes)
