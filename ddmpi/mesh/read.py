@@ -291,7 +291,7 @@ class Input:
     def _placed(self, points: np.ndarray) -> np.ndarray:
         """The points (n, 3) where the instance has them: shifted, then turned about an axis through two points."""
         for row in self.place[:1]:
-            points = points + row[:3]
+            points = points + [*row, 0.0, 0.0][:3]  # of a plane part two coordinates will do
         for row in self.place[1:2]:
             start, axis, angle = np.array(row[:3]), np.subtract(row[3:6], row[:3]), np.radians(row[6])
             axis, away = axis / np.linalg.norm(axis), points - start

@@ -122,9 +122,10 @@ class StepLog:
         """The rows of energy.csv."""
         return [(float(time), *row) for (time, _), row in zip(self.steps, self.energies, strict=True)]
 
-    def excess(self, since: dict[str, Any]) -> float:
+    def excess(self, since: dict[str, Any], given: float = 0.0) -> float:
         """How much more friction has dissipated since `lengths` than contacts took, over all that it has dissipated.
 
+        What contacts took counts without the work `given` (J) of an overlap that acts at once, which no step divides.
         Never so in truth, it shows how coarse the steps are where slip begins within one of them. Friction that
         dissipates less than LITTLE of the largest energy is compared with that.
         """
@@ -132,7 +133,7 @@ class StepLog:
         before = rows[k - 1] if k else np.zeros(5)
         took, dissipated = rows[-1, 2:4] - before[2:4]
         size = max(rows[-1, 3], LITTLE * np.abs(rows[:, :3]).max())
-        return max(0.0, dissipated - took) / size if size else 0.0
+        return max(0.0, dissipated - (took - given)) / size if size else 0.0
 
     def balance(self) -> dict[str, float]:
         """The entry ``energy`` of summary.json: the balance at the end; the worst residual over the largest energy."""

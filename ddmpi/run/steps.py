@@ -145,6 +145,7 @@ class March:
         self._held: tuple[np.ndarray, bool] | None = None
         self._prepare(self._legs)
         self._now = _Mark.first(assembly)
+        self._given = 0.0  # by gaps that are not of time, in the first step: they act at once (J)
         self._leg = -1
         self._next_leg()
         self._keep()
@@ -249,6 +250,10 @@ class March:
         closing = moved - now.moved - opened
         mean = 0.5 * (s + now.s)
         driven, interface_work = space.add(np.array([mean @ (gone - opened), mean @ closing]))
+        if now.time == 0.0:
+            sudden = np.concatenate([np.empty(0), *(now.opening[part] if each.law.name == "bonded" else
+                                                    np.minimum(now.opening[part], 0.0) for each, part in space.each())])
+            self._given = float(space.add(np.array([mean @ sudden]))[0])
         work = 0.5 * (factors + now.factors) @ (solution.work[0] - now.work[0])
         work += 0.5 * (factors - now.factors) @ (solution.work[1] + now.work[1]) + driven
         lost = work - (solution.energy - now.energy) - interface_work
@@ -335,7 +340,8 @@ class March:
             faster = self._changed / change - 1.0 if change else math.inf  # the error left is about change / faster
             before, self._changed = self._changed, change
             close = change <= self._tolerance * (1.0 if math.isnan(before) else min(max(faster, CERTAIN), 1.0))
-            enough = close and self.log.excess(self._noted) <= self._tolerance
+            given = self._given if self._base.time == 0.0 else 0.0
+            enough = close and self.log.excess(self._noted, given) <= self._tolerance
             log.info("time %g reached: %d and %d steps agree to %.2g, %s", self._legs[self._leg], self._number // 2,
                      self._number, change, "accepted" if enough else "but friction dissipates more than it can"
                      if close else "not enough")
@@ -368,7 +374,7 @@ class March:
         self._state = {
             "now": asdict(self._now), "base": asdict(self._base), "leg": self._leg, "start": self._start,
             "number": self._number, "ahead": list(self._ahead), "coarse": self._coarse, "changed": self._changed,
-            "largest": self._largest, "cuts": self._cuts, "iterations": self.iterations,
+            "largest": self._largest, "given": self._given, "cuts": self._cuts, "iterations": self.iterations,
             "noted": self._noted, "log": self.log.state()}
 
     def state(self) -> dict[str, Any]:
@@ -377,6 +383,7 @@ class March:
     def restore(self, state: dict[str, Any]) -> None:
         """Go on within the step that `state` is of."""
         self._now, self._base = (_Mark(**state[name]) for name in ("now", "base"))
+        self._given = float(state["given"])
         self._leg, self._number, self._cuts = int(state["leg"]), int(state["number"]), int(state["cuts"])
         self._start, self._changed, self._largest = float(state["start"]), float(state["changed"]), state["largest"]
         self._ahead, self._coarse = np.asarray(state["ahead"]).tolist(), state["coarse"]

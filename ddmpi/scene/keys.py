@@ -251,6 +251,8 @@ def _remedy(named: list[str], kinds: list[inspect.Type], here: Any) -> str:
     if isinstance(here, str) and here[:1] in ("[", "{"):  # from --set, after the shell has had it
         quoted = re.sub(r"([=\[,] *)([A-Za-z_][^][{},=\"']*?)(?= *[],}])", r'\1"\2"', here)
         return f"; the shell must leave quotation marks around words: '{'.'.join(named)}={quoted}'"
+    if isinstance(here, dict) and any(isinstance(kind, inspect.StructType) for kind in kinds):
+        return ""  # a table may stand here, and what is wrong is within
     for kind in kinds:
         if isinstance(kind, inspect.StructType) and kind.tag == here == "none":
             return f'; write {named[-1]} = {{ {kind.tag_field} = "{here}" }}'

@@ -259,6 +259,8 @@ class Scene(Table, frozen=True, kw_only=True):
         for number, key, what in self._misplaced():
             if number != dimension:
                 why = f", as {first} = {value}" * bool(first)
+                if self.axisymmetric and dimension == 2:
+                    why = ", as axisymmetric = true"
                 raise ValueError(f"{key}: {what}; this scene is {where[dimension]}{why}")
         for key, other, number in found:
             if number != dimension:

@@ -57,6 +57,13 @@ def test_abaqus_input(tmp_path, kind):
     assert np.array_equal(mesh.points[mesh.vertices["corner"]], [[0.0, 0.0]])
 
 
+def test_a_plane_part_is_moved_by_two_coordinates(tmp_path):
+    """An instance of a plane part may be shifted by x and y alone."""
+    path = write_inp(tmp_path / "square.inp", "CPS3", more="*INSTANCE, NAME=one\n2., 3.\n*END INSTANCE")
+    mesh = read_mesh(path, "upper")
+    assert np.array_equal([mesh.points.min(axis=0), mesh.points.max(axis=0)], [[2.0, 3.0], [3.0, 4.0]])
+
+
 CAE = """*Heading
 ** as Abaqus/CAE writes it
 *Part, name=Block

@@ -181,7 +181,7 @@ REFUSED = {
                                     "body.upper.material.plane: solids and turned parts are neither in plane strain "
                                     "nor in plane stress; leave it out; this scene is around an axis"),
     "torsion": (AROUND, "body.upper.clamp=[{on='left', z=0.1}]", "body.upper.clamp.0.z: nothing is twisted around the "
-                "axis; this scene is around an axis, as body.upper.mesh.shape = rectangle"),
+                "axis; this scene is around an axis, as axisymmetric = true"),
     "torque": (AROUND, "body.upper.volume_force=[0, 0, 1]", "body.upper.volume_force: [0.0, 0.0, 1.0] is in space"),
     "mirrored": (PLANE, "output.mirrored=true", "output.mirrored: shows the other half of what turns around an axis"),
     "no axis": (SOLID, "rigid.shaft.axis=[0, 0, 0]", "rigid.shaft: axis must not be zero"),

@@ -292,6 +292,12 @@ def test_refusal_names_file_key_and_remedy(case):
     assert "\n" not in text
 
 
+def test_a_table_that_is_wrong_within_is_not_told_to_be_a_list():
+    """Where a list may stand as well, a table with wrong entries gets no advice about brackets."""
+    text = message("body.upper.material={young=[3.0, 2.0, 1.0], poisson=[0.3, 0.3, 0.3]}")
+    assert text.endswith("shear = G12 or, in space, [G12, G13, G23]")
+
+
 BAD_SETTINGS = {
     "no equals sign": ("method.theta", ["--set method.theta", "KEY=VALUE", "method.theta=0.3"]),
     "no key": ("=3", ["--set =3", "KEY=VALUE"]),

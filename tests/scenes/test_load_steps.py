@@ -248,6 +248,23 @@ def test_legs_are_solved_in_as_many_steps_as_the_tolerance_asks_for():
     assert errors[0.05] <= 0.05 < errors[0.2] < np.linalg.norm(once.tangential_force - fine.tangential_force) / size
 
 
+def test_an_overlap_that_acts_at_once_asks_for_no_steps():
+    """An overlap of constant size is pressing a clamp down by as much, also in the number of load steps."""
+    def sheared(press: float, **gap) -> dict:
+        top = [{"on": "top", "y": -press}, {"on": "top", "x": 1e-4, "history": "shift"}]
+        return {"body": [{"name": name, "clamp": clamp, "material": {"young": 2e11, "poisson": 0.3},
+                          "mesh": {"shape": "rectangle", "origin": [0.0, y], "size": [2.0, 1.0], "divisions": [6, 4]}}
+                         for name, y, clamp in (("up", 1.0, top), ("low", 0.0, ["bottom"]))],
+                "contact": [{"bodies": ["up", "low"], "on": ["bottom", "top"], "friction": COULOMB, **gap}],
+                "history": {"shift": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 0.2, 1.0]}},
+                "time": {"points": [1.0, 2.0]}}
+
+    pressed, overlapping = solve(sheared(1e-4)), solve(sheared(0.0, gap=-1e-4))
+    assert len(overlapping.summary["steps"]) == len(pressed.summary["steps"]) <= 4
+    same = [answer.summary["contacts"]["up-low"]["dissipated"] for answer in (overlapping, pressed)]
+    assert same[0] == pytest.approx(same[1], rel=1e-5)
+
+
 def test_gaps_that_close_within_the_first_step_do_not_agree_by_accident():
     """One step and two of a leg would place the slip of all nodes that touch alike, and wrongly."""
     def crowned(**time) -> dict:
