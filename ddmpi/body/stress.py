@@ -160,10 +160,10 @@ def columns_of(sigma: np.ndarray, material: Material, warm: np.ndarray | None) -
 
 def principal(sigma: np.ndarray) -> np.ndarray:
     """Principal stresses (nt, 3) in Pa from `stress`, the largest first; tension is positive."""
-    tensors = np.zeros((len(sigma), 3, 3))
+    tensors, finite = np.zeros((len(sigma), 3, 3)), np.isfinite(sigma).all(axis=1)
     for column, (i, j) in zip(sigma.T, COLUMNS, strict=False):
-        tensors[:, i, j] = tensors[:, j, i] = column
-    return np.linalg.eigvalsh(tensors)[:, ::-1]
+        tensors[finite, i, j] = tensors[finite, j, i] = column[finite]
+    return np.where(finite[:, None], np.linalg.eigvalsh(tensors)[:, ::-1], np.nan)
 
 
 def von_mises(sigma: np.ndarray) -> np.ndarray:

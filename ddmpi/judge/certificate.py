@@ -32,6 +32,8 @@ RESOLVED = 1e-9
 NO_FORCE = 1e-6
 """Contact forces below this part of the loads, per node, are compared with these instead."""
 
+EPSILON = float(np.finfo(float).eps)
+
 LITTLE = 1e-4
 """Forces on a body below this part of the loads of all bodies are compared with these instead."""
 
@@ -87,12 +89,15 @@ def certificate_limit(tolerance: float) -> float:
     return min(max(FACTOR * tolerance, SMALLEST_LIMIT), LARGEST_LIMIT)
 
 
-def equilibrium_residual(left: float, acting: float, load: float) -> float:
+def equilibrium_residual(left: float, acting: float, load: float, moved: float = 0.0) -> float:
     """‖A u + Bᵀ s − b‖ = `left` over max(‖b‖, ‖Bᵀ s‖) = `acting` (N).
 
     What acts on a body that others leave alone is rounding; it is compared with LITTLE of the `load` of all bodies.
+    Nothing is left where all are less than rounding of displacements makes, EPSILON of `moved`, stiffness times
+    displacement (N): a partner carries the body without any force.
     """
-    return _ratio(left, max(acting, LITTLE * load))
+    size = max(acting, LITTLE * load)
+    return 0.0 if max(left, size) < EPSILON * moved else _ratio(left, size)
 
 
 def contact_residuals(state: ContactState, s: np.ndarray, mismatch: np.ndarray, u: tuple[np.ndarray, np.ndarray],

@@ -305,7 +305,8 @@ def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, stat
         moved[member.name] = u
         traces.append(own)
         stayed.append(member.normal_parts(u))
-        numbers[member.name] = {"left": left, "acting": acting, "moved": float(np.linalg.norm(u, axis=1).max()),
+        farthest = float(np.linalg.norm(u, axis=1).max())
+        numbers[member.name] = {"left": left, "acting": acting, "moved": farthest, "made": member.stiffness * farthest,
                                 "yielding": float(np.abs(member.h + member.G.T @ alpha - own).max(initial=0.0)),
                                 "load": member.elasticity.load, "energy": energy, "work": member.work(u, s)}
     outer.refresh(traces)
@@ -317,7 +318,7 @@ def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, stat
         at = joint.slices[rigid.name]
         acting = max(norm(joint.e[at]), norm(joint.e[at] - unbalanced[at]))
         bodies[rigid.name] = {"left": norm(unbalanced[at]), "acting": acting, "moved": norm(gone[rigid.name]),
-                              "yielding": 0.0, "load": assembly.pushes[rigid.name]}
+                              "yielding": 0.0, "load": assembly.pushes[rigid.name], "made": 0.0}
     interfaces = [each.displaced(each.displacement + gone[each.bodies[1]]) if each.bodies[1] in gone else each
                   for each in space.interfaces]
     prescribed = np.concatenate([np.empty(0), *(each.prescribed for each in interfaces)])
@@ -339,7 +340,7 @@ def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, stat
     force = max((float(np.abs(state.forces).max()) for state, _ in found.values()), default=0.0)
     names, contacts = [body.name for body in assembly.scene.body], [contact.name for contact in assembly.scene.contact]
     certificate = Certificate({name: found[name][1] for name in contacts},
-                              {name: equilibrium_residual(each["left"], each["acting"], load)
+                              {name: equilibrium_residual(each["left"], each["acting"], load, each["made"])
                                for name, each in bodies.items()})
     return Solution(stopped, moved, {name: bodies[name]["moved"] for name in names},
                     {name: found[name][0] for name in contacts}, certificate, limit, outer, statuses, given,

@@ -136,3 +136,13 @@ def test_a_body_on_its_rigid_partner_is_not_warned_of():
                    [contact("disc", "bore", "outer"), contact("disc", "pin", "inner"),
                     contact("disc", "floor", "outer")])
     assert not [each for each in answer.summary["warnings"] if "runs through" in each]
+
+
+@pytest.mark.parametrize("far", [1e-9, 1e-4, 1e2])
+def test_a_partner_carries_a_body_without_any_force(far):
+    """It moves as the partner does; all that is left of forces is rounding."""
+    top = {"name": "top", "shape": "plane", "point": [0.0, 1.0], "normal": [0.0, -1.0], "displacement": [0.0, -far]}
+    answer = solve([block("box", 0.0, 0.0, clamp=[{"on": "left", "x": 0.0}])], [top], [contact("box", "top", "top")])
+    assert answer.certified
+    assert answer.bodies["box"].displacement == pytest.approx(np.tile([0.0, -far], (16, 1)), abs=1e-9 * far)
+    assert abs(answer.contacts["box-top"].force).max() <= 1e-13 * STEEL["young"] * far
