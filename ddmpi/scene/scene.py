@@ -255,13 +255,11 @@ class Scene(Table, frozen=True, kw_only=True):
             found = [(f"body.{body.name}.mesh.{'file' if body.mesh.file else 'geometry'}",
                       body.mesh.file or body.mesh.geometry, file_kind(body)[0]) for body in self.body]
         first, value, dimension = found[0] if found else ("", "", 2)
-        where = WHERE | ({2: "around an axis"} if self.axisymmetric else {})
+        where = {each: f"{words}{f', as {first} = {value}' * bool(first)}" for each, words in WHERE.items()} | (
+            {2: "around an axis, as axisymmetric = true"} if self.axisymmetric else {})
         for number, key, what in self._misplaced():
             if number != dimension:
-                why = f", as {first} = {value}" * bool(first)
-                if self.axisymmetric and dimension == 2:
-                    why = ", as axisymmetric = true"
-                raise ValueError(f"{key}: {what}; this scene is {where[dimension]}{why}")
+                raise ValueError(f"{key}: {what}; this scene is {where[dimension]}")
         for key, other, number in found:
             if number != dimension:
                 raise ValueError(f"{key}: {other} is {WHERE[number]}, and {first} = {value} is {WHERE[dimension]}; a "
