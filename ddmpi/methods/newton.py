@@ -42,7 +42,8 @@ PATIENCE, PROGRESS = 3, 0.7
 tried from a path as long as each leaves less than this."""
 
 PATHS: tuple[type[Path], ...] = InteriorPoints, Softening
-"""The paths in the order in which they are tried; the other way round in space, where interior points know no discs."""
+"""The paths in the order in which they are tried where bodies slide as wholes. It is the other way round where all are
+held, which takes half the steps, and in space, where interior points know no discs."""
 
 FULL_STEPS, GIVEN_STEPS, GROWTH = 12, 3, 3.0
 """In space the first so many steps are full ones, as long as none multiplies the residual by more than the last number:
@@ -127,7 +128,7 @@ class Newton:
         self._at = Point(s, r, alpha, joint.imbalance(s))
         self._warm = warm is not None and self.space.any(self._pressed())
         self._path: Path | None = None
-        self._paths = list(PATHS[::-1] if self._in_space else PATHS)  # that are left
+        self._paths = list(PATHS[::-1] if self._in_space or not len(joint.e) else PATHS)  # that are left
         self._softened = self._at  # where softening has ended
         self._trying = False  # Newton's own steps, from the path's point
         self._measured: tuple[np.ndarray | None, float] = (None, 0.0)
