@@ -40,7 +40,7 @@ UNDETERMINED = 3
 
 
 def log_plan(assembly: Assembly, figures: bool) -> None:
-    """Log what is solved and how, and what is left out although the scene asks for it. Collective."""
+    """Log what is solved, how, and what is left out because the scene does not need it. Collective."""
     scene, world = assembly.scene, assembly.world
     owned = merged(world, {each.name: each for each in assembly.space.interfaces})
     interfaces = [owned[contact.name] for contact in scene.contact]
@@ -53,16 +53,27 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     own = {body.spec.name: _describe_body(body.member, team.size if team else 1, _cut(body.mesh))
            for body in assembly.bodies}
     bodies = merged(world, own)
-    for way, names in grouped((bodies[spec.name], spec.name) for spec in scene.body):
+    for way, names in grouped((bodies[spec.name][0], spec.name) for spec in scene.body):
         log.info("%s: %s", some(names, "bodies"), way)
+    unloaded = [spec.name for spec in scene.body if not bodies[spec.name][1]]
+    left_out = _contact_left_out(interfaces)
+    if unloaded:
+        left_out.append(f"loads of {some(unloaded, 'bodies')} (there are none)")
+    unused = [rigid.name for rigid in scene.rigid if all(rigid.name not in each.bodies for each in scene.contact)]
+    if unused:
+        left_out.append(f"rigid {some(unused, 'partners')} (no contact names {'it' if len(unused) == 1 else 'them'})")
+    if not assembly.loose:
+        left_out.append("rigid motions (all bodies are held)")
     if world.size < len(scene.body):
         log.info("%d bodies on %s", len(scene.body), _count(world.size, "rank"))
-    log.info("%s", describe_method(scene.method, scene.dimension))
-    left_out = [*_held_by_clamps(interfaces), *_target_left_out(scene)]
-    if figures and not has_matplotlib():
+    if not scene.output.stress:
+        left_out.append("stress in the files (not asked for)")
+    if not figures:
+        left_out.append("pictures (not asked for)")
+    elif not has_matplotlib():
         left_out.append(f"pictures ({NO_MATPLOTLIB})")
-    if left_out:
-        log.info("left out: %s", ", ".join(left_out))
+    left_out += _target_left_out(scene)
+    log.info("%s; left out: %s", describe_method(scene.method, scene.dimension), ", ".join(left_out) or "nothing")
     log.info("%5s  %10s  %10s  %6s", "k", "update", "residual", "n_A")
 
 
@@ -80,8 +91,8 @@ def _cut(mesh: Mesh) -> str:
     return f"{mesh.cut} {what} cut into {mesh.cell.names}; " if mesh.cut else ""
 
 
-def _describe_body(member: Member, ranks: int, way: str) -> str:
-    """How a body is solved, on how many ranks, after what is known of its mesh."""
+def _describe_body(member: Member, ranks: int, way: str) -> tuple[str, bool]:
+    """How a body is solved, on how many ranks, after what is known of its mesh; and whether loads act on it."""
     way += "" if ranks == 1 else f"on {ranks} ranks; "
     motions, solver, compliance = member.motions.shape[2], member.C.solver.description, member.C
     if motions:
@@ -91,7 +102,7 @@ def _describe_body(member: Member, ranks: int, way: str) -> str:
         way += f" through PETSc (MUMPS is not called directly: {compliance.solver.refused})"
     if compliance.kind != "explicit" or compliance.reason == "asked for":
         way += f", compliance {compliance.kind} ({compliance.reason})"
-    return way
+    return way, member.elasticity.b.norm() > 0.0
 
 
 def grouped(pairs: Iterable[tuple[str, str]]) -> Iterator[tuple[str, list[str]]]:
@@ -107,15 +118,20 @@ def some(names: Sequence[str], what: str) -> str:
     return ", ".join(names) if len(names) <= NAMED else f"{names[0]}, {names[1]}, … ({len(names)} {what})"
 
 
-def _held_by_clamps(interfaces: Sequence[Interface]) -> list[str]:
+def _contact_left_out(interfaces: Sequence[Interface]) -> list[str]:
     found = []
     for interface in interfaces:
         held = interface.m - len(interface.sliding)
-        if held and interface.law.name != "none":
-            found.append((f"{_count(held, 'tangential unknown')} of %s (held by clamps)", interface.name))
+        if interface.law.name == "none":
+            found.append(("tangential unknowns%s (no friction)", interface.name))
+        elif held:
+            found.append((f"{_count(held, 'tangential unknown')}%s (held by clamps)", interface.name))
         if interface.dropped:
-            found.append((f"{_count(interface.dropped, 'contact node')} of %s (clamped)", interface.name))
-    return [what % some(names, "contacts") for what, names in grouped(found)]
+            found.append((f"{_count(interface.dropped, 'contact node')}%s (clamped)", interface.name))
+        if not interface.gap.any():
+            found.append(("initial gap%s (all nodes touch)", interface.name))
+    return [what % ("" if len(names) == len(interfaces) else f" of {some(names, 'contacts')}")
+            for what, names in grouped(found)]
 
 
 def _target_left_out(scene: Settled) -> list[str]:

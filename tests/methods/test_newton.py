@@ -448,11 +448,16 @@ def test_published_parameters_are_refused_elsewhere(outer, named):
 
 # What is said
 
-def test_the_plan_says_how_and_what_is_left_out(tmp_path):
-    scene = pinched_blocks(6) | {"output": {"figures": False}}
+def test_the_plan_says_what_is_left_out(tmp_path):
+    scene = pinched_blocks(6, "none") | {"output": {"stress": False, "figures": False}}
+    scene["body"][1]["traction"] = []
     done = run_command(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results")
     assert done.code == 0, done.output
-    assert "left out: 1 contact node of upper-lower (clamped)\n" in done.stdout
+    left_out = next(line for line in done.stdout.splitlines() if "left out: " in line).partition("left out: ")[2]
+    assert left_out.split(", ") == [
+        "tangential unknowns (no friction)", "1 contact node (clamped)", "initial gap (all nodes touch)",
+        "loads of lower (there are none)", "rigid motions (all bodies are held)",
+        "stress in the files (not asked for)", "pictures (not asked for)"]
     assert "semi-smooth Newton, GMRES with half-plane preconditioner" in done.stdout
     assert "upper, lower: direct solver\n" in done.stdout
 
