@@ -15,12 +15,7 @@ from ddmpi.coupling.assembly import Assembly
 from ddmpi.coupling.member import Member
 from ddmpi.errors import SolverError
 from ddmpi.interface.state import ContactState, contact_state
-from ddmpi.judge.certificate import (
-    Certificate,
-    certificate_limit,
-    contact_residuals,
-    equilibrium_residual,
-)
+from ddmpi.judge.certificate import Certificate, certificate_limit, contact_residuals, equilibrium_residual
 from ddmpi.judge.diagnosis import StatusLog
 from ddmpi.judge.equilibrium import Mechanism, describe
 from ddmpi.methods.anderson import AndersonIteration
