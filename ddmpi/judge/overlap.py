@@ -321,11 +321,10 @@ def _depth_in_cell(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
     It is −∞ for points that are near no cell.
     """
     best = np.full(len(points), -np.inf)
-    cells = cells[np.abs(np.linalg.det(cells[:, 1:] - cells[:, :1])) > 0.0]
-    centre = cells.mean(axis=1)
-    reach = np.linalg.norm(cells - centre[:, None], axis=2).max(axis=1)
-    tree = cKDTree(points)
+    centre, tree = cells.mean(axis=1), cKDTree(points)
+    reach = np.sqrt(((cells - centre[:, None]) ** 2).sum(axis=2).max(axis=1))
     close = np.flatnonzero(tree.query(centre, distance_upper_bound=reach.max(initial=0.0))[0] <= reach)
+    close = close[np.linalg.det(cells[close, 1:] - cells[close, :1]) != 0.0]
     found = tree.query_ball_point(centre[close], reach[close])
     cell, point = np.repeat(close, [len(each) for each in found]), np.concatenate([*found, []]).astype(int)
     base = cells[cell, 0]
