@@ -12,8 +12,7 @@ import numpy as np
 from ddmpi.body.stress import principal, von_mises
 from ddmpi.interface.interface import Interface, Lines, in_order
 from ddmpi.interface.state import ContactState
-from ddmpi.mesh.boundary import boundary_facets
-from ddmpi.mesh.mesh import signed_measures
+from ddmpi.mesh.mesh import boundary_facets, signed_measures
 from ddmpi.mesh.refine import CORNERS_CUT
 from ddmpi.results.tables import Results, leg_values, writing
 from ddmpi.system.files import FileOfHDF5, contact_files

@@ -9,7 +9,8 @@ import msgspec
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.boundary import SHARPEST, boundary_facets
+from ddmpi.mesh.boundary import SHARPEST
+from ddmpi.mesh.mesh import boundary_facets
 from ddmpi.results.summary import displacement_at, factor_at
 from ddmpi.results.tables import Columns, Results
 from ddmpi.scene.contacts import Rigid
