@@ -365,9 +365,8 @@ def measure(peer: Peer, case: Case, folder: Path, count: int, limit: float,
             if found["processor"] > 0.9 * most:
                 return gone
             output.seek(0)
-            last = [line.strip() for line in output if line.strip()][-1:] or [f"exit code {found['code']}"]
-            said = last[0][:200].replace("|", "/") if found["code"] > 0 else signal.strsignal(-found["code"])
-            return Result(*spent, None, said or "ended by a signal")
+            last = [line.strip() for line in output if line.strip()][-1:] or ["no word"]
+            return Result(*spent, None, f"{last[0][:200].replace('|', '/')} (exit code {found['code']})")
     try:
         return Result(*spent, peer.read(case, folder))
     except (OSError, ValueError, RuntimeError) as error:
@@ -526,12 +525,17 @@ def seconds(row: Row | None) -> str:
 
 
 def found_in(row: Row) -> list[str]:
-    """Cells of a table: forces, pressure and displacement."""
-    moved = ", ".join(f"{row[name]:.5g}" for name in MOVED if not math.isnan(row[name]))
-    return [f"{row['normal']:.7g}", f"{row['tangential']:.7g}", f"{row['pressure']:.6g}; ({moved})"]
+    """Cells of a table: forces, pressure and displacement; rounding errors are zero."""
+    def shown(names: tuple[str, ...], digits: int) -> list[str]:
+        values = [row[name] for name in names if not math.isnan(row[name])]
+        return [f"{value if abs(value) > 1e-10 * math.hypot(*values) else 0.0:.{digits}g}" for value in values]
+
+    return [*shown(FORCE, 7), f"{row['pressure']:.6g}; ({', '.join(shown(MOVED, 5))})"]
 
 
 def scene_table(rows: list[Row], scene: str, N: int) -> list[str]:
+    """Times of the clock on one and on two in the plane, of the processor and of the clock on one in space."""
+    solid, fine = SCENES[scene].in_space, fine_answer(rows, scene)
     own = best(where(rows, scene=scene, N=N, peer="ddmpi"))
     lines = []
     for name, peer in PEERS.items():
@@ -539,39 +543,21 @@ def scene_table(rows: list[Row], scene: str, N: int) -> list[str]:
         if not runs:
             continue
         one, two = (best(where(runs, count=count)) for count in (1, 2))
-        row = one or two
+        row, size = one or two, [f"{runs[0]['unknowns']:,}"] if solid else []
         if row is None:
-            lines.append([peer.title, *["–"] * 6, f"**{runs[0]['failure']}**", "–"])
+            lines.append([peer.title, *size, *["–"] * 6, f"**{failure(runs[0])}**", *["–"] * (1 + solid)])
             continue
-        apart = "" if name == "ddmpi" else "–" if own is None else f"{difference(own, row):.0e}"
-        lines.append([peer.title, seconds(one), seconds(two), f"{row['memory']:.0f}", row["iterations"],
-                      *found_in(row), apart])
-    known = where(rows, scene=scene, N=N)[0]
-    return [f"### N = {N}: {known['unknowns']:,} unknowns, {known['pairs']} pairs of nodes", "",
-            *table(["", "one (s)", "two (s)", "MiB", "iterations", "normal force", "tangential force",
-                    "largest pressure; displacement", "difference to ddmpi"], lines)]
-
-
-def solid_table(rows: list[Row], scene: str, N: int) -> list[str]:
-    own, fine = best(where(rows, scene=scene, N=N, peer="ddmpi")), fine_answer(rows, scene)
-    lines = []
-    for name, peer in PEERS.items():
-        runs = where(rows, scene=scene, N=N, peer=name)
-        if not runs:
-            continue
-        row = best(runs)
-        if row is None:
-            lines.append([peer.title, f"{runs[0]['unknowns']:,}", *["–"] * 6, f"**{failure(runs[0])}**", "–", "–"])
-            continue
-        alike = own is not None and peer.order == 1 and name != "ddmpi"
-        lines.append([peer.title, f"{row['unknowns']:,}", f"{row['processor']:.2f}", seconds(row),
-                      f"{row['memory']:.0f}", row["iterations"], *found_in(row),
-                      f"{difference(own, row):.0e}" if alike else "",
-                      "–" if fine is None else f"{difference(fine, row):.1%}"])
-    pairs = max((row["pairs"] for row in where(rows, scene=scene, N=N)), default=0)
-    return [f"### N = {N}: {pairs} pairs of nodes at order 1", "",
-            *table(["", "unknowns", "processor (s)", "clock (s)", "MiB", "iterations", "normal force",
-                    "tangential force", "largest pressure; displacement", "difference to ddmpi", "error"], lines)]
+        alike = peer.order == 1 and name != "ddmpi"
+        times = [f"{row['processor']:.2f}", seconds(row)] if solid else [seconds(one), seconds(two)]
+        lines.append([peer.title, *size, *times, f"{row['memory']:.0f}", row["iterations"], *found_in(row),
+                      "" if not alike else "–" if own is None else f"{difference(own, row):.0e}",
+                      *(["–" if fine is None else f"{difference(fine, row):.1%}"] if solid else [])])
+    known = max(where(rows, scene=scene, N=N), key=lambda row: row["pairs"])
+    of = f"{known['pairs']} pairs of nodes"
+    return [f"### N = {N}: " + (f"{of} at order 1" if solid else f"{known['unknowns']:,} unknowns, {of}"), "",
+            *table(["", *(["unknowns", "processor (s)", "clock (s)"] if solid else ["one (s)", "two (s)"]), "MiB",
+                    "iterations", "normal force", "tangential force", "largest pressure; displacement",
+                    "difference to ddmpi", *(["error"] if solid else [])], lines)]
 
 
 def failure(row: Row) -> str:
@@ -598,7 +584,7 @@ def short_table(rows: list[Row]) -> list[str]:
         for name, peer in PEERS.items():
             sizes = [N for N in SCENES[scene].sizes if where(rows, scene=scene, N=N, peer=name)]
             done = max((N for N in sizes if best(where(rows, scene=scene, N=N, peer=name))), default=0)
-            for N in [N for N in sizes if done <= N][:2]:
+            for N in [N for N in sizes if done <= N][:2 if done else 1]:
                 runs = where(rows, scene=scene, N=N, peer=name, count=1)
                 same = best(where(rows, scene=scene, N=N, peer="ddmpi-2" if peer.order == 2 else "ddmpi", count=1))
                 if name in ("ddmpi", "ddmpi-2") or not runs or same is None:
@@ -674,9 +660,8 @@ def page(rows: list[Row], left_out: dict[str, str], remark: str) -> str:
         its = SCENES[scene]
         sizes = [N for N in its.sizes if where(rows, scene=scene, N=N)]
         if sizes:
-            draw_up = solid_table if its.in_space else scene_table
             parts += [f"## {its.title}", "", its.words, "", *(fine_words(rows, scene) if its.in_space else []),
-                      *(line for N in sizes for line in draw_up(rows, scene, N))]
+                      *(line for N in sizes for line in scene_table(rows, scene, N))]
     flat = [row for row in rows if row["scene"] in PLANE] or rows
     most = max(row["N"] for row in flat)
     least = max(row["repetition"] for row in where(flat, N=most)) + 1

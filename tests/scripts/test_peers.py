@@ -60,4 +60,4 @@ def test_peers_that_fail(tmp_path, solved):
 
     assert outcome("sleep", "30", limit=0.3) == "more than 0 s"
     assert outcome("sh", "-c", "while true; do :; done", limit=1.0) == "more than 1 s"
-    assert outcome("sh", "-c", "echo no licence; exit 3", limit=20.0) == "no licence"
+    assert outcome("sh", "-c", "echo no licence; exit 3", limit=20.0) == "no licence (exit code 3)"
