@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.mesh.boundary import boundary_facets
+from ddmpi.mesh.mesh import boundary_facets
 from ddmpi.pictures.moved import Hatched, magnify, rigid_parts
 from ddmpi.pictures.sheet import ABOVE, COLOURS, FILLED, Sheet, by_value, colours_of, plain, rounded
 from ddmpi.pictures.views import Skin, Surface, View

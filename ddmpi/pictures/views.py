@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.boundary import SHARPEST, boundary_facets
+from ddmpi.mesh.boundary import SHARPEST
 from ddmpi.mesh.elements import CORNERS_CUT
+from ddmpi.mesh.mesh import boundary_facets
 from ddmpi.mesh.refine import INSIDE
 from ddmpi.results.fields import linear_triangles
 from ddmpi.scene.method import VIEWS

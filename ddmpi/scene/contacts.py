@@ -21,7 +21,6 @@ from ddmpi.scene.values import (
     Profile,
     SignedProfile,
     Table,
-    check_formulas,
     settle,
 )
 from ddmpi.system.numbers import nearest_in
@@ -92,7 +91,6 @@ class ContactSpec(Table, frozen=True, kw_only=True):
     slave: Name | None = None
 
     def __post_init__(self) -> None:
-        check_formulas("gap", self.gap)
         if self.kind == "bonded" and not isinstance(self.friction, NoFriction):
             raise ValueError('friction does not go with kind = "bonded", which lets nothing slide; leave one of them '
                              "out")

@@ -26,6 +26,7 @@ from ddmpi.scene.values import (
     Number,
     Profile,
     Table,
+    check_formulas,
     settle,
     varies,
 )
@@ -80,6 +81,9 @@ class Scene(Table, frozen=True, kw_only=True):
             raise ValueError('contact: a scene needs at least one contact; write [[contact]], bodies = ["…", "…"]')
         self._check_names()
         self._check_files()
+        for key, table in _tables(self):
+            for name in FORMULAS:
+                check_formulas(f"{key}.{name}", getattr(table, name, None))
         for contact in self.contact:
             self._check_partners(contact.settled())
         if len({body.mesh.order for body in self.body} - {None}) > 1:

@@ -223,7 +223,6 @@ class VolumeForce(AffineVector, frozen=True, kw_only=True):
                              "{ constant = …, x_slope = … }")
         if self.value is None and self.history is not None:
             raise ValueError('a volume force with a history has a value: write { value = […], history = "…" }')
-        check_formulas("value", self.value)
 
 
 class Heat(Table, frozen=True, kw_only=True):
@@ -237,9 +236,6 @@ class Heat(Table, frozen=True, kw_only=True):
 
     value: Number | Formula
     history: Name | None = None
-
-    def __post_init__(self) -> None:
-        check_formulas("value", self.value)
 
 
 class Profile(Table, frozen=True, kw_only=True):
@@ -345,4 +341,3 @@ class Gap(SignedProfile, frozen=True, kw_only=True):
                              "{ points = […], values = […] }")
         if self.value is None and self.history is not None:
             raise ValueError('a gap with a history has a value: write { value = …, history = "…" }')
-        check_formulas("value", self.value)
