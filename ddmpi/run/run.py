@@ -329,7 +329,7 @@ def _write_tables(path: Path, solved: Solved) -> dict[str, list[dict[str, np.nda
 
 def _draw(path: Path, number: int, drawers: int) -> OutputError | None:
     """Draw this rank's share of the pictures, where matplotlib is installed; its error waits for the numbers."""
-    from ddmpi.results.pictures import draw_all
+    from ddmpi.pictures.draw import draw_all
 
     if not has_matplotlib():
         return None

@@ -37,7 +37,7 @@ from ddmpi.system.files import LONGEST, contact_files
 FileKind = Callable[[BodySpec], tuple[int, Literal[1, 2]]]
 """Gives dimension and order of the elements in the mesh file, or in the drawing, of a body; raises InputError."""
 
-EXTENTS = ("size", "divisions", "radii", "angles", "bodies", "on", "young", "poisson", "shear")
+EXTENTS = ("size", "divisions", "radii", "angles", "bodies", "on", "young", "poisson", "shear", "view")
 """Rows of numbers or words that are neither places nor vectors."""
 
 FORMULAS = ("x", "y", "z", "normal", "value", "pressure", "volume_force", "gap", "temperature")
@@ -263,6 +263,9 @@ class Scene(Table, frozen=True, kw_only=True):
             if isinstance(rigid, Sphere | Cylinder):
                 shape = rigid.__struct_config__.tag
                 yield 3, f"rigid.{rigid.name}.shape", f"a {shape} is solid; in the plane there is circle"
+        for name in ("view", "cut"):
+            if getattr(self.output, name) is not None:
+                yield 3, f"output.{name}", "only pictures of solids have a view and a cut; leave it out"
         if self.axisymmetric:
             yield 2, "axisymmetric", "parts that turn around an axis are drawn in the half-plane x >= 0"
         what = "nothing is twisted around the axis" if self.axisymmetric else "there is no z in the plane"

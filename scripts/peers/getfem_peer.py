@@ -22,27 +22,27 @@ RESIDUAL = 1e-12
 
 
 def solve(case: Case) -> Answer:
-    moved = case.apart
+    moved, d, m = case.apart, case.dimension, len(case.pairs)
     size = np.ptp(moved)
-    mesh = getfem.Mesh("empty", 2)
-    mesh.add_convex(getfem.GeoTrans("GT_PK(2,1)"), moved[case.triangles].transpose(2, 1, 0))
-    fem = getfem.MeshFem(mesh, 2)
-    fem.set_fem(getfem.Fem("FEM_PK(2,1)"))
-    integration = getfem.MeshIm(mesh, getfem.Integ("IM_TRIANGLE(1)"))
-    order = np.lexsort(np.round(fem.basic_dof_nodes()[:, ::2] / size, 10))
+    mesh = getfem.Mesh("empty", d)
+    mesh.add_convex(getfem.GeoTrans(f"GT_PK({d},1)"), moved[case.cells].transpose(2, 1, 0))
+    fem = getfem.MeshFem(mesh, d)
+    fem.set_fem(getfem.Fem(f"FEM_PK({d},1)"))
+    integration = getfem.MeshIm(mesh, getfem.Integ({2: "IM_TRIANGLE(1)", 3: "IM_TETRAHEDRON(1)"}[d]))
+    order = np.lexsort(np.round(fem.basic_dof_nodes()[:, ::d] / size, 10))
     dofs = np.empty(len(moved), int)  # of each node's first component
-    dofs[np.lexsort(np.round(moved.T / size, 10))] = 2 * order
+    dofs[np.lexsort(np.round(moved.T / size, 10))] = d * order
+    dofs = (dofs[:, None] + np.arange(d)).ravel()
 
     def matrix(rows: np.ndarray, columns: np.ndarray, values: np.ndarray, count: int) -> getfem.Spmat:
         found = getfem.Spmat("empty", count, fem.nbdof())
-        for row, column, value in zip(rows.tolist(), (dofs[columns // 2] + columns % 2).tolist(), values.tolist(),
-                                      strict=True):
+        for row, column, value in zip(rows.tolist(), dofs[columns].tolist(), values.tolist(), strict=True):
             found[row, column] = value
         return found
 
     load = np.zeros(fem.nbdof())
-    load[dofs], load[dofs + 1] = (case.load[c::2] / case.young for c in range(2))
-    held, m = len(case.clamped), len(case.pairs)
+    load[dofs] = case.load / case.young
+    held = len(case.clamped)
     model = getfem.Model("real")
     model.add_fem_variable("u", fem)
     for name, value in zip(("lambda", "mu"), case.lame, strict=True):
@@ -55,25 +55,28 @@ def solve(case: Case) -> Answer:
     model.add_variable("normal", m)
     model.add_initialized_data("r", 1.0)
     model.add_initialized_data("gap", case.gap)
-    model.add_initialized_data("alpha", np.ones(m))
-    BN = matrix(*case.relative(case.normal), m)
+    model.add_initialized_data("alpha", case.area ** ((d - 2) / (d - 1)))  # in space forces are E times areas
+    rows, columns, values = case.relative()
+    along = rows < m
+    BN = matrix(rows[along], columns[along], values[along], m)
     if case.friction:
-        model.add_variable("tangential", m)
+        component, pair = np.divmod(rows[~along] - m, m)
+        BT = matrix((d - 1) * pair + component, columns[~along], values[~along], (d - 1) * m)
+        model.add_variable("tangential", (d - 1) * m)
         model.add_initialized_data("friction", case.friction)
-        model.add_basic_contact_brick("u", "normal", "tangential", "r", BN, matrix(*case.relative(case.tangent), m),
-                                      "friction", "gap", "alpha", 1)
+        model.add_basic_contact_brick("u", "normal", "tangential", "r", BN, BT, "friction", "gap", "alpha", 1)
     else:
         model.add_basic_contact_brick("u", "normal", "r", BN, "gap", "alpha", 1)
-    guess = np.abs(case.load[1::2].sum()) / case.young / np.bincount(case.contact)[case.contact]
-    model.set_variable("normal", -guess)  # the load on each contact: without it friction holds nothing at first
+    _, level, count = np.unique(np.round(np.einsum("mc,mc->m", case.normal, case.points[case.pairs[:, 0]]) / size
+                                         + case.gap / size, 9), return_inverse=True, return_counts=True)
+    guess = np.abs(case.load.reshape(-1, d) @ case.axis).sum() / case.young / count[level]
+    model.set_variable("normal", -guess)  # the load on each joint: without it friction holds nothing at first
     steps, converged = model.solve("max_res", RESIDUAL, "max_iter", ITERATIONS, "lsolver", "mumps")
     if not converged:
         raise RuntimeError(f"Newton's method has not converged in {ITERATIONS} iterations")
-    values, u = model.variable("u"), np.empty(2 * len(moved))
-    for c in range(2):
-        u[c::2] = values[dofs + c]
-    s = [model.variable("normal"), model.variable("tangential") if case.friction else np.zeros(m)]
-    return answer_of(case, u, -case.young * np.array(s), int(steps))
+    t = model.variable("tangential").reshape(m, -1).T if case.friction else np.zeros((d - 1, m))
+    s = np.vstack([model.variable("normal"), t])
+    return answer_of(case, model.variable("u")[dofs], -case.young * s, int(steps))
 
 
 if __name__ == "__main__":
