@@ -135,7 +135,7 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, fold
         return solved
 
     with checkpoints.kept():
-        if ladder.done:
+        if ladder.levels:
             log.info("continuing with %s", ladder.meshes)
         while True:
             try:
@@ -295,12 +295,12 @@ def _write_steps(path: Path, solved: Solved, sizes: Sequence[tuple[int, int]]) -
                                     for name, body in solved.summary["bodies"].items()}
             continue
         assembly.act(time)
-        parts, fields, forces = joint.spread(s), {}, {}
+        parts, fields, forces, factors = joint.spread(s), {}, {}, assembly.scene.factors(time)
         with agreed(world):
             for body, part in zip(assembly.bodies, parts, strict=True):
                 u, *_ = recover(body.member, part, alpha[joint.slices[body.spec.name]], steps.most["sizes"])
                 fields[body.number] = _fields(assembly, body, u)
-                forces[body.spec.name] = plain(forces_by_group(body, u, part, assembly.scene.factors(time)))
+                forces[body.spec.name] = plain(forces_by_group(body, u, part, factors))
         forces = merged(world, forces)
         told[time]["bodies"] = {name: forces[name] for name in solved.summary["bodies"]}
         _write_in_turn(world, path, fields, sizes, number)
