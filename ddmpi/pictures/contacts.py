@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ddmpi.mesh.mesh import signed_measures
 from ddmpi.pictures.bodies import crossed, middles, skin_of
 from ddmpi.pictures.moved import rigid_parts
 from ddmpi.pictures.sheet import (
@@ -15,7 +16,6 @@ from ddmpi.pictures.sheet import (
     RESOLVED,
     ZONES,
     Sheet,
-    by_value,
     is_wide,
     plain,
     rounded,
@@ -23,7 +23,7 @@ from ddmpi.pictures.sheet import (
     zone_legend,
 )
 from ddmpi.pictures.views import Surface
-from ddmpi.results.fields import areas_at_nodes, owners, vectors
+from ddmpi.results.fields import vectors
 from ddmpi.results.tables import Columns, Results, chains, drawn_rows
 from ddmpi.surface.side import unit
 from ddmpi.system.numbers import moment, scaled_unit
@@ -46,6 +46,9 @@ LONG = 5.0
 ARROWS = 16
 """Slip is drawn as about so many arrows along a contact."""
 
+BRIGHTEST = 98.0
+"""On the bodies, the colours of stresses that are not zero end at this percentile."""
+
 SMALL = 0.5
 """If no more than this part of a contact's extent is closed, its maps show what is closed and as much around it."""
 
@@ -57,38 +60,46 @@ def draw_contacts(results: Results) -> Any:
     are colours. A resultant is drawn along its line of action, its middle at the contact, unless it passes the contact
     by.
     """
+    from matplotlib.collections import PolyCollection
     from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
 
-    units, contacts = results.summary["units"], results.summary["contacts"]
+    units, contacts, d = results.summary["units"], results.summary["contacts"], results.dimension
     skin, points = skin_of(results), results.points
-    measure = np.bincount(owners(results), areas_at_nodes(points, results.fields["cells"]))
-    size = WIDEST[results.dimension] * float(np.median(measure ** (1.0 / results.dimension)))
+    measure = np.bincount(results.fields["body"], np.abs(signed_measures(points, results.fields["cells"])))
+    size = WIDEST[d] * float(np.median(measure ** (1.0 / d)))
     forces, largest = _resultants(results, size)
-    stresses = [table["normal_stress"] for table in results.contacts.values() if len(table["normal_stress"])]
-    low, top = min(each.min() for each in stresses), max(each.max() for each in stresses)
-    factor, unit_of = scaled_unit(max(top, -low), units["stress"])
-    times, of_force = scaled_unit(largest, units["force"])
+    stresses = np.concatenate([table["normal_stress"] for table in results.contacts.values()])
+    low, top = stresses.min(initial=0.0), np.abs(stresses).max(initial=0.0)
+    (factor, unit_of), (times, of_force) = scaled_unit(top, units["stress"]), scaled_unit(largest, units["force"])
     kind, counted, legend = "pressure" if low >= 0.0 else "normal stress", "", list[Any]()
+    counts = {zone: sum(each[zone] for each in contacts.values()) for zone in ZONES}
+    if forces:
+        legend.append(Line2D([], [], color=COLOURS["force"],
+                             label=f"resultants, largest {rounded(largest / times)} {of_force}"))
     if results.dimension == 2:
-        areas, rims = _profiles(results, 0.8 * size / (max(top, -low) or 1.0))
+        areas, rims, zones, colours = _profiles(results, 0.8 * size / (top or 1.0))
         sheet = Sheet(results, np.vstack([points, *areas, *forces]), rigid_parts(results))
         sheet.show([Surface(points, skin.facets, plain(FILLED["still"]))])
-        legend += _draw_profiles(sheet, results, areas, rims)
-        legend[0].set_label(f"{kind}, largest {rounded(max(top, -low) / factor)} {unit_of}")
+        shade = {"facecolor": COLOURS["normal"] + "60", "edgecolor": COLOURS["normal"]}
+        sheet.axes.add_collection(PolyCollection(areas, **shade | {"edgecolor": "none"}, zorder=4))
+        sheet.axes.add_collection(PolyCollection(rims, closed=False, **shade | {"facecolor": "none"}, linewidth=0.6,
+                                                 zorder=4))
+        sheet.lines(zones, colors=colours, linewidth=2.2, capstyle="butt", zorder=5)
+        words = f"{kind}, largest {rounded(top / factor)} {unit_of}"
+        legend = [Patch(**shade, label=words), *legend, *zone_legend(counts)]
         sheet.figure.set_figheight(sheet.figure.get_figheight() + 0.5)  # for the legend
         sheet.write(list(results.summary["bodies"]), middles(results))
     else:
-        sheet = Sheet(results, np.vstack([points, *forces]))
+        sheet = Sheet(results, np.vstack([points[skin.beyond[:len(points)] <= 0.0], *forces]))
         sheet.outline(skin.extended(points), skin.facets, skin.beyond)
-        image = signed_colours(low / factor, top / factor, "Blues")
-        sheet.show([Surface(vectors(table), facets, by_value(table["normal_stress"][facets] / factor, image), thin=True)
-                    for name, table in results.contacts.items() if len(facets := results.triangles(name))])
-        sheet.colours(image, f"{kind} ({unit_of})")
-        counted = "; nodes: " + ", ".join(f"{sum(each[zone] for each in contacts.values())} {zone}" for zone in ZONES)
+        most = float(np.percentile(np.abs(stresses[stresses != 0.0]), BRIGHTEST)) if top else 1.0
+        image = signed_colours(-most / factor * (low < 0.0), most / factor, "Blues")
+        sheet.facets([(vectors(table), results.triangles(name), table["normal_stress"] / factor)
+                      for name, table in results.contacts.items()], image)
+        sheet.colours(image, f"{kind} ({unit_of})", ("both" if low < 0.0 else "max") if most < top else "neither")
+        counted = f"; nodes: {', '.join(f'{number} {zone}' for zone, number in counts.items())}"
     sheet.lines([sheet.place(each)[:, :2] for each in forces], colors=COLOURS["force"], linewidth=1.4, zorder=6)
-    if forces:
-        legend.insert(1, Line2D([], [], color=COLOURS["force"],
-                                label=f"resultants, largest {rounded(largest / times)} {of_force}"))
     if legend:
         sheet.axes.legend(handles=legend, ncols=2 + is_wide(sheet.place(points)[:, :2]), **ABOVE)
     sheet.figure.suptitle(f"{results.heading(True)}contact forces{counted}")
@@ -113,39 +124,22 @@ def _resultants(results: Results, size: float) -> tuple[list[np.ndarray], float]
     return found, largest
 
 
-def _profiles(results: Results, scale: float) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Normal stresses along contacts in the plane as areas (·, 2), `scale` (m) for each unit, and their rims."""
-    areas, rims = [], []
-    for name in results.contacts:
-        table, facets = drawn_rows(results.contacts[name], results.facets[name])
-        xy = vectors(table)
-        for chain in chains(facets):
-            ends = xy[chain] - scale * table["normal_stress"][chain, None] * vectors(table, "n")[chain]
-            areas.append(np.vstack([xy[chain], ends[::-1]]))
-            rims.append(ends if chain[0] == chain[-1] else np.vstack([xy[chain][:1], ends, xy[chain][-1:]]))
-    return areas, rims
-
-
-def _draw_profiles(sheet: Sheet, results: Results, areas: list[np.ndarray], rims: list[np.ndarray]) -> list[Any]:
-    """Draw `_profiles` and the zones of the contacts as lines; entries of a legend, the first without its words."""
-    from matplotlib.collections import PolyCollection
-    from matplotlib.patches import Patch
-
-    shade = {"facecolor": COLOURS["normal"] + "60", "edgecolor": COLOURS["normal"]}
-    sheet.axes.add_collection(PolyCollection(areas, **shade | {"edgecolor": "none"}, zorder=4))
-    sheet.axes.add_collection(PolyCollection(rims, closed=False, **shade | {"facecolor": "none"}, linewidth=0.6,
-                                             zorder=4))
-    zones, colours = [], []
+def _profiles(results: Results, scale: float,
+              ) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray], list[str]]:
+    """Normal stresses along contacts in the plane as areas (·, 2), `scale` (m) for each unit, and their rims; the part
+    (3, 2) of a contact that is each node's, and its colour by status."""
+    areas, rims, zones, colours = [], [], [], []
     for name in results.contacts:
         table, facets = drawn_rows(results.contacts[name], results.facets[name])
         for chain in chains(facets):
             at = vectors(table)[chain]
+            ends = at - scale * table["normal_stress"][chain, None] * vectors(table, "n")[chain]
             edges = np.vstack([at[:1], (at[1:] + at[:-1]) / 2, at[-1:]])
+            areas.append(np.vstack([at, ends[::-1]]))
+            rims.append(ends if chain[0] == chain[-1] else np.vstack([at[:1], ends, at[-1:]]))
             zones += [edges[[k, k + 1]] for k in range(len(chain))]
             colours += [ZONES[status] for status in table["status"][chain]]
-    sheet.lines(zones, colors=colours, linewidth=2.2, capstyle="butt", zorder=5)
-    contacts = results.summary["contacts"].values()
-    return [Patch(**shade), *zone_legend({zone: sum(each[zone] for each in contacts) for zone in ZONES})]
+    return areas, rims, zones, colours
 
 
 def draw_maps(results: Results, name: str) -> Any:

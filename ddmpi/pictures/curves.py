@@ -154,7 +154,8 @@ def _slip_bound(table: Columns, friction: dict) -> np.ndarray | None:
 def draw_steps(results: Results) -> Any:
     """Tangential forces over the factor of the history that varies most, energies over time, stresses; a figure.
 
-    Of solids forces along x, y and z and numbers of nodes in the place of stresses, which have no line to be drawn on.
+    Of solids forces along x, y and z and numbers of nodes in the place of stresses, which have no line to be drawn on;
+    moments where there are no forces, as of a shaft in its hub.
 
     Energies count from time 0. Friction dissipates one part of the interface work; interference, closing gaps and time
     stepping take the other. Not collective.
@@ -169,11 +170,16 @@ def draw_steps(results: Results) -> Any:
     shown = sorted(loops, key=lambda name: -largest[name])[:LOOPS]
     figure, grid = plt.subplots(len(shown) + 1, 2, figsize=(9.6, 2.9 * (len(shown) + 1)), squeeze=False)
     loop, energies = grid[0]
+    words: dict[str, None] = {}
     label, driver = _driver(summary, results.energy["time"])
     for name in shown:
-        own = steps["contact"] == name
-        loop.plot(driver, np.append(0.0, steps["tangential_force"][own]), marker=".", label=name)
-    loop.set(xlabel=label, ylabel=f"tangential force ({summary['units']['force']})")
+        own, kind = {key: values[steps["contact"] == name] for key, values in steps.items()}, "force"
+        column = "tangential_force"
+        if results.dimension > 2 and (kind := _resultant(own)) == "moment":
+            column = max((f"moment_{axis}" for axis in "xyz"), key=lambda each: np.ptp(own[each]))
+        loop.plot(driver, np.append(0.0, own[column]), marker=".", label=f"{name}: {column.replace('_', ' ')}")
+        words[f"{kind} ({summary['units'][kind]})"] = None
+    loop.set(xlabel=label, ylabel=", ".join(words))
     _draw_energies(energies, results.energy, summary["units"]["energy"])
     for axes, name in zip(grid[1:], shown, strict=True):
         (_draw_stresses if results.dimension == 2 else _draw_course)(axes, name, results, summary["units"])
@@ -225,12 +231,18 @@ def _draw_stresses(axes: Any, name: str, results: Results, units: dict) -> None:
     axes[1].legend(fontsize=7, **BESIDE)
 
 
+def _resultant(steps: Columns) -> str:
+    """What to draw of a contact of solids: its force, or where there is none its moment."""
+    largest = max(np.abs(steps[f"force_{axis}"]).max() for axis in "xyz")
+    return "force" if largest > ROUNDING * steps["normal_force"].max() else "moment"
+
+
 def _draw_course(axes: Any, name: str, results: Results, units: dict) -> None:
     """Force on the first body along x, y and z, or where there is none its moment, and nodes by status, over time."""
     own = results.steps["contact"] == name
     steps = {column: values[own] for column, values in results.steps.items()}
-    time, forces = np.append(0.0, steps["time"]), np.array([steps[f"force_{axis}"] for axis in "xyz"])
-    what = "force" if np.abs(forces).max() > ROUNDING * steps["normal_force"].max() else "moment"
+    time = np.append(0.0, steps["time"])
+    what = _resultant(steps)
     for axis in "xyz":
         axes[0].plot(time, np.append(0.0, steps[f"{what}_{axis}"]), marker=".", label=axis)
     axes[0].axhline(0.0, color="black", linewidth=0.6)

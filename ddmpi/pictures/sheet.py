@@ -40,13 +40,13 @@ BESIDE: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
 NAMED = 40
 """Names are written on at most this many bodies."""
 
-PIXELS = 1200
+PIXELS = 1100
 """Of the longer side of a picture of surfaces."""
 
 MARGIN = 0.04
 """What is left around bodies, and by which rigid surfaces are longer than bodies may touch; parts of the extent."""
 
-ARM = 0.16
+ARM = 0.18
 """The arms along x, y and z are at most this part of the picture's longer side."""
 
 LIGHT, DARKEST = np.array([-0.35, 0.5, 0.8]), 0.8

@@ -12,7 +12,6 @@ import numpy as np
 from ddmpi.body.stress import principal, von_mises
 from ddmpi.interface.interface import Interface, Lines, in_order
 from ddmpi.interface.state import ContactState
-from ddmpi.mesh.mesh import signed_measures
 from ddmpi.mesh.refine import CORNERS_CUT
 from ddmpi.results.tables import Columns, Results, leg_values, writing
 from ddmpi.system.files import FileOfHDF5, contact_files
@@ -336,13 +335,6 @@ def linear_triangles(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Cells (nt, 3 or 6) as triangles between neighbouring nodes, and the cell that each is part of."""
     parts = [[0, 1, 2]] if cells.shape[1] == 3 else CORNERS_CUT[2]
     return cells[:, parts].reshape(-1, 3), np.repeat(np.arange(len(cells)), len(parts))
-
-
-def areas_at_nodes(points: np.ndarray, cells: np.ndarray, values: np.ndarray | float = 1.0) -> np.ndarray:
-    """(nv,) areas or volumes of the cells around each node times `values` (nt,), shared evenly among their nodes."""
-    number = cells.shape[1]
-    shares = values * np.abs(signed_measures(points, cells[:, :points.shape[1] + 1])) / number
-    return np.bincount(cells.ravel(), np.repeat(shares, number), len(points))
 
 
 def owners(results: Results) -> np.ndarray:
