@@ -158,7 +158,9 @@ def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
             "its sides apart; for sides that touch make two bodies of it, bonded where they hang together"]
     for (a, b), other in at_hand.items():
         pair, solids = (names[a], names[b]), (own[a].part(*boxes[b][1:]), other)
-        overlap, drawn = run_through(*solids, _kept_apart(contacts[a], pair, solids), _between(pair, states))
+        kept = [np.isin(solid.numbers, _kept(contacts[a], *ends)) for solid, ends in
+                zip(solids, (pair, pair[::-1]), strict=True)]
+        overlap, drawn = run_through(*solids, kept, _between(pair, states))
         if overlap:
             touch = any(set(contact.bodies) == set(pair) for contact in assembly.scene.contact)
             found[a, b] = [f"body.{pair[0]} and body.{pair[1]} run through each other by {overlap.depth:.3g}"
@@ -180,13 +182,11 @@ def _between(pair: tuple[str, str], states: Mapping[str, ContactState]) -> float
     return max(own, default=0.0) + sum(each[body] for each in met for body in met[0].keys() & met[1].keys())
 
 
-def _kept_apart(interfaces: Sequence[Interface], names: tuple[str, str], solids: tuple[Solid, Solid],
-                ) -> tuple[np.ndarray, np.ndarray]:
-    """Which nodes (n,) of each of two bodies their contacts keep from the other."""
-    first, second = (np.isin(solid.numbers, np.concatenate([np.empty(0, int), *(
-        nodes[each.side(name)] for each in interfaces if set(each.bodies) == set(names)
-        for nodes in (each.nodes, each.fixed.nodes))])) for solid, name in zip(solids, names, strict=True))
-    return first, second
+def _kept(interfaces: Sequence[Interface], body: str, other: str) -> np.ndarray:
+    """The nodes (k,) of a body that its contacts with another one, or with a rigid partner, keep apart from it."""
+    return np.concatenate([np.empty(0, int), *(
+        nodes[each.side(body)] for each in interfaces if set(each.bodies) == {body, other}
+        for nodes in (each.nodes, each.fixed.nodes))])
 
 
 def through_itself(body: Solid) -> np.ndarray | None:
@@ -200,7 +200,7 @@ def through_itself(body: Solid) -> np.ndarray | None:
     return body.moved[facets[inside][0]].mean(axis=0) if inside.any() else None
 
 
-def run_through(first: Solid, second: Solid, kept: tuple[np.ndarray, np.ndarray], slack: float = 0.0,
+def run_through(first: Solid, second: Solid, kept: Sequence[np.ndarray], slack: float = 0.0,
                 ) -> tuple[Overlap | None, float]:
     """The deepest overlap beyond rounding, curvature and second-order effects, and how deep the drawing has one.
 
@@ -289,8 +289,7 @@ def _in_partner(body: Body, facets: np.ndarray, u: np.ndarray, U: np.ndarray, ri
     """
     name, mesh = body.spec.name, body.mesh
     own = [interface for interface in body.member.interfaces if interface.bodies[1] == rigid.name]
-    touching = np.isin(facets, np.concatenate([np.empty(0, int), *(
-        nodes[0] for each in own for nodes in (each.nodes, each.fixed.nodes))]))
+    touching = np.isin(facets, _kept(own, name, rigid.name))
     ends, between = (mesh.points + u - U)[facets], touching.all(axis=1)
     places, at_ends = rigid.deepest(ends), rigid.depth(ends)
     depth = rigid.depth(places)

@@ -135,7 +135,7 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, fold
         return solved
 
     with checkpoints.kept():
-        if ladder.done:
+        if ladder.levels:
             log.info("continuing with %s", ladder.meshes)
         while True:
             try:
@@ -295,12 +295,12 @@ def _write_steps(path: Path, solved: Solved, sizes: Sequence[tuple[int, int]]) -
                                     for name, body in solved.summary["bodies"].items()}
             continue
         assembly.act(time)
-        parts, fields, forces = joint.spread(s), {}, {}
+        parts, fields, forces, factors = joint.spread(s), {}, {}, assembly.scene.factors(time)
         with agreed(world):
             for body, part in zip(assembly.bodies, parts, strict=True):
                 u, *_ = recover(body.member, part, alpha[joint.slices[body.spec.name]], steps.most["sizes"])
                 fields[body.number] = _fields(assembly, body, u)
-                forces[body.spec.name] = plain(forces_by_group(body, u, part, assembly.scene.factors(time)))
+                forces[body.spec.name] = plain(forces_by_group(body, u, part, factors))
         forces = merged(world, forces)
         told[time]["bodies"] = {name: forces[name] for name in solved.summary["bodies"]}
         _write_in_turn(world, path, fields, sizes, number)
@@ -310,7 +310,7 @@ def _write_steps(path: Path, solved: Solved, sizes: Sequence[tuple[int, int]]) -
 def _write_tables(path: Path, solved: Solved) -> dict[str, list[dict[str, np.ndarray]]]:
     """Write the tables; by contact `contact_fields` at the times whose fields are written."""
     solution, steps, start, found = solved.solution, solved.steps, 0, {}
-    write_history(path, steps.history())
+    write_history(path, steps.iterations)
     write_facets(path, (state.interface for state in solution.contacts.values()))
     write_steps(path, solved.summary["steps"])
     if solved.assembly.scene.time:
@@ -329,7 +329,7 @@ def _write_tables(path: Path, solved: Solved) -> dict[str, list[dict[str, np.nda
 
 def _draw(path: Path, number: int, drawers: int) -> OutputError | None:
     """Draw this rank's share of the pictures, where matplotlib is installed; its error waits for the numbers."""
-    from ddmpi.results.pictures import draw_all
+    from ddmpi.pictures.draw import draw_all
 
     if not has_matplotlib():
         return None

@@ -334,13 +334,6 @@ class BodySpec(Table, frozen=True, kw_only=True):
         given = self.temperature
         return given if isinstance(given, Heat) else Heat(value=0.0 if given is None else given)
 
-    @property
-    def histories(self) -> list[str]:
-        """Names of the histories that its loads, clamps and temperature follow, each once."""
-        named = [*(clamp.history for clamp in self.clamps), *(load.history for load in self.traction), self.weight[1],
-                 self.heat.history]
-        return list(dict.fromkeys(name for name in named if name is not None))
-
     def settled(self, order: Literal[1, 2], dimension: int = 2, axisymmetric: bool = False) -> SettledBody:
         """This body with elements of `order`, in the plane, around an axis or in space."""
         mesh = self.mesh

@@ -104,9 +104,14 @@ class ContactSpec(Table, frozen=True, kw_only=True):
             return self.gap.value, self.gap.history
         return self.gap, None
 
+    @property
+    def called(self) -> str:
+        """Its name, which is by default the bodies' names with a dash."""
+        return self.name or default_name(self.bodies)
+
     def settled(self) -> SettledContact:
-        """This contact under its name, which is by default the bodies' names with a dash."""
-        return settle(self, SettledContact, name=self.name or default_name(self.bodies))
+        """This contact under its name."""
+        return settle(self, SettledContact, name=self.called)
 
 
 class SettledContact(ContactSpec, frozen=True, kw_only=True):
