@@ -172,7 +172,8 @@ def test_clamps_along_normals_and_heat_are_told(looked_at):
         assert words in text
 
 
-@pytest.mark.parametrize("scene", [pinched_blocks(4), two_boxes(2, 3), two_boxes(1, order=2)])
+@pytest.mark.parametrize("scene", [pinched_blocks(4), two_boxes(2, 3), two_boxes(1, order=2),
+                                   two_boxes(2) | {"output": {"cut": {"y": 1.5}, "view": [-60.0, 24.0]}}])
 def test_pictures(scene, looked_at, tmp_path):
     """They are drawn with missing contacts, too, and nothing is overwritten."""
     pytest.importorskip("matplotlib")

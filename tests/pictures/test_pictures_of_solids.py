@@ -11,6 +11,9 @@ import pytest
 from documented import undocumented
 from matplotlib import image
 from matplotlib import pyplot as plt
+from mpi4py import MPI
+from scenes import pinched_blocks, to_toml
+from solid_scenes import two_boxes
 
 from ddmpi.cli.report import write_report
 from ddmpi.errors import InputError
@@ -21,7 +24,9 @@ from ddmpi.pictures.curves import draw_steps
 from ddmpi.pictures.draw import draw_all
 from ddmpi.pictures.moved import rigid_parts
 from ddmpi.results.tables import Results, read_results
+from ddmpi.run.run import prepare_scene
 from ddmpi.scene.method import VIEWS
+from ddmpi.scene.reader import read_scene
 
 
 @pytest.fixture(autouse=True)
@@ -232,6 +237,14 @@ def test_what_is_asked_for_is_checked(tmp_path, asked, words):
     stacked(tmp_path)
     with pytest.raises(InputError, match=words):
         draw_all(tmp_path, **asked)
+
+
+def test_a_cut_beside_all_bodies_is_refused_before_a_run():
+    """Not when the pictures are drawn; and in the plane there is none."""
+    for scene, words in ((two_boxes(2) | {"output": {"cut": {"x": 9.0}}}, "scene.toml: output.cut: x = 9 cuts no body"),
+                         (pinched_blocks(2) | {"output": {"view": "iso"}}, "output.view: only pictures of solids")):
+        with pytest.raises(InputError, match=words):
+            prepare_scene(MPI.COMM_SELF, read_scene("scene.toml", to_toml(scene)), "scene.toml", factor=False)
 
 
 def test_maps_show_what_is_closed(tmp_path):
