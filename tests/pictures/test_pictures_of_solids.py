@@ -278,3 +278,16 @@ def test_what_turns_has_a_loop_of_its_moment(tmp_path):
     axes = draw_steps(results).axes[0]
     assert axes.get_ylabel() == "moment (N·m)" and axes.lines[0].get_label() == "upper-lower, moment y"
     assert axes.lines[0].get_ydata().tolist() == [0.0, 1e9, -1e9]
+
+
+def test_resultants_of_solids_lie_on_their_line_of_action(tmp_path):
+    """Its middle at the contact; but for a torsion, the force has the contact's moment about the origin there."""
+    results = stacked(tmp_path)
+    axes = draw_contacts(results).axes[0]
+    contact, view = results.summary["contacts"]["upper-lower"], views.View(results.points)
+    force, moment = np.array(contact["force"]), np.array(contact["moment"])
+    (line,) = axes.collections[-1].get_segments()
+    at = np.cross(force, moment) / (force @ force)
+    direction, off = view.place(force)[:2], line.mean(axis=0) - view.place(at)[:2]
+    assert direction[0] * off[1] == pytest.approx(direction[1] * off[0], abs=1e-9 * np.linalg.norm(direction))
+    assert np.linalg.norm(line.mean(axis=0) - view.place(np.array([1.5, 0.5, 1.0]))[:2]) < 0.5
