@@ -845,7 +845,7 @@ def tradeoff_in_space() -> None:
     rows = Ledger(MPI.COMM_SELF, options.output / "solids.csv", SolidCase._fields, SOLID_COLUMNS).fill(
         cases, lambda *key: space.measure(SolidCase(*key)))
     complete = (options.finest, options.scenes) == (FINE, list(SOLID_TITLES))
-    publish(SPACE, space_page(rows, space.own), options.output, complete)
+    publish(SPACE, space_page(rows, space.own if "boxes" in options.scenes else np.nan), options.output, complete)
     print(f"The page is in {options.output}")
 
 
