@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+from numpy.typing import ArrayLike
 from petsc4py import PETSc
 
 from ddmpi.body.elasticity import clamp_forces
@@ -21,7 +22,7 @@ from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.petsc.options import unused_options
 from ddmpi.results.fields import Fields
-from ddmpi.results.summary import RunResult, rigid_partners, summarize
+from ddmpi.results.summary import rigid_partners, summarize
 from ddmpi.results.tables import leg_columns, leg_values
 from ddmpi.run.solve import Solution
 from ddmpi.system.provenance import peak_memory, provenance
@@ -31,7 +32,7 @@ LITTLE = 0.1
 
 
 class StepLog:
-    """What is kept of the load steps, in their order, as rows of numbers.
+    """What is kept of the load steps, in their order, as rows of numbers. Without [time] there is one.
 
     Attributes
     ----------
@@ -45,37 +46,42 @@ class StepLog:
         balance leaves, of each (J)
     iterations : a line of history.csv for each
     doubts : warnings of answers at the ends of legs before the last one, of each kind the first
-    worst : (nc, 4) the largest residuals of contacts so far, and (nb,) of bodies
-    largest : (3,) `Solution.sizes` so far
+    most : the largest so far: residuals of contacts (nc, 4) and bodies (nb,), `Solution.sizes` (3,)
     """
 
-    def __init__(self, contacts: Sequence[str], bodies: Sequence[str], dimension: int,
-                 partners: Sequence[str] = ()) -> None:
-        self.partners = tuple(partners)
-        self.placed: list[np.ndarray] = []
-        self.contacts, self.bodies, self.dimension = tuple(contacts), tuple(bodies), dimension
-        self.steps: list[Sequence[float]] = []
-        self.resultants: list[np.ndarray] = []
-        self.energies: list[Sequence[float]] = []
-        self.iterations: list[Sequence[float]] = []
-        self._kept, self._ends = list[np.ndarray](), np.zeros(0, int)
-        self.doubts: dict[str, str] = {}
-        self.worst = np.zeros((len(self.contacts), len(ContactResiduals._fields))), np.zeros(len(self.bodies))
-        self.largest = np.zeros(3)
-
-    @property
-    def _tables(self) -> dict[str, list]:
-        return {"steps": self.steps, "resultants": self.resultants, "energies": self.energies,
-                "iterations": self.iterations, "kept": self._kept, "placed": self.placed}
+    def __init__(self, contacts: Iterable[str], bodies: Iterable[str], dimension: int,
+                 partners: Iterable[str] = ()) -> None:
+        self.contacts, self.bodies, self.partners = tuple(contacts), tuple(bodies), tuple(partners)
+        self.dimension, self.doubts, self._ends = dimension, dict[str, str](), np.zeros(0, int)
+        self.steps, self.resultants, self.placed, self.energies, self.iterations, self._kept = (
+            list[Any]() for _ in range(6))
+        self._tables = {"steps": self.steps, "resultants": self.resultants, "placed": self.placed,
+                        "energies": self.energies, "iterations": self.iterations, "kept": self._kept}
+        self.most = {"contacts": np.zeros((len(self.contacts), len(ContactResiduals._fields))),
+                     "bodies": np.zeros(len(self.bodies)), "sizes": np.zeros(3)}
 
     def judge(self, certificate: Certificate) -> Certificate:
         """Note the residuals of a step; the largest ones so far."""
-        contacts = [certificate.contacts[name] for name in self.contacts]
-        bodies = [certificate.equilibrium[name] for name in self.bodies]
-        self.worst = np.maximum(self.worst[0], contacts), np.maximum(self.worst[1], bodies)
-        return Certificate({name: ContactResiduals(*row) for name, row in zip(self.contacts, self.worst[0].tolist(),
-                                                                              strict=True)},
-                           dict(zip(self.bodies, self.worst[1].tolist(), strict=True)))
+        self._raise(contacts=[certificate.contacts[name] for name in self.contacts],
+                    bodies=[certificate.equilibrium[name] for name in self.bodies])
+        contacts, bodies = self.most["contacts"].tolist(), self.most["bodies"].tolist()
+        return Certificate({name: ContactResiduals(*row) for name, row in zip(self.contacts, contacts, strict=True)},
+                           dict(zip(self.bodies, bodies, strict=True)))
+
+    def _raise(self, **values: ArrayLike) -> None:
+        self.most = self.most | {name: np.maximum(self.most[name], each) for name, each in values.items()}
+
+    def note_step(self, time: float, solution: Solution) -> None:
+        """Note the end of a step: its iterations and sizes, resultants, and where rigid partners are."""
+        self.note_iterations(len(self.steps) + 1, solution)
+        self.steps.append((time, len(solution.outer.history)))
+        self._raise(sizes=solution.sizes)
+        self.note_contacts([solution.contacts[name] for name in self.contacts])
+
+    def note_iterations(self, step: int, solution: Solution) -> None:
+        """Note the iterations of a step, by its number."""
+        for each, counts in zip(solution.outer.history, solution.statuses.counts, strict=True):
+            self.iterations.append((step, *each[:4], *counts, each.n_A))
 
     def note_contacts(self, contacts: Sequence[ContactState]) -> None:
         """Note the resultants of a step, and where rigid partners are."""
@@ -103,12 +109,6 @@ class StepLog:
         """Time, forces, motions, and `leg_values` of all contacts, of the steps whose fields are written."""
         width, parts = len(leg_columns(self.dimension)), (np.split(row, self._ends) for row in self._kept)
         return [(float(time[0]), s, alpha, values.reshape(-1, width)) for time, s, alpha, values in parts]
-
-    @property
-    def dissipated(self) -> dict[str, float]:
-        """The frictional work of all steps by contact (J)."""
-        work = np.sum([each["dissipated"] for each in self.resultants] or np.zeros((1, len(self.contacts))), axis=0)
-        return dict(zip(self.contacts, work.tolist(), strict=True))
 
     def summary(self) -> list[dict]:
         """The entry ``steps`` of summary.json."""
@@ -150,26 +150,23 @@ class StepLog:
 
     def lengths(self) -> dict[str, Any]:
         """What `shorten` needs to come back to the present state."""
-        return {name: len(rows) for name, rows in self._tables.items()} | {
-            "contacts": self.worst[0], "bodies": self.worst[1], "largest": self.largest}
+        return {name: len(rows) for name, rows in self._tables.items()} | self.most
 
     def shorten(self, lengths: dict[str, Any]) -> None:
         """Forget what was noted since `lengths`."""
         for name, rows in self._tables.items():
-            del rows[int(lengths[name]):]
-        self.worst, self.largest = (lengths["contacts"], lengths["bodies"]), lengths["largest"]
+            del rows[lengths[name]:]
+        self.most = {name: lengths[name] for name in self.most}
 
     def state(self) -> dict[str, Any]:
         return {name: list(rows) for name, rows in self._tables.items()} | {
-            "doubts": tuple(self.doubts.values()), "ends": self._ends,
-            "contacts": self.worst[0], "bodies": self.worst[1], "largest": self.largest}
+            "doubts": tuple(self.doubts.values()), "ends": self._ends} | self.most
 
     def restore(self, state: dict[str, Any]) -> None:
         for name, rows in self._tables.items():
             rows[:] = state[name]
         self.doubts = {_kind(doubt.rpartition(" (at time")[0]): doubt for doubt in state["doubts"]}
-        self._ends, self.worst = state["ends"], (state["contacts"], state["bodies"])
-        self.largest = state["largest"]
+        self._ends, self.most = state["ends"], {name: state[name] for name in self.most}
 
 
 def _kind(warning: str) -> str:
@@ -178,7 +175,7 @@ def _kind(warning: str) -> str:
 
 
 def gather_summary(assembly: Assembly, solution: Solution, error: DiscretizationError, own_fields: dict[str, Fields],
-                   ladder: MeshLadder, warnings: list[str], started: float, steps: StepLog | None = None) -> dict:
+                   ladder: MeshLadder, warnings: list[str], started: float, steps: StepLog) -> dict:
     """All of summary.json but the times, on every rank. Collective.
 
     Parameters
@@ -187,7 +184,6 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     ladder : the meshes that led here
     warnings : of the scene and of the answer
     started : as for `provenance`
-    steps : where there are several
     """
     world, scene, outer = assembly.world, assembly.scene, solution.outer
     team = team_of(world)
@@ -197,28 +193,22 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     own = [(body.number, (body.spec.name, _body(body, solution, error, own_fields[body.spec.name], ranks, memory)
                           | forces_by_group(body, solution.displacements[body.spec.name], s, factors)))
            for body, s in zip(assembly.bodies, outer.body_forces(), strict=True)]
-    everyone = world.allgather((own, unused_options(), sum(outer.inner_steps.values()), assembly.exchange.state(),
-                                hosts))
-    bodies = dict(body for _, body in sorted(itertools.chain(*(each for each, *_ in everyone)),
-                                             key=lambda pair: pair[0]))
-    unused = sorted(set.intersection(*(set(left) for _, left, *_ in everyone)))
-    inner = [steps for _, _, steps, *_ in everyone]
-    sent = [counts for *_, counts, _ in everyone]
-    run = RunResult(
-        converged=solution.certified and not ladder.missed,
-        reason=(solution.certified and ladder.missed) or solution.reason, order=scene.body[0].mesh.order,
-        ranks=world.allreduce(len(ranks)), outer_iterations=len(steps.iterations) if steps else len(outer.history),
-        inner_iterations=sum(inner) if scene.method.by_body else inner[0],
-        certificate_limit=solution.limit, energy_norm=error.relative,
-        levels=[level._asdict() for level in ladder.levels],
-        exchange={name: max(counts[name] for counts in sent) for name in sent[0]},
-        qp=outer.qp_type,
-        options=PETSc.Options().getAll(), options_unused=unused, warnings=warnings,
-        undetermined=solution.undetermined, steps=steps.summary() if steps else None,
-        energy=steps.balance() if steps else None)
-    hosts = [host for *_, part in everyone for host in part]
-    return summarize(scene.resolved(), run, bodies, solution.contacts, solution.certificate,
-                     steps.dissipated if steps else None) | provenance(world, started, hosts)
+    parts, unused, inner, sent, named = zip(*world.allgather((
+        own, set(unused_options()), sum(outer.inner_steps.values()), assembly.exchange.state(), hosts)), strict=True)
+    bodies = dict(body for _, body in sorted(itertools.chain(*parts), key=lambda pair: pair[0]))
+    run = {"converged": solution.certified and not ladder.missed,
+           "reason": (solution.certified and ladder.missed) or solution.reason, "order": scene.body[0].mesh.order,
+           "ranks": world.allreduce(len(ranks)), "outer_iterations": len(steps.iterations),
+           "inner_iterations": sum(inner) if scene.method.by_body else inner[0],
+           "certificate_limit": solution.limit, "steps": steps.summary(),
+           "discretization_error": {"energy_norm": error.relative, "target": scene.method.target_error,
+                                    "levels": [level._asdict() for level in ladder.levels]},
+           "warnings": warnings, "undetermined": solution.undetermined,
+           "exchange": {name: max(counts[name] for counts in sent) for name in sent[0]},
+           "solvers": {"qp": outer.qp_type}, "options": PETSc.Options().getAll(),
+           "options_unused": sorted(set.intersection(*unused))} | ({"energy": steps.balance()} if scene.time else {})
+    return summarize(scene.resolved(), run, bodies, solution.contacts, solution.certificate) | provenance(
+        world, started, list(itertools.chain(*named)))
 
 
 def _body(body: Body, solution: Solution, error: DiscretizationError, fields: Fields, ranks: list[int],

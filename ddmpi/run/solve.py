@@ -15,12 +15,7 @@ from ddmpi.coupling.assembly import Assembly
 from ddmpi.coupling.member import Member
 from ddmpi.errors import SolverError
 from ddmpi.interface.state import ContactState, contact_state
-from ddmpi.judge.certificate import (
-    Certificate,
-    certificate_limit,
-    contact_residuals,
-    equilibrium_residual,
-)
+from ddmpi.judge.certificate import Certificate, certificate_limit, contact_residuals, equilibrium_residual
 from ddmpi.judge.diagnosis import StatusLog
 from ddmpi.judge.equilibrium import Mechanism, describe
 from ddmpi.methods.anderson import AndersonIteration
@@ -52,7 +47,7 @@ rounding, and zero."""
 
 
 class Past(NamedTuple):
-    """The load steps before.
+    """The load steps before; zeros where there are none.
 
     Attributes
     ----------
@@ -161,8 +156,7 @@ class _Goal:
         return asdict(self)
 
     def restore(self, state: dict[str, Any]) -> None:
-        self.tolerance, self.worst = float(state["tolerance"]), float(state["worst"])
-        self.steps = int(state["steps"])
+        vars(self).update(state)
 
     def is_last(self, worst: float, steps: int) -> bool:
         """Note the `worst` residual after so many `steps` in all; whether a smaller tolerance would not help."""
@@ -227,6 +221,8 @@ class Iteration:
         Collective. Raises as the function `solve`.
         """
         assembly, method, outer = self.assembly, self.method, self.outer
+        none = np.zeros(assembly.space.size)
+        past = past or Past(none, none, np.zeros(3))
         while True:
             try:
                 with self.clock.phase("outer"):
@@ -289,18 +285,17 @@ def recover(member: Member, s: np.ndarray, alpha: np.ndarray,
 
 
 def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, statuses: StatusLog,
-              given: float = 0.0, past: Past | None = None) -> Solution:
+              given: float, past: Past) -> Solution:
     """Displacements, contact states and certificate of the forces at hand. Collective."""
     exchange, space, joint = assembly.exchange, assembly.space, assembly.joint
     forces, mismatch, bound = outer.forces, outer.mismatch, outer.bound
-    largest = past.largest if past else np.zeros(3)
     moved, traces, stayed = {}, [], []
     numbers: dict[str, dict[str, Any]] = {}
     for body, s in zip(assembly.bodies, outer.body_forces(), strict=True):
         member, alpha = body.member, outer.motions[joint.slices[body.spec.name]]
         u, left, acting, energy = np.zeros_like(member.elasticity.prescribed), np.nan, 0.0, np.nan
         with exchange.deferred():
-            u, left, acting, energy = recover(member, s, alpha, largest)
+            u, left, acting, energy = recover(member, s, alpha, past.largest)
         own = member.trace(u)
         moved[member.name] = u
         traces.append(own)
@@ -333,9 +328,9 @@ def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, stat
                 each for each in places[interface.name] if each is not None)
             yielding = max(bodies[name]["yielding"] for name in interface.bodies if name in bodies)
             state = contact_state(interface, forces[part], limits, u1 + u2, between,
-                                  past and (past.start[part], past.forces[part]), yielding)
+                                  (past.start[part], past.forces[part]), yielding)
             found[interface.name] = state, contact_residuals(state, forces[part], mismatch[part], (u1, u2), load,
-                                                             yielding, now, largest[1:].tolist())
+                                                             yielding, now, past.largest[1:].tolist())
     found = merged(assembly.world, found)
     force = max((float(np.abs(state.forces).max()) for state, _ in found.values()), default=0.0)
     names, contacts = [body.name for body in assembly.scene.body], [contact.name for contact in assembly.scene.contact]
