@@ -10,6 +10,7 @@ steps, and that the page shows them.
 """
 
 import argparse
+import os
 import re
 import subprocess
 import sys
@@ -189,7 +190,7 @@ def show(exhibit: Exhibit, figures: Path) -> str:
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "results"
         done = subprocess.run([ROOT / "scripts" / "run.sh", exhibit.path, "--no-figures", "--output", output],
-                              text=True, capture_output=True)
+                              text=True, capture_output=True, env=dict(os.environ))  # without what MPI adds to it
         if done.returncode != (3 if exhibit.refused else 0):
             raise ValueError(f"{exhibit.scene} ended with {done.returncode}:\n{done.stdout}{done.stderr}")
         summary = read_results(output).summary

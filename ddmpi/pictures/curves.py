@@ -173,12 +173,13 @@ def draw_steps(results: Results) -> Any:
     words: dict[str, None] = {}
     label, driver = _driver(summary, results.energy["time"])
     for name in shown:
-        own, kind = {key: values[steps["contact"] == name] for key, values in steps.items()}, "force"
-        column = "tangential_force"
-        if results.dimension > 2 and (kind := _resultant(own)) == "moment":
+        own = {key: values[steps["contact"] == name] for key, values in steps.items()}
+        what, column, of_one = _resultant(own), "tangential_force", name
+        if what == "moment":
             column = max((f"moment_{axis}" for axis in "xyz"), key=lambda each: np.ptp(own[each]))
-        loop.plot(driver, np.append(0.0, own[column]), marker=".", label=f"{name}: {column.replace('_', ' ')}")
-        words[f"{kind} ({summary['units'][kind]})"] = None
+            of_one = f"{name}, {column.replace('_', ' ')}"
+        loop.plot(driver, np.append(0.0, own[column]), marker=".", label=of_one)
+        words[f"{'tangential ' * (what == 'force')}{what} ({summary['units'][what]})"] = None
     loop.set(xlabel=label, ylabel=", ".join(words))
     _draw_energies(energies, results.energy, summary["units"]["energy"])
     for axes, name in zip(grid[1:], shown, strict=True):
@@ -232,9 +233,9 @@ def _draw_stresses(axes: Any, name: str, results: Results, units: dict) -> None:
 
 
 def _resultant(steps: Columns) -> str:
-    """What to draw of a contact of solids: its force, or where there is none its moment."""
-    largest = max(np.abs(steps[f"force_{axis}"]).max() for axis in "xyz")
-    return "force" if largest > ROUNDING * steps["normal_force"].max() else "moment"
+    """What to draw of a contact: its force, or of solids where there is none its moment."""
+    forces = [np.abs(values).max() for column, values in steps.items() if column.startswith("force_")]
+    return "moment" if "moment_x" in steps and max(forces) <= ROUNDING * steps["normal_force"].max() else "force"
 
 
 def _draw_course(axes: Any, name: str, results: Results, units: dict) -> None:

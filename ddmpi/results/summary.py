@@ -158,7 +158,7 @@ def summarize(scene: dict, run: Mapping[str, Any], bodies: Mapping[str, dict], c
         "eff": n_A / (2 * m) if m else None, "bodies": entries,
         "contacts": {name: _contact(state) | {
             "certificate": certificate.contacts[name]._asdict(),
-            "dissipated": sum(step["contacts"][name]["dissipated"] for step in run["steps"])}
+            "dissipated": np.sum(np.array([step["contacts"][name]["dissipated"] for step in run["steps"]], float))}
             for name, state in contacts.items()},
         "rigid": rigid_partners(contacts.values()),
         "certificate": {kind: value for kind, (value, _) in certificate.worst().items()},

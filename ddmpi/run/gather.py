@@ -17,12 +17,12 @@ from ddmpi.body.estimate import DiscretizationError
 from ddmpi.body.loads import loads_by_group, resultants
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.ranks import team_of
-from ddmpi.interface.state import ContactState, resultants_in
+from ddmpi.interface.state import ContactState
 from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.petsc.options import unused_options
 from ddmpi.results.fields import Fields
-from ddmpi.results.summary import rigid_partners, summarize
+from ddmpi.results.summary import plain, rigid_partners, summarize
 from ddmpi.results.tables import leg_columns, leg_values
 from ddmpi.run.solve import Solution
 from ddmpi.system.provenance import peak_memory, provenance
@@ -32,31 +32,26 @@ LITTLE = 0.1
 
 
 class StepLog:
-    """What is kept of the load steps, in their order, as rows of numbers. Without [time] there is one.
+    """What is kept of the load steps, in their order. Without [time] there is one.
 
     Attributes
     ----------
     contacts, bodies : names
     dimension : of the scene
-    partners : names of rigid ones that bodies may touch
-    steps : time and number of iterations of each
-    resultants : of each the `resultants` of the contacts
-    placed : of each the displacements (m) and forces (N) of rigid partners (np, 2, d)
+    steps : the entry of that name in the summary
     energies : external work, strain energy, interface work and dissipated energy since time 0, and what the step's
         balance leaves, of each (J)
-    iterations : a line of history.csv for each
+    iterations : the lines of history.csv
     doubts : warnings of answers at the ends of legs before the last one, of each kind the first
     most : the largest so far: residuals of contacts (nc, 4) and bodies (nb,), `Solution.sizes` (3,)
     """
 
-    def __init__(self, contacts: Iterable[str], bodies: Iterable[str], dimension: int,
-                 partners: Iterable[str] = ()) -> None:
-        self.contacts, self.bodies, self.partners = tuple(contacts), tuple(bodies), tuple(partners)
-        self.dimension, self.doubts, self._ends = dimension, dict[str, str](), np.zeros(0, int)
-        self.steps, self.resultants, self.placed, self.energies, self.iterations, self._kept = (
-            list[Any]() for _ in range(6))
-        self._tables = {"steps": self.steps, "resultants": self.resultants, "placed": self.placed,
-                        "energies": self.energies, "iterations": self.iterations, "kept": self._kept}
+    def __init__(self, contacts: Iterable[str], bodies: Iterable[str], dimension: int) -> None:
+        self.contacts, self.bodies, self.dimension = tuple(contacts), tuple(bodies), dimension
+        self.doubts, self._ends = dict[str, str](), np.zeros(0, int)
+        self.steps, self.energies, self.iterations, self._kept = (list[Any]() for _ in range(4))
+        self._tables = {"steps": self.steps, "energies": self.energies, "iterations": self.iterations,
+                        "kept": self._kept}
         self.most = {"contacts": np.zeros((len(self.contacts), len(ContactResiduals._fields))),
                      "bodies": np.zeros(len(self.bodies)), "sizes": np.zeros(3)}
 
@@ -74,20 +69,20 @@ class StepLog:
     def note_step(self, time: float, solution: Solution) -> None:
         """Note the end of a step: its iterations and sizes, resultants, and where rigid partners are."""
         self.note_iterations(len(self.steps) + 1, solution)
-        self.steps.append((time, len(solution.outer.history)))
         self._raise(sizes=solution.sizes)
-        self.note_contacts([solution.contacts[name] for name in self.contacts])
+        self.note_contacts(time, len(solution.outer.history), [solution.contacts[name] for name in self.contacts])
 
     def note_iterations(self, step: int, solution: Solution) -> None:
         """Note the iterations of a step, by its number."""
         for each, counts in zip(solution.outer.history, solution.statuses.counts, strict=True):
             self.iterations.append((step, *each[:4], *counts, each.n_A))
 
-    def note_contacts(self, contacts: Sequence[ContactState]) -> None:
+    def note_contacts(self, time: float, iterations: int, contacts: Sequence[ContactState]) -> None:
         """Note the resultants of a step, and where rigid partners are."""
-        found = rigid_partners(contacts)
-        self.placed.append(np.array([list(found[name].values()) for name in self.partners]))
-        self.resultants.append(np.array([state.resultants for state in contacts], resultants_in(self.dimension)))
+        self.steps.append(plain({
+            "time": time, "outer_iterations": iterations,
+            "contacts": {name: each.resultants for name, each in zip(self.contacts, contacts, strict=True)},
+            "rigid": rigid_partners(contacts)}))
 
     def doubt(self, time: float, warnings: Sequence[str]) -> None:
         """Note the warnings of the answer at the end of a leg, unless there are such that differ in numbers alone."""
@@ -110,17 +105,9 @@ class StepLog:
         width, parts = len(leg_columns(self.dimension)), (np.split(row, self._ends) for row in self._kept)
         return [(float(time[0]), s, alpha, values.reshape(-1, width)) for time, s, alpha, values in parts]
 
-    def summary(self) -> list[dict]:
-        """The entry ``steps`` of summary.json."""
-        return [{"time": float(time), "outer_iterations": int(number),
-                 "contacts": dict(zip(self.contacts, records, strict=True)),
-                 "rigid": {name: {"displacement": place, "force": force} for name, (place, force) in
-                           zip(self.partners, placed, strict=True)}}
-                for (time, number), records, placed in zip(self.steps, self.resultants, self.placed, strict=True)]
-
     def energy(self) -> list[tuple[float, ...]]:
         """The rows of energy.csv."""
-        return [(float(time), *row) for (time, _), row in zip(self.steps, self.energies, strict=True)]
+        return [(step["time"], *row) for step, row in zip(self.steps, self.energies, strict=True)]
 
     def excess(self, since: dict[str, Any], given: float = 0.0) -> float:
         """How much more friction has dissipated since `lengths` than contacts took, over all that it has dissipated.
@@ -129,7 +116,7 @@ class StepLog:
         Never so in truth, it shows how coarse the steps are where slip begins within one of them. Friction that
         dissipates less than LITTLE of the largest energy is compared with that.
         """
-        rows, k = np.array(self.energies), int(since["energies"])
+        rows, k = np.array(self.energies), since["energies"]
         before = rows[k - 1] if k else np.zeros(5)
         took, dissipated = rows[-1, 2:4] - before[2:4]
         size = max(rows[-1, 3], LITTLE * np.abs(rows[:, :3]).max())
@@ -144,10 +131,6 @@ class StepLog:
                 "dissipated": dissipated, "lost": interface - dissipated,
                 "residual": float(np.abs(rows[:, 4]).max()) / size if size else 0.0}
 
-    def history(self) -> list[tuple[float, ...]]:
-        """The rows of history.csv."""
-        return [(int(row[0]), int(row[1]), *map(float, row[2:5]), *map(int, row[5:])) for row in self.iterations]
-
     def lengths(self) -> dict[str, Any]:
         """What `shorten` needs to come back to the present state."""
         return {name: len(rows) for name, rows in self._tables.items()} | self.most
@@ -159,8 +142,8 @@ class StepLog:
         self.most = {name: lengths[name] for name in self.most}
 
     def state(self) -> dict[str, Any]:
-        return {name: list(rows) for name, rows in self._tables.items()} | {
-            "doubts": tuple(self.doubts.values()), "ends": self._ends} | self.most
+        return {name: tuple(rows) for name, rows in self._tables.items()} | {
+            "kept": list(self._kept), "doubts": tuple(self.doubts.values()), "ends": self._ends} | self.most
 
     def restore(self, state: dict[str, Any]) -> None:
         for name, rows in self._tables.items():
@@ -200,7 +183,7 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
            "reason": (solution.certified and ladder.missed) or solution.reason, "order": scene.body[0].mesh.order,
            "ranks": world.allreduce(len(ranks)), "outer_iterations": len(steps.iterations),
            "inner_iterations": sum(inner) if scene.method.by_body else inner[0],
-           "certificate_limit": solution.limit, "steps": steps.summary(),
+           "certificate_limit": solution.limit, "steps": steps.steps,
            "discretization_error": {"energy_norm": error.relative, "target": scene.method.target_error,
                                     "levels": [level._asdict() for level in ladder.levels]},
            "warnings": warnings, "undetermined": solution.undetermined,

@@ -310,7 +310,7 @@ def _write_steps(path: Path, solved: Solved, sizes: Sequence[tuple[int, int]]) -
 def _write_tables(path: Path, solved: Solved) -> dict[str, list[dict[str, np.ndarray]]]:
     """Write the tables; by contact `contact_fields` at the times whose fields are written."""
     solution, steps, start, found = solved.solution, solved.steps, 0, {}
-    write_history(path, steps.history())
+    write_history(path, steps.iterations)
     write_facets(path, (state.interface for state in solution.contacts.values()))
     write_steps(path, solved.summary["steps"])
     if solved.assembly.scene.time:

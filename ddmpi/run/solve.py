@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -174,19 +174,16 @@ class Iteration:
     ----------
     report : called with every iteration
     clock : times the phases outer and recover
-    first : looks for a mechanism before the outer method is made
 
     Attributes
     ----------
-    mechanism : that was found at first
     outer : the method
     statuses : of the contact nodes in the iterations of the load step
     goal : the tolerance at present
     limit : largest residual of a certified answer
     """
 
-    def __init__(self, assembly: Assembly, method: SettledMethod, report: Report, clock: Clock,
-                 first: Callable[[Assembly], Mechanism | None] | None = None) -> None:
+    def __init__(self, assembly: Assembly, method: SettledMethod, report: Report, clock: Clock) -> None:
         self.assembly, self.method, self.clock = assembly, method, clock
         for body in assembly.bodies:
             body.member.restart()
@@ -198,7 +195,6 @@ class Iteration:
             report(step)
 
         with clock.phase("outer"):
-            self.mechanism = first(assembly) if first else None
             self.outer = choose_outer(assembly, method, note)
         self.limit, self.goal = certificate_limit(method.tolerance), _Goal(method.tolerance)
         self.given = assembly.world.allreduce(max(body.member.C.solver.given for body in assembly.bodies), MPI.MAX)
@@ -253,10 +249,13 @@ def solve(assembly: Assembly, method: SettledMethod, report: Report = no_report,
     `clock` times the phases outer and recover. Collective. Raises SolverError, and InterruptionError
     when a signal came; the same on all ranks.
     """
-    iteration = Iteration(assembly, method, report, clock or Clock(), look_for_mechanism)
+    clock = clock or Clock()
+    with clock.phase("outer"):
+        mechanism = look_for_mechanism(assembly)
+    iteration = Iteration(assembly, method, report, clock)
     if checkpoints:
         checkpoints.follow(assembly, outer=iteration.outer, statuses=iteration.statuses, goal=iteration.goal)
-    return with_undetermined(assembly, iteration.solve(iteration.mechanism))
+    return with_undetermined(assembly, iteration.solve(mechanism))
 
 
 def with_undetermined(assembly: Assembly, solution: Solution) -> Solution:

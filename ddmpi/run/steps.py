@@ -111,9 +111,8 @@ def solve_scene(assembly: Assembly, report: Report = no_report, checkpoints: Che
     all. Collective.
     """
     scene, clock = assembly.scene, clock or Clock()
-    met = {name for contact in scene.contact for name in contact.bodies}
     log = StepLog([contact.name for contact in scene.contact], [each.name for each in (*scene.body, *scene.pushed)],
-                  scene.dimension, [each.name for each in scene.rigid if each.name in met])
+                  scene.dimension)
     if scene.time is None:
         solution = solve(assembly, scene.method, report, checkpoints, clock)
         log.note_step(scene.legs[0], solution)

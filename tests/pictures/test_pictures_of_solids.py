@@ -17,6 +17,7 @@ from ddmpi.errors import InputError
 from ddmpi.pictures import views
 from ddmpi.pictures.bodies import animate, draw_bodies
 from ddmpi.pictures.contacts import draw_contacts, draw_maps, flatten
+from ddmpi.pictures.curves import draw_steps
 from ddmpi.pictures.draw import draw_all
 from ddmpi.pictures.moved import rigid_parts
 from ddmpi.results.tables import Results, read_results
@@ -252,3 +253,15 @@ def test_pressure_and_tension_are_told_apart(tmp_path):
     table["normal_stress"][0] = -0.25 * table["normal_stress"].max()
     low, high = draw_contacts(results).axes[-1].get_ylim()
     assert low == pytest.approx(-high)
+
+
+def test_what_turns_has_a_loop_of_its_moment(tmp_path):
+    """Where contact forces cancel, as of a shaft in its hub, steps.png draws the moment that varies most."""
+    results = stacked(tmp_path, times=(1.0, 2.0))
+    assert draw_steps(results).axes[0].get_ylabel() == "tangential force (N)"
+    for axis in "xyz":
+        results.steps[f"force_{axis}"][:] = 0.0
+    results.steps["moment_y"][:] = [1e9, -1e9]
+    axes = draw_steps(results).axes[0]
+    assert axes.get_ylabel() == "moment (N·m)" and axes.lines[0].get_label() == "upper-lower, moment y"
+    assert axes.lines[0].get_ydata().tolist() == [0.0, 1e9, -1e9]
