@@ -104,8 +104,9 @@ class Sheet:
         low, high = at.min(axis=0), at.max(axis=0)
         arm, margin = round_down(ARM * (high - low).max()), 0.02 * (high - low).max()
         arms, text = arm * self.view.axes[:2].T, 0.2 * arm
-        level = np.abs(self.view.axes[1]).min() < 0.1  # an arm could run into the bodies
-        origin = low - (max(arms[:, 0].max(), 0.0) + 1.5 * text if level else 0.7 * arm, 0.0)
+        origin = low - (0.7 * arm, 0.0)
+        if ((at < origin + arms.max(axis=0) + 2.0 * text).all(axis=1)).any():  # an arm could run into the bodies
+            origin = low - (max(arms[:, 0].max(), 0.0) + 1.5 * text, 0.0)
         ends = origin + arms
         below = np.vstack([ends, origin]).min(axis=0) - (text, 2.2 * text)
         low = np.minimum(low, below) - margin
