@@ -77,7 +77,7 @@ def at_corners(over: Cover, slave: Side, master: Side) -> Cover:
     Between them lie the least and the greatest gap of plane facets: at nodes of both sides, and where edges cross.
     """
     rule = rule_of(slave, master)[0]
-    inner, first = float(rule[0].min()), slice(0, None, len(rule))
+    inner, first = float(np.median(rule[0])), slice(0, None, len(rule))  # which it has of two corners
 
     def out(points: np.ndarray) -> np.ndarray:
         own = points.reshape(-1, len(rule), 3)[:, :3]
@@ -86,7 +86,7 @@ def at_corners(over: Cover, slave: Side, master: Side) -> Cover:
     facet, other, ray = (np.repeat(each[first], 3, axis=0) for each in (over.facet, over.other, over.direction))
     at, there = out(over.at), out(over.there)
     fine = np.round(at[:, :2] * FINEST).astype(np.int64)
-    some = np.unique((facet * FINEST + fine[:, 0]) * FINEST + fine[:, 1], return_index=True)[1]
+    some = np.unique((facet * 2 * FINEST + fine[:, 0]) * 2 * FINEST + fine[:, 1], return_index=True)[1]
     facet, other, at, there, ray = (each[some] for each in (facet, other, at, there, ray))
     apart = (np.einsum("qc,qcd->qd", there, master.xy[master.facets[other, :3]])
              - np.einsum("qc,qcd->qd", at, slave.xy[slave.facets[facet, :3]]))

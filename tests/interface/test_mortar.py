@@ -13,7 +13,7 @@ from ddmpi.interface.mortar import shapes
 from ddmpi.interface.state import ContactState, contact_state
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Coulomb, NoFriction
-from ddmpi.surface.cover import cover
+from ddmpi.surface.cover import at_corners, cover
 from ddmpi.surface.side import Side
 
 COULOMB = Coulomb(coefficient=0.3)
@@ -477,6 +477,19 @@ def test_probes_see_what_lies_between_the_nodes():
     gap = contact.probes.gap - sum(sign * np.einsum("qi,qi->q", contact.probes.normal, contact.probes.moved(k, u[k]))
                                    for k, sign in ((0, 1.0), (1, -1.0)))
     assert -1e-3 <= gap.min() < -0.8e-3 and gap.max() == pytest.approx(0.0, abs=1e-15)
+
+
+@orders
+def test_every_corner_in_space_is_looked_at(order):
+    """Each facet of the slave that lies on the master wholly has its vertices among the places that are looked at."""
+    upper, lower = (side(box(*shape, order), group, body=group) for shape, group in (
+        (((0.1, 0.1, 1.0), (0.6, 0.6, 1.0), (2, 3, 2)), "bottom"),
+        (((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (4, 3, 2)), "top")))
+    looked = at_corners(cover(upper, lower), upper, lower)
+    places = np.einsum("qc,qcd->qd", looked.at, upper.xy[upper.facets[looked.facet, :3]])
+    for number, nodes in enumerate(upper.facets[:, :3]):
+        away = places[looked.facet == number] - upper.xy[nodes][:, None]
+        assert np.linalg.norm(away, axis=2).min(axis=1) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_pieces_of_the_cover_add_up():
