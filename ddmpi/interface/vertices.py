@@ -29,7 +29,8 @@ SLIVER = 1e-6
 """The dual functions of a facet of which a smaller part is covered are constants."""
 
 UNCOVERED = 0.15
-"""A vertex of whose area a smaller part is covered shares its function."""
+"""A vertex of whose area a smaller part is covered shares its function; else its gap would be one outside of that part.
+"""
 
 BARELY = 0.5
 """So does one that clamps let move by less than this, where free ones move by one."""
@@ -48,20 +49,21 @@ def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, looked: Co
     """
     side, bonded = sides[own], contact.kind == "bonded"
     seen = np.isin(np.arange(len(side.facets)), over.facet)
-    psi, full = _functions(side, over, bonded), _areas(side, seen)
+    psi, full, met = _functions(side, over, bonded), _areas(side), np.zeros(len(side.nodes), bool)
+    met[side.facets[seen, :3]] = True
     D = np.asarray(psi.sum(axis=0)).ravel()
     shares = (UNCOVERED * full > D) | (side.touched if bonded else side.fast)
-    also = shares | _meets_others(side, D)
-    if _spread(side.xy[~also & (full > 0.0)]):  # else rows in a line would be a hinge, which the bodies do not have
+    also = shares | _meets_others(side, D, full)
+    if _spread(side.xy[~also & met]):  # else rows in a line would be a hinge, which the bodies do not have
         shares = also
-    shares[full == 0.0] = False
+    shares[~met] = False
     pairs, size = links(side.facets[seen, :3], 3), len(side.nodes)
     near = sparse.csr_matrix((np.ones(2 * len(pairs)), np.concatenate([pairs, pairs[:, ::-1]]).T), (size, size))
-    rows = _rows(sides, own, over, psi, _shared(full > 0.0, shares, near), seen)
+    rows = _rows(sides, own, over, psi, _shared(met, shares, near), seen)
     held = _hardly_move(rows, holds_along(contact) and np.isfinite(sides[1 - own].modulus))
     if held.any() and not held.all():
         shares[rows.nodes[held]] = True
-        rows = _rows(sides, own, over, psi, _shared(full > 0.0, shares, near), seen)
+        rows = _rows(sides, own, over, psi, _shared(met, shares, near), seen)
     at = _shapes(side, looked.facet, looked.at), _shapes(sides[1 - own], looked.other, looked.there)
     first, sign = (1, 1.0) if own == 0 else (-1, -1.0)
     return replace(rows, points=Places((sides[0].nodes, sides[1].nodes), sign * looked.direction, looked.gap,
@@ -83,20 +85,21 @@ def _functions(side: Side, over: Cover, hats: bool) -> sparse.csr_matrix:
     return at_points(weighted, side.facets[over.facet, :3], len(side.nodes))
 
 
-def _areas(side: Side, some: np.ndarray) -> np.ndarray:
-    """Integrals (k,) of the vertices' hat functions over some of the facets (f,) bool (m²)."""
-    return nodal(np.repeat(side.lengths[some][:, None] / 3.0, 3, axis=1), side.facets[some, :3], len(side.nodes))
+def _areas(side: Side) -> np.ndarray:
+    """Integrals (k,) of the vertices' hat functions over all facets (m²)."""
+    return nodal(np.repeat(side.lengths[:, None] / 3.0, 3, axis=1), side.facets[:, :3], len(side.nodes))
 
 
-def _meets_others(side: Side, D: np.ndarray) -> np.ndarray:
+def _meets_others(side: Side, D: np.ndarray, full: np.ndarray) -> np.ndarray:
     """Which vertices (k,) other contacts of the body have as well: on the rim of their group, where another one's
-    group begins, and, where other contacts are on the same group, where what this one covers (k,) ends."""
+    group begins, and, where other contacts are on the same group, where what this one covers (k,) of all (k,) ends.
+    """
     facets = side.facets[:, :3]
     edges, count = np.unique(np.sort(np.concatenate([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]]), axis=1),
                              axis=0, return_counts=True)
     rim = np.zeros(len(side.nodes), bool)
     rim[edges[count == 1]] = True
-    partly = (1.0 - UNCOVERED) * _areas(side, np.ones(len(facets), bool)) > D
+    partly = (1.0 - UNCOVERED) * full > D
     return (rim & side.tied) | (partly & side.parted)
 
 

@@ -487,7 +487,7 @@ def test_a_deep_overlap_between_nodes_is_a_warning(tmp_path, slave, scale, warne
     assert (deepest > 0.5e-5 * scale) == warned
 
 
-@pytest.mark.parametrize(("order", "rigid"), [(1, False), (2, True)])
+@pytest.mark.parametrize(("order", "rigid"), [(1, False), (2, False), (2, True)])
 @pytest.mark.parametrize("moved", [-1e-3, 1e-3])
 def test_a_tip_that_no_row_feels_is_a_warning(order, rigid, moved, capfd):
     """A corner of a hexahedron sinks by 1 mm into a base whose rows, or into a plane that its own rows, feel only a
