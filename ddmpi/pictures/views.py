@@ -69,7 +69,7 @@ class View:
             self.axes[[0, 2]] *= -1.0
         for k, at in across.items():
             low, high = points[:, k].min(), points[:, k].max()
-            if not low < at < high:
+            if not 2.0 * ROUNDING * (high - low) < min(at - low, high - at):
                 raise InputError(f"output.cut: {'xyz'[k]} = {at:g} cuts no body; they reach from {low:g} to {high:g}")
             sign = 1.0 if self.axes[2, k] > -1e-9 else -1.0
             self.cut = sign * np.eye(3)[k], sign * at
@@ -103,18 +103,19 @@ class Skin:
         if view.cut is None:
             return
         facets, cell = self._cap(points, cells, view.cut[0])
-        seen = (self.beyond[self.facets] <= 0.0).any(axis=1)
+        kept = (self.beyond[cells] < 0.0).any(axis=1)  # else a cell touches the cut from the front at most
+        seen = kept[self.cell] & (self.beyond[self.facets] <= 0.0).any(axis=1)
         self.beyond = np.append(self.beyond, np.zeros(len(self._ends)))
         self.facets, self.of, self.cell = (np.concatenate([old[seen], new]) for old, new in (
             (self.facets, facets), (self.of, np.full(len(cell), -1)), (self.cell, cell)))
 
     def _cap(self, points: np.ndarray, cells: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Triangles (t, 3) in which the cut crosses cells, and the cell (t,) of each."""
-        some = np.flatnonzero((self.beyond[cells].min(axis=1) <= 0.0) & (self.beyond[cells].max(axis=1) > 0.0))
+        some = np.flatnonzero((self.beyond[cells].min(axis=1) < 0.0) & (self.beyond[cells].max(axis=1) >= 0.0))
         parts = np.array([[0, 1, 2, 3]] if cells.shape[1] == 4 else [*CORNERS_CUT[3], *INSIDE[3][0]])
         corners = cells[some][:, parts].reshape(-1, 4)
-        order = np.argsort(self.beyond[corners] > 0.0, axis=1, kind="stable")
-        corners, kept = np.take_along_axis(corners, order, axis=1), (self.beyond[corners] <= 0.0).sum(axis=1)
+        order = np.argsort(self.beyond[corners] >= 0.0, axis=1, kind="stable")
+        corners, kept = np.take_along_axis(corners, order, axis=1), (self.beyond[corners] < 0.0).sum(axis=1)
         edges = np.concatenate([corners[kept == n][:, crossed].reshape(-1, 3, 2) for n, crossed in CROSSED.items()])
         cell = np.concatenate([np.repeat(some[np.flatnonzero(kept == n) // len(parts)], len(crossed))
                                for n, crossed in CROSSED.items()])

@@ -207,6 +207,18 @@ def test_a_cut_has_a_face(axis, order, at):
     assert ((at - kept[:, k]) * view.axes[2, k] >= -1e-9).all()
 
 
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_cut_along_a_side_leaves_nothing_of_what_is_in_front(order):
+    """Of two boxes that touch there the one behind the cut is seen as a whole, the other one not at all."""
+    below, above = (made_up_solids.box((0, 0, z), (1.0, 1.5, 1.0), (2, 3, 2), order) for z in (0.0, 1.0))
+    points = np.concatenate([below.points, above.points])
+    cells = np.concatenate([below.triangles, above.triangles + len(below.points)])
+    skin = views.Skin(views.View(points, {"cut": {"z": 1.0}}), points, cells)
+    assert (skin.cell < len(below.triangles)).all() and (skin.of >= 0).sum() >= len(below.boundary[0])
+    with pytest.raises(InputError, match="cuts no body"):
+        views.View(points, {"cut": {"z": 1e-12}})
+
+
 def test_pictures_are_cut_and_seen_as_asked_for(tmp_path):
     """The keys of the scene and the options of the command do the same, to bodies, contacts, errors and animations;
     the scale of colours and the limits are those of what is left."""
