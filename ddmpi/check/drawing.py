@@ -39,9 +39,10 @@ from ddmpi.results.frame import (
 )
 from ddmpi.results.solids import PIXELS, Surface, draw_surfaces, rigid_surfaces, stage
 from ddmpi.results.summary import units
-from ddmpi.results.tables import Results, writing
+from ddmpi.results.tables import Results
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.side import nodal
+from ddmpi.system.files import writing
 from ddmpi.system.numbers import scaled_unit
 
 PLACES, ARROW = 16, 0.08

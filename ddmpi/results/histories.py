@@ -30,7 +30,8 @@ from ddmpi.results.frame import (
     surfaces,
 )
 from ddmpi.results.solids import ZONES, Surface, draw_surfaces, rigid_surfaces, stage
-from ddmpi.results.tables import PATH, Columns, Results, drawn_rows, leg_columns, writing
+from ddmpi.results.tables import PATH, Columns, Results, drawn_rows, leg_columns
+from ddmpi.system.files import writing
 from ddmpi.system.numbers import in_words
 
 ROUNDING = 1e-6

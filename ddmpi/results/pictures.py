@@ -41,10 +41,10 @@ from ddmpi.results.frame import (
     write_names,
 )
 from ddmpi.results.histories import animate, at_step, draw_steps
-from ddmpi.results.tables import Columns, Results, chains, drawn_rows, read_results, reading, velocities_in, writing
+from ddmpi.results.tables import Columns, Results, chains, drawn_rows, read_results, reading, velocities_in
 from ddmpi.scene.contacts import Friction
 from ddmpi.scene.method import METHODS
-from ddmpi.system.files import MECHANISM, contact_files
+from ddmpi.system.files import MECHANISM, contact_files, writing
 from ddmpi.system.numbers import scaled_unit
 from ddmpi.system.provenance import identity
 

@@ -35,7 +35,7 @@ class StepLog:
 
     Attributes
     ----------
-    contacts, bodies : names
+    contacts, bodies : names, of all on the first rank, on others of their own
     dimension : of the scene
     partners : names of rigid ones that bodies may touch
     steps : time and number of iterations of each
@@ -69,7 +69,7 @@ class StepLog:
                 "iterations": self.iterations, "kept": self._kept, "placed": self.placed}
 
     def judge(self, certificate: Certificate) -> Certificate:
-        """Note the residuals of a step; the largest ones so far."""
+        """Note the residuals of a step; the largest ones so far, of the contacts and bodies that the log has."""
         contacts = [certificate.contacts[name] for name in self.contacts]
         bodies = [certificate.equilibrium[name] for name in self.bodies]
         self.worst = np.maximum(self.worst[0], contacts), np.maximum(self.worst[1], bodies)
@@ -179,7 +179,7 @@ def _kind(warning: str) -> str:
 
 def gather_summary(assembly: Assembly, solution: Solution, error: DiscretizationError, own_fields: dict[str, Fields],
                    ladder: MeshLadder, warnings: list[str], started: float, steps: StepLog | None = None) -> dict:
-    """All of summary.json but the times, on every rank. Collective.
+    """All of summary.json but the times, on the first rank; nothing on the others. Collective.
 
     Parameters
     ----------
@@ -197,8 +197,10 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     own = [(body.number, (body.spec.name, _body(body, solution, error, own_fields[body.spec.name], ranks, memory)
                           | forces_by_group(body, solution.displacements[body.spec.name], s, factors)))
            for body, s in zip(assembly.bodies, outer.body_forces(), strict=True)]
-    everyone = world.allgather((own, unused_options(), sum(outer.inner_steps.values()), assembly.exchange.state(),
-                                hosts))
+    everyone = world.gather((own, unused_options(), sum(outer.inner_steps.values()), assembly.exchange.state(), hosts))
+    if everyone is None:
+        return {}
+    hosts = [host for *_, part in everyone for host in part]
     bodies = dict(body for _, body in sorted(itertools.chain(*(each for each, *_ in everyone)),
                                              key=lambda pair: pair[0]))
     unused = sorted(set.intersection(*(set(left) for _, left, *_ in everyone)))
@@ -207,7 +209,7 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     run = RunResult(
         converged=solution.certified and not ladder.missed,
         reason=(solution.certified and ladder.missed) or solution.reason, order=scene.body[0].mesh.order,
-        ranks=world.allreduce(len(ranks)), outer_iterations=len(steps.iterations) if steps else len(outer.history),
+        ranks=len(hosts), outer_iterations=len(steps.iterations) if steps else len(outer.history),
         inner_iterations=sum(inner) if scene.method.by_body else inner[0],
         certificate_limit=solution.limit, energy_norm=error.relative,
         levels=[level._asdict() for level in ladder.levels],
@@ -216,9 +218,8 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
         options=PETSc.Options().getAll(), options_unused=unused, warnings=warnings,
         undetermined=solution.undetermined, steps=steps.summary() if steps else None,
         energy=steps.balance() if steps else None)
-    hosts = [host for *_, part in everyone for host in part]
     return summarize(scene.resolved(), run, bodies, solution.contacts, solution.certificate,
-                     steps.dissipated if steps else None) | provenance(world, started, hosts)
+                     steps.dissipated if steps else None) | provenance(started, hosts)
 
 
 def _body(body: Body, solution: Solution, error: DiscretizationError, fields: Fields, ranks: list[int],

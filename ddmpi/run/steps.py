@@ -132,10 +132,14 @@ class March:
         assert isinstance(iteration.outer, Newton)
         scene = assembly.scene
         self.assembly, self.iteration, self.outer = assembly, iteration, iteration.outer
-        self.log = StepLog([contact.name for contact in scene.contact],
-                           [each.name for each in (*scene.body, *scene.pushed)], scene.dimension,
+        bodies = {body.spec.name for body in assembly.bodies} if assembly.world.rank else {
+            body.name for body in scene.body}
+        contacts = [contact for contact in scene.contact if not bodies.isdisjoint(contact.bodies)]
+        self.log = StepLog([contact.name for contact in contacts],
+                           [each.name for each in scene.body if each.name in bodies] + [
+                               each.name for each in scene.pushed], scene.dimension,
                            [each.name for each in scene.rigid
-                            if any(each.name in contact.bodies for contact in scene.contact)])
+                            if any(each.name in contact.bodies for contact in contacts)])
         self.iterations = 0
         assert scene.time is not None
         self._legs, self._steps, self._tolerance = scene.legs, scene.time.steps, scene.time.tolerance or math.inf
@@ -177,7 +181,7 @@ class March:
                 self._next_leg()
             self._keep()
         worst = self.log.judge(solution.certificate)
-        return replace(with_undetermined(self.assembly, solution), certificate=worst)
+        return replace(with_undetermined(self.assembly, solution), certificate=worst.told(self.assembly.world))
 
     def _step(self, time: float) -> Solution:
         """Solve the load step to `time`."""
@@ -257,7 +261,8 @@ class March:
         work = 0.5 * (factors + now.factors) @ (solution.work[0] - now.work[0])
         work += 0.5 * (factors - now.factors) @ (solution.work[1] + now.work[1]) + driven
         lost = work - (solution.energy - now.energy) - interface_work
-        dissipated = sum(state.dissipated for state in contacts)
+        closed = sum(float(each.interface.area[each.status != "open"].sum()) for each in contacts)
+        dissipated, closed = assembly.world.bcast((sum(state.dissipated for state in contacts), closed))
         before = self.log.energies[-1] if self.log.energies else np.zeros(5)
         self.log.energies.append([before[0] + work, solution.energy, before[2] + interface_work,
                                   before[3] + dissipated, lost])
@@ -270,8 +275,7 @@ class March:
         alike = not (self._sudden and now.time == 0.0)
         self._now = _Mark(time, time - now.time if alike else 0.0, s, outer.motions, self._d, moved, space.opening,
                           solution.prescribed, s - now.s, outer.motions - now.alpha, closing, factors, solution.work,
-                          solution.energy,
-                          sum(float(each.interface.area[each.status != "open"].sum()) for each in contacts))
+                          solution.energy, closed)
         del self._ahead[0]
         if not self._ahead or scene.output.steps == "all":
             self.log.keep(time, s, outer.motions, contacts)

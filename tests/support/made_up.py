@@ -132,8 +132,7 @@ def results(folder: Path, kind: str = "stack", order: int = 1, friction=COULOMB,
                         {name: body(**of) for name, of in moved.items()},
                         {each.interface.name: each for each in states}, certificate(CONTACTS[kind], meshes))
     sizes = [(len(mesh.points), len(mesh.triangles)) for mesh in meshes.values()]
-    for number, part in enumerate(parts):
-        write_fields(folder, part, number, sizes)
+    write_fields(folder, dict(enumerate(parts)))
     write_xdmf(folder, (), dict(zip(meshes, sizes, strict=True)),
                {each.interface.name: [contact_fields(each)] for each in states})
     write_facets(folder, (each.interface for each in states))
