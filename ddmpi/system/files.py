@@ -6,7 +6,7 @@ import contextlib
 import io
 import os
 import socket
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -121,10 +121,19 @@ def write_rows(target: Path, parts: Mapping[str, np.ndarray], places: Mapping[st
         return found
 
     starts = from_first(world, make)
-    # For writing only: a host that had read what is beside its rows, on NFS, would write that, too.
-    with agreed(world), writing(target), open(os.open(target, os.O_WRONLY), "wb") as file:
-        for name, part in parts.items():
-            file.seek(starts[name] + places[name][0] * (part.nbytes // len(part)))
+    with agreed(world):
+        put(target, [(starts[name] + places[name][0] * (part.nbytes // len(part)), part)
+                     for name, part in parts.items()])
+
+
+def put(target: Path, parts: Sequence[tuple[int, np.ndarray]]) -> None:
+    """Write arrays into a file that is there, each from a byte on. Not collective. Raises OutputError.
+
+    It is opened for writing only: a host that had read what is beside its bytes, on NFS, would write that, too.
+    """
+    with writing(target), open(os.open(target, os.O_WRONLY), "wb") as file:
+        for start, part in parts:
+            file.seek(start)
             file.write(part.data)
 
 

@@ -331,7 +331,7 @@ MUTANTS = [Mutant(*row) for row in (
      "            for name in names[1:]:\n", "results/test_files.py::test_what_is_written_is_published"),
     ("results overwritten", "results/folder", "            if taken:\n", "            if False:\n",
      "results/test_files.py::test_publishing_overwrites_nothing"),
-    ("cells of the second body have the first one's nodes", "results/fields", "fields.triangles + before[0]",
+    ("cells of the second body have the first one's nodes", "results/fields", "fields.triangles + first",
      "fields.triangles", "results/test_fields.py::test_meshio_reads_all_bodies"),
     # run
     ("digest of a checkpoint unchecked", "run/checkpoint", "if data[:BLOCK] != _head(data[BLOCK:]):",
@@ -344,7 +344,7 @@ MUTANTS = [Mutant(*row) for row in (
      'if self._begin["mesh"] != self._fixed["mesh"]:', "if False:",
      "run/test_checkpoint.py::test_another_mesh_is_refused_on_both_ranks"),
     ("rounding of an unloaded body is a result", "run/solve", "np.abs(u).max() <= moved", "False", UNLOADED),
-    ("the certificate of a history is that of its last step", "run/steps", "certificate=worst)",
+    ("the certificate of a history is that of its last step", "run/steps", "certificate=worst.told(self.assembly.world))",
      "certificate=solution.certificate)", UNLOADED),
     ("the largest forces forgotten at a restart", "run/steps", 'state["changed"]), state["largest"]',
      'state["changed"]), 0.0 * state["largest"]', ADAPTIVE),
