@@ -24,6 +24,7 @@ from ddmpi.judge.plausible import doubt_answer, doubt_mesh, doubt_stress
 from ddmpi.mesh.refine import Sizes
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
+from ddmpi.pictures.views import View
 from ddmpi.results.fields import Fields, contact_fields, write_facets, write_fields, write_surface, write_xdmf
 from ddmpi.results.folder import Staging, choose_folder
 from ddmpi.results.summary import plain, write_mechanism, write_summary
@@ -46,17 +47,15 @@ DRAWERS = 2
 
 @dataclass(frozen=True)
 class Solved:
-    """A scene on one mesh, solved, as one rank holds it; fields of its bodies by name.
-
-    `steps` is None without [time]; all else is of the last load step.
-    """
+    """A scene on one mesh, solved, as one rank holds it; fields of its bodies by name. All but `steps` is of the last
+    load step."""
 
     assembly: Assembly
     solution: Solution
     error: DiscretizationError
     fields: dict[str, Fields]
     summary: dict
-    steps: StepLog | None = None
+    steps: StepLog
 
 
 def run(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool,
@@ -137,7 +136,7 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, fold
         return solved
 
     with checkpoints.kept():
-        if ladder.done:
+        if ladder.levels:
             log.info("continuing with %s", ladder.meshes)
         while True:
             try:
@@ -191,7 +190,7 @@ def _estimate(assembly: Assembly, solution: Solution, clock: Clock) -> Discretiz
         return sum_errors(bodies, own, assembly.world.bcast(np.sum(list(bodies.values()), axis=0)))
 
 
-def _finish(assembly: Assembly, solution: Solution, steps: StepLog | None, error: DiscretizationError,
+def _finish(assembly: Assembly, solution: Solution, steps: StepLog, error: DiscretizationError,
             ladder: MeshLadder, told: list[str], clock: Clock) -> Solved:
     """The fields that are asked for, and on the first rank the summary. Collective."""
     with clock.phase("recover"), agreed(assembly.world), event("Stress"):
@@ -200,7 +199,7 @@ def _finish(assembly: Assembly, solution: Solution, steps: StepLog | None, error
     doubts = doubt_answer(assembly, solution.displacements, solution.contacts)
     singular = doubt_stress(assembly, {name: each.von_mises for name, each in fields.items()})
     warnings = [*assembly.warnings, *(body.locking for body in assembly.scene.body if body.locking), *doubts,
-                *(steps.doubts_beside(doubts) if steps else ()),
+                *steps.doubts_beside(doubts),
                 *(() if assembly.world.rank else doubt_mesh(assembly.scene.body, error)), *singular]
     summary = gather_summary(assembly, solution, error, fields, ladder, warnings, clock.started, steps)
     if summary:
@@ -223,9 +222,14 @@ def _fields(assembly: Assembly, body: Body, u: np.ndarray, error: Discretization
 
 def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock | None = None,
                   refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES, factor: bool = True) -> Assembly:
-    """`prepare`, with the scene's file named in what is wrong with it. Collective."""
+    """`prepare`, with the scene's file named in what is wrong with it, as with a cut of pictures. Collective."""
     try:
-        return prepare(world, scene, Path(scene_path).parent, clock, refinement, sizes, factor)
+        assembly = prepare(world, scene, Path(scene_path).parent, clock, refinement, sizes, factor)
+        if scene.output.cut:
+            ends = merged(world, {body.number: (body.mesh.points.min(axis=0), body.mesh.points.max(axis=0))
+                                  for body in assembly.bodies})
+            View(np.concatenate([*ends.values()]), scene.resolved()["output"])
+        return assembly
     except InputError as error:
         error.args = (f"{scene_path}: {error}",)
         raise
@@ -281,8 +285,6 @@ def _write_steps(path: Path, solved: Solved) -> list[float]:
     the forces of each by body and group. Collective."""
     assembly, times, steps = solved.assembly, [], solved.steps
     world, joint = assembly.world, assembly.joint
-    if not steps:
-        return []
     told = {step["time"]: step for step in solved.summary.get("steps", ())}  # on the first rank
     for number, (time, s, alpha, _) in enumerate(steps.kept):
         times.append(time)
@@ -292,12 +294,12 @@ def _write_steps(path: Path, solved: Solved) -> list[float]:
                                         for name, body in solved.summary["bodies"].items()}
             continue
         assembly.act(time)
-        parts, fields, forces = joint.spread(s), {}, {}
+        parts, fields, forces, factors = joint.spread(s), {}, {}, assembly.scene.factors(time)
         with agreed(world):
             for body, part in zip(assembly.bodies, parts, strict=True):
-                u, *_ = recover(body.member, part, alpha[joint.slices[body.spec.name]], steps.largest)
+                u, *_ = recover(body.member, part, alpha[joint.slices[body.spec.name]], steps.most["sizes"])
                 fields[body.number] = _fields(assembly, body, u)
-                forces[body.spec.name] = plain(forces_by_group(body, u, part, assembly.scene.factors(time)))
+                forces[body.spec.name] = plain(forces_by_group(body, u, part, factors))
         forces = gathered(world, forces)
         if told:
             told[time]["bodies"] = {name: forces[name] for name in solved.summary["bodies"]}
@@ -308,32 +310,27 @@ def _write_steps(path: Path, solved: Solved) -> list[float]:
 
 def _write_tables(path: Path, solved: Solved) -> dict[str, list[dict[str, np.ndarray]]]:
     """Write the tables; by contact `contact_fields` at the times whose fields are written."""
-    solution = solved.solution
-    write_history(path, solved.steps.history() if solved.steps else
-                  [(1, *step[:4], *counts, step.n_A) for step, counts in
-                   zip(solution.outer.history, solution.statuses.counts, strict=True)])
+    solution, steps, start, found = solved.solution, solved.steps, 0, {}
+    write_history(path, steps.iterations)
+    write_facets(path, (state.interface for state in solution.contacts.values()))
+    write_steps(path, solved.summary["steps"])
+    if solved.assembly.scene.time:
+        write_energy(path, steps.energy())
     for name, state in solution.contacts.items():
         write_contact(path, name, state)
         write_sides(path, name, state)
-    write_facets(path, (state.interface for state in solution.contacts.values()))
-    write_steps(path, solved.summary["steps"])
-    if solved.steps:
-        write_energy(path, solved.steps.energy())
-    start, found = 0, {name: [contact_fields(state)] for name, state in solution.contacts.items()}
-    if not solved.steps:
-        return found
-    for name, state in solution.contacts.items():
         part = slice(start, start := start + state.interface.m)
-        values = [(time, each[part]) for time, _, _, each in solved.steps.kept]
-        write_legs(path, name, state, values)
+        values = [(time, each[part]) for time, _, _, each in steps.kept]
+        if solved.assembly.scene.time:
+            write_legs(path, name, state, values)
         found[name] = [contact_fields(state, None if time == solution.time else each)
-                       for time, each in values] or found[name]
+                       for time, each in values] or [contact_fields(state)]
     return found
 
 
 def _draw(path: Path, number: int, drawers: int) -> OutputError | None:
     """Draw this rank's share of the pictures, where matplotlib is installed; its error waits for the numbers."""
-    from ddmpi.results.pictures import draw_all
+    from ddmpi.pictures.draw import draw_all
 
     if not has_matplotlib():
         return None
