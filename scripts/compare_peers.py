@@ -13,13 +13,14 @@ import importlib.util
 import json
 import math
 import os
+import resource
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -28,10 +29,14 @@ from experiment import ROOT, Ledger, Row, arguments, processor, publish, table, 
 from mpi4py import MPI
 from peers import Answer, Case, read_answer
 from problems import draw
+from problems.solids import half_ball
 from scenes import clean_environment, pinched_blocks, to_toml, tower
+from scipy.spatial import cKDTree
+from solid_scenes import box, two_boxes
 
 from ddmpi.mesh.boundary import boundary_group
 from ddmpi.mesh.build import build_mesh
+from ddmpi.mesh.elements import facet_shares
 from ddmpi.scene.reader import read_scene
 from ddmpi.system.provenance import versions
 
@@ -49,16 +54,22 @@ WIDTH = float(np.sqrt(8 * LOAD * RADIUS * (1 - POISSON**2) / np.pi / YOUNG))
 SUMMIT = 4 * LOAD / np.pi / WIDTH
 """Hertz's largest pressure (MPa)."""
 
+BALL = 0.1
+"""Hertz's radius of the contact of a ball of 1 m and 1 Pa with a rigid plane (m)."""
 
-def frictionless(N: int, folder: Path) -> dict:
+PRESSED = 4 * BALL**3 / 3 / (1 - POISSON**2)
+"""The force on it (N)."""
+
+
+def frictionless(N: int, folder: Path, order: int) -> dict:
     return pinched_blocks(N, "none")
 
 
-def blocks(N: int, folder: Path) -> dict:
+def blocks(N: int, folder: Path, order: int) -> dict:
     return pinched_blocks(N)
 
 
-def hertz(N: int, folder: Path) -> dict:
+def hertz(N: int, folder: Path, order: int) -> dict:
     """N/2 nodes on the half width; the plane is rigid, so that nodes meet points."""
     size = f"{2 * WIDTH / N} + 0.25 * Max(0, Sqrt(x * x + y * y) - {2 * WIDTH})"
     mesh = draw(folder / "roller.msh", {"o": (0.0, 0.0), "b": (RADIUS, RADIUS), "c": (0.0, RADIUS)},
@@ -71,77 +82,205 @@ def hertz(N: int, folder: Path) -> dict:
             "contact": [{"bodies": ["roller", "plane"], "on": ["rim"]}]}
 
 
-def stack(N: int, folder: Path) -> dict:
+def stack(N: int, folder: Path, order: int) -> dict:
     """Pushed so hard that its lower joints open and slide in part; nothing but contacts holds the upper three."""
     scene = tower(4, N // 2)
     scene["body"][-1]["traction"] = [{"on": "top", "value": [1.0e7, -6.0e7]}]
     return scene
 
 
-SCENES: dict[str, tuple[Callable[[int, Path], dict], tuple[float, float]]] = {
-    "frictionless": (frictionless, (3.0, 2.0)), "blocks": (blocks, (3.0, 2.0)), "hertz": (hertz, (0.0, RADIUS)),
-    "stack": (stack, (3.0, 4.0))}
-"""By name: the scene on a mesh, and the point whose displacement is compared (m, of the roller mm)."""
+def boxes(N: int, folder: Path, order: int) -> dict:
+    """At order 2 with as many nodes, and meshes that do not match."""
+    return two_boxes(N) if order == 1 else two_boxes(N // 2, round(0.85 * (N // 2)), 2)
 
 
-def write_case(name: str, N: int, folder: Path) -> Case:
+FRICTION = {"law": "coulomb", "coefficient": 0.3}
+
+
+def tall(N: int, folder: Path, order: int) -> dict:
+    """Cubes on each other, pushed along both sides at the top; nothing but contacts holds the upper three."""
+    n = N // order
+    bodies = [box(f"cube{k}", (0, 0, k), (1, 1, 1), (n, n, n), order, 2.119e11, 0.277) for k in range(4)]
+    bodies[0]["clamp"] = ["bottom"]
+    bodies[3]["traction"] = [{"on": "top", "value": [5.0e6, 2.5e6, -6.0e7]}]
+    return {"body": bodies, "contact": [{"bodies": [f"cube{k + 1}", f"cube{k}"], "on": ["bottom", "top"],
+                                         "friction": FRICTION} for k in range(3)]}
+
+
+def ball(N: int, folder: Path, order: int) -> dict:
+    """A quarter of a half ball; N elements of order 1, or as many nodes, on the diameter of the contact."""
+    mesh = half_ball(folder / "ball.msh", BALL, 2 * BALL * order / N, 2 if order == 2 else 1)
+    return {"rigid": [{"name": "plane", "shape": "plane", "point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}],
+            "body": [{"name": "ball", "mesh": mesh, "material": {"young": 1.0, "poisson": POISSON},
+                      "clamp": [{"on": "start", "y": 0.0}, {"on": "end", "x": 0.0}],
+                      "traction": [{"on": "top", "force": [0.0, 0.0, -PRESSED / 4]}]}],
+            "contact": [{"bodies": ["ball", "plane"], "on": ["contact"]}]}
+
+
+def wall(N: int, folder: Path, order: int) -> dict:
+    """Fourteen bricks in running bond, N cells of order 1 on a quarter of a brick and its open joint."""
+    cell, n = 0.03, N // order
+    courses = [[(0, 7), (8, 7), (16, 7)], [(0, 3), (4, 7), (12, 7), (20, 3)]] * 2
+    bodies, contacts = [], []
+    for level, course in enumerate(courses):
+        for k, (start, length) in enumerate(course):
+            held = {"clamp": ["bottom"]} if level == 0 else {}
+            pushed = {"traction": [{"on": "top", "value": [1.5e4, 1.0e4, -5.0e4]}]} if level == 3 else {}
+            bodies.append(box(f"brick{level}{k}", (start * cell, 0, 2 * cell * level),
+                              (length * cell, 4 * cell, 2 * cell), (length * n, 4 * n, 2 * n), order, 1e10, 0.2,
+                              **held, **pushed))
+            contacts += [{"bodies": [f"brick{level}{k}", f"brick{level - 1}{below}"], "on": ["bottom", "top"],
+                          "friction": FRICTION | {"coefficient": 0.6}}
+                         for below, (at, size) in enumerate(courses[level - 1] if level else [])
+                         if at < start + length and start < at + size]
+    return {"body": bodies, "contact": sorted(contacts, key=lambda contact: contact["bodies"][1])}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene by its fineness N.
+
+    Attributes
+    ----------
+    make : the scene for ddmpi from N, a folder and the order of the elements
+    watched : the point whose displacement is compared (m, of the roller mm)
+    sizes : how often each N is measured
+    compared : groups of columns of which the worst relative difference counts
+    exact : known values, of the columns that they name
+    fine : N of the fine answer of order 2; 0 in the plane
+    contacts : how many contacts make up the force that is compared
+    held : whether clamps hold each body, so that each has a regular stiffness matrix
+    """
+
+    title: str
+    words: str
+    make: Callable[[int, Path, int], dict]
+    watched: tuple[float, ...]
+    sizes: Mapping[int, int] = field(default_factory=lambda: {22: 3, 86: 3, 160: 2})
+    compared: Collection[tuple[str, ...]] = (("normal", "tangential"), ("pressure",), ("x", "y"))
+    exact: Mapping[str, float] = field(default_factory=dict)
+    fine: int = 0
+    contacts: int = 1
+    held: bool = False
+
+    @property
+    def in_space(self) -> bool:
+        return len(self.watched) == 3
+
+
+FORCE, MOVED = ("normal", "tangential"), ("x", "y", "z")
+WORDS = {FORCE: "force", MOVED: "displacement", ("pressure",): "largest pressure"}
+SCENES = {
+    "frictionless": Scene(
+        "Two blocks without friction", "`configs/pinched_blocks.toml` with squares of side 1/N. Displacement of the "
+        "point (3, 2).", frictionless, (3.0, 2.0), held=True),
+    "blocks": Scene(
+        "Two blocks with Coulomb friction 0.3", "`configs/pinched_blocks.toml` with squares of side 1/N: a part of the "
+        "contact is open, a part slips, a part sticks. Displacement of the point (3, 2).", blocks, (3.0, 2.0),
+        held=True),
+    "hertz": Scene(
+        "A roller on a rigid plane", "Half of a steel roller of radius 50 mm under 35 kN/mm, linear triangles of which "
+        f"N/2 lie on Hertz's half width. Hertz's largest pressure is {SUMMIT:.1f} MPa; the largest one of the nodes "
+        "depends on the triangles in the corner. mm, N, MPa. Nothing but its contact holds the roller in y.",
+        hertz, (0.0, RADIUS)),
+    "stack": Scene(
+        "A stack of four blocks with Coulomb friction 0.3", "Four blocks of 3 m × 1 m on each other, squares of side "
+        "2/N, pushed at the top by a sixth of what presses them. Only the lowest is clamped. The force is that of the "
+        "lowest contact; displacement of the upper right corner.", stack, (3.0, 4.0)),
+    "boxes": Scene(
+        "Two boxes in space with Coulomb friction 0.3", "`configs/two_boxes.toml` with cubes of side 1/N, each cut "
+        "into six tetrahedra; at order 2 cubes of side 2/N and, on the lower box, by 0.85 fewer. A part of the contact "
+        "is open, a part sticks, most of it slips. Displacement of the corner (3, 2, 1).", boxes, (3.0, 2.0, 1.0),
+        {8: 2, 16: 1, 22: 1}, (FORCE, MOVED), fine=32, held=True),
+    "tall": Scene(
+        "A loose stack of four cubes with Coulomb friction 0.3", "Cubes of 1 m on each other, of N cells a side, "
+        "pushed sideways at the top; only the lowest is clamped. The force, that of the lowest contact, is decided by "
+        "the load. Displacement of the corner (1, 1, 4).", tall, (1.0, 1.0, 4.0), {6: 2, 12: 1, 18: 1}, (FORCE, MOVED),
+        fine=24),
+    "ball": Scene(
+        "A ball on a rigid plane", "A quarter of a half ball, R = 1 m, E = 1 Pa, N elements on the diameter of Hertz's "
+        "contact, a = 0.1 m. Nothing but its contact holds the ball in z; no friction. The pressure is compared with "
+        "Hertz's, the displacement, of the middle of the cut, with the fine answer's.", ball, (0.0, 0.0, 1.0),
+        {10: 2, 20: 1, 40: 1}, (("pressure",), MOVED), {"pressure": 2 * BALL / np.pi / (1 - POISSON**2)}, 60),
+    "wall": Scene(
+        "A wall of fourteen bricks with Coulomb friction 0.6", "Running bond, 4 courses, 0.69 × 0.12 × 0.24 m, upright "
+        "joints open by 30 mm; cells of 30/N mm. Only the lowest course is clamped; the uppermost is pressed and "
+        "pushed along and across. The force is that of both contacts of the first brick. Displacement of the corner "
+        "(0.69, 0.12, 0.24).", wall, (0.69, 0.12, 0.24), {2: 2, 4: 1}, (FORCE, MOVED), fine=6, contacts=2),
+}
+"""By name."""
+
+
+def write_case(name: str, N: int, folder: Path, order: int = 1) -> Case:
     """scene.toml for ddmpi and the same as a Case, both in the folder."""
-    make, watched = SCENES[name]
-    scene = make(N, folder)
+    its = SCENES[name]
+    scene = its.make(N, folder, order)
     (folder / "scene.toml").write_text(to_toml(scene), encoding="utf-8")
-    case = case_of(scene, watched)
+    case = case_of(scene, its.watched, its.contacts)
     case.save(folder)
     return case
 
 
-def case_of(scene: dict, watched: tuple[float, float]) -> Case:
-    """The Case of a scene of straight contacts whose nodes match, or of one with the rigid plane y = 0."""
+def case_of(scene: dict, watched: tuple[float, ...], contacts: int) -> Case:
+    """The Case of a scene whose contacts are flat and whose nodes match, or of one with the rigid plane through the
+    origin across the last axis. At order 2 nodes need not match."""
+    d = len(watched)
     meshes = {body.name: build_mesh(body) for body in read_scene("a scene of peers", to_toml(scene)).body}
     counts = [len(mesh.points) for mesh in meshes.values()]
     starts = dict(zip(meshes, np.cumsum([0, *counts[:-1]]), strict=True))
     points = np.concatenate([mesh.points for mesh in meshes.values()])
+    order = next(iter(meshes.values())).order
 
-    def edges_of(name: str, group: str) -> tuple[np.ndarray, np.ndarray]:
-        """The edges (k, 2) of a group and their lengths."""
-        edges = starts[name] + boundary_group(meshes[name], group, "mesh")
-        return edges, np.linalg.norm(points[edges[:, 1]] - points[edges[:, 0]], axis=1)
+    def facets_of(name: str, group: str) -> np.ndarray:
+        return starts[name] + boundary_group(meshes[name], group, "mesh")
 
-    clamped, load = [], np.zeros((len(points), 2))
+    clamped, load = [], np.zeros(points.shape)
     for body in scene["body"]:
-        for clamp in body["clamp"]:
-            clamp = {"on": clamp, "x": 0.0, "y": 0.0} if isinstance(clamp, str) else clamp
-            nodes = np.unique(edges_of(body["name"], clamp["on"])[0])
-            clamped += [2 * nodes + c for c, component in enumerate("xy") if component in clamp]
-        for traction in body["traction"]:
-            edges, lengths = edges_of(body["name"], traction["on"])
-            for ends in edges.T:
-                np.add.at(load, ends, lengths[:, None] / 2 * np.array(traction["value"]))
+        for clamp in body.get("clamp", []):
+            clamp = {"on": clamp} | dict.fromkeys("xyz"[:d]) if isinstance(clamp, str) else clamp
+            nodes = np.unique(facets_of(body["name"], clamp["on"]))
+            clamped += [d * nodes + c for c, component in enumerate("xyz"[:d]) if component in clamp]
+        for traction in body.get("traction", []):
+            facets = facets_of(body["name"], traction["on"])
+            shares = facet_shares(points[facets])
+            value = traction["value"] if "value" in traction else np.array(traction["force"]) / shares.sum()
+            np.add.at(load, facets, shares[:, :, None] * np.array(value))
     held = np.unique(np.concatenate(clamped))
 
-    parts = []
+    parts, shown = [], []
     for number, contact in enumerate(scene["contact"]):
-        (first, second), on = contact["bodies"], contact["on"]
-        edges, lengths = edges_of(first, on[0])
-        nodes = np.unique(edges)
-        nodes = nodes[np.argsort(points[nodes, 0])]
-        length = np.bincount(edges.ravel(), np.repeat(lengths / 2, 2), len(points))[nodes]
+        sides = [facets_of(name, on) for name, on in zip(contact["bodies"], contact["on"], strict=False)]
+        nodes = np.unique(sides[0])
         partner = np.full(len(nodes), -1)
-        if second in meshes:
-            facing = np.unique(edges_of(second, on[1])[0])
-            partner = facing[np.argsort(points[facing, 0])]
-            if np.abs(points[nodes] - points[partner]).max() > 1e-9:
-                raise ValueError(f"the nodes of {first} and {second} do not match")
-        pairs = np.column_stack([nodes, partner])
-        moves = ~(np.isin(2 * pairs, held) & np.isin(2 * pairs + 1, held)).all(axis=1)
-        gap = np.where(partner < 0, points[nodes, 1], 0.0)
-        parts.append([each[moves] for each in (pairs, gap, length, np.full(len(nodes), number))])
-    pairs, gap, length, numbers = (np.concatenate(each) for each in zip(*parts, strict=True))
+        if len(sides) == 2:  # what matches; at order 2 everything, if nothing does
+            facing = np.unique(sides[1])
+            away, nearest = cKDTree(points[facing]).query(points[nodes])
+            there = away < 1e-9
+            covered = [np.isin(side, its).all(axis=1) for side, its in
+                       zip(sides, (nodes[there], facing[nearest[there]]), strict=True)]
+            if covered[0].any() and covered[1].any():
+                sides = [side[its] for side, its in zip(sides, covered, strict=True)]
+                there &= np.isin(nodes, sides[0])
+            elif order == 1:
+                raise ValueError(f"the nodes of {' and '.join(contact['bodies'])} do not match")
+            nodes, partner = nodes[there], facing[nearest[there]]
+        share = np.bincount(sides[0].ravel(), facet_shares(points[sides[0]]).ravel(), len(points))[nodes]
+        pairs = np.column_stack([nodes, partner])[:len(nodes) if order == 1 else 0]
+        dofs = d * pairs[:, :, None] + np.arange(d)
+        moves = ~np.isin(dofs, held).all(axis=(1, 2))
+        gap = np.where(partner < 0, points[nodes, -1], 0.0)
+        parts.append([pairs[moves], *(each[:len(pairs)][moves] for each in (gap, share, np.full(len(nodes), number)))])
+        shown += [(facets, (number, which)) for which, facets in enumerate(sides)]
+    pairs, gap, area, numbers = (np.concatenate(each) for each in zip(*parts, strict=True))
+    across = -1 if (pairs < 0).any() else int(np.ptp(points[shown[0][0]], axis=(0, 1)).argmin())
     material, friction = scene["body"][0]["material"], scene["contact"][0].get("friction", {})
     return Case(points, np.concatenate([starts[name] + mesh.triangles for name, mesh in meshes.items()]),
                 np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes.values()]),
                 material["young"], material["poisson"], held, load.ravel(), pairs,
-                np.tile([0.0, -1.0], (len(pairs), 1)), gap, length, numbers, friction.get("coefficient", 0.0),
-                int(np.linalg.norm(points - watched, axis=1).argmin()))
+                np.tile(-np.eye(d)[across], (len(pairs), 1)), gap, area, numbers,
+                np.concatenate([facets for facets, _ in shown]),
+                np.concatenate([np.tile(side, (len(facets), 1)) for facets, side in shown]),
+                friction.get("coefficient", 0.0), int(np.linalg.norm(points - watched, axis=1).argmin()), contacts)
 
 
 # One run of one peer: a process with a time limit
@@ -151,12 +290,13 @@ import json, os, subprocess, sys, time
 start = time.perf_counter()
 child = subprocess.Popen(sys.argv[2:], stdin=subprocess.DEVNULL)
 _, status, usage = os.wait4(child.pid, 0)
-found = {"seconds": time.perf_counter() - start, "memory": usage.ru_maxrss / 1024,
-         "code": os.waitstatus_to_exitcode(status)}
+found = {"seconds": time.perf_counter() - start, "processor": usage.ru_utime + usage.ru_stime,
+         "memory": usage.ru_maxrss / 1024, "code": os.waitstatus_to_exitcode(status)}
 with open(sys.argv[1], "w") as file:
     json.dump(found, file)
 """
-"""Runs a command; writes its seconds, the peak memory (MiB) of its largest process and its exit code to a file.
+"""Runs a command; writes its seconds, those of processors, the peak memory (MiB) of its largest process and its exit
+code to a file.
 
 A small process of its own, because Linux counts the memory of a process that starts another one as that one's.
 """
@@ -175,6 +315,7 @@ class Peer:
     write : its input; not timed
     read : its answer
     processes : whether two means processes, not threads
+    order : of the elements
     """
 
     title: str
@@ -184,13 +325,16 @@ class Peer:
     read: Callable[[Case, Path], Answer]
     write: Callable[[Case, Path], object] = lambda case, folder: None
     processes: bool = False
+    order: int = 1
 
 
 @dataclass(frozen=True)
 class Result:
-    """Seconds, peak memory of the largest process (MiB), and the answer or why there is none."""
+    """Seconds on the clock and of processors, peak memory of the largest process (MiB), and the answer or why there is
+    none."""
 
     seconds: float
+    processor: float
     memory: float
     answer: Answer | None
     failure: str = ""
@@ -198,46 +342,52 @@ class Result:
 
 def measure(peer: Peer, case: Case, folder: Path, count: int, limit: float,
             environment: Mapping[str, str]) -> Result:
-    """Run a peer on `count` processes or threads, for at most `limit` seconds."""
+    """Run a peer on `count` processes or threads, for at most `limit` seconds of processors, 4 `limit` on the clock."""
     peer.write(case, folder)
     threads = str(1 if peer.processes else count)
     environment = {**environment, "OMP_NUM_THREADS": threads, "OPENBLAS_NUM_THREADS": threads}
     command = [sys.executable, "-S", "-c", LAUNCH, "found.json", *peer.command(folder, count)]
+    most = max(math.ceil(limit), 1)
+    gone = Result(math.nan, limit, math.nan, None, f"{LATE} {limit:.0f} s")
     with open(folder / "output.txt", "w+", encoding="utf-8", errors="replace") as output:
         child = subprocess.Popen(command, cwd=folder, env=environment, start_new_session=True, stdout=output,
-                                 stderr=subprocess.STDOUT)
+                                 stderr=subprocess.STDOUT,
+                                 preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (most, most + 5)))
         try:
-            child.wait(limit)
+            child.wait(4 * limit)
         except subprocess.TimeoutExpired:
             os.killpg(child.pid, signal.SIGKILL)  # the session that it leads
             child.wait()
-            return Result(limit, math.nan, None, f"more than {limit:.0f} s")
+            return gone
         found = json.loads((folder / "found.json").read_text(encoding="utf-8"))
-        seconds, memory = found["seconds"], found["memory"]
+        spent = found["seconds"], found["processor"], found["memory"]
         if found["code"]:
+            if found["processor"] > 0.9 * most:
+                return gone
             output.seek(0)
-            last = [line.strip() for line in output if line.strip()][-1:] or [f"exit code {found['code']}"]
-            return Result(seconds, memory, None, last[0][:200].replace("|", "/"))
+            last = [line.strip() for line in output if line.strip()][-1:] or ["no word"]
+            return Result(*spent, None, f"{last[0][:200].replace('|', '/')} (exit code {found['code']})")
     try:
-        return Result(seconds, memory, peer.read(case, folder))
+        return Result(*spent, peer.read(case, folder))
     except (OSError, ValueError, RuntimeError) as error:
-        return Result(seconds, memory, None, str(error)[:200])
+        return Result(*spent, None, str(error)[:200])
 
 
 # The comparison
 
-SIZES = {22: 3, 86: 3, 160: 2}
-"""N, and how often it is measured."""
-
 LIMIT = 600.0
-"""Seconds after which a run is given up, and on finer meshes not tried."""
+"""Seconds of processors after which a run is given up, and on finer meshes not tried."""
+
+LATE = "more than"
+"""How the failure of a run begins that was given up."""
 
 KEY = ("scene", "N", "peer", "count", "repetition")
-MEASURED = ("unknowns", "pairs", "seconds", "memory", "iterations", "normal", "tangential", "pressure", "x", "y",
-            "failure")
+MEASURED = ("unknowns", "pairs", "seconds", "processor", "memory", "iterations", "normal", "tangential", "pressure",
+            "x", "y", "z", "failure")
 PLUGINS = glob.glob("/usr/lib/freefem++/MUMPS_seq.so") + glob.glob("/usr/lib/*/freefem++/MUMPS_seq.so")
-HELD = ("frictionless", "blocks")
-"""Scenes whose bodies are held by clamps, so that each has a regular stiffness matrix."""
+PLANE = tuple(name for name, its in SCENES.items() if not its.in_space)
+SPACE = tuple(name for name, its in SCENES.items() if its.in_space)
+HELD = tuple(name for name in PLANE if SCENES[name].held)
 
 
 # Who takes part
@@ -263,22 +413,39 @@ def by_hand(title: str, kind: str, scenes=tuple(SCENES), missing=lambda: lacks_m
                 lambda case, folder: read_answer(folder), **more)
 
 
+def calculix(title: str, kind: str, scenes: Collection[str], **more) -> Peer:
+    return Peer(title, scenes, lambda: lacks_program("ccx"), peers.calculix_command, peers.read_calculix,
+                peers.write_calculix(kind), **more)
+
+
+def getfem(title: str, scenes: Collection[str], **more) -> Peer:
+    return Peer(title, scenes, lambda: lacks_module("getfem"), script("getfem_peer"),
+                lambda case, folder: read_answer(folder), **more)
+
+
+def ddmpi(title: str, scenes: Collection[str], **more) -> Peer:
+    return Peer(title, scenes, lambda: None, peers.ddmpi_command, peers.read_ddmpi, peers.clear_ddmpi, True, **more)
+
+
 PEERS = {
-    "ddmpi": Peer("ddmpi", tuple(SCENES), lambda: None, peers.ddmpi_command, peers.read_ddmpi,
-                   peers.clear_ddmpi, True),
+    "ddmpi": ddmpi("ddmpi", SCENES),
     "petsc-dense": by_hand(
         "by hand, dense, PETSc's MUMPS", "petsc-dense", HELD, processes=True,
         command=lambda folder, count: ["mpirun", "-n", str(count), *script("active_set", "petsc-dense")(folder, 1)]),
     "petsc": by_hand("by hand, sparse, PETSc's MUMPS", "petsc"),
     "scipy-dense": by_hand("by hand, dense, SciPy's SuperLU", "scipy-dense", HELD),
-    "scipy": by_hand("by hand, sparse, SciPy's SuperLU", "scipy"),
-    "getfem": Peer("GetFEM", tuple(SCENES), lambda: lacks_module("getfem"), script("getfem_peer"),
-                   lambda case, folder: read_answer(folder)),
+    "scipy": by_hand("by hand, sparse, SciPy's SuperLU", "scipy", PLANE),
+    "getfem": getfem("GetFEM", tuple(SCENES)),
     "freefem": Peer("FreeFEM", tuple(SCENES), lacks_freefem, peers.freefem_command, peers.read_freefem,
                     peers.write_freefem),
-    "calculix": Peer("CalculiX", tuple(SCENES), lambda: lacks_program("ccx"), peers.calculix_command,
-                     peers.read_calculix, peers.write_calculix),
+    "calculix": calculix("CalculiX", "NODE TO SURFACE", PLANE),
+    "calculix-faces": calculix("CalculiX, face to face", "SURFACE TO SURFACE", SPACE),
+    "calculix-mortar": calculix("CalculiX, mortar", "LINMORTAR", SPACE),
+    "ddmpi-2": ddmpi("ddmpi, order 2", SPACE, order=2),
+    "getfem-2": getfem("GetFEM, integral brick, order 2", [name for name in SPACE if name != "ball"], order=2),
+    "calculix-2": calculix("CalculiX, face to face, order 2", "SURFACE TO SURFACE", SPACE, order=2),
 }
+"""In the order of the tables. SuperLU is left out in space, where its factors are several times as large as MUMPS's."""
 
 
 # Measurements
@@ -292,15 +459,15 @@ def environment() -> dict[str, str]:
 
 
 def row_of(case: Case, result: Result) -> Row:
-    nothing = (math.nan,) * 2
     answer = result.answer
-    normal, tangential = answer.force if answer else nothing
-    x, y = answer.displacement if answer else nothing
+    normal, tangential = answer.force if answer else (math.nan,) * 2
+    x, y, z = [*answer.displacement, math.nan][:3] if answer else (math.nan,) * 3
     return {"unknowns": case.load.size - case.clamped.size, "pairs": len(case.pairs),
-            "seconds": round(result.seconds, 4), "memory": round(result.memory, 1),
+            "seconds": round(result.seconds, 4), "processor": round(result.processor, 3),
+            "memory": round(result.memory, 1),
             "iterations": answer.iterations if answer else 0, "normal": float(normal), "tangential": float(tangential),
             "pressure": answer.pressure if answer else math.nan, "x": float(x), "y": float(y),
-            "failure": result.failure}
+            "z": float(z), "failure": result.failure}
 
 
 class Runs:
@@ -310,56 +477,65 @@ class Runs:
         self.rows, self.folder, self.limit, self.cases = rows, folder, limit, {}
 
     def __call__(self, scene: str, N: int, peer: str, count: int, repetition: int) -> Row:
-        place = self.folder / f"{scene}{N}"
-        if (scene, N) not in self.cases:
+        order = PEERS[peer].order
+        place = self.folder / f"{scene}{N}-{order}"
+        if (scene, N, order) not in self.cases:
             place.mkdir(exist_ok=True)
-            self.cases = {(scene, N): write_case(scene, N, place)}  # one at a time
-        case = self.cases[scene, N]
+            self.cases = {(scene, N, order): write_case(scene, N, place, order)}  # one at a time
+        case = self.cases[scene, N, order]
         before = [row for row in where(self.rows, scene=scene, peer=peer, count=count)
-                  if row["failure"] and (row["N"] == N or (row["N"] < N and "more than" in row["failure"]))]
+                  if row["failure"] and (row["N"] == N or (row["N"] < N and LATE in row["failure"]))]
         if before:
-            return row_of(case, Result(math.nan, math.nan, None, before[0]["failure"]))
+            return row_of(case, Result(math.nan, math.nan, math.nan, None, before[0]["failure"]))
         (place / "answer.npz").unlink(missing_ok=True)
         return row_of(case, measure(PEERS[peer], case, place, count, self.limit, environment()))
 
 
 def best(rows: list[Row]) -> Row | None:
-    """The repetition with the smallest time, with the largest memory of all."""
+    """The repetition with the smallest time, of processors in space, with the largest memory of all."""
     done = [row for row in rows if not row["failure"]]
     if not done:
         return None
-    return min(done, key=lambda row: row["seconds"]) | {"memory": max(row["memory"] for row in done)}
+    time = "processor" if SCENES[done[0]["scene"]].in_space else "seconds"
+    return min(done, key=lambda row: row[time]) | {"memory": max(row["memory"] for row in done)}
 
 
-def difference(row: Row, other: Row) -> float:
+def difference(row: Row, other: Row, groups: Iterable[tuple[str, ...]] | None = None) -> float:
     """The largest of those in force, pressure and displacement, each relative to its size in `row`."""
     return max(math.dist([other[name] for name in names], [row[name] for name in names])
                / math.hypot(*(row[name] for name in names))
-               for names in (("normal", "tangential"), ("pressure",), ("x", "y")))
+               for names in groups or SCENES[row["scene"]].compared)
+
+
+def fine_answer(rows: list[Row], scene: str) -> Row | None:
+    """What errors in space are measured against."""
+    its = SCENES[scene]
+    fine = best(where(rows, scene=scene, N=its.fine, peer="ddmpi-2"))
+    return fine and fine | its.exact
 
 
 # The page
 
-TITLES = {"frictionless": "Two blocks without friction", "blocks": "Two blocks with Coulomb friction 0.3",
-          "hertz": "A roller on a rigid plane", "stack": "A stack of four blocks with Coulomb friction 0.3"}
-WORDS = {
-    "frictionless": "`configs/pinched_blocks.toml` with squares of side 1/N. Displacement of the point (3, 2).",
-    "blocks": "`configs/pinched_blocks.toml` with squares of side 1/N: a part of the contact is open, a part slips, a "
-              "part sticks. Displacement of the point (3, 2).",
-    "hertz": "Half of a steel roller of radius 50 mm under 35 kN/mm, linear triangles of which N/2 lie on Hertz's half "
-             f"width. Hertz's largest pressure is {SUMMIT:.1f} MPa; the largest one of the nodes depends on the "
-             "triangles in the corner. mm, N, MPa. Nothing but its contact holds the roller in y.",
-    "stack": "Four blocks of 3 m × 1 m on each other, squares of side 2/N, pushed at the top by a sixth of what "
-             "presses them. Only the lowest is clamped. The force is that of the lowest contact; displacement of the "
-             "upper right corner.",
-}
+def number(value: float, form: str) -> str:
+    return "–" if math.isnan(value) else format(value, form)
 
 
 def seconds(row: Row | None) -> str:
     return "–" if row is None else f"{row['seconds']:.2f}"
 
 
+def found_in(row: Row) -> list[str]:
+    """Cells of a table: forces, pressure and displacement; rounding errors are zero."""
+    def shown(names: tuple[str, ...], digits: int) -> list[str]:
+        values = [row[name] for name in names if not math.isnan(row[name])]
+        return [f"{value if abs(value) > 1e-10 * math.hypot(*values) else 0.0:.{digits}g}" for value in values]
+
+    return [*shown(FORCE, 7), f"{row['pressure']:.6g}; ({', '.join(shown(MOVED, 5))})"]
+
+
 def scene_table(rows: list[Row], scene: str, N: int) -> list[str]:
+    """Times of the clock on one and on two in the plane, of the processor and of the clock on one in space."""
+    solid, fine = SCENES[scene].in_space, fine_answer(rows, scene)
     own = best(where(rows, scene=scene, N=N, peer="ddmpi"))
     lines = []
     for name, peer in PEERS.items():
@@ -367,18 +543,68 @@ def scene_table(rows: list[Row], scene: str, N: int) -> list[str]:
         if not runs:
             continue
         one, two = (best(where(runs, count=count)) for count in (1, 2))
-        row = one or two
+        row, size = one or two, [f"{runs[0]['unknowns']:,}"] if solid else []
         if row is None:
-            lines.append([peer.title, *["–"] * 6, f"**{runs[0]['failure']}**", "–"])
+            lines.append([peer.title, *size, *["–"] * 6, f"**{failure(runs[0])}**", *["–"] * (1 + solid)])
             continue
-        apart = "" if name == "ddmpi" else "–" if own is None else f"{difference(own, row):.0e}"
-        lines.append([peer.title, seconds(one), seconds(two), f"{row['memory']:.0f}", row["iterations"],
-                      f"{row['normal']:.7g}", f"{row['tangential']:.7g}",
-                      f"{row['pressure']:.6g}; ({row['x']:.5g}, {row['y']:.5g})", apart])
-    known = where(rows, scene=scene, N=N)[0]
-    return [f"### N = {N}: {known['unknowns']:,} unknowns, {known['pairs']} pairs of nodes", "",
-            *table(["", "one (s)", "two (s)", "MiB", "iterations", "normal force", "tangential force",
-                    "largest pressure; displacement", "difference to ddmpi"], lines)]
+        alike = peer.order == 1 and name != "ddmpi"
+        times = [f"{row['processor']:.2f}", seconds(row)] if solid else [seconds(one), seconds(two)]
+        lines.append([peer.title, *size, *times, f"{row['memory']:.0f}", row["iterations"], *found_in(row),
+                      "" if not alike else "–" if own is None else f"{difference(own, row):.0e}",
+                      *(["–" if fine is None else f"{difference(fine, row):.1%}"] if solid else [])])
+    known = max(where(rows, scene=scene, N=N), key=lambda row: row["pairs"])
+    of = f"{known['pairs']} pairs of nodes"
+    return [f"### N = {N}: " + (f"{of} at order 1" if solid else f"{known['unknowns']:,} unknowns, {of}"), "",
+            *table(["", *(["unknowns", "processor (s)", "clock (s)"] if solid else ["one (s)", "two (s)"]), "MiB",
+                    "iterations", "normal force", "tangential force", "largest pressure; displacement",
+                    "difference to ddmpi", *(["error"] if solid else [])], lines)]
+
+
+def failure(row: Row) -> str:
+    return row["failure"].replace(LATE, "not done in")
+
+
+def fine_words(rows: list[Row], scene: str) -> list[str]:
+    row = fine_answer(rows, scene)
+    if row is None:
+        return ["No fine answer yet.", ""]
+    forces, pushed, rest = found_in(row)
+    what = " and ".join(WORDS[names] for names in SCENES[scene].compared)
+    return [f"The error is the larger one of {what} against ddmpi's answer of order 2 with N = {row['N']}, "
+            f"{row['unknowns']:,} unknowns, {row['processor']:.0f} s: {forces}, {pushed}; {rest}.", ""]
+
+
+def short_table(rows: list[Row]) -> list[str]:
+    """How many times as long as ddmpi peers take in space, at equal unknowns and at equal error."""
+    lines = []
+    for scene in SPACE:
+        fine = fine_answer(rows, scene)
+        own = [row for N in SCENES[scene].sizes for name in ("ddmpi", "ddmpi-2")
+               if (row := best(where(rows, scene=scene, N=N, peer=name, count=1)))]
+        for name, peer in PEERS.items():
+            sizes = [N for N in SCENES[scene].sizes if where(rows, scene=scene, N=N, peer=name)]
+            done = max((N for N in sizes if best(where(rows, scene=scene, N=N, peer=name))), default=0)
+            for N in [N for N in sizes if done <= N][:2 if done else 1]:
+                runs = where(rows, scene=scene, N=N, peer=name, count=1)
+                same = best(where(rows, scene=scene, N=N, peer="ddmpi-2" if peer.order == 2 else "ddmpi", count=1))
+                if name in ("ddmpi", "ddmpi-2") or not runs or same is None:
+                    continue
+                row, start = best(runs), [scene, peer.title, N, f"{runs[0]['unknowns']:,}"]
+                if row is None:
+                    over = LATE in runs[0]["failure"] and not math.isnan(runs[0]["processor"])
+                    lines.append([*start, failure(runs[0]),
+                                  f"> {runs[0]['processor'] / same['processor']:.0f}" if over else "–", "–", "–"])
+                    continue
+                error = math.nan if fine is None else difference(fine, row)
+                cheap = min((each["processor"] for each in own if fine and difference(fine, each) <= 1.02 * error),
+                            default=math.nan)
+                lines.append([*start, f"{row['processor']:.1f}", f"{row['processor'] / same['processor']:.1f}",
+                              number(error, ".1%"), number(row["processor"] / cheap, ".1f")])
+    return ["## Solids in short", "", "Processor seconds of peers, and how many times those of ddmpi they are: with "
+            "the same nodes, and beside the cheapest run of ddmpi on this page whose error is no larger (by more than "
+            "a fiftieth). The finest mesh that a peer has done, and the next one if it has failed there.", "",
+            *table(["scene", "", "N", "unknowns", "processor (s)", "times, equal unknowns", "error",
+                    "times, equal error"], lines)] if lines else []
 
 
 def lines_of(path: Path, *comments: str) -> int:
@@ -390,31 +616,36 @@ def lines_of(path: Path, *comments: str) -> int:
 def own_deck() -> int:
     """Lines of CalculiX's deck that are no tables of nodes, elements, sides, clamps and loads."""
     with tempfile.TemporaryDirectory() as folder:
-        text = peers.deck(write_case("blocks", 2, Path(folder)))
+        text = peers.deck(write_case("blocks", 2, Path(folder)), "NODE TO SURFACE")
     tables = ("*NODE, ", "*ELEMENT", "*NSET, NSET=B", "*BOUNDARY", "*SURFACE, ", "*CLOAD")
     return sum(1 if ("*" + part).startswith(tables) else len(part.splitlines()) for part in text.split("*")[1:])
 
 
 def effort_table(left_out: dict[str, str]) -> list[str]:
     own = lines_of(ROOT / "configs" / "pinched_blocks.toml", "#")
+    solid = lines_of(ROOT / "configs" / "two_boxes.toml", "#")
     hand, getfem = lines_of(PROGRAMS / "active_set.py", "#"), lines_of(PROGRAMS / "getfem_peer.py", "#")
     free = lines_of(PROGRAMS / "freefem_contact.edp", "//")
     rows = [
-        ["ddmpi", f"a scene of {own} lines", "none"],
+        ["ddmpi", f"a scene of {own} lines, in space of {solid}", "none"],
         ["by hand", f"{hand} lines of Python for all four variants, on scikit-fem's matrices; matching nodes and "
-         "linear triangles only", "the scale of the active set, E/(2 (1 − ν²)); the dense variants "
-         "need bodies that clamps hold"],
-        ["GetFEM", f"{getfem} lines of Python: matrices of the pairs for its nodal contact brick; bodies moved apart "
-         "in one mesh, because it merges nodes at the same place", "the augmentation parameter r = E; units in which "
-         "E = 1, because its residual adds newtons and metres and else is met after one step, with a wrong answer; a "
-         "first guess of the contact forces, without which the stack, which friction holds, does not converge"],
+         "linear elements only, each node in one contact only", "the scale of the active set, E/(2 (1 − ν²)), in space "
+         "times the root of the nodal area; the dense variants need bodies that clamps hold"],
+        ["GetFEM", f"{getfem} lines of Python: matrices of the pairs for its nodal contact brick, bodies moved apart "
+         "in one mesh, because it merges nodes at the same place; for its integral brick, at order 2, a mesh for each "
+         "body, regions and multipliers",
+         "the augmentation parameter r = E, in space times the root of the nodal area, without which the wall does not "
+         "converge; of the integral brick r = E/h; units in which E = 1, because its residual adds newtons and metres "
+         "and else is met after one step, with a wrong answer; a first guess of the contact forces, without which the "
+         "stacks, which friction holds, do not converge"],
         ["FreeFEM", f"{free} lines of its language: it has no contact, so that the script is the active set; "
-         "`FF_LOADPATH` for its MUMPS; bodies moved apart in one mesh", "the scale of the active set"],
+         "`FF_LOADPATH` for its MUMPS; bodies moved apart in one mesh", "the scale, as by hand"],
         ["CalculiX", f"a deck of {own_deck()} lines without its tables; sides of elements for both surfaces; "
          "resultants are taken from its clamps, because it numbers the contact nodes anew",
          "three numbers, found in some twenty runs with the answer known: stiffness of the springs "
-         f"{peers.STIFFNESS:g} E/h and the same while they stick, h the least nodal length; tension of open "
-         f"springs {peers.TENSION:g} E: with its own one the blocks with friction at N = 22 move 5 % differently"],
+         f"{peers.STIFFNESS:g} E/h and the same while they stick, h the least edge; tension of open springs "
+         f"{peers.TENSION:g} E: with its own one the blocks with friction at N = 22 move 5 % differently; in space "
+         "face to face or mortar, and loads of a thousandth, so that rotations stay small"],
     ]
     lines = ["## What it took", "", *table(["", "to write", "to choose"], rows)]
     if left_out:
@@ -425,56 +656,81 @@ def effort_table(left_out: dict[str, str]) -> list[str]:
 def page(rows: list[Row], left_out: dict[str, str], remark: str) -> str:
     have = versions()
     parts = []
-    for scene in SCENES:
-        sizes = sorted({row["N"] for row in where(rows, scene=scene)})
+    for scene in [*SPACE, *PLANE]:
+        its = SCENES[scene]
+        sizes = [N for N in its.sizes if where(rows, scene=scene, N=N)]
         if sizes:
-            parts += [f"## {TITLES[scene]}", "", WORDS[scene], "",
+            parts += [f"## {its.title}", "", its.words, "", *(fine_words(rows, scene) if its.in_space else []),
                       *(line for N in sizes for line in scene_table(rows, scene, N))]
-    most = max(row["N"] for row in rows)
-    least = max(row["repetition"] for row in where(rows, N=most)) + 1
+    flat = [row for row in rows if row["scene"] in PLANE] or rows
+    most = max(row["N"] for row in flat)
+    least = max(row["repetition"] for row in where(flat, N=most)) + 1
     return "\n".join([
         "# Peers", "", *([f"**{remark}**", ""] if remark else []),
-        "Generated by `scripts/study peers`: the same nodes and triangles by ddmpi, by other programs, and by "
-        "hand. Seconds are of the whole process from start to end, the smallest of up to "
-        f"{max(row['repetition'] for row in rows) + 1} repetitions (N = {most}: {least}), in turns. ddmpi also makes "
-        "the mesh of the blocks, estimates the discretization error, certifies its answer and writes its results; the "
-        "others read a mesh, and writing their input is not timed. `one` is one process on one thread; `two` is two "
-        "processes for ddmpi and the dense method on MUMPS, where each has a body, and two threads for the others. "
-        "MiB: the largest process, on one. `difference to ddmpi` is the largest of those in force, pressure and "
-        "displacement, each relative to its size.", "",
+        "Generated by `scripts/study peers`: the same nodes and elements by ddmpi, by other programs, and by hand. "
+        "Seconds are of the whole process from start to end, runs in turns. ddmpi also makes the mesh of the blocks, "
+        "estimates the discretization error, certifies its answer and writes its results; the others read a mesh, and "
+        "writing their input is not timed. MiB: the largest process, on one.", "",
+        "In space all run as one process on one thread, and seconds of the processor are compared, because other work "
+        "shares the machine; the smallest of up to two repetitions. A run that has not ended after "
+        f"{LIMIT:.0f} of these seconds is given up, and its peer is not asked for a finer mesh of the scene. Order 2 "
+        "has the same nodes as order 1, or fewer.", "",
+        "What limits the comparison of solids:", "",
+        "- By hand, GetFEM's nodal brick and FreeFEM solve ddmpi's discrete problem of order 1: `difference to ddmpi` "
+        "is that of force and displacement, each relative to its size. They take matching meshes only, the wall's "
+        "upright joints are open because by hand a node is in one contact only, and none of them says whether its "
+        "answer is right.",
+        "- FreeFEM has no contact: its solver is the method by hand in its language.",
+        "- CalculiX ends its iterations by its own tolerances, half a percent of the mean force, and has springs that "
+        "give; its mortar contact drops clamped nodes. Pressures are those that it extrapolates to nodes. SPOOLES is "
+        "the only solver in Debian's.",
+        "- At order 2 all use contacts of their own: ddmpi one force at each corner of the facets, GetFEM linear "
+        "stresses, CalculiX springs at integration points. On coarse meshes of the boxes and of the stack those two "
+        "come closer to the fine answer.",
+        "- Small runs of ddmpi are mostly the start of Python, MPI and PETSc, about half a second.", "",
+        "In the plane seconds are those of the clock, the smallest of up to "
+        f"{max(row['repetition'] for row in flat) + 1} repetitions (N = {most}: {least}). `one` is one process on one "
+        "thread; `two` is two processes for ddmpi and the dense method on MUMPS, where each has a body, and two "
+        "threads for the others. `difference to ddmpi` is the largest of those in force, pressure and displacement. "
+        "CalculiX has contact springs, and large rotations wherever there is contact: at a hundredth of the load its "
+        "blocks differ from ddmpi's by 4e-4. At N = 22 ddmpi's seconds are mostly the start of Python, MPI and PETSc; "
+        "others start faster.", "",
         f"{processor()}, {os.cpu_count()} cores, PETSc {have['petsc']}, {have['mpi']}.", "",
-        "All but CalculiX solve the same discrete problem, so that their answers differ by rounding and by ddmpi's "
-        "tolerance of 1e-8. CalculiX has contact springs, and large rotations wherever there is contact: at a "
-        "hundredth of the load its blocks differ from ddmpi's by 4e-4. At N = 22 ddmpi's seconds are mostly the "
-        "start of Python, MPI and PETSc; others start faster.", "",
-        *effort_table(left_out), *parts])
+        *short_table(rows), *effort_table(left_out), *parts])
 
 
 def main() -> None:
     parser = arguments(__doc__, "peers")
     parser.add_argument("--scenes", nargs="+", choices=list(SCENES), default=list(SCENES), help="default: all")
-    parser.add_argument("--sizes", nargs="+", type=int, default=list(SIZES), metavar="N", help="default: %(default)s")
+    parser.add_argument("--sizes", nargs="+", type=int, metavar="N", help="default: each scene's own, and fine answers")
     parser.add_argument("--peers", nargs="+", choices=list(PEERS), default=list(PEERS), help="default: all")
-    parser.add_argument("--repetitions", type=int, metavar="R", help="default: 2 or 3, by size")
-    parser.add_argument("--limit", type=float, default=LIMIT, metavar="S", help="seconds of a run (%(default)s)")
+    parser.add_argument("--repetitions", type=int, metavar="R", help="default: 1 to 3, by scene and size")
+    parser.add_argument("--limit", type=float, default=LIMIT, metavar="S",
+                        help="seconds of processors of a run (%(default)s)")
     parser.add_argument("--remark", default="", metavar="TEXT", help="a line under the title of the page")
     options = parser.parse_args()
     left_out = {name: why for name, peer in PEERS.items() if (why := peer.missing())}
     for name, why in left_out.items():
         print(f"{PEERS[name].title} is left out: {why}", file=sys.stderr)
 
-    def part(names: Iterable[str], scenes: Iterable[str]) -> list[tuple[str, str]]:
-        return [(scene, name) for scene in scenes for name in names
-                if name not in left_out and scene in PEERS[name].scenes]
+    def work(scenes: Iterable[str], names: Collection[str]) -> list[tuple]:
+        """What there is to run, the coarse meshes first."""
+        found = []
+        for scene in scenes:
+            its = SCENES[scene]
+            having = [name for name in names if name not in left_out and scene in PEERS[name].scenes]
+            found += [(place, scene, N, name, count, k) for place, (N, times) in enumerate(its.sizes.items())
+                      for k in range(options.repetitions or times) for name in having
+                      for count in ((1,) if its.in_space else (1, 2))]
+            found += [(1, scene, its.fine, name, 1, 0) for name in having if its.fine and name == "ddmpi-2"]
+        return [rest for _, *rest in sorted(found, key=lambda each: each[0])]
 
     ledger = Ledger(MPI.COMM_WORLD, options.output / "peers.csv", KEY, MEASURED)
     with tempfile.TemporaryDirectory() as folder:
-        rows = ledger.fill([(scene, N, name, count, k) for N in options.sizes for each in options.scenes
-                            for k in range(options.repetitions or SIZES.get(N, 2))
-                            for scene, name in part(options.peers, [each]) for count in (1, 2)],
-                           Runs(ledger.rows, Path(folder), options.limit))
+        wanted = [each for each in work(options.scenes, options.peers) if each[1] in (options.sizes or [each[1]])]
+        rows = ledger.fill(wanted, Runs(ledger.rows, Path(folder), options.limit))
     text = page(rows, left_out, options.remark)
-    complete = all(where(rows, scene=scene, N=N, peer=name) for N in SIZES for scene, name in part(PEERS, SCENES))
+    complete = all(where(rows, scene=scene, N=N, peer=name) for scene, N, name, *_ in work(SCENES, PEERS))
     publish("peers.md", text, options.output, complete)
     print(text)
 

@@ -215,7 +215,7 @@ def save_figures(folder: Path, figures: dict[str, Callable], **options) -> None:
     matplotlib.use("agg")
     import matplotlib.pyplot as plt
 
-    from ddmpi.results.frame import STYLE
+    from ddmpi.pictures.sheet import STYLE
 
     folder.mkdir(parents=True, exist_ok=True)
     with plt.rc_context(STYLE | {"axes.grid": True, "axes.grid.which": "major", "grid.color": "#e3e3e3"}):

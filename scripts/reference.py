@@ -40,7 +40,7 @@ HEADINGS = {
     "Coulomb": "friction by Coulomb", "Tresca": "friction by Tresca", "NoFriction": "no friction",
     "Profile": "profile", "SignedProfile": "signed profile", "Gap": "gap", "Plane": "[[rigid]]: a plane",
     "Circle": "[[rigid]]: a circle", "Sphere": "[[rigid]]: a sphere", "Cylinder": "[[rigid]]: a cylinder",
-    "History": "[history.NAME]", "Time": "[time]", "Method": "[method]", "Output": "[output]",
+    "History": "[history.NAME]", "Time": "[time]", "Method": "[method]", "Output": "[output]", "Cut": "cut",
     "Checkpoint": "[checkpoint]"}
 """The tables of a scene in the order of the page."""
 

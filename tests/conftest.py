@@ -59,6 +59,14 @@ def comm(comm):
     return in_lockstep(comm)
 
 
+@pytest.fixture(autouse=True)
+def figures() -> Iterator[None]:
+    """Closes what a test has drawn."""
+    yield
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close("all")
+
+
 @pytest.fixture
 def petsc_options() -> Iterator[Callable[..., None]]:
     """Sets PETSc options for one test: ``petsc_options(body_ksp_type="cg")``; afterwards they are gone."""

@@ -28,7 +28,6 @@ from ddmpi.body.stress import (
     stress_at,
     thermal,
 )
-from ddmpi.mesh.boundary import boundary_facets
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Material
 
@@ -235,7 +234,7 @@ def _fits(mesh: Mesh, moments: np.ndarray, sums: np.ndarray, upper: tuple[np.nda
     corners, nv, first = mesh.corners, sums.shape[1], mesh.dimension + 1
     k = int(upper[0][-1]) + 1
     good, inner = np.zeros(nv, dtype=bool), np.ones(nv, dtype=bool)
-    inner[boundary_facets(mesh.triangles)[0][:, :mesh.dimension]] = False
+    inner[mesh.boundary[0][:, :mesh.dimension]] = False
     for block in blocks(nv):
         M, right = np.empty((len(inner[block]), k, k)), sums[:, block].T.reshape(len(inner[block]), k, -1)
         M[:, upper[0], upper[1]] = M[:, upper[1], upper[0]] = moments[:, block].T

@@ -16,7 +16,7 @@ from ddmpi.mesh.boundary import SHARPEST, boundary_group, group_nodes, outer_nor
 from ddmpi.mesh.elements import CELLS, FINE, RULES, circumference, curved_facets
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, Traction
-from ddmpi.scene.values import AffineVector, Vector, evaluate, varies
+from ddmpi.scene.values import AffineVector, Vector, evaluate, histories, varies
 from ddmpi.system.numbers import in_words, moment
 
 SAME = 1e-9
@@ -223,7 +223,7 @@ def supports(mesh: Mesh, body: BodySpec) -> Supports:
     Raises InputError where two clamps prescribe different displacements in one direction, and at a corner inside a
     group that is clamped along its normal.
     """
-    (size, d), key, names = mesh.points.shape, f"body.{body.name}.clamp", [None, *body.histories]
+    (size, d), key, names = mesh.points.shape, f"body.{body.name}.clamp", [None, *histories(body)]
     clamps, free = np.full((size, d), -1), np.tile(np.eye(d), (size, 1, 1))
     moved, outer = np.zeros((len(names), size, d)), np.zeros((size, d))
     clamps[mesh.on_axis, 0], free[mesh.on_axis, 0, 0] = len(body.clamps), 0.0

@@ -33,6 +33,7 @@ from ddmpi.run.report import LISTED, describe_gap, describe_method, grouped, som
 from ddmpi.run.run import DRAWERS, prepare_scene
 from ddmpi.scene.bodies import Clamp
 from ddmpi.scene.scene import Settled
+from ddmpi.scene.values import histories
 from ddmpi.system.agreement import agreed, merged
 from ddmpi.system.numbers import in_words, moment
 from ddmpi.system.provenance import NO_MATPLOTLIB, has_matplotlib
@@ -103,7 +104,7 @@ def _check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None,
 def _look(body: Body) -> Looked:
     """What there is to say of a body. Not collective."""
     mesh, spec, member = body.mesh, body.spec, body.member
-    loads = [(history, on, f) for history in (None, *spec.histories)
+    loads = [(history, on, f) for history in (None, *histories(spec))
              for on, f in loads_by_group(mesh, spec, history)]
     supports = [(_held(clamp, mesh.dimension), clamp.on, clamp.history) for clamp in spec.clamps]
     supports += [("foundation", each.on, None) for each in spec.foundation]

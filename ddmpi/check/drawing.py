@@ -16,28 +16,22 @@ from ddmpi.interface.interface import Interface
 from ddmpi.mesh.boundary import segments
 from ddmpi.mesh.elements import facet_shares
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.results.fields import drawn_facets, linear_triangles, middles, skin
-from ddmpi.results.frame import (
+from ddmpi.pictures.bodies import middles, skin_of
+from ddmpi.pictures.moved import rigid_parts
+from ddmpi.pictures.sheet import (
     ABOVE,
     COLOURS,
     FILLED,
     NAMED,
+    PIXELS,
     STYLE,
-    View,
-    by_value,
+    Sheet,
     colours_of,
-    draw_colours,
-    draw_edges,
-    draw_outline,
-    map_of,
-    owners,
-    plain,
     rounded,
     start_drawing,
-    surfaces,
-    write_names,
 )
-from ddmpi.results.solids import PIXELS, Surface, draw_surfaces, rigid_surfaces, stage
+from ddmpi.pictures.views import Skin, Surface
+from ddmpi.results.fields import drawn_facets
 from ddmpi.results.summary import units
 from ddmpi.results.tables import Results, writing
 from ddmpi.scene.scene import Settled
@@ -86,57 +80,10 @@ class Looked:
     doubt: str
 
 
-class Sheet:
-    """One picture: its figure and axes, and how places are put on it.
+class Plan(Sheet):
+    """A picture of bodies as they are drawn, with words and marks on them."""
 
-    Attributes
-    ----------
-    view : from where it is seen; the plane is seen from the front
-    size : extent of the bodies (m)
-    solid : whether it is of solids
-    """
-
-    def __init__(self, results: Results, behind: bool = False) -> None:
-        """With rigid partners; solids are seen from a corner, or from the opposite one `behind`."""
-        self.solid, self._corners = results.dimension > 2, np.zeros((0, 3, 3))
-        self.view, self.size = View(np.ptp(results.points, axis=0)), float(np.ptp(results.points, axis=0).max())
-        self.view.axes = np.eye(3) if not self.solid else self.view.axes * [[1.0 - 2.0 * behind], [1.0],
-                                                                            [1.0 - 2.0 * behind]]
-        self._rigid = rigid_surfaces(results) if self.solid else []
-        everything = np.vstack([results.points, *(each.at for each in self._rigid)])
-        self.figure, self.axes = stage(results, everything, self.view) if self.solid else map_of(
-            results, results.points, surfaces(results))
-        at, margin = self.place(everything)[:, :2], ARROW * self.size
-        low, high = at.min(axis=0) - margin, at.max(axis=0) + margin
-        if self.solid:  # with the arms of coordinates
-            low = np.minimum(low, [self.axes.get_xlim()[0], self.axes.get_ylim()[0]])
-        self.axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-
-    def place(self, at: np.ndarray) -> np.ndarray:
-        """Places (…, d) to the right, upwards, and towards the eye."""
-        return self.view.place(_padded(at))
-
-    def show(self, some: Sequence[Surface]) -> None:
-        """Draw surfaces, and rigid partners with them."""
-        some = [*self._rigid, *some]
-        draw_surfaces(self.axes, self.view, some)
-        corners = np.concatenate([self.place(each.at)[each.facets] for each in some])
-        u, v = np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 0)
-        self._corners = corners[u[:, 0] * v[:, 1] > u[:, 1] * v[:, 0]]  # those that face the eye
-
-    def shows(self, at: np.ndarray) -> np.ndarray:
-        """Which places (k, d) nothing hides."""
-        found = np.ones(len(at), bool)
-        a, (u, v) = self._corners[:, 0], np.moveaxis(self._corners[:, 1:] - self._corners[:, :1], 1, 0)
-        area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-        for k, away in enumerate(self.place(at)[:, None] - a) if self.solid else ():
-            b, c = ((away[:, 0] * v[:, 1] - away[:, 1] * v[:, 0]) / area,
-                    (u[:, 0] * away[:, 1] - u[:, 1] * away[:, 0]) / area)
-            before = b * u[:, 2] + c * v[:, 2] - away[:, 2] > 1e-3 * self.size
-            found[k] = not (before & (b > 0.0) & (c > 0.0) & (b + c < 1.0)).any()
-        return found
-
-    def write(self, text: str, at: np.ndarray, offset: Sequence[float] = (0.0, 0.0)) -> None:
+    def label(self, text: str, at: np.ndarray, offset: Sequence[float] = (0.0, 0.0)) -> None:
         """Write a text at a place (d,), or an offset in points from it."""
         self.axes.annotate(text, self.place(at)[:2], offset, textcoords="offset points", ha="center", va="center",
                            fontsize=7, zorder=8, bbox={"boxstyle": "round,pad=0.15", "facecolor": "#ffffffb0",
@@ -149,23 +96,28 @@ class Sheet:
         """
         away = np.linalg.norm(at - at.mean(axis=0), axis=1)
         order = np.argsort(away, kind="stable")[np.linspace(0, len(at) - 1, min(len(at), TRIED)).astype(int)]
-        seen = order[(self.place(normal[order])[:, 2] > 0.1 * self.solid - 0.05) & self.shows(at[order])]
+        seen = order[(self.place(normal[order])[:, 2] > 0.1 * self.view.solid - 0.05) & self.shows(at[order])]
         ring = away.min() > 0.5 * away.max()
         for k in np.roll(seen, -3 * number * ring)[:1]:
-            self.write(group, at[k], *(() if self.solid else (-9.0 * normal[k],)))
+            self.label(group, at[k], *(() if self.view.solid else (-9.0 * normal[k],)))
 
     def point(self, at: np.ndarray, vectors: np.ndarray, outward: np.ndarray, colour: str) -> None:
         """Draw vectors (k, d) that are not hidden as arrows: to places where they point inward, else from these."""
         inward = np.einsum("kd,kd->k", vectors, outward) < 0.0
         tail = at - np.where(inward, 1.0, 0.0)[:, None] * vectors
         seen = self.shows(tail)
-        ends = (self.place(each[seen])[:, :2].T for each in (tail, vectors))
-        self.axes.quiver(*np.concatenate([*ends]), angles="xy", scale_units="xy", scale=1.0, width=0.0025, zorder=6,
-                         color=colour)
+        self.arrows(tail[seen], vectors[seen], colour, width=0.0025)
 
     def mark(self, at: np.ndarray, marker: str) -> None:
         """Draw markers at places (k, d) that are not hidden."""
         self.axes.plot(*self.place(at[self.shows(at)])[:, :2].T, marker, color=HELD, markersize=4.0, zorder=7)
+
+
+def _plan(results: Results, behind: bool = False) -> Plan:
+    """A plan of all bodies, with rigid partners and room for arrows; from the opposite side `behind`."""
+    corners = np.stack([results.points.min(axis=0), results.points.max(axis=0)])
+    room = ARROW * np.ptp(corners, axis=0).max() * np.array([[-1.0], [1.0]])
+    return Plan(results, np.vstack([results.points, corners + room]), rigid_parts(results), behind)
 
 
 def draw(folder: Path, scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequence[Interface],
@@ -189,7 +141,7 @@ def _as_results(scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequen
     """Bodies and contacts at rest, as the pictures of a run take them."""
     meshes, plain_scene = [each.mesh for each in bodies.values()], scene.resolved()
     starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
-    points = np.concatenate([_padded(mesh.points) for mesh in meshes])
+    points = np.concatenate([mesh.points for mesh in meshes])
     tables = {each.name: dict(zip("xyz", each.shown.xy.T, strict=False)) for each in interfaces}
     return Results({"title": scene.title, "bodies": dict.fromkeys(bodies), "scene": plain_scene, "steps": [],
                     "units": units(plain_scene, scene.dimension)}, tables, {}, {}, {}, {
@@ -201,119 +153,99 @@ def _as_results(scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequen
 
 def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = False) -> Any:
     """Meshes with their groups, loads and clamps; a figure."""
-    from matplotlib.collections import LineCollection
     from matplotlib.lines import Line2D
 
-    sheet, looked, ways = Sheet(results, behind), list(bodies.values()), dict[str, int]()
+    plan, looked, ways = _plan(results, behind), list(bodies.values()), dict[str, int]()
     names = dict.fromkeys(group for each in looked for group in each.boundary.groups)
     colours = {name: GROUPS[k % len(GROUPS)] for k, name in enumerate(names)}
-    sheet.show([_meshed(sheet, each, colours) for each in looked])
+    plan.show([_meshed(plan, each, colours) for each in looked])
     groups = [(body, name, each, own) for body, each in bodies.items() for name, own in each.boundary.groups.items()
               if own.any()]
     for number, (body, name, each, own) in enumerate(groups):
-        if not sheet.solid:
-            lines = each.mesh.points[segments(each.boundary.facets[own])]
-            sheet.axes.add_collection(LineCollection(lines, colors=colours[name], linewidth=2.4, zorder=4))
+        if not plan.view.solid:
+            plan.lines(each.mesh.points[segments(each.boundary.facets[own])], colors=colours[name], linewidth=2.4,
+                       zorder=4)
         if len(groups) <= NAMED:
-            sheet.name(f"{body}.{name}" if sheet.solid else name, each.boundary.at[own].mean(axis=1),
-                       each.boundary.normal[own], number)
-    arrows = [_stresses(each, on, f, sheet.size / PLACES) for each in looked for on, f in each.loads if on != VOLUME]
+            plan.name(f"{body}." * plan.view.solid + name, each.boundary.at[own].mean(axis=1),
+                      each.boundary.normal[own], number)
+    arrows = [_stresses(each, on, f, plan.size / PLACES) for each in looked for on, f in each.loads if on != VOLUME]
     largest = max((np.linalg.norm(stress, axis=1).max() for _, stress, _ in arrows), default=0.0)
     for at, stress, outward in arrows:
-        sheet.point(at, ARROW * sheet.size / (largest or 1.0) * stress, outward, COLOURS["force"])
-    inside = [each.mesh.points.mean(axis=0) for each in looked] if sheet.solid else middles(
-        results.points, linear_triangles(results.fields["cells"])[0], owners(results))
+        plan.point(at, ARROW * plan.size / (largest or 1.0) * stress, outward, COLOURS["force"])
+    inside = middles(results)
     weights = [(at, f.sum(axis=0)) for at, each in zip(inside, looked, strict=True)
                for on, f in each.loads if on == VOLUME]
     for at, force in weights:
-        arrow = ARROW * sheet.size / (np.linalg.norm(force) or 1.0) * force
-        sheet.point(at[None], arrow[None], arrow[None], COLOURS["moved"])
+        plan.arrows(at[None], ARROW * plan.size / (np.linalg.norm(force) or 1.0) * force[None], COLOURS["moved"])
     for each in looked:
         for how, nodes in each.supports:
-            at, _ = _thinned(each.mesh.points[nodes], sheet.size / PLACES)
-            sheet.mark(at, MARKERS[ways.setdefault(how, len(ways)) % len(MARKERS)])
+            at, _ = _thinned(each.mesh.points[nodes], plan.size / PLACES)
+            plan.mark(at, MARKERS[ways.setdefault(how, len(ways)) % len(MARKERS)])
     factor, unit_of = scaled_unit(largest, results.summary["units"]["stress"])
     loads = {COLOURS["force"]: f"loads, up to {rounded(largest / factor)} {unit_of}" * bool(arrows),
              COLOURS["moved"]: "volume forces" * bool(weights)}
-    sheet.axes.legend(handles=[
+    plan.axes.legend(handles=[
         *(Line2D([], [], color=colour, label=words) for colour, words in loads.items() if words),
         *(Line2D([], [], linestyle="", marker=MARKERS[k % len(MARKERS)], color=HELD, markersize=5, label=how)
           for how, k in ways.items())], ncols=3, **ABOVE)
-    if not sheet.solid or len(groups) > NAMED:
-        write_names(sheet.axes, list(bodies), [sheet.place(at)[:2] for at in inside])
-    sheet.figure.suptitle(f"{results.heading()}bodies as drawn{', from behind' * behind}")
-    return sheet.figure
+    if not plan.view.solid or len(groups) > NAMED:
+        plan.write(list(bodies), inside)
+    plan.figure.suptitle(f"{results.heading()}bodies as drawn{', from behind' * behind}")
+    return plan.figure
 
 
 def draw_contacts(results: Results, interfaces: Sequence[Interface], missing: Sequence[Missing]) -> Any:
     """Contacts with their pairing and gaps, and those that bodies are close enough to have; a figure."""
-    from matplotlib.collections import LineCollection
     from matplotlib.lines import Line2D
 
-    sheet, cells = Sheet(results), results.fields["cells"]
+    plan, skin = _plan(results), skin_of(results)
+    plan.rigid = []  # they would hide contacts
     gaps = np.concatenate([each.gap for each in interfaces])
     factor, unit_of = scaled_unit(np.abs(gaps).max(), results.summary["units"]["length"])
-    image = colours_of(gaps.min() / factor, gaps.max() / factor or 1.0, "viridis" if gaps.any() else "Blues_r")
-    if sheet.solid:
-        draw_edges(sheet.axes, sheet.place(results.points), skin(cells)[0])
-    else:
-        draw_outline(sheet.axes, results.points, linear_triangles(cells)[0])
-    shown = []
-    for each in interfaces:
-        lines, facets = each.shown, drawn_facets(each.shown)
-        gap = each.gap[lines.row] / factor
-        if sheet.solid:
-            facets = facets[facets[:, 0] != facets[:, 1]]
-            shown.append(Surface(lines.xy, facets, by_value(gap[facets], image), thin=True))
-        else:
-            sheet.axes.add_collection(LineCollection(lines.xy[facets], colors=image.to_rgba(gap[facets].mean(axis=1)),
-                                                     linewidth=2.4, capstyle="round", zorder=5))
-        if each.at is not None:
-            sheet.axes.add_collection(LineCollection(np.stack([sheet.place(at)[:, :2] for at in each.at], axis=1),
-                                                     colors=COLOURS["rigid"], linewidth=0.5, zorder=4))
-        if len(interfaces) <= NAMED:
-            sheet.write(each.name, lines.xy[np.argmin(np.linalg.norm(lines.xy - lines.xy.mean(axis=0), axis=1))])
+    image = colours_of(gaps.min() / factor, gaps.max() / factor if gaps.any() else 1.0,
+                       "viridis" if gaps.any() else "Blues_r")
+    image.cmap = image.cmap.with_extremes(bad=MISSING)
+    plan.outline(skin.extended(results.points), skin.facets, skin.beyond)
+    parts = [(each.shown.xy, results.facets[each.name], each.gap[each.shown.row] / factor) for each in interfaces]
     for lack in missing:
-        if sheet.solid:
-            corners = np.arange(lack.facets[..., 0].size).reshape(-1, 3)
-            shown.append(Surface(lack.facets.reshape(-1, 3), corners, plain(MISSING), thin=True))
-        else:
-            sheet.axes.add_collection(LineCollection(lack.facets, colors=MISSING, linewidth=1.6, zorder=6))
-    if shown:
-        draw_surfaces(sheet.axes, sheet.view, shown)
+        at = lack.facets.reshape(-1, lack.facets.shape[-1])
+        parts.append((at, np.arange(len(at)).reshape(lack.facets.shape[:2]), np.full(len(at), np.nan)))
+    plan.facets(parts, image)
+    for each in interfaces:
+        if each.at is not None:
+            plan.lines(np.stack([plan.place(at)[:, :2] for at in each.at], axis=1), colors=COLOURS["rigid"],
+                       linewidth=0.5, zorder=4)
+        if len(interfaces) <= NAMED:
+            at = each.shown.xy
+            plan.label(each.name, at[np.argmin(np.linalg.norm(at - at.mean(axis=0), axis=1))])
     if gaps.any():
-        draw_colours(sheet.figure, sheet.axes, image, f"gap, negative where bodies overlap ({unit_of})", "neither")
+        plan.colours(image, f"gap, negative where bodies overlap ({unit_of})")
     if missing:
         words = f"close enough to touch, in no contact ({len(missing)})"
-        sheet.axes.legend(handles=[Line2D([], [], color=MISSING, label=words)], **ABOVE)
-    sheet.figure.suptitle(f"{results.heading()}contacts as drawn{', all touching' * (not gaps.any())}")
-    return sheet.figure
+        plan.axes.legend(handles=[Line2D([], [], color=MISSING, label=words)], **ABOVE)
+    plan.figure.suptitle(f"{results.heading()}contacts as drawn{', all touching' * (not gaps.any())}")
+    return plan.figure
 
 
-def _padded(at: np.ndarray) -> np.ndarray:
-    """Places (…, d) with three coordinates."""
-    return np.pad(at, (*((0, 0),) * (at.ndim - 1), (0, 3 - at.shape[-1])))
-
-
-def _meshed(sheet: Sheet, body: Looked, colours: Mapping[str, str]) -> Surface:
+def _meshed(plan: Plan, body: Looked, colours: Mapping[str, str]) -> Surface:
     """What is seen of a body, with the edges of its cells, and in space in the colours of its groups."""
     from matplotlib.colors import to_rgb
 
-    boundary, mesh = body.boundary, body.mesh
-    faces, cell = linear_triangles(boundary.facets if sheet.solid else mesh.triangles)
-    paint = np.tile(to_rgb(FILLED["still"]), (len(faces), 1))
-    for name, own in boundary.groups.items() if sheet.solid else ():
-        paint[own[cell]] = to_rgb(colours[name])
-    at = sheet.place(mesh.points)[:, :2][faces]
+    skin = Skin(plan.view, body.mesh.points, body.mesh.triangles)
+    paint = np.tile(to_rgb(FILLED["still"]), (len(skin.facets), 1))
+    for name, own in body.boundary.groups.items() if plan.view.solid else ():
+        paint[np.append(own, False)[skin.of]] = to_rgb(colours[name])  # nothing of a cut
+    points = skin.extended(body.mesh.points)
+    at = plan.place(points)[:, :2][skin.facets]
     sides = np.roll(at, 1, axis=1) - np.roll(at, -1, axis=1)  # opposite of the corners
     double = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
-    height = double[:, None] / np.linalg.norm(sides, axis=2) * PIXELS / sheet.size
+    height = double[:, None] / np.linalg.norm(sides, axis=2).clip(1e-300) * PIXELS / plan.size
     line = float(np.median(height) > SPACED)
 
     def colour(face: np.ndarray, weights: np.ndarray) -> np.ndarray:
         return paint[face] * np.where((height[face] * weights < line).any(axis=1), 0.8, 1.0)[:, None]
 
-    return Surface(_padded(mesh.points), faces, colour)
+    return Surface(points, skin.facets, colour, skin.beyond)
 
 
 def _thinned(at: np.ndarray, size: float, *values: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:

@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ddmpi.judge.overlap import distance_to
-from ddmpi.mesh.boundary import boundary_facets
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Rigid, SettledContact, default_name
 from ddmpi.surface.cover import FACING
@@ -44,7 +43,7 @@ class Boundary:
     @classmethod
     def of(cls, mesh: Mesh) -> Boundary:
         """That of a body's mesh. Not collective."""
-        d, (facets, cells) = mesh.dimension, boundary_facets(mesh.triangles)
+        d, (facets, cells) = mesh.dimension, mesh.boundary
         at = mesh.points[facets[:, :d]]
         keys = [np.sort(each[:, :d], axis=1) for each in (facets, *mesh.groups.values())]
         number = np.split(np.unique(np.concatenate(keys), axis=0, return_inverse=True)[1].ravel(),

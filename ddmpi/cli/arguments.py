@@ -19,7 +19,7 @@ STEP = "time of the load step to show, of those whose fields are written (defaul
 
 REPEATED = ("--set=", "--vary=")  # they may be followed by several KEY=VALUE
 
-SIGNED = ("--from=", "--to=")  # their values may begin with a minus
+SIGNED = ("--from=", "--to=", "--view=", "--cut=")  # their values may begin with a minus
 
 
 class _Parser(argparse.ArgumentParser):
@@ -40,6 +40,18 @@ def _point(word: str) -> list[float]:
         return [float(each) for each in word.split(",")]
     except ValueError:
         raise argparse.ArgumentTypeError(f"{word!r} is no point; write it as 0,0.5 or 0,0,1") from None
+
+
+def _view(word: str) -> str | list[float]:
+    return _point(word) if "," in word else word
+
+
+def _cut(word: str) -> dict[str, float]:
+    axis, _, at = word.partition("=")
+    try:
+        return {axis: float(at)}
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{word!r} is no cut; write it as x=0.5") from None
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -75,6 +87,11 @@ def build_parser() -> argparse.ArgumentParser:
     figures = commands.add_parser("figures", help="draw the pictures of saved results anew", allow_abbrev=False)
     figures.add_argument("folder", type=_named, metavar="DIR", help="folder of results")
     figures.add_argument("--step", type=float, metavar="TIME", help=STEP)
+    figures.add_argument("--view", type=_view, metavar="VIEW", help="from where solids are seen: front, back, left, "
+                         "right, top, bottom, iso, or azimuth and elevation in degrees, as in -60,24")
+    figures.add_argument("--cut", type=_cut, metavar="AXIS=COORDINATE", help="cut solids open, as in x=0.5")
+    figures.add_argument("--magnification", type=float, metavar="F",
+                         help="of displacements (default: as much as suits the picture)")
     path = commands.add_parser("path", help="write displacements and stresses along a straight line through the bodies "
                                "as a table", allow_abbrev=False)
     path.add_argument("folder", type=_named, metavar="DIR", help="folder of results")

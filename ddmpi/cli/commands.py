@@ -70,13 +70,14 @@ def _sweep(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> No
 
 def _draw(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
     interrupt.leave()
-    from ddmpi.results.pictures import draw_all
+    from ddmpi.pictures.draw import draw_all
     from ddmpi.sweep.plots import draw_plot
 
     with agreed(world), printing(world):
         if world.rank == 0:
             if options.command == "figures":
-                draw_all(options.folder, time=options.step)
+                draw_all(options.folder, time=options.step, view=options.view, cut=options.cut,
+                         magnification=options.magnification)
             else:
                 for plot in options.plots:
                     print(draw_plot(Path(options.folder), plot))

@@ -54,7 +54,7 @@ def _run(folder: Path, template: str, time: float | None) -> str:
     try:
         with tempfile.TemporaryDirectory() as place:
             if time is not None and has_matplotlib():
-                from ddmpi.results.pictures import draw_all
+                from ddmpi.pictures.draw import draw_all
 
                 drawn = Path(place)
                 draw_all(folder, time=time, into=drawn)

@@ -16,10 +16,10 @@ from ddmpi.interface.interface import Interface, Lines, in_order
 from ddmpi.interface.rows import Rows, build, without_rounding
 from ddmpi.interface.vertices import rows_at_vertices
 from ddmpi.mesh.boundary import links, segments
-from ddmpi.mesh.elements import RULES, circumference
+from ddmpi.mesh.elements import RULES, circumference, facet_measures
 from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.surface.cover import DEEPEST, FACING, Cover, cover
-from ddmpi.surface.cut import facet_areas, stretch
+from ddmpi.surface.cut import stretch
 from ddmpi.surface.side import Side, unit
 from ddmpi.system.numbers import in_words
 
@@ -120,7 +120,7 @@ def _over_rigid(side: Side, rigid: Rigid, some: np.ndarray) -> Cover:
     facet, at = np.repeat(some, len(where)), np.tile(where, (len(some), 1))
     outward, gap = rigid.facing(np.einsum("qc,qcd->qd", at, side.xy[side.facets[facet, :3]]))
     outward = np.where(outward.any(axis=1, keepdims=True), outward, -side.outward[facet])
-    weight = np.tile(weights, len(some)) * facet_areas(side.xy[side.facets[:, :3]])[facet]
+    weight = np.tile(weights, len(some)) * facet_measures(side.xy[side.facets[:, :3]])[facet]
     return Cover(facet, at, facet, at, weight * stretch(side, facet, at), -outward,
                  gap - side.bulge(facet, at, -outward))
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -130,56 +130,34 @@ def next_refinement(levels: Sequence[Level], goal: float, most: int, doubling: b
     return refinement if refinement > whole else None
 
 
-@dataclass
 class MeshLadder:
     """The finer and finer meshes that a run solves on until its target is met.
 
-    Parameters
-    ----------
-    scene : with the meshes as given
-    done : (refinement, n, error, dofs) of the levels that an interrupted run has finished
-
     Attributes
     ----------
+    scene : with the meshes as given
+    levels : that were solved on
+    missed : why this mesh is the last one although it misses the target; empty otherwise
     refinement : of the mesh to solve on now
     sizes : of the elements of this rank's geometries in the mesh to solve on now; none before there is an estimate
-    missed : why this mesh is the last one although it misses the target; empty otherwise
     """
 
-    scene: Settled
-    done: list = field(default_factory=list)
-    missed: str = ""
-    refinement: float = field(init=False)
-    sizes: dict[str, Sizes] = field(init=False)
-
-    def __post_init__(self) -> None:
+    def __init__(self, scene: Settled) -> None:
+        self.scene, self.levels, self.missed = scene, list[Level](), ""
+        self.refinement: float = 1
+        self.sizes, self._former = dict[str, Sizes](), dict[str, Sizes]()
         self._scale = self._rate = 0.0
-        self.restore({"done": self.done, "missed": self.missed})
 
     def state(self) -> dict[str, Any]:
-        """The state of an interrupted run, in plain numbers."""
-        state: dict[str, Any] = {"done": [list(level) for level in self.levels], "missed": self.missed}
-        if self._drawn:
-            state["drawn"] = {"refinement": self.refinement} | {
-                kind: {name: asdict(each) for name, each in sizes.items()}
-                for kind, sizes in (("sizes", self.sizes), ("former", self._former))}
-        return state
+        return {"levels": tuple(self.levels), "missed": self.missed, "refinement": self.refinement,
+                "sizes": {name: asdict(each) for name, each in self.sizes.items()},
+                "former": {name: asdict(each) for name, each in self._former.items()}}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Go on from `state`."""
-        self.done, self.missed = list(state["done"]), state["missed"]
-        drawn = state.get("drawn", {})
-        self.sizes, self._former = ({name: Sizes(**{key: np.asarray(each[key]) for key in each})
-                                     for name, each in drawn.get(kind, {}).items()} for kind in ("sizes", "former"))
-        if drawn:
-            self.refinement = drawn["refinement"]
-        else:
-            self.refinement = self.levels[-1].refinement if self.missed else (self.done and self._next_grid()) or 1
-
-    @property
-    def levels(self) -> list[Level]:
-        return [Level(int(refinement) if float(refinement).is_integer() else float(refinement), int(n), float(error),
-                      int(dofs)) for refinement, n, error, dofs in self.done]
+        self.levels, self.missed = [Level(*each) for each in state["levels"]], state["missed"]
+        self.refinement = state["refinement"]
+        self.sizes, self._former = ({name: Sizes(**each) for name, each in state[kind].items()}
+                                    for kind in ("sizes", "former"))
 
     @property
     def _drawn(self) -> list[bool]:
@@ -195,7 +173,7 @@ class MeshLadder:
     @property
     def meshes(self) -> str:
         """The meshes to solve on now, in words."""
-        if self._drawn and all(self._drawn) and self.done:
+        if self._drawn and all(self._drawn) and self.levels:
             n = float(f"{self.levels[0].n * self.refinement**self.scene.dimension:.2g}")
             return f"meshes of about {n:.0f} unknowns, finest where the error is,"
         return f"meshes {self.refinement:.0f} times as fine as given"
@@ -212,7 +190,7 @@ class MeshLadder:
         It is the order of the elements at first; corners, where stresses are singular, make it smaller.
         """
         order = float(self.scene.body[0].mesh.order)
-        if not self.done:
+        if not self.levels:
             return order
         wanted = max(AIM_DRAWN * self.goal / self.levels[-1].error, DROP)
         seen = min(error / self.levels[-1].error, ALMOST)
@@ -228,10 +206,10 @@ class MeshLadder:
         method = self.scene.method
         if self.missed:
             return None
-        if self._drawn and all(self._drawn) and self.done:
+        if self._drawn and all(self._drawn) and self.levels:
             self.refinement = round((dofs / self.levels[0].dofs) ** (1 / self.scene.dimension), 3)
         self._rate = self.rate(error)
-        self.done.append((self.refinement, n, error, dofs))
+        self.levels.append(Level(self.refinement, n, error, dofs))
         if method.target_error is None or error <= self.goal:
             return None
         given = [body.name for body in self.scene.body if not body.mesh.refinable]
@@ -242,7 +220,7 @@ class MeshLadder:
         reason = (f"the mesh of {' and of '.join(given)} is given: allow finer ones by mesh.refine = \"as needed\""
                   if given else
                   f"meshes that meet it would probably exceed method.max_unknowns = {method.max_unknowns}")
-        if len(self.done) >= STEPS and self._drawn:
+        if len(self.levels) >= STEPS and self._drawn:
             reason = f"{STEPS} meshes did not lead there"
         self.missed = self._miss(reason)
         return None
@@ -258,7 +236,7 @@ class MeshLadder:
 
         Returns whether that is possible: there may be no such mesh, or this is it.
         """
-        if not self.done or self.missed or self.levels[-1].refinement == self.refinement:
+        if not self.levels or self.missed or self.levels[-1].refinement == self.refinement:
             return False
         reason = f"{self.meshes} have no certified answer: {reason}"
         self.missed, self.sizes, self.refinement = self._miss(reason), self._former, self.levels[-1].refinement
@@ -281,7 +259,7 @@ class MeshLadder:
         times = [share / cells / each**d for each in scale]
         growth = [(each + max(1.0 - each, 0.0) / GROW**d) ** (1 / d) for each in times]  # not all grow as they might
         largest = (self.scene.method.max_unknowns / last.dofs) ** (1 / d)
-        if len(self.done) >= STEPS or (len(self.done) > 1 and growth[1] > HOPELESS * largest):
+        if len(self.levels) >= STEPS or (len(self.levels) > 1 and growth[1] > HOPELESS * largest):
             return None
         self._scale = scale[0] * max(growth[0] / min(largest, GROWTH), 1.0)
         if not all(self._drawn):

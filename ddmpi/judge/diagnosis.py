@@ -76,11 +76,11 @@ class StatusLog:
         self._recent.clear()
 
     def state(self) -> dict[str, Any]:
-        return {"recent": list(self._recent), "counts": list(self.counts)}
+        return {"recent": list(self._recent), "counts": tuple(self.counts)}
 
     def restore(self, state: dict[str, Any]) -> None:
         self._recent = deque(state["recent"], LOOK_BACK)
-        self.counts = [(int(opened), int(slips), int(sticks)) for opened, slips, sticks in state["counts"]]
+        self.counts = [tuple(each) for each in state["counts"]]
 
     def unsettled(self) -> np.ndarray:
         """Nodes whose status changed during the last iterations."""

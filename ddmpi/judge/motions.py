@@ -161,14 +161,11 @@ def undetermined(G_active: np.ndarray, bodies: Sequence[MotionsOfBody]) -> list[
 
 def _null_space(A: np.ndarray, rounding: float = 1e-9) -> np.ndarray:
     """Vectors (q, n) that A (k, n) takes to nothing, each with an entry 1 where the others have zeros."""
-    from scipy.linalg import qr
+    from scipy.linalg import null_space, qr
 
-    n = A.shape[1]
-    if n == 0:
+    if not A.shape[1]:
         return np.empty((0, 0))
-    R = np.linalg.qr(A, mode="r") if len(A) > n else A
-    _, values, vectors = np.linalg.svd(R) if len(R) else (None, np.empty(0), np.eye(n))
-    null = vectors[int((values > rounding * max(values[0], 1.0)).sum()) if len(values) else 0:]
+    null = null_space(np.linalg.qr(np.vstack([A, np.zeros((1, A.shape[1]))]), mode="r"), rounding).T
     if len(null) == 0:
         return null
     pivots = qr(null, mode="r", pivoting=True)[1][:len(null)]

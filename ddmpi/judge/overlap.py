@@ -18,8 +18,8 @@ from scipy.spatial import cKDTree
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState
-from ddmpi.mesh.boundary import boundary_facets
 from ddmpi.mesh.elements import CORNERS_CUT
+from ddmpi.mesh.mesh import Mesh, boundary_facets
 from ddmpi.mesh.refine import INSIDE
 from ddmpi.scene.contacts import Rigid
 from ddmpi.system.agreement import merged
@@ -77,14 +77,14 @@ class Solid:
     numbers: np.ndarray
 
     @classmethod
-    def of(cls, points: np.ndarray, cells: np.ndarray, u: np.ndarray) -> Solid:
-        """A body with nodes (n, d) that moved by `u` (n, d) and cells of order 1 or 2."""
-        d = points.shape[1]
-        if cells.shape[1] > d + 1:
+    def of(cls, mesh: Mesh, u: np.ndarray) -> Solid:
+        """A body of this mesh that moved by `u` (n, d); cells of order 2 are cut into linear ones."""
+        d, cells, (facets, owner) = mesh.dimension, mesh.triangles, mesh.boundary
+        if mesh.order == 2:
             cells = cells[:, np.concatenate([CORNERS_CUT[d], *INSIDE.get(d, ())[:1]])].reshape(-1, d + 1)
-        facets, owner = boundary_facets(cells)
+            facets, owner = boundary_facets(cells)
         other = cells[owner].sum(axis=1) - facets.sum(axis=1)
-        return cls(points, points + u, cells, np.column_stack([facets, other]), np.arange(len(points)))
+        return cls(mesh.points, mesh.points + u, cells, np.column_stack([facets, other]), np.arange(len(mesh.points)))
 
     def box(self) -> tuple[np.ndarray, np.ndarray]:
         """The corners of the box around its boundary, as drawn and in the answer."""
@@ -94,8 +94,8 @@ class Solid:
 
     def part(self, low: np.ndarray, high: np.ndarray) -> Solid:
         """The boundary and the cells that may meet the box from `low` to `high` (d,)."""
-        ends = np.concatenate([self.at[self.cells], self.moved[self.cells]], axis=1)
-        cells = self.cells[((ends.max(axis=1) >= low) & (ends.min(axis=1) <= high)).all(axis=1)]
+        beyond = np.hstack([np.maximum(self.at, self.moved) < low, np.minimum(self.at, self.moved) > high])
+        cells = self.cells[~np.logical_and.reduce(beyond[self.cells.T]).any(axis=1)]
         nodes = np.unique(np.concatenate([cells.ravel(), self.facets.ravel()]))
         return Solid(self.at[nodes], self.moved[nodes], np.searchsorted(nodes, cells),
                      np.searchsorted(nodes, self.facets), self.numbers[nodes])
@@ -140,7 +140,7 @@ def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
     Of two bodies on different ranks whose bounding boxes overlap one sends what is near to the other. Collective.
     """
     world, names = assembly.world, [body.name for body in assembly.scene.body]
-    own = {body.number: Solid.of(body.mesh.points, body.mesh.triangles, displacements[body.spec.name])
+    own = {body.number: Solid.of(body.mesh, displacements[body.spec.name])
            for body in assembly.bodies}
     boxes = merged(world, {number: (world.rank, *each.box()) for number, each in own.items()})
     near = [(a, b) for a, b in combinations(sorted(boxes), 2) if (boxes[a][1] <= boxes[b][2]).all()
@@ -158,7 +158,9 @@ def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
             "its sides apart; for sides that touch make two bodies of it, bonded where they hang together"]
     for (a, b), other in at_hand.items():
         pair, solids = (names[a], names[b]), (own[a].part(*boxes[b][1:]), other)
-        overlap, drawn = run_through(*solids, _kept_apart(contacts[a], pair, solids), _between(pair, states))
+        kept = [np.isin(solid.numbers, _kept(contacts[a], *ends)) for solid, ends in
+                zip(solids, (pair, pair[::-1]), strict=True)]
+        overlap, drawn = run_through(*solids, kept, _between(pair, states))
         if overlap:
             touch = any(set(contact.bodies) == set(pair) for contact in assembly.scene.contact)
             found[a, b] = [f"body.{pair[0]} and body.{pair[1]} run through each other by {overlap.depth:.3g}"
@@ -180,13 +182,11 @@ def _between(pair: tuple[str, str], states: Mapping[str, ContactState]) -> float
     return max(own, default=0.0) + sum(each[body] for each in met for body in met[0].keys() & met[1].keys())
 
 
-def _kept_apart(interfaces: Sequence[Interface], names: tuple[str, str], solids: tuple[Solid, Solid],
-                ) -> tuple[np.ndarray, np.ndarray]:
-    """Which nodes (n,) of each of two bodies their contacts keep from the other."""
-    first, second = (np.isin(solid.numbers, np.concatenate([np.empty(0, int), *(
-        nodes[each.side(name)] for each in interfaces if set(each.bodies) == set(names)
-        for nodes in (each.nodes, each.fixed.nodes))])) for solid, name in zip(solids, names, strict=True))
-    return first, second
+def _kept(interfaces: Sequence[Interface], body: str, other: str) -> np.ndarray:
+    """The nodes (k,) of a body that its contacts with another one, or with a rigid partner, keep apart from it."""
+    return np.concatenate([np.empty(0, int), *(
+        nodes[each.side(body)] for each in interfaces if set(each.bodies) == {body, other}
+        for nodes in (each.nodes, each.fixed.nodes))])
 
 
 def through_itself(body: Solid) -> np.ndarray | None:
@@ -200,7 +200,7 @@ def through_itself(body: Solid) -> np.ndarray | None:
     return body.moved[facets[inside][0]].mean(axis=0) if inside.any() else None
 
 
-def run_through(first: Solid, second: Solid, kept: tuple[np.ndarray, np.ndarray], slack: float = 0.0,
+def run_through(first: Solid, second: Solid, kept: Sequence[np.ndarray], slack: float = 0.0,
                 ) -> tuple[Overlap | None, float]:
     """The deepest overlap beyond rounding, curvature and second-order effects, and how deep the drawing has one.
 
@@ -289,8 +289,7 @@ def _in_partner(body: Body, facets: np.ndarray, u: np.ndarray, U: np.ndarray, ri
     """
     name, mesh = body.spec.name, body.mesh
     own = [interface for interface in body.member.interfaces if interface.bodies[1] == rigid.name]
-    touching = np.isin(facets, np.concatenate([np.empty(0, int), *(
-        nodes[0] for each in own for nodes in (each.nodes, each.fixed.nodes))]))
+    touching = np.isin(facets, _kept(own, name, rigid.name))
     ends, between = (mesh.points + u - U)[facets], touching.all(axis=1)
     places, at_ends = rigid.deepest(ends), rigid.depth(ends)
     depth = rigid.depth(places)
@@ -321,11 +320,10 @@ def _depth_in_cell(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
     It is −∞ for points that are near no cell.
     """
     best = np.full(len(points), -np.inf)
-    cells = cells[np.abs(np.linalg.det(cells[:, 1:] - cells[:, :1])) > 0.0]
-    centre = cells.mean(axis=1)
-    reach = np.linalg.norm(cells - centre[:, None], axis=2).max(axis=1)
-    tree = cKDTree(points)
+    centre, tree = cells.mean(axis=1), cKDTree(points)
+    reach = np.sqrt(((cells - centre[:, None]) ** 2).sum(axis=2).max(axis=1))
     close = np.flatnonzero(tree.query(centre, distance_upper_bound=reach.max(initial=0.0))[0] <= reach)
+    close = close[np.linalg.det(cells[close, 1:] - cells[close, :1]) != 0.0]
     found = tree.query_ball_point(centre[close], reach[close])
     cell, point = np.repeat(close, [len(each) for each in found]), np.concatenate([*found, []]).astype(int)
     base = cells[cell, 0]

@@ -14,6 +14,8 @@ from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.state import ContactState
 from ddmpi.judge.overlap import BESIDE, RESOLVED, Solid, doubt_overlaps
 from ddmpi.mesh.boundary import SHARPEST, creases
+from ddmpi.mesh.elements import invert
+from ddmpi.mesh.mesh import tangents
 from ddmpi.scene.bodies import SettledBody
 from ddmpi.system.agreement import merged
 from ddmpi.system.numbers import in_words
@@ -178,7 +180,7 @@ def _singular(body: Body, stress: np.ndarray) -> list[str]:
 
     In space corners are edges. Clamps that end at an outer corner do not count: the singularity there is much weaker.
     """
-    points, facets = body.mesh.points, Solid.of(body.mesh.points, body.mesh.triangles, np.zeros(1)).facets
+    points, facets = body.mesh.points, Solid.of(body.mesh, np.zeros(1)).facets
     found = creases(points, facets[:, :-1], points[facets[:, 0]] - points[facets[:, -1]])
     held = (body.member.elasticity.clamps >= 0).any(axis=1)
     ends = held[facets[:, :-1]].all(axis=1)[found.facets].sum(axis=1) == 1
@@ -282,9 +284,8 @@ def _unresolved_zone(state: ContactState) -> list[str]:
 def _large_gradient(body: Body, u: np.ndarray) -> list[str]:
     """A warning where a cell of the own mesh is strained or turned much, by its corners alone."""
     corners = body.mesh.corners
-    edges, moved = (field[corners[:, 1:]] - field[corners[:, :1]] for field in (body.mesh.points, u))
-    gradients = np.linalg.solve(edges, moved)
-    large = np.flatnonzero(np.linalg.norm(gradients, axis=(1, 2)) > LARGE_GRADIENT)  # bounds singular values
+    gradients = np.einsum("art,act->trc", invert(tangents(body.mesh.points, corners))[0], tangents(u, corners))
+    large = np.flatnonzero((gradients**2).sum(axis=(1, 2)) > LARGE_GRADIENT**2)  # bounds singular values
     size = np.linalg.norm(gradients[large], ord=2, axis=(1, 2))
     if size.max(initial=0.0) <= LARGE_GRADIENT:
         return []

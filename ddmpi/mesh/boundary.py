@@ -9,7 +9,7 @@ import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import CELLS, CORNERS_CUT, FIRST, cell_with
-from ddmpi.mesh.mesh import PHYSICAL, Mesh
+from ddmpi.mesh.mesh import PHYSICAL, Mesh, boundary_facets
 from ddmpi.mesh.refine import KINDS, distinct, simplices
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.keys import nearest
@@ -104,17 +104,6 @@ def turn_outward(mesh: Mesh, facets: np.ndarray, key: str) -> tuple[np.ndarray, 
         raise InputError(f"{key}: the group has {mesh.cell.facet_names} that are not on the body's boundary, as at "
                          f"{at}")
     return outer[found], np.flatnonzero(near)[owners[found]]
-
-
-def boundary_facets(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The facets (f, l) that belong to one of the cells (nt, k) only, turned outward, and the cell (f,) of each."""
-    cell = next(each for (dimension, _), each in CELLS.items() if dimension > 1 and len(each.nodes) == cells.shape[1])
-    facets = cells[:, cell.facets].reshape(-1, cell.facets.shape[1])
-    keys = 0
-    for node in np.sort(facets[:, :cell.dimension], axis=1).T:
-        keys = np.unique(keys * (int(cells.max()) + 1) + node, return_inverse=True)[1]
-    alone = np.flatnonzero(np.bincount(keys)[keys] == 1)
-    return facets[alone], alone // len(cell.facets)
 
 
 def segments(edges: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ from math import factorial
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.elements import RULES, Cell, Mapped, bends, cell_with, cross
+from ddmpi.mesh.elements import CELLS, RULES, Cell, Mapped, bends, cell_with, cross
 from ddmpi.system.numbers import in_words
 
 MEASURE = {2: "area", 3: "volume"}
@@ -92,6 +92,11 @@ class Mesh:
         cells = np.flatnonzero(off)
         return cells[bends(self.points[self.triangles[cells][:, self.cell.edges]]).any(axis=(1, 2))]
 
+    @cached_property
+    def boundary(self) -> tuple[np.ndarray, np.ndarray]:
+        """`boundary_facets` of all cells."""
+        return boundary_facets(self.triangles)
+
     @property
     def summed(self) -> np.ndarray:
         """(nc,) the numbers of the cells over which integrals are sums over points: curved ones, all around an axis.
@@ -128,6 +133,17 @@ class Mesh:
     def extent(self) -> float:
         """Diagonal of the bounding box (m)."""
         return float(np.linalg.norm(np.ptp(self.points, axis=0)))
+
+
+def boundary_facets(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The facets (f, l) that belong to one of the cells (nt, k) only, turned outward, and the cell (f,) of each."""
+    cell = next(each for (dimension, _), each in CELLS.items() if dimension > 1 and len(each.nodes) == cells.shape[1])
+    facets = cells[:, cell.facets].reshape(-1, cell.facets.shape[1])
+    corners = np.sort(facets[:, :cell.dimension], axis=1).T
+    order = np.lexsort(corners)
+    new = (np.diff(corners[:, order], prepend=-1, append=-1) != 0).any(axis=0)
+    alone = np.sort(order[new[:-1] & new[1:]])
+    return facets[alone], alone // len(cell.facets)
 
 
 def signed_measures(points: np.ndarray, corners: np.ndarray) -> np.ndarray:

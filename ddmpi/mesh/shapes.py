@@ -8,8 +8,7 @@ from itertools import permutations
 
 import numpy as np
 
-from ddmpi.mesh.boundary import boundary_facets
-from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.mesh import Mesh, boundary_facets
 from ddmpi.mesh.refine import raise_order
 from ddmpi.scene.meshes import MeshSpec
 

@@ -24,7 +24,7 @@ import numpy as np
 from ddmpi.coupling.joint import Joint
 from ddmpi.methods.half_space import Model
 from ddmpi.methods.krylov import FORCING, Linearised, LinearProblem, Preconditioner, precondition
-from ddmpi.methods.outer import Report, Step, no_report, rows_of, steps_of
+from ddmpi.methods.outer import Report, Step, no_report
 from ddmpi.methods.paths import DRIFT, MODEL_STEPS, NEAR, InteriorPoints, Modelled, Path, Point, Softening
 from ddmpi.petsc.events import event
 from ddmpi.system.numbers import norm
@@ -373,7 +373,7 @@ class Newton:
             "start": self._start, "warm": self._warm, "least": self._least, "settled": self._settled,
             "error": self._error, "held": self._held, "far": self._far, "norm": self._norm(),
             "stalled": self._stalled, "smallest": self._smallest, "inner_steps": dict(self.inner_steps),
-            "history": rows_of(self.history)}
+            "history": tuple(self.history)}
 
     def restore(self, state: dict[str, Any]) -> None:
         self._at = Point(*(state[name] for name in Point._fields))
@@ -384,4 +384,4 @@ class Newton:
         self._held = float(state["held"])
         self._far = None if state["far"] is None else float(state["far"])
         self._measured = self._at.s, float(state["norm"])
-        self.history = steps_of(state["history"])
+        self.history = [Step(*row) for row in state["history"]]

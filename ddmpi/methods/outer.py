@@ -90,14 +90,3 @@ class Outer(Protocol):
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from what `state` returned."""
-
-
-def rows_of(history: list[Step]) -> list[tuple]:
-    """The numbers of a history, which a checkpoint keeps."""
-    return [step[:5] for step in history]
-
-
-def steps_of(rows: Any) -> list[Step]:
-    """A history out of the rows of numbers that a checkpoint keeps."""
-    return [Step(int(k), float(update), float(residual), float(precision), int(n_A))
-            for k, update, residual, precision, n_A in rows]

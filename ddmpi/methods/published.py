@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.coupling.assembly import Assembly
-from ddmpi.methods.outer import Report, Step, no_report, rows_of, steps_of
+from ddmpi.methods.outer import Report, Step, no_report
 from ddmpi.methods.subproblem import Subproblem, friction_role
 from ddmpi.scene.method import SettledMethod
 from ddmpi.system.numbers import norm
@@ -179,13 +179,13 @@ class PublishedIteration:
 
     def state(self) -> dict[str, Any]:
         return {"lam": self.lam, "s1": self.s1, "s2": self.s2, "bound": self._bound, "step_size": self._step_size,
-                "subproblem": self.subproblem.state(), "history": rows_of(self.history)}
+                "subproblem": self.subproblem.state(), "history": tuple(self.history)}
 
     def restore(self, state: dict[str, Any]) -> None:
         self.lam, self.s1, self.s2, self._bound = (state[name] for name in ("lam", "s1", "s2", "bound"))
         self._step_size = float(state["step_size"])
         self.subproblem.restore(state["subproblem"])
-        self.history = steps_of(state["history"])
+        self.history = [Step(*row) for row in state["history"]]
 
 
 def _ratio(a: float, b: float) -> float:

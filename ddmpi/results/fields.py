@@ -12,10 +12,8 @@ import numpy as np
 from ddmpi.body.stress import principal, von_mises
 from ddmpi.interface.interface import Interface, Lines, in_order
 from ddmpi.interface.state import ContactState
-from ddmpi.mesh.boundary import boundary_facets
-from ddmpi.mesh.mesh import signed_measures
 from ddmpi.mesh.refine import CORNERS_CUT
-from ddmpi.results.tables import Results, leg_values, writing
+from ddmpi.results.tables import Columns, Results, leg_values, writing
 from ddmpi.system.files import FileOfHDF5, contact_files
 
 TOPOLOGY = {2: "Polyline", 3: "Triangle", 6: "Triangle_6", 4: "Tetrahedron", 10: "Tetrahedron_10"}
@@ -333,63 +331,19 @@ def _padded(array: np.ndarray) -> np.ndarray:
     return np.pad(array, ((0, 0), (0, 3 - array.shape[1])))
 
 
-def both_halves(cells: np.ndarray, values: np.ndarray, *places: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Triangles (nt, 3), values (nv,) and places (nv, 2) of a half-plane x ≥ 0 together with its mirror image."""
-    number = np.arange(len(values))
-    other = np.where(places[-1][:, 0] == 0.0, number, number + len(values))  # none of its own on the axis
-    return (np.vstack([cells, other[cells[:, ::-1]]]), np.tile(values, 2),
-            *(np.vstack([each, each * (-1.0, 1.0)]) for each in places))
-
-
 def linear_triangles(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Cells (nt, 3 or 6) as triangles between neighbouring nodes, and the cell that each is part of."""
     parts = [[0, 1, 2]] if cells.shape[1] == 3 else CORNERS_CUT[2]
     return cells[:, parts].reshape(-1, 3), np.repeat(np.arange(len(cells)), len(parts))
 
 
-def skin(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles (f, 3) between neighbouring nodes on the boundary of tetrahedra (nt, k), and the cell (f,) of each."""
-    outer, cell = boundary_facets(cells)
-    facets, part = linear_triangles(outer)
-    return facets, cell[part]
-
-
-def middles(points: np.ndarray, cells: np.ndarray, owner: np.ndarray) -> list[np.ndarray]:
-    """A node (2,) of each body far from its boundary, near the body's middle if there are several.
-
-    Parameters
-    ----------
-    points, cells : nodes (nv, 2) and triangles (nt, 3)
-    owner : (nv,) the body of each node
-    """
-    from scipy.spatial import cKDTree
-
-    edge, found = np.unique(boundary_facets(cells)[0]), []
-    for k in range(owner.max() + 1):
-        own = points[owner == k]
-        depth = cKDTree(points[edge[owner[edge] == k]]).query(own)[0]
-        off = np.linalg.norm(own - (own.max(axis=0) + own.min(axis=0)) / 2, axis=1)
-        found.append(own[np.argmin(np.where(depth >= 0.8 * depth.max(), off, np.inf))])
+def owners(results: Results) -> np.ndarray:
+    """(nv,) the number of the body that each node belongs to."""
+    found = np.zeros(len(results.fields["points"]), int)
+    found[results.fields["cells"]] = results.fields["body"][:, None]
     return found
 
 
-def areas_at_nodes(points: np.ndarray, cells: np.ndarray, values: np.ndarray | float = 1.0) -> np.ndarray:
-    """(nv,) areas or volumes of the cells around each node times `values` (nt,), shared evenly among their nodes."""
-    number = cells.shape[1]
-    shares = values * np.abs(signed_measures(points, cells[:, :points.shape[1] + 1])) / number
-    return np.bincount(cells.ravel(), np.repeat(shares, number), len(points))
-
-
-def coloured(results: Results, fields: dict[str, np.ndarray]) -> tuple[np.ndarray, str, str]:
-    """What colours bodies, at their nodes (nv,), with its name and unit: the mean von Mises stress of the cells around,
-    or displacement if there is no stress."""
-    output, u = results.summary["scene"]["output"], fields["displacement"][:, :results.dimension]
-    if "von_mises" not in fields:
-        return np.linalg.norm(u, axis=1), "displacement", output["length_unit"]
-    cells, stress = results.fields["cells"], fields["von_mises"]
-    if results.dimension == 2:
-        cells, owner = linear_triangles(cells)
-        stress = stress[owner]
-    around = areas_at_nodes(results.points, cells)
-    mean = areas_at_nodes(results.points, cells, stress) / np.where(around > 0.0, around, 1.0)
-    return mean, "von Mises stress", output["stress_unit"]
+def vectors(table: Columns, name: str = "") -> np.ndarray:
+    """(l, d) of the columns of a contact's table whose names are `name` before x, y and z; the places, by default."""
+    return np.column_stack([table[f"{name}{axis}"] for axis in "xyz" if f"{name}{axis}" in table])

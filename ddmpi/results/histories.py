@@ -1,10 +1,8 @@
-"""Results at a load step and along a line. Pictures of load steps: loops of the forces, energies, contact stresses at
-the ends of legs; an animation."""
+"""Results at a load step and along a line."""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,36 +12,9 @@ import numpy as np
 from ddmpi.body.stress import principal, von_mises
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import cell_with
-from ddmpi.results.fields import coloured, group_of, linear_triangles, skin
-from ddmpi.results.frame import (
-    ABOVE,
-    BESIDE,
-    View,
-    by_value,
-    colours_of,
-    draw_colours,
-    draw_outline,
-    draw_rigid,
-    magnify,
-    map_of,
-    owners,
-    surfaces,
-)
-from ddmpi.results.solids import ZONES, Surface, draw_surfaces, rigid_surfaces, stage
-from ddmpi.results.tables import PATH, Columns, Results, drawn_rows, leg_columns, writing
+from ddmpi.results.fields import group_of, owners
+from ddmpi.results.tables import PATH, Columns, Results, leg_columns
 from ddmpi.system.numbers import in_words
-
-ROUNDING = 1e-6
-"""Resultants below this part of the normal force are none, as of a shaft in its hub."""
-
-LOOPS = 3
-"""At most so many contacts, those with the largest forces, have their loop and their stresses drawn."""
-
-FRAMES, SECONDS, SLOWEST, FASTEST = 200, 6.0, 2.0, 20.0
-"""An animation has at most so many frames, and takes about so long, within these limits of frames a second."""
-
-CURVES = 8
-"""Of more ends of legs than this, so many are drawn, from the first to the last."""
 
 INSIDE, OUTSIDE = -1e-6, -0.05
 """A place is in a cell if no barycentric coordinate is below the first, hardly outside if none is below the second."""
@@ -181,173 +152,3 @@ def _located(points: np.ndarray, cells: np.ndarray, body: np.ndarray, places: np
     order = order[kept[order]]
     order = order[np.unique(np.column_stack([place, body[cell]])[order], axis=0, return_index=True)[1]]
     return place[order], cell[order], at[order]
-
-
-def draw_steps(results: Results, title: str) -> Any:
-    """Tangential forces over the factor of the history that varies most, energies over time, stresses; a figure.
-
-    Of solids forces along x, y and z and numbers of nodes in the place of stresses, which have no line to be drawn on.
-
-    Energies count from time 0. Friction dissipates one part of the interface work; interference, closing gaps and time
-    stepping take the other. Not collective.
-    """
-    import matplotlib.pyplot as plt
-
-    steps, summary = results.steps, results.summary
-    largest = {name: np.abs(steps["normal_force"][steps["contact"] == name]).max(initial=0.0)
-               for name in results.contacts}
-    bonded = {contact["name"] for contact in summary["scene"]["contact"] if contact.get("kind") == "bonded"}
-    loops = [name for name in largest if name not in bonded] or largest
-    shown = sorted(loops, key=lambda name: -largest[name])[:LOOPS]
-    figure, grid = plt.subplots(len(shown) + 1, 2, figsize=(9.6, 2.9 * (len(shown) + 1)), squeeze=False)
-    loop, energies = grid[0]
-    label, driver = _driver(summary, results.energy["time"])
-    for name in shown:
-        own = steps["contact"] == name
-        loop.plot(driver, np.append(0.0, steps["tangential_force"][own]), marker=".", label=name)
-    loop.set(xlabel=label, ylabel=f"tangential force ({summary['units']['force']})")
-    _draw_energies(energies, results.energy, summary["units"]["energy"])
-    for axes, name in zip(grid[1:], shown, strict=True):
-        (_draw_stresses if results.dimension == 2 else _draw_course)(axes, name, results, summary["units"])
-    for axes in (loop, energies):
-        axes.axhline(0.0, color="black", linewidth=0.6)
-        axes.legend(ncols=2, **ABOVE)
-    figure.suptitle(f"{title}{len(results.energy['time'])} load steps")
-    return figure
-
-
-def _driver(summary: dict, times: np.ndarray) -> tuple[str, np.ndarray]:
-    """The factor, at time 0 and at all `times`, of the history that goes the longest way after it first rests or turns;
-    of the only one, if there is one; or time itself."""
-    best: tuple[float, str, np.ndarray] | None = None
-    points = np.concatenate([[0.0], times])
-    for name, history in summary["scene"]["history"].items():
-        factors = np.interp(points, history["times"], history["factors"])
-        turns = float(np.abs(np.diff(factors)).sum() - abs(factors[-1] - factors[0]))
-        if best is None or turns > best[0]:
-            best = turns, f"factor of history {name}", factors
-    return (best[1], best[2]) if best and best[0] > 0.0 else ("time", points)
-
-
-def _draw_energies(axes: Any, energy: Columns, unit: str) -> None:
-    time = np.append(0.0, energy["time"])
-    lost = energy["interface_work"] - energy["dissipated"]
-    for name, values in {"external work": energy["external_work"], "strain energy": energy["strain_energy"],
-                         "dissipated by friction": energy["dissipated"], "other interface work": lost}.items():
-        axes.plot(time, np.append(0.0, values), marker=".", label=name)
-    axes.set(xlabel="time", ylabel=f"energy ({unit})")
-
-
-def _draw_stresses(axes: Any, name: str, results: Results, units: dict) -> None:
-    """Normal and tangential stress along a contact at the ends of legs."""
-    import matplotlib as mpl
-
-    legs = results.legs[name]
-    times = np.unique(legs["time"])
-    chosen = times[np.unique(np.linspace(0, len(times) - 1, min(CURVES, len(times))).round().astype(int))]
-    colours = mpl.colormaps["viridis"](np.linspace(0.0, 0.9, len(chosen)))
-    for kind, axis in zip(("normal", "tangential"), axes, strict=True):
-        for time, colour in zip(chosen, colours, strict=True):
-            step = {column: values[legs["time"] == time] for column, values in legs.items()}
-            step, _ = drawn_rows(step, results.facets[name])
-            arc = np.append(0.0, np.cumsum(np.hypot(np.diff(step["x"]), np.diff(step["y"]))))
-            axis.plot(arc, step[f"{kind}_stress"], color=colour, linewidth=1.2, label=f"time {time:g}")
-        axis.axhline(0.0, color="black", linewidth=0.6)
-        axis.set(xlabel=f"along {name} ({units['length']})", ylabel=f"{kind} stress ({units['stress']})")
-    axes[1].legend(fontsize=7, **BESIDE)
-
-
-def _draw_course(axes: Any, name: str, results: Results, units: dict) -> None:
-    """Force on the first body along x, y and z, or where there is none its moment, and nodes by status, over time."""
-    own = results.steps["contact"] == name
-    steps = {column: values[own] for column, values in results.steps.items()}
-    time, forces = np.append(0.0, steps["time"]), np.array([steps[f"force_{axis}"] for axis in "xyz"])
-    what = "force" if np.abs(forces).max() > ROUNDING * steps["normal_force"].max() else "moment"
-    for axis in "xyz":
-        axes[0].plot(time, np.append(0.0, steps[f"{what}_{axis}"]), marker=".", label=axis)
-    axes[0].axhline(0.0, color="black", linewidth=0.6)
-    axes[0].set(xlabel="time", ylabel=f"{what} of {name} ({units[what]})")
-    counts = (np.insert(steps[zone], 0, steps[zone][:1]) for zone in ZONES)
-    axes[1].stackplot(time, *counts, labels=list(ZONES), colors=list(ZONES.values()))
-    axes[1].set(xlabel="time", ylabel=f"nodes of {name}", xlim=(0.0, time[-1]))
-    for each in axes:
-        each.legend(fontsize=7, **BESIDE)
-
-
-def animate(results: Results, folder: Path, title: str) -> Path:
-    """Write animation.gif: the deformed bodies at the load steps whose fields are in the `folder`; its path.
-
-    Colours are von Mises stress, or displacement if there is no stress. All frames have the same colours, limits and
-    magnification: the one that suits the largest displacement of all. Not collective. Raises OutputError.
-    """
-    import matplotlib.pyplot as plt
-    from matplotlib.animation import PillowWriter
-
-    largest = max(np.linalg.norm(fields["displacement"], axis=1).max() for _, fields in _frames(folder))
-    factor, shift = magnify(results, largest)
-    still, dimension = results.points + shift, results.dimension
-    top, number, low, high = 0.0, 0, np.full(dimension, np.inf), np.full(dimension, -np.inf)
-    for _, fields in _frames(folder):
-        at = still + factor * fields["displacement"][:, :dimension]
-        low, high = np.minimum(low, at.min(axis=0)), np.maximum(high, at.max(axis=0))
-        values, quantity, unit = coloured(results, fields)
-        top, number = max(top, float(np.percentile(values, 99.5))), number + 1
-    margin = 0.03 * np.ptp(results.points, axis=0).max()
-    figure, axes, draw = (_in_the_plane if dimension == 2 else _in_space)(results, low - margin, high + margin)
-    axes.set_title("time")
-    image = colours_of(0.0, top or 1.0, "viridis")
-    draw_colours(figure, axes, image, f"{quantity} ({unit})", "max")
-    figure.suptitle(title.strip())
-    path, writer = folder / "animation.gif", PillowWriter(fps=float(np.clip(number / SECONDS, SLOWEST, FASTEST)))
-    with writing(path):
-        path.unlink(missing_ok=True)  # it may be a link
-    with writing(path), writer.saving(figure, path, dpi=80):
-        for time, fields in _frames(folder):
-            for artist in (*axes.collections, *axes.lines, *axes.images):
-                artist.remove()
-            at = still + factor * fields["displacement"][:, :dimension]
-            draw(at, coloured(results, fields)[0], image, factor, time)
-            axes.set_title(f"time {time:.4g}, displacement × {factor:g}")
-            figure.canvas.draw()
-            figure.set_layout_engine("none")  # as the first frame has it
-            writer.grab_frame()
-    plt.close(figure)
-    return path
-
-
-def _in_the_plane(results: Results, low: np.ndarray, high: np.ndarray) -> tuple[Any, Any, Callable[..., None]]:
-    """A figure and axes from the corner `low` (2,) to `high`, and what draws bodies into them: their nodes (nv, 2),
-    values (nv,), what colours these, the magnification, and the time."""
-    figure, axes = map_of(results, np.vstack([low, high]))
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    cells = linear_triangles(results.fields["cells"])[0]
-
-    def draw(at: np.ndarray, values: np.ndarray, image: Any, factor: float, time: float) -> None:
-        axes.tripcolor(*at.T, cells, values, shading="gouraud", norm=image.norm, cmap=image.cmap)
-        draw_outline(axes, at, cells)
-        draw_rigid(axes, surfaces(results, factor, time), float(np.ptp(results.points, axis=0).max()))
-
-    return figure, axes, draw
-
-
-def _in_space(results: Results, low: np.ndarray, high: np.ndarray) -> tuple[Any, Any, Callable[..., None]]:
-    """The same for the box from `low` (3,) to `high`."""
-    view, facets = View(high - low), skin(results.fields["cells"])[0]
-    figure, axes = stage(results, np.array(list(itertools.product(*zip(low, high, strict=True)))), view)
-
-    def draw(at: np.ndarray, values: np.ndarray, image: Any, factor: float, time: float) -> None:
-        draw_surfaces(axes, view, [*rigid_surfaces(results, factor, time),
-                                   Surface(at, facets, by_value(values[facets], image))])
-
-    return figure, axes, draw
-
-
-def _frames(folder: Path) -> Iterator[tuple[float, dict[str, np.ndarray]]]:
-    """Time, and the fields that differ from step to step, of what an animation shows of the series result.xdmf."""
-    import h5py
-
-    times = step_times(folder)
-    with h5py.File(folder / "result.h5", "r") as file:
-        for k in np.unique(np.linspace(0, len(times) - 1, min(FRAMES, len(times))).round().astype(int)):
-            fields = file.get(group_of(k), file)
-            yield times[k], {name: fields[name][()] for name in ("displacement", "von_mises") if name in fields}

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -131,31 +130,8 @@ SUMMARY = {
 docs/reference/results.md shows this."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class RunResult:
-    """What the summary says of the run as a whole, by the names in SUMMARY; steps and energy are None in one step."""
-
-    converged: bool
-    reason: str
-    order: int
-    ranks: int
-    outer_iterations: int
-    inner_iterations: int
-    certificate_limit: float
-    energy_norm: float
-    levels: Sequence[dict]
-    exchange: dict
-    qp: str
-    options: dict[str, str]
-    options_unused: Sequence[str]
-    warnings: Sequence[str] = ()
-    undetermined: Sequence[str] = ()
-    steps: Sequence[dict] | None = None
-    energy: dict[str, float] | None = None
-
-
-def summarize(scene: dict, run: RunResult, bodies: Mapping[str, dict], contacts: Mapping[str, ContactState],
-              certificate: Certificate, dissipated: Mapping[str, float] | None = None) -> dict:
+def summarize(scene: dict, run: Mapping[str, Any], bodies: Mapping[str, dict], contacts: Mapping[str, ContactState],
+              certificate: Certificate) -> dict:
     """The content of summary.json but for provenance and times, as plain data. Not collective.
 
     Numbers that are not finite become None, JSON's null.
@@ -163,9 +139,9 @@ def summarize(scene: dict, run: RunResult, bodies: Mapping[str, dict], contacts:
     Parameters
     ----------
     scene : resolved
+    run : the entries in SUMMARY that do not follow from the others
     bodies : by name, in the order of the scene, the entries in SUMMARY but for certificate and n_A, which are added
     contacts : the last states by name, in the order of the scene
-    dissipated : frictional work of all load steps by contact (J), where there are several
     """
     dimension = len(next(iter(bodies.values()))["reaction"])
     method, interfaces = scene["method"], [state.interface for state in contacts.values()]
@@ -173,31 +149,22 @@ def summarize(scene: dict, run: RunResult, bodies: Mapping[str, dict], contacts:
                              "certificate": {"equilibrium": certificate.equilibrium[name]}}
                for name, body in bodies.items()}
     n_A, m = sum(entry["n_A"] for entry in entries.values()), sum(interface.m for interface in interfaces)
-    summary: dict = plain({
-        "format": FORMAT, "title": scene["title"], "converged": run.converged, "reason": run.reason,
+    found = plain({
+        "format": FORMAT, "title": scene["title"],
         "outer": method["outer"], "algorithm": method.get("algorithm") or method["outer"],
         "splitting": method.get("splitting") or "none",
         "friction": ", ".join(dict.fromkeys(interface.law.name for interface in interfaces)),
-        "order": run.order, "n": sum(body["n"] for body in bodies.values()), "m": m, "ranks": run.ranks,
-        "outer_iterations": run.outer_iterations, "inner_iterations": run.inner_iterations, "n_A": n_A,
+        "n": sum(body["n"] for body in bodies.values()), "m": m, "n_A": n_A,
         "eff": n_A / (2 * m) if m else None, "bodies": entries,
-        "contacts": {name: _contact(state) | {"certificate": certificate.contacts[name]._asdict()}
-                     | ({"dissipated": dissipated[name]} if dissipated else {}) for name, state in contacts.items()},
+        "contacts": {name: _contact(state) | {
+            "certificate": certificate.contacts[name]._asdict(),
+            "dissipated": np.sum(np.array([step["contacts"][name]["dissipated"] for step in run["steps"]], float))}
+            for name, state in contacts.items()},
         "rigid": rigid_partners(contacts.values()),
         "certificate": {kind: value for kind, (value, _) in certificate.worst().items()},
-        "certificate_limit": run.certificate_limit,
-        "steps": run.steps if run.steps is not None else [
-                  {"time": 1.0, "outer_iterations": run.outer_iterations,
-                   "contacts": {name: state.resultants for name, state in contacts.items()},
-                   "rigid": rigid_partners(contacts.values())}],
-        **({} if run.energy is None else {"energy": run.energy}),
-        "discretization_error": {"energy_norm": run.energy_norm, "target": method.get("target_error"),
-                                 "levels": run.levels},
         "displacement_max": np.max([body["displacement_max"] for body in bodies.values()]),
-        "units": units(scene, dimension), "warnings": run.warnings, "undetermined": run.undetermined,
-        "seconds": {}, "exchange": run.exchange, "solvers": {"qp": run.qp},
-        "options": run.options, "options_unused": run.options_unused, "scene": scene})
-    return summary
+        "units": units(scene, dimension), "seconds": {}, "scene": scene, **run})
+    return {name: found[name] for name in dict.fromkeys(key.partition(".")[0] for key in SUMMARY) if name in found}
 
 
 def rigid_partners(contacts: Iterable[ContactState]) -> dict[str, dict[str, np.ndarray]]:

@@ -36,7 +36,7 @@ from ddmpi.system.files import CHECKPOINT, write_atomically
 
 log = logging.getLogger("ddmpi")
 
-FORMAT, BLOCK = b"ddmpi checkpoint 8 sha256 ", 512
+FORMAT, BLOCK = b"ddmpi checkpoint 9 sha256 ", 512
 """What stands in HDF5's user block, before the digest of the rest; its size, the smallest that HDF5 has."""
 
 KIND = "a checkpoint of this version of ddmpi"
@@ -116,7 +116,7 @@ class Checkpoints:
     def __init__(self, world: MPI.Comm, folder: Path | None, identity: dict[str, dict], spec: Checkpoint, clock: Clock,
                  ladder: MeshLadder, state: dict[str, Any] | None = None) -> None:
         self.world, self.folder, self.identity, self.spec, self.clock = world, folder, identity, spec, clock
-        self._begin, self._ladder, self._known = state or {}, ladder, len(ladder.done)
+        self._begin, self._ladder, self._known = state or {}, ladder, len(ladder.levels)
         self.continuing = "outer" in self._begin
         self._parts: dict[str, Part] = {}
         self._fixed: dict[str, Any] = {}
@@ -184,7 +184,7 @@ class Checkpoints:
         try:
             yield
         except (InterruptionError, OutputError) as error:
-            between = not self._now and len(self._ladder.done) > self._known and isinstance(error, InterruptionError)
+            between = not self._now and len(self._ladder.levels) > self._known and isinstance(error, InterruptionError)
             if not error.agreed or not (self._now or between):
                 raise
             by_signal, world = isinstance(error, InterruptionError), self.world
@@ -233,7 +233,7 @@ def _digest(assembly: Assembly) -> str:
 
 
 def write(path: Path, identity: dict[str, dict], states: list[dict[str, Any]]) -> None:
-    """Write the ranks' states: tables as groups, arrays and lists as arrays, all else as JSON.
+    """Write the ranks' states: tables as groups, arrays and lists as arrays, tuples and all else as JSON.
 
     `path` holds the old or the new file, whole. Raises OutputError. Not collective.
     """
@@ -273,7 +273,8 @@ def _put(group: Any, table: dict[str, Any]) -> None:
         if isinstance(value, dict):
             _put(group.create_group(name, track_order=True), value)
         else:
-            group[name] = np.array(value) if isinstance(value, list | np.ndarray) else json.dumps(value)
+            is_array = isinstance(value, list | np.ndarray)
+            group[name] = np.array(value) if is_array else json.dumps(value, default=np.generic.item)
 
 
 def _get(entry: Any) -> Any:

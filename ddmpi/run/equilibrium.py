@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping
+from typing import TypeVar
 
 import numpy as np
 import scipy.sparse as sparse
@@ -16,6 +17,8 @@ from ddmpi.judge.equilibrium import LARGEST, ROUNDING, Mechanism, find_mechanism
 from ddmpi.judge.motions import MotionsOfBody, describe_motions, undetermined
 from ddmpi.system.agreement import from_first, merged
 
+T = TypeVar("T")
+
 
 def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
     """The mechanism that shows that no contact forces hold the loose bodies, on all ranks; None where some do.
@@ -23,43 +26,26 @@ def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
     A linear program on rank 0. Not asked where clamps hold all bodies, nor of more than `LARGEST` loose ones.
     Collective.
     """
-    loose = assembly.loose
-    if not loose or len(loose) > LARGEST:
-        return None
-    interfaces, G = _whole(assembly, lambda interface: sparse.identity(interface.size, format="csr"))
-    bodies = _loose_bodies(assembly)
-
-    def find() -> Mechanism | None:
-        load = np.array([load for _, load in bodies])
-        return find_mechanism(interfaces, G, assembly.joint.e, [body for body, _ in bodies], load)
-
-    return from_first(assembly.world, find)
+    return _asked(assembly, _all_forces, None, lambda interfaces, G, bodies, load: find_mechanism(
+        interfaces, G, assembly.joint.e, bodies, load))
 
 
 def motions_without_resistance(assembly: Assembly) -> list[str]:
     """The rigid motions that no force of any contact resists, a sentence each, the same on all ranks. Collective."""
-    if not assembly.loose or len(assembly.loose) > LARGEST:
-        return []
-    interfaces, G = _whole(assembly, lambda interface: sparse.identity(interface.size, format="csr"))
-    bodies = _loose_bodies(assembly)
-
-    def find() -> list[str]:
+    def find(interfaces: list[Interface], G: sparse.csc_matrix, bodies: list[MotionsOfBody], _: object) -> list[str]:
         parts, ends = [np.zeros((G.shape[0], 0))], np.cumsum([0, *(each.size for each in interfaces)])
         for start, stop in itertools.pairwise(ends):  # a few forces are as good as all of a contact
             axes, sizes, _ = np.linalg.svd((own := G[:, start:stop])[np.unique(own.indices)].toarray(), False)
             some = np.flatnonzero(sizes > ROUNDING * sizes.max(initial=0.0))
             parts.append(np.zeros((G.shape[0], len(some))))
             parts[-1][np.unique(own.indices)] = axes[:, some] * sizes[some]
-        return undetermined(np.hstack(parts), [body for body, _ in bodies])
+        return undetermined(np.hstack(parts), bodies)
 
-    return from_first(assembly.world, find)
+    return _asked(assembly, _all_forces, [], find)
 
 
 def undetermined_motions(assembly: Assembly, contacts: Mapping[str, ContactState]) -> list[str]:
     """The rigid motions that no contact resists at the solution, a sentence each, the same on all ranks. Collective."""
-    if not assembly.loose or len(assembly.loose) > LARGEST:
-        return []
-
     def resists(interface: Interface) -> sparse.csr_matrix:
         """Of each force that resists motions a row (size,): of closed nodes, of sticking ones, and where friction can
         turn of slipping ones, across it."""
@@ -78,9 +64,7 @@ def undetermined_motions(assembly: Assembly, contacts: Mapping[str, ContactState
             parts.append(turned[np.flatnonzero(np.repeat(slips, law.components - 1))])
         return sparse.vstack(parts, format="csr")
 
-    _, G = _whole(assembly, resists)
-    bodies = _loose_bodies(assembly)
-    return from_first(assembly.world, lambda: undetermined(G.toarray(), [body for body, _ in bodies]))
+    return _asked(assembly, resists, [], lambda _, G, bodies, load: undetermined(G.toarray(), bodies))
 
 
 def describe_drift(assembly: Assembly, motions: np.ndarray) -> str:
@@ -91,17 +75,26 @@ def describe_drift(assembly: Assembly, motions: np.ndarray) -> str:
     return describe_motions(bodies, velocities / fastest, set()) if fastest else "no body"
 
 
-def _whole(assembly: Assembly,
-           chosen: Callable[[Interface], sparse.spmatrix]) -> tuple[list[Interface], sparse.csc_matrix]:
-    """All interfaces in the order of the scene, and G of their `chosen` forces, rows (·, size), on all ranks.
+def _all_forces(interface: Interface) -> sparse.csr_matrix:
+    return sparse.identity(interface.size, format="csr")
 
-    Collective.
+
+def _asked(assembly: Assembly, chosen: Callable[[Interface], sparse.spmatrix], otherwise: T,
+           find: Callable[[list[Interface], sparse.csc_matrix, list[MotionsOfBody], np.ndarray], T]) -> T:
+    """What `find` says on rank 0 of all interfaces in the order of the scene, G of their `chosen` forces, rows
+    (·, size), the loose bodies and the sizes of their loads; `otherwise` without loose bodies, or with too many.
+
+    The same on all ranks. Collective.
     """
+    if not assembly.loose or len(assembly.loose) > LARGEST:
+        return otherwise
     space, Z = assembly.space, assembly.joint.rigid.Z
     own = {interface.name: (interface, (chosen(interface) @ Z[part]).tocsr()) for interface, part in space.each()}
     everyone = merged(assembly.world, own)
-    ordered = [everyone[contact.name] for contact in assembly.scene.contact]
-    return [interface for interface, _ in ordered], sparse.vstack([rows for _, rows in ordered], format="csr").T.tocsc()
+    interfaces, rows = zip(*(everyone[contact.name] for contact in assembly.scene.contact), strict=True)
+    bodies, loads = zip(*_loose_bodies(assembly), strict=True)
+    return from_first(assembly.world, lambda: find(
+        list(interfaces), sparse.vstack(rows, format="csr").T.tocsc(), list(bodies), np.array(loads)))
 
 
 def _loose_bodies(assembly: Assembly) -> list[tuple[MotionsOfBody, float]]:

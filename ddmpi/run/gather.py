@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+from numpy.typing import ArrayLike
 from petsc4py import PETSc
 
 from ddmpi.body.elasticity import clamp_forces
@@ -16,12 +17,12 @@ from ddmpi.body.estimate import DiscretizationError
 from ddmpi.body.loads import loads_by_group, resultants
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.ranks import team_of
-from ddmpi.interface.state import ContactState, resultants_in
+from ddmpi.interface.state import ContactState
 from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.petsc.options import unused_options
 from ddmpi.results.fields import Fields
-from ddmpi.results.summary import RunResult, rigid_partners, summarize
+from ddmpi.results.summary import plain, rigid_partners, summarize
 from ddmpi.results.tables import leg_columns, leg_values
 from ddmpi.run.solve import Solution
 from ddmpi.system.provenance import peak_memory, provenance
@@ -31,57 +32,57 @@ LITTLE = 0.1
 
 
 class StepLog:
-    """What is kept of the load steps, in their order, as rows of numbers.
+    """What is kept of the load steps, in their order. Without [time] there is one.
 
     Attributes
     ----------
     contacts, bodies : names
     dimension : of the scene
-    partners : names of rigid ones that bodies may touch
-    steps : time and number of iterations of each
-    resultants : of each the `resultants` of the contacts
-    placed : of each the displacements (m) and forces (N) of rigid partners (np, 2, d)
+    steps : the entry of that name in the summary
     energies : external work, strain energy, interface work and dissipated energy since time 0, and what the step's
         balance leaves, of each (J)
-    iterations : a line of history.csv for each
+    iterations : the lines of history.csv
     doubts : warnings of answers at the ends of legs before the last one, of each kind the first
-    worst : (nc, 4) the largest residuals of contacts so far, and (nb,) of bodies
-    largest : (3,) `Solution.sizes` so far
+    most : the largest so far: residuals of contacts (nc, 4) and bodies (nb,), `Solution.sizes` (3,)
     """
 
-    def __init__(self, contacts: Sequence[str], bodies: Sequence[str], dimension: int,
-                 partners: Sequence[str] = ()) -> None:
-        self.partners = tuple(partners)
-        self.placed: list[np.ndarray] = []
+    def __init__(self, contacts: Iterable[str], bodies: Iterable[str], dimension: int) -> None:
         self.contacts, self.bodies, self.dimension = tuple(contacts), tuple(bodies), dimension
-        self.steps: list[Sequence[float]] = []
-        self.resultants: list[np.ndarray] = []
-        self.energies: list[Sequence[float]] = []
-        self.iterations: list[Sequence[float]] = []
-        self._kept, self._ends = list[np.ndarray](), np.zeros(0, int)
-        self.doubts: dict[str, str] = {}
-        self.worst = np.zeros((len(self.contacts), len(ContactResiduals._fields))), np.zeros(len(self.bodies))
-        self.largest = np.zeros(3)
-
-    @property
-    def _tables(self) -> dict[str, list]:
-        return {"steps": self.steps, "resultants": self.resultants, "energies": self.energies,
-                "iterations": self.iterations, "kept": self._kept, "placed": self.placed}
+        self.doubts, self._ends = dict[str, str](), np.zeros(0, int)
+        self.steps, self.energies, self.iterations, self._kept = (list[Any]() for _ in range(4))
+        self._tables = {"steps": self.steps, "energies": self.energies, "iterations": self.iterations,
+                        "kept": self._kept}
+        self.most = {"contacts": np.zeros((len(self.contacts), len(ContactResiduals._fields))),
+                     "bodies": np.zeros(len(self.bodies)), "sizes": np.zeros(3)}
 
     def judge(self, certificate: Certificate) -> Certificate:
         """Note the residuals of a step; the largest ones so far."""
-        contacts = [certificate.contacts[name] for name in self.contacts]
-        bodies = [certificate.equilibrium[name] for name in self.bodies]
-        self.worst = np.maximum(self.worst[0], contacts), np.maximum(self.worst[1], bodies)
-        return Certificate({name: ContactResiduals(*row) for name, row in zip(self.contacts, self.worst[0].tolist(),
-                                                                              strict=True)},
-                           dict(zip(self.bodies, self.worst[1].tolist(), strict=True)))
+        self._raise(contacts=[certificate.contacts[name] for name in self.contacts],
+                    bodies=[certificate.equilibrium[name] for name in self.bodies])
+        contacts, bodies = self.most["contacts"].tolist(), self.most["bodies"].tolist()
+        return Certificate({name: ContactResiduals(*row) for name, row in zip(self.contacts, contacts, strict=True)},
+                           dict(zip(self.bodies, bodies, strict=True)))
 
-    def note_contacts(self, contacts: Sequence[ContactState]) -> None:
+    def _raise(self, **values: ArrayLike) -> None:
+        self.most = self.most | {name: np.maximum(self.most[name], each) for name, each in values.items()}
+
+    def note_step(self, time: float, solution: Solution) -> None:
+        """Note the end of a step: its iterations and sizes, resultants, and where rigid partners are."""
+        self.note_iterations(len(self.steps) + 1, solution)
+        self._raise(sizes=solution.sizes)
+        self.note_contacts(time, len(solution.outer.history), [solution.contacts[name] for name in self.contacts])
+
+    def note_iterations(self, step: int, solution: Solution) -> None:
+        """Note the iterations of a step, by its number."""
+        for each, counts in zip(solution.outer.history, solution.statuses.counts, strict=True):
+            self.iterations.append((step, *each[:4], *counts, each.n_A))
+
+    def note_contacts(self, time: float, iterations: int, contacts: Sequence[ContactState]) -> None:
         """Note the resultants of a step, and where rigid partners are."""
-        found = rigid_partners(contacts)
-        self.placed.append(np.array([list(found[name].values()) for name in self.partners]))
-        self.resultants.append(np.array([state.resultants for state in contacts], resultants_in(self.dimension)))
+        self.steps.append(plain({
+            "time": time, "outer_iterations": iterations,
+            "contacts": {name: each.resultants for name, each in zip(self.contacts, contacts, strict=True)},
+            "rigid": rigid_partners(contacts)}))
 
     def doubt(self, time: float, warnings: Sequence[str]) -> None:
         """Note the warnings of the answer at the end of a leg, unless there are such that differ in numbers alone."""
@@ -104,23 +105,9 @@ class StepLog:
         width, parts = len(leg_columns(self.dimension)), (np.split(row, self._ends) for row in self._kept)
         return [(float(time[0]), s, alpha, values.reshape(-1, width)) for time, s, alpha, values in parts]
 
-    @property
-    def dissipated(self) -> dict[str, float]:
-        """The frictional work of all steps by contact (J)."""
-        work = np.sum([each["dissipated"] for each in self.resultants] or np.zeros((1, len(self.contacts))), axis=0)
-        return dict(zip(self.contacts, work.tolist(), strict=True))
-
-    def summary(self) -> list[dict]:
-        """The entry ``steps`` of summary.json."""
-        return [{"time": float(time), "outer_iterations": int(number),
-                 "contacts": dict(zip(self.contacts, records, strict=True)),
-                 "rigid": {name: {"displacement": place, "force": force} for name, (place, force) in
-                           zip(self.partners, placed, strict=True)}}
-                for (time, number), records, placed in zip(self.steps, self.resultants, self.placed, strict=True)]
-
     def energy(self) -> list[tuple[float, ...]]:
         """The rows of energy.csv."""
-        return [(float(time), *row) for (time, _), row in zip(self.steps, self.energies, strict=True)]
+        return [(step["time"], *row) for step, row in zip(self.steps, self.energies, strict=True)]
 
     def excess(self, since: dict[str, Any], given: float = 0.0) -> float:
         """How much more friction has dissipated since `lengths` than contacts took, over all that it has dissipated.
@@ -129,7 +116,7 @@ class StepLog:
         Never so in truth, it shows how coarse the steps are where slip begins within one of them. Friction that
         dissipates less than LITTLE of the largest energy is compared with that.
         """
-        rows, k = np.array(self.energies), int(since["energies"])
+        rows, k = np.array(self.energies), since["energies"]
         before = rows[k - 1] if k else np.zeros(5)
         took, dissipated = rows[-1, 2:4] - before[2:4]
         size = max(rows[-1, 3], LITTLE * np.abs(rows[:, :3]).max())
@@ -144,32 +131,25 @@ class StepLog:
                 "dissipated": dissipated, "lost": interface - dissipated,
                 "residual": float(np.abs(rows[:, 4]).max()) / size if size else 0.0}
 
-    def history(self) -> list[tuple[float, ...]]:
-        """The rows of history.csv."""
-        return [(int(row[0]), int(row[1]), *map(float, row[2:5]), *map(int, row[5:])) for row in self.iterations]
-
     def lengths(self) -> dict[str, Any]:
         """What `shorten` needs to come back to the present state."""
-        return {name: len(rows) for name, rows in self._tables.items()} | {
-            "contacts": self.worst[0], "bodies": self.worst[1], "largest": self.largest}
+        return {name: len(rows) for name, rows in self._tables.items()} | self.most
 
     def shorten(self, lengths: dict[str, Any]) -> None:
         """Forget what was noted since `lengths`."""
         for name, rows in self._tables.items():
-            del rows[int(lengths[name]):]
-        self.worst, self.largest = (lengths["contacts"], lengths["bodies"]), lengths["largest"]
+            del rows[lengths[name]:]
+        self.most = {name: lengths[name] for name in self.most}
 
     def state(self) -> dict[str, Any]:
-        return {name: list(rows) for name, rows in self._tables.items()} | {
-            "doubts": tuple(self.doubts.values()), "ends": self._ends,
-            "contacts": self.worst[0], "bodies": self.worst[1], "largest": self.largest}
+        return {name: tuple(rows) for name, rows in self._tables.items()} | {
+            "kept": list(self._kept), "doubts": tuple(self.doubts.values()), "ends": self._ends} | self.most
 
     def restore(self, state: dict[str, Any]) -> None:
         for name, rows in self._tables.items():
             rows[:] = state[name]
         self.doubts = {_kind(doubt.rpartition(" (at time")[0]): doubt for doubt in state["doubts"]}
-        self._ends, self.worst = state["ends"], (state["contacts"], state["bodies"])
-        self.largest = state["largest"]
+        self._ends, self.most = state["ends"], {name: state[name] for name in self.most}
 
 
 def _kind(warning: str) -> str:
@@ -178,7 +158,7 @@ def _kind(warning: str) -> str:
 
 
 def gather_summary(assembly: Assembly, solution: Solution, error: DiscretizationError, own_fields: dict[str, Fields],
-                   ladder: MeshLadder, warnings: list[str], started: float, steps: StepLog | None = None) -> dict:
+                   ladder: MeshLadder, warnings: list[str], started: float, steps: StepLog) -> dict:
     """All of summary.json but the times, on every rank. Collective.
 
     Parameters
@@ -187,7 +167,6 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     ladder : the meshes that led here
     warnings : of the scene and of the answer
     started : as for `provenance`
-    steps : where there are several
     """
     world, scene, outer = assembly.world, assembly.scene, solution.outer
     team = team_of(world)
@@ -197,28 +176,22 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     own = [(body.number, (body.spec.name, _body(body, solution, error, own_fields[body.spec.name], ranks, memory)
                           | forces_by_group(body, solution.displacements[body.spec.name], s, factors)))
            for body, s in zip(assembly.bodies, outer.body_forces(), strict=True)]
-    everyone = world.allgather((own, unused_options(), sum(outer.inner_steps.values()), assembly.exchange.state(),
-                                hosts))
-    bodies = dict(body for _, body in sorted(itertools.chain(*(each for each, *_ in everyone)),
-                                             key=lambda pair: pair[0]))
-    unused = sorted(set.intersection(*(set(left) for _, left, *_ in everyone)))
-    inner = [steps for _, _, steps, *_ in everyone]
-    sent = [counts for *_, counts, _ in everyone]
-    run = RunResult(
-        converged=solution.certified and not ladder.missed,
-        reason=(solution.certified and ladder.missed) or solution.reason, order=scene.body[0].mesh.order,
-        ranks=world.allreduce(len(ranks)), outer_iterations=len(steps.iterations) if steps else len(outer.history),
-        inner_iterations=sum(inner) if scene.method.by_body else inner[0],
-        certificate_limit=solution.limit, energy_norm=error.relative,
-        levels=[level._asdict() for level in ladder.levels],
-        exchange={name: max(counts[name] for counts in sent) for name in sent[0]},
-        qp=outer.qp_type,
-        options=PETSc.Options().getAll(), options_unused=unused, warnings=warnings,
-        undetermined=solution.undetermined, steps=steps.summary() if steps else None,
-        energy=steps.balance() if steps else None)
-    hosts = [host for *_, part in everyone for host in part]
-    return summarize(scene.resolved(), run, bodies, solution.contacts, solution.certificate,
-                     steps.dissipated if steps else None) | provenance(world, started, hosts)
+    parts, unused, inner, sent, named = zip(*world.allgather((
+        own, set(unused_options()), sum(outer.inner_steps.values()), assembly.exchange.state(), hosts)), strict=True)
+    bodies = dict(body for _, body in sorted(itertools.chain(*parts), key=lambda pair: pair[0]))
+    run = {"converged": solution.certified and not ladder.missed,
+           "reason": (solution.certified and ladder.missed) or solution.reason, "order": scene.body[0].mesh.order,
+           "ranks": world.allreduce(len(ranks)), "outer_iterations": len(steps.iterations),
+           "inner_iterations": sum(inner) if scene.method.by_body else inner[0],
+           "certificate_limit": solution.limit, "steps": steps.steps,
+           "discretization_error": {"energy_norm": error.relative, "target": scene.method.target_error,
+                                    "levels": [level._asdict() for level in ladder.levels]},
+           "warnings": warnings, "undetermined": solution.undetermined,
+           "exchange": {name: max(counts[name] for counts in sent) for name in sent[0]},
+           "solvers": {"qp": outer.qp_type}, "options": PETSc.Options().getAll(),
+           "options_unused": sorted(set.intersection(*unused))} | ({"energy": steps.balance()} if scene.time else {})
+    return summarize(scene.resolved(), run, bodies, solution.contacts, solution.certificate) | provenance(
+        world, started, list(itertools.chain(*named)))
 
 
 def _body(body: Body, solution: Solution, error: DiscretizationError, fields: Fields, ranks: list[int],

@@ -46,17 +46,15 @@ DRAWERS = 2
 
 @dataclass(frozen=True)
 class Solved:
-    """A scene on one mesh, solved, as one rank holds it; fields of its bodies by name.
-
-    `steps` is None without [time]; all else is of the last load step.
-    """
+    """A scene on one mesh, solved, as one rank holds it; fields of its bodies by name. All but `steps` is of the last
+    load step."""
 
     assembly: Assembly
     solution: Solution
     error: DiscretizationError
     fields: dict[str, Fields]
     summary: dict
-    steps: StepLog | None = None
+    steps: StepLog
 
 
 def run(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool,
@@ -137,7 +135,7 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, fold
         return solved
 
     with checkpoints.kept():
-        if ladder.done:
+        if ladder.levels:
             log.info("continuing with %s", ladder.meshes)
         while True:
             try:
@@ -190,7 +188,7 @@ def _estimate(assembly: Assembly, solution: Solution, clock: Clock) -> Discretiz
         return sum_errors(merged(assembly.world, numbers), own)
 
 
-def _finish(assembly: Assembly, solution: Solution, steps: StepLog | None, error: DiscretizationError,
+def _finish(assembly: Assembly, solution: Solution, steps: StepLog, error: DiscretizationError,
             ladder: MeshLadder, told: list[str], clock: Clock) -> Solved:
     """The fields that are asked for, and the summary. Collective."""
     with clock.phase("recover"), agreed(assembly.world), event("Stress"):
@@ -199,7 +197,7 @@ def _finish(assembly: Assembly, solution: Solution, steps: StepLog | None, error
     doubts = doubt_answer(assembly, solution.displacements, solution.contacts)
     singular = doubt_stress(assembly, {name: each.von_mises for name, each in fields.items()})
     warnings = [*assembly.warnings, *(body.locking for body in assembly.scene.body if body.locking), *doubts,
-                *(steps.doubts_beside(doubts) if steps else ()), *doubt_mesh(assembly.scene.body, error), *singular]
+                *steps.doubts_beside(doubts), *doubt_mesh(assembly.scene.body, error), *singular]
     summary = gather_summary(assembly, solution, error, fields, ladder, warnings, clock.started, steps)
     log_end(summary, solution)
     log_warnings(warnings, told)
@@ -289,8 +287,6 @@ def _write_steps(path: Path, solved: Solved, sizes: Sequence[tuple[int, int]]) -
     the forces of each by body and group. Collective."""
     assembly, times, steps = solved.assembly, [], solved.steps
     world, joint = assembly.world, assembly.joint
-    if not steps:
-        return []
     told = {step["time"]: step for step in solved.summary["steps"]}
     for number, (time, s, alpha, _) in enumerate(steps.kept):
         times.append(time)
@@ -299,12 +295,12 @@ def _write_steps(path: Path, solved: Solved, sizes: Sequence[tuple[int, int]]) -
                                     for name, body in solved.summary["bodies"].items()}
             continue
         assembly.act(time)
-        parts, fields, forces = joint.spread(s), {}, {}
+        parts, fields, forces, factors = joint.spread(s), {}, {}, assembly.scene.factors(time)
         with agreed(world):
             for body, part in zip(assembly.bodies, parts, strict=True):
-                u, *_ = recover(body.member, part, alpha[joint.slices[body.spec.name]], steps.largest)
+                u, *_ = recover(body.member, part, alpha[joint.slices[body.spec.name]], steps.most["sizes"])
                 fields[body.number] = _fields(assembly, body, u)
-                forces[body.spec.name] = plain(forces_by_group(body, u, part, assembly.scene.factors(time)))
+                forces[body.spec.name] = plain(forces_by_group(body, u, part, factors))
         forces = merged(world, forces)
         told[time]["bodies"] = {name: forces[name] for name in solved.summary["bodies"]}
         _write_in_turn(world, path, fields, sizes, number)
@@ -313,32 +309,27 @@ def _write_steps(path: Path, solved: Solved, sizes: Sequence[tuple[int, int]]) -
 
 def _write_tables(path: Path, solved: Solved) -> dict[str, list[dict[str, np.ndarray]]]:
     """Write the tables; by contact `contact_fields` at the times whose fields are written."""
-    solution = solved.solution
-    write_history(path, solved.steps.history() if solved.steps else
-                  [(1, *step[:4], *counts, step.n_A) for step, counts in
-                   zip(solution.outer.history, solution.statuses.counts, strict=True)])
+    solution, steps, start, found = solved.solution, solved.steps, 0, {}
+    write_history(path, steps.iterations)
+    write_facets(path, (state.interface for state in solution.contacts.values()))
+    write_steps(path, solved.summary["steps"])
+    if solved.assembly.scene.time:
+        write_energy(path, steps.energy())
     for name, state in solution.contacts.items():
         write_contact(path, name, state)
         write_sides(path, name, state)
-    write_facets(path, (state.interface for state in solution.contacts.values()))
-    write_steps(path, solved.summary["steps"])
-    if solved.steps:
-        write_energy(path, solved.steps.energy())
-    start, found = 0, {name: [contact_fields(state)] for name, state in solution.contacts.items()}
-    if not solved.steps:
-        return found
-    for name, state in solution.contacts.items():
         part = slice(start, start := start + state.interface.m)
-        values = [(time, each[part]) for time, _, _, each in solved.steps.kept]
-        write_legs(path, name, state, values)
+        values = [(time, each[part]) for time, _, _, each in steps.kept]
+        if solved.assembly.scene.time:
+            write_legs(path, name, state, values)
         found[name] = [contact_fields(state, None if time == solution.time else each)
-                       for time, each in values] or found[name]
+                       for time, each in values] or [contact_fields(state)]
     return found
 
 
 def _draw(path: Path, number: int, drawers: int) -> OutputError | None:
     """Draw this rank's share of the pictures, where matplotlib is installed; its error waits for the numbers."""
-    from ddmpi.results.pictures import draw_all
+    from ddmpi.pictures.draw import draw_all
 
     if not has_matplotlib():
         return None

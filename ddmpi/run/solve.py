@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -15,12 +15,7 @@ from ddmpi.coupling.assembly import Assembly
 from ddmpi.coupling.member import Member
 from ddmpi.errors import SolverError
 from ddmpi.interface.state import ContactState, contact_state
-from ddmpi.judge.certificate import (
-    Certificate,
-    certificate_limit,
-    contact_residuals,
-    equilibrium_residual,
-)
+from ddmpi.judge.certificate import Certificate, certificate_limit, contact_residuals, equilibrium_residual
 from ddmpi.judge.diagnosis import StatusLog
 from ddmpi.judge.equilibrium import Mechanism, describe
 from ddmpi.methods.anderson import AndersonIteration
@@ -52,7 +47,7 @@ rounding, and zero."""
 
 
 class Past(NamedTuple):
-    """The load steps before.
+    """The load steps before; zeros where there are none.
 
     Attributes
     ----------
@@ -161,8 +156,7 @@ class _Goal:
         return asdict(self)
 
     def restore(self, state: dict[str, Any]) -> None:
-        self.tolerance, self.worst = float(state["tolerance"]), float(state["worst"])
-        self.steps = int(state["steps"])
+        vars(self).update(state)
 
     def is_last(self, worst: float, steps: int) -> bool:
         """Note the `worst` residual after so many `steps` in all; whether a smaller tolerance would not help."""
@@ -180,19 +174,16 @@ class Iteration:
     ----------
     report : called with every iteration
     clock : times the phases outer and recover
-    first : looks for a mechanism before the outer method is made
 
     Attributes
     ----------
-    mechanism : that was found at first
     outer : the method
     statuses : of the contact nodes in the iterations of the load step
     goal : the tolerance at present
     limit : largest residual of a certified answer
     """
 
-    def __init__(self, assembly: Assembly, method: SettledMethod, report: Report, clock: Clock,
-                 first: Callable[[Assembly], Mechanism | None] | None = None) -> None:
+    def __init__(self, assembly: Assembly, method: SettledMethod, report: Report, clock: Clock) -> None:
         self.assembly, self.method, self.clock = assembly, method, clock
         for body in assembly.bodies:
             body.member.restart()
@@ -204,7 +195,6 @@ class Iteration:
             report(step)
 
         with clock.phase("outer"):
-            self.mechanism = first(assembly) if first else None
             self.outer = choose_outer(assembly, method, note)
         self.limit, self.goal = certificate_limit(method.tolerance), _Goal(method.tolerance)
         self.given = assembly.world.allreduce(max(body.member.C.solver.given for body in assembly.bodies), MPI.MAX)
@@ -227,6 +217,8 @@ class Iteration:
         Collective. Raises as the function `solve`.
         """
         assembly, method, outer = self.assembly, self.method, self.outer
+        none = np.zeros(assembly.space.size)
+        past = past or Past(none, none, np.zeros(3))
         while True:
             try:
                 with self.clock.phase("outer"):
@@ -257,10 +249,13 @@ def solve(assembly: Assembly, method: SettledMethod, report: Report = no_report,
     `clock` times the phases outer and recover. Collective. Raises SolverError, and InterruptionError
     when a signal came; the same on all ranks.
     """
-    iteration = Iteration(assembly, method, report, clock or Clock(), look_for_mechanism)
+    clock = clock or Clock()
+    with clock.phase("outer"):
+        mechanism = look_for_mechanism(assembly)
+    iteration = Iteration(assembly, method, report, clock)
     if checkpoints:
         checkpoints.follow(assembly, outer=iteration.outer, statuses=iteration.statuses, goal=iteration.goal)
-    return with_undetermined(assembly, iteration.solve(iteration.mechanism))
+    return with_undetermined(assembly, iteration.solve(mechanism))
 
 
 def with_undetermined(assembly: Assembly, solution: Solution) -> Solution:
@@ -289,18 +284,17 @@ def recover(member: Member, s: np.ndarray, alpha: np.ndarray,
 
 
 def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, statuses: StatusLog,
-              given: float = 0.0, past: Past | None = None) -> Solution:
+              given: float, past: Past) -> Solution:
     """Displacements, contact states and certificate of the forces at hand. Collective."""
     exchange, space, joint = assembly.exchange, assembly.space, assembly.joint
     forces, mismatch, bound = outer.forces, outer.mismatch, outer.bound
-    largest = past.largest if past else np.zeros(3)
     moved, traces, stayed = {}, [], []
     numbers: dict[str, dict[str, Any]] = {}
     for body, s in zip(assembly.bodies, outer.body_forces(), strict=True):
         member, alpha = body.member, outer.motions[joint.slices[body.spec.name]]
         u, left, acting, energy = np.zeros_like(member.elasticity.prescribed), np.nan, 0.0, np.nan
         with exchange.deferred():
-            u, left, acting, energy = recover(member, s, alpha, largest)
+            u, left, acting, energy = recover(member, s, alpha, past.largest)
         own = member.trace(u)
         moved[member.name] = u
         traces.append(own)
@@ -333,9 +327,9 @@ def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, stat
                 each for each in places[interface.name] if each is not None)
             yielding = max(bodies[name]["yielding"] for name in interface.bodies if name in bodies)
             state = contact_state(interface, forces[part], limits, u1 + u2, between,
-                                  past and (past.start[part], past.forces[part]), yielding)
+                                  (past.start[part], past.forces[part]), yielding)
             found[interface.name] = state, contact_residuals(state, forces[part], mismatch[part], (u1, u2), load,
-                                                             yielding, now, largest[1:].tolist())
+                                                             yielding, now, past.largest[1:].tolist())
     found = merged(assembly.world, found)
     force = max((float(np.abs(state.forces).max()) for state, _ in found.values()), default=0.0)
     names, contacts = [body.name for body in assembly.scene.body], [contact.name for contact in assembly.scene.contact]

@@ -49,6 +49,9 @@ CERTAIN = 0.25
 """Changes below this part of ``time.tolerance`` are small enough however slowly they fall: with the root of the number
 of steps, as where nodes touch in the midst of a step, the error left is 2.4 times the change."""
 
+KEPT = ("iterations", "_leg", "_start", "_number", "_coarse", "_changed", "_largest", "_given", "_cuts", "_noted")
+"""Attributes of a march that checkpoints keep as they are."""
+
 
 @dataclass
 class _Mark:
@@ -101,21 +104,25 @@ class _Mark:
 
 
 def solve_scene(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoints | None = None,
-                clock: Clock | None = None) -> tuple[Solution, StepLog | None]:
-    """Solve `assembly` in the load steps that its scene asks for; without [time] in one, and without a log.
+                clock: Clock | None = None) -> tuple[Solution, StepLog]:
+    """Solve `assembly` in the load steps that its scene asks for, without [time] in one; and what is kept of them.
 
     Parameters and what is raised as for `solve`. The solution is that of the last step, with the largest residuals of
     all. Collective.
     """
     scene, clock = assembly.scene, clock or Clock()
+    log = StepLog([contact.name for contact in scene.contact], [each.name for each in (*scene.body, *scene.pushed)],
+                  scene.dimension)
     if scene.time is None:
-        return solve(assembly, scene.method, report, checkpoints, clock), None
+        solution = solve(assembly, scene.method, report, checkpoints, clock)
+        log.note_step(scene.legs[0], solution)
+        return solution, log
     assembly.act(scene.legs[0])
-    march = March(assembly, Iteration(assembly, scene.method, no_report, clock))
+    march = March(assembly, Iteration(assembly, scene.method, no_report, clock), log)
     if checkpoints:
         checkpoints.follow(assembly, outer=march.outer, statuses=march.iteration.statuses, goal=march.iteration.goal,
                            steps=march, before=lambda: march.iterations)
-    return march.run(), march.log
+    return march.run(), log
 
 
 class March:
@@ -128,16 +135,11 @@ class March:
     iterations : of all steps before the present one, those of rejected subdivisions as well
     """
 
-    def __init__(self, assembly: Assembly, iteration: Iteration) -> None:
-        assert isinstance(iteration.outer, Newton)
+    def __init__(self, assembly: Assembly, iteration: Iteration, log: StepLog) -> None:
         scene = assembly.scene
-        self.assembly, self.iteration, self.outer = assembly, iteration, iteration.outer
-        self.log = StepLog([contact.name for contact in scene.contact],
-                           [each.name for each in (*scene.body, *scene.pushed)], scene.dimension,
-                           [each.name for each in scene.rigid
-                            if any(each.name in contact.bodies for contact in scene.contact)])
+        assert isinstance(iteration.outer, Newton) and scene.time
+        self.assembly, self.iteration, self.outer, self.log = assembly, iteration, iteration.outer, log
         self.iterations = 0
-        assert scene.time is not None
         self._legs, self._steps, self._tolerance = scene.legs, scene.time.steps, scene.time.tolerance or math.inf
         self._safe: bool | None = None
         self._largest = np.zeros(2)  # forces and slip bounds so far (N)
@@ -167,7 +169,7 @@ class March:
             if not solution.certified:
                 if self._cut(solution, time):
                     continue
-                self._note_iterations(len(self.log.steps) + 1)
+                self.log.note_iterations(len(self.log.steps) + 1, solution)
                 break
             self._accept(time, solution)
             if not self._ahead and not self._refine():
@@ -190,8 +192,9 @@ class March:
         if not self._resumed:
             self._begin(time, start)
         self._resumed = False
-        self.outer.nothing = NOTHING * self.log.largest[0]
-        return replace(self.iteration.solve(mechanism, Past(start, self._now.s, self.log.largest)), time=time)
+        largest = self.log.most["sizes"]
+        self.outer.nothing = NOTHING * largest[0]
+        return replace(self.iteration.solve(mechanism, Past(start, self._now.s, largest)), time=time)
 
     def _begin(self, time: float, start: np.ndarray) -> None:
         """Begin to iterate for the step to `time`, whose slip begins at `start` (size,).
@@ -261,12 +264,8 @@ class March:
         before = self.log.energies[-1] if self.log.energies else np.zeros(5)
         self.log.energies.append([before[0] + work, solution.energy, before[2] + interface_work,
                                   before[3] + dissipated, lost])
-        number = len(outer.history)
-        self.log.steps.append((time, number))
-        self.log.note_contacts(contacts)
-        self._note_iterations(len(self.log.steps))
+        self.log.note_step(time, solution)
         self.log.judge(solution.certificate)
-        self.log.largest = np.maximum(self.log.largest, solution.sizes)
         alike = not (self._sudden and now.time == 0.0)
         self._now = _Mark(time, time - now.time if alike else 0.0, s, outer.motions, self._d, moved, space.opening,
                           solution.prescribed, s - now.s, outer.motions - now.alpha, closing, factors, solution.work,
@@ -275,14 +274,10 @@ class March:
         del self._ahead[0]
         if not self._ahead or scene.output.steps == "all":
             self.log.keep(time, s, outer.motions, contacts)
+        counts = [sum(state.count(status) for state in contacts) for status in ("open", "slip", "stick")]
+        log.info("time %-10.6g %3d iterations; %d open, %d slip, %d stick nodes", time, len(outer.history), *counts)
         self._leave()
         self._cuts = 0
-        counts = [sum(state.count(status) for state in contacts) for status in ("open", "slip", "stick")]
-        log.info("time %-10.6g %3d iterations; %d open, %d slip, %d stick nodes", time, number, *counts)
-
-    def _note_iterations(self, number: int) -> None:
-        for step, counts in zip(self.outer.history, self.iteration.statuses.counts, strict=True):
-            self.log.iterations.append((number, *step[:4], *counts, step.n_A))
 
     def _leave(self) -> None:
         """Count the iterations of a step that is over."""
@@ -371,22 +366,16 @@ class March:
 
     def _keep(self) -> None:
         """Make the state that checkpoints write until the next step is over."""
-        self._state = {
-            "now": asdict(self._now), "base": asdict(self._base), "leg": self._leg, "start": self._start,
-            "number": self._number, "ahead": list(self._ahead), "coarse": self._coarse, "changed": self._changed,
-            "largest": self._largest, "given": self._given, "cuts": self._cuts, "iterations": self.iterations,
-            "noted": self._noted, "log": self.log.state()}
+        self._state = {name: getattr(self, name) for name in KEPT} | {
+            "now": asdict(self._now), "base": asdict(self._base), "ahead": tuple(self._ahead), "log": self.log.state()}
 
     def state(self) -> dict[str, Any]:
         return self._state
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on within the step that `state` is of."""
+        vars(self).update((name, state[name]) for name in KEPT)
         self._now, self._base = (_Mark(**state[name]) for name in ("now", "base"))
-        self._given = float(state["given"])
-        self._leg, self._number, self._cuts = int(state["leg"]), int(state["number"]), int(state["cuts"])
-        self._start, self._changed, self._largest = float(state["start"]), float(state["changed"]), state["largest"]
-        self._ahead, self._coarse = np.asarray(state["ahead"]).tolist(), state["coarse"]
-        self.iterations, self._noted, self._safe = int(state["iterations"]), state["noted"], None
+        self._ahead, self._safe = list(state["ahead"]), None
         self.log.restore(state["log"])
         self._state, self._resumed = state, True

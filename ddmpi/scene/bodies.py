@@ -24,7 +24,6 @@ from ddmpi.scene.values import (
     Table,
     Vector,
     VolumeForce,
-    check_formulas,
     settle,
 )
 
@@ -188,8 +187,6 @@ class Clamp(Table, frozen=True, kw_only=True):
         if (*self.components, self.normal) == (None,) * 4:
             raise ValueError("a clamp prescribes one or several of x, y and, in space, z, or the normal component; to "
                              f'fix all, write clamp = ["{self.on}"]')
-        for key, value in zip(("x", "y", "z", "normal"), (*self.components, self.normal), strict=True):
-            check_formulas(key, value)
 
     @property
     def components(self) -> tuple[Number | Formula | AffineScalar | None, ...]:
@@ -219,8 +216,6 @@ class Traction(Table, frozen=True, kw_only=True):
         if [self.value, self.pressure, self.force].count(None) != 2:
             raise ValueError("a traction has either a value (Pa), as in value = [0.0, -6e7], or a pressure along the "
                              "inner normal, as in pressure = 1e6, or the total force (N), as in force = [0.0, -1e4]")
-        check_formulas("value", self.value)
-        check_formulas("pressure", self.pressure)
 
     @property
     def given(self) -> Vector | AffineVector | Number | Formula | AffineScalar:
@@ -272,8 +267,6 @@ class BodySpec(Table, frozen=True, kw_only=True):
     temperature: Number | Formula | Heat | None = None
 
     def __post_init__(self) -> None:
-        check_formulas("volume_force", self.volume_force)
-        check_formulas("temperature", self.temperature)
         if self.temperature is not None and any(material.expansion is None for material in self.materials):
             raise ValueError("temperature: the material has no expansion, without which nothing follows from a "
                              "temperature; write expansion = 1.2e-5 (1/K, of steel) into material, 0 for none")
@@ -340,13 +333,6 @@ class BodySpec(Table, frozen=True, kw_only=True):
         """The temperature (K), zero where none is given, and the history that it follows."""
         given = self.temperature
         return given if isinstance(given, Heat) else Heat(value=0.0 if given is None else given)
-
-    @property
-    def histories(self) -> list[str]:
-        """Names of the histories that its loads, clamps and temperature follow, each once."""
-        named = [*(clamp.history for clamp in self.clamps), *(load.history for load in self.traction), self.weight[1],
-                 self.heat.history]
-        return list(dict.fromkeys(name for name in named if name is not None))
 
     def settled(self, order: Literal[1, 2], dimension: int = 2, axisymmetric: bool = False) -> SettledBody:
         """This body with elements of `order`, in the plane, around an axis or in space."""

@@ -21,7 +21,6 @@ from ddmpi.scene.values import (
     Profile,
     SignedProfile,
     Table,
-    check_formulas,
     settle,
 )
 from ddmpi.system.numbers import nearest_in
@@ -92,7 +91,6 @@ class ContactSpec(Table, frozen=True, kw_only=True):
     slave: Name | None = None
 
     def __post_init__(self) -> None:
-        check_formulas("gap", self.gap)
         if self.kind == "bonded" and not isinstance(self.friction, NoFriction):
             raise ValueError('friction does not go with kind = "bonded", which lets nothing slide; leave one of them '
                              "out")
@@ -106,9 +104,14 @@ class ContactSpec(Table, frozen=True, kw_only=True):
             return self.gap.value, self.gap.history
         return self.gap, None
 
+    @property
+    def called(self) -> str:
+        """Its name, which is by default the bodies' names with a dash."""
+        return self.name or default_name(self.bodies)
+
     def settled(self) -> SettledContact:
-        """This contact under its name, which is by default the bodies' names with a dash."""
-        return settle(self, SettledContact, name=self.name or default_name(self.bodies))
+        """This contact under its name."""
+        return settle(self, SettledContact, name=self.called)
 
 
 class SettledContact(ContactSpec, frozen=True, kw_only=True):

@@ -22,6 +22,8 @@ PRESETS: dict[str, dict[str, Any]] = {"fast": {"order": 1, "tolerance": 1e-4},
 TIME_TOLERANCE = 0.02
 """The default of ``time.tolerance``."""
 
+Elevation = Annotated[float, msgspec.Meta(ge=-90, le=90)]
+
 Tolerance = Annotated[float, msgspec.Meta(gt=0, lt=1)]
 Algorithm = Literal["original", "modified"]
 Splitting = Literal["none", "step1", "step2", "step1+2"]
@@ -243,6 +245,28 @@ def check_petsc(options: Mapping[str, object]) -> None:
                              f"the command line, as -{name.lstrip('-')} …")
 
 
+VIEWS = {"front": (-90.0, 0.0), "back": (90.0, 0.0), "left": (180.0, 0.0), "right": (0.0, 0.0),
+         "top": (-90.0, 90.0), "bottom": (-90.0, -90.0), "iso": (-45.0, 35.264)}
+"""From where solids are seen, by name: azimuth and elevation (degrees)."""
+
+
+class Cut(Table, frozen=True, kw_only=True):
+    """A plane at which pictures cut solids open, as in ``cut = { x = 0.5 }``: its x, y or z before bodies move.
+
+    Attributes
+    ----------
+    x, y, z : where it crosses this axis; exactly one of them
+    """
+
+    x: Number | None = None
+    y: Number | None = None
+    z: Number | None = None
+
+    def __post_init__(self) -> None:
+        if (self.x, self.y, self.z).count(None) != 2:
+            raise ValueError("a cut has one of x, y and z, as in { x = 0.5 }")
+
+
 class Output(Table, frozen=True, kw_only=True):
     """Which fields and pictures are written beside the tables; the others are not computed.
 
@@ -257,6 +281,9 @@ class Output(Table, frozen=True, kw_only=True):
         units make of them
     magnification : of displacements and gaps in bodies.png; left out, as much as suits the picture
     mirrored : bodies.png of an axisymmetric scene also shows the other half
+    view : from where solids are seen: front, back (along y), left, right (x), bottom, top (z), iso, or [azimuth,
+        elevation] in degrees, about z from x on and above the plane of x and y; left out, a corner that suits them
+    cut : where pictures cut solids open; left out, nowhere
     """
 
     stress: bool = True
@@ -268,6 +295,8 @@ class Output(Table, frozen=True, kw_only=True):
     stress_unit: str = "Pa"
     magnification: Positive | None = None
     mirrored: bool = False
+    view: Literal["front", "back", "left", "right", "top", "bottom", "iso"] | tuple[Number, Elevation] | None = None
+    cut: Cut | None = None
 
 
 class Checkpoint(Table, frozen=True, kw_only=True):

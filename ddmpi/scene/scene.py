@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
-from ddmpi.scene.bodies import BodySpec, Clamp, Material, SettledBody, Traction
+from ddmpi.scene.bodies import BodySpec, Clamp, Material, SettledBody
 from ddmpi.scene.contacts import Circle, ContactSpec, Cylinder, Rigid, SettledContact, Sphere
 from ddmpi.scene.keys import nearest
 from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod, SettledTime, Time, check_petsc
@@ -26,7 +26,10 @@ from ddmpi.scene.values import (
     Number,
     Profile,
     Table,
+    check_formulas,
+    histories,
     settle,
+    tables,
     varies,
 )
 from ddmpi.system.files import LONGEST, contact_files
@@ -34,7 +37,7 @@ from ddmpi.system.files import LONGEST, contact_files
 FileKind = Callable[[BodySpec], tuple[int, Literal[1, 2]]]
 """Gives dimension and order of the elements in the mesh file, or in the drawing, of a body; raises InputError."""
 
-EXTENTS = ("size", "divisions", "radii", "angles", "bodies", "on", "young", "poisson", "shear")
+EXTENTS = ("size", "divisions", "radii", "angles", "bodies", "on", "young", "poisson", "shear", "view")
 """Rows of numbers or words that are neither places nor vectors."""
 
 FORMULAS = ("x", "y", "z", "normal", "value", "pressure", "volume_force", "gap", "temperature")
@@ -80,6 +83,9 @@ class Scene(Table, frozen=True, kw_only=True):
             raise ValueError('contact: a scene needs at least one contact; write [[contact]], bodies = ["…", "…"]')
         self._check_names()
         self._check_files()
+        for key, table in tables(self):
+            for name in FORMULAS:
+                check_formulas(f"{key}.{name}", getattr(table, name, None))
         for contact in self.contact:
             self._check_partners(contact.settled())
         if len({body.mesh.order for body in self.body} - {None}) > 1:
@@ -111,7 +117,7 @@ class Scene(Table, frozen=True, kw_only=True):
                 raise ValueError(f"contact.{number}: a second contact between {first!r} and {second!r} must be named; "
                                  f'add name = "…"')
             pairs.add(frozenset(contact.bodies))
-            name, both = contact.settled().name, frozenset(zip(contact.bodies, (*contact.on, ""), strict=False))
+            name, both = contact.called, frozenset(zip(contact.bodies, (*contact.on, ""), strict=False))
             if both in sides:
                 raise ValueError(f"contact.{name}: is between the same sides as contact.{sides[both]}; forces and slip "
                                  "bounds of both would add up, so leave one of them out")
@@ -130,8 +136,8 @@ class Scene(Table, frozen=True, kw_only=True):
     def _check_files(self) -> None:
         """Each contact has files of its own, also where a file system takes capitals and small letters for the same."""
         found: dict[str, tuple[str, str]] = {}
-        for name, file in ((contact.settled().name, file) for contact in self.contact
-                           for file in contact_files(contact.settled().name)):
+        for name, file in ((contact.called, file) for contact in self.contact
+                           for file in contact_files(contact.called)):
             if (size := len(file.encode())) > LONGEST:
                 raise ValueError(f"contact.{name}: is too long for the name of a file; {file} has {size} bytes, and "
                                  f'{LONGEST} are allowed; give the contact a shorter name = "…"')
@@ -143,8 +149,9 @@ class Scene(Table, frozen=True, kw_only=True):
 
     def _check_histories(self) -> None:
         """What follows a history names one that there is, and load steps are what this method can do."""
-        for key, name in self._followers():
-            if name not in self.history:
+        for key, table in tables(self):
+            name = getattr(table, "history", None)
+            if name is not None and name not in self.history:
                 raise ValueError(f"{key}.history: there is no [history.{name}]{nearest(name, list(self.history))} "
                                  f"(histories: {', '.join(self.history) or 'none'})")
         if self.history and self.time is None:
@@ -158,24 +165,6 @@ class Scene(Table, frozen=True, kw_only=True):
         if self.time is not None and self.method.target_error:
             raise ValueError("time: method.target_error is for one load step; refine the meshes by mesh.divisions or "
                              "mesh.refine")
-
-    def _followers(self) -> Iterator[tuple[str, str]]:
-        """The key of each load, clamp, rigid partner and gap that follows a history, and the history's name."""
-        for body in self.body:
-            key = f"body.{body.name}"
-            entries: list[tuple[str, Clamp | Traction]]
-            entries = [*((f"clamp.{k}", each) for k, each in enumerate(body.clamps)),
-                       *((f"traction.{k}", each) for k, each in enumerate(body.traction))]
-            for part, name in [*((part, each.history) for part, each in entries), ("volume_force", body.weight[1]),
-                               ("temperature", body.heat.history)]:
-                if name is not None:
-                    yield f"{key}.{part}", name
-        for rigid in self.rigid:
-            if rigid.history is not None:
-                yield f"rigid.{rigid.name}", rigid.history
-        for contact in self.contact:
-            if (name := contact.opening[1]) is not None:
-                yield f"contact.{contact.settled().name}.gap", name
 
     def _check_heat(self) -> None:
         """Where materials expand, some body has a temperature; the others keep that of the state free of stress."""
@@ -274,10 +263,13 @@ class Scene(Table, frozen=True, kw_only=True):
             if isinstance(rigid, Sphere | Cylinder):
                 shape = rigid.__struct_config__.tag
                 yield 3, f"rigid.{rigid.name}.shape", f"a {shape} is solid; in the plane there is circle"
+        for name in ("view", "cut"):
+            if getattr(self.output, name) is not None:
+                yield 3, f"output.{name}", "only pictures of solids have a view and a cut; leave it out"
         if self.axisymmetric:
             yield 2, "axisymmetric", "parts that turn around an axis are drawn in the half-plane x >= 0"
         what = "nothing is twisted around the axis" if self.axisymmetric else "there is no z in the plane"
-        for key, table in _tables(self):
+        for key, table in tables(self):
             if isinstance(table, Profile) and table.along == "arc":
                 yield 2, f"{key}.along", 'surfaces have no arc length; take a coordinate, such as along = "x"'
             if isinstance(table, Material) and table.plane:
@@ -301,7 +293,7 @@ class Scene(Table, frozen=True, kw_only=True):
             planes = [(name, bodies[name].plane) for name in contact.bodies if name in bodies]
             if len({plane for _, plane in planes}) > 1:
                 (one, its), (other, theirs) = planes
-                yield 3, f"contact.{contact.settled().name}.bodies", (
+                yield 3, f"contact.{contact.called}.bodies", (
                     f"{one!r} is in plane {its} and {other!r} in plane {theirs}; they cannot touch, so give both the "
                     "same material.plane")
 
@@ -315,21 +307,9 @@ class Scene(Table, frozen=True, kw_only=True):
         return next(iter(found.values()), 1)
 
 
-def _tables(table: Table, key: str = "") -> Iterator[tuple[str, Table]]:
-    """All tables within a table, each with its key, entries of lists by their names."""
-    for name in table.__struct_fields__:
-        value = getattr(table, name)
-        for number, each in enumerate(value if isinstance(value, list) else [value]):
-            if isinstance(each, Table):
-                entry = each.settled() if isinstance(each, ContactSpec) else each
-                here = f"{key}.{name}".lstrip(".") + f".{getattr(entry, 'name', number)}" * (each is not value)
-                yield here, each
-                yield from _tables(each, here)
-
-
 def _vectors(scene: Scene) -> Iterator[tuple[str, tuple]]:
     """All places and vectors within a scene, each with its key."""
-    for key, table in _tables(scene):
+    for key, table in tables(scene):
         for name in table.__struct_fields__:
             value = getattr(table, name)
             if isinstance(value, tuple) and name not in EXTENTS:
@@ -355,8 +335,7 @@ class Settled(Table, frozen=True, kw_only=True):
     @property
     def followed(self) -> list[str]:
         """Names of the histories that something follows, in the order of the scene."""
-        used = {name for body in self.body for name in body.histories} | {rigid.history for rigid in self.rigid}
-        used |= {contact.opening[1] for contact in self.contact}
+        used = histories(self) if self.history else []
         return [name for name in self.history if name in used]
 
     @property

@@ -7,6 +7,7 @@ import ast
 import functools
 import operator
 import warnings
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
@@ -39,6 +40,24 @@ Name = Annotated[str, msgspec.Meta(min_length=1, max_length=100, pattern=r"^[^.=
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A TOML table in which unknown keys are errors."""
+
+
+def tables(table: Table, key: str = "") -> Iterator[tuple[str, Table]]:
+    """All tables within a table, each with its key, entries of lists by their names."""
+    for name in table.__struct_fields__:
+        value = getattr(table, name)
+        for number, each in enumerate(value if isinstance(value, list) else [value]):
+            if isinstance(each, Table):
+                called = getattr(each, "called", getattr(each, "name", number))
+                here = f"{key}.{name}".lstrip(".") + f".{called}" * (each is not value)
+                yield here, each
+                yield from tables(each, here)
+
+
+def histories(table: Table) -> list[str]:
+    """Names of the histories that tables within a table follow, each once."""
+    named = (getattr(each, "history", None) for _, each in tables(table))
+    return list(dict.fromkeys(name for name in named if name is not None))
 
 
 AnyTable = TypeVar("AnyTable", bound=Table)
@@ -223,7 +242,6 @@ class VolumeForce(AffineVector, frozen=True, kw_only=True):
                              "{ constant = …, x_slope = … }")
         if self.value is None and self.history is not None:
             raise ValueError('a volume force with a history has a value: write { value = […], history = "…" }')
-        check_formulas("value", self.value)
 
 
 class Heat(Table, frozen=True, kw_only=True):
@@ -237,9 +255,6 @@ class Heat(Table, frozen=True, kw_only=True):
 
     value: Number | Formula
     history: Name | None = None
-
-    def __post_init__(self) -> None:
-        check_formulas("value", self.value)
 
 
 class Profile(Table, frozen=True, kw_only=True):
@@ -345,4 +360,3 @@ class Gap(SignedProfile, frozen=True, kw_only=True):
                              "{ points = […], values = […] }")
         if self.value is None and self.history is not None:
             raise ValueError('a gap with a history has a value: write { value = …, history = "…" }')
-        check_formulas("value", self.value)

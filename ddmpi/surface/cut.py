@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ddmpi.mesh.elements import RULES, SECOND, facet_cell
-from ddmpi.surface.side import Side
+from ddmpi.mesh.elements import RULES, SECOND, facet_cell, facet_measures
+from ddmpi.surface.side import Side, cross, unit
 from ddmpi.system.numbers import spans
 
 CHUNK = 60_000
@@ -58,7 +58,7 @@ def cut(slave: Side, master: Side, facing: float, deepest: np.ndarray) -> tuple[
     distance = np.einsum("qd,qd->q", np.einsum("qc,qcd->qd", there, others[other])
                          - np.einsum("qc,qcd->qd", at, own[facet]), outward[facet])
     keep = distance.reshape(-1, number).mean(axis=1) >= deepest[facet[::number]]
-    piece, over, slack = facet[::number], other[::number], BEHIND * np.sqrt(facet_areas(own))
+    piece, over, slack = facet[::number], other[::number], BEHIND * np.sqrt(facet_measures(own))
     middle, away = at.reshape(-1, number, 3).mean(axis=1), distance.reshape(-1, number).mean(axis=1)
     pairs = np.unique(np.stack([piece, over]), axis=1)
     if pairs.shape[1] > len(np.unique(piece)):
@@ -72,17 +72,12 @@ def cut(slave: Side, master: Side, facing: float, deepest: np.ndarray) -> tuple[
     return facet, other, at, there, weight * stretch(slave, facet, at), distance
 
 
-def facet_areas(triangles: np.ndarray) -> np.ndarray:
-    """(f,) of plane triangles (f, 3, 3) (m²)."""
-    return np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1) / 2
-
-
 def stretch(side: Side, facet: np.ndarray, at: np.ndarray) -> np.ndarray:
     """The area of facets at points (q, 3), over that of their plane triangles."""
     if side.facets.shape[1] == 3 or not len(facet):
         return np.ones(len(facet))
     nodes = side.xy[side.facets]
-    cell, flat = facet_cell(nodes), facet_areas(nodes[:, :3])
+    cell, flat = facet_cell(nodes), facet_measures(nodes[:, :3])
     slopes = np.einsum("aqk,qkd->aqd", cell.derivatives(at), nodes[facet])
     return np.linalg.norm(np.cross(slopes[0], slopes[1]), axis=1) / 2 / flat[facet]
 
@@ -116,6 +111,12 @@ def _near(own: np.ndarray, others: np.ndarray, outward: np.ndarray, backward: np
     return first[order], second[order]
 
 
+def _axes(triangles: np.ndarray, outward: np.ndarray) -> np.ndarray:
+    """(f, 2, 3) unit vectors along the first edge of triangles (f, 3, 3) with normals (f, 3), and across it."""
+    first = unit(triangles[:, 1] - triangles[:, 0])
+    return np.stack([first, np.cross(outward, first)], axis=1)
+
+
 def _flat(points: np.ndarray, origin: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """Points (p, c, 3) in the coordinates (p, c, 2) of planes with an origin (p, 3) and axes (p, 2, 3)."""
     return np.einsum("pcd,pad->pca", points - origin[:, None], axes)
@@ -124,29 +125,24 @@ def _flat(points: np.ndarray, origin: np.ndarray, axes: np.ndarray) -> np.ndarra
 def _barycentric(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """The coordinates (p, c, 3) of points (p, c, 2) in triangles (p, 3, 2)."""
     a, (u, v) = triangles[:, :1], np.moveaxis(triangles[:, 1:] - triangles[:, :1], 1, 0)[:, :, None]
-    away, area = points - a, _cross(u, v)
-    second, third = _cross(away, v) / area, _cross(u, away) / area
+    away, area = points - a, cross(u, v)
+    second, third = cross(away, v) / area, cross(u, away) / area
     return np.stack([1.0 - second - third, second, third], axis=-1)
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 def _cut(own: np.ndarray, others: np.ndarray, outward: np.ndarray, facet: np.ndarray, other: np.ndarray,
          rule: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, ...]:
     """Gauss's points of the polygons that pairs of facets have in common: facets, coordinates on both, weights."""
-    first = unit_edges(own[facet])
-    axes = np.stack([first, np.cross(outward[facet], first)], axis=1)
+    axes = _axes(own[facet], outward[facet])
     a, b = (_flat(each, own[facet, 0], axes) for each in (own[facet], others[other]))
     b_in_a, a_in_b = _barycentric(b, a), _barycentric(a, b)
     start, end = (np.repeat(each, 3, axis=1) for each in (a, np.roll(a, -1, axis=1)))
     begin, stop = (np.tile(each, (1, 3, 1)) for each in (b, np.roll(b, -1, axis=1)))
     along, across = end - start, stop - begin
-    det = _cross(along, across)
+    det = cross(along, across)
     crosses = det**2 > PARALLEL * (along**2).sum(axis=2) * (across**2).sum(axis=2)
     safe = np.where(crosses, det, 1.0)
-    s, t = _cross(begin - start, across) / safe, _cross(begin - start, along) / safe
+    s, t = cross(begin - start, across) / safe, cross(begin - start, along) / safe
     crosses &= (s >= 0.0) & (s <= 1.0) & (t >= 0.0) & (t <= 1.0)
     points = np.concatenate([a, b, start + s[..., None] * along], axis=1)
     valid = np.concatenate([(a_in_b >= -INSIDE).all(axis=2), (b_in_a >= -INSIDE).all(axis=2), crosses], axis=1)
@@ -160,8 +156,8 @@ def _cut(own: np.ndarray, others: np.ndarray, outward: np.ndarray, facet: np.nda
     last = valid.sum(axis=1)
     points = np.where((np.arange(points.shape[1]) < last[:, None])[..., None], points, points[:, :1])
     fan = np.stack([np.broadcast_to(points[:, :1], points[:, 1:-1].shape), points[:, 1:-1], points[:, 2:]], axis=2)
-    area = _cross(fan[:, :, 1] - fan[:, :, 0], fan[:, :, 2] - fan[:, :, 0]) / 2
-    whole = np.abs(_cross(a[:, 1] - a[:, 0], a[:, 2] - a[:, 0])) / 2
+    area = cross(fan[:, :, 1] - fan[:, :, 0], fan[:, :, 2] - fan[:, :, 0]) / 2
+    whole = np.abs(cross(a[:, 1] - a[:, 0], a[:, 2] - a[:, 0])) / 2
     pair, piece = np.nonzero(area > SMALLEST * whole[:, None])
     fan, area, (where, weights) = fan[pair, piece], area[pair, piece], rule
     places = where @ fan
@@ -169,12 +165,6 @@ def _cut(own: np.ndarray, others: np.ndarray, outward: np.ndarray, facet: np.nda
     number = len(weights)
     return (np.repeat(facet[pair], number), np.repeat(other[pair], number), at.reshape(-1, 3), there.reshape(-1, 3),
             np.outer(area, weights).ravel())
-
-
-def unit_edges(triangles: np.ndarray) -> np.ndarray:
-    """(f, 3) along the first edge of each triangle (f, 3, 3)."""
-    along = triangles[:, 1] - triangles[:, 0]
-    return along / np.linalg.norm(along, axis=1)[:, None]
 
 
 def _opposite(own: np.ndarray, outward: np.ndarray, facet: np.ndarray, distance: np.ndarray,
@@ -211,8 +201,7 @@ def _hidden(own: np.ndarray, outward: np.ndarray, triangles: np.ndarray, pairs: 
     rival = pairs[1, candidate]
     on, rival, piece = facet[piece][rival != other[piece]], rival[rival != other[piece]], piece[rival != other[piece]]
     place = np.einsum("pc,pcd->pd", at[piece], own[on])
-    first = unit_edges(own[on])
-    axes = np.stack([first, np.cross(outward[on], first)], axis=1)
+    axes = _axes(own[on], outward[on])
     inside = _barycentric(_flat(place[:, None], place, axes), _flat(triangles[rival], place, axes))[:, 0]
     reach = np.einsum("pd,pd->p", np.einsum("pc,pcd->pd", inside, triangles[rival]) - place, outward[on])
     before = (inside >= -INSIDE).all(axis=1) & (reach > least) & (np.abs(reach) < np.abs(distance[piece]) - slack[on])

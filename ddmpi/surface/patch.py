@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.mesh.boundary import SHARPEST, links
-from ddmpi.surface.side import Side
+from ddmpi.surface.side import Side, unit
 from ddmpi.system.numbers import spans
 
 FEWEST = 5
@@ -27,10 +27,63 @@ class Patch(Side):
 
     @cached_property
     def fans(self) -> np.ndarray:
-        return normals_at_corners(self.xy, self.facets[:, :3], SHARPEST)
+        """Those of a quadratic surface through a corner and its two rings of neighbours, by least squares, where there
+        are enough, also at the rim of the boundary. Else, and where triangles meet at an edge sharper than SHARPEST, of
+        each side's own ones the mean with weights that are exact on spheres (Max, J. Graphics Tools 4, 1999).
+        """
+        xy, facets = self.xy, self.facets[:, :3]
+        corners = xy[facets]
+        edges = np.roll(corners, -1, axis=1) - corners  # to the next corner
+        own, before = self.outward, -np.roll(edges, 1, axis=1)  # to the one before
+        weighted = np.cross(edges, before) / ((edges**2).sum(axis=2) * (before**2).sum(axis=2))[..., None]
+        node, facet = facets.ravel(), np.repeat(np.arange(len(facets)), 3)
+        order = np.argsort(node, kind="stable")
+        start = np.searchsorted(node[order], node)
+        entry, place = spans(start, np.searchsorted(node[order], node, "right"))
+        met = order[place]
+        smooth = np.einsum("pd,pd->p", own[facet[entry]], own[facet[met]]) > np.cos(SHARPEST)
+        total = np.zeros((len(node), 3))
+        np.add.at(total, entry[smooth], weighted.reshape(-1, 3)[met[smooth]])
+        mean = unit(total)
+        whole = np.ones(len(xy), bool)  # corners without sharp edges
+        whole[node[entry[~smooth]]] = False
+        if (np.abs(mean - own[facet]).max(initial=0.0) <= FLAT) or not whole.any():
+            return mean.reshape(-1, 3, 3)
+        at_node = np.zeros_like(xy)
+        at_node[node] = mean
+        fitted = _fitted(xy, facets, at_node, whole)[node]
+        return np.where(fitted.any(axis=1, keepdims=True), fitted, mean).reshape(-1, 3, 3)
 
     def bulge(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        return bulge(self.xy[self.facets[:, :3]], self.fans, facets, at, direction)
+        """Along a ray through a point it is the root of a sphere's equation, of the curvature κ that the normals of the
+        corners have in the mean: exact on spheres.
+        """
+        normals = self.fans
+        bent = np.abs(normals - normals.mean(axis=1, keepdims=True)).max(axis=(1, 2)) > FLAT
+        found, some = np.zeros(len(facets)), np.flatnonzero(bent[facets])
+        if not len(some):
+            return found
+        facets, weight, ray = facets[some], at[some], direction[some]
+        x, n = self.xy[self.facets[facets, :3]], normals[facets]
+        Q, K = np.zeros(len(facets)), np.zeros(len(facets))
+        for i, j in ((0, 1), (1, 2), (2, 0)):
+            apart, part = x[:, j] - x[:, i], weight[:, i] * weight[:, j]
+            Q += part * (apart**2).sum(axis=1)
+            K += part * np.einsum("qd,qd->q", apart, n[:, j] - n[:, i])
+        kappa = np.where(Q > 0.0, K / np.where(Q > 0.0, Q, 1.0), 0.0)
+        u, v = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]
+        across = np.cross(u, v)
+        square = (across**2).sum(axis=1)
+        middle = (np.cross(across, u) * (v**2).sum(axis=1)[:, None]
+                  + np.cross(v, across) * (u**2).sum(axis=1)[:, None]) / (2.0 * square)[:, None]
+        radius = (middle**2).sum(axis=1)
+        place = np.einsum("qc,qcd->qd", weight, x) - x[:, 0] - middle
+        upright = across / np.sqrt(square)[:, None]
+        rest = np.sqrt(np.maximum(1.0 - kappa**2 * radius, 0.0))
+        beta = np.einsum("qd,qd->q", ray, kappa[:, None] * place + rest[:, None] * upright)
+        below = beta + np.sqrt(np.maximum(beta**2 + kappa**2 * Q, 0.0))
+        found[some] = kappa * Q / np.where(below > 0.0, below, np.inf)
+        return found
 
     def rise(self, nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Zero: rows stand at corners."""
@@ -46,43 +99,6 @@ class Patch(Side):
         """The nodes (k,) of turned facets by their places, and no arc lengths (nv,); see `contact_side`."""
         nodes = np.unique(facets)
         return nodes[np.lexsort(places[nodes].T[::-1])], np.zeros(len(points))
-
-
-def normals_at_corners(xy: np.ndarray, facets: np.ndarray, sharpest: float) -> np.ndarray:
-    """Unit normals (f, 3, 3) of the boundary that is meant, at the corners of its triangles.
-
-    Those of a quadratic surface through a corner and its two rings of neighbours, by least squares, where there are
-    enough, also at the rim of the boundary. Else, and where triangles meet at an edge sharper than `sharpest` (rad), of
-    each side's own ones the mean with weights that are exact on spheres (Max, J. Graphics Tools 4, 1999). Not
-    collective.
-
-    Parameters
-    ----------
-    xy, facets : places (k, 3) (m), and triangles (f, 3) turned outward
-    """
-    corners = xy[facets]
-    edges = np.roll(corners, -1, axis=1) - corners  # to the next corner
-    across = np.cross(edges[:, 0], edges[:, 1])
-    own = across / np.linalg.norm(across, axis=1)[:, None]
-    before = -np.roll(edges, 1, axis=1)  # to the one before
-    weighted = np.cross(edges, before) / ((edges**2).sum(axis=2) * (before**2).sum(axis=2))[..., None]
-    node, facet = facets.ravel(), np.repeat(np.arange(len(facets)), 3)
-    order = np.argsort(node, kind="stable")
-    start = np.searchsorted(node[order], node)
-    entry, place = spans(start, np.searchsorted(node[order], node, "right"))
-    met = order[place]
-    smooth = np.einsum("pd,pd->p", own[facet[entry]], own[facet[met]]) > np.cos(sharpest)
-    total = np.zeros((len(node), 3))
-    np.add.at(total, entry[smooth], weighted.reshape(-1, 3)[met[smooth]])
-    mean = total / np.linalg.norm(total, axis=1)[:, None]
-    whole = np.ones(len(xy), bool)  # corners without sharp edges
-    whole[node[entry[~smooth]]] = False
-    if (np.abs(mean - own[facet]).max(initial=0.0) <= FLAT) or not whole.any():
-        return mean.reshape(-1, 3, 3)
-    at_node = np.zeros_like(xy)
-    at_node[node] = mean
-    fitted = _fitted(xy, facets, at_node, whole)[node]
-    return np.where(fitted.any(axis=1, keepdims=True), fitted, mean).reshape(-1, 3, 3)
 
 
 def _fitted(xy: np.ndarray, facets: np.ndarray, normal: np.ndarray, whole: np.ndarray) -> np.ndarray:
@@ -101,8 +117,7 @@ def _fitted(xy: np.ndarray, facets: np.ndarray, normal: np.ndarray, whole: np.nd
     row, place = spans(near.indptr[nodes], near.indptr[nodes + 1])
     away, fitted = xy[near.indices[place]] - xy[nodes[row]], normal[nodes]
     for _ in range(FITS):
-        first = np.cross(fitted, np.eye(3)[np.abs(fitted).argmin(axis=1)])
-        first /= np.linalg.norm(first, axis=1)[:, None]
+        first = unit(np.cross(fitted, np.eye(3)[np.abs(fitted).argmin(axis=1)]))
         axes = np.stack([first, np.cross(fitted, first), fitted], axis=1)
         a, b, c = np.einsum("pd,pid->ip", away, axes[row])
         size = np.sqrt(np.bincount(row, a * a + b * b) / np.bincount(row))[row]
@@ -113,46 +128,6 @@ def _fitted(xy: np.ndarray, facets: np.ndarray, normal: np.ndarray, whole: np.nd
         np.add.at(squares, row, terms[:, :, None] * terms[:, None])
         np.add.at(right, row, terms * c[:, None])
         slopes = (np.linalg.pinv(squares, rcond=1e-10, hermitian=True) @ right[..., None])[:, :2, 0]
-        fitted = np.einsum("ni,nid->nd", np.column_stack([-slopes, np.ones(len(nodes))]), axes)
-        fitted /= np.linalg.norm(fitted, axis=1)[:, None]
+        fitted = unit(np.einsum("ni,nid->nd", np.column_stack([-slopes, np.ones(len(nodes))]), axes))
     found[nodes] = fitted
-    return found
-
-
-def bulge(corners: np.ndarray, normals: np.ndarray, facets: np.ndarray, at: np.ndarray,
-          direction: np.ndarray) -> np.ndarray:
-    """How far (q,) the boundary that is meant stands off plane triangles, along `direction` (q, 3) (m).
-
-    Along a ray through a point it is the root of a sphere's equation, of the curvature κ that the normals of the
-    corners have in the mean: exact on spheres. Not collective.
-
-    Parameters
-    ----------
-    corners, normals : (f, 3, 3) of the triangles (m)
-    facets, at : (q,) on which triangles, and (q, 3) where on them, in barycentric coordinates
-    """
-    bent = np.abs(normals - normals.mean(axis=1, keepdims=True)).max(axis=(1, 2)) > FLAT
-    found, some = np.zeros(len(facets)), np.flatnonzero(bent[facets])
-    if not len(some):
-        return found
-    facets, weight, ray = facets[some], at[some], direction[some]
-    x, n = corners[facets], normals[facets]
-    Q, K = np.zeros(len(facets)), np.zeros(len(facets))
-    for i, j in ((0, 1), (1, 2), (2, 0)):
-        apart, part = x[:, j] - x[:, i], weight[:, i] * weight[:, j]
-        Q += part * (apart**2).sum(axis=1)
-        K += part * np.einsum("qd,qd->q", apart, n[:, j] - n[:, i])
-    kappa = np.where(Q > 0.0, K / np.where(Q > 0.0, Q, 1.0), 0.0)
-    u, v = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]
-    across = np.cross(u, v)
-    square = (across**2).sum(axis=1)
-    middle = (np.cross(across, u) * (v**2).sum(axis=1)[:, None]
-              + np.cross(v, across) * (u**2).sum(axis=1)[:, None]) / (2.0 * square)[:, None]
-    radius = (middle**2).sum(axis=1)
-    place = np.einsum("qc,qcd->qd", weight, x) - x[:, 0] - middle
-    upright = across / np.sqrt(square)[:, None]
-    beta = kappa * np.einsum("qd,qd->q", ray, place) + np.sqrt(np.maximum(1.0 - kappa**2 * radius, 0.0)) * np.einsum(
-        "qd,qd->q", ray, upright)
-    below = beta + np.sqrt(np.maximum(beta**2 + kappa**2 * Q, 0.0))
-    found[some] = kappa * Q / np.where(below > 0.0, below, np.inf)
     return found

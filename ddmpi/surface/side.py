@@ -193,18 +193,13 @@ def frames(normal: np.ndarray) -> np.ndarray:
     are turned with it to each normal the shortest way, so that neighbours have nearly the same.
     """
     if normal.shape[1] == 2:
-        return np.stack([normal, -turn_right(normal)], axis=1)
+        return np.stack([normal, normal[:, ::-1] * [-1.0, 1.0]], axis=1)
     mean = unit(normal.sum(axis=0))
     mean = mean if mean.any() else normal[0]
     first = unit(np.cross(mean, np.eye(3)[np.abs(mean).argmin()]))
     base, half = np.stack([first, np.cross(mean, first)]), unit(normal + mean)
     turned = base - 2.0 * (base @ half.T).T[:, :, None] * half[:, None]  # by reflections in the mean and in the half
     return np.concatenate([normal[:, None], turned], axis=1)
-
-
-def turn_right(vectors: np.ndarray) -> np.ndarray:
-    """Vectors (k, 2) turned by −90°: outward, for the way on which the body lies to the left."""
-    return np.column_stack([vectors[:, 1], -vectors[:, 0]])
 
 
 def nodal(values: np.ndarray, facets: np.ndarray, size: int) -> np.ndarray:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ddmpi.errors import InputError
-from ddmpi.results.frame import COLOURS, STYLE, start_drawing
+from ddmpi.pictures.sheet import COLOURS, STYLE, start_drawing
 from ddmpi.results.tables import reading
 from ddmpi.sweep.cases import cut
 from ddmpi.sweep.table import find_column, read_outcome, read_table

@@ -7,6 +7,7 @@ results, those that failed last; an interrupted case continues from its checkpoi
 from __future__ import annotations
 
 import contextlib
+import functools
 import gc
 import logging
 import os
@@ -28,7 +29,7 @@ from ddmpi.run.run import run
 from ddmpi.sweep.cases import Case
 from ddmpi.sweep.plots import draw_plot
 from ddmpi.sweep.table import check_sweep, claim_sweep, gather, identify, read_outcome, record_case
-from ddmpi.system.agreement import agreed
+from ddmpi.system.agreement import agreed, from_first
 from ddmpi.system.files import CHECKPOINT, UNFINISHED
 from ddmpi.system.logs import diverted, utc
 from ddmpi.system.provenance import whereabouts
@@ -89,24 +90,12 @@ def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
     """
     check_ranks(world, sweep.cases[0].scene)
     options, error = RunOptions(), None
-    order: list[int] = []
-    with agreed(world):
-        for key in sweep.cases[0].settings:
-            if key.startswith("petsc.") and options.given(key.removeprefix("petsc.")):
-                raise InputError(f"--vary {key}: this option is on the command line or in PETSC_OPTIONS, too, and "
-                                 "would win there; leave one of the two away")
-        if world.rank == 0:
-            claim_sweep(sweep.folder, sweep.identity, sweep.cases)
-            order = _pending(sweep)
-    order = world.bcast(order)
+    order = from_first(world, lambda: _pending(sweep, options))
     log.info("%d cases in %s: %d to run, %d finished", len(sweep.chosen), sweep.folder, len(order),
              len(sweep.chosen) - len(order))
     for done, number in enumerate(order, 1):
-        case, taken, start = sweep.cases[number], "", time.perf_counter()
-        with agreed(world):
-            if world.rank == 0:
-                taken = _taken(sweep.place(case))
-        if world.bcast(taken):
+        case, start = sweep.cases[number], time.perf_counter()
+        if taken := from_first(world, functools.partial(_taken, sweep.place(case))):
             log.info("%d/%d  case %d  %s", done, len(order), number, taken)
             continue
         error = _run_case(world, sweep, case, options)
@@ -117,18 +106,20 @@ def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
             log.info("the same command goes on with the sweep from here")
             raise error
     options.use({})
-    with agreed(world):
-        if world.rank == 0 and len(sweep.chosen) == len(sweep.cases):
-            _gather(sweep)
+    if len(sweep.chosen) == len(sweep.cases):
+        from_first(world, lambda: _gather(sweep))
     if error and len(sweep.chosen) == 1:
         raise error
-    with agreed(world):
-        if world.rank == 0:
-            _judge(sweep)
+    from_first(world, lambda: _judge(sweep))
 
 
-def _pending(sweep: Sweep) -> list[int]:
-    """Numbers of the chosen cases without results, those that failed last. Raises InputError."""
+def _pending(sweep: Sweep, options: RunOptions) -> list[int]:
+    """Claim the folder; numbers of the chosen cases without results, those that failed last. Raises InputError."""
+    for key in sweep.cases[0].settings:
+        if key.startswith("petsc.") and options.given(key.removeprefix("petsc.")):
+            raise InputError(f"--vary {key}: this option is on the command line or in PETSC_OPTIONS, too, and would "
+                             "win there; leave one of the two away")
+    claim_sweep(sweep.folder, sweep.identity, sweep.cases)
     outcomes = {case.number: read_outcome(sweep.place(case)) for case in sweep.chosen}
     left = [number for number, outcome in outcomes.items() if outcome.summary is None]
     return sorted(left, key=lambda number: outcomes[number].status not in ("not run", "interrupted"))
@@ -169,9 +160,8 @@ def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions) ->
     gc.collect()  # objects that refer to each other in a circle, such as solvers and their contexts
     free_garbage()
     own.Free()
-    with agreed(world):
-        if world.rank == 0:
-            record_case(place, case, error.exit_code if error else 0, str(error).split("\n")[0] if error else "")
+    code, words = (error.exit_code, str(error).split("\n")[0]) if error else (0, "")
+    from_first(world, lambda: record_case(place, case, code, words))
     return error
 
 

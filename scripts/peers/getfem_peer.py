@@ -1,9 +1,10 @@
-"""GetFEM (python3-getfem): its nodal contact condition with friction, Alart and Curnier's augmented Lagrangian.
+"""GetFEM (python3-getfem): contact with friction, Alart and Curnier's augmented Lagrangian.
 
     python -m peers.getfem_peer FOLDER
 
-Bodies share a mesh, so that one contact brick holds all contacts; as GetFEM merges nodes at the same place, the bodies
-are moved apart in it. Multipliers of the bricks are nodal forces.
+At order 1 its nodal brick, whose multipliers are nodal forces: bodies share a mesh, so that one brick holds all
+contacts; as GetFEM merges nodes at the same place, the bodies are moved apart in it. At order 2 its integral brick
+between meshes that need not match, a mesh for each body, with linear multipliers, which are stresses.
 """
 
 from __future__ import annotations
@@ -21,61 +22,126 @@ RESIDUAL = 1e-12
 """In units in which E is one: GetFEM adds forces and gaps."""
 
 
-def solve(case: Case) -> Answer:
-    moved = case.apart
-    size = np.ptp(moved)
-    mesh = getfem.Mesh("empty", 2)
-    mesh.add_convex(getfem.GeoTrans("GT_PK(2,1)"), moved[case.triangles].transpose(2, 1, 0))
-    fem = getfem.MeshFem(mesh, 2)
-    fem.set_fem(getfem.Fem("FEM_PK(2,1)"))
-    integration = getfem.MeshIm(mesh, getfem.Integ("IM_TRIANGLE(1)"))
-    order = np.lexsort(np.round(fem.basic_dof_nodes()[:, ::2] / size, 10))
-    dofs = np.empty(len(moved), int)  # of each node's first component
-    dofs[np.lexsort(np.round(moved.T / size, 10))] = 2 * order
+def dofs_of(fem: getfem.MeshFem, points: np.ndarray, size: float) -> np.ndarray:
+    """The dofs (d n,) of points (n, d), which are the nodes of the elements and no two of which are at one place."""
+    d = points.shape[1]
+    first = np.empty(len(points), int)
+    order = np.lexsort(np.round(fem.basic_dof_nodes()[:, ::d] / size, 10))
+    first[np.lexsort(np.round(points.T / size, 10))] = d * order
+    return (first[:, None] + np.arange(d)).ravel()
 
-    def matrix(rows: np.ndarray, columns: np.ndarray, values: np.ndarray, count: int) -> getfem.Spmat:
-        found = getfem.Spmat("empty", count, fem.nbdof())
-        for row, column, value in zip(rows.tolist(), (dofs[columns // 2] + columns % 2).tolist(), values.tolist(),
-                                      strict=True):
-            found[row, column] = value
-        return found
 
-    load = np.zeros(fem.nbdof())
-    load[dofs], load[dofs + 1] = (case.load[c::2] / case.young for c in range(2))
-    held, m = len(case.clamped), len(case.pairs)
+def matrix(rows: np.ndarray, columns: np.ndarray, values: np.ndarray, shape: tuple[int, int]) -> getfem.Spmat:
+    found = getfem.Spmat("empty", *shape)
+    for row, column, value in zip(rows.tolist(), columns.tolist(), values.tolist(), strict=True):
+        found[row, column] = value
+    return found
+
+
+def add_body(model: getfem.Model, case: Case, cells: np.ndarray, points: np.ndarray, name: str) -> tuple:
+    """A variable of the model with stiffness, loads and clamps; returns its mesh, integration, nodes and their dofs."""
+    d, order, nodes = case.dimension, 2 if cells.shape[1] == 10 else 1, np.unique(cells)
+    mesh = getfem.Mesh("empty", d)
+    mesh.add_convex(getfem.GeoTrans(f"GT_PK({d},1)"), points[cells[:, :d + 1]].transpose(2, 1, 0))
+    fem = getfem.MeshFem(mesh, d)
+    fem.set_fem(getfem.Fem(f"FEM_PK({d},{order})"))
+    rule = {2: "IM_TRIANGLE", 3: "IM_TETRAHEDRON"}[d]
+    integration = getfem.MeshIm(mesh, getfem.Integ(f"{rule}({1 if order == 1 else 5})"))
+    dofs, own = dofs_of(fem, points[nodes], np.ptp(points)), (d * nodes[:, None] + np.arange(d)).ravel()
+    load, held = np.zeros(fem.nbdof()), dofs[np.isin(own, case.clamped)]
+    load[dofs] = case.load[own] / case.young
+    model.add_fem_variable(name, fem)
+    model.add_isotropic_linearized_elasticity_brick(integration, name, "lambda", "mu")
+    model.add_explicit_rhs(name, load)
+    if len(held):
+        rows = matrix(np.arange(len(held)), held, np.ones(len(held)), (len(held), fem.nbdof()))
+        model.add_variable(f"clamps_{name}", len(held))
+        model.add_constraint_with_multipliers(name, f"clamps_{name}", rows, np.zeros(len(held)))
+    return mesh, integration, nodes, dofs
+
+
+def start(case: Case) -> getfem.Model:
     model = getfem.Model("real")
-    model.add_fem_variable("u", fem)
     for name, value in zip(("lambda", "mu"), case.lame, strict=True):
         model.add_initialized_data(name, value / case.young)
-    model.add_isotropic_linearized_elasticity_brick(integration, "u", "lambda", "mu")
-    model.add_explicit_rhs("u", load)
-    model.add_variable("clamps", held)
-    model.add_constraint_with_multipliers("u", "clamps", matrix(np.arange(held), case.clamped, np.ones(held), held),
-                                          np.zeros(held))
-    model.add_variable("normal", m)
-    model.add_initialized_data("r", 1.0)
-    model.add_initialized_data("gap", case.gap)
-    model.add_initialized_data("alpha", np.ones(m))
-    BN = matrix(*case.relative(case.normal), m)
-    if case.friction:
-        model.add_variable("tangential", m)
-        model.add_initialized_data("friction", case.friction)
-        model.add_basic_contact_brick("u", "normal", "tangential", "r", BN, matrix(*case.relative(case.tangent), m),
-                                      "friction", "gap", "alpha", 1)
-    else:
-        model.add_basic_contact_brick("u", "normal", "r", BN, "gap", "alpha", 1)
-    guess = np.abs(case.load[1::2].sum()) / case.young / np.bincount(case.contact)[case.contact]
-    model.set_variable("normal", -guess)  # the load on each contact: without it friction holds nothing at first
+    model.add_initialized_data("friction", case.friction)
+    return model
+
+
+def iterate(model: getfem.Model) -> int:
     steps, converged = model.solve("max_res", RESIDUAL, "max_iter", ITERATIONS, "lsolver", "mumps")
     if not converged:
         raise RuntimeError(f"Newton's method has not converged in {ITERATIONS} iterations")
-    values, u = model.variable("u"), np.empty(2 * len(moved))
-    for c in range(2):
-        u[c::2] = values[dofs + c]
-    s = [model.variable("normal"), model.variable("tangential") if case.friction else np.zeros(m)]
-    return answer_of(case, u, -case.young * np.array(s), int(steps))
+    return int(steps)
+
+
+def at_nodes(case: Case) -> Answer:
+    d, m, size, model = case.dimension, len(case.pairs), np.ptp(case.points), start(case)
+    body = add_body(model, case, case.cells, case.apart, "u")
+    dofs = body[-1]
+    model.add_variable("normal", m)
+    model.add_initialized_data("r", 1.0)
+    model.add_initialized_data("gap", case.gap)
+    model.add_initialized_data("alpha", case.area ** ((d - 2) / (d - 1)))  # in space forces are E times areas
+    rows, columns, values = case.relative()
+    along, columns = rows < m, dofs[columns]
+    BN = matrix(rows[along], columns[along], values[along], (m, len(dofs)))
+    if case.friction:
+        component, pair = np.divmod(rows[~along] - m, m)
+        BT = matrix((d - 1) * pair + component, columns[~along], values[~along], ((d - 1) * m, len(dofs)))
+        model.add_variable("tangential", (d - 1) * m)
+        model.add_basic_contact_brick("u", "normal", "tangential", "r", BN, BT, "friction", "gap", "alpha", 1)
+    else:
+        model.add_basic_contact_brick("u", "normal", "r", BN, "gap", "alpha", 1)
+    height = np.einsum("mc,mc->m", case.normal, case.points[case.pairs[:, 0]]) + case.gap
+    _, level, count = np.unique(np.round(height / size, 9), return_inverse=True, return_counts=True)
+    guess = np.abs(case.load.reshape(-1, d) @ case.axis).sum() / case.young / count[level]
+    model.set_variable("normal", -guess)  # the load on each joint: without it friction holds nothing at first
+    steps = iterate(model)
+    t = model.variable("tangential").reshape(m, -1).T if case.friction else np.zeros((d - 1, m))
+    return answer_of(case, model.variable("u")[dofs], -case.young * np.vstack([model.variable("normal"), t]), steps)
+
+
+def by_integrals(case: Case) -> Answer:
+    d, model = case.dimension, start(case)
+    bodies = [add_body(model, case, case.cells[case.body == k], case.points, f"u{k}")
+              for k in range(int(case.body.max()) + 1)]
+    model.add_initialized_data("r", 1.0 / case.spacing)
+    total, pressure, along, stresses = np.zeros(d), 0.0, np.abs(case.axis), []
+    section = np.prod(np.ptp(case.points, axis=0)[along < 0.5])
+    guess = np.abs(case.load.reshape(-1, d) @ along).sum() / case.young / section
+    for number in np.unique(case.side[:, 0]).tolist():
+        pair = []
+        for which in (0, 1):
+            corners = np.unique(case.facets[(case.side == (number, which)).all(axis=1), :d])
+            pair.append(next(k for k, (_, _, nodes, _) in enumerate(bodies) if corners[0] in nodes))
+            mesh = bodies[pair[-1]][0]
+            away = np.abs(mesh.pts().T[:, None] - case.points[corners]).max(axis=2).min(axis=1)
+            outer = set(map(tuple, mesh.outer_faces().T.tolist()))
+            faces = mesh.faces_from_pid(np.flatnonzero(away < 1e-9 * np.ptp(case.points))).T.tolist()
+            mesh.set_region(number + 1, np.array([each for each in faces if tuple(each) in outer]).T)
+        fem = getfem.MeshFem(bodies[pair[0]][0], d)
+        fem.set_fem(getfem.Fem(f"FEM_PK({d},1)"))
+        model.add_filtered_fem_variable(f"stress{number}", fem, number + 1)
+        model.add_integral_contact_between_nonmatching_meshes_brick(
+            bodies[pair[0]][1], f"u{pair[0]}", f"u{pair[1]}", f"stress{number}", "r", "friction", number + 1,
+            number + 1, 1)
+        model.set_variable(f"stress{number}", np.tile(guess * along, len(model.variable(f"stress{number}")) // d))
+        stresses.append((number, bodies[pair[0]][1]))
+    steps = iterate(model)
+    for number, integration in stresses:
+        if number < case.compared:
+            total += [getfem.asm_generic(integration, 0, f"stress{number}({c + 1})", number + 1, model)
+                      for c in range(d)]
+        pressure = max(pressure, np.abs(model.variable(f"stress{number}").reshape(-1, d) @ along).max())
+    u = next(model.variable(f"u{k}")[dofs].reshape(-1, d)[np.searchsorted(nodes, case.watched)]
+             for k, (_, _, nodes, dofs) in enumerate(bodies) if case.watched in nodes)
+    normal = abs(along @ total)
+    return Answer(u, case.young * np.array([normal, np.sqrt(total @ total - normal**2)]),
+                  float(case.young * pressure), steps)
 
 
 if __name__ == "__main__":
     folder = Path(sys.argv[1])
-    solve(read_case(folder)).save(folder)
+    case = read_case(folder)
+    (at_nodes if case.cells.shape[1] == case.dimension + 1 else by_integrals)(case).save(folder)

@@ -524,7 +524,6 @@ def test_a_drift_is_named_by_how_far_nodes_move(monkeypatch):
     x, y = (points - points.mean(axis=0)).T / np.hypot(100.0, 50.0)
     motions = np.stack([np.outer(np.ones(4), axis) for axis in np.eye(2)] + [np.column_stack([-y, x])], axis=2)
     body = MotionsOfBody.of("plate", points, motions)
-    monkeypatch.setattr(equilibrium, "_whole", lambda *parts: ([], None))
     monkeypatch.setattr(equilibrium, "_loose_bodies", lambda *parts: [(body, 1.0)])
     assembly = SimpleNamespace(joint=SimpleNamespace(slices={"plate": slice(0, 3)}))
     assert "plate: it would move along -x" in equilibrium.describe_drift(assembly, np.array([-1.0, 0.0, 0.01]))

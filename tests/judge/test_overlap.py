@@ -1,5 +1,7 @@
 """Bodies that run through each other: found wherever it is, and never where bodies only touch."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import solids
@@ -18,7 +20,7 @@ def rectangle(origin, size, divisions=(4, 4)) -> Mesh:
 
 def of(mesh: Mesh, motion=(0.0, 0.0)) -> Solid:
     at = mesh.points
-    return Solid.of(at, mesh.triangles, motion(at) if callable(motion) else np.tile(motion, (len(at), 1)))
+    return Solid.of(mesh, motion(at) if callable(motion) else np.tile(motion, (len(at), 1)))
 
 
 def strip(first, second) -> Solid:
@@ -27,7 +29,7 @@ def strip(first, second) -> Solid:
     around = np.roll(k, -1)
     cells = np.concatenate([np.column_stack([k, around, n + around]), np.column_stack([k, n + around, n + k])])
     at = np.concatenate([first, second])
-    return Solid.of(at, cells, np.zeros_like(at))
+    return Solid.of(Mesh(at, cells, {}), np.zeros_like(at))
 
 
 def squares(filled, side: float) -> Mesh:
@@ -46,7 +48,7 @@ def arc(radius: float, start: float, stop: float, n: int) -> np.ndarray:
 def disc(radius: float, phase: float, n: int, center=(0.0, 0.0)) -> Solid:
     at = np.vstack([arc(radius, phase, phase + 2 * np.pi, n + 1)[:-1], np.zeros((1, 2))]) + center
     k = np.arange(n)
-    return Solid.of(at, np.column_stack([k, np.roll(k, -1), np.full(n, n)]), np.zeros_like(at))
+    return of(Mesh(at, np.column_stack([k, np.roll(k, -1), np.full(n, n)]), {}))
 
 
 def through(first: Solid, second: Solid, y: float = np.nan) -> tuple[float, float]:
@@ -179,7 +181,7 @@ def test_a_clip_that_closes_through_itself_is_found(turn, closed, scale):
 
 def moved_box(origin, size=(1.0, 1.0, 1.0), divisions=(3, 3, 3), order=1) -> Solid:
     mesh = solids.box(divisions, size, order)
-    return Solid.of(mesh.points + origin, mesh.triangles, np.zeros_like(mesh.points))
+    return of(replace(mesh, points=mesh.points + origin), np.zeros(3))
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -211,8 +213,7 @@ def test_a_solid_that_is_moved_through_another_is_found():
     """A box that is pushed into its neighbour; kept apart by a contact it may be."""
     first = moved_box((0, 0, 0))
     mesh = solids.box((2, 2, 2))
-    second = Solid.of(mesh.points + np.eye(3)[2], mesh.triangles,
-                      -0.2 * (2 - mesh.points[:, 2:]) * np.eye(3)[2:])
+    second = of(replace(mesh, points=mesh.points + np.eye(3)[2]), lambda at: -0.2 * (3 - at[:, 2:]) * np.eye(3)[2:])
     kept = np.abs(first.at[:, 2] - 1.0) < 1e-9, np.abs(second.at[:, 2] - 1.0) < 1e-9
     assert run_through(first, second, (0 * kept[0] > 0, 0 * kept[1] > 0))[0].depth > 0.1
     assert run_through(first, second, kept)[0] is None
@@ -223,7 +224,7 @@ def test_creases_of_a_solid():
     mesh = solids.box((2, 2, 2))
     cells = mesh.triangles[(mesh.points[mesh.triangles].mean(axis=1)[:, :2] < 0.5).any(axis=1)]
     for some, edges, hollow in ((mesh.triangles, 24, 0), (cells, 28, 2)):
-        facets = Solid.of(mesh.points, some, np.zeros(1)).facets
+        facets = Solid.of(Mesh(mesh.points, some, {}), np.zeros(1)).facets
         found = creases(mesh.points, facets[:, :-1], mesh.points[facets[:, 0]] - mesh.points[facets[:, -1]])
         assert (np.isclose(np.abs(found.turn), np.pi / 2) | np.isclose(found.turn, 0.0, atol=1e-6)).all()
         assert (np.abs(found.turn) > 1.0).sum() == edges and (found.turn < -1.0).sum() == hollow

@@ -338,3 +338,17 @@ def test_published_iterations_are_refused_beyond_two_bodies(beyond, setting, ask
         assert fragment in text
     assert scene(text=BEYOND[beyond]).method.outer == "newton"
     assert scene(setting, text=TWO).method.outer in ("relaxation", "anderson")
+
+
+@pytest.mark.parametrize("setting, key", [
+    ('body.hub.clamp=["inner", { on = "outer", x = 1e-3, history = "pul" }]', "body.hub.clamp.1"),
+    ('body.hub.traction=[{ on = "outer", pressure = 1e6, history = "pul" }]', "body.hub.traction.0"),
+    ('body.hub.volume_force={ value = [0, -1e4], history = "pul" }', "body.hub.volume_force"),
+    ("rigid.floor.history=pul", "rigid.floor"),
+    ('contact.shaft-hub.gap={ value = -1e-4, history = "pul" }', "contact.shaft-hub.gap")])
+def test_what_follows_a_history_names_one_that_there_is(setting, key):
+    """Whatever follows a history: a misspelt name is refused with its key."""
+    followed = ("time.points=[1.0]", "history.pull.times=[0, 1]", "history.pull.factors=[0, 1]")
+    with pytest.raises(InputError, match=rf"{key}\.history: there is no \[history.pul\]; did you mean 'pull'"):
+        scene(*followed, setting)
+    assert scene(*followed, setting.replace("pul", "pull")).followed == ["pull"]

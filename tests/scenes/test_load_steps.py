@@ -23,9 +23,10 @@ from ddmpi.cli.report import write_report
 from ddmpi.errors import InputError
 from ddmpi.interface.state import slip_start
 from ddmpi.methods.newton import Newton
-from ddmpi.results.frame import magnify, surfaces
-from ddmpi.results.histories import at_step, draw_steps
-from ddmpi.results.pictures import draw_all
+from ddmpi.pictures.curves import draw_steps
+from ddmpi.pictures.draw import draw_all
+from ddmpi.pictures.moved import magnify, rigid_parts
+from ddmpi.results.histories import at_step
 from ddmpi.results.tables import read_results
 from ddmpi.run import checkpoint
 from ddmpi.run.answer import Answer
@@ -473,7 +474,7 @@ def test_files_of_load_steps(tmp_path):
                           found[0][1]["displacement"])
     assert np.unique(legs["time"]).tolist() == [1.0, 2.0, 3.0]
     assert np.array_equal(legs["tangential_stress"][legs["time"] == 3.0], last["tangential_stress"])
-    (loop, energies, *_) = draw_steps(results, "").axes
+    (loop, energies, *_) = draw_steps(results).axes
     assert loop.lines[0].get_xdata().tolist() == [0.0, 0.0, 0.0, 0.5, 1.0, 0.7, 0.4]
     assert loop.lines[0].get_ydata()[1:].tolist() == results.steps["tangential_force"].tolist()
     assert len(energies.lines) == 5  # with the axis
@@ -509,7 +510,7 @@ def test_the_step_of_the_largest_load_is_shown(tmp_path):
     for name in ("displacement", "stress", "von_mises"):
         assert np.array_equal(shown.fields[name], end.fields[name])
     assert np.array_equal(magnify(shown)[1], magnify(end)[1])
-    assert np.array_equal(next(surfaces(shown, 1.0))[0], next(surfaces(end, 1.0))[0])
+    assert np.array_equal(rigid_parts(shown, 1.0)[0].at, rigid_parts(end, 1.0)[0].at)
     last = at_step(whole, folders["whole"], 4.0)
     assert last.fields is whole.fields and not last.fields["displacement"].any()
     with pytest.raises(InputError, match=r"no fields of time 1.5; the times that have some: 1, 2, 3, 4"):
@@ -627,8 +628,8 @@ def test_an_animation_has_a_frame_for_each_step_written(tmp_path):
             frames.append(np.asarray(picture.convert("RGB")).copy())
     assert len(frames) == 3 and all(np.abs(a - b.astype(int)).max() > 50 for a, b in itertools.pairwise(frames))
     results = read_results(tmp_path / "out")
-    heights = [next(surfaces(results, 1.0, time))[0][0, 1] for time in (1.0, 3.0)]
-    assert heights == pytest.approx([0.01, 0.03]) and next(surfaces(results, 1.0))[0][0, 1] == heights[1]
+    heights = [rigid_parts(results, 1.0, time)[0].at[0, 1] for time in (1.0, 3.0)]
+    assert heights == pytest.approx([0.01, 0.03]) and rigid_parts(results, 1.0)[0].at[0, 1] == heights[1]
 
 
 def test_the_shipped_fretting_scene():

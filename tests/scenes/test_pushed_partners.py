@@ -8,7 +8,7 @@ from mpi4py import MPI
 from scenes import run_command, run_python, to_toml, write_scene
 
 import ddmpi
-from ddmpi.results.pictures import draw_all
+from ddmpi.pictures.draw import draw_all
 from ddmpi.results.tables import read_results
 from ddmpi.run.answer import Answer
 

@@ -77,7 +77,7 @@ def test_files_that_are_commands():
     assert len({file.read_text(encoding="utf-8").splitlines()[0] for file in files}) == 1
     done = subprocess.run([f"./{COMMANDS[0]}.py", "--help"], text=True, capture_output=True, timeout=LIMIT,
                           cwd=ROOT / "scripts", env=clean_environment() | {"DDMPI_PYTHON": sys.executable})
-    assert done.returncode == 0 and f"usage: {COMMANDS[0]}.py" in done.stdout, done.stdout + done.stderr
+    assert done.returncode == 0 and f"usage: {COMMANDS[0]}" in done.stdout, done.stdout + done.stderr
 
 
 def test_files_begin_with_their_docstring():

@@ -131,9 +131,9 @@ def results(folder: Path, bodies: Mapping[str, Mesh], contacts: Mapping[str, tup
                for name, part in parts.items()}
     order = 1 if next(iter(bodies.values())).triangles.shape[1] == 4 else 2
     steps = [{"time": time, "outer_iterations": 5, "contacts": {name: each.resultants for name, each in found.items()}}
-             for time, found in zip(times, marched, strict=True)] if times else None
-    summary = summarize(scene(contacts, friction, rigid, times), made_up.run(order=order, steps=steps), entries, states,
-                        made_up.certificate(contacts, bodies))
+             for time, found in zip(times or (1.0,), marched, strict=True)]
+    summary = summarize(scene(contacts, friction, rigid, times), made_up.run(states, order=order, steps=steps), entries,
+                        states, made_up.certificate(contacts, bodies))
     sizes = [(len(mesh.points), len(mesh.triangles)) for mesh in bodies.values()]
     for number, part in enumerate(parts.values()):
         write_fields(folder, part, number, sizes)

@@ -13,11 +13,12 @@ from matplotlib.collections import LineCollection
 
 from ddmpi.errors import InputError, OutputError
 from ddmpi.interface.interface import Lines
-from ddmpi.results import pictures
+from ddmpi.pictures.bodies import draw_bodies
+from ddmpi.pictures.contacts import draw_contacts
+from ddmpi.pictures.curves import draw_contact, draw_convergence, draw_steps
+from ddmpi.pictures.draw import draw_all, pictures_of
+from ddmpi.pictures.moved import magnify
 from ddmpi.results.fields import drawn_facets
-from ddmpi.results.frame import magnify
-from ddmpi.results.histories import draw_steps
-from ddmpi.results.pictures import draw_all, draw_bodies, draw_contact, draw_contacts, draw_convergence
 from ddmpi.results.tables import Results, chains, read_results, write_history
 
 
@@ -157,7 +158,7 @@ def test_bonded_contacts_have_no_loops(tmp_path):
                           (2, {"left-middle", "middle-right"})):
         for contact in results.summary["scene"]["contact"][:bonded]:
             contact["kind"] = "bonded"
-        labels = {line.get_label() for line in draw_steps(results, "").axes[0].lines}
+        labels = {line.get_label() for line in draw_steps(results).axes[0].lines}
         assert {label for label in labels if not label.startswith("_")} == shown
 
 
@@ -244,7 +245,7 @@ def test_the_axis_is_drawn(tmp_path, mirrored):
     results.summary["scene"] |= {"axisymmetric": True}
     results.summary["scene"]["output"] |= {"mirrored": mirrored}
     axes = draw_bodies(results).axes[0]
-    partner, *_, axis = axes.lines
+    axis, partner, *_ = axes.lines
     assert not any(axis.get_xdata()) and axis.get_linestyle() == "-."
     drawn = np.concatenate([np.concatenate(each) for each in segments(axes) if len(each) > 40])
     assert (drawn[:, 0].min() < -2.5) == mirrored and partner.get_xdata().min() >= 0.0
@@ -297,7 +298,7 @@ def test_of_many_contacts_only_the_overview_is_drawn(tmp_path, monkeypatch, cont
     results.contacts.update(dict.fromkeys(names, table))
     results.facets.update(dict.fromkeys(names, results.facets["upper-lower"]))
     results.summary["scene"]["contact"] = [results.summary["scene"]["contact"][0] | {"name": name} for name in names]
-    drawn = [name for name, _ in pictures._figures(results, results)]
+    drawn = [name for name, _ in pictures_of(results, results)]
     assert "contacts.png" in drawn and sum(name.startswith("contact_") for name in drawn) == single
 
 

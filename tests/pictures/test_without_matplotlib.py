@@ -8,7 +8,7 @@ import scenes
 from scenes import Run, pinched_blocks
 
 from ddmpi.errors import InputError
-from ddmpi.results.pictures import draw_all
+from ddmpi.pictures.draw import draw_all
 from ddmpi.sweep.plots import draw_plot
 
 pytestmark = pytest.mark.slow

@@ -7,8 +7,8 @@ from matplotlib import pyplot as plt
 
 from ddmpi.interface.trace import displacement_trace
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.results.frame import magnify
-from ddmpi.results.pictures import draw_bodies
+from ddmpi.pictures.bodies import draw_bodies
+from ddmpi.pictures.moved import magnify
 from ddmpi.results.tables import Results
 
 TOUCHES = 1e-12
@@ -153,7 +153,7 @@ def test_bodies_are_drawn_at_the_magnification_in_the_title(given):
     results, _ = deformed(meshes, {"upper": [0.0, -1e-4], "lower": [0.0, 0.0]}, {"upper-lower": ("bottom", "top")},
                           given)
     figure = draw_bodies(results)
-    outline = np.concatenate(figure.axes[0].collections[0].get_segments())
+    outline = np.concatenate(figure.axes[0].collections[-1].get_segments())
     heights = outline[np.isclose(outline[:, 0], 3.0), 1]
     assert np.unique(heights.round(9)) == pytest.approx(np.linspace(0.0, 2.0, 17))  # one line where they touch
     assert f"displacement × {given or 2000:g}, largest 100 µm" in figure._suptitle.get_text()

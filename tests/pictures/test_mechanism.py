@@ -11,7 +11,8 @@ from matplotlib.collections import LineCollection
 
 from ddmpi.judge.equilibrium import Mechanism, describe
 from ddmpi.judge.motions import MotionsOfBody
-from ddmpi.results.pictures import draw_all, draw_mechanism
+from ddmpi.pictures.bodies import draw_mechanism
+from ddmpi.pictures.draw import draw_all
 from ddmpi.results.summary import write_mechanism
 from ddmpi.results.tables import read_results
 
@@ -49,8 +50,9 @@ def test_a_body_is_drawn_moved_and_not_stretched(tmp_path, velocity, fixed):
     write_mechanism(tmp_path, tipping(velocity))
     content = json.loads((tmp_path / "mechanism.json").read_text(encoding="utf-8"))
     axes = draw_mechanism(read_results(tmp_path), content).axes[0]
-    stands, moved = (np.unique(np.concatenate(each.get_segments()).round(9), axis=0) for each in axes.collections
-                     if isinstance(each, LineCollection))
+    rests, moved, before = (np.unique(np.concatenate(each.get_segments()).round(9), axis=0)
+                            for each in axes.collections if isinstance(each, LineCollection))
+    stands = np.vstack([rests, before])
     assert np.ptp(stands, axis=0) == pytest.approx([3.0, 2.0])
     from_fixed = np.linalg.norm(moved - fixed, axis=1)
     before = np.linalg.norm(stands[stands[:, 1] >= 1.0] - fixed, axis=1)

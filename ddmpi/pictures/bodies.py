@@ -1,0 +1,203 @@
+"""Pictures of bodies in the plane and in space: deformed, with the estimated error, as a mechanism, over load steps."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ddmpi.mesh.mesh import boundary_facets
+from ddmpi.pictures.moved import Hatched, magnify, rigid_parts
+from ddmpi.pictures.sheet import ABOVE, COLOURS, FILLED, Sheet, by_value, colours_of, plain, rounded
+from ddmpi.pictures.views import Skin, Surface, View
+from ddmpi.results.fields import group_of, owners
+from ddmpi.results.histories import step_times
+from ddmpi.results.tables import Results, velocities_in, writing
+from ddmpi.system.numbers import scaled_unit
+
+BRIGHTEST = 99.5
+"""The colours of a stress end at this percentile: stresses are singular in corners, which must not set the scale."""
+
+MOVED, TURNED_BY = 0.1, 0.3
+"""In the picture of a mechanism no node moves by more than this part of the bodies' extent, and no body turns by more
+than this angle."""
+
+AT_REST = 1e-3
+"""A body whose velocity is below this part of the largest one is not drawn moved."""
+
+FRAMES, SECONDS, SLOWEST, FASTEST = 200, 6.0, 2.0, 20.0
+"""An animation has at most so many frames, and takes about so long, within these limits of frames a second."""
+
+COARSE = 700
+"""Pixels of the longer side of the bodies in an animation."""
+
+
+def skin_of(results: Results) -> Skin:
+    """What pictures show of the bodies. Raises InputError where a cut meets none."""
+    view = View(results.points, results.summary["scene"]["output"])
+    return Skin(view, results.points, results.fields["cells"])
+
+
+def draw_bodies(results: Results) -> Any:
+    """The deformed bodies, coloured by von Mises stress, or by displacement if there is no stress; a figure."""
+    (scale, shift), skin, fields = magnify(results), skin_of(results), results.fields
+    values, quantity, unit = coloured(results, fields)
+    values, still = skin.extended(values), skin.extended(results.points + shift)
+    facets, at = skin.facets, still + skin.extended(results.displacement(scale))
+    own, moved = values[np.unique(facets)], float(np.linalg.norm(results.displacement(), axis=1).max())
+    low, top = (0.0, float(np.percentile(own, BRIGHTEST))) if quantity != "displacement" else (own.min(), own.max())
+    beyond, rigid = skin.beyond, rigid_parts(results, scale)
+    if results.summary["scene"]["output"].get("mirrored"):
+        facets, at, still, values, beyond = _both_halves(facets, at, still, values, beyond)
+        rigid += [replace(each, at=each.at * (-1.0, 1.0), normal=each.normal * (-1.0, 1.0)) for each in rigid
+                  if isinstance(each, Hatched)]
+    factor, unit = scaled_unit(own.max(), unit)
+    image = colours_of(low / factor, top / factor or 1.0, "viridis")
+    sheet = Sheet(results, np.vstack([still[beyond <= 0.0], at[beyond <= 0.0]]), rigid)
+    sheet.outline(still, facets, beyond)
+    sheet.show([Surface(at, facets, by_value(values[facets] / factor, image), beyond)])
+    sheet.colours(image, f"{quantity} ({unit})", "max" if own.max() > top else "neither")
+    factor, unit = scaled_unit(moved, results.summary["units"]["length"])
+    sheet.figure.suptitle(f"{results.heading(True)}displacement × {scale:g}, largest {rounded(moved / factor)} {unit}")
+    return sheet.figure
+
+
+def coloured(results: Results, fields: dict[str, np.ndarray]) -> tuple[np.ndarray, str, str]:
+    """What colours bodies, at their nodes (nv,), with its name and unit: von Mises stress, else displacement."""
+    output = results.summary["scene"]["output"]
+    if "nodal_von_mises" in fields:
+        return fields["nodal_von_mises"], "von Mises stress", output["stress_unit"]
+    return np.linalg.norm(fields["displacement"], axis=1), "displacement", output["length_unit"]
+
+
+def _both_halves(facets: np.ndarray, at: np.ndarray, still: np.ndarray, *values: np.ndarray) -> list[np.ndarray]:
+    """Triangles (f, 3), places (nv, 2) and values (nv,) of a half-plane x ≥ 0 together with their mirror images."""
+    number = np.arange(len(at))
+    other = np.where(still[:, 0] == 0.0, number, number + len(at))  # none of its own on the axis
+    return [np.vstack([facets, other[facets[:, ::-1]]]),
+            *(np.vstack([each, each * (-1.0, 1.0)]) for each in (at, still)), *(np.tile(each, 2) for each in values)]
+
+
+def draw_error(results: Results) -> Any:
+    """The estimated discretization error of the cells that are seen; a figure."""
+    skin, top = skin_of(results), results.fields["error"].max() or 1.0
+    image = colours_of(1e-3 * top, top, "magma_r", logarithmic=True)
+    values = np.maximum(results.fields["error"][skin.cell], 1e-3 * top)[:, None].repeat(3, axis=1)
+    sheet = Sheet(results, results.points)
+    sheet.show([Surface(skin.extended(results.points), skin.facets, by_value(values, image), skin.beyond)])
+    sheet.colours(image, f"estimated error, over the mean (energy norm per {'volume' if sheet.view.solid else 'area'})",
+                  "min")
+    sheet.figure.suptitle(f"{results.heading()}estimated discretization error "
+                          f"{results.summary['discretization_error']['energy_norm']:.2g} of the energy norm")
+    return sheet.figure
+
+
+def draw_mechanism(results: Results, mechanism: dict[str, Any]) -> Any:
+    """The bodies as they stand, and as the `mechanism`, the content of mechanism.json, would move them; a figure."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    points, names, owner, skin = results.points, list(results.summary["bodies"]), owners(results), skin_of(results)
+    centres = np.array(middles(results))
+    velocities, going = velocities_in(mechanism, names, centres)
+    velocity, turning = velocities[:, :results.dimension], velocities[:, results.dimension:]
+    u = velocity[owner] + crossed(turning[owner], points - centres[owner])
+    speed = np.linalg.norm(u, axis=1)
+    fastest = max([speed.max(), *map(np.linalg.norm, going.values())])
+    step = min(MOVED * np.ptp(points, axis=0).max() / fastest,
+               TURNED_BY / max(np.linalg.norm(turning, axis=1).max(), 1e-300))
+    moves = np.bincount(owner, speed > AT_REST * fastest) > 0
+    rigid = [*rigid_parts(results), *rigid_parts(results, step, going=going)]
+    still, at = skin.extended(points), skin.extended(points + step * u)
+    own = moves[results.fields["body"][skin.cell]]
+    sheet = Sheet(results, np.vstack([points, at]), rigid)
+    sheet.show([Surface(at, skin.facets[some], plain(FILLED[kind]), skin.beyond, edges=COLOURS[kind])
+                for some, kind in ((~own, "still"), (own, "moved")) if some.any()])
+    sheet.outline(still, skin.facets[own], skin.beyond, zorder=4)
+    sheet.arrows(centres[moves], step * velocity[moves], COLOURS["force"])
+    sheet.write(names, centres + np.where(moves[:, None], step * velocity, 0.0), below=True)
+    legend: list[Any] = [Line2D([], [], color=COLOURS["still"], linewidth=0.9, label="as the bodies stand"),
+                         Patch(facecolor=FILLED["moved"], edgecolor=COLOURS["moved"],
+                               label="as they would move, not to scale")]
+    if rigid:
+        legend.append(Line2D([], [], color=COLOURS["rigid"], linewidth=1.4, label="rigid"))
+    sheet.axes.legend(handles=legend, ncols=3, **ABOVE)
+    width = int(11 * sheet.figure.get_figwidth())
+    sheet.figure.suptitle(results.heading() + "\n".join(textwrap.wrap(mechanism["reason"], width)).replace("$", r"\$"))
+    return sheet.figure
+
+
+def crossed(turning: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Angular velocities (k, 1 or 3) times places (k, d)."""
+    flat = np.pad(turning, ((0, 0), (3 - turning.shape[1], 0))), np.pad(at, ((0, 0), (0, 3 - at.shape[1])))
+    return np.cross(*flat)[:, :at.shape[1]]
+
+
+def middles(results: Results) -> list[np.ndarray]:
+    """A node (d,) of each body far from its boundary, near the body's middle if there are several."""
+    from scipy.spatial import cKDTree
+
+    owner, edge, found = owners(results), np.unique(boundary_facets(results.fields["cells"])[0]), []
+    for k in range(owner.max() + 1):
+        own = results.points[owner == k]
+        depth = cKDTree(results.points[edge[owner[edge] == k]]).query(own)[0]
+        off = np.linalg.norm(own - (own.max(axis=0) + own.min(axis=0)) / 2, axis=1)
+        found.append(own[np.argmin(np.where(depth >= 0.8 * depth.max(), off, np.inf))])
+    return found
+
+
+def animate(results: Results, folder: Path, title: str) -> Path:
+    """Write animation.gif: the deformed bodies at the load steps whose fields are in the `folder`; its path.
+
+    Colours are von Mises stress, or displacement if there is no stress. All frames have the same colours, limits and
+    magnification: the one that suits the largest displacement of all. Not collective. Raises OutputError.
+    """
+    import matplotlib.pyplot as plt
+    from matplotlib.animation import PillowWriter
+
+    skin, dimension = skin_of(results), results.dimension
+    largest = max(np.linalg.norm(fields["displacement"], axis=1).max() for _, fields in _frames(folder))
+    factor, shift = magnify(results, largest)
+    low = high = still = skin.extended(results.points + shift)
+    top, number = 0.0, 0
+    for _, fields in _frames(folder):
+        at = still + skin.extended(factor * fields["displacement"][:, :dimension])
+        low, high, number = np.minimum(low, at), np.maximum(high, at), number + 1
+        values, quantity, unit = coloured(results, fields)
+        top = max(top, float(np.percentile(skin.extended(values)[np.unique(skin.facets)], BRIGHTEST)))
+    image = colours_of(0.0, top or 1.0, "viridis")
+    sheet = Sheet(results, np.vstack([low, high])[np.tile(skin.beyond <= 0.0, 2)], pixels=COARSE)
+    sheet.axes.set_title("time")
+    sheet.colours(image, f"{quantity} ({unit})", "max")
+    sheet.figure.suptitle(title.strip())
+    path, writer = folder / "animation.gif", PillowWriter(fps=float(np.clip(number / SECONDS, SLOWEST, FASTEST)))
+    with writing(path):
+        path.unlink(missing_ok=True)  # it may be a link
+    with writing(path), writer.saving(sheet.figure, path, dpi=80):
+        for time, fields in _frames(folder):
+            sheet.clear()
+            at = still + skin.extended(factor * fields["displacement"][:, :dimension])
+            sheet.meet(rigid_parts(results, factor, time))
+            values = skin.extended(coloured(results, fields)[0])[skin.facets]
+            sheet.show([Surface(at, skin.facets, by_value(values, image), skin.beyond)])
+            sheet.axes.set_title(f"time {time:.4g}, displacement × {factor:g}")
+            sheet.figure.canvas.draw()
+            sheet.figure.set_layout_engine("none")  # as the first frame has it
+            writer.grab_frame()
+    plt.close(sheet.figure)
+    return path
+
+
+def _frames(folder: Path) -> Iterator[tuple[float, dict[str, np.ndarray]]]:
+    """Time, and the fields that differ from step to step, of what an animation shows of the series result.xdmf."""
+    import h5py
+
+    times = step_times(folder)
+    with h5py.File(folder / "result.h5", "r") as file:
+        for k in np.unique(np.linspace(0, len(times) - 1, min(FRAMES, len(times))).round().astype(int)):
+            fields = file.get(group_of(k), file)
+            yield times[k], {name: fields[name][()] for name in ("displacement", "nodal_von_mises") if name in fields}

@@ -1,0 +1,286 @@
+"""Pictures of contacts: all of them on the bodies, and each contact of solids as maps of its surface."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ddmpi.mesh.mesh import signed_measures
+from ddmpi.pictures.bodies import crossed, middles, skin_of
+from ddmpi.pictures.moved import rigid_parts
+from ddmpi.pictures.sheet import (
+    ABOVE,
+    COLOURS,
+    FILLED,
+    RESOLVED,
+    ZONES,
+    Sheet,
+    is_wide,
+    plain,
+    rounded,
+    signed_colours,
+    zone_legend,
+)
+from ddmpi.pictures.views import Surface
+from ddmpi.results.fields import vectors
+from ddmpi.results.tables import Columns, Results, chains, drawn_rows
+from ddmpi.surface.side import unit
+from ddmpi.system.numbers import moment, scaled_unit
+
+WIDEST = {2: 0.3, 3: 0.6}
+"""Half of the largest resultant is drawn as this part of a body's size, the root of its area or volume, and in the
+plane the largest pressure as 0.8 of it; by dimension."""
+
+WEAK = 0.01
+"""Resultants below this part of the largest one are not drawn."""
+
+FACING, STRAIGHT = 0.4, 0.02
+"""A contact is seen from the front if the mean of its normals is longer than the first, and is unrolled about an axis
+if the mean square of their parts along it is at most the second. Directions whose cosine differs from 1 by less than
+the second are those of x, y or z."""
+
+LONG = 5.0
+"""Maps of contacts that are longer than this times their width stand one below the other."""
+
+ARROWS = 16
+"""Slip is drawn as about so many arrows along a contact."""
+
+BRIGHTEST = 98.0
+"""On the bodies, the colours of stresses that are not zero end at this percentile."""
+
+SMALL = 0.5
+"""If no more than this part of a contact's extent is closed, its maps show what is closed and as much around it."""
+
+
+def draw_contacts(results: Results) -> Any:
+    """All contacts where the bodies stand: normal stresses, resultants, and in the plane zones; a figure.
+
+    In the plane a pressure is drawn as an area into the contact's first body, tension into the second; in space they
+    are colours. A resultant is drawn along its line of action, its middle at the contact, unless it passes the contact
+    by.
+    """
+    from matplotlib.collections import PolyCollection
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    units, contacts, d = results.summary["units"], results.summary["contacts"], results.dimension
+    skin, points = skin_of(results), results.points
+    measure = np.bincount(results.fields["body"], np.abs(signed_measures(points, results.fields["cells"])))
+    size = WIDEST[d] * float(np.median(measure ** (1.0 / d)))
+    forces, largest = _resultants(results, size)
+    stresses = np.concatenate([table["normal_stress"] for table in results.contacts.values()])
+    low, top = stresses.min(initial=0.0), np.abs(stresses).max(initial=0.0)
+    (factor, unit_of), (times, of_force) = scaled_unit(top, units["stress"]), scaled_unit(largest, units["force"])
+    kind, counted, legend = "pressure" if low >= 0.0 else "normal stress", "", list[Any]()
+    counts = {zone: sum(each[zone] for each in contacts.values()) for zone in ZONES}
+    if forces:
+        legend.append(Line2D([], [], color=COLOURS["force"],
+                             label=f"resultants, largest {rounded(largest / times)} {of_force}"))
+    if results.dimension == 2:
+        areas, rims, zones, colours = _profiles(results, 0.8 * size / (top or 1.0))
+        sheet = Sheet(results, np.vstack([points, *areas, *forces]), rigid_parts(results))
+        sheet.show([Surface(points, skin.facets, plain(FILLED["still"]))])
+        shade = {"facecolor": COLOURS["normal"] + "60", "edgecolor": COLOURS["normal"]}
+        sheet.axes.add_collection(PolyCollection(areas, **shade | {"edgecolor": "none"}, zorder=4))
+        sheet.axes.add_collection(PolyCollection(rims, closed=False, **shade | {"facecolor": "none"}, linewidth=0.6,
+                                                 zorder=4))
+        sheet.lines(zones, colors=colours, linewidth=2.2, capstyle="butt", zorder=5)
+        words = f"{kind}, largest {rounded(top / factor)} {unit_of}"
+        legend = [Patch(**shade, label=words), *legend, *zone_legend(counts)]
+        sheet.figure.set_figheight(sheet.figure.get_figheight() + 0.5)  # for the legend
+        sheet.write(list(results.summary["bodies"]), middles(results))
+    else:
+        sheet = Sheet(results, np.vstack([points[skin.beyond[:len(points)] <= 0.0], *forces]))
+        sheet.outline(skin.extended(points), skin.facets, skin.beyond)
+        most = float(np.percentile(np.abs(stresses[stresses != 0.0]), BRIGHTEST)) if top else 1.0
+        image = signed_colours(-most / factor * (low < 0.0), most / factor, "Blues")
+        sheet.facets([(vectors(table), results.triangles(name), table["normal_stress"] / factor)
+                      for name, table in results.contacts.items()], image)
+        sheet.colours(image, f"{kind} ({unit_of})", ("both" if low < 0.0 else "max") if most < top else "neither")
+        counted = f"; nodes: {', '.join(f'{number} {zone}' for zone, number in counts.items())}"
+    sheet.lines([sheet.place(each)[:, :2] for each in forces], colors=COLOURS["force"], linewidth=1.4, zorder=6)
+    if legend:
+        sheet.axes.legend(handles=legend, ncols=2 + is_wide(sheet.place(points)[:, :2]), **ABOVE)
+    sheet.figure.suptitle(f"{results.heading(True)}contact forces{counted}")
+    return sheet.figure
+
+
+def _resultants(results: Results, size: float) -> tuple[list[np.ndarray], float]:
+    """Ends (2, d) of the resultants that are drawn, half of the largest as long as `size` (m); the largest (N)."""
+    found, tables, contacts = [], results.contacts, results.summary["contacts"]
+    largest = max(float(np.linalg.norm(contact["force"])) for contact in contacts.values())
+    sizes = {name: np.hypot(table["normal_force"], table["tangential_force"]) for name, table in tables.items()}
+    weak = max(WEAK * largest, RESOLVED * max(each.sum() for each in sizes.values()))
+    for name, table in tables.items():
+        force = np.array(contacts[name]["force"], float)
+        if np.linalg.norm(force) > weak:
+            xy = vectors(table)
+            centre = sizes[name] @ xy / sizes[name].sum()
+            left = np.atleast_1d(contacts[name]["moment"] - moment(centre[None], force[None], results.axisymmetric))
+            at = centre - crossed(left[None], force[None])[0] / (force @ force)
+            if np.linalg.norm(at - centre) <= np.ptp(xy, axis=0).max() + size:
+                found.append(at + np.outer((-1.0, 1.0), size / largest * force))
+    return found, largest
+
+
+def _profiles(results: Results, scale: float,
+              ) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray], list[str]]:
+    """Normal stresses along contacts in the plane as areas (·, 2), `scale` (m) for each unit, and their rims; the part
+    (3, 2) of a contact that is each node's, and its colour by status."""
+    areas, rims, zones, colours = [], [], [], []
+    for name in results.contacts:
+        table, facets = drawn_rows(results.contacts[name], results.facets[name])
+        for chain in chains(facets):
+            at = vectors(table)[chain]
+            ends = at - scale * table["normal_stress"][chain, None] * vectors(table, "n")[chain]
+            edges = np.vstack([at[:1], (at[1:] + at[:-1]) / 2, at[-1:]])
+            areas.append(np.vstack([at, ends[::-1]]))
+            rims.append(ends if chain[0] == chain[-1] else np.vstack([at[:1], ends, at[-1:]]))
+            zones += [edges[[k, k + 1]] for k in range(len(chain))]
+            colours += [ZONES[status] for status in table["status"][chain]]
+    return areas, rims, zones, colours
+
+
+def draw_maps(results: Results, name: str) -> Any:
+    """Pressure, friction with arrows of slip, zones, and gap or slip on the contact `name`, seen from the front; a
+    figure."""
+    import matplotlib.pyplot as plt
+    from matplotlib.collections import LineCollection
+
+    table, facets, summary = results.contacts[name], results.triangles(name), results.summary
+    at, labels, along = flatten(table, facets)
+    asked = next(each for each in summary["scene"]["contact"] if each["name"] == name)
+    visible = RESOLVED * summary["displacement_max"]
+    gaps, slips = (np.abs(table[what]).max(initial=0.0) > visible for what in ("gap", "slip"))
+    holds = asked["friction"]["law"] != "none" or asked.get("kind") == "bonded"
+    maps = [("pressure", table["normal_stress"], "stress", "Blues"), None,
+            *([("friction", table["tangential_stress"], "stress", "Oranges")] if holds else []),
+            ("slip", table["slip"], "length", "Purples") if slips and holds and not gaps else
+            ("gap", gaps * table["gap"], "length", "Greens")]
+    ends, (low, high) = boundary_of(at, facets), _shown(at, table["status"][facets] != "open")
+    near = ((at >= low) & (at <= high)).all(axis=2).any(axis=1)
+    at, facets, (width, height) = at[near], facets[near], high - low
+    columns = 1 if width > LONG * height or (width > 2.0 * height and not holds) else 2 if holds else 3
+    rows = len(maps) // columns
+    tall = np.clip((9.6 / columns - 1.4) * height / width, 0.8, 4.2) + 0.8
+    figure, grid = plt.subplots(rows, columns, figsize=(9.6, rows * tall + 0.5), sharex=True, sharey=True,
+                                layout="compressed", squeeze=False)
+    for axes, each in zip(grid.ravel(), maps, strict=True):
+        if each:
+            what, values, quantity, colours = each
+            factor, unit_of = scaled_unit(np.abs(values).max(initial=0.0) or summary["displacement_max"],
+                                          summary["units"][quantity])
+            values = values[facets].ravel() / factor
+            least = values.min(initial=0.0)
+            image = signed_colours(least * (least < -RESOLVED * np.abs(values).max(initial=0.0)),
+                                   values.max(initial=0.0), colours)
+            axes.tripcolor(*at.reshape(-1, 2).T, np.arange(len(values)).reshape(-1, 3), values, shading="gouraud",
+                           norm=image.norm, cmap=image.cmap, rasterized=True)
+            figure.colorbar(image, ax=axes, label=f"{what} ({unit_of})", aspect=15, pad=0.02)
+            if what == "friction" and slips:
+                _draw_slip(axes, at, along, facets, table, summary["units"]["length"])
+        else:
+            _draw_zones(axes, at, table["status"][facets], summary["contacts"][name])
+        axes.add_collection(LineCollection(ends, colors=COLOURS["still"], linewidth=0.7))
+        axes.set(aspect="equal", xlabel=f"{labels[0]} ({summary['units']['length']})",
+                 ylabel=f"{labels[1]} ({summary['units']['length']})", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+        axes.label_outer()
+    of_one = f" of {name}" if len(results.contacts) > 1 else ""
+    figure.suptitle(f"{results.heading(True)}contact{of_one}")
+    return figure
+
+
+def _shown(at: np.ndarray, closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (2,) of what maps show of facets (f, 3, 2) that are `closed` (f, 3) at some corners: all, or if these are
+    a SMALL part, them with their surroundings."""
+    low, high = at.min(axis=(0, 1)), at.max(axis=(0, 1))
+    margin = 0.03 * (high - low).max()
+    if closed.any():
+        least, most = at[closed].min(axis=0), at[closed].max(axis=0)
+        if (most - least <= SMALL * (high - low)).all():
+            margin = max((most - least).max(), margin)
+            low, high = np.maximum(low, least - margin), np.minimum(high, most + margin)
+            margin *= 0.06
+    return low - margin, high + margin
+
+
+def flatten(table: Columns, facets: np.ndarray) -> tuple[np.ndarray, tuple[str, str], np.ndarray]:
+    """Where the corners of facets (f, 3) are drawn (f, 3, 2) (m), what the two coordinates are, and unit vectors
+    (l, 2, 3) along them at the nodes.
+
+    What faces one way by and large is seen along its mean normal. What goes around an axis is unrolled, and cut where
+    the contact has its largest hole.
+    """
+    at, normal, area = vectors(table), vectors(table, "n"), table["area"]
+    mean = area @ normal / area.sum()
+    second = np.einsum("l,li,lj->ij", area, normal, normal) / area.sum()
+    least, axes = np.linalg.eigh(second)
+    if np.linalg.norm(mean) > FACING or least[0] > STRAIGHT:
+        front = unit(mean) if mean.any() else axes[:, 2]
+        k = int(np.abs(front).argmax())
+        if abs(front[k]) > 1.0 - STRAIGHT:
+            along = np.delete(np.eye(3), k, axis=0)
+            names = "xyz".replace("xyz"[k], "")
+        else:
+            right = unit(np.cross([0.0, 0.0, 1.0], front)) if abs(front[2]) < 0.9 else unit(np.cross(
+                [0.0, 1.0, 0.0], front))
+            along, names = np.stack([right, np.cross(front, right)]), ""
+        labels = names or ["along ({:.2g}, {:.2g}, {:.2g})".format(*(each + 0.0)) for each in along]
+        return (at @ along.T)[facets], (labels[0], labels[1]), np.broadcast_to(along, (len(at), 2, 3))
+    axis = axes[:, 0] * np.sign(axes[np.abs(axes[:, 0]).argmax(), 0])
+    across = np.eye(3) - normal[:, :, None] * normal[:, None, :] - np.outer(axis, axis)  # distances from its normal
+    middle = np.linalg.lstsq(across.sum(axis=0), np.einsum("lij,lj->i", across, at), rcond=None)[0]
+    first = unit(np.cross(axis, np.eye(3)[np.abs(axis).argmin()]))
+    away = at - middle
+    angle = np.arctan2(away @ np.cross(axis, first), away @ first)
+    order = np.sort(angle)
+    holes = np.diff(order, append=order[0] + 2.0 * np.pi)
+    angle = np.mod(angle - order[(holes.argmax() + 1) % len(order)] + 1e-9, 2.0 * np.pi)[facets]
+    behind = np.ptp(angle, axis=1) > np.pi
+    angle[behind] += np.where(angle[behind] < np.pi, 2.0 * np.pi, 0.0)
+    radial = away - np.outer(away @ axis, axis)
+    radius = float(np.linalg.norm(radial, axis=1).mean())
+    name = "xyz"[np.abs(axis).argmax()] if np.abs(axis).max() > 1.0 - STRAIGHT else "along the axis"
+    return (np.stack([radius * angle, (at @ axis)[facets]], axis=2), ("around the axis", name),
+            np.stack([np.cross(axis, unit(radial)), np.broadcast_to(axis, at.shape)], axis=1))
+
+
+def boundary_of(at: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """Edges (e, 2, 2) that belong to one facet (f, 3) only, where their corners are drawn (f, 3, 2)."""
+    pairs = facets[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    _, number, count = np.unique(np.sort(pairs, axis=1), axis=0, return_inverse=True, return_counts=True)
+    ends = np.stack([at, np.roll(at, -1, axis=1)], axis=2).reshape(-1, 2, 2)
+    return ends[count[number.ravel()] == 1]
+
+
+def _draw_zones(axes: Any, at: np.ndarray, status: np.ndarray, counts: dict) -> None:
+    """Colour the parts of facets (f, 3, 2) that are nearest to their corners by the status (f, 3) of these."""
+    from matplotlib.collections import PolyCollection
+
+    after, before, middle = np.roll(at, -1, axis=1), np.roll(at, 1, axis=1), at.mean(axis=1, keepdims=True)
+    parts = np.stack([at, (at + after) / 2, np.broadcast_to(middle, at.shape), (at + before) / 2], axis=2)
+    axes.add_collection(PolyCollection(parts.reshape(-1, 4, 2), facecolors=[ZONES[each] for each in status.ravel()],
+                                       edgecolors="face", linewidth=0.3, rasterized=True))
+    axes.legend(handles=zone_legend(counts), ncols=3, **ABOVE | {"fontsize": 7})
+
+
+def _draw_slip(axes: Any, at: np.ndarray, along: np.ndarray, facets: np.ndarray, table: Columns, length: str) -> None:
+    """Draw the slip of some nodes that slip as arrows; see `flatten`."""
+    nodes, first = np.unique(facets, return_index=True)
+    place, slip = at.reshape(-1, 2)[first], vectors(table, "slip_")[nodes]
+    arrows = np.einsum("lci,li->lc", along[nodes], slip)
+    size = np.ptp(place, axis=0).max() / ARROWS
+    cell = np.round((place - place.min(axis=0)) / size).astype(int)
+    off = np.linalg.norm(place - place.min(axis=0) - size * cell, axis=1)
+    order = np.lexsort((off, *cell.T, table["status"][nodes] != "slip"))
+    _, some = np.unique(cell[order], axis=0, return_index=True)
+    some = order[some]
+    some = some[table["status"][nodes[some]] == "slip"]
+    if not len(some):
+        return
+    longest = np.linalg.norm(arrows[some], axis=1).max()
+    axes.quiver(*place[some].T, *arrows[some].T, angles="xy", scale_units="xy", scale=longest / size, width=0.003,
+                color=COLOURS["rigid"], zorder=4, clip_on=False).set_in_layout(False)
+    factor, length = scaled_unit(longest, length)
+    axes.set_title(f"arrows: slip, up to {rounded(longest / factor)} {length}", fontsize=8)

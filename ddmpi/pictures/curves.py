@@ -1,0 +1,255 @@
+"""Curves: stresses, gap and slip along contacts in the plane, iterations, and load steps."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from ddmpi.interface.law import law_of
+from ddmpi.pictures.sheet import ABOVE, BESIDE, COLOURS, RESOLVED, ZONES, zone_legend
+from ddmpi.results.tables import Columns, Results, chains, drawn_rows
+from ddmpi.scene.contacts import Friction
+from ddmpi.scene.method import METHODS
+from ddmpi.system.numbers import scaled_unit
+
+MARKED = 100
+"""Curves of at most this many nodes have a marker at each."""
+
+SHADE = 0.35
+"""Opacity of zones behind curves."""
+
+ROUNDING = 1e-6
+"""Resultants below this part of the normal force are none, as of a shaft in its hub."""
+
+LOOPS = 3
+"""At most so many contacts, those with the largest forces, have their loop and their stresses drawn."""
+
+CURVES = 8
+"""Of more ends of legs than this, so many are drawn, from the first to the last."""
+
+
+def draw_contact(results: Results, name: str) -> Any:
+    """Stresses, gap and slip along the contact `name`, with its zones shaded; a figure.
+
+    With quadratic elements the curves of the stresses are means over sides, and dots are the nodes' stresses.
+    """
+    import matplotlib.pyplot as plt
+
+    (nodes, facets), sides = drawn_rows(results.contacts[name], results.facets[name]), results.sides.get(name)
+    units, breaks = results.summary["units"], np.array([chain[0] for chain in chains(facets)[1:]], int)
+    contact = next(each for each in results.summary["scene"]["contact"] if each["name"] == name)
+    friction, frictional = contact["friction"], contact["friction"]["law"] != "none"
+    position, along = _position(nodes)
+    shown, place, apart, extent = nodes, position, breaks, ""
+    if sides:  # the middle of a side is a node
+        at = dict(zip(zip(nodes["x"], nodes["y"], strict=True), range(len(position)), strict=True))
+        rows = np.array([at[point] for point in zip(sides["x"], sides["y"], strict=True)])
+        apart = 1 + np.flatnonzero((np.diff(rows) != 2) | np.diff(np.searchsorted(breaks, rows, "right")).astype(bool))
+        shown, place, extent = sides, position[rows], ",\nmean over sides"
+    figure, (stresses, motion) = plt.subplots(2, 1, sharex=True, figsize=(8.6, 6.0),
+                                              gridspec_kw={"height_ratios": (3, 2)})
+    factor, unit = scaled_unit(np.abs(nodes["normal_stress"]).max(), units["stress"])
+    for kind, label in {"normal": "normal (pressure)", "tangential": "tangential"}.items():
+        if kind == "normal" or frictional or contact.get("kind") == "bonded":
+            if sides:
+                stresses.plot(position, nodes[f"{kind}_stress"] / factor, ".", markersize=2, alpha=0.45,
+                              color=COLOURS[kind])
+            _curve(stresses, place, shown[f"{kind}_stress"] / factor, apart, color=COLOURS[kind], label=label + extent)
+    bound = _slip_bound(shown, friction) if frictional else None
+    if bound is not None:
+        for sign, label in ((1, "± slip bound"), (-1, "")):
+            _curve(stresses, place, sign * bound / factor, apart, marker="", color=COLOURS["bound"], linestyle="--",
+                   linewidth=1, label=label)
+    stresses.set_ylabel(f"contact stress ({unit})")
+    of_one = f" of {name}" if len(results.contacts) > 1 else ""
+    stresses.set_title(f"{results.heading(True)}contact stresses{of_one}")
+
+    largest = max(np.abs(nodes["gap"]).max(), np.abs(nodes["slip"]).max())
+    visible = RESOLVED * results.summary["displacement_max"]
+    factor, unit = scaled_unit(max(largest, visible), units["length"])
+    if 0 < largest < visible:  # rounding, not motion
+        motion.set_ylim(-visible / factor, visible / factor)
+    _curve(motion, position, nodes["gap"] / factor, breaks, color=COLOURS["normal"], label="gap")
+    if frictional:
+        _curve(motion, position, nodes["slip"] / factor, breaks, color=COLOURS["tangential"], label="slip")
+    motion.set(xlabel=f"{along} ({units['length']})", ylabel=f"{'gap, slip' if frictional else 'gap'} ({unit})")
+
+    for axes in (stresses, motion):
+        axes.axhline(0.0, color="black", linewidth=0.6)
+        _shade(axes, position, nodes["status"], breaks)
+    handles, counts = stresses.get_legend_handles_labels()[0], results.summary["contacts"][name]
+    handles += zone_legend(counts, alpha=SHADE)
+    stresses.legend(handles=handles, **BESIDE)
+    motion.legend(**BESIDE)
+    return figure
+
+
+def draw_convergence(results: Results) -> Any:
+    """Update and residual over the outer iterations, load step after load step; a figure."""
+    import matplotlib.pyplot as plt
+
+    history, summary = results.history, results.summary
+    figure, axes = plt.subplots(figsize=(7.2, 4.4))
+    k, starts = np.arange(1.0, len(history["iteration"]) + 1), 1 + np.flatnonzero(np.diff(history["step"]))
+    x, what = METHODS[summary["outer"]].curves
+    curves = {"update": ("normal", "o", f"update  ‖{x}$_k$ − {x}$_{{k-1}}$‖ / ‖{x}$_k$‖"),
+              "residual": ("tangential", "s", f"residual: {what}")}
+    for column, (colour, marker, label) in curves.items():
+        positive = np.where(history[column] > 0, history[column], np.nan)
+        axes.semilogy(*(np.insert(values, starts, np.nan) for values in (k, positive)), color=COLOURS[colour],
+                      marker=marker, markersize=3, label=label)
+    tolerance = summary["scene"]["method"]["tolerance"]
+    axes.axhline(tolerance, color=COLOURS["bound"], linestyle="--", linewidth=1, label=f"tolerance {tolerance:g}")
+    axes.grid(True, which="major", color="#e3e3e3")
+    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:.0e}".replace("e-0", "e-").replace("e+00", ""))
+    axes.set(xlabel="outer iteration k", ylabel="relative change (–)")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
+    axes.set_title(f"{results.heading()}{summary['outer_iterations']} outer iterations, n$_A$ = {summary['n_A']}, "
+                   f"{summary['reason']}", wrap=True)
+    return figure
+
+
+def _position(nodes: Columns) -> tuple[np.ndarray, str]:
+    """The coordinate (m,) over which a contact is drawn, and its name: x or y of a straight one, else arc length."""
+    x, y = nodes["x"], nodes["y"]
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    for own, other, name in ((x, y, "x"), (y, x, "y")):
+        if np.ptp(other) <= 1e-9 * arc[-1]:
+            return own, name
+    return arc, "arc length along the contact"
+
+
+def _curve(axes: Any, x: np.ndarray, y: np.ndarray, breaks: np.ndarray, **style: Any) -> None:
+    """Draw a curve that is not joined to the points at `breaks`; long curves mark lone points only."""
+    lone = np.isin(np.arange(len(x)), [0, *breaks]) & np.isin(np.arange(1, len(x) + 1), [*breaks, len(x)])
+    marked = np.insert(lone | (len(x) <= MARKED), breaks, False)
+    axes.plot(*(np.insert(values, breaks, np.nan) for values in (x, y)),
+              **{"marker": "o" if marked.any() else "", "markersize": 2.5, "markevery": marked.tolist()} | style)
+
+
+def _shade(axes: Any, position: np.ndarray, statuses: np.ndarray, breaks: np.ndarray) -> None:
+    """Shade the zones of equal status; two zones meet halfway between their nodes, and none crosses the `breaks`."""
+    for x, status in zip(np.split(position, breaks), np.split(statuses, breaks), strict=True):
+        edges = np.concatenate([x[:1], (x[1:] + x[:-1]) / 2, x[-1:]])
+        first = np.flatnonzero(np.concatenate([[True], status[1:] != status[:-1]]))
+        for a, b in zip(first, [*first[1:], len(x)], strict=True):
+            axes.axvspan(edges[a], edges[b], color=ZONES[status[a]], alpha=SHADE, linewidth=0, zorder=0)
+    if len(position) > 1:
+        axes.set_xlim(position.min(), position.max())
+
+
+def _slip_bound(table: Columns, friction: dict) -> np.ndarray | None:
+    """The bound on the tangential stress at nodes or sides, if numbers set it and it is worth drawing."""
+    if any(isinstance(value, dict) for value in friction.values()):
+        return None
+    one, xy = np.ones(len(table["x"])), np.column_stack([table["x"], table["y"]])
+    law = law_of(msgspec.convert(friction, Friction), xy, one, one, np.arange(len(one)))
+    bound = law.slip_bound(table["normal_stress"])
+    return bound if law.largest_slope or bound.max() <= 3 * np.abs(table["tangential_stress"]).max() else None
+
+
+def draw_steps(results: Results) -> Any:
+    """Tangential forces over the factor of the history that varies most, energies over time, stresses; a figure.
+
+    Of solids forces along x, y and z and numbers of nodes in the place of stresses, which have no line to be drawn on;
+    moments where there are no forces, as of a shaft in its hub.
+
+    Energies count from time 0. Friction dissipates one part of the interface work; interference, closing gaps and time
+    stepping take the other. Not collective.
+    """
+    import matplotlib.pyplot as plt
+
+    steps, summary = results.steps, results.summary
+    largest = {name: np.abs(steps["normal_force"][steps["contact"] == name]).max(initial=0.0)
+               for name in results.contacts}
+    bonded = {contact["name"] for contact in summary["scene"]["contact"] if contact.get("kind") == "bonded"}
+    loops = [name for name in largest if name not in bonded] or largest
+    shown = sorted(loops, key=lambda name: -largest[name])[:LOOPS]
+    figure, grid = plt.subplots(len(shown) + 1, 2, figsize=(9.6, 2.9 * (len(shown) + 1)), squeeze=False)
+    loop, energies = grid[0]
+    words: dict[str, None] = {}
+    label, driver = _driver(summary, results.energy["time"])
+    for name in shown:
+        own = {key: values[steps["contact"] == name] for key, values in steps.items()}
+        what, column, of_one = _resultant(own), "tangential_force", name
+        if what == "moment":
+            column = max((f"moment_{axis}" for axis in "xyz"), key=lambda each: np.ptp(own[each]))
+            of_one = f"{name}, {column.replace('_', ' ')}"
+        loop.plot(driver, np.append(0.0, own[column]), marker=".", label=of_one)
+        words[f"{'tangential ' * (what == 'force')}{what} ({summary['units'][what]})"] = None
+    loop.set(xlabel=label, ylabel=", ".join(words))
+    _draw_energies(energies, results.energy, summary["units"]["energy"])
+    for axes, name in zip(grid[1:], shown, strict=True):
+        (_draw_stresses if results.dimension == 2 else _draw_course)(axes, name, results, summary["units"])
+    for axes in (loop, energies):
+        axes.axhline(0.0, color="black", linewidth=0.6)
+        axes.legend(ncols=2, **ABOVE)
+    figure.suptitle(f"{results.heading()}{len(results.energy['time'])} load steps")
+    return figure
+
+
+def _driver(summary: dict, times: np.ndarray) -> tuple[str, np.ndarray]:
+    """The factor, at time 0 and at all `times`, of the history that goes the longest way after it first rests or turns;
+    of the only one, if there is one; or time itself."""
+    best: tuple[float, str, np.ndarray] | None = None
+    points = np.concatenate([[0.0], times])
+    for name, history in summary["scene"]["history"].items():
+        factors = np.interp(points, history["times"], history["factors"])
+        turns = float(np.abs(np.diff(factors)).sum() - abs(factors[-1] - factors[0]))
+        if best is None or turns > best[0]:
+            best = turns, f"factor of history {name}", factors
+    return (best[1], best[2]) if best and best[0] > 0.0 else ("time", points)
+
+
+def _draw_energies(axes: Any, energy: Columns, unit: str) -> None:
+    time = np.append(0.0, energy["time"])
+    lost = energy["interface_work"] - energy["dissipated"]
+    for name, values in {"external work": energy["external_work"], "strain energy": energy["strain_energy"],
+                         "dissipated by friction": energy["dissipated"], "other interface work": lost}.items():
+        axes.plot(time, np.append(0.0, values), marker=".", label=name)
+    axes.set(xlabel="time", ylabel=f"energy ({unit})")
+
+
+def _draw_stresses(axes: Any, name: str, results: Results, units: dict) -> None:
+    """Normal and tangential stress along a contact at the ends of legs."""
+    import matplotlib as mpl
+
+    legs = results.legs[name]
+    times = np.unique(legs["time"])
+    chosen = times[np.unique(np.linspace(0, len(times) - 1, min(CURVES, len(times))).round().astype(int))]
+    colours = mpl.colormaps["viridis"](np.linspace(0.0, 0.9, len(chosen)))
+    for kind, axis in zip(("normal", "tangential"), axes, strict=True):
+        for time, colour in zip(chosen, colours, strict=True):
+            step = {column: values[legs["time"] == time] for column, values in legs.items()}
+            step, _ = drawn_rows(step, results.facets[name])
+            arc = np.append(0.0, np.cumsum(np.hypot(np.diff(step["x"]), np.diff(step["y"]))))
+            axis.plot(arc, step[f"{kind}_stress"], color=colour, linewidth=1.2, label=f"time {time:g}")
+        axis.axhline(0.0, color="black", linewidth=0.6)
+        axis.set(xlabel=f"along {name} ({units['length']})", ylabel=f"{kind} stress ({units['stress']})")
+    axes[1].legend(fontsize=7, **BESIDE)
+
+
+def _resultant(steps: Columns) -> str:
+    """What to draw of a contact: its force, or of solids where there is none its moment."""
+    forces = [np.abs(values).max() for column, values in steps.items() if column.startswith("force_")]
+    return "moment" if "moment_x" in steps and max(forces) <= ROUNDING * steps["normal_force"].max() else "force"
+
+
+def _draw_course(axes: Any, name: str, results: Results, units: dict) -> None:
+    """Force on the first body along x, y and z, or where there is none its moment, and nodes by status, over time."""
+    own = results.steps["contact"] == name
+    steps = {column: values[own] for column, values in results.steps.items()}
+    time = np.append(0.0, steps["time"])
+    what = _resultant(steps)
+    for axis in "xyz":
+        axes[0].plot(time, np.append(0.0, steps[f"{what}_{axis}"]), marker=".", label=axis)
+    axes[0].axhline(0.0, color="black", linewidth=0.6)
+    axes[0].set(xlabel="time", ylabel=f"{what} of {name} ({units[what]})")
+    counts = (np.insert(steps[zone], 0, steps[zone][:1]) for zone in ZONES)
+    axes[1].stackplot(time, *counts, labels=list(ZONES), colors=list(ZONES.values()), alpha=SHADE)
+    axes[1].set(xlabel="time", ylabel=f"nodes of {name}", xlim=(0.0, time[-1]))
+    for each in axes:
+        each.legend(fontsize=7, **BESIDE)

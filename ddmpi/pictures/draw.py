@@ -1,0 +1,102 @@
+"""All pictures of a run, drawn from its files only."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from ddmpi.errors import InputError
+from ddmpi.pictures.bodies import animate, draw_bodies, draw_error, draw_mechanism
+from ddmpi.pictures.contacts import draw_contacts, draw_maps
+from ddmpi.pictures.curves import draw_contact, draw_convergence, draw_steps
+from ddmpi.pictures.sheet import STYLE, start_drawing
+from ddmpi.results.histories import at_step
+from ddmpi.results.tables import Results, read_results, reading, writing
+from ddmpi.scene.keys import explain
+from ddmpi.scene.method import Output
+from ddmpi.system.files import MECHANISM, contact_files
+from ddmpi.system.provenance import identity
+
+EACH = 6
+"""Of at most so many contacts each has a picture of its own; of more, all share one only."""
+
+Pictures = Iterator[tuple[str, Callable[[], Any]]]
+"""Each picture's file name and what draws its figure."""
+
+
+def draw_all(folder: str | Path, number: int = 0, drawers: int = 1, time: float | None = None,
+             into: Path | None = None, **asked: Any) -> list[Path]:
+    """Draw all pictures of the results in `folder` into it, or this one's share if several `drawers` do; their paths.
+
+    Those of bodies and contacts are of the load step at `time`, by default as `at_step` chooses it. `into` another
+    folder go pictures without the animation. What is `asked` for, such as a view, is taken in place of the keys of the
+    scene's table `output`.
+
+    bodies.png, contact.png (of several contacts contacts.png, and contact_NAME.png of each if there are not more than
+    EACH), convergence.png, steps.png if there are load steps, animation.gif if the scene wants it, and error.png if the
+    results have the estimated error. Without equilibrium mechanism.png alone, unless a `time` is given.
+    Not collective. Raises InputError without results or matplotlib, where results of an earlier version lack what
+    pictures need, or what is asked for is wrong; OutputError if a picture cannot be written.
+    """
+    with reading(folder):
+        plt = start_drawing()
+        folder, last, drawn = Path(folder), read_results(folder), []
+        if last.facets.keys() != last.contacts.keys():
+            version = last.summary.get("versions", {}).get("ddmpi", "of unknown number")
+            raise InputError(f"{folder}: ddmpi {version} wrote these results without what this version draws pictures "
+                             "from; draw them with that version, or run the scene again")
+        _ask(last, asked)
+        results = at_step(last, folder, time)
+        with plt.rc_context(STYLE):
+            figures = pictures_of(results, last, None if time is not None else folder / MECHANISM)
+            for name, draw in itertools.islice(figures, number, None, drawers):
+                figure = draw()
+                drawn.append((into or folder) / name)
+                try:
+                    with writing(drawn[-1]):
+                        drawn[-1].unlink(missing_ok=True)  # it may be a link
+                        figure.savefig(drawn[-1], metadata=identity(results.summary))
+                finally:
+                    plt.close(figure)
+            animated = not into and number == drawers - 1 and results.summary["scene"]["output"].get("animation")
+            if animated and len(results.energy.get("time", ())):
+                drawn.append(animate(results, folder, results.heading()))
+        return drawn
+
+
+def _ask(results: Results, asked: dict[str, Any]) -> None:
+    """Put what is asked for, unless it is None, into the scene of the summary. Raises InputError where it is wrong."""
+    new = {key: value for key, value in asked.items() if value is not None}
+    try:
+        msgspec.convert(new, Output)
+    except msgspec.ValidationError as error:
+        raise InputError(f"--{explain(str(error), new, Output)}") from None
+    results.summary["scene"]["output"] |= new
+
+
+def pictures_of(results: Results, last: Results, mechanism: Path | None = None) -> Pictures:
+    """The pictures, the longest work first; errors are of the `last` step.
+
+    Where there is the file of a `mechanism`, it is the only picture.
+    """
+    if mechanism and mechanism.exists():
+        yield "mechanism.png", lambda: draw_mechanism(last, json.loads(mechanism.read_text(encoding="utf-8")))
+        return
+    yield "bodies.png", lambda: draw_bodies(results)
+    yield "convergence.png", lambda: draw_convergence(results)
+    several = len(results.contacts) > 1
+    if several:
+        yield "contacts.png", lambda: draw_contacts(results)
+    contact = draw_contact if results.dimension == 2 else draw_maps
+    for name in results.contacts if len(results.contacts) <= EACH else ():
+        yield contact_files(name).picture if several else "contact.png", functools.partial(contact, results, name)
+    if len(results.energy.get("time", ())):
+        yield "steps.png", lambda: draw_steps(results)
+    if "error" in results.fields:
+        yield "error.png", lambda: draw_error(last)

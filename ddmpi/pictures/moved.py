@@ -1,0 +1,162 @@
+"""Where pictures draw bodies and rigid partners, and how much enlarged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from ddmpi.pictures.sheet import COLOURS, MARGIN, plain, round_down
+from ddmpi.pictures.views import Surface
+from ddmpi.results.fields import owners, vectors
+from ddmpi.results.summary import displacement_at, factor_at
+from ddmpi.results.tables import Columns, Results
+from ddmpi.scene.contacts import Rigid
+from ddmpi.surface.side import frames
+
+DRAWN = 0.08
+"""Displacements and shifts are drawn as at most this fraction of the bodies' extent."""
+
+INVISIBLE = 0.002
+"""Errors of at most this fraction of the bodies' extent cannot be seen in a picture: two pixels."""
+
+AROUND = 1.25
+"""A rigid surface is drawn beyond what may touch it in space, by this factor."""
+
+
+@dataclass(frozen=True)
+class Hatched:
+    """A rigid surface in the plane, hatched on the far side.
+
+    Attributes
+    ----------
+    at, normal : (k, 2) points along it (m), and unit normals towards the bodies
+    extent : of the bodies, which sets the length of the hatches (m)
+    """
+
+    at: np.ndarray
+    normal: np.ndarray
+    extent: float
+
+    def draw(self, axes: Any) -> None:
+        from matplotlib.collections import LineCollection
+
+        axes.plot(*self.at.T, color=COLOURS["rigid"], linewidth=1.4, zorder=2.5)
+        steps = np.linalg.norm(np.diff(self.at, axis=0), axis=1).cumsum()
+        hatched = np.unique(np.searchsorted(steps, np.arange(0.0, steps[-1], 0.02 * self.extent)))
+        along = np.column_stack([self.normal[:, 1], -self.normal[:, 0]])
+        hatches = np.stack([self.at, self.at - 0.015 * self.extent * (self.normal + along)], axis=1)[hatched]
+        axes.add_collection(LineCollection(hatches, colors=COLOURS["rigid"], linewidth=0.7, zorder=2.5))
+
+
+def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
+    """The magnification F and a shift (nv, d) in metres: a node at x that moves by u is drawn at x + shift + F u.
+
+    Each body is shifted as a whole, by F − 1 times the gap that its contact had at first; negative for an overlap.
+    Nodes are then drawn F times as far apart as they are, and touch where they touch. If gaps vary, as in rings, this
+    holds for their mean only. F is then so small that no error at touching nodes, and no overlap at others, is visible;
+    at F = 1 there are none. A scene that gives ``output.magnification`` accepts what it does. `largest` is a
+    displacement of an earlier load step that F has to suit as well (m). Not collective.
+    """
+    points, moved = results.points, np.linalg.norm(results.fields["displacement"], axis=1)
+    owner, names, contacts = owners(results), list(results.summary["bodies"]), results.summary["scene"]["contact"]
+    tables = [results.contacts[each["name"]] for each in contacts]
+    tables = [table | {"initial_gap": factor_at(results.summary, _follows(each), results.time) * table["initial_gap"]}
+              for each, table in zip(contacts, tables, strict=True)]
+    mobile, apart = np.zeros(len(names)), np.zeros((len(tables), len(names)))
+    distances = np.zeros((len(tables), results.dimension))
+    np.maximum.at(mobile, owner, moved)
+    for k, (contact, table) in enumerate(zip(contacts, tables, strict=True)):
+        touching = table["status"] != "open"
+        distances[k] = _initially(table)[touching if touching.any() else slice(None)].mean(axis=0)
+        bodies = [names.index(name) for name in contact["bodies"] if name in names]  # a rigid partner is none
+        apart[k, bodies] = (-1.0, 1.0)[:len(bodies)]
+    shifts = np.zeros((len(names), results.dimension))
+    if distances.any():
+        shifts = mobile[:, None] * (np.linalg.pinv(apart * mobile) @ distances)  # mostly of the body that moves most
+    extent, size = np.ptp(points, axis=0).max(), max(moved.max(), largest, np.abs(shifts).max())
+    limits = [limit for table, shift in zip(tables, apart @ shifts, strict=True)
+              for limit in _limits(table, shift, INVISIBLE * extent)]
+    chosen = round_down(min([DRAWN * extent / size, *limits])) if size else 1.0
+    factor = results.summary["scene"]["output"].get("magnification") or max(chosen, 1.0)
+    return factor, (factor - 1.0) * shifts[owner]
+
+
+def _initially(table: Columns) -> np.ndarray:
+    """(l, d) from the first to the second body along the normal, undeformed (m): the gap without displacements."""
+    return table["initial_gap"][:, None] * vectors(table, "n")
+
+
+def _limits(table: Columns, shift: np.ndarray, visible: float) -> Iterator[float]:
+    """The largest magnifications at which errors are not `visible` (m), `shift` being per unit of F − 1.
+
+    The nodes are drawn F times as far apart as they are, but for (F − 1) `left`.
+    """
+    left, gap = _initially(table) - shift, table["gap"]
+    wrong = np.linalg.norm(left[table["status"] != "open"], axis=1).max(initial=0.0)
+    if wrong:
+        yield 1.0 + visible / wrong
+    into = np.einsum("ld,ld->l", left, vectors(table, "n"))
+    overlapping = into > gap
+    yield from (visible + into[overlapping]) / (into - gap)[overlapping]
+
+
+def rigid_parts(results: Results, factor: float = 0.0, time: float | None = None,
+                going: Mapping[str, np.ndarray] | None = None) -> list[Hatched | Surface]:
+    """The parts of rigid partners that bodies may touch.
+
+    They are drawn where they have gone to at `time`, else at that of the results, the displacement times `factor`; or
+    with the velocities of a mechanism with which they are `going`.
+    """
+    points, names, owner = results.points, list(results.summary["bodies"]), owners(results)
+    found: list[Hatched | Surface] = []
+    for rigid, contacts, moved in _partners(results, time, going):
+        if results.dimension > 2:
+            parts = (_around(rigid, vectors(results.contacts[each["name"]]), results.triangles(each["name"]))
+                     for each in contacts)
+            found += [Surface(at + factor * moved, facets, plain(COLOURS["patch"]), edges=COLOURS["still"])
+                      for at, facets in parts if len(facets)]
+            continue
+        touched = np.concatenate([vectors(results.contacts[each["name"]]) for each in contacts])
+        bodies = points[np.isin(owner, [names.index(each["bodies"][0]) for each in contacts])]
+        extent = float(np.ptp(points, axis=0).max())
+        at = rigid.outline(touched, bodies, MARGIN * extent)
+        if results.axisymmetric:
+            right = np.flatnonzero(at[:, 0] >= 0.0)
+            at = np.roll(at[right], -1 - np.argmax(np.diff(right, append=right[-1] + 2) > 1), axis=0)
+        found.append(Hatched(at + factor * moved, rigid.facing(at)[0], extent))
+    return found
+
+
+def _around(rigid: Rigid, at: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The part of a rigid surface around what may touch it, facets (f, 3) of places (k, 3): the same of itself."""
+    at = at.mean(axis=0) + AROUND * (at - at.mean(axis=0))
+    normal, distance = rigid.facing(at)
+    at, facets = at - distance[:, None] * normal, facets[:, ::-1]
+    if np.isinf(rigid.bend):
+        hull = ConvexHull(at @ frames(normal[:1])[0, 1:].T).vertices
+        facets = np.stack([np.full(len(hull) - 2, hull[0]), hull[1:-1], hull[2:]], axis=1)
+    return at, facets
+
+
+def _partners(results: Results, time: float | None = None,
+             going: Mapping[str, np.ndarray] | None = None) -> Iterator[tuple[Rigid, list[dict], np.ndarray]]:
+    """Each rigid partner that bodies may touch, its contacts, and its displacement (d,) at `time`, else at that of the
+    results (m); or those of a mechanism, with the velocities with which they are `going`."""
+    scene = results.summary["scene"]
+    for rigid in msgspec.convert(scene.get("rigid", ()), list[Rigid]):
+        contacts = [each for each in scene["contact"] if each["bodies"][1] == rigid.name]
+        now = results.time if time is None else time
+        moved = displacement_at(results.summary, rigid, now) if going is None else going.get(rigid.name)
+        if contacts and moved is not None:
+            yield rigid, contacts, moved
+
+
+def _follows(contact: dict) -> str | None:
+    """The name of the history that the gap of a contact in the summary follows."""
+    gap = contact.get("gap")
+    return gap.get("history") if isinstance(gap, dict) else None

@@ -1,0 +1,286 @@
+"""What pictures share: colours, axes, how places and surfaces are put on them, colour bars and names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ddmpi.errors import InputError
+from ddmpi.pictures.views import Paint, Surface, View, is_seen, outlines, rasterise, unhidden
+from ddmpi.results.tables import Results
+from ddmpi.surface.side import unit
+from ddmpi.system.numbers import scaled_unit
+from ddmpi.system.provenance import NO_MATPLOTLIB, has_matplotlib
+
+STYLE = {"font.size": 10, "axes.titlesize": 11, "figure.titlesize": 11, "axes.spines.top": False,
+         "axes.spines.right": False, "legend.frameon": False, "figure.constrained_layout.use": True,
+         "savefig.dpi": 160, "axes.axisbelow": True}
+
+COLOURS = {"normal": "#1b4f8f", "tangential": "#c8501e", "bound": "#7a7a7a", "rigid": "#404040", "still": "#9aa0a8",
+           "moved": "#c8501e", "force": "#8c1a3a", "patch": "#cdd2d8"}
+
+FILLED = {"still": "#f4f5f7", "moved": "#f6dfd4"}
+"""The insides of bodies."""
+
+ZONES = {"open": "#b4bac2", "slip": "#e8954a", "stick": "#5fa35f"}
+"""Colours of nodes by their status."""
+
+RESOLVED = 1e-6
+"""Gaps and slips below this fraction of the largest displacement are drawn as none, and so are resultants below this
+fraction of the sum of the nodes' forces."""
+
+ABOVE: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "fontsize": 8}
+"""Legends above the axes."""
+
+BESIDE: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
+"""Legends to the right of the axes."""
+
+NAMED = 40
+"""Names are written on at most this many bodies."""
+
+PIXELS = 1100
+"""Of the longer side of a picture of surfaces."""
+
+MARGIN = 0.04
+"""What is left around bodies, and by which rigid surfaces are longer than bodies may touch; parts of the extent."""
+
+ARM = 0.18
+"""The arms along x, y and z are at most this part of the picture's longer side."""
+
+LIGHT, DARKEST = np.array([-0.35, 0.5, 0.8]), 0.8
+"""Where light comes from on solids, as the picture has right, up and towards the eye; what is left in the shade."""
+
+
+def start_drawing() -> Any:
+    """matplotlib.pyplot, to draw into files. Not collective. Raises InputError where matplotlib is not installed."""
+    if not has_matplotlib():
+        raise InputError(f"no pictures can be drawn; {NO_MATPLOTLIB}")
+    import matplotlib
+
+    matplotlib.use("agg")
+    from matplotlib import pyplot
+
+    return pyplot
+
+
+class Sheet:
+    """One picture of bodies: its figure and axes, from where they are seen, and how places are put on it.
+
+    Attributes
+    ----------
+    figure, axes : of matplotlib
+    view : from where bodies are seen; the plane is seen from the front
+    size : extent of the bodies (m)
+    rigid : surfaces of rigid partners
+    """
+
+    def __init__(self, results: Results, everything: np.ndarray, rigid: Sequence[Any] = (), behind: bool = False,
+                 pixels: int = PIXELS) -> None:
+        """For places (k, d) and what `rigid_parts` finds; from the opposite side `behind`; the surfaces with so many
+        `pixels`. Raises InputError where a cut meets no body."""
+        self.view = View(results.points, results.summary["scene"]["output"], behind)
+        self.size = float(np.ptp(results.points, axis=0).max())
+        self._pixels = pixels
+        self._depth, self._origin, self._pixel = np.zeros((0, 0)), np.zeros(3), 1.0
+        at = self.place(np.vstack([everything, *(each.at for each in rigid)]))[:, :2]
+        self.figure, self.axes = (self._with_arms if self.view.solid else self._with_scales)(results, at)
+        self._fixed = list(self.axes.lines)
+        self.meet(rigid)
+
+    def _with_scales(self, results: Results, at: np.ndarray) -> tuple[Any, Any]:
+        """Axes with scales for what lies `at` (k, 2); with that around which bodies turn, if it is near."""
+        near = results.axisymmetric and at[:, 0].min() <= np.ptp(at, axis=0).max()
+        if near:
+            at = np.vstack([at, at * (0.0, 1.0)])
+        margin = MARGIN * np.ptp(at, axis=0).max()
+        figure, axes = _figure(at.min(axis=0) - margin, at.max(axis=0) + margin)
+        unit_of = results.summary["scene"]["output"]["length_unit"]
+        axes.set(xlabel=f"{'radius ' * results.axisymmetric}x ({unit_of})", ylabel=f"y ({unit_of})")
+        if near:
+            axes.axvline(0.0, color=COLOURS["rigid"], linewidth=0.8, linestyle="-.", zorder=1)
+        return figure, axes
+
+    def _with_arms(self, results: Results, at: np.ndarray) -> tuple[Any, Any]:
+        """Axes without scales for what lies `at` (k, 2), with arms along x, y and z that show their length."""
+        low, high = at.min(axis=0), at.max(axis=0)
+        arm, margin = round_down(ARM * (high - low).max()), 0.02 * (high - low).max()
+        arms, text = arm * self.view.axes[:2].T, 0.2 * arm
+        level = np.abs(self.view.axes[1]).min() < 0.1  # an arm could run into the bodies
+        origin = low - (max(arms[:, 0].max(), 0.0) + 1.5 * text if level else 0.7 * arm, 0.0)
+        ends = origin + arms
+        below = np.vstack([ends, origin]).min(axis=0) - (text, 2.2 * text)
+        low = np.minimum(low, below) - margin
+        figure, axes = _figure(low, high + margin)
+        axes.set_axis_off()
+        for name, end in zip("xyz", ends, strict=True):
+            if np.linalg.norm(end - origin) > 0.1 * arm:  # it does not point to the eye
+                axes.annotate("", end, origin, arrowprops={
+                    "arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, "linewidth": 0.9, "color": COLOURS["rigid"],
+                    "mutation_scale": 7})
+                axes.annotate(name, end + text * unit(end - origin), ha="center", va="center", fontsize=9)
+        factor, unit_of = scaled_unit(arm, results.summary["units"]["length"])
+        axes.annotate(f"{arm / factor:g} {unit_of}", (origin[0], below[1]), ha="center", va="bottom", fontsize=8)
+        return figure, axes
+
+    def place(self, at: np.ndarray) -> np.ndarray:
+        """Places (…, d) to the right, upwards, and towards the eye."""
+        return self.view.place(at)
+
+    def meet(self, rigid: Sequence[Any]) -> None:
+        """Draw hatched rigid partners; surfaces of others are shown with the next surfaces."""
+        self.rigid = [each for each in rigid if isinstance(each, Surface)]
+        for each in rigid:
+            if not isinstance(each, Surface):
+                each.draw(self.axes)
+
+    def show(self, surfaces: Sequence[Surface]) -> None:
+        """Draw surfaces and rigid partners without what is hidden or cut away, and their `outlines`."""
+        some = [*surfaces, *self.rigid]
+        placed = [self.place(each.at) for each in some]
+        beyond = [self.view.beyond(each.at) if each.beyond is None else each.beyond for each in some]
+        corners = np.concatenate([np.column_stack([at, cut])[each.facets] for at, cut, each in zip(
+            placed, beyond, some, strict=True)])
+        number = [len(each.facets) for each in some]
+        across = unit(np.cross(corners[:, 1, :3] - corners[:, 0, :3], corners[:, 2, :3] - corners[:, 0, :3]))
+        across[np.repeat([each.thin for each in some], number) & (across[:, 2] < 0.0)] *= -1.0
+        low, high = corners[..., :2].min(axis=(0, 1)), corners[..., :2].max(axis=(0, 1))
+        self._pixel = pixel = (high - low).max() / self._pixels
+        self._origin = origin = np.append(low - pixel, 0.0)
+        width, height = np.ceil((high - low) / pixel).astype(int) + 2
+        seen = np.flatnonzero(across[:, 2] > 0.0)
+        corners[..., :3] = (corners[..., :3] - origin) / pixel
+        face, weights, self._depth = rasterise(corners[seen], (height, width))
+        there = face >= 0
+        face, weights = seen[face[there]], weights[there]
+        colours, ends = np.zeros((len(face), 3)), np.cumsum([0, *number])
+        for each, start, stop in zip(some, ends[:-1], ends[1:], strict=True):
+            own = (face >= start) & (face < stop)
+            colours[own] = each.paint(face[own] - start, weights[own])[:, :3]
+        if self.view.solid:
+            light = DARKEST + (1.0 - DARKEST) * np.clip(across @ unit(LIGHT), 0.0, 1.0)
+            colours *= light[face][:, None]
+        image = np.zeros((height, width, 4), np.float32)
+        image[there] = np.column_stack([colours, np.ones(len(face))])
+        limits = self.axes.get_xlim(), self.axes.get_ylim()
+        self.axes.imshow(image, origin="lower", interpolation="antialiased", zorder=2, extent=(
+            origin[0], origin[0] + width * pixel, origin[1], origin[1] + height * pixel))
+        self.axes.set(xlim=limits[0], ylim=limits[1])
+        for at, cut, each in zip(placed, beyond, some, strict=True):
+            self.lines(unhidden((outlines(at, each.facets, cut) - origin) / pixel, self._depth) * pixel + origin[:2],
+                       colors=each.edges, linewidth=0.6, zorder=3)
+
+    def outline(self, at: np.ndarray, facets: np.ndarray, beyond: np.ndarray | None = None, **style: Any) -> None:
+        """Draw the `outlines` of facets (f, 3), hidden ones as well, by default as thin grey lines below everything."""
+        self.lines(outlines(self.place(at), facets, beyond)[..., :2], **{
+            "colors": COLOURS["still"], "linewidth": 0.7, "zorder": 1} | style)
+
+    def facets(self, parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], image: Any) -> None:
+        """Draw facets (f, d) between places (k, d), by values (k,) in the colours of an image: lines in the plane,
+        surfaces in space."""
+        if self.view.solid:
+            self.show([Surface(at, facets, by_value(values[facets], image), thin=True)
+                       for at, facets, values in parts if len(facets)])
+        for at, facets, values in () if self.view.solid else parts:
+            self.lines(at[facets], colors=image.to_rgba(values[facets].mean(axis=1)), linewidth=2.4, zorder=5)
+
+    def lines(self, ends: Any, **style: Any) -> None:
+        """Draw lines, each through places (·, 2) of the sheet."""
+        from matplotlib.collections import LineCollection
+
+        self.axes.add_collection(LineCollection(ends, **{"capstyle": "round"} | style))
+
+    def shows(self, at: np.ndarray) -> np.ndarray:
+        """Which places (k, d) nothing hides that is shown."""
+        return (self.view.beyond(at) <= 0.0) & is_seen((self.place(at) - self._origin) / self._pixel, self._depth)
+
+    def arrows(self, at: np.ndarray, vectors: np.ndarray, colour: str, width: float = 0.004) -> None:
+        """Draw vectors (k, d) as arrows from places (k, d)."""
+        ends = (self.place(each)[:, :2].T for each in (at, vectors))
+        self.axes.quiver(*np.concatenate([*ends]), angles="xy", scale_units="xy", scale=1.0, width=width, zorder=6,
+                         color=colour)
+
+    def write(self, names: Sequence[str], at: Sequence[np.ndarray], below: bool = False) -> None:
+        """Write the names of bodies at places (d,), or a little `below` them, unless there are more than NAMED."""
+        from matplotlib.patheffects import withStroke
+
+        for name, place in zip(names, at, strict=True) if len(names) <= NAMED else ():
+            self.axes.annotate(name, self.place(place)[:2], (0, -9 * below), textcoords="offset points", ha="center",
+                               va="center", fontsize=7, color="#50555c", zorder=7,
+                               path_effects=[withStroke(linewidth=2, foreground="#ffffffc0")])
+
+    def colours(self, image: Any, label: str, extend: str = "neither") -> None:
+        """Draw the colour bar of an image, below what is wide."""
+        wide = is_wide(np.column_stack([self.axes.get_xlim(), self.axes.get_ylim()]))
+        self.figure.colorbar(image, ax=self.axes, label=label, extend=extend, shrink=0.85, aspect=40 if wide else 25,
+                             orientation="horizontal" if wide else "vertical")
+
+    def clear(self) -> None:
+        """Remove surfaces and lines, as before the next frame of an animation."""
+        for artist in (*self.axes.collections, *self.axes.lines, *self.axes.images):
+            if artist not in self._fixed:
+                artist.remove()
+
+
+def _figure(low: np.ndarray, high: np.ndarray) -> tuple[Any, Any]:
+    """A figure and axes of a size that suits what lies between two corners (2,)."""
+    import matplotlib.pyplot as plt
+
+    width, height = high - low
+    size = (8.6, 1.4 + 8.0 * height / width) if is_wide(np.stack([low, high])) else (1.8 + 6.2 * width / height, 6.4)
+    figure, axes = plt.subplots(figsize=np.clip(size, (4.8, 3.0), (10.0, 8.0)), layout="compressed")
+    axes.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    return figure, axes
+
+
+def is_wide(at: np.ndarray) -> bool:
+    """Whether what lies `at` (k, 2) has its colour bar below it."""
+    width, height = np.ptp(at, axis=0)
+    return bool(width > 1.4 * height)
+
+
+def colours_of(low: float, top: float, colours: str, logarithmic: bool = False) -> Any:
+    """What colours values from `low` to `top`, as `Sheet.colours` takes it."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import LogNorm, Normalize
+
+    return ScalarMappable((LogNorm if logarithmic else Normalize)(low, top), colours)
+
+
+def signed_colours(low: float, top: float, colours: str) -> Any:
+    """`colours_of` values from 0 on; where some are below it, colours of both signs that are white at zero."""
+    if low >= 0.0:
+        return colours_of(0.0, top or 1.0, colours)
+    return colours_of(-max(-low, top), max(-low, top), "PuOr")
+
+
+def by_value(values: np.ndarray, image: Any) -> Paint:
+    """Colours of values (f, 3) at the corners of facets, with norm and colour map of an `image`."""
+    return lambda face, weights: image.to_rgba((values[face] * weights).sum(axis=1))
+
+
+def plain(colour: str) -> Paint:
+    """One colour."""
+    from matplotlib.colors import to_rgb
+
+    return lambda face, _: np.tile(to_rgb(colour), (len(face), 1))
+
+
+def zone_legend(counts: Mapping[str, int], **style: Any) -> list[Any]:
+    """Entries of a legend for the zones that have nodes."""
+    from matplotlib.patches import Patch
+
+    return [Patch(facecolor=colour, label=f"{zone} ({counts[zone]} node{'s' * (counts[zone] > 1)})", **style)
+            for zone, colour in ZONES.items() if counts[zone]]
+
+
+def rounded(value: float) -> str:
+    """Three digits, without an exponent below a million."""
+    return f"{float(f'{value:.3g}'):g}"
+
+
+def round_down(factor: float) -> float:
+    """The largest of 1, 2, 5 times a power of ten that does not exceed `factor`."""
+    power = 10.0 ** np.floor(np.log10(factor))
+    return float(power * max(d for d in (1, 2, 5) if d * power <= factor * (1 + 1e-12)))

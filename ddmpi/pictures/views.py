@@ -1,0 +1,247 @@
+"""What is seen of bodies: from where, cut open, and without what is hidden. The plane is seen from the front."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ddmpi.errors import InputError
+from ddmpi.mesh.boundary import SHARPEST
+from ddmpi.mesh.elements import CORNERS_CUT
+from ddmpi.mesh.mesh import boundary_facets
+from ddmpi.mesh.refine import INSIDE
+from ddmpi.results.fields import linear_triangles
+from ddmpi.scene.method import VIEWS
+from ddmpi.surface.side import unit
+from ddmpi.system.numbers import spans
+
+CORNER, ABOVE = (-60.0, 24.0), 40.0
+"""Azimuth and elevation (degrees) from which solids are seen if nothing is said: from half the azimuth what is longer
+along y than along x or cut across x, from the second elevation what is cut across z."""
+
+CROSSED = {1: [[(0, 1), (0, 2), (0, 3)]], 2: [[(0, 2), (0, 3), (1, 3)], [(0, 2), (1, 3), (1, 2)]],
+           3: [[(0, 3), (1, 3), (2, 3)]]}
+"""Triangles in which a plane cuts a tetrahedron, as edges between its corners, by the number of corners that are kept;
+these come first."""
+
+ROUNDING = 1e-9
+"""Nodes that are nearer to a cut than this part of the bodies' extent are on it."""
+
+CHUNK = 2_000_000
+"""Pixels that facets may cover are looked at by so many at a time."""
+
+Paint = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""The colours (p, 3 or 4) of places on facets (p,), with barycentric coordinates (p, 3)."""
+
+
+class View:
+    """From where bodies are seen, without perspective, and where they are cut open.
+
+    Attributes
+    ----------
+    axes : (3, 3) unit vectors to the right, upwards, and towards the eye
+    solid : whether bodies are solids
+    cut : (3,) unit normal, towards the eye, of a plane in front of which nothing is drawn, and its distance from the
+        origin (m); or None
+    """
+
+    def __init__(self, points: np.ndarray, output: Mapping[str, Any] | None = None, behind: bool = False) -> None:
+        """Of nodes (nv, d), as the table `output` of a scene asks for; from the opposite side `behind`.
+
+        Raises InputError where a cut meets no body.
+        """
+        extent, self.solid, self.axes, self.cut = np.ptp(points, axis=0), points.shape[1] > 2, np.eye(3), None
+        asked, cut = (output or {}).get("view"), (output or {}).get("cut") or {}
+        across = {k: cut[axis] for k, axis in enumerate("xyz") if cut.get(axis) is not None}
+        if not self.solid:
+            if asked or across:
+                raise InputError("only pictures of solids have a view and a cut; leave them out")
+            return
+        low = (extent[0] < 0.99 * extent[1] and 1 not in across) or 0 in across
+        chosen = VIEWS[asked] if isinstance(asked, str) else asked or (
+            CORNER[0] / (1 + low), ABOVE if 2 in across else CORNER[1])
+        (c, up), (s, high) = np.cos(np.deg2rad(chosen)), np.sin(np.deg2rad(chosen))
+        self.axes = np.array([[-s, c, 0.0], [-c * high, -s * high, up], [c * up, s * up, high]])
+        if behind:
+            self.axes[[0, 2]] *= -1.0
+        for k, at in across.items():
+            low, high = points[:, k].min(), points[:, k].max()
+            if not low < at < high:
+                raise InputError(f"output.cut: {'xyz'[k]} = {at:g} cuts no body; they reach from {low:g} to {high:g}")
+            sign = 1.0 if self.axes[2, k] > -1e-9 else -1.0
+            self.cut = sign * np.eye(3)[k], sign * at
+
+    def place(self, at: np.ndarray) -> np.ndarray:
+        """Places (…, d) to the right, upwards, and towards the eye."""
+        return at @ self.axes[:, :at.shape[-1]].T
+
+    def beyond(self, at: np.ndarray) -> np.ndarray:
+        """How far places (k, d) are in front of the cut (m); nothing is without one."""
+        found = np.zeros(len(at)) if self.cut is None else at @ self.cut[0] - self.cut[1]
+        return np.where(np.abs(found) > ROUNDING * np.ptp(found), found, 0.0)
+
+
+class Skin:
+    """What a picture shows of bodies: in the plane all their triangles, in space those of boundaries and of a cut.
+
+    Attributes
+    ----------
+    facets : (f, 3) nodes, counter-clockwise as seen from outside; on a cut they go on after the last node
+    cell, of : (f,) the cell, and which facet of the boundary, or in the plane which cell, each is part of; −1 on a cut
+    beyond : (k,) how far nodes are in front of the cut, before the bodies move (m)
+    """
+
+    def __init__(self, view: View, points: np.ndarray, cells: np.ndarray) -> None:
+        """Of cells (nt, j) with nodes at `points` (nv, d)."""
+        outer, cell = boundary_facets(cells) if view.solid else (cells, np.arange(len(cells)))
+        self.facets, self.of = linear_triangles(outer)
+        self.cell, self.beyond = cell[self.of], view.beyond(points)
+        self._ends, self._share = np.zeros([0, 2], int), np.zeros(0)
+        if view.cut is None:
+            return
+        facets, cell = self._cap(points, cells, view.cut[0])
+        seen = (self.beyond[self.facets] <= 0.0).any(axis=1)
+        self.beyond = np.append(self.beyond, np.zeros(len(self._ends)))
+        self.facets, self.of, self.cell = (np.concatenate([old[seen], new]) for old, new in (
+            (self.facets, facets), (self.of, np.full(len(cell), -1)), (self.cell, cell)))
+
+    def _cap(self, points: np.ndarray, cells: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Triangles (t, 3) in which the cut crosses cells, and the cell (t,) of each."""
+        some = np.flatnonzero((self.beyond[cells].min(axis=1) <= 0.0) & (self.beyond[cells].max(axis=1) > 0.0))
+        parts = np.array([[0, 1, 2, 3]] if cells.shape[1] == 4 else [*CORNERS_CUT[3], *INSIDE[3][0]])
+        corners = cells[some][:, parts].reshape(-1, 4)
+        order = np.argsort(self.beyond[corners] > 0.0, axis=1, kind="stable")
+        corners, kept = np.take_along_axis(corners, order, axis=1), (self.beyond[corners] <= 0.0).sum(axis=1)
+        edges = np.concatenate([corners[kept == n][:, crossed].reshape(-1, 3, 2) for n, crossed in CROSSED.items()])
+        cell = np.concatenate([np.repeat(some[np.flatnonzero(kept == n) // len(parts)], len(crossed))
+                               for n, crossed in CROSSED.items()])
+        key, number = np.unique(edges.min(axis=2) * len(points) + edges.max(axis=2), return_inverse=True)
+        self._ends = np.column_stack(np.divmod(key, len(points)))
+        first, second = self.beyond[self._ends].T
+        self._share = first / (first - second)
+        triangles, at = number.reshape(-1, 3), self.extended(points)[len(points):]
+        a, b, c = at[triangles].transpose(1, 0, 2)
+        turned = np.cross(b - a, c - a) @ normal < 0.0
+        triangles[turned] = triangles[turned][:, ::-1]
+        return len(points) + triangles, cell
+
+    def extended(self, values: np.ndarray) -> np.ndarray:
+        """Values at nodes (nv, …) with those on a cut (k, …)."""
+        share = self._share.reshape(-1, *(1,) * (values.ndim - 1))
+        return np.concatenate([values, (1.0 - share) * values[self._ends[:, 0]] + share * values[self._ends[:, 1]]])
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Triangles that a picture shows.
+
+    Attributes
+    ----------
+    at : (k, d) places (m)
+    facets : (f, 3) of them, counter-clockwise as seen from outside
+    paint : their colours
+    beyond : (k,) how far they are in front of the cut (m), which hides them; None where that is as they are drawn
+    thin : whether they are seen from inside, too
+    edges : colour of their outlines
+    """
+
+    at: np.ndarray
+    facets: np.ndarray
+    paint: Paint
+    beyond: np.ndarray | None = None
+    thin: bool = False
+    edges: str = "black"
+
+
+def rasterise(corners: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The facet nearest to the eye at each pixel of an image (h, w), −1 where there is none; barycentric coordinates
+    (h, w, 3) there; and how near it is (h, w).
+
+    Parameters
+    ----------
+    corners : (f, 3, 4) of the facets; x to the right, y upwards, in pixels from the image's corner, z towards the eye,
+        and how far they are beyond a cut
+    """
+    face, nearest, last = (np.full(shape[0] * shape[1], value) for value in (-1, -np.inf, -1))
+    x, y, z, cut = corners[:, 0].T
+    one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    double = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
+    double = np.where(np.abs(double) > 1e-12, double, np.inf)
+    of_b, of_c = np.stack([two[:, 1], -two[:, 0]]) / double, np.stack([-one[:, 1], one[:, 0]]) / double  # gradients
+    of_z, of_cut = (of_b * one[:, k] + of_c * two[:, k] for k in (2, 3))
+    low, high = (np.ceil(extreme(corners[..., 1], axis=1) - 0.5).astype(int) for extreme in (np.min, np.max))
+    own, row = spans(np.maximum(low, 0), np.where(np.isfinite(double), np.minimum(high, shape[0]), low))
+    up = row + 0.5 - y[own]
+    left, right = (extreme(corners[..., 0], axis=1)[own] - x[own] for extreme in (np.min, np.max))
+    for start, gradient in ((0.0, of_b), (0.0, of_c), (1.0, -of_b - of_c), (-cut[own], -of_cut)):  # not below zero
+        slope, rest = gradient[0, own], start + gradient[1, own] * up + 1e-9
+        end = -rest / np.where(slope == 0.0, 1.0, slope)
+        left = np.where(slope > 0.0, np.maximum(left, end), left)
+        right = np.where(slope < 0.0, np.minimum(right, end), np.where((slope == 0.0) & (rest < 0.0), -np.inf, right))
+    first = np.maximum(np.ceil(left + x[own] - 0.5), 0).astype(int)
+    stop = np.clip(np.floor(right + x[own] + 0.5), 0, shape[1]).astype(int)
+    base, ends = z[own] + of_z[1, own] * up, np.cumsum(np.maximum(stop - first, 0))
+    for some in np.split(np.arange(len(own)), np.searchsorted(ends, np.arange(CHUNK, ends[-1:].sum(), CHUNK))):
+        line, column = spans(first[some], stop[some])
+        line = some[line]
+        at = row[line] * shape[1] + column
+        depth = base[line] + of_z[0, own[line]] * (column + 0.5 - x[own[line]])
+        order = np.argsort(depth, kind="stable")
+        last[at[order]] = order  # what is nearest is written last
+        shown = np.flatnonzero((last[at] == np.arange(len(at))) & (depth > nearest[at]))
+        face[at[shown]], nearest[at[shown]] = own[line[shown]], depth[shown]
+    there = np.flatnonzero(face >= 0)
+    own, (up, across) = face[there], np.divmod(there, shape[1])
+    up, across = up + 0.5 - y[own], across + 0.5 - x[own]
+    b, c = (gradient[0, own] * across + gradient[1, own] * up for gradient in (of_b, of_c))
+    weights = np.zeros((len(face), 3))
+    weights[there] = np.column_stack([1.0 - b - c, b, c])
+    return face.reshape(shape), weights.reshape(*shape, 3), nearest.reshape(shape)
+
+
+def outlines(at: np.ndarray, facets: np.ndarray, beyond: np.ndarray | None = None) -> np.ndarray:
+    """Ends (e, 2, 3) of the edges of facets (f, 3) that are drawn; `at` (k, 3) as placed by a view.
+
+    They are those between facets that meet at more than SHARPEST, at the end of a surface, and where it turns away from
+    the eye; without what is `beyond` (k,) a cut.
+    """
+    normal = unit(np.cross(at[facets[:, 1]] - at[facets[:, 0]], at[facets[:, 2]] - at[facets[:, 0]]))
+    pairs = np.sort(facets[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    key = pairs[:, 0] * len(at) + pairs[:, 1]
+    order = np.argsort(key, kind="stable")
+    _, first, count = np.unique(key[order], return_index=True, return_counts=True)
+    a, b = (normal[order[np.minimum(first + k, len(order) - 1)] // 3] for k in (0, 1))
+    flat = ~a.any(axis=1) | ~b.any(axis=1)
+    drawn = (count != 2) | ~flat & (
+        ((a * b).sum(axis=1) < np.cos(SHARPEST)) | ((a[:, 2] > 0.0) != (b[:, 2] > 0.0)))
+    pairs = pairs[order[first[drawn]]]
+    if beyond is None or not beyond.any():
+        return at[pairs]
+    pairs = pairs[(beyond[pairs] <= 0.0).any(axis=1)]
+    pairs = np.take_along_axis(pairs, np.argsort(beyond[pairs], axis=1), axis=1)
+    low, high = beyond[pairs].T
+    share = np.where(high > 0.0, low / np.where(high > 0.0, low - high, 1.0), 1.0)[:, None]
+    return np.stack([at[pairs[:, 0]], (1.0 - share) * at[pairs[:, 0]] + share * at[pairs[:, 1]]], axis=1)
+
+
+def unhidden(edges: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """The parts (s, 2, 2) of edges (e, 2, 3) in front of what an image shows at `depth` (h, w), all in pixels."""
+    number = np.ceil(np.abs(np.diff(edges[..., :2], axis=1)).max(axis=(1, 2))).astype(int) + 2
+    own, place = spans(np.zeros(len(edges), int), number)
+    t = (place / (number[own] - 1))[:, None]
+    shown = is_seen((1.0 - t) * edges[own, 0] + t * edges[own, 1], depth)
+    at = (1.0 - t) * edges[own, 0, :2] + t * edges[own, 1, :2]
+    begins = shown & ~np.append(False, shown[:-1] & (own[1:] == own[:-1]))
+    stops = shown & ~np.append(shown[1:] & (own[1:] == own[:-1]), False)
+    return np.stack([at[begins], at[stops]], axis=1)
+
+
+def is_seen(at: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """Which places (k, 3) are in front of what an image shows at `depth` (h, w), all in pixels."""
+    from scipy.ndimage import minimum_filter
+
+    column, row = np.clip(at[:, :2].astype(int), 0, np.array(depth.shape)[::-1] - 1).T
+    return at[:, 2] >= minimum_filter(depth, 3, mode="constant", cval=-np.inf)[row, column] - 1.0

@@ -1,0 +1,267 @@
+"""Pictures of solids: what is seen, from where, cut open; contacts as maps; rigid partners, mechanisms."""
+
+import dataclasses
+import itertools
+import json
+
+import made_up
+import made_up_solids
+import numpy as np
+import pytest
+from documented import undocumented
+from matplotlib import image
+from matplotlib import pyplot as plt
+
+from ddmpi.cli.report import write_report
+from ddmpi.errors import InputError
+from ddmpi.pictures import views
+from ddmpi.pictures.bodies import animate, draw_bodies
+from ddmpi.pictures.contacts import draw_contacts, draw_maps, flatten
+from ddmpi.pictures.curves import draw_steps
+from ddmpi.pictures.draw import draw_all
+from ddmpi.pictures.moved import rigid_parts
+from ddmpi.results.tables import Results, read_results
+from ddmpi.scene.method import VIEWS
+
+
+@pytest.fixture(autouse=True)
+def close_figures():
+    yield
+    plt.close("all")
+
+
+def stacked(folder, **how) -> Results:
+    bodies, contacts = made_up_solids.stack(divisions=(6, 2, 2))
+    made_up_solids.results(folder, bodies, contacts, **how)
+    return read_results(folder)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_there_is_a_picture_of_everything(tmp_path, order):
+    """Solids have the pictures that plane bodies have, and each shows something."""
+    bodies, contacts = made_up_solids.stack(order, divisions=(6, 2, 2))
+    made_up_solids.results(tmp_path, bodies, contacts, times=(1.0, 2.0), error=True)
+    drawn = draw_all(tmp_path)
+    assert undocumented(tmp_path) == []
+    assert sorted(path.name for path in drawn) == ["bodies.png", "contact.png", "convergence.png", "error.png",
+                                                   "steps.png"]
+    for path in drawn:
+        pixels = image.imread(path)
+        inked = (pixels[..., :3] < 0.99).any(axis=2)
+        assert min(pixels.shape[:2]) > 300 and 0.01 < inked.mean() < 0.99, path.name
+    assert animate(read_results(tmp_path), tmp_path, "").exists()
+    page = write_report(tmp_path).read_text(encoding="utf-8")
+    assert all(f"{what} {axis}" in page for what in ("force", "moment", "reaction") for axis in "xyz")
+
+
+@pytest.mark.parametrize("cut", [0.0, 1.0])
+def test_what_is_nearer_hides_what_is_behind(monkeypatch, cut):
+    """Every pixel shows the facet nearest to the eye, with the coordinates of its middle, in any order of facets, and
+    nothing of what is in front of a cut."""
+    rng = np.random.default_rng(4)
+    corners = rng.uniform(0.0, 20.0, (40, 3, 3))
+    edges = corners[:, 1:, :2] - corners[:, :1, :2]
+    turned = np.linalg.det(edges) < 0.0
+    corners[turned] = corners[turned][:, ::-1]
+    monkeypatch.setattr(views, "CHUNK", 500)
+    corners = np.concatenate([corners, rng.uniform(-1.0, cut, (40, 3, 1))], axis=2)
+    face, weights, depth = views.rasterise(corners, (20, 20))
+    for row, column in itertools.product(range(20), range(20)):
+        a = np.concatenate([corners[..., :2].transpose(0, 2, 1), np.ones((40, 1, 3))], axis=1)
+        at = np.linalg.solve(a, np.tile([[column + 0.5], [row + 0.5], [1.0]], (40, 1, 1)))[..., 0]
+        z = np.where((at >= 0.0).all(axis=1) & ((at * corners[..., 3]).sum(axis=1) <= 0.0),
+                     (at * corners[..., 2]).sum(axis=1), -np.inf)
+        assert depth[row, column] == pytest.approx(z.max())
+        assert face[row, column] == (z.argmax() if np.isfinite(z.max()) else -1)
+        if face[row, column] >= 0:
+            assert weights[row, column] == pytest.approx(at[face[row, column]], abs=1e-9)
+
+
+def test_edges_are_drawn_where_facets_meet_at_an_angle_and_are_seen():
+    """Of a box nine edges are seen from a corner, in pieces as long as they are, and three are hidden."""
+    mesh = made_up_solids.box(size=(1.0, 1.0, 1.0), divisions=(2, 2, 2))
+    view = views.View(mesh.points)
+    facets = views.Skin(view, mesh.points, mesh.triangles).facets
+    at = 200.0 * view.place(mesh.points)
+    at[:, :2] -= at[:, :2].min(axis=0) - 2.0
+    edges = views.outlines(at, facets)
+    assert len(edges) == 24
+    seen = np.cross(at[facets[:, 1]] - at[facets[:, 0]], at[facets[:, 2]] - at[facets[:, 0]])[:, 2] > 0.0
+    corners = np.pad(at, ((0, 0), (0, 1)))[facets[seen]]
+    depth = views.rasterise(corners, np.ceil(at[:, 1::-1].max(axis=0)).astype(int) + 2)[2]
+    lines = views.unhidden(edges, depth)
+    length = np.linalg.norm(200.0 * view.place(np.eye(3))[:, :2], axis=1).sum()
+    assert np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1).sum() == pytest.approx(3.0 * length, rel=0.03)
+
+
+def flattened(mesh, group):
+    face = made_up_solids.interface("a-b", mesh, group)
+    table = {"area": face.area} | {name: column for names, columns in (("xyz", face.xy.T), (("nx", "ny", "nz"),
+                                                                                            face.normal.T))
+                                   for name, column in zip(names, columns, strict=True)}
+    at, labels, along = flatten(table, face.facets)
+    a, b, c = at.transpose(1, 0, 2)
+    return at, labels, along, np.abs(np.linalg.det(np.stack([b - a, c - a], axis=1))).sum() / 2, face
+
+
+def test_flat_contacts_are_drawn_in_their_coordinates():
+    """A face of a box is drawn over the two coordinates that vary on it; an inclined one keeps its area."""
+    mesh = made_up_solids.box((1.0, 2.0, 3.0), (3.0, 1.0, 2.0))
+    for group, labels, low, high in (("bottom", ("x", "y"), (1, 2), (4, 3)), ("left", ("y", "z"), (2, 3), (3, 5)),
+                                     ("back", ("x", "z"), (1, 3), (4, 5))):
+        at, found, _, area, face = flattened(mesh, group)
+        assert found == labels and area == pytest.approx(face.area.sum())
+        assert at.min(axis=(0, 1)) == pytest.approx(low) and at.max(axis=(0, 1)) == pytest.approx(high)
+    turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    *_, along, area, face = flattened(dataclasses.replace(mesh, points=mesh.points @ turn.T), "bottom")
+    assert area == pytest.approx(face.area.sum()) and along[0] @ face.normal[0] == pytest.approx([0.0, 0.0], abs=1e-12)
+
+
+def test_contacts_around_an_axis_are_unrolled():
+    """A bore is as wide as its circumference, each facet once and whole; slip turns with it."""
+    at, labels, along, area, face = flattened(made_up_solids.tube((0.5, 1.0), 2.0), "inner")
+    assert labels == ("around the axis", "z") and area == pytest.approx(2.0 * np.pi * 0.5 * 2.0, rel=1e-9)
+    assert np.ptp(at, axis=(0, 1)) == pytest.approx([np.pi, 2.0], rel=1e-6)
+    assert np.ptp(at[..., 0], axis=1).max() < 0.2
+    assert np.einsum("lcd,ld->lc", along, face.normal) == pytest.approx(0.0, abs=0.05)
+
+
+@pytest.mark.parametrize("inside", [False, True])
+def test_rigid_partners_are_drawn_where_bodies_may_touch_them(tmp_path, inside):
+    """A part of a rigid surface around the contact, moved as the bodies are, and turned to them."""
+    bodies = {"tube": made_up_solids.tube((0.5, 1.0), 2.0)}
+    partner = {"shape": "cylinder", "name": "rod", "point": [0.0, 0.0, 0.0], "axis": [0.0, 0.0, 1.0],
+               "radius": 1.1 if inside else 0.45, "inside": inside, "displacement": [0.1, 0.0, 0.0]}
+    made_up_solids.results(tmp_path, bodies, {"tube-rod": ("tube", "outer" if inside else "inner")}, rigid=[partner])
+    results = read_results(tmp_path)
+    (drawn,) = rigid_parts(results, 2.0)
+    off = drawn.at - (0.2, 0.0, 0.0)
+    assert np.linalg.norm(off[:, :2], axis=1) == pytest.approx(partner["radius"])
+    assert np.ptp(off[:, 2]) == pytest.approx(2.5)
+    a, b, c = off[drawn.facets].transpose(1, 0, 2)
+    outward = (np.cross(b - a, c - a) * (a + b + c) * (1.0, 1.0, 0.0)).sum(axis=1)
+    assert (outward < 0.0).all() if inside else (outward > 0.0).all()
+    assert "bodies.png" in [path.name for path in draw_all(tmp_path)]
+
+
+def test_a_mechanism_of_solids_is_drawn(tmp_path):
+    """Bodies move by velocity and turning about their centres, not by more than a tenth of the extent."""
+    bodies, contacts = made_up_solids.stack(divisions=(6, 2, 2))
+    made_up_solids.results(tmp_path, bodies, contacts)
+    (tmp_path / "mechanism.json").write_text(json.dumps({
+        "reason": "no equilibrium: upper turns", "imbalance": 0.1,
+        "bodies": [{"name": "upper", "centre": [1.5, 0.5, 1.5], "velocity": [0.0, 0.2, 0.0, 0.0, 0.0, 0.6]}]}))
+    (drawn,) = draw_all(tmp_path)
+    assert drawn.name == "mechanism.png" and image.imread(drawn)[..., :3].std() > 0.05
+
+
+def test_a_contact_without_friction_has_no_map_of_it(tmp_path):
+    """Pressure, zones and gap are left."""
+    bodies, contacts = made_up_solids.stack(divisions=(6, 2, 2))
+    made_up_solids.results(tmp_path, bodies, contacts, friction=made_up.NoFriction())
+    labels = [axes.get_ylabel() for axes in draw_maps(read_results(tmp_path), "upper-lower").axes]
+    assert labels[3:] == ["pressure (MPa)", "gap (µm)"]
+
+
+@pytest.mark.parametrize(("name", "right", "eye"), [
+    ("front", [1, 0, 0], [0, -1, 0]), ("back", [-1, 0, 0], [0, 1, 0]), ("left", [0, -1, 0], [-1, 0, 0]),
+    ("right", [0, 1, 0], [1, 0, 0]), ("top", [1, 0, 0], [0, 0, 1]), ("bottom", [1, 0, 0], [0, 0, -1]),
+    ("iso", [0.5**0.5, 0.5**0.5, 0], [3**-0.5, -(3**-0.5), 3**-0.5]), ([30, 0], [-0.5, 0.75**0.5, 0],
+                                                                     [0.75**0.5, 0.5, 0])])
+def test_views_look_at_the_groups_of_a_box_by_their_names(name, right, eye):
+    """The eye is in front of the side that gives the view its name, or where its angles say; axes are right-handed."""
+    box = made_up_solids.box()
+    axes = views.View(box.points, {"view": name}).axes
+    assert axes[[0, 2]] == pytest.approx(np.array([right, eye]), abs=1e-5)
+    assert np.cross(axes[0], axes[1]) == pytest.approx(axes[2])
+    if str(name) in box.groups:
+        assert ((box.points[box.groups[name]].mean(axis=(0, 1)) - box.points.mean(axis=0)) @ axes[2]) > 0.0
+    assert set(VIEWS) >= set(box.groups)
+
+
+@pytest.mark.parametrize("at", [1.0, 1.1, 0.25])
+@pytest.mark.parametrize(("axis", "order"), [("x", 1), ("x", 2), ("y", 1), ("z", 2)])
+def test_a_cut_has_a_face(axis, order, at):
+    """It is as large as the section, faces the eye, has the nodes' values in between, through nodes as between them,
+    and its rim is one closed line along each body. What is in front of it is hidden."""
+    mesh, k = made_up_solids.box(size=(2.0, 1.5, 1.25), divisions=(4, 3, 5), order=order), "xyz".index(axis)
+    view = views.View(mesh.points, {"cut": {axis: at}})
+    skin = views.Skin(view, mesh.points, mesh.triangles)
+    points, cap = skin.extended(mesh.points), skin.facets[skin.of < 0]
+    a, b, c = points[cap].transpose(1, 0, 2)
+    areas, size = np.cross(b - a, c - a)[:, k] / 2, np.delete([2.0, 1.5, 1.25], k)
+    assert points[cap][..., k] == pytest.approx(at)
+    assert areas.sum() == pytest.approx(np.sign(view.axes[2, k]) * size.prod())
+    assert np.abs(areas).sum() == pytest.approx(size.prod())
+    assert skin.extended(mesh.points @ (1.0, 2.0, 3.0)) == pytest.approx(points @ (1.0, 2.0, 3.0))
+    rim = views.outlines(view.place(points), cap)
+    assert np.linalg.norm(rim[:, 1] - rim[:, 0], axis=1).sum() == pytest.approx(2.0 * size.sum())
+    corners = mesh.points[mesh.triangles[skin.cell[skin.of < 0], :4]]
+    assert (corners[..., k].min(axis=1) <= at + 1e-9).all() and (corners[..., k].max(axis=1) >= at - 1e-9).all()
+    kept = points[np.unique(skin.facets)][skin.beyond[np.unique(skin.facets)] <= 0.0]
+    assert ((at - kept[:, k]) * view.axes[2, k] >= -1e-9).all()
+
+
+def test_pictures_are_cut_and_seen_as_asked_for(tmp_path):
+    """The keys of the scene and the options of the command do the same, to bodies, contacts, errors and animations;
+    the scale of colours and the limits are those of what is left."""
+    results = stacked(tmp_path, times=(1.0, 2.0), error=True)
+    whole = {path.name: image.imread(path) for path in draw_all(tmp_path)}
+    asked = {"view": "front", "cut": {"y": 0.5}, "magnification": 3.0}
+    drawn = {path.name: image.imread(path) for path in draw_all(tmp_path, **asked)}
+    for name in ("bodies.png", "error.png"):
+        assert drawn[name].shape != whole[name].shape or np.abs(drawn[name] - whole[name]).max() > 0.1
+    results.summary["scene"]["output"] |= asked
+    axes = draw_bodies(results).axes[0]
+    assert axes.get_figure()._suptitle.get_text().endswith("displacement × 3, largest 92 µm")
+    assert draw_contacts(results) and animate(results, tmp_path, "").exists()
+    left, right = axes.get_xlim()
+    assert left < 0.0 and 3.0 < right < 3.6
+    results.summary["scene"]["output"] |= {"cut": {"x": 1.0}}
+    assert draw_bodies(results).axes[0].get_xlim()[1] < 1.6
+
+
+@pytest.mark.parametrize(("asked", "words"), [
+    ({"view": "frnt"}, "--view: 'frnt' is not valid; expected one of .*did you mean 'front'"),
+    ({"view": [10.0, 95.0]}, r"--view\.1: expected a number <= 90"), ({"view": [1.0]}, "--view: expected a list"),
+    ({"cut": {"w": 1.0}}, r"--cut\.w: unknown key"), ({"cut": {"x": float("nan")}}, "finite number"),
+    ({"cut": {"x": 1.0, "y": 0.5}}, "a cut has one of x, y and z"), ({"magnification": -1.0}, "--magnification"),
+    ({"cut": {"x": 3.0}}, "x = 3 cuts no body; they reach from 0 to 3")])
+def test_what_is_asked_for_is_checked(tmp_path, asked, words):
+    """In one message, with the option and what would have been right."""
+    stacked(tmp_path)
+    with pytest.raises(InputError, match=words):
+        draw_all(tmp_path, **asked)
+
+
+def test_maps_show_what_is_closed(tmp_path):
+    """Of a contact that is closed in a small part only, this and its surroundings."""
+    results = stacked(tmp_path)
+    table = results.contacts["upper-lower"]
+    whole = draw_maps(results, "upper-lower").axes[0]
+    assert whole.get_xlim()[1] > 2.9
+    table["status"][:] = np.where((table["x"] <= 0.5) & (table["y"] <= 0.25), "stick", "open")
+    small = draw_maps(results, "upper-lower").axes[0]
+    assert 0.5 < small.get_xlim()[1] < 1.5
+
+
+def test_pressure_and_tension_are_told_apart(tmp_path):
+    """Where a contact bears tension, colours are white at zero; else they begin there."""
+    results = stacked(tmp_path)
+    table = results.contacts["upper-lower"]
+    assert draw_contacts(results).axes[-1].get_ylim()[0] == 0.0
+    table["normal_stress"][0] = -0.25 * table["normal_stress"].max()
+    low, high = draw_contacts(results).axes[-1].get_ylim()
+    assert low == pytest.approx(-high)
+
+
+def test_what_turns_has_a_loop_of_its_moment(tmp_path):
+    """Where contact forces cancel, as of a shaft in its hub, steps.png draws the moment that varies most."""
+    results = stacked(tmp_path, times=(1.0, 2.0))
+    assert draw_steps(results).axes[0].get_ylabel() == "tangential force (N)"
+    for axis in "xyz":
+        results.steps[f"force_{axis}"][:] = 0.0
+    results.steps["moment_y"][:] = [1e9, -1e9]
+    axes = draw_steps(results).axes[0]
+    assert axes.get_ylabel() == "moment (N·m)" and axes.lines[0].get_label() == "upper-lower, moment y"
+    assert axes.lines[0].get_ydata().tolist() == [0.0, 1e9, -1e9]
