@@ -7,6 +7,7 @@ Sections, each with a table of its own:
   work        multiplications per body of a wall and of two blocks on the same mesh
   ranks       the same scene on different numbers of ranks, each twice: answers compared
   messages    what a rank sends, in rows of blocks with a rank for each
+  bricks      iterations and products of bricks in space, by pairs of nodes and by mortar
 
 Writes to the folder --output a CSV file for each section (a line per measurement, written at once, so that an
 interrupted study continues) and assemblies_table.md; once all sections are there, the table is also written to
@@ -162,6 +163,43 @@ def checkerboard(side: int, bonded: bool, N: int = 8) -> Scene:
     return maker.scene
 
 
+def in_space(scene: Scene, N: int, pairing: str) -> Scene:
+    """Blocks of the plane as boxes one unit thick, sheared sideways as well; with mortar every other one is finer."""
+    for number, body in enumerate(scene["body"]):
+        (x, z), (X, Z) = body["mesh"]["corners"][::2]
+        fine = N + (number % 2 if pairing == "mortar" else 0)
+        body["mesh"] = {"shape": "box", "origin": [x, 0.0, z], "size": [X - x, 1.0, Z - z],
+                        "divisions": [round((X - x) * fine), fine, round((Z - z) * fine)]}
+        for load in body["traction"]:
+            along, upwards = load["value"]
+            load["value"] = [along, 0.3 * along, upwards]
+        body["volume_force"].insert(1, 0.0)
+    scene["contact"] = [contact | {"pairing": pairing} for contact in scene["contact"]]
+    return scene
+
+
+def cube(side: int, N: int, pairing: str) -> Scene:
+    """Loose cubes in rows, columns and layers on a rigid floor, Coulomb 0.5; by mortar every other one is finer."""
+    law = {"friction": {"law": "coulomb", "coefficient": 0.5}}
+    scene: Scene = {"rigid": [{"name": "floor", "shape": "plane", "point": [0, 0, 0], "normal": [0, 0, 1]}], "body": [],
+                    "contact": [], "method": {"tolerance": 1e-8}}
+    for x, y, z in np.ndindex(side, side, side):
+        fine = N + ((x + y + z) % 2 if pairing == "mortar" else 0)
+        loads = [{"on": "top", "value": [0.0, 0.0, -1e5]}] * (z == side - 1)
+        scene["body"].append({
+            "name": f"b{x}{y}{z}", "mesh": {"shape": "box", "origin": [x, y, z], "size": [1, 1, 1],
+                                            "divisions": [fine, fine, fine]},
+            "material": {"young": 2e9, "poisson": 0.3}, "volume_force": [0.0, 0.0, -25e3],
+            "traction": loads + [{"on": "left", "value": [2e3, 0.0, 0.0]}] * (x == 0)})
+        if z == 0:
+            scene["contact"].append({"bodies": [f"b{x}{y}0", "floor"], "on": ["bottom"]} | law)
+        for X, Y, Z, *on in ((x + 1, y, z, "right", "left"), (x, y + 1, z, "back", "front"),
+                             (x, y, z + 1, "top", "bottom")):
+            if max(X, Y, Z) < side:
+                scene["contact"].append({"bodies": [f"b{x}{y}{z}", f"b{X}{Y}{Z}"], "on": on, "pairing": pairing} | law)
+    return scene
+
+
 # What is measured
 
 PAGE = "assemblies_table.md"
@@ -194,6 +232,13 @@ SPREAD = {"16 blocks, clamped": (SCENES["16 blocks, clamped"][0], RANKS),
           "wall 4 x 3, N = 4": (lambda: wall(4, 3, 4), RANKS),
           "wall 14 x 14, N = 4": (lambda: wall(14, 14, 4), (1, 2, 4, 16))}
 ROWS, DIVISIONS = (4, 16, 64), (6, 8)
+BRICKS: dict[str, Callable[[int, str], Scene]] = {
+    "two boxes, clamped": lambda N, pairing: in_space(stack(2, True), N, pairing),
+    "16 boxes, clamped": lambda N, pairing: in_space(stack(16, True), N, pairing),
+    "wall of 27 bricks": lambda N, pairing: in_space(wall(6, 4), N, pairing),
+    "27 loose cubes": lambda N, pairing: cube(3, N, pairing)}
+FINE = 4
+"""Divisions of a unit of length of bricks in space."""
 
 SECTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "iterations": (("scene", "modes"), ("bodies", "steps", "iterations", "n_A", "certified", "seconds")),
@@ -201,6 +246,7 @@ SECTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "ranks": (("scene", "ranks"), ("distance", "same_statuses", "repeated", "seconds")),
     "messages": (("blocks",), ("motions", "product_messages", "product_bytes", "products", "messages", "bytes",
                                "reductions", "reduced_bytes", "certified", "seconds")),
+    "bricks": (("scene", "pairing"), ("bodies", "steps", "iterations", "n_A", "certified", "seconds")),
 }
 
 
@@ -208,12 +254,21 @@ SECTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 
 def measure_iterations(name: str, modes: bool) -> Row:
     """One scene on one rank, with coarse modes or without."""
-    kept, start = newton.SMOOTH, time.perf_counter()
-    newton.SMOOTH = kept if modes else np.inf
+    kept = newton.SMOOTH
+    newton.SMOOTH = kept if modes else dict.fromkeys(kept, np.inf)
     try:
-        answer = ddmpi.solve(to_toml(SCENES[name][0]()), MPI.COMM_SELF)
+        return count_iterations(SCENES[name][0]())
     finally:
         newton.SMOOTH = kept
+
+
+def measure_bricks(name: str, pairing: str) -> Row:
+    return count_iterations(BRICKS[name](FINE, pairing))
+
+
+def count_iterations(scene: Scene) -> Row:
+    start = time.perf_counter()
+    answer = ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
     outer, summary = answer.solved.solution.outer, answer.summary
     return {"bodies": len(summary["bodies"]), "steps": len(outer.history), "iterations": outer.inner_steps["gmres"],
             "n_A": summary["n_A"], "certified": answer.certified, "seconds": round(time.perf_counter() - start, 2)}
@@ -328,6 +383,20 @@ def messages_table(rows: list[Row]) -> list[str]:
                     for row in rows])]
 
 
+def bricks_table(rows: list[Row]) -> list[str]:
+    boxes = {row["pairing"]: row["n_A"] / row["bodies"] for row in where(rows, scene="two boxes, clamped")}
+    return ["## Bricks in space", "",
+            f"Boxes of tetrahedra of order 1, {FINE} cells a unit, on one rank: matching ones by pairs of nodes, and "
+            "by mortar where every other one has a cell more. Aim: at most 10 iterations a step, and at most 1.5 times "
+            "the products a body of two boxes that clamps hold.", "",
+            *table(["scene", "pairing", "steps", "iterations a step", "products a body", "over two boxes'",
+                    "certified"],
+                   [[row["scene"], row["pairing"], row["steps"], f"{row['iterations'] / row['steps']:.1f}",
+                     f"{row['n_A'] / row['bodies']:.0f}",
+                     f"{row['n_A'] / row['bodies'] / boxes[row['pairing']]:.2f}" if row["pairing"] in boxes else "–",
+                     _yes(row["certified"])] for row in rows])]
+
+
 def _yes(value: bool) -> str:
     return "yes" if value else "**no**"
 
@@ -351,8 +420,10 @@ def main() -> None:
         "iterations": ([(name, modes) for name in options.scenes for modes in (True, False)], measure_iterations),
         "work": ([(name, N) for N in DIVISIONS for name in WORK], measure_work),
         "ranks": ([(name, ranks) for name, (_, several) in SPREAD.items() for ranks in several], measure_ranks),
-        "messages": ([(K,) for K in options.rows], measure_messages)}
-    tables = {"iterations": iterations_table, "work": work_table, "ranks": ranks_table, "messages": messages_table}
+        "messages": ([(K,) for K in options.rows], measure_messages),
+        "bricks": ([(name, pairing) for name in BRICKS for pairing in ("nodes", "mortar")], measure_bricks)}
+    tables = {"iterations": iterations_table, "work": work_table, "ranks": ranks_table, "messages": messages_table,
+              "bricks": bricks_table}
     lines, complete = ["# Assemblies, measured", "", "Generated by `scripts/study assembly_study`.", ""], True
     for section, (key, others) in SECTIONS.items():
         path = options.output / f"{section}.csv"

@@ -7,7 +7,7 @@ slower rank, the least of several runs where they are short; start-up and files 
 
 Writes to the folder --output: tradeoff.csv (a line per case, written at once, so that an interrupted study continues),
 tradeoff_table.md and figures; once all axes are done with the usual reference, page and figures are also written to
-docs/tables/.
+docs/tables/. In space: `scripts/study tradeoff_in_space`.
 """
 
 import ctypes
@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse as sparse
 from experiment import (
     VARIANTS,
     Ledger,
@@ -29,16 +30,32 @@ from experiment import (
     publish,
     save_figures,
     seconds,
+    start,
     table,
     where,
 )
 from mpi4py import MPI
-from true_errors import ClosedForm, Errors, FineSolution, Rings, energy, own_body, solve_reference
+from problems.solids import PLANES, half_ball, hertz_values, tube
+from scenes import to_toml
+from solid_scenes import two_boxes
+from true_errors import (
+    ClosedForm,
+    Errors,
+    FineSolution,
+    Rings,
+    difference,
+    energy,
+    own_body,
+    relative,
+    solve_reference,
+)
 
+import ddmpi
 from ddmpi.body.estimate import estimate_error, relative_error
 from ddmpi.coupling.assembly import Assembly, prepare
 from ddmpi.errors import SolverError
 from ddmpi.petsc.versions import free_garbage
+from ddmpi.run.answer import Answer
 from ddmpi.run.solve import Solution, solve
 from ddmpi.scene.scene import Settled
 from ddmpi.system.clock import Clock
@@ -573,8 +590,267 @@ def draw_tolerance(rows: list[Row]):
     return figure
 
 
+# In space
+
+SPACE = "tradeoff_in_space.md"
+FINE = 8
+"""Cells along the short sides of the boxes of the reference solution, of order 2; N of the others divides it."""
+
+STEPS = 32
+"""Load steps of each leg of the history that the others are compared with."""
+
+
+class SolidCase(NamedTuple):
+    """All choices of a run in space. `N`: cells along a short side, elements on the radius of contact or across a wall;
+    `shape`: "curved", or "straight" quadratic elements on curved boundaries; `steps`: of each leg, or a tolerance."""
+
+    scene: str
+    N: int
+    order: int = 1
+    pairing: str = NONE
+    shape: str = NONE
+    tolerance: float = 1e-8
+    steps: float | str = NONE
+
+
+SHAPES = ((1, NONE), (2, "straight"), (2, "curved"))
+SOLIDS = [*(SolidCase("boxes", N, order, pairing) for order, meshes in ((1, (2, 4, 8)), (2, (2, 4))) for N in meshes
+            for pairing in (("nodes", "mortar", "unlike") if order == 1 else ("mortar", "unlike"))),
+          *(SolidCase("boxes", 4, 1, "nodes", tolerance=tolerance) for tolerance in (1e-2, 1e-3, 1e-4, 1e-6)),
+          *(SolidCase("ball", N, order, shape=shape) for order, shape in SHAPES for N in (3, 5)),
+          *(SolidCase("tubes", N, order, shape=shape) for order, shape in SHAPES for N in (2, 4)),
+          *(SolidCase("history", 4, steps=steps) for steps in (1, 2, 4, 8, 16, 0.1, 0.02))]
+SOLID_ERRORS = {"boxes": {"one": "energy norm", "two": "normal force", "three": "tangential force",
+                          "four": "displacement of a corner"},
+                "ball": {"one": "greatest pressure", "two": "radius of contact"},
+                "tubes": {"one": "mean pressure", "two": "pressure at nodes, L2"},
+                "history": {"one": "tangential force at the end", "two": "dissipated energy"}}
+"""What the columns of errors are, by the scene."""
+
+SOLID_TITLES = {"boxes": "Two boxes with Coulomb friction", "ball": "A ball on a rigid plane",
+                "tubes": "Two tubes with interference", "history": "Boxes pressed, sheared and sheared back"}
+SOLID_COLUMNS = ("n", "outcome", "iterations", "n_A", "cpu_seconds", "estimated", "one", "two", "three", "four")
+
+
+def solid_scene(case: SolidCase, folder: Path) -> dict:
+    """The scene of a case."""
+    method = {"method": {"tolerance": case.tolerance}}
+    if case.scene in ("boxes", "history"):
+        other = {"pairing": case.pairing} if case.pairing in ("nodes", "mortar") else {}
+        scene = two_boxes(case.N, case.N + 1 if case.pairing == "unlike" else None, case.order, **other)
+        if case.scene == "history":
+            upper, lower = scene["body"]
+            upper["traction"] = [{"on": "back", "value": [0.0, -6e7, 0.0], "history": "press"},
+                                 {"on": "right", "value": [2e7, 0.0, 2e7], "history": "shear"}]
+            lower["traction"] = []
+            scene["history"] = {"press": {"times": [0.0, 1.0], "factors": [0.0, 1.0]},
+                                "shear": {"times": [1.0, 2.0, 3.0], "factors": [0.0, 1.0, -1.0]}}
+            way = {"tolerance": case.steps} if case.steps < 1 else {"steps": int(case.steps)}
+            scene["time"] = {"points": [1.0, 2.0, 3.0]} | way
+        return scene | method
+    drawn = 1 if case.shape == "straight" else case.order
+    if case.scene == "ball":
+        mesh = half_ball(folder / "ball.msh", 0.1, 0.088 / case.N, drawn) | {"order": case.order}
+        floor = {"name": "floor", "shape": "plane", "point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}
+        return {"body": [{"name": "ball", "mesh": mesh, "material": {"young": 1.0, "poisson": 0.3},
+                          "clamp": [*PLANES, {"on": "top", "z": -0.0075}]}],
+                "rigid": [floor], "contact": [{"bodies": ["ball", "floor"], "on": ["contact"]}]} | method
+    ends = [*PLANES, {"on": "bottom", "z": 0.0}, {"on": "top", "z": 0.0}]
+    walls = {"inner": (0.3, 0.6 + FIT, 0.3 / case.N), "outer": (0.6, 0.9, 0.24 / case.N)}
+    return {"body": [{"name": name, "material": {"young": 2e11, "poisson": 0.3}, "clamp": ends, "mesh": tube(
+        folder / f"{name}.msh", *wall, drawn) | {"order": case.order}} for name, wall in walls.items()],
+            "contact": [{"bodies": ["inner", "outer"], "on": ["outer", "inner"]}]} | method
+
+
+SHORT = 0.5
+"""Runs of less processor time are repeated (s)."""
+
+FIT = 6e-5
+"""Interference of the tubes (m)."""
+
+
+class Space:
+    """The measurements in space, and the solutions with which they are compared; meshes go into the folder."""
+
+    def __init__(self, folder: Path, finest: int) -> None:
+        self.folder, self.finest = folder / "meshes", finest
+        self.folder.mkdir(parents=True, exist_ok=True)
+
+    def solved(self, case: SolidCase) -> tuple[Answer, float]:
+        """The answer on this rank alone, and the processor time that it took; the least of up to three runs."""
+        text, least = to_toml(solid_scene(case, self.folder)), np.inf
+        for _ in range(3):
+            start = time.process_time()
+            answer = ddmpi.solve(text, MPI.COMM_SELF)
+            least = min(least, time.process_time() - start)
+            if least > SHORT:
+                break
+        return answer, least
+
+    def measure(self, case: SolidCase) -> Row:
+        """A line of the table."""
+        answer, least = self.solved(case)
+        summary = answer.summary
+        errors = {"boxes": self.of_boxes, "ball": self.of_ball, "tubes": self.of_tubes,
+                  "history": self.of_history}[case.scene](answer)
+        named = dict(zip(("one", "two", "three", "four"), errors, strict=False))
+        return dict.fromkeys(SOLID_COLUMNS, np.nan) | named | {
+            "n": summary["n"], "outcome": "certified" if answer.certified else answer.reason, "cpu_seconds": least,
+            "iterations": sum(step["outer_iterations"] for step in summary["steps"]), "n_A": summary["n_A"],
+            "estimated": (summary["discretization_error"] or {}).get("energy_norm") or np.nan}
+
+    @functools.cached_property
+    def fine(self) -> Answer:
+        return self.solved(SolidCase("boxes", self.finest, 2, "mortar"))[0]
+
+    @property
+    def own(self) -> float:
+        """The estimated error of the fine solution, in the energy norm."""
+        return self.fine.summary["discretization_error"]["energy_norm"]
+
+    @functools.cached_property
+    def stiffness(self) -> sparse.csr_matrix:
+        """Of one of the two boxes of the fine solution, which are alike."""
+        from by_skfem import stiffness_of
+
+        body = self.fine.solved.assembly.bodies[0]
+        return stiffness_of(body.mesh, body.spec.material)
+
+    def of_boxes(self, answer: Answer) -> list[float]:
+        """Errors against the fine solution, whose own estimated error is added in squares to the first one."""
+        far, whole = np.zeros(2)
+        for name, fine in self.fine.bodies.items():
+            mesh = next(each.mesh for each in answer.solved.assembly.bodies if each.spec.name == name)
+            coarse = in_box(mesh.points, answer.bodies[name].displacement, mesh.order, fine.points)
+            for k, v in enumerate((fine.displacement - coarse, fine.displacement)):
+                part = v.ravel() @ (self.stiffness @ v.ravel())
+                far, whole = (far + part, whole) if k == 0 else (far, whole + part)
+        contacts = [each.summary["contacts"]["upper-lower"] for each in (answer, self.fine)]
+        ends = [each.bodies["upper"].displacement[np.argmax(each.bodies["upper"].points.sum(axis=1))]
+                for each in (answer, self.fine)]
+        return [float(np.hypot(np.sqrt(far / whole), self.own)),
+                *(relative(*(each[key] for each in contacts)) for key in ("normal_force", "tangential_force")),
+                float(np.linalg.norm(ends[0] - ends[1]) / np.linalg.norm(ends[1]))]
+
+    def of_ball(self, answer: Answer) -> list[float]:
+        values, _ = hertz_values(answer.contacts["ball-floor"], 4, 1.0 / (1.0 - 0.09), 1.0, (1.0, 1.0))
+        return [abs(value.error) for value in values.values()]
+
+    def of_tubes(self, answer: Answer) -> list[float]:
+        a, b, c, E, nu = 0.3, 0.6, 0.9, 2e11, 0.3
+        young, poisson = E / (1 - nu**2), nu / (1 - nu)
+        exact = FIT * young / b / ((b**2 + a**2) / (b**2 - a**2) - poisson + (c**2 + b**2) / (c**2 - b**2) + poisson)
+        state = answer.contacts["inner-outer"]
+        area = state.interface.area
+        return [relative(float(state.normal_force.sum() / area.sum()), exact),
+                difference(state.pressure, np.full(len(area), exact), area)]
+
+    @functools.cached_property
+    def many_steps(self) -> dict:
+        return self.solved(SolidCase("history", 4, steps=STEPS))[0].summary["contacts"]["upper-lower"]
+
+    def of_history(self, answer: Answer) -> list[float]:
+        found, exact = answer.summary["contacts"]["upper-lower"], self.many_steps
+        off = np.subtract(found["force"], exact["force"])[[0, 2]]
+        return [float(np.linalg.norm(off) / np.linalg.norm(np.array(exact["force"])[[0, 2]])),
+                relative(found["dissipated"], exact["dissipated"])]
+
+
+def in_box(points: np.ndarray, u: np.ndarray, order: int, at: np.ndarray) -> np.ndarray:
+    """The displacement u (n, 3) of a box's nodes `points` (n, 3), cells of a grid cut after Kuhn, at others (k, 3).
+
+    In a cell the corners on the way from the least to the greatest go along the axes in the order of the coordinates.
+    """
+    low, size = points.min(axis=0), np.ptp(points, axis=0)
+    number = np.array([len(np.unique(np.round(points[:, k] / size[k] * 1e6))) - 1 for k in range(3)]) // order
+    place = np.full(2 * number + 1, -1)
+    place[tuple(np.round((points - low) / size * 2 * number).astype(int).T)] = np.arange(len(points))
+    x = (at - low) / size * number
+    cell = np.clip(np.floor(x + 1e-9), 0, number - 1)
+    inside = np.clip(x - cell, 0.0, 1.0)
+    axes = np.argsort(-inside, axis=1, kind="stable")
+    down = np.take_along_axis(inside, axes, axis=1)
+    part = -np.diff(np.column_stack([np.ones(len(at)), down, np.zeros(len(at))]), axis=1)
+    corner = cell[:, None] + np.concatenate([np.zeros((len(at), 1, 3)), np.cumsum(np.eye(3)[axes], axis=1)], axis=1)
+    twice = np.round(2 * corner).astype(int)
+
+    def of(nodes: np.ndarray) -> np.ndarray:
+        return u[place[tuple(nodes.T)]]
+
+    if order == 1:
+        return sum(part[:, i, None] * of(twice[:, i]) for i in range(4))
+    found = sum((part[:, i] * (2 * part[:, i] - 1))[:, None] * of(twice[:, i]) for i in range(4))
+    return found + sum((4 * part[:, i] * part[:, j])[:, None] * of((twice[:, i] + twice[:, j]) // 2)
+                       for i in range(4) for j in range(i))
+
+
+def solid_choice(row: Row) -> str:
+    """A case in words, without its scene."""
+    words = {"nodes": "pairs", "mortar": "mortar", "unlike": "meshes that do not match"}
+    if row["scene"] == "history":
+        return f"tolerance {row['steps']:g}" if row["steps"] < 1 else f"{row['steps']} steps a leg"
+    more = [words.get(row["pairing"], ""), row["shape"] if row["shape"] != NONE else "",
+            f"to {row['tolerance']:.0e}" if row["tolerance"] != 1e-8 else ""]
+    return ", ".join([f"order {row['order']}", f"N = {row['N']}", *filter(None, more)])
+
+
+def space_page(rows: list[Row], own: float) -> str:
+    """The tables of space, as Markdown; `own` is the error of the reference of the boxes."""
+    lines = ["# Accuracy and its cost in space", "",
+             "Generated by `scripts/study tradeoff_in_space`; what it means is in "
+             "[tradeoff.md](../understand/tradeoff.md). CPU s: processor time of one rank for all but start-up and "
+             "files, the least of up to three runs. N: cells along the short sides of boxes (3 m × 1 m × 1 m), "
+             "elements on the radius of contact, or across a wall. k: outer iterations. Boxes are compared with a "
+             f"solution of order 2 with N = {FINE}, whose own estimated error is {percent(own)} of the energy norm and "
+             f"is counted in, the history with {STEPS} steps "
+             "a leg on the same mesh.", "", "## The cheapest way to an error", "",
+             "Of the certified runs below to 1e-3 or tighter.", ""]
+    body = []
+    for scene, errors in SOLID_ERRORS.items():
+        own = [row for row in where(rows, scene=scene) if row["outcome"] == "certified" and row["tolerance"] <= LOOSEST]
+        for key, words in errors.items():
+            found = [[row for row in own if row[key] <= target] for target in (0.1, 0.05, 0.02, 0.01)]
+            best = [min(some, key=lambda row: row["cpu_seconds"]) if some else None for some in found]
+            body.append([SOLID_TITLES[scene], words, *(
+                f"{solid_choice(row)}: {row['cpu_seconds']:.2g} s" if row else "–" for row in best)])
+    lines += table(["scene", "error of", "10 %", "5 %", "2 %", "1 %"], body)
+    for scene, errors in SOLID_ERRORS.items():
+        lines += [f"## {SOLID_TITLES[scene]}", "", *table(
+            ["choice", "n", "k", "n_A", "CPU s", *errors.values(), "estimated"],
+            ([solid_choice(row) + failed(row), row["n"], row["iterations"], row["n_A"], f"{row['cpu_seconds']:.2g}",
+              *(percent(row[key]) for key in errors), percent(row["estimated"])] for row in where(rows, scene=scene)))]
+    return "\n".join(lines)
+
+
+def tradeoff_in_space() -> None:
+    """What accuracy costs in space: processor time and multiplications against true errors.
+
+    Two boxes with Coulomb friction against a fine solution, a ball on a plane and tubes with interference against
+    closed forms, a load and its way back against many load steps: meshes and orders, pairs or mortar, straight or
+    curved elements, tolerances, load steps. On one rank.
+
+    Writes to the folder --output: solids.csv (a line per case, written at once, so that an interrupted study continues)
+    and tradeoff_in_space.md, which is also written to docs/tables/ once all scenes are done.
+    """
+    parser = arguments(tradeoff_in_space.__doc__, "tradeoff_in_space")
+    parser.add_argument("--scenes", nargs="+", default=list(SOLID_TITLES), choices=SOLID_TITLES, metavar="SCENE",
+                        help="which of %(choices)s (default: all)")
+    parser.add_argument("--finest", type=int, default=FINE, metavar="N",
+                        help="mesh of the boxes' reference; cases with a larger N, and boxes of which it is no "
+                             "multiple, are left out (default: %(default)s)")
+    options = parser.parse_args()
+    space = Space(options.output, options.finest)
+    cases = [case for case in SOLIDS if case.scene in options.scenes and options.finest >= case.N
+             and (case.scene != "boxes" or options.finest % case.N == 0)]
+    rows = Ledger(MPI.COMM_SELF, options.output / "solids.csv", SolidCase._fields, SOLID_COLUMNS).fill(
+        cases, lambda *key: space.measure(SolidCase(*key)))
+    complete = (options.finest, options.scenes) == (FINE, list(SOLID_TITLES))
+    publish(SPACE, space_page(rows, space.own if "boxes" in options.scenes else np.nan), options.output, complete)
+    print(f"The page is in {options.output}")
+
+
 @on_two_ranks
-def main(world: MPI.Comm) -> None:
+def tradeoff(world: MPI.Comm) -> None:
     parser = arguments(__doc__, "tradeoff")
     parser.add_argument("--axes", nargs="+", default=list(AXES), choices=AXES, metavar="AXIS",
                         help="which of %(choices)s (default: all)")
@@ -599,4 +875,4 @@ def main(world: MPI.Comm) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    start(tradeoff, tradeoff_in_space)

@@ -18,18 +18,7 @@ from ddmpi.mesh.elements import facet_shares
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.pictures.bodies import middles, skin_of
 from ddmpi.pictures.moved import rigid_parts
-from ddmpi.pictures.sheet import (
-    ABOVE,
-    COLOURS,
-    FILLED,
-    NAMED,
-    PIXELS,
-    STYLE,
-    Sheet,
-    colours_of,
-    rounded,
-    start_drawing,
-)
+from ddmpi.pictures.sheet import COLOURS, FILLED, NAMED, PIXELS, STYLE, Sheet, above, colours_of, rounded, start_drawing
 from ddmpi.pictures.views import Skin, Surface
 from ddmpi.results.fields import drawn_facets
 from ddmpi.results.summary import units
@@ -184,10 +173,9 @@ def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = F
     factor, unit_of = scaled_unit(largest, results.summary["units"]["stress"])
     loads = {COLOURS["force"]: f"loads, up to {rounded(largest / factor)} {unit_of}" * bool(arrows),
              COLOURS["moved"]: "volume forces" * bool(weights)}
-    plan.axes.legend(handles=[
-        *(Line2D([], [], color=colour, label=words) for colour, words in loads.items() if words),
-        *(Line2D([], [], linestyle="", marker=MARKERS[k % len(MARKERS)], color=HELD, markersize=5, label=how)
-          for how, k in ways.items())], ncols=3, **ABOVE)
+    above(plan.axes, [*(Line2D([], [], color=colour, label=words) for colour, words in loads.items() if words),
+                      *(Line2D([], [], linestyle="", marker=MARKERS[k % len(MARKERS)], color=HELD, markersize=5,
+                               label=how) for how, k in ways.items())])
     if not plan.view.solid or len(groups) > NAMED:
         plan.write(list(bodies), inside)
     plan.figure.suptitle(f"{results.heading()}bodies as drawn{', from behind' * behind}")
@@ -222,7 +210,7 @@ def draw_contacts(results: Results, interfaces: Sequence[Interface], missing: Se
         plan.colours(image, f"gap, negative where bodies overlap ({unit_of})")
     if missing:
         words = f"close enough to touch, in no contact ({len(missing)})"
-        plan.axes.legend(handles=[Line2D([], [], color=MISSING, label=words)], **ABOVE)
+        above(plan.axes, [Line2D([], [], color=MISSING, label=words)])
     plan.figure.suptitle(f"{results.heading()}contacts as drawn{', all touching' * (not gaps.any())}")
     return plan.figure
 
@@ -240,7 +228,7 @@ def _meshed(plan: Plan, body: Looked, colours: Mapping[str, str]) -> Surface:
     sides = np.roll(at, 1, axis=1) - np.roll(at, -1, axis=1)  # opposite of the corners
     double = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
     height = double[:, None] / np.linalg.norm(sides, axis=2).clip(1e-300) * PIXELS / plan.size
-    line = float(np.median(height) > SPACED)
+    line = float(np.median(height) > SPACED) if len(height) else 0.0
 
     def colour(face: np.ndarray, weights: np.ndarray) -> np.ndarray:
         return paint[face] * np.where((height[face] * weights < line).any(axis=1), 0.8, 1.0)[:, None]

@@ -151,3 +151,68 @@ class CoarseSystem:
         right = -self._space.add(self._EZ.T @ Mf)
         a = self._factors.solve(right if h is None else right + h)
         return Mf + self._MZ @ a, a
+
+
+class CrossPoints:
+    """How nodes give way at which bodies have several contacts: R = Σ B_a B_aᵀ / c_a, with the rows B_a there.
+
+    Half-spaces know one contact each. Around an edge where bodies meet forces may even cancel on all of them.
+
+    Parameters
+    ----------
+    members : the bodies of this rank
+    exchange, space : between the bodies, and the layout of the vectors
+
+    Attributes
+    ----------
+    rows : (k,) entries of this rank's vectors that are at such nodes
+
+    Construction is collective. Every rank holds R of all ranks.
+    """
+
+    def __init__(self, members: Sequence[Member], exchange: Exchange, space: Space) -> None:
+        self._space, starts, size = space, dict[str, int](), 0
+        for parts, own in space.comm.allgather((space.parts, space.size)):
+            starts |= {name: size + part.start for name, part in parts.items()}
+            size += own
+        found = [member.at_cross_points() for member in members]
+        rest = exchange.total([own for _, own in found], "cross points")
+        blocks = []
+        for member, (block, _) in zip(members, found, strict=True):
+            rows = np.concatenate([np.zeros(0, int), *(starts[name] + np.arange(part.stop - part.start)
+                                                       for name, (part, _) in member.parts.items())])
+            place = sparse.csr_matrix((np.ones(len(rows)), (rows, np.arange(len(rows)))), (size, len(rows)))
+            blocks.append(place @ block)
+        B = sparse.hstack([sparse.csr_matrix((size, 0)), *itertools.chain(*exchange.world.allgather(blocks))], "csr")
+        some = np.diff(B.indptr) > 0
+        self._R = (B @ B.T + sparse.diags(np.concatenate(space.comm.allgather(rest))))[some][:, some]
+        start = min((starts[name] for name in space.parts), default=0)
+        self.rows = np.flatnonzero(some[start:start + space.size])
+
+    def corrector(self, basis: sparse.csr_matrix, D: np.ndarray) -> Callable[[np.ndarray], np.ndarray] | None:
+        """w ↦ diag(K) K⁻¹ w for displacements (k,) along the unknown forces, K = Iᵀ R I + D; collective as this is.
+
+        Parameters
+        ----------
+        basis : I (owned size, k) sparse, along which forces are unknown
+        D : (k,) compliances (m/N) beside R, above zero
+
+        None where no such force is unknown.
+        """
+        space, unknown = self._space, basis[self.rows]
+        columns = np.unique(unknown.indices)
+        parts = space.comm.allgather((unknown[:, columns], D[columns]))
+        ends = np.cumsum([0, *(len(each) for _, each in parts)])
+        if not ends[-1]:
+            return None
+        here, every = slice(*ends[space.comm.rank:][:2]), sparse.block_diag([each for each, _ in parts], "csr")
+        K = (every.T @ self._R @ every + sparse.diags(np.concatenate([each for _, each in parts]))).tocsc()
+        diagonal, factors = K.diagonal(), splu(K, permc_spec="MMD_AT_PLUS_A")
+
+        def correct(w: np.ndarray) -> np.ndarray:
+            right, found = np.zeros(len(diagonal)), w.copy()
+            right[here] = w[columns]
+            found[columns] = (diagonal * factors.solve(space.add(right)))[here]
+            return found
+
+        return correct

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager
 
 import numpy as np
 
-from ddmpi.coupling.coarse import Motions, gather_motions
+from ddmpi.coupling.coarse import CrossPoints, Motions, gather_motions
 from ddmpi.coupling.exchange import Exchange
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.space import Space
@@ -45,7 +45,6 @@ class Joint:
     rigid : the rigid motions of loose bodies, Gᵀ = rigid.Z; of size 0 where clamps hold all bodies
     slices : of them by body, also of the bodies that have none, and by pushed partner
     e : (rigid.size,) the loads along them (N)
-    shared : (size,) bool, unknowns of nodes at which a body has several contacts
     neglected : forces (N) that do not matter in a product that is kept
     dear : whether a body's products are by an iterative solver
     """
@@ -57,7 +56,6 @@ class Joint:
         self.neglected = 0.0
         self._exchange = exchange
         self.dear = exchange.add(float(any(member.dear for member in members))) > 0.0
-        self.shared = exchange.total([member.shared for member in members], "shared nodes") > 0.0
         self._moved = {name: exchange.total([member.response(name)[0] for member in members], "free displacement")
                        for name in histories}
         self.rigid, self.slices = gather_motions(exchange, space, members, [member.G for member in members], pushed)
@@ -98,6 +96,10 @@ class Joint:
         """The rigid and then further motions: of each local body (j, its size); with a value of each further one."""
         more, _ = gather_motions(self._exchange, self.space, self.members, columns)
         return self.rigid.joined(more), self._of_all(values)
+
+    def cross_points(self) -> CrossPoints:
+        """How nodes give way at which bodies have several contacts. Collective."""
+        return CrossPoints(self.members, self._exchange, self.space)
 
     def rigid_moduli(self) -> np.ndarray:
         """`Member.stiffness` (N/m²; in space N/m) of the body that each rigid motion belongs to, or of the stiffest

@@ -14,7 +14,7 @@ from ddmpi.body.elasticity import Elasticity, LoadCase
 from ddmpi.body.rigid_motions import Centring, support
 from ddmpi.coupling.team import hold, make_solver
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.trace import displacement_trace, nodal_forces, normal_trace, rows, trace
+from ddmpi.interface.trace import displacement_trace, nodal_forces, normal_trace, trace
 from ddmpi.petsc.events import event
 
 PRECISE = 1e-12
@@ -114,15 +114,23 @@ class Member:
             return max(each.modulus * each.area.sum() / each.length for each in self.interfaces)
         return float(self.elasticity.A.getDiagonal().array_r.max(initial=0.0))
 
-    @property
-    def shared(self) -> np.ndarray:
-        """(size,) one at unknowns of nodes at which the body has several contacts, zero elsewhere."""
-        nodes = [each.nodes[each.side(self.name)] for each in self.interfaces]
-        if len(nodes) < 2:
-            return np.zeros(self.size)
-        several = np.flatnonzero(np.bincount(np.concatenate([np.unique(each) for each in nodes])) > 1)
-        return self._all(abs(rows(each, each.side(self.name))) @ np.isin(own, several)
-                         for each, own in zip(self.interfaces, nodes, strict=True))
+    def at_cross_points(self) -> tuple[sparse.csr_matrix, np.ndarray]:
+        """B of the nodes at which the body has several contacts, times the roots of their compliance (size, k), sparse;
+        and the compliance (size,) in m/N by which rows there follow other nodes. Not collective.
+
+        A node's compliance is the mean of its rows', which bodies that meet share alike.
+        """
+        B, d = self.C.B.tocoo(), self.motions.shape[1]
+        own = self._all(1.0 / ((2.0 - each.on_rigid) * each.stiffness) for each in self.interfaces)
+        contact = np.repeat(np.arange(len(self.parts)), [each.size for each in self.interfaces])
+        meets = sparse.csr_matrix((B.data != 0.0, (B.col // d, contact[B.row])), (B.shape[1] // d, len(self.parts)))
+        several = np.repeat(np.diff(meets.indptr) > 1, d)
+        number = np.bincount(B.col, minlength=B.shape[1])
+        node = np.bincount(B.col, own[B.row], B.shape[1]) / np.maximum(number, 1)
+        squares = np.bincount(B.row, B.data**2 * node[B.col], self.size)
+        there = np.bincount(B.row, B.data**2 * (several * node)[B.col], self.size)
+        found = self.C.B @ sparse.diags(np.sqrt(several * node))
+        return found[:, several], (there > 0.0) * own * (1.0 - there / np.where(squares > 0.0, squares, 1.0))
 
     @property
     def motions(self) -> np.ndarray:

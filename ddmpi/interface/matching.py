@@ -16,7 +16,7 @@ from ddmpi.interface.interface import Interface, Lines, in_order
 from ddmpi.interface.rows import Rows, build, without_rounding
 from ddmpi.interface.vertices import rows_at_vertices
 from ddmpi.mesh.boundary import links, segments
-from ddmpi.mesh.elements import RULES, circumference, facet_measures
+from ddmpi.mesh.elements import CELLS, RULES, circumference, facet_measures
 from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.surface.cover import DEEPEST, FACING, Cover, cover
 from ddmpi.surface.cut import stretch
@@ -102,21 +102,22 @@ def face_rigid(side: Side, rigid: Rigid, contact: SettledContact) -> Interface:
     partner = replace(side, body=rigid.name, modulus=np.inf, xy=side.xy - measured[:, None] * outward, normal=outward,
                       clamps=clamps, free=(clamps < 0)[:, :, None] * np.eye(side.dimension))
     if side.facets.shape[1] == 6:
-        rows = replace(rows_at_vertices((side, partner), 0, _over_rigid(side, rigid, np.flatnonzero(towards)), contact),
-                       points=None)
+        over, looked = (_over_rigid(side, rigid, np.flatnonzero(towards), *rule) for rule in (
+            RULES[2], (CELLS[2, 2].nodes, np.zeros(6))))
+        rows = rows_at_vertices((side, partner), 0, over, looked, contact)
     else:
         rows = pairs((side, partner), here, here, -outward[here], side.lengths_over(towards)[here], measured[here],
                      towards)
     found = build(rows, contact)
     U, none = np.array(rigid.displacement or np.zeros(side.dimension)), np.empty(0, int)
     fixed, probes = (replace(each, nodes=(each.nodes[0], none)) for each in (found.fixed, found.probes))
-    return replace(found, nodes=(found.nodes[0], none), modulus=side.modulus, fixed=fixed, probes=probes,
+    return replace(found, nodes=(found.nodes[0], none), modulus=side.modulus, fixed=fixed, probes=probes, slave=None,
                    transfer=(found.transfer[0], sparse.csr_matrix((found.m, 0))), history=rigid.history).displaced(U)
 
 
-def _over_rigid(side: Side, rigid: Rigid, some: np.ndarray) -> Cover:
-    """Gauss's points on some facets (n,) of a side in space that a rigid surface faces, with themselves as partners."""
-    where, weights = RULES[2]
+def _over_rigid(side: Side, rigid: Rigid, some: np.ndarray, where: np.ndarray, weights: np.ndarray) -> Cover:
+    """Points `where` (p, 3), with weights (p,), on some facets (n,) of a side in space that a rigid surface faces, with
+    themselves as partners."""
     facet, at = np.repeat(some, len(where)), np.tile(where, (len(some), 1))
     outward, gap = rigid.facing(np.einsum("qc,qcd->qd", at, side.xy[side.facets[facet, :3]]))
     outward = np.where(outward.any(axis=1, keepdims=True), outward, -side.outward[facet])

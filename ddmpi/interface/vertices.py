@@ -12,6 +12,8 @@ sum to one and constant stresses are exact.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import scipy.sparse as sparse
 
@@ -39,8 +41,11 @@ FLAT = 1e-3
 """Places within this part of their extent beside a line count as on it."""
 
 
-def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, contact: SettledContact) -> Rows:
-    """The rows of the slave, `sides[own]`. Not collective."""
+def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, looked: Cover, contact: SettledContact) -> Rows:
+    """The rows of the slave, `sides[own]`, which faces the other at the points of `over`. Not collective.
+
+    `looked` are places where overlaps of the answer are looked for.
+    """
     side, bonded = sides[own], contact.kind == "bonded"
     seen = np.isin(np.arange(len(side.facets)), over.facet)
     psi, full = _functions(side, over, bonded), _areas(side, seen)
@@ -57,7 +62,10 @@ def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, contact: S
     if held.any() and not held.all():
         shares[rows.nodes[held]] = True
         rows = _rows(sides, own, over, psi, _shared(full > 0.0, shares, near), seen)
-    return rows
+    at = _shapes(side, looked.facet, looked.at), _shapes(sides[1 - own], looked.other, looked.there)
+    first, sign = (1, 1.0) if own == 0 else (-1, -1.0)
+    return replace(rows, points=Places((sides[0].nodes, sides[1].nodes), sign * looked.direction, looked.gap,
+                                       at[::first]))
 
 
 def _functions(side: Side, over: Cover, hats: bool) -> sparse.csr_matrix:
@@ -141,11 +149,8 @@ def _rows(sides: tuple[Side, Side], own: int, over: Cover, psi: sparse.csr_matri
     whole = seen & (share >= (1.0 - LACKING) * side.lengths) & kept
     first, sign = (1, 1.0) if own == 0 else (-1, -1.0)
     drawn = place[side.facets[seen & kept, :3]]
-    probes = slice(None, None, 3)
     return Rows(sides, own, nodes, place, seen, (S, P)[::first], sign * normal, area, gap, np.zeros(len(nodes)),
-                np.zeros(len(place), bool), whole, Lines(np.arange(len(nodes)), side.xy[nodes], area, drawn),
-                Places((sides[0].nodes, sides[1].nodes), sign * over.direction[probes], over.gap[probes],
-                       tuple(each[probes] for each in at)[::first]))
+                np.zeros(len(place), bool), whole, Lines(np.arange(len(nodes)), side.xy[nodes], area, drawn))
 
 
 def _hardly_move(rows: Rows, tangential: bool) -> np.ndarray:

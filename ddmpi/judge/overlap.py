@@ -50,6 +50,9 @@ WIDEN, ADD = "name the whole boundary that may touch in `on`", "add a [[contact]
 PAIRS = 2**20
 """So many pairs of points and facets at a time."""
 
+FLATTEST = 1e-3
+"""Extents of facets below this part of the largest count as this part, where facets near points are looked for."""
+
 BESIDE = 1e-9
 """Overlaps with a rigid partner below this part of the body's size are rounding."""
 
@@ -317,9 +320,13 @@ def _in_partner(body: Body, facets: np.ndarray, u: np.ndarray, U: np.ndarray, ri
 def _depth_in_cell(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
     """The least barycentric coordinate (k,) of points (k, d) in the cell (c, d + 1, d) of which each is most inside.
 
-    It is −∞ for points that are near no cell.
+    It is −∞ for points that are near no cell. Flat cells are near to few points where they are stretched to round ones.
     """
     best = np.full(len(points), -np.inf)
+    if not len(cells):
+        return best
+    stretch = 1.0 / np.ptp(cells, axis=1).mean(axis=0)
+    points, cells = stretch * points, stretch * cells
     centre, tree = cells.mean(axis=1), cKDTree(points)
     reach = np.sqrt(((cells - centre[:, None]) ** 2).sum(axis=2).max(axis=1))
     close = np.flatnonzero(tree.query(centre, distance_upper_bound=reach.max(initial=0.0))[0] <= reach)
@@ -333,13 +340,19 @@ def _depth_in_cell(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
 
 
 def distance_to(points: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The distance of each point (k, d) to the nearest of the facets (f, d, d), and the number of that one."""
-    middle = facets.mean(axis=1)
-    tree, reach = cKDTree(middle), float(np.linalg.norm(facets - middle[:, None], axis=2).max())
-    radius, number = tree.query(points)
+    """The distance of each point (k, d) to the nearest of the facets (f, d, d), and the number of that one.
+
+    Facets are looked at whose boxes, all as large as the largest extents, reach as near as one nearby.
+    """
+    half = np.ptp(facets, axis=1).max(axis=0)
+    half = np.maximum(half, FLATTEST * half.max())
+    middle = facets.mean(axis=1) / half
+    tree = cKDTree(middle)
+    number = tree.query(points / half)[1]
+    radius = np.linalg.norm(nearest_in(points, facets[number]) - points, axis=1) * (1.0 + DRAWN) / half.min()
     distance = np.full(len(points), np.inf)
     for block in np.array_split(np.arange(len(points)), len(points) * len(facets) // PAIRS + 1):
-        found = tree.query_ball_point(points[block], radius[block] + reach)
+        found = tree.query_ball_point(points[block] / half, 1.0 + radius[block], p=np.inf)
         point, facet = np.repeat(block, [len(each) for each in found]), np.concatenate([*found, []]).astype(int)
         away = np.linalg.norm(nearest_in(points[point], facets[facet]) - points[point], axis=1)
         order = np.lexsort((away, point))

@@ -234,13 +234,12 @@ def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> l
     if not len(overlap) or not overlap[k] > least:
         return []
     place = in_words(interface.probes.moved(interface.side(body.spec.name), body.mesh.points)[k], 4)
-    where, other = "at nodes that clamps nearly hold", ""
-    if interface.slave:
-        where, slave = "between nodes", interface.side(interface.slave)
-        if len(interface.nodes[1 - slave]) > len(interface.nodes[slave]):
-            other = f" or slave = {interface.bodies[1 - slave]!r}"
-    return [f"contact.{interface.name}: the bodies overlap by {overlap[k]:.3g} {where}, as at {place}, "
-            f"though contact forces move them by {state.yielding:.3g} at most; a finer mesh{other} would be right"]
+    slave, other = interface.side(interface.slave) if interface.slave else 0, ""
+    if len(interface.nodes[1 - slave]) > len(interface.nodes[slave]):
+        other = f" or slave = {interface.bodies[1 - slave]!r}"
+    return [f"contact.{interface.name}: the bodies overlap by {overlap[k]:.3g} between nodes that bear forces, as at "
+            f"{place}, though contact forces move them by {state.yielding:.3g} at most; a finer mesh{other} would be "
+            "right"]
 
 
 def _unresolved_zone(state: ContactState) -> list[str]:

@@ -64,6 +64,7 @@ SOFTER, SOFTEST, NEARLY = 1e-3, 1e-6, 1e-3
 """The springs get softer by the first factor, at most by the second, where a step leaves most of an imbalance that is
 below the third part of the loads: friction that turns may resist a motion less than they do."""
 
+
 class Newton:
     """The iteration; see `ddmpi.methods.outer.Outer` for what it has in common with others.
 
@@ -88,10 +89,10 @@ class Newton:
         self.checkpoint: Callable[[], None] = lambda: None
         self._laws = self.space.laws
         self._c = np.concatenate([np.empty(0), *(interface.stiffness for interface in self.space.interfaces)])
-        self._preconditioner = preconditioner or precondition(joint, self._c)
         self._coulomb = self.space.largest(np.array([self._laws.largest_slope])) > 0.0  # else forces can be found
-        components = max((law.components for law in self._laws.laws), default=1)
-        self._in_space = self.space.largest(np.array([float(components)])) > 1.0
+        self._in_space = self.space.largest(np.array([float(law.components) for law in self._laws.laws])) > 1.0
+        self._forcing = FORCING[1 + self._in_space]
+        self._preconditioner = preconditioner or precondition(joint, self._c, self._in_space)
         self._full = FULL_STEPS if self._in_space else 0 if self._coulomb else GIVEN_STEPS
         self._modelled: Modelled | None = None
         if joint.dear:
@@ -265,7 +266,7 @@ class Newton:
         self._settled = True
 
     def _note(self, residual: float, update: float, stage: str = "") -> None:
-        step = Step(len(self.history) + 1, update, residual, FORCING, self.joint.multiplications(), stage)
+        step = Step(len(self.history) + 1, update, residual, self._forcing, self.joint.multiplications(), stage)
         self.history.append(step)
         self.report(step)
 
@@ -333,8 +334,9 @@ class Newton:
         alpha, C_change = np.zeros(rigid.size), np.zeros_like(change)
         problem, y = None, np.zeros(linearised.number)
         if space.any(np.ones(linearised.number)):
-            problem = LinearProblem(joint, self._preconditioner, linearised, layer, self._path is not None,
-                                    *(self._path.held, self._path.forcing) if self._path else (self._held,))
+            held, forcing = (self._path.held, self._path.forcing) if self._path else (self._held, self._forcing)
+            problem = LinearProblem(joint, self._preconditioner, linearised, layer, self._path is not None, held,
+                                    forcing)
             if rigid.size:  # the nearest forces by half-planes that balance the loads
                 y, alpha = problem.precondition(y, joint.imbalance(point.s + change))
                 change = change + linearised.expand(y)

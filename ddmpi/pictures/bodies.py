@@ -12,7 +12,7 @@ import numpy as np
 
 from ddmpi.mesh.mesh import boundary_facets
 from ddmpi.pictures.moved import Hatched, magnify, rigid_parts
-from ddmpi.pictures.sheet import ABOVE, COLOURS, FILLED, Sheet, by_value, colours_of, plain, rounded
+from ddmpi.pictures.sheet import COLOURS, FILLED, Sheet, above, by_value, colours_of, filled, rounded
 from ddmpi.pictures.views import Skin, Surface, View
 from ddmpi.results.fields import group_of, owners
 from ddmpi.results.histories import step_times
@@ -115,7 +115,7 @@ def draw_mechanism(results: Results, mechanism: dict[str, Any]) -> Any:
     still, at = skin.extended(points), skin.extended(points + step * u)
     own = moves[results.fields["body"][skin.cell]]
     sheet = Sheet(results, np.vstack([points, at]), rigid)
-    sheet.show([Surface(at, skin.facets[some], plain(FILLED[kind]), skin.beyond, edges=COLOURS[kind])
+    sheet.show([Surface(at, skin.facets[some], filled(kind), skin.beyond, edges=COLOURS[kind])
                 for some, kind in ((~own, "still"), (own, "moved")) if some.any()])
     sheet.outline(still, skin.facets[own], skin.beyond, zorder=4)
     sheet.arrows(centres[moves], step * velocity[moves], COLOURS["force"])
@@ -125,7 +125,7 @@ def draw_mechanism(results: Results, mechanism: dict[str, Any]) -> Any:
                                label="as they would move, not to scale")]
     if rigid:
         legend.append(Line2D([], [], color=COLOURS["rigid"], linewidth=1.4, label="rigid"))
-    sheet.axes.legend(handles=legend, ncols=3, **ABOVE)
+    above(sheet.axes, legend)
     width = int(11 * sheet.figure.get_figwidth())
     sheet.figure.suptitle(results.heading() + "\n".join(textwrap.wrap(mechanism["reason"], width)).replace("$", r"\$"))
     return sheet.figure

@@ -9,19 +9,7 @@ import numpy as np
 from ddmpi.mesh.mesh import signed_measures
 from ddmpi.pictures.bodies import crossed, middles, skin_of
 from ddmpi.pictures.moved import rigid_parts
-from ddmpi.pictures.sheet import (
-    ABOVE,
-    COLOURS,
-    FILLED,
-    RESOLVED,
-    ZONES,
-    Sheet,
-    is_wide,
-    plain,
-    rounded,
-    signed_colours,
-    zone_legend,
-)
+from ddmpi.pictures.sheet import COLOURS, RESOLVED, ZONES, Sheet, above, filled, rounded, signed_colours, zone_legend
 from ddmpi.pictures.views import Surface
 from ddmpi.results.fields import vectors
 from ddmpi.results.tables import Columns, Results, chains, drawn_rows
@@ -80,7 +68,7 @@ def draw_contacts(results: Results) -> Any:
     if results.dimension == 2:
         areas, rims, zones, colours = _profiles(results, 0.8 * size / (top or 1.0))
         sheet = Sheet(results, np.vstack([points, *areas, *forces]), rigid_parts(results))
-        sheet.show([Surface(points, skin.facets, plain(FILLED["still"]))])
+        sheet.show([Surface(points, skin.facets, filled("still"))])
         shade = {"facecolor": COLOURS["normal"] + "60", "edgecolor": COLOURS["normal"]}
         sheet.axes.add_collection(PolyCollection(areas, **shade | {"edgecolor": "none"}, zorder=4))
         sheet.axes.add_collection(PolyCollection(rims, closed=False, **shade | {"facecolor": "none"}, linewidth=0.6,
@@ -101,7 +89,7 @@ def draw_contacts(results: Results) -> Any:
         counted = f"; nodes: {', '.join(f'{number} {zone}' for zone, number in counts.items())}"
     sheet.lines([sheet.place(each)[:, :2] for each in forces], colors=COLOURS["force"], linewidth=1.4, zorder=6)
     if legend:
-        sheet.axes.legend(handles=legend, ncols=2 + is_wide(sheet.place(points)[:, :2]), **ABOVE)
+        above(sheet.axes, legend, 2 + (sheet.figure.get_figwidth() > sheet.figure.get_figheight()))
     sheet.figure.suptitle(f"{results.heading(True)}contact forces{counted}")
     return sheet.figure
 
@@ -262,7 +250,7 @@ def _draw_zones(axes: Any, at: np.ndarray, status: np.ndarray, counts: dict) -> 
     parts = np.stack([at, (at + after) / 2, np.broadcast_to(middle, at.shape), (at + before) / 2], axis=2)
     axes.add_collection(PolyCollection(parts.reshape(-1, 4, 2), facecolors=[ZONES[each] for each in status.ravel()],
                                        edgecolors="face", linewidth=0.3, rasterized=True))
-    axes.legend(handles=zone_legend(counts), ncols=3, **ABOVE | {"fontsize": 7})
+    above(axes, zone_legend(counts))
 
 
 def _draw_slip(axes: Any, at: np.ndarray, along: np.ndarray, facets: np.ndarray, table: Columns, length: str) -> None:

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from ddmpi.interface.law import law_of
-from ddmpi.pictures.sheet import ABOVE, BESIDE, COLOURS, RESOLVED, ZONES, zone_legend
+from ddmpi.pictures.sheet import BESIDE, COLOURS, RESOLVED, ZONES, above, zone_legend
 from ddmpi.results.tables import Columns, Results, chains, drawn_rows
 from ddmpi.scene.contacts import Friction
 from ddmpi.scene.method import METHODS
@@ -186,7 +186,7 @@ def draw_steps(results: Results) -> Any:
         (_draw_stresses if results.dimension == 2 else _draw_course)(axes, name, results, summary["units"])
     for axes in (loop, energies):
         axes.axhline(0.0, color="black", linewidth=0.6)
-        axes.legend(ncols=2, **ABOVE)
+        above(axes, axes.get_legend_handles_labels()[0], 2)
     figure.suptitle(f"{results.heading()}{len(results.energy['time'])} load steps")
     return figure
 

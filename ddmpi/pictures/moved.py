@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from ddmpi.pictures.sheet import COLOURS, MARGIN, plain, round_down
+from ddmpi.pictures.sheet import COLOURS, MARGIN, filled, round_down
 from ddmpi.pictures.views import Surface
 from ddmpi.results.fields import owners, vectors
 from ddmpi.results.summary import displacement_at, factor_at
@@ -65,8 +65,9 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
     points, moved = results.points, np.linalg.norm(results.fields["displacement"], axis=1)
     owner, names, contacts = owners(results), list(results.summary["bodies"]), results.summary["scene"]["contact"]
     tables = [results.contacts[each["name"]] for each in contacts]
-    tables = [table | {"initial_gap": factor_at(results.summary, _follows(each), results.time) * table["initial_gap"]}
-              for each, table in zip(contacts, tables, strict=True)]
+    follows = [each["gap"].get("history") if isinstance(each.get("gap"), dict) else None for each in contacts]
+    tables = [table | {"initial_gap": factor_at(results.summary, name, results.time) * table["initial_gap"]}
+              for name, table in zip(follows, tables, strict=True)]
     mobile, apart = np.zeros(len(names)), np.zeros((len(tables), len(names)))
     distances = np.zeros((len(tables), results.dimension))
     np.maximum.at(mobile, owner, moved)
@@ -113,12 +114,17 @@ def rigid_parts(results: Results, factor: float = 0.0, time: float | None = None
     with the velocities of a mechanism with which they are `going`.
     """
     points, names, owner = results.points, list(results.summary["bodies"]), owners(results)
-    found: list[Hatched | Surface] = []
-    for rigid, contacts, moved in _partners(results, time, going):
+    scene, found = results.summary["scene"], list[Hatched | Surface]()
+    for rigid in msgspec.convert(scene.get("rigid", ()), list[Rigid]):
+        contacts = [each for each in scene["contact"] if each["bodies"][1] == rigid.name]
+        now = results.time if time is None else time
+        moved = displacement_at(results.summary, rigid, now) if going is None else going.get(rigid.name)
+        if not contacts or moved is None:
+            continue
         if results.dimension > 2:
             parts = (_around(rigid, vectors(results.contacts[each["name"]]), results.triangles(each["name"]))
                      for each in contacts)
-            found += [Surface(at + factor * moved, facets, plain(COLOURS["patch"]), edges=COLOURS["still"])
+            found += [Surface(at + factor * moved, facets, filled("patch"), edges=COLOURS["still"])
                       for at, facets in parts if len(facets)]
             continue
         touched = np.concatenate([vectors(results.contacts[each["name"]]) for each in contacts])
@@ -141,22 +147,3 @@ def _around(rigid: Rigid, at: np.ndarray, facets: np.ndarray) -> tuple[np.ndarra
         hull = ConvexHull(at @ frames(normal[:1])[0, 1:].T).vertices
         facets = np.stack([np.full(len(hull) - 2, hull[0]), hull[1:-1], hull[2:]], axis=1)
     return at, facets
-
-
-def _partners(results: Results, time: float | None = None,
-             going: Mapping[str, np.ndarray] | None = None) -> Iterator[tuple[Rigid, list[dict], np.ndarray]]:
-    """Each rigid partner that bodies may touch, its contacts, and its displacement (d,) at `time`, else at that of the
-    results (m); or those of a mechanism, with the velocities with which they are `going`."""
-    scene = results.summary["scene"]
-    for rigid in msgspec.convert(scene.get("rigid", ()), list[Rigid]):
-        contacts = [each for each in scene["contact"] if each["bodies"][1] == rigid.name]
-        now = results.time if time is None else time
-        moved = displacement_at(results.summary, rigid, now) if going is None else going.get(rigid.name)
-        if contacts and moved is not None:
-            yield rigid, contacts, moved
-
-
-def _follows(contact: dict) -> str | None:
-    """The name of the history that the gap of a contact in the summary follows."""
-    gap = contact.get("gap")
-    return gap.get("history") if isinstance(gap, dict) else None

@@ -19,10 +19,10 @@ STYLE = {"font.size": 10, "axes.titlesize": 11, "figure.titlesize": 11, "axes.sp
          "savefig.dpi": 160, "axes.axisbelow": True}
 
 COLOURS = {"normal": "#1b4f8f", "tangential": "#c8501e", "bound": "#7a7a7a", "rigid": "#404040", "still": "#9aa0a8",
-           "moved": "#c8501e", "force": "#8c1a3a", "patch": "#cdd2d8"}
+           "moved": "#c8501e", "force": "#8c1a3a"}
 
-FILLED = {"still": "#f4f5f7", "moved": "#f6dfd4"}
-"""The insides of bodies."""
+FILLED = {"still": "#f4f5f7", "moved": "#f6dfd4", "patch": "#cdd2d8"}
+"""The insides of bodies, and rigid partners."""
 
 ZONES = {"open": "#b4bac2", "slip": "#e8954a", "stick": "#5fa35f"}
 """Colours of nodes by their status."""
@@ -30,9 +30,6 @@ ZONES = {"open": "#b4bac2", "slip": "#e8954a", "stick": "#5fa35f"}
 RESOLVED = 1e-6
 """Gaps and slips below this fraction of the largest displacement are drawn as none, and so are resultants below this
 fraction of the sum of the nodes' forces."""
-
-ABOVE: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "fontsize": 8}
-"""Legends above the axes."""
 
 BESIDE: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
 """Legends to the right of the axes."""
@@ -107,8 +104,9 @@ class Sheet:
         low, high = at.min(axis=0), at.max(axis=0)
         arm, margin = round_down(ARM * (high - low).max()), 0.02 * (high - low).max()
         arms, text = arm * self.view.axes[:2].T, 0.2 * arm
-        level = np.abs(self.view.axes[1]).min() < 0.1  # an arm could run into the bodies
-        origin = low - (max(arms[:, 0].max(), 0.0) + 1.5 * text if level else 0.7 * arm, 0.0)
+        origin = low - (0.7 * arm, 0.0)
+        if ((at < origin + arms.max(axis=0) + 2.0 * text).all(axis=1)).any():  # an arm could run into the bodies
+            origin = low - (max(arms[:, 0].max(), 0.0) + 1.5 * text, 0.0)
         ends = origin + arms
         below = np.vstack([ends, origin]).min(axis=0) - (text, 2.2 * text)
         low = np.minimum(low, below) - margin
@@ -137,7 +135,8 @@ class Sheet:
 
     def show(self, surfaces: Sequence[Surface]) -> None:
         """Draw surfaces and rigid partners without what is hidden or cut away, and their `outlines`."""
-        some = [*surfaces, *self.rigid]
+        if not (some := [*surfaces, *self.rigid]):
+            return
         placed = [self.place(each.at) for each in some]
         beyond = [self.view.beyond(each.at) if each.beyond is None else each.beyond for each in some]
         corners = np.concatenate([np.column_stack([at, cut])[each.facets] for at, cut, each in zip(
@@ -260,11 +259,16 @@ def by_value(values: np.ndarray, image: Any) -> Paint:
     return lambda face, weights: image.to_rgba((values[face] * weights).sum(axis=1))
 
 
-def plain(colour: str) -> Paint:
-    """One colour."""
+def filled(kind: str) -> Paint:
+    """A colour of FILLED."""
     from matplotlib.colors import to_rgb
 
-    return lambda face, _: np.tile(to_rgb(colour), (len(face), 1))
+    return lambda face, _: np.tile(to_rgb(FILLED[kind]), (len(face), 1))
+
+
+def above(axes: Any, handles: Sequence[Any], columns: int = 3) -> None:
+    """A legend above axes."""
+    axes.legend(handles=handles, ncols=columns, loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=8)
 
 
 def zone_legend(counts: Mapping[str, int], **style: Any) -> list[Any]:

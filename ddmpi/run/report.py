@@ -211,8 +211,8 @@ def _log_contacts(summary: dict, solution: Solution) -> None:
         log.info("%s", describe_contact(summary, name, bodies[name][0]))
     closed = {name for step in summary["steps"] for name, each in step["contacts"].items()
               if each["slip"] + each["stick"]}
-    apart = [f"{name} (at least {max(solution.contacts[name].gap.min(), 0.0):.3g} apart)" for name in contacts
-             if name not in closed]
+    apart = [f"{name} (at least {max(least, 0.0):.3g} apart)" for name in contacts if name not in closed
+             for state in [solution.contacts[name]] for least in [state.between.min(initial=state.gap.min())]]
     if apart:
         log.info("closed nowhere%s: %s", " at any time" * (len(summary["steps"]) > 1), some(apart, "contacts"))
 

@@ -24,6 +24,7 @@ from ddmpi.judge.plausible import doubt_answer, doubt_mesh, doubt_stress
 from ddmpi.mesh.refine import Sizes
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
+from ddmpi.pictures.views import View
 from ddmpi.results.fields import Fields, contact_fields, write_facets, write_fields, write_surface, write_xdmf
 from ddmpi.results.folder import Staging, choose_folder
 from ddmpi.results.summary import plain, write_mechanism, write_summary
@@ -218,9 +219,14 @@ def _fields(assembly: Assembly, body: Body, u: np.ndarray, error: Discretization
 
 def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock | None = None,
                   refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES, factor: bool = True) -> Assembly:
-    """`prepare`, with the scene's file named in what is wrong with it. Collective."""
+    """`prepare`, with the scene's file named in what is wrong with it, as with a cut of pictures. Collective."""
     try:
-        return prepare(world, scene, Path(scene_path).parent, clock, refinement, sizes, factor)
+        assembly = prepare(world, scene, Path(scene_path).parent, clock, refinement, sizes, factor)
+        if scene.output.cut:
+            ends = merged(world, {body.number: (body.mesh.points.min(axis=0), body.mesh.points.max(axis=0))
+                                  for body in assembly.bodies})
+            View(np.concatenate([*ends.values()]), scene.resolved()["output"])
+        return assembly
     except InputError as error:
         error.args = (f"{scene_path}: {error}",)
         raise

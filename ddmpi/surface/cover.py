@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ddmpi.surface.curve import Curve
-from ddmpi.surface.cut import cut
+from ddmpi.surface.cut import cut, rule_of
 from ddmpi.surface.side import Side, cross, unit
 from ddmpi.system.numbers import spans
 
@@ -22,6 +22,9 @@ POINTS = 5
 
 TOUCHING = 1e-9
 """Parts of a side below this are rounding: they are no pieces."""
+
+FINEST = 2**20
+"""Corners of pieces nearer to each other than a part of so many of a facet are one."""
 
 BLOCK = 32
 """Partners of a side's facets are looked for among so many facets at once."""
@@ -66,6 +69,29 @@ def cover(slave: Side, master: Side) -> Cover:
     ray = outward[facet]
     return Cover(facet, at, one, there, weight, ray,
                  distance - slave.bulge(facet, at, ray) - master.bulge(one, there, -ray))
+
+
+def at_corners(over: Cover, slave: Side, master: Side) -> Cover:
+    """A cover in space at the corners of the triangles that facets are cut into, without weights. Not collective.
+
+    Between them lie the least and the greatest gap of plane facets: at nodes of both sides, and where edges cross.
+    """
+    rule = rule_of(slave, master)[0]
+    inner, first = float(rule[0].min()), slice(0, None, len(rule))
+
+    def out(points: np.ndarray) -> np.ndarray:
+        own = points.reshape(-1, len(rule), 3)[:, :3]
+        return ((own - 3.0 * inner * own.mean(axis=1, keepdims=True)) / (1.0 - 3.0 * inner)).reshape(-1, 3)
+
+    facet, other, ray = (np.repeat(each[first], 3, axis=0) for each in (over.facet, over.other, over.direction))
+    at, there = out(over.at), out(over.there)
+    fine = np.round(at[:, :2] * FINEST).astype(np.int64)
+    some = np.unique((facet * FINEST + fine[:, 0]) * FINEST + fine[:, 1], return_index=True)[1]
+    facet, other, at, there, ray = (each[some] for each in (facet, other, at, there, ray))
+    apart = (np.einsum("qc,qcd->qd", there, master.xy[master.facets[other, :3]])
+             - np.einsum("qc,qcd->qd", at, slave.xy[slave.facets[facet, :3]]))
+    return Cover(facet, at, other, there, np.zeros(len(facet)), ray, np.einsum("qd,qd->q", apart, ray)
+                 - slave.bulge(facet, at, ray) - master.bulge(other, there, -ray))
 
 
 def _along(slave: Curve, master: Curve, depth: np.ndarray) -> Cover:

@@ -50,7 +50,7 @@ def cut(slave: Side, master: Side, facing: float, deepest: np.ndarray) -> tuple[
     facet, other = _near(own, others, outward, backward)
     faces = np.einsum("pd,pd->p", outward[facet], backward[other]) < facing
     facet, other = facet[faces], other[faces]
-    rule = SECOND[2] if slave.facets.shape[1] == master.facets.shape[1] == 3 else RULES[2]
+    rule = rule_of(slave, master)
     found = [_cut(own, others, outward, facet[start:start + CHUNK], other[start:start + CHUNK], rule)
              for start in range(0, max(len(facet), 1), CHUNK)]
     facet, other, at, there, weight = (np.concatenate(each) for each in zip(*found, strict=True))
@@ -70,6 +70,12 @@ def cut(slave: Side, master: Side, facing: float, deepest: np.ndarray) -> tuple[
     facet, other, at, there, weight, distance = (
         each[keep] for each in (facet, other, at, there, weight, distance))
     return facet, other, at, there, weight * stretch(slave, facet, at), distance
+
+
+def rule_of(slave: Side, master: Side) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss's points (p, 3) and weights (p,) of the triangles that facets are cut into; the first three lie between the
+    middle and a corner each."""
+    return SECOND[2] if slave.facets.shape[1] == master.facets.shape[1] == 3 else RULES[2]
 
 
 def stretch(side: Side, facet: np.ndarray, at: np.ndarray) -> np.ndarray:

@@ -63,7 +63,7 @@ class Patch(Side):
         found, some = np.zeros(len(facets)), np.flatnonzero(bent[facets])
         if not len(some):
             return found
-        facets, weight, ray = facets[some], at[some], direction[some]
+        facets, weight, ray = facets[some], np.maximum(at[some], 0.0), direction[some]  # κ is a mean
         x, n = self.xy[self.facets[facets, :3]], normals[facets]
         Q, K = np.zeros(len(facets)), np.zeros(len(facets))
         for i, j in ((0, 1), (1, 2), (2, 0)):

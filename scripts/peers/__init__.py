@@ -162,6 +162,12 @@ def answer_of(case: Case, u: np.ndarray, s: np.ndarray, iterations: int) -> Answ
                   float((s[0] / case.area).max()), iterations)
 
 
+def along_and_across(case: Case, force: np.ndarray) -> np.ndarray:
+    """The lengths (2,) of the parts of a force (d,) along the axis of the first contact and across it."""
+    normal = case.axis @ force
+    return np.array([abs(normal), np.linalg.norm(force - normal * case.axis)])
+
+
 def read_answer(folder: Path) -> Answer:
     with np.load(folder / ANSWER) as file:
         return Answer(**{name: file[name] if file[name].ndim else file[name].item() for name in file.files})
@@ -185,11 +191,10 @@ def read_ddmpi(case: Case, folder: Path) -> Answer:
     summary = msgspec.json.decode((folder / "results" / "summary.json").read_bytes())
     contacts = list(summary["contacts"].values())
     force = sum(np.array(each["force"]) for each in contacts[:case.compared])
-    normal = sum(each["normal_force"] for each in contacts[:case.compared])
     with h5py.File(folder / "results" / "result.h5") as file:
         distance = np.linalg.norm(file["points"][:, :case.dimension] - case.points[case.watched], axis=1)
         u = file["displacement"][int(distance.argmin()), :case.dimension]
-    return Answer(u, np.array([normal, np.sqrt(max(force @ force - normal**2, 0.0))]),
+    return Answer(u, along_and_across(case, force),
                   max(each["pressure_max"] for each in contacts), summary["outer_iterations"])
 
 
@@ -314,10 +319,7 @@ def read_calculix(case: Case, folder: Path) -> Answer:
     else:  # of faces: what CalculiX makes of it at nodes
         _, found = (folder / "contact.frd").read_text(encoding="utf-8").split("CPRESS")
         pressure = np.array([line[49:61] for line in found.splitlines() if line.startswith(" -1")], float)
-    n = case.axis
-    normal = abs(n @ force)
-    return Answer(_table(text, "displacements")[0, 1:d + 1] / part,
-                  np.array([normal, np.linalg.norm(force - n @ force * n)]) / part,
+    return Answer(_table(text, "displacements")[0, 1:d + 1] / part, along_and_across(case, force) / part,
                   float(pressure.max()) / part,
                   sum(int(row.split()[3]) for row in increments))
 

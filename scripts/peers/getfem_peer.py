@@ -15,7 +15,7 @@ from pathlib import Path
 import getfem
 import numpy as np
 
-from peers import Answer, Case, answer_of, read_case
+from peers import Answer, Case, along_and_across, answer_of, read_case
 
 ITERATIONS = 100
 RESIDUAL = 1e-12
@@ -136,9 +136,7 @@ def by_integrals(case: Case) -> Answer:
         pressure = max(pressure, np.abs(model.variable(f"stress{number}").reshape(-1, d) @ along).max())
     u = next(model.variable(f"u{k}")[dofs].reshape(-1, d)[np.searchsorted(nodes, case.watched)]
              for k, (_, _, nodes, dofs) in enumerate(bodies) if case.watched in nodes)
-    normal = abs(along @ total)
-    return Answer(u, case.young * np.array([normal, np.sqrt(total @ total - normal**2)]),
-                  float(case.young * pressure), steps)
+    return Answer(u, case.young * along_and_across(case, total), float(case.young * pressure), steps)
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from scenes import ROOT, pinched_blocks, run_command, run_python, to_toml, tower
 from solid_scenes import HELD, box, two_boxes
 
 from ddmpi.check.check import check
+from ddmpi.check.drawing import Plan
 from ddmpi.check.nearby import NEAR
 from ddmpi.coupling.assembly import prepare
 from ddmpi.errors import InputError, NotConvergedError
@@ -172,7 +173,8 @@ def test_clamps_along_normals_and_heat_are_told(looked_at):
         assert words in text
 
 
-@pytest.mark.parametrize("scene", [pinched_blocks(4), two_boxes(2, 3), two_boxes(1, order=2)])
+@pytest.mark.parametrize("scene", [pinched_blocks(4), two_boxes(2, 3), two_boxes(1, order=2),
+                                   two_boxes(2) | {"output": {"cut": {"y": 1.5}, "view": [-60.0, 24.0]}}])
 def test_pictures(scene, looked_at, tmp_path):
     """They are drawn with missing contacts, too, and nothing is overwritten."""
     pytest.importorskip("matplotlib")
@@ -182,6 +184,17 @@ def test_pictures(scene, looked_at, tmp_path):
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"bodies.png", "contacts.png"} | solid
     with pytest.raises(InputError, match="name a new folder"):
         looked_at(scene, "out")
+
+
+def test_colours_of_gaps_end_with_them(looked_at, monkeypatch):
+    """Where all bodies overlap or touch, colours go from the largest overlap to none."""
+    pytest.importorskip("matplotlib")
+    found = []
+    monkeypatch.setattr(Plan, "colours", lambda plan, image, label: found.append((image.norm.vmin, image.norm.vmax)))
+    scene = boxes_on_floor()
+    scene["contact"][0]["gap"] = -0.01
+    looked_at(scene, "out")
+    assert found == [(pytest.approx(-10.0), pytest.approx(0.0, abs=1e-9))]
 
 
 @pytest.mark.slow

@@ -1,5 +1,7 @@
 """Contacts of curved quadratic sides: lengths, normals and integrals follow the sides, gaps the arcs that are meant."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from boundaries import mortar, pair, raise_order, rectangle, ring, side, touch
@@ -9,6 +11,7 @@ from ddmpi.mesh.elements import FINE, facet_measures
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import bend
 from ddmpi.scene.contacts import Circle, NoFriction
+from ddmpi.surface.patch import Patch
 from ddmpi.surface.side import Side, cross
 
 UNEVEN = np.cumsum([0.0, 0.2, 0.12, 0.25, 0.16, 0.2, 0.1, 0.22, 0.15])
@@ -133,3 +136,12 @@ def test_lines_along_a_strongly_bent_side_meet_it_somewhere():
     for angle in np.linspace(0.02, 3.12, 40):
         t = boundary.parameters(np.zeros(3, int), at, np.tile([np.cos(angle), np.sin(angle)], (3, 1)))
         assert np.isfinite(t).all() and (t >= 0.0).all() and (t <= 1.0 + 1e-12).all()
+
+
+def test_a_curved_triangle_meets_its_corners():
+    """However coordinates round there, the boundary that is meant goes through the corners of a ball's facets."""
+    ball = SimpleNamespace(xy=np.eye(3), facets=np.arange(3)[None], fans=np.eye(3)[None])
+    at = np.array([[1.0, -3e-16, 2e-16], [2e-16, 1.0, -4e-16], [-1e-16, -1e-16, 1.0], [0.5, 0.5, -1e-17]])
+    off = Patch.bulge(ball, np.zeros(4, int), at, np.tile(np.full(3, 3**-0.5), (4, 1)))
+    assert np.abs(off[:3]).max() < 1e-15
+    assert off[3] == pytest.approx(np.sqrt(5 / 6) - np.sqrt(1 / 3), rel=1e-12)

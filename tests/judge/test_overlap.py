@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import solids
 
-from ddmpi.judge.overlap import Solid, run_through, through_itself
+import ddmpi.judge.overlap as overlaps
+from ddmpi.judge.overlap import Solid, distance_to, run_through, through_itself
 from ddmpi.mesh.boundary import creases
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
@@ -207,6 +208,21 @@ def test_boxes_that_overlap_in_space(origin, size, depth, order):
     overlap, drawn = run_through(first, second, kept)
     assert drawn == pytest.approx(depth, rel=0.3)
     assert (overlap is not None) == (depth > 0.0)
+
+
+@pytest.mark.parametrize("flat", [1e-2, 1e-4])
+def test_flat_facets_are_near_few_points(monkeypatch, flat):
+    """Facets a hundred times as long as high are looked at from a few of the points, and the nearest one is found."""
+    body, looked = moved_box((0, 0, 0), (1.0, flat, 1.0), (1, 1, 100)), []
+    facets = body.at[body.facets[:, :-1]]
+    points = facets.mean(axis=1) + np.array([0.0, 1e-2 * flat, 0.0])
+    by_all = [np.linalg.norm(overlaps.nearest_in(np.tile(p, (len(facets), 1)), facets) - p, axis=1) for p in points]
+    near = overlaps.nearest_in
+    monkeypatch.setattr(overlaps, "nearest_in", lambda at, some: looked.append(len(some)) or near(at, some))
+    distance, number = distance_to(points, facets)
+    assert distance == pytest.approx(np.min(by_all, axis=1), rel=1e-12, abs=1e-15)
+    assert np.array(by_all)[np.arange(len(points)), number] == pytest.approx(distance, rel=1e-12, abs=1e-15)
+    assert sum(looked) < 40 * len(points) < 0.1 * len(facets) * len(points)
 
 
 def test_a_solid_that_is_moved_through_another_is_found():

@@ -6,7 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scenes
+import solid_scenes
+from mpi4py import MPI
 from scenes import Run, confined_blocks, pinched_blocks, sheared_stack
+
+import ddmpi
 
 pytestmark = pytest.mark.slow
 
@@ -481,6 +485,29 @@ def test_a_deep_overlap_between_nodes_is_a_warning(tmp_path, slave, scale, warne
     assert all("contact.layer-base: the bodies overlap by" in each and "slave = 'layer'" in each for each in found)
     deepest = done.summary["contacts"]["layer-base"]["pointwise_penetration"]
     assert (deepest > 0.5e-5 * scale) == warned
+
+
+@pytest.mark.parametrize(("order", "rigid"), [(1, False), (2, True)])
+@pytest.mark.parametrize("moved", [-1e-3, 1e-3])
+def test_a_tip_that_no_row_feels_is_a_warning(order, rigid, moved, capfd):
+    """A corner of a hexahedron sinks by 1 mm into a base whose rows, or into a plane that its own rows, feel only a
+    mean of the gaps: the answer says so, and not that the two stand apart."""
+    corners = [[0.3, 0.3, 0.0], [0.8, 0.2, 0.1], [0.8, 0.8, 0.1], [0.2, 0.8, 0.1],
+               [0.2, 0.2, 0.8], [0.8, 0.2, 0.8], [0.8, 0.8, 0.8], [0.2, 0.8, 0.8]]
+    tip = {"name": "tip", "clamp": [{"on": "top", "x": 0.0, "y": 0.0, "z": moved}],
+           "mesh": {"shape": "hexahedron", "corners": corners, "divisions": [4, 4, 4], "order": order},
+           "material": {"young": 1e9, "poisson": 0.3}}
+    base = solid_scenes.box("base", (0, 0, -1), (1, 1, 1), (5, 5, 5), order, young=1e9, clamp=["bottom"])
+    floor = {"name": "floor", "shape": "plane", "point": [0, 0, 0], "normal": [0, 0, 1]}
+    scene = {"body": [tip, base], "contact": [{"bodies": ["tip", "base"], "on": ["bottom", "top"]}]}
+    if rigid:
+        scene = {"body": [tip], "rigid": [floor], "contact": [{"bodies": ["tip", "floor"], "on": ["bottom"]}]}
+    answer = ddmpi.solve(scene, MPI.COMM_SELF, progress=True)
+    (state,), found = answer.contacts.values(), [each for each in answer.summary["warnings"] if "overlap by" in each]
+    assert answer.certified and not state.normal_force.any() and len(found) == (moved < 0.0)
+    assert all("by 0.001 between nodes that bear forces, as at (0.3, 0.3, " in each for each in found)
+    assert state.deepest == pytest.approx(max(-moved, 0.0), rel=1e-9, abs=1e-15)
+    assert f"(at least {'0' if moved < 0 else '0.001'} apart)" in capfd.readouterr().out
 
 
 @pytest.mark.parametrize(("radius", "warned"), [(0.3, True), (2.0, False)])

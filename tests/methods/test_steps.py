@@ -2,12 +2,16 @@
 
 import contextlib
 import itertools
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 import scipy.sparse as sparse
+from mpi4py import MPI
 
-from ddmpi.coupling.coarse import Motions
+from ddmpi.coupling.coarse import CrossPoints, Motions
+from ddmpi.coupling.exchange import Exchange
 from ddmpi.coupling.space import Space
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import CoulombLaw
@@ -33,7 +37,7 @@ class Dense:
             modulus=1.0, facets=np.empty((0, dimension), int), laplacian=sparse.csr_matrix((m, m)),
             one_sided=np.zeros(size, bool), prescribed=np.zeros(size))
         self.C, self.d, self.size, self.space, self.neglected = C, d, size, Space([interface]), 0.0
-        self.rigid, self.shared = Motions(self.space, 0, ()), np.zeros(size, bool)
+        self.rigid = Motions(self.space, 0, ())
         self._m = m
 
     def product(self, x, purpose, relative=None):
@@ -41,6 +45,10 @@ class Dense:
 
     def multiplications(self) -> int:
         return 0
+
+    def cross_points(self) -> CrossPoints:
+        exchange = SimpleNamespace(total=lambda parts, about: np.zeros(self.size), world=MPI.COMM_SELF)
+        return CrossPoints((), cast(Exchange, exchange), self.space)
 
     def rigid_moduli(self) -> np.ndarray:
         return np.empty(0)

@@ -11,6 +11,9 @@ import pytest
 from documented import undocumented
 from matplotlib import image
 from matplotlib import pyplot as plt
+from mpi4py import MPI
+from scenes import pinched_blocks, to_toml
+from solid_scenes import two_boxes
 
 from ddmpi.cli.report import write_report
 from ddmpi.errors import InputError
@@ -21,7 +24,9 @@ from ddmpi.pictures.curves import draw_steps
 from ddmpi.pictures.draw import draw_all
 from ddmpi.pictures.moved import rigid_parts
 from ddmpi.results.tables import Results, read_results
+from ddmpi.run.run import prepare_scene
 from ddmpi.scene.method import VIEWS
+from ddmpi.scene.reader import read_scene
 
 
 @pytest.fixture(autouse=True)
@@ -234,6 +239,14 @@ def test_what_is_asked_for_is_checked(tmp_path, asked, words):
         draw_all(tmp_path, **asked)
 
 
+def test_a_cut_beside_all_bodies_is_refused_before_a_run():
+    """Not when the pictures are drawn; and in the plane there is none."""
+    for scene, words in ((two_boxes(2) | {"output": {"cut": {"x": 9.0}}}, "scene.toml: output.cut: x = 9 cuts no body"),
+                         (pinched_blocks(2) | {"output": {"view": "iso"}}, "output.view: only pictures of solids")):
+        with pytest.raises(InputError, match=words):
+            prepare_scene(MPI.COMM_SELF, read_scene("scene.toml", to_toml(scene)), "scene.toml", factor=False)
+
+
 def test_maps_show_what_is_closed(tmp_path):
     """Of a contact that is closed in a small part only, this and its surroundings."""
     results = stacked(tmp_path)
@@ -265,3 +278,16 @@ def test_what_turns_has_a_loop_of_its_moment(tmp_path):
     axes = draw_steps(results).axes[0]
     assert axes.get_ylabel() == "moment (N·m)" and axes.lines[0].get_label() == "upper-lower, moment y"
     assert axes.lines[0].get_ydata().tolist() == [0.0, 1e9, -1e9]
+
+
+def test_resultants_of_solids_lie_on_their_line_of_action(tmp_path):
+    """Its middle at the contact; but for a torsion, the force has the contact's moment about the origin there."""
+    results = stacked(tmp_path)
+    axes = draw_contacts(results).axes[0]
+    contact, view = results.summary["contacts"]["upper-lower"], views.View(results.points)
+    force, moment = np.array(contact["force"]), np.array(contact["moment"])
+    (line,) = axes.collections[-1].get_segments()
+    at = np.cross(force, moment) / (force @ force)
+    direction, off = view.place(force)[:2], line.mean(axis=0) - view.place(at)[:2]
+    assert direction[0] * off[1] == pytest.approx(direction[1] * off[0], abs=1e-9 * np.linalg.norm(direction))
+    assert np.linalg.norm(line.mean(axis=0) - view.place(np.array([1.5, 0.5, 1.0]))[:2]) < 0.5

@@ -286,6 +286,20 @@ def test_the_table_of_extremes_is_made_of_runs(comm):
     assert found["energy"] == pytest.approx(3.6e4, rel=0.1)  # J per metre; 38866 at N = 22
 
 
+@pytest.mark.parametrize("pairs", [True, False])
+@pytest.mark.parametrize("case", ["unit of length 1e-09 m", "unit of force 1e+09 N", "1e+06 m from the origin"])
+def test_solids_in_other_units_and_places_have_the_same_answer(case, pairs):
+    """To nine digits, and what is written obeys all laws; so the table of extremes in space is made."""
+    import extremes
+
+    for group in ("two boxes, held", "three boxes, loose"):
+        make, changes, factor = extremes.solid_cases()[group, case]
+        base = extremes.attempt_solid(make(pairs, 1), None, None)[1]
+        found, _ = extremes.attempt_solid(make(pairs, 1, *changes), base, factor)
+        assert found["outcome"] == "certified" and found["violation"] < 1e-7
+        assert found["differs"] < (1e-8 if "origin" in case else 1e-9)
+
+
 def random_scene(seed: int) -> dict:
     """Blocks of random material, friction and size under random loads, some with a gap or an overlap."""
     random = np.random.default_rng(seed)

@@ -36,6 +36,8 @@ STUDIES = {
                          ("| 504 \\| 18 | 36 · ", "8 of them converged and certified"), 1, 2),
     "theta_sensitivity": ("--sizes 4 --limit-sizes 4 --thetas 0.2 --precision 0.4",
                           ("original, without splitting: 0.2;", "The smallest eigenvalue is 2.000"), 2, 2),
+    "tradeoff_in_space": ("--finest 2 --scenes boxes", ("| order 1, N = 2, pairs | ", "| order 2, N = 2, mortar | "),
+                          1, 0),
     "tradeoff": ("--axes mesh --reference 4 --repeats 1", ("| 4 | 240 | ", "| 4 | 864 | "), 1, 2),
 }
 

@@ -166,14 +166,16 @@ def loads(scene: Scene, body: dict, time: float = np.inf) -> tuple[np.ndarray, n
 
 
 def violations(scene: Scene, folder: Path) -> dict[str, float]:
-    """The largest violation of each law, relative to the largest force or displacement."""
+    """The largest violation of each law, relative to the largest force, moment or displacement."""
     results = read_results(folder)
-    size = sum(loads(scene, body)[2] for body in scene["body"])
     u = results.displacement()
-    largest = np.abs(u).max()
+    largest = np.abs(u).max() or 1.0
     found = {"force": 0.0, "moment": 0.0, "inside": 0.0, "at nodes": 0.0, "apart": 0.0}
     forces = {name: np.stack([table[f"force_{axis}"] for axis in "xyz"], axis=1)
               for name, table in results.contacts.items()}
+    size = sum(loads(scene, body)[2] for body in scene["body"])
+    size = max(size, *(np.linalg.norm(each, axis=1).sum() for each in forces.values())) or 1.0
+    arm = np.abs(results.points).max()
     for number, body in enumerate(scene["body"]):
         force, moment, _ = loads(scene, body)
         held = "clamp" in body
@@ -185,7 +187,7 @@ def violations(scene: Scene, folder: Path) -> dict[str, float]:
                 moment = moment + sign * np.array(results.summary["contacts"][contact["name"]]["moment"])
         found["force"] = max(found["force"], float(np.abs(force).max()) / size)
         if not held:
-            found["moment"] = max(found["moment"], float(np.abs(moment).max()) / size)
+            found["moment"] = max(found["moment"], float(np.abs(moment).max()) / (arm * size))
         inside, at_nodes = _residual(scene, results, number, forces, u)
         found["inside"], found["at nodes"] = max(found["inside"], inside), max(found["at nodes"], at_nodes)
     for contact in scene["contact"]:
@@ -234,7 +236,8 @@ def _residual(scene: Scene, results: Results, number: int, forces: dict[str, np.
     nodes, cells = np.unique(cells, return_inverse=True)
     mesh = Mesh(results.points[nodes], cells.reshape(-1, results.fields["cells"].shape[1]), {})
     origin, size = np.array(body["mesh"]["origin"]), np.array(body["mesh"]["size"])
-    on = {group: np.abs((mesh.points - origin - size * (np.array(n) > 0))[:, np.argmax(np.abs(n))]) < 1e-9
+    near = 1e-9 * (np.abs(origin).max() + size.max())
+    on = {group: np.abs((mesh.points - origin - size * (np.array(n) > 0))[:, np.argmax(np.abs(n))]) < near
           for group, n in NORMALS.items()}
     residual = -(stiffness_of(mesh, Material(**body["material"])) @ u[nodes].ravel())
     weight = np.array(body.get("volume_force", [0.0] * 3))
@@ -245,7 +248,7 @@ def _residual(scene: Scene, results: Results, number: int, forces: dict[str, np.
         residual += load_of(mesh, LinearForm(lambda v, w, value=value: sum(q * v[k] for k, q in enumerate(value))),
                             on=facets[on[each["on"]][facets].all(axis=1)])
     residual = residual.reshape(-1, 3)
-    free, exact, largest = np.ones(len(nodes), bool), mesh.order == 1, np.abs(residual).max()
+    free, exact, largest = np.ones(len(nodes), bool), mesh.order == 1, np.abs(residual).max() or 1.0
     for clamp in body.get("clamp", []):
         free &= ~on[clamp["on"]]
     touched = np.zeros(len(nodes), bool)

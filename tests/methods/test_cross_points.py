@@ -1,0 +1,53 @@
+"""Where a body has several contacts, its nodes give way to the forces of all of them, and GMRES knows."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sparse
+from assembly_study import cube
+from mpi4py import MPI
+from scenes import prepare_scene, to_toml
+
+import ddmpi
+
+
+@pytest.mark.parametrize(("pairing", "most"), [("nodes", 10.0), ("mortar", 10.5)])
+def test_gmres_knows_edges_where_bricks_meet(pairing, most):
+    """Eight loose cubes take 22 iterations a step by pairs, and 12 by mortar, where half-spaces know one contact."""
+    answer = ddmpi.solve(to_toml(cube(2, 4, pairing)), MPI.COMM_SELF)
+    outer = answer.solved.solution.outer
+    assert answer.certified
+    assert outer.inner_steps["gmres"] <= most * len(outer.history)
+
+
+@pytest.mark.mpi(ranks=3)
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_edges_are_the_same_on_any_ranks(ranks):
+    """What forces at the edges of bricks do to each other does not depend on who holds the bricks."""
+    comm = MPI.COMM_WORLD.Split(0 if MPI.COMM_WORLD.rank < ranks else 1)
+    found = []
+    for each in (comm, MPI.COMM_SELF):
+        joint = prepare_scene(each, cube(2, 2, "nodes")).joint
+        space, crossing = joint.space, joint.cross_points()
+        correct = crossing.corrector(sparse.identity(space.size, format="csr"), np.full(space.size, 1e-9))
+        w = [np.cos(np.arange(interface.size)) for interface in space.interfaces]
+        corrected = correct(np.concatenate([np.empty(0), *w]))
+        everyone = each.allgather({name: corrected[part] for name, part in space.parts.items()})
+        found.append({name: values for own in everyone for name, values in own.items()})
+    assert found[0].keys() == found[1].keys()
+    for name, values in found[1].items():
+        assert found[0][name] == pytest.approx(values, rel=1e-9, abs=1e-12), name
+
+
+def test_a_node_of_two_contacts_follows_the_forces_of_both():
+    """The rows of one edge of four bricks are singular: forces around the edge cancel on every brick."""
+    joint = prepare_scene(MPI.COMM_SELF, cube(2, 2, "nodes")).joint
+    crossing = joint.cross_points()
+    K = crossing._R.toarray()
+    sizes, axes = np.linalg.eigh(K)
+    none = axes[:, sizes < 1e-9 * sizes.max()]
+    assert none.shape[1] > 0
+    s = np.zeros((joint.size, none.shape[1]))
+    s[crossing.rows] = none
+    products = np.column_stack([joint.product(each, "test", 0.0) for each in s.T])
+    others = joint.product(np.eye(1, joint.size, int(crossing.rows[0]))[0], "test", 0.0)
+    assert np.abs(products).max() < 1e-9 * np.abs(others).max()
