@@ -47,6 +47,7 @@ class Joint:
     slices : of them by body, also of the bodies that have none, and by pushed partner
     e : (rigid.size,) the loads along them (N)
     neglected : forces (N) that do not matter in a product that is kept
+    dear : whether a body's products are by an iterative solver
     """
 
     def __init__(self, members: Sequence[Member], exchange: Exchange, space: Space,
@@ -55,6 +56,7 @@ class Joint:
         self.members, self.space, self.size = tuple(members), space, space.size
         self.neglected = 0.0
         self._exchange = exchange
+        self.dear = exchange.add(float(any(member.dear for member in members))) > 0.0
         self._moved = {name: exchange.total([member.response(name)[0] for member in members], "free displacement")
                        for name in histories}
         self.rigid, self.slices = gather_motions(exchange, space, members, [member.G for member in members], pushed)

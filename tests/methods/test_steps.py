@@ -23,7 +23,7 @@ from ddmpi.methods.paths import Point, Softening
 class Dense:
     """A joint operator of two bodies that clamps hold, with the matrix C and the free gaps d."""
 
-    members, bodies, e = (), 2, np.empty(0)
+    members, bodies, e, dear = (), 2, np.empty(0), False
 
     def __init__(self, C: np.ndarray, d: np.ndarray, coefficient: float, components: int = 1) -> None:
         dimension, size = 1 + components, len(d)
