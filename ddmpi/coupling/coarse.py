@@ -21,6 +21,7 @@ from ddmpi.coupling.space import Space
 from ddmpi.errors import SolverError
 from ddmpi.petsc.events import event
 from ddmpi.scene.contacts import Rigid
+from ddmpi.system.agreement import agreed
 
 
 class Motions:
@@ -104,7 +105,10 @@ def gather_motions(exchange: Exchange, space: Space, members: Sequence[Member], 
 
 
 class CoarseSystem:
-    """S = Ẑ M Z̃ᵀ + D, factored, for one set of unknown forces; the same on all ranks.
+    """S = Ẑ M Z̃ᵀ + D for one set of unknown forces, factored on the first rank, which solves for all.
+
+    Factors on every rank take memory on each and keep all cores of a host busy with the same work; shared by several
+    ranks they do not solve faster (docs/studies/scaling.md).
 
     Parameters
     ----------
@@ -126,30 +130,27 @@ class CoarseSystem:
             self._MZ = (basis.T @ motions.assemble(smooth)).tocsr()
             self._EZ = (E.T @ motions.Z).tocsr()
             local = (self._EZ.T @ self._MZ).tocoo()
-            entries = self._space.comm.allgather((local.row, local.col, local.data))
-            if self._space.comm.size > 1:
-                self._space.sent.update(reductions=1, reduced_bytes=sum(
-                    each.nbytes for each in (local.row, local.col, local.data)))
-            row, column, value = (np.concatenate(each) for each in zip(*entries, strict=True))
-            S = sparse.csc_matrix((value, (row, column)), (motions.size, motions.size))
-            try:
-                S = (S + sparse.diags(diagonal)).tocsc()
-                self._factors = splu(S, permc_spec="MMD_AT_PLUS_A")  # nearly symmetric
-            except (RuntimeError, ValueError) as cause:  # the same on all ranks
-                error = SolverError(f"the coarse problem of rigid motions cannot be solved: {cause}")
-                error.agreed = True
-                raise error from None
+            entries, self._size = self._space.gather((local.row, local.col, local.data)), motions.size
+            with agreed(self._space.comm):
+                if entries is not None:
+                    row, column, value = (np.concatenate(each) for each in zip(*entries, strict=True))
+                    S = sparse.csc_matrix((value, (row, column)), (self._size, self._size))
+                    try:
+                        S = (S + sparse.diags(diagonal)).tocsc()
+                        self._factors = splu(S, permc_spec="MMD_AT_PLUS_A")  # nearly symmetric
+                    except (RuntimeError, ValueError) as cause:
+                        raise SolverError(f"the coarse problem of rigid motions cannot be solved: {cause}") from None
 
     def __len__(self) -> int:
-        return self._factors.shape[0]
+        return self._size
 
     def correct(self, Mf: np.ndarray, h: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """y = M f + M Z̃ᵀ a (k,) in newtons and a = S⁻¹(h − Ẑ M f) (size,) in metres, from M f; `h` is zero if left out.
 
         Collective.
         """
-        right = -self._space.add(self._EZ.T @ Mf)
-        a = self._factors.solve(right if h is None else right + h)
+        a = self._space.solve_first(self._EZ.T @ Mf, lambda total: self._factors.solve(
+            -total if h is None else h - total))
         return Mf + self._MZ @ a, a
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from mpi4py import MPI
@@ -102,6 +102,24 @@ class Space:
         total = np.empty_like(values)
         self.comm.Allreduce(values, total)
         return total
+
+    def solve_first(self, values: np.ndarray, solve: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """What `solve` makes on the first rank of the sum of `values` (k,) over the ranks: (k,) on all. Collective."""
+        if self.comm.size == 1:
+            return solve(values)
+        self.sent.update(reductions=1, reduced_bytes=values.nbytes)
+        total = np.empty_like(values)
+        self.comm.Reduce(values, total)
+        if self.comm.rank == 0:
+            total = solve(total)
+        self.comm.Bcast(total)
+        return total
+
+    def gather(self, arrays: tuple[np.ndarray, ...]) -> list[tuple[np.ndarray, ...]] | None:
+        """The arrays of all ranks, on the first. Collective."""
+        if self.comm.size > 1:
+            self.sent.update(reductions=1, reduced_bytes=sum(each.nbytes for each in arrays))
+        return self.comm.gather(arrays)
 
     def _gather(self, values: Sequence[float]) -> np.ndarray:
         """The values (ranks, k) of all ranks."""
