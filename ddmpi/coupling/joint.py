@@ -56,7 +56,7 @@ class Joint:
         self.members, self.space, self.size = tuple(members), space, space.size
         self.neglected = 0.0
         self._exchange = exchange
-        self.dear = exchange.add(float(any(member.dear for member in members))) > 0.0
+        self.dear = exchange.world.allreduce(any(member.dear for member in members), MPI.LOR)
         self._moved = {name: exchange.total([member.response(name)[0] for member in members], "free displacement")
                        for name in histories}
         self.rigid, self.slices = gather_motions(exchange, space, members, [member.G for member in members], pushed)
@@ -101,6 +101,11 @@ class Joint:
     def cross_points(self) -> CrossPoints:
         """How nodes give way at which bodies have several contacts. Collective."""
         return CrossPoints(self.members, self._exchange, self.space)
+
+    def shared(self) -> np.ndarray:
+        """(size,) bool, unknowns of nodes at which a body has several contacts. Collective."""
+        found = [(np.diff(member.at_cross_points()[0].indptr) > 0).astype(float) for member in self.members]
+        return self._exchange.total(found, "shared nodes") > 0.0
 
     def rigid_moduli(self) -> np.ndarray:
         """`Member.stiffness` (N/m²; in space N/m) of the body that each rigid motion belongs to, or of the stiffest

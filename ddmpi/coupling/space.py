@@ -115,11 +115,20 @@ class Space:
         self.comm.Bcast(total)
         return total
 
-    def gather(self, arrays: tuple[np.ndarray, ...]) -> list[tuple[np.ndarray, ...]] | None:
-        """The arrays of all ranks, on the first. Collective."""
+    def solve_joined(self, values: np.ndarray, solve: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """The own part (k,) of what `solve` makes on the first rank of the `values` (k,) of all ranks. Collective."""
+        if self.comm.size == 1:
+            return solve(values)
+        self.sent.update(reductions=1, reduced_bytes=values.nbytes)
+        if parts := self.comm.gather(values):
+            parts = np.split(solve(np.concatenate(parts)), np.cumsum([len(each) for each in parts])[:-1])
+        return self.comm.scatter(parts)
+
+    def gather(self, parts: tuple) -> list[tuple] | None:
+        """The `parts` of all ranks, such as arrays, on the first. Collective."""
         if self.comm.size > 1:
-            self.sent.update(reductions=1, reduced_bytes=sum(each.nbytes for each in arrays))
-        return self.comm.gather(arrays)
+            self.sent.update(reductions=1, reduced_bytes=sum(getattr(each, "nbytes", 0) for each in parts))
+        return self.comm.gather(parts)
 
     def _gather(self, values: Sequence[float]) -> np.ndarray:
         """The values (ranks, k) of all ranks."""

@@ -165,10 +165,9 @@ def precondition(joint: Joint, c: np.ndarray, in_space: bool) -> Preconditioner:
     if motions.size:
         log.info("coarse problem: %d rigid motions and %d smooth modes of %d bod%s", rigid.size,
                  motions.size - rigid.size, joint.bodies, "ies" if joint.bodies > 1 else "y")
-    crossing, shared = joint.cross_points(), np.zeros_like(c)
-    shared[crossing.rows] = SHARED / c[crossing.rows]
+    shared, crossing = np.where(joint.shared(), SHARED / c, 0.0), joint.cross_points() if in_space else None
     # in the plane modes do what cross points do in space: random assemblies would take 12 % more products
-    return Preconditioner(half_space, motions, stiffness, crossing if in_space else None, shared, c)
+    return Preconditioner(half_space, motions, stiffness, crossing, shared, c)
 
 
 class LinearProblem:
@@ -192,7 +191,7 @@ class LinearProblem:
         self.joint, self.linearised = joint, linearised
         self._D = linearised.diagonal(preconditioner.shared + layer)
         crossing = preconditioner.crossing
-        self._correct = crossing.corrector(linearised.basis, self._D) if crossing else None
+        self._correct = crossing and crossing.corrector(linearised.basis, self._D, preconditioner.shared > 0.0)
         deltas = np.where(np.diff(linearised.basis.indptr), layer * preconditioner.c, np.inf)  # of unknown forces
         self._half_space = preconditioner.half_space.softened(
             [least if np.isfinite(least) else 0.0 for part in joint.space.parts.values()

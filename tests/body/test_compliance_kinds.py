@@ -51,9 +51,12 @@ def test_kinds_take_the_same_steps(comm, name):
         if first is None:
             first, history, count = outer.forces, outer.history, assembly.member.C.count.total()
         assert np.linalg.norm(outer.forces - first) <= 10 * assembly.scene.method.tolerance * np.linalg.norm(first)
-        exact = kind == "direct" and name != "anderson"  # which magnifies rounding
-        assert abs(len(outer.history) - len(history)) <= (0 if exact else 3)
-        assert abs(assembly.member.C.count.total() - count) <= (0.02 if exact else 0.2) * count
+        if kind == "iterative" and name == "newton":  # a model leads it
+            assert assembly.member.C.count.total() <= count
+        else:
+            exact = kind == "direct" and name != "anderson"  # which magnifies rounding
+            assert abs(len(outer.history) - len(history)) <= (0 if exact else 3)
+            assert abs(assembly.member.C.count.total() - count) <= (0.02 if exact else 0.2) * count
         (state,) = answer.contacts.values()
         assert state.status.tolist() == assembly.world.bcast(state.status.tolist())
 
