@@ -4,7 +4,7 @@ A wall of bricks in running bond, a rank for each brick. The study measures
 
   walls     walls of 5 to 200 bricks on one rank: Newton steps, products, coarse unknowns, seconds of each phase a brick
   coarse    the coarse problem of larger walls, factored and solved as the program does it
-  files     seconds that a rank's turn takes when results are written
+  files     seconds that writing results takes for each brick, most of them on the first rank
   messages  latency and bandwidth between two ranks of this machine, and of a reduction
 
 and predicts from these the seconds of a run on R ranks. Latency and bandwidth of the cluster are given by --latency
@@ -98,7 +98,7 @@ def measure_coarse(bricks: int) -> Row:
 
 
 def measure_files(bricks: int) -> Row:
-    """Seconds of writing all results without pictures, a brick: what each rank does in its turn."""
+    """Seconds of writing all results without pictures, a brick, on one rank."""
     with tempfile.TemporaryDirectory() as place:
         path = write_scene(wall(2, bricks // 2, 4), Path(place) / "scene.toml")
         run = run_command(path, Path(place) / "out", "--no-figures", ranks=1, limit=600)
@@ -196,7 +196,7 @@ class Model:
             "reductions": products * (6 * tree + 2 * 8 * unknowns / self.bandwidth),
             "coarse problem": products * _at(self.coarse["solve"], unknowns) + steps * (
                 _at(self.coarse["factor"], unknowns) + ENTRY * _at(self.coarse["entries"], unknowns) / self.bandwidth),
-            "files": R * (self.turn + tree),
+            "files": R * self.turn,
         }
 
 
@@ -230,8 +230,8 @@ def page(found: dict[str, list[Row]], model: Model) -> str:
             **{f"{phase}, by n": law for phase, law in model.by_size.items()},
             "Newton steps, by K": model.steps, "products, by K": model.products,
             **{f"coarse {name}, by unknowns": law for name, law in model.coarse.items()}}.items()])
-    lines += [f"Products grow with n to the power {model.finer:.2f}; {model.motions:.1f} coarse unknowns a brick; a "
-              f"rank's turn at the files takes {1e3 * model.turn:.1f} ms.", "", "## Prediction", "",
+    lines += [f"Products grow with n to the power {model.finer:.2f}; {model.motions:.1f} coarse unknowns a brick; "
+              f"writing takes {1e3 * model.turn:.1f} ms a brick.", "", "## Prediction", "",
               f"Seconds with a latency of {1e6 * model.latency:g} µs and {model.bandwidth / 1e9:g} GB/s.", ""]
     for n in SIZES:
         parts = {R: model.seconds(R, n) for R in RANKS}

@@ -85,7 +85,7 @@ class DiscretizationError:
     Attributes
     ----------
     relative : ‖e‖ / ‖u‖ in the energy norm of all bodies; nan if one of them has no estimate
-    by_body : each body's part of ‖e‖, over the same ‖u‖; nan as well
+    by_body : each body's part of ‖e‖, over the same ‖u‖; nan as well; of all bodies on the first rank only
     own : the estimates of the rank's own bodies
     mean : energy norm squared over area, of all bodies (J/m³)
     """
@@ -103,15 +103,14 @@ class DiscretizationError:
         return np.sqrt(own.squares / own.areas / self.mean) if self.mean else np.zeros(len(own.areas))
 
 
-def sum_errors(bodies: Mapping[str, tuple[float, float, float]],
-               own: dict[str, ErrorEstimate]) -> DiscretizationError:
-    """Sum the squared errors, squared energy norms and areas of all bodies, by name. Not collective."""
-    errors, energies, areas = (np.array(column) for column in zip(*bodies.values(), strict=True))
-    size = errors.sum() + energies.sum()
-    parts = np.sqrt(errors / size) if size else np.zeros(len(errors))
-    return DiscretizationError(relative_error(errors.sum(), energies.sum()),
-                               dict(zip(bodies, parts.tolist(), strict=True)), own,
-                               float(energies.sum() / areas.sum()))
+def sum_errors(bodies: Mapping[str, tuple[float, float, float]], own: dict[str, ErrorEstimate],
+               sums: np.ndarray) -> DiscretizationError:
+    """From squared errors, squared energy norms and areas of `bodies` by name, and their `sums` (3,) over all of them.
+    Not collective."""
+    error, energy, area = sums.tolist()
+    parts = {name: float(np.sqrt(each / (error + energy))) if error + energy else 0.0
+             for name, (each, *_) in bodies.items()}
+    return DiscretizationError(relative_error(error, energy), parts, own, energy / area)
 
 
 def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray,

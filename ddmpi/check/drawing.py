@@ -22,9 +22,10 @@ from ddmpi.pictures.sheet import COLOURS, FILLED, NAMED, PIXELS, STYLE, Sheet, a
 from ddmpi.pictures.views import Skin, Surface
 from ddmpi.results.fields import drawn_facets
 from ddmpi.results.summary import units
-from ddmpi.results.tables import Results, writing
+from ddmpi.results.tables import Results
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.side import nodal
+from ddmpi.system.files import writing
 from ddmpi.system.numbers import scaled_unit
 
 PLACES, ARROW = 16, 0.08

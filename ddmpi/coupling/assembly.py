@@ -33,7 +33,7 @@ from ddmpi.scene.scene import Settled
 from ddmpi.surface.boundary import contact_side
 from ddmpi.surface.side import Side
 from ddmpi.system import interrupt
-from ddmpi.system.agreement import agreed, merged
+from ddmpi.system.agreement import agreed, gathered
 from ddmpi.system.clock import Clock
 from ddmpi.system.memory import free_memory
 
@@ -69,7 +69,7 @@ class Assembly:
     joint : the operator of all bodies together
     n : free dofs of all bodies
     m : contact nodes of all interfaces
-    warnings : what a sensible person would ask about the scene; the same on all ranks
+    warnings : what a sensible person would ask about the scene; of all bodies and contacts on the first rank
     """
 
     world: MPI.Comm
@@ -134,7 +134,12 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
             team.do("drop")  # what is left of other meshes
     homes = homes_of([body.name for body in scene.body], world)
     mine = [body for body in scene.body if homes[body.name] == world.rank]
-    contacts = [contact for contact in scene.contact if {each.name for each in mine} & set(contact.bodies)]
+    at_body: dict[str, list[tuple[SettledContact, int]]] = {body.name: [] for body in mine}
+    for contact in scene.contact:
+        for side, name in enumerate(contact.bodies):
+            if name in at_body:
+                at_body[name].append((contact, side))
+    contacts = [contact for contact in scene.contact if not at_body.keys().isdisjoint(contact.bodies)]
     exchange = Exchange(world, [Ends(contact.name, homes[contact.bodies[0]],
                                      homes.get(contact.bodies[1], homes[contact.bodies[0]])) for contact in contacts],
                         mirrored=_is_pair(world, scene))
@@ -144,7 +149,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     sides: dict[tuple[str, int], Side] = {}
     with clock.phase("mesh"), agreed(world):
         for spec in mine:
-            own = _contacts_of(spec, contacts)
+            own = at_body[spec.name]
             meshes[spec.name] = build_mesh(spec, folder, [contact.on[side] for contact, side in own],
                                            sizes.get(spec.name), scene.dimension, scene.axisymmetric)
             for contact, side in own:
@@ -157,19 +162,22 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                 elasticity = assemble(mesh, spec)
                 material = material_of(mesh, spec)
                 bodies[spec.name] = elasticity
-                own = _contacts_of(spec, contacts)
+                own = at_body[spec.name]
                 for contact, side in own:
                     links, key = edges[contact.name, side], _key(contact)
                     sides[contact.name, side] = contact_side(
                         mesh, links, elasticity.supports, spec.name, modulus_beside(mesh, material, links, key), key,
-                        _tied(spec, contacts, edges, elasticity.supports.free, contact.name),
+                        _tied(own, edges, elasticity.supports.free, contact.name),
                         any(contact.on[side] == other.on[which] for other, which in own if other is not contact))
                 interrupt.check()
         both = exchange.swap_objects(sides)
         with agreed(world):
-            found = [_join(scene, contact, both[contact.name], refinement) for contact in contacts]
-            interfaces = [interface for interface, _ in found]
-            doubts = {interface.name: warnings for interface, warnings in found}
+            times = scene.legs if scene.time is None or scene.time.steps == 1 else [0.0, *scene.legs]
+            specs, factors = {body.name: body for body in scene.body}, {time: scene.factors(time) for time in times}
+            found = {contact.name: _join(scene, contact, both[contact.name],
+                                         [specs[name] for name in contact.bodies if name in specs], factors, refinement)
+                     for contact in contacts}
+            interfaces = [interface for interface, _ in found.values()]
             _check_method(scene, bodies, interfaces)
     memory = free_memory() / (ranks_beside(world) * max(len(mine), 1))
     if team:
@@ -181,7 +189,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
             points = meshes[spec.name].points[bodies[spec.name].nodes]
             if factor:
                 bodies[spec.name] = _deal(team, bodies[spec.name], points)
-            ours = [interface for interface in interfaces if spec.name in interface.bodies]
+            ours = [found[contact.name][0] for contact, _ in at_body[spec.name]]
             members.append(Member(spec.name, bodies[spec.name], ours, scene.method.compliance, memory, histories,
                                   points, factor))
             interrupt.check()
@@ -191,13 +199,14 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     else:
         space = Space([interface for interface in interfaces if interface.name in owned], world, exchange.collectives)
     exchange.connect(space, [member.parts for member in members])
-    told = _doubts(scene, merged(world, {name: each.warnings for name, each in bodies.items()}), merged(world, doubts))
+    told = _doubts(scene, gathered(world, {name: each.warnings for name, each in bodies.items() if each.warnings}),
+                   gathered(world, {name: warnings for name, (_, warnings) in found.items() if warnings}))
     numbers = [body.name for body in scene.body]
     return Assembly(world, scene, tuple(Body(numbers.index(spec.name), spec, meshes[spec.name], member)
                                         for spec, member in zip(mine, members, strict=True)),
                     space, exchange, Joint(members, exchange, space, histories, scene.pushed),
                     world.allreduce(sum(each.n for each in bodies.values())),
-                    sum(merged(world, {interface.name: interface.m for interface in interfaces}).values()), told)
+                    world.allreduce(sum(interface.m for interface in interfaces if interface.name in owned)), told)
 
 
 def _is_pair(world: MPI.Comm, scene: Settled) -> bool:
@@ -207,9 +216,9 @@ def _is_pair(world: MPI.Comm, scene: Settled) -> bool:
 
 
 def _doubts(scene: Settled, by_body: Mapping[str, list[str]], by_contact: Mapping[str, list[str]]) -> list[str]:
-    """All warnings of a scene, in its order; those of bodies and contacts were found on their ranks."""
+    """All warnings of a scene, in its order, from those of bodies and contacts that have some."""
     named = {name for contact in scene.contact for name in contact.bodies}
-    return [*(warning for body in scene.body for warning in by_body[body.name]),
+    return [*(warning for body in scene.body for warning in by_body.get(body.name, ())),
             *(f"body.{body.name}: no contact names it; it is solved alone" for body in scene.body
               if body.name not in named),
             *(f"rigid.{rigid.name}: no contact names it; nothing touches it" for rigid in scene.rigid
@@ -217,12 +226,7 @@ def _doubts(scene: Settled, by_body: Mapping[str, list[str]], by_contact: Mappin
             *(f"history.{name}: nothing follows it" for name in scene.history if name not in scene.followed),
             *("time: nothing follows a history; the loads are the same in all load steps"
               for _ in [scene.time] if scene.time is not None and not scene.followed),
-            *(warning for contact in scene.contact for warning in by_contact[contact.name])]
-
-
-def _contacts_of(spec: SettledBody, contacts: Sequence[SettledContact]) -> list[tuple[SettledContact, int]]:
-    """The contacts of a body, and its side in each."""
-    return [(contact, contact.bodies.index(spec.name)) for contact in contacts if spec.name in contact.bodies]
+            *(warning for contact in scene.contact for warning in by_contact.get(contact.name, ()))]
 
 
 def _deal(team: Team | None, elasticity: Elasticity, points: np.ndarray) -> Elasticity:
@@ -237,11 +241,12 @@ def _key(contact: SettledContact) -> str:
     return f"contact.{contact.name}.on"
 
 
-def _tied(spec: SettledBody, contacts: Sequence[SettledContact], edges: Mapping[tuple[str, int], np.ndarray],
+def _tied(own: Sequence[tuple[SettledContact, int]], edges: Mapping[tuple[str, int], np.ndarray],
           free: np.ndarray, name: str) -> np.ndarray:
-    """Nodes (nv,) bool of a body that clamps hold in all components, or that lie on other contacts than `name` that
-    can hold: bonded or frictional ones; in space on those of other groups."""
-    tied, own = ~free.any(axis=(1, 2)), _contacts_of(spec, contacts)
+    """Nodes (nv,) bool of a body, with its `own` contacts and its side in each, that clamps hold in all components, or
+    that lie on other contacts than `name` that can hold: bonded or frictional ones; in space on those of other groups.
+    """
+    tied = ~free.any(axis=(1, 2))
     here = next(contact.on[side] for contact, side in own if contact.name == name)
     for contact, side in own:
         if contact.name != name and holds_along(contact) and (
@@ -250,22 +255,21 @@ def _tied(spec: SettledBody, contacts: Sequence[SettledContact], edges: Mapping[
     return tied
 
 
-def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | None],
-          refinement: int) -> tuple[Interface, list[str]]:
-    """The interface of two sides, or of one and a rigid partner, and warnings. Raises InputError."""
-    (first, second), clamps = sides, {body.name: [*body.clamps, ON_AXIS] for body in scene.body}
+def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | None], specs: Sequence[SettledBody],
+          factors: Mapping[float, Mapping[str | None, float]], refinement: int) -> tuple[Interface, list[str]]:
+    """The interface of two sides, or of one and a rigid partner, of the bodies `specs`, and warnings. `factors` of
+    histories are by the times at which loads turn. Raises InputError."""
+    (first, second), clamps = sides, {body.name: [*body.clamps, ON_AXIS] for body in specs}
     if second is None:
         (rigid,) = (each for each in scene.rigid if each.name == contact.bodies[1])
         interface = face_rigid(first, rigid, contact)
         moved = dict(zip("xyz", rigid.displacement or (), strict=False))
         partner = Mover(rigid.name, [Clamp(on=rigid.name, history=rigid.history, **moved)], pushed=rigid.pushed)
     else:
-        if any(body.mesh.geometry for body in scene.body if body.name in contact.bodies):
+        if any(body.mesh.geometry for body in specs):
             refinement = 1  # its nodes match by their number alone
         interface = connect(first, second, contact, refinement)
         partner = Mover(second.body, clamps[second.body], second)
-    times = scene.legs if scene.time is None or scene.time.steps == 1 else [0.0, *scene.legs]
-    factors = {time: scene.factors(time) for time in times}
     overlaps = check_overlap(interface, *(side for side in (first, second) if side),
                              scales=[each[interface.gap_history] for each in factors.values()])
     refuse_contradiction(interface, [Mover(first.body, clamps[first.body], first), partner], factors)

@@ -21,6 +21,7 @@ from ddmpi.coupling.space import Space
 from ddmpi.errors import SolverError
 from ddmpi.petsc.events import event
 from ddmpi.scene.contacts import Rigid
+from ddmpi.system.agreement import agreed
 
 
 class Motions:
@@ -104,7 +105,10 @@ def gather_motions(exchange: Exchange, space: Space, members: Sequence[Member], 
 
 
 class CoarseSystem:
-    """S = Ẑ M Z̃ᵀ + D, factored, for one set of unknown forces; the same on all ranks.
+    """S = Ẑ M Z̃ᵀ + D for one set of unknown forces, factored on the first rank, which solves for all.
+
+    Factors on every rank take memory on each and keep all cores of a host busy with the same work; shared by several
+    ranks they do not solve faster (docs/studies/scaling.md).
 
     Parameters
     ----------
@@ -126,93 +130,96 @@ class CoarseSystem:
             self._MZ = (basis.T @ motions.assemble(smooth)).tocsr()
             self._EZ = (E.T @ motions.Z).tocsr()
             local = (self._EZ.T @ self._MZ).tocoo()
-            entries = self._space.comm.allgather((local.row, local.col, local.data))
-            if self._space.comm.size > 1:
-                self._space.sent.update(reductions=1, reduced_bytes=sum(
-                    each.nbytes for each in (local.row, local.col, local.data)))
-            row, column, value = (np.concatenate(each) for each in zip(*entries, strict=True))
-            S = sparse.csc_matrix((value, (row, column)), (motions.size, motions.size))
-            try:
-                S = (S + sparse.diags(diagonal)).tocsc()
-                self._factors = splu(S, permc_spec="MMD_AT_PLUS_A")  # nearly symmetric
-            except (RuntimeError, ValueError) as cause:  # the same on all ranks
-                error = SolverError(f"the coarse problem of rigid motions cannot be solved: {cause}")
-                error.agreed = True
-                raise error from None
+            entries, self._size = self._space.gather((local.row, local.col, local.data)), motions.size
+            with agreed(self._space.comm):
+                if entries is not None:
+                    row, column, value = (np.concatenate(each) for each in zip(*entries, strict=True))
+                    S = sparse.csc_matrix((value, (row, column)), (self._size, self._size))
+                    try:
+                        S = (S + sparse.diags(diagonal)).tocsc()
+                        self._factors = splu(S, permc_spec="MMD_AT_PLUS_A")  # nearly symmetric
+                    except (RuntimeError, ValueError) as cause:
+                        raise SolverError(f"the coarse problem of rigid motions cannot be solved: {cause}") from None
 
     def __len__(self) -> int:
-        return self._factors.shape[0]
+        return self._size
 
     def correct(self, Mf: np.ndarray, h: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """y = M f + M Z̃ᵀ a (k,) in newtons and a = S⁻¹(h − Ẑ M f) (size,) in metres, from M f; `h` is zero if left out.
 
         Collective.
         """
-        right = -self._space.add(self._EZ.T @ Mf)
-        a = self._factors.solve(right if h is None else right + h)
+        a = self._space.solve_first(self._EZ.T @ Mf, lambda total: self._factors.solve(
+            -total if h is None else h - total))
         return Mf + self._MZ @ a, a
 
 
 class CrossPoints:
     """How nodes give way at which bodies have several contacts: R = Σ B_a B_aᵀ / c_a, with the rows B_a there.
 
-    Half-spaces know one contact each. Around an edge where bodies meet forces may even cancel on all of them.
+    Half-spaces know one contact each. Around an edge where bodies meet forces may even cancel on all of them. The first
+    rank has R, and solves for all.
 
     Parameters
     ----------
     members : the bodies of this rank
     exchange, space : between the bodies, and the layout of the vectors
 
-    Attributes
-    ----------
-    rows : (k,) entries of this rank's vectors that are at such nodes
-
-    Construction is collective. Every rank holds R of all ranks.
+    Construction is collective.
     """
 
     def __init__(self, members: Sequence[Member], exchange: Exchange, space: Space) -> None:
-        self._space, starts, size = space, dict[str, int](), 0
-        for parts, own in space.comm.allgather((space.parts, space.size)):
-            starts |= {name: size + part.start for name, part in parts.items()}
-            size += own
         found = [member.at_cross_points() for member in members]
         rest = exchange.total([own for _, own in found], "cross points")
-        blocks = []
-        for member, (block, _) in zip(members, found, strict=True):
-            rows = np.concatenate([np.zeros(0, int), *(starts[name] + np.arange(part.stop - part.start)
-                                                       for name, (part, _) in member.parts.items())])
-            place = sparse.csr_matrix((np.ones(len(rows)), (rows, np.arange(len(rows)))), (size, len(rows)))
-            blocks.append(place @ block)
-        B = sparse.hstack([sparse.csr_matrix((size, 0)), *itertools.chain(*exchange.world.allgather(blocks))], "csr")
-        some = np.diff(B.indptr) > 0
-        self._R = (B @ B.T + sparse.diags(np.concatenate(space.comm.allgather(rest))))[some][:, some]
-        start = min((starts[name] for name in space.parts), default=0)
-        self.rows = np.flatnonzero(some[start:start + space.size])
+        blocks = [([(name, part.stop - part.start) for name, (part, _) in member.parts.items()], block)
+                  for member, (block, _) in zip(members, found, strict=True)]
+        if space.comm.size == 1 < exchange.world.size:  # both ranks have all vectors
+            blocks = [*itertools.chain(*exchange.world.allgather(blocks))]
+        self._space, everyone = space, space.gather((space.parts, rest, blocks))
+        if everyone is not None:
+            layouts, rests, parts = zip(*everyone, strict=True)
+            before = np.cumsum([0, *(len(each) for each in rests)])
+            starts = {name: start + part.start for start, own in zip(before, layouts, strict=False)
+                      for name, part in own.items()}
+            placed = [sparse.csr_matrix((before[-1], 0))]
+            for sizes, block in itertools.chain(*parts):
+                rows = np.concatenate([np.zeros(0, int), *(starts[name] + np.arange(size) for name, size in sizes)])
+                placed.append(sparse.csr_matrix((np.ones(len(rows)), (rows, np.arange(len(rows)))),
+                                                (before[-1], len(rows))) @ block)
+            B = sparse.hstack(placed, "csr")
+            self._R = B @ B.T + sparse.diags(np.concatenate(rests))
 
-    def corrector(self, basis: sparse.csr_matrix, D: np.ndarray) -> Callable[[np.ndarray], np.ndarray] | None:
+    def corrector(self, basis: sparse.csr_matrix, D: np.ndarray, rows: np.ndarray,
+                  ) -> Callable[[np.ndarray], np.ndarray] | None:
         """w ↦ diag(K) K⁻¹ w for displacements (k,) along the unknown forces, K = Iᵀ R I + D; collective as this is.
 
         Parameters
         ----------
         basis : I (owned size, k) sparse, along which forces are unknown
         D : (k,) compliances (m/N) beside R, above zero
+        rows : (owned size,) bool, entries of this rank's vectors that are at such nodes
 
-        None where no such force is unknown.
+        None where no such force is unknown. Raises SolverError.
         """
-        space, unknown = self._space, basis[self.rows]
-        columns = np.unique(unknown.indices)
-        parts = space.comm.allgather((unknown[:, columns], D[columns]))
-        ends = np.cumsum([0, *(len(each) for _, each in parts)])
-        if not ends[-1]:
+        space, columns = self._space, np.unique(basis[rows].indices)
+        if not space.any(np.array([len(columns)])):
             return None
-        here, every = slice(*ends[space.comm.rank:][:2]), sparse.block_diag([each for each, _ in parts], "csr")
-        K = (every.T @ self._R @ every + sparse.diags(np.concatenate([each for _, each in parts]))).tocsc()
-        diagonal, factors = K.diagonal(), splu(K, permc_spec="MMD_AT_PLUS_A")
+        unknown = sparse.diags(rows.astype(float)) @ basis[:, columns]
+        everyone = space.gather((unknown, D[columns]))
+        with agreed(space.comm):
+            if everyone is not None:
+                parts, own = zip(*everyone, strict=True)
+                along = sparse.block_diag(parts, "csr")
+                K = (along.T @ self._R @ along + sparse.diags(np.concatenate(own))).tocsc()
+                diagonal = K.diagonal()
+                try:
+                    factors = splu(K, permc_spec="MMD_AT_PLUS_A")
+                except RuntimeError as cause:
+                    raise SolverError(f"the forces where contacts meet cannot be solved for: {cause}") from None
 
         def correct(w: np.ndarray) -> np.ndarray:
-            right, found = np.zeros(len(diagonal)), w.copy()
-            right[here] = w[columns]
-            found[columns] = (diagonal * factors.solve(space.add(right)))[here]
+            found = w.copy()
+            found[columns] = space.solve_joined(w[columns], lambda right: diagonal * factors.solve(right))
             return found
 
         return correct

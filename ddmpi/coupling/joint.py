@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 
 import numpy as np
+from mpi4py import MPI
 
 from ddmpi.coupling.coarse import CrossPoints, Motions, gather_motions
 from ddmpi.coupling.exchange import Exchange
@@ -46,6 +47,7 @@ class Joint:
     slices : of them by body, also of the bodies that have none, and by pushed partner
     e : (rigid.size,) the loads along them (N)
     neglected : forces (N) that do not matter in a product that is kept
+    dear : whether a body's products are by an iterative solver
     """
 
     def __init__(self, members: Sequence[Member], exchange: Exchange, space: Space,
@@ -54,11 +56,12 @@ class Joint:
         self.members, self.space, self.size = tuple(members), space, space.size
         self.neglected = 0.0
         self._exchange = exchange
+        self.dear = exchange.world.allreduce(any(member.dear for member in members), MPI.LOR)
         self._moved = {name: exchange.total([member.response(name)[0] for member in members], "free displacement")
                        for name in histories}
         self.rigid, self.slices = gather_motions(exchange, space, members, [member.G for member in members], pushed)
         self.bodies = len(self.slices) - len(pushed)
-        self._pulled = {name: self._of_all([member.response(name)[1] for member in members],
+        self._pulled = {name: self.of_all([member.response(name)[1] for member in members],
                                            [(rigid.history == name) * np.array(rigid.force)[rigid.pushed]
                                             for rigid in pushed]) for name in histories}
         self.act(dict.fromkeys(histories, 1.0))
@@ -93,24 +96,28 @@ class Joint:
     def add_motions(self, columns: Sequence[np.ndarray], values: Sequence[np.ndarray]) -> tuple[Motions, np.ndarray]:
         """The rigid and then further motions: of each local body (j, its size); with a value of each further one."""
         more, _ = gather_motions(self._exchange, self.space, self.members, columns)
-        return self.rigid.joined(more), self._of_all(values)
+        return self.rigid.joined(more), self.of_all(values)
 
     def cross_points(self) -> CrossPoints:
         """How nodes give way at which bodies have several contacts. Collective."""
         return CrossPoints(self.members, self._exchange, self.space)
 
+    def shared(self) -> np.ndarray:
+        """(size,) bool, unknowns of nodes at which a body has several contacts. Collective."""
+        found = [(np.diff(member.at_cross_points()[0].indptr) > 0).astype(float) for member in self.members]
+        return self._exchange.total(found, "shared nodes") > 0.0
+
     def rigid_moduli(self) -> np.ndarray:
         """`Member.stiffness` (N/m²; in space N/m) of the body that each rigid motion belongs to, or of the stiffest
         body that a partner pushes (rigid.size,); times the softest foundation over its body's, if that is softer."""
+        world = self._exchange.world
         soft = [member.elasticity.softest / member.stiffness for member in self.members]
-        share = min([1.0, *itertools.chain(*self._exchange.world.allgather(soft))])
-        own = [(name, member.stiffness) for member in self.members for each in member.interfaces
-               for name in each.bodies]
-        stiffness: dict[str, float] = {}
-        for name, value in itertools.chain(*self._exchange.world.allgather(own)):
-            stiffness[name] = max(value, stiffness.get(name, 0.0))
-        return share * self._of_all([np.full(len(member.e), member.stiffness) for member in self.members],
-                                    [np.full(len(rigid.pushed), stiffness[rigid.name]) for rigid in self.pushed])
+        share = world.allreduce(min([1.0, *soft]), MPI.MIN)
+        pushing = [world.allreduce(max((member.stiffness for member in self.members if any(
+            rigid.name in each.bodies for each in member.interfaces)), default=0.0), MPI.MAX) for rigid in self.pushed]
+        return share * self.of_all([np.full(len(member.e), member.stiffness) for member in self.members],
+                                    [np.full(len(rigid.pushed), stiffness) for rigid, stiffness in
+                                     zip(self.pushed, pushing, strict=True)])
 
     def first_closed(self) -> tuple[np.ndarray, np.ndarray]:
         """The nodes (m,) bool of all owned interfaces that a first guess takes as closed, and the open ones of these
@@ -142,7 +149,7 @@ class Joint:
         none = np.empty(0, bool)
         return np.concatenate([none, *touches]), np.concatenate([none, *falls])
 
-    def _of_all(self, own: Sequence[np.ndarray], partners: Sequence[np.ndarray] = ()) -> np.ndarray:
+    def of_all(self, own: Sequence[np.ndarray], partners: Sequence[np.ndarray] = ()) -> np.ndarray:
         """The arrays of all bodies and then of pushed partners one after the other, in the order of the motions."""
         everyone = self._exchange.world.allgather(own)
         return np.concatenate([np.zeros(0), *itertools.chain(*everyone), *partners])

@@ -41,6 +41,7 @@ class Member:
     Attributes
     ----------
     kind, reason : of a body that is only looked at, those that its `Compliance` would have
+    dear : whether its products are by an iterative solver
     C : contact compliance B A⁻¹ Bᵀ with its counts; of a loose body before centring, so multiply by `mult`
     h : (size,) B A⁻¹ b, the contact displacement without contact forces (m); of a loose body, with those that
         balance the load
@@ -70,6 +71,7 @@ class Member:
         self.G, self.e = np.ascontiguousarray((B @ R).T), R.T @ b.array_r
         self._R = R
         self._centring: Centring | None = None
+        self.dear = False
         if not factor:
             self.kind, self.reason = plan_compliance(A.size[0], B, compliance, memory, A.getBlockSize())
             self._responses = {name: (np.zeros(self.size), R.T @ case.b) for name, case in elasticity.cases.items()}
@@ -78,6 +80,7 @@ class Member:
             self._centring = Centring(R, B)
             A = hold(A, support(motions))
         self.C = Compliance(A, B, name, compliance, memory, make_solver, points)
+        self.dear = self.C.kind == "iterative"
         self._responses = {name: self._response(case) for name, case in elasticity.cases.items()}
         self.h = sum((h for h, _ in self._responses.values()), np.zeros(1))
         self._set_up = self.C.count.copy()

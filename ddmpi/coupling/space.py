@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from mpi4py import MPI
@@ -102,6 +102,33 @@ class Space:
         total = np.empty_like(values)
         self.comm.Allreduce(values, total)
         return total
+
+    def solve_first(self, values: np.ndarray, solve: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """What `solve` makes on the first rank of the sum of `values` (k,) over the ranks: (k,) on all. Collective."""
+        if self.comm.size == 1:
+            return solve(values)
+        self.sent.update(reductions=1, reduced_bytes=values.nbytes)
+        total = np.empty_like(values)
+        self.comm.Reduce(values, total)
+        if self.comm.rank == 0:
+            total = solve(total)
+        self.comm.Bcast(total)
+        return total
+
+    def solve_joined(self, values: np.ndarray, solve: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """The own part (k,) of what `solve` makes on the first rank of the `values` (k,) of all ranks. Collective."""
+        if self.comm.size == 1:
+            return solve(values)
+        self.sent.update(reductions=1, reduced_bytes=values.nbytes)
+        if parts := self.comm.gather(values):
+            parts = np.split(solve(np.concatenate(parts)), np.cumsum([len(each) for each in parts])[:-1])
+        return self.comm.scatter(parts)
+
+    def gather(self, parts: tuple) -> list[tuple] | None:
+        """The `parts` of all ranks, such as arrays, on the first. Collective."""
+        if self.comm.size > 1:
+            self.sent.update(reductions=1, reduced_bytes=sum(getattr(each, "nbytes", 0) for each in parts))
+        return self.comm.gather(parts)
 
     def _gather(self, values: Sequence[float]) -> np.ndarray:
         """The values (ranks, k) of all ranks."""

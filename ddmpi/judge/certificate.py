@@ -7,10 +7,11 @@ found them enters. All residuals are free of units.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from mpi4py import MPI
 
 from ddmpi.interface.state import ContactState
 from ddmpi.system.numbers import norm
@@ -65,15 +66,23 @@ class Certificate:
 
     Attributes
     ----------
-    contacts : residuals by contact
-    equilibrium : ‖A u + Bᵀ s − b‖ over the loads, by body
+    contacts : residuals by contact, of all on the first rank
+    equilibrium : ‖A u + Bᵀ s − b‖ over the loads, by body, of all on the first rank
+    known : what `worst` returns, if the first rank has told the others
     """
 
     contacts: Mapping[str, ContactResiduals]
     equilibrium: Mapping[str, float]
+    known: Mapping[str, tuple[float, str]] | None = None
 
-    def worst(self) -> dict[str, tuple[float, str]]:
+    def told(self, world: MPI.Comm) -> Certificate:
+        """This certificate, whose `worst` residuals are those of all contacts and bodies on all ranks. Collective."""
+        return replace(self, known=world.bcast(self.worst() if world.rank == 0 else None))
+
+    def worst(self) -> Mapping[str, tuple[float, str]]:
         """The largest residual of each kind, and the contact or body that has it; what is no number is largest."""
+        if self.known is not None:
+            return self.known
         kinds = zip(ContactResiduals._fields, zip(*self.contacts.values(), strict=True), strict=True)
         found = {kind: _largest(dict(zip(self.contacts, values, strict=True))) for kind, values in kinds}
         return found | {"equilibrium": _largest(self.equilibrium)}

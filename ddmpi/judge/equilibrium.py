@@ -10,15 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.interface.interface import Interface
 from ddmpi.judge.motions import MotionsOfBody, describe_motions
-
-LARGEST = 300
-"""With more loose bodies the linear program takes longer than it is worth; nothing is looked for."""
 
 IMBALANCE = 1e-6
 """Loads of this part of all loads on a body that nothing balances are no rounding: there is no equilibrium."""
@@ -99,8 +97,7 @@ def find_mechanism(interfaces: Sequence[Interface], G: sparse.spmatrix, e: np.nd
     """The mechanism that shows that no contact forces hold the loose bodies; None where some do.
 
     None does not prove that there is an equilibrium: with Coulomb friction forces that balance the loads may be out of
-    reach of elastic bodies. More than `LARGEST` loose bodies are not looked at, and what the program cannot prove
-    (which has not been seen) is not reported.
+    reach of elastic bodies. What the program cannot prove (which has not been seen) is not reported.
 
     Parameters
     ----------
@@ -111,17 +108,16 @@ def find_mechanism(interfaces: Sequence[Interface], G: sparse.spmatrix, e: np.nd
 
     Not collective.
     """
-    if not bodies or len(bodies) > LARGEST:
+    if not bodies:
         return None
-    scale = _Scale(bodies, e, load)
-    if not scale.largest or (np.abs(e) <= ROUNDING * scale.of_row).all():
+    scale = Scale([body.speeds for body in bodies], e, load)
+    if scale.idle(e):
         return None
-    A, b = sparse.csc_matrix(sparse.diags(1.0 / scale.unit) @ G), e / scale.unit / scale.largest
-    forces = _Forces.allowed(interfaces, A, scale.largest)
-    imbalance, dual = _least_imbalance(forces, b, scale.of_row / scale.largest)
-    if not imbalance > IMBALANCE or not _is_proof(forces, b, dual):
+    A, b = scale.rows(G), e / scale.unit / scale.largest
+    imbalance, dual = _least_imbalance(Forces.allowed(interfaces, A, scale.largest).program, b, scale)
+    if dual is None:
         return None
-    inside = _Forces.allowed(interfaces, A, scale.largest, inside=True)
+    inside = Forces.allowed(interfaces, A, scale.largest, inside=True)
     motion = _release(A, inside, b, dual, bodies, scale)
     coefficients = motion / scale.unit
     velocities = np.array([body.velocity(part) for body, part in zip(bodies, scale.split(coefficients), strict=True)])
@@ -130,8 +126,20 @@ def find_mechanism(interfaces: Sequence[Interface], G: sparse.spmatrix, e: np.nd
                      frozenset(_touching(interfaces, A.T @ motion / fastest)))
 
 
-class _Scale:
+def prove_imbalance(contacts: Sequence[Program], e: np.ndarray, scale: Scale) -> bool:
+    """Whether no forces of the `contacts` balance the loads `e` (nc,), see `find_mechanism`. Not collective."""
+    columns, lower, upper = zip(*contacts, strict=True)
+    whole = Program(sparse.hstack(columns, format="csc"), np.concatenate(lower), np.concatenate(upper))
+    return _least_imbalance(whole, e / scale.unit / scale.largest, scale)[1] is not None
+
+
+class Scale:
     """What makes the program free of units.
+
+    Parameters
+    ----------
+    speeds : of each loose body (j,), see `MotionsOfBody`
+    e, load : as for `find_mechanism`
 
     Attributes
     ----------
@@ -140,36 +148,50 @@ class _Scale:
     of_row : (nc,) loads of the row's body (N), but not less than `LIGHTEST` of the largest
     """
 
-    def __init__(self, bodies: Sequence[MotionsOfBody], e: np.ndarray, load: np.ndarray | None) -> None:
-        self._starts = np.cumsum([body.basis.shape[1] for body in bodies])[:-1]
-        self.unit = np.concatenate([body.speeds for body in bodies])
+    def __init__(self, speeds: Sequence[np.ndarray], e: np.ndarray, load: np.ndarray | None) -> None:
+        numbers = [len(each) for each in speeds]
+        self._starts = np.cumsum(numbers)[:-1]
+        self.unit = np.concatenate(speeds)
         own = np.array([np.abs(part).max(initial=0.0) for part in self.split(e / self.unit)])
         loads = own if load is None else np.maximum(own, load)
         self.largest = float(loads.max())
-        self.of_row = np.repeat(np.maximum(loads, LIGHTEST * self.largest), [body.basis.shape[1] for body in bodies])
+        self.of_row = np.repeat(np.maximum(loads, LIGHTEST * self.largest), numbers)
+
+    def idle(self, e: np.ndarray) -> bool:
+        """Whether the loads e (nc,) are nothing but rounding."""
+        return not self.largest or bool((np.abs(e) <= ROUNDING * self.of_row).all())
+
+    def rows(self, G: sparse.spmatrix) -> sparse.csc_matrix:
+        """G (nc, ·) for motions whose fastest node has velocity 1."""
+        return sparse.csc_matrix(sparse.diags(1.0 / self.unit) @ G)
 
     def split(self, x: np.ndarray) -> list[np.ndarray]:
         """Parts of a vector (nc,) by body."""
         return np.split(x, self._starts)
 
 
+class Program(NamedTuple):
+    """The forces that contacts allow: combinations of `columns` (nc, k), each with coefficients between two (k,)."""
+
+    columns: sparse.csc_matrix
+    lower: np.ndarray
+    upper: np.ndarray
+
+
 @dataclass(frozen=True)
-class _Forces:
-    """The forces that the laws allow: combinations of `columns` with coefficients between `lower` and `upper`.
+class Forces:
+    """The forces that the laws allow.
 
     Attributes
     ----------
-    columns : (nc, k) the coefficient's power on the rigid motions
-    lower, upper : (k,)
+    program : their powers on the rigid motions, and what their coefficients lie between
     node : (k,) the column of G of the normal force of its node
     presses, leans : (k,) bool, whether it has a normal, and a tangential part
     owner : (size,) the column of G of the normal force of each column's node
     slope : (size,) of the cone of a node, at the column of its normal force; zero elsewhere
     """
 
-    columns: sparse.csc_matrix
-    lower: np.ndarray
-    upper: np.ndarray
+    program: Program
     node: np.ndarray
     presses: np.ndarray
     leans: np.ndarray
@@ -178,7 +200,7 @@ class _Forces:
 
     @classmethod
     def allowed(cls, interfaces: Sequence[Interface], A: sparse.csc_matrix, unit: float,
-                inside: bool = False) -> _Forces:
+                inside: bool = False) -> Forces:
         """Of all interfaces; forces are counted in `unit` (N), and discs are polygons around them, or `inside` them.
 
         Of a flat piece with the same coefficient only the corners are needed: all nodes between are means of them.
@@ -208,8 +230,9 @@ class _Forces:
             start += interface.size
         value, row, column = (np.concatenate(each) for each in zip(*entries, strict=True))
         lower, upper, node, presses, leans = (np.concatenate(each) for each in zip(*others, strict=True))
-        return cls(sparse.csc_matrix((value, (row.astype(int), column.astype(int))), (A.shape[0], k)), lower, upper,
-                   node.astype(int), presses.astype(bool), leans.astype(bool), np.concatenate(owner), slope)
+        columns = sparse.csc_matrix((value, (row.astype(int), column.astype(int))), (A.shape[0], k))
+        return cls(Program(columns, lower, upper), node.astype(int), presses.astype(bool), leans.astype(bool),
+                   np.concatenate(owner), slope)
 
     @property
     def tangential(self) -> np.ndarray:
@@ -262,23 +285,25 @@ def _length(columns: np.ndarray) -> np.ndarray:
     return np.linalg.norm(columns, axis=0)
 
 
-def _least_imbalance(forces: _Forces, b: np.ndarray, weight: np.ndarray) -> tuple[float, np.ndarray]:
-    """The least Σ |A x − b| / weight, and its derivative by b: rigid velocities (nc,); nan where HiGHS fails."""
+def _least_imbalance(forces: Program, b: np.ndarray, scale: Scale) -> tuple[float, np.ndarray | None]:
+    """The least Σ |A x − b| over the loads of the row's body, and its derivative by b, rigid velocities (nc,), if these
+    prove that there is no equilibrium."""
     from scipy.optimize import linprog
 
-    n, one = len(b), sparse.identity(len(b))
+    n, one, weight = len(b), sparse.identity(len(b)), scale.of_row / scale.largest
     k = len(forces.lower)
     bounds = np.concatenate([np.column_stack([forces.lower, forces.upper]), np.tile([0.0, np.inf], (2 * n, 1))])
     answer = linprog(np.concatenate([np.zeros(k), 1.0 / weight, 1.0 / weight]),
                      A_eq=sparse.hstack([forces.columns, one, -one], format="csc"), b_eq=b, bounds=bounds,
                      method="highs", options={"primal_feasibility_tolerance": 1e-10,
                                               "dual_feasibility_tolerance": 1e-10})
-    if answer.status != 0:
-        return float("nan"), np.zeros(n)
-    return float(answer.fun), np.asarray(answer.eqlin.marginals)
+    if answer.status != 0 or not answer.fun > IMBALANCE:
+        return 0.0, None
+    dual = np.asarray(answer.eqlin.marginals)
+    return float(answer.fun), dual if _is_proof(forces, b, dual) else None
 
 
-def _is_proof(forces: _Forces, b: np.ndarray, motion: np.ndarray) -> bool:
+def _is_proof(forces: Program, b: np.ndarray, motion: np.ndarray) -> bool:
     """Whether the loads do more work on the motion (nc,) than all allowed forces together could take."""
     size = np.abs(motion).max()
     if not size:
@@ -289,8 +314,8 @@ def _is_proof(forces: _Forces, b: np.ndarray, motion: np.ndarray) -> bool:
     return bool(b @ motion / size > (rate[rate != 0.0] * bound[rate != 0.0]).sum())
 
 
-def _release(A: sparse.csc_matrix, forces: _Forces, b: np.ndarray, dual: np.ndarray, bodies: Sequence[MotionsOfBody],
-             scale: _Scale) -> np.ndarray:
+def _release(A: sparse.csc_matrix, forces: Forces, b: np.ndarray, dual: np.ndarray, bodies: Sequence[MotionsOfBody],
+             scale: Scale) -> np.ndarray:
     """The motion (nc,) with which the bodies would start if they were let go; `dual` where that is not found.
 
     By Gauss's principle of least constraint the accelerations of bodies of density one leave the least residual
@@ -300,14 +325,14 @@ def _release(A: sparse.csc_matrix, forces: _Forces, b: np.ndarray, dual: np.ndar
     """
     moves = np.concatenate([np.full(len(part), len(bodies) <= MANY or np.abs(part).max() > PROVEN * np.abs(dual).max())
                             for part in scale.split(dual)])
-    if moves.sum() > 2 * MANY * len(bodies[0].basis) or np.isfinite(forces.upper).sum() > BOUNDED:
+    if moves.sum() > 2 * MANY * len(bodies[0].basis) or np.isfinite(forces.program.upper).sum() > BOUNDED:
         return dual
     measure = max(body.measure for body in bodies)
     W = np.asarray(sparse.block_diag([
         np.linalg.inv(np.linalg.cholesky(body.inertia / np.outer(unit, unit) / measure))
         for body, unit in zip(bodies, scale.split(scale.unit), strict=True)]).todense())[moves]
     nodes = np.unique(forces.node[forces.presses])
-    columns, lower, upper = W @ forces.columns, forces.lower, forces.upper
+    columns, lower, upper = W @ forces.program.columns, forces.program.lower, forces.program.upper
     for _ in range(ROUNDS):
         x = _least_squares(columns, W @ b, lower, upper)
         left = W @ b - columns @ x

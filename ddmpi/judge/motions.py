@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 from math import factorial
 
 import numpy as np
+import scipy.sparse as sparse
+from scipy.sparse import csgraph
 
 TURNS = {2: ((0, 1),), 3: ((1, 2), (2, 0), (0, 1))}
 """By dimension, the axes of each turning: the first turns towards the second."""
@@ -36,6 +38,9 @@ NAMED = 2
 
 FLAT = 1e-3
 """A body is at least this part of its size thick."""
+
+LARGEST = 300
+"""Of more loose bodies that lean on each other nobody asks which motions nothing resists: it takes too long."""
 
 
 @dataclass(frozen=True)
@@ -131,32 +136,35 @@ def describe_motions(bodies: Sequence[MotionsOfBody], velocities: np.ndarray, to
 def undetermined(G_active: np.ndarray, bodies: Sequence[MotionsOfBody]) -> list[str]:
     """The rigid motions that no closed contact resists at a solution, one sentence each.
 
+    Bodies that lean on each other are looked at together, unless they are more than `LARGEST`.
+
     Parameters
     ----------
     G_active : (nc, k) columns of G of the forces that resist: normal ones of closed nodes, tangential ones of
-        nodes that stick, all of bonded contacts; sparse or dense
+        nodes that stick, all of bonded contacts; or others with the same sums of squares; sparse or dense
     bodies : the loose ones, in the order of the rows
 
     Not collective.
     """
-    starts = np.cumsum([0, *(body.basis.shape[1] for body in bodies)])
-    dense = np.asarray(G_active.todense() if hasattr(G_active, "todense") else G_active, dtype=float)
+    numbers = [body.basis.shape[1] for body in bodies]
+    starts, owner = np.cumsum([0, *numbers]), np.repeat(np.arange(len(bodies)), numbers)
     unit = np.concatenate([np.empty(0), *(body.speeds for body in bodies)])
-    dense = dense / unit[:, None]
-    length = np.linalg.norm(dense, axis=0)
-    dense = dense[:, length > 0.0] / length[length > 0.0]
-    alone = [k for k, body in enumerate(bodies)
-             if body.basis.shape[1] == len(body.basis) and not dense[starts[k]:starts[k + 1]].any()]
-    lines = [f"nothing touches {bodies[k].name}: it can move freely" for k in alone]
-    rows = np.concatenate([np.arange(starts[k], starts[k + 1]) for k in range(len(bodies)) if k not in alone] or
-                          [np.empty(0, int)]).astype(int)
-    for motion in _null_space(dense[rows].T):
-        coefficients = np.zeros(starts[-1])
-        coefficients[rows] = motion / unit[rows]
-        velocities = np.array([body.velocity(coefficients[a:b])
-                               for body, a, b in zip(bodies, starts[:-1], starts[1:], strict=True)])
-        lines.append(_can(bodies, velocities))
-    return lines
+    G = sparse.csr_matrix(sparse.diags(1.0 / unit) @ sparse.csr_matrix(G_active))
+    G.eliminate_zeros()
+    touches = sparse.csr_matrix((np.ones(starts[-1]), (owner, np.arange(starts[-1])))) @ abs(G)
+    number, island = csgraph.connected_components(touches @ touches.T, directed=False)
+    found: tuple[list[str], list[str]] = [], []
+    for members in np.split(np.argsort(island, kind="stable"), np.cumsum(np.bincount(island, minlength=number))[:-1]):
+        rows, some = np.flatnonzero(np.isin(owner, members)), [bodies[k] for k in members]
+        if len(some) == 1 and not touches[members].nnz and numbers[members[0]] == len(some[0].basis):
+            found[0].append(f"nothing touches {some[0].name}: it can move freely")
+        elif len(some) <= LARGEST:
+            own = G[rows]
+            for motion in _null_space(own[:, np.unique(own.indices)].toarray().T):
+                parts = np.split(motion / unit[rows], np.cumsum([numbers[k] for k in members])[:-1])
+                found[1].append(_can(some, np.array([body.velocity(part) for body, part in
+                                                     zip(some, parts, strict=True)])))
+    return [*found[0], *found[1]]
 
 
 def _null_space(A: np.ndarray, rounding: float = 1e-9) -> np.ndarray:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +21,7 @@ from ddmpi.mesh.elements import CORNERS_CUT
 from ddmpi.mesh.mesh import Mesh, boundary_facets
 from ddmpi.mesh.refine import INSIDE
 from ddmpi.scene.contacts import Rigid
-from ddmpi.system.agreement import merged
+from ddmpi.system.agreement import gathered
 from ddmpi.system.numbers import across, in_words, nearest_in
 
 RESOLVED = 1e-3
@@ -138,20 +137,22 @@ class Overlap(NamedTuple):
 
 def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
                    states: Mapping[str, ContactState]) -> list[str]:
-    """Warnings where bodies run through each other or rigid partners outside their contacts, the same on all ranks.
+    """Warnings, on the first rank, where bodies run through each other or rigid partners outside their contacts.
 
-    Of two bodies on different ranks whose bounding boxes overlap one sends what is near to the other. Collective.
+    The first rank tells the others whose bounding boxes overlap. Of two such bodies on different ranks one sends what
+    is near to the other. Collective.
     """
     world, names = assembly.world, [body.name for body in assembly.scene.body]
     own = {body.number: Solid.of(body.mesh, displacements[body.spec.name])
            for body in assembly.bodies}
-    boxes = merged(world, {number: (world.rank, *each.box()) for number, each in own.items()})
-    near = [(a, b) for a, b in combinations(sorted(boxes), 2) if (boxes[a][1] <= boxes[b][2]).all()
-            and (boxes[b][1] <= boxes[a][2]).all()]
-    sending = [world.isend(own[b].part(*boxes[a][1:]), boxes[a][0], number) for number, (a, b) in enumerate(near)
+    boxes = gathered(world, {number: (world.rank, each.box()) for number, each in own.items()})
+    near = world.scatter(_pairs_by_rank(boxes, world.size) if world.rank == 0 else None)
+    depths = _deepest(assembly, states)
+    sending = [world.isend((own[b].part(*box), depths[names[b]]), there, b) for (a, b), there, (box, _) in near
                if b in own and a not in own]
-    at_hand = {(a, b): own[b].part(*boxes[a][1:]) if b in own else world.recv(None, boxes[b][0], number)
-               for number, (a, b) in enumerate(near) if a in own}
+    at_hand = {(a, b): (own[a].part(*other), *((own[b].part(*box), depths[names[b]]) if b in own else
+                                               world.recv(None, there, b)))
+               for (a, b), there, (box, other) in near if a in own}
     MPI.Request.waitall(sending)
     contacts, found = {body.number: body.member.interfaces for body in assembly.bodies}, {}
     for number, each in own.items():
@@ -159,30 +160,57 @@ def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
         found[number, number] = [] if place is None else [
             f"body.{names[number]} runs through itself, as at {in_words(place, 4)}, where nothing keeps "
             "its sides apart; for sides that touch make two bodies of it, bonded where they hang together"]
-    for (a, b), other in at_hand.items():
-        pair, solids = (names[a], names[b]), (own[a].part(*boxes[b][1:]), other)
+    for (a, b), (one, other, beside) in at_hand.items():
+        pair, solids = (names[a], names[b]), (one, other)
         kept = [np.isin(solid.numbers, _kept(contacts[a], *ends)) for solid, ends in
                 zip(solids, (pair, pair[::-1]), strict=True)]
-        overlap, drawn = run_through(*solids, kept, _between(pair, states))
+        overlap, drawn = run_through(*solids, kept, _between(pair, depths[pair[0]], beside))
         if overlap:
             touch = any(set(contact.bodies) == set(pair) for contact in assembly.scene.contact)
             found[a, b] = [f"body.{pair[0]} and body.{pair[1]} run through each other by {overlap.depth:.3g}"
                            + f" ({drawn:.3g} as drawn)" * (drawn > 0.0)
                            + f", as at {in_words(overlap.place, 4)}, where no contact keeps them apart; "
                            + (WIDEN if touch else ADD)]
-    return [warning for _, warnings in sorted(merged(world, found).items()) for warning in warnings
-            ] + _doubt_rigid(assembly, displacements, states, own)
+    found = gathered(world, {key: warnings for key, warnings in found.items() if warnings})
+    return [*(warning for _, warnings in sorted(found.items()) for warning in warnings),
+            *_doubt_rigid(assembly, displacements, states, own)]
 
 
-def _between(pair: tuple[str, str], states: Mapping[str, ContactState]) -> float:
+def _pairs_by_rank(boxes: Mapping[int, tuple[int, tuple[np.ndarray, np.ndarray]]],
+                   ranks: int) -> list[list[tuple[tuple[int, int], int, tuple]]]:
+    """For each rank the pairs of bodies one of which it has and whose bounding boxes overlap: numbers, the other's
+    rank, and the boxes. `boxes` are the ranks and bounding boxes of all bodies. Not collective."""
+    numbers = sorted(boxes)
+    low, high = np.array([boxes[number][1] for number in numbers]).transpose(1, 0, 2)
+    found: list[list] = [[] for _ in range(ranks)]
+    for k, a in enumerate(numbers):
+        meets = ((low[k + 1:] <= high[k]) & (low[k] <= high[k + 1:])).all(axis=1)
+        for b in (numbers[k + 1 + other] for other in np.flatnonzero(meets)):
+            (here, box), (there, other) = boxes[a], boxes[b]
+            found[here].append(((a, b), there, (box, other)))
+            if there != here:
+                found[there].append(((a, b), here, (box, other)))
+    return found
+
+
+def _deepest(assembly: Assembly, states: Mapping[str, ContactState]) -> dict[str, dict[str, float]]:
+    """By body of this rank, how deep it and each of its partners lie in each other in their contacts (m)."""
+    found: dict[str, dict[str, float]] = {body.spec.name: {} for body in assembly.bodies}
+    for state in states.values():
+        first, second = state.interface.bodies
+        for name, partner in (first, second), (second, first):
+            if name in found:
+                found[name][partner] = max(state.deepest, found[name].get(partner, -np.inf))
+    return found
+
+
+def _between(pair: tuple[str, str], first: Mapping[str, float], second: Mapping[str, float]) -> float:
     """By how much two bodies may overlap beside their contacts, or where they meet at a corner of others: as these do.
 
     The overlap of a contact between its nodes is an error of the discretization, which has a warning of its own.
+    `first` and `second` are what `_deepest` has of the two.
     """
-    own = [state.deepest for state in states.values() if set(state.interface.bodies) == set(pair)]
-    met = [{body: state.deepest for state in states.values() for body in state.interface.bodies
-            if name in state.interface.bodies and body not in pair} for name in pair]
-    return max(own, default=0.0) + sum(each[body] for each in met for body in met[0].keys() & met[1].keys())
+    return first.get(pair[1], 0.0) + sum(each[body] for each in (first, second) for body in first.keys() & second)
 
 
 def _kept(interfaces: Sequence[Interface], body: str, other: str) -> np.ndarray:
@@ -269,18 +297,20 @@ def deepest_in(a: Solid, x: np.ndarray, kept: np.ndarray, bows: np.ndarray, b: S
 
 def _doubt_rigid(assembly: Assembly, displacements: Mapping[str, np.ndarray],
                  contacts: Mapping[str, ContactState], solids: Mapping[int, Solid]) -> list[str]:
-    """Warnings where a body runs through a rigid partner outside its contact with it, the same on all ranks.
+    """Warnings, on the first rank, where a body runs through a rigid partner outside its contact with it.
 
     `solids` are the bodies of this rank. Collective.
     """
-    moved = {state.interface.bodies[1]: state.interface.displacement for state in contacts.values()}
+    moved = assembly.world.bcast({state.interface.bodies[1]: state.interface.displacement
+                                  for state in contacts.values() if state.interface.on_rigid})
     found: dict[tuple[int, int], list[str]] = {}
     for body in assembly.bodies:
         facets = solids[body.number].facets[:, :-1]
         for k, rigid in enumerate(assembly.scene.rigid):
             U = moved.get(rigid.name, np.array(rigid.displacement or np.zeros(body.mesh.dimension)))
             found[body.number, k] = _in_partner(body, facets, displacements[body.spec.name], U, rigid)
-    return [warning for _, warnings in sorted(merged(assembly.world, found).items()) for warning in warnings]
+    found = gathered(assembly.world, {key: warnings for key, warnings in found.items() if warnings})
+    return [warning for _, warnings in sorted(found.items()) for warning in warnings]
 
 
 def _in_partner(body: Body, facets: np.ndarray, u: np.ndarray, U: np.ndarray, rigid: Rigid) -> list[str]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import scipy.sparse as sparse
+from mpi4py import MPI
 from scipy.sparse import csgraph
 
 from ddmpi.body.estimate import DiscretizationError
@@ -17,7 +18,7 @@ from ddmpi.mesh.boundary import SHARPEST, creases
 from ddmpi.mesh.elements import invert
 from ddmpi.mesh.mesh import tangents
 from ddmpi.scene.bodies import SettledBody
-from ddmpi.system.agreement import merged
+from ddmpi.system.agreement import gathered
 from ddmpi.system.numbers import in_words
 
 LARGE_MOTION = 0.1
@@ -67,46 +68,50 @@ IDLE = 1e-6
 
 def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
                  contacts: Mapping[str, ContactState], passing: bool = False) -> list[str]:
-    """Warnings of an answer, the same on all ranks; none where it is not even finite, which its certificate says.
+    """Warnings of an answer, on the first rank; none where it is not even finite, which its certificate says.
 
     Parameters
     ----------
     displacements : (nv, d) of each body of this rank (m)
-    contacts : state by contact
+    contacts : state by contact, as of a `Solution`
     passing : whether other load steps follow; then motions alone are looked at, since a body that is unloaded on its
         way may have next to no forces
 
     Collective.
     """
     world, own = assembly.world, {}
-    if not all(world.allgather(all(bool(np.isfinite(u).all()) for u in displacements.values()))):
+    if not world.allreduce(all(bool(np.isfinite(u).all()) for u in displacements.values()), MPI.LAND):
         return []
-    mine: dict[tuple[str, int], np.ndarray] = {}
+    mine: dict[tuple[str, int], tuple[np.ndarray, float]] = {}
     for body in assembly.bodies:
         name, u = body.spec.name, displacements[body.spec.name]
         warnings = _large_motion(body, u) + ([] if passing else _points_that_carry(body, u, contacts))
-        own[body.number] = warnings, float(np.linalg.norm(u, axis=1).max()), body.member.elasticity.load
+        own[name] = warnings, body.member.elasticity.load
         for interface in body.member.interfaces:
             side = interface.side(name)
-            mine[interface.name, side] = interface.transfer[side] @ u[interface.nodes[side]]
-    bodies = merged(world, own)
-    found = [warning for number in sorted(bodies) for warning in bodies[number][0]]
-    moved = {assembly.scene.body[number].name: size for number, (_, size, _) in bodies.items()}
-    loads = {assembly.scene.body[number].name: load for number, (*_, load) in bodies.items()}
-    pressed = max(np.abs(state.normal_force).max(initial=0.0) for state in contacts.values())
+            mine[interface.name, side] = (interface.transfer[side] @ u[interface.nodes[side]],
+                                          float(np.linalg.norm(u, axis=1).max()))
+    bodies = gathered(world, own)
+    loads = {name: load for name, (_, load) in bodies.items()}
+    pressed = max((np.abs(state.normal_force).max(initial=0.0) for state in contacts.values()), default=0.0)
+    pressed, most = world.bcast((pressed, max(loads.values())))
     both, doubts = assembly.exchange.swap_objects(mine), {}
     for interface in assembly.space.interfaces:
-        state, (first, second) = contacts[interface.name], both[interface.name]
-        here = max(moved.get(name, 0.0) for name in interface.bodies)
-        found_here = _far_slip(assembly, state, first - (interface.displacement if second is None else second))
-        found_here += _overlap_between(assembly, state, here) + _held_through_air(state, IDLE * max(loads.values()))
+        state, ((first, here), second) = contacts[interface.name], both[interface.name]
+        other, there = second or (interface.displacement, 0.0)
+        here = max(here, there)
+        found_here = _far_slip(assembly, state, first - other)
+        found_here += _overlap_between(assembly, state, here) + _held_through_air(state, IDLE * most)
         if not passing and np.abs(state.normal_force).max(initial=0.0) >= IDLE * pressed:
             found_here += _lost_in_rounding(state, here) + _unresolved_zone(state)
-        doubts[interface.name] = found_here
-    by_contact = merged(world, doubts)
-    found += [warning for name in contacts for warning in by_contact[name]]
-    return [*found, *([] if passing else _unresolved(assembly, contacts, loads)),
-            *doubt_overlaps(assembly, displacements, contacts)]
+        if found_here:
+            doubts[interface.name] = found_here
+    by_contact, overlaps = gathered(world, doubts), doubt_overlaps(assembly, displacements, contacts)
+    if world.rank:
+        return []
+    return [*(warning for body in assembly.scene.body for warning in bodies[body.name][0]),
+            *(warning for name in contacts for warning in by_contact.get(name, ())),
+            *([] if passing else _unresolved(assembly, contacts, loads)), *overlaps]
 
 
 def _large_motion(body: Body, u: np.ndarray) -> list[str]:
@@ -120,10 +125,12 @@ def _large_motion(body: Body, u: np.ndarray) -> list[str]:
 
 def _unresolved(assembly: Assembly, contacts: Mapping[str, ContactState], loads: Mapping[str, float]) -> list[str]:
     """Warnings of loose bodies whose loads and contact forces are nothing beside the loads of others."""
-    most, found = max(loads.values()), []
-    for name in assembly.loose:
-        acting = max([loads.get(name, 0.0), *(float(np.abs(contacts[contact.name].forces).sum())
-                                     for contact in assembly.scene.contact if name in contact.bodies)])
+    most, found, pressed = max(loads.values()), [], dict.fromkeys(assembly.loose, 0.0)
+    for state in contacts.values():
+        for name in pressed.keys() & set(state.interface.bodies):
+            pressed[name] = max(pressed[name], float(np.abs(state.forces).sum()))
+    for name, acting in pressed.items():
+        acting = max(loads.get(name, 0.0), acting)
         if 0.0 < acting < UNRESOLVED * most:
             found.append(f"body.{name}: the forces on it, {acting:.3g} in all, are nothing beside the loads of "
                          f"{most:.3g} of another body; the answer does not tell whether anything holds it. Solve it "
@@ -163,13 +170,14 @@ def doubt_mesh(bodies: Sequence[SettledBody], error: DiscretizationError) -> lis
 
 
 def doubt_stress(assembly: Assembly, stresses: Mapping[str, np.ndarray | None]) -> list[str]:
-    """Warnings of bodies whose largest stress stands where that of the continuum is infinite. Collective.
+    """Warnings, on the first rank, of bodies whose largest stress stands where that of the continuum is infinite.
+    Collective.
 
     `stresses` (nt,) are von Mises stresses (Pa) of the bodies of this rank, or None where they are not wanted.
     """
     own = {body.spec.name: (float(sigma.max()), _singular(body, sigma)) for body in assembly.bodies
            for sigma in [stresses[body.spec.name]] if sigma is not None}
-    found = merged(assembly.world, own)
+    found = gathered(assembly.world, own)
     least = SHARE * max((largest for largest, _ in found.values()), default=0.0)
     return [warning for body in assembly.scene.body if body.name in found and found[body.name][0] > least
             for warning in found[body.name][1]]

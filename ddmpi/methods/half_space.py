@@ -21,6 +21,7 @@ import scipy.sparse as sparse
 from scipy.sparse.linalg import splu
 from scipy.special import ellipj, ellipkm1
 
+from ddmpi.coupling.joint import Joint
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.space import Space
 from ddmpi.interface.interface import Interface
@@ -30,6 +31,12 @@ SHIFTS = 6
 
 MODE_STEPS, MODE_PRECISION = 60, 0.05
 """Most Lanczos steps that look for a body's smooth modes, and their relative error; they only precondition."""
+
+LIMIT = 2.5
+"""The model of a compliance has the modes in which bodies give way more than this times what half-spaces do."""
+
+LEARNT, DEPENDENT = 60, 1e-8
+"""How many products a model knows at most; directions of them that are rounding."""
 
 
 class HalfSpace:
@@ -50,6 +57,13 @@ class HalfSpace:
         y = np.empty_like(x)
         for part, block in zip(self._parts, self._blocks, strict=True):
             y[part] = block.mult(x[part, None])[:, 0]
+        return y
+
+    def inverse(self, x: np.ndarray) -> np.ndarray:
+        """M⁻¹ x (size,) in metres, of x (size,) in newtons."""
+        y = np.empty_like(x)
+        for part, block in zip(self._parts, self._blocks, strict=True):
+            y[part] = block.mult(x[part, None], inverse=True)[:, 0]
         return y
 
     def on_interface(self, number: int, x: np.ndarray) -> np.ndarray:
@@ -82,60 +96,121 @@ class _Block:
         found._sum = 1.0 / b if b**2 * self._lowest > 1.0 else found._weights.sum()  # the shifts miss small t
         return found
 
-    def mult(self, x: np.ndarray) -> np.ndarray:
-        """M x of columns x (size, c)."""
+    def mult(self, x: np.ndarray, inverse: bool = False) -> np.ndarray:
+        """M x, or M⁻¹ x, of columns x (size, c)."""
         m, columns = len(self._root), x.shape[1]
         parts = np.zeros((m, 1 + self._components, columns))  # the normal one, the tangential ones
         parts[:, 0] = x[:m]
         parts[self._sliding, 1:] = x[m:].reshape(len(self._sliding), self._components, columns)
-        parts = self._apply(parts.reshape(m, -1)).reshape(parts.shape)
+        parts = self._apply(parts.reshape(m, -1), inverse).reshape(parts.shape)
         return np.concatenate([parts[:, 0], parts[self._sliding, 1:].reshape(x[m:].shape)])
 
-    def _apply(self, x: np.ndarray) -> np.ndarray:
-        """The root of the operator on columns x (m, c)."""
+    def _apply(self, x: np.ndarray, inverse: bool) -> np.ndarray:
+        """The root of the operator, or its inverse A^−½ = Σ w (A + t²)⁻¹, on columns x (m, c)."""
         if not x.size:
             return x
-        shifted = self._shifted.solve(np.tile(self._root * x, (SHIFTS, 1))).reshape(SHIFTS, *x.shape)
-        roots = self._sum * self._root * x - np.tensordot(self._weights * self._shifts, shifted, 1)
-        return self._scale * self._root * roots
+        x = x / self._root if inverse else self._root * x
+        shifted = self._shifted.solve(np.tile(x, (SHIFTS, 1))).reshape(SHIFTS, *x.shape)
+        if inverse:
+            return np.tensordot(self._weights, shifted, 1) / (self._scale * self._root)
+        return self._scale * self._root * (self._sum * x - np.tensordot(self._weights * self._shifts, shifted, 1))
 
 
-def smooth_modes(member: Member, limit: float) -> tuple[np.ndarray, np.ndarray]:
-    """Deformations of a body in which it gives way much more than half-spaces do, by Lanczos steps.
+def smooth_modes(operator: Member | Joint, space: Space, limit: float) -> tuple[np.ndarray, np.ndarray]:
+    """Deformations in which a body, or all of them, give way much more than half-spaces do, by Lanczos steps.
 
-    They are v = M⁻¹ x with C_a x = μ M⁻¹ x and the half-spaces of the body's own interfaces (coarse spaces by such
+    They are v = M⁻¹ x with C x = μ M⁻¹ x and the half-spaces of the interfaces in `space` (coarse spaces by such
     problems: Spillane, Dolean, Hauret, Nataf, Pechstein, Scheichl, Numer. Math. 126, 2014).
 
     Parameters
     ----------
+    operator : that multiplies by C vectors of the `space`
     limit : modes with μ above it are returned
 
     Returns
     -------
-    v : (j, size) contact displacements of unit energy vᵀ M v
+    v : (j, space.size) contact displacements of unit energy vᵀ M v
     mu : (j,)
 
-    Collective on the body's communicator. Raises SolverError.
+    Collective on the ranks of the operator. Raises SolverError.
     """
-    half_space, size = HalfSpace(Space(member.interfaces)), member.size
+    half_space, size = HalfSpace(space), space.size
+    most = min(MODE_STEPS, int(space.add(np.array([float(size)]))[0]))
     V, W, H = np.empty((0, size)), np.empty((0, size)), np.empty((0, 0))  # W = M V, H = Wᵀ C W
     v, found = 1.0 + 0.3 * np.random.default_rng(0).standard_normal(size), (np.empty((0, size)), np.empty(0))
-    while len(V) < min(MODE_STEPS, size):
+    while len(V) < most:
         for _ in range(2):
-            v = v - V.T @ (W @ v)
+            v = v - V.T @ space.add(W @ v)
         w = half_space.mult(v)
-        length = np.sqrt(max(v @ w, 0.0))
+        length = np.sqrt(max(space.add(np.array([v @ w]))[0], 0.0))
         if not length > 0.0:
             break
         V, W, v = np.vstack([V, v / length]), np.vstack([W, w / length]), np.empty(size)
-        member.mult(W[-1], v, "modes", MODE_PRECISION)
-        column = W @ v
+        operator.mult(W[-1], v, "modes", MODE_PRECISION)
+        column = space.add(W @ v)
         H = np.block([[H, column[:-1, None]], [column[None, :]]])
         mu, Y = np.linalg.eigh(H)
         left = v - V.T @ column
-        error = np.sqrt(max(left @ half_space.mult(left), 0.0)) * np.abs(Y[-1])  # of each Ritz value's vector
+        length = np.sqrt(max(space.add(np.array([left @ half_space.mult(left)]))[0], 0.0))
+        error = length * np.abs(Y[-1])  # of each Ritz value's vector
         above = mu > limit
         found = Y[:, above].T @ V, mu[above]
         if len(V) > 2 and (error <= MODE_PRECISION * np.maximum(mu, limit))[mu > limit - error].all():
             break
     return found
+
+
+class Model(Joint):
+    """An approximation C̃ of the joint compliance, where a product with C is dear.
+
+    C̃ = M⁻¹ + Σ (μ − 1) v vᵀ has the half-spaces and the smooth modes v of all bodies. Products y = C x that are known
+    make it better: C̃ x = y for all of them, by the block form of the update of Broyden, Fletcher, Goldfarb and Shanno
+    (Schnabel, Quasi-Newton methods using multiple secant equations, 1983), which leaves C̃ positive definite.
+
+    Parameters
+    ----------
+    joint : of which it takes over all else
+    """
+
+    def __init__(self, joint: Joint) -> None:
+        self.__dict__.update(joint.__dict__)
+        self.dear = False
+        self._half_space = HalfSpace(joint.space)
+        self._modes, mu = smooth_modes(joint, joint.space, LIMIT)
+        self._more = mu - 1.0
+        self._x, self._y, self._bx = np.empty((3, 0, joint.size))  # what is known, and C̃ x without it
+        self._within = self._known = np.empty((0, 0))  # inverses of xᵀ C̃ x and xᵀ y
+
+    def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
+        """y ← C̃ x; collective on all bodies, without a product of theirs."""
+        y[:] = self._unlearnt(x)
+        if len(self._x):
+            a, b = self.space.add(np.stack([self._bx @ x, self._y @ x]))
+            y += self._y.T @ (self._known @ b) - self._bx.T @ (self._within @ a)
+
+    def _unlearnt(self, x: np.ndarray) -> np.ndarray:
+        return self._half_space.inverse(x) + self._modes.T @ (self._more * self.space.add(self._modes @ x))
+
+    def learn(self, x: np.ndarray, y: np.ndarray) -> None:
+        """Take in that C x = y (size,), but for an error that is small beside y. Collective on all bodies."""
+        size = self.space.norm(x)
+        if not size:
+            return
+        known = (np.vstack([own, new]) for own, new in
+                 zip((self._x, self._y, self._bx), (x / size, y / size, self._unlearnt(x / size)), strict=True))
+        self._x, self._y, self._bx = (each[-LEARNT:] for each in known)
+        grams = self.space.add(np.stack([self._x @ self._bx.T, self._x @ self._y.T]))
+        self._within, self._known = (_inverse(0.5 * (each + each.T)) for each in grams)
+
+    def pass_through(self, s: np.ndarray, r: np.ndarray, alpha: np.ndarray, e: np.ndarray) -> None:
+        """Have the gaps r (size,) under the forces s (size,) and rigid motions α, and the loads e."""
+        self.d, self.e = self.product(s, "model", 0.0) - r - self.rigid.spread(alpha), e
+
+
+def _inverse(gram: np.ndarray) -> np.ndarray:
+    """Of a positive definite matrix, but for directions that are rounding, or below zero by errors of products."""
+    scale = 1.0 / np.sqrt(np.maximum(gram.diagonal(), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(scale[:, None] * gram * scale)
+    kept = values > DEPENDENT * values[-1]
+    vectors = scale[:, None] * vectors[:, kept]
+    return (vectors / values[kept]) @ vectors.T

@@ -22,10 +22,10 @@ from typing import Any
 import numpy as np
 
 from ddmpi.coupling.joint import Joint
-from ddmpi.methods.half_space import HalfSpace, smooth_modes
-from ddmpi.methods.krylov import FORCING, Linearised, LinearProblem, Preconditioner
+from ddmpi.methods.half_space import Model
+from ddmpi.methods.krylov import FORCING, Linearised, LinearProblem, Preconditioner, precondition
 from ddmpi.methods.outer import Report, Step, no_report
-from ddmpi.methods.paths import DRIFT, NEAR, InteriorPoints, Path, Point, Softening
+from ddmpi.methods.paths import DRIFT, MODEL_STEPS, NEAR, InteriorPoints, Modelled, Path, Point, Softening
 from ddmpi.petsc.events import event
 from ddmpi.system.numbers import norm
 
@@ -60,24 +60,9 @@ that is asked for."""
 NO_FORCE = 1e-6
 """Forces below this part of those that would close the free gaps in a half-plane are compared with these instead."""
 
-HELD_LOOSELY = 1e-6
-"""Stiffness of springs that steer rigid motions, over the plane modulus; from 0 to 1e-4 they change no count."""
-
 SOFTER, SOFTEST, NEARLY = 1e-3, 1e-6, 1e-3
 """The springs get softer by the first factor, at most by the second, where a step leaves most of an imbalance that is
 below the third part of the loads: friction that turns may resist a motion less than they do."""
-
-SHARED = 5e-4
-"""Compliance that steers forces at nodes which several contacts share, over their own. Without it six of 27 walls fail;
-it must not be in the equations, where it would change displacements by 1e-2."""
-
-SMOOTH = {1: 0.75, 2: 1.5}
-"""Deformations in which a body gives way more than this times what half-spaces do are coarse modes, by the number of
-tangential components: in the plane two to five of a compact body. At 1, walls take a tenth to a quarter more
-multiplications; in space 0.75 takes more for the modes than it saves."""
-
-MANY = 3
-"""Coarse modes serve from so many bodies on, and wherever bodies are loose."""
 
 
 class Newton:
@@ -88,6 +73,7 @@ class Newton:
     joint : the operator of all bodies
     max_iterations : most steps
     report : called with every Step
+    preconditioner : for all active sets; left out, it is made
 
     Attributes
     ----------
@@ -96,7 +82,8 @@ class Newton:
     nothing : nodal forces that are rounding beside those of the load steps before (N)
     """
 
-    def __init__(self, joint: Joint, max_iterations: int, report: Report = no_report) -> None:
+    def __init__(self, joint: Joint, max_iterations: int, report: Report = no_report,
+                 preconditioner: Preconditioner | None = None) -> None:
         self.joint, self.space, self.max_iterations, self.report = joint, joint.space, max_iterations, report
         self.inner_steps = {"gmres": 0}
         self.checkpoint: Callable[[], None] = lambda: None
@@ -105,8 +92,12 @@ class Newton:
         self._coulomb = self.space.largest(np.array([self._laws.largest_slope])) > 0.0  # else forces can be found
         self._in_space = self.space.largest(np.array([float(law.components) for law in self._laws.laws])) > 1.0
         self._forcing = FORCING[1 + self._in_space]
-        self._preconditioner = precondition(joint, self._c, self._in_space)
+        self._preconditioner = preconditioner or precondition(joint, self._c, self._in_space)
         self._full = FULL_STEPS if self._in_space else 0 if self._coulomb else GIVEN_STEPS
+        self._modelled: Modelled | None = None
+        if joint.dear:
+            self._full, model = 0, Newton(Model(joint), MODEL_STEPS, preconditioner=self._preconditioner)
+            self._modelled, model.inner_steps = Modelled(joint, model), self.inner_steps
         self._least = 0.0
         self.nothing = 0.0
         self.begin()
@@ -172,10 +163,7 @@ class Newton:
         """
         if self._settled:  # the forces were moved onto their bounds; the gaps must follow
             self.joint.neglected = NEGLECTED * tolerance * self._size()
-            Cs = self.joint.product(self._at.s, "newton")
-            r = Cs - self.joint.d - self.joint.rigid.spread(self._at.alpha)
-            self._at = self._at._replace(r=r, left=self.joint.imbalance(self._at.s))
-            self._settled, self._far = False, None
+            self._settled, self._far = False, self._look()
         while True:
             if not self._path:  # which is gone through again from its beginning
                 self.checkpoint()
@@ -185,6 +173,9 @@ class Newton:
             residual = self._relative(far)
             done = (residual <= tolerance and self._error <= ERROR * tolerance
                     and not (self._start and residual > 0.0))
+            if done and self._rough:
+                self._far = self._look()
+                continue
             if (done or not np.isfinite(residual)) and not self.history:
                 self._note(residual, 0.0)
             if not np.isfinite(residual):
@@ -195,6 +186,19 @@ class Newton:
             if self._path and not self._trying and self._path.failed and not self._next_path():
                 return "drift" if self._coulomb and norm(self._at.left) > DRIFT * norm(self.joint.e) else "stalled"
             self._far = self._iterate(far, tolerance)
+
+    @property
+    def _rough(self) -> bool:
+        """Whether the gaps of the iterate are only as precise as a step by the model needs them."""
+        return self._modelled is not None and self._modelled.rough
+
+    def _look(self) -> float:
+        """Compute the gaps of the iterate anew; return its `_distances` then (N). Collective."""
+        r = self.joint.product(self._at.s, "newton") - self.joint.d - self.joint.rigid.spread(self._at.alpha)
+        self._at = self._at._replace(r=r, left=self.joint.imbalance(self._at.s))
+        if self._modelled:
+            self._modelled.refine()
+        return self._distances([self._at])[0]
 
     def _iterate(self, far: float, tolerance: float) -> float:
         """One step, of Newton's method or of a path, from and to where `_distances` is `far` and what is returned."""
@@ -294,15 +298,21 @@ class Newton:
 
         It takes and returns `_distances` of the iterate (N).
         """
-        s, r, *_ = self._at
-        active = self._laws.active_sets(s - self._c * r)
-        if self._start:  # nothing is known yet
-            active = self._laws.sticking(*(self._pressed(),) if self._warm else self.joint.first_closed())
-        linearised = Linearised.of(self._laws.linearise(active))
-        if self._start:  # nor do bounds follow pressures
-            linearised = linearised.frozen(0.0 * s)
-        move, layer = linearised.move(s), linearised.spring / self._c
-        change = self.direction(self._at, linearised, move, -layer * (s + move), layer)
+        change, by_model = None, self._modelled and not self._path and not self._stalled % 2
+        if self._modelled and by_model:
+            change = self._modelled.step(self._at, self._relative(far), self._size(), self._start, self._warm)
+        if change is None:
+            if self._rough:  # which may be why the model did not lead on
+                far = self._look()
+            s, r, *_ = self._at
+            active = self._laws.active_sets(s - self._c * r)
+            if self._start:  # nothing is known yet
+                active = self._laws.sticking(*(self._pressed(),) if self._warm else self.joint.first_closed())
+            linearised = Linearised.of(self._laws.linearise(active))
+            if self._start:  # nor do bounds follow pressures
+                linearised = linearised.frozen(0.0 * s)
+            move, layer = linearised.move(s), linearised.spring / self._c
+            change = self.direction(self._at, linearised, move, -layer * (s + move), layer)
         far, length = self._length(far, change)
         self._at = self._at.along(change, length)
         return far
@@ -377,24 +387,3 @@ class Newton:
         self._far = None if state["far"] is None else float(state["far"])
         self._measured = self._at.s, float(state["norm"])
         self.history = [Step(*row) for row in state["history"]]
-
-
-def precondition(joint: Joint, c: np.ndarray, in_space: bool) -> Preconditioner:
-    """The preconditioner for all active sets of `joint`, with c (size,) half the joint moduli. Collective."""
-    half_space, rigid = HalfSpace(joint.space), joint.rigid
-    motions, stiffness = rigid, HELD_LOOSELY * joint.rigid_moduli()
-    if joint.bodies >= MANY or rigid.size:
-        found = [(np.empty((0, member.size)), np.empty(0)) for member in joint.members]
-        with joint.deferred():
-            found = [smooth_modes(member, SMOOTH[max(each.law.components for each in member.interfaces)])
-                     if member.interfaces else none for member, none in zip(joint.members, found, strict=True)]
-        joint.meet("coarse modes")
-        motions, more = joint.add_motions([v for v, _ in found], [1.0 / (mu - 0.5) for _, mu in found])
-        stiffness = np.append(stiffness, more)
-    if motions.size:
-        log.info("coarse problem: %d rigid motions and %d smooth modes of %d bod%s", rigid.size,
-                 motions.size - rigid.size, joint.bodies, "ies" if joint.bodies > 1 else "y")
-    crossing, shared = joint.cross_points(), np.zeros_like(c)
-    shared[crossing.rows] = SHARED / c[crossing.rows]
-    # in the plane modes do what cross points do in space: random assemblies would take 12 % more products
-    return Preconditioner(half_space, motions, stiffness, crossing if in_space else None, shared, c)

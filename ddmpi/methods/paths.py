@@ -15,7 +15,7 @@ hinges and zones that stick shrink gradually, and the active sets of one stage n
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -66,6 +66,15 @@ products."""
 
 MOST_POINTS, SHORT, SHORTS = 60, 1e-3, 5
 """Interior points are given up after so many steps, and after the last number of steps shorter than the second."""
+
+MODEL_STEPS, FORESEEN, SOLVED = 40, 0.1, 0.03
+"""Most steps to the answer of a model, which leave the third part of the residual. They begin with the nodes closed and
+slipping as they are where the residual is below the second number, else with all pressed ones sticking."""
+
+CORRECTED, COARSEST, FINER = 0.03, 3e-3, 0.1
+"""The product that follows is as precise as the first part of the change of the forces, the second part of the forces
+at most, and by the third factor more after each step that gains nothing: small errors of slender bodies are large
+displacements."""
 
 IDLE, LOWEST = 8, 1e-18
 """So they are after so many steps that neither lower the residual by a tenth nor halve the barrier, and with a barrier
@@ -227,7 +236,6 @@ class Softening:
             self.go_on()
 
 
-
 class InteriorPoints:
     """Interior points, from forces on that are all alike: as large as the loads, or as what closes the free gaps.
 
@@ -342,6 +350,50 @@ class InteriorPoints:
         self._idle = 0 if gains else self._idle + 1
         if self._idle >= IDLE:
             self.failed = True
+
+class Modelled:
+    """Steps to where a model of the compliance with the gaps of the iterate has its answer; a product corrects it.
+
+    Parameters
+    ----------
+    joint : the operator
+    newton : a `Newton` of a `Model` of it
+
+    Attributes
+    ----------
+    rough : whether the gaps are only as precise as the last step needs them
+    """
+
+    def __init__(self, joint: Joint, newton: Any) -> None:
+        self._joint, self._newton, self._corrected, self.rough = joint, newton, CORRECTED, False
+
+    def step(self, point: Point, residual: float, size: float, start: bool, warm: bool) -> Point | None:
+        """The change of `point` that the model wants, or None if it finds no answer.
+
+        Parameters
+        ----------
+        residual, size : of the equations over the forces, and what forces are compared with (N)
+        start, warm : whether nothing is known but where the pressure is, and whether that is known
+
+        Collective. Raises SolverError.
+        """
+        joint, newton, (s, r, alpha, left) = self._joint, self._newton, point
+        newton.joint.pass_through(s, r, alpha, joint.e)
+        newton.begin((s, r, alpha) if warm or not start else None, foreseen=residual < FORESEEN)
+        if newton.run(max(SOLVED * min(residual, 1.0), joint.neglected / size if size else 0.0)) != "converged":
+            return None
+        forces, turned = newton.forces, joint.rigid.spread(newton.motions)
+        whole, moved = joint.space.norms([forces, forces - s])
+        relative = min(max(self._corrected * moved, joint.neglected) / whole, COARSEST) if whole else 0.0
+        opened = joint.product(forces, "newton", relative) - joint.d - turned - r
+        self.rough = True
+        newton.joint.learn(forces - s, opened + turned - joint.rigid.spread(alpha))
+        return Point(forces - s, opened, newton.motions - alpha, joint.imbalance(forces) - left)
+
+    def refine(self) -> None:
+        """The gaps are precise now, and are to be more precise from now on if they were not."""
+        self._corrected *= FINER if self.rough else 1.0
+        self.rough = False
 
 
 Path = Softening | InteriorPoints

@@ -16,7 +16,8 @@ from ddmpi.pictures.sheet import COLOURS, FILLED, Sheet, above, by_value, colour
 from ddmpi.pictures.views import Skin, Surface, View
 from ddmpi.results.fields import group_of, owners
 from ddmpi.results.histories import step_times
-from ddmpi.results.tables import Results, velocities_in, writing
+from ddmpi.results.tables import Results, velocities_in
+from ddmpi.system.files import writing
 from ddmpi.system.numbers import scaled_unit
 
 BRIGHTEST = 99.5

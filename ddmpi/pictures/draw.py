@@ -17,10 +17,10 @@ from ddmpi.pictures.contacts import draw_contacts, draw_maps
 from ddmpi.pictures.curves import draw_contact, draw_convergence, draw_steps
 from ddmpi.pictures.sheet import STYLE, start_drawing
 from ddmpi.results.histories import at_step
-from ddmpi.results.tables import Results, read_results, reading, writing
+from ddmpi.results.tables import Results, read_results, reading
 from ddmpi.scene.keys import explain
 from ddmpi.scene.method import Output
-from ddmpi.system.files import MECHANISM, contact_files
+from ddmpi.system.files import MECHANISM, contact_files, writing
 from ddmpi.system.provenance import identity
 
 EACH = 6

@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
 from ddmpi.body.stress import principal, von_mises
 from ddmpi.interface.interface import Interface, Lines, in_order
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.refine import CORNERS_CUT
-from ddmpi.results.tables import Columns, Results, leg_values, writing
-from ddmpi.system.files import FileOfHDF5, contact_files
+from ddmpi.results.tables import Columns, Results, leg_values
+from ddmpi.system.files import FileOfHDF5, contact_files, write_rows, writing
 
 TOPOLOGY = {2: "Polyline", 3: "Triangle", 6: "Triangle_6", 4: "Tetrahedron", 10: "Tetrahedron_10"}
 """What XDMF calls lines, triangles and tetrahedra, by their number of nodes."""
@@ -73,42 +74,47 @@ class Fields:
         return f"Fields({len(self.points)} nodes, {len(self.triangles)} cells)"
 
 
-def write_fields(path: Path, fields: Fields, body: int, sizes: Sequence[tuple[int, int]],
+def write_fields(path: Path, bodies: Mapping[int, Fields], world: MPI.Comm = MPI.COMM_SELF,
                  step: int | None = None) -> None:
-    """Write the part of one body into result.h5 in the folder `path`; the first body creates the file.
+    """Write the fields of all bodies into result.h5 in the folder `path`, all ranks at once.
 
-    The datasets are those of the last load step, with the mesh. The fields of a `step` before it stand in a group.
+    The datasets are those of the last load step, with the mesh; they make the file. The fields of a `step` before it
+    are added in a group.
 
     Parameters
     ----------
-    body : its number in the order of the scene
-    sizes : numbers of nodes and cells of all bodies
+    bodies : of this rank, by their numbers in the order of the scene, which the ranks keep as well
     step : number of a load step before the last one
 
-    Not collective: the caller lets bodies write one after another, the first one first. Raises OutputError.
+    Collective. Raises OutputError, on all ranks.
     """
-    import h5py
+    nodes, cells = (np.array([len(each) for each in arrays]) for arrays in zip(
+        *((each.points, each.triangles) for each in bodies.values()), strict=True))
+    own = np.array([nodes.sum(), cells.sum()])
+    ends, total = np.empty_like(own), np.empty_like(own)
+    MPI.Intracomm(world).Scan(own, ends)
+    world.Allreduce(own, total)
+    before = (ends - own).tolist()
+    first = before[0] + np.cumsum(nodes) - nodes
+    several = [_datasets_of(fields, number, start) for (number, fields), start in
+               zip(bodies.items(), first.tolist(), strict=True)]
+    names = [name for name in several[0] if step is None or name in AT_STEPS]
+    kinds = {name: 0 if name in AT_NODES else 1 for name in names}
+    write_rows(path / "result.h5", {name: np.concatenate([each[name] for each in several]) for name in names},
+               {name: (before[kind], int(total[kind])) for name, kind in kinds.items()}, world,
+               "" if step is None else group_of(step))
 
-    ends = np.cumsum([(0, 0), *sizes], axis=0)
-    before, total = ends[body], ends[-1]
-    parts = {"points": _padded(fields.points), "cells": fields.triangles + before[0],
+
+def _datasets_of(fields: Fields, body: int, first: int) -> dict[str, np.ndarray]:
+    """The rows of the body number `body`, with the nodes from `first` on, in the datasets of result.h5, by name."""
+    parts = {"points": _padded(fields.points), "cells": fields.triangles + first,
              "displacement": _padded(fields.displacement), "body": np.full(len(fields.triangles), body)}
     for where, sigma in ("", fields.stress), ("nodal_", fields.nodal_stress):
         if sigma is not None:
             xx, yy, zz, xy, yz, xz = np.pad(sigma, ((0, 0), (0, 6 - sigma.shape[1]))).T
             parts |= {f"{where}stress": np.column_stack([xx, xy, xz, yy, yz, zz]),
                       f"{where}principal": principal(sigma), f"{where}von_mises": von_mises(sigma)}
-    if fields.error is not None:
-        parts["error"] = fields.error
-    if step is not None:
-        parts = {f"{group_of(step)}/{name}": parts[name] for name in parts if name in AT_STEPS}
-    target, mode = path / "result.h5", "r+" if body or step is not None else "w"
-    with writing(target), FileOfHDF5(target, f"{mode[0]}+") as storage, h5py.File(storage, mode) as file:
-        for name, part in parts.items():
-            kind = 0 if name.rpartition("/")[2] in AT_NODES else 1
-            if body == 0:
-                file.create_dataset(name, (total[kind], *part.shape[1:]), dtype=part.dtype)
-            file[name][before[kind]:before[kind] + len(part)] = part
+    return parts if fields.error is None else parts | {"error": fields.error}
 
 
 def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dict[str, np.ndarray]:
@@ -148,8 +154,7 @@ def write_facets(path: Path, interfaces: Iterable[Interface]) -> None:
     """Add contacts/NAME/facets (f, d) and contacts/NAME/initial_gap (l,) to result.h5 in the folder `path`.
 
     Facets are `drawn_facets`; the gap (m), at the factor 1 of its history, has an entry per line of the contact's
-    table. Not collective. Raises
-    OutputError.
+    table. Not collective. Raises OutputError.
     """
     import h5py
 

@@ -16,9 +16,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ddmpi.errors import InputError, OutputError, TakenError
-from ddmpi.results.tables import writing
 from ddmpi.system import logs
-from ddmpi.system.files import CHECKPOINT, RECORD, SUMMARY, UNFINISHED, write_atomically
+from ddmpi.system.files import CHECKPOINT, RECORD, SUMMARY, UNFINISHED, write_atomically, writing
 from ddmpi.system.provenance import whereabouts
 
 MOVED = ".moved"

@@ -13,9 +13,9 @@ import numpy as np
 from ddmpi.interface.state import ContactState
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.judge.equilibrium import Mechanism, describe
-from ddmpi.results.tables import FORMAT, writing
+from ddmpi.results.tables import FORMAT
 from ddmpi.scene.contacts import Rigid
-from ddmpi.system.files import MECHANISM
+from ddmpi.system.files import MECHANISM, writing
 
 RESIDUALS = {
     "force_mismatch": "how far the contact forces of the two bodies are from cancelling, over the forces",

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ddmpi.errors import DdmpiError, InputError, OutputError
+from ddmpi.errors import DdmpiError, InputError
 from ddmpi.interface.state import ContactState, signed
 from ddmpi.mesh.elements import CELLS, circumference, facet_measures
-from ddmpi.system.files import contact_files
+from ddmpi.system.files import contact_files, writing
 
 FORMAT = 2
 """Version of the layout of all result files. Names and meanings of one format stay; entries may be added."""
@@ -225,16 +225,6 @@ def write_path(path: Path, columns: Columns) -> None:
     if path.exists() and not (path.is_file() and path.read_bytes().startswith(b"distance,x,y,")):
         raise InputError(f"--output {path}: is there already, and no table of a path; name another file")
     _write_csv(path, columns, zip(*columns.values(), strict=True))
-
-
-@contextlib.contextmanager
-def writing(path: Path) -> Iterator[None]:
-    """A context in which `path` is written: an error of the system becomes an OutputError that names the file."""
-    try:
-        yield
-    except OSError as error:
-        raise OutputError(f"results could not be written: {error.filename or path}: "
-                          f"{error.strerror or error}") from None
 
 
 @contextlib.contextmanager

@@ -1,10 +1,11 @@
-"""Whether contact forces can hold the bodies that no clamp holds: asked before the iteration and after it."""
+"""Whether contact forces can hold the bodies that no clamp holds: asked before the iteration and after it.
+
+Each rank says of its contacts what forces they allow or resist, in a few columns; the first rank does the rest.
+"""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Mapping
-from typing import TypeVar
 
 import numpy as np
 import scipy.sparse as sparse
@@ -13,39 +14,50 @@ from ddmpi.coupling.assembly import Assembly
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import across, direction
 from ddmpi.interface.state import ContactState
-from ddmpi.judge.equilibrium import LARGEST, ROUNDING, Mechanism, find_mechanism
+from ddmpi.judge.equilibrium import Forces, Mechanism, Scale, find_mechanism, prove_imbalance
 from ddmpi.judge.motions import MotionsOfBody, describe_motions, undetermined
-from ddmpi.system.agreement import from_first, merged
+from ddmpi.system.agreement import agreed, from_first, gathered
 
-T = TypeVar("T")
+LARGEST = 3000
+"""Of more loose bodies nothing is looked for: the linear program of 1,000 takes 2.4 s, and grows with power 2.2."""
 
 
 def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
     """The mechanism that shows that no contact forces hold the loose bodies, on all ranks; None where some do.
 
-    A linear program on rank 0. Not asked where clamps hold all bodies, nor of more than `LARGEST` loose ones.
-    Collective.
+    Not asked where clamps hold all bodies, nor of more than `LARGEST` loose ones. Collective.
     """
-    return _asked(assembly, _all_forces, None, lambda interfaces, G, bodies, load: find_mechanism(
-        interfaces, G, assembly.joint.e, bodies, load))
+    if not assembly.loose or len(assembly.loose) > LARGEST:
+        return None
+    world, space, joint, scene = assembly.world, assembly.space, assembly.joint, assembly.scene
+    bodies = _loose_bodies(assembly)
+    speeds = joint.of_all([body.speeds for body, _ in bodies], [np.ones(len(rigid.pushed)) for rigid in joint.pushed])
+    loads = joint.of_all([np.array([load]) for _, load in bodies],
+                         [np.array([size]) for size in assembly.pushes.values()])
+    scale = Scale([speeds[joint.slices[name]] for name in assembly.loose], joint.e, loads)
+    if scale.idle(joint.e):
+        return None
+    with agreed(world):
+        A = scale.rows(joint.rigid.Z.T)
+        own = {interface.name: Forces.allowed([interface], A[:, part], scale.largest).program
+               for interface, part in space.each()}
+    everyone = gathered(world, own)
+    if not from_first(world, lambda: prove_imbalance([everyone[contact.name] for contact in scene.contact], joint.e,
+                                                     scale)):
+        return None
+    interfaces, G = _whole(assembly)
+    whole = _with_partners(assembly)
+    return from_first(world, lambda: find_mechanism(interfaces, G, joint.e, whole, loads))
 
 
 def motions_without_resistance(assembly: Assembly) -> list[str]:
     """The rigid motions that no force of any contact resists, a sentence each, the same on all ranks. Collective."""
-    def find(interfaces: list[Interface], G: sparse.csc_matrix, bodies: list[MotionsOfBody], _: object) -> list[str]:
-        parts, ends = [np.zeros((G.shape[0], 0))], np.cumsum([0, *(each.size for each in interfaces)])
-        for start, stop in itertools.pairwise(ends):  # a few forces are as good as all of a contact
-            axes, sizes, _ = np.linalg.svd((own := G[:, start:stop])[np.unique(own.indices)].toarray(), False)
-            some = np.flatnonzero(sizes > ROUNDING * sizes.max(initial=0.0))
-            parts.append(np.zeros((G.shape[0], len(some))))
-            parts[-1][np.unique(own.indices)] = axes[:, some] * sizes[some]
-        return undetermined(np.hstack(parts), bodies)
-
-    return _asked(assembly, _all_forces, [], find)
+    return _undetermined(assembly, lambda interface: sparse.identity(interface.size, format="csr"))
 
 
 def undetermined_motions(assembly: Assembly, contacts: Mapping[str, ContactState]) -> list[str]:
     """The rigid motions that no contact resists at the solution, a sentence each, the same on all ranks. Collective."""
+
     def resists(interface: Interface) -> sparse.csr_matrix:
         """Of each force that resists motions a row (size,): of closed nodes, of sticking ones, and where friction can
         turn of slipping ones, across it."""
@@ -64,50 +76,67 @@ def undetermined_motions(assembly: Assembly, contacts: Mapping[str, ContactState
             parts.append(turned[np.flatnonzero(np.repeat(slips, law.components - 1))])
         return sparse.vstack(parts, format="csr")
 
-    return _asked(assembly, resists, [], lambda _, G, bodies, load: undetermined(G.toarray(), bodies))
+    return _undetermined(assembly, resists)
+
+
+def _undetermined(assembly: Assembly, chosen: Callable[[Interface], sparse.spmatrix]) -> list[str]:
+    """The rigid motions that none of the `chosen` forces, rows (·, size) by contact, resists, a sentence each.
+
+    Of each contact a triangular matrix R stands for all its forces F: RᵀR = FᵀF. Collective.
+    """
+    if not assembly.loose:
+        return []
+    own, Z, size = {}, assembly.joint.rigid.Z, assembly.joint.rigid.size
+    for interface, part in assembly.space.each():
+        forces = (chosen(interface) @ Z[part]).tocsr()
+        motions = np.unique(forces.indices)
+        R = np.atleast_2d(np.linalg.qr(forces[:, motions].toarray(), mode="r"))
+        own[interface.name] = sparse.csr_matrix((R.ravel(), np.tile(motions, len(R)), len(motions) * np.arange(
+            len(R) + 1)), (len(R), size))
+    everyone, bodies = gathered(assembly.world, own), _with_partners(assembly)
+    return from_first(assembly.world, lambda: undetermined(sparse.vstack(list(everyone.values())).T, bodies))
 
 
 def describe_drift(assembly: Assembly, motions: np.ndarray) -> str:
     """Where the loose bodies drift to, in words; `motions` as `Outer.motions`. Collective."""
-    bodies = [body for body, _ in _loose_bodies(assembly)]
-    velocities = np.array([body.velocity(motions[assembly.joint.slices[body.name]]) for body in bodies])
-    fastest = max((body.speed(v) for body, v in zip(bodies, velocities, strict=True)), default=0.0)
-    return describe_motions(bodies, velocities / fastest, set()) if fastest else "no body"
+    bodies = _with_partners(assembly)
+
+    def describe() -> str:
+        velocities = np.array([body.velocity(motions[assembly.joint.slices[body.name]]) for body in bodies])
+        fastest = max((body.speed(v) for body, v in zip(bodies, velocities, strict=True)), default=0.0)
+        return describe_motions(bodies, velocities / fastest, set()) if fastest else "no body"
+
+    return from_first(assembly.world, describe)
 
 
-def _all_forces(interface: Interface) -> sparse.csr_matrix:
-    return sparse.identity(interface.size, format="csr")
-
-
-def _asked(assembly: Assembly, chosen: Callable[[Interface], sparse.spmatrix], otherwise: T,
-           find: Callable[[list[Interface], sparse.csc_matrix, list[MotionsOfBody], np.ndarray], T]) -> T:
-    """What `find` says on rank 0 of all interfaces in the order of the scene, G of their `chosen` forces, rows
-    (·, size), the loose bodies and the sizes of their loads; `otherwise` without loose bodies, or with too many.
-
-    The same on all ranks. Collective.
-    """
-    if not assembly.loose or len(assembly.loose) > LARGEST:
-        return otherwise
-    space, Z = assembly.space, assembly.joint.rigid.Z
-    own = {interface.name: (interface, (chosen(interface) @ Z[part]).tocsr()) for interface, part in space.each()}
-    everyone = merged(assembly.world, own)
-    interfaces, rows = zip(*(everyone[contact.name] for contact in assembly.scene.contact), strict=True)
-    bodies, loads = zip(*_loose_bodies(assembly), strict=True)
-    return from_first(assembly.world, lambda: find(
-        list(interfaces), sparse.vstack(rows, format="csr").T.tocsc(), list(bodies), np.array(loads)))
+def _whole(assembly: Assembly) -> tuple[list[Interface], sparse.csc_matrix]:
+    """On the first rank all interfaces in the order of the scene, and G of their forces. Collective."""
+    Z = assembly.joint.rigid.Z
+    own = {interface.name: (interface, Z[part]) for interface, part in assembly.space.each()}
+    found = gathered(assembly.world, own)
+    ordered = [found[contact.name] for contact in assembly.scene.contact if contact.name in found]
+    return ([interface for interface, _ in ordered],
+            sparse.vstack([sparse.csr_matrix((0, Z.shape[1])), *(rows for _, rows in ordered)]).T.tocsc())
 
 
 def _loose_bodies(assembly: Assembly) -> list[tuple[MotionsOfBody, float]]:
-    """The bodies that clamps do not hold and the partners that are pushed, in the order of their motions, with the
-    sizes of their loads. A partner has the shape of what faces it. Collective."""
-    own = [(MotionsOfBody.of(body.spec.name, body.mesh.points, body.member.motions), body.member.elasticity.load)
-           for body in assembly.bodies if not body.member.elasticity.held]
-    found = [each for rank in assembly.world.allgather(own) for each in rank]
+    """The bodies of this rank that clamps do not hold, with the sizes of their loads. Not collective."""
+    return [(MotionsOfBody.of(body.spec.name, body.mesh.points, body.member.motions), body.member.elasticity.load)
+            for body in assembly.bodies if not body.member.elasticity.held]
+
+
+def _with_partners(assembly: Assembly) -> list[MotionsOfBody]:
+    """On the first rank all loose bodies, and the partners that are pushed, in the order of their motions.
+
+    A partner has the shape of what faces it. Collective.
+    """
+    found = list(gathered(assembly.world, {body.name: body for body, _ in _loose_bodies(assembly)}).values())
     for rigid in assembly.joint.pushed:
-        own_parts = {each.name: each for each in assembly.space.interfaces if each.bodies[1] == rigid.name}
-        facing = list(merged(assembly.world, own_parts).values())
-        at = np.concatenate([each.xy + side * each.spacing[:, None] * axis for each in facing
-                             for axis in np.eye(each.dimension) for side in (-1.0, 1.0)])
-        motions = np.broadcast_to(np.eye(at.shape[1])[:, rigid.pushed], (*at.shape, len(rigid.pushed)))
-        found.append((MotionsOfBody.of(rigid.name, at, motions), assembly.pushes[rigid.name]))
+        facing = gathered(assembly.world, {
+            each.name: [each.xy + side * each.spacing[:, None] * axis for axis in np.eye(each.dimension)
+                        for side in (-1.0, 1.0)] for each in assembly.space.interfaces if each.bodies[1] == rigid.name})
+        if assembly.world.rank == 0:
+            at = np.concatenate([places for each in facing.values() for places in each])
+            motions = np.broadcast_to(np.eye(at.shape[1])[:, rigid.pushed], (*at.shape, len(rigid.pushed)))
+            found.append(MotionsOfBody.of(rigid.name, at, motions))
     return found

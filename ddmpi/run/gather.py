@@ -36,7 +36,7 @@ class StepLog:
 
     Attributes
     ----------
-    contacts, bodies : names
+    contacts, bodies : names, of all on the first rank, on others of their own
     dimension : of the scene
     steps : the entry of that name in the summary
     energies : external work, strain energy, interface work and dissipated energy since time 0, and what the step's
@@ -56,7 +56,7 @@ class StepLog:
                      "bodies": np.zeros(len(self.bodies)), "sizes": np.zeros(3)}
 
     def judge(self, certificate: Certificate) -> Certificate:
-        """Note the residuals of a step; the largest ones so far."""
+        """Note the residuals of a step; the largest ones so far, of the contacts and bodies that the log has."""
         self._raise(contacts=[certificate.contacts[name] for name in self.contacts],
                     bodies=[certificate.equilibrium[name] for name in self.bodies])
         contacts, bodies = self.most["contacts"].tolist(), self.most["bodies"].tolist()
@@ -159,7 +159,7 @@ def _kind(warning: str) -> str:
 
 def gather_summary(assembly: Assembly, solution: Solution, error: DiscretizationError, own_fields: dict[str, Fields],
                    ladder: MeshLadder, warnings: list[str], started: float, steps: StepLog) -> dict:
-    """All of summary.json but the times, on every rank. Collective.
+    """All of summary.json but the times, on the first rank; nothing on the others. Collective.
 
     Parameters
     ----------
@@ -176,12 +176,16 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     own = [(body.number, (body.spec.name, _body(body, solution, error, own_fields[body.spec.name], ranks, memory)
                           | forces_by_group(body, solution.displacements[body.spec.name], s, factors)))
            for body, s in zip(assembly.bodies, outer.body_forces(), strict=True)]
-    parts, unused, inner, sent, named = zip(*world.allgather((
-        own, set(unused_options()), sum(outer.inner_steps.values()), assembly.exchange.state(), hosts)), strict=True)
+    everyone = world.gather((own, set(unused_options()), sum(outer.inner_steps.values()), assembly.exchange.state(),
+                             hosts))
+    if everyone is None:
+        return {}
+    parts, unused, inner, sent, named = zip(*everyone, strict=True)
+    hosts = list(itertools.chain(*named))
     bodies = dict(body for _, body in sorted(itertools.chain(*parts), key=lambda pair: pair[0]))
     run = {"converged": solution.certified and not ladder.missed,
            "reason": (solution.certified and ladder.missed) or solution.reason, "order": scene.body[0].mesh.order,
-           "ranks": world.allreduce(len(ranks)), "outer_iterations": len(steps.iterations),
+           "ranks": len(hosts), "outer_iterations": len(steps.iterations),
            "inner_iterations": sum(inner) if scene.method.by_body else inner[0],
            "certificate_limit": solution.limit, "steps": steps.steps,
            "discretization_error": {"energy_norm": error.relative, "target": scene.method.target_error,
@@ -191,7 +195,7 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
            "solvers": {"qp": outer.qp_type}, "options": PETSc.Options().getAll(),
            "options_unused": sorted(set.intersection(*unused))} | ({"energy": steps.balance()} if scene.time else {})
     return summarize(scene.resolved(), run, bodies, solution.contacts, solution.certificate) | provenance(
-        world, started, list(itertools.chain(*named)))
+        started, hosts)
 
 
 def _body(body: Body, solution: Solution, error: DiscretizationError, fields: Fields, ranks: list[int],

@@ -18,7 +18,7 @@ from ddmpi.qp.tao import QPSolver
 from ddmpi.run.solve import Solution
 from ddmpi.scene.method import PRESETS, SettledMethod
 from ddmpi.scene.scene import Settled
-from ddmpi.system.agreement import merged
+from ddmpi.system.agreement import gathered
 from ddmpi.system.provenance import NO_MATPLOTLIB, has_matplotlib
 
 log = logging.getLogger("ddmpi")
@@ -42,21 +42,24 @@ UNDETERMINED = 3
 def log_plan(assembly: Assembly, figures: bool) -> None:
     """Log what is solved, how, and what is left out because the scene does not need it. Collective."""
     scene, world = assembly.scene, assembly.world
-    owned = merged(world, {each.name: each for each in assembly.space.interfaces})
-    interfaces = [owned[contact.name] for contact in scene.contact]
+    team = team_of(world)
+    bodies = gathered(world, {body.spec.name: _describe_body(body.member, team.size if team else 1, _cut(body.mesh))
+                              for body in assembly.bodies})
+    owned = gathered(world, {each.name: (each.law.name, describe_gap(each, scene.output.length_unit),
+                                         _contact_left_out(each)) for each in assembly.space.interfaces})
+    if world.rank:
+        return
+    contacts = {contact.name: owned[contact.name] for contact in scene.contact}
     log.info("n = %d unknowns (%s %s), m = %d contact nodes, friction: %s", assembly.n,
              ("linear", "quadratic")[scene.body[0].mesh.order - 1], NAMES[scene.dimension][1], assembly.m,
-             ", ".join(dict.fromkeys(interface.law.name for interface in interfaces)))
-    for gap, names in grouped((describe_gap(each, scene.output.length_unit), each.name) for each in interfaces):
+             ", ".join(dict.fromkeys(law for law, *_ in contacts.values())))
+    for gap, names in grouped((gap, name) for name, (_, gap, _) in contacts.items()):
         log.info("%s: %s", some(names, "contacts"), gap)
-    team = team_of(world)
-    own = {body.spec.name: _describe_body(body.member, team.size if team else 1, _cut(body.mesh))
-           for body in assembly.bodies}
-    bodies = merged(world, own)
     for way, names in grouped((bodies[spec.name][0], spec.name) for spec in scene.body):
         log.info("%s: %s", some(names, "bodies"), way)
     unloaded = [spec.name for spec in scene.body if not bodies[spec.name][1]]
-    left_out = _contact_left_out(interfaces)
+    left_out = [what % ("" if len(names) == len(contacts) else f" of {some(names, 'contacts')}") for what, names in
+                grouped((what, name) for name, (*_, left) in contacts.items() for what in left)]
     if unloaded:
         left_out.append(f"loads of {some(unloaded, 'bodies')} (there are none)")
     unused = [rigid.name for rigid in scene.rigid if all(rigid.name not in each.bodies for each in scene.contact)]
@@ -118,20 +121,18 @@ def some(names: Sequence[str], what: str) -> str:
     return ", ".join(names) if len(names) <= NAMED else f"{names[0]}, {names[1]}, … ({len(names)} {what})"
 
 
-def _contact_left_out(interfaces: Sequence[Interface]) -> list[str]:
-    found = []
-    for interface in interfaces:
-        held = interface.m - len(interface.sliding)
-        if interface.law.name == "none":
-            found.append(("tangential unknowns%s (no friction)", interface.name))
-        elif held:
-            found.append((f"{_count(held, 'tangential unknown')}%s (held by clamps)", interface.name))
-        if interface.dropped:
-            found.append((f"{_count(interface.dropped, 'contact node')}%s (clamped)", interface.name))
-        if not interface.gap.any():
-            found.append(("initial gap%s (all nodes touch)", interface.name))
-    return [what % ("" if len(names) == len(interfaces) else f" of {some(names, 'contacts')}")
-            for what, names in grouped(found)]
+def _contact_left_out(interface: Interface) -> list[str]:
+    """What a contact does not need, with %s where the contacts of which it is said are named."""
+    found, held = [], interface.m - len(interface.sliding)
+    if interface.law.name == "none":
+        found.append("tangential unknowns%s (no friction)")
+    elif held:
+        found.append(f"{_count(held, 'tangential unknown')}%s (held by clamps)")
+    if interface.dropped:
+        found.append(f"{_count(interface.dropped, 'contact node')}%s (clamped)")
+    if not interface.gap.any():
+        found.append("initial gap%s (all nodes touch)")
+    return found
 
 
 def _target_left_out(scene: Settled) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,7 +35,7 @@ from ddmpi.run.report import describe_files, log_end, log_plan, log_step, log_wa
 from ddmpi.run.solve import Solution, recover
 from ddmpi.run.steps import solve_scene
 from ddmpi.scene.scene import Settled
-from ddmpi.system.agreement import agreed, merged
+from ddmpi.system.agreement import agreed, gathered, merged
 from ddmpi.system.clock import Clock
 from ddmpi.system.provenance import has_matplotlib, versions
 
@@ -90,13 +90,13 @@ def _run(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, f
     with held:
         solved, ladder = compute(world, scene, scene_path, clock, folder, figures, restart)
     solution, outer = solved.solution, solved.solution.outer
-    statuses = solution.statuses.whole()
+    statuses = None if solution.certified else solution.statuses.whole()
     with agreed(world):
         if solution.given and solution.unbalanced:
             raise NotConvergedError(f"{solution.reason} (the certificate fails: {', '.join(solution.violations)})")
         if solution.mechanism or solution.drift:
             raise NotConvergedError(solution.reason)
-        if not solution.certified:
+        if statuses:
             raise NotConvergedError(diagnose(solution.reason, solution.stopped, solution.violations, scene.method,
                                              outer.history, statuses))
         if ladder.missed:
@@ -186,22 +186,25 @@ def _estimate(assembly: Assembly, solution: Solution, clock: Clock) -> Discretiz
                                               body.member.elasticity.acting.heated)
                for body in assembly.bodies}
         numbers = {name: (each.total, each.energy, each.area) for name, each in own.items()}
-        return sum_errors(merged(assembly.world, numbers), own)
+        bodies = gathered(assembly.world, numbers)
+        return sum_errors(bodies, own, assembly.world.bcast(np.sum(list(bodies.values()), axis=0)))
 
 
 def _finish(assembly: Assembly, solution: Solution, steps: StepLog, error: DiscretizationError,
             ladder: MeshLadder, told: list[str], clock: Clock) -> Solved:
-    """The fields that are asked for, and the summary. Collective."""
+    """The fields that are asked for, and on the first rank the summary. Collective."""
     with clock.phase("recover"), agreed(assembly.world), event("Stress"):
         fields = {body.spec.name: _fields(assembly, body, solution.displacements[body.spec.name], error)
                   for body in assembly.bodies}
     doubts = doubt_answer(assembly, solution.displacements, solution.contacts)
     singular = doubt_stress(assembly, {name: each.von_mises for name, each in fields.items()})
     warnings = [*assembly.warnings, *(body.locking for body in assembly.scene.body if body.locking), *doubts,
-                *steps.doubts_beside(doubts), *doubt_mesh(assembly.scene.body, error), *singular]
+                *steps.doubts_beside(doubts),
+                *(() if assembly.world.rank else doubt_mesh(assembly.scene.body, error)), *singular]
     summary = gather_summary(assembly, solution, error, fields, ladder, warnings, clock.started, steps)
-    log_end(summary, solution)
-    log_warnings(warnings, told)
+    if summary:
+        log_end(summary, solution)
+        log_warnings(warnings, told)
     return Solved(assembly, solution, error, fields, summary, steps)
 
 
@@ -237,21 +240,19 @@ def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, che
     world, bodies, summary = solved.assembly.world, solved.assembly.bodies, solved.summary
     staging, picture_error = Staging(folder) if folder else None, None
     path = world.bcast(staging.path if staging else None)
-    own = {body.number: (len(body.mesh.points), len(body.mesh.triangles)) for body in bodies}
-    everyone = merged(world, own)
-    sizes = [everyone[number] for number in range(len(everyone))]
+    sizes = gathered(world, {body.spec.name: (len(body.mesh.points), len(body.mesh.triangles)) for body in bodies})
     try:
         with clock.phase("output"):
             with agreed(world):
                 if staging:
                     staging.create()
-            _write_in_turn(world, path, {body.number: solved.fields[body.spec.name] for body in bodies}, sizes)
-            times = _write_steps(path, solved, sizes)
+            with event("WriteFields"):
+                write_fields(path, {body.number: solved.fields[body.spec.name] for body in bodies}, world)
+            times = _write_steps(path, solved)
             with agreed(world), event("WriteTables"):
                 if staging:
                     fields = _write_tables(path, solved)
-                    names = (body.name for body in solved.assembly.scene.body)
-                    write_xdmf(path, times, dict(zip(names, sizes, strict=True)), fields)
+                    write_xdmf(path, times, sizes, fields)
                     for name, each in fields.items():
                         write_surface(path, name, each[-1])
                     if solved.solution.mechanism:
@@ -279,26 +280,18 @@ def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, che
             staging.discard()
 
 
-def _write_in_turn(world: MPI.Comm, path: Path, fields: Mapping[int, Fields], sizes: Sequence[tuple[int, int]],
-                   step: int | None = None) -> None:
-    """`write_fields` of the own bodies by number, one rank after another. Collective."""
-    for rank in range(world.size):
-        with agreed(world), event("WriteFields"):
-            for number, each in fields.items() if rank == world.rank else ():
-                write_fields(path, each, number, sizes, step)
-
-
-def _write_steps(path: Path, solved: Solved, sizes: Sequence[tuple[int, int]]) -> list[float]:
+def _write_steps(path: Path, solved: Solved) -> list[float]:
     """Write the fields of the load steps that are kept, computed anew from their forces; their times. The summary has
     the forces of each by body and group. Collective."""
     assembly, times, steps = solved.assembly, [], solved.steps
     world, joint = assembly.world, assembly.joint
-    told = {step["time"]: step for step in solved.summary["steps"]}
+    told = {step["time"]: step for step in solved.summary.get("steps", ())}  # on the first rank
     for number, (time, s, alpha, _) in enumerate(steps.kept):
         times.append(time)
         if time == solved.solution.time:  # the last one is there
-            told[time]["bodies"] = {name: {key: body[key] for key in ("reaction", "loads", "reactions")}
-                                    for name, body in solved.summary["bodies"].items()}
+            if told:
+                told[time]["bodies"] = {name: {key: body[key] for key in ("reaction", "loads", "reactions")}
+                                        for name, body in solved.summary["bodies"].items()}
             continue
         assembly.act(time)
         parts, fields, forces, factors = joint.spread(s), {}, {}, assembly.scene.factors(time)
@@ -307,9 +300,11 @@ def _write_steps(path: Path, solved: Solved, sizes: Sequence[tuple[int, int]]) -
                 u, *_ = recover(body.member, part, alpha[joint.slices[body.spec.name]], steps.most["sizes"])
                 fields[body.number] = _fields(assembly, body, u)
                 forces[body.spec.name] = plain(forces_by_group(body, u, part, factors))
-        forces = merged(world, forces)
-        told[time]["bodies"] = {name: forces[name] for name in solved.summary["bodies"]}
-        _write_in_turn(world, path, fields, sizes, number)
+        forces = gathered(world, forces)
+        if told:
+            told[time]["bodies"] = {name: forces[name] for name in solved.summary["bodies"]}
+        with event("WriteFields"):
+            write_fields(path, fields, world, number)
     return times or ([solved.solution.time] if solved.solution.time is not None else [])
 
 

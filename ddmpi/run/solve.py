@@ -27,7 +27,7 @@ from ddmpi.petsc.versions import free_garbage
 from ddmpi.run.checkpoint import Checkpoints
 from ddmpi.run.equilibrium import describe_drift, look_for_mechanism, undetermined_motions
 from ddmpi.scene.method import SettledMethod
-from ddmpi.system.agreement import merged
+from ddmpi.system.agreement import gathered
 from ddmpi.system.clock import Clock
 from ddmpi.system.numbers import norm
 
@@ -70,8 +70,8 @@ class Solution:
     stopped : why the iteration ended: "converged", "diverged", "max_iterations", "stalled"; "drift" where it found no
         equilibrium of loose bodies, "mechanism" where there is none
     displacements : (nv, d) of each body of this rank (m), by name
-    displacement_max : largest displacement by body (m)
-    contacts : state by contact
+    displacement_max : largest displacement by body (m), of all on the first rank
+    contacts : state by contact, on the first rank of all contacts, on others of those of their bodies
     certificate : of all contacts and bodies
     limit : largest residual of a certified answer
     outer : the iteration, which can go on
@@ -286,7 +286,7 @@ def recover(member: Member, s: np.ndarray, alpha: np.ndarray,
 def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, statuses: StatusLog,
               given: float, past: Past) -> Solution:
     """Displacements, contact states and certificate of the forces at hand. Collective."""
-    exchange, space, joint = assembly.exchange, assembly.space, assembly.joint
+    world, exchange, space, joint = assembly.world, assembly.exchange, assembly.space, assembly.joint
     forces, mismatch, bound = outer.forces, outer.mismatch, outer.bound
     moved, traces, stayed = {}, [], []
     numbers: dict[str, dict[str, Any]] = {}
@@ -305,40 +305,45 @@ def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, stat
                                 "load": member.elasticity.load, "energy": energy, "work": member.work(u, s)}
     outer.refresh(traces)
     both = exchange.collect(traces, "answer")
-    places = exchange.swap_objects({key: part for own in stayed for key, part in own.items()})
-    bodies = merged(assembly.world, numbers)
+    beside = exchange.swap_objects({key: (part, numbers[member.name]["yielding"]) for member, own in
+                                    zip(joint.members, stayed, strict=True) for key, part in own.items()})
     gone, unbalanced = joint.pushed_by(outer.motions), joint.imbalance(forces) if joint.pushed else joint.e
+    partners: dict[str, dict[str, Any]] = {}
     for rigid in joint.pushed:
         at = joint.slices[rigid.name]
         acting = max(norm(joint.e[at]), norm(joint.e[at] - unbalanced[at]))
-        bodies[rigid.name] = {"left": norm(unbalanced[at]), "acting": acting, "moved": norm(gone[rigid.name]),
-                              "yielding": 0.0, "load": assembly.pushes[rigid.name], "made": 0.0}
+        partners[rigid.name] = {"left": norm(unbalanced[at]), "acting": acting, "moved": norm(gone[rigid.name]),
+                                "yielding": 0.0, "load": assembly.pushes[rigid.name], "made": 0.0, "energy": 0.0,
+                                "work": 0.0}
+    bodies = gathered(world, numbers) | partners
+    load, energy, work = (sum(each[key] for each in bodies.values()) for key in ("load", "energy", "work"))
+    now = [max(each[key] for each in bodies.values()) for key in ("moved", "yielding")]
+    load, energy, work, now = world.bcast((load, energy, work, now))
     interfaces = [each.displaced(each.displacement + gone[each.bodies[1]]) if each.bodies[1] in gone else each
                   for each in space.interfaces]
     prescribed = np.concatenate([np.empty(0), *(each.prescribed for each in interfaces)])
-    load = float(sum(body["load"] for body in bodies.values()))
-    now = [max(body[key] for body in bodies.values()) for key in ("moved", "yielding")]
     found = {}
     with event("Certificate"):
         for interface, part, limits in zip(interfaces, space.parts.values(), space.laws.bounds(bound), strict=False):
             u1, u2 = both[0][part], both[1][part] + interface.prescribed
             probes = interface.probes
             between = probes.opening(interface.scale) + probes.normal @ interface.displacement - sum(
-                each for each in places[interface.name] if each is not None)
-            yielding = max(bodies[name]["yielding"] for name in interface.bodies if name in bodies)
+                each for each, _ in filter(None, beside[interface.name]))
+            yielding = max(each for _, each in filter(None, beside[interface.name]))
             state = contact_state(interface, forces[part], limits, u1 + u2, between,
                                   (past.start[part], past.forces[part]), yielding)
             found[interface.name] = state, contact_residuals(state, forces[part], mismatch[part], (u1, u2), load,
                                                              yielding, now, past.largest[1:].tolist())
-    found = merged(assembly.world, found)
-    force = max((float(np.abs(state.forces).max()) for state, _ in found.values()), default=0.0)
-    names, contacts = [body.name for body in assembly.scene.body], [contact.name for contact in assembly.scene.contact]
-    certificate = Certificate({name: found[name][1] for name in contacts},
+    force = world.allreduce(max((float(np.abs(state.forces).max()) for state, _ in found.values()), default=0.0),
+                            MPI.MAX)
+    near = exchange.swap_objects({(name, side): found.get(name) for name, *_ in exchange.ends for side in (0, 1)})
+    known = {name: one or other for name, (one, other) in near.items()} | gathered(world, found)
+    found = {contact.name: known[contact.name] for contact in assembly.scene.contact if contact.name in known}
+    certificate = Certificate({name: residuals for name, (_, residuals) in found.items()},
                               {name: equilibrium_residual(each["left"], each["acting"], load, each["made"])
                                for name, each in bodies.items()})
+    names = [body.name for body in assembly.scene.body if body.name in bodies]
     return Solution(stopped, moved, {name: bodies[name]["moved"] for name in names},
-                    {name: found[name][0] for name in contacts}, certificate, limit, outer, statuses, given,
-                    moved=both[0] + both[1] + prescribed, prescribed=prescribed,
-                    energy=float(sum(bodies[name]["energy"] for name in names)),
-                    sizes=np.array([force, *now]),
-                    work=np.sum([bodies[name]["work"] for name in names], axis=0))
+                    {name: state for name, (state, _) in found.items()}, certificate.told(world), limit, outer,
+                    statuses, given, moved=both[0] + both[1] + prescribed, prescribed=prescribed, energy=energy,
+                    sizes=np.array([force, *now]), work=work)

@@ -111,8 +111,10 @@ def solve_scene(assembly: Assembly, report: Report = no_report, checkpoints: Che
     all. Collective.
     """
     scene, clock = assembly.scene, clock or Clock()
-    log = StepLog([contact.name for contact in scene.contact], [each.name for each in (*scene.body, *scene.pushed)],
-                  scene.dimension)
+    known = [body.spec for body in assembly.bodies] if assembly.world.rank else scene.body
+    names = {body.name for body in known}
+    log = StepLog([contact.name for contact in scene.contact if not names.isdisjoint(contact.bodies)],
+                  [each.name for each in (*known, *scene.pushed)], scene.dimension)
     if scene.time is None:
         solution = solve(assembly, scene.method, report, checkpoints, clock)
         log.note_step(scene.legs[0], solution)
@@ -179,7 +181,7 @@ class March:
                 self._next_leg()
             self._keep()
         worst = self.log.judge(solution.certificate)
-        return replace(with_undetermined(self.assembly, solution), certificate=worst)
+        return replace(with_undetermined(self.assembly, solution), certificate=worst.told(self.assembly.world))
 
     def _step(self, time: float) -> Solution:
         """Solve the load step to `time`."""
@@ -260,7 +262,8 @@ class March:
         work = 0.5 * (factors + now.factors) @ (solution.work[0] - now.work[0])
         work += 0.5 * (factors - now.factors) @ (solution.work[1] + now.work[1]) + driven
         lost = work - (solution.energy - now.energy) - interface_work
-        dissipated = sum(state.dissipated for state in contacts)
+        closed = sum(float(each.interface.area[each.status != "open"].sum()) for each in contacts)
+        dissipated, closed = assembly.world.bcast((sum(state.dissipated for state in contacts), closed))
         before = self.log.energies[-1] if self.log.energies else np.zeros(5)
         self.log.energies.append([before[0] + work, solution.energy, before[2] + interface_work,
                                   before[3] + dissipated, lost])
@@ -269,8 +272,7 @@ class March:
         alike = not (self._sudden and now.time == 0.0)
         self._now = _Mark(time, time - now.time if alike else 0.0, s, outer.motions, self._d, moved, space.opening,
                           solution.prescribed, s - now.s, outer.motions - now.alpha, closing, factors, solution.work,
-                          solution.energy,
-                          sum(float(each.interface.area[each.status != "open"].sum()) for each in contacts))
+                          solution.energy, closed)
         del self._ahead[0]
         if not self._ahead or scene.output.steps == "all":
             self.log.keep(time, s, outer.motions, contacts)

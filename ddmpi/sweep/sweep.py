@@ -24,13 +24,12 @@ from ddmpi.errors import DdmpiError, InputError, InterruptionError, NotConverged
 from ddmpi.petsc.options import RunOptions
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.results.folder import running
-from ddmpi.results.tables import writing
 from ddmpi.run.run import run
 from ddmpi.sweep.cases import Case
 from ddmpi.sweep.plots import draw_plot
 from ddmpi.sweep.table import check_sweep, claim_sweep, gather, identify, read_outcome, record_case
 from ddmpi.system.agreement import agreed, from_first
-from ddmpi.system.files import CHECKPOINT, UNFINISHED
+from ddmpi.system.files import CHECKPOINT, UNFINISHED, writing
 from ddmpi.system.logs import diverted, utc
 from ddmpi.system.provenance import whereabouts
 

@@ -35,7 +35,9 @@ def in_lockstep(comm: MPI.Comm) -> MPI.Comm:
 
 def agree(world: MPI.Comm, error: DdmpiError | None) -> None:
     """Raise the first error that a rank has, if any has one, on all ranks. Collective."""
-    for found in world.allgather(error):
+    failed = np.array([error is not None])
+    world.Allreduce(MPI.IN_PLACE, failed, MPI.LOR)
+    for found in world.allgather(error) if failed[0] else ():
         if found is not None:
             found.agreed = True
             raise found
@@ -71,6 +73,16 @@ def from_first(world: MPI.Comm, work: Callable[[], T]) -> T:
         if world.rank == 0:
             result = work()
     return world.bcast(result)
+
+
+def gathered(world: MPI.Comm, own: Mapping[K, T]) -> dict[K, T]:
+    """The tables of all ranks as one on the first rank, in the order of the ranks; on the others their own. Collective.
+
+    What grows with the number of bodies is gathered, not `merged`: the first rank judges, says and writes it, and what
+    the others must know follows in a few numbers.
+    """
+    everyone = world.gather(own)
+    return dict(own) if everyone is None else {key: value for rank in everyone for key, value in rank.items()}
 
 
 def merged(world: MPI.Comm, own: Mapping[K, T]) -> dict[K, T]:

@@ -6,11 +6,15 @@ import contextlib
 import io
 import os
 import socket
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+from mpi4py import MPI
+
 from ddmpi.errors import OutputError
+from ddmpi.system.agreement import agreed, from_first
 
 SUMMARY, CHECKPOINT, MECHANISM = "summary.json", "checkpoint.h5", "mechanism.json"
 """The last file of a result: where it is, the others are. The state of a run that was not completed."""
@@ -75,6 +79,62 @@ class FileOfHDF5(io.FileIO):
         except OSError as error:
             error.filename = self.name
             self._error = self._error or error
+
+
+@contextlib.contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """A context in which `path` is written: an error of the system becomes an OutputError that names the file."""
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"results could not be written: {error.filename or path}: "
+                          f"{error.strerror or error}") from None
+
+
+def write_rows(target: Path, parts: Mapping[str, np.ndarray], places: Mapping[str, tuple[int, int]], world: MPI.Comm,
+               group: str = "") -> None:
+    """Write datasets of an HDF5 file, all ranks at once, each its rows; a file that is there gets a new `group`.
+
+    The first rank makes the datasets. Then each rank writes to where HDF5 has them in the file: HDF5 with MPI is not
+    needed, and nobody waits for a turn.
+
+    Parameters
+    ----------
+    parts : by name the rows (k, …) of this rank, at least one
+    places : by name how many rows are before these, and how many there are in all
+
+    Collective. Raises OutputError, on all ranks.
+    """
+    import h5py
+
+    def make() -> dict[str, int]:
+        """Where in the file the datasets begin."""
+        mode, found = "r+" if group else "w", {}
+        with writing(target), FileOfHDF5(target, f"{mode[0]}+") as storage, h5py.File(storage, mode) as file:
+            parent = file.create_group(group) if group else file
+            at_once = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+            at_once.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
+            at_once.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
+            for name, part in parts.items():
+                shape = places[name][1], *part.shape[1:]
+                found[name] = parent.create_dataset(name, shape, part.dtype, dcpl=at_once).id.get_offset()
+        return found
+
+    starts = from_first(world, make)
+    with agreed(world):
+        put(target, [(starts[name] + places[name][0] * (part.nbytes // len(part)), part)
+                     for name, part in parts.items()])
+
+
+def put(target: Path, parts: Sequence[tuple[int, np.ndarray]]) -> None:
+    """Write arrays into a file that is there, each from a byte on. Not collective. Raises OutputError.
+
+    It is opened for writing only: a host that had read what is beside its bytes, on NFS, would write that, too.
+    """
+    with writing(target), open(os.open(target, os.O_WRONLY), "wb") as file:
+        for start, part in parts:
+            file.seek(start)
+            file.write(part.data)
 
 
 def write_atomically(path: Path, data: bytes, durable: bool = False) -> None:

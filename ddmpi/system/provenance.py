@@ -49,15 +49,15 @@ def has_matplotlib() -> bool:
     return find_spec("matplotlib") is not None
 
 
-def provenance(world: MPI.Comm, started: float, hosts: list[str]) -> dict:
+def provenance(started: float, hosts: list[str]) -> dict:
     """What leads from a result back to its run: the run's name, start, command, folder, batch job, hosts and versions.
 
     `started` is the run's start by time.perf_counter, `hosts` are those of all ranks; "run" names start, host, process
-    and job of rank 0. Collective.
+    and job of this rank, the first. Not collective.
     """
     seconds = time.time() - (time.perf_counter() - started)
     name = f"{utc(seconds)[:-1]}.{int(seconds % 1 * 1000):03d}Z {whereabouts()}"
-    return {"run": world.bcast(name), "started": world.bcast(utc(seconds)), "command": command(),
+    return {"run": name, "started": utc(seconds), "command": command(),
             "working_folder": os.getcwd(), "slurm": batch_job(), "hosts": hosts, "versions": versions()}
 
 

@@ -5,7 +5,14 @@ import pytest
 import scenes
 from scenes import mumps_is_known, pinched_blocks, prepare_scene
 
-from ddmpi.body.compliance import FACTORS, FACTORS_WITH_SCHUR, LARGEST_RATIO, MARGIN, choose_kind
+from ddmpi.body.compliance import (
+    FACTORS,
+    FACTORS_WITH_SCHUR,
+    LARGEST_CONDENSED,
+    LARGEST_RATIO,
+    MARGIN,
+    choose_kind,
+)
 from ddmpi.run.solve import solve
 from ddmpi.system.memory import free_memory
 
@@ -44,9 +51,12 @@ def test_kinds_take_the_same_steps(comm, name):
         if first is None:
             first, history, count = outer.forces, outer.history, assembly.member.C.count.total()
         assert np.linalg.norm(outer.forces - first) <= 10 * assembly.scene.method.tolerance * np.linalg.norm(first)
-        exact = kind == "direct" and name != "anderson"  # which magnifies rounding
-        assert abs(len(outer.history) - len(history)) <= (0 if exact else 3)
-        assert abs(assembly.member.C.count.total() - count) <= (0.02 if exact else 0.2) * count
+        if kind == "iterative" and name == "newton":  # a model leads it
+            assert assembly.member.C.count.total() <= count
+        else:
+            exact = kind == "direct" and name != "anderson"  # which magnifies rounding
+            assert abs(len(outer.history) - len(history)) <= (0 if exact else 3)
+            assert abs(assembly.member.C.count.total() - count) <= (0.02 if exact else 0.2) * count
         (state,) = answer.contacts.values()
         assert state.status.tolist() == assembly.world.bcast(state.status.tolist())
 
@@ -88,10 +98,11 @@ def test_kind_is_chosen_from_sizes():
         assert f"{thin + 10} contact unknowns" in reason
 
 
-@pytest.mark.parametrize(("d", "growth", "without"), [(2, 1e6 * np.log2(1e6), "direct"), (3, 1e8, "iterative")])
-def test_kind_is_chosen_from_memory(d, growth, without):
+@pytest.mark.parametrize(("d", "n", "growth", "without"), [(2, 1_000_000, 1e6 * np.log2(1e6), "direct"),
+                                                            (3, 343_000, 70.0**4, "iterative")])
+def test_kind_is_chosen_from_memory(d, n, growth, without):
     """Where factors fit without the compliance, a body in the plane keeps them, and one in space does not."""
-    n, k = 1_000_000, 2000
+    k = 2000
     direct, explicit = (MARGIN * each[d == 3] * growth for each in (FACTORS, FACTORS_WITH_SCHUR))
     explicit += 8 * k**2
     assert choose_kind(n, k, 1.01 * explicit, d)[0] == "explicit"
@@ -108,6 +119,16 @@ def test_kind_is_chosen_from_memory(d, growth, without):
 def test_kind_of_thin_bodies_beyond_memory(d):
     """Their factors alone are small."""
     assert choose_kind(30_000, 15_000, 2**31, d)[0] == "direct"
+
+
+def test_large_solids_are_solved_by_multigrid():
+    """Factors in space take time with n²; in the plane they stay the fastest as long as memory has room for them."""
+    n = int(LARGEST_CONDENSED)
+    assert choose_kind(n, 5000, np.inf, 3)[0] == "explicit"
+    kind, reason = choose_kind(n + 1, 5000, np.inf, 3)
+    assert kind == "iterative"
+    assert str(n + 1) in reason
+    assert choose_kind(10 * n, 5000, np.inf, 2)[0] == "explicit"
 
 
 @pytest.mark.parametrize("n", [0, 1, 2])

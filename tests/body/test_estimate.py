@@ -153,8 +153,8 @@ def test_triangles_that_lock_have_no_estimate(order, plane, known):
     mesh = rectangle(5, order)
     soft, hard = (estimate_error(mesh, material, wave(mesh.points))
                   for material in (Material(young=1.0, poisson=0.4999, plane=plane), STEEL))
-    error = sum_errors({name: (each.total, each.energy, each.area) for name, each in (("soft", soft), ("hard", hard))},
-                       {"hard": hard})
+    bodies = {name: (each.total, each.energy, each.area) for name, each in (("soft", soft), ("hard", hard))}
+    error = sum_errors(bodies, {"hard": hard}, np.sum(list(bodies.values()), axis=0))
     assert list(error.by_body) == ["soft", "hard"]
     assert np.isfinite([error.relative, *error.by_body.values()]).tolist() == [known] * 3
     assert (error.density("hard") is not None) == known and soft.energy > 0.0

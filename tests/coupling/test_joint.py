@@ -12,7 +12,7 @@ from ddmpi.coupling.joint import STEERING, Joint
 class AllSeeAll:
     """An exchange between bodies that each take part in all interfaces, on one rank."""
 
-    world = SimpleNamespace(allgather=lambda each: [each])
+    world = SimpleNamespace(allgather=lambda each: [each], allreduce=lambda each, operation: each)
     deferred = staticmethod(contextlib.nullcontext)
 
     def spread(self, x):
@@ -29,7 +29,7 @@ def joint(asked: list[float]) -> Joint:
             asked.append(relative)
             y[:] = factor * x
 
-        return SimpleNamespace(name=name, shared=np.zeros(3), G=np.empty((0, 3)), mult=mult,
+        return SimpleNamespace(name=name, dear=False, G=np.empty((0, 3)), mult=mult,
                                response=lambda history: (np.full(3, h), np.empty(0)))
 
     space = SimpleNamespace(size=3, gap=np.array([0.25, 0.0, 0.0]), norm=lambda x: float(np.linalg.norm(x)))

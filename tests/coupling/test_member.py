@@ -98,7 +98,11 @@ def large(x: np.ndarray) -> float:
 
 @pytest.mark.parametrize("kind", ["explicit", "direct", "iterative"])
 def test_held_body_is_its_compliance(kind):
-    """Clamps leave nothing to centre: the same numbers by the same calls, and no rigid motions."""
+    """Clamps leave nothing to centre: the same numbers by the same calls, and no rigid motions.
+
+    Multigrid starts from solutions before, so that the same product again is the same to its precision only.
+    """
+    error = 1e-9 if kind == "iterative" else 0.0
     mesh = rectangle()
     body = member(mesh, elastic(mesh, ["left"]), ["top"], kind)
     assert body.G.shape == (0, body.C.size)
@@ -110,12 +114,12 @@ def test_held_body_is_its_compliance(kind):
     body.mult(x, y, "newton")
     body.C.mult(x, z, "newton")
     assert body.C.count - before == {"newton": 2}
-    assert np.array_equal(y, z)
+    assert np.abs(y - z).max() <= error * np.abs(z).max()
     assert body.dense() is body.C.dense()
     assert body.norm() == body.C.norm()
     u, residual = displaced(body, x, np.empty(0))
     assert residual <= 1e-11
-    assert np.array_equal(u, body.displacement(x)[0])
+    assert np.abs(u - body.displacement(x)[0]).max() <= error * np.abs(u).max()
 
 
 # Loose bodies

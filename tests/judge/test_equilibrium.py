@@ -5,11 +5,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from rigid_blocks import Blocks, Boxes, arch, beam, pushed, squeezed, tall, tower, wall, wedge
 
 from ddmpi.interface.law import CoulombLaw
-from ddmpi.judge.equilibrium import LARGEST, describe, find_mechanism
-from ddmpi.judge.motions import MotionsOfBody, direction, undetermined
+from ddmpi.judge.equilibrium import describe, find_mechanism
+from ddmpi.judge.motions import LARGEST, MotionsOfBody, direction, undetermined
 from ddmpi.run import equilibrium
 
 
@@ -186,10 +187,13 @@ def test_a_light_body_is_seen_beside_a_heavy_one():
     assert words(scene) == "nothing holds lid: it would move along -y"
 
 
-def test_too_many_bodies_are_not_looked_at():
-    """More than LARGEST loose bodies are left to the iteration."""
-    interfaces, G, e, bodies = pushed(5.0).equilibrium()
-    assert find_mechanism(interfaces, G, e, bodies * (LARGEST + 1)) is None
+def test_one_of_many_bodies_is_found():
+    """However many others stay, in heaps of their own."""
+    scene = pushed(0.6)
+    for k in range(400):
+        x, name = 3.0 + 2.0 * k, f"other{k}"
+        scene.box(name, x, 0, 1, 1).contact(name, "floor", (x, 0), (x + 1.0, 0), "coulomb", 0.5)
+    assert words(scene) == "block would slide along x"
 
 
 @pytest.mark.parametrize("columns, rows", [(4, 4), (6, 6), (10, 10)])
@@ -294,6 +298,19 @@ def test_undetermined_motions():
     normal = np.column_stack([np.cos(turn), np.sin(turn)])
     shaft = Blocks(shift=(2, 1)).body("shaft", 0.5 * normal).curve("shaft", "hub", 0.5 * normal, normal)
     assert undetermined(*active(shaft, "slip")) == ["shaft can turn about (2, 1) without any force"]
+
+
+def test_undetermined_motions_of_many_bodies():
+    """Heaps are looked at one by one, those of up to LARGEST bodies."""
+    scene = Blocks()
+    for k in range(LARGEST + 1):
+        x, name = 3.0 * k, f"block{k}"
+        scene.box(name, x, 0, 1, 1).contact(name, "floor", (x, 0), (x + 1.0, 0), "coulomb", 0.5)
+    kinds = ["slip" if k == 7 else "stick" for k in range(LARGEST + 1)]
+    assert undetermined(*active(scene, *kinds)) == ["block7 can slide along x without any force"]
+    for k in range(LARGEST):
+        scene.contact(f"block{k}", f"block{k + 1}", (3.0 * k + 1.0, 0), (3.0 * k + 1.0, 1))
+    assert undetermined(*active(scene, *kinds, *LARGEST * ["slip"])) == []
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
@@ -524,6 +541,6 @@ def test_a_drift_is_named_by_how_far_nodes_move(monkeypatch):
     x, y = (points - points.mean(axis=0)).T / np.hypot(100.0, 50.0)
     motions = np.stack([np.outer(np.ones(4), axis) for axis in np.eye(2)] + [np.column_stack([-y, x])], axis=2)
     body = MotionsOfBody.of("plate", points, motions)
-    monkeypatch.setattr(equilibrium, "_loose_bodies", lambda *parts: [(body, 1.0)])
-    assembly = SimpleNamespace(joint=SimpleNamespace(slices={"plate": slice(0, 3)}))
+    monkeypatch.setattr(equilibrium, "_with_partners", lambda *parts: [body])
+    assembly = SimpleNamespace(world=MPI.COMM_SELF, joint=SimpleNamespace(slices={"plate": slice(0, 3)}))
     assert "plate: it would move along -x" in equilibrium.describe_drift(assembly, np.array([-1.0, 0.0, 0.01]))

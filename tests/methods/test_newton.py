@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse as sparse
+from mpi4py import MPI
 from scenes import (
     everywhere,
     exact_forces,
@@ -19,12 +20,14 @@ from scenes import (
     to_toml,
     write_scene,
 )
+from solid_scenes import two_boxes
 
 from ddmpi.coupling.space import Space
 from ddmpi.interface.interface import Interface, Places
 from ddmpi.interface.law import CoulombLaw
 from ddmpi.judge.diagnosis import StatusLog
-from ddmpi.methods.half_space import HalfSpace
+from ddmpi.methods.half_space import HalfSpace, Model
+from ddmpi.methods.newton import Newton
 from ddmpi.methods.paths import InteriorPoints, Softening
 from ddmpi.surface.side import laplacian
 
@@ -467,3 +470,38 @@ def test_no_tolerance_makes_a_certificate_empty():
 
     assert certificate_limit(0.5) == certificate_limit(0.01) == 0.05
     assert certificate_limit(1e-4) == pytest.approx(5e-3)
+
+
+# A model of the compliance
+
+
+def test_model_of_the_compliance_learns_products_and_stays_positive():
+    """What a product has shown holds for the model, which is symmetric and positive definite as C is."""
+    assembly = prepare_scene(MPI.COMM_SELF, pinched_blocks(6, "coulomb"))
+    joint, rng = assembly.joint, np.random.default_rng(0)
+    half_space, x = HalfSpace(joint.space), rng.standard_normal(joint.size)
+    assert np.allclose(half_space.mult(half_space.inverse(x)), x, rtol=0.0, atol=2e-3 * np.abs(x).max())
+    model = Model(joint)
+    C, before = (np.column_stack([operator.product(e, "test", 0.0) for e in np.eye(joint.size)])
+                 for operator in (joint, model))
+    assert np.abs(np.linalg.solve(C, before) - np.eye(joint.size)).max() > 1e-2
+    known = rng.standard_normal((5, joint.size))
+    for each in known:
+        model.learn(each, C @ each)
+    after = np.column_stack([model.product(e, "test", 0.0) for e in np.eye(joint.size)])
+    assert np.allclose(known @ after, known @ C, rtol=0.0, atol=1e-6 * np.abs(C).max())
+    assert np.allclose(after, after.T, rtol=0.0, atol=1e-9 * np.abs(after).max())
+    assert np.linalg.eigvalsh(after)[0] > 0.0
+
+
+def test_multigrid_takes_few_products_and_gives_the_same_forces():
+    """Newton's method takes some 240 products for two boxes in space; a model of the compliance leaves few of them."""
+    answers = {}
+    for kind in ("explicit", "iterative"):
+        assembly = prepare_scene(MPI.COMM_SELF, two_boxes(6) | {"method": {"compliance": kind}})
+        newton = Newton(assembly.joint, 100)
+        assert newton.run(1e-8) == "converged"
+        answers[kind] = newton.forces, assembly.joint.multiplications()
+    (exact, many), (found, few) = answers.values()
+    assert np.abs(found - exact).max() <= 1e-6 * np.abs(exact).max()
+    assert few <= 0.4 * many

@@ -23,7 +23,7 @@ from ddmpi.methods.paths import Point, Softening
 class Dense:
     """A joint operator of two bodies that clamps hold, with the matrix C and the free gaps d."""
 
-    members, bodies, e = (), 2, np.empty(0)
+    members, bodies, e, dear = (), 2, np.empty(0), False
 
     def __init__(self, C: np.ndarray, d: np.ndarray, coefficient: float, components: int = 1) -> None:
         dimension, size = 1 + components, len(d)
@@ -142,7 +142,7 @@ def test_newton_goes_on_from_its_whole_state():
     state = {"s": np.arange(12.0), "r": np.arange(12.0) - 5.0, "alpha": np.arange(3.0), "left": -np.arange(3.0),
              "start": False, "warm": True, "least": 2.5, "settled": True, "error": 0.25, "held": 0.1, "far": 0.5,
              "norm": 3.0, "stalled": 4, "smallest": 0.125, "inner_steps": {"gmres": 7},
-             "history": [Step(1, 0.5, 0.25, 1e-3, 12)[:5]]}
+             "history": (Step(1, 0.5, 0.25, 1e-3, 12),)}
     new, fresh = Newton(random_joint(0), 60), Newton(random_joint(0), 60)
     new.restore(state)
     assert flat(new.state()) == flat(state)

@@ -18,9 +18,7 @@ def test_meshio_reads_all_bodies(tmp_path, order):
     """meshio.read takes result.xdmf as it is: nodes, triangles and fields of all bodies in the order of the scene."""
     blocks = [made_up.block(origin, (6, 2), order) for origin in made_up.ROW.values()]
     parts = [made_up.fields(block, error=True) for block in blocks]
-    sizes = [(len(block.points), len(block.triangles)) for block in blocks]
-    for number, part in enumerate(parts):
-        write_fields(tmp_path, part, number, sizes)
+    write_fields(tmp_path, dict(enumerate(parts)))
     write_xdmf(tmp_path)
     mesh = meshio.read(tmp_path / "result.xdmf")
     assert [cells.type for cells in mesh.cells] == [{1: "triangle", 2: "triangle6"}[order]]
@@ -46,7 +44,7 @@ def test_meshio_reads_all_bodies(tmp_path, order):
 def test_fields_that_nobody_asks_for_are_left_out(tmp_path):
     """Without stress and error, files have displacements and bodies only."""
     block = made_up.block(divisions=(6, 2))
-    write_fields(tmp_path, made_up.fields(block, stresses=False), 0, [(len(block.points), len(block.triangles))])
+    write_fields(tmp_path, {0: made_up.fields(block, stresses=False)})
     write_xdmf(tmp_path)
     with h5py.File(tmp_path / "result.h5") as file:
         assert set(file) == {"points", "cells", "body", "displacement"}

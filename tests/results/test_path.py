@@ -15,11 +15,9 @@ from ddmpi.results.tables import PATH, Results, read_results, write_path
 
 def results(tmp_path, meshes, displacement, stress) -> Results:
     """Of some bodies, with a displacement and a nodal stress that are functions of the place."""
-    sizes = [(len(mesh.points), len(mesh.triangles)) for mesh in meshes]
-    for number, mesh in enumerate(meshes):
-        part = Fields(mesh.points, mesh.triangles, displacement(mesh.points), np.zeros((len(mesh.triangles), 4)),
-                      nodal_stress=stress(mesh.points))
-        write_fields(tmp_path, part, number, sizes)
+    write_fields(tmp_path, {number: Fields(mesh.points, mesh.triangles, displacement(mesh.points),
+                                           np.zeros((len(mesh.triangles), 4)), nodal_stress=stress(mesh.points))
+                            for number, mesh in enumerate(meshes)})
     import h5py
 
     with h5py.File(tmp_path / "result.h5") as file:

@@ -40,6 +40,9 @@ two_ranks = pytest.mark.mpi(ranks=2)
 VERSIONS = {name: "1" for name in ("ddmpi", "petsc", "numpy", "scipy")}
 
 MULT = Compliance.mult
+MULTIGRID = 1e-5
+"""Relative distance of forces that a restart with multigrid may leave, unless the tolerance is larger."""
+
 RELAXATION = {"theta": 0.2, "tolerance": 1e-3}
 KINDS = {
     # name: friction law, method, every which multiplication is interrupted
@@ -112,6 +115,16 @@ def run(comm, scene: dict, folder: Path, restart: bool = False) -> dict:
     return outcome(assembly, answer)
 
 
+def alike(one: dict, other: dict, scene: dict) -> bool:
+    """Whether outcomes are equal; with multigrid, which starts from solutions before, to its precision."""
+    if scene["method"].get("compliance") != "iterative":
+        return one == other
+    forces, others = (np.frombuffer(each["arrays"][0]) for each in (one, other))
+    distance = max(MULTIGRID, scene["method"].get("tolerance", 0.0))
+    return (one["stopped"], one["status"]) == (other["stopped"], other["status"]) and bool(
+        np.abs(forces - others).max() <= distance * np.abs(others).max())
+
+
 def listing(comm, folder: Path) -> list[str]:
     """The names in a folder, as rank 0 sees them, which does the writing."""
     return comm.bcast([path.name for path in folder.iterdir()] if comm.rank == 0 else None)
@@ -136,7 +149,7 @@ def interrupt_everywhere(comm, scene: dict, folder: Path, stride: int, monkeypat
             if there(comm, folder):
                 met.add(int(str(error).split("iteration ")[1].split()[0]))
                 interrupt._received.clear()
-                assert run(comm, scene, folder, restart=True) == reference
+                assert alike(run(comm, scene, folder, restart=True), reference, scene)
             else:
                 assert "nothing to save" in str(error)
         else:  # it was over before the signal came

@@ -15,6 +15,7 @@ import pytest
 import scenes
 from fault_cases import contents, run_in_one_go
 from scenes import Run, pinched_blocks
+from solid_scenes import two_boxes
 from test_failures import only_message
 from test_team import loose_block
 
@@ -32,10 +33,10 @@ NEWTON = pinched_blocks(6) | {"checkpoint": {"iterations": 1}}
 SCENES = {
     # ranks: scenes by name
     2: {"newton": NEWTON, "published": pinched_blocks(2, theta=0.2, tolerance=1e-3),
-        "tower": scenes.tower(4, 2), "one body": loose_block()},
-    4: {"tower": scenes.tower(4, 2), "two bodies": pinched_blocks(6)},
+        "tower": scenes.tower(4, 2), "one body": loose_block(), "solids": two_boxes(2)},
+    4: {"tower": scenes.tower(4, 2), "two bodies": pinched_blocks(6), "two solids": two_boxes(2)},
 }
-SHARED = {(2, "one body"), (4, "two bodies")}
+SHARED = {(2, "one body"), (4, "two bodies"), (4, "two solids")}
 """Here bodies have several ranks, on both hosts, and MUMPS sums in the order in which messages come."""
 
 HOSTS = {"one": "a:4", "two": "a:2,b:2"}

@@ -654,7 +654,7 @@ def test_faults_in_a_later_load_step_end_the_run_on_all_ranks(tmp_path):
     scene = write_scene(sheared_blocks(steps=2), tmp_path / "scene.toml")
     late = ("ddmpi.coupling.member.Member.displacement", 4)
     faults = {"SolverError": (1, *late, 4, False), "SIGTERM": (1, *late, 6, True), "nan": (0, *late, 3, False),
-              "OutputError": (0, "ddmpi.run.run.write_fields", 2, 5, True)}
+              "OutputError": (0, "ddmpi.system.files.put", 2, 5, True)}
     runs = run_in_one_go([(rank, target, call, kind, str(tmp_path / kind), ())
                           for kind, (rank, target, call, *_) in faults.items()], "run", str(scene), "--no-figures")
     whole = run_command(scene, tmp_path / "whole", "--no-figures")

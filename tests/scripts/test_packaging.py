@@ -150,10 +150,12 @@ def test_conda_recipe():
 
 
 def test_spack_package():
-    """The Spack package names this version, and the packages and lower bounds of pyproject.toml."""
+    """The Spack package, and the page that installs it, name this version; its packages are those of pyproject.toml."""
     text = (ROOT / "packaging" / "spack" / "package.py").read_text(encoding="utf-8")
     compile(text, "package.py", "exec")
+    page = (ROOT / "docs" / "start" / "installing.md").read_text(encoding="utf-8")
     assert re.findall(r'^    version\("(.*)"\)$', text, re.M) == [ddmpi.__version__]
+    assert set(re.findall(r"py-ddmpi@([\d.]+)", page)) == {ddmpi.__version__}
     found = dict(re.findall(r'^        depends_on\("(?:py-)?([\w-]+)@([\d.]+):', text, re.M))
     assert found == {"python": PROJECT["requires-python"].removeprefix(">="), **wanted()}
 

@@ -15,8 +15,7 @@ from ddmpi.errors import InputError
 from ddmpi.interface import mortar
 from ddmpi.judge import accuracy, certificate
 from ddmpi.mesh import boundary
-from ddmpi.methods import newton, paths
-from ddmpi.methods.krylov import FORCING
+from ddmpi.methods import krylov, newton, paths
 
 pytestmark = pytest.mark.slow
 
@@ -176,17 +175,17 @@ def test_theory_has_the_numbers_of_the_code():
     page = " ".join((DOCS / "understand" / "theory.md").read_text(encoding="utf-8").split())
     count = {3: "three", 6: "six", 10: "ten"}
     for words in (
-            f"three and more bodies also the deformations v = M_a⁻¹x with C_a x = μ M_a⁻¹ x, μ > {newton.SMOOTH[1]:g}"
-            f" (in space {newton.SMOOTH[2]:g})",
-            f"loose bodies or {count[newton.MANY]} and more bodies",
+            f"three and more bodies also the deformations v = M_a⁻¹x with C_a x = μ M_a⁻¹ x, μ > {krylov.SMOOTH[1]:g}"
+            f" (in space {krylov.SMOOTH[2]:g})",
+            f"loose bodies or {count[krylov.MANY]} and more bodies",
             f"where it leaves at most {newton.GAIN:g} of the residual",
             f"the length, 1 to {newton.LENGTHS[-1]:g}, that leaves least",
             f"is below {count[int(newton.ERROR)]} times that",
             f"Where {count[newton.PATIENCE]} steps leave more than {newton.PROGRESS:g} of the smallest residual",
             f"as long as each leaves less than {newton.PROGRESS:g} of the residual", f"δ = {paths.SOFTEST:g}, 100, 10",
             f"are tried where the residual is below {paths.NEAR:g}",
-            f"ε = 1e{np.log10(newton.HELD_LOOSELY):.0f}, and D_s",
-            f"GMRES solves it to 1e{np.log10(FORCING[1]):.0f} (in space to {FORCING[2]:g})",
+            f"ε = 1e{np.log10(krylov.HELD_LOOSELY):.0f}, and D_s",
+            f"GMRES solves it to 1e{np.log10(krylov.FORCING[1]):.0f} (in space to {krylov.FORCING[2]:g})",
             f"all below {certificate.FACTOR:g} times the tolerance (and {certificate.LARGEST_LIMIT:g}, whatever",
             f"covered by less than {100 * mortar.UNCOVERED:g} %",
             f"turns by more than {np.rad2deg(boundary.SHARPEST):.0f}°"):

@@ -41,7 +41,7 @@ PHASES = {
     "outer": ("newton", "ddmpi.body.compliance.Compliance.mult", 30),  # within GMRES, some iterations on
     "outer, published": ("published", "ddmpi.methods.subproblem.Subproblem.neumann", 5),
     "conclude": ("newton", "ddmpi.coupling.member.Member.displacement", 1),
-    "output": ("newton", "ddmpi.run.run.write_fields", 1),
+    "output": ("newton", "ddmpi.system.files.put", 1),
 }
 AFTER_ITERATIONS = ("outer", "outer, published", "conclude", "output")
 """In these a checkpoint must be there."""

@@ -136,8 +136,7 @@ def results(folder: Path, kind: str = "stack", order: int = 1, friction=COULOMB,
     summary = summarize(scene(list(CONTACTS[kind]), friction, title), run(found, order=order),
                         {name: body(**of) for name, of in moved.items()}, found, certificate(CONTACTS[kind], meshes))
     sizes = [(len(mesh.points), len(mesh.triangles)) for mesh in meshes.values()]
-    for number, part in enumerate(parts):
-        write_fields(folder, part, number, sizes)
+    write_fields(folder, dict(enumerate(parts)))
     write_xdmf(folder, (), dict(zip(meshes, sizes, strict=True)),
                {each.interface.name: [contact_fields(each)] for each in states})
     write_facets(folder, (each.interface for each in states))

@@ -135,10 +135,10 @@ def results(folder: Path, bodies: Mapping[str, Mesh], contacts: Mapping[str, tup
     summary = summarize(scene(contacts, friction, rigid, times), made_up.run(states, order=order, steps=steps), entries,
                         states, made_up.certificate(contacts, bodies))
     sizes = [(len(mesh.points), len(mesh.triangles)) for mesh in bodies.values()]
-    for number, part in enumerate(parts.values()):
-        write_fields(folder, part, number, sizes)
-        for step, factor in enumerate(np.linspace(0.0, 1.0, len(times) + 1)[1:-1]):
-            write_fields(folder, fields(list(bodies.values())[number], factor=factor, **how), number, sizes, step)
+    write_fields(folder, dict(enumerate(parts.values())))
+    for step, factor in enumerate(np.linspace(0.0, 1.0, len(times) + 1)[1:-1]):
+        write_fields(folder, {number: fields(mesh, factor=factor, **how) for number, mesh in
+                              enumerate(bodies.values())}, step=step)
     write_xdmf(folder, times, dict(zip(bodies, sizes, strict=True)),
                {name: [contact_fields(each, leg_values(found[name])) for found in marched]
                 for name, each in states.items()})
