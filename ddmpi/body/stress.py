@@ -160,14 +160,17 @@ def columns_of(sigma: np.ndarray, material: Material, warm: np.ndarray | None) -
 
 def principal(sigma: np.ndarray) -> np.ndarray:
     """Principal stresses (nt, 3) in Pa from `stress`, the largest first; tension is positive."""
+    finite = np.isfinite(sigma).all(axis=1)
     if sigma.shape[1] == 4:  # in the plane
         xx, yy, zz, xy = sigma.T
         middle, radius = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
-        return np.sort(np.column_stack([middle + radius, middle - radius, zz]), axis=1)[:, ::-1]
-    tensors, finite = np.zeros((len(sigma), 3, 3)), np.isfinite(sigma).all(axis=1)
-    for column, (i, j) in zip(sigma.T, COLUMNS, strict=False):
-        tensors[finite, i, j] = tensors[finite, j, i] = column[finite]
-    return np.where(finite[:, None], np.linalg.eigvalsh(tensors)[:, ::-1], np.nan)
+        found = np.sort(np.column_stack([middle + radius, middle - radius, zz]), axis=1)
+    else:
+        tensors = np.zeros((len(sigma), 3, 3))
+        for column, (i, j) in zip(sigma.T, COLUMNS, strict=False):
+            tensors[finite, i, j] = tensors[finite, j, i] = column[finite]
+        found = np.linalg.eigvalsh(tensors)
+    return np.where(finite[:, None], found[:, ::-1], np.nan)
 
 
 def von_mises(sigma: np.ndarray) -> np.ndarray:

@@ -127,7 +127,8 @@ def contact_residuals(state: ContactState, s: np.ndarray, mismatch: np.ndarray, 
         whichever is smaller: a body may move far without being strained, or be held back from moving far. On a rigid
         partner the body may not move at all, and displacements are compared with the first
     everywhere : largest displacement of all bodies, and largest yielding (m). Nothing is compared with less than
-        RESOLVED times the first. A contact that carries next to no force is compared with the second
+        RESOLVED times the first, or than what half-spaces would give way, as where clamps hold all that touches. A
+        contact that carries next to no force is compared with the second
     former : the largest of the same in the load steps before. Nothing is compared with less than RESOLVED times the
         first and NO_FORCE times the second
 
@@ -139,7 +140,7 @@ def contact_residuals(state: ContactState, s: np.ndarray, mismatch: np.ndarray, 
     U = np.inf if interface.on_rigid else max(np.abs(each).max(initial=0.0) for each in u)
     S = np.abs(s).max(initial=0.0)
     (moved, largest), (moved_before, before) = everywhere, former
-    U = max(min(U, max(yielding, overlap)), RESOLVED * max(moved, moved_before),
+    U = max(min(U, max(yielding, overlap)), RESOLVED * max(moved, moved_before, S / interface.stiffness.max()),
             largest if floor >= S else NO_FORCE * largest, NO_FORCE * before)
     work, tension = law.complementarity(state.normal_force, state.gap)
     complementarity = max(_ratio(work, np.maximum(state.normal_force, 0.0).sum() * U), _ratio(tension, max(S, floor)))

@@ -91,7 +91,6 @@ class Newton:
         self._c = np.concatenate([np.empty(0), *(interface.stiffness for interface in self.space.interfaces)])
         self._coulomb = self.space.largest(np.array([self._laws.largest_slope])) > 0.0  # else forces can be found
         self._in_space = self.space.largest(np.array([float(law.components) for law in self._laws.laws])) > 1.0
-        self._forcing = FORCING[1 + self._in_space]
         self._preconditioner = preconditioner or precondition(joint, self._c, self._in_space)
         self._full = FULL_STEPS if self._in_space else 0 if self._coulomb else GIVEN_STEPS
         self._modelled: Modelled | None = None
@@ -266,7 +265,7 @@ class Newton:
         self._settled = True
 
     def _note(self, residual: float, update: float, stage: str = "") -> None:
-        step = Step(len(self.history) + 1, update, residual, self._forcing, self.joint.multiplications(), stage)
+        step = Step(len(self.history) + 1, update, residual, FORCING, self.joint.multiplications(), stage)
         self.history.append(step)
         self.report(step)
 
@@ -334,7 +333,7 @@ class Newton:
         alpha, C_change = np.zeros(rigid.size), np.zeros_like(change)
         problem, y = None, np.zeros(linearised.number)
         if space.any(np.ones(linearised.number)):
-            held, forcing = (self._path.held, self._path.forcing) if self._path else (self._held, self._forcing)
+            held, forcing = (self._path.held, self._path.forcing) if self._path else (self._held, FORCING)
             problem = LinearProblem(joint, self._preconditioner, linearised, layer, self._path is not None, held,
                                     forcing)
             if rigid.size:  # the nearest forces by half-planes that balance the loads

@@ -233,7 +233,7 @@ def _digest(assembly: Assembly) -> str:
 
 
 def write(path: Path, identity: dict[str, dict], states: list[dict[str, Any]]) -> None:
-    """Write the ranks' states: tables as groups, arrays and lists as arrays, tuples and all else as JSON.
+    """Write the ranks' states: tables as groups, arrays and lists of numbers as arrays, all else as JSON.
 
     `path` holds the old or the new file, whole. Raises OutputError. Not collective.
     """
@@ -273,8 +273,17 @@ def _put(group: Any, table: dict[str, Any]) -> None:
         if isinstance(value, dict):
             _put(group.create_group(name, track_order=True), value)
         else:
-            is_array = isinstance(value, list | np.ndarray)
-            group[name] = np.array(value) if is_array else json.dumps(value, default=np.generic.item)
+            array = _numbers(value)
+            group[name] = json.dumps(value, default=np.generic.item) if array is None else array
+
+
+def _numbers(value: Any) -> np.ndarray | None:
+    """Arrays and lists of numbers as arrays; None for all else, also for lists that JSON has made of tuples."""
+    try:
+        found = np.asarray(value) if isinstance(value, list | np.ndarray) else None
+    except ValueError:  # lists of unlike lengths
+        return None
+    return found if found is not None and found.dtype.kind in "biuf" else None
 
 
 def _get(entry: Any) -> Any:

@@ -10,7 +10,7 @@ from scenes import prepare_scene, to_toml
 import ddmpi
 
 
-@pytest.mark.parametrize(("pairing", "most"), [("nodes", 10.0), ("mortar", 10.5)])
+@pytest.mark.parametrize(("pairing", "most"), [("nodes", 12.0), ("mortar", 11.5)])
 def test_gmres_knows_edges_where_bricks_meet(pairing, most):
     """Eight loose cubes take 22 iterations a step by pairs, and 12 by mortar, where half-spaces know one contact."""
     answer = ddmpi.solve(to_toml(cube(2, 4, pairing)), MPI.COMM_SELF)

@@ -185,7 +185,7 @@ def test_theory_has_the_numbers_of_the_code():
             f"as long as each leaves less than {newton.PROGRESS:g} of the residual", f"δ = {paths.SOFTEST:g}, 100, 10",
             f"are tried where the residual is below {paths.NEAR:g}",
             f"ε = 1e{np.log10(krylov.HELD_LOOSELY):.0f}, and D_s",
-            f"GMRES solves it to 1e{np.log10(krylov.FORCING[1]):.0f} (in space to {krylov.FORCING[2]:g})",
+            f"GMRES solves it to 1e{np.log10(krylov.FORCING):.0f}",
             f"all below {certificate.FACTOR:g} times the tolerance (and {certificate.LARGEST_LIMIT:g}, whatever",
             f"covered by less than {100 * mortar.UNCOVERED:g} %",
             f"turns by more than {np.rad2deg(boundary.SHARPEST):.0f}°"):
