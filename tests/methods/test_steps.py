@@ -50,6 +50,9 @@ class Dense:
         exchange = SimpleNamespace(total=lambda parts, about: np.zeros(self.size), world=MPI.COMM_SELF)
         return CrossPoints((), cast(Exchange, exchange), self.space)
 
+    def shared(self) -> np.ndarray:
+        return np.zeros(self.size, bool)
+
     def rigid_moduli(self) -> np.ndarray:
         return np.empty(0)
 
