@@ -9,12 +9,12 @@ from __future__ import annotations
 import unicodedata
 from collections import Counter
 from collections.abc import Callable, Iterator
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, SettledBody
-from ddmpi.scene.contacts import Circle, ContactSpec, Cylinder, Rigid, SettledContact, Sphere
+from ddmpi.scene.contacts import ContactSpec, Rigid, SettledContact
 from ddmpi.scene.keys import nearest
 from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod, SettledTime, Time, check_petsc
 from ddmpi.scene.values import (
@@ -258,11 +258,11 @@ class Scene(Table, frozen=True, kw_only=True):
     def _misplaced(self) -> Iterator[tuple[int, str, str]]:
         """What has a meaning in one dimension only: this dimension, the key, and the reason."""
         for rigid in self.rigid:
-            if isinstance(rigid, Circle):
-                yield 2, f"rigid.{rigid.name}.shape", "a circle is plane; in space there are sphere and cylinder"
-            if isinstance(rigid, Sphere | Cylinder):
-                shape = rigid.__struct_config__.tag
-                yield 3, f"rigid.{rigid.name}.shape", f"a {shape} is solid; in the plane there is circle"
+            if rigid.only_in:
+                others = [each.__struct_config__.tag for each in get_args(Rigid) if each.only_in != rigid.only_in]
+                yield rigid.only_in, f"rigid.{rigid.name}.shape", (
+                    f"a {rigid.__struct_config__.tag} is a shape {WHERE[rigid.only_in]}; {WHERE[5 - rigid.only_in]} "
+                    f"there are {', '.join(others)}")
         for name in ("view", "cut"):
             if getattr(self.output, name) is not None:
                 yield 3, f"output.{name}", "only pictures of solids have a view and a cut; leave it out"
