@@ -315,10 +315,10 @@ class BodySpec(Table, frozen=True, kw_only=True):
         return [Clamp(on=c, x=0.0, y=0.0, z=0.0) if isinstance(c, str) else c for c in self.clamp]
 
     @property
-    def groups(self) -> list[str]:
-        """Names of the groups, curves and points that clamps, loads and foundations act on."""
-        return [*(clamp.on for clamp in self.clamps), *(load.on for load in self.traction),
-                *(springs.on for springs in self.foundation)]
+    def acting(self) -> list[tuple[str, Clamp | Traction | Foundation]]:
+        """Clamps, loads and foundations, which act on groups, each with its key."""
+        return [*(("clamp", each) for each in self.clamps), *(("traction", each) for each in self.traction),
+                *(("foundation", each) for each in self.foundation)]
 
     @property
     def weight(self) -> tuple[Vector | AffineVector, str | None]:
