@@ -275,7 +275,7 @@ def refuse_underflow(mesh: Mesh, body: BodySpec, f: np.ndarray, prescribed: np.n
 
 def lost_loads(mesh: Mesh, body: BodySpec, free: np.ndarray) -> list[str]:
     """Warnings of loads on groups that clamps take up wholly, and of groups that are loaded twice. Not collective."""
-    key, found, loads = f"body.{body.name}.traction", [], Counter[tuple[str, str | None]]()
+    key, found, loads = f"body.{body.name}", [], Counter[tuple[str, str | None]]()
     for history in (None, *histories(body)):
         for group, f in loads_by_group(mesh, body, history):
             if group == VOLUME:

@@ -272,14 +272,9 @@ class Scene(Table, frozen=True, kw_only=True):
         for key, table in tables(self):
             if isinstance(table, Profile) and table.along == "arc":
                 yield 2, f"{key}.along", 'surfaces have no arc length; take a coordinate, such as along = "x"'
-            if isinstance(table, Material) and table.plane:
-                yield 3 if self.axisymmetric else 2, f"{key}.plane", (
-                    "solids and turned parts are neither in plane strain nor in plane stress; leave it out")
-            if isinstance(table, Material) and table.angle is not None:
-                yield 2, f"{key}.angle", "the axes 1, 2, 3 of solids are x, y, z; leave it out"
-            if isinstance(table, Material) and table.shear is not None:
-                yield (3, f"{key}.shear", "in the plane it is one number, G12") if isinstance(table.shear, tuple) else (
-                    2, f"{key}.shear", "solids have shear = [G12, G13, G23]")
+            if isinstance(table, Material):
+                yield from ((number, f"{key}.{name}", words) for number, name, words in table.only_in(
+                    self.axisymmetric))
             uses_z = [name for name in FORMULAS if varies(getattr(table, name, None), "z")]
             if isinstance(table, Clamp) and table.z is not None:
                 uses_z.append("z")
