@@ -72,7 +72,7 @@ class Material(Table, frozen=True, kw_only=True):
             raise ValueError("poisson: no material has these ratios and moduli: the matrix of its compliances is not "
                              "positive definite; ν12 is −ε2/ε1 under stress along axis 1, so that |ν12| < √(E1/E2)")
 
-    def only_in(self, axisymmetric: bool) -> Iterator[tuple[int, str, str]]:
+    def of_one_dimension(self, axisymmetric: bool) -> Iterator[tuple[int, str, str]]:
         """What has a meaning in one dimension only: this dimension, the key, and the reason."""
         if self.plane:
             yield 3 if axisymmetric else 2, "plane", (

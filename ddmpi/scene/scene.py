@@ -273,7 +273,7 @@ class Scene(Table, frozen=True, kw_only=True):
             if isinstance(table, Profile) and table.along == "arc":
                 yield 2, f"{key}.along", 'surfaces have no arc length; take a coordinate, such as along = "x"'
             if isinstance(table, Material):
-                yield from ((number, f"{key}.{name}", words) for number, name, words in table.only_in(
+                yield from ((number, f"{key}.{name}", words) for number, name, words in table.of_one_dimension(
                     self.axisymmetric))
             uses_z = [name for name in FORMULAS if varies(getattr(table, name, None), "z")]
             if isinstance(table, Clamp) and table.z is not None:
