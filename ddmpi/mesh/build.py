@@ -69,13 +69,9 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
         mesh = raise_order(mesh, key)
     refuse_folded(mesh, key)
     material_numbers(mesh, body)
-    for clamp in body.clamps:
-        group_nodes(mesh, clamp.on, f"body.{body.name}.clamp")
-    for traction in body.traction:
-        boundary_group(mesh, traction.on, f"body.{body.name}.traction")
-    for foundation in body.foundation:
-        boundary_group(mesh, foundation.on, f"body.{body.name}.foundation")
-    acted = [*contacts, *(load.on for load in body.traction), *(spring.on for spring in body.foundation)]
+    for name, each in body.acting:
+        (group_nodes if name == "clamp" else boundary_group)(mesh, each.on, f"body.{body.name}.{name}")
+    acted = [*contacts, *(each.on for name, each in body.acting if name != "clamp")]
     return _turned(mesh, key, acted) if axisymmetric else mesh
 
 
