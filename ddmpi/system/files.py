@@ -105,10 +105,10 @@ def write_rows(target: Path, parts: Mapping[str, np.ndarray], places: Mapping[st
 
     Collective. Raises OutputError, on all ranks.
     """
-    import h5py
-
     def make() -> dict[str, int]:
         """Where in the file the datasets begin."""
+        import h5py
+
         mode, found = "r+" if group else "w", {}
         with writing(target), FileOfHDF5(target, f"{mode[0]}+") as storage, h5py.File(storage, mode) as file:
             parent = file.create_group(group) if group else file
