@@ -94,7 +94,7 @@ class Solid:
     def part(self, low: np.ndarray, high: np.ndarray) -> Solid:
         """The boundary and the cells that may meet the box from `low` to `high` (d,)."""
         beyond = np.hstack([np.maximum(self.at, self.moved) < low, np.minimum(self.at, self.moved) > high])
-        cells = self.cells[~np.logical_and.reduce(beyond[self.cells.T]).any(axis=1)]
+        cells = self.cells[np.bitwise_and.reduce(np.packbits(beyond, axis=1)[self.cells.T, 0]) == 0]
         nodes = np.unique(np.concatenate([cells.ravel(), self.facets.ravel()]))
         return Solid(self.at[nodes], self.moved[nodes], np.searchsorted(nodes, cells),
                      np.searchsorted(nodes, self.facets), self.numbers[nodes])
