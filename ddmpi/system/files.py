@@ -105,8 +105,8 @@ def write_rows(target: Path, parts: Mapping[str, Sequence[np.ndarray]], places: 
 
     Collective. Raises OutputError, on all ranks.
     """
-    def make() -> dict[str, int]:
-        """Where in the file the datasets begin."""
+    def make() -> dict[str, tuple[int, np.dtype]]:
+        """Where in the file the datasets begin, and of what they are."""
         import h5py
 
         mode, found = "r+" if group else "w", {}
@@ -115,16 +115,17 @@ def write_rows(target: Path, parts: Mapping[str, Sequence[np.ndarray]], places: 
             at_once = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
             at_once.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
             at_once.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
-            for name, (part, *_) in parts.items():
-                shape = places[name][1], *part.shape[1:]
-                found[name] = parent.create_dataset(name, shape, kinds[name], dcpl=at_once).id.get_offset()
+            for name, pieces in parts.items():
+                shape, kind = (places[name][1], *pieces[0].shape[1:]), np.result_type(*pieces)
+                found[name] = parent.create_dataset(name, shape, kind, dcpl=at_once).id.get_offset(), kind
         return found
 
-    kinds = {name: np.result_type(*pieces) for name, pieces in parts.items()}
     starts = from_first(world, make)
     with agreed(world):
-        put(target, [(starts[name] + places[name][0] * kinds[name].itemsize * pieces[0][0].size,
-                      [np.ascontiguousarray(each, kinds[name]) for each in pieces]) for name, pieces in parts.items()])
+        own = {name: [np.ascontiguousarray(piece, starts[name][1]) for piece in pieces]
+               for name, pieces in parts.items()}
+        put(target, [(starts[name][0] + places[name][0] * (pieces[0].nbytes // len(pieces[0])), pieces)
+                     for name, pieces in own.items()])
 
 
 def put(target: Path, parts: Sequence[tuple[int, Sequence[np.ndarray]]]) -> None:
