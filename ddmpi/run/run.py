@@ -24,7 +24,6 @@ from ddmpi.judge.plausible import doubt_answer, doubt_mesh, doubt_stress
 from ddmpi.mesh.refine import Sizes
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
-from ddmpi.pictures.views import View
 from ddmpi.results.fields import Fields, contact_fields, write_facets, write_fields, write_surface, write_xdmf
 from ddmpi.results.folder import Staging, choose_folder
 from ddmpi.results.summary import plain, write_mechanism, write_summary
@@ -114,7 +113,7 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, fold
 
     Other parameters and what is raised as for `run`.
     """
-    identity = identify(scene, PETSc.Options().getAll(), versions())
+    identity = {} if world.rank else identify(scene, PETSc.Options().getAll(), versions())
     ladder = MeshLadder(scene)
     state = continue_from(world, restart, identity, ladder) if restart else None
     checkpoints = Checkpoints(world, folder, identity, scene.checkpoint, clock, ladder, state)
@@ -226,6 +225,8 @@ def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock
     try:
         assembly = prepare(world, scene, Path(scene_path).parent, clock, refinement, sizes, factor)
         if scene.output.cut:
+            from ddmpi.pictures.views import View
+
             ends = merged(world, {body.number: (body.mesh.points.min(axis=0), body.mesh.points.max(axis=0))
                                   for body in assembly.bodies})
             View(np.concatenate([*ends.values()]), scene.resolved()["output"])
