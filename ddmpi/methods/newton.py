@@ -297,8 +297,8 @@ class Newton:
 
         It takes and returns `_distances` of the iterate (N).
         """
-        change, by_model = None, self._modelled and not self._path and not self._stalled % 2
-        if self._modelled and by_model:
+        change = None
+        if self._modelled and not self._path and not self._stalled % 2:
             change = self._modelled.step(self._at, self._relative(far), self._size(), self._start, self._warm)
         if change is None:
             if self._rough:  # which may be why the model did not lead on
@@ -386,3 +386,5 @@ class Newton:
         self._far = None if state["far"] is None else float(state["far"])
         self._measured = self._at.s, float(state["norm"])
         self.history = [Step(*row) for row in state["history"]]
+        if self._modelled:
+            self._modelled.rough = True  # which the state does not say

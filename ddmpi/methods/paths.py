@@ -351,6 +351,7 @@ class InteriorPoints:
         if self._idle >= IDLE:
             self.failed = True
 
+
 class Modelled:
     """Steps to where a model of the compliance with the gaps of the iterate has its answer; a product corrects it.
 

@@ -235,8 +235,9 @@ def reading(path: str | Path, what: str = "a complete folder of results") -> Ite
     except DdmpiError:
         raise
     except Exception as error:
+        why = "there is no" if isinstance(error, KeyError) else type(error).__name__
         first = str(error).partition("\n")[0][:200]
-        raise InputError(f"{path}: not {what}: {type(error).__name__} {first}") from None
+        raise InputError(f"{path}: not {what}: {why} {first}") from None
 
 
 def _write_csv(path: Path, columns: Iterable[str], rows: Iterable[Sequence]) -> None:

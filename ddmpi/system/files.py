@@ -107,8 +107,8 @@ def write_rows(target: Path, parts: Mapping[str, np.ndarray], places: Mapping[st
     """
     import h5py
 
-    def make() -> dict[str, int]:
-        """Where in the file the datasets begin."""
+    def make() -> dict[str, tuple[int, np.dtype]]:
+        """Where in the file the datasets begin, and of what they are."""
         mode, found = "r+" if group else "w", {}
         with writing(target), FileOfHDF5(target, f"{mode[0]}+") as storage, h5py.File(storage, mode) as file:
             parent = file.create_group(group) if group else file
@@ -117,13 +117,14 @@ def write_rows(target: Path, parts: Mapping[str, np.ndarray], places: Mapping[st
             at_once.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
             for name, part in parts.items():
                 shape = places[name][1], *part.shape[1:]
-                found[name] = parent.create_dataset(name, shape, part.dtype, dcpl=at_once).id.get_offset()
+                found[name] = parent.create_dataset(name, shape, part.dtype, dcpl=at_once).id.get_offset(), part.dtype
         return found
 
     starts = from_first(world, make)
     with agreed(world):
-        put(target, [(starts[name] + places[name][0] * (part.nbytes // len(part)), part)
-                     for name, part in parts.items()])
+        own = {name: np.ascontiguousarray(part, starts[name][1]) for name, part in parts.items()}
+        put(target, [(starts[name][0] + places[name][0] * (part.nbytes // len(part)), part)
+                     for name, part in own.items()])
 
 
 def put(target: Path, parts: Sequence[tuple[int, np.ndarray]]) -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from ddmpi.results.fields import MANY, contact_fields, write_fields, write_surface, write_xdmf
 from ddmpi.results.tables import STATUS
+from ddmpi.system.files import write_rows
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -49,6 +50,16 @@ def test_fields_that_nobody_asks_for_are_left_out(tmp_path):
     with h5py.File(tmp_path / "result.h5") as file:
         assert set(file) == {"points", "cells", "body", "displacement"}
     assert set(meshio.read(tmp_path / "result.xdmf").cell_data) == {"body"}
+
+
+@pytest.mark.mpi(ranks=3)
+def test_rows_of_all_ranks_are_of_one_kind(comm, tmp_path):
+    """What a rank has in another precision than the first is written as the first has it."""
+    rows = (np.arange(6.0).reshape(2, 3) + 6.0 * comm.rank).astype((float, "f4", int)[comm.rank])
+    path = comm.bcast(tmp_path / "rows.h5")
+    write_rows(path, {"rows": rows}, {"rows": (2 * comm.rank, 2 * comm.size)}, comm)
+    with h5py.File(path) as file:
+        assert np.array_equal(file["rows"], np.arange(6.0 * comm.size).reshape(-1, 3))
 
 
 @pytest.mark.parametrize("order", [1, 2])
