@@ -287,7 +287,7 @@ def split_bottom(path, mirror: bool = False):
 @pytest.mark.parametrize("name", ["pinched_blocks_coulomb", "pinched_blocks_tresca", "pinched_blocks_frictionless"])
 def test_no_shipped_scene_warns(tmp_path, name):
     """Scenes of the published iteration do not warn; tests/scripts/test_gallery.py looks at the others."""
-    done = scenes.run_command(scenes.ROOT / "configs" / f"{name}.toml", tmp_path / "out", "--no-figures", ranks=1)
+    done = scenes.run_command(scenes.ROOT / "configs" / f"{name}.toml", tmp_path / "out", "--no-figures")
     assert warnings_of(done) == []
 
 
