@@ -224,24 +224,13 @@ def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, tup
 def write_surface(path: Path, name: str, fields: Mapping[str, np.ndarray]) -> None:
     """Write the `contact_fields` of the contact `name` as contact_NAME.vtu into the folder `path`, which ParaView,
     pyvista and meshio read. Not collective. Raises OutputError."""
-    from xml.etree import ElementTree
+    import meshio
 
-    number, width = fields["cells"].shape
-    root = ElementTree.Element("VTKFile", type="UnstructuredGrid", version="0.1", byte_order="LittleEndian")
-    piece = ElementTree.SubElement(ElementTree.SubElement(root, "UnstructuredGrid"), "Piece",
-                                   NumberOfPoints=str(len(fields["points"])), NumberOfCells=str(number))
-    cells = {"connectivity": fields["cells"].ravel(), "offsets": width * np.arange(1, number + 1),
-             "types": np.full(number, {2: 3, 3: 5}[width])}  # VTK's lines and triangles
-    for tag, arrays in {"Points": {"points": fields["points"]}, "Cells": cells, "PointData": {
-            key: values for key, values in fields.items() if key not in MESH}}.items():
-        parent = ElementTree.SubElement(piece, tag)
-        for key, values in arrays.items():
-            item = ElementTree.SubElement(parent, "DataArray", Name=key, format="ascii",
-                                          type="Int64" if values.dtype.kind == "i" else "Float64")
-            item.text = _words(*values.ravel().tolist())
-            if values.ndim > 1:
-                item.set("NumberOfComponents", str(values.shape[1]))
-    _write_document(path / contact_files(name).surface, root)
+    target, cells = path / contact_files(name).surface, fields["cells"]
+    surface = meshio.Mesh(fields["points"], [(("line", "triangle")[cells.shape[1] - 2], cells)],
+                          {key: values for key, values in fields.items() if key not in MESH})
+    with writing(target):
+        surface.write(target)
 
 
 def _document() -> tuple[Any, Any]:
