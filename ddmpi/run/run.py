@@ -195,11 +195,12 @@ def _finish(assembly: Assembly, solution: Solution, steps: StepLog, error: Discr
     with clock.phase("recover"), agreed(assembly.world), event("Stress"):
         fields = {body.spec.name: _fields(assembly, body, solution.displacements[body.spec.name], error)
                   for body in assembly.bodies}
-    doubts = doubt_answer(assembly, solution.displacements, solution.contacts)
-    singular = doubt_stress(assembly, {name: each.von_mises for name, each in fields.items()})
-    warnings = [*assembly.warnings, *(body.locking for body in assembly.scene.body if body.locking), *doubts,
-                *steps.doubts_beside(doubts),
-                *(() if assembly.world.rank else doubt_mesh(assembly.scene.body, error)), *singular]
+    warnings = [*assembly.warnings, *(body.locking for body in assembly.scene.body if body.locking)]
+    if solution.certified:  # else there is no answer to doubt
+        doubts = doubt_answer(assembly, solution.displacements, solution.contacts)
+        warnings += [*doubts, *steps.doubts_beside(doubts),
+                     *(() if assembly.world.rank else doubt_mesh(assembly.scene.body, error)),
+                     *doubt_stress(assembly, {name: each.von_mises for name, each in fields.items()})]
     summary = gather_summary(assembly, solution, error, fields, ladder, warnings, clock.started, steps)
     if summary:
         log_end(summary, solution)
