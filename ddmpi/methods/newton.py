@@ -60,6 +60,9 @@ that is asked for."""
 NO_FORCE = 1e-6
 """Forces below this part of those that would close the free gaps in a half-plane are compared with these instead."""
 
+NEARS = 0.01
+"""Loose bodies near an open node where it closes by more than this part of how far the bodies have moved."""
+
 SOFTER, SOFTEST, NEARLY = 1e-3, 1e-6, 1e-3
 """The springs get softer by the first factor, at most by the second, where a step leaves most of an imbalance that is
 below the third part of the loads: friction that turns may resist a motion less than they do."""
@@ -183,7 +186,8 @@ class Newton:
                 self._settle()
                 return "converged" if done else "max_iterations"
             if self._path and not self._trying and self._path.failed and not self._next_path():
-                return "drift" if self._coulomb and norm(self._at.left) > DRIFT * norm(self.joint.e) else "stalled"
+                drifts = self._coulomb and norm(self._at.left) > DRIFT * norm(self.joint.e)
+                return "drift" if drifts and not self._nears() else "stalled"
             self._far = self._iterate(far, tolerance)
 
     @property
@@ -254,6 +258,13 @@ class Newton:
         self._path = self._paths.pop(0)(self.joint, self._c)
         return True
 
+    def _nears(self) -> bool:
+        """Whether loose bodies have gone towards open contacts, which may hold them farther on. Collective."""
+        gone = self.joint.rigid.spread(self._at.alpha)
+        least = NEARS * self.space.largest(gone)
+        closes = [gone[part][:each.m] > least for each, part in self.space.each()]
+        return self.space.any(np.concatenate([np.empty(0, bool), *closes]) & ~self._pressed())
+
     def _settle(self) -> None:
         """Move the forces onto their bounds, so that they obey all of them exactly; what is rounding becomes zero."""
         s, r, *_ = self._at
@@ -265,9 +276,8 @@ class Newton:
         self._settled = True
 
     def _note(self, residual: float, update: float, stage: str = "") -> None:
-        step = Step(len(self.history) + 1, update, residual, FORCING, self.joint.multiplications(), stage)
-        self.history.append(step)
-        self.report(step)
+        self.history.append(Step(len(self.history) + 1, update, residual, FORCING, self.joint.multiplications(), stage))
+        self.report(self.history[-1])
 
     def _relative(self, residual: float) -> float:
         size = self._size()
