@@ -20,7 +20,7 @@ from ddmpi.coupling.ranks import on_working_ranks
 from ddmpi.errors import InputError, NotConvergedError, OutputError, SolverError
 from ddmpi.judge.accuracy import MeshLadder, demand, refine_scene
 from ddmpi.judge.diagnosis import diagnose
-from ddmpi.judge.plausible import doubt_answer, doubt_mesh, doubt_stress
+from ddmpi.judge.plausible import doubt_answer, doubt_cells, doubt_mesh, doubt_shape, doubt_stress
 from ddmpi.mesh.refine import Sizes
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
@@ -92,15 +92,17 @@ def _run(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, f
     solution, outer = solved.solution, solved.solution.outer
     statuses = None if solution.certified else solution.statuses.whole()
     with agreed(world):
+        why = ladder.missed
         if solution.given and solution.unbalanced:
-            raise NotConvergedError(f"{solution.reason} (the certificate fails: {', '.join(solution.violations)})")
-        if solution.mechanism or solution.drift:
-            raise NotConvergedError(solution.reason)
-        if statuses:
-            raise NotConvergedError(diagnose(solution.reason, solution.stopped, solution.violations, scene.method,
-                                             outer.history, statuses))
-        if ladder.missed:
-            raise NotConvergedError(ladder.missed)
+            why = f"{solution.reason} (the certificate fails: {', '.join(solution.violations)})"
+        elif solution.mechanism or solution.drift:
+            why = solution.reason
+        elif statuses:
+            why = diagnose(solution.reason, solution.stopped, solution.violations, scene.method, outer.history,
+                           statuses)
+        if why:
+            warned = [f"warned: {warning}" for warning in solved.summary.get("warnings", ())]
+            raise NotConvergedError("\n  ".join([why, *warned]))
 
 
 def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, folder: Path | None = None,
@@ -198,7 +200,11 @@ def _finish(assembly: Assembly, solution: Solution, steps: StepLog, error: Discr
                   for body in assembly.bodies}
     doubts = doubt_answer(assembly, solution.displacements, solution.contacts)
     singular = doubt_stress(assembly, {name: each.von_mises for name, each in fields.items()})
-    warnings = [*assembly.warnings, *(body.locking for body in assembly.scene.body if body.locking), *doubts,
+    thin = {} if solution.certified else gathered(assembly.world, {
+        body.spec.name: [doubt(body.mesh, body.spec.name) for doubt in (doubt_cells, doubt_shape)]
+        for body in assembly.bodies})
+    warnings = [*assembly.warnings, *(body.locking for body in assembly.scene.body if body.locking),
+                *(doubt for body in assembly.scene.body for doubt in thin.get(body.name, ()) if doubt), *doubts,
                 *steps.doubts_beside(doubts),
                 *(() if assembly.world.rank else doubt_mesh(assembly.scene.body, error)), *singular]
     summary = gather_summary(assembly, solution, error, fields, ladder, warnings, clock.started, steps)

@@ -214,6 +214,19 @@ def test_max_iterations(unsuccessful, name, iterations):
     assert "max_iterations" in only_message(run)
 
 
+def test_an_unsuccessful_end_repeats_what_the_run_warns_of(tmp_path):
+    """Also of thin cells and slender bodies, which may be why; each stands once in the message."""
+    scene = scenes.pinched_blocks(6)
+    scene["body"][1]["mesh"] |= {"divisions": [90, 2], "size": [0.01, 1.0]}
+    scene["rigid"] = [{"name": "spare", "shape": "plane", "point": [0.0, -9.0], "normal": [0.0, 1.0]}]
+    scene["method"] = {"max_iterations": 1}
+    run = scenes.run_command(scenes.write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures")
+    warned = [line for line in run.output.splitlines() if line.startswith("  warned: ")]
+    assert run.code == 3 and len(warned) == len(run.summary["warnings"])
+    for words in ("spare: no contact names it", "360 of 360 triangles are thin", "times as long as it is thick"):
+        assert sum(words in line for line in warned) == 1
+
+
 def test_too_large_theta(unsuccessful):
     run = of(unsuccessful, "theta = 1")
     assert "diverged" in run.summary["reason"] or "max_iterations" in run.summary["reason"]
