@@ -20,7 +20,7 @@ from ddmpi.coupling.ranks import on_working_ranks
 from ddmpi.errors import InputError, NotConvergedError, OutputError, SolverError
 from ddmpi.judge.accuracy import MeshLadder, demand, refine_scene
 from ddmpi.judge.diagnosis import diagnose
-from ddmpi.judge.plausible import doubt_answer, doubt_mesh, doubt_stress
+from ddmpi.judge.plausible import doubt_answer, doubt_cells, doubt_mesh, doubt_shape, doubt_stress
 from ddmpi.mesh.refine import Sizes
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
@@ -196,11 +196,15 @@ def _finish(assembly: Assembly, solution: Solution, steps: StepLog, error: Discr
         fields = {body.spec.name: _fields(assembly, body, solution.displacements[body.spec.name], error)
                   for body in assembly.bodies}
     warnings = [*assembly.warnings, *(body.locking for body in assembly.scene.body if body.locking)]
-    if solution.certified:  # else there is no answer to doubt
+    if solution.certified:
         doubts = doubt_answer(assembly, solution.displacements, solution.contacts)
         warnings += [*doubts, *steps.doubts_beside(doubts),
                      *(() if assembly.world.rank else doubt_mesh(assembly.scene.body, error)),
                      *doubt_stress(assembly, {name: each.von_mises for name, each in fields.items()})]
+    else:  # there is no answer to doubt, but meshes may be why
+        thin = gathered(assembly.world, {body.spec.name: [doubt(body.mesh, body.spec.name) for doubt in
+                                                          (doubt_cells, doubt_shape)] for body in assembly.bodies})
+        warnings += [doubt for body in assembly.scene.body for doubt in thin.get(body.name, ()) if doubt]
     summary = gather_summary(assembly, solution, error, fields, ladder, warnings, clock.started, steps)
     if summary:
         log_end(summary, solution)
