@@ -91,8 +91,8 @@ def writing(path: Path) -> Iterator[None]:
                           f"{error.strerror or error}") from None
 
 
-def write_rows(target: Path, parts: Mapping[str, np.ndarray], places: Mapping[str, tuple[int, int]], world: MPI.Comm,
-               group: str = "") -> None:
+def write_rows(target: Path, parts: Mapping[str, Sequence[np.ndarray]], places: Mapping[str, tuple[int, int]],
+               world: MPI.Comm, group: str = "") -> None:
     """Write datasets of an HDF5 file, all ranks at once, each its rows; a file that is there gets a new `group`.
 
     The first rank makes the datasets. Then each rank writes to where HDF5 has them in the file: HDF5 with MPI is not
@@ -100,42 +100,44 @@ def write_rows(target: Path, parts: Mapping[str, np.ndarray], places: Mapping[st
 
     Parameters
     ----------
-    parts : by name the rows (k, …) of this rank, at least one
+    parts : by name the rows (k, …) of this rank, at least one, in pieces that follow each other
     places : by name how many rows are before these, and how many there are in all
 
     Collective. Raises OutputError, on all ranks.
     """
-    import h5py
-
     def make() -> dict[str, tuple[int, np.dtype]]:
         """Where in the file the datasets begin, and of what they are."""
+        import h5py
+
         mode, found = "r+" if group else "w", {}
         with writing(target), FileOfHDF5(target, f"{mode[0]}+") as storage, h5py.File(storage, mode) as file:
             parent = file.create_group(group) if group else file
             at_once = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
             at_once.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
             at_once.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
-            for name, part in parts.items():
-                shape = places[name][1], *part.shape[1:]
-                found[name] = parent.create_dataset(name, shape, part.dtype, dcpl=at_once).id.get_offset(), part.dtype
+            for name, pieces in parts.items():
+                shape, kind = (places[name][1], *pieces[0].shape[1:]), np.result_type(*pieces)
+                found[name] = parent.create_dataset(name, shape, kind, dcpl=at_once).id.get_offset(), kind
         return found
 
     starts = from_first(world, make)
     with agreed(world):
-        own = {name: np.ascontiguousarray(part, starts[name][1]) for name, part in parts.items()}
-        put(target, [(starts[name][0] + places[name][0] * (part.nbytes // len(part)), part)
-                     for name, part in own.items()])
+        own = {name: [np.ascontiguousarray(piece, starts[name][1]) for piece in pieces]
+               for name, pieces in parts.items()}
+        put(target, [(starts[name][0] + places[name][0] * (pieces[0].nbytes // len(pieces[0])), pieces)
+                     for name, pieces in own.items()])
 
 
-def put(target: Path, parts: Sequence[tuple[int, np.ndarray]]) -> None:
-    """Write arrays into a file that is there, each from a byte on. Not collective. Raises OutputError.
+def put(target: Path, parts: Sequence[tuple[int, Sequence[np.ndarray]]]) -> None:
+    """Write arrays into a file that is there, some after each other from a byte on. Not collective. Raises OutputError.
 
     It is opened for writing only: a host that had read what is beside its bytes, on NFS, would write that, too.
     """
     with writing(target), open(os.open(target, os.O_WRONLY), "wb") as file:
-        for start, part in parts:
+        for start, pieces in parts:
             file.seek(start)
-            file.write(part.data)
+            for piece in pieces:
+                file.write(piece.data)
 
 
 def write_atomically(path: Path, data: bytes, durable: bool = False) -> None:
