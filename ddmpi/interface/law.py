@@ -153,7 +153,7 @@ class Law:
         """
         none, mt = np.zeros(self.m), len(self.sliding)
         active = ActiveSet(none, closed, np.zeros((mt, self.components)), self.slip_bound(none), np.zeros(mt))
-        free = (~closed | falls)[self.sliding] & (self.slope(none) > 0.0)  # others may carry friction though open
+        free = (~closed | falls)[self.sliding] & (active.bound == 0.0)  # others may carry friction though open
         active.slip[free, 0] = 1.0
         return active
 

@@ -223,13 +223,13 @@ def _held_through_air(state: ContactState, least: float) -> list[str]:
 
     Tresca's bound does not ask for pressure, as it is published.
     """
-    sizes, name = np.linalg.norm(state.forces, axis=1), state.interface.name
+    sizes, name, law = np.linalg.norm(state.forces, axis=1), state.interface.name, state.interface.law.name
     air = np.where(state.status == "open", sizes, 0.0)
     if not air.sum() > max(AIR * sizes.sum(), least):
         return []
     place, gap = in_words(state.interface.xy[np.argmax(air)], 4), state.gap[np.argmax(air)]
     return [f"contact.{name}: friction of open nodes bears {air.sum() / sizes.sum():.0%} of its forces, as at "
-            f'{place}, where the gap is {gap:.3g}: the bound of law = "tresca" asks for no pressure; with '
+            f'{place}, where the gap is {gap:.3g}: the bound of law = "{law}" asks for no pressure; with '
             'law = "coulomb" open nodes bear nothing']
 
 

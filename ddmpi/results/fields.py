@@ -42,6 +42,9 @@ AT_CONTACT_IN_SPACE = ("friction_vector", "slip_vector")
 AT_NODES = ("points", "displacement", *NODAL, *AT_CONTACT, *AT_CONTACT_IN_SPACE)
 """What has a row per node; all else has a row per cell."""
 
+IN_FILES = [0, 3, 5, 1, 4, 2]
+"""Where the columns of `stress` stand in files: σ_xx, σ_xy, σ_xz, σ_yy, σ_yz, σ_zz."""
+
 MANY = 10_000
 """Of more bodies and contacts than this, times load steps, result.xdmf has no grids of their own."""
 
@@ -104,7 +107,7 @@ def write_fields(path: Path, bodies: Mapping[int, Fields], world: MPI.Comm = MPI
                zip(bodies.items(), first.tolist(), strict=True)]
     names = [name for name in several[0] if step is None or name in AT_STEPS]
     kinds = {name: 0 if name in AT_NODES else 1 for name in names}
-    write_rows(path / "result.h5", {name: np.concatenate([each[name] for each in several]) for name in names},
+    write_rows(path / "result.h5", {name: [each[name] for each in several] for name in names},
                {name: (before[kind], int(total[kind])) for name, kind in kinds.items()}, world,
                "" if step is None else group_of(step))
 
@@ -115,9 +118,10 @@ def _datasets_of(fields: Fields, body: int, first: int) -> dict[str, np.ndarray]
              "displacement": _padded(fields.displacement), "body": np.full(len(fields.triangles), body)}
     for where, sigma in ("", fields.stress), ("nodal_", fields.nodal_stress):
         if sigma is not None:
-            xx, yy, zz, xy, yz, xz = np.pad(sigma, ((0, 0), (0, 6 - sigma.shape[1]))).T
-            parts |= {f"{where}stress": np.column_stack([xx, xy, xz, yy, yz, zz]),
-                      f"{where}principal": principal(sigma), f"{where}von_mises": von_mises(sigma)}
+            tensor = np.zeros((len(sigma), 6))
+            tensor[:, IN_FILES[:sigma.shape[1]]] = sigma
+            parts |= {f"{where}stress": tensor, f"{where}principal": principal(sigma),
+                      f"{where}von_mises": von_mises(sigma)}
     return parts if fields.error is None else parts | {"error": fields.error}
 
 

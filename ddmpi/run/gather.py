@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import ArrayLike
 from petsc4py import PETSc
 
 from ddmpi.body.elasticity import clamp_forces
@@ -63,7 +62,7 @@ class StepLog:
         return Certificate({name: ContactResiduals(*row) for name, row in zip(self.contacts, contacts, strict=True)},
                            dict(zip(self.bodies, bodies, strict=True)))
 
-    def _raise(self, **values: ArrayLike) -> None:
+    def _raise(self, **values: np.ndarray | Sequence) -> None:
         self.most = self.most | {name: np.maximum(self.most[name], each) for name, each in values.items()}
 
     def note_step(self, time: float, solution: Solution) -> None:

@@ -25,7 +25,6 @@ from ddmpi.judge.plausible import doubt_answer, doubt_mesh, doubt_stress
 from ddmpi.mesh.refine import Sizes
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
-from ddmpi.pictures.views import View
 from ddmpi.results.fields import Fields, contact_fields, write_facets, write_fields, write_surface, write_xdmf
 from ddmpi.results.folder import Staging, choose_folder
 from ddmpi.results.summary import plain, write_mechanism, write_summary
@@ -116,7 +115,7 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, fold
 
     Other parameters and what is raised as for `run`.
     """
-    identity = identify(scene, PETSc.Options().getAll(), versions())
+    identity = {} if world.rank else identify(scene, PETSc.Options().getAll(), versions())
     ladder = MeshLadder(scene)
     state = continue_from(world, restart, identity, ladder) if restart else None
     checkpoints = Checkpoints(world, folder, identity, scene.checkpoint, clock, ladder, state)
@@ -198,11 +197,12 @@ def _finish(assembly: Assembly, solution: Solution, steps: StepLog, error: Discr
     with clock.phase("recover"), agreed(assembly.world), event("Stress"):
         fields = {body.spec.name: _fields(assembly, body, solution.displacements[body.spec.name], error)
                   for body in assembly.bodies}
-    doubts = doubt_answer(assembly, solution.displacements, solution.contacts)
-    singular = doubt_stress(assembly, {name: each.von_mises for name, each in fields.items()})
-    warnings = [*assembly.warnings, *(body.locking for body in assembly.scene.body if body.locking), *doubts,
-                *steps.doubts_beside(doubts),
-                *(() if assembly.world.rank else doubt_mesh(assembly.scene.body, error)), *singular]
+    warnings = [*assembly.warnings, *(body.locking for body in assembly.scene.body if body.locking)]
+    if solution.certified:  # else there is no answer to doubt
+        doubts = doubt_answer(assembly, solution.displacements, solution.contacts)
+        warnings += [*doubts, *steps.doubts_beside(doubts),
+                     *(() if assembly.world.rank else doubt_mesh(assembly.scene.body, error)),
+                     *doubt_stress(assembly, {name: each.von_mises for name, each in fields.items()})]
     summary = gather_summary(assembly, solution, error, fields, ladder, warnings, clock.started, steps)
     if summary:
         log_end(summary, solution)
@@ -228,6 +228,8 @@ def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock
     try:
         assembly = prepare(world, scene, Path(scene_path).parent, clock, refinement, sizes, factor)
         if scene.output.cut:
+            from ddmpi.pictures.views import View
+
             ends = merged(world, {body.number: (body.mesh.points.min(axis=0), body.mesh.points.max(axis=0))
                                   for body in assembly.bodies})
             View(np.concatenate([*ends.values()]), scene.resolved()["output"])

@@ -95,8 +95,8 @@ def writing(path: Path) -> Iterator[None]:
                           f"{error.strerror or error}") from None
 
 
-def write_rows(target: Path, parts: Mapping[str, np.ndarray], places: Mapping[str, tuple[int, int]], world: MPI.Comm,
-               group: str = "") -> None:
+def write_rows(target: Path, parts: Mapping[str, Sequence[np.ndarray]], places: Mapping[str, tuple[int, int]],
+               world: MPI.Comm, group: str = "") -> None:
     """Write datasets of an HDF5 file, all ranks at once, each its rows; a file that is there gets a new `group`.
 
     The first rank makes the datasets. Then each rank writes to where HDF5 has them in the file: HDF5 with MPI is not
@@ -104,17 +104,19 @@ def write_rows(target: Path, parts: Mapping[str, np.ndarray], places: Mapping[st
 
     Parameters
     ----------
-    parts : by name the rows (k, …) of this rank, at least one
+    parts : by name the rows (k, …) of this rank, at least one, in pieces that follow each other
     places : by name how many rows are before these, and how many there are in all
 
     Collective. Raises OutputError, on all ranks.
     """
-    shapes = {name: ((places[name][1], *part.shape[1:]), part.dtype.str) for name, part in parts.items()}
+    shapes = {name: ((places[name][1], *pieces[0].shape[1:]), np.result_type(*pieces).str)
+              for name, pieces in parts.items()}
     starts = from_first(world, lambda: _made(target, shapes, group or None))
     with agreed(world):
-        own = {name: np.ascontiguousarray(part, starts[name][1]) for name, part in parts.items()}
-        put(target, [(starts[name][0] + places[name][0] * (part.nbytes // len(part)), part)
-                     for name, part in own.items()])
+        own = {name: [np.ascontiguousarray(piece, starts[name][1]) for piece in pieces]
+               for name, pieces in parts.items()}
+        put(target, [(starts[name][0] + places[name][0] * (pieces[0].nbytes // len(pieces[0])), pieces)
+                     for name, pieces in own.items()])
 
 
 def write_datasets(target: Path, own: Mapping[str, np.ndarray], world: MPI.Comm) -> None:
@@ -125,7 +127,7 @@ def write_datasets(target: Path, own: Mapping[str, np.ndarray], world: MPI.Comm)
     shapes = {name: (part.shape, part.dtype.str) for name, part in own.items()}
     starts = _shared_out(world, shapes, lambda everyone: _made(target, everyone, ""))
     with agreed(world):
-        put(target, [(starts[name][0], np.ascontiguousarray(part)) for name, part in own.items()])
+        put(target, [(starts[name][0], [np.ascontiguousarray(part)]) for name, part in own.items()])
 
 
 def write_parts(target: Path, parts: Mapping[int, bytes], ends: tuple[bytes, bytes], world: MPI.Comm) -> None:
@@ -144,7 +146,7 @@ def write_parts(target: Path, parts: Mapping[int, bytes], ends: tuple[bytes, byt
 
     starts = _shared_out(world, {number: len(part) for number, part in parts.items()}, make)
     with agreed(world):
-        put(target, [(starts[number], np.frombuffer(part, np.uint8)) for number, part in parts.items()])
+        put(target, [(starts[number], [np.frombuffer(part, np.uint8)]) for number, part in parts.items()])
 
 
 def _made(target: Path, shapes: Mapping[str, tuple[tuple[int, ...], str]], group: str | None) -> dict[str, tuple]:
@@ -175,15 +177,16 @@ def _shared_out(world: MPI.Comm, own: Mapping[K, V], make: Callable[[dict[K, V]]
     return world.scatter(shares)
 
 
-def put(target: Path, parts: Sequence[tuple[int, np.ndarray]]) -> None:
-    """Write arrays into a file that is there, each from a byte on. Not collective. Raises OutputError.
+def put(target: Path, parts: Sequence[tuple[int, Sequence[np.ndarray]]]) -> None:
+    """Write arrays into a file that is there, some after each other from a byte on. Not collective. Raises OutputError.
 
     It is opened for writing only: a host that had read what is beside its bytes, on NFS, would write that, too.
     """
     with writing(target), open(os.open(target, os.O_WRONLY), "wb") as file:
-        for start, part in parts:
+        for start, pieces in parts:
             file.seek(start)
-            file.write(part.data)
+            for piece in pieces:
+                file.write(piece.data)
 
 
 def write_atomically(path: Path, data: bytes, durable: bool = False) -> None:

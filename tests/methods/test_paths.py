@@ -154,3 +154,30 @@ def test_a_squeezed_block_past_its_limit_is_named_in_few_steps(excess):
     answer = ddmpi.solve(scenes.to_toml(squeezed(0.0241 / excess)), MPI.COMM_SELF)
     assert "no equilibrium found: nothing holds block: it would move along -y" in answer.reason
     assert answer.summary["outer_iterations"] <= 60
+
+
+def plug(walls: int, taper: float, friction: float, divisions: int, push: list[float], fall: float) -> dict:
+    """A plug that falls into a wedge of two rigid walls, or between four, and is pushed along them."""
+    sides = [("left", (-1, 0)), ("right", (1, 0)), ("front", (0, -1)), ("back", (0, 1))][:walls]
+    widths = [(0.3 + taper * z, 0.3 + taper * z if walls > 2 else 0.5, z) for z in (0.0, 0.6)]
+    body = {"name": "plug", "material": {"young": 1e9, "poisson": 0.25}, "traction": [{"on": "top", "value": push}],
+            "mesh": {"shape": "hexahedron", "divisions": 3 * [divisions], "corners": [
+                [x * a, y * b, z] for a, b, z in widths for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]}}
+    return {"body": [body], "rigid": [{"name": f"at_{side}", "shape": "plane", "point": [0.3 * x, 0.3 * y, -fall],
+                                       "normal": [-x, -y, taper]} for side, (x, y) in sides],
+            "contact": [{"bodies": ["plug", f"at_{side}"], "on": [side],
+                         "friction": {"law": "coulomb", "coefficient": friction}} for side, _ in sides]}
+
+
+@pytest.mark.parametrize("fall", [1e-3, 1e-2])
+def test_a_plug_falls_far_beyond_elastic_displacements(fall):
+    """Where a stage of softening leaves all nodes open, the body falls on, until there is something that stops it."""
+    answer = ddmpi.solve(scenes.to_toml(plug(2, 0.4, 1.0, 2, [150.0, 200.0, -1e3], fall)), MPI.COMM_SELF)
+    assert answer.certified and answer.summary["outer_iterations"] <= 35
+
+
+def test_a_body_that_goes_into_its_partners_does_not_drift():
+    """The methods may fail where a plug falls, but its walls stop it. Of what is no answer nothing is doubted."""
+    answer = ddmpi.solve(scenes.to_toml(plug(4, 0.474, 1.9131, 4, [996.0, -923.0, -2707.0], 0.01)), MPI.COMM_SELF)
+    assert "no equilibrium" not in answer.reason
+    assert answer.certified or not answer.summary["warnings"]
