@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -58,29 +58,13 @@ MANY = 3
 """Coarse modes serve from so many bodies on, and wherever bodies are loose."""
 
 
-@dataclass(frozen=True)
-class Linearised:
+class Linearised(Tangent):
     """The forces x = E y + given that an active set implies, y being the unknown ones, with E = (1 + F) I.
 
-    A node that slips has its friction along q̂ = q_t/|q_t|, where it follows the pressure. Across q̂, a direction that
-    the plane does not have, its forces are unknown: they turn the friction against springs, r·e = −(κ/c) s·e.
-
-    Attributes
-    ----------
-    unknown : (size,) bool, in the turned frames
-    source, coupling : (size,) F: the entry that each follows, and by how much
-    given : (size,) forces that are known (N)
-    spring : (size,) κ at the tangential entries of nodes that slip and can turn, zero elsewhere
-    turn : (size, size) sparse, orthogonal: the turned frames of the tangential entries of each node by their columns;
-        None where none is turned. The columns of the unknown forces are I
+    F is the coupling, and I the columns of the turned frames along which forces are unknown. A node that slips has its
+    friction along q̂ = q_t/|q_t|, where it follows the pressure. Across q̂, a direction that the plane does not have,
+    its forces are unknown: they turn the friction against springs, r·e = −(κ/c) s·e.
     """
-
-    unknown: np.ndarray
-    source: np.ndarray
-    coupling: np.ndarray
-    given: np.ndarray
-    spring: np.ndarray
-    turn: sparse.csr_matrix | None = None
 
     @classmethod
     def of(cls, parts: Sequence[Tangent]) -> Linearised:
