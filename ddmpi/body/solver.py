@@ -204,7 +204,8 @@ class StiffnessSolver:
                 break
             self._solve(self._residual, self._correction)
             u.axpy(1.0, self._correction)
-        hint = "" if self.direct else "; -body_ksp_rtol sets another precision"
+        hint = ("; its stiffness is singular to double precision, as that of a very slender or flat body, or of very "
+                "thin cells" if self.direct else "; -body_ksp_rtol sets another precision")
         raise SolverError(f"body {self.name!r}: {self.description} left a true residual of "
                           f"{residual / size:.1e} relative to the load, {target:.0e} is needed{hint}")
 

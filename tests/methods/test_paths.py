@@ -9,7 +9,10 @@ from mpi4py import MPI
 from test_steps import random_joint
 
 import ddmpi
+from ddmpi.coupling.assembly import prepare
+from ddmpi.methods import newton
 from ddmpi.methods.paths import Point, Softening
+from ddmpi.scene.reader import read_scene
 
 pytestmark = pytest.mark.slow
 
@@ -181,3 +184,31 @@ def test_a_body_that_goes_into_its_partners_does_not_drift():
     answer = ddmpi.solve(scenes.to_toml(plug(4, 0.474, 1.9131, 4, [996.0, -923.0, -2707.0], 0.01)), MPI.COMM_SELF)
     assert "no equilibrium" not in answer.reason
     assert answer.certified or not answer.summary["warnings"]
+
+
+class Stuck:
+    """A path that ends in the air, `way` up from where the bodies have been."""
+
+    kind, stage, held, forcing, ready, failed, way = "softening", "stuck", 1.0, 1e-4, False, True, 0.0
+
+    def __init__(self, joint, c) -> None:
+        s, alpha = np.zeros(joint.size), np.zeros(joint.rigid.size)
+        alpha[1] = self.way
+        self.point = Point(s, -joint.d - joint.rigid.spread(alpha), alpha, joint.imbalance(s))
+
+    def step(self, solve) -> None: ...
+
+    def see(self, residual) -> None: ...
+
+
+@pytest.mark.parametrize("way, ending", [(-1e-3, "stalled"), (1e-3, "drift")])
+def test_bodies_on_their_way_to_a_contact_do_not_drift(way, ending, monkeypatch):
+    """Where a path fails in the air: below a body that falls there is still a contact; above one that rises is none."""
+    disc = hard_scenes.falling_disc(1e-2)
+    disc["body"][0]["mesh"]["angles"] = [-170.0, -10.0]  # the lower half
+    disc["rigid"][0]["center"][1] = -2e-2
+    joint = prepare(MPI.COMM_SELF, read_scene("scene", scenes.to_toml(disc), [])).joint
+    monkeypatch.setattr(newton, "PATHS", (Stuck,))
+    monkeypatch.setattr(newton, "PATIENCE", 0)
+    monkeypatch.setattr(Stuck, "way", way)
+    assert newton.Newton(joint, 100).run(1e-8) == ending
