@@ -30,9 +30,9 @@ and on cubes and slabs of tetrahedra of both orders from n = 35,000 to 105,000, 
 MARGIN = 1.5
 """The free memory must exceed the estimated factors by this factor (quadratic elements have denser rows)."""
 
-LARGEST_CONDENSED = 4e5
-"""Dofs of a body in space up to which a dense compliance is the default, extrapolated: two boxes of 105,000 dofs each
-take 26 s of processor time with it and 32 s by multigrid, those of 314,000 162 s by multigrid; factors grow with n²."""
+LARGEST_CONDENSED = 2.5e5
+"""Dofs of a body in space up to which a dense compliance is the default. Two boxes of 200,000 dofs each take 35 s with
+it and by multigrid, those of 314,000 take 83 and 60 s: factors take time with n²."""
 
 NORM_PRECISION = 1e-3
 """Relative precision of the multiplications that estimate ‖C‖."""
@@ -189,7 +189,7 @@ def choose_kind(n: int, k: int, memory: float, d: int = 2) -> tuple[str, str]:
     if plain > memory:
         return "iterative", f"factors may take {bytes_in_words(plain)}, {bytes_in_words(memory)} are free"
     if solid and n > LARGEST_CONDENSED:
-        return "iterative", f"multigrid is expected to be faster than factors at {n} dofs"
+        return "iterative", f"multigrid is faster than factors at {n} dofs"
     if k**3 > LARGEST_RATIO[solid] * n:
         return "direct", f"a dense matrix of {k} contact unknowns costs more than it saves at {n} dofs"
     if whole > memory:
