@@ -1,7 +1,10 @@
 """Fixtures that several test modules share, and what pytest-isolate-mpi leaves to be mended."""
 
+import contextlib
 import os
+import pickle
 import re
+import shlex
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -33,22 +36,80 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """What ranks report gets the test's own name, which can be pasted back, and --lf and the progress know.
-
-    Failures come last, as a rank that passes would make --lf forget one that does not.
-    """
-    def named(report: pytest.TestReport) -> pytest.TestReport:
-        path, line, name = report.location
-        if rank := re.search(r"\[rank=(\d+)\]$", report.nodeid):
-            report.nodeid = report.nodeid.removesuffix(rank[0])
-            report.location = path, line, name.removesuffix(rank[0])
-            report.sections.append((f"on rank {rank[1]}", ""))
-        return report
-
+    """Tests on several ranks share an mpirun and report under their own names."""
     for plugin in session.config.pluginmanager.get_plugins():
-        if ranks := getattr(plugin, "_mpi_runtestprotocol", None):
-            plugin._mpi_runtestprotocol = lambda item, ranks=ranks: [
-                named(report) for report in sorted(ranks(item), key=lambda report: report.failed)]
+        if run := getattr(plugin, "_mpi_runtestprotocol", None):
+            plugin._mpi_runtestprotocol = Together(run)
+            plugin._mpi_runtestprococol_inner = Kept(plugin._mpi_runtestprococol_inner)
+
+
+Runner = Callable[[pytest.Item], list[pytest.TestReport]]
+
+
+class Kept:
+    """What runs a test on a rank, for several tests: returns reports of one, and writes those of all so far."""
+
+    def __init__(self, run: Runner) -> None:
+        self.run = run
+        self.reports: list[pytest.TestReport] = []
+
+    def __call__(self, item: pytest.Item) -> list[pytest.TestReport]:
+        from mpi4py import MPI
+
+        new = self.run(item)
+        self.reports += new
+        path = Path(os.environ["PYTEST_MPI_REPORTS_PATH"], str(MPI.COMM_WORLD.rank))
+        path.write_bytes(pickle.dumps(self.reports))
+        if len(item.session.items) > 1 and any(report.failed for report in new):
+            MPI.COMM_WORLD.Abort(1)  # the other ranks may wait for this one
+        return new
+
+
+class Together:
+    """What starts mpirun for a test: once for all tests of a file on so many ranks, when the first of them is due.
+
+    One that fails there, or that does not end on all ranks, is started again alone. If it passes then, it still failed.
+    """
+
+    def __init__(self, run: Runner) -> None:
+        self.run = run
+        self.found: dict[str, list[pytest.TestReport]] = {}
+
+    def __call__(self, item: pytest.Item) -> list[pytest.TestReport]:
+        """What all ranks report. Failures come last: a rank that passes would make --lf forget one that does not."""
+        if item.nodeid not in self.found:
+            self.start([each for each in item.session.items if isinstance(each, pytest.Function)
+                        and (each.path, ranks_of(each)) == (item.path, ranks_of(item)) and ranks_of(each)])
+        found = self.found.pop(item.nodeid)
+        failed = [report for report in found if report.failed]
+        if failed or sum(report.when == "teardown" for report in found) < ranks_of(item):
+            found = [named(report) for report in self.run(item)]
+            found += [] if any(report.failed for report in found) else failed[:1]
+        return sorted(found, key=lambda report: report.failed)
+
+    def start(self, items: list[pytest.Item]) -> None:
+        """Run tests by one mpirun and sort what is reported by test."""
+        self.found |= {item.nodeid: [] for item in items}
+        options = os.environ.get("PYTEST_ADDOPTS", "")
+        with pytest.MonkeyPatch.context() as patch, contextlib.suppress(EOFError, pickle.UnpicklingError):
+            patch.setenv("PYTEST_ADDOPTS", f"{options} {shlex.join(item.nodeid for item in items)}")
+            for report in self.run(items[0]) if len(items) > 1 else []:
+                self.found[named(report).nodeid].append(report)
+
+
+def ranks_of(item: pytest.Function) -> int:
+    """The ranks of a test that runs under mpirun, 0 of another."""
+    return item.callspec.params.get("mpi_ranks", 0) if item.get_closest_marker("mpi") else 0
+
+
+def named(report: pytest.TestReport) -> pytest.TestReport:
+    """The report of a rank under the test's own name, which can be pasted back, and --lf and the progress know."""
+    path, line, name = report.location
+    if rank := re.search(r"\[rank=(\d+)\]$", report.nodeid):
+        report.nodeid = report.nodeid.removesuffix(rank[0])
+        report.location = path, line, name.removesuffix(rank[0])
+        report.sections.append((f"on rank {rank[1]}", ""))
+    return report
 
 
 @pytest.fixture(scope="session")

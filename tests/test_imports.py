@@ -1,6 +1,7 @@
 """Rooms import in one direction only, know no dimension, and the command starts without heavy libraries."""
 
 import ast
+import functools
 import re
 import subprocess
 import sys
@@ -57,6 +58,7 @@ def room_of(module: str) -> str:
     return module.split("/")[0]
 
 
+@functools.cache
 def imported(module: str) -> set[str]:
     """Full names of everything that a module imports, anywhere in it."""
     names = set()
@@ -87,13 +89,16 @@ def test_imports_go_one_way(module):
     assert imported_rooms(module) <= allowed, f"{module} imports {sorted(imported_rooms(module) - allowed)} from above"
 
 
+@functools.cache
+def below(name: str) -> set[str]:
+    """The modules that a module imports."""
+    found = {"/".join(other.split(".")[1:]) for other in imported(name) if other.startswith("ddmpi.")}
+    return {m for m in MODULES if m in found or any(f.startswith(f"{m}/") for f in found)} - {name}
+
+
 @pytest.mark.parametrize("module", MODULES)
 def test_no_circles(module):
     """Modules of one room do not import each other in a circle."""
-    def below(name: str) -> set[str]:
-        found = {"/".join(other.split(".")[1:]) for other in imported(name) if other.startswith("ddmpi.")}
-        return {m for m in MODULES if m in found or any(f.startswith(f"{m}/") for f in found)} - {name}
-
     seen, todo = set(), [module]
     while todo:
         for name in below(todo.pop()) - seen:

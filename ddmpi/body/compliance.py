@@ -189,7 +189,7 @@ def choose_kind(n: int, k: int, memory: float, d: int = 2) -> tuple[str, str]:
     if plain > memory:
         return "iterative", f"factors may take {bytes_in_words(plain)}, {bytes_in_words(memory)} are free"
     if solid and n > LARGEST_CONDENSED:
-        return "iterative", f"multigrid is faster than factors for {n} dofs"
+        return "iterative", f"multigrid is expected to be faster than factors at {n} dofs"
     if k**3 > LARGEST_RATIO[solid] * n:
         return "direct", f"a dense matrix of {k} contact unknowns costs more than it saves at {n} dofs"
     if whole > memory:

@@ -54,7 +54,7 @@ def loads_by_group(mesh: Mesh, body: BodySpec, history: str | None = None) -> It
         if traction.history == history:
             key = f"body.{body.name}.traction"
             _values(traction.given, mesh.points[boundary_group(mesh, traction.on, key)], key)
-            yield traction.on, _sum_stress(mesh, _stress(mesh, traction, key))
+            yield traction.on, _traction(mesh, traction, key)
     force, follows = body.weight
     if follows == history and force != (0.0,) * mesh.dimension:
         f = np.zeros_like(mesh.points)
@@ -72,27 +72,13 @@ def resultants(mesh: Mesh, parts: Iterable[tuple[str, np.ndarray]]) -> dict[str,
     return found
 
 
-def _sum_stress(mesh: Mesh, parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.ndarray:
-    """Nodal loads (nv, d) in newtons of the parts of a `_stress`."""
-    f = np.zeros_like(mesh.points)
-    for facets, shares, stress in parts:
-        np.add.at(f, facets, np.einsum("lqs,dqs->sld", shares, stress))
-    return f
-
-
-def _stress(mesh: Mesh, traction: Traction, key: str) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """What a traction, pressure or force is on the facets of its group, apart for those where tables are exact.
-
-    Returns
-    -------
-    parts of facets (s, l), turned outward; shares (l, q, s) of their measures, whose products with values at q points
-    are integrals of these and the shape functions; stress (d, q, s) in Pa at these points
-    """
+def _traction(mesh: Mesh, traction: Traction, key: str) -> np.ndarray:
+    """Nodal loads (nv, d) in newtons of a traction, a pressure or a force; by tables where these are exact."""
     facets = turn_outward(mesh, boundary_group(mesh, traction.on, key), key)[0]
     nodes, cell = mesh.points[facets], CELLS[mesh.dimension - 1, mesh.order]
     points, weights = FINE[cell.dimension]
     exact = ~(curved_facets(nodes) | varies(traction.given) | mesh.axisymmetric)
-    found = []
+    f, area = np.zeros_like(mesh.points), 0.0
     for part, where, table in ((exact, np.eye(mesh.dimension), cell.mass),
                                (~exact, points, (weights[:, None] * cell.shapes(points)).T)):
         if part.any():
@@ -102,14 +88,14 @@ def _stress(mesh: Mesh, traction: Traction, key: str) -> list[tuple[np.ndarray, 
             stress = _values(traction.given, places, key)
             if traction.pressure is not None:
                 stress = -vectors / size * stress
-            around = circumference(places, mesh.axisymmetric)
-            found.append((facets[part], table[..., None] * size * around, stress))
+            shares = table[..., None] * size * circumference(places, mesh.axisymmetric)
+            area += float(shares.sum())
+            np.add.at(f, facets[part], np.einsum("lqs,dqs->sld", shares, stress))
     if traction.force is None:
-        return found
-    area = sum(float(shares.sum()) for _, shares, _ in found)
+        return f
     if not area > 0.0:
         raise InputError(f"{key}: the group {traction.on!r} has no area over which a force could be spread")
-    return [(on, shares, stress / area) for on, shares, stress in found]
+    return f / area
 
 
 def temperature(mesh: Mesh, body: BodySpec, history: str | None) -> np.ndarray:
@@ -288,19 +274,16 @@ def refuse_underflow(mesh: Mesh, body: BodySpec, f: np.ndarray, prescribed: np.n
 
 
 def lost_loads(mesh: Mesh, body: BodySpec, free: np.ndarray) -> list[str]:
-    """Warnings of tractions that clamps take up wholly, and of groups that are loaded twice. Not collective."""
-    key, found = f"body.{body.name}.traction", []
-    for traction in body.traction:
-        parts = _stress(mesh, traction, key)
-        size = np.max([np.abs(stress).max(axis=(1, 2)) for *_, stress in parts], axis=0)
-        acts = size > ROUNDING * size.max()
-        f = _sum_stress(mesh, parts)
-        left = np.abs(np.einsum("kij,kj->ki", free, f)).max(axis=0) > ROUNDING * np.abs(f).max()
-        for component, axis in enumerate("xyz"[:mesh.dimension]):
-            if acts[component] and not left[component]:
-                found.append(f"{key}: the load on {traction.on!r} along {axis} is lost, because clamps hold the whole "
-                             "group in this direction")
-    for (group, _), number in Counter((traction.on, traction.history) for traction in body.traction).items():
-        if number > 1:
-            found.append(f"{key}: {group!r} is loaded {number} times; the loads add up")
-    return found
+    """Warnings of loads on groups that clamps take up wholly, and of groups that are loaded twice. Not collective."""
+    key, found, loads = f"body.{body.name}", [], Counter[tuple[str, str | None]]()
+    for history in (None, *histories(body)):
+        for group, f in loads_by_group(mesh, body, history):
+            if group == VOLUME:
+                continue
+            loads[group, history] += 1
+            acts, left = (np.abs(each).max(axis=0) > ROUNDING * np.abs(f).max()
+                          for each in (f, np.einsum("kij,kj->ki", free, f)))
+            found += [f"{key}: the load on {group!r} along {axis} is lost, because clamps hold the whole group in this "
+                      "direction" for axis, lost in zip("xyz", acts & ~left, strict=False) if lost]
+    return found + [f"{key}: {group!r} is loaded {number} times; the loads add up"
+                    for (group, _), number in loads.items() if number > 1]

@@ -11,7 +11,6 @@ from petsc4py import PETSc
 from ddmpi.errors import SolverError
 from ddmpi.petsc.messages import petsc_message, reason_name
 from ddmpi.petsc.mumps import Factors, MumpsError, RefusedError
-from ddmpi.petsc.schur import invert_on_first, inverted_schur, request_schur
 
 REFINEMENTS = 3
 """An iterative solve with too large a true residual is refined this often; then it is an error."""
@@ -131,6 +130,8 @@ class StiffnessSolver:
 
         On several ranks PETSc does not solve beside a Schur complement, and factors again.
         """
+        from ddmpi.petsc.schur import invert_on_first, inverted_schur, request_schur
+
         pc, comm, dofs = self.ksp.getPC(), self.A.comm.tompi4py(), np.unique(trace.indices[trace.data != 0.0])
         enough = comm.bcast(self.A.size[0] > 2 * len(dofs))  # with little to eliminate MUMPS may fail
         if enough:
@@ -203,7 +204,8 @@ class StiffnessSolver:
                 break
             self._solve(self._residual, self._correction)
             u.axpy(1.0, self._correction)
-        hint = "" if self.direct else "; -body_ksp_rtol sets another precision"
+        hint = ("; its stiffness is singular to double precision, as that of a very slender or flat body, or of very "
+                "thin cells" if self.direct else "; -body_ksp_rtol sets another precision")
         raise SolverError(f"body {self.name!r}: {self.description} left a true residual of "
                           f"{residual / size:.1e} relative to the load, {target:.0e} is needed{hint}")
 

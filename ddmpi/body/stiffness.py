@@ -134,10 +134,15 @@ def sum_stiffness(mesh: Mesh, material: Material | Composite) -> Stiffness:
 
 def forces_at(mesh: Mesh, material: Material | Composite, u: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     """K u (k, d) in newtons at a few `nodes` (k,), for a displacement u (nv, d) in metres. Not collective."""
-    near = np.isin(mesh.triangles, nodes).any(axis=1)
+    marked, y = np.zeros(len(u), bool), np.zeros_like(u)
+    marked[nodes] = True
+    near = np.logical_or.reduce(marked[mesh.triangles.T])
     if isinstance(material, Composite):
         material = Composite(material.materials, material.number[near])
-    return sum_stiffness(replace(mesh, triangles=mesh.triangles[near]), material).mult(u)[nodes]
+    around, cells = np.unique(mesh.triangles[near], return_inverse=True)
+    part = replace(mesh, points=mesh.points[around], triangles=cells.reshape(-1, mesh.triangles.shape[1]))
+    y[around] = sum_stiffness(part, material).mult(u[around])
+    return y[nodes]
 
 
 def _straight_blocks(mesh: Mesh, material: Material, cells: slice | np.ndarray, i: np.ndarray, j: np.ndarray) \

@@ -160,17 +160,19 @@ def columns_of(sigma: np.ndarray, material: Material, warm: np.ndarray | None) -
 
 def principal(sigma: np.ndarray) -> np.ndarray:
     """Principal stresses (nt, 3) in Pa from `stress`, the largest first; tension is positive."""
-    finite = np.isfinite(sigma).all(axis=1)
+    finite = np.logical_and.reduce(np.isfinite(sigma.T))
     if sigma.shape[1] == 4:  # in the plane
         xx, yy, zz, xy = sigma.T
         middle, radius = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
-        found = np.sort(np.column_stack([middle + radius, middle - radius, zz]), axis=1)
+        high, low = middle + radius, middle - radius
+        found = np.column_stack([np.maximum(high, zz), np.clip(zz, low, high), np.minimum(low, zz)])
     else:
         tensors = np.zeros((len(sigma), 3, 3))
         for column, (i, j) in zip(sigma.T, COLUMNS, strict=False):
             tensors[finite, i, j] = tensors[finite, j, i] = column[finite]
-        found = np.linalg.eigvalsh(tensors)
-    return np.where(finite[:, None], found[:, ::-1], np.nan)
+        found = np.linalg.eigvalsh(tensors)[:, ::-1].copy()
+    found[~finite] = np.nan
+    return found
 
 
 def von_mises(sigma: np.ndarray) -> np.ndarray:

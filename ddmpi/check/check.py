@@ -23,9 +23,10 @@ from ddmpi.interface.interface import Interface
 from ddmpi.judge.equilibrium import ROUNDING, describe
 from ddmpi.judge.motions import MotionsOfBody, undetermined
 from ddmpi.judge.overlap import doubt_overlaps
+from ddmpi.judge.plausible import doubt_cells, edge_lengths
 from ddmpi.mesh.boundary import group_nodes
-from ddmpi.mesh.elements import NAMES, REGULAR
-from ddmpi.mesh.mesh import PHYSICAL, Mesh, signed_measures
+from ddmpi.mesh.elements import NAMES
+from ddmpi.mesh.mesh import PHYSICAL, Mesh
 from ddmpi.results.folder import choose_folder
 from ddmpi.results.summary import units
 from ddmpi.run.equilibrium import look_for_mechanism, motions_without_resistance
@@ -39,9 +40,6 @@ from ddmpi.system.numbers import in_words, moment
 from ddmpi.system.provenance import NO_MATPLOTLIB, has_matplotlib
 
 log = logging.getLogger("ddmpi")
-
-POOR = 0.05
-"""Cells with less of the measure of a regular one, whose edges are as long in the root mean square, are poor."""
 
 SOLVERS = {"explicit": "direct solver", "direct": "direct solver, compliance direct", "iterative": "multigrid"}
 
@@ -108,7 +106,8 @@ def _look(body: Body) -> Looked:
              for on, f in loads_by_group(mesh, spec, history)]
     supports = [(_held(clamp, mesh.dimension), clamp.on, clamp.history) for clamp in spec.clamps]
     supports += [("foundation", each.on, None) for each in spec.foundation]
-    size, doubt = _quality(mesh, spec.name)
+    length = edge_lengths(mesh)
+    size, doubt = _range(length.max(axis=1).min(), length.max()), doubt_cells(mesh, spec.name)
     words = [f"{len(mesh.points)} nodes, {len(mesh.triangles)} {mesh.cell.names} of size {size}; "
              f"groups {', '.join(mesh.groups)}"]
     words += [f"{how} on {on}{_following(history)}" for how, on, history in supports]
@@ -127,19 +126,6 @@ def _look(body: Body) -> Looked:
         memory = memory_of_factors(member.elasticity.A.size[0], mesh.dimension, dense) + dense * 8.0 * member.size**2
     return Looked(mesh, Boundary.of(mesh), [each[1:] for each in loads],
                   [(how, group_nodes(mesh, on, "")) for how, on, _ in supports], memory, words, doubt)
-
-
-def _quality(mesh: Mesh, name: str) -> tuple[str, str]:
-    """The sizes of the cells of a body's mesh in words, and a warning of thin ones, if there are."""
-    edges = mesh.points[mesh.corners[:, mesh.cell.edges[:, :2]]]
-    length = np.linalg.norm(edges[:, :, 1] - edges[:, :, 0], axis=2)
-    regular = REGULAR[mesh.dimension] * np.sqrt((length**2).mean(axis=1)) ** mesh.dimension
-    quality = signed_measures(mesh.points, mesh.corners) / regular
-    worst, poor = int(quality.argmin()), int((quality < POOR).sum())
-    return _range(length.max(axis=1).min(), length.max()), (
-        f"body.{name}.mesh: {poor} of {len(quality)} {mesh.cell.names} are thin: the one at "
-        f"{in_words(mesh.points[mesh.corners[worst]].mean(axis=0), 4)} has {quality[worst]:.2g} of the measure of a "
-        "regular one; stresses are poor there") * (poor > 0)
 
 
 def _held(clamp: Clamp, d: int) -> str:

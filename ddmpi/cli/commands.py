@@ -24,8 +24,9 @@ if TYPE_CHECKING:
 
 
 def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
-    from ddmpi.mesh.build import kind_of_files
-    from ddmpi.scene.reader import read_scene_file
+    with loading():
+        from ddmpi.mesh.build import kind_of_files
+        from ddmpi.scene.reader import read_scene_file
 
     scene = from_first(world, lambda: read_scene_file(options.scene, options.set, kind_of_files(options.scene)))
     _init_petsc(world, scene.petsc, petsc)

@@ -304,13 +304,14 @@ def _words(kind: str) -> str:
 
 
 def _law(contact: dict) -> str:
-    """What holds in a contact of the scene: bonded, or its friction law with the number, if it is one."""
+    """What holds in a contact of the scene: bonded, or its friction law with its numbers."""
     if contact.get("kind") == "bonded":
         return "bonded"
     law, *numbers = contact["friction"].values()
     if not numbers:
         return {"none": "no friction"}.get(law, law)
-    return law.capitalize() + (f" {numbers[0]:g}" if isinstance(numbers[0], int | float) else ", varying")
+    words = (f"{value:g}" if isinstance(value, int | float) else "varying" for value in numbers)
+    return f"{law.capitalize()} {', '.join(words)}"
 
 
 def _worst(values: Mapping[str, float | None]) -> Html | str:

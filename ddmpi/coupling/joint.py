@@ -104,8 +104,7 @@ class Joint:
 
     def shared(self) -> np.ndarray:
         """(size,) bool, unknowns of nodes at which a body has several contacts. Collective."""
-        found = [(np.diff(member.at_cross_points()[0].indptr) > 0).astype(float) for member in self.members]
-        return self._exchange.total(found, "shared nodes") > 0.0
+        return self._exchange.total([member.shared().astype(float) for member in self.members], "shared nodes") > 0.0
 
     def rigid_moduli(self) -> np.ndarray:
         """`Member.stiffness` (N/m²; in space N/m) of the body that each rigid motion belongs to, or of the stiffest

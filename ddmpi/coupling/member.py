@@ -120,17 +120,27 @@ class Member:
 
         A node's compliance is the mean of its rows', which bodies that meet share alike.
         """
-        B, d = self.C.B.tocoo(), self.motions.shape[1]
+        B, several = self.C.B.tocoo(), self._several()
         own = self._all(1.0 / ((2.0 - each.on_rigid) * each.stiffness) for each in self.interfaces)
-        contact = np.repeat(np.arange(len(self.parts)), [each.size for each in self.interfaces])
-        meets = sparse.csr_matrix((B.data != 0.0, (B.col // d, contact[B.row])), (B.shape[1] // d, len(self.parts)))
-        several = np.repeat(np.diff(meets.indptr) > 1, d)
         number = np.bincount(B.col, minlength=B.shape[1])
         node = np.bincount(B.col, own[B.row], B.shape[1]) / np.maximum(number, 1)
         squares = np.bincount(B.row, B.data**2 * node[B.col], self.size)
         there = np.bincount(B.row, B.data**2 * (several * node)[B.col], self.size)
         found = self.C.B @ sparse.diags(np.sqrt(several * node))
         return found[:, several], (there > 0.0) * own * (1.0 - there / np.where(squares > 0.0, squares, 1.0))
+
+    def shared(self) -> np.ndarray:
+        """(size,) bool, the rows of nodes at which the body has several contacts. Not collective."""
+        B = self.C.B.tocoo()
+        return np.bincount(B.row, self._several()[B.col], self.size) > 0.0
+
+    def _several(self) -> np.ndarray:
+        """(columns of B,) bool, the dofs of nodes at which the body has several contacts."""
+        B, d = self.C.B.tocoo(), self.motions.shape[1]
+        contact = np.repeat(np.arange(len(self.parts)), [each.size for each in self.interfaces])
+        meets, acts = np.zeros((len(self.parts), B.shape[1] // d), bool), B.data != 0.0
+        meets[contact[B.row[acts]], B.col[acts] // d] = True
+        return np.repeat(meets.sum(axis=0) > 1, d)
 
     @property
     def motions(self) -> np.ndarray:

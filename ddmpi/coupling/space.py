@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -152,8 +153,9 @@ class Laws:
     def __init__(self, laws: Sequence[Law]) -> None:
         self.laws = tuple(laws) or (Law(0, np.empty(0, int), 1),)
         self.size = sum(law.size for law in self.laws)
-        self._ends, self._nodes, self._sliding = np.cumsum(
+        ends, self._nodes, self._sliding = np.cumsum(
             [(law.size, law.m, len(law.sliding)) for law in self.laws], axis=0)[:-1].T
+        self._parts = [slice(*each) for each in itertools.pairwise([0, *ends, self.size])]
 
     @property
     def largest_slope(self) -> float:
@@ -161,7 +163,7 @@ class Laws:
 
     def parts(self, x: np.ndarray) -> list[tuple[Law, np.ndarray]]:
         """The laws with their parts of a vector (size,)."""
-        return list(zip(self.laws, np.split(x, self._ends), strict=True))
+        return [(law, x[part]) for law, part in zip(self.laws, self._parts, strict=True)]
 
     def bounds(self, bound: np.ndarray) -> list[np.ndarray]:
         """The slip bounds of each interface, out of those of all sliding nodes."""

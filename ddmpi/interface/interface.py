@@ -17,7 +17,7 @@ from ddmpi.interface.law import Law
 from ddmpi.mesh.elements import circumference
 from ddmpi.scene.bodies import Clamp
 from ddmpi.surface.side import Side
-from ddmpi.system.numbers import in_words, spans
+from ddmpi.system.numbers import in_words
 
 LARGE_OVERLAP = 0.02
 """An initial overlap of this part of the thinner body's depth is worth a warning."""
@@ -237,20 +237,6 @@ class Interface:
     def side(self, body: str) -> int:
         """0 where `body` is the first body, 1 where it is the second."""
         return self.bodies.index(body)
-
-    def facing(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Nodes of the first and of the second side (k,) that rows or clamps keep apart, and normals (k, d) there."""
-        none = np.empty(0, int)
-        a, b, normal = [none], [none], [np.empty((0, self.dimension))]
-        for nodes, transfer, outward in ((self.nodes, self.transfer, self.normal),
-                                         (self.fixed.nodes, self.fixed.transfer, self.fixed.normal)):
-            first, second = (each.tocsr() for each in transfer)
-            row = np.repeat(np.arange(len(outward)), np.diff(first.indptr))  # of the entries of the first
-            entry, facing = spans(second.indptr[row], second.indptr[row + 1])  # each with those of the second
-            a.append(nodes[0][first.indices[entry]])
-            b.append(nodes[1][second.indices[facing]])
-            normal.append(outward[row[entry]])
-        return np.concatenate(a), np.concatenate(b), np.vstack(normal)
 
 
 def in_order(facets: np.ndarray) -> np.ndarray:

@@ -51,16 +51,18 @@ class ActiveSet:
     excess: np.ndarray
 
 
-class Tangent(NamedTuple):
-    """What an active set implies for the forces of one interface, in frames that are turned to the friction.
+@dataclass(frozen=True)
+class Tangent:
+    """What an active set implies for the forces of one interface, or of several, in frames turned to the friction.
 
     Attributes
     ----------
-    unknown : (size,) bool
+    unknown : (size,) bool, in the turned frames
     source, coupling : (size,) the entry that each follows, and by how much (0: none)
     given : (size,) forces that are known (N)
     spring : (size,) κ at the tangential entries of nodes that slip and can turn, zero elsewhere
-    turn : (size, size) sparse, the frames by their columns; None where none is turned
+    turn : (size, size) sparse, orthogonal: the turned frames of the tangential entries of each node by their columns;
+        None where none is turned
     """
 
     unknown: np.ndarray
@@ -68,7 +70,7 @@ class Tangent(NamedTuple):
     coupling: np.ndarray
     given: np.ndarray
     spring: np.ndarray
-    turn: sparse.spmatrix | None = None
+    turn: sparse.csr_matrix | None = None
 
 
 class Edges(NamedTuple):
@@ -153,7 +155,7 @@ class Law:
         """
         none, mt = np.zeros(self.m), len(self.sliding)
         active = ActiveSet(none, closed, np.zeros((mt, self.components)), self.slip_bound(none), np.zeros(mt))
-        free = (~closed | falls)[self.sliding] & (self.slope(none) > 0.0)  # others may carry friction though open
+        free = (~closed | falls)[self.sliding] & (active.bound == 0.0)  # others may carry friction though open
         active.slip[free, 0] = 1.0
         return active
 
@@ -170,7 +172,7 @@ class Law:
         if self.components > 1:
             spring[tangential] = np.repeat(active.excess, self.components)
             frames = np.where(slips[:, None, None], across(active.slip), np.eye(self.components))
-            turn = sparse.block_diag([sparse.identity(self.m), *frames])
+            turn = sparse.block_diag([sparse.identity(self.m), *frames], format="csr")
         return Tangent(np.concatenate([active.closed, unknown.ravel()]) & self.live, self.node, coupling, given, spring,
                        turn)
 

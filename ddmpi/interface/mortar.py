@@ -12,6 +12,7 @@ constant pressure is exact on any meshes. Gaps are those of the boundaries that 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +22,7 @@ from scipy.spatial import cKDTree
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface, Lines, Places, in_order
 from ddmpi.interface.matching import pair
-from ddmpi.interface.rows import Rows, at_points, build, holds_along, is_held, means, without_rounding
+from ddmpi.interface.rows import Rows, at_points, build, duals, holds_along, is_held, means, without_rounding
 from ddmpi.interface.vertices import rows_at_vertices
 from ddmpi.mesh.boundary import segments
 from ddmpi.mesh.elements import shapes_on_side as shapes
@@ -71,21 +72,12 @@ def mortar_in_space(first: Side, second: Side, contact: SettledContact) -> Inter
 
     By default the slave is the side with the larger facets over plane modulus, and not one that clamps hold wholly.
     """
-    sides, name = (first, second), contact.name
-    rigid = [bool(is_held(side.normal, side.free).all()) for side in sides]
-    if contact.slave is not None:
-        own = (first.body, second.body).index(contact.slave)
-    elif any(rigid):
-        own = rigid.index(False) if not all(rigid) else 0
-    else:
-        one, other = (np.sqrt(side.lengths.mean()) / side.modulus for side in sides)
-        own = 1 if other > (1.0 + 1e-6) * one else 0
-    if rigid[own]:
-        raise InputError(f"contact.{name}: clamps hold all of {sides[own].body!r} at this contact; "
-                         + ("it cannot be the slave" if not all(rigid) else "there is nothing to solve"))
+    sides = (first, second)
+    own = _choose_slave(sides, contact, [bool(is_held(side.normal, side.free).all()) for side in sides],
+                        [float(np.sqrt(side.lengths.mean())) for side in sides])
     over = cover(sides[own], sides[1 - own])
     if not len(over.facet):
-        raise _not_facing(first, second, name)
+        raise _not_facing(first, second, contact.name)
     looked = at_corners(over, sides[own], sides[1 - own])
     return build(rows_at_vertices(sides, own, over, looked, contact), contact)
 
@@ -108,11 +100,14 @@ def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
     covers = [None if slave == sides[1 - own].body else cover(sides[own], sides[1 - own]) for own in (0, 1)]
     if any(each is not None and len(each.facet) == 0 for each in covers):
         raise _not_facing(first, second, name)
-    own = _choose_slave(sides, covers, name) if slave is None else (first.body, second.body).index(slave)
+    faced = [np.unique(each.facet) if each else [0] for each in covers]  # that of a slave which is named is there
+    nodes = [np.unique(side.facets[some]) for side, some in zip(sides, faced, strict=True)]
+    own = _choose_slave(
+        sides, contact,
+        [bool(is_held(side.normal[some], side.free[some]).all()) for side, some in zip(sides, nodes, strict=True)],
+        [float(side.areas[some].mean()) / (side.facets.shape[1] - 1) for side, some in zip(sides, faced, strict=True)])
     side, over = sides[own], covers[own]
     assert over is not None
-    if _is_rigid(side, over):
-        raise InputError(f"contact.{name}: clamps hold all of {side.body!r} at this contact; it cannot be the slave")
     root = _merged(side, over)
     rows = _rows(sides, own, over, root)
     free = _unbound(rows, holds_along(contact), root)
@@ -127,51 +122,35 @@ def _not_facing(first: Side, second: Side, name: str) -> InputError:
                       "`bodies`?")
 
 
-def duals(side: Side, over: Cover) -> tuple[np.ndarray, np.ndarray]:
-    """The weighted dual functions w ψ (q, 2 or 3) of each point's facet, and shape functions φ, for the slave.
-
-    ∫ ψ_j φ_k = δ_jk ∫ φ_j over the covered part of a facet. Of a sliver only the nearest corner has a function.
-    """
+def _functions(side: Side, over: Cover) -> tuple[np.ndarray, np.ndarray]:
+    """`duals` of the slave, and its shape functions φ (q, 2 or 3); of a sliver the nearest corner has one alone."""
     phi = shapes(over.at, side.facets.shape[1])
-    covered, part = np.unique(over.facet, return_inverse=True)
-    share, middle = (np.bincount(part, each, len(covered)) for each in (over.weight, over.weight * over.at))
-    lengths = np.zeros((len(covered), phi.shape[1]))
-    np.add.at(lengths, part, over.weight[:, None] * phi)
-    mass = np.zeros((*lengths.shape, phi.shape[1]))
-    np.add.at(mass, part, np.einsum("q,qi,qj->qij", over.weight, phi, phi))
-    sliver = share < SLIVER * side.areas[covered]
-    mass[sliver] = np.eye(phi.shape[1])
-    psi = np.einsum("qi,qij->qj", phi, np.linalg.inv(mass)[part]) * lengths[part]
+    share, middle = (np.bincount(over.facet, each, len(side.facets)) for each in (over.weight, over.weight * over.at))
     nearest = np.arange(phi.shape[1]) == np.where(middle < 0.5 * share, 0, 1)[:, None]
-    weighted = over.weight[:, None] * np.where(sliver[part, None], nearest[part], psi)
-    return weighted, phi
+    return duals(side, over, phi, SLIVER, nearest[over.facet]), phi
 
 
-def _choose_slave(sides: tuple[Side, Side], covers: list[Cover | None], name: str) -> int:
-    """0 or 1: the side with the larger spacing over modulus, where it faces the other."""
-    rigid = [over is not None and _is_rigid(side, over) for side, over in zip(sides, covers, strict=True)]
-    if all(rigid):
-        raise InputError(f"contact.{name}: all nodes of the contact are clamped; there is nothing to solve")
-    if any(rigid):
-        return rigid.index(False)
-    softness = []
-    for side, over in zip(sides, covers, strict=True):
-        assert over is not None
-        length = side.areas[np.unique(over.facet)]
-        softness.append(float(length.mean()) / (side.facets.shape[1] - 1) / side.modulus)
-    return 1 if softness[1] > (1.0 + 1e-6) * softness[0] else 0
-
-
-def _is_rigid(side: Side, over: Cover) -> bool:
-    """Whether clamps hold all nodes that face the other side along their normals."""
-    nodes = np.unique(side.facets[over.facet])
-    return bool(is_held(side.normal[nodes], side.free[nodes]).all())
+def _choose_slave(sides: tuple[Side, Side], contact: SettledContact, rigid: Sequence[bool],
+                  sizes: Sequence[float]) -> int:
+    """0 or 1, the slave: the side that is named, else that of the larger `sizes` (m) over modulus, or the one that
+    clamps do not hold all along the contact, as they do a `rigid` one. Raises InputError where it is rigid."""
+    if contact.slave is not None:
+        own = [side.body for side in sides].index(contact.slave)
+    elif all(rigid):
+        raise InputError(f"contact.{contact.name}: all nodes of the contact are clamped; there is nothing to solve")
+    else:
+        one, other = (size / side.modulus for size, side in zip(sizes, sides, strict=True))
+        own = rigid.index(False) if any(rigid) else int(other > (1.0 + 1e-6) * one)
+    if rigid[own]:
+        raise InputError(f"contact.{contact.name}: clamps hold all of {sides[own].body!r} at this contact; it cannot "
+                         "be the slave")
+    return own
 
 
 def _rows(sides: tuple[Side, Side], own: int, over: Cover, root: np.ndarray) -> Rows:
     """The rows of the slave, `sides[own]`, whose nodes share those of their `root` (k,)."""
     side, other = sides[own], sides[1 - own]
-    weighted, phi = duals(side, over)
+    weighted, phi = _functions(side, over)
     shown, place = np.flatnonzero(root >= 0), np.full(len(root), -1)
     nodes, place[shown] = np.unique(root[shown], return_inverse=True)
     row = place[side.facets[over.facet]]
@@ -231,7 +210,7 @@ def _tied_ends(rows: Rows) -> np.ndarray:
 
 def _merged(side: Side, over: Cover) -> np.ndarray:
     """Of each of the slave's nodes (k,) the one whose row it has: its own, a neighbour's, or none (−1)."""
-    D = np.bincount(side.facets[over.facet].ravel(), duals(side, over)[0].ravel(), len(side.nodes))
+    D = np.bincount(side.facets[over.facet].ravel(), _functions(side, over)[0].ravel(), len(side.nodes))
     some = np.isin(np.arange(len(side.facets)), over.facet)
     full = side.lengths_over(some)
     best = np.full(len(D), -1)

@@ -13,6 +13,7 @@ from ddmpi.interface.interface import SAME, Interface, Lines, Places
 from ddmpi.interface.law import law_of
 from ddmpi.scene.contacts import NoFriction, SettledContact
 from ddmpi.scene.values import Profile, evaluate
+from ddmpi.surface.cover import Cover
 from ddmpi.surface.side import Side, frames
 from ddmpi.system.numbers import in_words, is_touched
 
@@ -196,6 +197,19 @@ def at_points(phi: np.ndarray, nodes: np.ndarray, size: int) -> sparse.csr_matri
     """The matrix (q, size) of the functions (q, c) of `nodes` (q, c) at points."""
     points = np.repeat(np.arange(len(phi)), phi.shape[1])
     return sparse.csr_matrix((phi.ravel(), (points, nodes.ravel())), (len(phi), size))
+
+
+def duals(side: Side, over: Cover, phi: np.ndarray, sliver: float, alone: np.ndarray | float) -> np.ndarray:
+    """w ψ (q, c) at the points, with their weights: ∫ ψ_j φ_k = δ_jk ∫ φ_j over the covered part of each facet, for the
+    functions φ (q, c) of a side. Where less than the part `sliver` of a facet is covered, ψ is what it is `alone`."""
+    covered, part = np.unique(over.facet, return_inverse=True)
+    integrals, mass = (np.zeros((len(covered), *phi.shape[1:] * times)) for times in (1, 2))
+    np.add.at(integrals, part, over.weight[:, None] * phi)
+    np.add.at(mass, part, np.einsum("q,qi,qj->qij", over.weight, phi, phi))
+    thin = np.bincount(part, over.weight, len(covered)) < sliver * side.areas[covered]
+    mass[thin] = np.eye(phi.shape[1])
+    psi = np.einsum("qi,qij->qj", phi, np.linalg.inv(mass)[part]) * integrals[part]
+    return over.weight[:, None] * np.where(thin[part, None], alone, psi)
 
 
 def means(integrals: sparse.csr_matrix, area: np.ndarray) -> sparse.csr_matrix:

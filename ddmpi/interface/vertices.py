@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.interface.interface import Lines, Places
-from ddmpi.interface.rows import Rows, at_points, holds_along, means, without_rounding
+from ddmpi.interface.rows import Rows, at_points, duals, holds_along, means, without_rounding
 from ddmpi.mesh.boundary import links
 from ddmpi.mesh.elements import cell_with
 from ddmpi.scene.contacts import SettledContact
@@ -72,16 +72,7 @@ def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, looked: Co
 
 def _functions(side: Side, over: Cover, hats: bool) -> sparse.csr_matrix:
     """w ψ (q, k) of the slave's nodes at the points, with their weights."""
-    phi, weighted = over.at, over.weight[:, None] * over.at
-    if not hats:
-        covered, part = np.unique(over.facet, return_inverse=True)
-        lengths, mass = np.zeros((len(covered), 3)), np.zeros((len(covered), 3, 3))
-        np.add.at(lengths, part, weighted)
-        np.add.at(mass, part, weighted[:, :, None] * phi[:, None])
-        sliver = lengths.sum(axis=1) < SLIVER * side.lengths[covered]
-        mass[sliver] = np.eye(3)
-        psi = np.einsum("qi,qij->qj", phi, np.linalg.inv(mass)[part]) * lengths[part]
-        weighted = over.weight[:, None] * np.where(sliver[part, None], 1.0 / 3.0, psi)
+    weighted = over.weight[:, None] * over.at if hats else duals(side, over, over.at, SLIVER, 1.0 / 3.0)
     return at_points(weighted, side.facets[over.facet, :3], len(side.nodes))
 
 

@@ -1,7 +1,6 @@
 """Where bodies run through each other, themselves or rigid partners, although no contact keeps them apart.
 
-A body is a set of simplices. It runs into another one where points of its boundary lie in simplices of the other.
-Nothing here depends on the dimension.
+A body is a set of simplices of any dimension. It runs into another where points of its boundary lie in simplices of it.
 """
 
 from __future__ import annotations
@@ -25,8 +24,7 @@ from ddmpi.system.agreement import gathered
 from ddmpi.system.numbers import across, in_words, nearest_in
 
 RESOLVED = 1e-3
-"""Overlaps below this part of the largest displacement, and of a body with itself below this part of a cell, are not
-reported."""
+"""Overlaps below this part of the largest displacement, of a body with itself of a cell, are not reported."""
 
 DRAWN = 1e-6
 """Overlaps in the drawing below this part of the distance between nodes are not reported."""
@@ -56,8 +54,7 @@ BESIDE = 1e-9
 """Overlaps with a rigid partner below this part of the body's size are rounding."""
 
 BETWEEN = 0.25
-"""A rigid partner that lies deeper between two contact nodes than this part of their distance, or of its radius, is too
-small for them."""
+"""A rigid partner may lie so deep between two contact nodes, as a part of their distance or of its radius."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +94,7 @@ class Solid:
     def part(self, low: np.ndarray, high: np.ndarray) -> Solid:
         """The boundary and the cells that may meet the box from `low` to `high` (d,)."""
         beyond = np.hstack([np.maximum(self.at, self.moved) < low, np.minimum(self.at, self.moved) > high])
-        cells = self.cells[~np.logical_and.reduce(beyond[self.cells.T]).any(axis=1)]
+        cells = self.cells[np.bitwise_and.reduce(np.packbits(beyond, axis=1)[self.cells.T, 0]) == 0]
         nodes = np.unique(np.concatenate([cells.ravel(), self.facets.ravel()]))
         return Solid(self.at[nodes], self.moved[nodes], np.searchsorted(nodes, cells),
                      np.searchsorted(nodes, self.facets), self.numbers[nodes])
@@ -139,12 +136,10 @@ def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
                    states: Mapping[str, ContactState]) -> list[str]:
     """Warnings, on the first rank, where bodies run through each other or rigid partners outside their contacts.
 
-    The first rank tells the others whose bounding boxes overlap. Of two such bodies on different ranks one sends what
-    is near to the other. Collective.
+    The first rank tells whose boxes overlap. Of two such bodies on two ranks one sends what is near. Collective.
     """
     world, names = assembly.world, [body.name for body in assembly.scene.body]
-    own = {body.number: Solid.of(body.mesh, displacements[body.spec.name])
-           for body in assembly.bodies}
+    own = {body.number: Solid.of(body.mesh, displacements[body.spec.name]) for body in assembly.bodies}
     boxes = gathered(world, {number: (world.rank, each.box()) for number, each in own.items()})
     near = world.scatter(_pairs_by_rank(boxes, world.size) if world.rank == 0 else None)
     depths = _deepest(assembly, states)
@@ -222,13 +217,29 @@ def _kept(interfaces: Sequence[Interface], body: str, other: str) -> np.ndarray:
 
 def through_itself(body: Solid) -> np.ndarray | None:
     """Where (d,) the boundary of a body lies in one of its cells in the answer, but not as drawn; None if nowhere."""
-    facets = body.facets[:, :-1]
-    if not 0.0 < np.abs(body.moved - body.at).max() <= np.ptp(body.at, axis=0).max():  # or is no number
+    facets, u = body.facets[:, :-1], (body.moved - body.at).T.copy()
+    if not 0.0 < np.abs(u).max() <= np.ptp(body.at.T.copy(), axis=1).max():  # or is no number
         return None
-    inside = _depth_in_cell(body.moved[facets].mean(axis=1), body.moved[body.cells]) > RESOLVED
+    cells = body.cells[_reached(body, float(np.linalg.norm(np.ptp(u, axis=1))))]
+    inside = _depth_in_cell(body.moved[facets].mean(axis=1), body.moved[cells]) > RESOLVED
     if inside.any():
         inside[inside] = _depth_in_cell(body.at[facets[inside]].mean(axis=1), body.at[body.cells]) <= RESOLVED
     return body.moved[facets[inside][0]].mean(axis=0) if inside.any() else None
+
+
+def _reached(body: Solid, way: float) -> np.ndarray | slice:
+    """The cells of a body that its boundary can get into on a `way` (m) past others: those at the boundary, or all.
+
+    The way to the others is at least that on which the function falls from 1 to 0 that is 1 at boundary nodes.
+    """
+    outer = np.zeros(len(body.at), bool)
+    outer[body.facets[:, :-1]] = True
+    cells = np.flatnonzero(np.logical_or.reduce(outer[body.cells.T]))
+    edges, values = body.at[body.cells[cells]], outer[body.cells[cells]].astype(float)
+    edges, values = edges[:, 1:] - edges[:, :1], values[:, 1:] - values[:, :1]
+    full = np.linalg.det(edges) != 0.0
+    steepest = np.linalg.norm(np.linalg.solve(edges[full], values[full, :, None]), axis=1).max(initial=0.0)
+    return cells if way * steepest < 1.0 else slice(None)
 
 
 def run_through(first: Solid, second: Solid, kept: Sequence[np.ndarray], slack: float = 0.0,
@@ -340,11 +351,9 @@ def _in_partner(body: Body, facets: np.ndarray, u: np.ndarray, U: np.ndarray, ri
     k = int(np.argmax(beside))
     if not beside[k] > overlap + BESIDE * mesh.extent + RESOLVED * float(np.abs(u).max()):
         return []
-    where, cure = "no contact keeps them apart:", ADD
-    if own:
-        where, cure = f"contact.{own[0].name}: beside the contact", WIDEN
+    where = f"contact.{own[0].name}: beside the contact" if own else "no contact keeps them apart:"
     return [f"{where} {name} runs through {rigid.name} by {depth[k]:.3g}, as at {in_words(places[k] + U, 4)}; "
-            f"{cure}{rigid.crossed}"]
+            f"{WIDEN if own else ADD}{rigid.crossed}"]
 
 
 def _depth_in_cell(points: np.ndarray, cells: np.ndarray) -> np.ndarray:

@@ -15,8 +15,8 @@ from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.state import ContactState
 from ddmpi.judge.overlap import BESIDE, RESOLVED, Solid, doubt_overlaps
 from ddmpi.mesh.boundary import SHARPEST, creases
-from ddmpi.mesh.elements import invert
-from ddmpi.mesh.mesh import tangents
+from ddmpi.mesh.elements import REGULAR, invert
+from ddmpi.mesh.mesh import Mesh, signed_measures, tangents
 from ddmpi.scene.bodies import SettledBody
 from ddmpi.system.agreement import gathered
 from ddmpi.system.numbers import in_words
@@ -64,6 +64,40 @@ POINT = 0.01
 
 IDLE = 1e-6
 """A contact with less than this part of the largest force of all contacts carries nothing that could be lost."""
+
+
+POOR = 0.05
+"""Cells with less of the measure of a regular one, whose edges are as long in the root mean square, are poor."""
+
+SLENDER = 50.0
+"""Bodies are slender where they are so many times as long as thick; in a row of needles side by side those of 1 : 100
+may fail, those of 1 : 30 do not."""
+
+
+def edge_lengths(mesh: Mesh) -> np.ndarray:
+    """(nt, k) of the straight edges of cells (m). Not collective."""
+    ends = mesh.points[mesh.corners[:, mesh.cell.edges[:, :2]]]
+    return np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
+
+
+def doubt_cells(mesh: Mesh, name: str) -> str:
+    """A warning of thin cells of a body's mesh; empty if there are none. Not collective."""
+    regular = REGULAR[mesh.dimension] * np.sqrt((edge_lengths(mesh)**2).mean(axis=1)) ** mesh.dimension
+    quality = signed_measures(mesh.points, mesh.corners) / regular
+    worst, poor = int(quality.argmin()), int((quality < POOR).sum())
+    return (f"body.{name}.mesh: {poor} of {len(quality)} {mesh.cell.names} are thin: the one at "
+            f"{in_words(mesh.points[mesh.corners[worst]].mean(axis=0), 4)} has {quality[worst]:.2g} of the measure of "
+            "a regular one; stresses are poor there") * (poor > 0)
+
+
+def doubt_shape(mesh: Mesh, name: str) -> str:
+    """A warning of a body so slender or flat that rounding may hide its answer; empty if not. Not collective."""
+    sizes = np.linalg.norm((mesh.points - mesh.points.mean(axis=0)) @ np.linalg.svd(
+        np.cov(mesh.points.T))[0], axis=0)
+    ratio = sizes.max() / max(sizes.min(), np.finfo(float).tiny)
+    return (f"body.{name}: it is about {ratio:.0f} times as long as it is thick; a body so slender bends so much more "
+            "than contacts give way that the iteration and rounding may not resolve its contact forces") * (
+                bool(ratio > SLENDER))
 
 
 def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
@@ -223,13 +257,13 @@ def _held_through_air(state: ContactState, least: float) -> list[str]:
 
     Tresca's bound does not ask for pressure, as it is published.
     """
-    sizes, name = np.linalg.norm(state.forces, axis=1), state.interface.name
+    sizes, name, law = np.linalg.norm(state.forces, axis=1), state.interface.name, state.interface.law.name
     air = np.where(state.status == "open", sizes, 0.0)
     if not air.sum() > max(AIR * sizes.sum(), least):
         return []
     place, gap = in_words(state.interface.xy[np.argmax(air)], 4), state.gap[np.argmax(air)]
     return [f"contact.{name}: friction of open nodes bears {air.sum() / sizes.sum():.0%} of its forces, as at "
-            f'{place}, where the gap is {gap:.3g}: the bound of law = "tresca" asks for no pressure; with '
+            f'{place}, where the gap is {gap:.3g}: the bound of law = "{law}" asks for no pressure; with '
             'law = "coulomb" open nodes bear nothing']
 
 

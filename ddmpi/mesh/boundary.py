@@ -91,10 +91,10 @@ def turn_outward(mesh: Mesh, facets: np.ndarray, key: str) -> tuple[np.ndarray, 
     """The facets (k, l), turned outward, and the cell (k,) of each. In the plane the body lies to their left, in space
     they are counter-clockwise from outside. Raises InputError, naming `key`, for an inner one.
     """
-    d, marked = mesh.dimension, np.zeros(len(mesh.points), dtype=bool)
+    d, marked, (outer, owners) = mesh.dimension, np.zeros(len(mesh.points), dtype=bool), mesh.boundary
     marked[facets] = True
-    near = np.count_nonzero(marked[mesh.corners], axis=1) >= d  # no other cell has such a facet
-    outer, owners = boundary_facets(mesh.triangles[near])
+    near = marked[outer].all(axis=1)
+    outer, owners = outer[near], owners[near]
     _, number = np.unique(np.sort(np.concatenate([outer[:, :d], facets[:, :d]])), axis=0, return_inverse=True)
     place = np.full(len(number), -1)
     place[number.ravel()[:len(outer)]] = np.arange(len(outer))
@@ -103,7 +103,7 @@ def turn_outward(mesh: Mesh, facets: np.ndarray, key: str) -> tuple[np.ndarray, 
         at = in_words(mesh.points[facets[found < 0][0, :d]].mean(axis=0))
         raise InputError(f"{key}: the group has {mesh.cell.facet_names} that are not on the body's boundary, as at "
                          f"{at}")
-    return outer[found], np.flatnonzero(near)[owners[found]]
+    return outer[found], owners[found]
 
 
 def segments(edges: np.ndarray) -> np.ndarray:

@@ -16,10 +16,8 @@ import numpy as np
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group, group_nodes, material_numbers
 from ddmpi.mesh.elements import NAMES
-from ddmpi.mesh.geometry import Sizes, geometry_dimension, mesh_geometry
 from ddmpi.mesh.mesh import MEASURE, Mesh, refuse_folded, signed_measures
-from ddmpi.mesh.read import file_kind, read_mesh
-from ddmpi.mesh.refine import halve, raise_order
+from ddmpi.mesh.refine import Sizes, halve, raise_order
 from ddmpi.mesh.shapes import SHAPES
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.values import WHERE
@@ -57,8 +55,12 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
             raise InputError(f"{key}: its {mesh.cell.names} have no {MEASURE[mesh.dimension]} in double precision; "
                              "sizes, place and units do not fit together")
     elif spec.geometry is not None:
+        from ddmpi.mesh.geometry import mesh_geometry
+
         mesh = mesh_geometry(locate_mesh(body, folder), body, contacts, sizes)
     else:
+        from ddmpi.mesh.read import read_mesh
+
         mesh = read_mesh(locate_mesh(body, folder), body.name, spec.order or 1)
     if dimension not in (None, mesh.dimension):
         raise InputError(f"{key}: the mesh is {WHERE[mesh.dimension]}, and the scene is {WHERE[dimension or 2]}")
@@ -69,13 +71,9 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
         mesh = raise_order(mesh, key)
     refuse_folded(mesh, key)
     material_numbers(mesh, body)
-    for clamp in body.clamps:
-        group_nodes(mesh, clamp.on, f"body.{body.name}.clamp")
-    for traction in body.traction:
-        boundary_group(mesh, traction.on, f"body.{body.name}.traction")
-    for foundation in body.foundation:
-        boundary_group(mesh, foundation.on, f"body.{body.name}.foundation")
-    acted = [*contacts, *(load.on for load in body.traction), *(spring.on for spring in body.foundation)]
+    for name, each in body.acting:
+        (group_nodes if name == "clamp" else boundary_group)(mesh, each.on, f"body.{body.name}.{name}")
+    acted = [*contacts, *(each.on for name, each in body.acting if name != "clamp")]
     return _turned(mesh, key, acted) if axisymmetric else mesh
 
 
@@ -109,10 +107,19 @@ def kind_of_files(scene_path: str | Path) -> Callable[[BodySpec], tuple[int, Lit
 
     Drawings have no order, so 1. Not collective. The function raises InputError.
     """
+    @functools.cache
+    def of_file(path: Path, name: str, drawn: bool) -> tuple[int, Literal[1, 2]]:
+        if drawn:
+            from ddmpi.mesh.geometry import geometry_dimension
+
+            return geometry_dimension(path, name), 1
+
+        from ddmpi.mesh.read import file_kind
+
+        return file_kind(path, name)
+
     folder = Path(scene_path).parent
-    of_file, of_drawing = functools.cache(file_kind), functools.cache(geometry_dimension)
-    return lambda body: ((of_drawing(locate_mesh(body, folder), body.name), 1) if body.mesh.geometry
-                         else of_file(locate_mesh(body, folder), body.name))
+    return lambda body: of_file(locate_mesh(body, folder), body.name, bool(body.mesh.geometry))
 
 
 def locate_mesh(body: BodySpec, folder: Path) -> Path:

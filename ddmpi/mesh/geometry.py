@@ -232,12 +232,13 @@ def _name_sides(gmsh, body: BodySpec, contacts: Collection[str], label: str) -> 
         number = str(tag) if k == side else f"{PHYSICAL[k].split()[1]} {tag}"
         for name in {number, gmsh.model.getEntityName(k, tag).split("/")[-1]} - {""} if k <= side else ():
             found.setdefault((name, k), []).append(tag)
-    for missing in (each for each in [*contacts, *body.groups] if not any((each, k) in found for k in range(3))):
+    asked = [each.on for _, each in body.acting]
+    for missing in (each for each in [*contacts, *asked] if not any((each, k) in found for k in range(3))):
         of = next((k for k in range(side) if missing.startswith(kinds[k])), side)
         each = "; ".join(f"{name} {_where(gmsh, k, tags[0])}" for (name, k), tags in found.items() if k == of)
         raise InputError(f"{label} has no {kinds[of]} {missing!r}; it has {each}")
     for (name, k), tags in found.items():
-        if k == side or name in body.groups:
+        if k == side or name in asked:
             gmsh.model.addPhysicalGroup(k, tags, name=name)
 
 

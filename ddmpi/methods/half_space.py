@@ -75,19 +75,23 @@ class _Block:
     """The half-space's stiffness on one interface, normal and tangential parts apart."""
 
     def __init__(self, interface: Interface) -> None:
-        self._sliding, self._components = interface.sliding, interface.law.components * (len(interface.sliding) > 0)
+        components = interface.law.components * (len(interface.sliding) > 0)
+        self._columns = 1 + components  # of a node: the normal part, the tangential ones
+        self._at = self._columns * interface.law.node
+        self._at[interface.m:] += np.tile(np.arange(1, self._columns), len(interface.sliding))
         self._root, self._scale = np.sqrt(interface.area)[:, None], 0.5 * interface.modulus
         self._spacing = float(np.mean(self._scale * interface.area / interface.stiffness[:interface.m]))
         lowest = (1.5 / interface.length) ** 2
         over = sparse.diags(1.0 / self._root[:, 0])
-        one = sparse.identity(interface.m)
-        A = (over @ interface.laplacian @ over + lowest * one).tocsr()
+        A = (over @ interface.laplacian @ over + lowest * sparse.identity(interface.m)).tocsr()
         modulus = lowest / (2.0 * A.diagonal().max())
         quarter = ellipkm1(modulus)
         sn, cn, dn, _ = ellipj((np.arange(SHIFTS) + 0.5) * quarter / SHIFTS, 1.0 - modulus)
         self._weights = 2.0 * quarter * np.sqrt(lowest) / (np.pi * SHIFTS) * dn / cn**2
         self._shifts, self._lowest, self._sum = lowest * (sn / cn) ** 2, lowest, self._weights.sum()
-        self._shifted = splu(sparse.block_diag([A + t * one for t in self._shifts], format="csc"))
+        shifted = sparse.block_diag(SHIFTS * [A], format="csc")
+        shifted.setdiag(shifted.diagonal() + np.repeat(self._shifts, interface.m))
+        self._shifted = splu(shifted)
 
     def softened(self, delta: float) -> _Block:
         """With R/(1 + bR) = 2/π ∫ (1 − t²(A + t²)⁻¹) / (1 + b²t²) dt for the root R, b being δ node distances."""
@@ -98,22 +102,19 @@ class _Block:
 
     def mult(self, x: np.ndarray, inverse: bool = False) -> np.ndarray:
         """M x, or M⁻¹ x, of columns x (size, c)."""
-        m, columns = len(self._root), x.shape[1]
-        parts = np.zeros((m, 1 + self._components, columns))  # the normal one, the tangential ones
-        parts[:, 0] = x[:m]
-        parts[self._sliding, 1:] = x[m:].reshape(len(self._sliding), self._components, columns)
-        parts = self._apply(parts.reshape(m, -1), inverse).reshape(parts.shape)
-        return np.concatenate([parts[:, 0], parts[self._sliding, 1:].reshape(x[m:].shape)])
+        nodes = np.zeros((len(self._root) * self._columns, x.shape[1]))
+        nodes[self._at] = x
+        return self._apply(nodes.reshape(len(self._root), -1), inverse).reshape(nodes.shape)[self._at]
 
     def _apply(self, x: np.ndarray, inverse: bool) -> np.ndarray:
         """The root of the operator, or its inverse A^−½ = Σ w (A + t²)⁻¹, on columns x (m, c)."""
         if not x.size:
             return x
         x = x / self._root if inverse else self._root * x
-        shifted = self._shifted.solve(np.tile(x, (SHIFTS, 1))).reshape(SHIFTS, *x.shape)
+        shifted = self._shifted.solve(np.concatenate(SHIFTS * [x])).reshape(SHIFTS, -1)
         if inverse:
-            return np.tensordot(self._weights, shifted, 1) / (self._scale * self._root)
-        return self._scale * self._root * (self._sum * x - np.tensordot(self._weights * self._shifts, shifted, 1))
+            return (self._weights @ shifted).reshape(x.shape) / (self._scale * self._root)
+        return self._scale * self._root * (self._sum * x - (self._weights * self._shifts @ shifted).reshape(x.shape))
 
 
 def smooth_modes(operator: Member | Joint, space: Space, limit: float) -> tuple[np.ndarray, np.ndarray]:

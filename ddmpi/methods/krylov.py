@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -58,67 +58,67 @@ MANY = 3
 """Coarse modes serve from so many bodies on, and wherever bodies are loose."""
 
 
-@dataclass(frozen=True)
-class Linearised:
+class Linearised(Tangent):
     """The forces x = E y + given that an active set implies, y being the unknown ones, with E = (1 + F) I.
 
-    A node that slips has its friction along q̂ = q_t/|q_t|, where it follows the pressure. Across q̂, a direction that
-    the plane does not have, its forces are unknown: they turn the friction against springs, r·e = −(κ/c) s·e.
-
-    Attributes
-    ----------
-    basis : I (size, k), sparse with orthonormal columns: the unknown forces, each at one node
-    follow : F (size, size), sparse: the change of friction with the pressure
-    given : (size,) forces that are known (N)
-    spring : (size,) κ at the tangential entries of nodes that slip and can turn, zero elsewhere
+    F is the coupling, and I the columns of the turned frames along which forces are unknown. A node that slips has its
+    friction along q̂ = q_t/|q_t|, where it follows the pressure. Across q̂, a direction that the plane does not have,
+    its forces are unknown: they turn the friction against springs, r·e = −(κ/c) s·e.
     """
-
-    basis: sparse.csr_matrix
-    follow: sparse.csr_matrix
-    given: np.ndarray
-    spring: np.ndarray
 
     @classmethod
     def of(cls, parts: Sequence[Tangent]) -> Linearised:
-        """That of interfaces, one after the other. Each row of F has one entry."""
+        """That of interfaces, one after the other."""
         unknown, source, coupling, given, spring = (np.concatenate([getattr(part, name) for part in parts])
                                                     for name in ("unknown", "source", "coupling", "given", "spring"))
-        starts = np.cumsum([0, *(len(part.unknown) for part in parts)])
-        size, rows = len(unknown), np.arange(len(unknown) + 1)
-        source = source + np.repeat(starts[:-1], np.diff(starts))
-        k = int(np.count_nonzero(unknown))
-        basis = sparse.csr_matrix((np.ones(k), np.arange(k), np.append(0, np.cumsum(unknown))), (size, k))
+        sizes, turn = [len(part.unknown) for part in parts], None
+        source = source + np.repeat(np.cumsum(sizes) - sizes, sizes)
         if any(part.turn is not None for part in parts):
-            turns = [sparse.identity(len(part.unknown)) if part.turn is None else part.turn for part in parts]
-            basis = (sparse.block_diag(turns, format="csr") @ basis).tocsr()
-        return cls(basis, sparse.csr_matrix((coupling, source, rows), (size, size)), given, spring)
+            turn = sparse.block_diag([sparse.identity(size) if part.turn is None else part.turn
+                                      for part, size in zip(parts, sizes, strict=True)], format="csr")
+        return cls(unknown, source, coupling, given, spring, turn)
 
-    @property
+    @cached_property
     def number(self) -> int:
         """How many forces are unknown."""
-        return self.basis.shape[1]
+        return int(np.count_nonzero(self.unknown))
+
+    @cached_property
+    def basis(self) -> sparse.csr_matrix:
+        """I (size, k), with orthonormal columns."""
+        size, k = len(self.unknown), self.number
+        basis = sparse.csr_matrix((np.ones(k), np.arange(k), np.append(0, np.cumsum(self.unknown))), (size, k))
+        return basis if self.turn is None else (self.turn @ basis).tocsr()
 
     @cached_property
     def expansion(self) -> sparse.csr_matrix:
         """E (size, k)."""
-        return (self.basis + self.follow @ self.basis).tocsr()
+        size = len(self.unknown)
+        follow = sparse.csr_matrix((self.coupling, self.source, np.arange(size + 1)), (size, size))
+        return (self.basis + follow @ self.basis).tocsr()
 
     @cached_property
-    def _transposed(self) -> sparse.csr_matrix:
-        """Iᵀ (k, size)."""
-        return self.basis.T.tocsr()
+    def _transposed(self) -> sparse.csr_matrix | None:
+        return None if self.turn is None else self.turn.T.tocsr()
+
+    def place(self, y: np.ndarray) -> np.ndarray:
+        """I y (size,): the unknown forces alone."""
+        x = np.zeros(len(self.unknown))
+        x[self.unknown] = y
+        return x if self.turn is None else self.turn @ x
 
     def expand(self, y: np.ndarray) -> np.ndarray:
         """E y (size,): all forces that follow from the unknown ones."""
-        return self.expansion @ y
+        x = self.place(y)
+        return x + self.coupling * x[self.source]
 
     def restrict(self, x: np.ndarray) -> np.ndarray:
-        """Iᵀ x (k, …): the part of vectors (size, …) along the unknown forces."""
-        return self._transposed @ x
+        """Iᵀ x (k,): the part of a vector (size,) along the unknown forces."""
+        return (x if self._transposed is None else self._transposed @ x)[self.unknown]
 
     def diagonal(self, D: np.ndarray) -> np.ndarray:
         """The diagonal (k,) of Iᵀ D I; D (size,) is the same for all tangential entries of a node."""
-        return self._transposed.multiply(self._transposed) @ D
+        return D[self.unknown]
 
     def move(self, s: np.ndarray) -> np.ndarray:
         """The change (size,) of the forces s that keeps the unknown ones and gives the others what is implied."""
@@ -126,7 +126,8 @@ class Linearised:
 
     def frozen(self, q: np.ndarray) -> Linearised:
         """The same with the slip bounds that the pressures of q = s − c r (size,) imply, whatever the forces."""
-        return replace(self, follow=0.0 * self.follow, given=self.given + self.follow @ np.maximum(q, 0.0))
+        return replace(self, coupling=0.0 * self.coupling,
+                       given=self.given + self.coupling * np.maximum(q, 0.0)[self.source])
 
 
 class Preconditioner:
@@ -192,7 +193,7 @@ class LinearProblem:
         self._D = linearised.diagonal(preconditioner.shared + layer)
         crossing = preconditioner.crossing
         self._correct = crossing and crossing.corrector(linearised.basis, self._D, preconditioner.shared > 0.0)
-        deltas = np.where(np.diff(linearised.basis.indptr), layer * preconditioner.c, np.inf)  # of unknown forces
+        deltas = np.where(linearised.unknown, layer * preconditioner.c, np.inf)
         self._half_space = preconditioner.half_space.softened(
             [least if np.isfinite(least) else 0.0 for part in joint.space.parts.values()
              for least in (deltas[part].min(initial=np.inf),)])
@@ -221,7 +222,7 @@ class LinearProblem:
         """
         if self._correct:
             w = self._weights * self._correct(w / self._weights)
-        y = self.linearised.restrict(self._weight * self._half_space.mult(self.linearised.basis @ w))
+        y = self.linearised.restrict(self._weight * self._half_space.mult(self.linearised.place(w)))
         if not self._coarse:
             return y, np.zeros(0)
         if h is not None:

@@ -25,7 +25,7 @@ from ddmpi.coupling.joint import Joint
 from ddmpi.methods.half_space import Model
 from ddmpi.methods.krylov import FORCING, Linearised, LinearProblem, Preconditioner, precondition
 from ddmpi.methods.outer import Report, Step, no_report
-from ddmpi.methods.paths import DRIFT, MODEL_STEPS, NEAR, InteriorPoints, Modelled, Path, Point, Softening
+from ddmpi.methods.paths import DRIFT, MODEL_STEPS, NEAR, STOPPED, InteriorPoints, Modelled, Path, Point, Softening
 from ddmpi.petsc.events import event
 from ddmpi.system.numbers import norm
 
@@ -183,8 +183,16 @@ class Newton:
                 self._settle()
                 return "converged" if done else "max_iterations"
             if self._path and not self._trying and self._path.failed and not self._next_path():
-                return "drift" if self._coulomb and norm(self._at.left) > DRIFT * norm(self.joint.e) else "stalled"
+                return "drift" if self._drifts() else "stalled"
             self._far = self._iterate(far, tolerance)
+
+    def _drifts(self) -> bool:
+        """Whether bodies move on and on under loads that friction leaves; what goes into a partner will be stopped."""
+        if not self._coulomb or norm(self._at.left) <= DRIFT * norm(self.joint.e):
+            return False
+        moved = self.joint.rigid.spread(self._at.alpha)
+        closing = [moved[part][:interface.m].max(initial=0.0) for interface, part in self.space.each()]
+        return self.space.largest(np.array(closing)) <= STOPPED * self.space.largest(np.abs(moved))
 
     @property
     def _rough(self) -> bool:
@@ -297,8 +305,8 @@ class Newton:
 
         It takes and returns `_distances` of the iterate (N).
         """
-        change, by_model = None, self._modelled and not self._path and not self._stalled % 2
-        if self._modelled and by_model:
+        change = None
+        if self._modelled and not self._path and not self._stalled % 2:
             change = self._modelled.step(self._at, self._relative(far), self._size(), self._start, self._warm)
         if change is None:
             if self._rough:  # which may be why the model did not lead on
@@ -332,7 +340,7 @@ class Newton:
         joint, rigid, space = self.joint, self.joint.rigid, self.space
         alpha, C_change = np.zeros(rigid.size), np.zeros_like(change)
         problem, y = None, np.zeros(linearised.number)
-        if space.any(np.ones(linearised.number)):
+        if (self._path and rigid.size) or space.any(np.ones(linearised.number)):  # springs let fall
             held, forcing = (self._path.held, self._path.forcing) if self._path else (self._held, FORCING)
             problem = LinearProblem(joint, self._preconditioner, linearised, layer, self._path is not None, held,
                                     forcing)
@@ -386,3 +394,5 @@ class Newton:
         self._far = None if state["far"] is None else float(state["far"])
         self._measured = self._at.s, float(state["norm"])
         self.history = [Step(*row) for row in state["history"]]
+        if self._modelled:
+            self._modelled.rough = True  # which the state does not say

@@ -48,8 +48,9 @@ SHORTEST, LENGTHS, CLOSER, REFINEMENTS = 1e-9, 46, 12, 3
 """Shortest step; how many lengths down to it are looked at in one reduction, and how many between two of them, so many
 times."""
 
-DRIFT = 1e-4
-"""Where both paths fail and loads above this part of all are left, no equilibrium is to be expected."""
+DRIFT, STOPPED = 1e-4, 0.01
+"""Where both paths fail and leave more than the first part of the loads, bodies drift, unless they go into a partner by
+more than the second part of their way (drifts below 1e-4, falls into wedges above 0.3)."""
 
 TO_BOUND = 0.99
 """A step of interior points goes to this part of the way to the nearest bound."""
@@ -72,9 +73,8 @@ MODEL_STEPS, FORESEEN, SOLVED = 40, 0.1, 0.03
 slipping as they are where the residual is below the second number, else with all pressed ones sticking."""
 
 CORRECTED, COARSEST, FINER = 0.03, 3e-3, 0.1
-"""The product that follows is as precise as the first part of the change of the forces, the second part of the forces
-at most, and by the third factor more after each step that gains nothing: small errors of slender bodies are large
-displacements."""
+"""The next product is as precise as the first part of the forces' change, the second part of the forces at most, and by
+the third factor more after each step that gains nothing: small errors of slender bodies are large displacements."""
 
 IDLE, LOWEST = 8, 1e-18
 """So they are after so many steps that neither lower the residual by a tenth nor halve the barrier, and with a barrier
@@ -350,6 +350,7 @@ class InteriorPoints:
         self._idle = 0 if gains else self._idle + 1
         if self._idle >= IDLE:
             self.failed = True
+
 
 class Modelled:
     """Steps to where a model of the compliance with the gaps of the iterate has its answer; a product corrects it.

@@ -133,18 +133,25 @@ class Factors:
             raise
         for name in ("irn", "jcn", "a", "irn_loc", "jcn_loc", "a_loc", "perm_in"):  # these arrays go
             setattr(data, name, None)
-        data.icntl[25] = 0  # from now on the variables of the Schur complement are left out of solves
         self.condensed = np.negative(schur, out=schur).T if comm.rank == 0 else None
         self._check(B, comm)
 
     def solve(self, f: np.ndarray | None) -> np.ndarray | None:
         """A⁻¹ f (n,), both on the first rank; None elsewhere."""
-        work = np.zeros(0)
-        if self.condensed is not None and f is not None:
-            work = np.concatenate([f, np.zeros(len(self.condensed))])
-        self._data.rhs, self._data.nrhs, self._data.lrhs = work.ctypes.data, 1, len(work)
+        found = self._eliminate(f, 0)
+        return None if f is None else found[0][:len(f)]
+
+    def _eliminate(self, f: np.ndarray | None, only: int) -> tuple[np.ndarray, np.ndarray]:
+        """Of the right-hand side (f, 0): the solution, in which the variables of the Schur complement count for
+        nothing, or, `only` 1, after half a solve, what elimination leaves of it there, −B A⁻¹ f (k,)."""
+        work, left = np.zeros(0), np.zeros(0 if self.condensed is None else len(self.condensed))
+        if f is not None:
+            work = np.concatenate([f, left])
+        data = self._data
+        data.rhs, data.nrhs, data.lrhs = work.ctypes.data, 1, len(work)
+        data.redrhs, data.lredrhs, data.icntl[25] = left.ctypes.data, len(left), only
         self._do(3)
-        return None if f is None else work[:len(f)]
+        return work, left
 
     def destroy(self) -> None:
         """Free what MUMPS holds, if that has not been done."""
@@ -161,12 +168,13 @@ class Factors:
         raise RefusedError(f"version {found[0].decode() if found else 'unknown'} is not among those that ddmpi knows")
 
     def _check(self, B: sparse.csr_matrix, comm: MPI.Comm) -> None:
-        """RefusedError unless C gives the displacement of a solve."""
-        found, agrees = self.solve(B.T @ np.ones(B.shape[0]) if comm.rank == 0 else None), True
+        """RefusedError unless C gives the displacement that half a solve gives; the first solve is checked by itself.
+        """
+        found, agrees = self._eliminate(B.T @ np.ones(B.shape[0]) if comm.rank == 0 else None, 1)[1], True
         if self.condensed is not None:
             moved = dsymv(1.0, self.condensed, np.ones(len(self.condensed)))
             size = max(np.linalg.norm(moved), self.condensed.diagonal().max())  # rows may nearly cancel each other
-            agrees = bool(np.linalg.norm(B @ found - moved) <= AGREEMENT * size)
+            agrees = bool(np.linalg.norm(found + moved) <= AGREEMENT * size)
         if not comm.bcast(agrees):
             self.destroy()
             raise RefusedError("the compliance does not agree with a solve")
@@ -197,7 +205,8 @@ def _entries(A: PETSc.Mat, B: sparse.csr_matrix) -> tuple[np.ndarray, np.ndarray
     ends = len(upper), len(upper) + trace.nnz
     irn, jcn, a = np.empty(ends[1], np.int32), np.empty(ends[1], np.int32), np.empty(ends[1])
     for array, of_A, of_B in ((irn, rows, trace.col), (jcn, columns, A.size[0] + trace.row), (a, values, trace.data)):
-        array[:ends[0]], array[ends[0]:] = of_A[upper], of_B
+        np.take(of_A, upper, out=array[:ends[0]], mode="clip")  # without a copy
+        array[ends[0]:] = of_B
     irn += 1
     jcn += 1
     return irn, jcn, a

@@ -70,7 +70,7 @@ class View:
         for k, at in across.items():
             low, high = points[:, k].min(), points[:, k].max()
             if not 2.0 * ROUNDING * (high - low) < min(at - low, high - at):
-                raise InputError(f"output.cut: {'xyz'[k]} = {at:g} cuts no body; they reach from {low:g} to {high:g}")
+                raise InputError(f"a cut at {'xyz'[k]} = {at:g} meets no body; they reach from {low:g} to {high:g}")
             sign = 1.0 if self.axes[2, k] > -1e-9 else -1.0
             self.cut = sign * np.eye(3)[k], sign * at
 

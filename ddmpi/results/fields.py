@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,11 +11,12 @@ import numpy as np
 from mpi4py import MPI
 
 from ddmpi.body.stress import principal, von_mises
-from ddmpi.interface.interface import Interface, Lines, in_order
+from ddmpi.interface.interface import Lines, in_order
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.refine import CORNERS_CUT
 from ddmpi.results.tables import Columns, Results, leg_values
-from ddmpi.system.files import FileOfHDF5, contact_files, write_rows, writing
+from ddmpi.system.agreement import agreed
+from ddmpi.system.files import contact_files, write_datasets, write_parts, write_rows, writing
 
 TOPOLOGY = {2: "Polyline", 3: "Triangle", 6: "Triangle_6", 4: "Tetrahedron", 10: "Tetrahedron_10"}
 """What XDMF calls lines, triangles and tetrahedra, by their number of nodes."""
@@ -41,8 +42,14 @@ AT_CONTACT_IN_SPACE = ("friction_vector", "slip_vector")
 AT_NODES = ("points", "displacement", *NODAL, *AT_CONTACT, *AT_CONTACT_IN_SPACE)
 """What has a row per node; all else has a row per cell."""
 
+IN_FILES = [0, 3, 5, 1, 4, 2]
+"""Where the columns of `stress` stand in files: σ_xx, σ_xy, σ_xz, σ_yy, σ_yz, σ_zz."""
+
 MANY = 10_000
 """Of more bodies and contacts than this, times load steps, result.xdmf has no grids of their own."""
+
+DEPTH, INDENT = 5, "  "
+"""How deep grids with names stand in result.xdmf where it has no times, and by what each level is set in."""
 
 FEW = 0.02
 """A node that shares its neighbour's row and has less than this part of its length hardly faces the other side."""
@@ -100,7 +107,7 @@ def write_fields(path: Path, bodies: Mapping[int, Fields], world: MPI.Comm = MPI
                zip(bodies.items(), first.tolist(), strict=True)]
     names = [name for name in several[0] if step is None or name in AT_STEPS]
     kinds = {name: 0 if name in AT_NODES else 1 for name in names}
-    write_rows(path / "result.h5", {name: np.concatenate([each[name] for each in several]) for name in names},
+    write_rows(path / "result.h5", {name: [each[name] for each in several] for name in names},
                {name: (before[kind], int(total[kind])) for name, kind in kinds.items()}, world,
                "" if step is None else group_of(step))
 
@@ -111,9 +118,10 @@ def _datasets_of(fields: Fields, body: int, first: int) -> dict[str, np.ndarray]
              "displacement": _padded(fields.displacement), "body": np.full(len(fields.triangles), body)}
     for where, sigma in ("", fields.stress), ("nodal_", fields.nodal_stress):
         if sigma is not None:
-            xx, yy, zz, xy, yz, xz = np.pad(sigma, ((0, 0), (0, 6 - sigma.shape[1]))).T
-            parts |= {f"{where}stress": np.column_stack([xx, xy, xz, yy, yz, zz]),
-                      f"{where}principal": principal(sigma), f"{where}von_mises": von_mises(sigma)}
+            tensor = np.zeros((len(sigma), 6))
+            tensor[:, IN_FILES[:sigma.shape[1]]] = sigma
+            parts |= {f"{where}stress": tensor, f"{where}principal": principal(sigma),
+                      f"{where}von_mises": von_mises(sigma)}
     return parts if fields.error is None else parts | {"error": fields.error}
 
 
@@ -150,24 +158,22 @@ def drawn_facets(lines: Lines, axisymmetric: bool = False) -> np.ndarray:
     return in_order(drawn) if facets.shape[1] == 2 else drawn
 
 
-def write_facets(path: Path, interfaces: Iterable[Interface]) -> None:
+def write_facets(path: Path, states: Mapping[str, ContactState], fields: Mapping[str, Mapping[str, np.ndarray]],
+                 world: MPI.Comm = MPI.COMM_SELF) -> None:
     """Add contacts/NAME/facets (f, d) and contacts/NAME/initial_gap (l,) to result.h5 in the folder `path`.
 
-    Facets are `drawn_facets`; the gap (m), at the factor 1 of its history, has an entry per line of the contact's
-    table. Not collective. Raises OutputError.
+    Facets are the cells of `contact_fields`; the gap (m), at the factor 1 of its history, has an entry per line of the
+    contact's table. Each rank has some of the contacts. Collective. Raises OutputError, on all ranks.
     """
-    import h5py
-
-    target = path / "result.h5"
-    with writing(target), FileOfHDF5(target, "r+") as storage, h5py.File(storage, "r+") as file:
-        for interface in interfaces:
-            group = file.create_group(f"contacts/{interface.name}")
-            group["facets"] = drawn_facets(interface.shown, interface.axisymmetric)
-            group["initial_gap"] = interface.gap[interface.shown.row]
+    own = {f"contacts/{name}/facets": fields[name]["cells"] for name in states}
+    own |= {f"contacts/{name}/initial_gap": state.interface.gap[state.interface.shown.row]
+            for name, state in states.items()}
+    write_datasets(path / "result.h5", own, world)
 
 
 def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, tuple[int, int]] | None = None,
-               contacts: Mapping[str, Sequence[Mapping[str, np.ndarray]]] | None = None) -> None:
+               contacts: Mapping[str, Sequence[Mapping[str, np.ndarray]]] | None = None,
+               world: MPI.Comm = MPI.COMM_SELF) -> None:
     """Write result.xdmf into the folder `path`: the mesh and all fields of result.h5 as one grid without time.
 
     With the `times` of load steps whose fields have been written, the last one's without a number, there is a grid for
@@ -178,43 +184,73 @@ def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, tup
 
     Parameters
     ----------
-    bodies : numbers of nodes and cells by name, in the order of the scene
-    contacts : by name the `contact_fields` at each time
+    bodies : numbers of nodes and cells by name, in the order of the scene; of all on the first rank
+    contacts : by name the `contact_fields` at each time, in the order of the scene; none of other ranks' contacts. Each
+        rank writes the grids of its own
 
-    Not collective. Raises OutputError.
+    Collective. Raises OutputError, on all ranks.
     """
+    bodies, contacts = bodies or {}, contacts or {}
+    number = world.bcast(len(bodies))
+    many = not 0 < (number + len(contacts)) * max(len(times), 1) <= MANY
+    where = f"/Xdmf/Domain/Grid{'/Grid[1]' * bool(times)}/Information/Grid"
+    depth = DEPTH + bool(times)
+    with agreed(world):
+        parts = {} if many else {k: _part(name, times, fields, f"{where}/Grid[{number + k + 1}]/Grid[1]", depth)
+                                 for k, (name, fields) in enumerate(contacts.items()) if fields}
+        ends = (b"", b"") if world.rank else _ends(path, times, bodies, "" if many else where, depth)
+    write_parts(path / "result.xdmf", parts, ends, world)
+
+
+def _part(name: str, times: Sequence[float], fields: Sequence[Mapping[str, np.ndarray]], first: str,
+          depth: int) -> bytes:
+    """The grids of a contact in result.xdmf; `first` is the XPath of the one that has the mesh of several."""
+    from xml.etree import ElementTree
+
+    holder = ElementTree.Element("Grid")
+    for (parent, time), each in zip(_over(holder, name, times), fields, strict=True):
+        mesh = first if times and len(parent) else ""
+        _describe(_grid(parent, name, time), each, mesh=mesh)
+    ElementTree.indent(holder[0], level=depth)
+    return f"\n{INDENT * depth}".encode() + ElementTree.tostring(holder[0], "unicode").encode()
+
+
+def _ends(path: Path, times: Sequence[float], bodies: Mapping[str, tuple[int, int]], where: str,
+          depth: int) -> tuple[bytes, bytes]:
+    """What stands in result.xdmf before and after the grids of contacts, which have a place `where` grids have names;
+    result_last.xdmf is written. Not collective. Raises OutputError."""
     from xml.etree import ElementTree
 
     import h5py
 
-    bodies, contacts = bodies or {}, contacts or {}
     root, domain = _document()
-    with writing(path / "result.xdmf"), h5py.File(path / "result.h5", "r") as file:
-        steps = [group if (group := group_of(k)) in file else "" for k in range(len(times))]
+    with writing(path / "result.h5"), h5py.File(path / "result.h5", "r") as file:
+        steps = [_datasets(file, group if (group := group_of(k)) in file else "") for k in range(len(times))]
+        steps = steps or [_datasets(file, "")]
         plain = [_grid(parent, "bodies", time) for parent, time in _over(domain, "steps", times, None)]
-        for grid, group in zip(plain, steps or [""], strict=True):
-            _describe(grid, _datasets(file, group))
-        if 0 < (len(bodies) + len(contacts)) * len(plain) <= MANY:
+        for grid, data in zip(plain, steps, strict=True):
+            _describe(grid, data)
+        if where:
             domain[0].set("Reference", "XML")
-            domain[0].text = f"/Xdmf/Domain/Grid{'/Grid[1]' * bool(times)}/Information/Grid"
+            domain[0].text = where
             hidden = ElementTree.SubElement(plain[0], "Information", Name="named")
             hidden.text = "<none/>"  # as meshio reads it
             named = ElementTree.SubElement(hidden, "Grid", Name="results", GridType="Collection",
                                            CollectionType="Spatial")
             first = np.zeros(2, int)
             for name, number in bodies.items():
-                for (parent, time), group in zip(_over(named, name, times), steps or [""], strict=True):
-                    _describe(_grid(parent, name, time), _datasets(file, group), (first, np.array(number)))
+                for (parent, time), data in zip(_over(named, name, times), steps, strict=True):
+                    _describe(_grid(parent, name, time), data, (first, np.array(number)))
                 first = first + number
-            for name, fields in contacts.items():
-                for (parent, time), each in zip(_over(named, name, times), fields, strict=True):
-                    former = f"{domain[0].text}/Grid[{len(named)}]/Grid[1]" if times and len(parent) else ""
-                    _describe(_grid(parent, name, time), each, mesh=former)
-        _write_document(path / "result.xdmf", root)
+            ElementTree.SubElement(named, "contacts")
         if times:
-            root, domain = _document()
-            _describe(_grid(domain, "bodies", None), _datasets(file, ""))
-            _write_document(path / "result_last.xdmf", root)
+            last, its = _document()
+            _describe(_grid(its, "bodies", None), _datasets(file, ""))
+            _write_document(path / "result_last.xdmf", last)
+    ElementTree.indent(root)
+    head, _, tail = ElementTree.tostring(root, "utf-8", xml_declaration=True).partition(
+        f"\n{INDENT * depth}<contacts />".encode())
+    return head, tail
 
 
 def write_surface(path: Path, name: str, fields: Mapping[str, np.ndarray]) -> None:

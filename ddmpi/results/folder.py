@@ -12,7 +12,7 @@ import errno
 import os
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from ddmpi.errors import InputError, OutputError, TakenError
@@ -213,13 +213,15 @@ class Staging:
         with writing(self.path):
             self.path.stat()
 
-    def publish(self) -> list[Path]:
+    def publish(self, others: Iterable[str] = ()) -> list[Path]:
         """Move all files that were written into the folder of the results, the summary last; their new paths.
 
+        `others` are files that ranks on another host may have written, which a listing of this host may not have yet.
         Raises OutputError, TakenError where one of these files is there already; `discard` then leaves no result.
         """
         with writing(self.folder):
-            names = [name for name in os.listdir(self.path) if not name.startswith(".")]
+            found = {*os.listdir(self.path), *(name for name in others if os.path.lexists(self.path / name))}
+            names = [name for name in found if not name.startswith(".")]
             names.sort(key=lambda name: (name == SUMMARY, name))
             taken = [name for name in names if os.path.lexists(self.folder / name)]
             if taken:

@@ -53,15 +53,13 @@ SIDES = {
     "x": "middle of the side", "y": "", "length": "its arc length",
     "normal_stress": "mean over the side", "tangential_stress": "mean over the side"}
 
-LEGS = {
-    "time": "of the load step", "x": "position of the node", "y": "", "length": "nodal length",
-    "normal_stress": "as in contact_NAME.csv", "tangential_stress": "", "gap": "", "slip": "", "slip_total": "",
-    "status": ""}
+AT_TIME = {"normal_stress": "as in contact_NAME.csv"} | dict.fromkeys(
+    ("tangential_stress", "gap", "slip", "slip_total", "status"), "")
 
-LEGS_IN_SPACE = {
-    "time": "of the load step", "x": "position of the node", "y": "", "z": "", "area": "nodal area",
-    "normal_stress": "as in contact_NAME.csv", "tangential_stress": "", "gap": "", "slip": "", "slip_total": "",
-    "status": ""} | dict.fromkeys(VECTORS, "")
+LEGS = {"time": "of the load step", "x": "position of the node", "y": "", "length": "nodal length"} | AT_TIME
+
+LEGS_IN_SPACE = {"time": "of the load step", "x": "position of the node", "y": "", "z": "",
+                 "area": "nodal area"} | AT_TIME | dict.fromkeys(VECTORS, "")
 
 AREAS = {"length": "area"}
 """Names of columns around an axis, where nodal lengths are those of rings: areas."""
@@ -235,8 +233,9 @@ def reading(path: str | Path, what: str = "a complete folder of results") -> Ite
     except DdmpiError:
         raise
     except Exception as error:
+        why = "there is no" if isinstance(error, KeyError) else type(error).__name__
         first = str(error).partition("\n")[0][:200]
-        raise InputError(f"{path}: not {what}: {type(error).__name__} {first}") from None
+        raise InputError(f"{path}: not {what}: {why} {first}") from None
 
 
 def _write_csv(path: Path, columns: Iterable[str], rows: Iterable[Sequence]) -> None:

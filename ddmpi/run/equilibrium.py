@@ -65,7 +65,7 @@ def undetermined_motions(assembly: Assembly, contacts: Mapping[str, ContactState
         sticks = state.status[law.sliding] == "stick"
         s = np.concatenate([state.normal_force, state.tangential_force[law.sliding].ravel()])
         bound = law.bound_at(s)
-        sticks |= (law.slope(state.normal_force) == 0.0) & (bound > 0.0) & ~law.reaches_bound(s, bound)  # Tresca, open
+        sticks |= (law.bound_at(0.0 * s) > 0.0) & ~law.reaches_bound(s, bound)  # open nodes may, as by Tresca's law
         friction = direction(state.tangential_force[law.sliding])
         slips = ~sticks & (bound > 0.0) & (state.status[law.sliding] != "open")
         chosen = np.concatenate([state.status != "open", np.repeat(sticks, law.components)])

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import ArrayLike
 from petsc4py import PETSc
 
 from ddmpi.body.elasticity import clamp_forces
@@ -63,7 +62,7 @@ class StepLog:
         return Certificate({name: ContactResiduals(*row) for name, row in zip(self.contacts, contacts, strict=True)},
                            dict(zip(self.bodies, bodies, strict=True)))
 
-    def _raise(self, **values: ArrayLike) -> None:
+    def _raise(self, **values: np.ndarray | Sequence) -> None:
         self.most = self.most | {name: np.maximum(self.most[name], each) for name, each in values.items()}
 
     def note_step(self, time: float, solution: Solution) -> None:
@@ -110,13 +109,13 @@ class StepLog:
         return [(step["time"], *row) for step, row in zip(self.steps, self.energies, strict=True)]
 
     def excess(self, since: dict[str, Any], given: float = 0.0) -> float:
-        """How much more friction has dissipated since `lengths` than contacts took, over all that it has dissipated.
+        """How much more friction has dissipated since a `state` than contacts took, over all that it has dissipated.
 
         What contacts took counts without the work `given` (J) of an overlap that acts at once, which no step divides.
         Never so in truth, it shows how coarse the steps are where slip begins within one of them. Friction that
         dissipates less than LITTLE of the largest energy is compared with that.
         """
-        rows, k = np.array(self.energies), since["energies"]
+        rows, k = np.array(self.energies), len(since["energies"])
         before = rows[k - 1] if k else np.zeros(5)
         took, dissipated = rows[-1, 2:4] - before[2:4]
         size = max(rows[-1, 3], LITTLE * np.abs(rows[:, :3]).max())
@@ -130,16 +129,6 @@ class StepLog:
         return {"external_work": external, "strain_energy": strain, "interface_work": interface,
                 "dissipated": dissipated, "lost": interface - dissipated,
                 "residual": float(np.abs(rows[:, 4]).max()) / size if size else 0.0}
-
-    def lengths(self) -> dict[str, Any]:
-        """What `shorten` needs to come back to the present state."""
-        return {name: len(rows) for name, rows in self._tables.items()} | self.most
-
-    def shorten(self, lengths: dict[str, Any]) -> None:
-        """Forget what was noted since `lengths`."""
-        for name, rows in self._tables.items():
-            del rows[lengths[name]:]
-        self.most = {name: lengths[name] for name in self.most}
 
     def state(self) -> dict[str, Any]:
         return {name: tuple(rows) for name, rows in self._tables.items()} | {

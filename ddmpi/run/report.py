@@ -14,7 +14,6 @@ from ddmpi.interface.interface import Interface
 from ddmpi.mesh.elements import NAMES
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.methods.outer import Step
-from ddmpi.qp.tao import QPSolver
 from ddmpi.run.solve import Solution
 from ddmpi.scene.method import PRESETS, SettledMethod
 from ddmpi.scene.scene import Settled
@@ -170,6 +169,9 @@ def describe_method(method: SettledMethod, dimension: int) -> str:
         plan, discs = plan.replace("half-plane", "half-space"), ", those with friction by python (APG)"
     if not method.by_body:
         return plan
+
+    from ddmpi.qp.tao import QPSolver
+
     return f"{plan}; subproblems by TAO {QPSolver().type.replace('python', 'python (MPRGP)')}{discs}"
 
 

@@ -18,13 +18,13 @@ from ddmpi.body.stress import stress, von_mises
 from ddmpi.coupling.assembly import NO_SIZES, Assembly, Body, prepare
 from ddmpi.coupling.ranks import on_working_ranks
 from ddmpi.errors import InputError, NotConvergedError, OutputError, SolverError
+from ddmpi.interface.state import ContactState
 from ddmpi.judge.accuracy import MeshLadder, demand, refine_scene
 from ddmpi.judge.diagnosis import diagnose
-from ddmpi.judge.plausible import doubt_answer, doubt_mesh, doubt_stress
+from ddmpi.judge.plausible import doubt_answer, doubt_cells, doubt_mesh, doubt_shape, doubt_stress
 from ddmpi.mesh.refine import Sizes
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
-from ddmpi.pictures.views import View
 from ddmpi.results.fields import Fields, contact_fields, write_facets, write_fields, write_surface, write_xdmf
 from ddmpi.results.folder import Staging, choose_folder
 from ddmpi.results.summary import plain, write_mechanism, write_summary
@@ -37,6 +37,7 @@ from ddmpi.run.steps import solve_scene
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agreed, gathered, merged
 from ddmpi.system.clock import Clock
+from ddmpi.system.files import contact_files
 from ddmpi.system.provenance import has_matplotlib, versions
 
 log = logging.getLogger("ddmpi")
@@ -114,7 +115,7 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, fold
 
     Other parameters and what is raised as for `run`.
     """
-    identity = identify(scene, PETSc.Options().getAll(), versions())
+    identity = {} if world.rank else identify(scene, PETSc.Options().getAll(), versions())
     ladder = MeshLadder(scene)
     state = continue_from(world, restart, identity, ladder) if restart else None
     checkpoints = Checkpoints(world, folder, identity, scene.checkpoint, clock, ladder, state)
@@ -196,11 +197,16 @@ def _finish(assembly: Assembly, solution: Solution, steps: StepLog, error: Discr
     with clock.phase("recover"), agreed(assembly.world), event("Stress"):
         fields = {body.spec.name: _fields(assembly, body, solution.displacements[body.spec.name], error)
                   for body in assembly.bodies}
-    doubts = doubt_answer(assembly, solution.displacements, solution.contacts)
-    singular = doubt_stress(assembly, {name: each.von_mises for name, each in fields.items()})
-    warnings = [*assembly.warnings, *(body.locking for body in assembly.scene.body if body.locking), *doubts,
-                *steps.doubts_beside(doubts),
-                *(() if assembly.world.rank else doubt_mesh(assembly.scene.body, error)), *singular]
+    warnings = [*assembly.warnings, *(body.locking for body in assembly.scene.body if body.locking)]
+    if solution.certified:
+        doubts = doubt_answer(assembly, solution.displacements, solution.contacts)
+        warnings += [*doubts, *steps.doubts_beside(doubts),
+                     *(() if assembly.world.rank else doubt_mesh(assembly.scene.body, error)),
+                     *doubt_stress(assembly, {name: each.von_mises for name, each in fields.items()})]
+    else:  # there is no answer to doubt, but meshes may be why
+        thin = gathered(assembly.world, {body.spec.name: [doubt(body.mesh, body.spec.name) for doubt in
+                                                          (doubt_cells, doubt_shape)] for body in assembly.bodies})
+        warnings += [doubt for body in assembly.scene.body for doubt in thin.get(body.name, ()) if doubt]
     summary = gather_summary(assembly, solution, error, fields, ladder, warnings, clock.started, steps)
     if summary:
         log_end(summary, solution)
@@ -226,6 +232,8 @@ def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock
     try:
         assembly = prepare(world, scene, Path(scene_path).parent, clock, refinement, sizes, factor)
         if scene.output.cut:
+            from ddmpi.pictures.views import View
+
             ends = merged(world, {body.number: (body.mesh.points.min(axis=0), body.mesh.points.max(axis=0))
                                   for body in assembly.bodies})
             View(np.concatenate([*ends.values()]), scene.resolved()["output"])
@@ -249,12 +257,13 @@ def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, che
             with event("WriteFields"):
                 write_fields(path, {body.number: solved.fields[body.spec.name] for body in bodies}, world)
             times = _write_steps(path, solved)
+            with event("WriteTables"):
+                states, fields = _write_contacts(path, solved)
+                write_facets(path, states, {name: each[-1] for name, each in fields.items() if each}, world)
+                write_xdmf(path, times, sizes, fields, world)
             with agreed(world), event("WriteTables"):
                 if staging:
-                    fields = _write_tables(path, solved)
-                    write_xdmf(path, times, sizes, fields)
-                    for name, each in fields.items():
-                        write_surface(path, name, each[-1])
+                    _write_tables(path, solved)
                     if solved.solution.mechanism:
                         write_mechanism(path, solved.solution.mechanism)
                     if figures:  # they show it
@@ -268,7 +277,7 @@ def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, che
         with agreed(world):
             if staging:
                 write_summary(path, summary | {"seconds": seconds})
-                files = staging.publish()
+                files = staging.publish(name for each in fields for name in contact_files(each))
                 log.info("results in %s: %s (%.1f s in all)", folder, describe_files([f.name for f in files]),
                          seconds["total"])
         checkpoints.remove()
@@ -308,24 +317,39 @@ def _write_steps(path: Path, solved: Solved) -> list[float]:
     return times or ([solved.solution.time] if solved.solution.time is not None else [])
 
 
-def _write_tables(path: Path, solved: Solved) -> dict[str, list[dict[str, np.ndarray]]]:
-    """Write the tables; by contact `contact_fields` at the times whose fields are written."""
-    solution, steps, start, found = solved.solution, solved.steps, 0, {}
-    write_history(path, steps.iterations)
-    write_facets(path, (state.interface for state in solution.contacts.values()))
+def _write_tables(path: Path, solved: Solved) -> None:
+    """Write the tables of the whole run. Not collective."""
+    write_history(path, solved.steps.iterations)
     write_steps(path, solved.summary["steps"])
     if solved.assembly.scene.time:
-        write_energy(path, steps.energy())
-    for name, state in solution.contacts.items():
-        write_contact(path, name, state)
-        write_sides(path, name, state)
-        part = slice(start, start := start + state.interface.m)
-        values = [(time, each[part]) for time, _, _, each in steps.kept]
-        if solved.assembly.scene.time:
-            write_legs(path, name, state, values)
-        found[name] = [contact_fields(state, None if time == solution.time else each)
-                       for time, each in values] or [contact_fields(state)]
-    return found
+        write_energy(path, solved.steps.energy())
+
+
+def _write_contacts(path: Path, solved: Solved) -> tuple[dict[str, ContactState], dict[str, list]]:
+    """Write the tables and surfaces of the contacts that this rank owns.
+
+    Their states by name; by contact, of all in the order of the scene, `contact_fields` at the times whose fields are
+    written, none of other ranks' contacts. Collective.
+    """
+    assembly, solution, steps, start = solved.assembly, solved.solution, solved.steps, 0
+    own = {name for name, first, _ in assembly.exchange.ends if first == assembly.world.rank}
+    states: dict[str, ContactState] = {}
+    found: dict[str, list] = {contact.name: [] for contact in assembly.scene.contact}
+    with agreed(assembly.world):
+        for name in steps.contacts:
+            part = slice(start, start := start + solution.contacts[name].interface.m)
+            if name not in own:
+                continue
+            state = states[name] = solution.contacts[name]
+            values = [(time, each[part]) for time, _, _, each in steps.kept]
+            write_contact(path, name, state)
+            write_sides(path, name, state)
+            if assembly.scene.time:
+                write_legs(path, name, state, values)
+            found[name] = [contact_fields(state, None if time == solution.time else each)
+                           for time, each in values] or [contact_fields(state)]
+            write_surface(path, name, found[name][-1])
+    return states, found
 
 
 def _draw(path: Path, number: int, drawers: int) -> OutputError | None:

@@ -18,10 +18,8 @@ from ddmpi.interface.state import ContactState, contact_state
 from ddmpi.judge.certificate import Certificate, certificate_limit, contact_residuals, equilibrium_residual
 from ddmpi.judge.diagnosis import StatusLog
 from ddmpi.judge.equilibrium import Mechanism, describe
-from ddmpi.methods.anderson import AndersonIteration
 from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Outer, Report, Step, no_report
-from ddmpi.methods.published import PublishedIteration
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.run.checkpoint import Checkpoints
@@ -267,8 +265,12 @@ def with_undetermined(assembly: Assembly, solution: Solution) -> Solution:
 def choose_outer(assembly: Assembly, method: SettledMethod, report: Report = no_report) -> Outer:
     """The outer method that was asked for. Collective."""
     if method.outer == "relaxation":
+        from ddmpi.methods.published import PublishedIteration
+
         return PublishedIteration(assembly, method, report)
     if method.outer == "anderson":
+        from ddmpi.methods.anderson import AndersonIteration
+
         return AndersonIteration(assembly, method, report)
     return Newton(assembly.joint, method.max_iterations, report)
 

@@ -302,7 +302,7 @@ class March:
         """Begin the next leg."""
         self._leg += 1
         self._now = replace(self._now, span=0.0)
-        self._start, self._base, self._noted = self._now.time, self._now, self.log.lengths()
+        self._start, self._base, self._noted = self._now.time, self._now, self.log.state()
         self._safe = None
         self._coarse: np.ndarray | None = None
         self._changed = math.nan
@@ -354,7 +354,7 @@ class March:
              & (self._base.closed[part][:each.m] < 0.0)).any() for each, part in frictional]))
         self._coarse, self._number = s, 2 * self._number
         length, self._now = self._now.length, self._base
-        self.log.shorten(self._noted)
+        self.log.restore(self._noted)
         self._ahead = self._times(length, closing)
         return True
 

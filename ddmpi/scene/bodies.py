@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Literal
 
 import msgspec
@@ -71,6 +71,18 @@ class Material(Table, frozen=True, kw_only=True):
         if rows[0] and not np.linalg.eigvalsh(self._matrix[:3, :3] * scale[:, None] * scale).min() > DEFINITE:
             raise ValueError("poisson: no material has these ratios and moduli: the matrix of its compliances is not "
                              "positive definite; ν12 is −ε2/ε1 under stress along axis 1, so that |ν12| < √(E1/E2)")
+
+    def of_one_dimension(self, axisymmetric: bool) -> Iterator[tuple[int, str, str]]:
+        """What has a meaning in one dimension only: this dimension, the key, and the reason."""
+        if self.plane:
+            yield 3 if axisymmetric else 2, "plane", (
+                "solids and turned parts are neither in plane strain nor in plane stress; leave it out")
+        if self.angle is not None:
+            yield 2, "angle", "the axes 1, 2, 3 of solids are x, y, z; leave it out"
+        if isinstance(self.shear, tuple):
+            yield 3, "shear", "in the plane it is one number, G12"
+        elif self.shear is not None:
+            yield 2, "shear", "solids have shear = [G12, G13, G23]"
 
     @property
     def moduli(self) -> np.ndarray:
@@ -315,10 +327,10 @@ class BodySpec(Table, frozen=True, kw_only=True):
         return [Clamp(on=c, x=0.0, y=0.0, z=0.0) if isinstance(c, str) else c for c in self.clamp]
 
     @property
-    def groups(self) -> list[str]:
-        """Names of the groups, curves and points that clamps, loads and foundations act on."""
-        return [*(clamp.on for clamp in self.clamps), *(load.on for load in self.traction),
-                *(springs.on for springs in self.foundation)]
+    def acting(self) -> list[tuple[str, Clamp | Traction | Foundation]]:
+        """Clamps, loads and foundations, which act on groups, each with its key."""
+        return [*(("clamp", each) for each in self.clamps), *(("traction", each) for each in self.traction),
+                *(("foundation", each) for each in self.foundation)]
 
     @property
     def weight(self) -> tuple[Vector | AffineVector, str | None]:

@@ -142,6 +142,9 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
     force: Point | None = None
     history: Name | None = None
 
+    only_in: ClassVar[int | None] = None
+    """The dimension that has this shape, unless both have it."""
+
     turned: ClassVar[str]
     """What helps where the boundary of a body does not face it."""
 
@@ -290,6 +293,8 @@ class Centred(Round, frozen=True, kw_only=True):
 class Circle(Centred, frozen=True, kw_only=True, tag="circle"):
     """A rigid disc that bodies touch from outside, or a bore that they touch from inside; in the plane."""
 
+    only_in = 2
+
     def outline(self, touched: np.ndarray, bodies: np.ndarray, margin: float) -> np.ndarray:
         angle = np.sort(np.arctan2(*(touched - self.center).T[::-1]))
         holes = np.diff(angle, append=angle[0] + 2 * np.pi)  # the largest one is not touched
@@ -304,6 +309,8 @@ class Circle(Centred, frozen=True, kw_only=True, tag="circle"):
 class Sphere(Centred, frozen=True, kw_only=True, tag="sphere"):
     """A rigid ball that bodies touch from outside, or a hollow that they touch from inside; in space."""
 
+    only_in = 3
+
 
 class Cylinder(Round, frozen=True, kw_only=True, tag="cylinder"):
     """A rigid shaft that bodies touch from outside, or a bore that they touch from inside; in space, without ends.
@@ -316,6 +323,8 @@ class Cylinder(Round, frozen=True, kw_only=True, tag="cylinder"):
 
     point: Point
     axis: Point
+
+    only_in = 3
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -9,12 +9,12 @@ from __future__ import annotations
 import unicodedata
 from collections import Counter
 from collections.abc import Callable, Iterator
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, SettledBody
-from ddmpi.scene.contacts import Circle, ContactSpec, Cylinder, Rigid, SettledContact, Sphere
+from ddmpi.scene.contacts import ContactSpec, Rigid, SettledContact
 from ddmpi.scene.keys import nearest
 from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod, SettledTime, Time, check_petsc
 from ddmpi.scene.values import (
@@ -258,11 +258,11 @@ class Scene(Table, frozen=True, kw_only=True):
     def _misplaced(self) -> Iterator[tuple[int, str, str]]:
         """What has a meaning in one dimension only: this dimension, the key, and the reason."""
         for rigid in self.rigid:
-            if isinstance(rigid, Circle):
-                yield 2, f"rigid.{rigid.name}.shape", "a circle is plane; in space there are sphere and cylinder"
-            if isinstance(rigid, Sphere | Cylinder):
-                shape = rigid.__struct_config__.tag
-                yield 3, f"rigid.{rigid.name}.shape", f"a {shape} is solid; in the plane there is circle"
+            if rigid.only_in:
+                others = [each.__struct_config__.tag for each in get_args(Rigid) if each.only_in != rigid.only_in]
+                yield rigid.only_in, f"rigid.{rigid.name}.shape", (
+                    f"a {rigid.__struct_config__.tag} is a shape {WHERE[rigid.only_in]}; {WHERE[5 - rigid.only_in]} "
+                    f"there are {', '.join(others)}")
         for name in ("view", "cut"):
             if getattr(self.output, name) is not None:
                 yield 3, f"output.{name}", "only pictures of solids have a view and a cut; leave it out"
@@ -272,14 +272,9 @@ class Scene(Table, frozen=True, kw_only=True):
         for key, table in tables(self):
             if isinstance(table, Profile) and table.along == "arc":
                 yield 2, f"{key}.along", 'surfaces have no arc length; take a coordinate, such as along = "x"'
-            if isinstance(table, Material) and table.plane:
-                yield 3 if self.axisymmetric else 2, f"{key}.plane", (
-                    "solids and turned parts are neither in plane strain nor in plane stress; leave it out")
-            if isinstance(table, Material) and table.angle is not None:
-                yield 2, f"{key}.angle", "the axes 1, 2, 3 of solids are x, y, z; leave it out"
-            if isinstance(table, Material) and table.shear is not None:
-                yield (3, f"{key}.shear", "in the plane it is one number, G12") if isinstance(table.shear, tuple) else (
-                    2, f"{key}.shear", "solids have shear = [G12, G13, G23]")
+            if isinstance(table, Material):
+                yield from ((number, f"{key}.{name}", words) for number, name, words in table.of_one_dimension(
+                    self.axisymmetric))
             uses_z = [name for name in FORMULAS if varies(getattr(table, name, None), "z")]
             if isinstance(table, Clamp) and table.z is not None:
                 uses_z.append("z")

@@ -98,6 +98,8 @@ class Curve(Side):
         found, facet = np.zeros(len(nodes)), np.full(len(self.nodes), -1)
         facet[self.facets[:, 2:].ravel()] = np.arange(self.facets[:, 2:].size)
         middle = np.flatnonzero(facet[nodes] >= 0)
+        if not len(middle):
+            return found
         facets, direction = facet[nodes[middle]], direction[middle]
         along, bent = self.along[facets], self.bends[facets]
         aside = np.einsum("qi,qi->q", bent, along) / np.einsum("qi,qi->q", along, along)

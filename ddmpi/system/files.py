@@ -6,15 +6,19 @@ import contextlib
 import io
 import os
 import socket
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from mpi4py import MPI
 
 from ddmpi.errors import OutputError
 from ddmpi.system.agreement import agreed, from_first
+
+K = TypeVar("K")
+T = TypeVar("T")
+V = TypeVar("V")
 
 SUMMARY, CHECKPOINT, MECHANISM = "summary.json", "checkpoint.h5", "mechanism.json"
 """The last file of a result: where it is, the others are. The state of a run that was not completed."""
@@ -91,8 +95,8 @@ def writing(path: Path) -> Iterator[None]:
                           f"{error.strerror or error}") from None
 
 
-def write_rows(target: Path, parts: Mapping[str, np.ndarray], places: Mapping[str, tuple[int, int]], world: MPI.Comm,
-               group: str = "") -> None:
+def write_rows(target: Path, parts: Mapping[str, Sequence[np.ndarray]], places: Mapping[str, tuple[int, int]],
+               world: MPI.Comm, group: str = "") -> None:
     """Write datasets of an HDF5 file, all ranks at once, each its rows; a file that is there gets a new `group`.
 
     The first rank makes the datasets. Then each rank writes to where HDF5 has them in the file: HDF5 with MPI is not
@@ -100,41 +104,89 @@ def write_rows(target: Path, parts: Mapping[str, np.ndarray], places: Mapping[st
 
     Parameters
     ----------
-    parts : by name the rows (k, …) of this rank, at least one
+    parts : by name the rows (k, …) of this rank, at least one, in pieces that follow each other
     places : by name how many rows are before these, and how many there are in all
 
     Collective. Raises OutputError, on all ranks.
     """
+    shapes = {name: ((places[name][1], *pieces[0].shape[1:]), np.result_type(*pieces).str)
+              for name, pieces in parts.items()}
+    starts = from_first(world, lambda: _made(target, shapes, group or None))
+    with agreed(world):
+        own = {name: [np.ascontiguousarray(piece, starts[name][1]) for piece in pieces]
+               for name, pieces in parts.items()}
+        put(target, [(starts[name][0] + places[name][0] * (pieces[0].nbytes // len(pieces[0])), pieces)
+                     for name, pieces in own.items()])
+
+
+def write_datasets(target: Path, own: Mapping[str, np.ndarray], world: MPI.Comm) -> None:
+    """Add whole datasets, by their paths, to an HDF5 file that is there: each rank its `own`, which are not empty.
+
+    Collective. Raises OutputError, on all ranks.
+    """
+    shapes = {name: (part.shape, part.dtype.str) for name, part in own.items()}
+    starts = _shared_out(world, shapes, lambda everyone: _made(target, everyone, ""))
+    with agreed(world):
+        put(target, [(starts[name][0], [np.ascontiguousarray(part)]) for name, part in own.items()])
+
+
+def write_parts(target: Path, parts: Mapping[int, bytes], ends: tuple[bytes, bytes], world: MPI.Comm) -> None:
+    """Write a file: on the first rank the `ends`, and between them the `parts` of all ranks, in the order of their
+    numbers. Collective. Raises OutputError, on all ranks."""
+
+    def make(lengths: dict[int, int]) -> dict[int, int]:
+        places, start = {}, len(ends[0])
+        for number in sorted(lengths):
+            places[number], start = start, start + lengths[number]
+        with writing(target), open(target, "wb") as file:
+            file.write(ends[0])
+            file.seek(start)
+            file.write(ends[1])
+        return places
+
+    starts = _shared_out(world, {number: len(part) for number, part in parts.items()}, make)
+    with agreed(world):
+        put(target, [(starts[number], [np.frombuffer(part, np.uint8)]) for number, part in parts.items()])
+
+
+def _made(target: Path, shapes: Mapping[str, tuple[tuple[int, ...], str]], group: str | None) -> dict[str, tuple]:
+    """Make datasets with their room in an HDF5 file: by name where they begin and of what they are.
+
+    They stand in a new file, or in the new `group` of one that is there; in the root for "". Not collective.
+    """
     import h5py
 
-    def make() -> dict[str, int]:
-        """Where in the file the datasets begin."""
-        mode, found = "r+" if group else "w", {}
-        with writing(target), FileOfHDF5(target, f"{mode[0]}+") as storage, h5py.File(storage, mode) as file:
-            parent = file.create_group(group) if group else file
-            at_once = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-            at_once.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
-            at_once.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
-            for name, part in parts.items():
-                shape = places[name][1], *part.shape[1:]
-                found[name] = parent.create_dataset(name, shape, part.dtype, dcpl=at_once).id.get_offset()
-        return found
+    mode, found = "w" if group is None else "r+", {}
+    with writing(target), FileOfHDF5(target, f"{mode[0]}+") as storage, h5py.File(storage, mode) as file:
+        parent = file.create_group(group) if group else file
+        at_once = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        at_once.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
+        at_once.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
+        for name, (shape, kind) in shapes.items():
+            found[name] = parent.create_dataset(name, shape, kind, dcpl=at_once).id.get_offset(), kind
+    return found
 
-    starts = from_first(world, make)
+
+def _shared_out(world: MPI.Comm, own: Mapping[K, V], make: Callable[[dict[K, V]], Mapping[K, T]]) -> dict[K, T]:
+    """What `make` finds on the first rank from the tables of all ranks, for the keys of the `own` one. Collective."""
+    everyone, shares = world.gather(dict(own)), None
     with agreed(world):
-        put(target, [(starts[name] + places[name][0] * (part.nbytes // len(part)), part)
-                     for name, part in parts.items()])
+        if everyone is not None:
+            found = make({key: value for each in everyone for key, value in each.items()})
+            shares = [{key: found[key] for key in each} for each in everyone]
+    return world.scatter(shares)
 
 
-def put(target: Path, parts: Sequence[tuple[int, np.ndarray]]) -> None:
-    """Write arrays into a file that is there, each from a byte on. Not collective. Raises OutputError.
+def put(target: Path, parts: Sequence[tuple[int, Sequence[np.ndarray]]]) -> None:
+    """Write arrays into a file that is there, some after each other from a byte on. Not collective. Raises OutputError.
 
     It is opened for writing only: a host that had read what is beside its bytes, on NFS, would write that, too.
     """
     with writing(target), open(os.open(target, os.O_WRONLY), "wb") as file:
-        for start, part in parts:
+        for start, pieces in parts:
             file.seek(start)
-            file.write(part.data)
+            for piece in pieces:
+                file.write(piece.data)
 
 
 def write_atomically(path: Path, data: bytes, durable: bool = False) -> None:

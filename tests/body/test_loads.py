@@ -152,7 +152,7 @@ def test_pressure_that_clamps_take_up_is_warned_of():
 
     assert warnings(Clamp(on="top", x=0.0)) == []
     (warning,) = warnings(Clamp(on="top", y=0.0))
-    assert warning.startswith("body.block.traction: the load on 'top' along y is lost")
+    assert warning.startswith("body.block: the load on 'top' along y is lost")
 
 
 # Formulas

@@ -142,7 +142,7 @@ def test_the_lines_solve_the_scene(tmp_path):
     (tmp_path / "scene.toml").write_text(f"{broken}\n{lines}", encoding="utf-8")
     assert run_python(args, 1, tmp_path, tmp_path).code == 0
     run = run_command(tmp_path / "scene.toml", tmp_path / "out", "--no-figures", "--set",
-                      "time.steps=1", ranks=2)
+                      "time.steps=1", ranks=1)
     assert run.code == 0
 
 

@@ -139,6 +139,15 @@ def test_everything_is_escaped(run):
     assert page.text.count(evil) > 8 and len(page.pictures) == 1
 
 
+def test_all_numbers_of_a_law_are_said(run):
+    """Those of a law that is not there yet as well; what varies is no number."""
+    summary = json.loads((run / "summary.json").read_text(encoding="utf-8"))
+    law = {"law": "cohesive", "coefficient": 0.25, "cohesion": 5e6, "limit": {"along": "x"}}
+    summary["scene"]["contact"][0]["friction"] = law
+    change(run, scene=summary["scene"])
+    assert "Cohesive 0.25, 5e+06, varying" in report(run).text
+
+
 def test_a_run_that_has_not_converged_says_so(run):
     """Without a certified answer the report names what fails, and calls no number an answer."""
     summary = change(run, converged=False, reason="not converged: method.max_iterations is reached")

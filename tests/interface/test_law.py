@@ -149,3 +149,11 @@ def test_edges_span_what_a_law_allows_and_little_more(law, sides):
             exact = np.linalg.norm(tangential, axis=1) @ law.slip_bound(np.zeros(4))
         around = 1.0 if law.components == 1 else 1.0 / np.cos(np.pi / sides)
         assert (1 - 1e-12) * exact <= most <= (1 + 1e-12) * around * exact
+
+
+@pytest.mark.parametrize("components", [1, 2])
+def test_open_nodes_stick_at_first_where_the_law_holds_them(components):
+    """Which way the others slide is not known before they are pressed."""
+    law = Cohesive(4, SLIDING, components, np.array([0.3, 0.0, 2.0]))
+    active = law.sticking(np.zeros(4, bool), np.ones(4, bool))
+    assert active.slip.any(axis=1).tolist() == [False, True, False]

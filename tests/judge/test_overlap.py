@@ -178,6 +178,18 @@ def test_a_clip_that_closes_through_itself_is_found(turn, closed, scale):
         assert 0.9 * scale < place[0] < 4.1 * scale and 0.5 * scale < place[1] < 1.5 * scale
 
 
+@pytest.mark.parametrize(("down", "closed"), [(0.03, True), (0.005, False)])
+def test_a_slot_that_closes_by_less_than_a_cell_is_found_in_the_cells_at_the_boundary(down, closed):
+    """The slot of a C narrows to 0.01 at its tip; cells in which the boundary cannot be are not looked at."""
+    mesh = squares({(i, j) for i in range(20) for j in range(12) if i < 5 or j not in (5, 6)}, 0.2)
+    bent = np.where(mesh.points[:, 1] > 1.3, np.maximum(mesh.points[:, 0] - 1.0, 0.0) / 3.0, 0.0)[:, None] * [0.0, 1.0]
+    body = of(replace(mesh, points=mesh.points - 0.39 * bent), lambda _: -down * bent)
+    assert (through_itself(body) is not None) == closed
+    inner = np.setdiff1d(np.arange(len(body.cells)), overlaps._reached(body, down))
+    assert len(inner) > 0.4 * len(body.cells) and not np.isin(body.cells[inner], body.facets[:, :-1]).any()
+    assert overlaps._reached(body, 0.3) == slice(None)
+
+
 # In space
 
 def moved_box(origin, size=(1.0, 1.0, 1.0), divisions=(3, 3, 3), order=1) -> Solid:

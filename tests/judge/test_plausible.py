@@ -113,7 +113,7 @@ def test_lost_and_doubled_loads_are_warnings(tmp_path):
     found = warnings_of(run(scene, tmp_path))
     assert len(found) == 2
     assert "the load on 'right' along x is lost" in found[0]
-    assert "body.lower.traction: 'bottom' is loaded 2 times" in found[1]
+    assert "body.lower: 'bottom' is loaded 2 times" in found[1]
 
 
 @pytest.mark.parametrize(("points", "warned"), [([0.0, 3.0], False), ([0.0, 2.0], True), ([1.0, 4.0], True)])

@@ -9,7 +9,10 @@ from mpi4py import MPI
 from test_steps import random_joint
 
 import ddmpi
+from ddmpi.coupling.assembly import prepare
+from ddmpi.methods import newton
 from ddmpi.methods.paths import Point, Softening
+from ddmpi.scene.reader import read_scene
 
 pytestmark = pytest.mark.slow
 
@@ -154,3 +157,58 @@ def test_a_squeezed_block_past_its_limit_is_named_in_few_steps(excess):
     answer = ddmpi.solve(scenes.to_toml(squeezed(0.0241 / excess)), MPI.COMM_SELF)
     assert "no equilibrium found: nothing holds block: it would move along -y" in answer.reason
     assert answer.summary["outer_iterations"] <= 60
+
+
+def plug(walls: int, taper: float, friction: float, divisions: int, push: list[float], fall: float) -> dict:
+    """A plug that falls into a wedge of two rigid walls, or between four, and is pushed along them."""
+    sides = [("left", (-1, 0)), ("right", (1, 0)), ("front", (0, -1)), ("back", (0, 1))][:walls]
+    widths = [(0.3 + taper * z, 0.3 + taper * z if walls > 2 else 0.5, z) for z in (0.0, 0.6)]
+    body = {"name": "plug", "material": {"young": 1e9, "poisson": 0.25}, "traction": [{"on": "top", "value": push}],
+            "mesh": {"shape": "hexahedron", "divisions": 3 * [divisions], "corners": [
+                [x * a, y * b, z] for a, b, z in widths for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]}}
+    return {"body": [body], "rigid": [{"name": f"at_{side}", "shape": "plane", "point": [0.3 * x, 0.3 * y, -fall],
+                                       "normal": [-x, -y, taper]} for side, (x, y) in sides],
+            "contact": [{"bodies": ["plug", f"at_{side}"], "on": [side],
+                         "friction": {"law": "coulomb", "coefficient": friction}} for side, _ in sides]}
+
+
+@pytest.mark.parametrize("fall", [1e-3, 1e-2])
+def test_a_plug_falls_far_beyond_elastic_displacements(fall):
+    """Where a stage of softening leaves all nodes open, the body falls on, until there is something that stops it."""
+    answer = ddmpi.solve(scenes.to_toml(plug(2, 0.4, 1.0, 2, [150.0, 200.0, -1e3], fall)), MPI.COMM_SELF)
+    assert answer.certified and answer.summary["outer_iterations"] <= 35
+
+
+def test_a_body_that_goes_into_its_partners_does_not_drift():
+    """The methods may fail where a plug falls, but its walls stop it. Of what is no answer nothing is doubted."""
+    answer = ddmpi.solve(scenes.to_toml(plug(4, 0.474, 1.9131, 4, [996.0, -923.0, -2707.0], 0.01)), MPI.COMM_SELF)
+    assert "no equilibrium" not in answer.reason
+    assert answer.certified or not answer.summary["warnings"]
+
+
+class Stuck:
+    """A path that ends in the air, `way` up from where the bodies have been."""
+
+    kind, stage, held, forcing, ready, failed, way = "softening", "stuck", 1.0, 1e-4, False, True, 0.0
+
+    def __init__(self, joint, c) -> None:
+        s, alpha = np.zeros(joint.size), np.zeros(joint.rigid.size)
+        alpha[1] = self.way
+        self.point = Point(s, -joint.d - joint.rigid.spread(alpha), alpha, joint.imbalance(s))
+
+    def step(self, solve) -> None: ...
+
+    def see(self, residual) -> None: ...
+
+
+@pytest.mark.parametrize("way, ending", [(-1e-3, "stalled"), (1e-3, "drift")])
+def test_bodies_on_their_way_to_a_contact_do_not_drift(way, ending, monkeypatch):
+    """Where a path fails in the air: below a body that falls there is still a contact; above one that rises is none."""
+    disc = hard_scenes.falling_disc(1e-2)
+    disc["body"][0]["mesh"]["angles"] = [-170.0, -10.0]  # the lower half
+    disc["rigid"][0]["center"][1] = -2e-2
+    joint = prepare(MPI.COMM_SELF, read_scene("scene", scenes.to_toml(disc), [])).joint
+    monkeypatch.setattr(newton, "PATHS", (Stuck,))
+    monkeypatch.setattr(newton, "PATIENCE", 0)
+    monkeypatch.setattr(Stuck, "way", way)
+    assert newton.Newton(joint, 100).run(1e-8) == ending

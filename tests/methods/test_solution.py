@@ -43,7 +43,6 @@ def test_certificate_is_not_flattered_by_a_rigid_approach(comm):
             np.linalg.norm(everywhere(assembly, outer.mismatch)) / np.linalg.norm(forces), rel=0.1)
 
 
-@two_ranks
 def test_newton_that_goes_on_knows_its_gaps(comm):
     """It settles its forces on their bounds when it stops; going on, the gaps must belong to these forces."""
     assembly = scenes.prepare_scene(comm, scenes.pinched_blocks(6))
@@ -71,7 +70,6 @@ def test_fallback_that_fails_on_one_rank_ends_on_both(comm, monkeypatch):
     assert error.value.agreed
 
 
-@two_ranks
 def test_fallback_reaches_the_same_answer(comm, monkeypatch):
     exact = None
     for patience in (ddmpi.methods.newton.PATIENCE, 0):

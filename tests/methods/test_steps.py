@@ -17,7 +17,7 @@ from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import CoulombLaw
 from ddmpi.methods.newton import GAIN, LENGTHS, Newton
 from ddmpi.methods.outer import Step
-from ddmpi.methods.paths import Point, Softening
+from ddmpi.methods.paths import Modelled, Point, Softening
 
 
 class Dense:
@@ -153,6 +153,15 @@ def test_newton_goes_on_from_its_whole_state():
     other = flat(fresh.state())
     assert not [name for name, value in flat(state).items() if value == other[name]]
     assert not set(flat(state)) ^ set(other)
+
+
+def test_restored_gaps_count_as_rough():
+    """The state does not say how precise gaps are: they are computed anew before a restored iterate is an answer."""
+    joint = random_joint(0)
+    held, new = Newton(joint, 60), Newton(joint, 60)
+    new._modelled = cast(Modelled, SimpleNamespace(rough=False))
+    new.restore(held.state())
+    assert new._modelled.rough
 
 
 def flat(state: dict, name: str = "") -> dict:

@@ -215,7 +215,7 @@ def test_a_cut_along_a_side_leaves_nothing_of_what_is_in_front(order):
     cells = np.concatenate([below.triangles, above.triangles + len(below.points)])
     skin = views.Skin(views.View(points, {"cut": {"z": 1.0}}), points, cells)
     assert (skin.cell < len(below.triangles)).all() and (skin.of >= 0).sum() >= len(below.boundary[0])
-    with pytest.raises(InputError, match="cuts no body"):
+    with pytest.raises(InputError, match="meets no body"):
         views.View(points, {"cut": {"z": 1e-12}})
 
 
@@ -243,7 +243,7 @@ def test_pictures_are_cut_and_seen_as_asked_for(tmp_path):
     ({"view": [10.0, 95.0]}, r"--view\.1: expected a number <= 90"), ({"view": [1.0]}, "--view: expected a list"),
     ({"cut": {"w": 1.0}}, r"--cut\.w: unknown key"), ({"cut": {"x": float("nan")}}, "finite number"),
     ({"cut": {"x": 1.0, "y": 0.5}}, "a cut has one of x, y and z"), ({"magnification": -1.0}, "--magnification"),
-    ({"cut": {"x": 3.0}}, "x = 3 cuts no body; they reach from 0 to 3")])
+    ({"cut": {"x": 3.0}}, "x = 3 meets no body; they reach from 0 to 3")])
 def test_what_is_asked_for_is_checked(tmp_path, asked, words):
     """In one message, with the option and what would have been right."""
     stacked(tmp_path)
@@ -253,7 +253,7 @@ def test_what_is_asked_for_is_checked(tmp_path, asked, words):
 
 def test_a_cut_beside_all_bodies_is_refused_before_a_run():
     """Not when the pictures are drawn; and in the plane there is none."""
-    for scene, words in ((two_boxes(2) | {"output": {"cut": {"x": 9.0}}}, "scene.toml: output.cut: x = 9 cuts no body"),
+    for scene, words in ((two_boxes(2) | {"output": {"cut": {"x": 9.0}}}, "scene.toml: a cut at x = 9 meets no body"),
                          (pinched_blocks(2) | {"output": {"view": "iso"}}, "output.view: only pictures of solids")):
         with pytest.raises(InputError, match=words):
             prepare_scene(MPI.COMM_SELF, read_scene("scene.toml", to_toml(scene)), "scene.toml", factor=False)

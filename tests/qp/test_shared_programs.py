@@ -17,8 +17,8 @@ from ddmpi.qp.tao import QPSolver
 pytestmark = pytest.mark.slow
 
 one_to_three_ranks = pytest.mark.mpi(ranks=[1, 2, 3])
-SIZE, CONDITION, PRECISION = 240, 1e6, 1e-9
-PARTS = {1: [0, 240], 2: [0, 3, 240], 3: [0, 200, 203, 240]}
+SIZE, CONDITION, PRECISION = 120, 1e6, 1e-9
+PARTS = {1: [0, 120], 2: [0, 3, 120], 3: [0, 100, 103, 120]}
 """Where the unknowns of each rank begin."""
 
 

@@ -8,9 +8,11 @@ import made_up
 import meshio
 import numpy as np
 import pytest
+from mpi4py import MPI
 
-from ddmpi.results.fields import MANY, contact_fields, write_fields, write_surface, write_xdmf
+from ddmpi.results.fields import MANY, contact_fields, write_facets, write_fields, write_surface, write_xdmf
 from ddmpi.results.tables import STATUS
+from ddmpi.system.files import write_rows
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -49,6 +51,43 @@ def test_fields_that_nobody_asks_for_are_left_out(tmp_path):
     with h5py.File(tmp_path / "result.h5") as file:
         assert set(file) == {"points", "cells", "body", "displacement"}
     assert set(meshio.read(tmp_path / "result.xdmf").cell_data) == {"body"}
+
+
+@pytest.mark.mpi(ranks=3)
+def test_rows_of_all_ranks_are_of_one_kind(comm, tmp_path):
+    """What a rank has in another precision than the first is written as the first has it."""
+    rows = (np.arange(6.0).reshape(2, 3) + 6.0 * comm.rank).astype((float, "f4", int)[comm.rank])
+    path = comm.bcast(tmp_path / "rows.h5")
+    write_rows(path, {"rows": [rows[:1], rows[1:]]}, {"rows": (2 * comm.rank, 2 * comm.size)}, comm)
+    with h5py.File(path) as file:
+        assert np.array_equal(file["rows"], np.arange(6.0 * comm.size).reshape(-1, 3))
+
+
+@pytest.mark.mpi(ranks=3)
+@pytest.mark.parametrize("times", [(), (0.5, 1.0)])
+def test_ranks_write_their_contacts_as_one_does(comm, tmp_path, times):
+    """Bytes of result.xdmf and data of result.h5 do not depend on who has a contact; no rank needs to have one."""
+    meshes = {name: made_up.block(origin) for name, origin in made_up.ROW.items()}
+    states = {name: made_up.state(made_up.interface(name, *(meshes[body] for body in name.split("-")), on))
+              for name, on in made_up.CONTACTS["row"].items()}
+    bodies = {number: made_up.fields(mesh) for number, mesh in enumerate(meshes.values())}
+    sizes = {name: (len(mesh.points), len(mesh.triangles)) for name, mesh in meshes.items()}
+    found = []
+    for world, own in (MPI.COMM_SELF, list(states)), (comm, list(states)[comm.rank:comm.rank + 1]):
+        folder = (world.bcast(tmp_path) if world.size > 1 else tmp_path) / f"of {world.size}"
+        folder.mkdir(exist_ok=True)
+        world.Barrier()
+        write_fields(folder, {k: bodies[k] for k in bodies if world.size == 1 or k == comm.rank}, world)
+        fields = {name: contact_fields(state) for name, state in states.items()}
+        write_facets(folder, {name: states[name] for name in own}, fields, world)
+        write_xdmf(folder, times, sizes if world.rank == 0 else {},
+                   {name: [fields[name]] * max(len(times), 1) if name in own else [] for name in states}, world)
+        with h5py.File(folder / "result.h5") as file:
+            found.append(((folder / "result.xdmf").read_bytes(),
+                          {f"{name}/{key}": data[()].tolist() for name, group in file["contacts"].items()
+                           for key, data in group.items()}))
+        world.Barrier()
+    assert found[0] == found[1] and len(found[0][1]) == 2 * len(states)
 
 
 @pytest.mark.parametrize("order", [1, 2])

@@ -258,6 +258,14 @@ def test_what_is_written_is_published(tmp_path):
     assert names(tmp_path) == {"bodies.png", "what nobody has heard of.csv", "summary.json"}
 
 
+def test_files_of_another_host_are_published_before_they_are_listed(tmp_path, monkeypatch):
+    """A host may list a shared folder late; what it is told that another one may have written it asks for by name."""
+    staging = staged(tmp_path)
+    monkeypatch.setattr(os, "listdir", lambda folder: ["summary.json"])
+    assert [path.name for path in staging.publish(["bodies.png", "contact_a-b_legs.csv"])] == [
+        "bodies.png", "summary.json"]
+
+
 @pytest.mark.parametrize("in_the_way", ["bodies.png", "summary.json"])
 def test_publishing_overwrites_nothing(tmp_path, in_the_way):
     (tmp_path / in_the_way).write_text("another's")

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import confined_blocks, pinched_blocks, run_python, sheared_stack, to_toml
+from scenes import confined_blocks, pinched_blocks, run_python, sheared_stack, to_toml, tower
 
 import ddmpi
 from ddmpi.errors import InputError
+from ddmpi.run.run import _write_contacts
 
 pytestmark = pytest.mark.slow
 
@@ -51,6 +52,20 @@ def test_gaps_close_and_multiplications_are_counted_step_by_step(comm):
     assert state.gap == pytest.approx(np.zeros(4), abs=1e-10)
     *_, last = answer.solved.solution.outer.history
     assert last.n_A == answer.summary["n_A"] - 2  # and one each for the final displacement
+
+
+@pytest.mark.mpi(ranks=3)
+def test_a_rank_writes_the_tables_of_contacts_that_it_owns(comm, tmp_path):
+    """Those of which it holds the first body, and no others: the first rank need not write all."""
+    solved = ddmpi.solve(to_toml(tower(3, 2)), comm).solved
+    _write_contacts(tmp_path, solved)
+    own = {name for name, first, _ in solved.assembly.exchange.ends if first == comm.rank}
+    files = [path.name for path in tmp_path.iterdir()]
+    assert sorted(files) == sorted(f"contact_{name}.{end}" for name in own for end in ("csv", "vtu"))
+    everyone = comm.allgather(sorted(own))
+    contacts = sorted(contact.name for contact in solved.assembly.scene.contact)
+    assert sorted(name for each in everyone for name in each) == contacts
+    assert sum(map(bool, everyone)) > 1
 
 
 @two_ranks

@@ -214,6 +214,19 @@ def test_max_iterations(unsuccessful, name, iterations):
     assert "max_iterations" in only_message(run)
 
 
+def test_an_unsuccessful_end_warns_of_thin_cells_and_slender_bodies(tmp_path):
+    """They may be why; each warning stands once on the screen, and in the summary."""
+    scene = scenes.pinched_blocks(6)
+    scene["body"][1]["mesh"] |= {"divisions": [90, 2], "size": [0.01, 1.0]}
+    scene["rigid"] = [{"name": "spare", "shape": "plane", "point": [0.0, -9.0], "normal": [0.0, 1.0]}]
+    scene["method"] = {"max_iterations": 1}
+    run = scenes.run_command(scenes.write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures")
+    assert run.code == 3 and len(run.summary["warnings"]) == 3
+    for words in ("spare: no contact names it", "360 of 360 triangles are thin", "times as long as it is thick"):
+        assert sum(words in line for line in run.output.splitlines()) == 1
+        assert sum(words in warning for warning in run.summary["warnings"]) == 1
+
+
 def test_too_large_theta(unsuccessful):
     run = of(unsuccessful, "theta = 1")
     assert "diverged" in run.summary["reason"] or "max_iterations" in run.summary["reason"]

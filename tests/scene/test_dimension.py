@@ -169,12 +169,12 @@ REFUSED = {
     "one shear modulus": (SOLID, "body.upper.material={young=[3e9, 2e9, 1e9], poisson=[0.3, 0.3, 0.3], shear=1e9}",
                           "body.upper.material.shear: solids have shear = [G12, G13, G23]"),
     "circle": (SOLID, "rigid.ball={name='ball', shape='circle', center=[0, 0, 0], radius=1}",
-               "rigid.ball.shape: a circle is plane; in space there are sphere and cylinder; this scene is in space, "
-               "as body.upper.mesh.shape = box"),
+               "rigid.ball.shape: a circle is a shape in the plane; in space there are plane, sphere, cylinder; this "
+               "scene is in space, as body.upper.mesh.shape = box"),
     "sphere": (PLANE, "rigid.floor={name='floor', shape='sphere', center=[0, 0, 0], radius=1}",
-               "rigid.floor.shape: a sphere is solid; in the plane there is circle"),
+               "rigid.floor.shape: a sphere is a shape in space; in the plane there are plane, circle"),
     "cylinder": (PLANE, "rigid.floor={name='floor', shape='cylinder', point=[0, 0], axis=[0, 1], radius=1}",
-                 "rigid.floor.shape: a cylinder is solid"),
+                 "rigid.floor.shape: a cylinder is a shape in space"),
     "solid around an axis": (SOLID, "axisymmetric=true", "axisymmetric: parts that turn around an axis are drawn in "
                              "the half-plane x >= 0; this scene is in space, as body.upper.mesh.shape = box"),
     "plane strain around an axis": (AROUND, "body.upper.material.plane=strain",

@@ -97,7 +97,6 @@ def half_arch(count: int = 5) -> tuple[list, np.ndarray, np.ndarray]:
     return joints, weights, places
 
 
-@two_ranks
 def test_the_thrust_of_a_spread_arch_is_the_least(comm):
     """Statics leaves the thrust of an arch a choice; springings that give way make it the least: Couplet, Heyman."""
     least, most = (statics(*half_arch(), most) for most in (False, True))
@@ -256,7 +255,6 @@ def chain(pull: float = 1.0e6, kind: str = "bonded") -> dict:
     return {"body": bars, "contact": [contact(f"bar{k}", f"bar{k + 1}", "right", "left", kind=kind) for k in range(3)]}
 
 
-@two_ranks
 def test_both_feet_bear_half_of_a_ring(comm):
     contacts = solve(comm, feet()).summary["contacts"]
     half = 2.0e4 * (1.5**2 - 1.0**2) * np.sin(np.pi / 32) * 32 / 4
@@ -266,7 +264,6 @@ def test_both_feet_bear_half_of_a_ring(comm):
     assert fx == pytest.approx(-gx, rel=1e-6) and fx > 0.0  # the feet are kept from sliding outward
 
 
-@two_ranks
 def test_two_bricks_bear_half_of_the_third(comm):
     contacts = solve(comm, brick_on_two()).summary["contacts"]
     half = (1.0e5 + 0.5 * 2.0e4) / 2
@@ -276,7 +273,6 @@ def test_two_bricks_bear_half_of_the_third(comm):
     assert total == pytest.approx([0.0, 2 * half], rel=1e-6, abs=1e-6 * half)
 
 
-@two_ranks
 def test_a_roller_has_the_pressure_of_hertz(comm):
     """p₀ = √(P E'/(π R)) at both plates, on 320 elements around; what one plate pushes the other one bears."""
     contacts = solve(comm, roller()).summary["contacts"]
@@ -286,7 +282,6 @@ def test_a_roller_has_the_pressure_of_hertz(comm):
         assert each["pressure_max"] == pytest.approx(np.sqrt(P * PLANE_MODULUS / (np.pi * 0.5)), rel=0.05)
 
 
-@two_ranks
 @pytest.mark.parametrize("mu", [0.1, 0.3])
 def test_a_driven_wedge_pushes_at_the_angle_of_friction(comm, mu):
     contacts = solve(comm, wedge(mu)).summary["contacts"]
@@ -296,7 +291,6 @@ def test_a_driven_wedge_pushes_at_the_angle_of_friction(comm, mu):
     assert x / y == pytest.approx((mu + 0.2) / (1 - mu * 0.2), rel=1e-6)
 
 
-@two_ranks
 def test_a_stack_with_a_slip_bound(comm):
     """The bounds hold pushes up to bound × length; a larger push is refused."""
     bound = {"law": "tresca", "slip_bound": 2.0e4}
@@ -306,7 +300,6 @@ def test_a_stack_with_a_slip_bound(comm):
     assert "no equilibrium" in solve(comm, pushed(9.0e4, bound), certified=False).reason
 
 
-@two_ranks
 def test_a_frictionless_stack_stays_where_it_is(comm):
     """Sideways motions are undetermined, and named; the weights are borne, and nothing moves far."""
     answer = solve(comm, pushed(0.0, None))
@@ -323,7 +316,6 @@ def test_a_block_is_pushed_up_to_its_friction(comm, push, holds):
     assert holds or "no equilibrium: upper would slide along x" in answer.reason
 
 
-@two_ranks
 def test_a_ring_in_a_rigid_bore(comm):
     """p = δ E'/(b ((b² + a²)/(b² − a²) − ν/(1 − ν))) on all nodes."""
     pressure = solve(comm, ring_in_bore()).contacts["ring-bore"].pressure
@@ -332,7 +324,6 @@ def test_a_ring_in_a_rigid_bore(comm):
     assert np.abs(pressure / expected - 1).max() < 0.01
 
 
-@two_ranks
 def test_plates_in_a_press(comm):
     """p = δ / Σ H/E', each interface the same."""
     p = 1e-3 / (0.25 * (1 + 10 + 2) / PLANE_MODULUS)

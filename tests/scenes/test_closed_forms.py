@@ -1,6 +1,6 @@
 """Stacks of two blocks whose displacements are linear, so that elements of any order are exact (design, section 5).
 
-All cases are solved in one child mpirun; each is a test of its own.
+All cases are solved in two child processes; each is a test of its own.
 """
 
 import numpy as np

@@ -1,8 +1,8 @@
 """The default method at the extremes of material, friction, shape, size and load, on small meshes.
 
 Every scene is certified at 1e-8 and gives the contact forces of the coupled problem, which
-`tests/support/brute_force.py` finds by brute force, or is refused for a reason. The same scenes on larger meshes:
-scripts/extremes.py.
+`tests/support/brute_force.py` finds by brute force, or is refused for a reason. Most run on one rank, random scenes on
+two. The same scenes on larger meshes: scripts/extremes.py.
 """
 
 import copy
@@ -100,14 +100,12 @@ def assert_all_certified(comm, scenes: dict[str, dict]) -> None:
     assert not failed, "\n".join(failed)
 
 
-@two_ranks
 def test_stiffness_contrasts_with_either_body_first(comm):
     assert_all_certified(comm, {f"E1/E2 = {factor:g}, {'lower' if swap else 'upper'} body in role 1":
                                 scene(material(upper=factor), *swap)
                                 for factor in (1e-6, 1e-4, 1e-2, 1e2, 1e4, 1e6) for swap in ([], [other_order])})
 
 
-@two_ranks
 def test_friction_from_none_to_sticking(comm):
     cases = {f"coulomb {F:g}": friction("coulomb", F) for F in (0.0, 1e-6, 0.05, 0.3, 1.0, 3.0, 10.0)}
     cases |= {f"tresca {g:g}": friction("tresca", g) for g in (0.0, 1e3, 1e6, 1.2e7, 1e20)}
@@ -125,20 +123,17 @@ def test_friction_from_none_to_sticking(comm):
         assert not tangential.any()
 
 
-@two_ranks
 def test_poisson_ratios_up_to_nearly_incompressible(comm):
     assert_all_certified(comm, {f"{pair}": scene(material(poisson=pair)) for pair in (
         (0.0, 0.0), (0.49, 0.49), (0.4999, 0.4999), (0.0, 0.4999), (0.4999, 0.0), (-0.9, 0.4))})
 
 
-@two_ranks
 def test_flat_triangles_slender_bodies_one_node(comm):
     shapes = {"3 x 0.003, 1 x 3 triangles": mesh(3, 1000), "0.1 x 1": mesh(30, 1), "0.01 x 3": mesh(100, 1, 1.0, 3.0),
               "slender": mesh(40, 2, 3.0, 0.1), "one node": mesh(1, 1), "two nodes": mesh(2, 1)}
     assert_all_certified(comm, {name: scene(change) for name, change in shapes.items()})
 
 
-@two_ranks
 def test_bodies_of_a_nanometre_and_of_a_thousand_kilometres(comm):
     _, _, usual, _ = find(comm, scene())
     for width in (1e-9, 1e6):
@@ -152,7 +147,6 @@ def test_bodies_of_a_nanometre_and_of_a_thousand_kilometres(comm):
 LIFTING = loads({"top": (0.0, 6e7)}, {"bottom": (0.0, -6e7)})
 
 
-@two_ranks
 def test_loads_that_lift_press_one_body_or_are_absent(comm):
     cases = {"lifted": LIFTING, "no load": loads({}, {}),
              "upper only": loads({"top": (0.0, -6e7), "right": (2e7, 3e7)}, {}),
@@ -165,7 +159,6 @@ def test_loads_that_lift_press_one_body_or_are_absent(comm):
     assert len(outer.history) == 1
 
 
-@two_ranks
 def test_contact_at_a_corner_only(comm):
     """A gap that only the tip of the upper block, bent down, overcomes."""
     for law in ("coulomb", "tresca"):
@@ -177,7 +170,6 @@ def test_contact_at_a_corner_only(comm):
         assert the_interface(assembly).xy[closed, 0].min() > 2.5
 
 
-@two_ranks
 def test_bodies_of_contact_nodes_only(comm):
     """One row of elements, held on the far side: no other node is left, or hardly any."""
     def clamp(*sides: str):
@@ -198,7 +190,6 @@ def clamps(upper: list, lower: list):
     return change
 
 
-@two_ranks
 def test_clamps_that_hold_one_body_only_at_contact_nodes(comm):
     """Left of one body, right of the other; a roller; a rigid foundation, which does not yield at all."""
     roller = [{"on": "left", "x": 0.0}, {"on": "right", "x": 0.0, "y": 0.0}]
@@ -223,7 +214,6 @@ def test_published_methods_refuse_clamps_that_hold_one_body_only(comm):
             prepare_scene(comm, scene(clamps(["left"], ["right"])) | {"method": method})
 
 
-@two_ranks
 def test_touching_bodies_without_pressure_that_slide(comm):
     """The upper block is moved along the lower one, by a millimetre and pressed by less than rounding."""
     for law in ("coulomb", "none"):
@@ -236,7 +226,6 @@ def test_touching_bodies_without_pressure_that_slide(comm):
     assert answer.certified and distance <= DISTANCE
 
 
-@two_ranks
 def test_a_huge_friction_coefficient_ends_in_good_order(comm):
     """𝓕 = 100 and more, where there may be no solution: certified and right, or stopped without a claim."""
     for seed, F in ((205, 1e2), (205, 1e4), (207, 1e3)):
@@ -271,7 +260,6 @@ def test_bodies_that_clamps_do_not_hold_are_held_by_contact_or_the_reason_is_nam
                 prepare_scene(comm, scene(change) | {"method": method})
 
 
-@two_ranks
 def test_bodies_that_are_too_slender_are_refused_with_the_reason(comm):
     from ddmpi.errors import SolverError
 
@@ -279,7 +267,6 @@ def test_bodies_that_are_too_slender_are_refused_with_the_reason(comm):
         find(comm, scene(mesh(66, 6, 3.0, 0.003)))  # a cantilever whose stiffness is singular to the last digits
 
 
-@two_ranks
 def test_the_table_of_extremes_is_made_of_runs(comm):
     import extremes
 

@@ -441,7 +441,7 @@ def test_adaptive_steps_go_on_from_wherever_they_were(tmp_path, monkeypatch):
     whole = compute(tmp_path / "whole")
     monkeypatch.setattr(checkpoint, "write", lambda *_: None)
     assert len(kept) > 10
-    for folder in kept[1::2]:
+    for folder in kept[1::4]:
         assert compute(folder, folder) == whole
 
 

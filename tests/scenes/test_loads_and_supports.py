@@ -9,18 +9,18 @@ from scenes import ROOT, pinched_blocks, solve_scene, to_toml
 
 import ddmpi
 
-COMM = MPI.COMM_WORLD
+ALONE = MPI.COMM_SELF
 
 
 @pytest.mark.mpi(ranks=2)
-def test_force_is_the_stress_times_the_area():
+def test_force_is_the_stress_times_the_area(comm):
     """A scene loaded by total forces has the answer of the same scene loaded by stresses, on two ranks."""
     stresses, forces = pinched_blocks(4), pinched_blocks(4)
     for body in forces["body"]:
         for load in body["traction"]:
             area = 3.0 if load["on"] in ("top", "bottom") else 1.0
             load["force"] = [area * each for each in load.pop("value")]
-    one, other = (solve_scene(COMM, scene) for scene in (stresses, forces))
+    one, other = (solve_scene(comm, scene) for scene in (stresses, forces))
     assert one["certified"] and other["certified"]
     assert other["normal_force"] == pytest.approx(one["normal_force"], rel=1e-9, abs=1e-3)
     assert other["n_A"] == one["n_A"]
@@ -45,12 +45,11 @@ def rings(order: int, heat: float | None, plane: str) -> dict:
             "method": {"tolerance": 1e-10}}
 
 
-@pytest.mark.mpi(ranks=2)
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize(("plane", "heat"), [("strain", 8.0), ("stress", 10.4)])
 def test_shrink_fit_by_heat_is_that_by_interference(order, plane, heat):
     """A shaft that is heated presses as one that is too large by (1 + ν) α T r, in plane stress by α T r."""
-    heated, large = (solve_scene(COMM, rings(order, each, plane)) for each in (heat, None))
+    heated, large = (solve_scene(ALONE, rings(order, each, plane)) for each in (heat, None))
     assert heated["certified"] and large["certified"]
     assert heated["normal_force"] == pytest.approx(large["normal_force"], rel=1e-8)
     E, nu = (2.1e11 / (1 - 0.3**2), 0.3 / 0.7) if plane == "strain" else (2.1e11, 0.3)
@@ -80,7 +79,7 @@ def heated_stack(n: int, order: int) -> dict:
 @pytest.mark.parametrize("order", [1, 2])
 def test_energy_balances_while_temperatures_change(order):
     """Work of supports and heat is strain energy, less what friction takes; strain energy is that of the stresses."""
-    answer = ddmpi.solve(to_toml(heated_stack(3, order)), MPI.COMM_SELF)
+    answer = ddmpi.solve(to_toml(heated_stack(3, order)), ALONE)
     assert answer.certified
     energy, bodies = answer.summary["energy"], answer.summary["bodies"]
     assert energy["residual"] <= 1e-9
@@ -103,7 +102,7 @@ def test_heat_closes_a_gap_in_space(order):
                          "order": order}} | more
 
     answer = ddmpi.solve(to_toml({"body": [bar("lower", 0.0, temperature=60.0), bar("upper", 1.0 + gap)], "contact": [
-        {"bodies": ["lower", "upper"], "on": ["top", "bottom"]}], "method": {"tolerance": 1e-10}}), MPI.COMM_SELF)
+        {"bodies": ["lower", "upper"], "on": ["top", "bottom"]}], "method": {"tolerance": 1e-10}}), ALONE)
     assert answer.certified
     exact = ((1 + nu) / (1 - nu) * 1.2e-5 * 60.0 - gap) / (2.0 / modulus)
     assert answer.contacts["lower-upper"].pressure == pytest.approx(exact, rel=1e-9)
@@ -142,13 +141,12 @@ def wedge(d: int, angle: float, order: int, pairing: str, law: str = "coulomb") 
             "method": {"tolerance": 1e-11}}
 
 
-@pytest.mark.mpi(ranks=2)
 @pytest.mark.parametrize(("d", "order", "pairing"), [(2, 1, "nodes"), (2, 2, "nodes"), (2, 1, "mortar"),
                                                      (2, 2, "mortar"), (3, 1, "nodes"), (3, 1, "mortar"),
                                                      (3, 2, "mortar")])
 def test_an_inclined_sector_is_its_turned_twin(d, order, pairing):
     """A scene on planes of symmetry at any angle has the answer of the scene along the axes, turned."""
-    upright, inclined = (solve_scene(COMM, wedge(d, angle, order, pairing)) for angle in (0.0, 33.0))
+    upright, inclined = (solve_scene(ALONE, wedge(d, angle, order, pairing)) for angle in (0.0, 33.0))
     assert upright["certified"] and inclined["certified"]
     assert upright["n"] == inclined["n"] and upright["m"] == inclined["m"]
     size = np.abs(upright["normal_force"]).max()
@@ -172,7 +170,7 @@ def test_energy_balances_on_inclined_planes(d):
     scene |= {"time": {"points": [1.0, 2.0], "steps": 2},
               "history": {"up": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.5]},
                           "warm": {"times": [0.0, 2.0], "factors": [0.0, 1.0]}}}
-    answer = ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
+    answer = ddmpi.solve(to_toml(scene), ALONE)
     energy, bodies = answer.summary["energy"], answer.summary["bodies"]
     assert answer.certified and energy["residual"] <= 1e-10 and energy["dissipated"] > 0.0
     assert energy["strain_energy"] == pytest.approx(sum(each["energy"] for each in bodies.values()), rel=1e-9)
@@ -185,7 +183,7 @@ def test_an_accuracy_target_is_met_with_heat_and_inclined_planes():
     for body in scene["body"]:
         body["temperature"] = 120.0
         body["mesh"] |= {"divisions": [8, 3], "order": 1}
-    answer = ddmpi.solve(to_toml(scene | {"method": {"target_error": 0.1}}), MPI.COMM_SELF)
+    answer = ddmpi.solve(to_toml(scene | {"method": {"target_error": 0.1}}), ALONE)
     error = answer.summary["discretization_error"]
     assert answer.certified and error["energy_norm"] <= 0.1 < error["levels"][0]["error"]
 
@@ -195,25 +193,25 @@ def test_an_accuracy_target_is_met_with_heat_and_inclined_planes():
 PLY = {"young": [1.4e11, 1.0e10, 2.0e10], "poisson": [0.3, 0.25, 0.4]}
 
 
-@pytest.mark.mpi(ranks=2)
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("plane", ["strain", "stress"])
-@pytest.mark.parametrize("pairing", ["nodes", "mortar"])
-def test_plies_are_pressed_together(pairing, plane, order):
-    """Two plies of fibres at 30° with free sides, pressed by δ: p = δ / (S_yy Σ H), S_yy the compliance off the axis.
-
-    Under this stress both shear alike, so that friction has nothing to do.
-    """
+def plies(pairing: str, plane: str, order: int) -> dict:
+    """Two plies of fibres at 30° with free sides, pressed by a millimetre."""
     def block(name: str, y: float, n: int, clamp: dict) -> dict:
         return {"name": name, "clamp": [clamp], "material": PLY | {"shear": 5e9, "angle": 30.0, "plane": plane},
                 "mesh": {"shape": "rectangle", "origin": [0.0, y], "size": [2.0, 1.0], "divisions": [n, 2],
                          "order": order}}
 
-    found = solve_scene(COMM, {
-        "body": [block("upper", 1.0, 4, {"on": "top", "normal": -1e-3}),
-                 block("lower", 0.0, 4 if pairing == "nodes" else 6, {"on": "bottom", "normal": 0.0})],
-        "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "pairing": pairing,
-                     "friction": {"law": "coulomb", "coefficient": 0.3}}], "method": {"tolerance": 1e-10}})
+    return {"body": [block("upper", 1.0, 4, {"on": "top", "normal": -1e-3}),
+                     block("lower", 0.0, 4 if pairing == "nodes" else 6, {"on": "bottom", "normal": 0.0})],
+            "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "pairing": pairing,
+                         "friction": {"law": "coulomb", "coefficient": 0.3}}], "method": {"tolerance": 1e-10}}
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("plane", ["strain", "stress"])
+@pytest.mark.parametrize("pairing", ["nodes", "mortar"])
+def test_plies_are_pressed_together(pairing, plane, order):
+    """p = δ / (S_yy Σ H), S_yy the compliance off the axis. Both plies shear alike, so that friction does nothing."""
+    found = solve_scene(ALONE, plies(pairing, plane, order))
     assert found["certified"]
     (E1, E2, E3), (n12, n13, n23), c, s = PLY["young"], PLY["poisson"], 3**0.5 / 2, 0.5
     S11, S22, S12 = 1 / E1, 1 / E2, -n12 / E1
@@ -224,19 +222,41 @@ def test_plies_are_pressed_together(pairing, plane, order):
     assert np.abs(found["tangential_force"]).max() <= 1e-7 * np.abs(found["normal_force"]).max()
 
 
-@pytest.mark.mpi(ranks=2)
-@pytest.mark.parametrize("order", [1, 2])
-def test_orthotropic_solids_are_pressed_together(order):
-    """Two orthotropic boxes with free sides, pressed along axis 2: p = δ E2 / Σ H."""
+def orthotropic_solids(order: int) -> dict:
+    """Two orthotropic boxes with free sides, pressed along axis 2 by a millimetre."""
     def block(name: str, y: float, clamp: dict) -> dict:
         return {"name": name, "clamp": [clamp], "material": PLY | {"shear": [5e9, 7e9, 3e9]},
                 "mesh": {"shape": "box", "origin": [0.0, y, 0.0], "size": [1.0, 1.0, 1.0], "divisions": [2, 2, 2],
                          "order": order}}
 
-    found = solve_scene(COMM, {
-        "body": [block("upper", 1.0, {"on": "back", "normal": -1e-3}),
-                 block("lower", 0.0, {"on": "front", "normal": 0.0})],
-        "contact": [{"bodies": ["upper", "lower"], "on": ["front", "back"],
-                     "friction": {"law": "coulomb", "coefficient": 0.3}}], "method": {"tolerance": 1e-10}})
+    return {"body": [block("upper", 1.0, {"on": "back", "normal": -1e-3}),
+                     block("lower", 0.0, {"on": "front", "normal": 0.0})],
+            "contact": [{"bodies": ["upper", "lower"], "on": ["front", "back"],
+                         "friction": {"law": "coulomb", "coefficient": 0.3}}], "method": {"tolerance": 1e-10}}
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_orthotropic_solids_are_pressed_together(order):
+    """p = δ E2 / Σ H."""
+    found = solve_scene(ALONE, orthotropic_solids(order))
     assert found["certified"]
     assert found["normal_force"] / found["length"] == pytest.approx(1e-3 / 2.0 * PLY["young"][1], rel=1e-8)
+
+
+# Ranks
+
+SCENES = {"heat": lambda: rings(1, 8.0, "strain"), "planes": lambda: wedge(2, 33.0, 2, "mortar"),
+          "planes in space": lambda: wedge(3, 33.0, 1, "nodes"), "plies": lambda: plies("mortar", "stress", 2),
+          "orthotropic solids": lambda: orthotropic_solids(1)}
+
+
+@pytest.mark.mpi(ranks=2)
+def test_two_ranks(comm):
+    """On a rank each, bodies have the answer that they have on one rank."""
+    for name, scene in SCENES.items():
+        one, other = (solve_scene(each, scene()) for each in (ALONE, comm))
+        assert one["certified"] and other["certified"], name
+        assert other["status"] == one["status"], name
+        size = np.abs(one["normal_force"]).max()
+        for force in ("normal_force", "tangential_force"):
+            assert np.abs(other[force] - one[force]).max() <= 1e-9 * size, name

@@ -141,7 +141,6 @@ CHANGES: dict[str, tuple[Callable[[dict], dict], np.ndarray, float]] = {
 }
 
 
-@pytest.mark.mpi(ranks=2)
 @pytest.mark.parametrize("loose", [True, False])
 def test_order_units_and_position_do_not_matter(comm, loose):
     scene = tower(4, 2, loose)

@@ -34,8 +34,13 @@ def run(*command: str | Path, cwd: Path, code: int = 0, **environment: str) -> s
 # Tests on several ranks
 
 EXAMPLE = """
+import os
 import time
 import pytest
+
+@pytest.mark.mpi(ranks=2)
+def test_alone(comm, mpi_ranks, request):
+    assert len(request.session.items) == 1
 
 @pytest.mark.mpi(ranks=2)
 @pytest.mark.parametrize("rank", [0, 1])
@@ -43,8 +48,9 @@ def test_bad(comm, mpi_ranks, rank):
     assert comm.rank != rank
 
 @pytest.mark.mpi(ranks=2)
-def test_good(comm, mpi_ranks):
-    pass
+@pytest.mark.parametrize("part", "ab")
+def test_good(comm, mpi_ranks, part):
+    open(f"mpirun-{os.getppid()}", "a").close()
 
 @pytest.mark.mpi(ranks=2)
 def test_hangs(comm, mpi_ranks):
@@ -54,7 +60,7 @@ def test_hangs(comm, mpi_ranks):
 
 @pytest.fixture
 def example(tmp_path: Path) -> Path:
-    """A folder with this conftest.py and tests of two ranks, three of which fail."""
+    """A folder with this conftest.py and tests of two ranks, four of which fail."""
     shutil.copy(scenes.ROOT / "tests" / "conftest.py", tmp_path)
     shutil.copytree(scenes.ROOT / "tests" / "support", tmp_path / "support")
     (tmp_path / "test_example.py").write_text(EXAMPLE)
@@ -63,22 +69,26 @@ def example(tmp_path: Path) -> Path:
 
 
 def test_ranks_report_under_the_name_of_their_test(example):
-    """Names can be pasted back, --lf finds failures of any rank, the progress ends at 100 %, and a hang has an end."""
+    """Names can be pasted back, --lf finds failures of any rank, the progress ends at 100 %, and a hang has an end.
+
+    So has a failure beside other tests that does not come again.
+    """
     pytest_ = (sys.executable, "-m", "pytest")
     said = run(*pytest_, cwd=example, code=1, DDMPI_TEST_LIMIT="5")
-    names = [f"test_example.py::test_{name}" for name in ("bad[2-0]", "bad[2-1]", "hangs[2]")]
+    names = [f"test_example.py::test_{name}" for name in ("alone[2]", "bad[2-0]", "bad[2-1]", "hangs[2]")]
     assert re.findall(r"^FAILED (\S+)", said, re.M) == names
     assert all(f"- on rank {rank} -" in said for rank in (0, 1)) and "time limit of 5.0s" in said
     assert re.findall(r"\[ *(\d+)%\]", said)[-1] == "100"
     listed = run(*pytest_, "--lf", "--collect-only", "-q", cwd=example)
-    assert listed.splitlines()[:3] == names
-    assert "1 failed, 1 passed" in run(*pytest_, names[0], cwd=example, code=1)
+    assert listed.splitlines()[:4] == names
+    assert "1 failed, 1 passed" in run(*pytest_, names[1], cwd=example, code=1)
 
 
 def test_quiet_is_quiet(example):
-    """-q leaves out what pytest says at the start, and tests on several ranks run as without it."""
+    """-q leaves out what pytest says at the start, and tests on several ranks run as without it: by one mpirun."""
     said = run(sys.executable, "-m", "pytest", "-q", "-k", "good", cwd=example)
-    assert said.splitlines()[0].split()[0] == ".." and len(said.splitlines()) == 2
+    assert said.splitlines()[0].split()[0] == "...." and len(said.splitlines()) == 2
+    assert len([*example.glob("mpirun-*")]) == 1
 
 
 def test_no_test_has_a_time_limit_of_its_own():

@@ -29,9 +29,8 @@ FIXED_POINT = 1e-12
 
 def check_size(assembly: Assembly) -> None:
     """InputError when the scene is too large, or not of the kind, to be solved this way."""
-    if assembly.joint.bodies != 2 or assembly.world.size != 2 or len(assembly.scene.contact) != 1 or assembly.loose:
-        raise InputError("brute force is for two bodies that clamps hold, with one contact, on two ranks; this scene "
-                         "is another one")
+    if assembly.joint.bodies != 2 or len(assembly.scene.contact) != 1 or assembly.loose:
+        raise InputError("brute force is for two bodies that clamps hold, with one contact; this scene is another one")
     if any(law.size > law.m + len(law.sliding) for law in assembly.space.laws.laws):
         raise InputError("brute force bounds each tangential force by itself, as there is one in the plane; the "
                          "friction of solids it cannot check")
@@ -41,7 +40,7 @@ def check_size(assembly: Assembly) -> None:
 
 
 def solve_coupled(assembly: Assembly) -> np.ndarray:
-    """The contact forces of the coupled problem (N), on the rank that owns the interface; empty on the other.
+    """The contact forces of the coupled problem (N), on the rank that owns the interface; empty on another.
 
     Collective on both bodies. Raises NotConvergedError when the fixed
     point of Coulomb friction is not found, InputError for too large an interface; on both.
@@ -49,7 +48,7 @@ def solve_coupled(assembly: Assembly) -> np.ndarray:
     with agreed(assembly.world):
         check_size(assembly)
     s = np.empty(0)
-    C = sum(assembly.world.allgather(assembly.member.dense()))
+    C = sum(assembly.world.allgather(sum(body.member.dense() for body in assembly.bodies)))
     with agreed(assembly.world):
         if assembly.space.interfaces:
             s = solve_dense(C, assembly.joint.d, assembly.space.laws.laws[0])

@@ -137,9 +137,9 @@ def results(folder: Path, kind: str = "stack", order: int = 1, friction=COULOMB,
                         {name: body(**of) for name, of in moved.items()}, found, certificate(CONTACTS[kind], meshes))
     sizes = [(len(mesh.points), len(mesh.triangles)) for mesh in meshes.values()]
     write_fields(folder, dict(enumerate(parts)))
-    write_xdmf(folder, (), dict(zip(meshes, sizes, strict=True)),
-               {each.interface.name: [contact_fields(each)] for each in states})
-    write_facets(folder, (each.interface for each in states))
+    surfaces = {name: contact_fields(each) for name, each in found.items()}
+    write_xdmf(folder, (), dict(zip(meshes, sizes, strict=True)), {name: [each] for name, each in surfaces.items()})
+    write_facets(folder, found, surfaces)
     for each in states:
         write_contact(folder, each.interface.name, each)
         write_sides(folder, each.interface.name, each)

@@ -142,7 +142,7 @@ def results(folder: Path, bodies: Mapping[str, Mesh], contacts: Mapping[str, tup
     write_xdmf(folder, times, dict(zip(bodies, sizes, strict=True)),
                {name: [contact_fields(each, leg_values(found[name])) for found in marched]
                 for name, each in states.items()})
-    write_facets(folder, faces.values())
+    write_facets(folder, states, {name: contact_fields(each) for name, each in states.items()})
     for name, each in states.items():
         write_contact(folder, name, each)
         write_sides(folder, name, each)

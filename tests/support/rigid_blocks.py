@@ -85,19 +85,21 @@ class Blocks:
 
     def equilibrium(self):
         """interfaces, G, e, bodies."""
-        rows, e = [], []
+        sizes = [len(free) for _, _, free in self.bodies.values()]
+        rows = dict(zip(self.bodies, np.split(np.arange(sum(sizes)), np.cumsum(sizes)[:-1]), strict=True))
+        columns = np.cumsum([0, *(contact.law.size for contact in self.contacts)])
+        G = np.zeros((sum(sizes), columns[-1]))
+        for contact, (start, stop) in zip(self.contacts, itertools.pairwise(columns), strict=True):
+            for sign, name in zip((1.0, -1.0), contact.bodies, strict=True):
+                if name in self.bodies:
+                    motions = self.motions(name, contact.xy[contact.law.node])
+                    G[rows[name], start:stop] = sign * np.einsum("mdj,md->jm", motions, contact.directions)
+        e = []
         for name in self.bodies:
-            blocks = []
-            for contact in self.contacts:
-                power = np.einsum("mdj,md->jm", self.motions(name, contact.xy[contact.law.node]), contact.directions)
-                sign = 1.0 if contact.bodies[0] == name else -1.0 if contact.bodies[1] == name else 0.0
-                blocks.append(sign * power)
-            rows.append(np.concatenate(blocks, axis=1))
             e.append(sum(self.force * np.einsum("dj,d->j", self.motions(name, self.place(at))[0],
                                                 self.turn @ np.array(load, float))
                          for load, at in self.loads[name]) + np.zeros(len(self.bodies[name][2])))
-        return (self.contacts, sparse.csr_matrix(np.concatenate(rows)), np.concatenate(e),
-                [body for body, _, _ in self.bodies.values()])
+        return self.contacts, sparse.csr_matrix(G), np.concatenate(e), [body for body, _, _ in self.bodies.values()]
 
 
 @dataclass
