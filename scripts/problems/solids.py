@@ -1,4 +1,4 @@
-"""Verification problems in space: Hertz, Cattaneo and Mindlin, fits of tubes and spheres, exact stacks of cubes."""
+"""Verification problems in space: Hertz, Cattaneo and Mindlin, Lubkin, fits of tubes and spheres, exact stacks."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 from scenes import to_toml
+from scipy.integrate import quad
+from scipy.optimize import brentq
+from scipy.special import ellipe, ellipk
 
 import ddmpi
 from ddmpi.interface.state import ContactState
@@ -49,7 +52,7 @@ def revolved(path: Path, profile: list[tuple[float, float]], arcs: Mapping[int, 
         occ.revolve([(2, occ.addPlaneSurface([occ.addCurveLoop(lines)]))], 0, 0, 0, 0, 0, 1, np.radians(turn))
         occ.synchronize()
         found: dict[str, list[int]] = {}
-        for _, tag in gmsh.model.getEntities(2):
+        for _, tag in gmsh.model.getBoundary(gmsh.model.getEntities(3), oriented=False):
             low, high = gmsh.model.getParametrizationBounds(2, tag)
             at = [low + part * (high - low) for part in (np.array([0.3, 0.3]), np.array([0.7, 0.5]))]
             points = np.reshape(gmsh.model.getValue(2, tag, np.concatenate(at)), (-1, 3))
@@ -211,6 +214,58 @@ def cattaneo(n: int, order: Order, folder: Path) -> Found:
                                        "friction (Pa)"))
 
 
+# Lubkin
+
+def twisted(share: float) -> tuple[float, float]:
+    """Rotation over ½ 𝓕 p₀ Σ 1/G, and torque over 8/3 𝓕 p₀ a³, of pressed balls that stick up to share · a."""
+    def turned(t: float) -> float:
+        return float(ellipk(1.0 - t**2) - ellipe(1.0 - t**2))
+
+    return turned(share), share**3 * turned(share) + quad(lambda t: 3.0 * t**2 * turned(t), share, 1.0)[0]
+
+
+def twisting_friction(x: float, share: float) -> float:
+    """Friction over 𝓕 p₀ at x a from the axis."""
+    if x >= share:
+        return float(np.sqrt(max(1.0 - x**2, 0.0)))
+    return 2.0 / np.pi * x * quad(lambda t: ellipe(1.0 - t**2) / (t * np.sqrt(t**2 - x**2)), share, 1.0)[0]
+
+
+@problem("twisted-balls", "Balls that are pressed and twisted", (3, 5, 8), "elements on a of the coarser ball",
+         shows="Friction that turns: a circle that sticks, and a ring around it that slips.",
+         scene="Half balls, R = 1 m, E = 1 Pa, ν = 0.3, 𝓕 = 0.5, a ≈ 0.03 m, elements 4 : 5; the upper flat face is "
+               "moved by 1.8 mm, then turned about the axis in two steps.",
+         source="Lubkin 1951, for the force that was computed: β = ½ 𝓕 p₀ Σ(1/G) H(c), H = K − E of the modulus "
+                "√(1 − c²/a²), M = 8/3 𝓕 p₀ (c³ H(c) + ∫ 3t² H(t) dt) from c to a.")
+def twisted_balls(n: int, order: Order, folder: Path) -> Found:
+    friction, approach, poisson = 0.5, 0.0018, 0.3
+    upper = half_ball(folder / "upper.msh", 0.03, 0.024 / n, order, turn=360.0)
+    lower = half_ball(folder / "lower.msh", 0.03, 0.03 / n, order, turn=360.0, down=True)
+    a, modulus, gives = np.sqrt(RADIUS / 2 * approach), 0.5 / (1.0 - poisson**2), 4.0 * (1.0 + poisson)
+    turns = [0.5 * friction * 2.0 * modulus * a / (np.pi * RADIUS / 2) * gives * twisted(share)[0]
+             for share in (0.8, 0.5)]
+    top = [{"on": "top", "z": -approach}, {"on": "top", "x": "-y", "y": "x", "history": "turn"}]
+    times = [1.0, 2.0, 3.0]
+    answer = solved([body("upper", upper, 1.0, poisson, top), body("lower", lower, 1.0, poisson, ["top"])],
+                    [contact("upper", "lower", "contact", "contact", friction=coulomb(friction))],
+                    history={"turn": {"times": times, "factors": [0.0, *turns]}}, time={"points": times, "steps": 1})
+    state, values = answer.contacts["upper-lower"], {}
+    for part, turn, step in zip(("a little", "much"), turns, answer.summary["steps"][1:], strict=True):
+        held = step["contacts"]["upper-lower"]
+        a = (3.0 * held["normal_force"] * RADIUS / 2 / (4.0 * modulus)) ** (1 / 3)
+        bound = friction * 3.0 * held["normal_force"] / (2.0 * np.pi * a**2)
+        share = brentq(lambda c, over: twisted(c)[0] - over, 1e-3, 1.0 - 1e-9, (2.0 * turn / (bound * gives),))
+        values[f"turned {part}: torque (N m)"] = Value(
+            abs(held["moment"][2]), 8.0 / 3.0 * bound * a**3 * twisted(share)[1], 0.05)
+    sticks = state.status == "stick"
+    values["stick radius (m)"] = Value(float(np.sqrt(state.interface.area[sticks].sum() / np.pi)), share * a, 0.25)
+    r, x = np.hypot(*state.interface.xy[:, :2].T), np.linspace(0.0, 1.3, 150)
+    turn = np.argsort(r)[:np.count_nonzero(r < 1.3 * a)]
+    exact = bound * np.array([twisting_friction(each, share) for each in x])
+    return Found(values, answer, Curve(r[turn], np.linalg.norm(state.shear, axis=1)[turn], x * a, exact, "r (m)",
+                                       "friction (Pa)"))
+
+
 # Fits
 
 def degrees_about_z(xy: np.ndarray) -> np.ndarray:
@@ -260,6 +315,102 @@ def spheres(n: int, order: Order, folder: Path) -> Found:
     gives = [b / E * ((1 - 2 * nu) * b**3 + (1 + nu) * other**3 / 2) / abs(b**3 - other**3) for other in (a, c)]
     return fitted(answer, fit / sum(gives), order,
                   lambda xy: np.degrees(np.arcsin(xy[:, 2] / np.linalg.norm(xy, axis=1))), "latitude (°)")
+
+
+# Exact stacks
+
+def box(x: float, z: float, height: float, divisions: tuple[int, int, int], order: Order) -> dict:
+    """One metre square, from (x, 0, z) on."""
+    return {"shape": "box", "origin": [x, 0.0, z], "size": [1.0, 1.0, height], "divisions": list(divisions),
+            "order": int(order)}
+
+
+SIDES = ("left", "right", "front", "back")
+"""Of a box, the upright ones."""
+
+
+def off(values: np.ndarray, exact: np.ndarray | float) -> Value:
+    """The largest difference of values (·) or vectors from exact ones, relative to the largest of these."""
+    return Value(float(np.abs(values - exact).max() / np.abs(exact).max()), 0.0, 1e-7)
+
+
+@problem("sheared-solids", "Sheared stack of boxes", (1, 2, 4), "times finer than the coarsest meshes",
+         shows="Friction as a vector holds up to its bound, and then slips, by exactly so much.",
+         scene="Boxes of 1 m × 1 m, 1 and 0.5 m high, E = 210 and 100 GPa, ν = 0.3 and 0.35; the lower one is clamped, "
+               "the top moved down, and by U at 37° to x; sides follow the linear field. 3 : 4 cells, Coulomb 0.3.",
+         source="τ = min(U/(H₁/G₁ + H₂/G₂), 0.3 p) and slip = U − τ (H₁/G₁ + H₂/G₂), both along U.")
+def sheared_solids(n: int, order: Order, folder: Path) -> Found:
+    stack = np.array([[2.1e11, 0.3, 1.0], [1e11, 0.35, 0.5]])
+    young, poisson, height = stack.T
+    modulus, shear = young * (1 - poisson) / (1 + poisson) / (1 - 2 * poisson), young / 2 / (1 + poisson)
+    down, along, values = 1e-3, np.array([0.8, 0.6]), {}
+    p, gives = down / (height / modulus).sum(), (height / shear).sum()
+    for name, shift in (("sticks", 0.15 * p * gives), ("slips", 0.6 * p * gives)):
+        tau = min(shift / gives, 0.3 * p)
+
+        def field(k: int, at: float, moved: np.ndarray, tau: float = tau) -> dict:
+            """Of a box, `moved` at the height `at`."""
+            slope = np.append(tau / shear[k] * along, -p / modulus[k])
+            return {axis: {"constant": float(u - at * du), "z_slope": float(du)}
+                    for axis, u, du in zip("xyz", moved, slope, strict=True)}
+
+        upper, lower = field(0, 1.5, np.append(shift * along, -down)), field(1, 0.0, np.zeros(3))
+        answer = solved([body("upper", box(0.0, 0.5, 1.0, (3 * n, 3 * n, n), order), young[0], poisson[0],
+                              [{"on": on} | upper for on in (*SIDES, "top")]),
+                         body("lower", box(0.0, 0.0, 0.5, (4 * n, 4 * n, n), order), young[1], poisson[1],
+                              [{"on": on} | lower for on in (*SIDES, "bottom")])],
+                        [contact("upper", "lower", "bottom", "top", friction=coulomb(0.3))], tolerance=1e-12)
+        state = answer.contacts["upper-lower"]
+        frame = state.interface.frame[state.interface.sliding, 1:]
+        friction, slip = (np.einsum("ktd,kt->kd", frame, each[state.interface.sliding]) for each in (
+            state.shear, state.slip))
+        values |= {f"{name}: worst pressure": off(state.pressure, p),
+                   f"{name}: worst friction": off(friction, tau * np.append(along, 0.0))}
+        left = (shift - tau * gives) * np.append(along, 0.0)
+        values[f"{name}: worst slip, over U"] = Value(float(np.abs(slip - left).max() / shift), 0.0, 1e-7)
+    x = state.interface.xy[:, 0]
+    rank = np.argsort(x)
+    return Found(values, answer, Curve(x[rank], np.linalg.norm(state.shear, axis=1)[rank], x[rank],
+                                       np.full(len(x), tau), "x (m)", "friction (Pa)"))
+
+
+@problem("cubes", "Cubes that overlap, and cubes side by side", (1, 2, 4), "times finer than the coarsest meshes",
+         shows="An interference is shared by two bodies, drawn or given. Neighbours that only touch do not press.",
+         scene="Cubes of 1 m, E = 1 GPa, ν = 0, between planes of symmetry, that overlap by 10 mm as drawn, or by "
+               "`gap`; two on one rigid floor beside each other, whose tops are moved down by 1 and 2 mm. 2 : 3 cells.",
+         source="p = E δ/2 and each of two cubes gives way by δ/2; p = E × 1 mm/m and E × 2 mm/m, and 0 between them.")
+def cubes(n: int, order: Order, folder: Path) -> Found:
+    young, overlap, values = 1e9, 0.01, {}
+    planes = [{"on": "left", "x": 0.0}, {"on": "front", "y": 0.0}]
+    coarse, fine = (2 * n,) * 3, (3 * n,) * 3
+    for name, drawn in (("drawn", overlap), ("given", 0.0)):
+        answer = solved([body("lower", box(0.0, 0.0, 1.0, coarse, order), young, 0.0,
+                              [*planes, {"on": "bottom", "z": 0.0}]),
+                         body("upper", box(0.0, 1.0 - drawn, 1.0, fine, order), young, 0.0,
+                              [*planes, {"on": "top", "z": 0.0}])],
+                        [contact("upper", "lower", "bottom", "top", **({} if drawn else {"gap": -overlap}))],
+                        tolerance=1e-12)
+        z, u = answer.bodies["lower"].points[:, 2], answer.bodies["lower"].displacement
+        values |= {f"overlap as {name}: worst pressure": off(answer.contacts["upper-lower"].pressure,
+                                                             young * overlap / 2.0),
+                   f"overlap as {name}: worst displacement": off(u[:, 2], -overlap / 2.0 * z)}
+    pushes = {"a": 1e-3, "b": 2e-3}
+    answer = solved([body(name, box(x, 0.0, 1.0, divisions, order), young, 0.0,
+                          [{"on": "top", "x": 0.0, "y": 0.0, "z": -pushes[name]}])
+                     for name, x, divisions in (("a", 0.0, coarse), ("b", 1.0, fine))],
+                    [contact("a", "floor", "bottom"), contact("b", "floor", "bottom"),
+                     contact("a", "b", "right", "left")],
+                    [{"name": "floor", "shape": "plane", "point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}],
+                    tolerance=1e-12)
+    for name, push in pushes.items():
+        values[f"side by side, {name}: worst pressure"] = off(answer.contacts[f"{name}-floor"].pressure, young * push)
+    state = answer.contacts["b-floor"]
+    values["side by side: worst pressure between them"] = Value(
+        float(np.abs(answer.contacts["a-b"].pressure).max() / young / 1e-3), 0.0, 1e-7)
+    x = state.interface.xy[:, 0]
+    rank = np.argsort(x)
+    return Found(values, answer, Curve(x[rank], state.pressure[rank], x[rank], np.full(len(x), 2e-3 * young), "x (m)",
+                                       "pressure (Pa)"))
 
 
 @problem("heated-cubes", "Heated cubes on inclined planes", (1, 2, 4), "times finer than the coarsest meshes",
