@@ -68,12 +68,14 @@ class Kept:
 class Together:
     """What starts mpirun for a test: once for all tests of a file on so many ranks, when the first of them is due.
 
-    One that fails there, or that does not end on all ranks, is started again alone. If it passes then, it still failed.
+    One that fails there, or that does not end on all ranks, is started again alone. If it passes then, it still failed,
+    and so did one in which the mpirun ended without a word.
     """
 
     def __init__(self, run: Runner) -> None:
         self.run = run
         self.found: dict[str, list[pytest.TestReport]] = {}
+        self.ended: dict[str, pytest.TestReport] = {}
 
     def __call__(self, item: pytest.Item) -> list[pytest.TestReport]:
         """What all ranks report. Failures come last: a rank that passes would make --lf forget one that does not."""
@@ -81,7 +83,7 @@ class Together:
             self.start([each for each in item.session.items if isinstance(each, pytest.Function)
                         and (each.path, ranks_of(each)) == (item.path, ranks_of(item)) and ranks_of(each)])
         found = self.found.pop(item.nodeid)
-        failed = [report for report in found if report.failed]
+        failed = [report for report in [*found, self.ended.pop(item.nodeid, None)] if report and report.failed]
         if failed or sum(report.when == "teardown" for report in found) < ranks_of(item):
             found = [named(report) for report in self.run(item)]
             found += [] if any(report.failed for report in found) else failed[:1]
@@ -95,6 +97,12 @@ class Together:
             patch.setenv("PYTEST_ADDOPTS", f"{options} {shlex.join(item.nodeid for item in items)}")
             for report in self.run(items[0]) if len(items) > 1 else []:
                 self.found[named(report).nodeid].append(report)
+        reports = [report for item in items for report in self.found[item.nodeid]]
+        whole = [report.nodeid for report in reports if report.when == "teardown"]
+        cut = [item for item in items if whole.count(item.nodeid) < ranks_of(item)]
+        if cut and len(items) > 1 and not any(report.failed for report in reports):
+            why = "the mpirun of this file ended in it; alone it passes"
+            self.ended[cut[0].nodeid] = pytest.TestReport(cut[0].nodeid, cut[0].location, {}, "failed", why, "call")
 
 
 def ranks_of(item: pytest.Function) -> int:

@@ -291,8 +291,12 @@ class TeamMatrix:
     def __init__(self, team: Team, A: PETSc.Mat, points: np.ndarray, held: bool) -> None:
         self.team, self.size, self._width = team, A.getSize(), A.getBlockSize()
         self._whole: tuple[PETSc.Mat, np.ndarray] | None = (A, points)
-        self._held, self._springs = held, np.zeros(0, int)
+        self._held, self._springs, self._diagonal = held, np.zeros(0, int), A.getDiagonal()
         team.matrix = self
+
+    def getDiagonal(self) -> PETSc.Vec:
+        """The diagonal of the stiffness, on the root."""
+        return self._diagonal
 
     def getRowIJ(self) -> tuple[np.ndarray, np.ndarray]:
         """The pattern of the stiffness, see PETSc, until there is a solver."""

@@ -92,8 +92,7 @@ def doubt_cells(mesh: Mesh, name: str) -> str:
 
 def doubt_shape(mesh: Mesh, name: str) -> str:
     """A warning of a body so slender or flat that rounding may hide its answer; empty if not. Not collective."""
-    sizes = np.linalg.norm((mesh.points - mesh.points.mean(axis=0)) @ np.linalg.svd(
-        np.cov(mesh.points.T))[0], axis=0)
+    sizes = np.ptp(mesh.points @ np.linalg.svd(np.cov(mesh.points.T))[0], axis=0)
     ratio = sizes.max() / max(sizes.min(), np.finfo(float).tiny)
     return (f"body.{name}: it is about {ratio:.0f} times as long as it is thick; a body so slender bends so much more "
             "than contacts give way that the iteration and rounding may not resolve its contact forces") * (

@@ -207,6 +207,7 @@ def _finish(assembly: Assembly, solution: Solution, steps: StepLog, error: Discr
         thin = gathered(assembly.world, {body.spec.name: [doubt(body.mesh, body.spec.name) for doubt in
                                                           (doubt_cells, doubt_shape)] for body in assembly.bodies})
         warnings += [doubt for body in assembly.scene.body for doubt in thin.get(body.name, ()) if doubt]
+        warnings += steps.doubts_beside(())  # those of legs that have an answer
     summary = gather_summary(assembly, solution, error, fields, ladder, warnings, clock.started, steps)
     if summary:
         log_end(summary, solution)

@@ -106,6 +106,15 @@ def test_five_ranks_on_two_bodies_and_on_a_body_of_a_few_nodes(comm):
     compare(comm, scene)
 
 
+@pytest.mark.mpi(ranks=5)
+def test_two_ranks_on_a_body_that_nothing_touches(comm):
+    scene = pinched_blocks(6)
+    mesh = {"shape": "rectangle", "origin": [9.0, 0.0], "size": [3.0, 3.0], "divisions": [20, 20]}
+    scene["body"].append({"name": "alone", "mesh": mesh, "material": {"young": 1e11, "poisson": 0.3},
+                          "clamp": ["bottom"], "traction": [{"on": "top", "value": [0.0, -1e7]}]})
+    compare(comm, scene)
+
+
 @pytest.mark.mpi(ranks=3)
 def test_quadratic_elements_and_meshes_that_become_finer(comm):
     """Each mesh of an accuracy target is dealt out anew."""

@@ -724,3 +724,22 @@ def test_unloading_dissipates_no_more_than_the_loads_did():
     energy = answer.summary["energy"]
     assert answer.certified
     assert 0.0 < energy["dissipated"] <= 1.02 * energy["external_work"]
+
+
+def test_legs_that_have_an_answer_keep_their_warnings():
+    """Though a later leg has none: the first one moves the block far, the second one pulls it off."""
+    def block(name: str, y: float, **more) -> dict:
+        return {"name": name, "material": {"young": 1e6, "poisson": 0.3}, "mesh": {
+            "shape": "rectangle", "origin": [0.0, y], "size": [2.0, 1.0], "divisions": [8, 4]}} | more
+
+    loads = [{"on": "top", "value": [0.0, -3e5], "history": "press"},
+             {"on": "right", "value": [1e6, 0.0], "history": "pull"}]
+    answer = ddmpi.solve(to_toml({
+        "body": [block("up", 1.0, traction=loads), block("low", 0.0, clamp=["bottom"])],
+        "contact": [{"bodies": ["up", "low"], "on": ["bottom", "top"],
+                     "friction": {"law": "coulomb", "coefficient": 0.3}}],
+        "history": {"press": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 1.0]},
+                    "pull": {"times": [1.0, 2.0], "factors": [0.0, 1.0]}},
+        "time": {"points": [1.0, 2.0], "steps": 1}}), MPI.COMM_SELF)
+    assert "no equilibrium" in answer.reason
+    assert answer.summary["warnings"] and all("(at time 1)" in each for each in answer.summary["warnings"])

@@ -84,6 +84,17 @@ def test_ranks_report_under_the_name_of_their_test(example):
     assert "1 failed, 1 passed" in run(*pytest_, names[1], cwd=example, code=1)
 
 
+def test_a_shared_mpirun_that_ends_without_a_word_is_a_failure(example):
+    """Of the test in which it ended, though that passes alone."""
+    ends = "    if len(request.session.items) > 1 and comm.rank:\n        os.kill(os.getpid(), 9)\n"
+    tests = "".join(f"@pytest.mark.mpi(ranks=2)\ndef test_{name}(comm, mpi_ranks, request):\n{body}\n"
+                    for name, body in (("first", "    pass\n"), ("ends", ends), ("last", "    pass\n")))
+    (example / "test_example.py").write_text(f"import os\nimport pytest\n\n{tests}")
+    said = run(sys.executable, "-m", "pytest", cwd=example, code=1)
+    assert re.findall(r"^FAILED (\S+)", said, re.M) == ["test_example.py::test_ends[2]"]
+    assert "the mpirun of this file ended in it" in said
+
+
 def test_quiet_is_quiet(example):
     """-q leaves out what pytest says at the start, and tests on several ranks run as without it: by one mpirun."""
     said = run(sys.executable, "-m", "pytest", "-q", "-k", "good", cwd=example)
