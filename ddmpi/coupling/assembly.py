@@ -141,8 +141,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                 at_body[name].append((contact, side))
     contacts = [contact for contact in scene.contact if not at_body.keys().isdisjoint(contact.bodies)]
     exchange = Exchange(world, [Ends(contact.name, homes[contact.bodies[0]],
-                                     homes.get(contact.bodies[1], homes[contact.bodies[0]])) for contact in contacts],
-                        mirrored=_is_pair(world, scene))
+                                     homes.get(contact.bodies[1], homes[contact.bodies[0]])) for contact in contacts])
     meshes: dict[str, Mesh] = {}
     edges: dict[tuple[str, int], np.ndarray] = {}
     bodies: dict[str, Elasticity] = {}
@@ -194,10 +193,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                                   points, factor))
             interrupt.check()
     owned = {contact for contact, first, _ in exchange.ends if first == world.rank}
-    if exchange.mirrored:
-        space = Space(interfaces)
-    else:
-        space = Space([interface for interface in interfaces if interface.name in owned], world, exchange.collectives)
+    space = Space([interface for interface in interfaces if interface.name in owned], world, exchange.collectives)
     exchange.connect(space, [member.parts for member in members])
     told = _doubts(scene, gathered(world, {name: each.warnings for name, each in bodies.items() if each.warnings}),
                    gathered(world, {name: warnings for name, (_, warnings) in found.items() if warnings}))
@@ -207,12 +203,6 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                     space, exchange, Joint(members, exchange, space, histories, scene.pushed),
                     world.allreduce(sum(each.n for each in bodies.values())),
                     world.allreduce(sum(interface.m for interface in interfaces if interface.name in owned)), told)
-
-
-def _is_pair(world: MPI.Comm, scene: Settled) -> bool:
-    """Whether there are two bodies, each on a rank of its own, that touch each other and no rigid partner."""
-    names = {body.name for body in scene.body}
-    return world.size == len(names) == 2 and all(set(contact.bodies) == names for contact in scene.contact)
 
 
 def _doubts(scene: Settled, by_body: Mapping[str, list[str]], by_contact: Mapping[str, list[str]]) -> list[str]:

@@ -17,7 +17,8 @@ from ddmpi.petsc.events import event
 from ddmpi.system import interrupt
 from ddmpi.system.agreement import agree
 
-_INTERFACE, _PART, _OBJECT = 11, 12, 13
+_PART, _OBJECT = 12, 13
+
 
 class Ends(NamedTuple):
     """A contact and the ranks of its first and second body; a rigid partner has no rank, and the first's stands here.
@@ -46,14 +47,10 @@ class Exchange:
     errors and signals, so that an error on one rank reaches the others instead of leaving them waiting, and on what the
     vectors are about, so that ranks whose iterations came to different ends (on unlike processors, say) notice it.
 
-    Where two ranks hold a body each, with no other partner than each other, both own all interfaces and hold the same
-    vectors, bit for bit: they do the same work on them, and one message each way (`swap`) makes a product.
-
     Parameters
     ----------
     world : communicator of all bodies
     ends : of all contacts in which a body of this rank takes part, in the order of the scene
-    mirrored : whether both of two ranks own all interfaces
 
     Attributes
     ----------
@@ -62,8 +59,8 @@ class Exchange:
         rank gave to them; PETSc's own in Krylov methods are not counted
     """
 
-    def __init__(self, world: MPI.Comm, ends: Sequence[Ends], mirrored: bool = False) -> None:
-        self.world, self.ends, self.mirrored = world, tuple(ends), mirrored
+    def __init__(self, world: MPI.Comm, ends: Sequence[Ends]) -> None:
+        self.world, self.ends = world, tuple(ends)
         self.messages = self.bytes = 0
         self.collectives: Counter[str] = Counter(reductions=0, reduced_bytes=0)
         self._failure: DdmpiError | None = None
@@ -83,12 +80,8 @@ class Exchange:
         self._owned = space.size
         self._sizes = [max((part.stop for part, _ in parts.values()), default=0) for parts in bodies]
         for contact, first, second in self.ends:
-            here = {side: (k, parts[contact][0]) for k, parts in enumerate(bodies) if contact in parts
-                    for side in (parts[contact][1],)}
-            if self.mirrored:
-                (side, (body, own)), = here.items()
-                self._local.append(_Part(body, own, space.parts[contact], side == 1))
-            elif first == self.world.rank:
+            here = {parts[contact][1]: (k, parts[contact][0]) for k, parts in enumerate(bodies) if contact in parts}
+            if first == self.world.rank:
                 owned = space.parts[contact]
                 self._local += [_Part(body, own, owned, side == 1) for side, (body, own) in sorted(here.items())]
                 if second != first:
@@ -117,8 +110,6 @@ class Exchange:
         The second is zero where the partner is rigid. Collective on the world. Raises the error of any rank on all,
         InterruptionError when a signal came to one of them, and SolverError when they are about different things.
         """
-        if self.mirrored:
-            return self._mirror(parts, about)
         came = self._trade({rank: np.concatenate([parts[part.body][part.own] for part in borrowed])
                             for rank, borrowed in self._borrowed.items()},
                            {rank: sum(own.stop - own.start for own in lent) for rank, lent in self._lent.items()})
@@ -133,15 +124,6 @@ class Exchange:
         self.meet(about)
         return both[0], both[1]
 
-    def _mirror(self, parts: Sequence[np.ndarray], about: str) -> tuple[np.ndarray, np.ndarray]:
-        """`collect` where both ranks own all interfaces: each contact's first and second body, by one `swap`."""
-        own, seconds = np.zeros(self._owned), np.zeros(self._owned, bool)
-        for part in self._local:
-            own[part.owned], seconds[part.owned] = parts[part.body][part.own], part.second
-        low, high = self.swap(own, about)
-        theirs = high if self.world.rank == self.ends[0].first else low
-        return np.where(seconds, theirs, own), np.where(seconds, own, theirs)
-
     def total(self, parts: Sequence[np.ndarray], about: str) -> np.ndarray:
         """The sum of both bodies' contributions to the owned interfaces; otherwise as `collect`."""
         first, second = self.collect(parts, about)
@@ -149,9 +131,6 @@ class Exchange:
 
     def meet(self, about: str) -> None:
         """Agree on errors, signals and what is being done. Collective; raises as `collect` does."""
-        if self.mirrored:
-            self.swap(np.zeros(1), about)
-            return
         self._failure = self._failure or interrupt.interruption()
         if self.world.size == 1:
             if self._failure:
@@ -164,45 +143,21 @@ class Exchange:
             self.world.Allreduce(MPI.IN_PLACE, words, MPI.MAX)
         lost = words[1] != -words[2]
         if lost:
-            self._failure = self._failure or _lost(about)
+            self._failure = self._failure or SolverError(
+                f"the ranks are at different points of the iteration, one at {about!r}; the processors may differ")
         if words[0] or lost:
             self.agree()
 
     def swap(self, mine: np.ndarray, about: str) -> tuple[np.ndarray, np.ndarray]:
-        """Of two ranks that are `mirrored`: both ranks' vectors, first that of the first contact's first body.
+        """Where two ranks hold a body each: both ranks' vectors, first that of the first contact's first body.
 
-        One message each way, which carries errors, signals and the topic along. Collective; raises as `collect`.
+        They are equally long. Collective; raises as `collect`.
         """
+        self.meet(about)
         _, first, second = self.ends[0]
         partner = second if self.world.rank == first else first
-        self._failure = self._failure or interrupt.interruption()
-        send = np.empty(len(mine) + 2)
-        send[0] = self._failure is not None
-        send[1] = zlib.crc32(about.encode())
-        send[2:] = mine
-        with event("Exchange"):
-            sending = self.world.Isend(send, partner, _INTERFACE)
-            status = MPI.Status()
-            self.world.Probe(partner, _INTERFACE, status)
-            receive = np.empty(status.Get_count(MPI.DOUBLE))  # as long as what comes, also when it is unexpected
-            self.world.Recv(receive, partner, _INTERFACE)
-            sending.Wait()
-        self.messages += 1
-        self.bytes += send.nbytes
-        lost = send[1] != receive[1] or len(send) != len(receive)
-        if lost:
-            self._failure = self._failure or _lost(about)
-        if send[0] or receive[0] or lost:
-            self.agree()
-        theirs = receive[2:]
+        theirs = self._trade({partner: mine}, {partner: len(mine)})[partner]
         return (mine, theirs) if self.world.rank == first else (theirs, mine)
-
-    def add(self, value: float) -> float:
-        """The sum of a number over the ranks, the same on all of them. Collective."""
-        if self.mirrored:
-            one, other = self.swap(np.array([value]), "sum")
-            return float(one[0] + other[0])
-        return self.world.allreduce(value)
 
     def swap_objects(self, mine: Mapping[tuple[str, int], Any]) -> dict[str, tuple]:
         """Both bodies' objects by contact, on the ranks of both, from each rank's own by contact and side.
@@ -264,8 +219,3 @@ class Exchange:
 
 def _length(part: _Part) -> int:
     return part.own.stop - part.own.start
-
-
-def _lost(about: str) -> SolverError:
-    return SolverError(f"the ranks are at different points of the iteration, one at {about!r}; the processors may "
-                       "differ")

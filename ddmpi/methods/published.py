@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.coupling.assembly import Assembly
+from ddmpi.coupling.space import Space
 from ddmpi.methods.outer import Report, Step, no_report
 from ddmpi.methods.subproblem import Subproblem, friction_role
 from ddmpi.scene.method import SettledMethod
@@ -60,17 +61,16 @@ class PublishedIteration:
         self.history: list[Step] = []
         self.checkpoint: Callable[[], None] = lambda: None
         (self.interface,) = assembly.member.interfaces
-        self.space = assembly.space
-        self._laws, self._lead = self.space.laws, lead
+        space = Space([self.interface])
+        self._laws, self._lead, self._owned = space.laws, lead, slice(assembly.space.size)
         role = 1 if self.interface.side(assembly.member.name) == lead else 2
         self.subproblem = Subproblem(assembly.member, self.interface, role)
-        size = self.space.size
-        self.lam, self.s1, self.s2 = np.zeros(size), np.zeros(size), np.zeros(size)
+        self.lam, self.s1, self.s2 = (np.zeros(space.size) for _ in range(3))
         self._bound = np.zeros(len(self.interface.sliding))
         with self.exchange.deferred():
             assembly.member.need_norm()
         h1, h2 = self._swap(assembly.member.h, "free displacement")
-        free, gap = max(norm(h1), norm(h2)), self.space.gap
+        free, gap = max(norm(h1), norm(h2)), space.gap
         self._scale = max(free, norm(gap))
         self._tolerance = method.tolerance
         self._step_size = FIRST_PRECISION * min(free, norm(h1 + h2 - gap)) / self.precision
@@ -93,11 +93,11 @@ class PublishedIteration:
         """The contact forces that obey all bounds (N): each from the role that bounds it."""
         m = self.interface.m
         tangential = self.s2 if friction_role(self.algorithm) == 2 else self.s1
-        return np.concatenate([self.s2[:m], tangential[m:]])
+        return np.concatenate([self.s2[:m], tangential[m:]])[self._owned]
 
     @property
     def bound(self) -> np.ndarray:
-        return self._bound
+        return self._bound[self._owned]
 
     @property
     def motions(self) -> np.ndarray:
@@ -109,7 +109,7 @@ class PublishedIteration:
 
     @property
     def mismatch(self) -> np.ndarray:
-        return self.s1 - self.s2
+        return (self.s1 - self.s2)[self._owned]
 
     @property
     def inner_steps(self) -> dict[str, int]:
