@@ -31,15 +31,6 @@ class Ends(NamedTuple):
     second: int
 
 
-class _Part(NamedTuple):
-    """A part of a body's vector: of which local body, where in its vector, and where in the owner's."""
-
-    body: int
-    own: slice
-    owned: slice
-    second: bool
-
-
 class Exchange:
     """Carries the vectors of interfaces between the ranks that own them and those of the bodies that meet there.
 
@@ -64,10 +55,6 @@ class Exchange:
         self.messages = self.bytes = 0
         self.collectives: Counter[str] = Counter(reductions=0, reduced_bytes=0)
         self._failure: DdmpiError | None = None
-        self._sizes: list[int] = []
-        self._local: list[_Part] = []
-        self._lent: dict[int, list[slice]] = {}
-        self._borrowed: dict[int, list[_Part]] = {}
 
     def connect(self, space: Space, bodies: Sequence[Mapping[str, tuple[slice, int]]]) -> None:
         """Say where the parts of vectors lie.
@@ -77,32 +64,35 @@ class Exchange:
         space : layout of the vectors of the interfaces that this rank owns
         bodies : of each local body, by contact: its part of the body's own vector, and the body's side, 0 or 1
         """
+        sizes = [max((part.stop for part, _ in parts.values()), default=0) for parts in bodies]
         self._owned = space.size
-        self._sizes = [max((part.stop for part, _ in parts.values()), default=0) for parts in bodies]
+        *starts, self._size = np.cumsum([0, *sizes])
+        self._ends = starts[1:]
+        local: list[np.ndarray] = []
+        lent: dict[int, list[np.ndarray]] = {}
+        borrowed: dict[int, list[np.ndarray]] = {}
         for contact, first, second in self.ends:
-            here = {parts[contact][1]: (k, parts[contact][0]) for k, parts in enumerate(bodies) if contact in parts}
-            if first == self.world.rank:
-                owned = space.parts[contact]
-                self._local += [_Part(body, own, owned, side == 1) for side, (body, own) in sorted(here.items())]
-                if second != first:
-                    self._lent.setdefault(second, []).append(owned)
-            else:
-                body, own = here[1]
-                self._borrowed.setdefault(first, []).append(_Part(body, own, slice(0), True))
+            here = {parts[contact][1]: start + np.arange(sizes[k])[parts[contact][0]]
+                    for k, (start, parts) in enumerate(zip(starts, bodies, strict=True)) if contact in parts}
+            if first != self.world.rank:
+                borrowed.setdefault(first, []).append(here[1])
+                continue
+            part = np.arange(space.size)[space.parts[contact]]
+            local += [np.stack([own, part, np.full_like(part, side)]) for side, own in here.items()]
+            if second != first:
+                lent.setdefault(second, []).append(part)
+        self._local, self._at, self._side = np.hstack([np.zeros((3, 0), int), *local])  # bodies', owner's, first or not
+        self._lent, self._borrowed = ({rank: np.concatenate(parts) for rank, parts in each.items()}
+                                      for each in (lent, borrowed))
 
     def spread(self, x: np.ndarray) -> list[np.ndarray]:
         """What each local body sees of a vector `x` of the owned interfaces. Collective over neighbours."""
-        parts = [np.zeros(size) for size in self._sizes]
-        came = self._trade({rank: np.concatenate([x[owned] for owned in lent]) for rank, lent in self._lent.items()},
-                           {rank: sum(map(_length, borrowed)) for rank, borrowed in self._borrowed.items()})
-        for part in self._local:
-            parts[part.body][part.own] = x[part.owned]
-        for rank, borrowed in self._borrowed.items():
-            start = 0
-            for part in borrowed:
-                parts[part.body][part.own] = came[rank][start:start + _length(part)]
-                start += _length(part)
-        return parts
+        whole = np.zeros(self._size)
+        came = self._trade({rank: x[at] for rank, at in self._lent.items()}, self._borrowed)
+        whole[self._local] = x[self._at]
+        for rank, at in self._borrowed.items():
+            whole[at] = came[rank]
+        return np.split(whole, self._ends)
 
     def collect(self, parts: Sequence[np.ndarray], about: str) -> tuple[np.ndarray, np.ndarray]:
         """What the first and the second bodies of the owned interfaces contribute, from the local bodies' vectors.
@@ -110,17 +100,11 @@ class Exchange:
         The second is zero where the partner is rigid. Collective on the world. Raises the error of any rank on all,
         InterruptionError when a signal came to one of them, and SolverError when they are about different things.
         """
-        came = self._trade({rank: np.concatenate([parts[part.body][part.own] for part in borrowed])
-                            for rank, borrowed in self._borrowed.items()},
-                           {rank: sum(own.stop - own.start for own in lent) for rank, lent in self._lent.items()})
-        both = np.zeros((2, self._owned))
-        for part in self._local:
-            both[int(part.second)][part.owned] = parts[part.body][part.own]
-        for rank, lent in self._lent.items():
-            start = 0
-            for owned in lent:
-                both[1][owned] = came[rank][start:start + owned.stop - owned.start]
-                start += owned.stop - owned.start
+        whole, both = np.concatenate(parts), np.zeros((2, self._owned))
+        came = self._trade({rank: whole[at] for rank, at in self._borrowed.items()}, self._lent)
+        both[self._side, self._at] = whole[self._local]
+        for rank, at in self._lent.items():
+            both[1][at] = came[rank]
         self.meet(about)
         return both[0], both[1]
 
@@ -156,7 +140,7 @@ class Exchange:
         self.meet(about)
         _, first, second = self.ends[0]
         partner = second if self.world.rank == first else first
-        theirs = self._trade({partner: mine}, {partner: len(mine)})[partner]
+        theirs = self._trade({partner: mine}, {partner: mine})[partner]
         return (mine, theirs) if self.world.rank == first else (theirs, mine)
 
     def swap_objects(self, mine: Mapping[tuple[str, int], Any]) -> dict[str, tuple]:
@@ -203,11 +187,11 @@ class Exchange:
         """Raise the kept error of any rank on all ranks. Collective on the world."""
         agree(self.world, self._failure)
 
-    def _trade(self, send: Mapping[int, np.ndarray], lengths: Mapping[int, int]) -> dict[int, np.ndarray]:
-        """Send vectors to ranks, and receive vectors of the given lengths from others."""
-        if not (send or lengths):
+    def _trade(self, send: Mapping[int, np.ndarray], like: Mapping[int, np.ndarray]) -> dict[int, np.ndarray]:
+        """Send vectors to ranks, and receive vectors from others, as long as `like`."""
+        if not (send or like):
             return {}
-        came = {rank: np.empty(length) for rank, length in lengths.items()}
+        came = {rank: np.empty(len(each)) for rank, each in like.items()}
         with event("Exchange"):
             requests = [self.world.Irecv(vector, rank, _PART) for rank, vector in came.items()]
             requests += [self.world.Isend(vector, rank, _PART) for rank, vector in send.items()]
@@ -215,7 +199,3 @@ class Exchange:
         self.messages += len(send)
         self.bytes += sum(vector.nbytes for vector in send.values())
         return came
-
-
-def _length(part: _Part) -> int:
-    return part.own.stop - part.own.start
