@@ -16,7 +16,7 @@ from ddmpi.interface.state import ContactState
 from ddmpi.mesh.refine import CORNERS_CUT
 from ddmpi.results.tables import Columns, Results, leg_values
 from ddmpi.system.agreement import agreed
-from ddmpi.system.files import contact_files, write_datasets, write_parts, write_rows, writing
+from ddmpi.system.files import contact_files, write_parts, write_rows, writing
 
 TOPOLOGY = {2: "Polyline", 3: "Triangle", 6: "Triangle_6", 4: "Tetrahedron", 10: "Tetrahedron_10"}
 """What XDMF calls lines, triangles and tetrahedra, by their number of nodes."""
@@ -109,7 +109,7 @@ def write_fields(path: Path, bodies: Mapping[int, Fields], world: MPI.Comm = MPI
     kinds = {name: 0 if name in AT_NODES else 1 for name in names}
     write_rows(path / "result.h5", {name: [each[name] for each in several] for name in names},
                {name: (before[kind], int(total[kind])) for name, kind in kinds.items()}, world,
-               "" if step is None else group_of(step))
+               None if step is None else group_of(step))
 
 
 def _datasets_of(fields: Fields, body: int, first: int) -> dict[str, np.ndarray]:
@@ -168,7 +168,8 @@ def write_facets(path: Path, states: Mapping[str, ContactState], fields: Mapping
     own = {f"contacts/{name}/facets": fields[name]["cells"] for name in states}
     own |= {f"contacts/{name}/initial_gap": state.interface.gap[state.interface.shown.row]
             for name, state in states.items()}
-    write_datasets(path / "result.h5", own, world)
+    write_rows(path / "result.h5", {name: [part] for name, part in own.items()},
+               {name: (0, len(part)) for name, part in own.items()}, world, "")
 
 
 def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, tuple[int, int]] | None = None,
