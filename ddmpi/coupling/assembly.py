@@ -17,7 +17,7 @@ from ddmpi.coupling.joint import Joint
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.ranks import homes_of, ranks_beside, team_of
 from ddmpi.coupling.space import Space
-from ddmpi.coupling.team import Team, TeamMatrix
+from ddmpi.coupling.team import TeamMatrix
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface, Mover, check_overlap, refuse_contradiction
 from ddmpi.interface.matching import face_rigid
@@ -186,8 +186,9 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     with clock.phase("factor"), agreed(world):
         for spec in mine:
             points = meshes[spec.name].points[bodies[spec.name].nodes]
-            if factor:
-                bodies[spec.name] = _deal(team, bodies[spec.name], points)
+            if factor and team and team.comm.size > 1:
+                A, held = bodies[spec.name].A, bodies[spec.name].held
+                bodies[spec.name] = replace(bodies[spec.name], A=TeamMatrix(team, A, points, held))
             ours = [found[contact.name][0] for contact, _ in at_body[spec.name]]
             members.append(Member(spec.name, bodies[spec.name], ours, scene.method.compliance, memory, histories,
                                   points, factor))
@@ -217,14 +218,6 @@ def _doubts(scene: Settled, by_body: Mapping[str, list[str]], by_contact: Mappin
             *("time: nothing follows a history; the loads are the same in all load steps"
               for _ in [scene.time] if scene.time is not None and not scene.followed),
             *(warning for contact in scene.contact for warning in by_contact.get(contact.name, ()))]
-
-
-def _deal(team: Team | None, elasticity: Elasticity, points: np.ndarray) -> Elasticity:
-    """The body with its stiffness on all ranks of its team, if it has several. Collective on them."""
-    if team is None or team.size == 1:
-        return elasticity
-    A = TeamMatrix(team, elasticity.A, points, elasticity.held)
-    return replace(elasticity, A=A)
 
 
 def _key(contact: SettledContact) -> str:

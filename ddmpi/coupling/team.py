@@ -203,10 +203,6 @@ class Team:
         self._share: Share | None = Share(comm, beside)
         self._votes = comm.Dup()  # a rank votes here that has left the others in the middle of a command
 
-    @property
-    def size(self) -> int:
-        return self.comm.size
-
     def do(self, command: str, given: Any = None, *arguments: Any) -> Any:
         """Have all ranks call this method of their share, and return what it returns here. Root only.
 

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from ddmpi.body.stress import principal, von_mises
 from ddmpi.interface.interface import Lines, in_order
 from ddmpi.interface.state import ContactState
-from ddmpi.mesh.refine import CORNERS_CUT
+from ddmpi.mesh.elements import cell_with
 from ddmpi.results.tables import Columns, Results, leg_values
 from ddmpi.system.agreement import agreed
 from ddmpi.system.files import contact_files, write_parts, write_rows, writing
@@ -374,8 +374,8 @@ def _padded(array: np.ndarray) -> np.ndarray:
 
 
 def linear_triangles(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cells (nt, 3 or 6) as triangles between neighbouring nodes, and the cell that each is part of."""
-    parts = [[0, 1, 2]] if cells.shape[1] == 3 else CORNERS_CUT[2]
+    """Cells (nt, k) in the plane as triangles between neighbouring nodes, and the cell that each is part of."""
+    parts = cell_with(2, cells.shape[1]).parts
     return cells[:, parts].reshape(-1, 3), np.repeat(np.arange(len(cells)), len(parts))
 
 
