@@ -157,18 +157,6 @@ class Member:
             self.C.mult(self._centring.project(x), y, purpose, relative)
             y[:] = self._centring.project(y)
 
-    def dense(self) -> np.ndarray:
-        """C (size, size), centred, as a dense matrix (m/N). Collective."""
-        C = self.C.dense()
-        if self._centring is None:
-            return C
-        C = self._centring.project(self._centring.project(C).T)
-        return (C + C.T) / 2
-
-    def norm(self) -> float:
-        """A lower bound close to ‖C‖₂ (m/N), centred; estimated at the first call. Collective."""
-        return self.C.norm(None if self._centring is None else self.mult)
-
     def restart(self) -> None:
         """Count multiplications from the set-up on, for another iteration on the same factors."""
         self.C.count = self._set_up.copy()
@@ -176,7 +164,7 @@ class Member:
     def need_norm(self) -> None:
         """Estimate ‖C‖ now, as a part of the set-up. Collective on the body's communicator."""
         before = self.C.count["norm"]
-        self.norm()
+        self.C.norm()
         self._set_up["norm"] += self.C.count["norm"] - before
 
     def trace(self, u: np.ndarray) -> np.ndarray:

@@ -47,6 +47,7 @@ class PublishedIteration:
     method : variant of the iteration, theta, tolerance, limits
     report : called with every Step
     lead : side of the interface whose body takes role 1
+    precision : η, the inner solves are as precise as η times the last outer update; left out, the method's
 
     Attributes
     ----------
@@ -56,8 +57,11 @@ class PublishedIteration:
     """
 
     def __init__(self, assembly: Assembly, method: SettledMethod, report: Report = no_report,
-                 lead: int = 0) -> None:
+                 lead: int = 0, precision: float | None = None) -> None:
         self.exchange, self.method, self.report = assembly.exchange, method, report
+        self.algorithm, self.splitting = method.algorithm or "original", method.splitting or "none"
+        self._precision = precision or (
+            FIXED_PRECISION if method.inner_precision == "fixed" else method.inner_precision)
         self.history: list[Step] = []
         self.checkpoint: Callable[[], None] = lambda: None
         (self.interface,) = assembly.member.interfaces
@@ -73,20 +77,7 @@ class PublishedIteration:
         free, gap = max(norm(h1), norm(h2)), space.gap
         self._scale = max(free, norm(gap))
         self._tolerance = method.tolerance
-        self._step_size = FIRST_PRECISION * min(free, norm(h1 + h2 - gap)) / self.precision
-
-    @property
-    def algorithm(self) -> str:
-        return self.method.algorithm or "original"
-
-    @property
-    def splitting(self) -> str:
-        return self.method.splitting or "none"
-
-    @property
-    def precision(self) -> float:
-        """η: the inner solves are as precise as η times the last outer update."""
-        return FIXED_PRECISION if self.method.inner_precision == "fixed" else self.method.inner_precision
+        self._step_size = FIRST_PRECISION * min(free, norm(h1 + h2 - gap)) / self._precision
 
     @property
     def forces(self) -> np.ndarray:
@@ -150,15 +141,15 @@ class PublishedIteration:
         size = self._step_size
         if self.method.inner_precision == "fixed":  # as if the last update were this one already
             size = self.method.tolerance * (norm(self.lam) or self._scale)
-        precision = float(max(self.precision * size, body.member.C.accuracy * self._scale))
-        neglected = NEGLECTED * self.precision * self._tolerance * norm(self.lam)
+        precision = float(max(self._precision * size, body.member.C.accuracy * self._scale))
+        neglected = NEGLECTED * self._precision * self._tolerance * norm(self.lam)
 
         with exchange.deferred():
             body.solve(self.lam, self._bound, precision, self.algorithm, self._split, neglected)  # Steps 1 and 2
         self.s1, self.s2 = self._swap(body.s, "forces")
         w = np.zeros_like(self.lam)
         with exchange.deferred():
-            w = body.neumann(self.s1 - self.s2, PASSING * self.precision)  # Steps 3 and 4
+            w = body.neumann(self.s1 - self.s2, PASSING * self._precision)  # Steps 3 and 4
         w1, w2 = self._swap(np.append(w, body.member.C.count.total()), "neumann")
         update = self.advance(w1[:-1], w2[:-1])
         self.lam = self.lam + update  # Step 5; not in place, a checkpoint may hold the former one
