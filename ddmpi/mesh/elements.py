@@ -292,16 +292,16 @@ def invert(tangents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return cofactors / determinant, determinant
 
 
-def bends(edges: np.ndarray) -> np.ndarray:
+def bends(edges: np.ndarray, least: float = BENT) -> np.ndarray:
     """How far (…, D) the middles of edges with nodes (…, 2 or 3, D) are off the midpoints of their chords (m).
 
-    Exactly zero for straight edges, the only ones of order 1.
+    Exactly zero up to the part `least` of the chords, and for edges of order 1.
     """
     if edges.shape[-2] == 2:
         return np.zeros_like(edges[..., 0, :])
     start, end, middle = np.moveaxis(edges, -2, 0)
     off = middle - (start + end) / 2
-    bent = np.linalg.norm(off, axis=-1) > BENT * np.linalg.norm(end - start, axis=-1)
+    bent = np.linalg.norm(off, axis=-1) > least * np.linalg.norm(end - start, axis=-1)
     return np.where(bent[..., None], off, 0.0)
 
 
