@@ -50,10 +50,7 @@ LACKING = 1e-3
 
 
 def connect(first: Side, second: Side, contact: SettledContact, refinement: int = 1) -> Interface:
-    """The interface of two sides: by pairs of nodes where they match, else by mortar; or as `contact.pairing` says.
-
-    Otherwise as `pair` and `mortar`.
-    """
+    """The interface of two sides, as `pair` or `mortar`: by pairs where nodes match, or as `contact.pairing` says."""
     quadratic = max(side.facets.shape[1] for side in (first, second)) == 6
     if contact.pairing == "nodes" and quadratic:
         raise InputError(f"contact.{contact.name}.pairing: pairs of nodes are for linear tetrahedra, as corners of "
@@ -176,8 +173,7 @@ def _rows(sides: tuple[Side, Side], own: int, over: Cover, root: np.ndarray) -> 
 
 
 def _unbound(rows: Rows, tangential: bool, root: np.ndarray) -> np.ndarray:
-    """The `root` of each of the slave's nodes (k,), where rows nearly fixed by clamps or other contacts are merged with
-    a neighbour."""
+    """The `root` of each of the slave's nodes (k,), where rows nearly fixed (BARELY) are merged with a neighbour."""
     side = rows.sides[rows.own]
     (held, most), (both, along) = (rows.held(direction) for direction in frames(rows.normal).swapaxes(0, 1))
     if tangential:
@@ -230,11 +226,9 @@ def _merged(side: Side, over: Cover) -> np.ndarray:
 
 def _lines(side: Side, nodes: np.ndarray, place: np.ndarray, area: np.ndarray, S: sparse.csr_matrix,
            seen: np.ndarray) -> Lines:
-    """The nodes on which the rows act, each with its part of its row's length; otherwise as `Rows`.
-
-    So the forces on the nodes have the rows' resultant and moment. A node whose part is no more than UNSEEN of what the
-    facets `seen` (f,) give it faces nothing and is left out. `S` is the slave's transfer.
-    """
+    """The nodes on which the rows act, each with its part of its row's length; otherwise as `Rows`. So the forces on
+    the nodes have the rows' resultant and moment. A node whose part is no more than UNSEEN of what the facets `seen`
+    (f,) give it faces nothing and is left out. `S` is the slave's transfer."""
     entries, length = S.tocoo(), np.zeros(len(place))
     own = place[entries.col] == entries.row
     length[entries.col[own]] = (area[entries.row] * entries.data)[own]

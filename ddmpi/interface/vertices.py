@@ -29,8 +29,7 @@ SLIVER = 1e-6
 """The dual functions of a facet of which a smaller part is covered are constants."""
 
 UNCOVERED = 0.15
-"""A vertex of whose area a smaller part is covered shares its function; else its gap would be one outside of that part.
-"""
+"""A vertex of whose area a smaller part is covered shares its function; else its gap would be one outside of it."""
 
 BARELY = 0.5
 """So does one that clamps let move by less than this, where free ones move by one."""
@@ -43,10 +42,8 @@ FLAT = 1e-3
 
 
 def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, looked: Cover, contact: SettledContact) -> Rows:
-    """The rows of the slave, `sides[own]`, which faces the other at the points of `over`. Not collective.
-
-    `looked` are places where overlaps of the answer are looked for.
-    """
+    """The rows of the slave, `sides[own]`, which faces the other at the points of `over`; `looked` are places where
+    overlaps of the answer are looked for. Not collective."""
     side, bonded = sides[own], contact.kind == "bonded"
     seen = np.isin(np.arange(len(side.facets)), over.facet)
     psi, met = _functions(side, over, bonded), np.zeros(len(side.nodes), bool)

@@ -269,10 +269,7 @@ class MeshLadder:
 
 
 def refine_scene(scene: Settled, refinement: int) -> Settled:
-    """The scene with shapes meshed `refinement` times finer, and meshes of files halved log2(`refinement`) times.
-
-    Geometries are as they were.
-    """
+    """The scene with shapes meshed `refinement` times finer, and meshes of files halved log2(`refinement`) times."""
     def finer(mesh):
         if mesh.geometry is not None:
             return mesh

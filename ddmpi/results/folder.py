@@ -146,10 +146,8 @@ def _is_alive(process: int) -> bool:
 
 
 def _claim(folder: Path) -> None:
-    """Claim the folder, and remove what a killed run has left. Raises OSError, InputError where another run has it.
-
-    Of several runs that come upon the claim of a killed one, the one that renames the folder in it has it.
-    """
+    """Claim the folder, and remove what a killed run has left. Raises OSError, InputError where another run has it. Of
+    several runs that come upon the claim of a killed one, the one that renames the folder in it has it."""
     claim, ours = folder / UNFINISHED, folder / f"{UNFINISHED}-{whereabouts()}"
     if claim.is_symlink():
         raise InputError(f"--output {folder}: {claim} is a link; remove it")

@@ -39,8 +39,7 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
 
     What the summary has of the last step alone is None: strain energies, estimated errors, overlaps between nodes. The
     certificate and what friction dissipates stay those of all steps. Without load steps, or without an answer,
-    `results` are as they were read. Not collective. Raises InputError where there are no fields of the time `asked`
-    for.
+    `results` are as they were read. Not collective. Raises InputError where the time `asked` for has no fields.
     """
     import h5py
 
@@ -101,8 +100,7 @@ def along(results: Results, start: Sequence[float], end: Sequence[float], number
     """The columns PATH at so many places, evenly from `start` to `end` (d,), by shape functions from the nodes.
 
     A place in no body has no line, unless it is hardly outside, as where a body's curved side is a chord in the mesh;
-    one at which bodies touch has a line for each. Places are those before the bodies move. Not collective. Raises
-    InputError.
+    one at which bodies touch has a line for each. Bodies have not moved yet. Not collective. Raises InputError.
     """
     d, (first, last) = results.dimension, (np.array(each) for each in (start, end))
     if {len(first), len(last)} != {d} or not 0.0 < np.linalg.norm(last - first) < np.inf or number < 2:

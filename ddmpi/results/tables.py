@@ -110,7 +110,6 @@ def write_contact(path: Path, name: str, state: ContactState) -> None:
     """Write contact_NAME.csv into the folder `path`: one line per contact node, in the plane along the contact.
 
     Where nodes do not match, they are the slave's. Of those that share a row, each has its part of the forces.
-
     Directions are those of the first body. Not collective. Raises OutputError.
     """
     interface = state.interface
@@ -189,19 +188,14 @@ def write_legs(path: Path, name: str, state: ContactState, steps: Iterable[tuple
 
 
 def write_history(path: Path, rows: Iterable[Sequence]) -> None:
-    """Write history.csv into the folder `path`: one line per outer iteration.
-
-    A row has the load step, the fields of `methods.outer.Step`, its n_A last, and before it the numbers of open,
-    slipping and sticking nodes of all contacts. Not collective. Raises OutputError.
-    """
+    """Write history.csv into the folder `path`: per outer iteration a row of HISTORY: the load step, the fields of
+    `methods.outer.Step` and, before its n_A, numbers of nodes. Not collective. Raises OutputError."""
     _write_csv(path / "history.csv", HISTORY, rows)
 
 
 def write_steps(path: Path, steps: Iterable[dict]) -> None:
-    """Write steps.csv into the folder `path`: one line per load step and contact.
-
-    `steps` is the entry of that name in the summary (`summary.summarize`). Not collective. Raises OutputError.
-    """
+    """Write steps.csv into the folder `path`: one line per load step and contact. `steps` is the entry of that name in
+    the summary (`summary.summarize`). Not collective. Raises OutputError."""
     scalars = list(STEPS)[list(STEPS).index("normal_force"):]
     rows = [(step["time"], name, *contact["force"], *np.atleast_1d(contact["moment"]),
              *(contact[column] for column in scalars))
@@ -210,10 +204,7 @@ def write_steps(path: Path, steps: Iterable[dict]) -> None:
 
 
 def write_energy(path: Path, rows: Iterable[Sequence]) -> None:
-    """Write energy.csv into the folder `path`: one line per load step.
-
-    A row has the columns ENERGY. Not collective. Raises OutputError.
-    """
+    """Write energy.csv into the folder `path`: per load step a row of ENERGY. Not collective. Raises OutputError."""
     _write_csv(path / "energy.csv", ENERGY, rows)
 
 
@@ -315,10 +306,8 @@ class Results:
 
 
 def read_results(folder: str | Path) -> Results:
-    """Read all results of a run from its folder. Not collective.
-
-    Raises InputError if the results are not complete, or of another format.
-    """
+    """Read all results of a run from its folder. Not collective. Raises InputError if they are not complete, or of
+    another format."""
     import h5py
 
     folder = Path(folder)

@@ -114,8 +114,7 @@ class Material(Table, frozen=True, kw_only=True):
 
     @property
     def lame(self) -> tuple[float, float]:
-        """First Lamé constant and shear modulus (Pa) of an isotropic material, in plane stress those of the plane
-        problem."""
+        """First Lamé constant and shear modulus (Pa) of an isotropic material, in plane stress for the plane."""
         E, nu = self.young, self.poisson
         assert not isinstance(E, tuple) and not isinstance(nu, tuple)
         shear = E / (2 * (1 + nu))

@@ -1,5 +1,4 @@
-"""The contact boundary of a body in space, and the curved one that is meant: normals at the corners of plane triangles,
-and what stands over them."""
+"""The contact boundary of a body in space, and the curved one that is meant over its plane triangles."""
 
 from __future__ import annotations
 
@@ -102,8 +101,7 @@ class Patch(Side):
 
 
 def _fitted(xy: np.ndarray, facets: np.ndarray, normal: np.ndarray, whole: np.ndarray) -> np.ndarray:
-    """Normals (k, 3) of surfaces fitted at corners without sharp edges (k,) bool; zero where there are too few others.
-    """
+    """Normals (k, 3) of surfaces fitted at corners that are `whole` (k,) bool; zero where others are too few."""
     pairs, size = links(facets, 3), len(xy)
     near = sparse.csr_matrix((np.ones(2 * len(pairs)), np.concatenate([pairs, pairs[:, ::-1]]).T), (size, size))
     ring = near @ sparse.diags(1.0 * whole)

@@ -67,8 +67,7 @@ class Side:
         return is_touched(self.free)
 
     def moves_with(self, transfer: sparse.csr_matrix) -> np.ndarray:
-        """M (r, d, d): places that move as a transfer (r, k) says move by M e where all nodes move by e as clamps let
-        them."""
+        """M (r, d, d): places of a transfer (r, k) move by M e where all nodes move by e as clamps let them."""
         return (transfer @ self.free.reshape(len(self.free), -1)).reshape(-1, *self.free.shape[1:])
 
     @property
@@ -102,8 +101,7 @@ class Side:
 
     @property
     def fans(self) -> np.ndarray:
-        """(f, d, d) unit normals at the corners of each facet, the same for all that meet there at less than SHARPEST.
-        """
+        """(f, d, d) unit normals at the corners of facets, the same for all that meet there at less than SHARPEST."""
         raise NotImplementedError
 
     def bulge(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
