@@ -23,7 +23,7 @@ from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface, Lines, Places, in_order
 from ddmpi.interface.matching import pair
 from ddmpi.interface.rows import Rows, at_points, build, duals, holds_along, is_held, means, without_rounding
-from ddmpi.interface.vertices import rows_at_vertices
+from ddmpi.interface.vertices import BARELY, LACKING, UNCOVERED, rows_at_vertices
 from ddmpi.mesh.boundary import segments
 from ddmpi.mesh.elements import shapes_on_side as shapes
 from ddmpi.scene.contacts import SettledContact
@@ -35,19 +35,8 @@ from ddmpi.system.numbers import in_words
 SLIVER = 0.02
 """A side of which a smaller part is covered has a constant dual function, of its nearest corner."""
 
-UNCOVERED = 0.15
-"""A node of whose length a smaller part is covered shares the row of its neighbour."""
-
-BARELY = 0.5
-"""Rows that clamps let move by less than this, where free nodes move by one, are merged with a neighbour. Alone they
-would constrain curvature and carry arbitrary forces."""
-
 UNSEEN = 1e-7
 """A node of whose length no more than this part is covered faces nothing: the other side ends at its neighbour."""
-
-LACKING = 1e-3
-"""A facet of which no more than this part is not covered has a mean stress."""
-
 
 def connect(first: Side, second: Side, contact: SettledContact, refinement: int = 1) -> Interface:
     """The interface of two sides, as `pair` or `mortar`: by pairs where nodes match, or as `contact.pairing` says."""

@@ -54,11 +54,9 @@ FILES = {
     "contact.png": "of one contact: stresses, slip bound, gap and slip along the contact, and its zones; of solids, "
                    "pressure, friction with arrows of slip, zones and gap as seen from the front, or unrolled about an "
                    "axis",
+    "contact_NAME.png": "the same of each of up to six contacts",
     "contacts.png": "of several contacts: pressures as areas, zones as lines, and resultants; of solids, pressures as "
                     "colours, and resultants",
-    "contact_NAME.png": "of each of up to six contacts: stresses, slip bound, gap and slip along the contact, and its "
-                        "zones; of solids, pressure, friction with arrows of slip, zones and gap as seen from the "
-                        "front, or unrolled about an axis",
     "convergence.png": "outer iterations",
     "steps.png": "with load steps: loops of the tangential force, energies, contact stresses at the ends of legs; of "
                  "solids, loops of the tangential force, energies, forces and numbers of nodes over time",
