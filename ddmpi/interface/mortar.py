@@ -200,7 +200,7 @@ def _merged(side: Side, over: Cover) -> np.ndarray:
     best = np.full(len(D), -1)
     thin = (full * UNCOVERED > D) | side.bare
     for facet in side.facets[some & thin[side.facets].any(axis=1)]:
-        top = facet[np.argmax(D[facet])]
+        top = facet[2 if side.bare[facet].any() else np.argmax(D[facet])]  # D of the other end may be the same
         for node in facet[thin[facet]]:
             if top != node and (best[node] < 0 or D[top] > D[best[node]]):
                 best[node] = top

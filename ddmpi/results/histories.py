@@ -12,8 +12,8 @@ import numpy as np
 from ddmpi.body.stress import principal, von_mises
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import cell_with
-from ddmpi.results.fields import group_of, owners
-from ddmpi.results.tables import PATH, Columns, Results, leg_columns
+from ddmpi.results.fields import group_of, owners, vectors
+from ddmpi.results.tables import PATH, Columns, Results, leg_columns, side_means
 from ddmpi.system.numbers import in_words
 
 INSIDE, OUTSIDE = -1e-6, -0.05
@@ -83,16 +83,16 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
         "contacts": {name: entry | unknown | step[name] | {"dissipated": entry["dissipated"],
                                                            "pressure_max": float(contacts[name]["normal_stress"].max())}
                      for name, entry in results.summary["contacts"].items()}}
-    return replace(results, summary=summary, contacts=contacts, fields=fields, time=time,
-                   sides={name: _means(table, contacts[name]) for name, table in results.sides.items()})
+    sides = {name: _means(table, contacts[name], results.axisymmetric) for name, table in results.sides.items()}
+    return replace(results, summary=summary, contacts=contacts, fields=fields, time=time, sides=sides)
 
 
-def _means(sides: Columns, nodes: Columns) -> Columns:
-    """The table of sides with means of the stresses at their three `nodes`, by Simpson's rule."""
+def _means(sides: Columns, nodes: Columns, axisymmetric: bool) -> Columns:
+    """The table of sides with means of the stresses at their three `nodes`."""
     row = {place: k for k, place in enumerate(zip(nodes["x"], nodes["y"], strict=True))}
     middle = np.array([row[place] for place in zip(sides["x"], sides["y"], strict=True)], int)
-    after = (middle + 1) % len(row)
-    return sides | {column: (nodes[column][middle - 1] + 4 * nodes[column][middle] + nodes[column][after]) / 6
+    three = np.stack([middle - 1, (middle + 1) % len(row), middle], axis=1)
+    return sides | {column: side_means(nodes[column][three], vectors(nodes)[three], axisymmetric)
                     for column in ("normal_stress", "tangential_stress")}
 
 

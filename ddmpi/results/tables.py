@@ -141,10 +141,15 @@ def write_sides(path: Path, name: str, state: ContactState) -> None:
     bare = facets[:, :2] == facets[:, 2:]  # ends on an axis, which have no row
     places[:, :2][bare] = (2.0 * places[:, 2:] - places[:, 1::-1])[bare]
     length = facet_measures(places)
-    shares = np.array([1.0, 1.0, 4.0]) * circumference(places, state.interface.axisymmetric)
-    means = ((shares * stress[facets]).sum(axis=1) / (shares * np.ones(facets.shape)).sum(axis=1)
+    means = (side_means(stress[facets], places, state.interface.axisymmetric)
              for stress in (state.pressure, signed(state.shear)))
     _write_csv(path / contact_files(name).sides, SIDES, zip(*xy[middle].T, length, *means, strict=True))
+
+
+def side_means(stress: np.ndarray, places: np.ndarray, axisymmetric: bool) -> np.ndarray:
+    """Means (f,) over sides of stresses (f, 3) at their ends and middles at `places` (f, 3, 2), by Simpson's rule."""
+    shares = np.array([1.0, 1.0, 4.0]) * circumference(places, axisymmetric) * np.ones_like(stress)
+    return (shares * stress).sum(axis=1) / shares.sum(axis=1)
 
 
 def named(columns: Iterable[str], axisymmetric: bool) -> list[str]:
