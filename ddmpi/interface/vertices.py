@@ -19,11 +19,12 @@ import scipy.sparse as sparse
 
 from ddmpi.interface.interface import Lines, Places
 from ddmpi.interface.rows import Rows, at_points, duals, holds_along, means, without_rounding
-from ddmpi.mesh.boundary import links
+from ddmpi.mesh.boundary import creases, links
 from ddmpi.mesh.elements import cell_with
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.surface.cover import Cover
 from ddmpi.surface.side import Side, nodal, unit
+from ddmpi.system.numbers import is_touched
 
 SLIVER = 1e-6
 """The dual functions of a facet of which a smaller part is covered are constants."""
@@ -52,7 +53,7 @@ def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, looked: Co
     full = nodal(np.repeat(side.lengths[:, None] / 3.0, 3, axis=1), side.facets[:, :3], len(met))  # ∫ of hats
     met[side.facets[seen, :3]] = True
     D = np.asarray(psi.sum(axis=0)).ravel()
-    shares = (UNCOVERED * full > D) | (side.touched if bonded else ~side.free.any(axis=(1, 2)))
+    shares = (UNCOVERED * full > D) | (is_touched(side.free) if bonded else ~side.free.any(axis=(1, 2)))
     also = shares | _meets_others(side, D, full)
     if _spread(side.xy[~also & met]):  # else rows in a line would be a hinge, which the bodies do not have
         shares = also
@@ -80,11 +81,8 @@ def _meets_others(side: Side, D: np.ndarray, full: np.ndarray) -> np.ndarray:
     """Which vertices (k,) other contacts of the body have as well: on the rim of their group, where another one's
     group begins, and, where other contacts are on the same group, where what this one covers (k,) of all (k,) ends.
     """
-    facets = side.facets[:, :3]
-    edges, count = np.unique(np.sort(np.concatenate([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]]), axis=1),
-                             axis=0, return_counts=True)
     rim = np.zeros(len(side.nodes), bool)
-    rim[edges[count == 1]] = True
+    rim[creases(side.xy, side.facets[:, :3], side.outward).rim] = True
     partly = (1.0 - UNCOVERED) * full > D
     return (rim & side.tied) | (partly & side.parted)
 

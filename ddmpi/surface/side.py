@@ -11,7 +11,6 @@ import scipy.sparse as sparse
 
 from ddmpi.mesh.boundary import links
 from ddmpi.mesh.elements import CELLS, FIRST, circumference, facet_cell, facet_measures, facet_shares
-from ddmpi.system.numbers import is_touched
 
 
 @dataclass(frozen=True)
@@ -60,11 +59,6 @@ class Side:
     @property
     def dimension(self) -> int:
         return self.xy.shape[1]
-
-    @property
-    def touched(self) -> np.ndarray:
-        """(k,) bool, nodes that clamps do not let move in all directions."""
-        return is_touched(self.free)
 
     def moves_with(self, transfer: sparse.csr_matrix) -> np.ndarray:
         """M (r, d, d): places of a transfer (r, k) move by M e where all nodes move by e as clamps let them."""
