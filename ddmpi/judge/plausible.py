@@ -65,7 +65,6 @@ POINT = 0.01
 IDLE = 1e-6
 """A contact with less than this part of the largest force of all contacts carries nothing that could be lost."""
 
-
 POOR = 0.05
 """Cells with less of the measure of a regular one, whose edges are as long in the root mean square, are poor."""
 

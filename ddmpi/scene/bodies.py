@@ -31,7 +31,6 @@ LOCKING = 0.48
 """Largest Poisson's ratio at which the error estimate of linear triangles can be trusted: measured values below 0.3
 are right to within a fifth."""
 
-
 Moduli = Annotated[tuple[Positive, ...], msgspec.Meta(min_length=3, max_length=3)]
 Ratios = Annotated[tuple[Number, ...], msgspec.Meta(min_length=3, max_length=3)]
 

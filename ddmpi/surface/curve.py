@@ -140,11 +140,12 @@ class Curve(Side):
         """Segments between neighbouring nodes, also those of quadratic facets."""
         return segments(self.facets[some])
 
-    @staticmethod
-    def ordered(facets: np.ndarray, points: np.ndarray, places: np.ndarray,
-                origins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The nodes (k,) of turned facets chain by chain, and the arc lengths (nv,); see `contact_side`."""
-        return _chained(segments(facets), places), _arc(facets, points, origins)
+
+def in_chains(facets: np.ndarray, points: np.ndarray, places: np.ndarray,
+              origins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The nodes (k,) of turned facets chain by chain, by `places` (nv, 2) of all nodes, and the arc lengths (nv,); see
+    `_arc`."""
+    return _chained(segments(facets), places), _arc(facets, points, origins)
 
 
 def _arc(edges: np.ndarray, points: np.ndarray, origins: np.ndarray) -> np.ndarray:

@@ -84,20 +84,16 @@ class Patch(Side):
         found[some] = kappa * Q / np.where(below > 0.0, below, np.inf)
         return found
 
-    def rise(self, nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Zero: rows stand at corners."""
-        return np.zeros(len(nodes))
-
     def pieces(self, some: np.ndarray) -> np.ndarray:
         """Triangles between corners."""
         return self.facets[some, :3]
 
-    @staticmethod
-    def ordered(facets: np.ndarray, points: np.ndarray, places: np.ndarray,
-                origins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The nodes (k,) of turned facets by their places, and no arc lengths (nv,); see `contact_side`."""
-        nodes = np.unique(facets)
-        return nodes[np.lexsort(places[nodes].T[::-1])], np.zeros(len(points))
+
+def in_places(facets: np.ndarray, points: np.ndarray, places: np.ndarray,
+              _: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The nodes (k,) of facets by the `places` (nv, 3) of all nodes, and no arc lengths (nv,)."""
+    nodes = np.unique(facets)
+    return nodes[np.lexsort(places[nodes].T[::-1])], np.zeros(len(points))
 
 
 def _fitted(xy: np.ndarray, facets: np.ndarray, normal: np.ndarray, whole: np.ndarray) -> np.ndarray:

