@@ -27,7 +27,7 @@ from ddmpi.interface.vertices import rows_at_vertices
 from ddmpi.mesh.boundary import segments
 from ddmpi.mesh.elements import shapes_on_side as shapes
 from ddmpi.scene.contacts import SettledContact
-from ddmpi.surface.cover import Cover, at_corners, cover, faced_arc
+from ddmpi.surface.cover import Cover, corners, cover, faced_arc
 from ddmpi.surface.patch import Patch
 from ddmpi.surface.side import Side, frames, nodal, unit
 from ddmpi.system.numbers import in_words
@@ -78,8 +78,7 @@ def mortar_in_space(first: Side, second: Side, contact: SettledContact) -> Inter
     over = cover(sides[own], sides[1 - own])
     if not len(over.facet):
         raise _not_facing(first, second, contact.name)
-    looked = at_corners(over, sides[own], sides[1 - own])
-    return build(rows_at_vertices(sides, own, over, looked, contact), contact)
+    return build(rows_at_vertices(sides, own, over.only(over.weight > 0.0), corners(over), contact), contact)
 
 
 def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:

@@ -49,10 +49,11 @@ def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, looked: Co
     """
     side, bonded = sides[own], contact.kind == "bonded"
     seen = np.isin(np.arange(len(side.facets)), over.facet)
-    psi, full, met = _functions(side, over, bonded), _areas(side), np.zeros(len(side.nodes), bool)
+    psi, met = _functions(side, over, bonded), np.zeros(len(side.nodes), bool)
+    full = nodal(np.repeat(side.lengths[:, None] / 3.0, 3, axis=1), side.facets[:, :3], len(met))  # ∫ of hats
     met[side.facets[seen, :3]] = True
     D = np.asarray(psi.sum(axis=0)).ravel()
-    shares = (UNCOVERED * full > D) | (side.touched if bonded else side.fast)
+    shares = (UNCOVERED * full > D) | (side.touched if bonded else ~side.free.any(axis=(1, 2)))
     also = shares | _meets_others(side, D, full)
     if _spread(side.xy[~also & met]):  # else rows in a line would be a hinge, which the bodies do not have
         shares = also
@@ -74,11 +75,6 @@ def _functions(side: Side, over: Cover, hats: bool) -> sparse.csr_matrix:
     """w ψ (q, k) of the slave's nodes at the points, with their weights."""
     weighted = over.weight[:, None] * over.at if hats else duals(side, over, over.at, SLIVER, 1.0 / 3.0)
     return at_points(weighted, side.facets[over.facet, :3], len(side.nodes))
-
-
-def _areas(side: Side) -> np.ndarray:
-    """Integrals (k,) of the vertices' hat functions over all facets (m²)."""
-    return nodal(np.repeat(side.lengths[:, None] / 3.0, 3, axis=1), side.facets[:, :3], len(side.nodes))
 
 
 def _meets_others(side: Side, D: np.ndarray, full: np.ndarray) -> np.ndarray:

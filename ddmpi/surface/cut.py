@@ -31,7 +31,8 @@ BEHIND = 1e-6
 
 
 def cut(slave: Side, master: Side, facing: float, deepest: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Points on the slave that face the master along its facets' normals. Not collective.
+    """Points on the slave that face the master along its facets' normals: Gauss's in the triangles that facets are cut
+    into, and corners of these, without weight. Not collective.
 
     Parameters
     ----------
@@ -50,7 +51,8 @@ def cut(slave: Side, master: Side, facing: float, deepest: np.ndarray) -> tuple[
     facet, other = _near(own, others, outward, backward)
     faces = np.einsum("pd,pd->p", outward[facet], backward[other]) < facing
     facet, other = facet[faces], other[faces]
-    rule = rule_of(slave, master)
+    where, weights = SECOND[2] if slave.facets.shape[1] == master.facets.shape[1] == 3 else RULES[2]
+    rule = np.concatenate([where, np.eye(3)]), np.append(weights, np.zeros(3))
     found = [_cut(own, others, outward, facet[start:start + CHUNK], other[start:start + CHUNK], rule)
              for start in range(0, max(len(facet), 1), CHUNK)]
     facet, other, at, there, weight = (np.concatenate(each) for each in zip(*found, strict=True))
@@ -70,12 +72,6 @@ def cut(slave: Side, master: Side, facing: float, deepest: np.ndarray) -> tuple[
     facet, other, at, there, weight, distance = (
         each[keep] for each in (facet, other, at, there, weight, distance))
     return facet, other, at, there, weight * stretch(slave, facet, at), distance
-
-
-def rule_of(slave: Side, master: Side) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss's points (p, 3) and weights (p,) of the triangles that facets are cut into; the first three lie between the
-    middle and a corner each."""
-    return SECOND[2] if slave.facets.shape[1] == master.facets.shape[1] == 3 else RULES[2]
 
 
 def stretch(side: Side, facet: np.ndarray, at: np.ndarray) -> np.ndarray:

@@ -66,11 +66,6 @@ class Side:
         """(k,) bool, nodes that clamps do not let move in all directions."""
         return is_touched(self.free)
 
-    @property
-    def fast(self) -> np.ndarray:
-        """(k,) bool, nodes that clamps let move in no direction."""
-        return ~self.free.any(axis=(1, 2))
-
     def moves_with(self, transfer: sparse.csr_matrix) -> np.ndarray:
         """M (r, d, d): places that move as a transfer (r, k) says move by M e where all nodes move by e as clamps let
         them."""
@@ -146,10 +141,6 @@ class Side:
     def pieces(self, some: np.ndarray) -> np.ndarray:
         """Straight facets (·, d) between rows, of some of the facets (f,) bool."""
         raise NotImplementedError
-
-    def laplacian(self, some: np.ndarray, row: np.ndarray, m: int) -> sparse.csr_matrix:
-        """That of some of the facets (f,) bool, as `laplacian`."""
-        return laplacian(self.xy, self.pieces(some), row, m, self.axisymmetric)
 
     def lengths_over(self, some: np.ndarray) -> np.ndarray:
         """Nodal lengths (k,) over some of the facets (f,) bool: integrals of the shape functions (m)."""

@@ -273,15 +273,13 @@ def prepare_scene(comm, scene: dict):
 
 def the_interface(assembly):
     """The interface of a scene with one contact, also on the rank that does not own it. Collective."""
-    owned = assembly.world.allgather(assembly.space.interfaces)
-    (interface,) = owned[0] if assembly.exchange.mirrored else sum(owned, ())
+    (interface,) = sum(assembly.world.allgather(assembly.space.interfaces), ())
     return interface
 
 
 def everywhere(assembly, x: np.ndarray) -> np.ndarray:
     """A vector of the interfaces on all ranks, from the parts that the ranks own. Collective."""
-    owned = assembly.world.allgather(x)
-    return owned[0] if assembly.exchange.mirrored else np.concatenate(owned)
+    return np.concatenate(assembly.world.allgather(x))
 
 
 def exact_forces(assembly) -> np.ndarray:
