@@ -318,7 +318,7 @@ def test_undetermined_motions_of_many_bodies(few):
     assert undetermined(*active(scene, *kinds)) == ["block7 can slide along x without any force"]
     for k in range(few):
         scene.contact(f"block{k}", f"block{k + 1}", (3.0 * k + 1.0, 0), (3.0 * k + 1.0, 1))
-    assert undetermined(*active(scene, *kinds, *few * ["slip"])) == []
+    assert undetermined(*active(scene, *["slip"] * (2 * few + 1))) == []
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
