@@ -65,7 +65,7 @@ class Motions:
 
     def spread(self, alpha: np.ndarray) -> np.ndarray:
         """Zα (owned size,) in metres: the contact displacements of motions of the sizes α (size,)."""
-        return self.Z @ alpha
+        return self.Z @ alpha if self.size else np.zeros(self.space.size)
 
     def sums(self, s: np.ndarray) -> np.ndarray:
         """Zᵀs (size,) in newtons, the same on all ranks: what the forces s do along each motion. Collective."""

@@ -141,6 +141,6 @@ def magnitude(vectors: np.ndarray) -> np.ndarray:
 def shorten(vectors: np.ndarray, limit: np.ndarray) -> np.ndarray:
     """The nearest vectors (k, c) that are no longer than the limits (k,), also after rounding."""
     if vectors.shape[1] == 1:
-        return np.clip(vectors, -limit[:, None], limit[:, None])
+        return np.minimum(np.maximum(vectors, -limit[:, None]), limit[:, None])  # np.clip takes twice the time
     size = magnitude(vectors)
     return vectors * np.where(size > limit, SHORT * limit / np.where(size > 0.0, size, 1.0), 1.0)[:, None]
