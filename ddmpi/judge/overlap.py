@@ -16,9 +16,7 @@ from scipy.spatial import cKDTree
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState
-from ddmpi.mesh.elements import CORNERS_CUT
 from ddmpi.mesh.mesh import Mesh, boundary_facets
-from ddmpi.mesh.refine import INSIDE
 from ddmpi.scene.contacts import Rigid
 from ddmpi.system.agreement import gathered
 from ddmpi.system.numbers import across, in_words, nearest_in
@@ -77,10 +75,10 @@ class Solid:
 
     @classmethod
     def of(cls, mesh: Mesh, u: np.ndarray) -> Solid:
-        """A body of this mesh that moved by `u` (n, d); cells of order 2 are cut into linear ones."""
+        """A body of this mesh that moved by `u` (n, d); cells are cut into linear ones."""
         d, cells, (facets, owner) = mesh.dimension, mesh.triangles, mesh.boundary
-        if mesh.order == 2:
-            cells = cells[:, np.concatenate([CORNERS_CUT[d], *INSIDE.get(d, ())[:1]])].reshape(-1, d + 1)
+        if len(mesh.cell.parts) > 1:
+            cells = cells[:, mesh.cell.parts].reshape(-1, d + 1)
             facets, owner = boundary_facets(cells)
         other = cells[owner].sum(axis=1) - facets.sum(axis=1)
         return cls(mesh.points, mesh.points + u, cells, np.column_stack([facets, other]), np.arange(len(mesh.points)))

@@ -34,8 +34,12 @@ left."""
 
 CORNERS_CUT = {1: [[0, 2], [2, 1]], 2: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]],
                3: [[0, 4, 6, 7], [4, 1, 5, 8], [6, 5, 2, 9], [7, 8, 9, 3]]}
-"""Parts of a cell of order 2 with halved edges, by dimension: its nodes at their corners. In space an octahedron is
-left over."""
+"""Parts of a cell of order 2 with halved edges, by dimension: its nodes at their corners, without INSIDE."""
+
+INSIDE = {3: np.array([[[4, 9, a, b] for a, b in ((5, 6), (6, 7), (7, 8), (8, 5))],
+                         [[5, 7, a, b] for a, b in ((6, 4), (9, 6), (8, 9), (4, 8))],
+                         [[6, 8, a, b] for a, b in ((4, 5), (5, 9), (9, 7), (7, 4))]])}
+"""In space, of the octahedron that is left over: the four tetrahedra around each of its three diagonals."""
 
 NAMES = {0: ("point", "points"), 1: ("line", "lines"), 2: ("triangle", "triangles"), 3: ("tetrahedron", "tetrahedra")}
 """One and several, by dimension."""
@@ -83,6 +87,7 @@ class Cell:
     nodes : (k, d + 1) barycentric coordinates of the nodes
     edges : (e, 2 or 3) ends, in order 2 then the middle, of each edge
     facets : (d + 1, l) nodes of each facet as those of `CELLS[d - 1, order]`, turned outward
+    parts : (p, d + 1) nodes at the corners of the linear simplices that it is cut into
     samples : (q, d + 1) points where the stress, of degree order − 1, is more accurate than elsewhere
     rule : exact to degree 2 order at least
     powers, coefficients : (n, d + 1) exponents α and (k, n) integers c of φ_i = Σ c_in λ^α_n
@@ -91,6 +96,7 @@ class Cell:
     nodes: np.ndarray
     edges: np.ndarray
     facets: np.ndarray
+    parts: np.ndarray
     samples: np.ndarray
     rule: Rule
     powers: np.ndarray
@@ -111,6 +117,11 @@ class Cell:
     @property
     def names(self) -> str:
         return NAMES[self.dimension][1]
+
+    @property
+    def title(self) -> str:
+        """Its order and name, of several."""
+        return f"{('linear', 'quadratic')[self.order - 1]} {self.names}"
 
     @property
     def facet_names(self) -> str:
@@ -226,16 +237,17 @@ def _lagrange(dimension: int, order: int) -> Cell:
     terms = list(combinations_with_replacement(range(dimension + 1), order))
     powers = np.array([np.bincount(each, minlength=dimension + 1) for each in terms])
     values = (nodes[:, None] ** powers).prod(axis=-1)
-    edges, facets = ends, np.array(FACETS[dimension])
+    edges, facets, parts = ends, np.array(FACETS[dimension]), np.arange(dimension + 1)[None]
     if order == 2:
         middle = {frozenset(pair): dimension + 1 + k for k, pair in enumerate(EDGES[dimension])}
         edges = np.column_stack([ends, list(middle.values())])
         sides = EDGES[dimension - 1] if dimension > 1 else []
         facets = np.array([[*facet, *(middle[frozenset((facet[a], facet[b]))] for a, b in sides)]
                            for facet in FACETS[dimension]])
+        parts = np.concatenate([CORNERS_CUT[dimension], *INSIDE.get(dimension, ())[:1]])
     samples, rule = (FIRST[dimension][0], SECOND[dimension]) if order == 1 else (
         SECOND[dimension][0], RULES.get(dimension, FINE[dimension]))
-    return Cell(nodes, edges, facets, samples, rule, powers, np.round(np.linalg.inv(values)).T)
+    return Cell(nodes, edges, facets, parts, samples, rule, powers, np.round(np.linalg.inv(values)).T)
 
 
 CELLS = {(dimension, order): _lagrange(dimension, order) for dimension in EDGES for order in (1, 2)}

@@ -9,13 +9,8 @@ import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.elements import CELLS, CORNERS_CUT, EDGES, bends
+from ddmpi.mesh.elements import CELLS, CORNERS_CUT, EDGES, INSIDE, bends
 from ddmpi.mesh.mesh import Mesh, signed_measures
-
-INSIDE = {3: np.array([[[4, 9, a, b] for a, b in ((5, 6), (6, 7), (7, 8), (8, 5))],
-                         [[5, 7, a, b] for a, b in ((6, 4), (9, 6), (8, 9), (4, 8))],
-                         [[6, 8, a, b] for a, b in ((4, 5), (5, 9), (9, 7), (7, 4))]])}
-"""The four tetrahedra around each of its three diagonals."""
 
 KINDS: dict[int, tuple[str, ...]] = {
     0: ("vertex",), 1: ("line", "line3"), 2: ("triangle", "triangle6", "quad", "quad8", "quad9"),

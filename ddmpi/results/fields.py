@@ -13,10 +13,10 @@ from mpi4py import MPI
 from ddmpi.body.stress import principal, von_mises
 from ddmpi.interface.interface import Lines, in_order
 from ddmpi.interface.state import ContactState
-from ddmpi.mesh.refine import CORNERS_CUT
+from ddmpi.mesh.elements import cell_with
 from ddmpi.results.tables import Columns, Results, leg_values
 from ddmpi.system.agreement import agreed
-from ddmpi.system.files import contact_files, write_datasets, write_parts, write_rows, writing
+from ddmpi.system.files import contact_files, write_parts, write_rows, writing
 
 TOPOLOGY = {2: "Polyline", 3: "Triangle", 6: "Triangle_6", 4: "Tetrahedron", 10: "Tetrahedron_10"}
 """What XDMF calls lines, triangles and tetrahedra, by their number of nodes."""
@@ -112,7 +112,7 @@ def write_fields(path: Path, bodies: Mapping[int, Fields], world: MPI.Comm = MPI
     kinds = {name: 0 if name in AT_NODES else 1 for name in names}
     write_rows(path / "result.h5", {name: [each[name] for each in several] for name in names},
                {name: (before[kind], int(total[kind])) for name, kind in kinds.items()}, world,
-               "" if step is None else group_of(step))
+               None if step is None else group_of(step))
 
 
 def _datasets_of(fields: Fields, body: int, first: int) -> dict[str, np.ndarray]:
@@ -169,7 +169,8 @@ def write_facets(path: Path, states: Mapping[str, ContactState], fields: Mapping
     own = {f"contacts/{name}/facets": fields[name]["cells"] for name in states}
     own |= {f"contacts/{name}/initial_gap": state.interface.gap[state.interface.shown.row]
             for name, state in states.items()}
-    write_datasets(path / "result.h5", own, world)
+    write_rows(path / "result.h5", {name: [part] for name, part in own.items()},
+               {name: (0, len(part)) for name, part in own.items()}, world, "")
 
 
 def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, tuple[int, int]] | None = None,
@@ -367,8 +368,8 @@ def _padded(array: np.ndarray) -> np.ndarray:
 
 
 def linear_triangles(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cells (nt, 3 or 6) as triangles between neighbouring nodes, and the cell that each is part of."""
-    parts = [[0, 1, 2]] if cells.shape[1] == 3 else CORNERS_CUT[2]
+    """Cells (nt, k) in the plane as triangles between neighbouring nodes, and the cell that each is part of."""
+    parts = cell_with(2, cells.shape[1]).parts
     return cells[:, parts].reshape(-1, 3), np.repeat(np.arange(len(cells)), len(parts))
 
 
