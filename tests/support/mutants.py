@@ -59,7 +59,8 @@ MUTANTS = [Mutant(*row) for row in (
     # mesh
     ("clockwise triangles stay", "mesh/read", "cells[turned] = cells[turned][:, swap]", "pass",
      "mesh/test_mesh.py::test_clockwise_triangles_are_turned"),
-    ("curved sides are straightened", "mesh/refine", "np.where(far[", "np.where((False & far)[",
+    ("curved sides are straightened", "mesh/refine", "middles[..., None]], axis=2)], STRAIGHT)",
+     "middles[..., None]], axis=2)], 1.0)",
      "mesh/test_mesh.py::test_curved_triangles"),
     ("clockwise triangles mix up their middles", "mesh/read",
      "bends[turned] = bends[turned][:, [ends.index(set(edge)) for edge in EDGES[d]]]", "pass",
