@@ -27,7 +27,7 @@ from ddmpi.mesh.boundary import boundary_group
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import Sizes
-from ddmpi.scene.bodies import Clamp, Material, SettledBody
+from ddmpi.scene.bodies import Material, SettledBody
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.boundary import contact_side
@@ -246,16 +246,15 @@ def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | Non
     if second is None:
         (rigid,) = (each for each in scene.rigid if each.name == contact.bodies[1])
         interface = face_rigid(first, rigid, contact)
-        moved = dict(zip("xyz", rigid.displacement or (), strict=False))
-        partner = Mover(rigid.name, [Clamp(on=rigid.name, history=rigid.history, **moved)], pushed=rigid.pushed)
+        partner = Mover(rigid)
     else:
         if any(body.mesh.geometry for body in specs):
             refinement = 1  # its nodes match by their number alone
         interface = connect(first, second, contact, refinement)
-        partner = Mover(second.body, clamps[second.body], second)
+        partner = Mover(second, clamps[second.body])
     overlaps = check_overlap(interface, *(side for side in (first, second) if side),
                              scales=[each[interface.gap_history] for each in factors.values()])
-    refuse_contradiction(interface, [Mover(first.body, clamps[first.body], first), partner], factors)
+    refuse_contradiction(interface, [Mover(first, clamps[first.body]), partner], factors)
     idle = [] if contact.slave is None or interface.slave else [
         f"contact.{contact.name}.slave: no side is a slave, because nodes match and are paired; pairing = \"mortar\" "
         "makes one of them the slave"]
