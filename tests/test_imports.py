@@ -44,7 +44,6 @@ PLACES = {
     # columns, units and the name of the preconditioner
     "check/drawing": 1,
     "results/tables": 2, "results/summary": 1, "run/report": 1,
-    "scene/meshes": 2,
     # a scene in the plane has plane strain or plane stress
     "scene/bodies": 1,
     # by the kind of a side, and by what its facets are: pairs or rows at vertices, one rule or the other

@@ -1,7 +1,6 @@
 """The interface of two bodies: contact nodes, directions, gaps, and how each side's nodes move them.
 
-Also whether it can be what its user meant, which is looked at before anything is computed. Serial work on plain arrays.
-Every rank that holds the interface computes the same one from the same sides.
+Also whether it can be what its user meant. Every rank that holds the interface computes the same one from the sides.
 """
 
 from __future__ import annotations
@@ -70,8 +69,7 @@ class Lines:
     row : (l,) of each node
     xy : (l, d) positions (m)
     area : (l,) nodal lengths of what faces the other side (m); those of a row add up to its own
-    facets : (f, 2) pairs of neighbouring nodes, in the order of the nodes; a closed chain ends with (last, first). In
-        space (f, 3) triangles
+    facets : (f, 2) neighbours in the order of nodes, of a closed chain also (last, first); in space (f, 3) triangles
     """
 
     row: np.ndarray
@@ -89,8 +87,7 @@ class Lines:
 class Interface:
     """Where two bodies meet. The first of its two sides defines the directions.
 
-    A vector of the interface has `size` entries: m along the normals, then d − 1 along the tangents of each of the
-    mt nodes that slide.
+    A vector of the interface has `size` entries: m along the normals, then d − 1 tangential ones of each sliding node.
 
     Attributes
     ----------
@@ -241,8 +238,7 @@ class Interface:
 
 
 def in_order(facets: np.ndarray) -> np.ndarray:
-    """Facets (f, 2) in the order of their nodes, each with the node before the other first: (k, k + 1), (last, first).
-    """
+    """Facets (f, 2) in the order of their nodes, each with the node before the other first, but for (last, first)."""
     facets = np.sort(facets, axis=1)
     closing = np.diff(facets, axis=1)[:, 0] > 1
     facets[closing] = facets[closing, ::-1]
@@ -295,8 +291,7 @@ class Mover:
     clamps: Sequence[Clamp] = ()
 
     def free(self, places: Places, k: int) -> np.ndarray:
-        """M (n, d, d): where all else would move by e, `places` move by M e with this side, the k-th, as clamps let it.
-        """
+        """M (n, d, d): where all else would move by e, `places` move by M e with this side, the k-th."""
         axes = np.arange(places.normal.shape[1])
         return self.at(places, k, self.side.free if isinstance(self.side, Side)
                        else np.diag(1.0 * np.isin(axes, self.side.pushed))[None])

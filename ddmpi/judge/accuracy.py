@@ -43,7 +43,6 @@ estimate by the inverse (docs/understand/tradeoff.md)."""
 HOPELESS = 1.25
 """If the goal takes meshes finer than the largest ones by more than this factor, the last steps are not made."""
 
-
 DROP = 0.2
 """The part of the error that is left by one step of a geometry, at least. Estimates on coarse meshes find the places,
 not the amounts."""
@@ -269,10 +268,7 @@ class MeshLadder:
 
 
 def refine_scene(scene: Settled, refinement: int) -> Settled:
-    """The scene with shapes meshed `refinement` times finer, and meshes of files halved log2(`refinement`) times.
-
-    Geometries are as they were.
-    """
+    """The scene with shapes meshed `refinement` times finer, and meshes of files halved log2(`refinement`) times."""
     def finer(mesh):
         if mesh.geometry is not None:
             return mesh

@@ -1,5 +1,4 @@
-"""Groups of a mesh and of a mesh file by name; facets on a boundary: their direction, their pieces between nodes, their
-creases."""
+"""Groups of a mesh and of a mesh file by name; facets on a boundary: direction, pieces between nodes, creases."""
 
 from __future__ import annotations
 
@@ -39,10 +38,8 @@ def boundary_group(mesh: Mesh, name: str, key: str) -> np.ndarray:
 
 
 def group_nodes(mesh: Mesh, name: str, key: str) -> np.ndarray:
-    """Nodes (k,) of a boundary group, or of a physical curve or point.
-
-    Raises InputError, naming `key`, unless there is exactly one.
-    """
+    """Nodes (k,) of a boundary group, or of a physical curve or point. Raises InputError, naming `key`, unless there is
+    exactly one."""
     kinds = (PHYSICAL[mesh.dimension - 1], mesh.groups), (PHYSICAL[1], mesh.curves), (PHYSICAL[0], mesh.vertices)
     found = [(what, names[name]) for what, names in kinds if name in names]
     if len(found) > 1:

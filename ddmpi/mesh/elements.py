@@ -8,8 +8,7 @@ integral is a table times |T|, by ∫ λ^α = |T| d! α! / (d + |α|)!.
 A cell of order 2 is curved where middles are off the midpoints of their chords: then its shape functions φ_i map
 it, x = Σ φ_i x_i (isoparametric elements), and integrals are sums over the points of RULES and FINE.
 
-Within loops over cells components come first, as in (d, d, q, t) for matrices at q points of t cells: numpy then works
-along the cells.
+Within loops over cells components come first, as in (d, d, q, t) at q points of t cells: numpy works along the cells.
 """
 
 from __future__ import annotations
@@ -180,8 +179,7 @@ class Cell:
     def vectors(self, nodes: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
         """Normal vectors (d + 1, q, t) of facets in space of dimension d + 1, with `nodes` (t, k, d + 1) (m).
 
-        Their lengths are ratios of measures to those of the reference cell, of measure one; those of facets of `CELLS`
-        point outward.
+        Of facets of `CELLS` they point outward. Lengths are those of measures over that of the reference cell, one.
         """
         return cross(self.tangents(nodes, barycentric)) / factorial(self.dimension)
 
@@ -198,8 +196,7 @@ def _orbits(*orbits: tuple[float, Sequence[float]]) -> Rule:
 
 
 def _collapsed(dimension: int) -> Rule:
-    """Gauss's five points along each edge of a cube that is mapped to the simplex (Duffy 1982): exact to degree
-    10 − d."""
+    """Gauss's five points along each edge of a cube mapped to the simplex (Duffy 1982): exact to degree 10 − d."""
     at, weights = np.polynomial.legendre.leggauss(5)
     grid = np.stack(np.meshgrid(*[(1.0 + at) / 2] * dimension, indexing="ij")).reshape(dimension, -1)
     weight = np.stack(np.meshgrid(*[weights / 2] * dimension, indexing="ij")).reshape(dimension, -1).prod(axis=0)

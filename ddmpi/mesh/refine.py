@@ -180,10 +180,7 @@ def _parts(mesh: Mesh) -> np.ndarray:
 
 
 def graded(mesh: Mesh, sizes: np.ndarray) -> Sizes:
-    """`sizes` (nt,) of the cells as sizes at the corners, which grow by no more than GRADE with the distance.
-
-    Not collective.
-    """
+    """`sizes` (nt,) of the cells as sizes at the corners, which grow by no more than GRADE. Not collective."""
     measure, n = signed_measures(mesh.points, mesh.corners), mesh.dimension + 1
     used, corners = np.unique(mesh.corners, return_inverse=True)
     corners, points, k = corners.reshape(-1, n), mesh.points[used], len(used)
@@ -198,11 +195,9 @@ def graded(mesh: Mesh, sizes: np.ndarray) -> Sizes:
 
 
 def _cuts(points: np.ndarray, corners: np.ndarray, shape: str) -> np.ndarray:
-    """(n, parts, d + 1) which of its corners (n, k) the parts of each element have.
-
-    In space every quadrilateral has its diagonal from its smallest node, so that neighbours fit, and an element is the
-    pyramids over its other faces from its smallest node.
-    """
+    """(n, parts, d + 1) which of its corners (n, k) the parts of each element have. In space every quadrilateral has
+    its diagonal from its smallest node, so that neighbours fit, and an element is the pyramids over its other faces
+    from its smallest node."""
     n, k = corners.shape
     if shape in SIMPLICES:
         return np.broadcast_to(np.arange(k), (n, 1, k))
@@ -219,11 +214,9 @@ def _cuts(points: np.ndarray, corners: np.ndarray, shape: str) -> np.ndarray:
 
 
 def _weights(shape: str, number: int) -> np.ndarray:
-    """(k, k, s) the bend in the middle between two corners of a curved element, as a sum of those of its edges.
-
-    As in serendipity elements a face's diagonal has half of the sum of its edges, a hexahedron's a quarter of the sum
-    of all. Diagonals in the plane stay straight.
-    """
+    """(k, k, s) the bend in the middle between two corners of a curved element, as a sum of those of its edges. As in
+    serendipity elements a face's diagonal has half of the sum of its edges, a hexahedron's a quarter of the sum of all.
+    Diagonals in the plane stay straight."""
     sides, weights = [set(side) for side in SIDES[shape]], np.zeros((number, number, len(SIDES[shape])))
     if shape == "hexahedron":
         weights += 0.25
@@ -252,10 +245,8 @@ def shorter_diagonals(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
 
 
 def distinct(elements: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The places of different elements (k,), in the given order, and which of these each element is.
-
-    Up to version 2 a file repeats an element for each group that it is in.
-    """
+    """The places of different elements (k,), in the given order, and which of these each element is: up to version 2 a
+    file repeats an element for each group that it is in."""
     _, first, same = np.unique(np.sort(elements, axis=1), axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)
     return first[order], np.argsort(order)[same.ravel()]

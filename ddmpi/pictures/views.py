@@ -48,10 +48,8 @@ class View:
     """
 
     def __init__(self, points: np.ndarray, output: Mapping[str, Any] | None = None, behind: bool = False) -> None:
-        """Of nodes (nv, d), as the table `output` of a scene asks for; from the opposite side `behind`.
-
-        Raises InputError where a cut meets no body.
-        """
+        """Of nodes (nv, d), as the table `output` of a scene asks for; from the opposite side `behind`. Raises
+        InputError where a cut meets no body."""
         extent, self.solid, self.axes, self.cut = np.ptp(points, axis=0), points.shape[1] > 2, np.eye(3), None
         asked, cut = (output or {}).get("view"), (output or {}).get("cut") or {}
         across = {k: cut[axis] for k, axis in enumerate("xyz") if cut.get(axis) is not None}

@@ -131,8 +131,7 @@ def _datasets_of(fields: Fields, body: int, first: int) -> dict[str, np.ndarray]
 def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dict[str, np.ndarray]:
     """Points (l, 3) of a contact, its `cells` (·, d), which are its `drawn_facets`, and AT_CONTACT (l, …).
 
-    In space also AT_CONTACT_IN_SPACE (l, 3). `values` are the `leg_values` of an earlier load step, or the present
-    ones. Not collective.
+    In space also AT_CONTACT_IN_SPACE (l, 3). `values` are `leg_values`, by default the present ones. Not collective.
     """
     interface = state.interface
     lines = interface.shown
@@ -147,8 +146,7 @@ def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dic
 
 
 def drawn_facets(lines: Lines, axisymmetric: bool = False) -> np.ndarray:
-    """The facets (f, d) of a contact that are drawn, by the lines of its table; a node without neighbours has (k, k)
-    or (k, k, k).
+    """The facets (f, d) of a contact that are drawn, by the lines of its table; a node by itself has k alone.
 
     A facet is left out if it hardly faces the other side: two of its nodes share a row, and one has less than FEW of
     another's length or area and is not on an axis. Drawn, the stress would go on outside of the body. Not collective.

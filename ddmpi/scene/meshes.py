@@ -212,9 +212,6 @@ def _check_corners(corners: tuple[Point, ...]) -> None:
 
 
 class SettledMesh(MeshSpec, frozen=True, kw_only=True):
-    """A mesh of known order; a shape has no ``file`` and no keys of another shape, a file has neither.
-
-    A geometry has all of its own keys.
-    """
+    """A mesh of known order."""
 
     order: Literal[1, 2]

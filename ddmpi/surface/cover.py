@@ -120,9 +120,7 @@ def _along(slave: Curve, master: Curve, depth: np.ndarray) -> Cover:
 
 def faced_arc(xy: np.ndarray, rows: np.ndarray, over: Cover, master: Side) -> np.ndarray:
     """Arc lengths (m,) of the master's places nearest to `xy` (m, 2), on facets that the rows (q, c) of points face.
-
-    Not collective.
-    """
+    Not collective."""
     row, facet = np.unique(np.stack([rows.ravel(), np.repeat(over.other, rows.shape[1])]), axis=1)
     start, end = master.facets[facet, :2].T
     along = master.xy[end] - master.xy[start]
@@ -136,9 +134,8 @@ def faced_arc(xy: np.ndarray, rows: np.ndarray, over: Cover, master: Side) -> np
 
 def _swept(segments: np.ndarray, facets: np.ndarray, fans: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The pairs of a facet (·, 2, 2) and a segment (·, 2, 2) whose line rays from the facet can meet, facet by facet.
-
-    Rays have the directions `fans` (·, 2, 2) at the ends of a facet. Boxes around BLOCK segments are looked at first.
-    """
+    Rays have the directions `fans` (·, 2, 2) at the ends of a facet. Boxes around BLOCK segments are looked at
+    first."""
     if len(segments) > BLOCK:
         first = np.arange(0, len(segments), BLOCK)
         low, high = np.minimum.reduceat(segments.min(axis=1), first), np.maximum.reduceat(segments.max(axis=1), first)
@@ -193,9 +190,7 @@ def _together(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarra
 def _pieces(facet: np.ndarray, segments: np.ndarray, facets: np.ndarray,
             fans: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The pieces of facets between the places where their rays hit ends of segments (p, 2, 2): facet, from, to, (q,).
-
-    The segments stand beside their facets (p,), which are sorted.
-    """
+    The segments stand beside their facets (p,), which are sorted."""
     each, rays = facets[facet], fans[facet]
     fan, turn, along = rays[:, :1], rays[:, 1:] - rays[:, :1], each[:, 1:] - each[:, :1]
     points = segments - each[:, :1]

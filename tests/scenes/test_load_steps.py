@@ -483,6 +483,24 @@ def test_files_of_load_steps(tmp_path):
     assert found[0][1]["displacement"][:, :2] == pytest.approx(u, rel=1e-9, abs=1e-9 * np.abs(u).max())
 
 
+def test_means_over_sides_around_an_axis_are_those_of_the_step(tmp_path):
+    """The table of sides of a step before the last one is that of a run that ends with it, and sides are as long as
+    elements, also the one on the axis: its end there shares the row of its middle."""
+    tables = []
+    for number in (2, 1):
+        scene = pressed_blocks([0.0, 1.0, 0.5][:number + 1]) | {"axisymmetric": True, "output": {"figures": False}}
+        scene["time"]["steps"] = 1
+        for body in scene["body"]:
+            body["mesh"]["order"] = 2
+        path, folder = write_scene(scene, tmp_path / f"{number}.toml"), tmp_path / str(number)
+        run_scene(MPI.COMM_SELF, read_scene_file(path), str(path), str(folder), False)
+        tables.append(at_step(read_results(folder), folder, 1.0).sides)
+    for name, table in tables[1].items():
+        assert table["length"] == pytest.approx(np.full(len(table["x"]), 2.0 / len(table["x"])))
+        for column, values in table.items():
+            assert tables[0][name][column] == pytest.approx(values, rel=1e-12), column
+
+
 def test_the_step_of_the_largest_load_is_shown(tmp_path):
     """Pictures and report are those of a run that ends with the largest load, or with any other step that is written;
     their titles say which."""
