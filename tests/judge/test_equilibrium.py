@@ -204,7 +204,7 @@ def test_one_of_many_bodies_is_found(few):
     assert words(scene) == "block would slide along x"
 
 
-@pytest.mark.parametrize("columns, rows", [(4, 4), (8, 8)])
+@pytest.mark.parametrize("columns, rows", [(4, 4), pytest.param(8, 8, marks=pytest.mark.slow)])
 def test_a_row_of_a_wall_is_pushed_out(columns, rows):
     """The whole highest row slides, however many ways there are to balance the others."""
     assert words(wall(columns, rows, 0.5)) == "equilibrium"
