@@ -199,7 +199,7 @@ def _finish(assembly: Assembly, solution: Solution, steps: StepLog, error: Discr
                   for body in assembly.bodies}
     warnings = [*assembly.warnings, *(body.locking for body in assembly.scene.body if body.locking)]
     if solution.certified:
-        doubts = doubt_answer(assembly, solution.displacements, solution.contacts)
+        doubts = doubt_answer(assembly, solution.displacements, solution.states, solution.contacts)
         warnings += [*doubts, *steps.doubts_beside(doubts),
                      *(() if assembly.world.rank else doubt_mesh(assembly.scene.body, error)),
                      *doubt_stress(assembly, {name: each.von_mises for name, each in fields.items()})]
@@ -337,11 +337,11 @@ def _write_contacts(path: Path, solved: Solved) -> tuple[dict[str, ContactState]
     states: dict[str, ContactState] = {}
     found: dict[str, list] = {contact.name: [] for contact in assembly.scene.contact}
     with agreed(assembly.world):
-        for name in steps.contacts:
-            part = slice(start, start := start + solution.contacts[name].interface.m)
-            if name not in own:
+        for name, state in solution.states.items():
+            part = slice(start, start := start + state.interface.m)
+            if name not in own:  # the other's of two ranks that both hold all
                 continue
-            state = states[name] = solution.contacts[name]
+            states[name] = state
             values = [(time, each[part]) for time, _, _, each in steps.kept]
             write_contact(path, name, state)
             write_sides(path, name, state)
