@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -227,17 +227,23 @@ def _fields(assembly: Assembly, body: Body, u: np.ndarray, error: Discretization
                   error.own[body.spec.name].stress if error else nodal_stress(mesh, body.material, u, heat))
 
 
+def check_cut(ends: Sequence[np.ndarray], scene: Settled) -> None:
+    """Raise InputError if the pictures' cut meets none of the bodies between their `ends`, corners (2, d) (m)."""
+    from ddmpi.pictures.views import View
+
+    View(np.concatenate(ends), scene.resolved()["output"])
+
+
 def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock | None = None,
                   refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES, factor: bool = True) -> Assembly:
     """`prepare`, with the scene's file named in what is wrong with it, as with a cut of pictures. Collective."""
     try:
         assembly = prepare(world, scene, Path(scene_path).parent, clock, refinement, sizes, factor)
         if scene.output.cut:
-            from ddmpi.pictures.views import View
-
-            ends = merged(world, {body.number: (body.mesh.points.min(axis=0), body.mesh.points.max(axis=0))
+            ends = merged(world, {body.number: np.array([body.mesh.points.min(axis=0), body.mesh.points.max(axis=0)])
                                   for body in assembly.bodies})
-            View(np.concatenate([*ends.values()]), scene.resolved()["output"])
+            with agreed(world):
+                check_cut([*ends.values()], scene)
         return assembly
     except InputError as error:
         error.args = (f"{scene_path}: {error}",)
