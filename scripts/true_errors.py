@@ -233,7 +233,7 @@ class Contact:
 
 def contact_of(solution: Solution) -> Contact:
     """The contact nodes of a solution with one contact. Not collective."""
-    (state,) = solution.contacts.values()
+    (state,) = solution.states.values()
     interface = state.interface
     middle = np.isin(np.arange(interface.m), interface.facets[:, 2:])
     return Contact(interface.xy, interface.area, middle, state.pressure, state.shear[:, 0], state.status)

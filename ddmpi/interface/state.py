@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,12 +16,58 @@ CLOSED = 1e-8
 """A node whose normal force is this part of the largest one, or less, counts as open, unless it is bonded."""
 
 
-@functools.cache
-def resultants_in(dimension: int) -> np.dtype:
-    """What is kept of a contact at a load step: see `ContactState.resultants`."""
-    turns = {2: (), 3: 3}[dimension]
-    return np.dtype([("force", float, dimension), ("moment", float, turns), ("normal_force", float),
-                     ("tangential_force", float), ("open", int), ("slip", int), ("stick", int), ("dissipated", float)])
+RESULTANTS = ("force", "moment", "normal_force", "tangential_force", "open", "slip", "stick", "dissipated")
+"""What is written of a contact at each load step: the first of its `ContactTotals`."""
+
+
+class ContactTotals(NamedTuple):
+    """A contact as a whole, in few numbers whatever its nodes: what ranks tell each other of contacts.
+
+    Attributes
+    ----------
+    force, moment, dissipated, moment_imbalance : as of a `ContactState`
+    normal_force, tangential_force : sums over the nodes along n and t (N); in space, where nodes have no common t, the
+        latter is the length of the vectors' sum
+    open, slip, stick : numbers of nodes
+    bodies, m, law, slave : of the interface; the law by its name
+    rigid : (d,) displacement of the rigid partner (m); None if there is none
+    pressure_max : largest normal stress of a node (Pa)
+    normal_max, normal_sum : of the sizes of the nodes' normal forces (N)
+    acting : sum of the sizes of the components of the nodes' forces (N)
+    opening : the smallest at and between the nodes (m)
+    closed : length, in space area, of the nodes that are not open
+    """
+
+    force: np.ndarray
+    moment: np.ndarray
+    normal_force: float
+    tangential_force: float
+    open: int
+    slip: int
+    stick: int
+    dissipated: float
+    bodies: tuple[str, str]
+    m: int
+    law: str
+    slave: str | None
+    rigid: np.ndarray | None
+    pressure_max: float
+    normal_max: float
+    normal_sum: float
+    acting: float
+    opening: float
+    closed: float
+    moment_imbalance: tuple[float, float]
+
+    @property
+    def resultants(self) -> dict[str, Any]:
+        """What is written of each load step."""
+        return dict(zip(RESULTANTS, self, strict=False))
+
+    @property
+    def deepest(self) -> float:
+        """The largest overlap at and between the nodes (m); between nodes it is an error of the discretization."""
+        return max(0.0, -self.opening)
 
 
 @dataclass(frozen=True)
@@ -116,22 +162,17 @@ class ContactState:
         return float(np.linalg.norm(moment(arm, self.forces))), float(bound)
 
     @property
-    def deepest(self) -> float:
-        """The largest overlap at and between the nodes (m); between nodes it is an error of the discretization."""
-        return max(0.0, -float(self.gap.min(initial=0.0)), -float(self.between.min(initial=0.0)))
-
-    @property
-    def resultants(self) -> np.void:
-        """A record: force, moment, sums of the nodes' forces (N), numbers of nodes by status, and dissipated (J).
-
-        The tangential force is the sum along t; in space, where nodes have no common t, the length of the vectors' sum.
-        """
-        dimension, tangential = self.interface.dimension, self.tangential_force
-        total = tangential.sum() if dimension == 2 else np.linalg.norm(self.along(tangential).sum(axis=0))
-        record = np.zeros(1, resultants_in(dimension))
-        record[0] = (self.force, self.moment, self.normal_force.sum(), total,
-                     *(self.count(status) for status in ("open", "slip", "stick")), self.dissipated)
-        return record[0]
+    def totals(self) -> ContactTotals:
+        """The contact as a whole."""
+        interface, tangential, normal = self.interface, self.tangential_force, np.abs(self.normal_force)
+        total = tangential.sum() if interface.dimension == 2 else np.linalg.norm(self.along(tangential).sum(axis=0))
+        return ContactTotals(
+            self.force, self.moment, float(self.normal_force.sum()), float(total), self.count("open"),
+            self.count("slip"), self.count("stick"), self.dissipated, interface.bodies, interface.m,
+            interface.law.name, interface.slave, interface.displacement if interface.on_rigid else None,
+            float(self.pressure.max()), float(normal.max()), float(normal.sum()), float(np.abs(self.forces).sum()),
+            float(self.between.min(initial=self.gap.min())), float(interface.area[self.status != "open"].sum()),
+            self.moment_imbalance)
 
     def count(self, status: str) -> int:
         return int((self.status == status).sum())

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.state import ContactState
+from ddmpi.interface.state import ContactTotals
 from ddmpi.mesh.mesh import Mesh, boundary_facets
 from ddmpi.scene.contacts import Rigid
 from ddmpi.system.agreement import gathered
@@ -131,23 +131,24 @@ class Overlap(NamedTuple):
 
 
 def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
-                   states: Mapping[str, ContactState]) -> list[str]:
+                   contacts: Mapping[str, ContactTotals]) -> list[str]:
     """Warnings, on the first rank, where bodies run through each other or rigid partners outside their contacts.
 
-    The first rank tells whose boxes overlap. Of two such bodies on two ranks one sends what is near. Collective.
+    `contacts` are all on the first rank, on others those of their bodies. The first rank tells whose boxes overlap. Of
+    two such bodies on two ranks one sends what is near. Collective.
     """
     world, names = assembly.world, [body.name for body in assembly.scene.body]
     own = {body.number: Solid.of(body.mesh, displacements[body.spec.name]) for body in assembly.bodies}
     boxes = gathered(world, {number: (world.rank, each.box()) for number, each in own.items()})
     near = world.scatter(_pairs_by_rank(boxes, world.size) if world.rank == 0 else None)
-    depths = _deepest(assembly, states)
+    depths = _deepest(assembly, contacts)
     sending = [world.isend((own[b].part(*box), depths[names[b]]), there, b) for (a, b), there, (box, _) in near
                if b in own and a not in own]
     at_hand = {(a, b): (own[a].part(*other), *((own[b].part(*box), depths[names[b]]) if b in own else
                                                world.recv(None, there, b)))
                for (a, b), there, (box, other) in near if a in own}
     MPI.Request.waitall(sending)
-    contacts, found = {body.number: body.member.interfaces for body in assembly.bodies}, {}
+    interfaces, found = {body.number: body.member.interfaces for body in assembly.bodies}, {}
     for number, each in own.items():
         place = through_itself(each)
         found[number, number] = [] if place is None else [
@@ -155,7 +156,7 @@ def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
             "its sides apart; for sides that touch make two bodies of it, bonded where they hang together"]
     for (a, b), (one, other, beside) in at_hand.items():
         pair, solids = (names[a], names[b]), (one, other)
-        kept = [np.isin(solid.numbers, _kept(contacts[a], *ends)) for solid, ends in
+        kept = [np.isin(solid.numbers, _kept(interfaces[a], *ends)) for solid, ends in
                 zip(solids, (pair, pair[::-1]), strict=True)]
         overlap, drawn = run_through(*solids, kept, _between(pair, depths[pair[0]], beside))
         if overlap:
@@ -166,7 +167,7 @@ def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
                            + (WIDEN if touch else ADD)]
     found = gathered(world, {key: warnings for key, warnings in found.items() if warnings})
     return [*(warning for _, warnings in sorted(found.items()) for warning in warnings),
-            *_doubt_rigid(assembly, displacements, states, own)]
+            *_doubt_rigid(assembly, displacements, contacts, own)]
 
 
 def _pairs_by_rank(boxes: Mapping[int, tuple[int, tuple[np.ndarray, np.ndarray]]],
@@ -186,14 +187,14 @@ def _pairs_by_rank(boxes: Mapping[int, tuple[int, tuple[np.ndarray, np.ndarray]]
     return found
 
 
-def _deepest(assembly: Assembly, states: Mapping[str, ContactState]) -> dict[str, dict[str, float]]:
+def _deepest(assembly: Assembly, contacts: Mapping[str, ContactTotals]) -> dict[str, dict[str, float]]:
     """By body of this rank, how deep it and each of its partners lie in each other in their contacts (m)."""
     found: dict[str, dict[str, float]] = {body.spec.name: {} for body in assembly.bodies}
-    for state in states.values():
-        first, second = state.interface.bodies
+    for each in contacts.values():
+        first, second = each.bodies
         for name, partner in (first, second), (second, first):
             if name in found:
-                found[name][partner] = max(state.deepest, found[name].get(partner, -np.inf))
+                found[name][partner] = max(each.deepest, found[name].get(partner, -np.inf))
     return found
 
 
@@ -301,11 +302,10 @@ def deepest_in(a: Solid, x: np.ndarray, kept: np.ndarray, bows: np.ndarray, b: S
 
 
 def _doubt_rigid(assembly: Assembly, displacements: Mapping[str, np.ndarray],
-                 contacts: Mapping[str, ContactState], solids: Mapping[int, Solid]) -> list[str]:
+                 contacts: Mapping[str, ContactTotals], solids: Mapping[int, Solid]) -> list[str]:
     """Warnings, on the first rank, where a body runs through a rigid partner outside its contact with it; `solids` are
     the bodies of this rank. Collective."""
-    moved = assembly.world.bcast({state.interface.bodies[1]: state.interface.displacement
-                                  for state in contacts.values() if state.interface.on_rigid})
+    moved = assembly.world.bcast({each.bodies[1]: each.rigid for each in contacts.values() if each.rigid is not None})
     found: dict[tuple[int, int], list[str]] = {}
     for body in assembly.bodies:
         facets = solids[body.number].facets[:, :-1]

@@ -12,7 +12,7 @@ from scipy.sparse import csgraph
 from ddmpi.body.estimate import DiscretizationError
 from ddmpi.body.stiffness import forces_at
 from ddmpi.coupling.assembly import Assembly, Body
-from ddmpi.interface.state import ContactState
+from ddmpi.interface.state import ContactState, ContactTotals
 from ddmpi.judge.overlap import BESIDE, RESOLVED, Solid, doubt_overlaps
 from ddmpi.mesh.boundary import SHARPEST, creases
 from ddmpi.mesh.elements import REGULAR, invert
@@ -98,14 +98,14 @@ def doubt_shape(mesh: Mesh, name: str) -> str:
                 bool(ratio > SLENDER))
 
 
-def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
-                 contacts: Mapping[str, ContactState], passing: bool = False) -> list[str]:
+def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray], states: Mapping[str, ContactState],
+                 contacts: Mapping[str, ContactTotals], passing: bool = False) -> list[str]:
     """Warnings of an answer, on the first rank; none where it is not even finite. Collective.
 
     Parameters
     ----------
     displacements : (nv, d) of each body of this rank (m)
-    contacts : state by contact, as of a `Solution`
+    states, contacts : as of a `Solution`
     passing : whether other load steps follow; then motions alone are looked at, since a body that is unloaded on its
         way may have next to no forces
     """
@@ -123,11 +123,11 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
                                           float(np.linalg.norm(u, axis=1).max()))
     bodies = gathered(world, own)
     loads = {name: load for name, (_, load) in bodies.items()}
-    pressed = max((np.abs(state.normal_force).max(initial=0.0) for state in contacts.values()), default=0.0)
+    pressed = max((each.normal_max for each in contacts.values()), default=0.0)
     pressed, most = world.bcast((pressed, max(loads.values())))
     both, doubts = assembly.exchange.swap_objects(mine), {}
     for interface in assembly.space.interfaces:
-        state, ((first, here), second) = contacts[interface.name], both[interface.name]
+        state, ((first, here), second) = states[interface.name], both[interface.name]
         other, there = second or (interface.displacement, 0.0)
         here = max(here, there)
         found_here = _far_slip(assembly, state, first - other)
@@ -153,12 +153,12 @@ def _large_motion(body: Body, u: np.ndarray) -> list[str]:
     return _large_gradient(body, u)
 
 
-def _unresolved(assembly: Assembly, contacts: Mapping[str, ContactState], loads: Mapping[str, float]) -> list[str]:
+def _unresolved(assembly: Assembly, contacts: Mapping[str, ContactTotals], loads: Mapping[str, float]) -> list[str]:
     """Warnings of loose bodies whose loads and contact forces are nothing beside the loads of others."""
     most, found, pressed = max(loads.values()), [], dict.fromkeys(assembly.loose, 0.0)
-    for state in contacts.values():
-        for name in pressed.keys() & set(state.interface.bodies):
-            pressed[name] = max(pressed[name], float(np.abs(state.forces).sum()))
+    for each in contacts.values():
+        for name in pressed.keys() & set(each.bodies):
+            pressed[name] = max(pressed[name], each.acting)
     for name, acting in pressed.items():
         acting = max(loads.get(name, 0.0), acting)
         if 0.0 < acting < UNRESOLVED * most:
@@ -168,7 +168,7 @@ def _unresolved(assembly: Assembly, contacts: Mapping[str, ContactState], loads:
     return found
 
 
-def _points_that_carry(body: Body, u: np.ndarray, contacts: Mapping[str, ContactState]) -> list[str]:
+def _points_that_carry(body: Body, u: np.ndarray, contacts: Mapping[str, ContactTotals]) -> list[str]:
     """Warnings of clamped points, on no clamped boundary group, at which a body moved by u (nv, d) is really held."""
     mesh, name = body.mesh, body.spec.name
     points = {clamp.on: mesh.vertices[clamp.on] for clamp in body.spec.clamps if clamp.on in mesh.vertices}
@@ -178,7 +178,7 @@ def _points_that_carry(body: Body, u: np.ndarray, contacts: Mapping[str, Contact
     held += [np.unique(mesh.groups[clamp.on]) for clamp in body.spec.clamps if clamp.on in mesh.groups]
     acting, clamped = body.member.elasticity.acting, ~body.member.elasticity.free
     loads, heat = np.abs(acting.f), acting.heat
-    pressed = sum(float(np.abs(contacts[each.name].normal_force).sum()) for each in body.member.interfaces)
+    pressed = sum(contacts[each.name].normal_sum for each in body.member.interfaces)
     least, found = POINT * max(body.member.elasticity.load, pressed), []
     for on, nodes in points.items():
         force = np.abs(forces_at(mesh, body.material, u, nodes) - heat[nodes]) * clamped[nodes]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import textwrap
 from collections.abc import Iterator
 from dataclasses import replace
@@ -158,7 +159,7 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     magnification: the one that suits the largest displacement of all. Not collective. Raises OutputError.
     """
     import matplotlib.pyplot as plt
-    from matplotlib.animation import PillowWriter
+    from PIL import Image
 
     skin, dimension = skin_of(results), results.dimension
     largest = max(np.linalg.norm(fields["displacement"], axis=1).max() for _, fields in _frames(folder))
@@ -175,21 +176,27 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     sheet.axes.set_title("time")
     sheet.colours(image, f"{quantity} ({unit})", "max")
     sheet.figure.suptitle(title.strip())
-    path, writer = folder / "animation.gif", PillowWriter(fps=float(np.clip(number / SECONDS, SLOWEST, FASTEST)))
+    path, frames = folder / "animation.gif", []
+    for time, fields in _frames(folder):
+        sheet.clear()
+        at = still + skin.extended(factor * fields["displacement"][:, :dimension])
+        sheet.meet(rigid_parts(results, factor, time))
+        values = skin.extended(coloured(results, fields)[0])[skin.facets]
+        sheet.show([Surface(at, skin.facets, by_value(values, image), skin.beyond)])
+        sheet.axes.set_title(f"time {time:.4g}, displacement × {factor:g}")
+        sheet.figure.canvas.draw()
+        sheet.figure.set_layout_engine("none")  # as the first frame has it
+        drawn = io.BytesIO()
+        sheet.figure.savefig(drawn, dpi=80)
+        frames.append(Image.open(drawn).convert("RGB"))
+    plt.close(sheet.figure)
+    some = frames[::len(frames) // 20 + 1]
+    palette = Image.fromarray(np.vstack([np.asarray(each)[::2, ::2] for each in some])).quantize()
+    first, *others = (each.quantize(palette=palette) for each in frames)
     with writing(path):
         path.unlink(missing_ok=True)  # it may be a link
-    with writing(path), writer.saving(sheet.figure, path, dpi=80):
-        for time, fields in _frames(folder):
-            sheet.clear()
-            at = still + skin.extended(factor * fields["displacement"][:, :dimension])
-            sheet.meet(rigid_parts(results, factor, time))
-            values = skin.extended(coloured(results, fields)[0])[skin.facets]
-            sheet.show([Surface(at, skin.facets, by_value(values, image), skin.beyond)])
-            sheet.axes.set_title(f"time {time:.4g}, displacement × {factor:g}")
-            sheet.figure.canvas.draw()
-            sheet.figure.set_layout_engine("none")  # as the first frame has it
-            writer.grab_frame()
-    plt.close(sheet.figure)
+        first.save(path, save_all=True, append_images=others, loop=0,
+                   duration=1000.0 / float(np.clip(number / SECONDS, SLOWEST, FASTEST)))
     return path
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.interface.state import ContactState
+from ddmpi.interface.state import ContactTotals
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.judge.equilibrium import Mechanism, describe
 from ddmpi.results.tables import FORMAT
@@ -130,7 +130,7 @@ SUMMARY = {
 docs/reference/results.md shows this."""
 
 
-def summarize(scene: dict, run: Mapping[str, Any], bodies: Mapping[str, dict], contacts: Mapping[str, ContactState],
+def summarize(scene: dict, run: Mapping[str, Any], bodies: Mapping[str, dict], contacts: Mapping[str, ContactTotals],
               certificate: Certificate) -> dict:
     """The content of summary.json but for provenance and times, as plain data. Not collective.
 
@@ -141,25 +141,25 @@ def summarize(scene: dict, run: Mapping[str, Any], bodies: Mapping[str, dict], c
     scene : resolved
     run : the entries in SUMMARY that do not follow from the others
     bodies : by name, in the order of the scene, the entries in SUMMARY but for certificate and n_A, which are added
-    contacts : the last states by name, in the order of the scene
+    contacts : at the end by name, in the order of the scene
     """
     dimension = len(next(iter(bodies.values()))["reaction"])
-    method, interfaces = scene["method"], [state.interface for state in contacts.values()]
+    method = scene["method"]
     entries = {name: body | {"n_A": sum(body["n_A_by_purpose"].values()),
                              "certificate": {"equilibrium": certificate.equilibrium[name]}}
                for name, body in bodies.items()}
-    n_A, m = sum(entry["n_A"] for entry in entries.values()), sum(interface.m for interface in interfaces)
+    n_A, m = sum(entry["n_A"] for entry in entries.values()), sum(each.m for each in contacts.values())
     found = plain({
         "format": FORMAT, "title": scene["title"],
         "outer": method["outer"], "algorithm": method.get("algorithm") or method["outer"],
         "splitting": method.get("splitting") or "none",
-        "friction": ", ".join(dict.fromkeys(interface.law.name for interface in interfaces)),
+        "friction": ", ".join(dict.fromkeys(each.law for each in contacts.values())),
         "n": sum(body["n"] for body in bodies.values()), "m": m, "n_A": n_A,
         "eff": n_A / (2 * m) if m else None, "bodies": entries,
-        "contacts": {name: _contact(state) | {
+        "contacts": {name: _contact(each) | {
             "certificate": certificate.contacts[name]._asdict(),
             "dissipated": np.sum(np.array([step["contacts"][name]["dissipated"] for step in run["steps"]], float))}
-            for name, state in contacts.items()},
+            for name, each in contacts.items()},
         "rigid": rigid_partners(contacts.values()),
         "certificate": {kind: value for kind, (value, _) in certificate.worst().items()},
         "displacement_max": np.max([body["displacement_max"] for body in bodies.values()]),
@@ -167,14 +167,13 @@ def summarize(scene: dict, run: Mapping[str, Any], bodies: Mapping[str, dict], c
     return {name: found[name] for name in dict.fromkeys(key.partition(".")[0] for key in SUMMARY) if name in found}
 
 
-def rigid_partners(contacts: Iterable[ContactState]) -> dict[str, dict[str, np.ndarray]]:
+def rigid_partners(contacts: Iterable[ContactTotals]) -> dict[str, dict[str, np.ndarray]]:
     """Displacement (m) and force (N) (d,) of each rigid partner that bodies may touch, by its name."""
     found: dict[str, dict[str, np.ndarray]] = {}
-    for state in contacts:
-        if state.interface.on_rigid:
-            entry = found.setdefault(state.interface.bodies[1], {"displacement": state.interface.displacement,
-                                                                 "force": np.zeros(state.interface.dimension)})
-            entry["force"] = entry["force"] - state.force
+    for each in contacts:
+        if each.rigid is not None:
+            entry = found.setdefault(each.bodies[1], {"displacement": each.rigid, "force": np.zeros(len(each.rigid))})
+            entry["force"] = entry["force"] - each.force
     return found
 
 
@@ -232,17 +231,15 @@ def units(scene: dict, dimension: int = 2) -> dict[str, str]:
     return {"length": length, "stress": stress, "force": force, "moment": moment, "energy": energy}
 
 
-def _contact(state: ContactState) -> dict:
-    slave, (imbalance, bound) = state.interface.slave, state.moment_imbalance
-    return {"m": state.interface.m, "pairing": "mortar" if slave else "nodes", "slave": slave,
-            "friction": state.interface.law.name, **plain(state.resultants), "pressure_max": state.pressure.max(),
-            "pointwise_penetration": state.deepest, "moment_imbalance": imbalance, "moment_imbalance_bound": bound}
+def _contact(totals: ContactTotals) -> dict:
+    imbalance, bound = totals.moment_imbalance
+    return {"m": totals.m, "pairing": "mortar" if totals.slave else "nodes", "slave": totals.slave,
+            "friction": totals.law, **plain(totals.resultants), "pressure_max": totals.pressure_max,
+            "pointwise_penetration": totals.deepest, "moment_imbalance": imbalance, "moment_imbalance_bound": bound}
 
 
 def plain(value: Any) -> Any:
-    """The value as JSON has it: lists for arrays, tables for records, None for numbers that are not finite."""
-    if isinstance(value, np.void):
-        value = dict(zip(value.dtype.names or (), value.item(), strict=True))
+    """The value as JSON has it: lists for arrays, None for numbers that are not finite."""
     if isinstance(value, dict):
         return {key: plain(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple | np.ndarray):

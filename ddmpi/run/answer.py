@@ -20,7 +20,7 @@ from ddmpi.run.run import Solved, compute
 from ddmpi.scene.reader import read_scene, read_text, write_table, write_value
 from ddmpi.scene.scene import Settled
 from ddmpi.system import logs
-from ddmpi.system.agreement import from_first, in_lockstep
+from ddmpi.system.agreement import from_first, in_lockstep, merged
 from ddmpi.system.clock import Clock
 
 
@@ -89,6 +89,7 @@ def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
     finally:
         options.use({})
     seconds, solved = clock.largest(world), computed[0] if computed else None
-    found = (solved.summary | {"seconds": seconds}, solved.solution.contacts) if solved else None
-    summary, contacts = world.bcast(found)
-    return Answer(summary, contacts, solved.fields if solved else {}, solved)
+    states = merged(world, solved.solution.states if solved else {})
+    summary = world.bcast(solved.summary | {"seconds": seconds} if solved else None)
+    return Answer(summary, {contact.name: states[contact.name] for contact in settled.contact},
+                  solved.fields if solved else {}, solved)

@@ -16,7 +16,7 @@ from ddmpi.body.estimate import DiscretizationError
 from ddmpi.body.loads import loads_by_group, resultants
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.ranks import team_of
-from ddmpi.interface.state import ContactState
+from ddmpi.interface.state import ContactState, ContactTotals
 from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.petsc.options import unused_options
@@ -38,31 +38,29 @@ class StepLog:
 
     Attributes
     ----------
-    contacts, bodies : names, of all on the first rank, on others of their own
     dimension : of the scene
     steps : the entry of that name in the summary
     energies : external work, strain energy, interface work and dissipated energy since time 0, and what the step's
         balance leaves, of each (J)
     iterations : the lines of history.csv
-    kept : time, forces (size,), motions, and `leg_values` of all contacts, of the steps whose fields are written
+    kept : time, forces (size,), motions, and `leg_values` of the rank's contacts, of the steps whose fields are written
     doubts : warnings of answers at the ends of legs before the last one, of each kind the first
     most : the largest so far: residuals of contacts (nc, 4) and bodies (nb,), `Solution.sizes` (3,)
     """
 
-    def __init__(self, contacts: Iterable[str], bodies: Iterable[str], dimension: int) -> None:
-        self.contacts, self.bodies, self.dimension = tuple(contacts), tuple(bodies), dimension
+    def __init__(self, dimension: int) -> None:
+        self.dimension = dimension
         self.doubts = dict[str, str]()
         self.steps, self.energies, self.iterations, self.kept = (list[Any]() for _ in range(4))
-        self.most = {"contacts": np.zeros((len(self.contacts), len(ContactResiduals._fields))),
-                     "bodies": np.zeros(len(self.bodies)), "sizes": np.zeros(3)}
+        self.most = {"contacts": np.zeros(4), "bodies": np.zeros(1), "sizes": np.zeros(3)}
 
     def judge(self, certificate: Certificate) -> Certificate:
-        """Note the residuals of a step; the largest ones so far, of the contacts and bodies that the log has."""
-        self._raise(contacts=[certificate.contacts[name] for name in self.contacts],
-                    bodies=[certificate.equilibrium[name] for name in self.bodies])
-        contacts, bodies = self.most["contacts"].tolist(), self.most["bodies"].tolist()
-        return Certificate({name: ContactResiduals(*row) for name, row in zip(self.contacts, contacts, strict=True)},
-                           dict(zip(self.bodies, bodies, strict=True)))
+        """Note the residuals of a step; the largest ones so far."""
+        contacts, bodies = certificate.contacts, certificate.equilibrium
+        self._raise(contacts=np.reshape([*contacts.values()], (-1, 4)), bodies=[*bodies.values()])
+        residuals = [ContactResiduals(*row) for row in self.most["contacts"].tolist()]
+        return Certificate(dict(zip(contacts, residuals, strict=True)),
+                           dict(zip(bodies, self.most["bodies"].tolist(), strict=True)))
 
     def _raise(self, **values: np.ndarray | Sequence) -> None:
         self.most = self.most | {name: np.maximum(self.most[name], each) for name, each in values.items()}
@@ -71,19 +69,19 @@ class StepLog:
         """Note the end of a step: its iterations and sizes, resultants, and where rigid partners are."""
         self.note_iterations(len(self.steps) + 1, solution)
         self._raise(sizes=solution.sizes)
-        self.note_contacts(time, len(solution.outer.history), [solution.contacts[name] for name in self.contacts])
+        self.note_contacts(time, len(solution.outer.history), solution.contacts)
 
     def note_iterations(self, step: int, solution: Solution) -> None:
         """Note the iterations of a step, by its number."""
         for each, counts in zip(solution.outer.history, solution.statuses.counts, strict=True):
             self.iterations.append((step, *each[:4], *counts, each.n_A))
 
-    def note_contacts(self, time: float, iterations: int, contacts: Sequence[ContactState]) -> None:
+    def note_contacts(self, time: float, iterations: int, contacts: Mapping[str, ContactTotals]) -> None:
         """Note the resultants of a step, and where rigid partners are."""
         self.steps.append(plain({
             "time": time, "outer_iterations": iterations,
-            "contacts": {name: each.resultants for name, each in zip(self.contacts, contacts, strict=True)},
-            "rigid": rigid_partners(contacts)}))
+            "contacts": {name: each.resultants for name, each in contacts.items()},
+            "rigid": rigid_partners(contacts.values())}))
 
     def doubt(self, time: float, warnings: Sequence[str]) -> None:
         """Note the warnings of the answer at the end of a leg, unless there are such that differ in numbers alone."""
@@ -95,9 +93,10 @@ class StepLog:
         known = {_kind(warning) for warning in warnings}
         return [doubt for kind, doubt in self.doubts.items() if kind not in known]
 
-    def keep(self, time: float, forces: np.ndarray, motions: np.ndarray, contacts: Sequence[ContactState]) -> None:
-        """Note what the fields of a step follow from: forces (size,), motions; and the state of all contacts."""
-        values = np.concatenate([np.empty((0, len(leg_columns(self.dimension)))), *map(leg_values, contacts)])
+    def keep(self, time: float, forces: np.ndarray, motions: np.ndarray, states: Iterable[ContactState]) -> None:
+        """Note what the fields of a step follow from: forces (size,), motions; and the states of the rank's contacts.
+        """
+        values = np.concatenate([np.empty((0, len(leg_columns(self.dimension)))), *map(leg_values, states)])
         self.kept.append((time, forces, motions, values))
 
     def energy(self) -> list[tuple[float, ...]]:

@@ -202,7 +202,7 @@ def log_end(summary: dict, solution: Solution) -> None:
 def _log_contacts(summary: dict, solution: Solution) -> None:
     contacts = summary["contacts"]
     rigid = {each["name"] for each in summary["scene"]["rigid"]}
-    bodies = {name: solution.contacts[name].interface.bodies for name in contacts}
+    bodies = {name: each.bodies for name, each in solution.contacts.items()}
     listed = list(contacts)
     if len(contacts) > LISTED:
         highest = max(contacts, key=lambda name: _number(contacts[name]["pressure_max"]))
@@ -214,8 +214,8 @@ def _log_contacts(summary: dict, solution: Solution) -> None:
         log.info("%s", describe_contact(summary, name, bodies[name][0]))
     closed = {name for step in summary["steps"] for name, each in step["contacts"].items()
               if each["slip"] + each["stick"]}
-    apart = [f"{name} (at least {max(least, 0.0):.3g} apart)" for name in contacts if name not in closed
-             for state in [solution.contacts[name]] for least in [state.between.min(initial=state.gap.min())]]
+    apart = [f"{name} (at least {max(each.opening, 0.0):.3g} apart)" for name, each in solution.contacts.items()
+             if name not in closed]
     if apart:
         log.info("closed nowhere%s: %s", " at any time" * (len(summary["steps"]) > 1), some(apart, "contacts"))
 

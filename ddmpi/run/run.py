@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -199,7 +199,7 @@ def _finish(assembly: Assembly, solution: Solution, steps: StepLog, error: Discr
                   for body in assembly.bodies}
     warnings = [*assembly.warnings, *(body.locking for body in assembly.scene.body if body.locking)]
     if solution.certified:
-        doubts = doubt_answer(assembly, solution.displacements, solution.contacts)
+        doubts = doubt_answer(assembly, solution.displacements, solution.states, solution.contacts)
         warnings += [*doubts, *steps.doubts_beside(doubts),
                      *(() if assembly.world.rank else doubt_mesh(assembly.scene.body, error)),
                      *doubt_stress(assembly, {name: each.von_mises for name, each in fields.items()})]
@@ -227,17 +227,23 @@ def _fields(assembly: Assembly, body: Body, u: np.ndarray, error: Discretization
                   error.own[body.spec.name].stress if error else nodal_stress(mesh, body.material, u, heat))
 
 
+def check_cut(ends: Sequence[np.ndarray], scene: Settled) -> None:
+    """Raise InputError if the pictures' cut meets none of the bodies between their `ends`, corners (2, d) (m)."""
+    from ddmpi.pictures.views import View
+
+    View(np.concatenate(ends), scene.resolved()["output"])
+
+
 def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock | None = None,
                   refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES, factor: bool = True) -> Assembly:
     """`prepare`, with the scene's file named in what is wrong with it, as with a cut of pictures. Collective."""
     try:
         assembly = prepare(world, scene, Path(scene_path).parent, clock, refinement, sizes, factor)
         if scene.output.cut:
-            from ddmpi.pictures.views import View
-
-            ends = merged(world, {body.number: (body.mesh.points.min(axis=0), body.mesh.points.max(axis=0))
+            ends = merged(world, {body.number: np.array([body.mesh.points.min(axis=0), body.mesh.points.max(axis=0)])
                                   for body in assembly.bodies})
-            View(np.concatenate([*ends.values()]), scene.resolved()["output"])
+            with agreed(world):
+                check_cut([*ends.values()], scene)
         return assembly
     except InputError as error:
         error.args = (f"{scene_path}: {error}",)
@@ -332,11 +338,11 @@ def _write_contacts(path: Path, solved: Solved) -> tuple[dict[str, ContactState]
     states: dict[str, ContactState] = {}
     found: dict[str, list] = {contact.name: [] for contact in assembly.scene.contact}
     with agreed(assembly.world):
-        for name in steps.contacts:
-            part = slice(start, start := start + solution.contacts[name].interface.m)
-            if name not in own:
+        for name, state in solution.states.items():
+            part = slice(start, start := start + state.interface.m)
+            if name not in own:  # the other's of two ranks that both hold all
                 continue
-            state = states[name] = solution.contacts[name]
+            states[name] = state
             values = [(time, each[part]) for time, _, _, each in steps.kept]
             write_contact(path, name, state)
             write_sides(path, name, state)

@@ -15,7 +15,7 @@ from mpi4py import MPI
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.coupling.member import Member
 from ddmpi.errors import SolverError
-from ddmpi.interface.state import ContactState, contact_state
+from ddmpi.interface.state import ContactState, ContactTotals, contact_state
 from ddmpi.judge.certificate import Certificate, certificate_limit, contact_residuals, equilibrium_residual
 from ddmpi.judge.diagnosis import StatusLog
 from ddmpi.judge.equilibrium import Mechanism, describe
@@ -70,7 +70,8 @@ class Solution:
         equilibrium of loose bodies, "mechanism" where there is none
     displacements : (nv, d) of each body of this rank (m), by name
     displacement_max : largest displacement by body (m), of all on the first rank
-    contacts : state by contact, on the first rank of all contacts, on others of those of their bodies
+    states : by contact, of those that this rank owns
+    contacts : each as a whole, on the first rank all, on others those of their bodies
     certificate : of all contacts and bodies
     limit : largest residual of a certified answer
     outer : the iteration, which can go on
@@ -90,7 +91,8 @@ class Solution:
     stopped: str
     displacements: dict[str, np.ndarray]
     displacement_max: dict[str, float]
-    contacts: dict[str, ContactState]
+    states: dict[str, ContactState]
+    contacts: dict[str, ContactTotals]
     certificate: Certificate
     limit: float
     outer: Outer
@@ -267,7 +269,7 @@ class Iteration:
         interfaces = [each.displaced(each.displacement + gone[each.bodies[1]]) if each.bodies[1] in gone else each
                       for each in space.interfaces]
         prescribed = np.concatenate([np.empty(0), *(each.prescribed for each in interfaces)])
-        found = {}
+        states, judged = {}, {}
         with event("Certificate"):
             for interface, part, limit in zip(interfaces, space.parts.values(), space.laws.bounds(bound), strict=False):
                 u1, u2 = both[0][part], both[1][part] + interface.prescribed
@@ -275,21 +277,21 @@ class Iteration:
                 between = probes.opening(interface.scale) + probes.normal @ interface.displacement - sum(
                     each for each, _ in near)
                 yielding = max(each for _, each in near)
-                state = contact_state(interface, forces[part], limit, u1 + u2, between,
-                                      (past.start[part], past.forces[part]), yielding)
-                found[interface.name] = state, contact_residuals(state, forces[part], mismatch[part], (u1, u2), load,
-                                                                 yielding, now, past.largest[1:].tolist())
-        force = world.allreduce(max((float(np.abs(state.forces).max()) for state, _ in found.values()), default=0.0),
+                state = states[interface.name] = contact_state(
+                    interface, forces[part], limit, u1 + u2, between, (past.start[part], past.forces[part]), yielding)
+                judged[interface.name] = state.totals, contact_residuals(
+                    state, forces[part], mismatch[part], (u1, u2), load, yielding, now, past.largest[1:].tolist())
+        force = world.allreduce(max((float(np.abs(state.forces).max()) for state in states.values()), default=0.0),
                                 MPI.MAX)
-        told = exchange.swap_objects({(name, side): found.get(name) for name, *_ in exchange.ends for side in (0, 1)})
-        known = {name: one or other for name, (one, other) in told.items()} | gathered(world, found)
+        told = exchange.swap_objects({(name, side): judged.get(name) for name, *_ in exchange.ends for side in (0, 1)})
+        known = {name: one or other for name, (one, other) in told.items()} | gathered(world, judged)
         found = {contact.name: known[contact.name] for contact in assembly.scene.contact if contact.name in known}
         certificate = Certificate({name: residuals for name, (_, residuals) in found.items()},
                                   {name: equilibrium_residual(each["left"], each["acting"], load, each["made"])
                                    for name, each in bodies.items()})
         names = [body.name for body in assembly.scene.body if body.name in bodies]
-        return Solution(stopped, moved, {name: bodies[name]["moved"] for name in names},
-                        {name: state for name, (state, _) in found.items()}, certificate.told(world), self.limit,
+        return Solution(stopped, moved, {name: bodies[name]["moved"] for name in names}, states,
+                        {name: totals for name, (totals, _) in found.items()}, certificate.told(world), self.limit,
                         outer, self.statuses, self.given, moved=both[0] + both[1] + prescribed, prescribed=prescribed,
                         energy=energy, sizes=np.array([force, *now]), work=work)
 
@@ -312,7 +314,7 @@ def solve(assembly: Assembly, method: SettledMethod, report: Report = no_report,
 
 def with_undetermined(assembly: Assembly, solution: Solution) -> Solution:
     """The solution with the motions that no contact resists, where there is equilibrium. Collective."""
-    motions = () if solution.mechanism else undetermined_motions(assembly, solution.contacts)
+    motions = () if solution.mechanism else undetermined_motions(assembly, solution.states)
     return replace(solution, undetermined=motions)
 
 

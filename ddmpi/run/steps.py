@@ -111,10 +111,7 @@ def solve_scene(assembly: Assembly, report: Report = no_report, checkpoints: Che
     all. Collective.
     """
     scene, clock = assembly.scene, clock or Clock()
-    known = [body.spec for body in assembly.bodies] if assembly.world.rank else scene.body
-    names = {body.name for body in known}
-    log = StepLog([contact.name for contact in scene.contact if not names.isdisjoint(contact.bodies)],
-                  [each.name for each in (*known, *scene.pushed)], scene.dimension)
+    log = StepLog(scene.dimension)
     if scene.time is None:
         solution = solve(assembly, scene.method, report, checkpoints, clock)
         log.note_step(scene.legs[0], solution)
@@ -177,7 +174,8 @@ class March:
             if not self._ahead and not self._refine():
                 if self._leg == len(self._legs) - 1:
                     break
-                self.log.doubt(time, doubt_answer(self.assembly, solution.displacements, solution.contacts, True))
+                self.log.doubt(time, doubt_answer(self.assembly, solution.displacements, solution.states,
+                                                  solution.contacts, True))
                 self._next_leg()
             self._keep()
         worst = self.log.judge(solution.certificate)
@@ -248,7 +246,7 @@ class March:
         """Note the step to `time`, whose solution is certified."""
         assembly, now, outer = self.assembly, self._now, self.outer
         space, scene = assembly.space, assembly.scene
-        contacts = [solution.contacts[name] for name in self.log.contacts]
+        contacts = solution.contacts.values()
         factors = np.array(list(scene.factors(time).values()))
         s, moved = outer.forces, solution.moved
         opened, gone = space.opening - now.opening, solution.prescribed - now.prescribed
@@ -262,8 +260,8 @@ class March:
         work = 0.5 * (factors + now.factors) @ (solution.work[0] - now.work[0])
         work += 0.5 * (factors - now.factors) @ (solution.work[1] + now.work[1]) + driven
         lost = work - (solution.energy - now.energy) - interface_work
-        closed = sum(float(each.interface.area[each.status != "open"].sum()) for each in contacts)
-        dissipated, closed = assembly.world.bcast((sum(state.dissipated for state in contacts), closed))
+        dissipated, closed = assembly.world.bcast((sum(each.dissipated for each in contacts),
+                                                   sum(each.closed for each in contacts)))
         before = self.log.energies[-1] if self.log.energies else np.zeros(5)
         self.log.energies.append([before[0] + work, solution.energy, before[2] + interface_work,
                                   before[3] + dissipated, lost])
@@ -275,8 +273,8 @@ class March:
                           solution.energy, closed)
         del self._ahead[0]
         if not self._ahead or scene.output.steps == "all":
-            self.log.keep(time, s, outer.motions, contacts)
-        counts = [sum(state.count(status) for state in contacts) for status in ("open", "slip", "stick")]
+            self.log.keep(time, s, outer.motions, solution.states.values())
+        counts = [sum(each.resultants[status] for each in contacts) for status in ("open", "slip", "stick")]
         log.info("time %-10.6g %3d iterations; %d open, %d slip, %d stick nodes", time, len(outer.history), *counts)
         self._leave()
         self._cuts = 0

@@ -7,6 +7,7 @@ import json
 import made_up
 import made_up_solids
 import numpy as np
+import PIL.Image
 import pytest
 from documented import undocumented
 from matplotlib import image
@@ -238,6 +239,14 @@ def test_pictures_are_cut_and_seen_as_asked_for(tmp_path):
     assert left < 0.0 and 3.0 < right < 3.6
     results.summary["scene"]["output"] |= {"cut": {"x": 1.0}}
     assert draw_bodies(results).axes[0].get_xlim()[1] < 1.6
+
+
+def test_animations_of_solids_have_no_bands(tmp_path):
+    """Shaded colours go over into each other on white, as the colours of all frames are chosen for these."""
+    with PIL.Image.open(animate(stacked(tmp_path, times=(1.0, 2.0)), tmp_path, "")) as picture:
+        frame = picture.convert("RGB")
+    assert frame.getpixel((0, 0)) == (255, 255, 255)
+    assert len(frame.getcolors(256)) > 140
 
 
 @pytest.mark.parametrize(("asked", "words"), [

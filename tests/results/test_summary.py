@@ -39,8 +39,8 @@ def row() -> dict[str, ContactState]:
 
 def summary_of(contacts: dict[str, ContactState], run=None, residuals=None, **of_the_first_body) -> dict:
     bodies = {name: made_up.body(**(of_the_first_body if name == "left" else {})) for name in made_up.ROW}
-    return summarize(made_up.scene(list(contacts)), made_up.run(contacts, **run or {}), bodies, contacts,
-                     made_up.certificate(contacts, bodies, **residuals or {}))
+    return summarize(made_up.scene(list(contacts)), made_up.run(contacts, **run or {}), bodies,
+                     made_up.totals(contacts), made_up.certificate(contacts, bodies, **residuals or {}))
 
 
 def test_everything_has_a_name():
@@ -78,7 +78,8 @@ def test_results_carry_their_units(length, stress, force, moment, energy):
     scene = made_up.scene(["left-middle", "middle-right"])
     scene["output"] = {"length_unit": length, "stress_unit": stress}
     bodies = {name: made_up.body() for name in made_up.ROW}
-    summary = summarize(scene, made_up.run(row()), bodies, row(), made_up.certificate(row(), bodies))
+    summary = summarize(scene, made_up.run(row()), bodies, made_up.totals(row()),
+                        made_up.certificate(row(), bodies))
     assert summary["units"] == {"length": length, "stress": stress, "force": force, "moment": moment, "energy": energy}
 
 
@@ -109,19 +110,19 @@ def test_friction_dissipates_what_slip_overcomes():
     state = row()["left-middle"]
     slips = state.status == "slip"
     work = 0.5 * (0.3 * state.normal_force * np.abs(state.slip[:, 0]))[slips]
-    assert state.resultants["dissipated"] == pytest.approx(work.sum(), rel=1e-14) and work.sum() > 0.0
+    assert state.totals.dissipated == pytest.approx(work.sum(), rel=1e-14) and work.sum() > 0.0
 
 
 def test_the_work_of_all_load_steps_is_added_up():
     """dissipated of a contact is that of all load steps; of a step it is its own."""
-    log, contacts = StepLog(list(made_up.CONTACTS["row"]), list(made_up.ROW), 2), row()
+    log, contacts = StepLog(2), row()
     for time in (1.0, 2.0):
-        log.note_contacts(time, 3, list(contacts.values()))
-    again = StepLog(log.contacts, log.bodies, 2)
+        log.note_contacts(time, 3, made_up.totals(contacts))
+    again = StepLog(2)
     again.restore(log.state())
     bodies = {name: made_up.body() for name in made_up.ROW}
-    summary = summarize(made_up.scene(list(contacts)), made_up.run(contacts, steps=again.steps), bodies, contacts,
-                        made_up.certificate(contacts, bodies))
+    summary = summarize(made_up.scene(list(contacts)), made_up.run(contacts, steps=again.steps), bodies,
+                        made_up.totals(contacts), made_up.certificate(contacts, bodies))
     for name, state in contacts.items():
         assert summary["contacts"][name]["dissipated"] == 2 * state.dissipated > 0.0
         assert [step["contacts"][name] for step in summary["steps"]] == [
@@ -131,15 +132,15 @@ def test_the_work_of_all_load_steps_is_added_up():
 
 def test_what_is_kept_of_load_steps_outlives_a_restart():
     """All of it: tables, fields, warnings, the worst residuals, and the largest values, to which others compare."""
-    log, contacts = StepLog(list(made_up.CONTACTS["row"]), list(made_up.ROW), 2), row()
-    log.note_contacts(1.0, 3, list(contacts.values()))
+    log, contacts = StepLog(2), row()
+    log.note_contacts(1.0, 3, made_up.totals(contacts))
     log.energies.append([0.0, 1.0, 2.0, 3.0, 4.0])
     log.iterations.append((1, 2, 0.5, 0.25, 1e-9, 3, 4, 5, 6))
     log.keep(1.0, np.arange(4.0), np.arange(2.0), list(contacts.values()))
     log.doubt(1.0, ["body.left: moves far, by 0.3"])
     log.judge(made_up.certificate(contacts, made_up.ROW, left_middle={"friction": 0.25}))
     log.most |= {"sizes": np.array([3.0, 2.0, 1.0])}
-    again = StepLog(log.contacts, log.bodies, 2)
+    again = StepLog(2)
     again.restore(log.state())
     np.testing.assert_equal(vars(again), vars(log))
     assert all(len(value) for name, value in vars(log).items() if name != "dimension")

@@ -94,7 +94,7 @@ def start(comm, scene: dict, folder: Path, restart: bool = False) -> tuple:
 
 def outcome(assembly, answer) -> dict:
     """All that must be the same, to the last bit."""
-    outer, states = answer.outer, answer.contacts.values()
+    outer, states = answer.outer, answer.states.values()
     arrays = [outer.forces, outer.mismatch, outer.bound, *outer.body_forces(), *answer.displacements.values(),
               *answer.statuses.state()["recent"]]
     arrays += [array for state in states for array in (state.normal_force, state.tangential_force, state.gap,

@@ -1,4 +1,4 @@
-"""What ranks tell each other: what grows with the number of bodies goes to neighbours and to the first rank alone."""
+"""What ranks tell each other: what grows goes to neighbours, and few numbers a body and contact to the first rank."""
 
 import counted
 import pytest
@@ -31,3 +31,19 @@ def test_what_ranks_other_than_the_first_get_does_not_grow_with_the_bodies(comm,
         assert many[counted.NEIGHBOURS][got] <= 2.0 * few[counted.NEIGHBOURS][got]
         assert many[counted.FIRST][given] <= 1.2 * 4 * few[counted.FIRST][given]
         assert many[counted.FIRST][got] <= 1.2 * 4 * few[counted.FIRST][got]
+
+
+@pytest.mark.mpi(ranks=4)
+@pytest.mark.parametrize("load", ["at once", "in steps"])
+def test_what_the_first_rank_gets_does_not_grow_with_the_nodes(comm, monkeypatch, load):
+    """It judges, says and writes of contacts as a whole; states at their nodes stay with the ranks that own them."""
+    monkeypatch.setenv(LOCKSTEP, counted.__file__)
+    got = []
+    for n in (3, 12):
+        scene = scenes.tower(4, n) | ({"time": {"points": [1.0, 2.0]}} if load == "in steps" else {})
+        before = counted.counts()[counted.FIRST][1]
+        assert ddmpi.solve(scene, comm).certified
+        got.append(counted.counts()[counted.FIRST][1] - before)
+    assert got[0] > 0
+    if comm.rank == 0:
+        assert got[1] <= 1.2 * got[0]

@@ -78,7 +78,7 @@ def find(comm, made: dict):
 
 
 def state_of(answer):
-    (state,) = answer.contacts.values()
+    (state,) = answer.states.values()
     return state
 
 

@@ -254,9 +254,9 @@ def test_the_fine_solution_itself_and_a_known_distance_from_it(comm):
     added = 2 * 3.0 * (first + 2 * shear) * 1e-10
     assert (distance**2 - fine.own_error**2) * fine.size == pytest.approx(added, rel=1e-6)
 
-    (name, state), = solution.contacts.items()
+    (name, state), = solution.states.items()
     state = replace(state, normal_force=1.01 * state.normal_force)
-    errors = fine.errors(assembly, replace(solution, contacts={name: state}))
+    errors = fine.errors(assembly, replace(solution, states={name: state}))
     assert [errors.pressure, errors.normal_force] == pytest.approx([0.01, 0.01], rel=1e-6)
 
 

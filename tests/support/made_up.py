@@ -12,7 +12,7 @@ from ddmpi.body.estimate import nodal_stress
 from ddmpi.body.stress import stress, von_mises
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.matching import pair
-from ddmpi.interface.state import ContactState
+from ddmpi.interface.state import ContactState, ContactTotals
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
@@ -106,13 +106,17 @@ def body(**changes) -> dict:
 
 def run(contacts: Mapping[str, ContactState], energy_norm: float = 0.07, **changes) -> dict:
     """What the summary says of a run whose only load step has led to these contacts."""
-    steps = [{"time": 1.0, "outer_iterations": 9, "rigid": rigid_partners(contacts.values()),
-              "contacts": {name: each.resultants for name, each in contacts.items()}}]
+    steps = [{"time": 1.0, "outer_iterations": 9, "rigid": rigid_partners(each.totals for each in contacts.values()),
+              "contacts": {name: each.totals.resultants for name, each in contacts.items()}}]
     return {"converged": True, "reason": "converged and certified", "order": 1, "ranks": 2, "outer_iterations": 9,
             "inner_iterations": 70, "certificate_limit": 5e-7, "exchange": {"messages": 30, "bytes": 4000},
             "discretization_error": {"energy_norm": energy_norm, "target": None, "levels": []}, "steps": steps,
             "solvers": {"qp": "none"}, "options": {}, "options_unused": [], "warnings": [], "undetermined": []
             } | changes
+
+
+def totals(states: Mapping[str, ContactState]) -> dict[str, ContactTotals]:
+    return {name: each.totals for name, each in states.items()}
 
 
 def certificate(contacts: Iterable[str], bodies: Iterable[str], **changes: dict[str, float]) -> Certificate:
@@ -134,7 +138,8 @@ def results(folder: Path, kind: str = "stack", order: int = 1, friction=COULOMB,
              for name, part in zip(meshes, parts, strict=True)}
     found = {each.interface.name: each for each in states}
     summary = summarize(scene(list(CONTACTS[kind]), friction, title), run(found, order=order),
-                        {name: body(**of) for name, of in moved.items()}, found, certificate(CONTACTS[kind], meshes))
+                        {name: body(**of) for name, of in moved.items()}, totals(found),
+                        certificate(CONTACTS[kind], meshes))
     sizes = [(len(mesh.points), len(mesh.triangles)) for mesh in meshes.values()]
     write_fields(folder, dict(enumerate(parts)))
     surfaces = {name: contact_fields(each) for name, each in found.items()}

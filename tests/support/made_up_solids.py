@@ -130,10 +130,11 @@ def results(folder: Path, bodies: Mapping[str, Mesh], contacts: Mapping[str, tup
                                   displacement_max=np.linalg.norm(part.displacement, axis=1).max())
                for name, part in parts.items()}
     order = 1 if next(iter(bodies.values())).triangles.shape[1] == 4 else 2
-    steps = [{"time": time, "outer_iterations": 5, "contacts": {name: each.resultants for name, each in found.items()}}
+    steps = [{"time": time, "outer_iterations": 5,
+              "contacts": {name: each.totals.resultants for name, each in found.items()}}
              for time, found in zip(times or (1.0,), marched, strict=True)]
     summary = summarize(scene(contacts, friction, rigid, times), made_up.run(states, order=order, steps=steps), entries,
-                        states, made_up.certificate(contacts, bodies))
+                        made_up.totals(states), made_up.certificate(contacts, bodies))
     sizes = [(len(mesh.points), len(mesh.triangles)) for mesh in bodies.values()]
     write_fields(folder, dict(enumerate(parts.values())))
     for step, factor in enumerate(np.linspace(0.0, 1.0, len(times) + 1)[1:-1]):

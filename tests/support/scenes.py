@@ -301,7 +301,7 @@ def solve_scene(comm, scene: dict) -> dict:
 
     assembly = prepare_scene(comm, scene)
     solution = solve(assembly, assembly.scene.method)
-    (state,) = solution.contacts.values()
+    (state,) = solution.states.values()
     interface, own = state.interface, []
     for body in assembly.bodies:
         u = solution.displacements[body.spec.name]

@@ -10,6 +10,7 @@ import fault
 import pytest
 import scenes
 from scenes import Run, pinched_blocks
+from solid_scenes import two_boxes
 
 from ddmpi.cli.arguments import split_arguments
 from ddmpi.errors import InputError
@@ -186,6 +187,14 @@ def test_bad_input(small, tmp_path, arguments, ranks, words):
     assert run.code == 2
     assert len(run.messages) == 1 and all(word in run.output for word in words)
     assert not run.folder.exists()
+
+
+def test_a_cut_that_meets_no_body_is_refused_before_the_first_case(tmp_path):
+    """Though only meshes show it; the message names the case."""
+    scene = scenes.write_scene(two_boxes(2), tmp_path / "scene.toml")
+    run = run_sweep(scene, tmp_path / "out", "--vary", "output.cut.x=1.0,9.0", ranks=1)
+    assert run.code == 2 and not run.folder.exists(), run.output
+    assert len(run.messages) == 1 and "output.cut.x=9.0: " in run.output and "x = 9 meets no body" in run.output
 
 
 # Arrays, crashes, signals
