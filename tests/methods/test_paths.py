@@ -99,7 +99,7 @@ def test_a_body_that_slides_off_is_named_where_interior_points_fail_too(coeffici
     answer = ddmpi.solve(str(hard_scenes.HARD / "drift.toml"), MPI.COMM_SELF,
                          {"contact.c1.friction.coefficient": coefficient})
     assert "no equilibrium found: nothing holds b02: it would move along -x" in answer.reason
-    assert answer.summary["outer_iterations"] <= 40
+    assert answer.summary["outer_iterations"] <= 60
 
 
 @pytest.mark.mpi(ranks=[1, 2, 3])
