@@ -9,6 +9,8 @@ from scenes import prepare_scene, to_toml
 
 import ddmpi
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize(("pairing", "most"), [("nodes", 12.0), ("mortar", 11.5)])
 def test_gmres_knows_edges_where_bricks_meet(pairing, most):
