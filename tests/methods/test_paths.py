@@ -188,7 +188,7 @@ def test_a_plug_that_turns_between_four_walls_comes_to_rest():
 
 def box_in_a_bore(divisions, radius, center, friction, push):
     """A box falls into a bore of the x axis, far beyond what it gives way."""
-    return {"body": [{"name": "box", "material": {"young": 1e9, "poisson": 0.1}, "traction": [
+    return {"body": [{"name": "box", "material": {"young": 1e9, "poisson": 0.083}, "traction": [
                 {"on": "top", "value": push}], "mesh": {"shape": "box", "origin": [-0.5, -0.5, -0.5],
                                                         "size": [1.0, 1.0, 0.5], "divisions": divisions}}],
             "rigid": [{"name": "bore", "shape": "cylinder", "inside": True, "point": center, "axis": [1.0, 0.0, 0.0],
@@ -204,6 +204,13 @@ def test_a_box_in_a_bore_comes_to_rest(scene):
     """All nodes slide round about; the second one needs interior points that stay close to their path."""
     answer = ddmpi.solve(scenes.to_toml(scene), MPI.COMM_SELF)
     assert answer.certified and answer.summary["outer_iterations"] <= 100
+
+
+def test_softened_springs_hold_in_steps_from_a_path(monkeypatch):
+    """Friction that turns resists a drift by 1e-6 of the loads, which the path's own springs would take for ever."""
+    monkeypatch.setattr(newton, "PATHS", (Softening,))
+    scene = box_in_a_bore([4, 3, 2], 2.1270086681, [0.0, 0.0, 1.4674055902], 1.0104991663, [0.0, 0.0, -481657.80778])
+    assert ddmpi.solve(scenes.to_toml(scene), MPI.COMM_SELF).certified
 
 
 class Stuck:
