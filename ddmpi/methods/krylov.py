@@ -117,7 +117,7 @@ class Linearised(Tangent):
         return (x if self._transposed is None else self._transposed @ x)[self.unknown]
 
     def diagonal(self, D: np.ndarray) -> np.ndarray:
-        """The diagonal (k,) of Iᵀ D I; D (size,) is the same for all tangential entries of a node."""
+        """The diagonal (k,) of Iᵀ D I, for D (size,) in the turned frames."""
         return D[self.unknown]
 
     def move(self, s: np.ndarray) -> np.ndarray:
@@ -179,7 +179,7 @@ class LinearProblem:
     joint : the operator of all bodies
     preconditioner : for all active sets
     linearised : the forces that the active set implies
-    layer : (joint.size,) compliance D (m/N) of a layer, a barrier, or the springs across friction
+    layer : (joint.size,) compliance D (m/N) of a layer, a barrier, or the springs across friction, in turned frames
     precise : whether the forces are to be known as well as the displacements, which slender bodies need
     held : part of the springs ε that steer rigid motions
     forcing : by which GMRES reduces the residual
@@ -197,22 +197,16 @@ class LinearProblem:
         self._half_space = preconditioner.half_space.softened(
             [least if np.isfinite(least) else 0.0 for part in joint.space.parts.values()
              for least in (deltas[part].min(initial=np.inf),)])
-        self._weight = 1.0 / np.sqrt(1.0 + layer * preconditioner.c)
-        self._weights = linearised.diagonal(self._weight)
+        self._weights = linearised.diagonal(1.0 / np.sqrt(1.0 + layer * preconditioner.c))
         self._rigid = joint.rigid.size
         self._precise = precise or self._rigid > 0
         self._forcing = forcing
         self._coarse: CoarseSystem | None = None
         if preconditioner.motions.size:
-            weights = [self._weight[part, None] for part in joint.space.parts.values()]
-
-            def stiffness(number: int, x: np.ndarray) -> np.ndarray:
-                return weights[number] * self._half_space.on_interface(number, weights[number] * x)
-
             diagonal = preconditioner.diagonal.copy()
             diagonal[:self._rigid] *= held
-            self._coarse = CoarseSystem(preconditioner.motions, linearised.basis, linearised.expansion, stiffness,
-                                        diagonal)
+            self._coarse = CoarseSystem(preconditioner.motions, linearised.basis, linearised.expansion, self._weights,
+                                        self._half_space.on_interface, diagonal)
 
     def precondition(self, w: np.ndarray, h: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """The unknown forces y (k,) and rigid motions α of the half-space system for w (k,) in metres, h in newtons.
@@ -222,7 +216,7 @@ class LinearProblem:
         """
         if self._correct:
             w = self._weights * self._correct(w / self._weights)
-        y = self.linearised.restrict(self._weight * self._half_space.mult(self.linearised.place(w)))
+        y = self._weights * self.linearised.restrict(self._half_space.mult(self.linearised.place(w)))
         if not self._coarse:
             return y, np.zeros(0)
         if h is not None:

@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.coupling.joint import Joint
-from ddmpi.methods.half_space import Model
+from ddmpi.coupling.joint import Joint, Point
+from ddmpi.methods.half_space import MODEL_STEPS, Model, Modelled
 from ddmpi.methods.krylov import FORCING, Linearised, LinearProblem, Preconditioner, precondition
 from ddmpi.methods.outer import Report, Step, no_report
-from ddmpi.methods.paths import DRIFT, MODEL_STEPS, NEAR, STOPPED, InteriorPoints, Modelled, Path, Point, Softening
+from ddmpi.methods.paths import DRIFT, NEAR, STOPPED, CloserPoints, InteriorPoints, Path, Softening
 from ddmpi.petsc.events import event
 from ddmpi.system.numbers import norm
 
@@ -41,9 +41,9 @@ PATIENCE, PROGRESS = 3, 0.7
 """A path begins after so many steps that together leave more than this of the smallest residual. Newton's own steps are
 tried from a path as long as each leaves less than this."""
 
-PATHS: tuple[type[Path], ...] = InteriorPoints, Softening
-"""The paths in the order in which they are tried where bodies slide as wholes. It is the other way round where all are
-held, which takes half the steps, and in space, where interior points know no discs."""
+PATHS: tuple[type[Path], ...] = InteriorPoints, Softening, CloserPoints
+"""The paths in the order in which they are tried where bodies slide as wholes. Softening is first where all are held,
+which takes half the steps."""
 
 FULL_STEPS, GIVEN_STEPS, GROWTH = 12, 3, 3.0
 """In space the first so many steps are full ones, as long as none multiplies the residual by more than the last number:
@@ -118,7 +118,7 @@ class Newton:
         self._at = Point(s, r, alpha, joint.imbalance(s))
         self._warm = warm is not None and self.space.any(self._pressed())
         self._path: Path | None = None
-        self._paths = list(PATHS[::-1] if self._in_space or not len(joint.e) else PATHS)  # that are left
+        self._paths = list(PATHS if len(joint.e) else (*PATHS[1::-1], *PATHS[2:]))  # that are left
         self._softened = self._at  # where softening has ended
         self._trying = False  # Newton's own steps, from the path's point
         self._measured: tuple[np.ndarray | None, float] = (None, 0.0)
@@ -333,7 +333,7 @@ class Newton:
         linearised : all forces by the unknown ones y
         change : (size,) of the forces (N) that comes before y, which is counted from there
         wanted : (size,) in metres
-        layer : D (size,) in m/N, the same for all tangential entries of a node
+        layer : D (size,) in m/N, in the turned frames of the unknown forces
 
         Collective. Raises SolverError.
         """
@@ -341,7 +341,8 @@ class Newton:
         alpha, C_change = np.zeros(rigid.size), np.zeros_like(change)
         problem, y = None, np.zeros(linearised.number)
         if (self._path and rigid.size) or space.any(np.ones(linearised.number)):  # springs let fall
-            held, forcing = (self._path.held, self._path.forcing) if self._path else (self._held, FORCING)
+            held, forcing = (self._path.held, self._path.forcing) if self._path else (1.0, FORCING)
+            held = min(held, self._held) if self._trying or not self._path else held
             problem = LinearProblem(joint, self._preconditioner, linearised, layer, self._path is not None, held,
                                     forcing)
             if rigid.size:  # the nearest forces by half-planes that balance the loads
