@@ -6,6 +6,7 @@ seed, then a table of families, and ends with 1 if a verdict is among `WRONG`.
 """
 
 import argparse
+import functools
 import sys
 import tempfile
 import time
@@ -175,12 +176,15 @@ def random_assemblies() -> None:
     sys.exit(any(verdict in WRONG for _, verdict in tally))
 
 
-def judge_solids(seed: int, ranks: int, folder: Path, tolerance: float, limit: float) -> tuple[str, str]:
-    """The verdict on the scene of a seed, and what to say about it; what the run writes is left in the folder."""
+def judge_solids(seed: int, folder: Path, tolerance: float, command: Callable[..., scenes.Run]) -> tuple[str, str]:
+    """The verdict on the scene of a seed, and what to say about it; what the run writes is left in the folder.
+
+    ``command(path, results, "--no-figures")`` runs the scene.
+    """
     scene = solid_assemblies.random_scene(seed)
     path = scenes.write_scene(scene, folder / "scene.toml")
     try:
-        run = scenes.run_command(path, folder / "results", "--no-figures", ranks=ranks, limit=limit)
+        run = command(path, folder / "results", "--no-figures")
     except AssertionError as late:
         return "failed", str(late)
     if not (folder / "results" / "summary.json").exists():
@@ -234,7 +238,8 @@ def random_solids() -> None:
         with tempfile.TemporaryDirectory() as scratch:
             folder = options.keep / str(seed) if options.keep else Path(scratch)
             folder.mkdir(parents=True, exist_ok=True)
-            verdict, words = judge_solids(seed, ranks, folder, options.tolerance, options.limit)
+            verdict, words = judge_solids(seed, folder, options.tolerance, functools.partial(
+                scenes.run_command, ranks=ranks, limit=options.limit))
         title = solid_assemblies.random_scene(seed)["title"]
         tally[title.split()[0], verdict] += 1
         spent = time.perf_counter() - start

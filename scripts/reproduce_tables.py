@@ -806,7 +806,7 @@ def operators(assembly: Assembly) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     space = assembly.space
     C, S, columns = np.zeros((space.size, space.size)), np.zeros((space.size, space.size)), []
     for body in assembly.bodies:
-        own, member = body.member.dense(), body.member
+        own, member = body.member.C.dense(), body.member
         at = np.concatenate([np.arange(space.size)[space.parts[name]] for name in member.parts])
         C[np.ix_(at, at)] += own
         S[np.ix_(at, at)] += np.linalg.inv(own)

@@ -37,10 +37,6 @@ it and by multigrid, those of 314,000 take 83 and 60 s: factors take time with n
 NORM_PRECISION = 1e-3
 """Relative precision of the multiplications that estimate ‖C‖."""
 
-CENTRED_NORM = 1e-4
-"""The same for a centred ‖C‖, and the change at which its estimate stops. The Lanczos method starts close to a uniform
-force, of which centring may leave little: with its usual 1e-2 one of 500 estimates was low by half, with this none."""
-
 FACTORED, ITERATED = 1e-13, 1e-10
 """Smallest relative error of a multiplication that can be relied on: by factors, by an iterative solver."""
 
@@ -150,13 +146,10 @@ class Compliance:
         self.count[purpose] += 1
         self.solver.solve(f, u, relative)
 
-    def norm(self, mult: Callable[[np.ndarray, np.ndarray, str, float], None] | None = None) -> float:
-        """A lower bound close to ‖C‖₂ (m/N), or that of a centred `mult`, estimated at the first call. Collective."""
+    def norm(self) -> float:
+        """A lower bound close to ‖C‖₂ (m/N), estimated at the first call. Collective."""
         if not self._norm:
-            if mult is None:
-                self._norm = estimate_norm(lambda x, y: self.mult(x, y, "norm", NORM_PRECISION), self.size)
-            else:
-                self._norm = estimate_norm(lambda x, y: mult(x, y, "norm", CENTRED_NORM), self.size, CENTRED_NORM)
+            self._norm = estimate_norm(lambda x, y: self.mult(x, y, "norm", NORM_PRECISION), self.size)
         return self._norm
 
 

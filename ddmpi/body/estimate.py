@@ -9,6 +9,7 @@ not the estimate, says how well the contact problem is solved.
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -125,9 +126,7 @@ def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray,
     """
     cell, (points, weights), measures = mesh.cell, mesh.cell.rule, mesh.measures()
     shapes = cell.shapes(points)
-    between: np.ndarray = np.ones((len(points), 1))
-    if cell.order == 2:  # stress is linear between samples
-        between = points @ np.linalg.inv(cell.samples)
+    between = points @ np.linalg.pinv(cell.samples)  # stress is constant, or linear between samples
     parts, sampled, recovered = _recovered(mesh, material, u, heat)
     squares: np.ndarray = np.zeros(len(measures))
     energy = 0.0
@@ -217,7 +216,7 @@ def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
     del moments
     value, vertices = np.zeros((n, len(x))), np.flatnonzero(np.bincount(corners.ravel()))
     value[:, vertices] = _evaluate(fit, owner[vertices], x, reach, vertices, order)
-    for edge in mesh.cell.edges if order == 2 else ():  # at its middle, the mean of the fits of its two ends
+    for edge in mesh.cell.edges if mesh.cell.edges.shape[1] > 2 else ():  # at middles, the mean of both ends' fits
         first, second, middle = mesh.triangles[:, edge].T
         value[:, middle] = 0.5 * sum(_evaluate(fit, owner[end], x, reach, middle, order) for end in (first, second))
     return value
@@ -266,8 +265,8 @@ def _well_posed(M: np.ndarray) -> np.ndarray:
 
 def _monomials(x: np.ndarray, order: int) -> np.ndarray:
     """All monomials (k, …) up to the order at the points x (d, …)."""
-    pairs = itertools.combinations_with_replacement(x, 2) if order == 2 else ()
-    return np.stack([np.ones_like(x[0]), *x, *(a * b for a, b in pairs)])
+    factors = (each for k in range(order) for each in itertools.combinations_with_replacement(x, k + 1))
+    return np.stack([np.ones_like(x[0]), *(functools.reduce(np.multiply, each) for each in factors)])
 
 
 def _evaluate(fit: np.ndarray, owner: np.ndarray, x: np.ndarray, reach: np.ndarray, nodes: np.ndarray,

@@ -130,7 +130,7 @@ class StiffnessSolver:
 
         On several ranks PETSc does not solve beside a Schur complement, and factors again.
         """
-        from ddmpi.petsc.schur import invert_on_first, inverted_schur, request_schur
+        from ddmpi.petsc.schur import inverted_schur, request_schur
 
         pc, comm, dofs = self.ksp.getPC(), self.A.comm.tompi4py(), np.unique(trace.indices[trace.data != 0.0])
         enough = comm.bcast(self.A.size[0] > 2 * len(dofs))  # with little to eliminate MUMPS may fail
@@ -141,7 +141,7 @@ class StiffnessSolver:
             return
         code, inverse = pc.getFactorMatrix().getMumpsInfog(1), None
         if code >= 0 and comm.rank == 0:
-            inverse = inverted_schur(pc, len(dofs)) if comm.size == 1 else invert_on_first(pc, len(dofs))
+            inverse = inverted_schur(pc, len(dofs))
         if not comm.bcast(inverse is not None):
             raise SolverError(f"body {self.name!r}: the stiffness cannot be factored (MUMPS: INFOG(1) = {code})")
         if inverse is not None:

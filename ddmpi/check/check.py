@@ -25,7 +25,7 @@ from ddmpi.judge.motions import MotionsOfBody, undetermined
 from ddmpi.judge.overlap import doubt_overlaps
 from ddmpi.judge.plausible import doubt_cells, edge_lengths
 from ddmpi.mesh.boundary import group_nodes
-from ddmpi.mesh.elements import NAMES
+from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import PHYSICAL, Mesh
 from ddmpi.results.folder import choose_folder
 from ddmpi.results.summary import units
@@ -162,8 +162,8 @@ def _page(assembly: Assembly, bodies: Mapping[str, Looked], interfaces: Sequence
           missing: Sequence[Missing], free: Sequence[str], ranks: int) -> Iterator[str]:
     """The lines of the page. Not collective."""
     scene = assembly.scene
-    unit, order = units(scene.resolved(), scene.dimension), scene.body[0].mesh.order
-    yield (f"{assembly.n} unknowns ({('linear', 'quadratic')[order - 1]} {NAMES[scene.dimension][1]}), {assembly.m} "
+    unit = units(scene.resolved(), scene.dimension)
+    yield (f"{assembly.n} unknowns ({CELLS[scene.dimension, scene.body[0].mesh.order].title}), {assembly.m} "
            f"contact nodes, bodies: {len(bodies)}, ranks: {ranks}; factors take about "
            f"{bytes_in_words(sum(each.memory for each in bodies.values()))}")
     yield describe_method(scene.method, scene.dimension)

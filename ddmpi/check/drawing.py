@@ -80,10 +80,8 @@ class Plan(Sheet):
                                                        "edgecolor": "none"})
 
     def name(self, group: str, at: np.ndarray, normal: np.ndarray, number: int) -> None:
-        """Write the name of a group, the how manieth that is, at one of its facets (f, d) with `normal` that is seen.
-
-        It is the one in the middle; around rings names stand at different places.
-        """
+        """Write the name of a group, the how manieth that is, at one of its facets (f, d) with `normal` that is seen:
+        the one in the middle; around rings names stand at different places."""
         away = np.linalg.norm(at - at.mean(axis=0), axis=1)
         order = np.argsort(away, kind="stable")[np.linspace(0, len(at) - 1, min(len(at), TRIED)).astype(int)]
         seen = order[(self.place(normal[order])[:, 2] > 0.1 * self.view.solid - 0.05) & self.shows(at[order])]
@@ -112,8 +110,7 @@ def _plan(results: Results, behind: bool = False) -> Plan:
 
 def draw(folder: Path, scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequence[Interface],
          missing: Sequence[Missing], number: int = 0, drawers: int = 1) -> list[str]:
-    """Write the pictures into `folder`, or this one's share if several `drawers` do; the names of all. Not collective.
-    Raises OutputError."""
+    """Write the pictures, or this one's share of several `drawers`; all names. Not collective. Raises OutputError."""
     plt, results = start_drawing(), _as_results(scene, bodies, interfaces)
     pictures = {"bodies.png": lambda: draw_bodies(results, bodies)}
     if scene.dimension > 2:

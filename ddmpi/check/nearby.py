@@ -95,8 +95,7 @@ def find_missing(boundaries: Mapping[str, Boundary], rigid: Sequence[Rigid],
                  contacts: Sequence[SettledContact]) -> Iterator[Missing]:
     """Groups of bodies, and rigid partners, that face each other closer than NEAR, but not in a contact of both.
 
-    Each facet is looked at with what is nearest to its middle among the other bodies and the rigid partners. Not
-    collective.
+    Each facet is looked at with what is nearest to its middle of other bodies and rigid partners. Not collective.
     """
     bodies = list(boundaries.values())
     number = {name: k for k, name in enumerate((*boundaries, *(each.name for each in rigid)))}

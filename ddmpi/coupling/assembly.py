@@ -17,7 +17,7 @@ from ddmpi.coupling.joint import Joint
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.ranks import homes_of, ranks_beside, team_of
 from ddmpi.coupling.space import Space
-from ddmpi.coupling.team import Team, TeamMatrix
+from ddmpi.coupling.team import TeamMatrix
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface, Mover, check_overlap, refuse_contradiction
 from ddmpi.interface.matching import face_rigid
@@ -27,7 +27,7 @@ from ddmpi.mesh.boundary import boundary_group
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import Sizes
-from ddmpi.scene.bodies import Clamp, Material, SettledBody
+from ddmpi.scene.bodies import Material, SettledBody
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.boundary import contact_side
@@ -141,8 +141,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                 at_body[name].append((contact, side))
     contacts = [contact for contact in scene.contact if not at_body.keys().isdisjoint(contact.bodies)]
     exchange = Exchange(world, [Ends(contact.name, homes[contact.bodies[0]],
-                                     homes.get(contact.bodies[1], homes[contact.bodies[0]])) for contact in contacts],
-                        mirrored=_is_pair(world, scene))
+                                     homes.get(contact.bodies[1], homes[contact.bodies[0]])) for contact in contacts])
     meshes: dict[str, Mesh] = {}
     edges: dict[tuple[str, int], np.ndarray] = {}
     bodies: dict[str, Elasticity] = {}
@@ -187,17 +186,15 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     with clock.phase("factor"), agreed(world):
         for spec in mine:
             points = meshes[spec.name].points[bodies[spec.name].nodes]
-            if factor:
-                bodies[spec.name] = _deal(team, bodies[spec.name], points)
+            if factor and team and team.comm.size > 1:
+                A, held = bodies[spec.name].A, bodies[spec.name].held
+                bodies[spec.name] = replace(bodies[spec.name], A=TeamMatrix(team, A, points, held))
             ours = [found[contact.name][0] for contact, _ in at_body[spec.name]]
             members.append(Member(spec.name, bodies[spec.name], ours, scene.method.compliance, memory, histories,
                                   points, factor))
             interrupt.check()
     owned = {contact for contact, first, _ in exchange.ends if first == world.rank}
-    if exchange.mirrored:
-        space = Space(interfaces)
-    else:
-        space = Space([interface for interface in interfaces if interface.name in owned], world, exchange.collectives)
+    space = Space([interface for interface in interfaces if interface.name in owned], world, exchange.collectives)
     exchange.connect(space, [member.parts for member in members])
     told = _doubts(scene, gathered(world, {name: each.warnings for name, each in bodies.items() if each.warnings}),
                    gathered(world, {name: warnings for name, (_, warnings) in found.items() if warnings}))
@@ -207,12 +204,6 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                     space, exchange, Joint(members, exchange, space, histories, scene.pushed),
                     world.allreduce(sum(each.n for each in bodies.values())),
                     world.allreduce(sum(interface.m for interface in interfaces if interface.name in owned)), told)
-
-
-def _is_pair(world: MPI.Comm, scene: Settled) -> bool:
-    """Whether there are two bodies, each on a rank of its own, that touch each other and no rigid partner."""
-    names = {body.name for body in scene.body}
-    return world.size == len(names) == 2 and all(set(contact.bodies) == names for contact in scene.contact)
 
 
 def _doubts(scene: Settled, by_body: Mapping[str, list[str]], by_contact: Mapping[str, list[str]]) -> list[str]:
@@ -227,14 +218,6 @@ def _doubts(scene: Settled, by_body: Mapping[str, list[str]], by_contact: Mappin
             *("time: nothing follows a history; the loads are the same in all load steps"
               for _ in [scene.time] if scene.time is not None and not scene.followed),
             *(warning for contact in scene.contact for warning in by_contact.get(contact.name, ()))]
-
-
-def _deal(team: Team | None, elasticity: Elasticity, points: np.ndarray) -> Elasticity:
-    """The body with its stiffness on all ranks of its team, if it has several. Collective on them."""
-    if team is None or team.size == 1:
-        return elasticity
-    A = TeamMatrix(team, elasticity.A, points, elasticity.held)
-    return replace(elasticity, A=A)
 
 
 def _key(contact: SettledContact) -> str:
@@ -263,16 +246,15 @@ def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | Non
     if second is None:
         (rigid,) = (each for each in scene.rigid if each.name == contact.bodies[1])
         interface = face_rigid(first, rigid, contact)
-        moved = dict(zip("xyz", rigid.displacement or (), strict=False))
-        partner = Mover(rigid.name, [Clamp(on=rigid.name, history=rigid.history, **moved)], pushed=rigid.pushed)
+        partner = Mover(rigid)
     else:
         if any(body.mesh.geometry for body in specs):
             refinement = 1  # its nodes match by their number alone
         interface = connect(first, second, contact, refinement)
-        partner = Mover(second.body, clamps[second.body], second)
+        partner = Mover(second, clamps[second.body])
     overlaps = check_overlap(interface, *(side for side in (first, second) if side),
                              scales=[each[interface.gap_history] for each in factors.values()])
-    refuse_contradiction(interface, [Mover(first.body, clamps[first.body], first), partner], factors)
+    refuse_contradiction(interface, [Mover(first, clamps[first.body]), partner], factors)
     idle = [] if contact.slave is None or interface.slave else [
         f"contact.{contact.name}.slave: no side is a slave, because nodes match and are paired; pairing = \"mortar\" "
         "makes one of them the slave"]

@@ -173,8 +173,6 @@ class CrossPoints:
         rest = exchange.total([own for _, own in found], "cross points")
         blocks = [([(name, part.stop - part.start) for name, (part, _) in member.parts.items()], block)
                   for member, (block, _) in zip(members, found, strict=True)]
-        if space.comm.size == 1 < exchange.world.size:  # both ranks have all vectors
-            blocks = [*itertools.chain(*exchange.world.allgather(blocks))]
         self._space, everyone = space, space.gather((space.parts, rest, blocks))
         if everyone is not None:
             layouts, rests, parts = zip(*everyone, strict=True)

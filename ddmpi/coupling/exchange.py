@@ -17,7 +17,8 @@ from ddmpi.petsc.events import event
 from ddmpi.system import interrupt
 from ddmpi.system.agreement import agree
 
-_INTERFACE, _PART, _OBJECT = 11, 12, 13
+_PART, _OBJECT = 12, 13
+
 
 class Ends(NamedTuple):
     """A contact and the ranks of its first and second body; a rigid partner has no rank, and the first's stands here.
@@ -30,15 +31,6 @@ class Ends(NamedTuple):
     second: int
 
 
-class _Part(NamedTuple):
-    """A part of a body's vector: of which local body, where in its vector, and where in the owner's."""
-
-    body: int
-    own: slice
-    owned: slice
-    second: bool
-
-
 class Exchange:
     """Carries the vectors of interfaces between the ranks that own them and those of the bodies that meet there.
 
@@ -46,14 +38,10 @@ class Exchange:
     errors and signals, so that an error on one rank reaches the others instead of leaving them waiting, and on what the
     vectors are about, so that ranks whose iterations came to different ends (on unlike processors, say) notice it.
 
-    Where two ranks hold a body each, with no other partner than each other, both own all interfaces and hold the same
-    vectors, bit for bit: they do the same work on them, and one message each way (`swap`) makes a product.
-
     Parameters
     ----------
     world : communicator of all bodies
     ends : of all contacts in which a body of this rank takes part, in the order of the scene
-    mirrored : whether both of two ranks own all interfaces
 
     Attributes
     ----------
@@ -62,15 +50,11 @@ class Exchange:
         rank gave to them; PETSc's own in Krylov methods are not counted
     """
 
-    def __init__(self, world: MPI.Comm, ends: Sequence[Ends], mirrored: bool = False) -> None:
-        self.world, self.ends, self.mirrored = world, tuple(ends), mirrored
+    def __init__(self, world: MPI.Comm, ends: Sequence[Ends]) -> None:
+        self.world, self.ends = world, tuple(ends)
         self.messages = self.bytes = 0
         self.collectives: Counter[str] = Counter(reductions=0, reduced_bytes=0)
         self._failure: DdmpiError | None = None
-        self._sizes: list[int] = []
-        self._local: list[_Part] = []
-        self._lent: dict[int, list[slice]] = {}
-        self._borrowed: dict[int, list[_Part]] = {}
 
     def connect(self, space: Space, bodies: Sequence[Mapping[str, tuple[slice, int]]]) -> None:
         """Say where the parts of vectors lie.
@@ -80,36 +64,35 @@ class Exchange:
         space : layout of the vectors of the interfaces that this rank owns
         bodies : of each local body, by contact: its part of the body's own vector, and the body's side, 0 or 1
         """
+        sizes = [max((part.stop for part, _ in parts.values()), default=0) for parts in bodies]
         self._owned = space.size
-        self._sizes = [max((part.stop for part, _ in parts.values()), default=0) for parts in bodies]
+        *starts, self._size = np.cumsum([0, *sizes])
+        self._ends = starts[1:]
+        local: list[np.ndarray] = []
+        lent: dict[int, list[np.ndarray]] = {}
+        borrowed: dict[int, list[np.ndarray]] = {}
         for contact, first, second in self.ends:
-            here = {side: (k, parts[contact][0]) for k, parts in enumerate(bodies) if contact in parts
-                    for side in (parts[contact][1],)}
-            if self.mirrored:
-                (side, (body, own)), = here.items()
-                self._local.append(_Part(body, own, space.parts[contact], side == 1))
-            elif first == self.world.rank:
-                owned = space.parts[contact]
-                self._local += [_Part(body, own, owned, side == 1) for side, (body, own) in sorted(here.items())]
-                if second != first:
-                    self._lent.setdefault(second, []).append(owned)
-            else:
-                body, own = here[1]
-                self._borrowed.setdefault(first, []).append(_Part(body, own, slice(0), True))
+            here = {parts[contact][1]: start + np.arange(sizes[k])[parts[contact][0]]
+                    for k, (start, parts) in enumerate(zip(starts, bodies, strict=True)) if contact in parts}
+            if first != self.world.rank:
+                borrowed.setdefault(first, []).append(here[1])
+                continue
+            part = np.arange(space.size)[space.parts[contact]]
+            local += [np.stack([own, part, np.full_like(part, side)]) for side, own in here.items()]
+            if second != first:
+                lent.setdefault(second, []).append(part)
+        self._local, self._at, self._side = np.hstack([np.zeros((3, 0), int), *local])  # bodies', owner's, first or not
+        self._lent, self._borrowed = ({rank: np.concatenate(parts) for rank, parts in each.items()}
+                                      for each in (lent, borrowed))
 
     def spread(self, x: np.ndarray) -> list[np.ndarray]:
         """What each local body sees of a vector `x` of the owned interfaces. Collective over neighbours."""
-        parts = [np.zeros(size) for size in self._sizes]
-        came = self._trade({rank: np.concatenate([x[owned] for owned in lent]) for rank, lent in self._lent.items()},
-                           {rank: sum(map(_length, borrowed)) for rank, borrowed in self._borrowed.items()})
-        for part in self._local:
-            parts[part.body][part.own] = x[part.owned]
-        for rank, borrowed in self._borrowed.items():
-            start = 0
-            for part in borrowed:
-                parts[part.body][part.own] = came[rank][start:start + _length(part)]
-                start += _length(part)
-        return parts
+        whole = np.zeros(self._size)
+        came = self._trade({rank: x[at] for rank, at in self._lent.items()}, self._borrowed)
+        whole[self._local] = x[self._at]
+        for rank, at in self._borrowed.items():
+            whole[at] = came[rank]
+        return np.split(whole, self._ends)
 
     def collect(self, parts: Sequence[np.ndarray], about: str) -> tuple[np.ndarray, np.ndarray]:
         """What the first and the second bodies of the owned interfaces contribute, from the local bodies' vectors.
@@ -117,30 +100,13 @@ class Exchange:
         The second is zero where the partner is rigid. Collective on the world. Raises the error of any rank on all,
         InterruptionError when a signal came to one of them, and SolverError when they are about different things.
         """
-        if self.mirrored:
-            return self._mirror(parts, about)
-        came = self._trade({rank: np.concatenate([parts[part.body][part.own] for part in borrowed])
-                            for rank, borrowed in self._borrowed.items()},
-                           {rank: sum(own.stop - own.start for own in lent) for rank, lent in self._lent.items()})
-        both = np.zeros((2, self._owned))
-        for part in self._local:
-            both[int(part.second)][part.owned] = parts[part.body][part.own]
-        for rank, lent in self._lent.items():
-            start = 0
-            for owned in lent:
-                both[1][owned] = came[rank][start:start + owned.stop - owned.start]
-                start += owned.stop - owned.start
+        whole, both = np.concatenate(parts), np.zeros((2, self._owned))
+        came = self._trade({rank: whole[at] for rank, at in self._borrowed.items()}, self._lent)
+        both[self._side, self._at] = whole[self._local]
+        for rank, at in self._lent.items():
+            both[1][at] = came[rank]
         self.meet(about)
         return both[0], both[1]
-
-    def _mirror(self, parts: Sequence[np.ndarray], about: str) -> tuple[np.ndarray, np.ndarray]:
-        """`collect` where both ranks own all interfaces: each contact's first and second body, by one `swap`."""
-        own, seconds = np.zeros(self._owned), np.zeros(self._owned, bool)
-        for part in self._local:
-            own[part.owned], seconds[part.owned] = parts[part.body][part.own], part.second
-        low, high = self.swap(own, about)
-        theirs = high if self.world.rank == self.ends[0].first else low
-        return np.where(seconds, theirs, own), np.where(seconds, own, theirs)
 
     def total(self, parts: Sequence[np.ndarray], about: str) -> np.ndarray:
         """The sum of both bodies' contributions to the owned interfaces; otherwise as `collect`."""
@@ -149,9 +115,6 @@ class Exchange:
 
     def meet(self, about: str) -> None:
         """Agree on errors, signals and what is being done. Collective; raises as `collect` does."""
-        if self.mirrored:
-            self.swap(np.zeros(1), about)
-            return
         self._failure = self._failure or interrupt.interruption()
         if self.world.size == 1:
             if self._failure:
@@ -164,45 +127,21 @@ class Exchange:
             self.world.Allreduce(MPI.IN_PLACE, words, MPI.MAX)
         lost = words[1] != -words[2]
         if lost:
-            self._failure = self._failure or _lost(about)
+            self._failure = self._failure or SolverError(
+                f"the ranks are at different points of the iteration, one at {about!r}; the processors may differ")
         if words[0] or lost:
             self.agree()
 
     def swap(self, mine: np.ndarray, about: str) -> tuple[np.ndarray, np.ndarray]:
-        """Of two ranks that are `mirrored`: both ranks' vectors, first that of the first contact's first body.
+        """Where two ranks hold a body each: both ranks' vectors, first that of the first contact's first body.
 
-        One message each way, which carries errors, signals and the topic along. Collective; raises as `collect`.
+        They are equally long. Collective; raises as `collect`.
         """
+        self.meet(about)
         _, first, second = self.ends[0]
         partner = second if self.world.rank == first else first
-        self._failure = self._failure or interrupt.interruption()
-        send = np.empty(len(mine) + 2)
-        send[0] = self._failure is not None
-        send[1] = zlib.crc32(about.encode())
-        send[2:] = mine
-        with event("Exchange"):
-            sending = self.world.Isend(send, partner, _INTERFACE)
-            status = MPI.Status()
-            self.world.Probe(partner, _INTERFACE, status)
-            receive = np.empty(status.Get_count(MPI.DOUBLE))  # as long as what comes, also when it is unexpected
-            self.world.Recv(receive, partner, _INTERFACE)
-            sending.Wait()
-        self.messages += 1
-        self.bytes += send.nbytes
-        lost = send[1] != receive[1] or len(send) != len(receive)
-        if lost:
-            self._failure = self._failure or _lost(about)
-        if send[0] or receive[0] or lost:
-            self.agree()
-        theirs = receive[2:]
+        theirs = self._trade({partner: mine}, {partner: mine})[partner]
         return (mine, theirs) if self.world.rank == first else (theirs, mine)
-
-    def add(self, value: float) -> float:
-        """The sum of a number over the ranks, the same on all of them. Collective."""
-        if self.mirrored:
-            one, other = self.swap(np.array([value]), "sum")
-            return float(one[0] + other[0])
-        return self.world.allreduce(value)
 
     def swap_objects(self, mine: Mapping[tuple[str, int], Any]) -> dict[str, tuple]:
         """Both bodies' objects by contact, on the ranks of both, from each rank's own by contact and side.
@@ -248,11 +187,11 @@ class Exchange:
         """Raise the kept error of any rank on all ranks. Collective on the world."""
         agree(self.world, self._failure)
 
-    def _trade(self, send: Mapping[int, np.ndarray], lengths: Mapping[int, int]) -> dict[int, np.ndarray]:
-        """Send vectors to ranks, and receive vectors of the given lengths from others."""
-        if not (send or lengths):
+    def _trade(self, send: Mapping[int, np.ndarray], like: Mapping[int, np.ndarray]) -> dict[int, np.ndarray]:
+        """Send vectors to ranks, and receive vectors from others, as long as `like`."""
+        if not (send or like):
             return {}
-        came = {rank: np.empty(length) for rank, length in lengths.items()}
+        came = {rank: np.empty(len(each)) for rank, each in like.items()}
         with event("Exchange"):
             requests = [self.world.Irecv(vector, rank, _PART) for rank, vector in came.items()]
             requests += [self.world.Isend(vector, rank, _PART) for rank, vector in send.items()]
@@ -260,12 +199,3 @@ class Exchange:
         self.messages += len(send)
         self.bytes += sum(vector.nbytes for vector in send.values())
         return came
-
-
-def _length(part: _Part) -> int:
-    return part.own.stop - part.own.start
-
-
-def _lost(about: str) -> SolverError:
-    return SolverError(f"the ranks are at different points of the iteration, one at {about!r}; the processors may "
-                       "differ")

@@ -173,7 +173,7 @@ class Joint:
 
     def multiplications(self) -> int:
         """Multiplications by A_a⁻¹ so far, of all bodies."""
-        return int(self._exchange.add(float(sum(member.C.count.total() for member in self.members))))
+        return self._exchange.world.allreduce(sum(member.C.count.total() for member in self.members))
 
     def deferred(self) -> AbstractContextManager[None]:
         """Run local work; an error in it is raised on all ranks at the next product or `meet`."""

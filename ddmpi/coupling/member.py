@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import scipy.sparse as sparse
@@ -60,11 +60,12 @@ class Member:
         self.name, self.elasticity, self.interfaces = name, elasticity, tuple(interfaces)
         self._histories = tuple(histories)
         ends = np.cumsum([0, *(each.size for each in self.interfaces)]).tolist()
-        self.parts = {each.name: (slice(start, stop), each.side(name)) for each, (start, stop) in
-                      zip(self.interfaces, itertools.pairwise(ends), strict=True)}
+        self._sides = [(each, slice(start, stop), each.side(name)) for each, (start, stop) in
+                       zip(self.interfaces, itertools.pairwise(ends), strict=True)]
+        self.parts = {each.name: (part, side) for each, part, side in self._sides}
         A, b = elasticity.A, elasticity.b
         B = sparse.vstack([sparse.csr_matrix((0, A.size[1])),
-                           *(trace(each, each.side(name), elasticity) for each in self.interfaces)], format="csr")
+                           *(trace(each, side, elasticity) for each, _, side in self._sides)], format="csr")
         motions = self.motions[elasticity.nodes]
         R = motions.reshape(A.size[1], motions.shape[2])
         self.size = B.shape[0]
@@ -121,7 +122,8 @@ class Member:
         A node's compliance is the mean of its rows', which bodies that meet share alike.
         """
         B, several = self.C.B.tocoo(), self._several()
-        own = self._all(1.0 / ((2.0 - each.on_rigid) * each.stiffness) for each in self.interfaces)
+        own = np.concatenate([np.empty(0), *(1.0 / ((2.0 - each.on_rigid) * each.stiffness)
+                                             for each in self.interfaces)])
         number = np.bincount(B.col, minlength=B.shape[1])
         node = np.bincount(B.col, own[B.row], B.shape[1]) / np.maximum(number, 1)
         squares = np.bincount(B.row, B.data**2 * node[B.col], self.size)
@@ -155,18 +157,6 @@ class Member:
             self.C.mult(self._centring.project(x), y, purpose, relative)
             y[:] = self._centring.project(y)
 
-    def dense(self) -> np.ndarray:
-        """C (size, size), centred, as a dense matrix (m/N). Collective."""
-        C = self.C.dense()
-        if self._centring is None:
-            return C
-        C = self._centring.project(self._centring.project(C).T)
-        return (C + C.T) / 2
-
-    def norm(self) -> float:
-        """A lower bound close to ‖C‖₂ (m/N), centred; estimated at the first call. Collective."""
-        return self.C.norm(None if self._centring is None else self.mult)
-
     def restart(self) -> None:
         """Count multiplications from the set-up on, for another iteration on the same factors."""
         self.C.count = self._set_up.copy()
@@ -174,27 +164,21 @@ class Member:
     def need_norm(self) -> None:
         """Estimate ‖C‖ now, as a part of the set-up. Collective on the body's communicator."""
         before = self.C.count["norm"]
-        self.norm()
+        self.C.norm()
         self._set_up["norm"] += self.C.count["norm"] - before
 
     def trace(self, u: np.ndarray) -> np.ndarray:
         """B u (size,) in metres, of a displacement (nv, d) of all nodes. Not collective."""
-        return self._all(displacement_trace(each, each.side(self.name), u) for each in self.interfaces)
+        return np.concatenate([np.empty(0), *(displacement_trace(each, side, u) for each, _, side in self._sides)])
 
     def pull(self, s: np.ndarray) -> np.ndarray:
         """−Bᵀ s (nv, d): what contact forces s (size,) do to all nodes of the body (N). Not collective."""
-        parts = (nodal_forces(each, side, s[part], len(self.motions))
-                 for each, (part, side) in zip(self.interfaces, self.parts.values(), strict=True))
-        return sum(parts, np.zeros(self.motions.shape[:2]))
+        return sum((nodal_forces(each, side, s[part], len(self.motions)) for each, part, side in self._sides),
+                   np.zeros(self.motions.shape[:2]))
 
     def normal_parts(self, u: np.ndarray) -> dict[tuple[str, int], np.ndarray]:
         """Normal displacements in metres at the probes of its interfaces, by contact and side. Not collective."""
-        sides = [(each, each.side(self.name)) for each in self.interfaces]
-        return {(each.name, side): normal_trace(side, each.probes, u) for each, side in sides}
-
-    @staticmethod
-    def _all(parts: Iterable[np.ndarray]) -> np.ndarray:
-        return np.concatenate([np.empty(0), *parts])
+        return {(each.name, side): normal_trace(side, each.probes, u) for each, _, side in self._sides}
 
     def work(self, u: np.ndarray, s: np.ndarray) -> np.ndarray:
         """What loads, reactions and heat do along displacements: (2, k) in J, by history in the order of the scene.

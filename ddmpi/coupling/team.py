@@ -65,17 +65,25 @@ class Share:
         self._A = self._solver = None
         PETSc.garbage_cleanup(self.comm)
 
-    def deal(self, given: tuple[PETSc.Mat, np.ndarray] | None, held: bool, evenly: bool) -> None:
-        """Take one's rows of a stiffness, which the root gives with the positions of its nodes, and which goes.
+    def factor(self, given: tuple | None, held: bool, condensed: bool, name: str,
+               iterative: bool) -> StiffnessSolver | None:
+        """Take one's rows of a stiffness, and make the solver with them.
 
-        Nodes stay together; each rank has those of a part of the body. `held` says whether clamps hold it. Unless all
-        should have as many, the root has none: it holds the mesh, and MUMPS shares out its own work.
+        Nodes stay together; each rank has those of a part of the body. The root has none where MUMPS factors: it holds
+        the mesh, and MUMPS shares out its own work.
+
+        Parameters
+        ----------
+        given : the stiffness, which goes, the positions of its nodes, dofs on which springs hold a loose body, see
+            `rigid_motions.add_springs`, and a trace and an order as for `StiffnessSolver`, in the root's numbers
+        held : whether clamps hold the body
+        condensed : whether there is a trace
         """
         self.drop()
-        order, width, near = np.zeros(0, int), 1, []
+        order, width, near, springs = np.zeros(0, int), 1, [], np.zeros(0, int)
         if given is not None:
-            A, points = given
-            first, width = int(not evenly), A.getBlockSize()
+            A, points, springs, trace, eliminated = given
+            first, width = int(not iterative), A.getBlockSize()
             owner = first + bisect(points, self.comm.size - first)
             nodes = np.argsort(owner, kind="stable")
             order = (width * nodes[:, None] + np.arange(width)).ravel()
@@ -83,7 +91,8 @@ class Share:
             self._place[order] = np.arange(len(order))
             self._counts = width * np.bincount(owner, minlength=self.comm.size)
             near = [vector.array_r[order] for vector in A.getNearNullSpace().getVecs()]
-        width, self._counts, number = self.comm.bcast((width, self._counts, len(near)))
+            springs = self._place[springs]
+        width, self._counts, number, springs = self.comm.bcast((width, self._counts, len(near), springs))
         rows = self._send_rows(A, order) if given is not None else self._receive_rows()
         mine = (int(self._counts[self.comm.rank]), int(self._counts.sum()))
         self._A = PETSc.Mat().createAIJ((mine, mine), bsize=width, csr=rows, comm=self.comm)
@@ -94,7 +103,16 @@ class Share:
         self._A.setNearNullSpace(space)
         for each in (*motions, space):
             each.destroy()  # the matrix keeps its own reference
-        self._springs = np.zeros(0, int), 0.0
+        start, stop = self._A.getOwnershipRange()
+        own = springs[(springs >= start) & (springs < stop)] - start
+        self._springs = own, stiffen(self._A, own) if len(springs) else 0.0
+        if given is None or not condensed:
+            trace, eliminated = sparse.csr_matrix((0, mine[1])) if condensed else None, None
+        else:
+            trace = sparse.csr_matrix((trace.data, self._place[trace.indices], trace.indptr), trace.shape)
+            eliminated = None if eliminated is None else self._ordered(eliminated)
+        self._solver = StiffnessSolver(self._A, name, trace, eliminated, iterative)
+        return self._solver if self.comm.rank == 0 else None
 
     def _send_rows(self, A: PETSc.Mat, order: np.ndarray) -> tuple[np.ndarray, ...]:
         """Send each rank its rows of A as CSR arrays, in the new numbers; return the root's own. A goes."""
@@ -118,26 +136,6 @@ class Share:
         for each in arrays:
             self.comm.Recv(each, 0, _ROWS)
         return arrays
-
-    def add_springs(self, given: np.ndarray | None) -> None:
-        """Hold a loose body by springs on the root's dofs `given`, see `rigid_motions.add_springs`."""
-        dofs = self.comm.bcast(None if given is None else self._place[given])
-        assert self._A is not None
-        start, stop = self._A.getOwnershipRange()
-        own = dofs[(dofs >= start) & (dofs < stop)] - start
-        self._springs = own, stiffen(self._A, own)
-
-    def factor(self, given: tuple[sparse.csr_matrix, np.ndarray | None] | None, condensed: bool, name: str,
-               iterative: bool) -> StiffnessSolver | None:
-        """Make the solver; if it is to be `condensed`, the root gives a trace and an order in its own numbers."""
-        assert self._A is not None
-        trace, order = sparse.csr_matrix((0, self._A.size[1])) if condensed else None, None
-        if given is not None:
-            trace, order = given
-            trace = sparse.csr_matrix((trace.data, self._place[trace.indices], trace.indptr), trace.shape)
-            order = None if order is None else self._ordered(order)
-        self._solver = StiffnessSolver(self._A, name, trace, order, iterative)
-        return self._solver if self.comm.rank == 0 else None
 
     def solve(self, given: np.ndarray | None, relative: float) -> np.ndarray | None:
         """A⁻¹ f of the root's vector."""
@@ -204,10 +202,6 @@ class Team:
         self.matrix: TeamMatrix | None = None
         self._share: Share | None = Share(comm, beside)
         self._votes = comm.Dup()  # a rank votes here that has left the others in the middle of a command
-
-    @property
-    def size(self) -> int:
-        return self.comm.size
 
     def do(self, command: str, given: Any = None, *arguments: Any) -> Any:
         """Have all ranks call this method of their share, and return what it returns here. Root only.
@@ -310,12 +304,9 @@ class TeamMatrix:
     def factor(self, trace: sparse.csr_matrix | None, order: np.ndarray | None, name: str,
                iterative: bool) -> StiffnessSolver:
         """Deal the rows out, and make a solver, parameters as for `StiffnessSolver`; once."""
-        self.do("deal", self._whole, self._held, iterative)
-        self._whole = None
-        if len(self._springs):
-            self.do("add_springs", self._springs)
-        given = None if trace is None else (trace, order)
-        return self.do("factor", given, given is not None, name, iterative)
+        assert self._whole is not None
+        given, self._whole = (*self._whole, self._springs, trace, order), None
+        return self.do("factor", given, self._held, trace is not None, name, iterative)
 
     def do(self, command: str, given: Any = None, *arguments: Any) -> Any:
         """A command to the team, which must not have been given another body since."""

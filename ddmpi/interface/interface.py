@@ -1,7 +1,6 @@
 """The interface of two bodies: contact nodes, directions, gaps, and how each side's nodes move them.
 
-Also whether it can be what its user meant, which is looked at before anything is computed. Serial work on plain arrays.
-Every rank that holds the interface computes the same one from the same sides.
+Also whether it can be what its user meant. Every rank that holds the interface computes the same one from the sides.
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ from ddmpi.errors import InputError
 from ddmpi.interface.law import Law
 from ddmpi.mesh.elements import circumference
 from ddmpi.scene.bodies import Clamp
+from ddmpi.scene.contacts import Rigid
 from ddmpi.surface.side import Side
 from ddmpi.system.numbers import in_words
 
@@ -69,8 +69,7 @@ class Lines:
     row : (l,) of each node
     xy : (l, d) positions (m)
     area : (l,) nodal lengths of what faces the other side (m); those of a row add up to its own
-    facets : (f, 2) pairs of neighbouring nodes, in the order of the nodes; a closed chain ends with (last, first). In
-        space (f, 3) triangles
+    facets : (f, 2) neighbours in the order of nodes, of a closed chain also (last, first); in space (f, 3) triangles
     """
 
     row: np.ndarray
@@ -88,8 +87,7 @@ class Lines:
 class Interface:
     """Where two bodies meet. The first of its two sides defines the directions.
 
-    A vector of the interface has `size` entries: m along the normals, then d − 1 along the tangents of each of the
-    mt nodes that slide.
+    A vector of the interface has `size` entries: m along the normals, then d − 1 tangential ones of each sliding node.
 
     Attributes
     ----------
@@ -240,8 +238,7 @@ class Interface:
 
 
 def in_order(facets: np.ndarray) -> np.ndarray:
-    """Facets (f, 2) in the order of their nodes, each with the node before the other first: (k, k + 1), (last, first).
-    """
+    """Facets (f, 2) in the order of their nodes, each with the node before the other first, but for (last, first)."""
     facets = np.sort(facets, axis=1)
     closing = np.diff(facets, axis=1)[:, 0] > 1
     facets[closing] = facets[closing, ::-1]
@@ -286,50 +283,43 @@ class Mover:
 
     Attributes
     ----------
-    name : of the body or the partner
-    clamps : of the body; of a partner its displacement, as one clamp
-    side : of the body; None of a partner
-    pushed : axes along which a force moves the partner
+    side : of the body; or the partner
+    clamps : of the body
     """
 
-    name: str
-    clamps: Sequence[Clamp]
-    side: Side | None = None
-    pushed: Sequence[int] = ()
+    side: Side | Rigid
+    clamps: Sequence[Clamp] = ()
 
     def free(self, places: Places, k: int) -> np.ndarray:
-        """M (n, d, d): where all else would move by e, `places` move by M e with this side, the k-th, as clamps let it.
-        """
-        n, d = places.normal.shape
-        if self.side is None:
-            return np.zeros((n, d, d)) + np.diag(1.0 * np.isin(np.arange(d), self.pushed))
-        return self.at(places, k, self.side.free.reshape(-1, d * d)).reshape(n, d, d)
+        """M (n, d, d): where all else would move by e, `places` move by M e with this side, the k-th."""
+        axes = np.arange(places.normal.shape[1])
+        return self.at(places, k, self.side.free if isinstance(self.side, Side)
+                       else np.diag(1.0 * np.isin(axes, self.side.pushed))[None])
 
     def moved(self, places: Places, k: int, factors: Mapping[str | None, float]) -> np.ndarray:
-        """(n, d) the displacement of places that clamps prescribe (m), with these factors by history."""
-        u = np.zeros_like(places.normal if self.side is None else self.side.xy)
-        for clamp in self.clamps if self.side is None else ():
-            u += factors[clamp.history] * np.array(clamp.components[:u.shape[1]])
-        for history, part in self.side.moved.items() if self.side else ():
-            u += factors[history] * part
+        """(n, d) the displacement of places that is prescribed (m), with these factors by history."""
+        u = np.zeros((1, places.normal.shape[1]))
+        for history, part in (self.side.moved.items() if isinstance(self.side, Side) else
+                              [(self.side.history, np.array(self.side.displacement))]):
+            u = u + factors[history] * part
         return self.at(places, k, u)
 
     def at(self, places: Places, k: int, values: np.ndarray) -> np.ndarray:
-        """(n, d) at places, from the values (j, d) at the nodes of the side."""
-        if self.side is None:
-            return values
-        whole = np.zeros((self.side.nodes.max() + 1, values.shape[1]))
-        whole[self.side.nodes] = values
-        return places.moved(k, whole)
+        """(n, …) at places, from the values (j, …) at the nodes of the side, or that (1, …) of a partner."""
+        if not isinstance(self.side, Side):
+            return values.repeat(len(places.gap), axis=0)
+        whole = np.zeros((self.side.nodes.max() + 1, values[0].size))
+        whole[self.side.nodes] = values.reshape(len(values), -1)
+        return places.moved(k, whole).reshape(-1, *values.shape[1:])
 
     def words(self, places: Places, k: int, place: int, axes: Sequence[int], u: np.ndarray) -> str:
         """What prescribes the displacement u (d,) of one of the places along some axes."""
         values = [f"{'xyz'[axis]} = {u[axis] + 0.0:.6g}" for axis in axes]
-        if self.side is None:
-            return f"rigid.{self.name}.displacement prescribes {', '.join(values)}"
+        if not isinstance(self.side, Side):
+            return f"rigid.{self.side.name}.displacement prescribes {', '.join(values)}"
         node = int(np.argmax(abs(places.transfer[k][[place]].toarray())))
         numbers = self.side.clamps[self.side.nodes == places.nodes[k][node]][0, axes]
-        return ", ".join(f"body.{self.name}.clamp.{number} on {self.clamps[number].on!r} prescribes {value}"
+        return ", ".join(f"body.{self.side.body}.clamp.{number} on {self.clamps[number].on!r} prescribes {value}"
                          for value, number in zip(values, numbers, strict=True) if number >= 0)
 
 
@@ -345,7 +335,7 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
     movers : of both sides
     factors : by time and history; displacements are linear between the times
     """
-    if any(mover.side and (mover.side.clamps < 0).all() for mover in movers):
+    if any(isinstance(mover.side, Side) and (mover.side.clamps < 0).all() for mover in movers):
         return
     worst, message, bonded = 0.0, "", interface.law.name == "bonded"
     pairs = [Places(interface.nodes, interface.normal, interface.gap, interface.transfer), interface.fixed]
@@ -370,7 +360,7 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
             place, axis = (int(each) for each in np.unravel_index(np.argmax(beyond), beyond.shape))
             along = np.flatnonzero(np.abs(axes[place, :, axis] if bonded else places.normal[place]) > SAME).tolist()
             first, second = (mover.words(places, k, place, along, u[k, place]) for k, mover in enumerate(movers))
-            assert movers[0].side
+            assert isinstance(movers[0].side, Side)
             at = in_words(movers[0].at(places, 0, movers[0].side.xy)[place])
             message = (f"contact.{interface.name}: at {at}{f', at time {time:g},' * (len(factors) > 1)} "
                        f"{first}, and {second}: " + ("they tear the bond apart" if bonded else

@@ -30,10 +30,8 @@ given: finer versions of the same boundaries are offset as much."""
 
 def pairs(sides: tuple[Side, Side], here: np.ndarray, there: np.ndarray, normal: np.ndarray, area: np.ndarray,
           gap: np.ndarray, seen: np.ndarray) -> Rows:
-    """The rows of nodes `here` (r,) of the first side and their partners; otherwise as `Rows`.
-
-    `Side.bare` nodes share the rows of the middles of their facets.
-    """
+    """The rows of nodes `here` (r,) of the first side and their partners; otherwise as `Rows`. `Side.bare` nodes share
+    the rows of the middles of their facets."""
     side, own, lines = sides[0], np.arange(len(here)), None
     place = np.full(len(side.nodes), -1)
     place[here] = own
@@ -185,10 +183,8 @@ def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
 
 
 def _faced(side: Side, other: Side, least: float) -> np.ndarray:
-    """Facets of a side and those of the other one that they face (2, n), in the order of the first.
-
-    A facet of which no more than the part `least` is covered does not count: by so much an end may stand aside.
-    """
+    """Facets of a side and those of the other one that they face (2, n), in the order of the first. A facet of which no
+    more than the part `least` is covered does not count: by so much an end may stand aside."""
     over = cover(side, other)
     facets, point = np.unique(np.stack([over.facet, over.other]), axis=1, return_inverse=True)
     covered = np.bincount(point.ravel(), over.weight, facets.shape[1])

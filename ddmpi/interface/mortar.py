@@ -23,11 +23,11 @@ from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface, Lines, Places, in_order
 from ddmpi.interface.matching import pair
 from ddmpi.interface.rows import Rows, at_points, build, duals, holds_along, is_held, means, without_rounding
-from ddmpi.interface.vertices import rows_at_vertices
+from ddmpi.interface.vertices import BARELY, LACKING, UNCOVERED, rows_at_vertices
 from ddmpi.mesh.boundary import segments
 from ddmpi.mesh.elements import shapes_on_side as shapes
 from ddmpi.scene.contacts import SettledContact
-from ddmpi.surface.cover import Cover, at_corners, cover, faced_arc
+from ddmpi.surface.cover import Cover, corners, cover, faced_arc
 from ddmpi.surface.patch import Patch
 from ddmpi.surface.side import Side, frames, nodal, unit
 from ddmpi.system.numbers import in_words
@@ -35,25 +35,11 @@ from ddmpi.system.numbers import in_words
 SLIVER = 0.02
 """A side of which a smaller part is covered has a constant dual function, of its nearest corner."""
 
-UNCOVERED = 0.15
-"""A node of whose length a smaller part is covered shares the row of its neighbour."""
-
-BARELY = 0.5
-"""Rows that clamps let move by less than this, where free nodes move by one, are merged with a neighbour. Alone they
-would constrain curvature and carry arbitrary forces."""
-
 UNSEEN = 1e-7
 """A node of whose length no more than this part is covered faces nothing: the other side ends at its neighbour."""
 
-LACKING = 1e-3
-"""A facet of which no more than this part is not covered has a mean stress."""
-
-
 def connect(first: Side, second: Side, contact: SettledContact, refinement: int = 1) -> Interface:
-    """The interface of two sides: by pairs of nodes where they match, else by mortar; or as `contact.pairing` says.
-
-    Otherwise as `pair` and `mortar`.
-    """
+    """The interface of two sides, as `pair` or `mortar`: by pairs where nodes match, or as `contact.pairing` says."""
     quadratic = max(side.facets.shape[1] for side in (first, second)) == 6
     if contact.pairing == "nodes" and quadratic:
         raise InputError(f"contact.{contact.name}.pairing: pairs of nodes are for linear tetrahedra, as corners of "
@@ -78,8 +64,7 @@ def mortar_in_space(first: Side, second: Side, contact: SettledContact) -> Inter
     over = cover(sides[own], sides[1 - own])
     if not len(over.facet):
         raise _not_facing(first, second, contact.name)
-    looked = at_corners(over, sides[own], sides[1 - own])
-    return build(rows_at_vertices(sides, own, over, looked, contact), contact)
+    return build(rows_at_vertices(sides, own, over.only(over.weight > 0.0), corners(over), contact), contact)
 
 
 def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
@@ -177,8 +162,7 @@ def _rows(sides: tuple[Side, Side], own: int, over: Cover, root: np.ndarray) -> 
 
 
 def _unbound(rows: Rows, tangential: bool, root: np.ndarray) -> np.ndarray:
-    """The `root` of each of the slave's nodes (k,), where rows nearly fixed by clamps or other contacts are merged with
-    a neighbour."""
+    """The `root` of each of the slave's nodes (k,), where rows nearly fixed (BARELY) are merged with a neighbour."""
     side = rows.sides[rows.own]
     (held, most), (both, along) = (rows.held(direction) for direction in frames(rows.normal).swapaxes(0, 1))
     if tangential:
@@ -216,7 +200,7 @@ def _merged(side: Side, over: Cover) -> np.ndarray:
     best = np.full(len(D), -1)
     thin = (full * UNCOVERED > D) | side.bare
     for facet in side.facets[some & thin[side.facets].any(axis=1)]:
-        top = facet[np.argmax(D[facet])]
+        top = facet[2 if side.bare[facet].any() else np.argmax(D[facet])]  # D of the other end may be the same
         for node in facet[thin[facet]]:
             if top != node and (best[node] < 0 or D[top] > D[best[node]]):
                 best[node] = top
@@ -231,11 +215,9 @@ def _merged(side: Side, over: Cover) -> np.ndarray:
 
 def _lines(side: Side, nodes: np.ndarray, place: np.ndarray, area: np.ndarray, S: sparse.csr_matrix,
            seen: np.ndarray) -> Lines:
-    """The nodes on which the rows act, each with its part of its row's length; otherwise as `Rows`.
-
-    So the forces on the nodes have the rows' resultant and moment. A node whose part is no more than UNSEEN of what the
-    facets `seen` (f,) give it faces nothing and is left out. `S` is the slave's transfer.
-    """
+    """The nodes on which the rows act, each with its part of its row's length; otherwise as `Rows`. So the forces on
+    the nodes have the rows' resultant and moment. A node whose part is no more than UNSEEN of what the facets `seen`
+    (f,) give it faces nothing and is left out. `S` is the slave's transfer."""
     entries, length = S.tocoo(), np.zeros(len(place))
     own = place[entries.col] == entries.row
     length[entries.col[own]] = (area[entries.row] * entries.data)[own]

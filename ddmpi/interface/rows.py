@@ -14,7 +14,7 @@ from ddmpi.interface.law import law_of
 from ddmpi.scene.contacts import NoFriction, SettledContact
 from ddmpi.scene.values import Profile, evaluate
 from ddmpi.surface.cover import Cover
-from ddmpi.surface.side import Side, frames
+from ddmpi.surface.side import Side, frames, laplacian
 from ddmpi.system.numbers import in_words, is_touched
 
 NOTHING = 1e-12
@@ -105,7 +105,8 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
         arc=arc, nodes=nodes, transfer=transfers,
         law=law_of(contact.friction, xy, arc, area, sliding, contact.kind, of_rows(live)),
         modulus=1.0 / (1.0 / sides[0].modulus + 1.0 / sides[1].modulus),
-        facets=facets[(facets >= 0).all(axis=1)], laplacian=side.laplacian(rows.seen, row, len(keep)),
+        facets=facets[(facets >= 0).all(axis=1)],
+        laplacian=laplacian(side.xy, side.pieces(rows.seen), row, len(keep), side.axisymmetric),
         one_sided=of_rows(held.any(axis=0)), prescribed=of_rows(np.zeros(live.shape)),
         displacement=np.zeros(xy.shape[1]), gap_history=contact.opening[1],
         slave=side.body if rows.points else None, lines=lines,
@@ -136,10 +137,8 @@ def _at_rows(rows: Rows, some: np.ndarray, gap: np.ndarray) -> Places:
 
 
 def _probes(rows: Rows, contact: SettledContact, dropped: np.ndarray, start: np.ndarray) -> Places:
-    """Places between the nodes; else those dropped rows which can still move a little.
-
-    What overlaps between clamps at first stays, and is no overlap of the answer.
-    """
+    """Places between the nodes; else those dropped rows which can still move a little. What overlaps between clamps at
+    first stays, and is no overlap of the answer."""
     if rows.points is None:
         moves = sum(np.abs(np.einsum("rij,rj->ri", side.moves_with(transfer), rows.normal)).max(axis=1)
                     for side, transfer in zip(rows.sides, rows.transfers, strict=True)) > SAME

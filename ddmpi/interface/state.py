@@ -98,8 +98,7 @@ class ContactState:
 
     @property
     def moment(self) -> np.ndarray:
-        """Moment of the forces on the first body about the origin (N m): in the plane x F_y − y F_x (), in space (3,).
-        """
+        """Moment on the first body about the origin (N m): in the plane x F_y − y F_x (), in space (3,)."""
         interface = self.interface
         return moment(interface.xy if interface.at is None else interface.at[0], self.forces, interface.axisymmetric)
 
@@ -171,7 +170,7 @@ def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.
 
 
 def slip_start(law: Law, s: np.ndarray, closed: np.ndarray, rate: np.ndarray, ahead: float) -> np.ndarray:
-    """Where the slip of the next load step begins: the displacement (size,), tangential entries only (m).
+    """Where the slip of the next load step begins: displacement (size,), tangential entries only (m). Not collective.
 
     It is that at the end of the last step, of open nodes as well. A node that may slide as it likes slips from where it
     touches, though: as if its gap went on closing as in the last step, at the latest at the end of the next one.
@@ -182,8 +181,6 @@ def slip_start(law: Law, s: np.ndarray, closed: np.ndarray, rate: np.ndarray, ah
     closed : (size,) relative displacements less the initial gaps there (m)
     rate : (size,) what the last load step has added to them (m)
     ahead : length of the next load step over that of the last one; zero where they are not alike
-
-    Not collective.
     """
     start = np.zeros(law.size)
     if law.name == "bonded":  # nothing slides

@@ -19,21 +19,23 @@ import scipy.sparse as sparse
 
 from ddmpi.interface.interface import Lines, Places
 from ddmpi.interface.rows import Rows, at_points, duals, holds_along, means, without_rounding
-from ddmpi.mesh.boundary import links
+from ddmpi.mesh.boundary import creases, links
 from ddmpi.mesh.elements import cell_with
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.surface.cover import Cover
 from ddmpi.surface.side import Side, nodal, unit
+from ddmpi.system.numbers import is_touched
 
 SLIVER = 1e-6
 """The dual functions of a facet of which a smaller part is covered are constants."""
 
 UNCOVERED = 0.15
-"""A vertex of whose area a smaller part is covered shares its function; else its gap would be one outside of that part.
-"""
+"""A vertex of whose area a smaller part is covered shares its function, in the plane a node of whose length; else its
+gap would be one outside of it."""
 
 BARELY = 0.5
-"""So does one that clamps let move by less than this, where free ones move by one."""
+"""So does one that clamps let move by less than this, where free ones move by one: alone it would constrain curvature
+and carry arbitrary forces."""
 
 LACKING = 1e-3
 """A facet of which no more than this part is not covered is wholly covered."""
@@ -43,16 +45,15 @@ FLAT = 1e-3
 
 
 def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, looked: Cover, contact: SettledContact) -> Rows:
-    """The rows of the slave, `sides[own]`, which faces the other at the points of `over`. Not collective.
-
-    `looked` are places where overlaps of the answer are looked for.
-    """
+    """The rows of the slave, `sides[own]`, which faces the other at the points of `over`; `looked` are places where
+    overlaps of the answer are looked for. Not collective."""
     side, bonded = sides[own], contact.kind == "bonded"
     seen = np.isin(np.arange(len(side.facets)), over.facet)
-    psi, full, met = _functions(side, over, bonded), _areas(side), np.zeros(len(side.nodes), bool)
+    psi, met = _functions(side, over, bonded), np.zeros(len(side.nodes), bool)
+    full = nodal(np.repeat(side.lengths[:, None] / 3.0, 3, axis=1), side.facets[:, :3], len(met))  # ∫ of hats
     met[side.facets[seen, :3]] = True
     D = np.asarray(psi.sum(axis=0)).ravel()
-    shares = (UNCOVERED * full > D) | (side.touched if bonded else side.fast)
+    shares = (UNCOVERED * full > D) | (is_touched(side.free) if bonded else ~side.free.any(axis=(1, 2)))
     also = shares | _meets_others(side, D, full)
     if _spread(side.xy[~also & met]):  # else rows in a line would be a hinge, which the bodies do not have
         shares = also
@@ -76,20 +77,12 @@ def _functions(side: Side, over: Cover, hats: bool) -> sparse.csr_matrix:
     return at_points(weighted, side.facets[over.facet, :3], len(side.nodes))
 
 
-def _areas(side: Side) -> np.ndarray:
-    """Integrals (k,) of the vertices' hat functions over all facets (m²)."""
-    return nodal(np.repeat(side.lengths[:, None] / 3.0, 3, axis=1), side.facets[:, :3], len(side.nodes))
-
-
 def _meets_others(side: Side, D: np.ndarray, full: np.ndarray) -> np.ndarray:
     """Which vertices (k,) other contacts of the body have as well: on the rim of their group, where another one's
     group begins, and, where other contacts are on the same group, where what this one covers (k,) of all (k,) ends.
     """
-    facets = side.facets[:, :3]
-    edges, count = np.unique(np.sort(np.concatenate([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]]), axis=1),
-                             axis=0, return_counts=True)
     rim = np.zeros(len(side.nodes), bool)
-    rim[edges[count == 1]] = True
+    rim[creases(side.xy, side.facets[:, :3], side.outward).rim] = True
     partly = (1.0 - UNCOVERED) * full > D
     return (rim & side.tied) | (partly & side.parted)
 

@@ -43,7 +43,6 @@ estimate by the inverse (docs/understand/tradeoff.md)."""
 HOPELESS = 1.25
 """If the goal takes meshes finer than the largest ones by more than this factor, the last steps are not made."""
 
-
 DROP = 0.2
 """The part of the error that is left by one step of a geometry, at least. Estimates on coarse meshes find the places,
 not the amounts."""
@@ -147,6 +146,8 @@ class MeshLadder:
         self.refinement: float = 1
         self.sizes, self._former = dict[str, Sizes](), dict[str, Sizes]()
         self._scale = self._rate = 0.0
+        drawn = [body.mesh.geometry is not None for body in scene.body]
+        self._any_drawn, self._all_drawn = any(drawn), all(drawn)  # geometries
 
     def state(self) -> dict[str, Any]:
         return {"levels": tuple(self.levels), "missed": self.missed, "refinement": self.refinement,
@@ -160,20 +161,14 @@ class MeshLadder:
                                     for kind in ("sizes", "former"))
 
     @property
-    def _drawn(self) -> list[bool]:
-        """Which bodies are geometries; empty if none is."""
-        drawn = [body.mesh.geometry is not None for body in self.scene.body]
-        return drawn if any(drawn) else []
-
-    @property
     def factor(self) -> int:
         """How many times finer than given shapes and mesh files are now."""
-        return 1 if self._drawn and all(self._drawn) else int(self.refinement)
+        return 1 if self._all_drawn else int(self.refinement)
 
     @property
     def meshes(self) -> str:
         """The meshes to solve on now, in words."""
-        if self._drawn and all(self._drawn) and self.levels:
+        if self._all_drawn and self.levels:
             n = float(f"{self.levels[0].n * self.refinement**self.scene.dimension:.2g}")
             return f"meshes of about {n:.0f} unknowns, finest where the error is,"
         return f"meshes {self.refinement:.0f} times as fine as given"
@@ -206,7 +201,7 @@ class MeshLadder:
         method = self.scene.method
         if self.missed:
             return None
-        if self._drawn and all(self._drawn) and self.levels:
+        if self._all_drawn and self.levels:
             self.refinement = round((dofs / self.levels[0].dofs) ** (1 / self.scene.dimension), 3)
         self._rate = self.rate(error)
         self.levels.append(Level(self.refinement, n, error, dofs))
@@ -220,7 +215,7 @@ class MeshLadder:
         reason = (f"the mesh of {' and of '.join(given)} is given: allow finer ones by mesh.refine = \"as needed\""
                   if given else
                   f"meshes that meet it would probably exceed method.max_unknowns = {method.max_unknowns}")
-        if len(self.levels) >= STEPS and self._drawn:
+        if len(self.levels) >= STEPS and self._any_drawn:
             reason = f"{STEPS} meshes did not lead there"
         self.missed = self._miss(reason)
         return None
@@ -262,7 +257,7 @@ class MeshLadder:
         if len(self.levels) >= STEPS or (len(self.levels) > 1 and growth[1] > HOPELESS * largest):
             return None
         self._scale = scale[0] * max(growth[0] / min(largest, GROWTH), 1.0)
-        if not all(self._drawn):
+        if not self._all_drawn:
             return self._next_grid()
         return last.refinement * min(growth[0], largest, GROWTH) if largest > 1.0 else None
 
@@ -273,10 +268,7 @@ class MeshLadder:
 
 
 def refine_scene(scene: Settled, refinement: int) -> Settled:
-    """The scene with shapes meshed `refinement` times finer, and meshes of files halved log2(`refinement`) times.
-
-    Geometries are as they were.
-    """
+    """The scene with shapes meshed `refinement` times finer, and meshes of files halved log2(`refinement`) times."""
     def finer(mesh):
         if mesh.geometry is not None:
             return mesh

@@ -1,8 +1,5 @@
-"""Is this answer right? The residuals of the coupled problem.
-
-Computed from the final displacements and forces of the bodies alone; nothing of the iteration that
-found them enters. All residuals are free of units.
-"""
+"""Is this answer right? The residuals of the coupled problem, free of units, from the final displacements and forces of
+the bodies alone; nothing of the iteration that found them enters."""
 
 from __future__ import annotations
 
@@ -17,12 +14,9 @@ from ddmpi.interface.state import ContactState
 from ddmpi.system.numbers import norm
 
 FACTOR = 50.0
-"""A certificate holds when all its residuals are below FACTOR times the tolerance asked for.
-
-The tolerance bounds the relative step of the outer iteration, which is not an error: with a
-contraction of 0.8 per step the contact displacement is off by four steps, and the contact forces,
-which a compliance of wide spectrum ties to it, by three to twenty times that.
-"""
+"""A certificate holds when all its residuals are below FACTOR times the tolerance, which bounds the relative step of
+the outer iteration: with a contraction of 0.8 per step the contact displacement is off by four steps, and the contact
+forces, which a compliance of wide spectrum ties to it, by three to twenty times that."""
 
 SMALLEST_LIMIT, LARGEST_LIMIT = 1e-10, 0.05
 """No certificate asks for less than the first, whatever the tolerance; none allows more than the second."""
@@ -112,7 +106,7 @@ def equilibrium_residual(left: float, acting: float, load: float, moved: float =
 def contact_residuals(state: ContactState, s: np.ndarray, mismatch: np.ndarray, u: tuple[np.ndarray, np.ndarray],
                       load: float, yielding: float, everywhere: Sequence[float],
                       former: Sequence[float] = (0.0, 0.0)) -> ContactResiduals:
-    """Residuals of one contact.
+    """Residuals of one contact. Not collective.
 
     Parameters
     ----------
@@ -131,8 +125,6 @@ def contact_residuals(state: ContactState, s: np.ndarray, mismatch: np.ndarray, 
         contact that carries next to no force is compared with the second
     former : the largest of the same in the load steps before. Nothing is compared with less than RESOLVED times the
         first and NO_FORCE times the second
-
-    Not collective.
     """
     interface, law = state.interface, state.interface.law
     floor = (NO_FORCE if s.any() else 1.0) * load / np.sqrt(interface.m)

@@ -41,10 +41,7 @@ class StatusLog:
         self._recent: deque[np.ndarray] = deque(maxlen=LOOK_BACK)
 
     def record(self, s: np.ndarray, bound: np.ndarray) -> None:
-        """Note the status of each node under the forces s (size,) and the slip bounds of all sliding nodes (N).
-
-        Collective.
-        """
+        """Note the status of each node under forces s (size,) and slip bounds of all sliding nodes (N). Collective."""
         codes, counts, laws = [], np.zeros(3, int), self._space.laws
         for interface, (law, own), limit in zip(self._space.interfaces, laws.parts(s), laws.bounds(bound),
                                                 strict=False):

@@ -134,7 +134,7 @@ def describe_motions(bodies: Sequence[MotionsOfBody], velocities: np.ndarray, to
 
 
 def undetermined(G_active: np.ndarray, bodies: Sequence[MotionsOfBody]) -> list[str]:
-    """The rigid motions that no closed contact resists at a solution, one sentence each.
+    """The rigid motions that no closed contact resists at a solution, one sentence each. Not collective.
 
     Bodies that lean on each other are looked at together, unless they are more than `LARGEST`.
 
@@ -143,8 +143,6 @@ def undetermined(G_active: np.ndarray, bodies: Sequence[MotionsOfBody]) -> list[
     G_active : (nc, k) columns of G of the forces that resist: normal ones of closed nodes, tangential ones of
         nodes that stick, all of bonded contacts; or others with the same sums of squares; sparse or dense
     bodies : the loose ones, in the order of the rows
-
-    Not collective.
     """
     numbers = [body.basis.shape[1] for body in bodies]
     starts, owner = np.cumsum([0, *numbers]), np.repeat(np.arange(len(bodies)), numbers)
@@ -319,8 +317,7 @@ def _names(names: list[str]) -> str:
 
 
 def _hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
-    """Corners, centroid, measure and spread of the convex hull; nodes on a line, or a plane in space, have no measure.
-    """
+    """Corners, centroid, measure and spread of the convex hull; the measure is 0 on a line, or a plane in space."""
     from scipy.spatial import ConvexHull, QhullError
 
     middle, d = points.mean(axis=0), points.shape[1]

@@ -16,9 +16,7 @@ from scipy.spatial import cKDTree
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState
-from ddmpi.mesh.elements import CORNERS_CUT
 from ddmpi.mesh.mesh import Mesh, boundary_facets
-from ddmpi.mesh.refine import INSIDE
 from ddmpi.scene.contacts import Rigid
 from ddmpi.system.agreement import gathered
 from ddmpi.system.numbers import across, in_words, nearest_in
@@ -77,10 +75,10 @@ class Solid:
 
     @classmethod
     def of(cls, mesh: Mesh, u: np.ndarray) -> Solid:
-        """A body of this mesh that moved by `u` (n, d); cells of order 2 are cut into linear ones."""
+        """A body of this mesh that moved by `u` (n, d); cells are cut into linear ones."""
         d, cells, (facets, owner) = mesh.dimension, mesh.triangles, mesh.boundary
-        if mesh.order == 2:
-            cells = cells[:, np.concatenate([CORNERS_CUT[d], *INSIDE.get(d, ())[:1]])].reshape(-1, d + 1)
+        if len(mesh.cell.parts) > 1:
+            cells = cells[:, mesh.cell.parts].reshape(-1, d + 1)
             facets, owner = boundary_facets(cells)
         other = cells[owner].sum(axis=1) - facets.sum(axis=1)
         return cls(mesh.points, mesh.points + u, cells, np.column_stack([facets, other]), np.arange(len(mesh.points)))
@@ -201,10 +199,8 @@ def _deepest(assembly: Assembly, states: Mapping[str, ContactState]) -> dict[str
 
 def _between(pair: tuple[str, str], first: Mapping[str, float], second: Mapping[str, float]) -> float:
     """By how much two bodies may overlap beside their contacts, or where they meet at a corner of others: as these do.
-
     The overlap of a contact between its nodes is an error of the discretization, which has a warning of its own.
-    `first` and `second` are what `_deepest` has of the two.
-    """
+    `first` and `second` are what `_deepest` has of the two."""
     return first.get(pair[1], 0.0) + sum(each[body] for each in (first, second) for body in first.keys() & second)
 
 
@@ -228,10 +224,8 @@ def through_itself(body: Solid) -> np.ndarray | None:
 
 
 def _reached(body: Solid, way: float) -> np.ndarray | slice:
-    """The cells of a body that its boundary can get into on a `way` (m) past others: those at the boundary, or all.
-
-    The way to the others is at least that on which the function falls from 1 to 0 that is 1 at boundary nodes.
-    """
+    """The cells of a body that its boundary can get into on a `way` (m) past others: those at the boundary, or all. The
+    way to the others is at least that on which the function falls from 1 to 0 that is 1 at boundary nodes."""
     outer = np.zeros(len(body.at), bool)
     outer[body.facets[:, :-1]] = True
     cells = np.flatnonzero(np.logical_or.reduce(outer[body.cells.T]))
@@ -308,10 +302,8 @@ def deepest_in(a: Solid, x: np.ndarray, kept: np.ndarray, bows: np.ndarray, b: S
 
 def _doubt_rigid(assembly: Assembly, displacements: Mapping[str, np.ndarray],
                  contacts: Mapping[str, ContactState], solids: Mapping[int, Solid]) -> list[str]:
-    """Warnings, on the first rank, where a body runs through a rigid partner outside its contact with it.
-
-    `solids` are the bodies of this rank. Collective.
-    """
+    """Warnings, on the first rank, where a body runs through a rigid partner outside its contact with it; `solids` are
+    the bodies of this rank. Collective."""
     moved = assembly.world.bcast({state.interface.bodies[1]: state.interface.displacement
                                   for state in contacts.values() if state.interface.on_rigid})
     found: dict[tuple[int, int], list[str]] = {}
@@ -357,10 +349,8 @@ def _in_partner(body: Body, facets: np.ndarray, u: np.ndarray, U: np.ndarray, ri
 
 
 def _depth_in_cell(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """The least barycentric coordinate (k,) of points (k, d) in the cell (c, d + 1, d) of which each is most inside.
-
-    It is −∞ for points that are near no cell. Flat cells are near to few points where they are stretched to round ones.
-    """
+    """The least barycentric coordinate (k,) of points (k, d) in the cell (c, d + 1, d) of which each is most inside. It
+    is −∞ for points that are near no cell. Flat cells are near to few points where they are stretched to round ones."""
     best = np.full(len(points), -np.inf)
     if not len(cells):
         return best

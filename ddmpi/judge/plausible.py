@@ -65,7 +65,6 @@ POINT = 0.01
 IDLE = 1e-6
 """A contact with less than this part of the largest force of all contacts carries nothing that could be lost."""
 
-
 POOR = 0.05
 """Cells with less of the measure of a regular one, whose edges are as long in the root mean square, are poor."""
 
@@ -101,7 +100,7 @@ def doubt_shape(mesh: Mesh, name: str) -> str:
 
 def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
                  contacts: Mapping[str, ContactState], passing: bool = False) -> list[str]:
-    """Warnings of an answer, on the first rank; none where it is not even finite, which its certificate says.
+    """Warnings of an answer, on the first rank; none where it is not even finite. Collective.
 
     Parameters
     ----------
@@ -109,8 +108,6 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray],
     contacts : state by contact, as of a `Solution`
     passing : whether other load steps follow; then motions alone are looked at, since a body that is unloaded on its
         way may have next to no forces
-
-    Collective.
     """
     world, own = assembly.world, {}
     if not world.allreduce(all(bool(np.isfinite(u).all()) for u in displacements.values()), MPI.LAND):
@@ -204,10 +201,7 @@ def doubt_mesh(bodies: Sequence[SettledBody], error: DiscretizationError) -> lis
 
 def doubt_stress(assembly: Assembly, stresses: Mapping[str, np.ndarray | None]) -> list[str]:
     """Warnings, on the first rank, of bodies whose largest stress stands where that of the continuum is infinite.
-    Collective.
-
-    `stresses` (nt,) are von Mises stresses (Pa) of the bodies of this rank, or None where they are not wanted.
-    """
+    `stresses` (nt,) are von Mises stresses (Pa) of this rank's bodies; None where they are not wanted. Collective."""
     own = {body.spec.name: (float(sigma.max()), _singular(body, sigma)) for body in assembly.bodies
            for sigma in [stresses[body.spec.name]] if sigma is not None}
     found = gathered(assembly.world, own)
@@ -217,10 +211,8 @@ def doubt_stress(assembly: Assembly, stresses: Mapping[str, np.ndarray | None]) 
 
 
 def _singular(body: Body, stress: np.ndarray) -> list[str]:
-    """A warning where the largest of the stresses (nt,) of a body stands at a re-entrant corner, or where a clamp ends.
-
-    In space corners are edges. Clamps that end at an outer corner do not count: the singularity there is much weaker.
-    """
+    """A warning where the largest of the stresses (nt,) of a body stands at a re-entrant corner, in space an edge, or
+    where a clamp ends; not at an outer corner, as the singularity of a clamp there is much weaker."""
     points, facets = body.mesh.points, Solid.of(body.mesh, np.zeros(1)).facets
     found = creases(points, facets[:, :-1], points[facets[:, 0]] - points[facets[:, -1]])
     held = (body.member.elasticity.clamps >= 0).any(axis=1)
@@ -252,10 +244,8 @@ def _lost_in_rounding(state: ContactState, moved: float) -> list[str]:
 
 
 def _held_through_air(state: ContactState, least: float) -> list[str]:
-    """A warning where friction of open nodes, of more than `least` (N), bears a good part of what a contact bears.
-
-    Tresca's bound does not ask for pressure, as it is published.
-    """
+    """A warning where friction of open nodes, of more than `least` (N), bears a good part of what a contact bears, as
+    Tresca's bound allows."""
     sizes, name, law = np.linalg.norm(state.forces, axis=1), state.interface.name, state.interface.law.name
     air = np.where(state.status == "open", sizes, 0.0)
     if not air.sum() > max(AIR * sizes.sum(), least):
@@ -284,11 +274,9 @@ def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> l
 
 
 def _unresolved_zone(state: ContactState) -> list[str]:
-    """A warning where the pressure of a contact zone between boundaries that curve apart stands on too few nodes.
-
-    At corners and ends of a boundary it does so by right: there no mesh resolves it. Zones between boundaries that are
-    flat are what is left of a contact that parts.
-    """
+    """A warning where the pressure of a contact zone between boundaries that curve apart stands on too few nodes. At
+    corners and ends of a boundary it does so by right: there no mesh resolves it. Zones between boundaries that are
+    flat are what is left of a contact that parts."""
     interface, number = state.interface, len(state.status)
     if interface.law.name == "bonded" or number < 3:
         return []
@@ -335,10 +323,8 @@ def _large_gradient(body: Body, u: np.ndarray) -> list[str]:
 
 
 def _far_slip(assembly: Assembly, state: ContactState, moved: np.ndarray) -> list[str]:
-    """A warning where closed nodes have `moved` (m, d) far past their partners, or far around a rigid one.
-
-    Nodes that are closer together than the closed ones on average, as at corners, count as far apart as these.
-    """
+    """A warning where closed nodes have `moved` (m, d) far past their partners, or far around a rigid one. Nodes that
+    are closer together than the closed ones on average, as at corners, count as far apart as these."""
     interface, closed = state.interface, state.status != "open"
     rigid = next((each for each in assembly.scene.rigid if each.name == interface.bodies[1]), None)
     spacing = np.maximum(interface.spacing, interface.spacing[closed].mean() if closed.any() else 0.0)

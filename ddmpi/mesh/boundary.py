@@ -1,5 +1,4 @@
-"""Groups of a mesh and of a mesh file by name; facets on a boundary: their direction, their pieces between nodes, their
-creases."""
+"""Groups of a mesh and of a mesh file by name; facets on a boundary: direction, pieces between nodes, creases."""
 
 from __future__ import annotations
 
@@ -8,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.elements import CELLS, CORNERS_CUT, FIRST, cell_with
+from ddmpi.mesh.elements import CELLS, FIRST, cell_with
 from ddmpi.mesh.mesh import PHYSICAL, Mesh, boundary_facets
 from ddmpi.mesh.refine import KINDS, distinct, simplices
 from ddmpi.scene.bodies import BodySpec
@@ -39,10 +38,8 @@ def boundary_group(mesh: Mesh, name: str, key: str) -> np.ndarray:
 
 
 def group_nodes(mesh: Mesh, name: str, key: str) -> np.ndarray:
-    """Nodes (k,) of a boundary group, or of a physical curve or point.
-
-    Raises InputError, naming `key`, unless there is exactly one.
-    """
+    """Nodes (k,) of a boundary group, or of a physical curve or point. Raises InputError, naming `key`, unless there is
+    exactly one."""
     kinds = (PHYSICAL[mesh.dimension - 1], mesh.groups), (PHYSICAL[1], mesh.curves), (PHYSICAL[0], mesh.vertices)
     found = [(what, names[name]) for what, names in kinds if name in names]
     if len(found) > 1:
@@ -120,7 +117,7 @@ def links(facets: np.ndarray, dimension: int) -> np.ndarray:
     cell = cell_with(dimension - 1, facets.shape[1])
     if dimension == 2:
         return segments(facets)
-    return np.unique(np.sort(segments(facets[:, cell.edges].reshape(-1, cell.order + 1)), axis=1), axis=0)
+    return np.unique(np.sort(segments(facets[:, cell.edges].reshape(-1, cell.edges.shape[1])), axis=1), axis=0)
 
 
 def outer_normals(mesh: Mesh, name: str, key: str) -> tuple[np.ndarray, np.ndarray]:
@@ -132,7 +129,7 @@ def outer_normals(mesh: Mesh, name: str, key: str) -> tuple[np.ndarray, np.ndarr
     """
     d = mesh.dimension
     facets = turn_outward(mesh, boundary_group(mesh, name, key), key)[0]
-    corners = facets if mesh.order == 1 else facets[:, CORNERS_CUT[d - 1]].reshape(-1, d)
+    corners = facets[:, CELLS[d - 1, mesh.order].parts].reshape(-1, d)
     points = mesh.points[corners]
     outward = CELLS[d - 1, 1].vectors(points, FIRST[d - 1][0])[:, 0].T
     found = creases(mesh.points, corners, outward)

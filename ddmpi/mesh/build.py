@@ -78,10 +78,8 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
 
 
 def _turned(mesh: Mesh, key: str, acted: Collection[str]) -> Mesh:
-    """The mesh around the axis x = 0, with nodes on it that lie there but for rounding.
-
-    Raises InputError for x < 0, and where a group that is `acted` on has facets on the axis.
-    """
+    """The mesh around the axis x = 0, with nodes on it that lie there but for rounding. Raises InputError for x < 0,
+    and where a group that is `acted` on has facets on the axis."""
     points = mesh.points.copy()
     points[np.abs(points[:, 0]) <= ROUNDING * np.abs(points).max(), 0] = 0.0
     if points[:, 0].min() < 0.0:

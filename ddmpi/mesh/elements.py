@@ -8,8 +8,7 @@ integral is a table times |T|, by ∫ λ^α = |T| d! α! / (d + |α|)!.
 A cell of order 2 is curved where middles are off the midpoints of their chords: then its shape functions φ_i map
 it, x = Σ φ_i x_i (isoparametric elements), and integrals are sums over the points of RULES and FINE.
 
-Within loops over cells components come first, as in (d, d, q, t) for matrices at q points of t cells: numpy then works
-along the cells.
+Within loops over cells components come first, as in (d, d, q, t) at q points of t cells: numpy works along the cells.
 """
 
 from __future__ import annotations
@@ -35,8 +34,12 @@ left."""
 
 CORNERS_CUT = {1: [[0, 2], [2, 1]], 2: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]],
                3: [[0, 4, 6, 7], [4, 1, 5, 8], [6, 5, 2, 9], [7, 8, 9, 3]]}
-"""Parts of a cell of order 2 with halved edges, by dimension: its nodes at their corners. In space an octahedron is
-left over."""
+"""Parts of a cell of order 2 with halved edges, by dimension: its nodes at their corners, without INSIDE."""
+
+INSIDE = {3: np.array([[[4, 9, a, b] for a, b in ((5, 6), (6, 7), (7, 8), (8, 5))],
+                         [[5, 7, a, b] for a, b in ((6, 4), (9, 6), (8, 9), (4, 8))],
+                         [[6, 8, a, b] for a, b in ((4, 5), (5, 9), (9, 7), (7, 4))]])}
+"""In space, of the octahedron that is left over: the four tetrahedra around each of its three diagonals."""
 
 NAMES = {0: ("point", "points"), 1: ("line", "lines"), 2: ("triangle", "triangles"), 3: ("tetrahedron", "tetrahedra")}
 """One and several, by dimension."""
@@ -84,6 +87,7 @@ class Cell:
     nodes : (k, d + 1) barycentric coordinates of the nodes
     edges : (e, 2 or 3) ends, in order 2 then the middle, of each edge
     facets : (d + 1, l) nodes of each facet as those of `CELLS[d - 1, order]`, turned outward
+    parts : (p, d + 1) nodes at the corners of the linear simplices that it is cut into
     samples : (q, d + 1) points where the stress, of degree order − 1, is more accurate than elsewhere
     rule : exact to degree 2 order at least
     powers, coefficients : (n, d + 1) exponents α and (k, n) integers c of φ_i = Σ c_in λ^α_n
@@ -92,6 +96,7 @@ class Cell:
     nodes: np.ndarray
     edges: np.ndarray
     facets: np.ndarray
+    parts: np.ndarray
     samples: np.ndarray
     rule: Rule
     powers: np.ndarray
@@ -112,6 +117,11 @@ class Cell:
     @property
     def names(self) -> str:
         return NAMES[self.dimension][1]
+
+    @property
+    def title(self) -> str:
+        """Its order and name, of several."""
+        return f"{('linear', 'quadratic')[self.order - 1]} {self.names}"
 
     @property
     def facet_names(self) -> str:
@@ -169,8 +179,7 @@ class Cell:
     def vectors(self, nodes: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
         """Normal vectors (d + 1, q, t) of facets in space of dimension d + 1, with `nodes` (t, k, d + 1) (m).
 
-        Their lengths are ratios of measures to those of the reference cell, of measure one; those of facets of `CELLS`
-        point outward.
+        Of facets of `CELLS` they point outward. Lengths are those of measures over that of the reference cell, one.
         """
         return cross(self.tangents(nodes, barycentric)) / factorial(self.dimension)
 
@@ -187,8 +196,7 @@ def _orbits(*orbits: tuple[float, Sequence[float]]) -> Rule:
 
 
 def _collapsed(dimension: int) -> Rule:
-    """Gauss's five points along each edge of a cube that is mapped to the simplex (Duffy 1982): exact to degree
-    10 − d."""
+    """Gauss's five points along each edge of a cube mapped to the simplex (Duffy 1982): exact to degree 10 − d."""
     at, weights = np.polynomial.legendre.leggauss(5)
     grid = np.stack(np.meshgrid(*[(1.0 + at) / 2] * dimension, indexing="ij")).reshape(dimension, -1)
     weight = np.stack(np.meshgrid(*[weights / 2] * dimension, indexing="ij")).reshape(dimension, -1).prod(axis=0)
@@ -229,16 +237,17 @@ def _lagrange(dimension: int, order: int) -> Cell:
     terms = list(combinations_with_replacement(range(dimension + 1), order))
     powers = np.array([np.bincount(each, minlength=dimension + 1) for each in terms])
     values = (nodes[:, None] ** powers).prod(axis=-1)
-    edges, facets = ends, np.array(FACETS[dimension])
+    edges, facets, parts = ends, np.array(FACETS[dimension]), np.arange(dimension + 1)[None]
     if order == 2:
         middle = {frozenset(pair): dimension + 1 + k for k, pair in enumerate(EDGES[dimension])}
         edges = np.column_stack([ends, list(middle.values())])
         sides = EDGES[dimension - 1] if dimension > 1 else []
         facets = np.array([[*facet, *(middle[frozenset((facet[a], facet[b]))] for a, b in sides)]
                            for facet in FACETS[dimension]])
+        parts = np.concatenate([CORNERS_CUT[dimension], *INSIDE.get(dimension, ())[:1]])
     samples, rule = (FIRST[dimension][0], SECOND[dimension]) if order == 1 else (
         SECOND[dimension][0], RULES.get(dimension, FINE[dimension]))
-    return Cell(nodes, edges, facets, samples, rule, powers, np.round(np.linalg.inv(values)).T)
+    return Cell(nodes, edges, facets, parts, samples, rule, powers, np.round(np.linalg.inv(values)).T)
 
 
 CELLS = {(dimension, order): _lagrange(dimension, order) for dimension in EDGES for order in (1, 2)}
@@ -280,16 +289,16 @@ def invert(tangents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return cofactors / determinant, determinant
 
 
-def bends(edges: np.ndarray) -> np.ndarray:
+def bends(edges: np.ndarray, least: float = BENT) -> np.ndarray:
     """How far (…, D) the middles of edges with nodes (…, 2 or 3, D) are off the midpoints of their chords (m).
 
-    Exactly zero for straight edges, the only ones of order 1.
+    Exactly zero up to the part `least` of the chords, and for edges of order 1.
     """
     if edges.shape[-2] == 2:
         return np.zeros_like(edges[..., 0, :])
     start, end, middle = np.moveaxis(edges, -2, 0)
     off = middle - (start + end) / 2
-    bent = np.linalg.norm(off, axis=-1) > BENT * np.linalg.norm(end - start, axis=-1)
+    bent = np.linalg.norm(off, axis=-1) > least * np.linalg.norm(end - start, axis=-1)
     return np.where(bent[..., None], off, 0.0)
 
 

@@ -121,10 +121,8 @@ def _opened(path: Path, label: str) -> Iterator[tuple[Path, Path]]:
 
 
 def _copy(path: Path, copies: dict[Path, Path], folder: Path, label: str) -> Path:
-    """A copy in `folder` that gmsh may open, of a drawing and of all that it includes; `copies` has those made so far.
-
-    No file of options lies beside it, which gmsh would run. Raises InputError for a script that may do more than draw.
-    """
+    """A copy in `folder` that gmsh may open, beside which no file of options lies, of a drawing and of all that it
+    includes; `copies` has those made so far. Raises InputError for a script that may do more than draw."""
     if path in copies:
         return copies[path]
     suffix, content = path.suffix.lower(), _content(path, label)
@@ -146,9 +144,7 @@ def _content(path: Path, label: str) -> bytes:
 
 def _tamed(script: bytes, path: Path, copies: dict[Path, Path], folder: Path, label: str) -> bytes:
     """The `script` without comments, and with copies of the files that it names. Raises InputError for a harmful one.
-
-    Comments go because gmsh skips loops and conditions by other rules than those by which it reads them.
-    """
+    Comments go because gmsh skips loops and conditions by other rules than those by which it reads them."""
     if os.environ.get(TRUST) == "1":
         return b'Include "%b";\n' % os.fsencode(path)
     script = SKIPPED.sub(lambda each: each[1] or b" " + b"\n" * each[0].count(b"\n"), script)

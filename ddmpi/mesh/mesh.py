@@ -1,8 +1,7 @@
 """The mesh of one body: nodes, cells and named groups.
 
-Cells are triangles in the plane and tetrahedra in space. Those of order 2 also have a node at the middle of each edge
-(`refine.raise_order` adds them). Where it is off the midpoint of the chord, the edge is curved: the parabola through
-its three nodes.
+Cells are triangles in the plane and tetrahedra in space. Those of order 2 also have a node at the middle of each edge.
+Where it is off the midpoint of the chord, the edge is curved: the parabola through its three nodes.
 """
 
 from __future__ import annotations
@@ -99,8 +98,7 @@ class Mesh:
 
     @property
     def summed(self) -> np.ndarray:
-        """(nc,) the numbers of the cells over which integrals are sums over points: curved ones, all around an axis.
-        """
+        """(nc,) the cells over which integrals are sums over points: curved ones, around an axis all."""
         return np.arange(len(self.triangles)) if self.axisymmetric else self.curved
 
     @property

@@ -9,13 +9,8 @@ import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.elements import CELLS, CORNERS_CUT, EDGES
+from ddmpi.mesh.elements import CELLS, CORNERS_CUT, EDGES, INSIDE, bends
 from ddmpi.mesh.mesh import Mesh, signed_measures
-
-INSIDE = {3: np.array([[[4, 9, a, b] for a, b in ((5, 6), (6, 7), (7, 8), (8, 5))],
-                         [[5, 7, a, b] for a, b in ((6, 4), (9, 6), (8, 9), (4, 8))],
-                         [[6, 8, a, b] for a, b in ((4, 5), (5, 9), (9, 7), (7, 4))]])}
-"""The four tetrahedra around each of its three diagonals."""
 
 KINDS: dict[int, tuple[str, ...]] = {
     0: ("vertex",), 1: ("line", "line3"), 2: ("triangle", "triangle6", "quad", "quad8", "quad9"),
@@ -148,7 +143,7 @@ def simplices(raw, d: int, points: np.ndarray, curved: bool = False
     Corners (n, d + 1), if `curved` the bends (n, e, ·) of their edges (m), of which element each is a part, counted
     through all KINDS, and how many different elements were cut.
     """
-    cells, bends, element, before, cut = [], [], [], 0, 0
+    cells, bows, element, before, cut = [], [], [], 0, 0
     for kind in KINDS[d]:
         nodes = raw.cells_dict.get(kind, np.empty((0, 27), int)).astype(np.int64)
         shape = kind.rstrip("0123456789")
@@ -158,16 +153,17 @@ def simplices(raw, d: int, points: np.ndarray, curved: bool = False
         cells.append(np.take_along_axis(corners[:, None], parts, axis=2).reshape(-1, d + 1))
         found = np.zeros((*parts.shape[:2], len(EDGES[d]) * curved, points.shape[1]))
         if curved and kind != shape and len(nodes):
-            off = _bends(points, corners, middles, np.array(SIDES[shape]))
+            ends = corners[:, np.array(SIDES[shape])]
+            off = bends(points[np.concatenate([ends, middles[..., None]], axis=2)], STRAIGHT)
             bent = np.flatnonzero(off.any(axis=(1, 2)))
             between = np.einsum("ijs,nsc->nijc", _weights(shape, number), off[bent])
             i, j = np.moveaxis(parts[bent][:, :, EDGES[d]], -1, 0)
             found[bent] = between[np.arange(len(bent))[:, None, None], i, j]
-        bends.append(found.reshape(parts.shape[0] * parts.shape[1], *found.shape[2:]))
+        bows.append(found.reshape(parts.shape[0] * parts.shape[1], *found.shape[2:]))
         element.append(before + np.repeat(np.arange(len(nodes)), parts.shape[1]))
         before += len(nodes)
         cut += len(distinct(corners)[0]) if shape not in SIMPLICES else 0
-    return np.concatenate(cells), np.concatenate(bends), np.concatenate(element), cut
+    return np.concatenate(cells), np.concatenate(bows), np.concatenate(element), cut
 
 
 def _parts(mesh: Mesh) -> np.ndarray:
@@ -184,10 +180,7 @@ def _parts(mesh: Mesh) -> np.ndarray:
 
 
 def graded(mesh: Mesh, sizes: np.ndarray) -> Sizes:
-    """`sizes` (nt,) of the cells as sizes at the corners, which grow by no more than GRADE with the distance.
-
-    Not collective.
-    """
+    """`sizes` (nt,) of the cells as sizes at the corners, which grow by no more than GRADE. Not collective."""
     measure, n = signed_measures(mesh.points, mesh.corners), mesh.dimension + 1
     used, corners = np.unique(mesh.corners, return_inverse=True)
     corners, points, k = corners.reshape(-1, n), mesh.points[used], len(used)
@@ -202,11 +195,9 @@ def graded(mesh: Mesh, sizes: np.ndarray) -> Sizes:
 
 
 def _cuts(points: np.ndarray, corners: np.ndarray, shape: str) -> np.ndarray:
-    """(n, parts, d + 1) which of its corners (n, k) the parts of each element have.
-
-    In space every quadrilateral has its diagonal from its smallest node, so that neighbours fit, and an element is the
-    pyramids over its other faces from its smallest node.
-    """
+    """(n, parts, d + 1) which of its corners (n, k) the parts of each element have. In space every quadrilateral has
+    its diagonal from its smallest node, so that neighbours fit, and an element is the pyramids over its other faces
+    from its smallest node."""
     n, k = corners.shape
     if shape in SIMPLICES:
         return np.broadcast_to(np.arange(k), (n, 1, k))
@@ -223,11 +214,9 @@ def _cuts(points: np.ndarray, corners: np.ndarray, shape: str) -> np.ndarray:
 
 
 def _weights(shape: str, number: int) -> np.ndarray:
-    """(k, k, s) the bend in the middle between two corners of a curved element, as a sum of those of its edges.
-
-    As in serendipity elements a face's diagonal has half of the sum of its edges, a hexahedron's a quarter of the sum
-    of all. Diagonals in the plane stay straight.
-    """
+    """(k, k, s) the bend in the middle between two corners of a curved element, as a sum of those of its edges. As in
+    serendipity elements a face's diagonal has half of the sum of its edges, a hexahedron's a quarter of the sum of all.
+    Diagonals in the plane stay straight."""
     sides, weights = [set(side) for side in SIDES[shape]], np.zeros((number, number, len(SIDES[shape])))
     if shape == "hexahedron":
         weights += 0.25
@@ -256,18 +245,8 @@ def shorter_diagonals(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
 
 
 def distinct(elements: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The places of different elements (k,), in the given order, and which of these each element is.
-
-    Up to version 2 a file repeats an element for each group that it is in.
-    """
+    """The places of different elements (k,), in the given order, and which of these each element is: up to version 2 a
+    file repeats an element for each group that it is in."""
     _, first, same = np.unique(np.sort(elements, axis=1), axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)
     return first[order], np.argsort(order)[same.ravel()]
-
-
-def _bends(points: np.ndarray, corners: np.ndarray, middles: np.ndarray, sides: np.ndarray) -> np.ndarray:
-    """How far (n, s, ·) the middles (n, s) of edges are off those of their chords, if by more than STRAIGHT (m)."""
-    start, end = (points[corners[:, each]] for each in sides.T)
-    off = points[middles] - (start + end) / 2
-    far = np.linalg.norm(off, axis=2) > STRAIGHT * np.linalg.norm(end - start, axis=2)
-    return np.where(far[..., None], off, 0.0)

@@ -14,8 +14,7 @@ from ddmpi.scene.meshes import MeshSpec
 
 
 def generate_rectangle(spec: MeshSpec) -> Mesh:
-    """A rectangle or a box, with a `_grid` or a `_solid_grid`; touching ones of equal divisions match. Not collective.
-    """
+    """A rectangle or a box; touching ones of equal divisions match. Not collective."""
     assert spec.divisions and isinstance(spec.size, tuple)  # of a shape, the scene has seen to it
     parameters, cells, sides = _grid_of(spec)
     # exact multiples, so that both sides of an interface agree
@@ -42,8 +41,7 @@ def generate_annulus(spec: MeshSpec) -> Mesh:
 
     These groups are the four sides of a grid: the radius grows along its first direction, the angle along its second.
     A whole ring has neither start nor end. Sides of triangles are chords of the circles in order 1; in order 2 their
-    middles are at the mean radius and angle of their ends, so that those on the circles are parabolas that nearly are
-    arcs. Not collective.
+    middles are at the mean radius and angle of their ends: parabolas that nearly are arcs. Not collective.
     """
     assert spec.divisions and spec.center and spec.radii and spec.angles
     around, across = spec.divisions
@@ -96,8 +94,7 @@ def _grid(nx: int, ny: int, closed: bool = False) -> tuple[np.ndarray, np.ndarra
     ``right``, ``top`` and ``left``. Diagonals go from lower left to upper right.
 
     Corners come first, then the other nodes of the sides, both counter-clockwise, then the inner nodes by columns: the
-    numbers that gmsh gives a transfinite surface. The ordering inside MUMPS depends on them. In a `closed` grid the
-    top is the bottom.
+    numbers that gmsh gives a transfinite surface; MUMPS's ordering depends on them. If `closed`, the top is the bottom.
     """
     grid = np.arange((nx + 1) * (ny + 1)).reshape(nx + 1, ny + 1)
     if closed:

@@ -37,16 +37,12 @@ class AndersonIteration(PublishedIteration):
     The weights are the bodies' shares in the sum of their plane moduli.
     """
 
-    algorithm = "original"
-    splitting = "none"
-    precision = PRECISION
-
     def __init__(self, assembly: Assembly, method: SettledMethod, report: Report = no_report) -> None:
         (interface,) = assembly.member.interfaces
         bodies = {body.name: body for body in assembly.scene.body}
         moduli = [bodies[name].plane_modulus for name in interface.bodies]
         lead = int(moduli[1] > moduli[0])
-        super().__init__(assembly, method, report, lead)
+        super().__init__(assembly, method, report, lead, PRECISION)
         self._weights = moduli[lead] / sum(moduli), moduli[1 - lead] / sum(moduli)
         self._lams: list[np.ndarray] = []
         self._residuals: list[np.ndarray] = []

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.coupling.assembly import Assembly
+from ddmpi.coupling.space import Space
 from ddmpi.methods.outer import Report, Step, no_report
 from ddmpi.methods.subproblem import Subproblem, friction_role
 from ddmpi.scene.method import SettledMethod
@@ -46,6 +47,7 @@ class PublishedIteration:
     method : variant of the iteration, theta, tolerance, limits
     report : called with every Step
     lead : side of the interface whose body takes role 1
+    precision : η, the inner solves are as precise as η times the last outer update; left out, the method's
 
     Attributes
     ----------
@@ -55,49 +57,38 @@ class PublishedIteration:
     """
 
     def __init__(self, assembly: Assembly, method: SettledMethod, report: Report = no_report,
-                 lead: int = 0) -> None:
+                 lead: int = 0, precision: float | None = None) -> None:
         self.exchange, self.method, self.report = assembly.exchange, method, report
+        self.algorithm, self.splitting = method.algorithm or "original", method.splitting or "none"
+        self._precision = precision or (
+            FIXED_PRECISION if method.inner_precision == "fixed" else method.inner_precision)
         self.history: list[Step] = []
         self.checkpoint: Callable[[], None] = lambda: None
         (self.interface,) = assembly.member.interfaces
-        self.space = assembly.space
-        self._laws, self._lead = self.space.laws, lead
+        space = Space([self.interface])
+        self._laws, self._lead, self._owned = space.laws, lead, slice(assembly.space.size)
         role = 1 if self.interface.side(assembly.member.name) == lead else 2
         self.subproblem = Subproblem(assembly.member, self.interface, role)
-        size = self.space.size
-        self.lam, self.s1, self.s2 = np.zeros(size), np.zeros(size), np.zeros(size)
+        self.lam, self.s1, self.s2 = (np.zeros(space.size) for _ in range(3))
         self._bound = np.zeros(len(self.interface.sliding))
         with self.exchange.deferred():
             assembly.member.need_norm()
         h1, h2 = self._swap(assembly.member.h, "free displacement")
-        free, gap = max(norm(h1), norm(h2)), self.space.gap
+        free, gap = max(norm(h1), norm(h2)), space.gap
         self._scale = max(free, norm(gap))
         self._tolerance = method.tolerance
-        self._step_size = FIRST_PRECISION * min(free, norm(h1 + h2 - gap)) / self.precision
-
-    @property
-    def algorithm(self) -> str:
-        return self.method.algorithm or "original"
-
-    @property
-    def splitting(self) -> str:
-        return self.method.splitting or "none"
-
-    @property
-    def precision(self) -> float:
-        """η: the inner solves are as precise as η times the last outer update."""
-        return FIXED_PRECISION if self.method.inner_precision == "fixed" else self.method.inner_precision
+        self._step_size = FIRST_PRECISION * min(free, norm(h1 + h2 - gap)) / self._precision
 
     @property
     def forces(self) -> np.ndarray:
         """The contact forces that obey all bounds (N): each from the role that bounds it."""
         m = self.interface.m
         tangential = self.s2 if friction_role(self.algorithm) == 2 else self.s1
-        return np.concatenate([self.s2[:m], tangential[m:]])
+        return np.concatenate([self.s2[:m], tangential[m:]])[self._owned]
 
     @property
     def bound(self) -> np.ndarray:
-        return self._bound
+        return self._bound[self._owned]
 
     @property
     def motions(self) -> np.ndarray:
@@ -109,7 +100,7 @@ class PublishedIteration:
 
     @property
     def mismatch(self) -> np.ndarray:
-        return self.s1 - self.s2
+        return (self.s1 - self.s2)[self._owned]
 
     @property
     def inner_steps(self) -> dict[str, int]:
@@ -150,15 +141,15 @@ class PublishedIteration:
         size = self._step_size
         if self.method.inner_precision == "fixed":  # as if the last update were this one already
             size = self.method.tolerance * (norm(self.lam) or self._scale)
-        precision = float(max(self.precision * size, body.member.C.accuracy * self._scale))
-        neglected = NEGLECTED * self.precision * self._tolerance * norm(self.lam)
+        precision = float(max(self._precision * size, body.member.C.accuracy * self._scale))
+        neglected = NEGLECTED * self._precision * self._tolerance * norm(self.lam)
 
         with exchange.deferred():
             body.solve(self.lam, self._bound, precision, self.algorithm, self._split, neglected)  # Steps 1 and 2
         self.s1, self.s2 = self._swap(body.s, "forces")
         w = np.zeros_like(self.lam)
         with exchange.deferred():
-            w = body.neumann(self.s1 - self.s2, PASSING * self.precision)  # Steps 3 and 4
+            w = body.neumann(self.s1 - self.s2, PASSING * self._precision)  # Steps 3 and 4
         w1, w2 = self._swap(np.append(w, body.member.C.count.total()), "neumann")
         update = self.advance(w1[:-1], w2[:-1])
         self.lam = self.lam + update  # Step 5; not in place, a checkpoint may hold the former one

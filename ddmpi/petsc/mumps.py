@@ -118,11 +118,12 @@ class Factors:
         for name, array in zip(("irn", "jcn", "a"), entries, strict=True):
             setattr(data, name + "_loc" * parallel, array.ctypes.data)
         data.n, data.size_schur = comm.bcast((n + k, k))
+        self._size = k
         last, places, schur = np.arange(n + 1, n + k + 1, dtype=np.int32), np.zeros(0, np.int32), np.zeros((k, k))
         data.listvar_schur, data.schur, self._listed = last.ctypes.data, schur.ctypes.data, last
         if order is not None:
             places = np.concatenate([order + np.int32(1), last])
-            data.perm_in, data.icntl[6] = places.ctypes.data, 1
+            data.perm_in, data.icntl[6], data.icntl[57] = places.ctypes.data, 1, 2  # symbolically, by counting columns
         for number, value in settings.items():
             data.icntl[number - 1] = value
         try:
@@ -138,20 +139,27 @@ class Factors:
 
     def solve(self, f: np.ndarray | None) -> np.ndarray | None:
         """A⁻¹ f (n,), both on the first rank; None elsewhere."""
-        found = self._eliminate(f, 0)
-        return None if f is None else found[0][:len(f)]
+        work = np.zeros(0) if f is None else np.concatenate([f, np.zeros(self._size)])  # of which the end is ignored
+        self._substitute(work, (0, 0))
+        return None if f is None else work[:len(f)]
 
-    def _eliminate(self, f: np.ndarray | None, only: int) -> tuple[np.ndarray, np.ndarray]:
-        """Of the right-hand side (f, 0): the solution, in which the variables of the Schur complement count for
-        nothing, or, `only` 1, after half a solve, what elimination leaves of it there, −B A⁻¹ f (k,)."""
-        work, left = np.zeros(0), np.zeros(0 if self.condensed is None else len(self.condensed))
-        if f is not None:
-            work = np.concatenate([f, left])
+    def response(self, f: np.ndarray | None) -> np.ndarray | None:
+        """B A⁻¹ f (k,), both on the first rank; None elsewhere. By half a solve, of rows that entries of f concern."""
+        f, first = np.zeros(0) if f is None else f, f is not None
+        rows, left = np.flatnonzero(f), np.zeros(self._size)
+        entries, places, ends = f[rows], (rows + 1).astype(np.int32), np.array([1, len(rows) + 1], np.int32)
+        data = self._data
+        data.rhs_sparse, data.irhs_sparse, data.irhs_ptr = (each.ctypes.data for each in (entries, places, ends))
+        data.nz_rhs, data.redrhs, data.lredrhs = len(rows), left.ctypes.data, len(left)
+        self._substitute(np.empty(len(f) + len(left)), (1, 1))  # what is left of the right-hand side (f, 0)
+        return -left if first else None
+
+    def _substitute(self, work: np.ndarray, how: tuple[int, int]) -> None:
+        """Solve with right-hand sides in `work` (n + k,), or sparse ones, whole or in half, by ICNTL(20) and (26)."""
         data = self._data
         data.rhs, data.nrhs, data.lrhs = work.ctypes.data, 1, len(work)
-        data.redrhs, data.lredrhs, data.icntl[25] = left.ctypes.data, len(left), only
+        data.icntl[19], data.icntl[25] = how
         self._do(3)
-        return work, left
 
     def destroy(self) -> None:
         """Free what MUMPS holds, if that has not been done."""
@@ -170,11 +178,11 @@ class Factors:
     def _check(self, B: sparse.csr_matrix, comm: MPI.Comm) -> None:
         """RefusedError unless C gives the displacement that half a solve gives; the first solve is checked by itself.
         """
-        found, agrees = self._eliminate(B.T @ np.ones(B.shape[0]) if comm.rank == 0 else None, 1)[1], True
-        if self.condensed is not None:
-            moved = dsymv(1.0, self.condensed, np.ones(len(self.condensed)))
+        found, agrees = self.response(B.T @ np.ones(B.shape[0]) if comm.rank == 0 else None), True
+        if found is not None and self.condensed is not None:
+            moved = dsymv(1.0, self.condensed, np.ones(len(found)))
             size = max(np.linalg.norm(moved), self.condensed.diagonal().max())  # rows may nearly cancel each other
-            agrees = bool(np.linalg.norm(found + moved) <= AGREEMENT * size)
+            agrees = bool(np.linalg.norm(found - moved) <= AGREEMENT * size)
         if not comm.bcast(agrees):
             self.destroy()
             raise RefusedError("the compliance does not agree with a solve")

@@ -1,7 +1,7 @@
 """The Schur complement that MUMPS can leave beside its factors (ICNTL(19)).
 
-No version of petsc4py wraps PETSc's MatFactorSetSchurIS, MatFactorInvertSchurComplement and
-MatFactorGetSchurComplement, so they are called through ctypes.
+No version of petsc4py wraps PETSc's MatFactorSetSchurIS and MatFactorGetSchurComplement, so they are called through
+ctypes.
 """
 
 from __future__ import annotations
@@ -28,25 +28,14 @@ def request_schur(pc: PETSc.PC, dofs: np.ndarray) -> None:
     index.destroy()
 
 
-def inverted_schur(pc: PETSc.PC, size: int) -> np.ndarray:
-    """The inverse (size, size) of the Schur complement, after the factorization.
+def inverted_schur(pc: PETSc.PC, size: int) -> np.ndarray | None:
+    """The inverse (size, size) of the Schur complement, after the factorization; None if it is not positive definite.
 
-    It is inverted in place, in PETSc's memory: full solves with the factors use the same copy. The array is read only,
-    and valid only as long as the PC exists. Raises PETSc.Error if the Schur complement is not positive definite.
-    """
-    _call("MatFactorInvertSchurComplement", _POINTER(pc.getFactorMatrix().handle))
-    array = _schur_array(pc, size)
-    array.flags.writeable = False
-    return array.T  # symmetric; the transpose has the Fortran order that BLAS needs
-
-
-def invert_on_first(pc: PETSc.PC, size: int) -> np.ndarray | None:
-    """The inverse (size, size) of the Schur complement of a factorization on several ranks, on the first of them.
-
-    MUMPS gives the lower triangle by rows, in the first rank's memory. None if it is not positive definite. Only on
+    PETSc has the lower triangle by columns on one rank, MUMPS by rows on several, in the first one's memory. Only on
     the first rank, not collective.
     """
-    S, failed = dpotrf(_schur_array(pc, size).T, lower=0, overwrite_a=1)
+    S = _schur_array(pc, size)
+    S, failed = dpotrf(S if pc.comm.size == 1 else S.T, lower=0)
     if not failed:
         S, failed = dpotri(S, lower=0, overwrite_c=1)
     return None if failed else np.triu(S) + np.triu(S, 1).T

@@ -45,8 +45,7 @@ def draw_contacts(results: Results) -> Any:
     """All contacts where the bodies stand: normal stresses, resultants, and in the plane zones; a figure.
 
     In the plane a pressure is drawn as an area into the contact's first body, tension into the second; in space they
-    are colours. A resultant is drawn along its line of action, its middle at the contact, unless it passes the contact
-    by.
+    are colours. A resultant stands on its line of action, its middle at the contact, unless it passes this by.
     """
     from matplotlib.collections import PolyCollection
     from matplotlib.lines import Line2D
@@ -131,8 +130,7 @@ def _profiles(results: Results, scale: float,
 
 
 def draw_maps(results: Results, name: str) -> Any:
-    """Pressure, friction with arrows of slip, zones, and gap or slip on the contact `name`, seen from the front; a
-    figure."""
+    """Pressure, friction with arrows of slip, zones, and gap or slip on a contact, seen from the front; a figure."""
     import matplotlib.pyplot as plt
     from matplotlib.collections import LineCollection
 

@@ -81,10 +81,7 @@ def _ask(results: Results, asked: dict[str, Any]) -> None:
 
 
 def pictures_of(results: Results, last: Results, mechanism: Path | None = None) -> Pictures:
-    """The pictures, the longest work first; errors are of the `last` step.
-
-    Where there is the file of a `mechanism`, it is the only picture.
-    """
+    """The pictures, the longest work first; errors are of the `last` step. A file of a `mechanism` is shown alone."""
     if mechanism and mechanism.exists():
         yield "mechanism.png", lambda: draw_mechanism(last, json.loads(mechanism.read_text(encoding="utf-8")))
         return

@@ -93,10 +93,8 @@ def _initially(table: Columns) -> np.ndarray:
 
 
 def _limits(table: Columns, shift: np.ndarray, visible: float) -> Iterator[float]:
-    """The largest magnifications at which errors are not `visible` (m), `shift` being per unit of F − 1.
-
-    The nodes are drawn F times as far apart as they are, but for (F − 1) `left`.
-    """
+    """The largest magnifications at which errors are not `visible` (m), `shift` being per unit of F − 1. The nodes are
+    drawn F times as far apart as they are, but for (F − 1) `left`."""
     left, gap = _initially(table) - shift, table["gap"]
     wrong = np.linalg.norm(left[table["status"] != "open"], axis=1).max(initial=0.0)
     if wrong:

@@ -176,8 +176,7 @@ class Sheet:
             "colors": COLOURS["still"], "linewidth": 0.7, "zorder": 1} | style)
 
     def facets(self, parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], image: Any) -> None:
-        """Draw facets (f, d) between places (k, d), by values (k,) in the colours of an image: lines in the plane,
-        surfaces in space."""
+        """Draw facets (f, d) between places (k, d), lines or surfaces, by values (k,) in the colours of an image."""
         if self.view.solid:
             self.show([Surface(at, facets, by_value(values[facets], image), thin=True)
                        for at, facets, values in parts if len(facets)])

@@ -10,9 +10,8 @@ import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import SHARPEST
-from ddmpi.mesh.elements import CORNERS_CUT
+from ddmpi.mesh.elements import cell_with
 from ddmpi.mesh.mesh import boundary_facets
-from ddmpi.mesh.refine import INSIDE
 from ddmpi.results.fields import linear_triangles
 from ddmpi.scene.method import VIEWS
 from ddmpi.surface.side import unit
@@ -49,10 +48,8 @@ class View:
     """
 
     def __init__(self, points: np.ndarray, output: Mapping[str, Any] | None = None, behind: bool = False) -> None:
-        """Of nodes (nv, d), as the table `output` of a scene asks for; from the opposite side `behind`.
-
-        Raises InputError where a cut meets no body.
-        """
+        """Of nodes (nv, d), as the table `output` of a scene asks for; from the opposite side `behind`. Raises
+        InputError where a cut meets no body."""
         extent, self.solid, self.axes, self.cut = np.ptp(points, axis=0), points.shape[1] > 2, np.eye(3), None
         asked, cut = (output or {}).get("view"), (output or {}).get("cut") or {}
         across = {k: cut[axis] for k, axis in enumerate("xyz") if cut.get(axis) is not None}
@@ -112,7 +109,7 @@ class Skin:
     def _cap(self, points: np.ndarray, cells: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Triangles (t, 3) in which the cut crosses cells, and the cell (t,) of each."""
         some = np.flatnonzero((self.beyond[cells].min(axis=1) < 0.0) & (self.beyond[cells].max(axis=1) >= 0.0))
-        parts = np.array([[0, 1, 2, 3]] if cells.shape[1] == 4 else [*CORNERS_CUT[3], *INSIDE[3][0]])
+        parts = cell_with(3, cells.shape[1]).parts
         corners = cells[some][:, parts].reshape(-1, 4)
         order = np.argsort(self.beyond[corners] >= 0.0, axis=1, kind="stable")
         corners, kept = np.take_along_axis(corners, order, axis=1), (self.beyond[corners] < 0.0).sum(axis=1)

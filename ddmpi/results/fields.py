@@ -13,10 +13,10 @@ from mpi4py import MPI
 from ddmpi.body.stress import principal, von_mises
 from ddmpi.interface.interface import Lines, in_order
 from ddmpi.interface.state import ContactState
-from ddmpi.mesh.refine import CORNERS_CUT
+from ddmpi.mesh.elements import cell_with
 from ddmpi.results.tables import Columns, Results, leg_values
 from ddmpi.system.agreement import agreed
-from ddmpi.system.files import contact_files, write_datasets, write_parts, write_rows, writing
+from ddmpi.system.files import contact_files, write_parts, write_rows, writing
 
 TOPOLOGY = {2: "Polyline", 3: "Triangle", 6: "Triangle_6", 4: "Tetrahedron", 10: "Tetrahedron_10"}
 """What XDMF calls lines, triangles and tetrahedra, by their number of nodes."""
@@ -50,6 +50,9 @@ MANY = 10_000
 
 DEPTH, INDENT = 5, "  "
 """How deep grids with names stand in result.xdmf where it has no times, and by what each level is set in."""
+
+DECLARED = b"<?xml version='1.0' encoding='utf-8'?>\n"
+"""How a document begins."""
 
 FEW = 0.02
 """A node that shares its neighbour's row and has less than this part of its length hardly faces the other side."""
@@ -109,7 +112,7 @@ def write_fields(path: Path, bodies: Mapping[int, Fields], world: MPI.Comm = MPI
     kinds = {name: 0 if name in AT_NODES else 1 for name in names}
     write_rows(path / "result.h5", {name: [each[name] for each in several] for name in names},
                {name: (before[kind], int(total[kind])) for name, kind in kinds.items()}, world,
-               "" if step is None else group_of(step))
+               None if step is None else group_of(step))
 
 
 def _datasets_of(fields: Fields, body: int, first: int) -> dict[str, np.ndarray]:
@@ -128,8 +131,7 @@ def _datasets_of(fields: Fields, body: int, first: int) -> dict[str, np.ndarray]
 def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dict[str, np.ndarray]:
     """Points (l, 3) of a contact, its `cells` (·, d), which are its `drawn_facets`, and AT_CONTACT (l, …).
 
-    In space also AT_CONTACT_IN_SPACE (l, 3). `values` are the `leg_values` of an earlier load step, or the present
-    ones. Not collective.
+    In space also AT_CONTACT_IN_SPACE (l, 3). `values` are `leg_values`, by default the present ones. Not collective.
     """
     interface = state.interface
     lines = interface.shown
@@ -144,8 +146,7 @@ def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dic
 
 
 def drawn_facets(lines: Lines, axisymmetric: bool = False) -> np.ndarray:
-    """The facets (f, d) of a contact that are drawn, by the lines of its table; a node without neighbours has (k, k)
-    or (k, k, k).
+    """The facets (f, d) of a contact that are drawn, by the lines of its table; a node by itself has k alone.
 
     A facet is left out if it hardly faces the other side: two of its nodes share a row, and one has less than FEW of
     another's length or area and is not on an axis. Drawn, the stress would go on outside of the body. Not collective.
@@ -168,7 +169,8 @@ def write_facets(path: Path, states: Mapping[str, ContactState], fields: Mapping
     own = {f"contacts/{name}/facets": fields[name]["cells"] for name in states}
     own |= {f"contacts/{name}/initial_gap": state.interface.gap[state.interface.shown.row]
             for name, state in states.items()}
-    write_datasets(path / "result.h5", own, world)
+    write_rows(path / "result.h5", {name: [part] for name, part in own.items()},
+               {name: (0, len(part)) for name, part in own.items()}, world, "")
 
 
 def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, tuple[int, int]] | None = None,
@@ -205,22 +207,17 @@ def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, tup
 def _part(name: str, times: Sequence[float], fields: Sequence[Mapping[str, np.ndarray]], first: str,
           depth: int) -> bytes:
     """The grids of a contact in result.xdmf; `first` is the XPath of the one that has the mesh of several."""
-    from xml.etree import ElementTree
-
-    holder = ElementTree.Element("Grid")
+    holder = _element("Grid")
     for (parent, time), each in zip(_over(holder, name, times), fields, strict=True):
         mesh = first if times and len(parent) else ""
         _describe(_grid(parent, name, time), each, mesh=mesh)
-    ElementTree.indent(holder[0], level=depth)
-    return f"\n{INDENT * depth}".encode() + ElementTree.tostring(holder[0], "unicode").encode()
+    return f"\n{INDENT * depth}".encode() + _text(holder[0], depth)
 
 
 def _ends(path: Path, times: Sequence[float], bodies: Mapping[str, tuple[int, int]], where: str,
           depth: int) -> tuple[bytes, bytes]:
     """What stands in result.xdmf before and after the grids of contacts, which have a place `where` grids have names;
     result_last.xdmf is written. Not collective. Raises OutputError."""
-    from xml.etree import ElementTree
-
     import h5py
 
     root, domain = _document()
@@ -233,82 +230,85 @@ def _ends(path: Path, times: Sequence[float], bodies: Mapping[str, tuple[int, in
         if where:
             domain[0].set("Reference", "XML")
             domain[0].text = where
-            hidden = ElementTree.SubElement(plain[0], "Information", Name="named")
-            hidden.text = "<none/>"  # as meshio reads it
-            named = ElementTree.SubElement(hidden, "Grid", Name="results", GridType="Collection",
-                                           CollectionType="Spatial")
+            hidden = _element("Information", plain[0], "<none/>", Name="named")  # as meshio reads it
+            named = _element("Grid", hidden, Name="results", GridType="Collection", CollectionType="Spatial")
             first = np.zeros(2, int)
             for name, number in bodies.items():
                 for (parent, time), data in zip(_over(named, name, times), steps, strict=True):
                     _describe(_grid(parent, name, time), data, (first, np.array(number)))
                 first = first + number
-            ElementTree.SubElement(named, "contacts")
+            _element("contacts", named)
         if times:
             last, its = _document()
             _describe(_grid(its, "bodies", None), _datasets(file, ""))
             _write_document(path / "result_last.xdmf", last)
-    ElementTree.indent(root)
-    head, _, tail = ElementTree.tostring(root, "utf-8", xml_declaration=True).partition(
-        f"\n{INDENT * depth}<contacts />".encode())
+    head, _, tail = (DECLARED + _text(root)).partition(f"\n{INDENT * depth}<contacts />".encode())
     return head, tail
 
 
 def write_surface(path: Path, name: str, fields: Mapping[str, np.ndarray]) -> None:
     """Write the `contact_fields` of the contact `name` as contact_NAME.vtu into the folder `path`, which ParaView,
     pyvista and meshio read. Not collective. Raises OutputError."""
-    from xml.etree import ElementTree
-
     number, width = fields["cells"].shape
-    root = ElementTree.Element("VTKFile", type="UnstructuredGrid", version="0.1", byte_order="LittleEndian")
-    piece = ElementTree.SubElement(ElementTree.SubElement(root, "UnstructuredGrid"), "Piece",
-                                   NumberOfPoints=str(len(fields["points"])), NumberOfCells=str(number))
+    root = _element("VTKFile", type="UnstructuredGrid", version="0.1", byte_order="LittleEndian")
+    piece = _element("Piece", _element("UnstructuredGrid", root), NumberOfPoints=str(len(fields["points"])),
+                     NumberOfCells=str(number))
     cells = {"connectivity": fields["cells"].ravel(), "offsets": width * np.arange(1, number + 1),
              "types": np.full(number, {2: 3, 3: 5}[width])}  # VTK's lines and triangles
     for tag, arrays in {"Points": {"points": fields["points"]}, "Cells": cells, "PointData": {
             key: values for key, values in fields.items() if key not in MESH}}.items():
-        parent = ElementTree.SubElement(piece, tag)
+        parent = _element(tag, piece)
         for key, values in arrays.items():
-            item = ElementTree.SubElement(parent, "DataArray", Name=key, format="ascii",
-                                          type="Int64" if values.dtype.kind == "i" else "Float64")
-            item.text = _words(*values.ravel().tolist())
+            item = _element("DataArray", parent, _words(*values.ravel().tolist()), Name=key, format="ascii",
+                            type="Int64" if values.dtype.kind == "i" else "Float64")
             if values.ndim > 1:
                 item.set("NumberOfComponents", str(values.shape[1]))
     _write_document(path / contact_files(name).surface, root)
 
 
-def _document() -> tuple[Any, Any]:
-    """The root of a new document of XDMF, and the domain in it."""
+def _element(tag: str, parent: Any = None, text: str | None = None, **attributes: str) -> Any:
+    """A new element of XML, the last one in its `parent` where there is one."""
     from xml.etree import ElementTree
 
-    root = ElementTree.Element("Xdmf", Version="3.0")
-    return root, ElementTree.SubElement(root, "Domain")
+    found = ElementTree.Element(tag, attributes)
+    found.text = text
+    if parent is not None:
+        parent.append(found)
+    return found
+
+
+def _text(root: Any, depth: int = 0) -> bytes:
+    """An element as text, set in as at some `depth` of a document."""
+    from xml.etree import ElementTree
+
+    ElementTree.indent(root, level=depth)
+    return ElementTree.tostring(root, "unicode").encode()
+
+
+def _document() -> tuple[Any, Any]:
+    """The root of a new document of XDMF, and the domain in it."""
+    root = _element("Xdmf", Version="3.0")
+    return root, _element("Domain", root)
 
 
 def _write_document(path: Path, root: Any) -> None:
-    from xml.etree import ElementTree
-
-    ElementTree.indent(root)
     with writing(path):
-        ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+        path.write_bytes(DECLARED + _text(root))
 
 
 def _over(parent: Any, name: str, times: Sequence[float],
           time: float | None = 1.0) -> list[tuple[Any, float | None]]:
     """Where the grid of each time stands, and the time: in a collection, or in `parent` where there is one `time`."""
-    from xml.etree import ElementTree
-
     if not times:
         return [(parent, time)]
-    series = ElementTree.SubElement(parent, "Grid", Name=name, GridType="Collection", CollectionType="Temporal")
+    series = _element("Grid", parent, Name=name, GridType="Collection", CollectionType="Temporal")
     return [(series, time) for time in times]
 
 
 def _grid(parent: Any, name: str, time: float | None) -> Any:
-    from xml.etree import ElementTree
-
-    grid = ElementTree.SubElement(parent, "Grid", Name=name, GridType="Uniform")
+    grid = _element("Grid", parent, Name=name, GridType="Uniform")
     if time is not None:
-        ElementTree.SubElement(grid, "Time", Value=repr(time))
+        _element("Time", grid, Value=repr(time))
     return grid
 
 
@@ -331,37 +331,32 @@ def _describe(grid: Any, fields: Mapping[str, Any], part: tuple[np.ndarray, np.n
               mesh: str = "") -> None:
     """Add datasets or arrays to an XDMF grid: a mesh and its fields; of the nodes and cells (2,) that a `part`
     begins with and has in number. The `mesh` may be that of another grid, named by its XPath."""
-    from xml.etree import ElementTree
-
     for name, data in fields.items():
         kind = 0 if name in AT_NODES else 1
         start, number = (0, len(data)) if part is None else (int(each[kind]) for each in part)
         if mesh and name in MESH:
-            ElementTree.SubElement(grid, MESH[name], Reference="XML").text = f"{mesh}/{MESH[name]}"
+            _element(MESH[name], grid, f"{mesh}/{MESH[name]}", Reference="XML")
             continue
         if name == "points":
-            parent = ElementTree.SubElement(grid, "Geometry", GeometryType="XYZ")
+            parent = _element("Geometry", grid, GeometryType="XYZ")
         elif name == "cells":
-            parent = ElementTree.SubElement(grid, "Topology", TopologyType=TOPOLOGY[data.shape[1]],
-                                            NumberOfElements=str(number))
+            parent = _element("Topology", grid, TopologyType=TOPOLOGY[data.shape[1]], NumberOfElements=str(number))
             if data.shape[1] == 2:
                 parent.set("NodesPerElement", "2")
             if part is not None:
                 parent.set("BaseOffset", str(part[0][0]))
         else:
-            kind_of = KIND[int(np.prod(data.shape[1:]))]
-            parent = ElementTree.SubElement(grid, "Attribute", Name=name, AttributeType=kind_of,
-                                            Center="Node" if name in AT_NODES else "Cell")
+            parent = _element("Attribute", grid, Name=name, AttributeType=KIND[int(np.prod(data.shape[1:]))],
+                              Center="Cell" if kind else "Node")
         if part is not None:
-            parent = ElementTree.SubElement(parent, "DataItem", ItemType="HyperSlab",
-                                            Dimensions=_words(number, *data.shape[1:]))
-            rest = np.array([[0, 1, size] for size in data.shape[1:]], int).reshape(-1, 3)
-            ElementTree.SubElement(parent, "DataItem", DataType="Int", Format="XML", Dimensions=f"3 {data.ndim}",
-                                   ).text = _words(*np.vstack([[start, 1, number], rest]).T.ravel().tolist())
+            parent = _element("DataItem", parent, ItemType="HyperSlab", Dimensions=_words(number, *data.shape[1:]))
+            slab = np.array([[start, 1, number], *([0, 1, size] for size in data.shape[1:])])
+            _element("DataItem", parent, _words(*slab.T.ravel().tolist()), DataType="Int", Format="XML",
+                     Dimensions=f"3 {data.ndim}")
         stored = not isinstance(data, np.ndarray)
-        ElementTree.SubElement(parent, "DataItem", DataType="Int" if data.dtype.kind == "i" else "Float",
-                               Precision="8", Format="HDF" if stored else "XML", Dimensions=_words(*data.shape),
-                               ).text = f"result.h5:{data.name}" if stored else _words(*data.ravel().tolist())
+        _element("DataItem", parent, f"result.h5:{data.name}" if stored else _words(*data.ravel().tolist()),
+                 DataType="Int" if data.dtype.kind == "i" else "Float", Precision="8",
+                 Format="HDF" if stored else "XML", Dimensions=_words(*data.shape))
 
 
 def _words(*numbers: float) -> str:
@@ -373,8 +368,8 @@ def _padded(array: np.ndarray) -> np.ndarray:
 
 
 def linear_triangles(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cells (nt, 3 or 6) as triangles between neighbouring nodes, and the cell that each is part of."""
-    parts = [[0, 1, 2]] if cells.shape[1] == 3 else CORNERS_CUT[2]
+    """Cells (nt, k) in the plane as triangles between neighbouring nodes, and the cell that each is part of."""
+    parts = cell_with(2, cells.shape[1]).parts
     return cells[:, parts].reshape(-1, 3), np.repeat(np.arange(len(cells)), len(parts))
 
 

@@ -54,11 +54,9 @@ FILES = {
     "contact.png": "of one contact: stresses, slip bound, gap and slip along the contact, and its zones; of solids, "
                    "pressure, friction with arrows of slip, zones and gap as seen from the front, or unrolled about an "
                    "axis",
+    "contact_NAME.png": "the same of each of up to six contacts",
     "contacts.png": "of several contacts: pressures as areas, zones as lines, and resultants; of solids, pressures as "
                     "colours, and resultants",
-    "contact_NAME.png": "of each of up to six contacts: stresses, slip bound, gap and slip along the contact, and its "
-                        "zones; of solids, pressure, friction with arrows of slip, zones and gap as seen from the "
-                        "front, or unrolled about an axis",
     "convergence.png": "outer iterations",
     "steps.png": "with load steps: loops of the tangential force, energies, contact stresses at the ends of legs; of "
                  "solids, loops of the tangential force, energies, forces and numbers of nodes over time",
@@ -146,10 +144,8 @@ def _is_alive(process: int) -> bool:
 
 
 def _claim(folder: Path) -> None:
-    """Claim the folder, and remove what a killed run has left. Raises OSError, InputError where another run has it.
-
-    Of several runs that come upon the claim of a killed one, the one that renames the folder in it has it.
-    """
+    """Claim the folder, and remove what a killed run has left. Raises OSError, InputError where another run has it. Of
+    several runs that come upon the claim of a killed one, the one that renames the folder in it has it."""
     claim, ours = folder / UNFINISHED, folder / f"{UNFINISHED}-{whereabouts()}"
     if claim.is_symlink():
         raise InputError(f"--output {folder}: {claim} is a link; remove it")

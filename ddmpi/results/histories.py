@@ -12,8 +12,8 @@ import numpy as np
 from ddmpi.body.stress import principal, von_mises
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import cell_with
-from ddmpi.results.fields import group_of, owners
-from ddmpi.results.tables import PATH, Columns, Results, leg_columns
+from ddmpi.results.fields import group_of, owners, vectors
+from ddmpi.results.tables import PATH, Columns, Results, leg_columns, side_means
 from ddmpi.system.numbers import in_words
 
 INSIDE, OUTSIDE = -1e-6, -0.05
@@ -39,8 +39,7 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
 
     What the summary has of the last step alone is None: strain energies, estimated errors, overlaps between nodes. The
     certificate and what friction dissipates stay those of all steps. Without load steps, or without an answer,
-    `results` are as they were read. Not collective. Raises InputError where there are no fields of the time `asked`
-    for.
+    `results` are as they were read. Not collective. Raises InputError where the time `asked` for has no fields.
     """
     import h5py
 
@@ -84,16 +83,16 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
         "contacts": {name: entry | unknown | step[name] | {"dissipated": entry["dissipated"],
                                                            "pressure_max": float(contacts[name]["normal_stress"].max())}
                      for name, entry in results.summary["contacts"].items()}}
-    return replace(results, summary=summary, contacts=contacts, fields=fields, time=time,
-                   sides={name: _means(table, contacts[name]) for name, table in results.sides.items()})
+    sides = {name: _means(table, contacts[name], results.axisymmetric) for name, table in results.sides.items()}
+    return replace(results, summary=summary, contacts=contacts, fields=fields, time=time, sides=sides)
 
 
-def _means(sides: Columns, nodes: Columns) -> Columns:
-    """The table of sides with means of the stresses at their three `nodes`, by Simpson's rule."""
+def _means(sides: Columns, nodes: Columns, axisymmetric: bool) -> Columns:
+    """The table of sides with means of the stresses at their three `nodes`."""
     row = {place: k for k, place in enumerate(zip(nodes["x"], nodes["y"], strict=True))}
     middle = np.array([row[place] for place in zip(sides["x"], sides["y"], strict=True)], int)
-    after = (middle + 1) % len(row)
-    return sides | {column: (nodes[column][middle - 1] + 4 * nodes[column][middle] + nodes[column][after]) / 6
+    three = np.stack([middle - 1, (middle + 1) % len(row), middle], axis=1)
+    return sides | {column: side_means(nodes[column][three], vectors(nodes)[three], axisymmetric)
                     for column in ("normal_stress", "tangential_stress")}
 
 
@@ -101,8 +100,7 @@ def along(results: Results, start: Sequence[float], end: Sequence[float], number
     """The columns PATH at so many places, evenly from `start` to `end` (d,), by shape functions from the nodes.
 
     A place in no body has no line, unless it is hardly outside, as where a body's curved side is a chord in the mesh;
-    one at which bodies touch has a line for each. Places are those before the bodies move. Not collective. Raises
-    InputError.
+    one at which bodies touch has a line for each. Bodies have not moved yet. Not collective. Raises InputError.
     """
     d, (first, last) = results.dimension, (np.array(each) for each in (start, end))
     if {len(first), len(last)} != {d} or not 0.0 < np.linalg.norm(last - first) < np.inf or number < 2:

@@ -110,7 +110,6 @@ def write_contact(path: Path, name: str, state: ContactState) -> None:
     """Write contact_NAME.csv into the folder `path`: one line per contact node, in the plane along the contact.
 
     Where nodes do not match, they are the slave's. Of those that share a row, each has its part of the forces.
-
     Directions are those of the first body. Not collective. Raises OutputError.
     """
     interface = state.interface
@@ -142,10 +141,15 @@ def write_sides(path: Path, name: str, state: ContactState) -> None:
     bare = facets[:, :2] == facets[:, 2:]  # ends on an axis, which have no row
     places[:, :2][bare] = (2.0 * places[:, 2:] - places[:, 1::-1])[bare]
     length = facet_measures(places)
-    shares = np.array([1.0, 1.0, 4.0]) * circumference(places, state.interface.axisymmetric)
-    means = ((shares * stress[facets]).sum(axis=1) / (shares * np.ones(facets.shape)).sum(axis=1)
+    means = (side_means(stress[facets], places, state.interface.axisymmetric)
              for stress in (state.pressure, signed(state.shear)))
     _write_csv(path / contact_files(name).sides, SIDES, zip(*xy[middle].T, length, *means, strict=True))
+
+
+def side_means(stress: np.ndarray, places: np.ndarray, axisymmetric: bool) -> np.ndarray:
+    """Means (f,) over sides of stresses (f, 3) at their ends and middles at `places` (f, 3, 2), by Simpson's rule."""
+    shares = np.array([1.0, 1.0, 4.0]) * circumference(places, axisymmetric) * np.ones_like(stress)
+    return (shares * stress).sum(axis=1) / shares.sum(axis=1)
 
 
 def named(columns: Iterable[str], axisymmetric: bool) -> list[str]:
@@ -189,19 +193,14 @@ def write_legs(path: Path, name: str, state: ContactState, steps: Iterable[tuple
 
 
 def write_history(path: Path, rows: Iterable[Sequence]) -> None:
-    """Write history.csv into the folder `path`: one line per outer iteration.
-
-    A row has the load step, the fields of `methods.outer.Step`, its n_A last, and before it the numbers of open,
-    slipping and sticking nodes of all contacts. Not collective. Raises OutputError.
-    """
+    """Write history.csv into the folder `path`: per outer iteration a row of HISTORY: the load step, the fields of
+    `methods.outer.Step` and, before its n_A, numbers of nodes. Not collective. Raises OutputError."""
     _write_csv(path / "history.csv", HISTORY, rows)
 
 
 def write_steps(path: Path, steps: Iterable[dict]) -> None:
-    """Write steps.csv into the folder `path`: one line per load step and contact.
-
-    `steps` is the entry of that name in the summary (`summary.summarize`). Not collective. Raises OutputError.
-    """
+    """Write steps.csv into the folder `path`: one line per load step and contact. `steps` is the entry of that name in
+    the summary (`summary.summarize`). Not collective. Raises OutputError."""
     scalars = list(STEPS)[list(STEPS).index("normal_force"):]
     rows = [(step["time"], name, *contact["force"], *np.atleast_1d(contact["moment"]),
              *(contact[column] for column in scalars))
@@ -210,10 +209,7 @@ def write_steps(path: Path, steps: Iterable[dict]) -> None:
 
 
 def write_energy(path: Path, rows: Iterable[Sequence]) -> None:
-    """Write energy.csv into the folder `path`: one line per load step.
-
-    A row has the columns ENERGY. Not collective. Raises OutputError.
-    """
+    """Write energy.csv into the folder `path`: per load step a row of ENERGY. Not collective. Raises OutputError."""
     _write_csv(path / "energy.csv", ENERGY, rows)
 
 
@@ -315,10 +311,8 @@ class Results:
 
 
 def read_results(folder: str | Path) -> Results:
-    """Read all results of a run from its folder. Not collective.
-
-    Raises InputError if the results are not complete, or of another format.
-    """
+    """Read all results of a run from its folder. Not collective. Raises InputError if they are not complete, or of
+    another format."""
     import h5py
 
     folder = Path(folder)

@@ -29,6 +29,9 @@ from ddmpi.system.provenance import peak_memory, provenance
 LITTLE = 0.1
 """Frictional work below this part of the largest energy is little."""
 
+TABLES = ("steps", "energies", "iterations")
+"""Tables of a `StepLog` with a row for each step or iteration."""
+
 
 class StepLog:
     """What is kept of the load steps, in their order. Without [time] there is one.
@@ -41,16 +44,15 @@ class StepLog:
     energies : external work, strain energy, interface work and dissipated energy since time 0, and what the step's
         balance leaves, of each (J)
     iterations : the lines of history.csv
+    kept : time, forces (size,), motions, and `leg_values` of all contacts, of the steps whose fields are written
     doubts : warnings of answers at the ends of legs before the last one, of each kind the first
     most : the largest so far: residuals of contacts (nc, 4) and bodies (nb,), `Solution.sizes` (3,)
     """
 
     def __init__(self, contacts: Iterable[str], bodies: Iterable[str], dimension: int) -> None:
         self.contacts, self.bodies, self.dimension = tuple(contacts), tuple(bodies), dimension
-        self.doubts, self._ends = dict[str, str](), np.zeros(0, int)
-        self.steps, self.energies, self.iterations, self._kept = (list[Any]() for _ in range(4))
-        self._tables = {"steps": self.steps, "energies": self.energies, "iterations": self.iterations,
-                        "kept": self._kept}
+        self.doubts = dict[str, str]()
+        self.steps, self.energies, self.iterations, self.kept = (list[Any]() for _ in range(4))
         self.most = {"contacts": np.zeros((len(self.contacts), len(ContactResiduals._fields))),
                      "bodies": np.zeros(len(self.bodies)), "sizes": np.zeros(3)}
 
@@ -95,14 +97,8 @@ class StepLog:
 
     def keep(self, time: float, forces: np.ndarray, motions: np.ndarray, contacts: Sequence[ContactState]) -> None:
         """Note what the fields of a step follow from: forces (size,), motions; and the state of all contacts."""
-        self._ends = np.cumsum([1, len(forces), len(motions)])
-        self._kept.append(np.concatenate([[time], forces, motions, *(leg_values(each).ravel() for each in contacts)]))
-
-    @property
-    def kept(self) -> list[tuple[float, np.ndarray, np.ndarray, np.ndarray]]:
-        """Time, forces, motions, and `leg_values` of all contacts, of the steps whose fields are written."""
-        width, parts = len(leg_columns(self.dimension)), (np.split(row, self._ends) for row in self._kept)
-        return [(float(time[0]), s, alpha, values.reshape(-1, width)) for time, s, alpha, values in parts]
+        values = np.concatenate([np.empty((0, len(leg_columns(self.dimension)))), *map(leg_values, contacts)])
+        self.kept.append((time, forces, motions, values))
 
     def energy(self) -> list[tuple[float, ...]]:
         """The rows of energy.csv."""
@@ -131,14 +127,16 @@ class StepLog:
                 "residual": float(np.abs(rows[:, 4]).max()) / size if size else 0.0}
 
     def state(self) -> dict[str, Any]:
-        return {name: tuple(rows) for name, rows in self._tables.items()} | {
-            "kept": list(self._kept), "doubts": tuple(self.doubts.values()), "ends": self._ends} | self.most
+        columns = ("times", "forces", "motions", "values")
+        return {name: tuple(getattr(self, name)) for name in TABLES} | self.most | {
+            "kept": {name: [row[k] for row in self.kept] for k, name in enumerate(columns)},
+            "doubts": tuple(self.doubts.items())}
 
     def restore(self, state: dict[str, Any]) -> None:
-        for name, rows in self._tables.items():
-            rows[:] = state[name]
-        self.doubts = {_kind(doubt.rpartition(" (at time")[0]): doubt for doubt in state["doubts"]}
-        self._ends, self.most = state["ends"], {name: state[name] for name in self.most}
+        for name in TABLES:
+            setattr(self, name, list(state[name]))
+        self.kept = [(float(time), *row) for time, *row in zip(*state["kept"].values(), strict=True)]
+        self.doubts, self.most = dict(state["doubts"]), {name: state[name] for name in self.most}
 
 
 def _kind(warning: str) -> str:

@@ -11,7 +11,7 @@ from ddmpi.coupling.assembly import Assembly
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.ranks import team_of
 from ddmpi.interface.interface import Interface
-from ddmpi.mesh.elements import NAMES
+from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.methods.outer import Step
 from ddmpi.run.solve import Solution
@@ -41,16 +41,16 @@ UNDETERMINED = 3
 def log_plan(assembly: Assembly, figures: bool) -> None:
     """Log what is solved, how, and what is left out because the scene does not need it. Collective."""
     scene, world = assembly.scene, assembly.world
-    team = team_of(world)
-    bodies = gathered(world, {body.spec.name: _describe_body(body.member, team.size if team else 1, _cut(body.mesh))
+    ranks = team.comm.size if (team := team_of(world)) else 1
+    bodies = gathered(world, {body.spec.name: _describe_body(body.member, ranks, _cut(body.mesh))
                               for body in assembly.bodies})
     owned = gathered(world, {each.name: (each.law.name, describe_gap(each, scene.output.length_unit),
                                          _contact_left_out(each)) for each in assembly.space.interfaces})
     if world.rank:
         return
     contacts = {contact.name: owned[contact.name] for contact in scene.contact}
-    log.info("n = %d unknowns (%s %s), m = %d contact nodes, friction: %s", assembly.n,
-             ("linear", "quadratic")[scene.body[0].mesh.order - 1], NAMES[scene.dimension][1], assembly.m,
+    log.info("n = %d unknowns (%s), m = %d contact nodes, friction: %s", assembly.n,
+             CELLS[scene.dimension, scene.body[0].mesh.order].title, assembly.m,
              ", ".join(dict.fromkeys(law for law, *_ in contacts.values())))
     for gap, names in grouped((gap, name) for name, (_, gap, _) in contacts.items()):
         log.info("%s: %s", some(names, "contacts"), gap)

@@ -264,7 +264,10 @@ def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, che
                 write_xdmf(path, times, sizes, fields, world)
             with agreed(world), event("WriteTables"):
                 if staging:
-                    _write_tables(path, solved)
+                    write_history(path, solved.steps.iterations)
+                    write_steps(path, summary["steps"])
+                    if solved.assembly.scene.time:
+                        write_energy(path, solved.steps.energy())
                     if solved.solution.mechanism:
                         write_mechanism(path, solved.solution.mechanism)
                     if figures:  # they show it
@@ -316,14 +319,6 @@ def _write_steps(path: Path, solved: Solved) -> list[float]:
         with event("WriteFields"):
             write_fields(path, fields, world, number)
     return times or ([solved.solution.time] if solved.solution.time is not None else [])
-
-
-def _write_tables(path: Path, solved: Solved) -> None:
-    """Write the tables of the whole run. Not collective."""
-    write_history(path, solved.steps.iterations)
-    write_steps(path, solved.summary["steps"])
-    if solved.assembly.scene.time:
-        write_energy(path, solved.steps.energy())
 
 
 def _write_contacts(path: Path, solved: Solved) -> tuple[dict[str, ContactState], dict[str, list]]:

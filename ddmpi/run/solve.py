@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import logging
+import math
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -142,27 +143,6 @@ class Solution:
                 }[self.stopped]
 
 
-@dataclass
-class _Goal:
-    """The tolerance that the iteration runs to at present; what the certificate said before, after how many steps."""
-
-    tolerance: float
-    worst: float = np.inf
-    steps: int = 0
-
-    def state(self) -> dict[str, Any]:
-        return asdict(self)
-
-    def restore(self, state: dict[str, Any]) -> None:
-        vars(self).update(state)
-
-    def is_last(self, worst: float, steps: int) -> bool:
-        """Note the `worst` residual after so many `steps` in all; whether a smaller tolerance would not help."""
-        useless = steps > self.steps and not worst < USEFUL * self.worst
-        self.worst, self.steps = worst, steps
-        return useless or self.tolerance < sys.float_info.epsilon
-
-
 class Iteration:
     """The outer iteration of an assembly with what judges it: all that goes on from one load step to the next.
 
@@ -177,7 +157,6 @@ class Iteration:
     ----------
     outer : the method
     statuses : of the contact nodes in the iterations of the load step
-    goal : the tolerance at present
     limit : largest residual of a certified answer
     """
 
@@ -194,13 +173,22 @@ class Iteration:
 
         with clock.phase("outer"):
             self.outer = choose_outer(assembly, method, note)
-        self.limit, self.goal = certificate_limit(method.tolerance), _Goal(method.tolerance)
+        self.limit, self._tolerance = certificate_limit(method.tolerance), method.tolerance
+        self._worst, self._steps = math.inf, 0  # what the certificate said before, after how many steps
         self.given = assembly.world.allreduce(max(body.member.C.solver.given for body in assembly.bodies), MPI.MAX)
 
     def begin(self) -> None:
         """Forget what was judged of the load step before; the outer method begins anew by itself."""
-        self.goal.restore(_Goal(self.method.tolerance).state())
+        self._tolerance, self._worst, self._steps = self.method.tolerance, math.inf, 0
         self.statuses.clear()
+
+    def state(self) -> dict[str, Any]:
+        return {"tolerance": self._tolerance, "worst": self._worst, "steps": self._steps,
+                "statuses": self.statuses.state()}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        self._tolerance, self._worst, self._steps = (state[name] for name in ("tolerance", "worst", "steps"))
+        self.statuses.restore(state["statuses"])
 
     def solve(self, mechanism: Mechanism | None, past: Past | None = None) -> Solution:
         """Iterate until the answer is certified, or nothing helps any more.
@@ -220,24 +208,90 @@ class Iteration:
         while True:
             try:
                 with self.clock.phase("outer"):
-                    stopped = "mechanism" if mechanism else outer.run(self.goal.tolerance)
+                    stopped = "mechanism" if mechanism else outer.run(self._tolerance)
             except SolverError as error:
                 if self.given > method.tolerance:
                     error.args = (f"{error}; -body_ksp_rtol {self.given:g} is too coarse for method.tolerance = "
                                   f"{method.tolerance:g}: leave that option out",)
                 raise
             with self.clock.phase("recover"):
-                solution = _conclude(assembly, outer, stopped, self.limit, self.statuses, self.given, past)
+                solution = self.conclude(stopped, past)
                 if stopped == "drift":
                     solution = replace(solution, drift=describe_drift(assembly, outer.motions))
             worst = max(value for value, _ in solution.certificate.worst().values())
-            hopeless = (self.goal.is_last(worst, len(outer.history))
+            useless = len(outer.history) > self._steps and not worst < USEFUL * self._worst
+            self._worst, self._steps = worst, len(outer.history)
+            hopeless = (useless or self._tolerance < sys.float_info.epsilon
                         or (solution.unbalanced and not assembly.loose))
             if stopped != "converged" or solution.certified or hopeless:
                 return replace(solution, mechanism=mechanism)
-            self.goal.tolerance *= TIGHTER
+            self._tolerance *= TIGHTER
             log.info("the certificate fails (%s); going on to an update of %.0e", ", ".join(solution.violations),
-                     self.goal.tolerance)
+                     self._tolerance)
+
+    def conclude(self, stopped: str, past: Past) -> Solution:
+        """Displacements, contact states and certificate of the forces at hand. Collective."""
+        assembly, outer = self.assembly, self.outer
+        world, exchange, space, joint = assembly.world, assembly.exchange, assembly.space, assembly.joint
+        forces, mismatch, bound = outer.forces, outer.mismatch, outer.bound
+        moved, traces = {}, []
+        stayed: dict[tuple[str, int], tuple[np.ndarray, float]] = {}
+        numbers: dict[str, dict[str, Any]] = {}
+        for body, s in zip(assembly.bodies, outer.body_forces(), strict=True):
+            member, alpha = body.member, outer.motions[joint.slices[body.spec.name]]
+            u, left, acting, energy = np.zeros_like(member.elasticity.prescribed), np.nan, 0.0, np.nan
+            with exchange.deferred():
+                u, left, acting, energy = recover(member, s, alpha, past.largest)
+            own = member.trace(u)
+            moved[member.name] = u
+            traces.append(own)
+            yielding = float(np.abs(member.h + member.G.T @ alpha - own).max(initial=0.0))
+            stayed |= {key: (part, yielding) for key, part in member.normal_parts(u).items()}
+            farthest = float(np.linalg.norm(u, axis=1).max())
+            numbers[member.name] = {"left": left, "acting": acting, "moved": farthest, "yielding": yielding,
+                                    "made": member.stiffness * farthest, "load": member.elasticity.load,
+                                    "energy": energy, "work": member.work(u, s)}
+        outer.refresh(traces)
+        both, beside = exchange.collect(traces, "answer"), exchange.swap_objects(stayed)
+        gone, unbalanced = joint.pushed_by(outer.motions), joint.imbalance(forces) if joint.pushed else joint.e
+        bodies = gathered(world, numbers)
+        for rigid in joint.pushed:
+            at = joint.slices[rigid.name]
+            acting = max(norm(joint.e[at]), norm(joint.e[at] - unbalanced[at]))
+            bodies[rigid.name] = dict.fromkeys(("yielding", "made", "energy", "work"), 0.0) | {
+                "left": norm(unbalanced[at]), "acting": acting, "moved": norm(gone[rigid.name]),
+                "load": assembly.pushes[rigid.name]}
+        load, energy, work = (sum(each[key] for each in bodies.values()) for key in ("load", "energy", "work"))
+        now = [max(each[key] for each in bodies.values()) for key in ("moved", "yielding")]
+        load, energy, work, now = world.bcast((load, energy, work, now))
+        interfaces = [each.displaced(each.displacement + gone[each.bodies[1]]) if each.bodies[1] in gone else each
+                      for each in space.interfaces]
+        prescribed = np.concatenate([np.empty(0), *(each.prescribed for each in interfaces)])
+        found = {}
+        with event("Certificate"):
+            for interface, part, limit in zip(interfaces, space.parts.values(), space.laws.bounds(bound), strict=False):
+                u1, u2 = both[0][part], both[1][part] + interface.prescribed
+                probes, near = interface.probes, list(filter(None, beside[interface.name]))
+                between = probes.opening(interface.scale) + probes.normal @ interface.displacement - sum(
+                    each for each, _ in near)
+                yielding = max(each for _, each in near)
+                state = contact_state(interface, forces[part], limit, u1 + u2, between,
+                                      (past.start[part], past.forces[part]), yielding)
+                found[interface.name] = state, contact_residuals(state, forces[part], mismatch[part], (u1, u2), load,
+                                                                 yielding, now, past.largest[1:].tolist())
+        force = world.allreduce(max((float(np.abs(state.forces).max()) for state, _ in found.values()), default=0.0),
+                                MPI.MAX)
+        told = exchange.swap_objects({(name, side): found.get(name) for name, *_ in exchange.ends for side in (0, 1)})
+        known = {name: one or other for name, (one, other) in told.items()} | gathered(world, found)
+        found = {contact.name: known[contact.name] for contact in assembly.scene.contact if contact.name in known}
+        certificate = Certificate({name: residuals for name, (_, residuals) in found.items()},
+                                  {name: equilibrium_residual(each["left"], each["acting"], load, each["made"])
+                                   for name, each in bodies.items()})
+        names = [body.name for body in assembly.scene.body if body.name in bodies]
+        return Solution(stopped, moved, {name: bodies[name]["moved"] for name in names},
+                        {name: state for name, (state, _) in found.items()}, certificate.told(world), self.limit,
+                        outer, self.statuses, self.given, moved=both[0] + both[1] + prescribed, prescribed=prescribed,
+                        energy=energy, sizes=np.array([force, *now]), work=work)
 
 
 def solve(assembly: Assembly, method: SettledMethod, report: Report = no_report,
@@ -252,7 +306,7 @@ def solve(assembly: Assembly, method: SettledMethod, report: Report = no_report,
         mechanism = look_for_mechanism(assembly)
     iteration = Iteration(assembly, method, report, clock)
     if checkpoints:
-        checkpoints.follow(assembly, outer=iteration.outer, statuses=iteration.statuses, goal=iteration.goal)
+        checkpoints.follow(assembly, outer=iteration.outer, iteration=iteration)
     return with_undetermined(assembly, iteration.solve(mechanism))
 
 
@@ -283,69 +337,3 @@ def recover(member: Member, s: np.ndarray, alpha: np.ndarray,
     if acting <= force and np.abs(u).max() <= moved:
         u, energy = np.zeros_like(u), 0.0
     return u, left, acting, energy
-
-
-def _conclude(assembly: Assembly, outer: Outer, stopped: str, limit: float, statuses: StatusLog,
-              given: float, past: Past) -> Solution:
-    """Displacements, contact states and certificate of the forces at hand. Collective."""
-    world, exchange, space, joint = assembly.world, assembly.exchange, assembly.space, assembly.joint
-    forces, mismatch, bound = outer.forces, outer.mismatch, outer.bound
-    moved, traces, stayed = {}, [], []
-    numbers: dict[str, dict[str, Any]] = {}
-    for body, s in zip(assembly.bodies, outer.body_forces(), strict=True):
-        member, alpha = body.member, outer.motions[joint.slices[body.spec.name]]
-        u, left, acting, energy = np.zeros_like(member.elasticity.prescribed), np.nan, 0.0, np.nan
-        with exchange.deferred():
-            u, left, acting, energy = recover(member, s, alpha, past.largest)
-        own = member.trace(u)
-        moved[member.name] = u
-        traces.append(own)
-        stayed.append(member.normal_parts(u))
-        farthest = float(np.linalg.norm(u, axis=1).max())
-        numbers[member.name] = {"left": left, "acting": acting, "moved": farthest, "made": member.stiffness * farthest,
-                                "yielding": float(np.abs(member.h + member.G.T @ alpha - own).max(initial=0.0)),
-                                "load": member.elasticity.load, "energy": energy, "work": member.work(u, s)}
-    outer.refresh(traces)
-    both = exchange.collect(traces, "answer")
-    beside = exchange.swap_objects({key: (part, numbers[member.name]["yielding"]) for member, own in
-                                    zip(joint.members, stayed, strict=True) for key, part in own.items()})
-    gone, unbalanced = joint.pushed_by(outer.motions), joint.imbalance(forces) if joint.pushed else joint.e
-    partners: dict[str, dict[str, Any]] = {}
-    for rigid in joint.pushed:
-        at = joint.slices[rigid.name]
-        acting = max(norm(joint.e[at]), norm(joint.e[at] - unbalanced[at]))
-        partners[rigid.name] = {"left": norm(unbalanced[at]), "acting": acting, "moved": norm(gone[rigid.name]),
-                                "yielding": 0.0, "load": assembly.pushes[rigid.name], "made": 0.0, "energy": 0.0,
-                                "work": 0.0}
-    bodies = gathered(world, numbers) | partners
-    load, energy, work = (sum(each[key] for each in bodies.values()) for key in ("load", "energy", "work"))
-    now = [max(each[key] for each in bodies.values()) for key in ("moved", "yielding")]
-    load, energy, work, now = world.bcast((load, energy, work, now))
-    interfaces = [each.displaced(each.displacement + gone[each.bodies[1]]) if each.bodies[1] in gone else each
-                  for each in space.interfaces]
-    prescribed = np.concatenate([np.empty(0), *(each.prescribed for each in interfaces)])
-    found = {}
-    with event("Certificate"):
-        for interface, part, limits in zip(interfaces, space.parts.values(), space.laws.bounds(bound), strict=False):
-            u1, u2 = both[0][part], both[1][part] + interface.prescribed
-            probes = interface.probes
-            between = probes.opening(interface.scale) + probes.normal @ interface.displacement - sum(
-                each for each, _ in filter(None, beside[interface.name]))
-            yielding = max(each for _, each in filter(None, beside[interface.name]))
-            state = contact_state(interface, forces[part], limits, u1 + u2, between,
-                                  (past.start[part], past.forces[part]), yielding)
-            found[interface.name] = state, contact_residuals(state, forces[part], mismatch[part], (u1, u2), load,
-                                                             yielding, now, past.largest[1:].tolist())
-    force = world.allreduce(max((float(np.abs(state.forces).max()) for state, _ in found.values()), default=0.0),
-                            MPI.MAX)
-    near = exchange.swap_objects({(name, side): found.get(name) for name, *_ in exchange.ends for side in (0, 1)})
-    known = {name: one or other for name, (one, other) in near.items()} | gathered(world, found)
-    found = {contact.name: known[contact.name] for contact in assembly.scene.contact if contact.name in known}
-    certificate = Certificate({name: residuals for name, (_, residuals) in found.items()},
-                              {name: equilibrium_residual(each["left"], each["acting"], load, each["made"])
-                               for name, each in bodies.items()})
-    names = [body.name for body in assembly.scene.body if body.name in bodies]
-    return Solution(stopped, moved, {name: bodies[name]["moved"] for name in names},
-                    {name: state for name, (state, _) in found.items()}, certificate.told(world), limit, outer,
-                    statuses, given, moved=both[0] + both[1] + prescribed, prescribed=prescribed, energy=energy,
-                    sizes=np.array([force, *now]), work=work)

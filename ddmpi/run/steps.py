@@ -122,8 +122,8 @@ def solve_scene(assembly: Assembly, report: Report = no_report, checkpoints: Che
     assembly.act(scene.legs[0])
     march = March(assembly, Iteration(assembly, scene.method, no_report, clock), log)
     if checkpoints:
-        checkpoints.follow(assembly, outer=march.outer, statuses=march.iteration.statuses, goal=march.iteration.goal,
-                           steps=march, before=lambda: march.iterations)
+        checkpoints.follow(assembly, outer=march.outer, iteration=march.iteration, steps=march,
+                           before=lambda: march.iterations)
     return march.run(), log
 
 

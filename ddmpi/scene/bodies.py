@@ -31,7 +31,6 @@ LOCKING = 0.48
 """Largest Poisson's ratio at which the error estimate of linear triangles can be trusted: measured values below 0.3
 are right to within a fifth."""
 
-
 Moduli = Annotated[tuple[Positive, ...], msgspec.Meta(min_length=3, max_length=3)]
 Ratios = Annotated[tuple[Number, ...], msgspec.Meta(min_length=3, max_length=3)]
 
@@ -114,8 +113,7 @@ class Material(Table, frozen=True, kw_only=True):
 
     @property
     def lame(self) -> tuple[float, float]:
-        """First Lamé constant and shear modulus (Pa) of an isotropic material, in plane stress those of the plane
-        problem."""
+        """First Lamé constant and shear modulus (Pa) of an isotropic material, in plane stress for the plane."""
         E, nu = self.young, self.poisson
         assert not isinstance(E, tuple) and not isinstance(nu, tuple)
         shear = E / (2 * (1 + nu))

@@ -1,5 +1,4 @@
-"""Types of one contact: its name, the two sides, what holds between them; and of rigid partners, which are surfaces
-without mesh, material and rank."""
+"""Types of one contact: its name, the two sides, what holds between them; and of rigid partners, which are surfaces."""
 
 from __future__ import annotations
 
@@ -183,8 +182,7 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
         return math.inf
 
     def may_end(self, touched: bool) -> bool:
-        """Whether it may be meant to end before a body that is drawn through it, `touched` by a contact of this body
-        or not."""
+        """Whether it may be meant to end before a body drawn through it, with which it has a contact if `touched`."""
         return False
 
     def outline(self, touched: np.ndarray, bodies: np.ndarray, margin: float) -> np.ndarray:

@@ -1,8 +1,7 @@
 """Keys of a scene as users write them: KEY=VALUE after ``--set``, entries of lists by name or number, in messages, and
 as a JSON schema for editors.
 
-A message about a mistake names the key, and what would have been right. The schema's descriptions are those of the
-types' docstrings.
+A message about a mistake names the key, and what would have been right. The schema describes keys by docstrings.
 """
 
 from __future__ import annotations

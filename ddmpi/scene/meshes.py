@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from itertools import product
 from typing import Annotated, Literal
 
@@ -26,8 +25,8 @@ SOLIDS = ("box", "hexahedron")
 """The shapes in space; the others are in the plane."""
 
 CORNER = 1e-8
-"""Smallest sine of a corner of a quadrilateral; the triangles at a flatter one have almost no area. Smallest ratio of
-volumes under the map of a hexahedron, over the cube of its mean edge."""
+"""Smallest sine of a corner of a quadrilateral; the triangles at a flatter one have almost no area. Of a hexahedron the
+smallest volume between unit vectors along the edges of its map."""
 
 UNIT_CUBE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
 """Corners in the order of those of a hexahedron."""
@@ -136,7 +135,7 @@ class MeshSpec(Table, frozen=True, kw_only=True):
                 got = list(value) if isinstance(value, tuple) else value
                 raise ValueError(f"{key}: a {self.shape} has {key} = {needed[key]}, got {got}")
         if self.corners and all(len(corner) == self.dimension for corner in self.corners):
-            (_check_corners if self.shape == "quadrilateral" else _check_hexahedron)(self.corners)
+            _check_corners(self.corners)
         if self.radii and self.angles and self.divisions:
             self._check_ring(self.radii, self.angles, self.divisions[0])
 
@@ -192,36 +191,27 @@ class MeshSpec(Table, frozen=True, kw_only=True):
 
 
 def _check_corners(corners: tuple[Point, ...]) -> None:
-    """Raise ValueError unless the corners are those of a convex quadrilateral, counter-clockwise."""
-    sides = [(b[0] - a[0], b[1] - a[1]) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
-    units = [(x / length, y / length) if (length := math.hypot(x, y)) else (0.0, 0.0) for x, y in sides]
-    sines = [a[0] * b[1] - a[1] * b[0] for a, b in zip(units, units[1:] + units[:1], strict=True)]
-    if all(sine < -CORNER for sine in sines):
-        turned = ", ".join(f"[{x!r}, {y!r}]" for x, y in (corners[0], *corners[:0:-1]))
-        raise ValueError(f"corners run clockwise; write them counter-clockwise, as in corners = [{turned}]")
-    if not all(sine > CORNER for sine in sines):
-        raise ValueError("corners must be those of a convex quadrilateral in their order along its boundary, without "
+    """Raise ValueError unless the corners are those of a convex quadrilateral, counter-clockwise, or of a hexahedron
+    whose trilinear map keeps volumes positive: angles between edges of the map, at 9 or 27 points, say so."""
+    x = np.array(corners)
+    unit, d = UNIT_CUBE[:len(x), :len(x[0])], len(x[0])
+    along = 1.0 - np.abs(unit - np.array(list(product((0.0, 0.5, 1.0), repeat=d)))[:, None])
+    slopes = np.stack([(2 * unit[:, k] - 1) * np.delete(along, k, axis=2).prod(axis=2) for k in range(d)], axis=1)
+    edges = slopes @ x
+    size = np.linalg.norm(edges, axis=2, keepdims=True)
+    sines = np.linalg.det(edges / np.where(size > 0.0, size, 1.0))
+    base = "the four of the bottom, counter-clockwise seen from the top, and then the four above them"
+    if (sines < -CORNER).all():
+        turned = ", ".join(f"[{x!r}, {y!r}]" for x, y, *_ in (corners[0], *corners[:0:-1]))
+        raise ValueError(f"corners make a hexahedron that is turned inside out; write {base}" if d > 2 else
+                         f"corners run clockwise; write them counter-clockwise, as in corners = [{turned}]")
+    if not (sines > CORNER).all():
+        raise ValueError(f"corners must be those of a convex hexahedron: {base}" if d > 2 else
+                         "corners must be those of a convex quadrilateral in their order along its boundary, without "
                          "corners of 0 or 180 degrees")
 
 
-def _check_hexahedron(corners: tuple[Point, ...]) -> None:
-    """Raise ValueError unless the trilinear map of the corners keeps volumes positive, at 27 points."""
-    along = 1.0 - np.abs(UNIT_CUBE - np.array(list(product((0.0, 0.5, 1.0), repeat=3)))[:, None])
-    slopes = np.stack([(2 * UNIT_CUBE[:, k] - 1) * np.delete(along, k, axis=2).prod(axis=2) for k in range(3)], axis=1)
-    edges = slopes @ np.array(corners)
-    volumes = np.linalg.det(edges) / np.linalg.norm(edges, axis=2).mean() ** 3
-    if (volumes < -CORNER).all():
-        raise ValueError("corners make a hexahedron that is turned inside out; write the four of the bottom "
-                         "counter-clockwise seen from the top, and then the four above them")
-    if not (volumes > CORNER).all():
-        raise ValueError("corners must be those of a convex hexahedron: the four of the bottom, counter-clockwise seen "
-                         "from the top, and then the four above them")
-
-
 class SettledMesh(MeshSpec, frozen=True, kw_only=True):
-    """A mesh of known order; a shape has no ``file`` and no keys of another shape, a file has neither.
-
-    A geometry has all of its own keys.
-    """
+    """A mesh of known order."""
 
     order: Literal[1, 2]

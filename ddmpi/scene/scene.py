@@ -1,7 +1,6 @@
 """The scene: bodies, rigid partners, contacts and method, as the user asks for them and with everything filled in.
 
-`Scene` is the frozen data of a TOML file, and checks what does not fit together. `Settled` is what all other rooms
-work with.
+`Scene` is the frozen data of a TOML file, and checks what does not fit together. Other rooms work with `Settled`.
 """
 
 from __future__ import annotations

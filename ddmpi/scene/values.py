@@ -1,5 +1,4 @@
-"""Types of values: names, numbers with limits, functions of the coordinates, profiles along an interface, histories
-over time."""
+"""Types of values: names, numbers with limits, functions of the coordinates, profiles of contacts, histories."""
 
 from __future__ import annotations
 
@@ -209,8 +208,7 @@ def evaluate(value: Any, *x: np.ndarray) -> np.ndarray:
 
     Returns
     -------
-    An array of that shape for a scalar, ``(d, *shape)`` for a vector; units of `value`. Formulas may give numbers
-    that are not finite.
+    An array of that shape for a scalar, ``(d, *shape)`` for a vector; units of `value`. Formulas may give inf and nan.
     """
     if isinstance(value, str):
         return _compute(value, *x)

@@ -8,15 +8,15 @@ from ddmpi.body.loads import Supports
 from ddmpi.mesh.boundary import turn_outward
 from ddmpi.mesh.elements import facet_shares
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.surface.curve import Curve
-from ddmpi.surface.patch import Patch
+from ddmpi.surface.curve import Curve, in_chains
+from ddmpi.surface.patch import Patch, in_places
 from ddmpi.surface.side import Side, across, nodal, unit
 
 COARSE = 1e-6
 """Nodes are put in order by their places in multiples of this part of the mesh's extent: rounding decides nothing."""
 
-KINDS = {2: Curve, 3: Patch}
-"""By dimension."""
+KINDS = {2: (Curve, in_chains), 3: (Patch, in_places)}
+"""What a side is, and how its nodes are put in order, by dimension."""
 
 
 def contact_side(mesh: Mesh, edges: np.ndarray, held: Supports, body: str, modulus: float, key: str,
@@ -30,8 +30,8 @@ def contact_side(mesh: Mesh, edges: np.ndarray, held: Supports, body: str, modul
     """
     origins, edges = edges[:, 0], turn_outward(mesh, edges, key)[0]
     places = np.round((mesh.points - mesh.points.min(axis=0)) / (COARSE * np.ptp(mesh.points, axis=0).max()))
-    kind = KINDS[mesh.dimension]
-    nodes, arc = kind.ordered(edges, mesh.points, places, origins)
+    kind, ordered = KINDS[mesh.dimension]
+    nodes, arc = ordered(edges, mesh.points, places, origins)
     place, xy = np.empty(len(mesh.points), int), mesh.points[nodes]
     place[nodes] = np.arange(len(nodes))
     facets = place[edges]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ddmpi.surface.curve import Curve
-from ddmpi.surface.cut import cut, rule_of
+from ddmpi.surface.cut import cut
 from ddmpi.surface.side import Side, cross, unit
 from ddmpi.system.numbers import spans
 
@@ -52,10 +52,14 @@ class Cover:
     direction: np.ndarray
     gap: np.ndarray
 
+    def only(self, some: np.ndarray) -> Cover:
+        """Some of the points, by their numbers or (q,) bool."""
+        return Cover(*(each[some] for each in vars(self).values()))
+
 
 def cover(slave: Side, master: Side) -> Cover:
     """The part of the slave that faces the master, along its averaged normals, in space along those of its facets.
-    Not collective.
+    Some points have no weight: ends of pieces, in space corners. Not collective.
 
     Pieces, rays and gaps are found on chords; a point of a curved facet stands upright on its chord, and faces what its
     ray meets. A piece of the slave faces what is nearest of the other side with a normal against its own. What lies
@@ -71,27 +75,13 @@ def cover(slave: Side, master: Side) -> Cover:
                  distance - slave.bulge(facet, at, ray) - master.bulge(one, there, -ray))
 
 
-def at_corners(over: Cover, slave: Side, master: Side) -> Cover:
-    """A cover in space at the corners of the triangles that facets are cut into, without weights. Not collective.
-
-    Between them lie the least and the greatest gap of plane facets: at nodes of both sides, and where edges cross.
-    """
-    rule = rule_of(slave, master)[0]
-    inner, first = float(np.median(rule[0])), slice(0, None, len(rule))  # which it has of two corners
-
-    def out(points: np.ndarray) -> np.ndarray:
-        own = points.reshape(-1, len(rule), 3)[:, :3]
-        return ((own - 3.0 * inner * own.mean(axis=1, keepdims=True)) / (1.0 - 3.0 * inner)).reshape(-1, 3)
-
-    facet, other, ray = (np.repeat(each[first], 3, axis=0) for each in (over.facet, over.other, over.direction))
-    at, there = out(over.at), out(over.there)
-    fine = np.round(at[:, :2] * FINEST).astype(np.int64)
-    some = np.unique((facet * 2 * FINEST + fine[:, 0]) * 2 * FINEST + fine[:, 1], return_index=True)[1]
-    facet, other, at, there, ray = (each[some] for each in (facet, other, at, there, ray))
-    apart = (np.einsum("qc,qcd->qd", there, master.xy[master.facets[other, :3]])
-             - np.einsum("qc,qcd->qd", at, slave.xy[slave.facets[facet, :3]]))
-    return Cover(facet, at, other, there, np.zeros(len(facet)), ray, np.einsum("qd,qd->q", apart, ray)
-                 - slave.bulge(facet, at, ray) - master.bulge(other, there, -ray))
+def corners(over: Cover) -> Cover:
+    """The points of a cover in space that have no weight, each once: corners of what facets have in common. Between
+    them lie the least and the greatest gap of plane facets. Not collective."""
+    some = np.flatnonzero(over.weight == 0.0)
+    fine = np.round(over.at[some, :2] * FINEST).astype(np.int64)
+    key = (over.facet[some] * 2 * FINEST + fine[:, 0]) * 2 * FINEST + fine[:, 1]
+    return over.only(some[np.unique(key, return_index=True)[1]])
 
 
 def _along(slave: Curve, master: Curve, depth: np.ndarray) -> Cover:
@@ -130,9 +120,7 @@ def _along(slave: Curve, master: Curve, depth: np.ndarray) -> Cover:
 
 def faced_arc(xy: np.ndarray, rows: np.ndarray, over: Cover, master: Side) -> np.ndarray:
     """Arc lengths (m,) of the master's places nearest to `xy` (m, 2), on facets that the rows (q, c) of points face.
-
-    Not collective.
-    """
+    Not collective."""
     row, facet = np.unique(np.stack([rows.ravel(), np.repeat(over.other, rows.shape[1])]), axis=1)
     start, end = master.facets[facet, :2].T
     along = master.xy[end] - master.xy[start]
@@ -146,9 +134,8 @@ def faced_arc(xy: np.ndarray, rows: np.ndarray, over: Cover, master: Side) -> np
 
 def _swept(segments: np.ndarray, facets: np.ndarray, fans: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The pairs of a facet (·, 2, 2) and a segment (·, 2, 2) whose line rays from the facet can meet, facet by facet.
-
-    Rays have the directions `fans` (·, 2, 2) at the ends of a facet. Boxes around BLOCK segments are looked at first.
-    """
+    Rays have the directions `fans` (·, 2, 2) at the ends of a facet. Boxes around BLOCK segments are looked at
+    first."""
     if len(segments) > BLOCK:
         first = np.arange(0, len(segments), BLOCK)
         low, high = np.minimum.reduceat(segments.min(axis=1), first), np.maximum.reduceat(segments.max(axis=1), first)
@@ -203,9 +190,7 @@ def _together(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarra
 def _pieces(facet: np.ndarray, segments: np.ndarray, facets: np.ndarray,
             fans: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The pieces of facets between the places where their rays hit ends of segments (p, 2, 2): facet, from, to, (q,).
-
-    The segments stand beside their facets (p,), which are sorted.
-    """
+    The segments stand beside their facets (p,), which are sorted."""
     each, rays = facets[facet], fans[facet]
     fan, turn, along = rays[:, :1], rays[:, 1:] - rays[:, :1], each[:, 1:] - each[:, :1]
     points = segments - each[:, :1]

@@ -43,8 +43,7 @@ class Curve(Side):
         Where the boundary turns from one facet to the next, both share the turn as arcs of one circle would: their
         sines go as the lengths. A facet that is straight at its other end leaves all of it to its neighbour; two such
         facets meet in a corner, and so do facets at an angle above SHARPEST. At a sharp corner and at an end of the
-        boundary, the slope of the other end counts, mirrored; where both ends are such, that of the facet itself, if it
-        is curved.
+        boundary, the slope of the other end counts, mirrored; where both ends are such, that of a curved facet itself.
         """
         return self._slopes()[0]
 
@@ -123,10 +122,8 @@ class Curve(Side):
         return 2.0 * at / (1.0 + 4.0 * delta + np.sqrt((1.0 + 4.0 * delta) ** 2 - 16.0 * delta * at))
 
     def off_chords(self, facets: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far (q,) facets themselves are off their chords (m), and their length over the chord's (q,), at places.
-
-        Upright on the chords of `facets` (q,), at `at` (q,) from 0 to 1.
-        """
+        """How far (q,) facets themselves are off their chords (m), and their length over the chord's (q,), at places
+        upright on the chords of `facets` (q,), at `at` (q,) from 0 to 1."""
         outward, along = self.outward[facets], self.along[facets]
         t, length = self.parameters(facets, at, outward), np.linalg.norm(along, axis=1)
         height = 4.0 * np.einsum("qi,qi->q", self.bends[facets], outward)
@@ -143,18 +140,17 @@ class Curve(Side):
         """Segments between neighbouring nodes, also those of quadratic facets."""
         return segments(self.facets[some])
 
-    @staticmethod
-    def ordered(facets: np.ndarray, points: np.ndarray, places: np.ndarray,
-                origins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The nodes (k,) of turned facets chain by chain, and the arc lengths (nv,); see `contact_side`."""
-        return _chained(segments(facets), places), _arc(facets, points, origins)
+
+def in_chains(facets: np.ndarray, points: np.ndarray, places: np.ndarray,
+              origins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The nodes (k,) of turned facets chain by chain, by `places` (nv, 2) of all nodes, and the arc lengths (nv,); see
+    `_arc`."""
+    return _chained(segments(facets), places), _arc(facets, points, origins)
 
 
 def _arc(edges: np.ndarray, points: np.ndarray, origins: np.ndarray) -> np.ndarray:
-    """Arc lengths (nv,) of the nodes of turned edges (k, 2 or 3) from the start of their chain.
-
-    Each chain counts from its own start: where no edge ends, else at the first of `origins` (k,) that is on it.
-    """
+    """Arc lengths (nv,) of the nodes of turned edges (k, 2 or 3) from the start of their chain. Each chain counts from
+    its own start: where no edge ends, else at the first of `origins` (k,) that is on it."""
     length = facet_measures(points[edges])
     after = dict(zip(edges[:, 0].tolist(), zip(edges[:, 1].tolist(), length.tolist(), strict=True), strict=True))
     arc = np.full(len(points), np.nan)

@@ -31,7 +31,8 @@ BEHIND = 1e-6
 
 
 def cut(slave: Side, master: Side, facing: float, deepest: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Points on the slave that face the master along its facets' normals. Not collective.
+    """Points on the slave that face the master along its facets' normals: Gauss's in the triangles that facets are cut
+    into, and corners of these, without weight. Not collective.
 
     Parameters
     ----------
@@ -50,7 +51,8 @@ def cut(slave: Side, master: Side, facing: float, deepest: np.ndarray) -> tuple[
     facet, other = _near(own, others, outward, backward)
     faces = np.einsum("pd,pd->p", outward[facet], backward[other]) < facing
     facet, other = facet[faces], other[faces]
-    rule = rule_of(slave, master)
+    where, weights = SECOND[2] if slave.facets.shape[1] == master.facets.shape[1] == 3 else RULES[2]
+    rule = np.concatenate([where, np.eye(3)]), np.append(weights, np.zeros(3))
     found = [_cut(own, others, outward, facet[start:start + CHUNK], other[start:start + CHUNK], rule)
              for start in range(0, max(len(facet), 1), CHUNK)]
     facet, other, at, there, weight = (np.concatenate(each) for each in zip(*found, strict=True))
@@ -72,12 +74,6 @@ def cut(slave: Side, master: Side, facing: float, deepest: np.ndarray) -> tuple[
     return facet, other, at, there, weight * stretch(slave, facet, at), distance
 
 
-def rule_of(slave: Side, master: Side) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss's points (p, 3) and weights (p,) of the triangles that facets are cut into; the first three lie between the
-    middle and a corner each."""
-    return SECOND[2] if slave.facets.shape[1] == master.facets.shape[1] == 3 else RULES[2]
-
-
 def stretch(side: Side, facet: np.ndarray, at: np.ndarray) -> np.ndarray:
     """The area of facets at points (q, 3), over that of their plane triangles."""
     if side.facets.shape[1] == 3 or not len(facet):
@@ -90,11 +86,9 @@ def stretch(side: Side, facet: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 def _near(own: np.ndarray, others: np.ndarray, outward: np.ndarray, backward: np.ndarray) \
         -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of facets of which one may lie over the other, in the order of the first.
-
-    Around each of the slave's facets the nearest of the master gives the distance at which others are looked for; those
-    of one size at a time, so that large ones cost small ones nothing.
-    """
+    """Pairs of facets of which one may lie over the other, in the order of the first. Around each of the slave's facets
+    the nearest of the master gives the distance at which others are looked for; those of one size at a time, so that
+    large ones cost small ones nothing."""
     centre, far = own.mean(axis=1), others.mean(axis=1)
     radius, reach = (np.linalg.norm(each - each.mean(axis=1, keepdims=True), axis=2).max(axis=1)
                      for each in (own, others))
@@ -175,10 +169,8 @@ def _cut(own: np.ndarray, others: np.ndarray, outward: np.ndarray, facet: np.nda
 
 def _opposite(own: np.ndarray, outward: np.ndarray, facet: np.ndarray, distance: np.ndarray,
               slack: np.ndarray) -> np.ndarray:
-    """Pairs (2, p) of the slave's facets of which the second may lie before what pieces (q,) of the first face.
-
-    They are looked for in balls along the normal, no farther than the box around the slave: a flat one has none.
-    """
+    """Pairs (2, p) of the slave's facets of which the second may lie before what pieces (q,) of the first face. They
+    are looked for in balls along the normal, no farther than the box around the slave: a flat one has none."""
     centre, reach = own.mean(axis=1), np.zeros(len(own))
     radius = np.linalg.norm(own - centre[:, None], axis=2).max(initial=0.0)
     np.maximum.at(reach, facet, distance)
@@ -198,10 +190,8 @@ def _opposite(own: np.ndarray, outward: np.ndarray, facet: np.ndarray, distance:
 def _hidden(own: np.ndarray, outward: np.ndarray, triangles: np.ndarray, pairs: np.ndarray, facet: np.ndarray,
             other: np.ndarray, at: np.ndarray, distance: np.ndarray, slack: np.ndarray, least: float) -> np.ndarray:
     """Which pieces (p,), with middles at (p, 3), have another of the `triangles` (·, 3, 3) before what they face.
-
     `pairs` (2, r), sorted, has each facet's rivals among the triangles, `other` (p,) what is none of them; rivals count
-    from the distance `least` on.
-    """
+    from the distance `least` on."""
     start = np.searchsorted(pairs[0], facet)
     piece, candidate = spans(start, np.searchsorted(pairs[0], facet, "right"))
     rival = pairs[1, candidate]

@@ -1,5 +1,4 @@
-"""The contact boundary of a body in space, and the curved one that is meant: normals at the corners of plane triangles,
-and what stands over them."""
+"""The contact boundary of a body in space, and the curved one that is meant over its plane triangles."""
 
 from __future__ import annotations
 
@@ -85,25 +84,20 @@ class Patch(Side):
         found[some] = kappa * Q / np.where(below > 0.0, below, np.inf)
         return found
 
-    def rise(self, nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Zero: rows stand at corners."""
-        return np.zeros(len(nodes))
-
     def pieces(self, some: np.ndarray) -> np.ndarray:
         """Triangles between corners."""
         return self.facets[some, :3]
 
-    @staticmethod
-    def ordered(facets: np.ndarray, points: np.ndarray, places: np.ndarray,
-                origins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The nodes (k,) of turned facets by their places, and no arc lengths (nv,); see `contact_side`."""
-        nodes = np.unique(facets)
-        return nodes[np.lexsort(places[nodes].T[::-1])], np.zeros(len(points))
+
+def in_places(facets: np.ndarray, points: np.ndarray, places: np.ndarray,
+              _: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The nodes (k,) of facets by the `places` (nv, 3) of all nodes, and no arc lengths (nv,)."""
+    nodes = np.unique(facets)
+    return nodes[np.lexsort(places[nodes].T[::-1])], np.zeros(len(points))
 
 
 def _fitted(xy: np.ndarray, facets: np.ndarray, normal: np.ndarray, whole: np.ndarray) -> np.ndarray:
-    """Normals (k, 3) of surfaces fitted at corners without sharp edges (k,) bool; zero where there are too few others.
-    """
+    """Normals (k, 3) of surfaces fitted at corners that are `whole` (k,) bool; zero where others are too few."""
     pairs, size = links(facets, 3), len(xy)
     near = sparse.csr_matrix((np.ones(2 * len(pairs)), np.concatenate([pairs, pairs[:, ::-1]]).T), (size, size))
     ring = near @ sparse.diags(1.0 * whole)

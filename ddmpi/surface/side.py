@@ -11,7 +11,6 @@ import scipy.sparse as sparse
 
 from ddmpi.mesh.boundary import links
 from ddmpi.mesh.elements import CELLS, FIRST, circumference, facet_cell, facet_measures, facet_shares
-from ddmpi.system.numbers import is_touched
 
 
 @dataclass(frozen=True)
@@ -61,19 +60,8 @@ class Side:
     def dimension(self) -> int:
         return self.xy.shape[1]
 
-    @property
-    def touched(self) -> np.ndarray:
-        """(k,) bool, nodes that clamps do not let move in all directions."""
-        return is_touched(self.free)
-
-    @property
-    def fast(self) -> np.ndarray:
-        """(k,) bool, nodes that clamps let move in no direction."""
-        return ~self.free.any(axis=(1, 2))
-
     def moves_with(self, transfer: sparse.csr_matrix) -> np.ndarray:
-        """M (r, d, d): places that move as a transfer (r, k) says move by M e where all nodes move by e as clamps let
-        them."""
+        """M (r, d, d): places of a transfer (r, k) move by M e where all nodes move by e as clamps let them."""
         return (transfer @ self.free.reshape(len(self.free), -1)).reshape(-1, *self.free.shape[1:])
 
     @property
@@ -107,8 +95,7 @@ class Side:
 
     @property
     def fans(self) -> np.ndarray:
-        """(f, d, d) unit normals at the corners of each facet, the same for all that meet there at less than SHARPEST.
-        """
+        """(f, d, d) unit normals at the corners of facets, the same for all that meet there at less than SHARPEST."""
         raise NotImplementedError
 
     def bulge(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
@@ -126,30 +113,13 @@ class Side:
     def rise(self, nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """How far (q,) the boundary that is meant stands off some nodes (q,), along vectors (q, d) (m).
 
-        Corners lie on it, middles on the chord or, if the facet is curved, near it.
+        Corners, where all rows in space stand, lie on it; middles on the chord or, if the facet is curved, near it.
         """
-        raise NotImplementedError
-
-    @staticmethod
-    def ordered(facets: np.ndarray, points: np.ndarray, places: np.ndarray,
-                origins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The nodes (k,) of turned facets in their order, and the `arc` lengths (nv,) of all of the mesh.
-
-        Parameters
-        ----------
-        facets, points : of the mesh (m)
-        places : (nv, d) the latter, rounded
-        origins : (f,) the first nodes of the facets as they are given
-        """
-        raise NotImplementedError
+        return np.zeros(len(nodes))
 
     def pieces(self, some: np.ndarray) -> np.ndarray:
         """Straight facets (·, d) between rows, of some of the facets (f,) bool."""
         raise NotImplementedError
-
-    def laplacian(self, some: np.ndarray, row: np.ndarray, m: int) -> sparse.csr_matrix:
-        """That of some of the facets (f,) bool, as `laplacian`."""
-        return laplacian(self.xy, self.pieces(some), row, m, self.axisymmetric)
 
     def lengths_over(self, some: np.ndarray) -> np.ndarray:
         """Nodal lengths (k,) over some of the facets (f,) bool: integrals of the shape functions (m)."""

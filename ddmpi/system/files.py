@@ -14,7 +14,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ddmpi.errors import OutputError
-from ddmpi.system.agreement import agreed, from_first
+from ddmpi.system.agreement import agreed
 
 K = TypeVar("K")
 T = TypeVar("T")
@@ -96,38 +96,29 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def write_rows(target: Path, parts: Mapping[str, Sequence[np.ndarray]], places: Mapping[str, tuple[int, int]],
-               world: MPI.Comm, group: str = "") -> None:
-    """Write datasets of an HDF5 file, all ranks at once, each its rows; a file that is there gets a new `group`.
+               world: MPI.Comm, group: str | None = None) -> None:
+    """Write datasets of an HDF5 file, all ranks at once, each its rows.
 
     The first rank makes the datasets. Then each rank writes to where HDF5 has them in the file: HDF5 with MPI is not
     needed, and nobody waits for a turn.
 
     Parameters
     ----------
-    parts : by name the rows (k, …) of this rank, at least one, in pieces that follow each other
+    parts : by name the rows (k, …) of this rank, at least one, in pieces that follow each other; datasets of which it
+        has none are left out
     places : by name how many rows are before these, and how many there are in all
+    group : None for a new file; a new group of one that is there, or its root for ""
 
     Collective. Raises OutputError, on all ranks.
     """
     shapes = {name: ((places[name][1], *pieces[0].shape[1:]), np.result_type(*pieces).str)
               for name, pieces in parts.items()}
-    starts = from_first(world, lambda: _made(target, shapes, group or None))
+    starts = _shared_out(world, shapes, lambda everyone: _made(target, everyone, group))
     with agreed(world):
         own = {name: [np.ascontiguousarray(piece, starts[name][1]) for piece in pieces]
                for name, pieces in parts.items()}
         put(target, [(starts[name][0] + places[name][0] * (pieces[0].nbytes // len(pieces[0])), pieces)
                      for name, pieces in own.items()])
-
-
-def write_datasets(target: Path, own: Mapping[str, np.ndarray], world: MPI.Comm) -> None:
-    """Add whole datasets, by their paths, to an HDF5 file that is there: each rank its `own`, which are not empty.
-
-    Collective. Raises OutputError, on all ranks.
-    """
-    shapes = {name: (part.shape, part.dtype.str) for name, part in own.items()}
-    starts = _shared_out(world, shapes, lambda everyone: _made(target, everyone, ""))
-    with agreed(world):
-        put(target, [(starts[name][0], [np.ascontiguousarray(part)]) for name, part in own.items()])
 
 
 def write_parts(target: Path, parts: Mapping[int, bytes], ends: tuple[bytes, bytes], world: MPI.Comm) -> None:
@@ -150,10 +141,8 @@ def write_parts(target: Path, parts: Mapping[int, bytes], ends: tuple[bytes, byt
 
 
 def _made(target: Path, shapes: Mapping[str, tuple[tuple[int, ...], str]], group: str | None) -> dict[str, tuple]:
-    """Make datasets with their room in an HDF5 file: by name where they begin and of what they are.
-
-    They stand in a new file, or in the new `group` of one that is there; in the root for "". Not collective.
-    """
+    """Make datasets with their room in an HDF5 file: by name where they begin and of what they are; `group` as of
+    `write_rows`. Not collective."""
     import h5py
 
     mode, found = "w" if group is None else "r+", {}

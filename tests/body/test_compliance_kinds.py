@@ -158,7 +158,7 @@ def test_plan_says_what_was_chosen_and_why(tmp_path):
     run = scenes.run_command(scene, tmp_path / "petsc", "--no-figures", "-body_mat_mumps_icntl_10", "0")
     assert ("upper, lower: direct solver through PETSc (MUMPS is not called directly: -body_mat_mumps_icntl_10 is an "
             "option of PETSc's)\n") in run.stdout
-    run = scenes.run_command(scene, tmp_path / "direct", "--no-figures", "--set", "method.compliance=direct")
+    run = scenes.run_here(scene, tmp_path / "direct", "--no-figures", "--set", "method.compliance=direct")
     assert "upper, lower: direct solver, compliance direct (asked for)\n" in run.stdout
 
 

@@ -396,6 +396,7 @@ def test_compliance_is_the_dense_one(order, held, route, petsc_options, monkeypa
     assert np.abs(u.array_r - expected).max() <= 1e-11 * np.abs(expected).max()
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=2)
 @pytest.mark.parametrize("options", [{}, {"body_mat_mumps_icntl_10": 0}], ids=["directly", "through PETSc"])
 def test_compliance_on_two_ranks(comm, options, petsc_options, monkeypatch):

@@ -7,7 +7,7 @@ import tomllib
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import ROOT, pinched_blocks, run_command, run_python, to_toml, tower, write_scene
+from scenes import ROOT, pinched_blocks, run_here, run_python, to_toml, tower, write_scene
 from solid_scenes import HELD, box, two_boxes
 
 from ddmpi.check.check import check
@@ -70,6 +70,7 @@ def plug_in_ring() -> dict:
             "contact": [{"bodies": ["plug", "floor"], "on": ["bottom"]}, {"bodies": ["plug", "stamp"], "on": ["top"]}]}
 
 
+@pytest.mark.slow
 def test_around_an_axis_with_springs_and_pushed_partners(looked_at, tmp_path):
     """Forces are of the whole circumference; what is not clamped is said to be held by springs, or loose."""
     pytest.importorskip("matplotlib")
@@ -141,8 +142,7 @@ def test_the_lines_solve_the_scene(tmp_path):
     lines = re.search(r"^\[\[contact\]\]\n.*\n.*\n", seen.stdout, re.M).group()
     (tmp_path / "scene.toml").write_text(f"{broken}\n{lines}", encoding="utf-8")
     assert run_python(args, 1, tmp_path, tmp_path).code == 0
-    run = run_command(tmp_path / "scene.toml", tmp_path / "out", "--no-figures", "--set",
-                      "time.steps=1", ranks=1)
+    run = run_here(tmp_path / "scene.toml", tmp_path / "out", "--no-figures", "--set", "time.steps=1")
     assert run.code == 0
 
 
@@ -173,6 +173,7 @@ def test_clamps_along_normals_and_heat_are_told(looked_at):
         assert words in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", [pinched_blocks(4), two_boxes(2, 3), two_boxes(1, order=2),
                                    two_boxes(2) | {"output": {"cut": {"y": 1.5}, "view": [-60.0, 24.0]}}])
 def test_pictures(scene, looked_at, tmp_path):
@@ -186,6 +187,7 @@ def test_pictures(scene, looked_at, tmp_path):
         looked_at(scene, "out")
 
 
+@pytest.mark.slow
 def test_colours_of_gaps_end_with_them(looked_at, monkeypatch):
     """Where all bodies overlap or touch, colours go from the largest overlap to none."""
     pytest.importorskip("matplotlib")

@@ -36,7 +36,7 @@ def blocks(upper: Clamp, lower: Clamp, below: int = 6, order: int = 1, drawn: fl
         left = np.unique(mesh.groups["left"])
         boundary = side(turned(mesh, angle), on, body=name, x=clamp.x is not None, y=clamp.y is not None,
                         where=lambda x, y, left=left: np.isin(np.arange(len(x)), left))
-        found.append(Mover(name, [clamp], moved(boundary, clamp)))
+        found.append(Mover(moved(boundary, clamp), [clamp]))
     if swapped:
         found.reverse()
     interface = join(*(mover.side for mover in found), NoFriction(), "seam", gap=gap, kind=kind)
@@ -134,8 +134,7 @@ def test_a_rigid_partner_that_moves_into_clamped_nodes_is_refused(U, said):
     clamp, floor = left(y=0.0), Plane(name="floor", point=(0.0, 0.0), normal=(0.0, 1.0), displacement=U, history="lift")
     boundary = side(rectangle((6, 2), (3.0, 1.0), (0.0, 0.01)), "bottom", where=lambda x, y: x == 0.0, y=True)
     interface = touch(boundary, floor, NoFriction(), "seam")
-    movers = [Mover("body", [clamp], moved(boundary, clamp)),
-              Mover("floor", [Clamp(on="floor", x=U[0], y=U[1], history="lift")])]
+    movers = [Mover(moved(boundary, clamp), [clamp]), Mover(floor)]
     refuse_contradiction(interface, movers, {0.0: {None: 1.0, "lift": 0.0}})
     times = {0.0: {None: 1.0, "lift": 0.0}, 1.0: {None: 1.0, "lift": 1.0}}
     if not said:
@@ -164,7 +163,7 @@ def test_clamps_along_normals_that_push_bodies_into_each_other(below, angle):
             clamp = Clamp(on="part", normal=value)
             held = supports(mesh, BodySpec(name=name, mesh=MeshSpec(file="none.msh"), clamp=[clamp],
                                            material=Material(young=1.0, poisson=0.3)))
-            movers.append(Mover(name, [clamp], contact_side(mesh, edges, held, name, 1.0, "contact.seam.on")))
+            movers.append(Mover(contact_side(mesh, edges, held, name, 1.0, "contact.seam.on"), [clamp]))
         interface = join(*(mover.side for mover in movers), NoFriction(), "seam")
         if below == 6:
             assert interface.m == 3 and interface.dropped == 4  # the pairs that both sides hold carry no row

@@ -13,7 +13,7 @@ from ddmpi.interface.mortar import shapes
 from ddmpi.interface.state import ContactState, contact_state
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Coulomb, NoFriction
-from ddmpi.surface.cover import at_corners, cover
+from ddmpi.surface.cover import corners, cover
 from ddmpi.surface.side import Side
 
 COULOMB = Coulomb(coefficient=0.3)
@@ -485,7 +485,7 @@ def test_every_corner_in_space_is_looked_at(order):
     upper, lower = (side(box(*shape, order), group, body=group) for shape, group in (
         (((0.1, 0.1, 1.0), (0.6, 0.6, 1.0), (2, 3, 2)), "bottom"),
         (((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (4, 3, 2)), "top")))
-    looked = at_corners(cover(upper, lower), upper, lower)
+    looked = corners(cover(upper, lower))
     places = np.einsum("qc,qcd->qd", looked.at, upper.xy[upper.facets[looked.facet, :3]])
     for number, nodes in enumerate(upper.facets[:, :3]):
         away = places[looked.facet == number] - upper.xy[nodes][:, None]

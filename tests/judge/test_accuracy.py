@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import solids
-from scenes import drawn_roller, pinched_blocks, prepare_scene, run_command, to_toml, write_scene
+from scenes import drawn_roller, pinched_blocks, prepare_scene, run_here, to_toml, write_scene
 
 from ddmpi.errors import InputError, NotConvergedError, SolverError
 from ddmpi.judge.accuracy import (
@@ -203,7 +203,7 @@ def test_drawn_meshes_do_not_exceed_the_most_unknowns():
 
 def test_a_drawn_roller_meets_its_target(tmp_path):
     """1 % on the shipped roller, from geometries: few meshes of few unknowns, Hertz's pressure and width to 1 %."""
-    done = run_command("configs/roller.toml", tmp_path / "out", "--no-figures", ranks=1)
+    done = run_here("configs/roller.toml", tmp_path / "out", "--no-figures")
     assert done.code == 0, done.output
     told = done.summary["discretization_error"]
     assert told["energy_norm"] <= 0.9 * 0.01 < told["levels"][-2]["error"]
@@ -301,8 +301,8 @@ def test_a_preset_asks_no_target_of_meshes_that_are_given():
 def test_linear_triangles_that_lock_have_no_estimate(tmp_path):
     """Where linear triangles lock, the estimated error is null, not 0.14, and a warning says what would be right."""
     scene = pinched_blocks(6) | {"output": {"error": True}}
-    done = run_command(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results",
-                       "--set", "body.upper.material.poisson=0.4999", ranks=1)
+    done = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results",
+                    "--set", "body.upper.material.poisson=0.4999")
     assert done.code == 0, done.output
     warning = "upper: no estimate: linear elements lock at nu = 0.4999; mesh.order = 2 would be right"
     assert done.summary["warnings"] == [warning] and done.output.count(warning) == 1
@@ -311,8 +311,8 @@ def test_linear_triangles_that_lock_have_no_estimate(tmp_path):
     assert error["energy_norm"] is None and error["levels"][0]["error"] is None
     assert [body["discretization_error"] for body in done.summary["bodies"].values()] == [None, None]
     assert "bodies.png" in done.files and "error.png" not in done.files
-    quadratic = run_command(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "quadratic", "--no-figures",
-                            "--set", "body.upper.material.poisson=0.4999", "body.upper.mesh.order=2", ranks=1)
+    quadratic = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "quadratic", "--no-figures",
+                         "--set", "body.upper.material.poisson=0.4999", "body.upper.mesh.order=2")
     assert 0.0 < quadratic.summary["discretization_error"]["energy_norm"] < 0.3
     assert quadratic.summary["warnings"] == []
 
@@ -320,7 +320,7 @@ def test_linear_triangles_that_lock_have_no_estimate(tmp_path):
 def test_target_is_met_and_told(tmp_path):
     """A run with a target refines until the estimate meets it, and reports every mesh."""
     scene = pinched_blocks(6) | {"method": {"target_error": 0.06}, "output": {"error": True, "figures": True}}
-    done = run_command(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results")
+    done = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results")
     assert done.code == 0, done.output
     told = done.summary["discretization_error"]
     assert told["energy_norm"] <= 0.8 * 0.06 < told["levels"][-2]["error"]
@@ -339,8 +339,8 @@ def test_target_out_of_reach_is_an_error_with_results(tmp_path):
             ("method.target_error=0.02", "method.max_unknowns=5000"): "method.max_unknowns = 5000",
             ("method.target_error=1e-9", "method.max_unknowns=500"): "method.max_unknowns = 500"}.items()):
         scene = pinched_blocks(6) | {"method": {}, "output": {"figures": False}}
-        done = run_command(write_scene(scene, tmp_path / "scene.toml"), tmp_path / str(k),
-                           *(f"--set={setting}" for setting in settings), ranks=1)
+        done = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / str(k),
+                        *(f"--set={setting}" for setting in settings))
         assert done.code == 3
         assert len(done.messages) == 1
         assert reason in done.messages[0] and "estimated discretization error" in done.messages[0]
@@ -352,7 +352,7 @@ def test_meshes_that_match_as_given_go_on_matching(tmp_path):
     """Nodes that pair off as given, with a gap and an offset aside, pair off on the finer meshes of a target."""
     scene = pinched_blocks(6) | {"method": {"target_error": 0.06}, "output": {"figures": False}}
     scene["body"][1]["mesh"]["origin"] = [5e-4, -1e-3]  # the nodes at the ends allow 1/1200
-    done = run_command(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results")
+    done = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results")
     assert done.code == 0, done.output
     assert done.summary["discretization_error"]["levels"][-1]["refinement"] > 2
 
@@ -361,10 +361,10 @@ def test_the_last_certified_answer_survives_a_finer_mesh(tmp_path):
     """Where a finer mesh has no certified answer, the results are those of the last mesh that has one."""
     scene = pinched_blocks(6) | {"method": {}, "output": {"figures": False}}
     path = write_scene(scene, tmp_path / "scene.toml")
-    coarse = run_command(path, tmp_path / "coarse", ranks=1)
+    coarse = run_here(path, tmp_path / "coarse")
     most = coarse.summary["outer_iterations"]
-    done = run_command(path, tmp_path / "fine", "--set", "method.target_error=0.03", f"method.max_iterations={most}",
-                       "method.tolerance=1e-8", ranks=1)
+    done = run_here(path, tmp_path / "fine", "--set", "method.target_error=0.03", f"method.max_iterations={most}",
+                    "method.tolerance=1e-8")
     assert done.code == 3, done.output
     assert len(done.messages) == 1 and "max_iterations is reached" in done.messages[0]
     assert done.files == coarse.files
@@ -420,18 +420,17 @@ def test_a_ladder_that_went_back_stays_there():
 
 def test_given_meshes_are_refined_on_request_only(tmp_path):
     """Meshes of files are refined only with mesh.refine = "as needed"."""
-    given = run_command(PUNCH, tmp_path / "given", "--set", "method.target_error=0.07", "output.figures=false",
-                        ranks=1)
+    given = run_here(PUNCH, tmp_path / "given", "--set", "method.target_error=0.07", "output.figures=false")
     assert given.code == 3
     assert 'mesh.refine = "as needed"' in given.messages[0]
-    allowed = run_command(PUNCH, tmp_path / "allowed", "--set", "method.target_error=0.07", "output.figures=false",
-                          *(f'body.{k}.mesh.refine="as needed"' for k in (0, 1)), ranks=1)
+    allowed = run_here(PUNCH, tmp_path / "allowed", "--set", "method.target_error=0.07", "output.figures=false",
+                       *(f'body.{k}.mesh.refine="as needed"' for k in (0, 1)))
     assert allowed.code == 0, allowed.output
     assert allowed.summary["discretization_error"]["energy_norm"] <= 0.8 * 0.07
     refined = allowed.summary["scene"]["body"][0]["mesh"]["refine"]
     assert refined > 0
-    by_hand = run_command(PUNCH, tmp_path / "by hand", "--set", "output.figures=false",
-                          *(f"body.{k}.mesh.refine={refined}" for k in (0, 1)), ranks=1)
+    by_hand = run_here(PUNCH, tmp_path / "by hand", "--set", "output.figures=false",
+                       *(f"body.{k}.mesh.refine={refined}" for k in (0, 1)))
     assert by_hand.code == 0, by_hand.output
     assert by_hand.summary["n"] == allowed.summary["n"]
     assert [body["mesh"]["refine"] for body in by_hand.summary["scene"]["body"]] == [refined] * 2

@@ -216,15 +216,19 @@ def test_the_limit_follows_the_tolerance_within_bounds():
 
 @two_ranks
 def test_a_solved_scene_that_is_spoilt_is_not_certified(comm, monkeypatch):
-    from ddmpi.run.solve import Past, _conclude
+    from ddmpi.methods.outer import no_report
+    from ddmpi.run.solve import Iteration, Past
+    from ddmpi.system.clock import Clock
 
     assembly = scenes.prepare_scene(comm, scenes.pinched_blocks(4))
     solution = solve(assembly, assembly.scene.method)
     newton, forces = solution.outer, solution.outer.forces
+    iteration = Iteration(assembly, assembly.scene.method, no_report, Clock())
+    iteration.outer = newton
 
     def concluded(stopped: str = "converged") -> Solution:
         none = Past(np.zeros(assembly.space.size), np.zeros(assembly.space.size), np.zeros(3))
-        return _conclude(assembly, newton, stopped, solution.limit, solution.statuses, 0.0, none)
+        return iteration.conclude(stopped, none)
 
     def worst() -> dict[str, tuple[float, str]]:
         return concluded().certificate.worst()

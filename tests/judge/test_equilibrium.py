@@ -9,8 +9,9 @@ from mpi4py import MPI
 from rigid_blocks import Blocks, Boxes, arch, beam, pushed, squeezed, tall, tower, wall, wedge
 
 from ddmpi.interface.law import CoulombLaw
+from ddmpi.judge import motions
 from ddmpi.judge.equilibrium import describe, find_mechanism
-from ddmpi.judge.motions import LARGEST, MotionsOfBody, direction, undetermined
+from ddmpi.judge.motions import MotionsOfBody, direction, undetermined
 from ddmpi.run import equilibrium
 
 
@@ -187,16 +188,23 @@ def test_a_light_body_is_seen_beside_a_heavy_one():
     assert words(scene) == "nothing holds lid: it would move along -y"
 
 
-def test_one_of_many_bodies_is_found():
+@pytest.fixture
+def few(monkeypatch) -> int:
+    """So many bodies of a heap are looked at, instead of `LARGEST`."""
+    monkeypatch.setattr(motions, "LARGEST", 30)
+    return 30
+
+
+def test_one_of_many_bodies_is_found(few):
     """However many others stay, in heaps of their own."""
     scene = pushed(0.6)
-    for k in range(400):
+    for k in range(few + 10):
         x, name = 3.0 + 2.0 * k, f"other{k}"
         scene.box(name, x, 0, 1, 1).contact(name, "floor", (x, 0), (x + 1.0, 0), "coulomb", 0.5)
     assert words(scene) == "block would slide along x"
 
 
-@pytest.mark.parametrize("columns, rows", [(4, 4), (6, 6), (10, 10)])
+@pytest.mark.parametrize("columns, rows", [(4, 4), (8, 8)])
 def test_a_row_of_a_wall_is_pushed_out(columns, rows):
     """The whole highest row slides, however many ways there are to balance the others."""
     assert words(wall(columns, rows, 0.5)) == "equilibrium"
@@ -300,17 +308,17 @@ def test_undetermined_motions():
     assert undetermined(*active(shaft, "slip")) == ["shaft can turn about (2, 1) without any force"]
 
 
-def test_undetermined_motions_of_many_bodies():
+def test_undetermined_motions_of_many_bodies(few):
     """Heaps are looked at one by one, those of up to LARGEST bodies."""
     scene = Blocks()
-    for k in range(LARGEST + 1):
+    for k in range(few + 1):
         x, name = 3.0 * k, f"block{k}"
         scene.box(name, x, 0, 1, 1).contact(name, "floor", (x, 0), (x + 1.0, 0), "coulomb", 0.5)
-    kinds = ["slip" if k == 7 else "stick" for k in range(LARGEST + 1)]
+    kinds = ["slip" if k == 7 else "stick" for k in range(few + 1)]
     assert undetermined(*active(scene, *kinds)) == ["block7 can slide along x without any force"]
-    for k in range(LARGEST):
+    for k in range(few):
         scene.contact(f"block{k}", f"block{k + 1}", (3.0 * k + 1.0, 0), (3.0 * k + 1.0, 1))
-    assert undetermined(*active(scene, *kinds, *LARGEST * ["slip"])) == []
+    assert undetermined(*active(scene, *["slip"] * (2 * few + 1))) == []
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])

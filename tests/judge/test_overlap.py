@@ -222,6 +222,7 @@ def test_boxes_that_overlap_in_space(origin, size, depth, order):
     assert (overlap is not None) == (depth > 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flat", [1e-2, 1e-4])
 def test_flat_facets_are_near_few_points(monkeypatch, flat):
     """Facets a hundred times as long as high are looked at from a few of the points, and the nearest one is found."""

@@ -19,7 +19,7 @@ COULOMB = {"law": "coulomb", "coefficient": 0.3}
 
 def run(scene: dict, folder, *arguments: str) -> Run:
     path = scenes.write_scene(scene, folder / "scene.toml")
-    return scenes.run_command(path, folder / "out", "--no-figures", *arguments, ranks=1)
+    return scenes.run_here(path, folder / "out", "--no-figures", *arguments)
 
 
 def warnings_of(done: Run) -> list[str]:
@@ -72,7 +72,7 @@ def test_a_component_that_is_clamped_twice_differently_is_refused(tmp_path):
     scene["body"][0]["clamp"] = [{"on": "left", "x": 0.0}, {"on": "left", "y": 0.0}, "left"]
     assert warnings_of(run(scene, tmp_path)) == []
     scene["body"][0]["clamp"] = ["left", {"on": "top", "x": 1e-3}]
-    done = scenes.run_command(scenes.write_scene(scene, tmp_path / "twice.toml"), tmp_path / "twice")
+    done = scenes.run_here(scenes.write_scene(scene, tmp_path / "twice.toml"), tmp_path / "twice")
     assert done.code == 2
     assert "body.upper.clamp: x at (0, 2) is prescribed twice, as 0 and, on 'top', as 0.001" in done.messages[0]
 
@@ -144,8 +144,8 @@ def test_large_displacements_and_far_slips_are_warnings(tmp_path):
     moved, *_, slid = warnings_of(run(scene, tmp_path))
     assert "body.upper" in moved and "largest displacement" in moved and "times its size" in moved
     assert "node pairs slid up to" in slid
-    assert warnings_of(scenes.run_command(scenes.write_scene(pinched_blocks(6), tmp_path / "fine.toml"),
-                                          tmp_path / "fine", "--no-figures")) == []
+    assert warnings_of(scenes.run_here(scenes.write_scene(pinched_blocks(6), tmp_path / "fine.toml"),
+                                       tmp_path / "fine", "--no-figures")) == []
 
 
 def test_a_layer_pressed_through_itself_is_a_warning(tmp_path):
@@ -245,7 +245,8 @@ def test_rounding_is_told_on_every_processor(tmp_path, monkeypatch, processor, n
         body["traction"], body["material"]["poisson"] = [], 0.0
     scene["body"][0]["traction"] = [{"on": "right", "value": [-1e7, 0.0]}]
     scene["body"][1]["clamp"] = ["bottom"]
-    (found,) = warnings_of(run(scene, tmp_path))
+    path = scenes.write_scene(scene, tmp_path / "scene.toml")
+    (found,) = warnings_of(scenes.run_command(path, tmp_path / "out", "--no-figures", ranks=1))
     assert re.match(f"contact.upper-lower: ({EITHER})", found), found
 
 
@@ -282,13 +283,6 @@ def split_bottom(path, mirror: bool = False):
                        field_data={name: np.array([k + 1, 1]) for k, name in enumerate(groups)})
     mesh.write(path, file_format="gmsh22", binary=False)
     return path
-
-
-@pytest.mark.parametrize("name", ["pinched_blocks_coulomb", "pinched_blocks_tresca", "pinched_blocks_frictionless"])
-def test_no_shipped_scene_warns(tmp_path, name):
-    """Scenes of the published iteration do not warn; tests/scripts/test_gallery.py looks at the others."""
-    done = scenes.run_command(scenes.ROOT / "configs" / f"{name}.toml", tmp_path / "out", "--no-figures")
-    assert warnings_of(done) == []
 
 
 @pytest.mark.parametrize("scene", [confined_blocks(3, gap=4e-4), sheared_stack(3, 1e-4, COULOMB)], ids=["gap", "shear"])
@@ -340,8 +334,7 @@ def test_slip_around_a_rigid_circle_warns(tmp_path, push, warns):
                                 "divisions": [40, 4]}}],
              "rigid": [{"name": "knob", "shape": "circle", "center": [0.0, 0.0], "radius": 1.0}],
              "contact": [{"bodies": ["slope", "knob"], "on": ["bottom"]}]}
-    done = scenes.run_command(scenes.write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures",
-                              ranks=1)
+    done = scenes.run_here(scenes.write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures")
     assert done.code == 0, done.output
     assert any("the radius of 'knob' around it" in warning for warning in done.summary["warnings"]) == warns
 
@@ -356,8 +349,7 @@ def test_pressure_on_too_few_nodes_is_a_warning(tmp_path, around, order, warned)
                       "divisions": [around, 4], "order": order}}
     scene = {"body": [wheel], "rigid": [{"name": "floor", "shape": "plane", "point": [0, 0], "normal": [0, 1]}],
              "contact": [{"bodies": ["wheel", "floor"], "on": ["outer"]}]}
-    done = scenes.run_command(scenes.write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures",
-                              ranks=1)
+    done = scenes.run_here(scenes.write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures")
     found = [each for each in warnings_of(done) if "too few nodes" in each]
     assert len(found) == warned, found
     assert all("contact.wheel-floor" in each and "at (" in each for each in found)
@@ -466,7 +458,7 @@ def test_a_contact_that_was_closed_before_is_not_said_to_be_open(tmp_path):
     assert "closed nowhere" not in done.stdout
     assert not any("open nodes" in each for each in warnings_of(done))
     scene["contact"][0]["friction"], scene["history"]["press"]["factors"] = {"law": "none"}, [0, -1, -2]
-    done = scenes.run_command(scenes.write_scene(scene, tmp_path / "up.toml"), tmp_path / "up", "--no-figures", ranks=1)
+    done = scenes.run_here(scenes.write_scene(scene, tmp_path / "up.toml"), tmp_path / "up", "--no-figures")
     assert "closed nowhere at any time: upper-lower (at least 0.000" in done.stdout, done.output[-2000:]
 
 

@@ -8,7 +8,7 @@ import gmsh
 import meshio
 import numpy as np
 import pytest
-from scenes import LIMIT, run_command, write_scene
+from scenes import LIMIT, run_here, write_scene
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group, group_nodes, segments, turn_outward
@@ -437,14 +437,14 @@ def test_a_scene_is_solved_with_the_elements_of_its_files(tmp_path):
                       {"name": "lower", "material": material, "clamp": ["bottom"], "mesh": {"file": "lower.msh"}}],
              "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"]}], "output": {"figures": False}}
     path = write_scene(scene, tmp_path / "scene.toml")
-    quadratic = run_command(path, tmp_path / "quadratic")
+    quadratic = run_here(path, tmp_path / "quadratic")
     assert quadratic.code == 0, quadratic.output
     assert quadratic.summary["order"] == 2 and quadratic.summary["contacts"]["upper-lower"]["m"] == 7
     assert [body["mesh"]["order"] for body in quadratic.summary["scene"]["body"]] == [2, 2]
-    linear = run_command(path, tmp_path / "linear", "--set", "body.upper.mesh.order=1")
+    linear = run_here(path, tmp_path / "linear", "--set", "body.upper.mesh.order=1")
     assert linear.summary["order"] == 1 and linear.summary["contacts"]["upper-lower"]["m"] == 4
     (tmp_path / "lower.msh").unlink()
-    missing = run_command(path, tmp_path / "missing")
+    missing = run_here(path, tmp_path / "missing")
     assert missing.code == 2 and len(missing.messages) == 1
     assert f"{path}: body.lower.mesh.file: there is no file" in missing.messages[0]
 

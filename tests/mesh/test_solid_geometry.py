@@ -73,6 +73,7 @@ def cad(path: Path, draw: Callable) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, 2])
 def test_solid_has_its_groups_and_is_as_fine_as_asked(tmp_path, order):
     """A .geo with volumes is meshed with tetrahedra and its groups, curved in order 2; the same file, the same mesh."""
@@ -111,6 +112,7 @@ def test_a_curved_face_has_enough_elements(tmp_path):
     assert normals.min() > np.cos(np.radians(20)) and len(mesh.groups["1"]) > 200
 
 
+@pytest.mark.slow
 def test_given_sizes_are_followed(tmp_path):
     """Sizes by an accuracy target replace all others; they are linear on the tetrahedra of the mesh before."""
     for text in (BLOCK + GROUPS, EXTRUDED % ""):
@@ -227,6 +229,7 @@ def test_a_size_in_other_units_is_refused(tmp_path):
         drawn(path, size=0.0005)
 
 
+@pytest.mark.slow
 def test_parts_and_loads_of_a_drawing(tmp_path):
     """Physical volumes carry materials; a load on a curve is refused."""
     path = write(tmp_path / "block.geo", BLOCK + GROUPS + 'Physical Volume("steel") = {3};')

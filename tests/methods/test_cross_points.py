@@ -11,6 +11,8 @@ from solid_scenes import two_boxes
 import ddmpi
 from ddmpi.methods.krylov import forcing
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize(("pairing", "most"), [("nodes", 9.0), ("mortar", 9.5)])
 def test_gmres_knows_edges_where_bricks_meet(pairing, most):

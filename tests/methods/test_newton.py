@@ -15,7 +15,7 @@ from scenes import (
     joint_compliance,
     pinched_blocks,
     prepare_scene,
-    run_command,
+    run_here,
     the_interface,
     to_toml,
     write_scene,
@@ -451,7 +451,7 @@ def test_published_parameters_are_refused_elsewhere(outer, named):
 def test_the_plan_says_what_is_left_out(tmp_path):
     scene = pinched_blocks(6, "none") | {"output": {"stress": False, "figures": False}}
     scene["body"][1]["traction"] = []
-    done = run_command(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results")
+    done = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results")
     assert done.code == 0, done.output
     left_out = next(line for line in done.stdout.splitlines() if "left out: " in line).partition("left out: ")[2]
     assert left_out.split(", ") == [

@@ -36,13 +36,15 @@ def run(assembly, **method):
 
 @pytest.mark.mpi(ranks=2)
 def test_every_variant_and_the_accelerated_form_find_newtons_answer(comm):
-    for law in ("tresca", "coulomb"):
+    """Half of the variants with each law, so that either has all splittings and both algorithms."""
+    every = list(itertools.product(ALGORITHMS, SPLITTINGS))
+    for law, half in (("tresca", every[:4:2] + every[5::2]), ("coulomb", every[1:4:2] + every[4::2])):
         assembly = prepare_scene(comm, pinched_boxes(2, law))
         newton, reference = run(assembly, outer="newton", tolerance=1e-10)
         states = newton.contacts["upper-lower"]
         assert newton.certified and states.count("slip") and states.count("stick") and states.count("open")
         methods = [{"outer": "relaxation", "algorithm": algorithm, "splitting": splitting, "theta": 0.2,
-                    "tolerance": 1e-6} for algorithm, splitting in itertools.product(ALGORITHMS, SPLITTINGS)]
+                    "tolerance": 1e-6} for algorithm, splitting in half]
         for method in [*methods, {"outer": "anderson", "tolerance": 1e-6}]:
             answer, forces = run(assembly, **method)
             assert answer.certified, (law, method, answer.reason)

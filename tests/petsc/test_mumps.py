@@ -8,12 +8,12 @@ import pytest
 from ddmpi.petsc.mumps import _SPACE, _STRUCTURES, VERSIONS, Factors, RefusedError
 
 OFFSETS = {  # in bytes, by a C compiler from the headers in Debian's libmumps-headers-dev
-    "5.5.1": {"n": 5416, "irn": 5440, "a_loc": 5496, "perm_in": 5552, "rhs": 5600, "lrhs": 5676, "infog": 6048,
-              "rinfog": 6688, "size_schur": 7032, "schur": 7048, "version_number": 7072},
-    "5.7.3": {"n": 5416, "irn": 5440, "a_loc": 5496, "perm_in": 5552, "rhs": 5640, "lrhs": 5740, "infog": 6120,
-              "rinfog": 6760, "size_schur": 7112, "schur": 7128, "version_number": 7144},
-    "5.9.0": {"n": 5416, "irn": 5440, "a_loc": 5496, "perm_in": 5552, "rhs": 5640, "lrhs": 5740, "infog": 6120,
-              "rinfog": 6760, "size_schur": 7108, "schur": 7120, "version_number": 7136},
+    "5.5.1": {"n": 5416, "irn": 5440, "a_loc": 5496, "perm_in": 5552, "rhs": 5600, "irhs_ptr": 5648, "lrhs": 5676,
+              "nz_rhs": 5684, "infog": 6048, "rinfog": 6688, "size_schur": 7032, "schur": 7048, "version_number": 7072},
+    "5.7.3": {"n": 5416, "irn": 5440, "a_loc": 5496, "perm_in": 5552, "rhs": 5640, "irhs_ptr": 5696, "lrhs": 5740,
+              "nz_rhs": 5748, "infog": 6120, "rinfog": 6760, "size_schur": 7112, "schur": 7128, "version_number": 7144},
+    "5.9.0": {"n": 5416, "irn": 5440, "a_loc": 5496, "perm_in": 5552, "rhs": 5640, "irhs_ptr": 5696, "lrhs": 5740,
+              "nz_rhs": 5748, "infog": 6120, "rinfog": 6760, "size_schur": 7108, "schur": 7120, "version_number": 7136},
 }
 
 

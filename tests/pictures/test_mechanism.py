@@ -26,6 +26,7 @@ def tipping(velocity=(-0.15, 0.45, 0.3)) -> Mechanism:
                      frozenset({frozenset({"upper", "lower"})}))
 
 
+@pytest.mark.slow
 def test_a_mechanism_is_the_only_picture(tmp_path):
     """mechanism.json holds how the loose bodies move; its picture is drawn from files, and in place of all others."""
     made_up.results(tmp_path, title="Costs $5 and $6")

@@ -46,6 +46,7 @@ def pressure(results: Results):
     return draw_contact(results, "upper-lower").axes[0].lines[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how, contacts", [
     ({}, ["contact.png"]), ({"order": 2}, ["contact.png"]), ({"stresses": False, "friction": made_up.NoFriction()},
                                                             ["contact.png"]),
@@ -67,6 +68,7 @@ def test_there_is_a_picture_of_everything(tmp_path, how, contacts):
         assert len({colour.tobytes() for colour in pixels[::3, ::3].reshape(-1, pixels.shape[2])}) > 20, path.name
 
 
+@pytest.mark.slow
 def test_pictures_come_from_files_alone(tmp_path):
     """Drawn twice from the same files, pictures are the same pixel for pixel."""
     made_up.results(tmp_path, error=True)
@@ -277,6 +279,7 @@ def test_resultants_of_rounding_are_not_drawn(tmp_path):
         assert any(each and len(each) == 1 and np.ptp(each[0]) > 0.1 for each in segments(axes)[-1:]) == drawn
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drawers", [2, 3])
 def test_several_ranks_share_the_pictures(tmp_path, drawers):
     """Each picture is drawn once, whoever draws it."""

@@ -41,6 +41,7 @@ def stacked(folder, **how) -> Results:
     return read_results(folder)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, 2])
 def test_there_is_a_picture_of_everything(tmp_path, order):
     """Solids have the pictures that plane bodies have, and each shows something."""
@@ -219,6 +220,7 @@ def test_a_cut_along_a_side_leaves_nothing_of_what_is_in_front(order):
         views.View(points, {"cut": {"z": 1e-12}})
 
 
+@pytest.mark.slow
 def test_pictures_are_cut_and_seen_as_asked_for(tmp_path):
     """The keys of the scene and the options of the command do the same, to bodies, contacts, errors and animations;
     the scale of colours and the limits are those of what is left."""

@@ -7,6 +7,8 @@ import scenes
 import ddmpi
 from ddmpi.system.agreement import LOCKSTEP
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.mpi(ranks=4)
 def test_what_ranks_other_than_the_first_get_does_not_grow_with_the_bodies(comm, monkeypatch):

@@ -50,7 +50,7 @@ def test_what_is_printed_has_units_and_says_how_bodies_are_held(tmp_path):
     """Forces, displacements and stresses have the scene's units; a body without clamps is said to have none."""
     scene = scenes.tower(2, 2) | {"output": {"length_unit": "mm", "stress_unit": "MPa"}}
     path = scenes.write_scene(scene, tmp_path / "scene.toml")
-    run = scenes.run_command(path, tmp_path / "out", "--no-figures", ranks=1)
+    run = scenes.run_here(path, tmp_path / "out", "--no-figures")
     assert run.code == 0, run.output
     for word in ("not held by clamps (3 rigid motions); direct solver\n", " bodies on 1 rank\n",
                  ") N/mm on ", " MPa\n", " N/mm, largest displacement ", " mm, von Mises stress "):
@@ -63,7 +63,7 @@ def test_steps_that_agree_are_said_to_be_accepted(tmp_path):
         "press": {"times": [0.0, 1.0], "factors": [0.0, 1.0]}}}
     for body in scene["body"]:
         body["traction"] = [load | {"history": "press"} for load in body["traction"]]
-    run = scenes.run_command(scenes.write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures")
+    run = scenes.run_here(scenes.write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures")
     assert run.code == 0, run.output
     *_, last = re.findall(r"time 1 reached: (\d+) and (\d+) steps agree to \S+, (accepted|not enough)\n", run.stdout)
     assert 2 * int(last[0]) == int(last[1]) and last[2] == "accepted"
@@ -78,6 +78,6 @@ def test_steps_whose_forces_agree_though_slip_is_coarse_are_said_to_dissipate_to
              "rigid": [{"name": "floor", "shape": "plane", "point": [0, 0, 0], "normal": [0, 0, 1]}],
              "contact": [{"bodies": ["block", "floor"], "on": ["bottom"],
                           "friction": {"law": "coulomb", "coefficient": 0.3}}]}
-    run = scenes.run_command(scenes.write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures")
+    run = scenes.run_here(scenes.write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures")
     assert run.code == 0, run.output
     assert re.search(r"agree to \S+e-\d+, but friction dissipates more than it can\n", run.stdout), run.stdout

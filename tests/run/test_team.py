@@ -141,7 +141,6 @@ FAULTS = {
     "assemble, other root": (2, "ddmpi.coupling.assembly.assemble", 1, "SolverError", {4}),
     "outer, root": (0, "ddmpi.body.compliance.Compliance.mult", 12, "SolverError", {4}),
     "outer, internal error on a root": (2, "ddmpi.body.compliance.Compliance.mult", 12, "RuntimeError", {1}),
-    "deal, other rank": (1, "ddmpi.coupling.team.Share.deal", 1, "SolverError", {4}),
     "factor, other rank, before PETSc": (1, "ddmpi.coupling.team.Share.factor", 1, "SolverError", {4}),
     "factor, root, before PETSc": (0, "ddmpi.coupling.team.Share.factor", 1, "SolverError", {4}),
     "factor, other rank, after MUMPS": (3, "ddmpi.petsc.mumps.Factors._check", 1, "RuntimeError", {1}),

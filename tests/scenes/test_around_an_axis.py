@@ -13,6 +13,8 @@ from scipy.spatial import cKDTree
 import ddmpi
 from ddmpi.run.answer import Answer
 
+pytestmark = pytest.mark.slow
+
 COMM = MPI.COMM_WORLD
 SAME = 1e-9
 TIGHT = {"method": {"tolerance": 1e-12}}
@@ -227,7 +229,6 @@ def test_target_error_refines_the_meshes():
     assert answer.summary["contacts"]["upper-lower"]["normal_force"] == pytest.approx(2 * np.pi * 8 / 3 * 1e6)
 
 
-@pytest.mark.slow
 def test_the_turned_sphere_is_the_solid_one(tmp_path):
     """Hertz's ball around an axis and as a quarter of a solid agree to 2 % in force, pressure and radius."""
     from problems import around_axis, solids
@@ -283,7 +284,6 @@ def test_rows_on_the_axis_are_merged(partner):
     assert state.pressure[lines.row[ends]] == pytest.approx(state.pressure.mean(), rel=0.02)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12))
 def test_random_scenes(seed):
     """Stacks of discs and rings of any stiffness, mesh and law, held or loose, are certified in any order of bodies,

@@ -51,7 +51,6 @@ def contact(first: str, second: str, *on: str, **more) -> dict:
 # The shipped scenes
 
 
-@two_ranks
 def test_the_floor_bears_the_wall(comm):
     """Weight, load and push are the floor's reactions, with their moment: 12 kN at 0.42 m, 42.912 kN at 0.36 m."""
     answer = shipped(comm, "wall")
@@ -135,7 +134,6 @@ def test_the_hub_bears_the_shaft(comm):
     assert bush["open"] > 40 and bush["slip"] > 40 and bush["stick"] > 0
 
 
-@two_ranks
 def test_a_bonded_block_is_one_block(comm):
     """Four bonded blocks move as one with the same mesh, which touches nothing: a floor is far below."""
     parts = shipped(comm, "bonded_block")

@@ -8,6 +8,8 @@ import pytest
 import scenes
 from scenes import BRASS, CORK, STEEL, Block, Stack, confined_blocks, sheared_stack
 
+pytestmark = pytest.mark.slow
+
 TOLERANCE = 1e-10
 """A hundredth of what is asserted: the last update of λ bounds no error."""
 

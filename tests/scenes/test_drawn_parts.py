@@ -1,10 +1,8 @@
 """The parts of docs/use/drawn_parts.md, drawn in gmsh, against closed forms and balances by hand; coarse targets."""
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 import pytest
-from scenes import ROOT, Run, run_command
+from scenes import ROOT, Run, run_here
 
 pytestmark = pytest.mark.slow
 
@@ -18,12 +16,8 @@ SHARP = {"wheel_on_rail": "rail", "dovetail": "disc", "wedge_in_slot": "block"}
 @pytest.fixture(scope="module")
 def parts(tmp_path_factory) -> dict[str, Run]:
     folder = tmp_path_factory.mktemp("drawn")
-
-    def run(name: str) -> Run:
-        return run_command(ROOT / "configs" / "drawn" / f"{name}.toml", folder / name, "--no-figures", "--set",
-                           f"method.target_error={TARGETS[name]}", ranks=1)
-    with ThreadPoolExecutor(2) as pool:
-        return dict(zip(TARGETS, pool.map(run, TARGETS), strict=True))
+    return {name: run_here(ROOT / "configs" / "drawn" / f"{name}.toml", folder / name, "--no-figures", "--set",
+                           f"method.target_error={target}") for name, target in TARGETS.items()}
 
 
 @pytest.mark.parametrize("name", TARGETS)

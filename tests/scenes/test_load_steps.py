@@ -16,7 +16,7 @@ import pytest
 from documented import undocumented
 from fault_cases import run_in_one_go
 from mpi4py import MPI
-from scenes import ROOT, pinched_blocks, run_command, run_python, sheared_stack, to_toml, write_scene
+from scenes import ROOT, pinched_blocks, run_command, run_here, run_python, sheared_stack, to_toml, write_scene
 
 import ddmpi
 from ddmpi.cli.report import write_report
@@ -338,7 +338,7 @@ def test_a_step_without_equilibrium_is_named_by_its_time(tmp_path):
              "contact": [{"bodies": ["block", "floor"], "on": ["bottom"], "friction": COULOMB}],
              "history": {"push": {"times": [0.0, 1.0], "factors": [0.0, 1.0]}},
              "time": {"points": [1.0], "steps": 4}}
-    done = run_command(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures", ranks=1)
+    done = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures")
     assert done.code == 3
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["reason"].startswith("no equilibrium: block would slide") and "to time 0.75" in summary["reason"]
@@ -449,7 +449,7 @@ def test_files_of_load_steps(tmp_path):
     """Fields of the legs' ends are a time series; steps.csv, energy.csv and history.csv have a line per step, and the
     picture has the loop of the forces."""
     scene = write_scene(sheared_blocks(steps=2), tmp_path / "scene.toml")
-    assert run_command(scene, tmp_path / "out", "--no-figures", ranks=1).code == 0
+    assert run_here(scene, tmp_path / "out", "--no-figures").code == 0
     rows = {name: list(csv.DictReader((tmp_path / "out" / f"{name}.csv").open())) for name in
             ("steps", "energy", "history", "contact_upper-lower")}
     times = [0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
@@ -481,6 +481,24 @@ def test_files_of_load_steps(tmp_path):
     pressed = solve(sheared_blocks(steps=2), time__points=[1.0])
     u = np.concatenate([pressed.bodies[name].displacement for name in ("upper", "lower")])
     assert found[0][1]["displacement"][:, :2] == pytest.approx(u, rel=1e-9, abs=1e-9 * np.abs(u).max())
+
+
+def test_means_over_sides_around_an_axis_are_those_of_the_step(tmp_path):
+    """The table of sides of a step before the last one is that of a run that ends with it, and sides are as long as
+    elements, also the one on the axis: its end there shares the row of its middle."""
+    tables = []
+    for number in (2, 1):
+        scene = pressed_blocks([0.0, 1.0, 0.5][:number + 1]) | {"axisymmetric": True, "output": {"figures": False}}
+        scene["time"]["steps"] = 1
+        for body in scene["body"]:
+            body["mesh"]["order"] = 2
+        path, folder = write_scene(scene, tmp_path / f"{number}.toml"), tmp_path / str(number)
+        run_scene(MPI.COMM_SELF, read_scene_file(path), str(path), str(folder), False)
+        tables.append(at_step(read_results(folder), folder, 1.0).sides)
+    for name, table in tables[1].items():
+        assert table["length"] == pytest.approx(np.full(len(table["x"]), 2.0 / len(table["x"])))
+        for column, values in table.items():
+            assert tables[0][name][column] == pytest.approx(values, rel=1e-12), column
 
 
 def test_the_step_of_the_largest_load_is_shown(tmp_path):
@@ -618,7 +636,7 @@ def test_an_animation_has_a_frame_for_each_step_written(tmp_path):
                          "history": {"rise": {"times": [0.0, 3.0], "factors": [0.0, 1.5]}},
                          "time": {"points": [3.0], "steps": 3},
                          "output": {"steps": "all", "animation": True}}, tmp_path / "scene.toml")
-    done = run_command(scene, tmp_path / "out", ranks=1)
+    done = run_here(scene, tmp_path / "out")
     assert done.code == 0, done.messages
     assert undocumented(tmp_path / "out") == []
     with PIL.Image.open(tmp_path / "out" / "animation.gif") as picture:

@@ -7,6 +7,8 @@ from scenes import pinched_blocks, to_toml
 import ddmpi
 from ddmpi.errors import InputError
 
+pytestmark = pytest.mark.slow
+
 YOUNG, POISSON, PRESSURE = 1e9, 0.3, 1e6
 orders = pytest.mark.parametrize("order", [1, 2])
 COULOMB = {"law": "coulomb", "coefficient": 0.3}

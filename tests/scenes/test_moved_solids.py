@@ -8,6 +8,8 @@ from solid_scenes import PUBLIC, moved, two_boxes
 
 import ddmpi
 
+pytestmark = pytest.mark.slow
+
 SAME = 1e-9
 TIGHT = {"method": {"tolerance": 1e-12}}
 TURN = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0]

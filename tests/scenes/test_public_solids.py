@@ -41,7 +41,7 @@ def test_answer_is_the_published_one(title):
 def test_what_cannot_stand_is_refused_by_the_command(title, tmp_path):
     """Exit code 3, and a reason that names it."""
     path = scenes.write_scene(PUBLIC[title]["scene"], tmp_path / "scene.toml")
-    run = scenes.run_command(path, tmp_path / "results", ranks=1)
+    run = scenes.run_here(path, tmp_path / "results")
     assert run.code == 3, run.output
     assert run.summary["converged"] is False
     assert "no equilibrium" in run.summary["reason"]

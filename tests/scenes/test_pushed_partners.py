@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import run_command, run_python, to_toml, write_scene
+from scenes import run_command, run_here, run_python, to_toml, write_scene
 
 import ddmpi
 from ddmpi.pictures.draw import draw_all
@@ -195,7 +195,7 @@ def test_ranks_agree_and_a_run_goes_on(tmp_path):
 def test_a_mechanism_of_a_partner_alone_is_drawn(d, tmp_path):
     """No body moves, and the picture shows the partner that does."""
     path = write_scene(pressed(d, force=along(d, 0.0, -FORCE)), tmp_path / "scene.toml")
-    assert run_command(path, tmp_path / "out", ranks=1).code == 3
+    assert run_here(path, tmp_path / "out").code == 3
     assert (tmp_path / "out" / "mechanism.png").exists()
 
 

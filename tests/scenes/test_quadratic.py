@@ -35,7 +35,7 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def done(folder) -> scenes.Run:
     scene = scenes.write_scene(blocks(22, 2), folder / "blocks.toml")
-    run = scenes.run_command(scene, folder / "results")
+    run = scenes.run_here(scene, folder / "results")
     assert run.code == 0, run.output
     return run
 
@@ -147,7 +147,7 @@ def test_means_over_sides_do_not_swing_on_a_curved_interface(folder):
                "clamp": [{"on": "left", "x": 0.0}, {"on": "bottom", "y": 0.0}]} for name in ("inner", "outer")]
     contact = {"bodies": ["inner", "outer"], "on": ["outside", "inside"], "friction": {"law": "none"}}
     scene = scenes.write_scene({"title": "Shrink fit", "body": bodies, "contact": [contact]}, folder / "rings.toml")
-    run = scenes.run_command(scene, folder / "rings")
+    run = scenes.run_here(scene, folder / "rings")
     assert run.code == 0, run.output
     nodes, sides = (run.table(f"contact_inner-outer{end}.csv")["normal_stress"] for end in ("", "_sides"))
     assert np.abs(sides / rings.pressure - 1).max() < 1e-3 < 0.02 < np.abs(nodes / rings.pressure - 1).max()
@@ -167,6 +167,6 @@ def test_the_coupled_problem_has_the_same_forces(comm):
 def test_bodies_of_different_order_are_refused(folder):
     scene = blocks(12, 2)
     scene["body"][0]["mesh"]["order"] = 1
-    run = scenes.run_command(scenes.write_scene(scene, folder / "mixed.toml"), folder / "mixed")
+    run = scenes.run_here(scenes.write_scene(scene, folder / "mixed.toml"), folder / "mixed")
     assert run.code == 2
     assert "mesh.order 1 and 2" in run.output and run.files == set()

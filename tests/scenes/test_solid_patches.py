@@ -48,6 +48,7 @@ def test_a_strip_is_not_covered(order, bonded):
     check(two_patches((3, 3, 3), (3, 4, 3), order, covered=1 - 1e-6 / 3, bonded=bonded, slave="b0"), still=2 / 3)
 
 
+@pytest.mark.slow
 @both_orders
 @both_kinds
 @pytest.mark.parametrize("bodies", [T_JUNCTION, CROSS], ids=["T", "cross"])
@@ -56,12 +57,14 @@ def test_contacts_meet_at_an_edge(order, bonded, bodies):
     check(patch(*bodies, order, bonded))
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=2)
 @pytest.mark.parametrize("bodies", [T_JUNCTION, CROSS], ids=["T", "cross"])
 def test_on_two_ranks(comm, bodies):
     check(patch(*bodies, 1), comm)
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=4)
 def test_two_bodies_on_four_ranks(comm):
     """Two ranks a body."""

@@ -2,6 +2,7 @@
 
 import os
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -27,14 +28,14 @@ STUDIES = {
                   1, 0),
     "solid_factors": ("--boxes cube:4 slab2:2 --turns 1", ("| cube:4 | 300 | 60 | schur |", "| slab2:2 | 900 | 54 |"),
                       0, 0),
-    "large_bodies": ("--millions 0.001 --solids 0.001 --ranks 2 --kinds chosen iterative",
-                     ("## pinched_blocks, 0.001 million unknowns on 2 ranks", "## two_boxes, 0.001 million",
+    "large_bodies": ("--millions 0.001 --solids 0.001 --ranks 1 --kinds chosen iterative",
+                     ("## pinched_blocks, 0.001 million unknowns on 1 ranks", "## two_boxes, 0.001 million",
                       "| chosen | explicit |", "| iterative | iterative |"), 1, 0),
     "start_up": ("--times 1", ("| now | ", "| numpy | "), 1, 0),
     "published_beyond_two": ("--bodies 3 --divisions 4", ("| 3 | none | 1.00 | 43.2 |",), 0, 0),
     "reproduce_tables": ("--sizes 6 --laws tresca",
                          ("| 504 \\| 18 | 36 · ", "8 of them converged and certified"), 1, 2),
-    "theta_sensitivity": ("--sizes 4 --limit-sizes 4 --thetas 0.2 --precision 0.4",
+    "theta_sensitivity": ("--sizes 2 --limit-sizes 2 --thetas 0.2 --precision 0.4",
                           ("original, without splitting: 0.2;", "The smallest eigenvalue is 2.000"), 2, 2),
     "tradeoff_in_space": ("--finest 2 --scenes boxes", ("| order 1, N = 2, pairs | ", "| order 2, N = 2, mortar | "),
                           1, 0),
@@ -48,7 +49,7 @@ COMMANDS = ("reproduce_tables", "hard_scenes", "random_assemblies", "extremes", 
 
 def start(folder: Path, name: str, *arguments: str) -> subprocess.CompletedProcess:
     return subprocess.run([ROOT / "scripts/study", name, *arguments], text=True, capture_output=True, timeout=LIMIT,
-                          cwd=folder, env=clean_environment() | {"DDMPI_PYTHON": sys.executable})
+                          cwd=folder, env=clean_environment() | {"DDMPI_PYTHON": sys.executable, "DDMPI_RANKS": "1"})
 
 
 LISTED = re.findall(r"^    (\w+) +[12]  (\S+\.py)", (ROOT / "scripts/study").read_text(encoding="utf-8"), re.M)
@@ -64,10 +65,16 @@ def test_studies_are_listed(tmp_path):
 
 
 @pytest.mark.parametrize("name", [name for name, _ in LISTED if name not in {"fault_injection", *STUDIES}])
-def test_start(tmp_path, name):
-    """Every study that no other test starts, starts by its name and says what its arguments are."""
-    done = start(tmp_path, name, "--help")
-    assert done.returncode == 0 and "usage:" in done.stdout, done.stdout + done.stderr
+def test_start(tmp_path, name, monkeypatch, capsys):
+    """Every study that no other test starts, starts by its name, on one rank, and says what its arguments are."""
+    (tmp_path / "python").write_text("#!/bin/sh\necho \"$@\"\n")
+    (tmp_path / "python").chmod(0o755)
+    done = subprocess.run([ROOT / "scripts/study", name, "--help"], text=True, capture_output=True, timeout=LIMIT,
+                          env=clean_environment() | {"DDMPI_PYTHON": str(tmp_path / "python")}, check=True)
+    monkeypatch.setattr(sys, "argv", done.stdout.split())
+    with pytest.raises(SystemExit, match=r"^0$"):
+        runpy.run_path(sys.argv[0], run_name="__main__")
+    assert "usage:" in capsys.readouterr().out
 
 
 def test_files_that_are_commands():

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from ddmpi.coupling.assembly import Assembly
+from ddmpi.coupling.member import Member
 from ddmpi.errors import InputError, NotConvergedError
 from ddmpi.interface.law import Law
 from ddmpi.qp.box import Box
@@ -39,6 +40,14 @@ def check_size(assembly: Assembly) -> None:
                          "are the most")
 
 
+def dense(member: Member) -> np.ndarray:
+    """C (size, size) of a body (m/N), centred if it is loose, by multiplications. Collective on its communicator."""
+    C = np.empty((member.C.size, member.C.size))
+    for unit, row in zip(np.eye(len(C)), C, strict=True):
+        member.mult(unit, row, "dense")
+    return (C + C.T) / 2
+
+
 def solve_coupled(assembly: Assembly) -> np.ndarray:
     """The contact forces of the coupled problem (N), on the rank that owns the interface; empty on another.
 
@@ -48,7 +57,7 @@ def solve_coupled(assembly: Assembly) -> np.ndarray:
     with agreed(assembly.world):
         check_size(assembly)
     s = np.empty(0)
-    C = sum(assembly.world.allgather(sum(body.member.dense() for body in assembly.bodies)))
+    C = sum(assembly.world.allgather(sum(dense(body.member) for body in assembly.bodies)))
     with agreed(assembly.world):
         if assembly.space.interfaces:
             s = solve_dense(C, assembly.joint.d, assembly.space.laws.laws[0])

@@ -1,18 +1,22 @@
 """Small scenes with known answers, and the two ways in which tests run them.
 
 `solve_scene` composes the package's rooms on a communicator; `solve_all` does so for
-many scenes in one or two children; `run_command` starts the real command. Every child has a time
+many scenes, here or in a child; `run_command` starts the real command, `run_here` calls it. Every child has a time
 limit and an environment without traces of an MPI that the parent may have initialised: with them a
 nested ``mpirun`` dies silently.
 """
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import gc
+import io
 import json
 import os
 import pickle
 import re
+import signal
 import subprocess
 import sys
 import tomllib
@@ -269,15 +273,13 @@ def prepare_scene(comm, scene: dict):
 
 def the_interface(assembly):
     """The interface of a scene with one contact, also on the rank that does not own it. Collective."""
-    owned = assembly.world.allgather(assembly.space.interfaces)
-    (interface,) = owned[0] if assembly.exchange.mirrored else sum(owned, ())
+    (interface,) = sum(assembly.world.allgather(assembly.space.interfaces), ())
     return interface
 
 
 def everywhere(assembly, x: np.ndarray) -> np.ndarray:
     """A vector of the interfaces on all ranks, from the parts that the ranks own. Collective."""
-    owned = assembly.world.allgather(x)
-    return owned[0] if assembly.exchange.mirrored else np.concatenate(owned)
+    return np.concatenate(assembly.world.allgather(x))
 
 
 def exact_forces(assembly) -> np.ndarray:
@@ -323,32 +325,43 @@ def solve_scene(comm, scene: dict) -> dict:
 
 
 def solve_all(scenes: dict[str, dict], folder: Path) -> dict[str, dict]:
-    """`solve_scene` for many scenes in two children; {"error": …} stands for what could not be solved.
+    """`solve_scene` for many scenes; {"error": …} stands for what could not be solved.
 
-    Published methods run on a rank for each body, Newton's on one rank. A scene at which a child dies or hangs takes
-    those after it along.
+    Newton's method runs here, published ones in a child on a rank for each body. A scene at which the child dies or
+    hangs takes those after it along.
     """
-    solutions = {}
-    for ranks in (1, 2):
-        chosen = {name: scene for name, scene in scenes.items() if ranks == 1 + _published(scene["method"])}
-        if not chosen:
-            continue
-        (folder / "scenes.json").write_text(json.dumps(chosen))
-        problem = "the child ended before this scene"
-        try:
-            child = run_python([__file__, str(folder)], ranks)
-            if child.code != 0:
-                problem = child.output
-        except AssertionError as late:
-            problem = str(late)
-        with open(folder / "solutions.pickle", "rb") as file:
-            for name in chosen:
-                try:
-                    solutions[name] = pickle.load(file)
-                except (EOFError, pickle.UnpicklingError):
-                    solutions[name] = {"error": problem}
-                    problem = f"not reached, after {name!r}"
+    from mpi4py import MPI
+
+    published = {name: scene for name, scene in scenes.items() if _published(scene["method"])}
+    solutions = {name: _solved(MPI.COMM_SELF, scene) for name, scene in scenes.items() if name not in published}
+    if not published:
+        return solutions
+    (folder / "scenes.json").write_text(json.dumps(published))
+    problem = "the child ended before this scene"
+    try:
+        child = run_python([__file__, str(folder)])
+        if child.code != 0:
+            problem = child.output
+    except AssertionError as late:
+        problem = str(late)
+    with open(folder / "solutions.pickle", "rb") as file:
+        for name in published:
+            try:
+                solutions[name] = pickle.load(file)
+            except (EOFError, pickle.UnpicklingError):
+                solutions[name] = {"error": problem}
+                problem = f"not reached, after {name!r}"
     return solutions
+
+
+def _solved(comm, scene: dict) -> dict:
+    """`solve_scene`, or the error of ddmpi's with which it ended."""
+    from ddmpi.errors import DdmpiError
+
+    try:
+        return solve_scene(comm, scene)
+    except DdmpiError as error:
+        return {"error": f"{type(error).__name__}: {error}"}
 
 
 def _published(method: dict) -> bool:
@@ -363,15 +376,11 @@ def _solve_all(folder: Path) -> None:
 
     from mpi4py import MPI
 
-    from ddmpi.errors import DdmpiError
-
     world = MPI.COMM_WORLD
     with open(folder / "solutions.pickle" if world.rank == 0 else os.devnull, "wb", buffering=0) as file:
         for scene in json.loads((folder / "scenes.json").read_text()).values():
             try:
-                solution = solve_scene(world, scene)
-            except DdmpiError as error:
-                solution = {"error": f"{type(error).__name__}: {error}"}
+                solution = _solved(world, scene)
             except Exception:
                 print(traceback.format_exc(), file=sys.stderr, flush=True)
                 world.Abort(1)
@@ -439,7 +448,7 @@ def clean_environment() -> dict[str, str]:
                    if not key.startswith(("OMPI_", "PMIX_", "PRTE_", "PMI_", "ORTE_", "OPAL_", "PYTEST_"))}
     environment |= {"OMPI_MCA_rmaps_base_oversubscribe": "1",
                     "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
-                    "OMPI_MCA_reachable": "weighted", "OMPI_MCA_pml": "ob1",
+                    "OMPI_MCA_reachable": "weighted", "OMPI_MCA_pml": "ob1", "OMPI_MCA_mpi_yield_when_idle": "1",
                     "OMP_NUM_THREADS": "1", "MPLBACKEND": "agg", "PYTHONUNBUFFERED": "1"}
     environment["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
     if os.getuid() == 0:
@@ -477,6 +486,38 @@ def run_command(scene: Path | str, folder: Path, *arguments: str, ranks: int = 2
     """``mpirun -n RANKS python -m ddmpi run SCENE --output FOLDER ARGUMENTS``."""
     return run_python(["-m", "ddmpi", "run", str(scene), "--output", str(folder), *arguments], ranks, folder, cwd,
                       limit=limit)
+
+
+def run_here(scene: Path | str, folder: Path, *arguments: str) -> Run:
+    """`run_command` on one rank in this process."""
+    return call("run", str(scene), "--output", str(folder), *arguments, folder=folder)
+
+
+def call(*arguments: str, folder: Path | None = None) -> Run:
+    """``ddmpi ARGUMENTS`` on one rank in this process, without PETSc's options. Other errors than its own come through.
+
+    `folder` is where the results will be.
+    """
+    from mpi4py import MPI
+
+    from ddmpi.cli import main as cli
+    from ddmpi.system import interrupt, logs
+
+    own, petsc = cli.split_arguments(list(arguments))
+    assert not petsc, "PETSc reads its options once in a process"
+    before, noted = {number: signal.getsignal(number) for number in interrupt.SIGNALS}, dict(interrupt._handlers)
+    stdout, stderr = io.StringIO(), io.StringIO()
+    with logs.told_by_first(0, False), contextlib.redirect_stdout(stdout), contextlib.redirect_stderr(stderr):
+        try:
+            code = cli._main(MPI.COMM_SELF, own, petsc)
+        finally:
+            logs.close()
+            gc.unfreeze()
+            interrupt._handlers.clear()
+            interrupt._handlers.update(noted)
+            for number, handler in before.items():
+                signal.signal(number, handler)
+    return Run(code, stdout.getvalue(), stderr.getvalue(), folder)
 
 
 def write_scene(scene: dict, path: Path) -> Path:

@@ -12,6 +12,8 @@ from scenes import Run, pinched_blocks
 
 from ddmpi.errors import InputError
 
+pytestmark = pytest.mark.slow
+
 STAMP = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ"
 
 
