@@ -7,7 +7,7 @@ over a few elements, which is what makes the compliance ill-conditioned; the few
 are left to the Krylov method. So the preconditioner needs no second factorization and knows the stiffness contrast.
 
 −Δ is the Laplacian K of the interface's facets over its nodal areas W, so that M = (E*/2) W^½ A^½ W^½ with
-A = W^−½ K W^−½ + (1.5/L)²: the longest wave is about the interface itself, whose length is L. The root is a sum over
+A = W^−½ K W^−½ + (q/L)²: the longest wave is about the interface itself, whose length is L. The root is a sum over
 few shifts, A^½ = Σ w (1 − t²(A + t²)⁻¹) (method 3 of Hale, Higham, Trefethen, SIAM J. Numer. Anal. 46, 2008).
 """
 
@@ -26,6 +26,10 @@ from ddmpi.coupling.joint import Joint, Point
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.space import Space
 from ddmpi.interface.interface import Interface
+
+LONGEST = {1: 1.5, 2: 3.0}
+"""Wave number of the longest wave, times the length of the interface, by the number of tangential components. Bodies
+give way less to what loads a whole contact than half-spaces do, in space still less: neighbours hold all sides."""
 
 SHIFTS = 6
 """Terms of the root: its relative error is about exp(−2π² SHIFTS/(ln κ + 3)), 1e-3 at a condition κ of A of 1e6."""
@@ -91,7 +95,7 @@ class _Block:
         self._at[interface.m:] += np.tile(np.arange(1, self._columns), len(interface.sliding))
         self._root, self._scale = np.sqrt(interface.area)[:, None], 0.5 * interface.modulus
         self._spacing = float(np.mean(self._scale * interface.area / interface.stiffness[:interface.m]))
-        lowest = (1.5 / interface.length) ** 2
+        lowest = (LONGEST[interface.law.components] / interface.length) ** 2
         over = sparse.diags(1.0 / self._root[:, 0])
         A = (over @ interface.laplacian @ over + lowest * sparse.identity(interface.m)).tocsr()
         modulus = lowest / (2.0 * A.diagonal().max())
