@@ -66,7 +66,7 @@ class ContactTotals(NamedTuple):
 
     @property
     def deepest(self) -> float:
-        """The largest overlap at and between the nodes (m); between nodes it is an error of the discretization."""
+        """The largest overlap (m); zero if there is none."""
         return max(0.0, -self.opening)
 
 
@@ -163,7 +163,7 @@ class ContactState:
 
     @property
     def totals(self) -> ContactTotals:
-        """The contact as a whole."""
+        """The contact as a whole, in few numbers."""
         interface, tangential, normal = self.interface, self.tangential_force, np.abs(self.normal_force)
         total = tangential.sum() if interface.dimension == 2 else np.linalg.norm(self.along(tangential).sum(axis=0))
         return ContactTotals(
@@ -173,6 +173,16 @@ class ContactState:
             float(self.pressure.max()), float(normal.max()), float(normal.sum()), float(np.abs(self.forces).sum()),
             float(self.between.min(initial=self.gap.min())), float(interface.area[self.status != "open"].sum()),
             self.moment_imbalance)
+
+    @property
+    def deepest(self) -> float:
+        """The largest overlap at and between the nodes (m); between nodes it is an error of the discretization."""
+        return self.totals.deepest
+
+    @property
+    def resultants(self) -> dict[str, Any]:
+        """By name: force, moment, sums of the nodes' forces (N), numbers of nodes by status, and dissipated (J)."""
+        return self.totals.resultants
 
     def count(self, status: str) -> int:
         return int((self.status == status).sum())

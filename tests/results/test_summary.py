@@ -110,7 +110,7 @@ def test_friction_dissipates_what_slip_overcomes():
     state = row()["left-middle"]
     slips = state.status == "slip"
     work = 0.5 * (0.3 * state.normal_force * np.abs(state.slip[:, 0]))[slips]
-    assert state.totals.dissipated == pytest.approx(work.sum(), rel=1e-14) and work.sum() > 0.0
+    assert state.resultants["dissipated"] == pytest.approx(work.sum(), rel=1e-14) and work.sum() > 0.0
 
 
 def test_the_work_of_all_load_steps_is_added_up():
