@@ -308,7 +308,7 @@ def linearise(assembly: Assembly) -> Linearisation:
     if ended != "converged":
         raise RuntimeError(f"the solution at which to linearise: {ended}")
     m, law = interface.m, interface.law
-    forces, g = newton.forces, newton.bound
+    forces, g = (np.concatenate(assembly.world.allgather(each)) for each in (newton.forces, newton.bound))
     normal, tangential = forces[:m], forces[m:]
     sticking = np.abs(tangential) < g - ON_BOUND * g.max()
     slip = np.where(sticking, 0.0, np.sign(tangential) * law.slope(normal))

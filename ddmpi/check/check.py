@@ -20,7 +20,8 @@ from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.ranks import on_working_ranks
 from ddmpi.errors import NotConvergedError
 from ddmpi.interface.interface import Interface
-from ddmpi.judge.equilibrium import ROUNDING, describe
+from ddmpi.judge.equilibrium import describe
+from ddmpi.judge.forces import ROUNDING
 from ddmpi.judge.motions import MotionsOfBody, undetermined
 from ddmpi.judge.overlap import doubt_overlaps
 from ddmpi.judge.plausible import doubt_cells, edge_lengths

@@ -65,7 +65,7 @@ class Motions:
 
     def spread(self, alpha: np.ndarray) -> np.ndarray:
         """Zα (owned size,) in metres: the contact displacements of motions of the sizes α (size,)."""
-        return self.Z @ alpha
+        return self.Z @ alpha if self.size else np.zeros(self.space.size)
 
     def sums(self, s: np.ndarray) -> np.ndarray:
         """Zᵀs (size,) in newtons, the same on all ranks: what the forces s do along each motion. Collective."""
@@ -113,6 +113,7 @@ class CoarseSystem:
     Parameters
     ----------
     basis, E : I and E (owned size, k) sparse, along which forces are unknown, and all forces from these
+    weights : W (k,) along the unknown forces; W Iᵀ M I W stands in the place of Iᵀ M I
     stiffness : M on columns of an owned interface, from its number and (its size, c) to the same
     diagonal : D (size,)
 
@@ -120,14 +121,14 @@ class CoarseSystem:
     """
 
     def __init__(self, motions: Motions, basis: sparse.csr_matrix, E: sparse.csr_matrix,
-                 stiffness: Callable[[int, np.ndarray], np.ndarray], diagonal: np.ndarray) -> None:
+                 weights: np.ndarray, stiffness: Callable[[int, np.ndarray], np.ndarray], diagonal: np.ndarray) -> None:
         self._space = motions.space
         with event("CoarseSystem"):
             smooth = []
             for number, (part, _, block) in enumerate(motions.blocks):
                 own = basis[part]
-                smooth.append(stiffness(number, own @ (own.T @ block)))
-            self._MZ = (basis.T @ motions.assemble(smooth)).tocsr()
+                smooth.append(stiffness(number, own @ (weights[:, None] * (own.T @ block))))
+            self._MZ = (sparse.diags(weights) @ basis.T @ motions.assemble(smooth)).tocsr()
             self._EZ = (E.T @ motions.Z).tocsr()
             local = (self._EZ.T @ self._MZ).tocoo()
             entries, self._size = self._space.gather((local.row, local.col, local.data)), motions.size

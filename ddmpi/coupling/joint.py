@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
+from typing import NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -22,6 +23,26 @@ what GMRES has left to do (Bouras and Frayssé, SIAM J. Matrix Anal. Appl. 26, 2
 
 BALANCED = 1e-12
 """The force on a pushed partner is balanced if less than this part of it and of all contact forces is left."""
+
+
+class Point(NamedTuple):
+    """Forces and what follows from them; also a change of these, along which all of it is linear.
+
+    Attributes
+    ----------
+    s, r : (size,) forces (N) and gaps (m)
+    alpha : motions of loose bodies (m)
+    left : e − G s, the loads on these motions that the forces leave (N)
+    """
+
+    s: np.ndarray
+    r: np.ndarray
+    alpha: np.ndarray
+    left: np.ndarray
+
+    def along(self, change: Point, length: float) -> Point:
+        """The point at this length of the step `change`."""
+        return Point(*(own + length * step for own, step in zip(self, change, strict=True)))
 
 
 class Joint:

@@ -32,8 +32,6 @@ GRACE = 5.0
 """A rank that meets an error waits so many seconds for the others of its team to come to the end of the command. If
 they do not, they are waiting for it within a collective call of PETSc, and only the end of all processes helps."""
 
-_ROWS = 21
-
 
 class Share:
     """What one rank of a team holds of its body: rows of the stiffness, its part of a solver.
@@ -52,14 +50,12 @@ class Share:
         self._A: PETSc.Mat | None = None
         self._springs: tuple[np.ndarray, float] = (np.zeros(0, int), 0.0)  # in A, on own rows; their stiffness
         self._solver: StiffnessSolver | None = None
-        self._place = np.zeros(0, int)  # in the order of the ranks, of each dof of the root's vectors
-        self._counts = np.zeros(comm.size, int)
 
     def drop(self, given: None = None) -> None:
         """Forget the body. PETSc frees what several ranks share only when all of them say so."""
         if self._A is None:
             return
-        for each in (self._solver, self._A, self._f, self._u):
+        for each in (self._solver, self._A, self._f, self._u, self._whole, self._deal):
             if each is not None:
                 each.destroy()
         self._A = self._solver = None
@@ -80,75 +76,52 @@ class Share:
         condensed : whether there is a trace
         """
         self.drop()
-        order, width, near, springs = np.zeros(0, int), 1, [], np.zeros(0, int)
+        order, counts, width, near, dofs = np.zeros(0, int), np.zeros(0, int), 1, [], np.zeros(0, int)
+        rows: tuple[np.ndarray, ...] = (np.zeros(1, PETSc.IntType), np.zeros(0, PETSc.IntType), np.zeros(0))
         if given is not None:
-            A, points, springs, trace, eliminated = given
-            first, width = int(not iterative), A.getBlockSize()
+            A, points, dofs, trace, eliminated = given
+            first, width, rows = int(not iterative), A.getBlockSize(), A.getValuesCSR()
+            near = [vector.array_r.copy() for vector in A.getNearNullSpace().getVecs()]
+            A.destroy()
             owner = first + bisect(points, self.comm.size - first)
-            nodes = np.argsort(owner, kind="stable")
-            order = (width * nodes[:, None] + np.arange(width)).ravel()
-            self._place = np.empty_like(order)
-            self._place[order] = np.arange(len(order))
-            self._counts = width * np.bincount(owner, minlength=self.comm.size)
-            near = [vector.array_r[order] for vector in A.getNearNullSpace().getVecs()]
-            springs = self._place[springs]
-        width, self._counts, number, springs = self.comm.bcast((width, self._counts, len(near), springs))
-        rows = self._send_rows(A, order) if given is not None else self._receive_rows()
-        mine = (int(self._counts[self.comm.rank]), int(self._counts.sum()))
-        self._A = PETSc.Mat().createAIJ((mine, mine), bsize=width, csr=rows, comm=self.comm)
+            order = (width * np.argsort(owner, kind="stable")[:, None] + np.arange(width)).ravel()
+            counts = width * np.bincount(owner, minlength=self.comm.size)
+        order, counts, width, number, dofs = self.comm.bcast((order, counts, width, len(near), dofs))
+        own = np.split(order, np.cumsum(counts))[self.comm.rank]
+        mine = PETSc.IS().createGeneral(own.astype(PETSc.IntType), comm=self.comm)
+        mine.setBlockSize(width)
+        layout = (len(rows[0]) - 1, len(order))  # all rows on the root at first
+        whole = PETSc.Mat().createAIJ((layout, layout), bsize=width, csr=rows, comm=self.comm)
+        del rows
+        self._A = whole.createSubMatrix(mine, mine)
         self._A.setOption(PETSc.Mat.Option.SPD if held else PETSc.Mat.Option.SYMMETRIC, True)
         self._u, self._f = self._A.createVecs()
+        self._whole = whole.createVecRight()  # the root has all of it, in its own order
+        self._deal = PETSc.Scatter().create(self._whole, mine, self._f, None)
         motions = [self._scatter(near[k] if near else None, self._A.createVecRight()) for k in range(number)]
         space = PETSc.NullSpace().create(vectors=motions, comm=self.comm)
         self._A.setNearNullSpace(space)
-        for each in (*motions, space):
+        for each in (*motions, space, mine, whole):
             each.destroy()  # the matrix keeps its own reference
-        start, stop = self._A.getOwnershipRange()
-        own = springs[(springs >= start) & (springs < stop)] - start
-        self._springs = own, stiffen(self._A, own) if len(springs) else 0.0
+        sprung = np.flatnonzero(np.isin(own, dofs))
+        self._springs = sprung, stiffen(self._A, sprung) if len(dofs) else 0.0
         if given is None or not condensed:
-            trace, eliminated = sparse.csr_matrix((0, mine[1])) if condensed else None, None
+            trace, eliminated = sparse.csr_matrix((0, len(order))) if condensed else None, None
         else:
-            trace = sparse.csr_matrix((trace.data, self._place[trace.indices], trace.indptr), trace.shape)
-            eliminated = None if eliminated is None else self._ordered(eliminated)
+            trace, eliminated = trace[:, order], None if eliminated is None else eliminated[order]
         self._solver = StiffnessSolver(self._A, name, trace, eliminated, iterative)
         return self._solver if self.comm.rank == 0 else None
-
-    def _send_rows(self, A: PETSc.Mat, order: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Send each rank its rows of A as CSR arrays, in the new numbers; return the root's own. A goes."""
-        columns, ends = _index(order), np.cumsum([0, *self._counts])
-        for rank in reversed(range(self.comm.size)):
-            rows = _index(order[ends[rank]:ends[rank + 1]])
-            part = A.createSubMatrix(rows, columns)
-            arrays = part.getValuesCSR()
-            part.destroy()
-            if rank:
-                self.comm.send([len(each) for each in arrays], rank, _ROWS)
-                for each in arrays:
-                    self.comm.Send(each, rank, _ROWS)
-        A.destroy()
-        return arrays
-
-    def _receive_rows(self) -> tuple[np.ndarray, ...]:
-        lengths = self.comm.recv(None, 0, _ROWS)
-        kinds = (PETSc.IntType, PETSc.IntType, PETSc.ScalarType)
-        arrays = tuple(np.empty(length, kind) for length, kind in zip(lengths, kinds, strict=True))
-        for each in arrays:
-            self.comm.Recv(each, 0, _ROWS)
-        return arrays
 
     def solve(self, given: np.ndarray | None, relative: float) -> np.ndarray | None:
         """A⁻¹ f of the root's vector."""
         assert self._solver is not None
-        self._scatter(None if given is None else self._ordered(given), self._f)
-        self._solver.solve(self._f, self._u, relative)
+        self._solver.solve(self._scatter(given, self._f), self._u, relative)
         return self._gather(self._u)
 
     def mult(self, given: np.ndarray | None) -> np.ndarray | None:
         """A u of the root's vector, without springs."""
         assert self._A is not None
-        self._scatter(None if given is None else self._ordered(given), self._u)
-        self._A.mult(self._u, self._f)
+        self._A.mult(self._scatter(given, self._u), self._f)
         dofs, stiffness = self._springs
         self._f.array[dofs] -= stiffness * self._u.array_r[dofs]
         return self._gather(self._f)
@@ -162,24 +135,17 @@ class Share:
         peaks, hosts = zip(*self.comm.allgather((peak_memory(), MPI.Get_processor_name())), strict=True)
         return max(peaks), list(hosts)
 
-    def _ordered(self, x: np.ndarray) -> np.ndarray:
-        """The root's vector in the order of the ranks."""
-        y = np.empty_like(x)
-        y[self._place] = x
-        return y
-
     def _scatter(self, x: np.ndarray | None, to: PETSc.Vec) -> PETSc.Vec:
-        """Fill `to` from an array of the root in the order of the ranks."""
-        own = np.empty(to.local_size)
-        self.comm.Scatterv(None if x is None else [x, self._counts], own)
-        to.array[:] = own
+        """Fill `to` from a vector of the root."""
+        if x is not None:
+            self._whole.array[:] = x
+        self._deal.scatter(self._whole, to)
         return to
 
     def _gather(self, vector: PETSc.Vec) -> np.ndarray | None:
         """The vector as the root has it, on the root."""
-        whole = np.empty(int(self._counts.sum())) if self.comm.rank == 0 else None
-        self.comm.Gatherv(vector.array_r, None if whole is None else [whole, self._counts])
-        return None if whole is None else whole[self._place]
+        self._deal.scatter(vector, self._whole, mode=PETSc.ScatterMode.REVERSE)
+        return self._whole.array_r.copy() if self.comm.rank == 0 else None
 
 
 class Team:
@@ -350,7 +316,3 @@ def hold(A: PETSc.Mat | TeamMatrix, dofs: np.ndarray) -> PETSc.Mat | TeamMatrix:
 def make_solver(A: PETSc.Mat | TeamMatrix, *arguments: Any, **named: Any) -> StiffnessSolver | TeamSolver:
     """The solver with A, parameters as for `StiffnessSolver`. Collective on the ranks of A."""
     return (TeamSolver if isinstance(A, TeamMatrix) else StiffnessSolver)(A, *arguments, **named)
-
-
-def _index(numbers: np.ndarray) -> PETSc.IS:
-    return PETSc.IS().createGeneral(numbers.astype(PETSc.IntType), comm=PETSc.COMM_SELF)

@@ -10,34 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.interface.interface import Interface
+from ddmpi.judge.forces import Forces, Program, Scale
 from ddmpi.judge.motions import MotionsOfBody, describe_motions
 
 IMBALANCE = 1e-6
 """Loads of this part of all loads on a body that nothing balances are no rounding: there is no equilibrium."""
 
-ROUNDING = 1e-9
-"""Loads on rigid motions below this part of all loads on a body are what rounding leaves of none."""
-
-LIGHTEST = 1e-3
-"""Loads of a body are compared with at least this part of the largest loads of any body."""
-
 PROVEN = 1e-7
 """A mechanism may press into a contact with this part of its velocity (the program's tolerance), not more."""
-
-BENT = 1e-7
-"""A contact is straight or flat if what its forces do on rigid motions bends by less than this part of it."""
-
-DIGITS = 7
-"""Forces whose directions agree in so many digits are parallel."""
-
-HULL = 3
-"""Corners are looked for in at most so many dimensions."""
 
 SMALL = 1e-6
 """A motion without lift that is smaller than this part of the one with it is none."""
@@ -48,20 +33,17 @@ PRESSES = 1e-6
 OPENS = 1e-3
 """Contact nodes that part with less than this part of the largest velocity stay together."""
 
-WEIGHT = 1e4
-"""Of equations that turn bounds into non-negative unknowns."""
+WEIGHT = 1e3
+"""Of equations that bound sums of unknowns."""
 
-BOUNDED = 1000
-"""With more bounded forces, those of Tresca's law where contacts are not straight, the release takes too long."""
+CONVERGED = 1e-5
+"""The motion may differ from the true one by this part of it, in the norm of its energy."""
 
-ROUNDS = 30
-"""So often cones get edges that a motion lacks."""
+ROUNDS = 50
+"""So often contacts get forces that a motion lacks."""
 
 ITERATIONS = 10
 """At most so many iterations of least squares per unknown."""
-
-SAME = 1e-13
-"""Columns whose difference is below this part of them are the same."""
 
 MANY = 40
 """With more bodies only those that the linear program moves take part in the release, at most twice as many."""
@@ -133,158 +115,6 @@ def prove_imbalance(contacts: Sequence[Program], e: np.ndarray, scale: Scale) ->
     return _least_imbalance(whole, e / scale.unit / scale.largest, scale)[1] is not None
 
 
-class Scale:
-    """What makes the program free of units.
-
-    Parameters
-    ----------
-    speeds : of each loose body (j,), see `MotionsOfBody`
-    e, load : as for `find_mechanism`
-
-    Attributes
-    ----------
-    unit : (nc,) largest nodal velocity of each motion
-    largest : loads (N) of the body that is loaded most
-    of_row : (nc,) loads of the row's body (N), but not less than `LIGHTEST` of the largest
-    """
-
-    def __init__(self, speeds: Sequence[np.ndarray], e: np.ndarray, load: np.ndarray | None) -> None:
-        numbers = [len(each) for each in speeds]
-        self._starts = np.cumsum(numbers)[:-1]
-        self.unit = np.concatenate(speeds)
-        own = np.array([np.abs(part).max(initial=0.0) for part in self.split(e / self.unit)])
-        loads = own if load is None else np.maximum(own, load)
-        self.largest = float(loads.max())
-        self.of_row = np.repeat(np.maximum(loads, LIGHTEST * self.largest), numbers)
-
-    def idle(self, e: np.ndarray) -> bool:
-        """Whether the loads e (nc,) are nothing but rounding."""
-        return not self.largest or bool((np.abs(e) <= ROUNDING * self.of_row).all())
-
-    def rows(self, G: sparse.spmatrix) -> sparse.csc_matrix:
-        """G (nc, ·) for motions whose fastest node has velocity 1."""
-        return sparse.csc_matrix(sparse.diags(1.0 / self.unit) @ G)
-
-    def split(self, x: np.ndarray) -> list[np.ndarray]:
-        """Parts of a vector (nc,) by body."""
-        return np.split(x, self._starts)
-
-
-class Program(NamedTuple):
-    """The forces that contacts allow: combinations of `columns` (nc, k), each with coefficients between two (k,)."""
-
-    columns: sparse.csc_matrix
-    lower: np.ndarray
-    upper: np.ndarray
-
-
-@dataclass(frozen=True)
-class Forces:
-    """The forces that the laws allow.
-
-    Attributes
-    ----------
-    program : their powers on the rigid motions, and what their coefficients lie between
-    node : (k,) the column of G of the normal force of its node
-    presses, leans : (k,) bool, whether it has a normal, and a tangential part
-    owner : (size,) the column of G of the normal force of each column's node
-    slope : (size,) of the cone of a node, at the column of its normal force; zero elsewhere
-    """
-
-    program: Program
-    node: np.ndarray
-    presses: np.ndarray
-    leans: np.ndarray
-    owner: np.ndarray
-    slope: np.ndarray
-
-    @classmethod
-    def allowed(cls, interfaces: Sequence[Interface], A: sparse.csc_matrix, unit: float,
-                inside: bool = False) -> Forces:
-        """Of all interfaces; forces are counted in `unit` (N), and discs are polygons around them, or `inside` them.
-
-        Of a flat piece with the same coefficient only the corners are needed: all nodes between are means of them.
-        """
-        entries: list[tuple[np.ndarray, ...]] = [(np.empty(0),) * 3]
-        others: list[tuple[np.ndarray, ...]] = [(np.empty(0),) * 5]
-        owner, slope, start, k = [np.empty(0, int)], np.zeros(A.shape[1]), 0, 0
-        for interface in interfaces:
-            law, own = interface.law, A[:, start:start + interface.size]
-            rows = np.unique(own.indices)
-            for forces, lower, upper in law.edges(inside=inside):
-                columns = (own[rows] @ forces).toarray()
-                if np.isinf(upper).all():
-                    keep = np.flatnonzero(_corners(columns, forces.T @ interface.directions))
-                    lower, upper = lower[keep], upper[keep]
-                else:  # forces along the same line are as good as their sum
-                    keep = np.flatnonzero(np.append(True, _length(np.diff(columns)) > SAME * _length(columns[:, 1:])))
-                    lower, upper = (np.add.reduceat(each, keep) / unit for each in (lower, upper))
-                forces, columns = forces[:, keep], columns[:, keep]
-                i, j = np.nonzero(columns)
-                entries.append((columns[i, j], rows[i], k + j))
-                normal, tangential = (part.getnnz(axis=0) > 0 for part in (forces[:law.m], forces[law.m:]))
-                others.append((lower, upper, start + law.node[forces.indices[forces.indptr[:-1]]], normal, tangential))
-                k += len(keep)
-            owner.append(start + law.node)
-            slope[start + law.sliding] = law.slope(np.zeros(law.m))
-            start += interface.size
-        value, row, column = (np.concatenate(each) for each in zip(*entries, strict=True))
-        lower, upper, node, presses, leans = (np.concatenate(each) for each in zip(*others, strict=True))
-        columns = sparse.csc_matrix((value, (row.astype(int), column.astype(int))), (A.shape[0], k))
-        return cls(Program(columns, lower, upper), node.astype(int), presses.astype(bool), leans.astype(bool),
-                   np.concatenate(owner), slope)
-
-    @property
-    def tangential(self) -> np.ndarray:
-        """(size,) bool, the columns of G of tangential forces."""
-        return self.owner != np.arange(len(self.owner))
-
-    def sliding(self, rate: np.ndarray) -> np.ndarray:
-        """(size,) how fast nodes slide, at the columns of their normal forces, from all velocities (size,) there."""
-        squares = np.where(self.tangential, rate, 0.0) ** 2
-        return np.sqrt(np.bincount(self.owner, squares, len(rate)))
-
-    def edges(self, nodes: np.ndarray, rate: np.ndarray) -> sparse.csc_matrix:
-        """(size, k) the edges of the cones of `nodes` (k,) that resist the sliding of `rate` (size,) most."""
-        size = self.sliding(rate)[self.owner]
-        along = np.divide(rate, size, out=np.zeros_like(rate), where=size > 0.0)
-        entry, place = np.flatnonzero(np.isin(self.owner, nodes)), np.searchsorted(nodes, self.owner)
-        value = np.where(self.tangential, self.slope[self.owner] * along, 1.0)
-        return sparse.csc_matrix((value[entry], (entry, place[entry])), (len(rate), len(nodes)))
-
-
-def _corners(columns: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """(k,) bool: which columns are not means of others with the same force `along` (k, d), and not zero.
-
-    What a force does on the motions of a body is linear in its place, so means of places are means of columns.
-    """
-    from scipy.spatial import ConvexHull
-
-    length = _length(columns)
-    keep = np.zeros(len(length), bool)
-    if not length.any():
-        return keep
-    _, group = np.unique(np.round(along, DIGITS), axis=0, return_inverse=True)
-    order = np.argsort(group.ravel(), kind="stable")
-    for members in np.split(order, np.cumsum(np.bincount(group.ravel()))[:-1]):
-        x = columns[:, members] - columns[:, members].mean(axis=1, keepdims=True)
-        axes, sizes, _ = np.linalg.svd(x, full_matrices=False)
-        rank = int((sizes > BENT * length[members].max(initial=0.0)).sum())
-        places = x.T @ axes[:, :rank]
-        if rank == 0:
-            members = members[:1]
-        elif rank == 1:
-            members = members[[places.argmin(), places.argmax()]]
-        elif rank <= HULL and len(members) > rank + 1:
-            members = members[ConvexHull(places / np.abs(places).max(axis=0)).vertices]
-        keep[members] = True
-    return keep & (length > 0.0)
-
-
-def _length(columns: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(columns, axis=0)
-
-
 def _least_imbalance(forces: Program, b: np.ndarray, scale: Scale) -> tuple[float, np.ndarray | None]:
     """The least Σ |A x − b| over the loads of the row's body, and its derivative by b, rigid velocities (nc,), if these
     prove that there is no equilibrium."""
@@ -320,21 +150,24 @@ def _release(A: sparse.csc_matrix, forces: Forces, b: np.ndarray, dual: np.ndarr
 
     By Gauss's principle of least constraint the accelerations of bodies of density one leave the least residual
     M^-½ (b − A x) there is. Unlike the dual, this does not depend on the axes; Coulomb's cones, at first polygons
-    inside, get the edges that the motion lacks. Their friction lifts what slides, so another projection follows, on
-    the motions that keep together what is pressed and hold what sticks.
+    inside, get the edges that the motion lacks. Friction of given bounds is a mean of those that each contact bore
+    against the motions of all rounds; it lacks what would take more power of the last one. Coulomb's friction lifts
+    what slides, so another projection follows, on the motions that keep together what is pressed and hold what sticks.
     """
     moves = np.concatenate([np.full(len(part), len(bodies) <= MANY or np.abs(part).max() > PROVEN * np.abs(dual).max())
                             for part in scale.split(dual)])
-    if moves.sum() > 2 * MANY * len(bodies[0].basis) or np.isfinite(forces.program.upper).sum() > BOUNDED:
+    if moves.sum() > 2 * MANY * len(bodies[0].basis):
         return dual
     measure = max(body.measure for body in bodies)
     W = np.asarray(sparse.block_diag([
         np.linalg.inv(np.linalg.cholesky(body.inertia / np.outer(unit, unit) / measure))
         for body, unit in zip(bodies, scale.split(scale.unit), strict=True)]).todense())[moves]
     nodes = np.unique(forces.node[forces.presses])
-    columns, lower, upper = W @ forces.program.columns, forces.program.lower, forces.program.upper
+    cones = np.isinf(forces.program.upper)
+    columns, free = W @ forces.program.columns[:, cones], np.isinf(forces.program.lower[cones])
+    share = np.zeros((forces.bound.shape[1], len(free)))
     for _ in range(ROUNDS):
-        x = _least_squares(columns, W @ b, lower, upper)
+        x = _least_squares(columns, W @ b, free, share)
         left = W @ b - columns @ x
         lifted = W.T @ left
         if not np.isfinite(lifted).all() or not b @ lifted > 0.0:
@@ -342,52 +175,53 @@ def _release(A: sparse.csc_matrix, forces: Forces, b: np.ndarray, dual: np.ndarr
         rate, least = A.T @ lifted, PROVEN * np.abs(lifted).max()
         slides = forces.sliding(rate)
         closes = np.where(forces.tangential, 0.0, rate) + forces.slope * slides
-        lacking = nodes[closes[nodes] > least]
-        if not len(lacking):
+        lacking, friction = nodes[closes[nodes] > least], forces.friction(rate)
+        held = (share * (left @ columns)).max(axis=1, initial=0.0)
+        power = rate @ friction - held
+        weak = np.flatnonzero(power > 0.0)
+        if not len(lacking) and power.sum() <= CONVERGED ** 2 / 2 * (left @ left):
             break
-        used = (x > lower) | np.isinf(lower) | np.isfinite(upper)
-        columns = np.hstack([columns[:, used], W @ (A @ forces.edges(lacking, rate))])
-        lower = np.append(lower[used], np.zeros(len(lacking)))
-        upper = np.append(upper[used], np.full(len(lacking), np.inf))
-    else:
+        used = (x > 0.0) | free
+        more = sparse.hstack([forces.edges(lacking, rate), friction[:, weak]], format="csc")
+        columns = np.hstack([columns[:, used], W @ (A @ more)])
+        free = np.append(free[used], np.zeros(len(lacking) + len(weak), bool))
+        share = np.hstack([share[:, used], np.zeros((len(share), len(lacking))), np.eye(len(share))[:, weak]])
+    if len(lacking):
         return dual
+    if not forces.slope.any():
+        return lifted
     touches = closes >= -least
     sticks = (slides <= least) & (touches | (forces.slope == 0.0))
     stuck = np.flatnonzero(forces.tangential & sticks[forces.owner]
                            & np.isin(forces.owner, forces.node[forces.leans]))
-    lower = np.concatenate([np.where(touches[nodes], -np.inf, 0.0), np.full(len(stuck), -np.inf)])
+    free = np.append(touches[nodes], np.ones(len(stuck), bool))
     columns = W @ A[:, np.concatenate([nodes, stuck])]
-    y = _least_squares(columns, left, lower, np.full(len(lower), np.inf))
+    y = _least_squares(columns, left, free, np.empty((0, len(free))))
     motion = W.T @ (left - columns @ y)
     size = np.abs(motion).max()
     good = size > SMALL * np.abs(lifted).max() and b @ motion > 0.0 and (A[:, nodes].T @ motion <= PRESSES * size).all()
     return motion if good else lifted
 
 
-def _least_squares(A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """The x between bounds with the least ‖A x − b‖; nan where it is not found.
-
-    Finite bounds [−g, g], Tresca's, become those of non-negative unknowns by rows x + y = 2g of a large weight.
-    """
+def _least_squares(A: np.ndarray, b: np.ndarray, free: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """The x with the least ‖A x − b‖, not negative where not `free`, and share x ≤ 1; nan where it is not found."""
     from scipy.optimize import lsq_linear, nnls
 
-    k, free, boxed = len(lower), np.isinf(lower), np.isfinite(upper)
+    k, weight = len(free), WEIGHT * (share * np.linalg.norm(A, axis=0)).max(axis=1, initial=0.0)
     if not k:
         return np.zeros(0)  # SciPy 1.17's nnls would free its memory twice
-    start = np.where(free, 0.0, lower)
-    limits = np.eye(k)[boxed]
-    extended = np.block([[A, -A[:, free], np.zeros((len(b), len(limits)))],
-                         [WEIGHT * limits, np.zeros((len(limits), free.sum())), WEIGHT * np.eye(len(limits))]])
-    right = np.concatenate([b - A @ start, WEIGHT * (upper - start)[boxed]])
+    extended = np.block([[A, -A[:, free], np.zeros((len(b), len(share)))],
+                         [weight[:, None] * share, np.zeros((len(share), free.sum())), np.diag(weight)]])
+    right = np.append(b, weight)
     try:
         x, _ = nnls(extended, right, maxiter=ITERATIONS * extended.shape[1])
     except RuntimeError:
         return np.full(k, np.nan)
     gradient = extended.T @ (extended @ x - right)
     if not max(-gradient.min(initial=0.0), np.abs(gradient[x > 0.0]).max(initial=0.0)) <= (
-            PROVEN * np.abs(extended.T @ right).max(initial=0.0)):  # SciPy 1.17 has returned what is no minimum
+            PROVEN * np.abs(A.T @ b).max(initial=0.0)):  # SciPy 1.17 has returned what is no minimum
         x = lsq_linear(extended, right, (0.0, np.inf), method="bvls").x
-    full = start + x[:k]
+    full = x[:k].copy()
     full[free] -= x[k:k + free.sum()]
     return full
 

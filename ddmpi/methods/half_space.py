@@ -7,7 +7,7 @@ over a few elements, which is what makes the compliance ill-conditioned; the few
 are left to the Krylov method. So the preconditioner needs no second factorization and knows the stiffness contrast.
 
 −Δ is the Laplacian K of the interface's facets over its nodal areas W, so that M = (E*/2) W^½ A^½ W^½ with
-A = W^−½ K W^−½ + (1.5/L)²: the longest wave is about the interface itself, whose length is L. The root is a sum over
+A = W^−½ K W^−½ + (q/L)²: the longest wave is about the interface itself, whose length is L. The root is a sum over
 few shifts, A^½ = Σ w (1 − t²(A + t²)⁻¹) (method 3 of Hale, Higham, Trefethen, SIAM J. Numer. Anal. 46, 2008).
 """
 
@@ -15,16 +15,21 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse.linalg import splu
 from scipy.special import ellipj, ellipkm1
 
-from ddmpi.coupling.joint import Joint
+from ddmpi.coupling.joint import Joint, Point
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.space import Space
 from ddmpi.interface.interface import Interface
+
+LONGEST = {1: 1.5, 2: 3.0}
+"""Wave number of the longest wave, times the length of the interface, by the number of tangential components. Bodies
+give way less to what loads a whole contact than half-spaces do, in space still less: neighbours hold all sides."""
 
 SHIFTS = 6
 """Terms of the root: its relative error is about exp(−2π² SHIFTS/(ln κ + 3)), 1e-3 at a condition κ of A of 1e6."""
@@ -37,6 +42,15 @@ LIMIT = 2.5
 
 LEARNT, DEPENDENT = 60, 1e-8
 """How many products a model knows at most; directions of them that are rounding."""
+
+
+MODEL_STEPS, FORESEEN, SOLVED = 40, 0.1, 0.03
+"""Most steps to the answer of a model, which leave the third part of the residual. They begin with the nodes closed and
+slipping as they are where the residual is below the second number, else with all pressed ones sticking."""
+
+CORRECTED, COARSEST, FINER = 0.03, 3e-3, 0.1
+"""The next product is as precise as the first part of the forces' change, the second part of the forces at most, and by
+the third factor more after each step that gains nothing: small errors of slender bodies are large displacements."""
 
 
 class HalfSpace:
@@ -81,7 +95,7 @@ class _Block:
         self._at[interface.m:] += np.tile(np.arange(1, self._columns), len(interface.sliding))
         self._root, self._scale = np.sqrt(interface.area)[:, None], 0.5 * interface.modulus
         self._spacing = float(np.mean(self._scale * interface.area / interface.stiffness[:interface.m]))
-        lowest = (1.5 / interface.length) ** 2
+        lowest = (LONGEST[interface.law.components] / interface.length) ** 2
         over = sparse.diags(1.0 / self._root[:, 0])
         A = (over @ interface.laplacian @ over + lowest * sparse.identity(interface.m)).tocsr()
         modulus = lowest / (2.0 * A.diagonal().max())
@@ -206,6 +220,51 @@ class Model(Joint):
     def pass_through(self, s: np.ndarray, r: np.ndarray, alpha: np.ndarray, e: np.ndarray) -> None:
         """Have the gaps r (size,) under the forces s (size,) and rigid motions α, and the loads e."""
         self.d, self.e = self.product(s, "model", 0.0) - r - self.rigid.spread(alpha), e
+
+
+class Modelled:
+    """Steps to where a model of the compliance with the gaps of the iterate has its answer; a product corrects it.
+
+    Parameters
+    ----------
+    joint : the operator
+    newton : a `Newton` of a `Model` of it
+
+    Attributes
+    ----------
+    rough : whether the gaps are only as precise as the last step needs them
+    """
+
+    def __init__(self, joint: Joint, newton: Any) -> None:
+        self._joint, self._newton, self._corrected, self.rough = joint, newton, CORRECTED, False
+
+    def step(self, point: Point, residual: float, size: float, start: bool, warm: bool) -> Point | None:
+        """The change of `point` that the model wants, or None if it finds no answer.
+
+        Parameters
+        ----------
+        residual, size : of the equations over the forces, and what forces are compared with (N)
+        start, warm : whether nothing is known but where the pressure is, and whether that is known
+
+        Collective. Raises SolverError.
+        """
+        joint, newton, (s, r, alpha, left) = self._joint, self._newton, point
+        newton.joint.pass_through(s, r, alpha, joint.e)
+        newton.begin((s, r, alpha) if warm or not start else None, foreseen=residual < FORESEEN)
+        if newton.run(max(SOLVED * min(residual, 1.0), joint.neglected / size if size else 0.0)) != "converged":
+            return None
+        forces, turned = newton.forces, joint.rigid.spread(newton.motions)
+        whole, moved = joint.space.norms([forces, forces - s])
+        relative = min(max(self._corrected * moved, joint.neglected) / whole, COARSEST) if whole else 0.0
+        opened = joint.product(forces, "newton", relative) - joint.d - turned - r
+        self.rough = True
+        newton.joint.learn(forces - s, opened + turned - joint.rigid.spread(alpha))
+        return Point(forces - s, opened, newton.motions - alpha, joint.imbalance(forces) - left)
+
+    def refine(self) -> None:
+        """The gaps are precise now, and are to be more precise from now on if they were not."""
+        self._corrected *= FINER if self.rough else 1.0
+        self.rough = False
 
 
 def _inverse(gram: np.ndarray) -> np.ndarray:

@@ -34,10 +34,10 @@ from ddmpi.petsc.versions import call_solver
 
 log = logging.getLogger("ddmpi")
 
-FORCING = 1e-3
-"""GMRES reduces the residual of a Newton equation by this. Measured on pinched blocks: 1e-2 takes fewer iterations a
-step, but more steps; 1e-3 is the cheapest from N = 54 on, and the most even over the meshes. In space 3e-3 takes a
-tenth fewer products of bricks, but 17 steps instead of 11 of two boxes with N = 16."""
+FORCING, LOOSEST, SHARE = 1e-3, 1e-2, 0.9
+"""GMRES reduces the residual of a Newton equation by the first number; in space by less, at least by the second, see
+`forcing`. Measured on pinched blocks in the plane: 1e-2 takes fewer iterations a step, but more steps; 1e-3 is the
+cheapest from N = 54 on, and the most even over the meshes."""
 
 KRYLOV_LIMIT = 300
 """Most GMRES iterations in one Newton step; a step that is not solved to FORCING is used as it is."""
@@ -56,6 +56,19 @@ multiplications; in space 0.75 takes more for the modes than it saves."""
 
 MANY = 3
 """Coarse modes serve from so many bodies on, and wherever bodies are loose."""
+
+
+def forcing(residuals: Sequence[float], in_space: bool) -> float:
+    """By which GMRES reduces the residual of the next Newton equation, from the `residuals` after the steps so far.
+
+    In space less after steps that gained little (Eisenstat and Walker, SIAM J. Sci. Comput. 17, 1996, choice 2), but
+    not in the first step: two boxes with N = 8 take 9 steps, and 21 where the first one is solved to 1e-2, as friction
+    turns for long then. In the plane blocks of unlike stiffness would take a tenth more products.
+    """
+    if not residuals or not in_space:
+        return FORCING
+    gained = residuals[-1] / residuals[-2] if len(residuals) > 1 and residuals[-2] else 1.0
+    return min(max(SHARE * gained**2, FORCING), LOOSEST)
 
 
 class Linearised(Tangent):
@@ -117,7 +130,7 @@ class Linearised(Tangent):
         return (x if self._transposed is None else self._transposed @ x)[self.unknown]
 
     def diagonal(self, D: np.ndarray) -> np.ndarray:
-        """The diagonal (k,) of Iᵀ D I; D (size,) is the same for all tangential entries of a node."""
+        """The diagonal (k,) of Iᵀ D I, for D (size,) in the turned frames."""
         return D[self.unknown]
 
     def move(self, s: np.ndarray) -> np.ndarray:
@@ -179,7 +192,7 @@ class LinearProblem:
     joint : the operator of all bodies
     preconditioner : for all active sets
     linearised : the forces that the active set implies
-    layer : (joint.size,) compliance D (m/N) of a layer, a barrier, or the springs across friction
+    layer : (joint.size,) compliance D (m/N) of a layer, a barrier, or the springs across friction, in turned frames
     precise : whether the forces are to be known as well as the displacements, which slender bodies need
     held : part of the springs ε that steer rigid motions
     forcing : by which GMRES reduces the residual
@@ -197,22 +210,16 @@ class LinearProblem:
         self._half_space = preconditioner.half_space.softened(
             [least if np.isfinite(least) else 0.0 for part in joint.space.parts.values()
              for least in (deltas[part].min(initial=np.inf),)])
-        self._weight = 1.0 / np.sqrt(1.0 + layer * preconditioner.c)
-        self._weights = linearised.diagonal(self._weight)
+        self._weights = linearised.diagonal(1.0 / np.sqrt(1.0 + layer * preconditioner.c))
         self._rigid = joint.rigid.size
         self._precise = precise or self._rigid > 0
         self._forcing = forcing
         self._coarse: CoarseSystem | None = None
         if preconditioner.motions.size:
-            weights = [self._weight[part, None] for part in joint.space.parts.values()]
-
-            def stiffness(number: int, x: np.ndarray) -> np.ndarray:
-                return weights[number] * self._half_space.on_interface(number, weights[number] * x)
-
             diagonal = preconditioner.diagonal.copy()
             diagonal[:self._rigid] *= held
-            self._coarse = CoarseSystem(preconditioner.motions, linearised.basis, linearised.expansion, stiffness,
-                                        diagonal)
+            self._coarse = CoarseSystem(preconditioner.motions, linearised.basis, linearised.expansion, self._weights,
+                                        self._half_space.on_interface, diagonal)
 
     def precondition(self, w: np.ndarray, h: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """The unknown forces y (k,) and rigid motions α of the half-space system for w (k,) in metres, h in newtons.
@@ -222,7 +229,7 @@ class LinearProblem:
         """
         if self._correct:
             w = self._weights * self._correct(w / self._weights)
-        y = self.linearised.restrict(self._weight * self._half_space.mult(self.linearised.place(w)))
+        y = self._weights * self.linearised.restrict(self._half_space.mult(self.linearised.place(w)))
         if not self._coarse:
             return y, np.zeros(0)
         if h is not None:

@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.coupling.joint import Joint
-from ddmpi.methods.half_space import Model
-from ddmpi.methods.krylov import FORCING, Linearised, LinearProblem, Preconditioner, precondition
+from ddmpi.coupling.joint import Joint, Point
+from ddmpi.methods.half_space import MODEL_STEPS, Model, Modelled
+from ddmpi.methods.krylov import Linearised, LinearProblem, Preconditioner, forcing, precondition
 from ddmpi.methods.outer import Report, Step, no_report
-from ddmpi.methods.paths import DRIFT, MODEL_STEPS, NEAR, STOPPED, InteriorPoints, Modelled, Path, Point, Softening
+from ddmpi.methods.paths import DRIFT, NEAR, STOPPED, CloserPoints, InteriorPoints, Path, Softening
 from ddmpi.petsc.events import event
 from ddmpi.system.numbers import norm
 
@@ -41,9 +41,9 @@ PATIENCE, PROGRESS = 3, 0.7
 """A path begins after so many steps that together leave more than this of the smallest residual. Newton's own steps are
 tried from a path as long as each leaves less than this."""
 
-PATHS: tuple[type[Path], ...] = InteriorPoints, Softening
-"""The paths in the order in which they are tried where bodies slide as wholes. It is the other way round where all are
-held, which takes half the steps, and in space, where interior points know no discs."""
+PATHS: tuple[type[Path], ...] = InteriorPoints, Softening, CloserPoints
+"""The paths in the order in which they are tried where bodies slide as wholes. Softening is first where all are held,
+which takes half the steps."""
 
 FULL_STEPS, GIVEN_STEPS, GROWTH = 12, 3, 3.0
 """In space the first so many steps are full ones, as long as none multiplies the residual by more than the last number:
@@ -97,8 +97,7 @@ class Newton:
         if joint.dear:
             self._full, model = 0, Newton(Model(joint), MODEL_STEPS, preconditioner=self._preconditioner)
             self._modelled, model.inner_steps = Modelled(joint, model), self.inner_steps
-        self._least = 0.0
-        self.nothing = 0.0
+        self._least = self.nothing = 0.0
         self.begin()
 
     def begin(self, warm: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None, foreseen: bool = False) -> None:
@@ -118,7 +117,7 @@ class Newton:
         self._at = Point(s, r, alpha, joint.imbalance(s))
         self._warm = warm is not None and self.space.any(self._pressed())
         self._path: Path | None = None
-        self._paths = list(PATHS[::-1] if self._in_space or not len(joint.e) else PATHS)  # that are left
+        self._paths = list(PATHS if len(joint.e) else (*PATHS[1::-1], *PATHS[2:]))  # that are left
         self._softened = self._at  # where softening has ended
         self._trying = False  # Newton's own steps, from the path's point
         self._measured: tuple[np.ndarray | None, float] = (None, 0.0)
@@ -272,8 +271,12 @@ class Newton:
         self._at = self._at._replace(s=s)
         self._settled = True
 
+    @property
+    def _forcing(self) -> float:
+        return self._path.forcing if self._path else forcing([each.residual for each in self.history], self._in_space)
+
     def _note(self, residual: float, update: float, stage: str = "") -> None:
-        step = Step(len(self.history) + 1, update, residual, FORCING, self.joint.multiplications(), stage)
+        step = Step(len(self.history) + 1, update, residual, self._forcing, self.joint.multiplications(), stage)
         self.history.append(step)
         self.report(step)
 
@@ -333,7 +336,7 @@ class Newton:
         linearised : all forces by the unknown ones y
         change : (size,) of the forces (N) that comes before y, which is counted from there
         wanted : (size,) in metres
-        layer : D (size,) in m/N, the same for all tangential entries of a node
+        layer : D (size,) in m/N, in the turned frames of the unknown forces
 
         Collective. Raises SolverError.
         """
@@ -341,9 +344,10 @@ class Newton:
         alpha, C_change = np.zeros(rigid.size), np.zeros_like(change)
         problem, y = None, np.zeros(linearised.number)
         if (self._path and rigid.size) or space.any(np.ones(linearised.number)):  # springs let fall
-            held, forcing = (self._path.held, self._path.forcing) if self._path else (self._held, FORCING)
+            held = self._path.held if self._path else 1.0
+            held = min(held, self._held) if self._trying or not self._path else held
             problem = LinearProblem(joint, self._preconditioner, linearised, layer, self._path is not None, held,
-                                    forcing)
+                                    self._forcing)
             if rigid.size:  # the nearest forces by half-planes that balance the loads
                 y, alpha = problem.precondition(y, joint.imbalance(point.s + change))
                 change = change + linearised.expand(y)
@@ -380,17 +384,15 @@ class Newton:
     def state(self) -> dict[str, Any]:
         return self._at._asdict() | {
             "start": self._start, "warm": self._warm, "least": self._least, "settled": self._settled,
-            "error": self._error, "held": self._held, "far": self._far, "norm": self._norm(),
-            "stalled": self._stalled, "smallest": self._smallest, "inner_steps": dict(self.inner_steps),
-            "history": tuple(self.history)}
+            "error": self._error, "held": self._held, "far": self._far, "norm": self._norm(), "stalled": self._stalled,
+            "smallest": self._smallest, "inner_steps": dict(self.inner_steps), "history": tuple(self.history)}
 
     def restore(self, state: dict[str, Any]) -> None:
         self._at = Point(*(state[name] for name in Point._fields))
         self._start, self._settled, self._warm = (bool(state[name]) for name in ("start", "settled", "warm"))
         self._least = float(state["least"])
-        self._error, self._smallest = float(state["error"]), float(state["smallest"])
+        self._error, self._smallest, self._held = (float(state[name]) for name in ("error", "smallest", "held"))
         self._stalled, self.inner_steps = int(state["stalled"]), dict(state["inner_steps"])
-        self._held = float(state["held"])
         self._far = None if state["far"] is None else float(state["far"])
         self._measured = self._at.s, float(state["norm"])
         self.history = [Step(*row) for row in state["history"]]

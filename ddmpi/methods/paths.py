@@ -4,9 +4,10 @@ Where bodies hinge, jam or slide as wholes, a few closed nodes hold them, and a 
 leads nowhere. Both paths solve a series of easier problems, each from the answer of the one before, by the same linear
 problem with a diagonal D added (`ddmpi.methods.krylov`).
 
-Interior points replace each bound by a barrier μ: s w = μ for forces s and gaps w, p (g − s_t) = μ and q (g + s_t) = μ
-for what slips at either bound, which follows the pressure (Wright, Primal-dual interior-point methods, 1997, for
-convex problems). They let bodies cross clearances, and move where friction decides.
+Interior points replace each bound by a barrier μ: s w = μ for forces s and gaps w; g y + s_t·v = 2μ and
+g v + y s_t = 0 for friction s_t below its bound g, which follows the pressure, and the slip v below y (Alizadeh and
+Goldfarb, Second-order cone programming, Math. Program. 95, 2003, for convex problems). They let bodies cross
+clearances, and move where friction decides.
 
 Softening puts a layer of compliance D = δ/c between the bodies, so that many nodes carry load: s = P(−r/D). As δ falls,
 hinges and zones that stick shrink gradually, and the active sets of one stage nearly fit the next.
@@ -15,13 +16,14 @@ hinges and zones that stick shrink gradually, and the active sets of one stage n
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.sparse as sparse
 
-from ddmpi.coupling.joint import Joint
-from ddmpi.interface.law import Tangent
+from ddmpi.coupling.joint import Joint, Point
+from ddmpi.interface.law import Tangent, across, direction
 from ddmpi.methods.krylov import Linearised
+from ddmpi.qp.box import cone_exit, cone_room, dots, magnitude
 from ddmpi.system.numbers import norm
 
 SOFTEST, HARDEST, HARDER = 1e3, 1e-7, 0.1
@@ -52,8 +54,9 @@ DRIFT, STOPPED = 1e-4, 0.01
 """Where both paths fail and leave more than the first part of the loads, bodies drift, unless they go into a partner by
 more than the second part of their way (drifts below 1e-4, falls into wedges above 0.3)."""
 
-TO_BOUND = 0.99
-"""A step of interior points goes to this part of the way to the nearest bound."""
+TO_BOUND, SHORTER = 0.99, 0.8
+"""A step of interior points goes to the first part of the way to the nearest bound; to the second part where they are
+followed anew, as far from the path that they jam at a bound."""
 
 LOWER = ((0.9, 0.1), (0.5, 0.2), (0.2, 0.5), (0.0, 0.8))
 """The barrier falls to the second number where the last step was longer than the first."""
@@ -68,37 +71,9 @@ products."""
 MOST_POINTS, SHORT, SHORTS = 60, 1e-3, 5
 """Interior points are given up after so many steps, and after the last number of steps shorter than the second."""
 
-MODEL_STEPS, FORESEEN, SOLVED = 40, 0.1, 0.03
-"""Most steps to the answer of a model, which leave the third part of the residual. They begin with the nodes closed and
-slipping as they are where the residual is below the second number, else with all pressed ones sticking."""
-
-CORRECTED, COARSEST, FINER = 0.03, 3e-3, 0.1
-"""The next product is as precise as the first part of the forces' change, the second part of the forces at most, and by
-the third factor more after each step that gains nothing: small errors of slender bodies are large displacements."""
-
 IDLE, LOWEST = 8, 1e-18
 """So they are after so many steps that neither lower the residual by a tenth nor halve the barrier, and with a barrier
 below the second part of the first one."""
-
-
-class Point(NamedTuple):
-    """Forces and what follows from them; also a change of these, along which all of it is linear.
-
-    Attributes
-    ----------
-    s, r : (size,) forces (N) and gaps (m)
-    alpha : motions of loose bodies (m)
-    left : e − G s, the loads on these motions that the forces leave (N)
-    """
-
-    s: np.ndarray
-    r: np.ndarray
-    alpha: np.ndarray
-    left: np.ndarray
-
-    def along(self, change: Point, length: float) -> Point:
-        """The point at this length of the step `change`."""
-        return Point(*(own + length * step for own, step in zip(self, change, strict=True)))
 
 
 Solve = Callable[..., Point]
@@ -243,29 +218,30 @@ class InteriorPoints:
     """
 
     kind = "interior points"
+    to_bound = TO_BOUND
     held, forcing = 1e-6, INEXACT
     """Springs of Newton's method would bring bodies across wide clearances too slowly: each step moves by the load that
     is left over the spring. Wherever there is a contact a barrier holds bodies, too."""
 
     def __init__(self, joint: Joint, c: np.ndarray) -> None:
-        self._joint, self._space, self._laws = joint, joint.space, joint.space.laws
-        size, space = joint.size, joint.space
-        self._normal, sliding, self._source = np.zeros(size, bool), np.zeros(size, bool), np.arange(size)
-        for interface, part in space.each():
-            if interface.law.name != "bonded":
-                end = part.start + interface.m
-                self._normal[part.start:end] = sliding[end:part.stop] = True
-                self._source[part] = part.start + interface.law.node
-        number = float(space.add(np.array([float(np.count_nonzero(self._normal))]))[0])
+        self._joint, self._space, size = joint, joint.space, joint.size
+        self._parts = [(each.law, part) for each, part in joint.space.each() if each.law.name != "bonded"]
+        self._normal, self._source = np.zeros(size, bool), np.arange(size)
+        rows = np.empty((0, max((law.components for law, _ in self._parts), default=1)), int)
+        for law, part in self._parts:
+            self._normal[part.start:part.start + law.m] = True
+            self._source[part] = part.start + law.node
+            rows = np.append(rows, np.arange(part.start + law.m, part.stop).reshape(-1, law.components), axis=0)
+        number = float(self._space.add(np.array([float(np.count_nonzero(self._normal))]))[0])
         force = self._first_force(c) / np.sqrt(max(number, 1.0))
         s = np.where(self._normal, force, 0.0)
-        bound, _ = self._bounds(s)
-        self._given = sliding & ~(bound > 0.0)  # no friction force at all
-        self._sliding = sliding & ~self._given
-        self._w = np.where(self._normal, space.largest(np.maximum(space.opening, force / c)), 0.0)
+        self._holds = np.ones(len(rows), bool)
+        self._unknown, self._holds = np.ones(size, bool), self._bounds(s)[0, :, 0] > 0.0
+        self._unknown[rows[~self._holds]] = False  # no friction force at all
+        self._rows = rows[self._holds]
+        self._w = np.where(self._normal, self._space.largest(np.maximum(joint.space.opening, force / c)), 0.0)
         self._barrier = self._mean(s)
-        self._p = np.where(self._sliding, self._barrier / np.where(self._sliding, bound, 1.0), 0.0)
-        self._q = self._p.copy()
+        self._slip, self._most = np.zeros(self._rows.shape), 2.0 * self._barrier / self._bounds(s)[0]
         self.point = Point(s, -joint.d, np.zeros(joint.rigid.size), joint.imbalance(s))
         self._last, self._steps, self._shorts, self.failed = 1.0, 0, 0, False
         self._first, self._idle, self._smallest, self._lowest = 0.0, 0, np.inf, np.inf
@@ -291,15 +267,19 @@ class InteriorPoints:
     def go_on(self) -> None:
         """Nothing to do: the next step goes on."""
 
-    def _bounds(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Slip bounds (N) and their slopes (size,) at tangential rows, under the forces s (size,)."""
-        bound, slope = np.zeros(len(s)), np.zeros(len(s))
-        for interface, part in self._space.each():
-            law, rows = interface.law, slice(part.start + interface.m, part.stop)
-            if law.name != "bonded":
-                bound[rows] = np.repeat(law.bound_at(s[part]), law.components)
-                slope[rows] = np.repeat(law.slope(np.maximum(s[part][:law.m], 0.0)), law.components)
-        return bound, slope
+    def _bounds(self, s: np.ndarray) -> np.ndarray:
+        """Slip bounds (N) and their slopes (2, k, 1) at the nodes with friction, under the forces s (size,)."""
+        found = [(law.bound_at(s[part]), law.slope(np.maximum(s[part][:law.m], 0.0))) for law, part in self._parts]
+        return np.concatenate([np.empty((2, 0)), *found], axis=1)[:, self._holds, None]
+
+    def _turn(self, axes: np.ndarray) -> sparse.csr_matrix | None:
+        """Frames (size, size) with tangential `axes` (k, d − 1) at the nodes with friction; None in the plane."""
+        if axes.shape[1] == 1:
+            return None
+        rows, straight = self._rows, np.setdiff1d(np.arange(len(self._unknown)), self._rows)
+        row, column = np.broadcast_arrays(rows[:, :, None], rows[:, None, :])
+        return sparse.csr_matrix((np.append(np.ones(len(straight)), across(axes)),
+                                  (np.append(straight, row), np.append(straight, column))))
 
     def _mean(self, s: np.ndarray) -> float:
         """The mean of s w over the normal rows (J). Collective."""
@@ -308,36 +288,42 @@ class InteriorPoints:
 
     def step(self, solve: Solve) -> None:
         """One step. Collective; raises what `solve` raises."""
-        normal, sliding, w = self._normal, self._sliding, self._w
+        normal, rows, w = self._normal, self._rows, self._w
         if not self._steps:
             self.point = self.point._replace(r=self._joint.product(self.point.s, "newton") - self._joint.d)
         point, s = self.point, self.point.s
-        mean = self._mean(s)
-        bound, slope = self._bounds(s)
-        least = np.concatenate([s[normal], w[normal], (bound - np.abs(s))[sliding]]).min(initial=np.inf)
+        mean, (bound, slope), slip, most = self._mean(s), self._bounds(s), self._slip, self._most
+        friction, under = s[rows], self._source[rows[:, :1]]
+        room = cone_room(bound, friction)
+        least = np.concatenate([s[normal], w[normal], *room, *cone_room(most, slip)]).min(initial=np.inf)
         self._first = self._first or mean
         if self._space.any(np.array([not least > 0.0])) or not mean > LOWEST * self._first:
             self.failed = True
             return
         mu = self._barrier = mean * next(part for least, part in LOWER if self._last >= least)
-        one, two = (np.where(sliding, room, 1.0) for room in (bound - s, bound + s))
+        axes, size = direction(friction), magnitude(friction)[:, None]
+        ahead = dots(axes, slip)
+        power, across_slip = bound * most - size * ahead, slip - ahead * axes
+        along, aside = power / room, most / bound  # what slip across friction does to slip along it is left out
+        turns = (size * most - bound * ahead) / power * axes - across_slip / most
         pressure = np.where(normal, s, 1.0)
-        layer = np.where(normal, w / pressure, self._p / one + self._q / two)
-        coupling = np.where(sliding, slope * (self._p / one - self._q / two) / np.where(sliding, layer, 1.0), 0.0)
+        layer, coupling, wanted = w / pressure, np.zeros(len(s)), np.where(normal, mu / pressure, 0.0)
+        layer[rows], coupling[rows], wanted[rows] = aside, slope * turns, -2.0 * mu / room * friction
+        layer[rows[:, :1]] = along
         none = np.zeros(len(s))
-        linearised = Linearised.of([Tangent(~self._given, self._source, coupling, none, none)])
-        wanted = np.where(normal, mu / pressure, np.where(sliding, mu / two - mu / one, 0.0))
-        change = solve(point, linearised, np.zeros(len(s)), wanted, layer)
-        ds, follows = change.s, slope * change.s[self._source]
-        moves = [(s, ds, normal), (w, (mu - w * ds) / pressure - w, normal),
-                 (one, follows - ds, sliding), (two, follows + ds, sliding),
-                 (self._p, (mu - self._p * (follows - ds)) / one - self._p, sliding),
-                 (self._q, (mu - self._q * (follows + ds)) / two - self._q, sliding)]
-        shrinks = [float((-step[where] / now[where]).max(initial=0.0)) for now, step, where in moves]
-        fastest = self._space.largest(np.array(shrinks))
-        length = min(1.0, TO_BOUND / fastest) if fastest else 1.0
-        self._w, self._p, self._q = (np.where(where, now + length * step, 0.0)
-                                     for now, step, where in (moves[1], moves[4], moves[5]))
+        linearised = Linearised.of([Tangent(self._unknown, self._source, coupling, none, none, self._turn(axes))])
+        change = solve(point, linearised, none, wanted, layer)
+        more, moved = slope * change.s[under], change.s[rows]
+        own = moved - more * turns
+        part = dots(axes, own) * axes
+        slips = wanted[rows] - along * part - aside * (own - part) - slip
+        mosts = (2.0 * mu - dots(friction, slip + slips) - dots(slip, moved) - most * more) / bound - most
+        opens = np.where(normal, (mu - w * change.s) / pressure - w, 0.0)
+        nears = np.concatenate([-change.s[normal] / s[normal], -opens[normal] / w[normal],
+                                *cone_exit(bound, friction, more, moved), *cone_exit(most, slip, mosts, slips)])
+        fastest = self._space.largest(np.maximum(nears, 0.0))
+        length = min(1.0, self.to_bound / fastest) if fastest else 1.0
+        self._w, self._slip, self._most = w + length * opens, slip + length * slips, most + length * mosts
         self.point, self._last, self._steps = point.along(change, length), length, self._steps + 1
         self._shorts = self._shorts + 1 if length < SHORT else 0
         if self._steps >= MOST_POINTS or self._shorts >= SHORTS or not np.isfinite(fastest):
@@ -352,49 +338,10 @@ class InteriorPoints:
             self.failed = True
 
 
-class Modelled:
-    """Steps to where a model of the compliance with the gaps of the iterate has its answer; a product corrects it.
+class CloserPoints(InteriorPoints):
+    """The same with shorter steps, which stay closer to the path of the barrier."""
 
-    Parameters
-    ----------
-    joint : the operator
-    newton : a `Newton` of a `Model` of it
-
-    Attributes
-    ----------
-    rough : whether the gaps are only as precise as the last step needs them
-    """
-
-    def __init__(self, joint: Joint, newton: Any) -> None:
-        self._joint, self._newton, self._corrected, self.rough = joint, newton, CORRECTED, False
-
-    def step(self, point: Point, residual: float, size: float, start: bool, warm: bool) -> Point | None:
-        """The change of `point` that the model wants, or None if it finds no answer.
-
-        Parameters
-        ----------
-        residual, size : of the equations over the forces, and what forces are compared with (N)
-        start, warm : whether nothing is known but where the pressure is, and whether that is known
-
-        Collective. Raises SolverError.
-        """
-        joint, newton, (s, r, alpha, left) = self._joint, self._newton, point
-        newton.joint.pass_through(s, r, alpha, joint.e)
-        newton.begin((s, r, alpha) if warm or not start else None, foreseen=residual < FORESEEN)
-        if newton.run(max(SOLVED * min(residual, 1.0), joint.neglected / size if size else 0.0)) != "converged":
-            return None
-        forces, turned = newton.forces, joint.rigid.spread(newton.motions)
-        whole, moved = joint.space.norms([forces, forces - s])
-        relative = min(max(self._corrected * moved, joint.neglected) / whole, COARSEST) if whole else 0.0
-        opened = joint.product(forces, "newton", relative) - joint.d - turned - r
-        self.rough = True
-        newton.joint.learn(forces - s, opened + turned - joint.rigid.spread(alpha))
-        return Point(forces - s, opened, newton.motions - alpha, joint.imbalance(forces) - left)
-
-    def refine(self) -> None:
-        """The gaps are precise now, and are to be more precise from now on if they were not."""
-        self._corrected *= FINER if self.rough else 1.0
-        self.rough = False
+    to_bound = SHORTER
 
 
 Path = Softening | InteriorPoints

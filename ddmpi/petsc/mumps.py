@@ -118,7 +118,7 @@ class Factors:
         for name, array in zip(("irn", "jcn", "a"), entries, strict=True):
             setattr(data, name + "_loc" * parallel, array.ctypes.data)
         data.n, data.size_schur = comm.bcast((n + k, k))
-        self._size = k
+        self._size, self._alone = k, not parallel
         last, places, schur = np.arange(n + 1, n + k + 1, dtype=np.int32), np.zeros(0, np.int32), np.zeros((k, k))
         data.listvar_schur, data.schur, self._listed = last.ctypes.data, schur.ctypes.data, last
         if order is not None:
@@ -144,14 +144,15 @@ class Factors:
         return None if f is None else work[:len(f)]
 
     def response(self, f: np.ndarray | None) -> np.ndarray | None:
-        """B A⁻¹ f (k,), both on the first rank; None elsewhere. By half a solve, of rows that entries of f concern."""
+        """B A⁻¹ f (k,), both on the first rank; None elsewhere. By half a solve, on one rank of
+        the rows alone that entries of f concern: several ranks refuse it (5.5.1)."""
         f, first = np.zeros(0) if f is None else f, f is not None
         rows, left = np.flatnonzero(f), np.zeros(self._size)
         entries, places, ends = f[rows], (rows + 1).astype(np.int32), np.array([1, len(rows) + 1], np.int32)
         data = self._data
         data.rhs_sparse, data.irhs_sparse, data.irhs_ptr = (each.ctypes.data for each in (entries, places, ends))
         data.nz_rhs, data.redrhs, data.lredrhs = len(rows), left.ctypes.data, len(left)
-        self._substitute(np.empty(len(f) + len(left)), (1, 1))  # what is left of the right-hand side (f, 0)
+        self._substitute(np.concatenate([f, left]), (int(self._alone), 1))  # what is left of (f, 0)
         return -left if first else None
 
     def _substitute(self, work: np.ndarray, how: tuple[int, int]) -> None:

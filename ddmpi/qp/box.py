@@ -141,6 +141,27 @@ def magnitude(vectors: np.ndarray) -> np.ndarray:
 def shorten(vectors: np.ndarray, limit: np.ndarray) -> np.ndarray:
     """The nearest vectors (k, c) that are no longer than the limits (k,), also after rounding."""
     if vectors.shape[1] == 1:
-        return np.clip(vectors, -limit[:, None], limit[:, None])
+        return np.minimum(np.maximum(vectors, -limit[:, None]), limit[:, None])  # np.clip takes twice the time
     size = magnitude(vectors)
     return vectors * np.where(size > limit, SHORT * limit / np.where(size > 0.0, size, 1.0), 1.0)[:, None]
+
+
+def dots(v: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """v·w (k, 1) of vectors (k, c)."""
+    return (v * w).sum(axis=1, keepdims=True)
+
+
+def cone_room(limit: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """limit² − |v|² (k, 1) of vectors (k, c) and limits (k, 1)."""
+    size = magnitude(vectors)[:, None]
+    return (limit - size) * (limit + size)
+
+
+def cone_exit(limit: np.ndarray, vectors: np.ndarray, more: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """1/t (k, 1) for the least t > 0 with |v + t `change`| = limit + t `more`; zero where there is none.
+
+    Vectors (k, c) are inside their limits (k, 1).
+    """
+    room, b, a = cone_room(limit, vectors), limit * more - dots(vectors, change), more**2 - dots(change, change)
+    root = np.sqrt(np.maximum(b**2 - a * room, 0.0))
+    return np.where(root > b, (root - b) / room, 0.0)

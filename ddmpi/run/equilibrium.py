@@ -14,7 +14,8 @@ from ddmpi.coupling.assembly import Assembly
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import across, direction
 from ddmpi.interface.state import ContactState
-from ddmpi.judge.equilibrium import Forces, Mechanism, Scale, find_mechanism, prove_imbalance
+from ddmpi.judge.equilibrium import Mechanism, find_mechanism, prove_imbalance
+from ddmpi.judge.forces import Forces, Scale
 from ddmpi.judge.motions import MotionsOfBody, describe_motions, undetermined
 from ddmpi.system.agreement import agreed, from_first, gathered
 

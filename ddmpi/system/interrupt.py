@@ -12,7 +12,6 @@ import os
 import pickle
 import select
 import signal
-import subprocess
 import sys
 import tempfile
 import threading
@@ -93,6 +92,8 @@ def apart(folder: Path, work: Callable[..., Any], *arguments: Any) -> Any:
     collective. Raises InterruptionError, any DdmpiError of `work`, and ChildProcessError, which says how the process
     has ended, where it has not returned from `work`.
     """
+    import subprocess
+
     task = folder / "task"
     task.write_bytes(pickle.dumps((work, arguments)))
     environment = {name: value for name, value in os.environ.items() if not name.startswith(OF_RANKS)}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 SI = ("m", "Pa", "N/m", "N·m/m", "J/m", "N", "N·m", "J")
@@ -12,7 +14,7 @@ PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "
 
 def norm(x: np.ndarray) -> float:
     """‖x‖₂ of a vector."""
-    return float(np.linalg.norm(x))
+    return math.sqrt(x @ x)
 
 
 def moment(at: np.ndarray, forces: np.ndarray, axisymmetric: bool = False) -> np.ndarray:

@@ -9,7 +9,6 @@ import resource
 import shlex
 import sys
 import time
-from importlib import metadata
 from importlib.util import find_spec
 
 from mpi4py import MPI
@@ -28,6 +27,8 @@ NO_MATPLOTLIB = "matplotlib is not installed: pip install matplotlib, or Debian'
 @functools.cache
 def versions() -> dict[str, str]:
     """Versions of the software that a result depends on. After petsc4py.init only: importing PETSc starts it."""
+    from importlib import metadata  # takes a tenth of what all modules do; only the first rank asks
+
     from petsc4py import PETSc
 
     found = {"ddmpi": ddmpi.__version__, "python": sys.version.split()[0],

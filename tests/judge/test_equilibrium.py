@@ -204,7 +204,7 @@ def test_one_of_many_bodies_is_found(few):
     assert words(scene) == "block would slide along x"
 
 
-@pytest.mark.parametrize("columns, rows", [(4, 4), (8, 8)])
+@pytest.mark.parametrize("columns, rows", [(4, 4), pytest.param(8, 8, marks=pytest.mark.slow)])
 def test_a_row_of_a_wall_is_pushed_out(columns, rows):
     """The whole highest row slides, however many ways there are to balance the others."""
     assert words(wall(columns, rows, 0.5)) == "equilibrium"
@@ -366,6 +366,68 @@ def test_solid_friction_of_both_kinds(law, value):
     assert words(slab(0.31, law, value)) == "block would slide along x"
 
 
+def loaded(push, at=(0.5, 0.5, 0.0), nodes=5, **how):
+    """A block of weight ten on a floor of Tresca's friction of 0.5, pushed along (cos 17°, sin 17°)."""
+    along = push * np.cos(np.radians(17.0)), push * np.sin(np.radians(17.0)), 0.0
+    return (Boxes(**how).box("block", (0, 0, 0), (1, 1, 1), (along, at), weight=10.0)
+            .contact("block", "floor", (0, 0, 0), *AXES, "tresca", 0.5, nodes))
+
+
+@pytest.mark.parametrize("push, nodes", [(0.505, 5), (0.52, 13), (0.6, 5), (1.5, 13), (0.7, 40)])
+def test_given_friction_lets_a_block_slide_where_it_is_pushed(push, nodes):
+    """Just beyond the bound or far beyond it, with few nodes or many, to 0.01 degrees."""
+    exact = [np.cos(np.radians(17.0)), np.sin(np.radians(17.0)), 0, 0, 0, 0]
+    assert found(loaded(push, nodes=nodes)).velocities[0] == pytest.approx(exact, abs=2e-4)
+
+
+@pytest.mark.parametrize("push, y, nodes", [(0.4, 0.1, 6), (0.52, 0.35, 13), (0.8, 0.1, 13), (2.0, 0.9, 6)])
+def test_given_friction_turns_a_block_that_is_pushed_off_its_centre(push, y, nodes):
+    """It moves with the least ½ v·Mv + Σ g |v_t| − b·v, found here by Newton's method with |v_t| made smooth."""
+    mechanism = found(loaded(push, (0.5, y, 0.0), nodes))
+    x = np.array([(a - 0.5, b - 0.5) for a in np.linspace(0, 1, nodes) for b in np.linspace(0, 1, nodes)])
+    J = np.stack([np.tile([1.0, 0.0], (len(x), 1)), np.tile([0.0, 1.0], (len(x), 1)), x[:, ::-1] * [-1.0, 1.0]], axis=2)
+    force, g = push * np.array([np.cos(np.radians(17.0)), np.sin(np.radians(17.0))]), 0.5 / len(x)
+    M, b = np.diag([1.0, 1.0, 1.0 / 6.0]), np.append(force, -(y - 0.5) * force[0])
+
+    def value(v, smooth):
+        return v @ M @ v / 2 - b @ v + g * np.hypot(np.linalg.norm(J @ v, axis=1), smooth).sum()
+
+    v = np.linalg.solve(M, b)
+    for smooth in np.repeat(10.0 ** -np.arange(12.0), 50):
+        size = np.hypot(np.linalg.norm(J @ v, axis=1), smooth)
+        along = (J @ v) / size[:, None]
+        bend = (np.eye(2) - along[:, :, None] * along[:, None, :]) / size[:, None, None]
+        gradient = M @ v - b + g * np.einsum("kdj,kd->j", J, along)
+        step = np.linalg.solve(M + g * np.einsum("kdi,kde,kej->ij", J, bend, J), gradient)
+        while value(v - step, smooth) > value(v, smooth) and np.abs(step).max() > 1e-15:
+            step /= 2
+        v = v - step
+    corners = [v[:2] + v[2] * np.array([-b, a]) for a in (-0.5, 0.5) for b in (-0.5, 0.5)]
+    v = v / np.linalg.norm(corners, axis=1).max()
+    assert mechanism.velocities[0] == pytest.approx([v[0], v[1], 0, 0, 0, v[2]], abs=1e-3)
+
+
+@pytest.mark.parametrize("weak, said", [("lower", "block and top would"), ("upper", "top would")])
+def test_given_friction_of_two_blocks(weak, said):
+    """The contact that is too weak slides, along the push, and the other one holds."""
+    push, lower, upper = (0.7, 0.6, 3.0) if weak == "lower" else (0.4, 0.6, 0.3)
+    along = push * np.cos(np.radians(17.0)), push * np.sin(np.radians(17.0)), 0.0
+    scene = Boxes().box("block", (0, 0, 0), (1, 1, 1), weight=10.0)
+    scene.box("top", (0.25, 0.25, 1), (0.5, 0.5, 0.5), (along, (0.5, 0.5, 1.0)), weight=10.0)
+    scene.contact("block", "floor", (0, 0, 0), *AXES, "tresca", lower, 12)
+    scene.contact("top", "block", (0.25, 0.25, 1), AXES[0] / 2, AXES[1] / 2, "tresca", upper, 12)
+    assert words(scene) == f"{said} slide along (0.96, 0.29, 0)"
+
+
+def test_given_friction_at_a_thousand_nodes_of_a_bore():
+    """A shaft in the plane turns, and is not lifted, though no two of its nodes slide along the same line."""
+    turn = np.linspace(0, 2 * np.pi, 2001)[:-1]
+    rim = np.column_stack([np.cos(turn), np.sin(turn)])
+    for couple, said in ((0.999, "equilibrium"), (1.01, "shaft turns counterclockwise about (0, 0)")):
+        scene = Blocks().body("shaft", rim, ((0.0, couple), (0.5, 0.0)), ((0.0, -couple), (-0.5, 0.0)))
+        assert words(scene.curve("shaft", "bore", rim, rim, "tresca", 1.0)) == said
+
+
 def test_solids_without_friction_and_bonded():
     """No friction holds nothing along the floor; a bond holds everything; nothing holds a lid that is lifted."""
     assert words(slab(1e-5, "none")) == "block would slide along x"
@@ -454,7 +516,9 @@ def test_units_and_origin_of_solids_do_not_matter(how):
 
 
 @pytest.mark.parametrize("make", [lambda **how: slab(0.6, **how), lambda **how: column(0.13, **how),
-                                  lambda **how: thread(1.0, **how)], ids=["slab", "column", "thread"])
+                                  lambda **how: thread(1.0, **how), lambda **how: loaded(0.6, **how),
+                                  lambda **how: loaded(0.6, (0.5, 0.2, 0.0), **how)],
+                         ids=["slab", "column", "thread", "loaded", "off centre"])
 def test_a_turned_solid_moves_as_it_did_but_turned(make):
     """The mechanism does not depend on the axes."""
     turn, _ = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))

@@ -12,12 +12,14 @@ from mpi4py import MPI
 
 from ddmpi.coupling.coarse import CrossPoints, Motions
 from ddmpi.coupling.exchange import Exchange
+from ddmpi.coupling.joint import Point
 from ddmpi.coupling.space import Space
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import CoulombLaw
+from ddmpi.methods.half_space import Modelled
 from ddmpi.methods.newton import GAIN, LENGTHS, Newton
 from ddmpi.methods.outer import Step
-from ddmpi.methods.paths import Modelled, Point, Softening
+from ddmpi.methods.paths import Softening
 
 
 class Dense:

@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 from test_mprgp import Dense, program, random_matrix
 
 from ddmpi.errors import SolverError
-from ddmpi.qp.box import Box, Discs, magnitude
+from ddmpi.qp.box import Box, Discs, cone_exit, magnitude
 from ddmpi.qp.program import QP, QPResult
 from ddmpi.qp.tao import QPSolver
 
@@ -180,3 +180,21 @@ def test_a_long_solve_says_how_far_it_has_come(caplog, monkeypatch):
     with caplog.at_level(logging.INFO, logger="ddmpi"):
         solve(on_discs(20), 1e-8)
     assert "10 projected gradient steps: residual" in caplog.text
+
+
+@pytest.mark.parametrize("components", [1, 2])
+def test_where_a_step_leaves_the_cone(components):
+    """At 1/t the vector has the length of its limit, and it is shorter before; zero where the step stays inside."""
+    rng = np.random.default_rng(0)
+    limit, more = rng.uniform(0.1, 1.0, (200, 1)), rng.normal(size=(200, 1))
+    v, change = rng.normal(size=(200, components)), rng.normal(size=(200, components))
+    v *= 0.99 * limit * rng.random((200, 1)) / magnitude(v)[:, None]
+    rate = cone_exit(limit, v, more, change)[:, 0]
+
+    def room(t, some):
+        return (limit + t * more)[some, 0] - magnitude((v + t * change)[some])
+
+    leaves, t = rate > 0.0, 1.0 / np.where(rate > 0.0, rate, 1.0)[:, None]
+    assert 20 < leaves.sum() < 180
+    assert np.abs(room(t, leaves) / (1.0 + t[leaves, 0])).max() < 1e-12
+    assert (room(0.5 * t, leaves) > 0.0).all() and (room(1e6, ~leaves) > 0.0).all()

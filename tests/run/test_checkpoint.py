@@ -122,7 +122,7 @@ def alike(one: dict, other: dict, scene: dict) -> bool:
     forces, others = (np.frombuffer(each["arrays"][0]) for each in (one, other))
     distance = max(MULTIGRID, scene["method"].get("tolerance", 0.0))
     return (one["stopped"], one["status"]) == (other["stopped"], other["status"]) and bool(
-        np.abs(forces - others).max() <= distance * np.abs(others).max())
+        np.abs(forces - others).max(initial=0.0) <= distance * np.abs(others).max(initial=0.0))
 
 
 def listing(comm, folder: Path) -> list[str]:

@@ -12,6 +12,7 @@ import scenes
 from scenes import Run, pinched_blocks
 from solid_scenes import two_boxes
 
+from ddmpi.cli.arguments import split_arguments
 from ddmpi.errors import InputError
 from ddmpi.results.summary import units
 from ddmpi.sweep.table import find_column, numbers, read_table
@@ -23,9 +24,12 @@ pytestmark = pytest.mark.slow
 COEFFICIENT = "contact.0.friction.coefficient"
 
 
-def run_sweep(scene: Path, folder: Path, *arguments: str, ranks: int = 2) -> Run:
-    return scenes.run_python(["-m", "ddmpi", "sweep", str(scene), "--output", str(folder), *arguments], ranks,
-                             folder)
+def run_sweep(scene: Path, folder: Path, *arguments: str, ranks: int = 1) -> Run:
+    """On one rank in this process, unless there are options of PETSc's; on others by mpirun."""
+    command = ["sweep", str(scene), "--output", str(folder), *arguments]
+    if ranks > 1 or split_arguments(command)[1]:
+        return scenes.run_python(["-m", "ddmpi", *command], ranks, folder)
+    return scenes.call(*command, folder=folder)
 
 
 def rows(run: Run) -> list[dict[str, str]]:
@@ -51,7 +55,7 @@ def test_a_sweep_over_load_steps(tmp_path):
     scene["time"] = {"points": [1.0, 2.0]}
     run = run_sweep(scenes.write_scene(scene, tmp_path / "scene.toml"), tmp_path / "sweep", "--vary",
                     "time.steps=1,3", "history.pull.factors=[0.0,1.0,0.3],[0.0,0.5,0.5]", "--set",
-                    "output.figures=false", ranks=1)
+                    "output.figures=false")
     assert run.code == 0, run.output
     assert [row["status"] for row in rows(run)] == ["certified"] * 4
     folders = sorted(path.parent for path in run.folder.glob("*/summary.json"))
@@ -74,7 +78,7 @@ EXITS = {"refused": "2", "solver failed": "4", "not converged": "3", "certified"
 @pytest.fixture(scope="module")
 def mixed(small, tmp_path_factory) -> Run:
     folder = tmp_path_factory.mktemp("mixed") / "sweep"
-    return run_sweep(small, folder, *MIXED, "--plot", "n_A:method.max_iterations", *GIVEN)
+    return run_sweep(small, folder, *MIXED, "--plot", "n_A:method.max_iterations", *GIVEN, ranks=2)
 
 
 def test_failing_cases_do_not_stop_the_others(mixed):
@@ -130,7 +134,7 @@ def test_again_only_what_has_no_results(mixed, small):
     """Runs after the tests above have looked at the first table."""
     before = {path: stamp(path) for path in mixed.folder.glob("*/summary.json")}
     assert len(before) == 2
-    again = run_sweep(small, mixed.folder, *MIXED, *GIVEN)
+    again = run_sweep(small, mixed.folder, *MIXED, *GIVEN, ranks=2)
     assert again.code == 3
     assert "6 to run, 2 finished" in again.stdout
     assert {path: stamp(path) for path in mixed.folder.glob("*/summary.json")} == before
@@ -138,7 +142,7 @@ def test_again_only_what_has_no_results(mixed, small):
 
 
 def test_list(mixed, small):
-    run = run_sweep(small, mixed.folder, *MIXED, *GIVEN, "--list", ranks=1)
+    run = run_sweep(small, mixed.folder, *MIXED, *GIVEN, "--list")
     assert run.code == 0 and run.own_stderr == ""
     assert [line.split()[0] for line in run.stdout.splitlines()] == list("01234567")
     for line, status in zip(run.stdout.splitlines(), EXPECTED, strict=True):
@@ -200,12 +204,12 @@ def test_tasks_of_an_array_share_a_folder(small, tmp_path):
     """Tasks that start at once run disjoint cases of one sweep in one folder."""
     arguments = ["--vary", f"{COEFFICIENT}=0.1:0.4:4"]
     with ThreadPoolExecutor() as pool:
-        tasks = [pool.submit(run_sweep, small, tmp_path / "out", *arguments, "--index", index)
+        tasks = [pool.submit(run_sweep, small, tmp_path / "out", *arguments, "--index", index, ranks=2)
                  for index in ("0/3", "1/3", "2/3")]
         runs = [task.result() for task in tasks]
     assert [run.code for run in runs] == [0, 0, 0], "".join(run.output for run in runs)
     assert not (tmp_path / "out" / "sweep.csv").exists()
-    gathered = run_sweep(small, tmp_path / "out", *arguments, "--gather", ranks=1)
+    gathered = run_sweep(small, tmp_path / "out", *arguments, "--gather")
     assert gathered.code == 0, gathered.output
     assert [row["status"] for row in rows(gathered)] == ["certified"] * 4
 
@@ -217,7 +221,7 @@ def test_a_case_that_another_process_runs_is_left_to_it(small, tmp_path):
     place = tmp_path / "out" / f"{COEFFICIENT}=0.1"
     claim = place / UNFINISHED / whereabouts()  # this process lives
     claim.mkdir(parents=True)
-    run = run_sweep(small, tmp_path / "out", *arguments)
+    run = run_sweep(small, tmp_path / "out", *arguments, ranks=2)
     assert run.code == 3 and "1 of 2 cases" in run.messages[0], run.output
     assert f"is left to another process ({whereabouts()})" in run.stdout and list(place.iterdir()) == [claim.parent]
     claim.rmdir()
@@ -228,7 +232,7 @@ def test_gathering_what_is_not_complete(small, tmp_path):
     arguments = ["--vary", f"{COEFFICIENT}=0.1:0.4:4"]
     one = run_sweep(small, tmp_path / "out", *arguments, "--index", "2")
     assert one.code == 0, one.output
-    gathered = run_sweep(small, tmp_path / "out", *arguments, "--gather", ranks=1)
+    gathered = run_sweep(small, tmp_path / "out", *arguments, "--gather")
     assert gathered.code == 3
     assert [row["status"] for row in rows(gathered)] == ["not run", "not run", "certified", "not run"]
 
@@ -254,8 +258,8 @@ def test_a_crash_costs_one_case(small, tmp_path):
     done = list(crash.folder.glob("*/summary.json"))
     assert [path.parent.name for path in done] == [f"{COEFFICIENT}=0.1"]
     before = stamp(done[0])
-    assert "unfinished" in run_sweep(small, crash.folder, *arguments, "--list", ranks=1).stdout
-    again = run_sweep(small, crash.folder, *arguments)
+    assert "unfinished" in run_sweep(small, crash.folder, *arguments, "--list").stdout
+    again = run_sweep(small, crash.folder, *arguments, ranks=2)
     assert again.code == 0, again.output
     assert re.findall(r"\d/3  case (\d)", again.stdout) == ["2", "3", "1"]
     assert stamp(done[0]) == before
@@ -263,7 +267,7 @@ def test_a_crash_costs_one_case(small, tmp_path):
 
 def test_a_signal_ends_the_sweep_and_the_next_start_continues_the_case(small, tmp_path):
     arguments = ["--set", "method.outer=relaxation", "--vary", f"{COEFFICIENT}=0.1:0.3:3"]
-    whole = run_sweep(small, tmp_path / "whole", *arguments)
+    whole = run_sweep(small, tmp_path / "whole", *arguments, ranks=2)
     assert whole.code == 0, whole.output
     # in the middle of the second case: every case has the same calls or more
     neumann = int(rows(whole)[0]["outer_iterations"]) + 5
@@ -273,9 +277,9 @@ def test_a_signal_ends_the_sweep_and_the_next_start_continues_the_case(small, tm
     assert f"{fault.END} 6 6" in run.stderr, run.output
     assert "interrupted by SIGUSR1" in run.stderr
     assert {path.name for path in run.folder.glob("*/checkpoint.h5")} == {"checkpoint.h5"}
-    listed = run_sweep(small, run.folder, *arguments, "--list", ranks=1).stdout
+    listed = run_sweep(small, run.folder, *arguments, "--list").stdout
     assert [line.split()[1] for line in listed.splitlines()] == ["certified", "interrupted", "not"]
-    again = run_sweep(small, run.folder, *arguments)
+    again = run_sweep(small, run.folder, *arguments, ranks=2)
     assert again.code == 0, again.output
     case = rows(again)[1]["folder"]
     assert "continuing after iteration" in (run.folder / case / "run.log").read_text()
@@ -294,7 +298,7 @@ def peaks(run: Run, row: dict) -> list[float]:
 def test_memory_does_not_grow(tmp_path):
     """A body of N = 6 with its factors and solvers takes a quarter of a mebibyte, so that these would take three."""
     scene = scenes.write_scene(pinched_blocks(6, outer="relaxation", tolerance=1e-2), tmp_path / "scene.toml")
-    run = run_sweep(scene, tmp_path / "out", "--vary", f"{COEFFICIENT}=0.1:0.5:20")
+    run = run_sweep(scene, tmp_path / "out", "--vary", f"{COEFFICIENT}=0.1:0.5:20", ranks=2)
     assert run.code == 0, run.output
     for rank in (0, 1):
         peak = [peaks(run, row)[rank] for row in rows(run)]

@@ -58,8 +58,8 @@ def test_two_sweeps_at_once(small, tmp_path):
     """Whichever comes second is refused, saying what differs; all cases are of the first."""
     arguments = ["--vary", f"{COEFFICIENT}=0.1:0.5:6", "--set", "output.figures=false"]
     with ThreadPoolExecutor() as pool:
-        runs = [task.result() for task in [pool.submit(run_sweep, small, tmp_path / "out", *arguments, *more)
-                                           for more in ([], OTHER)]]
+        runs = [task.result() for task in [pool.submit(run_sweep, small, tmp_path / "out", *arguments, *more,
+                                                       ranks=2) for more in ([], OTHER)]]
     assert {run.code for run in runs} == {0, 2}, "".join(run.output for run in runs)
     for run in runs:
         if run.code == 2:
@@ -143,7 +143,7 @@ def interrupted(small, tmp_path_factory) -> Path:
 
 def test_an_interrupted_case_of_another_sweep_is_refused(interrupted, small):
     before = whole(interrupted)
-    run = run_sweep(small, interrupted, "--set", "method.outer=relaxation", "method.theta=0.15", *TWO)
+    run = run_sweep(small, interrupted, "--set", "method.outer=relaxation", "method.theta=0.15", *TWO, ranks=2)
     assert run.code == 2 and len(run.messages) == 1
     assert "another sweep: scene.method.theta is 0.15 here, not set there" in run.messages[0]
     assert whole(interrupted) == before
@@ -208,7 +208,8 @@ def test_columns_follow_from_the_summaries(tmp_path):
     (["-Body_KSP_max_it", "50"], ""), ([], "-body_ksp_max_it 50")])
 def test_an_option_that_would_win(small, tmp_path, monkeypatch, arguments, variable):
     monkeypatch.setenv("PETSC_OPTIONS", variable)
-    run = run_sweep(small, tmp_path / "out", "--vary", "petsc.body_ksp_max_it=1,2,100", *arguments)
+    run = run_sweep(small, tmp_path / "out", "--vary", "petsc.body_ksp_max_it=1,2,100", *arguments,
+                    ranks=2)
     assert run.code == 2 and len(run.messages) == 1, run.output
     assert "--vary petsc.body_ksp_max_it: this option is on the command line" in run.messages[0]
     assert not run.folder.exists()
@@ -220,7 +221,7 @@ def test_an_option_that_would_win(small, tmp_path, monkeypatch, arguments, varia
 @pytest.mark.parametrize(("plot", "words"), [("n_A", "RESULT:KEY"), ("n_A:coeficient", "'coefficient'"),
                                              ("status:coefficient", "status is not a number")])
 def test_impossible_plots_are_a_warning(finished, small, plot, words):
-    run = run_sweep(small, finished.folder, *TWO, "--gather", "--plot", plot, ranks=1)
+    run = run_sweep(small, finished.folder, *TWO, "--gather", "--plot", plot)
     assert run.code == 0 and "not drawn: " in run.stderr and words in run.stderr
 
 
