@@ -97,6 +97,7 @@ class Space:
 
     def add(self, values: np.ndarray) -> np.ndarray:
         """The sum of equally long vectors over the ranks, the same on all of them. Collective."""
+        values = np.asarray(values, float)  # a sum over no contacts is an integer, which MPI would misread
         if self.comm.size == 1:
             return values
         self.sent.update(reductions=1, reduced_bytes=values.nbytes)

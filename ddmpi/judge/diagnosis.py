@@ -55,7 +55,7 @@ class StatusLog:
             codes.append(code)
             counts += (~closed).sum(), (closed & slipping).sum(), (closed & ~slipping).sum()
         self._recent.append(np.concatenate([np.empty(0, int), *codes]))
-        opened, slips, sticks = self._space.add(counts).tolist()
+        opened, slips, sticks = self._space.add(counts).astype(int).tolist()
         self.counts.append((opened, slips, sticks))
 
     def whole(self) -> StatusLog:

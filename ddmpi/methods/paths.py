@@ -247,11 +247,11 @@ class InteriorPoints:
         self._first, self._idle, self._smallest, self._lowest = 0.0, 0, np.inf, np.inf
 
     def _first_force(self, c: np.ndarray) -> float:
-        """The norm of the first forces (N): of the loads, or of those that close the free gaps d.
+        """The norm of the first forces (N): of the loads, or of those that close the free gaps d, but for clearances.
 
         These are c d, or the part of c d with which the energy is least: a slender body bends far under small forces.
         """
-        gaps = self._joint.d + self._space.opening
+        gaps = self._joint.d + np.maximum(self._space.opening, 0.0)
         forces = c * gaps
         given, stored = self._space.add(np.array([forces @ gaps, forces @ self._joint.product(forces, "newton")]))
         part = given / stored if stored > given else 1.0

@@ -18,7 +18,6 @@ from ddmpi.body.stress import stress, von_mises
 from ddmpi.coupling.assembly import NO_SIZES, Assembly, Body, prepare
 from ddmpi.coupling.ranks import on_working_ranks
 from ddmpi.errors import InputError, NotConvergedError, OutputError, SolverError
-from ddmpi.interface.state import ContactState
 from ddmpi.judge.accuracy import MeshLadder, demand, refine_scene
 from ddmpi.judge.diagnosis import diagnose
 from ddmpi.judge.plausible import doubt_answer, doubt_cells, doubt_mesh, doubt_shape, doubt_stress
@@ -265,8 +264,9 @@ def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, che
                 write_fields(path, {body.number: solved.fields[body.spec.name] for body in bodies}, world)
             times = _write_steps(path, solved)
             with event("WriteTables"):
-                states, fields = _write_contacts(path, solved)
-                write_facets(path, states, {name: each[-1] for name, each in fields.items() if each}, world)
+                fields = _write_contacts(path, solved)
+                write_facets(path, solved.solution.states, {name: each[-1] for name, each in fields.items() if each},
+                             world)
                 write_xdmf(path, times, sizes, fields, world)
             with agreed(world), event("WriteTables"):
                 if staging:
@@ -327,22 +327,17 @@ def _write_steps(path: Path, solved: Solved) -> list[float]:
     return times or ([solved.solution.time] if solved.solution.time is not None else [])
 
 
-def _write_contacts(path: Path, solved: Solved) -> tuple[dict[str, ContactState], dict[str, list]]:
+def _write_contacts(path: Path, solved: Solved) -> dict[str, list]:
     """Write the tables and surfaces of the contacts that this rank owns.
 
-    Their states by name; by contact, of all in the order of the scene, `contact_fields` at the times whose fields are
-    written, none of other ranks' contacts. Collective.
+    By contact, of all in the order of the scene, `contact_fields` at the times whose fields are written, none of other
+    ranks' contacts. Collective.
     """
     assembly, solution, steps, start = solved.assembly, solved.solution, solved.steps, 0
-    own = {name for name, first, _ in assembly.exchange.ends if first == assembly.world.rank}
-    states: dict[str, ContactState] = {}
     found: dict[str, list] = {contact.name: [] for contact in assembly.scene.contact}
     with agreed(assembly.world):
         for name, state in solution.states.items():
             part = slice(start, start := start + state.interface.m)
-            if name not in own:  # the other's of two ranks that both hold all
-                continue
-            states[name] = state
             values = [(time, each[part]) for time, _, _, each in steps.kept]
             write_contact(path, name, state)
             write_sides(path, name, state)
@@ -351,7 +346,7 @@ def _write_contacts(path: Path, solved: Solved) -> tuple[dict[str, ContactState]
             found[name] = [contact_fields(state, None if time == solution.time else each)
                            for time, each in values] or [contact_fields(state)]
             write_surface(path, name, found[name][-1])
-    return states, found
+    return found
 
 
 def _draw(path: Path, number: int, drawers: int) -> OutputError | None:

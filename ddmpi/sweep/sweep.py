@@ -128,18 +128,25 @@ def _pending(sweep: Sweep, options: RunOptions) -> list[int]:
 
 
 def _check_cuts(sweep: Sweep) -> None:
-    """Refuse a cut of pictures that meets no body, which only meshes show. Not collective. Raises InputError."""
+    """Refuse a cut of pictures that meets no body, which only meshes show. Not collective. Raises InputError.
+
+    What is wrong with a mesh is left to its case, as without a cut.
+    """
     ends: dict[str, np.ndarray] = {}
     for case in sweep.chosen:
-        for body in case.scene.body if case.scene.output.cut else ():
-            if repr(body.mesh) not in ends:
-                points = build_mesh(body, Path(sweep.scene_path).parent).points
-                ends[repr(body.mesh)] = np.array([points.min(axis=0), points.max(axis=0)])
-        if case.scene.output.cut:
-            try:
-                check_cut([ends[repr(body.mesh)] for body in case.scene.body], case.scene)
-            except InputError as error:
-                raise InputError(f"--vary {case.label}: {sweep.scene_path}: {error}") from None
+        if not case.scene.output.cut:
+            continue
+        try:
+            for body in case.scene.body:
+                if repr(body.mesh) not in ends:
+                    points = build_mesh(body, Path(sweep.scene_path).parent).points
+                    ends[repr(body.mesh)] = np.array([points.min(axis=0), points.max(axis=0)])
+        except DdmpiError:
+            continue
+        try:
+            check_cut([ends[repr(body.mesh)] for body in case.scene.body], case.scene)
+        except InputError as error:
+            raise InputError(f"--vary {case.label}: {sweep.scene_path}: {error}") from None
 
 
 def _taken(place: Path) -> str:

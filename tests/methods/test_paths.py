@@ -5,6 +5,7 @@ import hard_scenes
 import numpy as np
 import pytest
 import scenes
+import solid_scenes
 from mpi4py import MPI
 from test_steps import random_joint
 
@@ -12,7 +13,7 @@ import ddmpi
 from ddmpi.coupling.assembly import prepare
 from ddmpi.coupling.joint import Point
 from ddmpi.methods import newton
-from ddmpi.methods.paths import Softening
+from ddmpi.methods.paths import InteriorPoints, Softening
 from ddmpi.scene.reader import read_scene
 
 pytestmark = pytest.mark.slow
@@ -211,6 +212,26 @@ def test_softened_springs_hold_in_steps_from_a_path(monkeypatch):
     monkeypatch.setattr(newton, "PATHS", (Softening,))
     scene = box_in_a_bore([4, 3, 2], 2.1270086681, [0.0, 0.0, 1.4674055902], 1.0104991663, [0.0, 0.0, -481657.80778])
     assert ddmpi.solve(scenes.to_toml(scene), MPI.COMM_SELF).certified
+
+
+@pytest.mark.parametrize("scene", [scenes.pinched_blocks(6), solid_scenes.two_boxes(2)], ids=["plane", "space"])
+def test_interior_points_close_an_interference_without_loads(scene, monkeypatch):
+    """Their first forces are those that close it; without any they would give up at once."""
+    scene["body"] = [{key: value for key, value in body.items() if key != "traction"} for body in scene["body"]]
+    scene["contact"][0]["gap"] = -1e-3
+    usual, _ = force(scene)
+    monkeypatch.setattr(newton, "PATHS", (InteriorPoints,))
+    monkeypatch.setattr(newton, "PATIENCE", 0)
+    found, stages = force(scene)
+    assert stages and found == pytest.approx(usual, rel=1e-6)
+
+
+def force(scene: dict) -> tuple[list[float], list[str]]:
+    """Of the only contact of a certified answer, with the stages of paths that led there."""
+    answer = ddmpi.solve(scenes.to_toml(scene), MPI.COMM_SELF)
+    assert answer.certified
+    (contact,) = answer.summary["contacts"].values()
+    return contact["force"], [step.stage for step in answer.solved.solution.outer.history if step.stage]
 
 
 class Stuck:

@@ -190,6 +190,15 @@ def test_two_ranks_remember_the_same(comm):
                                                                              rel=1e-8)
 
 
+@pytest.mark.mpi(ranks=2)
+def test_two_ranks_take_the_same_steps(comm):
+    """So they do where the contact grows, which the rank that owns no contact is told: in the first leg at time 0."""
+    two = solve(circle(tolerance=0.2), comm).summary["steps"]
+    if comm.rank == 0:
+        one = solve(circle(tolerance=0.2)).summary["steps"]
+        assert len(one) > 2 and [step["time"] for step in two] == pytest.approx([step["time"] for step in one])
+
+
 def test_a_bonded_stack_has_no_memory():
     """A contact that nothing slides in ends unloaded where it began, without dissipation."""
     scene, _, bound = turned_stack(kind="bonded", steps=2)

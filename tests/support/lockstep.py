@@ -23,6 +23,9 @@ import ddmpi
 COLLECTIVES = ("allgather", "Allgather", "allreduce", "Allreduce", "barrier", "Barrier", "bcast", "Bcast", "gather",
                "Gather", "Gatherv", "reduce", "Reduce", "scatter", "Scatter", "Scatterv", "Split", "Split_type", "Dup")
 
+TYPED = ("Allgather", "Allreduce", "Bcast", "Reduce")
+"""Those of arrays, which must be of one type on all ranks: MPI takes the bits of integers for those of numbers."""
+
 DEPTH = 12
 """So many calls of this package, the innermost ones, say where a collective is called."""
 
@@ -34,7 +37,8 @@ class LockstepError(RuntimeError):
 
 
 class Lockstep(MPI.Intracomm):
-    """A communicator that raises LockstepError, on all ranks, where ranks call different collectives.
+    """A communicator that raises LockstepError, on all ranks, where ranks call different collectives, or with arrays of
+    different types.
 
     Without it they would wait for each other for ever, or take each other's numbers for their own. All communicators of
     the same ranks compare on the same one, so that a rank that has gone on to another of them is noticed, too. PETSc
@@ -50,7 +54,8 @@ def _compared(name: str) -> Callable[..., Any]:
 
     @functools.wraps(plain)
     def call(self: Lockstep, *arguments: Any, **named: Any) -> Any:
-        where = f"{name}, {_whereabouts()}"
+        kinds = {str(each.dtype) for each in arguments if isinstance(each, np.ndarray)} if name in TYPED else ()
+        where = ", ".join((name, _whereabouts(), *sorted(kinds)))
         own = np.array([zlib.crc32(where.encode())])
         everyone = np.empty(self.size, own.dtype)
         self.meeting.Allgather(own, everyone)

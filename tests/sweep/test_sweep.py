@@ -197,6 +197,14 @@ def test_a_cut_that_meets_no_body_is_refused_before_the_first_case(tmp_path):
     assert len(run.messages) == 1 and "output.cut.x=9.0: " in run.output and "x = 9 meets no body" in run.output
 
 
+def test_a_mesh_that_is_refused_is_its_cases_alone(tmp_path):
+    """Whether a cut of pictures is asked for, which looks at meshes before the first case, or not."""
+    boxes = two_boxes(2) | {"output": {"figures": False, "cut": {"x": 1.0}}}
+    scene = scenes.write_scene(boxes, tmp_path / "scene.toml")
+    run = run_sweep(scene, tmp_path / "out", "--vary", "body.upper.mesh.origin=[0,1,0],[1e20,1,0]", ranks=1)
+    assert [row["status"] for row in rows(run)] == ["certified", "refused"], run.output
+
+
 # Arrays, crashes, signals
 
 

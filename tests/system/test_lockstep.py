@@ -34,6 +34,16 @@ def test_a_rank_that_leaves_a_loop_alone_is_noticed(comm):
 
 
 @two_ranks
+def test_arrays_of_different_types_are_noticed(comm):
+    """A sum over the contacts of a rank that has none is an integer, whose bits MPI would take for those of a number.
+    Vectors of interfaces are numbers, whatever they are made of."""
+    values = np.array([0.5] if comm.rank else [1])
+    with pytest.raises(LockstepError, match="float64"):
+        comm.Allreduce(values, np.empty_like(values))
+    assert Space([], comm).add(values)[0] == 1.5
+
+
+@two_ranks
 def test_communicators_of_the_same_ranks_compare_on_one(comm):
     """A rank that has gone on to another communicator, as PETSc's copies are, is noticed."""
     other = in_lockstep(MPI.Intracomm(comm).Dup())
