@@ -23,6 +23,7 @@ from ddmpi.run.solve import Solution, solve
 from ddmpi.scene.bodies import Material, MeshSpec
 from ddmpi.scene.reader import read_scene
 from ddmpi.scene.scene import Settled
+from ddmpi.system.agreement import merged
 
 # Two rings
 #
@@ -231,9 +232,9 @@ class Contact:
         return zone_ends(self.x, self.status == "stick")
 
 
-def contact_of(solution: Solution) -> Contact:
-    """The contact nodes of a solution with one contact. Not collective."""
-    (state,) = solution.states.values()
+def contact_of(assembly: Assembly, solution: Solution) -> Contact:
+    """The contact nodes of a solution with one contact, on all ranks. Collective."""
+    (state,) = merged(assembly.world, solution.states).values()
     interface = state.interface
     middle = np.isin(np.arange(interface.m), interface.facets[:, 2:])
     return Contact(interface.xy, interface.area, middle, state.pressure, state.shear[:, 0], state.status)
@@ -336,7 +337,7 @@ class FineSolution:
         (body,) = assembly.bodies
         coarse = interpolate(body.mesh, body.spec.mesh, solution.displacements[body.spec.name], self.mesh.points)
         distance = assembly.world.allreduce(energy(self.mesh, self.material, self.u - coarse))
-        found, exact = contact_of(solution), self.contact
+        found, exact = contact_of(assembly, solution), self.contact
 
         def along(values: np.ndarray) -> np.ndarray:
             return np.interp(exact.x, found.x, values)
@@ -365,7 +366,7 @@ def solve_reference(world: MPI.Comm, scene: Settled) -> FineSolution:
     mesh, material, u = own_body(assembly, solution)
     estimate = estimate_error(mesh, material, u)
     error, size = world.allreduce(estimate.total), world.allreduce(estimate.energy)
-    return FineSolution(mesh, material, u, contact_of(solution), size, relative_error(error, size))
+    return FineSolution(mesh, material, u, contact_of(assembly, solution), size, relative_error(error, size))
 
 
 @dataclass(frozen=True)
@@ -379,7 +380,7 @@ class ClosedForm:
         rings, world, body = self.rings, assembly.world, assembly.bodies[0].spec.name
         distance = world.allreduce(stress_error(*own_body(assembly, solution),
                                                 lambda points: rings.stress(body, points)))
-        found = contact_of(solution)
+        found = contact_of(assembly, solution)
         exact = np.full(len(found.x), rings.pressure)
         _, means, widths = found.side_pressures()
         return Errors(
