@@ -250,10 +250,10 @@ def _held_through_air(state: ContactState, least: float) -> list[str]:
     air = np.where(state.status == "open", sizes, 0.0)
     if not air.sum() > max(AIR * sizes.sum(), least):
         return []
-    place, gap = in_words(state.interface.xy[np.argmax(air)], 4), state.gap[np.argmax(air)]
+    k = int(np.argmax(np.where(air > 0.0, air * state.gap, -np.inf)))  # of many that all bear their bound
     return [f"contact.{name}: friction of open nodes bears {air.sum() / sizes.sum():.0%} of its forces, as at "
-            f'{place}, where the gap is {gap:.3g}: the bound of law = "{law}" asks for no pressure; with '
-            'law = "coulomb" open nodes bear nothing']
+            f"{in_words(state.interface.xy[k], 4)}, where the gap is {state.gap[k]:.3g}: the bound of law = "
+            f'"{law}" asks for no pressure; with law = "coulomb" open nodes bear nothing']
 
 
 def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> list[str]:

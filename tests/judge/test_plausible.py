@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from mpi4py import MPI
 from scenes import Run, confined_blocks, pinched_blocks, sheared_stack
 
 import ddmpi
+from ddmpi.judge.plausible import _held_through_air
 
 pytestmark = pytest.mark.slow
 
@@ -430,6 +432,16 @@ def test_bodies_without_a_contact_need_one(tmp_path):
         (("ur", "lr"), ("bottom", "top")))]
     (found,) = [each for each in warnings_of(run({"body": bodies, "contact": contacts}, tmp_path)) if "through" in each]
     assert "body.lr and body.ul run through each other" in found and "add a [[contact]] between them" in found
+
+
+@pytest.mark.parametrize("more", [-1e-15, 0.0, 1e-15])
+def test_rounding_does_not_choose_where_friction_crosses_air(more):
+    """Nodes that slip all bear their bound; the one whose gap is widest is named."""
+    interface = SimpleNamespace(name="c", law=SimpleNamespace(name="tresca"), xy=np.eye(3, 2))
+    state = SimpleNamespace(interface=interface, status=np.array(["slip", "open", "open"]),
+                            gap=np.array([0.0, 0.2, 0.1]), forces=np.array([[0, 3], [1, 0], [1 + more, 0]]))
+    (found,) = _held_through_air(state, 0.0)
+    assert "at (0, 1), where the gap is 0.2" in found
 
 
 @pytest.mark.parametrize(("law", "bound", "warned"), [
