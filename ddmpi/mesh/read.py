@@ -166,6 +166,7 @@ def _read_msh(path: Path):
     import meshio
 
     raw = meshio.gmsh.read(path)
+    _check_nodes(raw)
     for block in raw.cells:
         if block.type in COMPLETE:
             block.data = block.data[:, COMPLETE[block.type]]
@@ -179,9 +180,14 @@ def _with_sets(raw):
     nodes = [raw.point_data["point_tags"]] if "point_tags" in raw.point_data else []
     raw.point_sets |= {name: own[0] for name, own in _sets(nodes, getattr(raw, "point_tags", None)).items()}
     raw.points, raw.field_data = np.pad(raw.points, ((0, 0), (0, 3 - raw.points.shape[1]))), {}
+    _check_nodes(raw)
+    return raw
+
+
+def _check_nodes(raw) -> None:
+    """Raise ValueError where elements have nodes that are not there."""
     if max((block.data.max(initial=0) for block in raw.cells), default=0) >= len(raw.points):
         raise ValueError("elements of nodes that are not there")
-    return raw
 
 
 def _sets(blocks: list, names: dict[int, list[str]] | None) -> dict[str, list[np.ndarray]]:

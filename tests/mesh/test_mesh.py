@@ -497,6 +497,13 @@ def test_truncated_file(tmp_path, version):
     refused(path)
 
 
+def test_a_file_without_nodes(tmp_path):
+    """A section of nodes that has another name is not read; the file is refused, not its elements misread."""
+    path = write_by_gmsh(tmp_path / "square.msh", 2.2)
+    path.write_text(path.read_text().replace("$Nodes", "$Nodez"))
+    assert "is not a mesh that meshio or gmsh can read" in refused(path)
+
+
 def test_quadrilaterals_are_cut_along_the_shorter_diagonal(tmp_path):
     """Quadrilaterals of a file are cut into triangles, whatever the order of their corners, convex or not."""
     points = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [2, 0], [3, 0.2], [2, 1], [4, -5], [4.5, 1], [4.2, 0],

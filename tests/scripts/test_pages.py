@@ -216,3 +216,13 @@ def test_theory_points_to_what_there_is():
             where = where or [text for text in sources.values() if re.search(rf"\b{owner}\b", text)]
             assert where, name
             assert any(re.search(rf"\b{attribute}\b", text) for text in where), name
+
+
+def test_rooms_point_to_what_there_is():
+    """What docs/rooms.md says is in a module is a word of it."""
+    page = (DOCS / "rooms.md").read_text(encoding="utf-8")
+    found = re.findall(r"`([\w.]+)`\s+(?:in|of)\s+`(ddmpi/[\w/]+\.py)`", page)
+    assert len(found) > 20
+    for name, path in found:
+        text = (scenes.ROOT / path).read_text(encoding="utf-8")
+        assert all(re.search(rf"\b{word}\b", text) for word in name.split(".")), (name, path)
