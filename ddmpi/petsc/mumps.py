@@ -145,14 +145,15 @@ class Factors:
 
     def response(self, f: np.ndarray | None) -> np.ndarray | None:
         """B A⁻¹ f (k,), both on the first rank; None elsewhere. By half a solve, on one rank of
-        the rows alone that entries of f concern: several ranks refuse it (5.5.1)."""
+        the rows alone that entries of f concern: several ranks refuse it, and all do without any (5.5.1)."""
         f, first = np.zeros(0) if f is None else f, f is not None
         rows, left = np.flatnonzero(f), np.zeros(self._size)
         entries, places, ends = f[rows], (rows + 1).astype(np.int32), np.array([1, len(rows) + 1], np.int32)
         data = self._data
         data.rhs_sparse, data.irhs_sparse, data.irhs_ptr = (each.ctypes.data for each in (entries, places, ends))
         data.nz_rhs, data.redrhs, data.lredrhs = len(rows), left.ctypes.data, len(left)
-        self._substitute(np.concatenate([f, left]), (int(self._alone), 1))  # what is left of (f, 0)
+        sparse_right = self._alone and len(rows) > 0
+        self._substitute(np.concatenate([f, left]), (int(sparse_right), 1))  # what is left of (f, 0)
         return -left if first else None
 
     def _substitute(self, work: np.ndarray, how: tuple[int, int]) -> None:

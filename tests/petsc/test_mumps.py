@@ -3,7 +3,10 @@
 import ctypes
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
+import scipy.sparse as sparse
+from petsc4py import PETSc
 
 from ddmpi.petsc.mumps import _SPACE, _STRUCTURES, VERSIONS, Factors, RefusedError
 
@@ -42,3 +45,18 @@ def test_a_version_is_known_where_its_structure_has_it():
         Factors._known(started("9.9.9", 0))
     with pytest.raises(RefusedError, match="version unknown is not among"):
         Factors._known(started("", 0))
+
+
+def test_rows_that_cancel_are_no_error():
+    """The compliance is checked by the sum of all rows, of which MUMPS refuses half a sparse solve if it is zero."""
+    S, B = sparse.diags([-1.0, 2.5, -1.0], [-1, 0, 1], (9, 9), "csr"), np.zeros((2, 9))
+    B[:, 4] = 1.0, -1.0
+    A = PETSc.Mat().createAIJ(S.shape, csr=(S.indptr, S.indices, S.data), comm=PETSc.COMM_SELF)
+    A.setOption(PETSc.Mat.Option.SPD, True)
+    try:
+        factors = Factors(A, sparse.csr_matrix(B), None, "body_")
+    except RefusedError as reason:
+        pytest.skip(str(reason))
+    assert factors.condensed is not None and not factors.response(np.zeros(9)).any()
+    assert np.triu(factors.condensed) == pytest.approx(np.triu(B @ np.linalg.solve(S.toarray(), B.T)))
+    factors.destroy()
