@@ -37,13 +37,14 @@ def test_log_view_tells_the_story(tmp_path, name):
     assert events["ComplianceMult"] == max(sum(body.values()) - body["load"] - body["displacement"] for body in solves)
     messages = run.summary["exchange"]["messages"]
     collected = 2 + (name == "newton")  # free displacements, the answer; shared nodes
-    assert events["Exchange"] == messages
     if name == "newton":
         assert events["NewtonStep"] == iterations
         products = solves[0]["newton"]
-        assert messages == products + iterations + collected  # one in each iteration for the count
+        assert messages == products + collected
+        assert 2 * messages < events["Exchange"] <= 3 * messages  # one way, the other way, and agreement
     else:
         assert messages == 2 * iterations + 1 + collected
+        assert events["Exchange"] == 2 * messages  # both ways at once, and agreement
         assert events["NeumannSolve"] == max(body["neumann"] for body in solves)
 
 
