@@ -298,10 +298,11 @@ def solve_scene(comm, scene: dict) -> dict:
     """Solve a scene of one contact as the command does, and gather what tests look at. Collective on `comm`."""
     from ddmpi.body.estimate import estimate_error
     from ddmpi.run.solve import solve
+    from ddmpi.system.agreement import merged
 
     assembly = prepare_scene(comm, scene)
     solution = solve(assembly, assembly.scene.method)
-    (state,) = solution.states.values()
+    (state,) = merged(comm, solution.states).values()
     interface, own = state.interface, []
     for body in assembly.bodies:
         u = solution.displacements[body.spec.name]
