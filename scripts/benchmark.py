@@ -312,7 +312,7 @@ def measure_large(folder: Path, scene: str, millions: float, ranks: int, kind: s
     memory = [body["memory_mib"] for body in summary["bodies"].values()]
     kinds = {body["compliance"] for body in summary["bodies"].values()}
     return {phase: summary["seconds"].get(phase, 0.0) for phase in SPENT} | {
-        f"peak_{phase}": max(each.get(phase, math.nan) for each in held) for phase in PEAKS} | {
+        f"peak_{phase}": max((each.get(phase, math.nan) for each in held), default=math.nan) for phase in PEAKS} | {
         "n": summary["n"], "n_A": summary["n_A"], "compliance": " ".join(sorted(kinds)), "memory": max(memory),
         "in_all": sum(memory)}
 

@@ -262,7 +262,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("full steps on every path", "methods/paths", "if slopes[-1] <= SLOPE * falls:", "if True:",
      "methods/test_paths.py::test_a_step_ends_where_the_energy_is_least"),
     ("the bound does not follow the pressure at interior points", "methods/paths",
-     "coupling = np.where(sliding, slope *", "coupling = np.where(sliding, 0.0 * slope *", PATH),
+     "aside, slope * turns, -2.0", "aside, 0.0 * slope * turns, -2.0", PATH),
     ("friction does not turn in space", "interface/law", "unknown[:, 1:] |= turns[:, None]", "pass  #", LAW),
     ("friction turns without a spring", "interface/law",
      "spring[tangential] = np.repeat(active.excess, self.components)", "pass", LAW),
