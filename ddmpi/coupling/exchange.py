@@ -81,7 +81,7 @@ class Exchange:
             local += [np.stack([own, part, np.full_like(part, side)]) for side, own in here.items()]
             if second != first:
                 lent.setdefault(second, []).append(part)
-        self._local, self._at, self._side = np.hstack([np.zeros((3, 0), int), *local])  # bodies', owner's, first or not
+        self._local, self._at, self._side = np.hstack([np.zeros((3, 0), int), *local])  # rows of bodies, of owner; side
         self._lent, self._borrowed = ({rank: np.concatenate(parts) for rank, parts in each.items()}
                                       for each in (lent, borrowed))
 

@@ -17,7 +17,7 @@ CLOSED = 1e-8
 
 
 RESULTANTS = ("force", "moment", "normal_force", "tangential_force", "open", "slip", "stick", "dissipated")
-"""What is written of a contact at each load step: the first of its `ContactTotals`."""
+"""What is written of a contact at each load step, of its `ContactTotals`."""
 
 
 class ContactTotals(NamedTuple):
@@ -62,7 +62,7 @@ class ContactTotals(NamedTuple):
     @property
     def resultants(self) -> dict[str, Any]:
         """What is written of each load step."""
-        return dict(zip(RESULTANTS, self, strict=False))
+        return {name: getattr(self, name) for name in RESULTANTS}
 
     @property
     def deepest(self) -> float:

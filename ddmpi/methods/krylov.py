@@ -35,9 +35,10 @@ from ddmpi.petsc.versions import call_solver
 log = logging.getLogger("ddmpi")
 
 FORCING, LOOSEST, SHARE = 1e-3, 1e-2, 0.9
-"""GMRES reduces the residual of a Newton equation by the first number; in space by less, at least by the second, see
-`forcing`. Measured on pinched blocks in the plane: 1e-2 takes fewer iterations a step, but more steps; 1e-3 is the
-cheapest from N = 54 on, and the most even over the meshes."""
+"""GMRES reduces the residual of a Newton equation by the first number. In space it is the third times the square of
+what the last step left, between the first and the second, see `forcing`. Measured on pinched blocks in the plane: 1e-2
+takes fewer iterations a step, but more steps; 1e-3 is the cheapest from N = 54 on, and the most even over the meshes.
+"""
 
 KRYLOV_LIMIT = 300
 """Most GMRES iterations in one Newton step; a step that is not solved to FORCING is used as it is."""

@@ -144,8 +144,11 @@ class Factors:
         return None if f is None else work[:len(f)]
 
     def response(self, f: np.ndarray | None) -> np.ndarray | None:
-        """B A⁻¹ f (k,), both on the first rank; None elsewhere. By half a solve, on one rank of
-        the rows alone that entries of f concern: several ranks refuse it, and all do without any (5.5.1)."""
+        """B A⁻¹ f (k,), both on the first rank; None elsewhere.
+
+        Half a solve. On one rank MUMPS eliminates only what the entries of f touch; on several, and where f is zero,
+        5.5.1 refuses that.
+        """
         f, first = np.zeros(0) if f is None else f, f is not None
         rows, left = np.flatnonzero(f), np.zeros(self._size)
         entries, places, ends = f[rows], (rows + 1).astype(np.int32), np.array([1, len(rows) + 1], np.int32)

@@ -274,7 +274,7 @@ class March:
         del self._ahead[0]
         if not self._ahead or scene.output.steps == "all":
             self.log.keep(time, s, outer.motions, solution.states.values())
-        counts = [sum(each.resultants[status] for each in contacts) for status in ("open", "slip", "stick")]
+        counts = [sum(getattr(each, status) for each in contacts) for status in ("open", "slip", "stick")]
         log.info("time %-10.6g %3d iterations; %d open, %d slip, %d stick nodes", time, len(outer.history), *counts)
         self._leave()
         self._cuts = 0
