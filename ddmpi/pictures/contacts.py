@@ -149,7 +149,7 @@ def draw_maps(results: Results, name: str) -> Any:
     at, facets, (width, height) = at[near], facets[near], high - low
     columns = 1 if width > LONG * height or (width > 2.0 * height and not holds) else 2 if holds else 3
     rows = len(maps) // columns
-    tall = np.clip((9.6 / columns - 1.4) * height / width, 0.8, 4.2) + 0.8
+    tall = np.clip((9.6 / columns - 1.6) * height / width, 0.8, 4.2) + 0.55
     figure, grid = plt.subplots(rows, columns, figsize=(9.6, rows * tall + 0.5), sharex=True, sharey=True,
                                 layout="compressed", squeeze=False)
     for axes, each in zip(grid.ravel(), maps, strict=True):
@@ -212,7 +212,7 @@ def flatten(table: Columns, facets: np.ndarray) -> tuple[np.ndarray, tuple[str, 
             right = unit(np.cross([0.0, 0.0, 1.0], front)) if abs(front[2]) < 0.9 else unit(np.cross(
                 [0.0, 1.0, 0.0], front))
             along, names = np.stack([right, np.cross(front, right)]), ""
-        labels = names or ["along ({:.2g}, {:.2g}, {:.2g})".format(*(each + 0.0)) for each in along]
+        labels = names or ["along\n({:.2g}, {:.2g}, {:.2g})".format(*(each + 0.0)) for each in along]
         return (at @ along.T)[facets], (labels[0], labels[1]), np.broadcast_to(along, (len(at), 2, 3))
     axis = axes[:, 0] * np.sign(axes[np.abs(axes[:, 0]).argmax(), 0])
     across = np.eye(3) - normal[:, :, None] * normal[:, None, :] - np.outer(axis, axis)  # distances from its normal
