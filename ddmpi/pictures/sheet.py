@@ -119,7 +119,8 @@ class Sheet:
                     "mutation_scale": 7})
                 axes.annotate(name, end + text * unit(end - origin), ha="center", va="center", fontsize=9)
         factor, unit_of = scaled_unit(arm, results.summary["units"]["length"])
-        axes.annotate(f"arms: {arm / factor:g} {unit_of}", (origin[0], below[1]), ha="center", va="bottom", fontsize=8)
+        axes.annotate(f"arms: {arm / factor:g} {unit_of}", (origin[0], below[1]), ha="left", va="bottom",
+                      fontsize=8)
         return figure, axes
 
     def place(self, at: np.ndarray) -> np.ndarray:
