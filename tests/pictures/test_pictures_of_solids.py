@@ -170,6 +170,16 @@ def test_a_contact_without_friction_has_no_map_of_it(tmp_path):
     assert labels[3:] == ["pressure (MPa)", "gap (µm)"]
 
 
+def test_a_bonded_contact_has_no_map_of_its_gap(tmp_path):
+    """Nothing opens or slides there; normal stress, which may be tension, zones and friction are left."""
+    results = stacked(tmp_path)
+    table = results.contacts["upper-lower"]
+    table["gap"][:] = table["slip"][:] = 0.0
+    table["normal_stress"][0] = -table["normal_stress"].max()
+    labels = [axes.get_ylabel() for axes in draw_maps(results, "upper-lower").axes[3:]]
+    assert labels == ["normal stress (MPa)", "friction (MPa)"]
+
+
 @pytest.mark.parametrize(("name", "right", "eye"), [
     ("front", [1, 0, 0], [0, -1, 0]), ("back", [-1, 0, 0], [0, 1, 0]), ("left", [0, -1, 0], [-1, 0, 0]),
     ("right", [0, 1, 0], [1, 0, 0]), ("top", [1, 0, 0], [0, 0, 1]), ("bottom", [1, 0, 0], [0, 0, -1]),
