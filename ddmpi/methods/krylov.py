@@ -195,16 +195,17 @@ class LinearProblem:
     linearised : the forces that the active set implies
     layer : (joint.size,) compliance D (m/N) of a layer, a barrier, or the springs across friction, in turned frames
     precise : whether the forces are to be known as well as the displacements, which slender bodies need
-    held : part of the springs ε that steer rigid motions
+    held, steered : part of the springs ε that steer rigid motions, and of the compliances that steer shared nodes
     forcing : by which GMRES reduces the residual
 
     Construction is collective.
     """
 
     def __init__(self, joint: Joint, preconditioner: Preconditioner, linearised: Linearised,
-                 layer: np.ndarray, precise: bool = False, held: float = 1.0, forcing: float = FORCING) -> None:
+                 layer: np.ndarray, precise: bool = False, held: float = 1.0, steered: float = 1.0,
+                 forcing: float = FORCING) -> None:
         self.joint, self.linearised = joint, linearised
-        self._D = linearised.diagonal(preconditioner.shared + layer)
+        self._D = linearised.diagonal(steered * preconditioner.shared + layer)
         crossing = preconditioner.crossing
         self._correct = crossing and crossing.corrector(linearised.basis, self._D, preconditioner.shared > 0.0)
         deltas = np.where(linearised.unknown, layer * preconditioner.c, np.inf)

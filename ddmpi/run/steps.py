@@ -40,7 +40,8 @@ SHORT = 0.01
 """Where gaps close along a leg, its first step is divided after this part: only then is known how fast."""
 
 CUTS = 6
-"""A step that fails is halved at most so often."""
+"""A step that fails is halved at most so often, and never below such a part of the leg's shortest one: steps halved
+again after each that is solved would come ever closer to a load that nothing holds."""
 
 CURABLE = ("diverged", "max_iterations", "stalled", "drift", "converged")
 """How an iteration ends that may do better in a shorter step; the last one is that its certificate fails."""
@@ -49,7 +50,8 @@ CERTAIN = 0.25
 """Changes below this part of ``time.tolerance`` are small enough however slowly they fall: with the root of the number
 of steps, as where nodes touch in the midst of a step, the error left is 2.4 times the change."""
 
-KEPT = ("iterations", "_leg", "_start", "_number", "_coarse", "_changed", "_largest", "_given", "_cuts", "_noted")
+KEPT = ("iterations", "_leg", "_start", "_number", "_coarse", "_changed", "_largest", "_given", "_cuts", "_noted",
+        "_shortest")
 """Attributes of a march that checkpoints keep as they are."""
 
 
@@ -287,7 +289,7 @@ class March:
     def _cut(self, solution: Solution, time: float) -> bool:
         """Whether to go on with a step half as long, from the state before the one to `time` that has failed."""
         if solution.mechanism or solution.stopped not in CURABLE or self._cuts == CUTS or (
-                solution.given and solution.unbalanced):
+                solution.given and solution.unbalanced) or time - self._now.time < 1.5 * self._shortest:
             return False
         self._cuts += 1
         self._ahead.insert(0, (self._now.time + time) / 2)
@@ -319,7 +321,9 @@ class March:
             x = ((first + x * (length - first)) ** 2 - first**2) / (length**2 - first**2)
         if closing:
             x = np.insert(x, 0, SHORT * x[0])
-        return [*(start + x * (end - start)).tolist(), end]
+        times = [*(start + x * (end - start)).tolist(), end]
+        self._shortest = 0.5**CUTS * float(np.diff([start, *times]).min())
+        return times
 
     def _refine(self) -> bool:
         """Whether to solve the leg, which has come to its end, once more in twice as many steps."""

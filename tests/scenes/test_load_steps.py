@@ -337,6 +337,27 @@ def test_a_step_that_fails_is_halved_from_the_state_before(monkeypatch, ending):
     assert np.abs(cut.contacts["upper-lower"].forces - forces).max() <= 1e-9 * np.abs(forces).max()
 
 
+def test_halving_ends_before_a_load_that_nothing_holds(monkeypatch):
+    """Steps are halved again after those that are solved, down to a sixty-fourth of the step that failed."""
+    scene, run, begin, tried = sheared_blocks(steps=1), Newton.run, March.__init__, []
+
+    def fail_beyond(self, tolerance):
+        tried.append(march._ahead[0])
+        assert len(tried) < 20
+        return "drift" if tried[-1] > 1.9 else run(self, tolerance)
+
+    def note(self, *parts):
+        nonlocal march
+        march = self
+        begin(self, *parts)
+
+    march = None
+    monkeypatch.setattr(March, "__init__", note)
+    monkeypatch.setattr(Newton, "run", fail_beyond)
+    assert not ddmpi.solve(to_toml(scene), MPI.COMM_SELF).certified
+    assert tried == [1.0, 2.0, 1.5, 2.0, 1.75, 2.0, 1.875, 2.0, 1.9375, 1.90625, 1.890625, 1.90625]
+
+
 def test_a_step_without_equilibrium_is_named_by_its_time(tmp_path):
     """A block that is pushed harder and harder on a rigid floor: exit code 3, the time, and the steps before."""
     block = {"name": "block", "mesh": {"shape": "rectangle", "size": [2.0, 1.0], "divisions": [4, 2]},

@@ -20,12 +20,13 @@ RANKS = {8: 2, 10: 4, 29: 4, 220: 4, 229: 3}
     pytest.param(seed, verdict, marks=pytest.mark.slow) for seed, verdict in
     [(3, "verified"), (5, "verified"), (6, "verified"), (8, "verified"), (11, "verified"), (26, "verified"),
      (29, "verified"), (23, "verified"), (2, "verified"), (0, "reported"), (27, "reported"), (31, "reported"),
-     (214, "reported"), (217, "verified"), (220, "edge"), (229, "edge")])])
+     (214, "reported"), (217, "verified"), (220, "edge"), (229, "edge"), (4039, "verified")])])
 def test_random_assembly(seed, verdict, tmp_path):
     """Certified and verified, or without equilibrium; some on several ranks.
 
     217 needs that full steps which multiply the residual are not taken. Tresca's friction does not hold the torsion of
-    214; 220 and 229 tip about the edges of contacts, or do not, where meshes are coarse.
+    214; 220 and 229 tip about the edges of contacts, or do not, where meshes are coarse. Forces at the edges of 4039 are
+    steered too much for all paths but the last.
     """
     command = functools.partial(scenes.run_command, ranks=RANKS[seed]) if seed in RANKS else scenes.run_here
     found = random_assemblies.judge_solids(seed, tmp_path, 1e-5, command)
