@@ -33,9 +33,9 @@ UNCOVERED = 0.15
 """A vertex of whose area a smaller part is covered shares its function, in the plane a node of whose length; else its
 gap would be one outside of it."""
 
-BARELY = 0.5
+BARELY = 0.499
 """So does one that clamps let move by less than this, where free ones move by one: alone it would constrain curvature
-and carry arbitrary forces."""
+and carry arbitrary forces. Meshes of 2 : 1 have rows that move by one half, which rounding must not decide."""
 
 LACKING = 1e-3
 """A facet of which no more than this part is not covered is wholly covered."""

@@ -233,7 +233,7 @@ def _digest(assembly: Assembly) -> str:
 
 
 def write(path: Path, identity: dict[str, dict], states: list[dict[str, Any]]) -> None:
-    """Write the ranks' states: tables as groups, arrays and lists of numbers as arrays, all else as JSON.
+    """Write the ranks' states: tables as groups, arrays and lists of arrays as arrays, all else as JSON.
 
     `path` holds the old or the new file, whole. Raises OutputError. Not collective.
     """
@@ -278,10 +278,11 @@ def _put(group: Any, table: dict[str, Any]) -> None:
 
 
 def _numbers(value: Any) -> np.ndarray | None:
-    """Arrays and lists of numbers as arrays; None for all else, also for lists that JSON has made of tuples."""
+    """An array, or a list of like arrays as one; None for all else, also for lists that JSON has made of tuples."""
+    several = isinstance(value, list) and bool(value) and all(isinstance(each, np.ndarray) for each in value)
     try:
-        found = np.asarray(value) if isinstance(value, list | np.ndarray) else None
-    except ValueError:  # lists of unlike lengths
+        found = np.asarray(value) if several or isinstance(value, np.ndarray) else None
+    except ValueError:  # arrays of unlike lengths
         return None
     return found if found is not None and found.dtype.kind in "biuf" else None
 

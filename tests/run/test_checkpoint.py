@@ -443,6 +443,16 @@ def test_a_file_gives_back_what_was_written(tmp_path):
         assert file["rank 0/a"].shape == (3,)
 
 
+def test_a_file_of_what_was_read_is_the_same(tmp_path):
+    """A run that is interrupted twice within a load step keeps its whole numbers whole, as in history.csv."""
+    state = {"rows": ((1, 2, 0.5), (2, 3, 0.25)), "times": [0.5, 1.0], "kept": [np.arange(3), np.arange(3)]}
+    for name in ("first", "second"):
+        checkpoint.write(tmp_path / name, {}, [state])
+        _, (state,) = checkpoint.read(tmp_path / name)
+    assert str(state["rows"]) == "[[1, 2, 0.5], [2, 3, 0.25]]"
+    assert list(state["times"]) == [0.5, 1.0] and np.array_equal(state["kept"], [[0, 1, 2]] * 2)
+
+
 def test_what_is_not_there_or_no_checkpoint_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"there is no checkpoint\.h5"):
         accept(tmp_path)

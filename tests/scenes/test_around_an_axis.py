@@ -284,6 +284,14 @@ def test_rows_on_the_axis_are_merged(partner):
     assert state.pressure[lines.row[ends]] == pytest.approx(state.pressure.mean(), rel=0.02)
 
 
+@pytest.mark.parametrize("length", [1.0, 0.3, 1e-3, 1e3, 1e9])
+def test_a_row_that_half_moves_is_kept_in_all_units(length):
+    """The slave's node on the axis faces one that is held there and, half as far as its neighbour, one that is not."""
+    scene = pressed(pairing="mortar", slave="lower")
+    scene["body"][0]["mesh"]["divisions"], scene["body"][1]["mesh"]["divisions"] = [4, 2], [2, 1]
+    assert solved(moved(scene, length=length)).summary["contacts"]["upper-lower"]["m"] == 3
+
+
 @pytest.mark.parametrize("seed", range(12))
 def test_random_scenes(seed):
     """Stacks of discs and rings of any stiffness, mesh and law, held or loose, are certified in any order of bodies,
