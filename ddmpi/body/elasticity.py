@@ -193,7 +193,8 @@ def clamp_forces(mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarr
                  pull: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
     """What each clamp and foundation does to the body: its group, and nodal forces (nv, d) in newtons. Not collective.
 
-    A component of a node that several clamps hold is the last one's, so that all forces together are counted once.
+    The force of a node is the sum of those along the directions in which its clamps hold it. A direction that clamps
+    hold together is the last one's.
 
     Parameters
     ----------
@@ -209,8 +210,18 @@ def clamp_forces(mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarr
     if len(held):
         forces[held] = forces_at(mesh, material_of(mesh, body), u, held) - given[held]
     forces[mesh.on_axis, 0] = 0.0  # what is left of integrals
-    for which, clamp in enumerate(body.clamps):
-        yield clamp.on, np.where(elasticity.clamps == which, forces, 0.0)
+    free, parts = np.tile(np.eye(mesh.dimension), (len(u), 1, 1)), []
+    for which, nodes, direction in reversed(elasticity.supports.held):
+        direction = np.where(mesh.on_axis[nodes, None] & (np.arange(mesh.dimension) == 0), 0.0, direction)
+        rest = apply(free[nodes], direction)
+        squares = np.where((rest**2).sum(axis=1) > ALONG**2, (rest**2).sum(axis=1), np.inf)
+        free[nodes] -= rest[:, :, None] * rest[:, None] / squares[:, None, None]
+        parts.append((body.clamps[which].on, nodes, direction, rest / squares[:, None]))
+    for on, nodes, direction, rest in reversed(parts):  # `rest` is at right angles to what comes after
+        share = np.zeros_like(u)
+        share[nodes] = (forces[nodes] * rest).sum(axis=1)[:, None] * direction
+        forces -= share
+        yield on, share
 
 
 def apply(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -194,11 +194,13 @@ class Supports:
     free : (nv, d, d) projections onto the directions in which the nodes can move
     moved : (nv, d) the displacements that clamps prescribe (m), at factor 1 of the history that they follow, None for
         those that follow none
+    held : number of a clamp, nodes (k,) and unit vectors (k, d) along which it holds them, in the order of the scene
     """
 
     clamps: np.ndarray
     free: np.ndarray
     moved: Mapping[str | None, np.ndarray]
+    held: Sequence[tuple[int, np.ndarray, np.ndarray]] = ()
 
 
 def supports(mesh: Mesh, body: BodySpec) -> Supports:
@@ -213,11 +215,13 @@ def supports(mesh: Mesh, body: BodySpec) -> Supports:
     clamps, free = np.full((size, d), -1), np.tile(np.eye(d), (size, 1, 1))
     moved, outer = np.zeros((len(names), size, d)), np.zeros((size, d))
     clamps[mesh.on_axis, 0], free[mesh.on_axis, 0, 0] = len(body.clamps), 0.0
+    held: list[tuple[int, np.ndarray, np.ndarray]] = []
     for which, clamp in enumerate(body.clamps):
         for axis, value, nodes, direction in _held(mesh, clamp, key):
             if axis == "normal":
                 smooth = np.einsum("ki,ki->k", direction, outer[nodes]) > np.cos(SHARPEST)
                 outer[nodes] = direction = np.where(smooth[:, None], outer[nodes], direction)
+            held.append((which, nodes, direction))
             rest = np.einsum("kij,kj->ki", free[nodes], direction)
             new = np.linalg.norm(rest, axis=1) > ALONG
             wanted = np.zeros((len(names), len(nodes)))
@@ -241,7 +245,7 @@ def supports(mesh: Mesh, body: BodySpec) -> Supports:
             moved[:, nodes] += ((wanted - before)[:, new] / squares)[:, :, None] * rest
             free[nodes] -= rest[:, :, None] * rest[:, None] / squares[:, None, None]
     free[np.einsum("kii->k", free) < 0.5] = 0.0  # nothing but rounding
-    return Supports(clamps, free, dict(zip(names, moved, strict=True)))
+    return Supports(clamps, free, dict(zip(names, moved, strict=True)), held)
 
 
 def _held(mesh: Mesh, clamp: Clamp, key: str) -> Iterator[tuple[str, Any, np.ndarray, np.ndarray]]:

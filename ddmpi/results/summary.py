@@ -55,9 +55,9 @@ SUMMARY = {
                                      "of the volume force is under the name volume_force",
     "bodies.NAME.loads.GROUP.moment": "x F_y − y F_x of the same forces, in space [x, y, z], about the origin",
     "bodies.NAME.reactions.GROUP.force": "resultant of the forces of clamps and foundations on a group. "
-                                         "Where groups share nodes, each component of the force on a node counts for "
-                                         "one clamp, the last one in the scene that holds it; all reactions together "
-                                         "are reaction",
+                                         "Where groups share nodes, the force on a node is split along the "
+                                         "directions that clamps hold; each counts for one clamp, the last one in the "
+                                         "scene that holds it; all reactions together are reaction",
     "bodies.NAME.reactions.GROUP.moment": "of the same forces about the origin",
     "bodies.NAME.discretization_error": "its part of the estimated error, relative to the energy norm of all bodies",
     "bodies.NAME.n_A_by_purpose": "n_A in parts",
