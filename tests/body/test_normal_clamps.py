@@ -89,6 +89,21 @@ def test_a_turned_body_on_symmetry_planes_is_its_twin(d, angle, order):
 
 
 @both_orders
+def test_each_plane_of_a_wedge_reacts_along_its_own_normal(order):
+    """On planes that are not at right angles, their common node included."""
+    spec = BodySpec(name="wedge", material=STEEL, mesh=MeshSpec(
+        shape="quadrilateral", corners=((0.0, 0.0), (2.0, 0.0), (3.0, 2.0), (1.0, 2.0)), divisions=(4, 3), order=order),
+        clamp=[Clamp(on="bottom", normal=0.0), Clamp(on="left", normal=0.0)],
+        traction=[Traction(on="top", value=(4e6, -1e7))])
+    mesh = build_mesh(spec)
+    u, problem = solve(mesh, spec), assemble(mesh, spec)
+    found = resultants(mesh, clamp_forces(mesh, spec, problem, u, np.zeros_like(u)))
+    planes = np.array([outer_normals(mesh, on, "key")[1][0] for on in ("bottom", "left")])
+    expected = planes * np.linalg.solve(planes.T, [-8e6, 2e7])[:, None]
+    assert [found[on]["force"] for on in ("bottom", "left")] == [pytest.approx(force, rel=1e-9) for force in expected]
+
+
+@both_orders
 @pytest.mark.parametrize("angles", [np.arange(24) * 2 * np.pi / 24, IRREGULAR], ids=["even", "irregular"])
 def test_normals_of_a_circle_are_radial(order, angles):
     """Wherever the nodes stand on a circle, normals are its own: a body can turn in a bore that clamps its normals."""
