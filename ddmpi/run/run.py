@@ -199,7 +199,7 @@ def _finish(assembly: Assembly, solution: Solution, steps: StepLog, error: Discr
     warnings = [*assembly.warnings, *(body.locking for body in assembly.scene.body if body.locking)]
     if solution.certified:
         doubts = doubt_answer(assembly, solution.displacements, solution.states, solution.contacts)
-        warnings += [*doubts, *steps.doubts_beside(doubts),
+        warnings += [*doubts, *steps.doubts_beside([*doubts, *solution.undetermined]),
                      *(() if assembly.world.rank else doubt_mesh(assembly.scene.body, error)),
                      *doubt_stress(assembly, {name: each.von_mises for name, each in fields.items()})]
     else:  # there is no answer to doubt, but meshes may be why

@@ -26,7 +26,7 @@ from ddmpi.judge.plausible import doubt_answer
 from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Report, no_report
 from ddmpi.run.checkpoint import Checkpoints
-from ddmpi.run.equilibrium import look_for_mechanism
+from ddmpi.run.equilibrium import look_for_mechanism, undetermined_motions
 from ddmpi.run.gather import StepLog
 from ddmpi.run.solve import NOTHING, Iteration, Past, Solution, solve, with_undetermined
 from ddmpi.system.clock import Clock
@@ -176,8 +176,8 @@ class March:
             if not self._ahead and not self._refine():
                 if self._leg == len(self._legs) - 1:
                     break
-                self.log.doubt(time, doubt_answer(self.assembly, solution.displacements, solution.states,
-                                                  solution.contacts, True))
+                doubts = doubt_answer(self.assembly, solution.displacements, solution.states, solution.contacts, True)
+                self.log.doubt(time, [*doubts, *undetermined_motions(self.assembly, solution.states)])
                 self._next_leg()
             self._keep()
         worst = self.log.judge(solution.certificate)

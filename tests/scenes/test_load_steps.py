@@ -774,6 +774,23 @@ def test_unloading_dissipates_no_more_than_the_loads_did():
     assert 0.0 < energy["dissipated"] <= 1.02 * energy["external_work"]
 
 
+def test_a_body_that_is_let_loose_on_the_way_is_named():
+    """Where all load is taken off a body and comes back, the answer depends on a place that nothing determines."""
+    block = {"name": "block", "material": {"young": 1e9, "poisson": 0.0}, "mesh": {
+        "shape": "rectangle", "origin": [0.0, 0.0], "size": [2.0, 1.0], "divisions": [4, 2]},
+        "traction": [{"on": "top", "value": [0.0, -1e6], "history": "press"}]}
+    scene = {"body": [block], "rigid": [{"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}],
+             "contact": [{"bodies": ["block", "floor"], "on": ["bottom"], "friction": {"law": "coulomb",
+                                                                                       "coefficient": 0.1}}],
+             "history": {"press": {"times": [0.0, 1.0, 2.0, 3.0], "factors": [0.0, 1.0, 0.0, 1.0]}}}
+    for last, told, left in ((3.0, ["nothing touches block: it can move freely (at time 2)"], []),
+                             (2.0, [], ["nothing touches block: it can move freely"])):
+        time = {"points": [1.0, 2.0, 3.0][:int(last)], "steps": 1}
+        summary = ddmpi.solve(to_toml(scene | {"time": time}), MPI.COMM_SELF).summary
+        assert [each for each in summary["warnings"] if "freely" in each] == told
+        assert summary["undetermined"] == left
+
+
 def test_legs_that_have_an_answer_keep_their_warnings():
     """Though a later leg has none: the first one moves the block far, the second one pulls it off."""
     def block(name: str, y: float, **more) -> dict:
