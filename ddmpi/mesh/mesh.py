@@ -129,8 +129,9 @@ class Mesh:
 
     @property
     def extent(self) -> float:
-        """Diagonal of the bounding box (m)."""
-        return float(np.linalg.norm(np.ptp(self.points, axis=0)))
+        """Distance between two nodes that are farthest, or nearly so, from each other (m); of a box its diagonal."""
+        far = self.points[np.linalg.norm(self.points - self.points.mean(axis=0), axis=1).argmax()]
+        return float(np.linalg.norm(self.points - far, axis=1).max())
 
 
 def boundary_facets(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -19,6 +19,9 @@ from ddmpi.system.numbers import in_words
 INSIDE, OUTSIDE = -1e-6, -0.05
 """A place is in a cell if no barycentric coordinate is below the first, hardly outside if none is below the second."""
 
+MOST, FARTHEST = 1_000_000, 1e150
+"""A path has at most so many points; their coordinates are below the second, of which squares are numbers (m)."""
+
 NEWTON = 8
 """Steps to the barycentric coordinates of a place; straight cells need one."""
 
@@ -103,8 +106,9 @@ def along(results: Results, start: Sequence[float], end: Sequence[float], number
     one at which bodies touch has a line for each. Bodies have not moved yet. Not collective. Raises InputError.
     """
     d, (first, last) = results.dimension, (np.array(each) for each in (start, end))
-    if {len(first), len(last)} != {d} or not 0.0 < np.linalg.norm(last - first) < np.inf or number < 2:
-        raise InputError(f"a path has two different ends with {d} coordinates each, and 2 points at least")
+    alike = {len(first), len(last)} == {d} and np.abs([first, last]).max() < FARTHEST
+    if not alike or not np.linalg.norm(last - first) or not 2 <= number <= MOST:
+        raise InputError(f"a path has two different ends with {d} coordinates each, and 2 to {MOST} points")
     length, share = np.linalg.norm(last - first), np.linspace(0.0, 1.0, number)
     places = first + share[:, None] * (last - first)
     place, cell, at = _located(results.points, results.fields["cells"], results.fields["body"], places)

@@ -1,5 +1,6 @@
 """Meshes: generated rectangles, mesh files of all versions, and what is refused."""
 
+import dataclasses
 import subprocess
 import sys
 from pathlib import Path
@@ -164,6 +165,12 @@ def test_rectangle_keeps_size_and_origin(size, origin):
     assert signed_measures(mesh.points, mesh.triangles) == \
         pytest.approx(np.full(40, width * height / 40), rel=1e-14 * (1 + rounding), abs=0.0)
     assert mesh.extent == pytest.approx(np.hypot(*size), rel=1e-9, abs=0.0)
+
+
+def test_the_extent_of_a_body_does_not_depend_on_the_axes():
+    mesh = rectangle((5, 4), (3.0, 2.0), (1.0, -1.0))
+    turned = mesh.points @ np.array([[0.8, 0.6], [-0.6, 0.8]])
+    assert dataclasses.replace(mesh, points=turned).extent == pytest.approx(np.sqrt(13.0), rel=1e-12)
 
 
 def test_rectangle_groups_lie_on_their_sides():
