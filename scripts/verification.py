@@ -177,7 +177,7 @@ def picture(its: Problem, runs: Runs) -> Callable:
         if its.in_space:
             state = next(iter(answer.contacts.values()))
             shown = left.tripcolor(*state.interface.xy[:, :2].T, state.interface.shown.facets, state.pressure,
-                                   cmap="viridis")
+                                   vmin=min(state.pressure.min(), 0.0), cmap="viridis")
             figure.colorbar(shown, ax=left)
         for each in () if its.in_space else bodies.values():
             corners = each.triangles[:, :3]

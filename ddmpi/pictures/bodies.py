@@ -171,7 +171,8 @@ def animate(results: Results, folder: Path, title: str) -> Path:
         low, high, number = np.minimum(low, at), np.maximum(high, at), number + 1
         values, quantity, unit = coloured(results, fields)
         top = max(top, float(np.percentile(skin.extended(values)[np.unique(skin.facets)], BRIGHTEST)))
-    image = colours_of(0.0, top or 1.0, "viridis")
+    scale, unit = scaled_unit(top, unit)
+    image = colours_of(0.0, top / scale or 1.0, "viridis")
     sheet = Sheet(results, np.vstack([low, high])[np.tile(skin.beyond <= 0.0, 2)], pixels=COARSE)
     sheet.axes.set_title("time")
     sheet.colours(image, f"{quantity} ({unit})", "max")
@@ -181,7 +182,7 @@ def animate(results: Results, folder: Path, title: str) -> Path:
         sheet.clear()
         at = still + skin.extended(factor * fields["displacement"][:, :dimension])
         sheet.meet(rigid_parts(results, factor, time))
-        values = skin.extended(coloured(results, fields)[0])[skin.facets]
+        values = skin.extended(coloured(results, fields)[0])[skin.facets] / scale
         sheet.show([Surface(at, skin.facets, by_value(values, image), skin.beyond)])
         sheet.axes.set_title(f"time {time:.4g}, displacement × {factor:g}")
         sheet.figure.canvas.draw()

@@ -130,7 +130,7 @@ def _profiles(results: Results, scale: float,
 
 
 def draw_maps(results: Results, name: str) -> Any:
-    """Pressure, friction with arrows of slip, zones, and gap or slip on a contact, seen from the front; a figure."""
+    """Pressure, zones, friction with arrows of slip, and gap or slip, if there is any, on a contact; a figure."""
     import matplotlib.pyplot as plt
     from matplotlib.collections import LineCollection
 
@@ -140,16 +140,21 @@ def draw_maps(results: Results, name: str) -> Any:
     visible = RESOLVED * summary["displacement_max"]
     gaps, slips = (np.abs(table[what]).max(initial=0.0) > visible for what in ("gap", "slip"))
     holds = asked["friction"]["law"] != "none" or asked.get("kind") == "bonded"
-    maps = [("pressure", table["normal_stress"], "stress", "Blues"), None,
-            *([("friction", table["tangential_stress"], "stress", "Oranges")] if holds else []),
-            ("slip", table["slip"], "length", "Purples") if slips and holds and not gaps else
-            ("gap", gaps * table["gap"], "length", "Greens")]
+    stress = table["normal_stress"]
+    tension = -stress.min(initial=0.0) > RESOLVED * np.abs(stress).max(initial=0.0)
+    maps = [("normal stress" if tension else "pressure", stress, "stress", "Blues"), None]
+    if holds:
+        maps.append(("friction", table["tangential_stress"], "stress", "Oranges"))
+    if gaps:
+        maps.append(("gap", table["gap"], "length", "Greens"))
+    elif slips and holds:
+        maps.append(("slip", table["slip"], "length", "Purples"))
     ends, (low, high) = boundary_of(at, facets), _shown(at, table["status"][facets] != "open")
     near = ((at >= low) & (at <= high)).all(axis=2).any(axis=1)
     at, facets, (width, height) = at[near], facets[near], high - low
-    columns = 1 if width > LONG * height or (width > 2.0 * height and not holds) else 2 if holds else 3
+    columns = 1 if width > LONG * height or (width > 2.0 * height and len(maps) < 4) else 2 + len(maps) % 2
     rows = len(maps) // columns
-    tall = np.clip((9.6 / columns - 1.4) * height / width, 0.8, 4.2) + 0.8
+    tall = np.clip((9.6 / columns - 1.6) * height / width, 0.8, 4.2) + 0.55
     figure, grid = plt.subplots(rows, columns, figsize=(9.6, rows * tall + 0.5), sharex=True, sharey=True,
                                 layout="compressed", squeeze=False)
     for axes, each in zip(grid.ravel(), maps, strict=True):
@@ -212,7 +217,7 @@ def flatten(table: Columns, facets: np.ndarray) -> tuple[np.ndarray, tuple[str, 
             right = unit(np.cross([0.0, 0.0, 1.0], front)) if abs(front[2]) < 0.9 else unit(np.cross(
                 [0.0, 1.0, 0.0], front))
             along, names = np.stack([right, np.cross(front, right)]), ""
-        labels = names or ["along ({:.2g}, {:.2g}, {:.2g})".format(*(each + 0.0)) for each in along]
+        labels = names or ["along\n({:.2g}, {:.2g}, {:.2g})".format(*(each + 0.0)) for each in along]
         return (at @ along.T)[facets], (labels[0], labels[1]), np.broadcast_to(along, (len(at), 2, 3))
     axis = axes[:, 0] * np.sign(axes[np.abs(axes[:, 0]).argmax(), 0])
     across = np.eye(3) - normal[:, :, None] * normal[:, None, :] - np.outer(axis, axis)  # distances from its normal

@@ -54,7 +54,7 @@ def draw_contact(results: Results, name: str) -> Any:
     for kind, label in {"normal": "normal (pressure)", "tangential": "tangential"}.items():
         if kind == "normal" or frictional or contact.get("kind") == "bonded":
             if sides:
-                stresses.plot(position, nodes[f"{kind}_stress"] / factor, ".", markersize=2, alpha=0.45,
+                stresses.plot(position, nodes[f"{kind}_stress"] / factor, ".", markersize=4, alpha=0.6,
                               color=COLOURS[kind])
             _curve(stresses, place, shown[f"{kind}_stress"] / factor, apart, color=COLOURS[kind], label=label + extent)
     bound = _slip_bound(shown, friction) if frictional else None
@@ -222,13 +222,14 @@ def _draw_stresses(axes: Any, name: str, results: Results, units: dict) -> None:
     chosen = times[np.unique(np.linspace(0, len(times) - 1, min(CURVES, len(times))).round().astype(int))]
     colours = mpl.colormaps["viridis"](np.linspace(0.0, 0.9, len(chosen)))
     for kind, axis in zip(("normal", "tangential"), axes, strict=True):
+        factor, unit = scaled_unit(np.abs(legs[f"{kind}_stress"]).max(), units["stress"])
         for time, colour in zip(chosen, colours, strict=True):
             step = {column: values[legs["time"] == time] for column, values in legs.items()}
             step, _ = drawn_rows(step, results.facets[name])
             arc = np.append(0.0, np.cumsum(np.hypot(np.diff(step["x"]), np.diff(step["y"]))))
-            axis.plot(arc, step[f"{kind}_stress"], color=colour, linewidth=1.2, label=f"time {time:g}")
+            axis.plot(arc, step[f"{kind}_stress"] / factor, color=colour, linewidth=1.2, label=f"time {time:g}")
         axis.axhline(0.0, color="black", linewidth=0.6)
-        axis.set(xlabel=f"along {name} ({units['length']})", ylabel=f"{kind} stress ({units['stress']})")
+        axis.set(xlabel=f"along {name} ({units['length']})", ylabel=f"{kind} stress ({unit})")
     axes[1].legend(fontsize=7, **BESIDE)
 
 

@@ -108,7 +108,7 @@ class Sheet:
         if ((at < origin + arms.max(axis=0) + 2.0 * text).all(axis=1)).any():  # an arm could run into the bodies
             origin = low - (max(arms[:, 0].max(), 0.0) + 1.5 * text, 0.0)
         ends = origin + arms
-        below = np.vstack([ends, origin]).min(axis=0) - (text, 2.2 * text)
+        below = np.vstack([ends, origin]).min(axis=0) - (text, 3.0 * text)
         low = np.minimum(low, below) - margin
         figure, axes = _figure(low, high + margin)
         axes.set_axis_off()
@@ -119,7 +119,8 @@ class Sheet:
                     "mutation_scale": 7})
                 axes.annotate(name, end + text * unit(end - origin), ha="center", va="center", fontsize=9)
         factor, unit_of = scaled_unit(arm, results.summary["units"]["length"])
-        axes.annotate(f"{arm / factor:g} {unit_of}", (origin[0], below[1]), ha="center", va="bottom", fontsize=8)
+        axes.annotate(f"arms: {arm / factor:g} {unit_of}", (origin[0], below[1]), ha="left", va="bottom",
+                      fontsize=8)
         return figure, axes
 
     def place(self, at: np.ndarray) -> np.ndarray:

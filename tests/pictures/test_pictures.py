@@ -171,6 +171,18 @@ def test_units_have_prefixes(tmp_path):
     assert stresses.lines[0].get_ydata().max() == pytest.approx(50.0)
 
 
+def test_stresses_of_load_steps_have_prefixes(tmp_path):
+    """steps.png labels stresses as contact.png does: kPa for what is some thousand Pa."""
+    results = made(tmp_path)
+    results.energy.update(dict.fromkeys(("time", "external_work", "strain_energy", "interface_work", "dissipated"),
+                                        np.ones(1)))
+    results.legs.update({name: {"time": np.ones(len(table["x"])), **table} for name, table in results.contacts.items()})
+    results.legs["upper-lower"]["normal_stress"] = np.linspace(0.0, 3e4, len(results.legs["upper-lower"]["time"]))
+    results.summary["scene"]["history"] = {}
+    normal = draw_steps(results).axes[2]
+    assert normal.get_ylabel() == "normal stress (kPa)" and normal.lines[0].get_ydata().max() == pytest.approx(30.0)
+
+
 def test_iterations_of_all_load_steps_follow_each_other(tmp_path):
     """Iterations count on over the load steps, whose curves are not joined."""
     made_up.results(tmp_path)

@@ -170,6 +170,16 @@ def test_a_contact_without_friction_has_no_map_of_it(tmp_path):
     assert labels[3:] == ["pressure (MPa)", "gap (µm)"]
 
 
+def test_a_bonded_contact_has_no_map_of_its_gap(tmp_path):
+    """Nothing opens or slides there; normal stress, which may be tension, zones and friction are left."""
+    results = stacked(tmp_path)
+    table = results.contacts["upper-lower"]
+    table["gap"][:] = table["slip"][:] = 0.0
+    table["normal_stress"][0] = -table["normal_stress"].max()
+    labels = [axes.get_ylabel() for axes in draw_maps(results, "upper-lower").axes[3:]]
+    assert labels == ["normal stress (MPa)", "friction (MPa)"]
+
+
 @pytest.mark.parametrize(("name", "right", "eye"), [
     ("front", [1, 0, 0], [0, -1, 0]), ("back", [-1, 0, 0], [0, 1, 0]), ("left", [0, -1, 0], [-1, 0, 0]),
     ("right", [0, 1, 0], [1, 0, 0]), ("top", [1, 0, 0], [0, 0, 1]), ("bottom", [1, 0, 0], [0, 0, -1]),
@@ -279,6 +289,15 @@ def test_maps_show_what_is_closed(tmp_path):
     table["status"][:] = np.where((table["x"] <= 0.5) & (table["y"] <= 0.25), "stick", "open")
     small = draw_maps(results, "upper-lower").axes[0]
     assert 0.5 < small.get_xlim()[1] < 1.5
+
+
+def test_maps_fill_their_sheet(tmp_path):
+    """Labels of maps above each other do not touch, and little of the sheet stays empty below them."""
+    figure = draw_maps(stacked(tmp_path), "upper-lower")
+    figure.canvas.draw()
+    names = [axes.yaxis.label.get_window_extent() for axes in figure.axes[:4] if axes.get_ylabel()]
+    assert len(names) == 2 and names[1].y1 < names[0].y0
+    assert 0.0 <= min(axes.get_tightbbox().y0 for axes in figure.axes) < 0.08 * figure.bbox.height
 
 
 def test_pressure_and_tension_are_told_apart(tmp_path):

@@ -22,6 +22,13 @@ pytestmark = pytest.mark.slow
 DOCS = scenes.ROOT / "docs"
 
 
+def test_pictures_name_no_folders():
+    """Pictures of docs/ do not say in which folder and on which host they were made, as those of a run do."""
+    pictures = sorted(DOCS.rglob("*.png"))
+    assert len(pictures) > 50
+    assert not [picture.name for picture in pictures if b"Description" in picture.read_bytes()]
+
+
 @pytest.mark.parametrize("name", ["start/tutorial.md", "start/tutorial_in_space.md", "start/drawing.md"])
 def test_commands_of_a_page_do_what_it_says(name, tmp_path):
     """Each command of the page runs as its reader would run it, prints what is shown, and makes the pictures.

@@ -195,14 +195,7 @@ def test_a_second_ctrl_c_does_not_wait(tmp_path):
     assert "ending at once" in said
     for rank in ("", "1"):
         number = (tmp_path / f"ready{rank}").read_text()
-        await_that(lambda number=number: not is_alive(number), f"process {number} is still there")
-
-
-def is_alive(process: str) -> bool:
-    try:
-        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
+        await_that(lambda number=number: not scenes.is_alive(number), f"process {number} is still there")
 
 
 @pytest.mark.parametrize("number", ["TERM", "HUP", "INT", "USR1"])

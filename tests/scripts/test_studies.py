@@ -56,11 +56,12 @@ LISTED = re.findall(r"^    (\w+) +[12]  (\S+\.py)", (ROOT / "scripts/study").rea
 
 
 def test_studies_are_listed(tmp_path):
-    """Without a name the command lists all studies; a name that is none ends with a message."""
+    """Without a name, or by --help, the command lists all studies; a name that is none ends with a message."""
     done = subprocess.run([ROOT / "scripts/study"], text=True, capture_output=True, timeout=LIMIT, check=True)
     assert [line.split()[0] for line in done.stdout.splitlines()[1:]] == [name for name, _ in LISTED]
     commands = {path.resolve() for path in (ROOT / "scripts").glob("*.py") if "__main__" in path.read_text("utf-8")}
     assert len(LISTED) > 20 and commands <= {(ROOT / "scripts" / file).resolve() for _, file in LISTED}
+    assert start(tmp_path, "--help").stdout == done.stdout
     assert "there is no study nothing" in start(tmp_path, "nothing").stderr
 
 

@@ -19,7 +19,6 @@ import argparse
 import os
 import re
 import shlex
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -158,8 +157,15 @@ def slack(page: str) -> float:
 
 
 def write_pictures(page: str, made: Path, docs: Path) -> list[str]:
-    """Copy the pictures of a page from the folder in which its commands ran; their names."""
-    return [str(shutil.copy(made / result, docs / picture)) for picture, result in IMAGE.findall(page)]
+    """Write the pictures of a page from the folder in which its commands ran, without the names of folders and hosts
+    that a run leaves in them; their names."""
+    from PIL import Image
+
+    names = [(docs / picture, made / result) for picture, result in IMAGE.findall(page)]
+    for picture, result in names:
+        with Image.open(result) as drawn:
+            drawn.save(picture, optimize=True)
+    return [str(picture) for picture, _ in names]
 
 
 def main() -> int:

@@ -482,6 +482,14 @@ def run_python(arguments: list[str], ranks: int = 2, folder: Path | None = None,
     return Run(child.returncode, stdout, stderr.replace("\0", ""), folder)
 
 
+def is_alive(process: str) -> bool:
+    """Whether the process of this number runs; those that nobody has waited for do not, as below a first process."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
 def run_command(scene: Path | str, folder: Path, *arguments: str, ranks: int = 2, cwd: Path | None = None,
                 limit: float = LIMIT) -> Run:
     """``mpirun -n RANKS python -m ddmpi run SCENE --output FOLDER ARGUMENTS``."""
