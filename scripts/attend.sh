@@ -31,10 +31,23 @@ attend() {
 
 pass_on() {
     case "$caught $1" in
-        "INT INT" | *" QUIT") hurried=KILL; echo "ddmpi: ending at once, without waiting for a checkpoint" >&2 ;;
+        "INT INT" | *" QUIT") hurried=yes; echo "ddmpi: ending at once, without waiting for a checkpoint" >&2 ;;
     esac
     caught=$1
-    { echo "SIG$1" >"$DDMPI_SIGNAL"; kill -s "${hurried:-${HAND_ON:-USR1}}" "$child"; } 2>/dev/null || true
+    if [ -n "$hurried" ]; then
+        kill_session
+    else
+        { echo "SIG$1" >"$DDMPI_SIGNAL"; kill -s "${HAND_ON:-USR1}" "$child"; } 2>/dev/null || true
+    fi
+}
+
+kill_session() { # Open MPI 5 leaves the ranks of this machine behind where its mpirun alone is killed
+    local entry line
+    for entry in /proc/[0-9]*; do
+        { read -r line <"$entry/stat"; } 2>/dev/null || continue
+        set -- ${line##*) } # state, parent, group, session
+        [ "${4:-}" != "$child" ] || kill -KILL "${entry#/proc/}" 2>/dev/null || true
+    done
 }
 
 explain() {
