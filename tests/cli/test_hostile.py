@@ -238,7 +238,8 @@ def test_a_drawing_without_end_can_be_ended(place, number):
             time.sleep(0.05)
     if number == signal.SIGTERM:
         assert process.returncode == 6 and "interrupted by SIGTERM" in words and len(words.splitlines()) == 1
-        assert place.tree() == before and not place.out.exists()
+        left = {path: held for path, held in place.tree().items() if "/tmp/ompi." not in path}  # Open MPI 5's folders
+        assert left == before and not place.out.exists()
 
 
 # Folders of results

@@ -142,7 +142,7 @@ def test_displacements_are_compared_with_what_the_forces_cause():
     assert judged(parts, yielding=U, moved=1.0).penetration == pytest.approx(OFF, rel=1e-6)
     assert judged(parts, yielding=0.0, moved=1.0).penetration == pytest.approx(1.0)  # no more than the overlap itself
     parts["second"][0] = -parts["first"][0] + 1e-10
-    assert judged(parts, yielding=0.0, moved=1.0).penetration == pytest.approx(0.1)  # rounding of that motion
+    assert judged(parts, yielding=0.0, moved=1.0).penetration == pytest.approx(0.01)  # rounding of that motion
 
 
 def test_bodies_that_overlap_and_do_not_move_are_not_certified():

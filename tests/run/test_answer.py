@@ -137,8 +137,8 @@ def test_an_answer_and_its_parts_are_short_in_words(comm):
 
 def test_help_says_it_all():
     """help(ddmpi.solve) describes every parameter, and has an example."""
-    words = ddmpi.solve.__doc__
-    assert all(f"    {name} : " in words for name in inspect.signature(ddmpi.solve).parameters)
+    words = inspect.getdoc(ddmpi.solve)
+    assert all(f"\n{name} : " in words for name in inspect.signature(ddmpi.solve).parameters)
     assert 'ddmpi.solve("scene.toml"' in words and "InputError" in words
 
 

