@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib
 import os
@@ -38,7 +39,7 @@ def versions() -> dict[str, str]:
         try:
             if name in sys.modules or name not in installed:  # Debian's h5py carries no metadata
                 installed[name] = getattr(importlib.import_module(name), "__version__", "unknown")
-        except ImportError:
+        except (ImportError, OSError):  # the second one where gmsh lacks a library
             installed[name] = "not there"
         found[name] = installed[name]
     return found
@@ -46,9 +47,12 @@ def versions() -> dict[str, str]:
 
 def _installed() -> dict[str, str]:
     """Versions of packages by name, from the names of their metadata. To import importlib.metadata takes 20 ms."""
-    names = [re.fullmatch(r"(\w+)-([^-]+).*\.(?:dist|egg)-info", name)
-             for folder in reversed(sys.path) if os.path.isdir(folder) for name in os.listdir(folder)]
-    return {name[1].lower(): name[2] for name in names if name}
+    found: dict[str, str] = {}
+    for folder in reversed(sys.path):
+        with contextlib.suppress(OSError):  # zip files, folders that nobody may read
+            names = [re.fullmatch(r"(\w+)-(\d[^-]*).*\.(?:dist|egg)-info", name) for name in os.listdir(folder or ".")]
+            found |= {name[1].lower(): name[2] for name in names if name}
+    return found
 
 
 def has_matplotlib() -> bool:

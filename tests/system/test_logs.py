@@ -11,6 +11,7 @@ from PIL import Image
 from scenes import Run, pinched_blocks
 
 from ddmpi.errors import InputError
+from ddmpi.system import provenance
 
 pytestmark = pytest.mark.slow
 
@@ -231,3 +232,20 @@ def test_the_versions_are_those_of_what_ran(runs):
     versions = runs["said"].summary["versions"]
     assert versions["numpy"] == numpy.__version__
     assert "unknown" not in versions.values() and "not there" not in versions.values()
+
+
+def test_paths_that_cannot_be_read_end_no_run(tmp_path, monkeypatch):
+    """Versions are read from what sys.path names, readable or not; other packages may begin with the same name."""
+    listdir = os.listdir
+
+    def refuse(folder):
+        if folder == str(tmp_path / "closed"):
+            raise PermissionError(folder)
+        return listdir(folder)
+
+    (tmp_path / "a.zip").touch()
+    for name in ("closed", "a/h5py-3.1.dist-info", "a/h5py-stubs-4.0.egg-info", "b/h5py-2.0-py3.11.egg-info"):
+        (tmp_path / name).mkdir(parents=True)
+    monkeypatch.setattr(os, "listdir", refuse)
+    monkeypatch.setattr(sys, "path", [str(tmp_path / name) for name in ("closed", "a.zip", "none", "a", "b")])
+    assert provenance._installed() == {"h5py": "3.1"}
