@@ -43,6 +43,7 @@ pass_on() {
 
 kill_session() { # Open MPI 5 leaves the ranks of this machine behind where its mpirun alone is killed
     local entry line
+    kill -KILL "$child" 2>/dev/null || true # it may not have a session of its own yet
     for entry in /proc/[0-9]*; do
         { read -r line <"$entry/stat"; } 2>/dev/null || continue
         set -- ${line##*) } # state, parent, group, session

@@ -212,3 +212,14 @@ def test_the_name_of_a_signal_is_handed_on(tmp_path, number):
         said, _ = job.communicate(timeout=scenes.LIMIT)
     assert (job.returncode, said) == (6, f"heard SIG{number}\n")
     assert [path.name for path in tmp_path.iterdir()] == ["ready"]
+
+
+def test_what_has_no_session_yet_is_ended_as_well(tmp_path):
+    """Ctrl-\\ before setsid has begun a session ends the run, too."""
+    script = ('set -euo pipefail; setsid() { touch ready; exec sleep 600; }; '
+              f'. {scenes.ROOT}/scripts/attend.sh; attend ignored; exit "$code"')
+    with subprocess.Popen(["bash", "-c", script], cwd=tmp_path, env=scenes.clean_environment(),
+                          preexec_fn=lambda: signal.signal(signal.SIGQUIT, signal.SIG_DFL)) as job:
+        await_that((tmp_path / "ready").exists, "it does not start")
+        job.send_signal(signal.SIGQUIT)
+        assert job.wait(timeout=scenes.LIMIT) == 130
