@@ -142,8 +142,8 @@ class StepLog:
 
 
 def _kind(warning: str) -> str:
-    """A warning without its numbers."""
-    return re.sub(r"-?\d+(\.\d*)?(e[-+]?\d+)?", "#", warning)
+    """A warning without its numbers; those in names of bodies stay."""
+    return re.sub(r"(?<![\w-])-?\d+(\.\d*)?(e[-+]?\d+)?", "#", warning)
 
 
 def gather_summary(assembly: Assembly, solution: Solution, error: DiscretizationError, own_fields: dict[str, Fields],

@@ -28,6 +28,7 @@ from ddmpi.methods.outer import Report, no_report
 from ddmpi.run.checkpoint import Checkpoints
 from ddmpi.run.equilibrium import look_for_mechanism, undetermined_motions
 from ddmpi.run.gather import StepLog
+from ddmpi.run.report import UNDETERMINED
 from ddmpi.run.solve import NOTHING, Iteration, Past, Solution, solve, with_undetermined
 from ddmpi.system.clock import Clock
 
@@ -177,7 +178,8 @@ class March:
                 if self._leg == len(self._legs) - 1:
                     break
                 doubts = doubt_answer(self.assembly, solution.displacements, solution.states, solution.contacts, True)
-                self.log.doubt(time, [*doubts, *undetermined_motions(self.assembly, solution.states)])
+                loose = undetermined_motions(self.assembly, solution.states)[:UNDETERMINED]
+                self.log.doubt(time, [*doubts, *loose])
                 self._next_leg()
             self._keep()
         worst = self.log.judge(solution.certificate)

@@ -147,6 +147,16 @@ def test_what_is_kept_of_load_steps_outlives_a_restart():
     assert log.most["sizes"].all()
 
 
+def test_doubts_of_different_bodies_are_different():
+    """Of warnings that differ in numbers alone the first one is told, but names of bodies may end with numbers."""
+    log = StepLog(2)
+    log.doubt(1.0, ["nothing touches block1: it can move freely", "block-2 slides by -0.5"])
+    log.doubt(2.0, ["block-2 slides by 1.5e-3"])
+    told = ["nothing touches block1: it can move freely (at time 1)", "block-2 slides by -0.5 (at time 1)"]
+    assert log.doubts_beside(["nothing touches block2: it can move freely", "block-3 slides by 1"]) == told
+    assert log.doubts_beside(["block-2 slides by 0.1"]) == told[:1]
+
+
 def test_the_worst_residual_is_at_the_top():
     """Each residual at the top is the largest of all contacts or bodies, whichever they are."""
     summary = summary_of(row(), residuals={"left_middle": {"penetration": 0.5}, "middle_right": {"friction": 0.25},
