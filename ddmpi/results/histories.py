@@ -19,7 +19,7 @@ from ddmpi.system.numbers import in_words
 INSIDE, OUTSIDE = -1e-6, -0.05
 """A place is in a cell if no barycentric coordinate is below the first, hardly outside if none is below the second."""
 
-MOST, FARTHEST = 1_000_000, 1e150
+MOST, FARTHEST = 100_000, 1e150
 """A path has at most so many points; their coordinates are below the second, of which squares are numbers (m)."""
 
 NEWTON = 8
@@ -142,7 +142,7 @@ def _located(points: np.ndarray, cells: np.ndarray, body: np.ndarray, places: np
     place, cell = np.repeat(np.arange(len(places)), [len(each) for each in pairs]), np.concatenate(pairs)
     kind, nodes = cell_with(points.shape[1], cells.shape[1]), points[cells[cell]]
     at = np.full((len(cell), points.shape[1] + 1), 1.0 / (points.shape[1] + 1))
-    for _ in range(NEWTON):
+    for _ in range(NEWTON if nodes.shape[1] > at.shape[1] else 1):
         off = places[place] - np.einsum("pk,pkd->pd", kind.shapes(at), nodes)
         step = np.linalg.solve(np.einsum("apk,pkd->pda", kind.derivatives(at), nodes), off[:, :, None])[:, :, 0]
         inner = np.clip(at[:, 1:] + step, -1.0, 2.0)
