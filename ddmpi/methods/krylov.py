@@ -63,7 +63,7 @@ def forcing(residuals: Sequence[float], in_space: bool) -> float:
     """By which GMRES reduces the residual of the next Newton equation, from the `residuals` after the steps so far.
 
     In space less after steps that gained little (Eisenstat and Walker, SIAM J. Sci. Comput. 17, 1996, choice 2), but
-    not in the first step: two boxes with N = 8 take 9 steps, and 21 where the first one is solved to 1e-2, as friction
+    not in the first step: two boxes with N = 8 take 10 steps, and 22 where the first one is solved to 1e-2, as friction
     turns for long then. Nor after steps that left more than GAINED, as between slender bodies, which take up to three
     times the steps otherwise. In the plane blocks of unlike stiffness would take a tenth more products.
     """
