@@ -31,7 +31,7 @@ from mpi4py import MPI
 from scenes import prepare_scene, run_command, run_python, to_toml, write_scene
 
 import ddmpi
-from ddmpi.methods import newton
+from ddmpi.methods import krylov
 from ddmpi.results.tables import read_results
 from ddmpi.run.solve import solve
 
@@ -254,12 +254,12 @@ SECTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 
 def measure_iterations(name: str, modes: bool) -> Row:
     """One scene on one rank, with coarse modes or without."""
-    kept = newton.SMOOTH
-    newton.SMOOTH = kept if modes else dict.fromkeys(kept, np.inf)
+    kept = krylov.SMOOTH
+    krylov.SMOOTH = kept if modes else dict.fromkeys(kept, np.inf)
     try:
         return count_iterations(SCENES[name][0]())
     finally:
-        newton.SMOOTH = kept
+        krylov.SMOOTH = kept
 
 
 def measure_bricks(name: str, pairing: str) -> Row:

@@ -3,6 +3,7 @@
 import os
 import re
 import runpy
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -18,7 +19,8 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parents[2]
 STUDIES = {
     # script: arguments; words of what it prints and of its pages; numbers of tables and figures
-    "assembly_study": ("--sections messages --rows 3", ("| 3 | 2 | 384 |",), 1, 0),
+    "assembly_study": ("--sections iterations messages --rows 3 --scenes '2 blocks, clamped'",
+                       ("| 3 | 2 | 384 |", "| 2 blocks, clamped | 9 | 6.0 |"), 2, 0),
     "body_ranks": ("--divisions 6 --ranks 1 2", ("| 1 | ", "| 2 | "), 0, 0),
     "compare_qp_solvers": ("--size 6 --types python bntr", ("No type failed on any QP.",), 1, 0),
     "extremes": ("--tables numbers --most 22",
@@ -103,7 +105,7 @@ def test_study(tmp_path, name):
     """A study ends without an error and writes its tables, pages and figures."""
     arguments, words, tables, figures = STUDIES[name]
     output = tmp_path / "out"
-    done = start(tmp_path, name, *arguments.split(), *(["--output", str(output)] if tables else []))
+    done = start(tmp_path, name, *shlex.split(arguments), *(["--output", str(output)] if tables else []))
     assert done.returncode == 0, done.stdout + done.stderr
     written = done.stdout + "".join(path.read_text(encoding="utf-8") for path in output.glob("*.md"))
     for word in words:
