@@ -227,6 +227,7 @@ def test_units_and_origin_do_not_matter(how):
     assert np.array(said.split(", "), float) / scene.length == pytest.approx(corner, abs=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", np.radians([30.0, 90.0, 137.0, 200.0]))
 @pytest.mark.parametrize("make", [lambda **how: pushed(0.6, **how), lambda **how: tower(0.75, **how),
                                   lambda **how: arch(0.2, 0.3, **how), lambda **how: wall(4, 4, 3.0, **how),

@@ -34,9 +34,9 @@ def solved(tmp_path_factory):
     return solve
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scene", "name"), [
-    *((scene, name) for scene, names in FLAT.items() for name in names),
-    *(pytest.param(scene, name, marks=pytest.mark.slow) for scene, names in SOLID.items() for name in names)])
+    (scene, name) for scene, names in (FLAT | SOLID).items() for name in names])
 def test_peer_agrees(scene, name, solved):
     """A peer's forces, largest pressure and displacement are those of ddmpi on the same mesh."""
     from compare_peers import PEERS, difference, environment, measure, row_of
@@ -50,6 +50,7 @@ def test_peer_agrees(scene, name, solved):
     assert difference(own, row_of(case, result)) < CLOSE.get(name, 1e-7)
 
 
+@pytest.mark.slow
 def test_peers_that_fail(tmp_path, solved):
     """A peer that hangs or computes for too long is ended, and one that fails is reported by its last line."""
     from compare_peers import Peer, measure
