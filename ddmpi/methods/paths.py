@@ -59,9 +59,9 @@ TO_BOUND, SHORTER = 0.99, 0.8
 followed anew, as far from the path that they jam at a bound."""
 
 LOOSELY = 0.02
-"""What steers forces at nodes of several contacts slows Newton's own steps where bodies nearly leave these forces open,
-to factors of 0.4 to 0.75 a step, and more where nodes turn. This part of it serves where other paths have failed; from
-the start walls would take up to four times the steps."""
+"""The compliance that steers forces at nodes of several contacts slows Newton's method where these forces are nearly
+free: a step leaves 0.4 to 0.75 of the residual. The last path has this part of it; from the start walls would take up
+to four times the steps."""
 
 LOWER = ((0.9, 0.1), (0.5, 0.2), (0.2, 0.5), (0.0, 0.8))
 """The barrier falls to the second number where the last step was longer than the first."""

@@ -41,8 +41,8 @@ SHORT = 0.01
 """Where gaps close along a leg, its first step is divided after this part: only then is known how fast."""
 
 CUTS = 6
-"""A step that fails is halved at most so often, and never below such a part of the leg's shortest one: steps halved
-again after each that is solved would come ever closer to a load that nothing holds."""
+"""A step that fails is halved at most so often. None becomes shorter than the leg's shortest planned one halved so
+often: steps halved again after each success would creep towards a load that nothing holds."""
 
 CURABLE = ("diverged", "max_iterations", "stalled", "drift", "converged")
 """How an iteration ends that may do better in a shorter step; the last one is that its certificate fails."""

@@ -306,6 +306,18 @@ def test_a_later_step_of_a_leg_begins_where_the_one_before_leads():
     assert all(max(leg) <= leg[0] + 1 and sum(leg[1:]) < 7 * leg[0] for leg in others)
 
 
+def noted_marches(monkeypatch):
+    """A list to which each march through load steps that begins is added."""
+    begin, marches = March.__init__, []
+
+    def note(self, *parts):
+        marches.append(self)
+        begin(self, *parts)
+
+    monkeypatch.setattr(March, "__init__", note)
+    return marches
+
+
 @pytest.mark.parametrize("ending", ["max_iterations", "drift"])
 def test_a_step_that_fails_is_halved_from_the_state_before(monkeypatch, ending):
     """The forces after a cut are those of a run that was asked for the shorter steps."""
@@ -314,20 +326,12 @@ def test_a_step_that_fails_is_halved_from_the_state_before(monkeypatch, ending):
 
     def fail_once(self, tolerance):
         stopped = run(self, tolerance)
-        if march._now.time == 1.0 and march._ahead[0] == 2.0 and not failed:
+        if marches[-1]._now.time == 1.0 and marches[-1]._ahead[0] == 2.0 and not failed:
             failed.append(self.forces)
             return ending
         return stopped
 
-    begin = March.__init__
-
-    def note(self, *parts):
-        nonlocal march
-        march = self
-        begin(self, *parts)
-
-    march = None
-    monkeypatch.setattr(March, "__init__", note)
+    marches = noted_marches(monkeypatch)
     monkeypatch.setattr(Newton, "run", fail_once)
     cut = solve(scene)
     monkeypatch.undo()
@@ -339,20 +343,14 @@ def test_a_step_that_fails_is_halved_from_the_state_before(monkeypatch, ending):
 
 def test_halving_ends_before_a_load_that_nothing_holds(monkeypatch):
     """Steps are halved again after those that are solved, down to a sixty-fourth of the step that failed."""
-    scene, run, begin, tried = sheared_blocks(steps=1), Newton.run, March.__init__, []
+    scene, run, tried = sheared_blocks(steps=1), Newton.run, []
 
     def fail_beyond(self, tolerance):
-        tried.append(march._ahead[0])
+        tried.append(marches[-1]._ahead[0])
         assert len(tried) < 20
         return "drift" if tried[-1] > 1.9 else run(self, tolerance)
 
-    def note(self, *parts):
-        nonlocal march
-        march = self
-        begin(self, *parts)
-
-    march = None
-    monkeypatch.setattr(March, "__init__", note)
+    marches = noted_marches(monkeypatch)
     monkeypatch.setattr(Newton, "run", fail_beyond)
     assert not ddmpi.solve(to_toml(scene), MPI.COMM_SELF).certified
     assert tried == [1.0, 2.0, 1.5, 2.0, 1.75, 2.0, 1.875, 2.0, 1.9375, 1.90625, 1.890625, 1.90625]
