@@ -289,6 +289,16 @@ def test_solids_in_other_units_and_places_have_the_same_answer(case, pairs):
         assert found["differs"] < (1e-8 if "origin" in case else 1e-9)
 
 
+@pytest.mark.parametrize("slenderness", [30, 100])
+def test_slender_solids_take_few_steps(slenderness):
+    """10 to 13 steps; 18 to 28 where GMRES stops by displacements alone, most of which are bending."""
+    import extremes
+
+    for pairs in (True, False):
+        row, _ = extremes.attempt_solid(extremes.side_by_side(slenderness)(pairs, 1), None, None)
+        assert row["outcome"] == "certified" and row["iterations"] <= 17, row
+
+
 def random_scene(seed: int) -> dict:
     """Blocks of random material, friction and size under random loads, some with a gap or an overlap."""
     random = np.random.default_rng(seed)
