@@ -201,7 +201,6 @@ class LinearProblem:
     preconditioner : for all active sets
     linearised : the forces that the active set implies
     layer : (joint.size,) compliance D (m/N) of a layer, a barrier, or the springs across friction, in turned frames
-    precise : whether the forces are to be known as well as the displacements; slender bodies always need this
     held, steered : part of the springs ε that steer rigid motions, and of the compliances that steer shared nodes
     forcing : by which GMRES reduces the residual
 
@@ -209,8 +208,7 @@ class LinearProblem:
     """
 
     def __init__(self, joint: Joint, preconditioner: Preconditioner, linearised: Linearised,
-                 layer: np.ndarray, precise: bool = False, held: float = 1.0, steered: float = 1.0,
-                 forcing: float = FORCING) -> None:
+                 layer: np.ndarray, held: float = 1.0, steered: float = 1.0, forcing: float = FORCING) -> None:
         self.joint, self.linearised = joint, linearised
         self._D = linearised.diagonal(steered * preconditioner.shared + layer)
         crossing = preconditioner.crossing
@@ -221,7 +219,6 @@ class LinearProblem:
              for least in (deltas[part].min(initial=np.inf),)])
         self._weights = linearised.diagonal(1.0 / np.sqrt(1.0 + layer * preconditioner.c))
         self._rigid = joint.rigid.size
-        self._precise = precise or self._rigid > 0
         self._forcing = forcing
         self._coarse: CoarseSystem | None = None
         if preconditioner.motions.size:
@@ -306,5 +303,5 @@ class LinearProblem:
         if not residual <= max(rtol * self._size, atol):
             return None
         w = ksp.buildSolution().norm()
-        known = (w >= SLENDER * self._size and not self._precise) or residual <= max(rtol * w, atol)
+        known = w >= SLENDER * self._size or residual <= max(rtol * w, atol)
         return PETSc.KSP.ConvergedReason.CONVERGED_RTOL if known else None

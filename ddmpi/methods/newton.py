@@ -346,7 +346,7 @@ class Newton:
         if (self._path and rigid.size) or space.any(np.ones(linearised.number)):  # springs let fall
             held = self._path.held if self._path else 1.0
             held = min(held, self._held) if self._trying or not self._path else held
-            problem = LinearProblem(joint, self._preconditioner, linearised, layer, self._path is not None, held,
+            problem = LinearProblem(joint, self._preconditioner, linearised, layer, held,
                                     self._path.steered if self._path else 1.0, self._forcing)
             if rigid.size:  # the nearest forces by half-planes that balance the loads
                 y, alpha = problem.precondition(y, joint.imbalance(point.s + change))
