@@ -109,7 +109,7 @@ class RunReport:
             "mood": "good" if summary["converged"] else "bad", "verdict": verdict, "because": sentences[0],
             "more": " ".join(sentences[1:]), "when": ", ".join(filter(None, when)), "hosts": hosts,
             "warnings": noted([*summary.get("warnings", ()), *(
-                f"{motion}; the position nearest to where it was is taken"
+                f"{motion}; how far it has moved is not determined"
                 for motion in summary.get("undetermined", ())), *(
                 [f"PETSc options that nothing used: {', '.join(unused)}"] if unused else [])]),
             "slurm": ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in summary.get("slurm", {}).items()),

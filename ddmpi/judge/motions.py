@@ -42,6 +42,9 @@ FLAT = 1e-3
 LARGEST = 300
 """Of more loose bodies that lean on each other nobody asks which motions nothing resists: it takes too long."""
 
+ROUNDING = 1e-9
+"""A motion is not resisted by less than this part of what resists others."""
+
 
 @dataclass(frozen=True)
 class MotionsOfBody:
@@ -165,7 +168,7 @@ def undetermined(G_active: np.ndarray, bodies: Sequence[MotionsOfBody]) -> list[
     return [*found[0], *found[1]]
 
 
-def _null_space(A: np.ndarray, rounding: float = 1e-9) -> np.ndarray:
+def _null_space(A: np.ndarray, rounding: float = ROUNDING) -> np.ndarray:
     """Vectors (q, n) that A (k, n) takes to nothing, each with an entry 1 where the others have zeros."""
     from scipy.linalg import null_space, qr
 

@@ -16,11 +16,15 @@ from ddmpi.interface.law import across, direction
 from ddmpi.interface.state import ContactState
 from ddmpi.judge.equilibrium import Mechanism, find_mechanism, prove_imbalance
 from ddmpi.judge.forces import Forces, Scale
-from ddmpi.judge.motions import MotionsOfBody, describe_motions, undetermined
+from ddmpi.judge.motions import ROUNDING, MotionsOfBody, describe_motions, undetermined
 from ddmpi.system.agreement import agreed, from_first, gathered
 
 LARGEST = 3000
 """Of more loose bodies nothing is looked for: the linear program of 1,000 takes 2.4 s, and grows with power 2.2."""
+
+ALONG = 3e-3
+"""Motions whose slip is along friction but for this part of it only turn friction that is at its limit: as a body goes
+on, its friction becomes parallel to the load, and what is left to turn vanishes."""
 
 
 def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
@@ -74,7 +78,7 @@ def undetermined_motions(assembly: Assembly, contacts: Mapping[str, ContactState
         if law.components > 1 and slips.any():
             turned = sparse.block_diag([sparse.csr_matrix((0, law.m)), *across(friction)[:, :, 1:].transpose(0, 2, 1)],
                                        format="csr")
-            parts.append(turned[np.flatnonzero(np.repeat(slips, law.components - 1))])
+            parts.append(ROUNDING / ALONG * turned[np.flatnonzero(np.repeat(slips, law.components - 1))])
         return sparse.vstack(parts, format="csr")
 
     return _undetermined(assembly, resists)

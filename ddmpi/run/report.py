@@ -191,7 +191,7 @@ def log_end(summary: dict, solution: Solution) -> None:
             log.info("estimated discretization error: %.2g of the energy norm", error)
     motions = summary["undetermined"]
     for motion in motions[:UNDETERMINED]:
-        log.info("%s; the position nearest to where it was is taken", motion)
+        log.info("%s; how far it has moved is not determined", motion)
     if len(motions) > UNDETERMINED:
         log.info("and %d more such motions, which summary.json lists", len(motions) - UNDETERMINED)
     if summary["options_unused"]:
