@@ -55,6 +55,8 @@ explain() {
     local name
     if [ -n "$hurried" ]; then
         return
+    elif [ -n "$caught" ] && [ "$code" = $((128 + $(kill -l USR1))) ]; then # a command that has nothing to save
+        echo "ddmpi: error: interrupted by SIG$caught" >&2
     elif [ "$code" -gt 128 ] && name=$(kill -l "$code" 2>/dev/null); then # 9: out of memory, or kill
         echo "ddmpi: error: a rank was ended by signal $((code - 128)) ($name)" >&2
     elif [ "$code" -gt 6 ] && [ "$code" != 59 ]; then # 59: PETSc has said which signal

@@ -214,6 +214,17 @@ def test_the_name_of_a_signal_is_handed_on(tmp_path, number):
     assert [path.name for path in tmp_path.iterdir()] == ["ready"]
 
 
+def test_what_hears_no_signal_is_said_to_be_interrupted(tmp_path):
+    """As `ddmpi path`, which has nothing to keep: by the signal that came, not by the one that was handed on."""
+    script = f'set -euo pipefail; . {scenes.ROOT}/scripts/attend.sh; attend bash -c "$1"; explain; exit "$code"'
+    with subprocess.Popen(["bash", "-c", script, "bash", "touch ready; exec sleep 600"], cwd=tmp_path, text=True,
+                          stderr=subprocess.PIPE, env=scenes.clean_environment()) as job:
+        await_that((tmp_path / "ready").exists, "it does not start")
+        job.send_signal(signal.SIGTERM)
+        _, said = job.communicate(timeout=scenes.LIMIT)
+    assert (job.returncode, said) == (128 + signal.SIGUSR1, "ddmpi: error: interrupted by SIGTERM\n")
+
+
 def test_what_has_no_session_yet_is_ended_as_well(tmp_path):
     """Ctrl-\\ before setsid has begun a session ends the run, too."""
     script = ('set -euo pipefail; setsid() { touch ready; exec sleep 600; }; '
