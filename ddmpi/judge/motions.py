@@ -136,7 +136,8 @@ def describe_motions(bodies: Sequence[MotionsOfBody], velocities: np.ndarray, to
     return "; ".join(lines)
 
 
-def undetermined(G_active: np.ndarray, bodies: Sequence[MotionsOfBody]) -> list[str]:
+def undetermined(G_active: np.ndarray, bodies: Sequence[MotionsOfBody],
+                 friction: np.ndarray | None = None) -> list[str]:
     """The rigid motions that no closed contact resists at a solution, one sentence each. Not collective.
 
     Bodies that lean on each other are looked at together, unless they are more than `LARGEST`.
@@ -146,10 +147,12 @@ def undetermined(G_active: np.ndarray, bodies: Sequence[MotionsOfBody]) -> list[
     G_active : (nc, k) columns of G of the forces that resist: normal ones of closed nodes, tangential ones of
         nodes that stick, all of bonded contacts; or others with the same sums of squares; sparse or dense
     bodies : the loose ones, in the order of the rows
+    friction : (2, k) G s and |G||s| of friction at its limit: motions that it drives have one way
     """
     numbers = [body.basis.shape[1] for body in bodies]
     starts, owner = np.cumsum([0, *numbers]), np.repeat(np.arange(len(bodies)), numbers)
     unit = np.concatenate([np.empty(0), *(body.speeds for body in bodies)])
+    friction = np.zeros((2, len(owner))) if friction is None else friction
     G = sparse.csr_matrix(sparse.diags(1.0 / unit) @ sparse.csr_matrix(G_active))
     G.eliminate_zeros()
     touches = sparse.csr_matrix((np.ones(starts[-1]), (owner, np.arange(starts[-1])))) @ abs(G)
@@ -162,9 +165,12 @@ def undetermined(G_active: np.ndarray, bodies: Sequence[MotionsOfBody]) -> list[
         elif len(some) <= LARGEST:
             own = G[rows]
             for motion in _null_space(own[:, np.unique(own.indices)].toarray().T):
-                parts = np.split(motion / unit[rows], np.cumsum([numbers[k] for k in members])[:-1])
+                motion = motion / unit[rows]
+                work, most = motion @ friction[0, rows], friction[1, rows] / unit[rows]
+                driven = abs(work) > SAME * most.max()
+                parts = np.split(-motion if work < 0.0 else motion, np.cumsum([numbers[k] for k in members])[:-1])
                 found[1].append(_can(some, np.array([body.velocity(part) for body, part in
-                                                     zip(some, parts, strict=True)])))
+                                                     zip(some, parts, strict=True)]), driven))
     return [*found[0], *found[1]]
 
 
@@ -181,7 +187,8 @@ def _null_space(A: np.ndarray, rounding: float = ROUNDING) -> np.ndarray:
     return np.linalg.solve(null[:, pivots], null)
 
 
-def _can(bodies: Sequence[MotionsOfBody], velocities: np.ndarray) -> str:
+def _can(bodies: Sequence[MotionsOfBody], velocities: np.ndarray, driven: bool) -> str:
+    """What bodies can do: the way that they are `driven`, or of both ways the one along the axes."""
     speeds = np.array([body.speed(v) for body, v in zip(bodies, velocities, strict=True)])
     lead = int(np.argmax(speeds))
     group = _moving_as(lead, bodies, velocities, SAME * speeds[lead])
@@ -189,13 +196,14 @@ def _can(bodies: Sequence[MotionsOfBody], velocities: np.ndarray) -> str:
     names = _names([bodies[k].name for k in group])
     others = [bodies[k].name for k in np.flatnonzero(speeds > SAME * speeds[lead]) if k not in group]
     if _is_translation(bodies[lead], v):
-        how = f"slide along {direction(_forwards(v[:d]))}"
-    else:  # both ways are possible; name the one along the axes
+        how = f"slide along {direction(v[:d] if driven else _forwards(v[:d]))}"
+    else:
         turning = _Turning.of([bodies[k] for k in group], bodies[lead], v)
         way = v[d:] if turning.pole else v[:d]
-        turning = _Turning.of([bodies[k] for k in group], bodies[lead], v if _forwards(way) is way else -v)
-        how = (f"turn about {turning.pole}" + " and move along it" * bool(turning.along) if turning.pole else
-               f"move along {direction(_forwards(v[:d]))} and turn{turning.axis}")
+        v = v if driven or _forwards(way) is way else -v
+        turning = _Turning.of([bodies[k] for k in group], bodies[lead], v)
+        how = (f"turn about {turning.pole}" + f" and move {turning.along} it" * bool(turning.along) if turning.pole else
+               f"move along {direction(v[:d])} and turn{turning.axis}")
     return f"{names} can {how}{f', {_names(others)} moving with it,' if others else ''} without any force"
 
 

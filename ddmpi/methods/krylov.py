@@ -302,6 +302,8 @@ class LinearProblem:
         rtol, atol = ksp.getTolerances()[:2]
         if not residual <= max(rtol * self._size, atol):
             return None
-        w = ksp.buildSolution().norm()
-        known = w >= SLENDER * self._size or residual <= max(rtol * w, atol)
+        w = ksp.buildSolution()
+        size = w.norm()
+        w.destroy()  # else it stays until PETSc collects garbage
+        known = size >= SLENDER * self._size or residual <= max(rtol * size, atol)
         return PETSc.KSP.ConvergedReason.CONVERGED_RTOL if known else None

@@ -57,15 +57,16 @@ def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
 
 def motions_without_resistance(assembly: Assembly) -> list[str]:
     """The rigid motions that no force of any contact resists, a sentence each, the same on all ranks. Collective."""
-    return _undetermined(assembly, lambda interface: sparse.identity(interface.size, format="csr"))
+    return _undetermined(assembly, lambda interface: (sparse.identity(interface.size, format="csr"),
+                                                      sparse.csr_matrix((1, interface.size))))
 
 
 def undetermined_motions(assembly: Assembly, contacts: Mapping[str, ContactState]) -> list[str]:
     """The rigid motions that no contact resists at the solution, a sentence each, the same on all ranks. Collective."""
 
-    def resists(interface: Interface) -> sparse.csr_matrix:
+    def resists(interface: Interface) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
         """Of each force that resists motions a row (size,): of closed nodes, of sticking ones, and where friction can
-        turn of slipping ones, across it."""
+        turn of slipping ones, across it; and the friction (1, size) of slipping nodes (N)."""
         state, law = contacts[interface.name], interface.law
         sticks = state.status[law.sliding] == "stick"
         s = np.concatenate([state.normal_force, state.tangential_force[law.sliding].ravel()])
@@ -79,27 +80,35 @@ def undetermined_motions(assembly: Assembly, contacts: Mapping[str, ContactState
             turned = sparse.block_diag([sparse.csr_matrix((0, law.m)), *across(friction)[:, :, 1:].transpose(0, 2, 1)],
                                        format="csr")
             parts.append(ROUNDING / ALONG * turned[np.flatnonzero(np.repeat(slips, law.components - 1))])
-        return sparse.vstack(parts, format="csr")
+        slipping = np.append(np.zeros(law.m), np.repeat(slips, law.components) * s[law.m:])
+        return sparse.vstack(parts, format="csr"), sparse.csr_matrix(slipping)
 
     return _undetermined(assembly, resists)
 
 
-def _undetermined(assembly: Assembly, chosen: Callable[[Interface], sparse.spmatrix]) -> list[str]:
+def _undetermined(assembly: Assembly, chosen: Callable[[Interface], tuple[sparse.spmatrix, ...]]) -> list[str]:
     """The rigid motions that none of the `chosen` forces, rows (·, size) by contact, resists, a sentence each.
 
-    Of each contact a triangular matrix R stands for all its forces F: RᵀR = FᵀF. Collective.
+    `chosen` also returns friction (1, size) that gives way. Of each contact a triangular matrix R stands for all its
+    forces F: RᵀR = FᵀF. Collective.
     """
     if not assembly.loose:
         return []
     own, Z, size = {}, assembly.joint.rigid.Z, assembly.joint.rigid.size
     for interface, part in assembly.space.each():
-        forces = (chosen(interface) @ Z[part]).tocsr()
+        rows, friction = chosen(interface)
+        forces = (rows @ Z[part]).tocsr()
         motions = np.unique(forces.indices)
         R = np.atleast_2d(np.linalg.qr(forces[:, motions].toarray(), mode="r"))
         own[interface.name] = sparse.csr_matrix((R.ravel(), np.tile(motions, len(R)), len(motions) * np.arange(
-            len(R) + 1)), (len(R), size))
+            len(R) + 1)), (len(R), size)), sparse.vstack([friction @ Z[part], abs(friction) @ abs(Z[part])])
     everyone, bodies = gathered(assembly.world, own), _with_partners(assembly)
-    return from_first(assembly.world, lambda: undetermined(sparse.vstack(list(everyone.values())).T, bodies))
+
+    def describe() -> list[str]:
+        forces, slipping = zip(*everyone.values(), strict=True)
+        return undetermined(sparse.vstack(forces).T, bodies, sum(slipping).toarray())
+
+    return from_first(assembly.world, describe)
 
 
 def describe_drift(assembly: Assembly, motions: np.ndarray) -> str:
