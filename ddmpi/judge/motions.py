@@ -147,7 +147,8 @@ def undetermined(G_active: np.ndarray, bodies: Sequence[MotionsOfBody],
     G_active : (nc, k) columns of G of the forces that resist: normal ones of closed nodes, tangential ones of
         nodes that stick, all of bonded contacts; or others with the same sums of squares; sparse or dense
     bodies : the loose ones, in the order of the rows
-    friction : (2, k) G s and |G||s| of friction at its limit: motions that it drives have one way
+    friction : (2, k) G s and |G||s| of the friction s at its limit (N): a motion against it is held, and the sentence
+        names the other way; left out, there is none
     """
     numbers = [body.basis.shape[1] for body in bodies]
     starts, owner = np.cumsum([0, *numbers]), np.repeat(np.arange(len(bodies)), numbers)

@@ -299,7 +299,9 @@ class LinearProblem:
 
     def _converged(self, ksp: PETSc.KSP, iteration: int, residual: float) -> PETSc.KSP.ConvergedReason | None:
         """Whether the residual is small beside the right-hand side, and beside the half-spaces' displacement w."""
-        rtol, atol = ksp.getTolerances()[:2]
+        rtol, atol, divtol, _ = ksp.getTolerances()
+        if residual > divtol * self._size:
+            return PETSc.KSP.ConvergedReason.DIVERGED_DTOL
         if not residual <= max(rtol * self._size, atol):
             return None
         w = ksp.buildSolution()
