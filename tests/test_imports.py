@@ -35,7 +35,7 @@ ASKS = re.compile(
 
 PLACES = {
     # of the laws: a box and two edges in the plane, discs and polygons in space; no friction turns in the plane
-    "interface/law": 3, "run/equilibrium": 1, "mesh/boundary": 1, "mesh/mesh": 1, "mesh/elements": 1,
+    "interface/law": 3, "run/equilibrium": 1, "mesh/boundary": 1, "mesh/elements": 1,
     "interface/interface": 2,
     # what the plane has and space has not, to be replaced with solids
     "surface/curve": 1, "interface/state": 1, "judge/motions": 1,
@@ -46,9 +46,8 @@ PLACES = {
     "results/tables": 2, "results/summary": 1, "run/report": 1,
     # a scene in the plane has plane strain or plane stress
     "scene/bodies": 1,
-    # by the kind of a side, and by what its facets are: pairs or rows at vertices, one rule or the other
-    "interface/matching": 1, "interface/mortar": 2, "mesh/refine": 1, "surface/cover": 1,
-    "surface/cut": 2, "results/fields": 1}
+    # by the kind of a side, and by what is drawn of it
+    "interface/mortar": 1, "surface/cover": 1, "results/fields": 1}
 """How often a module does so. The numbers only fall: everything else holds in any dimension."""
 
 MODULES = sorted(path.relative_to(PACKAGE).with_suffix("").as_posix() for path in PACKAGE.rglob("*.py"))

@@ -13,7 +13,7 @@ import scipy.sparse as sparse
 from ddmpi.body.stress import Composite, blocks, cell_temperature, gradients, portions, thermal
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import SHARPEST, boundary_group, group_nodes, outer_normals, turn_outward
-from ddmpi.mesh.elements import CELLS, FINE, RULES, circumference, curved_facets
+from ddmpi.mesh.elements import FINE, RULES, circumference, curved_facets
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, Traction
 from ddmpi.scene.values import AffineVector, Vector, evaluate, histories, varies
@@ -75,7 +75,7 @@ def resultants(mesh: Mesh, parts: Iterable[tuple[str, np.ndarray]]) -> dict[str,
 def _traction(mesh: Mesh, traction: Traction, key: str) -> np.ndarray:
     """Nodal loads (nv, d) in newtons of a traction, a pressure or a force; by tables where these are exact."""
     facets = turn_outward(mesh, boundary_group(mesh, traction.on, key), key)[0]
-    nodes, cell = mesh.points[facets], CELLS[mesh.dimension - 1, mesh.order]
+    nodes, cell = mesh.points[facets], mesh.cell.facet
     points, weights = FINE[cell.dimension]
     exact = ~(curved_facets(nodes) | varies(traction.given) | mesh.axisymmetric)
     f, area = np.zeros_like(mesh.points), 0.0
@@ -134,7 +134,7 @@ def springs(mesh: Mesh, body: BodySpec) -> Iterator[tuple[str, float, sparse.csr
     for foundation in body.foundation:
         key = f"body.{body.name}.foundation"
         facets = turn_outward(mesh, boundary_group(mesh, foundation.on, key), key)[0]
-        cell, d = CELLS[mesh.dimension - 1, mesh.order], mesh.dimension
+        cell, d = mesh.cell.facet, mesh.dimension
         points, weights = FINE[cell.dimension]
         vectors = cell.vectors(mesh.points[facets], points)
         size = np.linalg.norm(vectors, axis=0)

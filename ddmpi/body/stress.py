@@ -12,7 +12,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from ddmpi.mesh.boundary import material_numbers, turn_outward
-from ddmpi.mesh.elements import CELLS, FIRST, RULES, facet_measures, invert
+from ddmpi.mesh.elements import FIRST, RULES, facet_measures, invert, normals
 from ddmpi.mesh.mesh import BLOCK, Mesh, tangents
 from ddmpi.scene.bodies import BodySpec, Material
 
@@ -76,23 +76,22 @@ def modulus_beside(mesh: Mesh, material: Material | Composite, facets: np.ndarra
     if isinstance(material, Material) and material.shear is None:
         return material.plane_modulus
     facets, cells = turn_outward(mesh, facets, key)
-    corners = facets[:, :mesh.dimension]
-    normals = CELLS[mesh.dimension - 1, 1].vectors(mesh.points[corners], FIRST[mesh.dimension - 1][0])[:, 0].T
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    across = normals(mesh.points[facets[:, :mesh.dimension]])
+    across /= np.linalg.norm(across, axis=1)[:, None]
     kinds = material.materials if isinstance(material, Composite) else [material]
     number = material.number[cells] if isinstance(material, Composite) else np.zeros(len(cells), int)
-    moduli = np.array([moduli_along(each, normals) for each in kinds])[number, np.arange(len(cells))]
+    moduli = np.array([moduli_along(each, across) for each in kinds])[number, np.arange(len(cells))]
     measures = facet_measures(mesh.points[facets], mesh.axisymmetric)
     return float(measures.sum() / (measures / moduli).sum())
 
 
-def moduli_along(material: Material, normals: np.ndarray) -> np.ndarray:
+def moduli_along(material: Material, directions: np.ndarray) -> np.ndarray:
     """Plane moduli (k,) of a material along unit vectors (k, d) (Pa): under stress along these, while strain along one
     direction across them is held. In space the harmonic mean of two such directions; none is held in plane stress."""
     if material.shear is None:
-        return np.full(len(normals), material.plane_modulus)
-    S, (k, d) = material.compliance, normals.shape
-    n = np.pad(normals, ((0, 0), (0, 3 - d)))
+        return np.full(len(directions), material.plane_modulus)
+    S, (k, d) = material.compliance, directions.shape
+    n = np.pad(directions, ((0, 0), (0, 3 - d)))
     strains = np.einsum("ijkl,ni,nj->nkl", S, n, n)
     found = np.einsum("nkl,nk,nl->n", strains, n, n)
     across = [np.tile([0.0, 0.0, 1.0], (k, 1))]

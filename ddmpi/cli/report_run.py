@@ -10,6 +10,7 @@ from typing import Any
 
 from ddmpi import __version__
 from ddmpi.cli.report_markup import Cell, Column, Html, element, fill, noted, number, percent, picture, table
+from ddmpi.mesh.elements import ORDERS
 from ddmpi.results.folder import FILES
 from ddmpi.results.summary import RESIDUALS, units
 from ddmpi.scene.method import METHODS
@@ -151,7 +152,7 @@ class RunReport:
         found = {"m": sum(contact["m"] for contact in contacts), "nodes": ", ".join(counts), "of_step": self.of_step,
                  "depth": "depth" if len(self.axes) == 2 and not self.scene.get("axisymmetric") else "",
                  "estimate": percent(self.error["energy_norm"]), "body_number": len(self.bodies),
-                 "elements": ("linear", "quadratic")[self.summary["order"] - 1]}
+                 "elements": ORDERS[self.summary["order"]]}
         if not {contact["friction"] for contact in contacts} <= {"none", "bonded"}:
             found["dissipated"] = number(sum(each["dissipated"] or 0.0 for each in contacts), unit=self.units["energy"])
         for name, entries, key, unit in (("displacement", self.bodies, "displacement_max", "length"),

@@ -16,7 +16,7 @@ from ddmpi.interface.interface import Interface, Lines, in_order
 from ddmpi.interface.rows import Rows, build, without_rounding
 from ddmpi.interface.vertices import rows_at_vertices
 from ddmpi.mesh.boundary import links, segments
-from ddmpi.mesh.elements import CELLS, RULES, circumference, facet_measures
+from ddmpi.mesh.elements import circumference, facet_measures
 from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.surface.cover import DEEPEST, FACING, Cover, cover
 from ddmpi.surface.cut import stretch
@@ -99,9 +99,9 @@ def face_rigid(side: Side, rigid: Rigid, contact: SettledContact) -> Interface:
     clamps[:, rigid.pushed] = -1
     partner = replace(side, body=rigid.name, modulus=np.inf, xy=side.xy - measured[:, None] * outward, normal=outward,
                       clamps=clamps, free=(clamps < 0)[:, :, None] * np.eye(side.dimension))
-    if side.facets.shape[1] == 6:
+    if not side.cell.bears:
         over, looked = (_over_rigid(side, rigid, np.flatnonzero(towards), *rule) for rule in (
-            RULES[2], (CELLS[2, 2].nodes, np.zeros(6))))
+            side.cell.rule, (side.cell.nodes, np.zeros(len(side.cell.nodes)))))
         rows = rows_at_vertices((side, partner), 0, over, looked, contact)
     else:
         rows = pairs((side, partner), here, here, -outward[here], side.lengths_over(towards)[here], measured[here],
@@ -117,9 +117,9 @@ def _over_rigid(side: Side, rigid: Rigid, some: np.ndarray, where: np.ndarray, w
     """Points `where` (p, 3), with weights (p,), on some facets (n,) of a side in space that a rigid surface faces, with
     themselves as partners."""
     facet, at = np.repeat(some, len(where)), np.tile(where, (len(some), 1))
-    outward, gap = rigid.facing(np.einsum("qc,qcd->qd", at, side.xy[side.facets[facet, :3]]))
+    outward, gap = rigid.facing(np.einsum("qc,qcd->qd", at, side.xy[side.corners[facet]]))
     outward = np.where(outward.any(axis=1, keepdims=True), outward, -side.outward[facet])
-    weight = np.tile(weights, len(some)) * facet_measures(side.xy[side.facets[:, :3]])[facet]
+    weight = np.tile(weights, len(some)) * facet_measures(side.xy[side.corners])[facet]
     return Cover(facet, at, facet, at, weight * stretch(side, facet, at), -outward,
                  gap - side.bulge(facet, at, -outward))
 

@@ -25,7 +25,6 @@ from ddmpi.interface.matching import pair
 from ddmpi.interface.rows import Rows, at_points, build, duals, holds_along, is_held, means, without_rounding
 from ddmpi.interface.vertices import BARELY, LACKING, UNCOVERED, rows_at_vertices
 from ddmpi.mesh.boundary import segments
-from ddmpi.mesh.elements import shapes_on_side as shapes
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.surface.cover import Cover, corners, cover, faced_arc
 from ddmpi.surface.patch import Patch
@@ -40,11 +39,11 @@ UNSEEN = 1e-7
 
 def connect(first: Side, second: Side, contact: SettledContact, refinement: int = 1) -> Interface:
     """The interface of two sides, as `pair` or `mortar`: by pairs where nodes match, or as `contact.pairing` says."""
-    quadratic = max(side.facets.shape[1] for side in (first, second)) == 6
-    if contact.pairing == "nodes" and quadratic:
+    paired = first.cell.bears and second.cell.bears
+    if contact.pairing == "nodes" and not paired:
         raise InputError(f"contact.{contact.name}.pairing: pairs of nodes are for linear tetrahedra, as corners of "
                          "quadratic ones carry no pressure; leave it out")
-    if contact.pairing != "mortar" and not quadratic:
+    if contact.pairing != "mortar" and paired:
         try:
             return pair(first, second, contact, refinement)
         except InputError:
@@ -90,7 +89,7 @@ def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
     own = _choose_slave(
         sides, contact,
         [bool(is_held(side.normal[some], side.free[some]).all()) for side, some in zip(sides, nodes, strict=True)],
-        [float(side.areas[some].mean()) / (side.facets.shape[1] - 1) for side, some in zip(sides, faced, strict=True)])
+        [float(side.areas[some].mean()) / len(side.cell.parts) for side, some in zip(sides, faced, strict=True)])
     side, over = sides[own], covers[own]
     assert over is not None
     root = _merged(side, over)
@@ -109,9 +108,9 @@ def _not_facing(first: Side, second: Side, name: str) -> InputError:
 
 def _functions(side: Side, over: Cover) -> tuple[np.ndarray, np.ndarray]:
     """`duals` of the slave, and its shape functions φ (q, 2 or 3); of a sliver the nearest corner has one alone."""
-    phi = shapes(over.at, side.facets.shape[1])
-    share, middle = (np.bincount(over.facet, each, len(side.facets)) for each in (over.weight, over.weight * over.at))
-    nearest = np.arange(phi.shape[1]) == np.where(middle < 0.5 * share, 0, 1)[:, None]
+    phi = side.cell.shapes(over.at)
+    middle = nodal(over.weight[:, None] * over.at, over.facet, len(side.facets))
+    nearest = np.arange(phi.shape[1]) == middle.argmax(axis=1)[:, None]
     return duals(side, over, phi, SLIVER, nearest[over.facet]), phi
 
 
@@ -142,7 +141,7 @@ def _rows(sides: tuple[Side, Side], own: int, over: Cover, root: np.ndarray) -> 
     psi = at_points(weighted, row, len(nodes)).T
     area = psi @ np.ones(len(row))
     at = (at_points(phi, side.facets[over.facet], len(side.nodes)),
-          at_points(shapes(over.there, other.facets.shape[1]), other.facets[over.other], len(other.nodes)))
+          at_points(other.cell.shapes(over.there), other.facets[over.other], len(other.nodes)))
     S, P = (means(psi @ each, area) for each in at)
     seen, met = np.zeros(len(side.facets), bool), np.zeros(len(other.facets), bool)
     seen[over.facet], met[over.other] = True, True
@@ -185,7 +184,7 @@ def _tied_ends(rows: Rows) -> np.ndarray:
     """The last rows at ends of the slave's covered part where both bodies are `tied`, the other at its nearest node."""
     side, other = rows.sides[rows.own], rows.sides[1 - rows.own]
     facets = side.facets[rows.seen]
-    ends = np.flatnonzero(np.bincount(facets[:, :2].ravel(), minlength=len(side.nodes)) == 1)
+    ends = np.flatnonzero(np.bincount(side.corners[rows.seen].ravel(), minlength=len(side.nodes)) == 1)
     ends = ends[side.tied[ends] & other.tied[cKDTree(other.xy).query(side.xy[ends])[1]]]
     last = rows.place[facets[(facets == ends[:, None, None]).any(axis=2).argmax(axis=1)]]
     away = np.linalg.norm(side.xy[rows.nodes[last]] - side.xy[ends][:, None], axis=2)
@@ -229,7 +228,5 @@ def _lines(side: Side, nodes: np.ndarray, place: np.ndarray, area: np.ndarray, S
 
 def _normals(side: Side, some: np.ndarray) -> np.ndarray:
     """Unit normals (k, 2) of the arcs over some of the facets (f,) bool, averaged with their lengths; else zero."""
-    fans = side.fans[some]
-    if side.facets.shape[1] == 3:
-        fans = np.concatenate([fans, unit(fans.sum(axis=1))[:, None]], axis=1)
+    fans = unit(side.cell.nodes @ side.fans[some])
     return unit(nodal(side.lengths[some, None, None] * fans, side.facets[some], len(side.nodes)))

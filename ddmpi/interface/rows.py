@@ -93,8 +93,7 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
         return np.concatenate([values[keep, 0], values[keep[sliding], 1:].ravel()])
 
     number = np.append(np.where(dropped, -1, np.cumsum(~dropped) - 1), -1)  # of the rows that are kept
-    corners = slice(None) if frame.shape[2] == 2 else slice(3)  # in space rows stand at vertices
-    facets = number[rows.place[side.facets[rows.whole][:, corners]]]
+    facets = number[rows.place[(side.facets if side.cell.bears else side.corners)[rows.whole]]]
     row = number[np.where(rows.bound, -1, rows.place)]
     lines = rows.lines and replace(rows.lines, row=number[rows.lines.row]).only(~dropped[rows.lines.row])
     nodes, transfers = zip(*(_used(each, transfer[keep]) for each, transfer in zip(sides, rows.transfers, strict=True)),

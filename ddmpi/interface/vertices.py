@@ -20,7 +20,6 @@ import scipy.sparse as sparse
 from ddmpi.interface.interface import Lines, Places
 from ddmpi.interface.rows import Rows, at_points, duals, holds_along, means, without_rounding
 from ddmpi.mesh.boundary import creases, links
-from ddmpi.mesh.elements import cell_with
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.surface.cover import Cover
 from ddmpi.surface.side import Side, nodal, unit
@@ -50,15 +49,15 @@ def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, looked: Co
     side, bonded = sides[own], contact.kind == "bonded"
     seen = np.isin(np.arange(len(side.facets)), over.facet)
     psi, met = _functions(side, over, bonded), np.zeros(len(side.nodes), bool)
-    full = nodal(np.repeat(side.lengths[:, None] / 3.0, 3, axis=1), side.facets[:, :3], len(met))  # ∫ of hats
-    met[side.facets[seen, :3]] = True
+    full = nodal(np.repeat(side.lengths[:, None] / 3.0, 3, axis=1), side.corners, len(met))  # ∫ of hats
+    met[side.corners[seen]] = True
     D = np.asarray(psi.sum(axis=0)).ravel()
     shares = (UNCOVERED * full > D) | (is_touched(side.free) if bonded else ~side.free.any(axis=(1, 2)))
     also = shares | _meets_others(side, D, full)
     if _spread(side.xy[~also & met]):  # else rows in a line would be a hinge, which the bodies do not have
         shares = also
     shares[~met] = False
-    pairs, size = links(side.facets[seen, :3], 3), len(side.nodes)
+    pairs, size = links(side.corners[seen], 3), len(side.nodes)
     near = sparse.csr_matrix((np.ones(2 * len(pairs)), np.concatenate([pairs, pairs[:, ::-1]]).T), (size, size))
     rows = _rows(sides, own, over, psi, _shared(met, shares, near), seen)
     held = _hardly_move(rows, holds_along(contact) and np.isfinite(sides[1 - own].modulus))
@@ -74,7 +73,7 @@ def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, looked: Co
 def _functions(side: Side, over: Cover, hats: bool) -> sparse.csr_matrix:
     """w ψ (q, k) of the slave's nodes at the points, with their weights."""
     weighted = over.weight[:, None] * over.at if hats else duals(side, over, over.at, SLIVER, 1.0 / 3.0)
-    return at_points(weighted, side.facets[over.facet, :3], len(side.nodes))
+    return at_points(weighted, side.corners[over.facet], len(side.nodes))
 
 
 def _meets_others(side: Side, D: np.ndarray, full: np.ndarray) -> np.ndarray:
@@ -82,7 +81,7 @@ def _meets_others(side: Side, D: np.ndarray, full: np.ndarray) -> np.ndarray:
     group begins, and, where other contacts are on the same group, where what this one covers (k,) of all (k,) ends.
     """
     rim = np.zeros(len(side.nodes), bool)
-    rim[creases(side.xy, side.facets[:, :3], side.outward).rim] = True
+    rim[creases(side.xy, side.corners, side.outward).rim] = True
     partly = (1.0 - UNCOVERED) * full > D
     return (rim & side.tied) | (partly & side.parted)
 
@@ -125,17 +124,17 @@ def _rows(sides: tuple[Side, Side], own: int, over: Cover, psi: sparse.csr_matri
     area = theta @ np.ones(theta.shape[1])
     at = (_shapes(side, over.facet, over.at), _shapes(other, over.other, over.there))
     S, P = (means(theta @ each, area) for each in at)
-    across = -means(theta @ at_points(over.there, other.facets[over.other, :3], len(other.nodes)), area) @ other.normal
+    across = -means(theta @ at_points(over.there, other.corners[over.other], len(other.nodes)), area) @ other.normal
     if np.isfinite(other.modulus):  # that of a rigid partner counts alone
-        across += means(theta @ at_points(over.at, side.facets[over.facet, :3], len(side.nodes)), area) @ side.normal
+        across += means(theta @ at_points(over.at, side.corners[over.facet], len(side.nodes)), area) @ side.normal
     normal = unit(across)
     gap = theta @ over.gap / area * np.einsum("ij,ij->i", unit(theta @ over.direction), normal)
     gap = without_rounding(gap, side.spacing[nodes])
     share = np.bincount(over.facet, over.weight, len(seen))
-    kept = (place[side.facets[:, :3]] >= 0).all(axis=1)
+    kept = (place[side.corners] >= 0).all(axis=1)
     whole = seen & (share >= (1.0 - LACKING) * side.lengths) & kept
     first, sign = (1, 1.0) if own == 0 else (-1, -1.0)
-    drawn = place[side.facets[seen & kept, :3]]
+    drawn = place[side.corners[seen & kept]]
     return Rows(sides, own, nodes, place, seen, (S, P)[::first], sign * normal, area, gap, np.zeros(len(nodes)),
                 np.zeros(len(place), bool), whole, Lines(np.arange(len(nodes)), side.xy[nodes], area, drawn))
 
@@ -153,5 +152,4 @@ def _hardly_move(rows: Rows, tangential: bool) -> np.ndarray:
 
 def _shapes(side: Side, facet: np.ndarray, at: np.ndarray) -> sparse.csr_matrix:
     """(q, k) how points on facets move with the nodes of the side."""
-    facets = side.facets[facet]
-    return at_points(cell_with(2, facets.shape[1]).shapes(at), facets, len(side.nodes))
+    return at_points(side.cell.shapes(at), side.facets[facet], len(side.nodes))

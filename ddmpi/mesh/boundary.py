@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.elements import CELLS, FIRST, cell_with
+from ddmpi.mesh.elements import CELLS, cell_with, normals
 from ddmpi.mesh.mesh import PHYSICAL, Mesh, boundary_facets
 from ddmpi.mesh.refine import KINDS, distinct, simplices
 from ddmpi.scene.bodies import BodySpec
@@ -33,7 +33,7 @@ def boundary_group(mesh: Mesh, name: str, key: str) -> np.ndarray:
         raise InputError(f"{key}: the mesh has no boundary group {name!r}{nearest(name, list(mesh.groups))} (it has "
                          f"{of})")
     if len(mesh.groups[name]) == 0:
-        raise InputError(f"{key}: the boundary group {name!r} of the mesh has a name, but no {mesh.cell.facet_names}")
+        raise InputError(f"{key}: the boundary group {name!r} of the mesh has a name, but no {mesh.cell.facet.names}")
     return mesh.groups[name]
 
 
@@ -98,15 +98,14 @@ def turn_outward(mesh: Mesh, facets: np.ndarray, key: str) -> tuple[np.ndarray, 
     found = place[number.ravel()[len(outer):]]
     if (found < 0).any():
         at = in_words(mesh.points[facets[found < 0][0, :d]].mean(axis=0))
-        raise InputError(f"{key}: the group has {mesh.cell.facet_names} that are not on the body's boundary, as at "
+        raise InputError(f"{key}: the group has {mesh.cell.facet.names} that are not on the body's boundary, as at "
                          f"{at}")
     return outer[found], owners[found]
 
 
 def segments(edges: np.ndarray) -> np.ndarray:
     """Pairs (·, 2) of neighbouring nodes on edges (k, 2 or 3), in the edges' direction."""
-    walk = np.column_stack([edges[:, 0], edges[:, 2:], edges[:, 1]])
-    return np.concatenate([walk[:, i:i + 2] for i in range(walk.shape[1] - 1)])
+    return cell_with(edges.shape[1], 1).split(edges)
 
 
 def links(facets: np.ndarray, dimension: int) -> np.ndarray:
@@ -114,9 +113,9 @@ def links(facets: np.ndarray, dimension: int) -> np.ndarray:
 
     In the plane in the direction of the facets, and in their order; in space the lower node first.
     """
-    cell = cell_with(dimension - 1, facets.shape[1])
     if dimension == 2:
         return segments(facets)
+    cell = cell_with(facets.shape[1], dimension - 1)
     return np.unique(np.sort(segments(facets[:, cell.edges].reshape(-1, cell.edges.shape[1])), axis=1), axis=0)
 
 
@@ -129,9 +128,9 @@ def outer_normals(mesh: Mesh, name: str, key: str) -> tuple[np.ndarray, np.ndarr
     """
     d = mesh.dimension
     facets = turn_outward(mesh, boundary_group(mesh, name, key), key)[0]
-    corners = facets[:, CELLS[d - 1, mesh.order].parts].reshape(-1, d)
+    corners = facets[:, mesh.cell.facet.parts].reshape(-1, d)
     points = mesh.points[corners]
-    outward = CELLS[d - 1, 1].vectors(points, FIRST[d - 1][0])[:, 0].T
+    outward = normals(points)
     found = creases(mesh.points, corners, outward)
     sharp = np.flatnonzero(np.abs(found.turn) > SHARPEST)
     if len(sharp):

@@ -44,8 +44,18 @@ INSIDE = {3: np.array([[[4, 9, a, b] for a, b in ((5, 6), (6, 7), (7, 8), (8, 5)
 NAMES = {0: ("point", "points"), 1: ("line", "lines"), 2: ("triangle", "triangles"), 3: ("tetrahedron", "tetrahedra")}
 """One and several, by dimension."""
 
+TOPOLOGY = {(1, 1): "Polyline", (2, 1): "Triangle", (2, 2): "Triangle_6",
+            (3, 1): "Tetrahedron", (3, 2): "Tetrahedron_10"}
+"""What XDMF calls cells, by dimension and order."""
+
+ORDERS = {1: "linear", 2: "quadratic"}
+"""What elements are called, by order."""
+
 REGULAR = {2: 3**0.5 / 4, 3: 2**0.5 / 12}
 """Area of the triangle, volume of the tetrahedron, with edges of length one."""
+
+SMALL = 1e-9
+"""Integrals of shape functions below this part of a cell's measure are zero."""
 
 BENT = 1e-9
 """An edge is curved if its middle is off the midpoint of its chord by more than this part of the chord's length."""
@@ -121,11 +131,31 @@ class Cell:
     @property
     def title(self) -> str:
         """Its order and name, of several."""
-        return f"{('linear', 'quadratic')[self.order - 1]} {self.names}"
+        return f"{ORDERS[self.order]} {self.names}"
 
     @property
-    def facet_names(self) -> str:
-        return NAMES[self.dimension - 1][1]
+    def topology(self) -> str:
+        """What XDMF calls it."""
+        return TOPOLOGY[self.dimension, self.order]
+
+    @property
+    def facet(self) -> Cell:
+        """What its facets are in themselves."""
+        return CELLS[self.dimension - 1, self.order]
+
+    @property
+    def linear(self) -> bool:
+        """Whether its shape functions are linear: its edges are straight, and stresses in it constant."""
+        return self.order == 1
+
+    @property
+    def bears(self) -> bool:
+        """Whether a constant pressure acts on all of its nodes, as it does not on corners of quadratic triangles."""
+        return bool((self.mass.sum(axis=1) > SMALL).all())
+
+    def split(self, nodes: np.ndarray) -> np.ndarray:
+        """The corners (·, d + 1) of linear simplices that cells with `nodes` (n, k) are cut into, first parts first."""
+        return nodes[:, self.parts].swapaxes(0, 1).reshape(-1, self.parts.shape[1])
 
     @cached_property
     def mass(self) -> np.ndarray:
@@ -254,9 +284,10 @@ CELLS = {(dimension, order): _lagrange(dimension, order) for dimension in EDGES 
 """By dimension and order."""
 
 
-def cell_with(dimension: int, number: int) -> Cell:
-    """The cell of a dimension with so many nodes."""
-    return next(cell for cell in CELLS.values() if (cell.dimension, len(cell.nodes)) == (dimension, number))
+def cell_with(number: int, dimension: int | None = None) -> Cell:
+    """The cell with so many nodes, of a dimension or else of the largest one."""
+    return next(cell for (d, _), cell in reversed(CELLS.items())
+                if len(cell.nodes) == number and dimension in (None, d))
 
 
 def cross(rows: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
@@ -304,7 +335,13 @@ def bends(edges: np.ndarray, least: float = BENT) -> np.ndarray:
 
 def facet_cell(facets: np.ndarray) -> Cell:
     """What facets with nodes (s, l, D) are in themselves."""
-    return cell_with(facets.shape[2] - 1, facets.shape[1])
+    return cell_with(facets.shape[1], facets.shape[2] - 1)
+
+
+def normals(facets: np.ndarray) -> np.ndarray:
+    """Outer normals (s, d) of plane facets by their corners (s, d, d), as long as their measures (m or m²)."""
+    cell = facet_cell(facets)
+    return cell.vectors(facets, FIRST[cell.dimension][0])[:, 0].T
 
 
 def curved_facets(facets: np.ndarray) -> np.ndarray:
@@ -334,6 +371,6 @@ def facet_shares(facets: np.ndarray, axisymmetric: bool = False) -> np.ndarray:
     return found
 
 
-def shapes_on_side(at: np.ndarray, number: int) -> np.ndarray:
-    """The shape functions (…, 2 or 3) of a line's ends and middle at its parameters (…), from 0 to 1."""
-    return CELLS[1, number - 1].shapes(np.stack([1.0 - at, at], axis=-1))
+def on_line(at: np.ndarray) -> np.ndarray:
+    """The barycentric coordinates (…, 2) of places on a line by their parameters (…), from 0 to 1."""
+    return np.stack([1.0 - at, at], axis=-1)

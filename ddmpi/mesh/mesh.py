@@ -13,7 +13,7 @@ from math import factorial
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.elements import CELLS, RULES, Cell, Mapped, bends, cell_with, cross
+from ddmpi.mesh.elements import RULES, Cell, Mapped, bends, cell_with, cross
 from ddmpi.system.numbers import in_words
 
 MEASURE = {2: "area", 3: "volume"}
@@ -65,7 +65,7 @@ class Mesh:
     @property
     def cell(self) -> Cell:
         """The reference cell."""
-        return cell_with(self.dimension, self.triangles.shape[1])
+        return cell_with(self.triangles.shape[1])
 
     @property
     def corners(self) -> np.ndarray:
@@ -80,7 +80,7 @@ class Mesh:
     @cached_property
     def curved(self) -> np.ndarray:
         """(nc,) the numbers of the cells that have a curved edge."""
-        if self.order == 1:
+        if self.cell.linear:
             return np.empty(0, int)
         off = np.zeros(len(self.triangles), bool)  # as nearly all edges of most meshes are straight to the last bit
         start, end, middle = self.cell.edges.T
@@ -136,7 +136,7 @@ class Mesh:
 
 def boundary_facets(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The facets (f, l) that belong to one of the cells (nt, k) only, turned outward, and the cell (f,) of each."""
-    cell = next(each for (dimension, _), each in CELLS.items() if dimension > 1 and len(each.nodes) == cells.shape[1])
+    cell = cell_with(cells.shape[1])
     facets = cells[:, cell.facets].reshape(-1, cell.facets.shape[1])
     corners = np.sort(facets[:, :cell.dimension], axis=1).T
     order = np.lexsort(corners)

@@ -69,13 +69,14 @@ def read_mesh(path: Path, body: str, order: Literal[1, 2] = 1, label: str = "") 
     label = label or f"body.{body}.mesh.file: {path}"
     raw = _load(path, label)
     d, _ = _kind(raw)
+    kind = CELLS[d, order]
     other = sorted({c.type for c in raw.cells} - {kind for kinds in KINDS.values() for kind in kinds})
     if other:
         raise InputError(f"{label} has elements of type {', '.join(other)}; only triangles, quadrilaterals, "
                          "tetrahedra, hexahedra, prisms, pyramids and lines of first or second order are supported")
     if not (np.abs(raw.points) <= LARGEST).all():
         raise InputError(f"{label} has coordinates that are not numbers, or above {LARGEST:g}")
-    cells, bends, element, cut = simplices(raw, d, raw.points[:, :d], order == 2)
+    cells, bends, element, cut = simplices(raw, d, raw.points[:, :d], not kind.linear)
     first, place = distinct(cells)
     cells, bends = cells[first], bends[first]
     if len(cells) == 0:
@@ -95,14 +96,14 @@ def read_mesh(path: Path, body: str, order: Literal[1, 2] = 1, label: str = "") 
     curves = {name: number[lines][(number[lines] >= 0).all(axis=1)] for name, lines in curves.items()}
     vertices = {name: number[nodes][number[nodes] >= 0] for name, nodes in vertices.items()}
     if any((facets < 0).any() for facets in groups.values()):
-        raise InputError(f"{label} has boundary {CELLS[d, 1].facet_names} that belong to no {CELLS[d, 1].name}")
+        raise InputError(f"{label} has boundary {kind.facet.names} that belong to no {kind.name}")
     measure = signed_measures(points, cells)
     if np.abs(measure).min() <= FLAT ** (d / 2) * np.abs(measure).max():
-        raise InputError(f"{label} has {CELLS[d, 1].names} without {MEASURE[d]}")
+        raise InputError(f"{label} has {kind.names} without {MEASURE[d]}")
     turned, swap = measure < 0, [*range(d - 1), d, d - 1]
     cells[turned] = cells[turned][:, swap]
     mesh = Mesh(points, cells, groups, vertices, surfaces, cut, curves)
-    if order == 1:
+    if kind.linear:
         return mesh
     ends = [{swap[a], swap[b]} for a, b in EDGES[d]]
     bends[turned] = bends[turned][:, [ends.index(set(edge)) for edge in EDGES[d]]]

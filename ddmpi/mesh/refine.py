@@ -9,7 +9,7 @@ import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.elements import CELLS, CORNERS_CUT, EDGES, INSIDE, bends
+from ddmpi.mesh.elements import CELLS, CORNERS_CUT, EDGES, INSIDE, bends, cell_with
 from ddmpi.mesh.mesh import Mesh, signed_measures
 
 KINDS: dict[int, tuple[str, ...]] = {
@@ -63,15 +63,17 @@ class Sizes:
     sizes: np.ndarray
 
 
-def raise_order(mesh: Mesh, key: str) -> Mesh:
-    """The mesh of order 2 whose first nodes are those of `mesh`, which has order 1.
+def raise_order(mesh: Mesh, key: str, order: int | None = 2) -> Mesh:
+    """The mesh of order 2 whose first nodes are those of `mesh`; `mesh` itself if it has at least the `order`.
 
     Not collective. Raises InputError, naming `key`, where lines or triangles of a group are not sides of cells.
     """
+    if mesh.order >= (order or 1):
+        return mesh
     size = len(mesh.points)
 
     def keys(cells: np.ndarray) -> np.ndarray:
-        edges = cells[:, CELLS[cells.shape[1] - 1, 1].edges]
+        edges = cells[:, cell_with(cells.shape[1]).edges]
         return edges.min(axis=-1) * size + edges.max(axis=-1)
 
     def raised(groups: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -80,7 +82,7 @@ def raise_order(mesh: Mesh, key: str) -> Mesh:
             wanted = keys(facets)
             place = np.minimum(np.searchsorted(edges, wanted), len(edges) - 1)
             if not np.array_equal(edges[place], wanted):
-                raise InputError(f"{key}: the group {name!r} has {CELLS[facets.shape[1] - 1, 1].names} that are not "
+                raise InputError(f"{key}: the group {name!r} has {cell_with(facets.shape[1]).names} that are not "
                                  f"sides of {mesh.cell.names}")
             found[name] = np.column_stack([facets, size + place])
         return found
@@ -110,17 +112,17 @@ def halve(mesh: Mesh, key: str) -> Mesh:
     What is left of a tetrahedron without its corners is cut around its shortest diagonal (Bey 1995). Curved cells are
     cut where their maps have them. Not collective. Raises InputError as `raise_order` does.
     """
-    fine = raise_order(mesh, key) if mesh.order == 1 else mesh
+    fine = raise_order(mesh, key)
     parts = _parts(fine)
     number, d = parts.shape[1], mesh.dimension
     halved = replace(
         mesh, points=fine.points,
         triangles=np.take_along_axis(fine.triangles[:, None], parts, axis=2).reshape(-1, d + 1),
-        groups={name: cut(facets) for name, facets in fine.groups.items()},
-        curves={name: cut(lines) for name, lines in fine.curves.items()},
+        groups={name: fine.cell.facet.split(facets) for name, facets in fine.groups.items()},
+        curves={name: CELLS[1, fine.order].split(lines) for name, lines in fine.curves.items()},
         surfaces={name: (number * members[:, None] + np.arange(number)).ravel()
                   for name, members in mesh.surfaces.items()})
-    if mesh.order == 1:
+    if mesh.cell.linear:
         return halved
     # in the middle of a step v, the map's 4 λ_i λ_j of an edge is off its chord by −v_i v_j
     (i, j), bends = fine.cell.edges[:, :2].T, np.zeros((len(parts), number, len(fine.cell.edges), d))
@@ -128,12 +130,6 @@ def halve(mesh: Mesh, key: str) -> Mesh:
         steps = np.diff(fine.cell.nodes[parts[cells][:, :, fine.cell.edges[:, :2]]], axis=3)[:, :, :, 0]
         bends[cells] = np.einsum("tpef,tfd->tped", -steps[..., i] * steps[..., j], mesh.bends[cells])
     return bend(raise_order(halved, key), bends.reshape(-1, *bends.shape[2:]))
-
-
-def cut(facets: np.ndarray) -> np.ndarray:
-    """Facets or lines (k, l) of order 2 cut into those of order 1 between their nodes: first parts come first."""
-    dimension = 1 if facets.shape[1] == 3 else 2
-    return facets[:, CORNERS_CUT[dimension]].swapaxes(0, 1).reshape(-1, dimension + 1)
 
 
 def simplices(raw, d: int, points: np.ndarray, curved: bool = False

@@ -18,9 +18,6 @@ from ddmpi.results.tables import Columns, Results, leg_values
 from ddmpi.system.agreement import agreed
 from ddmpi.system.files import contact_files, write_parts, write_rows, writing
 
-TOPOLOGY = {2: "Polyline", 3: "Triangle", 6: "Triangle_6", 4: "Tetrahedron", 10: "Tetrahedron_10"}
-"""What XDMF calls lines, triangles and tetrahedra, by their number of nodes."""
-
 KIND = {1: "Scalar", 3: "Vector", 6: "Tensor6"}
 """What XDMF calls a field, by its number of components."""
 
@@ -340,8 +337,9 @@ def _describe(grid: Any, fields: Mapping[str, Any], part: tuple[np.ndarray, np.n
         if name == "points":
             parent = _element("Geometry", grid, GeometryType="XYZ")
         elif name == "cells":
-            parent = _element("Topology", grid, TopologyType=TOPOLOGY[data.shape[1]], NumberOfElements=str(number))
-            if data.shape[1] == 2:
+            topology = cell_with(data.shape[1]).topology
+            parent = _element("Topology", grid, TopologyType=topology, NumberOfElements=str(number))
+            if topology == "Polyline":
                 parent.set("NodesPerElement", "2")
             if part is not None:
                 parent.set("BaseOffset", str(part[0][0]))
@@ -369,7 +367,7 @@ def _padded(array: np.ndarray) -> np.ndarray:
 
 def linear_triangles(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Cells (nt, k) in the plane as triangles between neighbouring nodes, and the cell that each is part of."""
-    parts = cell_with(2, cells.shape[1]).parts
+    parts = cell_with(cells.shape[1]).parts
     return cells[:, parts].reshape(-1, 3), np.repeat(np.arange(len(cells)), len(parts))
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ddmpi.errors import DdmpiError, InputError
 from ddmpi.interface.state import ContactState, signed
-from ddmpi.mesh.elements import CELLS, circumference, facet_measures
+from ddmpi.mesh.elements import cell_with, circumference, facet_measures
 from ddmpi.system.files import contact_files, writing
 
 FORMAT = 2
@@ -282,7 +282,7 @@ class Results:
     @property
     def dimension(self) -> int:
         """That of the cells."""
-        return next(d for (d, _), cell in CELLS.items() if d > 1 and len(cell.nodes) == self.fields["cells"].shape[1])
+        return cell_with(self.fields["cells"].shape[1]).dimension
 
     @property
     def axisymmetric(self) -> bool:
@@ -322,7 +322,7 @@ def read_results(folder: str | Path) -> Results:
             if "/" in name:
                 raise ValueError(f"the contact {name!r} is no part of a file's name")
         tables = {name: folder / contact_files(name).table for name in summary["contacts"]}
-        sides = {name: folder / contact_files(name).sides for name in tables if summary["order"] == 2}
+        sides = {name: folder / contact_files(name).sides for name in tables}
         with h5py.File(folder / "result.h5", "r") as file:
             fields = {name: data[()] for name, data in file.items() if isinstance(data, h5py.Dataset)}
             drawn = {name: {key: data[()] for key, data in group.items()}

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ddmpi.mesh.elements import on_line
 from ddmpi.surface.curve import Curve
 from ddmpi.surface.cut import cut
 from ddmpi.surface.side import Side, cross, unit
@@ -36,8 +37,7 @@ class Cover:
 
     Attributes
     ----------
-    facet, at : (q,) the slave's facet of each point, and where on it, the parameter from 0 to 1; in space (q, 3)
-        barycentric coordinates
+    facet, at : (q,) the slave's facet of each point, and (q, d) where on it, by barycentric coordinates
     other, there : the same of the point that it faces
     weight : (q,) parts of the length or area of the slave's facets, around an axis of their areas (m or m²)
     direction : (q, d) unit normal along which the other side is looked for
@@ -87,7 +87,7 @@ def corners(over: Cover) -> Cover:
 def _along(slave: Curve, master: Curve, depth: np.ndarray) -> Cover:
     """`cover` in the plane, where facets (f,) count up to their `depth` behind the slave."""
     outward = slave.outward
-    own, corners, fans = (slave.xy[slave.facets[:, :2]], master.xy[master.facets[:, :2]], slave.fans)
+    own, corners, fans = slave.xy[slave.corners], master.xy[master.corners], slave.fans
     length = np.linalg.norm(slave.along, axis=1)
     facet, one = _swept(corners, own, fans)
     facing = np.einsum("pi,pi->p", outward[facet], master.outward[one]) < FACING
@@ -115,14 +115,14 @@ def _along(slave: Curve, master: Curve, depth: np.ndarray) -> Cover:
     on = slave.parameters(facet, at, outward[facet])
     ratio = ratio * slave.around(facet, on)
     there = np.clip(there + height * cross(outward[facet], ray) / cross(master.along[one], ray), 0.0, 1.0)
-    return Cover(facet, on, one, master.parameters(one, there, ray), weight * ratio, ray, gap)
+    return Cover(facet, on_line(on), one, on_line(master.parameters(one, there, ray)), weight * ratio, ray, gap)
 
 
 def faced_arc(xy: np.ndarray, rows: np.ndarray, over: Cover, master: Side) -> np.ndarray:
     """Arc lengths (m,) of the master's places nearest to `xy` (m, 2), on facets that the rows (q, c) of points face.
     Not collective."""
     row, facet = np.unique(np.stack([rows.ravel(), np.repeat(over.other, rows.shape[1])]), axis=1)
-    start, end = master.facets[facet, :2].T
+    start, end = master.corners[facet].T
     along = master.xy[end] - master.xy[start]
     away = xy[row] - master.xy[start]
     at = np.clip(np.einsum("pi,pi->p", away, along) / np.einsum("pi,pi->p", along, along), 0.0, 1.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ddmpi.mesh.boundary import SHARPEST, segments
-from ddmpi.mesh.elements import bends, circumference, facet_measures, shapes_on_side
+from ddmpi.mesh.elements import bends, circumference, facet_measures, on_line
 from ddmpi.surface.side import Side, cross
 
 STRAIGHT = 1e-9
@@ -56,7 +56,7 @@ class Curve(Side):
 
     def _slopes(self) -> tuple[np.ndarray, np.ndarray]:
         """The slopes, and the same without corners below SHARPEST."""
-        ends, outer = self.facets[:, :2], self.outward
+        ends, outer = self.corners, self.outward
         length = np.linalg.norm(self.along, axis=1)
         before, after = np.full((2, len(self.nodes)), -1)  # the facets that end and begin at a node
         before[ends[:, 1]], after[ends[:, 0]] = np.arange(len(ends)), np.arange(len(ends))
@@ -133,8 +133,8 @@ class Curve(Side):
 
     def around(self, facets: np.ndarray, at: np.ndarray) -> np.ndarray | float:
         """`circumference` (q,) at the parameters `at` (q,) of facets (q,)."""
-        nodes = self.xy[self.facets[facets]]
-        return circumference(np.einsum("ql,qli->qi", shapes_on_side(at, nodes.shape[1]), nodes), self.axisymmetric)
+        places = np.einsum("ql,qli->qi", self.cell.shapes(on_line(at)), self.xy[self.facets[facets]])
+        return circumference(places, self.axisymmetric)
 
     def pieces(self, some: np.ndarray) -> np.ndarray:
         """Segments between neighbouring nodes, also those of quadratic facets."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ddmpi.mesh.elements import RULES, SECOND, facet_cell, facet_measures
+from ddmpi.mesh.elements import facet_measures
 from ddmpi.surface.side import Side, cross, unit
 from ddmpi.system.numbers import spans
 
@@ -46,12 +46,12 @@ def cut(slave: Side, master: Side, facing: float, deepest: np.ndarray) -> tuple[
     weight : (q,) parts of the slave's area (m²)
     distance : (q,) between the plane triangles (m)
     """
-    own, others = slave.xy[slave.facets[:, :3]], master.xy[master.facets[:, :3]]
+    own, others = slave.xy[slave.corners], master.xy[master.corners]
     outward, backward = slave.outward, master.outward
     facet, other = _near(own, others, outward, backward)
     faces = np.einsum("pd,pd->p", outward[facet], backward[other]) < facing
     facet, other = facet[faces], other[faces]
-    where, weights = SECOND[2] if slave.facets.shape[1] == master.facets.shape[1] == 3 else RULES[2]
+    where, weights = max(slave.cell, master.cell, key=lambda cell: cell.order).rule
     rule = np.concatenate([where, np.eye(3)]), np.append(weights, np.zeros(3))
     found = [_cut(own, others, outward, facet[start:start + CHUNK], other[start:start + CHUNK], rule)
              for start in range(0, max(len(facet), 1), CHUNK)]
@@ -76,11 +76,10 @@ def cut(slave: Side, master: Side, facing: float, deepest: np.ndarray) -> tuple[
 
 def stretch(side: Side, facet: np.ndarray, at: np.ndarray) -> np.ndarray:
     """The area of facets at points (q, 3), over that of their plane triangles."""
-    if side.facets.shape[1] == 3 or not len(facet):
+    if side.cell.linear:
         return np.ones(len(facet))
-    nodes = side.xy[side.facets]
-    cell, flat = facet_cell(nodes), facet_measures(nodes[:, :3])
-    slopes = np.einsum("aqk,qkd->aqd", cell.derivatives(at), nodes[facet])
+    slopes, flat = side.cell.derivatives(at), facet_measures(side.xy[side.corners])
+    slopes = np.einsum("aqk,qkd->aqd", slopes, side.xy[side.facets[facet]])
     return np.linalg.norm(np.cross(slopes[0], slopes[1]), axis=1) / 2 / flat[facet]
 
 

@@ -30,7 +30,7 @@ class Patch(Side):
         are enough, also at the rim of the boundary. Else, and where triangles meet at an edge sharper than SHARPEST, of
         each side's own ones the mean with weights that are exact on spheres (Max, J. Graphics Tools 4, 1999).
         """
-        xy, facets = self.xy, self.facets[:, :3]
+        xy, facets = self.xy, self.corners
         corners = xy[facets]
         edges = np.roll(corners, -1, axis=1) - corners  # to the next corner
         own, before = self.outward, -np.roll(edges, 1, axis=1)  # to the one before
@@ -63,7 +63,7 @@ class Patch(Side):
         if not len(some):
             return found
         facets, weight, ray = facets[some], np.maximum(at[some], 0.0), direction[some]  # κ is a mean
-        x, n = self.xy[self.facets[facets, :3]], normals[facets]
+        x, n = self.xy[self.corners[facets]], normals[facets]
         Q, K = np.zeros(len(facets)), np.zeros(len(facets))
         for i, j in ((0, 1), (1, 2), (2, 0)):
             apart, part = x[:, j] - x[:, i], weight[:, i] * weight[:, j]
@@ -86,7 +86,7 @@ class Patch(Side):
 
     def pieces(self, some: np.ndarray) -> np.ndarray:
         """Triangles between corners."""
-        return self.facets[some, :3]
+        return self.corners[some]
 
 
 def in_places(facets: np.ndarray, points: np.ndarray, places: np.ndarray,

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.mesh.boundary import links
-from ddmpi.mesh.elements import CELLS, FIRST, circumference, facet_cell, facet_measures, facet_shares
+from ddmpi.mesh.elements import Cell, cell_with, circumference, facet_cell, facet_measures, facet_shares, normals
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,16 @@ class Side:
     def dimension(self) -> int:
         return self.xy.shape[1]
 
+    @property
+    def cell(self) -> Cell:
+        """The reference cell of the facets."""
+        return cell_with(self.facets.shape[1], self.dimension - 1)
+
+    @property
+    def corners(self) -> np.ndarray:
+        """(f, d) the nodes at the corners of the facets."""
+        return self.facets[:, :self.dimension]
+
     def moves_with(self, transfer: sparse.csr_matrix) -> np.ndarray:
         """M (r, d, d): places of a transfer (r, k) move by M e where all nodes move by e as clamps let them."""
         return (transfer @ self.free.reshape(len(self.free), -1)).reshape(-1, *self.free.shape[1:])
@@ -72,7 +82,7 @@ class Side:
     @property
     def bare(self) -> np.ndarray:
         """(k,) bool, nodes on an axis in order 2, whose shape functions have next to no integral."""
-        return (self.xy[:, 0] == 0.0) & (self.axisymmetric and self.facets.shape[1] > self.dimension)
+        return (self.xy[:, 0] == 0.0) & (self.axisymmetric and not self.cell.linear)
 
     @property
     def areas(self) -> np.ndarray:
@@ -82,8 +92,7 @@ class Side:
     @property
     def outward(self) -> np.ndarray:
         """(f, d) outer unit normal of each facet's chord, or of the triangle of its corners."""
-        return unit(CELLS[self.dimension - 1, 1].vectors(self.xy[self.facets[:, :self.dimension]],
-                                                         FIRST[self.dimension - 1][0])[:, 0].T)
+        return unit(normals(self.xy[self.corners]))
 
     @property
     def spacing(self) -> np.ndarray:
@@ -173,8 +182,8 @@ def frames(normal: np.ndarray) -> np.ndarray:
 
 
 def nodal(values: np.ndarray, facets: np.ndarray, size: int) -> np.ndarray:
-    """Sums (size, …) at nodes of the values (f, c, …) at the nodes (f, c) of facets."""
-    total = np.zeros((size, *values.shape[2:]))
+    """Sums (size, …) at nodes of the values (f, c, …) at the nodes (f, c) of facets, or (f, …) at one (f,) of each."""
+    total = np.zeros((size, *values.shape[facets.ndim:]))
     np.add.at(total, facets, values)
     return total
 

@@ -9,8 +9,8 @@ from made_up_solids import box
 
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.mortar import shapes
 from ddmpi.interface.state import ContactState, contact_state
+from ddmpi.mesh.elements import on_line
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Coulomb, NoFriction
 from ddmpi.surface.cover import corners, cover
@@ -59,8 +59,8 @@ def nodal_lengths(boundary: Side, low: float, high: float) -> dict[int, float]:
         start, stop = max(min(a, b), low), min(max(a, b), high)
         if stop > start:
             x = (start + stop) / 2 + (stop - start) / 2 * at
-            for node, value in zip(link, (stop - start) / 2 * weight @ shapes((x - a) / (b - a), len(link)),
-                                   strict=True):
+            shapes = boundary.cell.shapes(on_line((x - a) / (b - a)))
+            for node, value in zip(link, (stop - start) / 2 * weight @ shapes, strict=True):
                 found[boundary.nodes[node]] += value
     return found
 
