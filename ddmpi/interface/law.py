@@ -27,8 +27,7 @@ ON_BOUND = 1e-8
 """Relative distance to its slip bound below which a tangential force counts as lying on it."""
 
 NO_BOUND = sys.float_info.max
-"""The slip bound (N) of bonded nodes: no force reaches it. It is not infinite, because differences of bounds are
-taken."""
+"""The slip bound (N) of bonded nodes: no force reaches it. It is finite, because differences of bounds are taken."""
 
 
 @dataclass
@@ -100,6 +99,8 @@ class Law:
     """
 
     name = "none"
+    least = 0.0
+    """The least normal force of a node (N)."""
 
     m: int
     sliding: np.ndarray
@@ -135,18 +136,19 @@ class Law:
     def project(self, q: np.ndarray) -> np.ndarray:
         """The forces (size,) that the law assigns to q = s − c r."""
         normal, tangential = self.split(q)
-        pressure = np.maximum(normal, 0.0)
+        pressure = np.maximum(normal, self.least)
         return np.concatenate([pressure, shorten(tangential, self.slip_bound(pressure)).ravel()])
 
     def active_set(self, q: np.ndarray) -> ActiveSet:
         """Which nodes are closed and which slip at q = s − c r (size,)."""
         normal, tangential = self.split(q)
-        pressure = np.maximum(normal, 0.0)
+        pressure = np.maximum(normal, self.least)
         bound = self.slip_bound(pressure)
         size = magnitude(tangential)
         slips = size >= bound
         excess = np.where(slips & (bound > 0.0), size / np.where(bound > 0.0, bound, 1.0) - 1.0, 0.0)
-        return ActiveSet(pressure, normal > 0.0, np.where(slips[:, None], direction(tangential), 0.0), bound, excess)
+        slip = np.where(slips[:, None], direction(tangential), 0.0)
+        return ActiveSet(pressure, normal > self.least, slip, bound, excess)
 
     def sticking(self, closed: np.ndarray, falls: np.ndarray) -> ActiveSet:
         """The nodes `closed` (m,) closed and sticking, the others open: the guess where nothing is known.
@@ -169,7 +171,7 @@ class Law:
         tangential = slice(self.m, self.size)
         coupling[tangential] = (active.slip * slope[:, None]).ravel()
         given[tangential] = (active.slip * (active.bound - slope * active.pressure[self.sliding])[:, None]).ravel()
-        if self.components > 1:
+        if self.components > 1 and slips.any():
             spring[tangential] = np.repeat(active.excess, self.components)
             frames = np.where(slips[:, None, None], across(active.slip), np.eye(self.components))
             turn = sparse.block_diag([sparse.identity(self.m), *frames], format="csr")
@@ -179,7 +181,7 @@ class Law:
     def settle(self, s: np.ndarray, active: ActiveSet) -> np.ndarray:
         """The forces (size,) next to s that obey all bounds exactly, given which nodes are closed and slip."""
         normal, tangential = self.split(s)
-        normal = np.where(active.closed, np.maximum(normal, 0.0), 0.0)
+        normal = np.where(active.closed, np.maximum(normal, self.least), 0.0)
         g = self.slip_bound(normal)
         tangential = np.where(active.slip.any(axis=1)[:, None], active.slip * g[:, None], shorten(tangential, g))
         return np.concatenate([normal, tangential.ravel()])
@@ -275,32 +277,16 @@ class TrescaLaw(Law):
 
 @dataclass(frozen=True)
 class BondedLaw(Law):
-    """r = 0: nodes that neither part nor slide, whatever the forces; tension is one of them."""
+    """r = 0: nodes that neither part nor slide, whatever the forces; tension is one of them. All stick."""
 
     name = "bonded"
+    least = -np.inf
 
     def slip_bound(self, pressure: np.ndarray) -> np.ndarray:
         return np.full(len(self.sliding), NO_BOUND)
 
-    def project(self, q: np.ndarray) -> np.ndarray:
-        return q.copy()
-
-    def active_set(self, q: np.ndarray) -> ActiveSet:
-        """All nodes closed and sticking; `pressure` may be tension."""
-        normal, tangential = self.split(q)
-        return ActiveSet(normal.copy(), np.ones(self.m, bool), np.zeros_like(tangential), self.slip_bound(normal),
-                         np.zeros(len(tangential)))
-
     def sticking(self, closed: np.ndarray, falls: np.ndarray) -> ActiveSet:
         return self.active_set(np.zeros(self.size))
-
-    def linearise(self, active: ActiveSet) -> Tangent:
-        """All forces are unknown."""
-        none = np.zeros(self.size)
-        return Tangent(np.ones(self.size, bool) & self.live, self.node, none, none, none)
-
-    def settle(self, s: np.ndarray, active: ActiveSet) -> np.ndarray:
-        return s.copy()
 
     def cone(self, bound: np.ndarray) -> Box:
         return Box(np.full(self.size, -np.inf), np.full(self.size, np.inf))
@@ -338,19 +324,18 @@ def law_of(friction: Friction, xy: np.ndarray, arc: np.ndarray, area: np.ndarray
     kind : "unilateral" or "bonded"
     live : of a `Law`
     """
-    shape = len(area), sliding, xy.shape[1] - 1
-
     def values(value) -> np.ndarray:
         at_nodes = np.full(len(area), value) if isinstance(value, float | int) else value.at(xy, arc)
         return at_nodes[sliding].astype(float)
 
+    shape, moves = (len(area), sliding, xy.shape[1] - 1), np.asarray(live)
     if kind == "bonded":
-        return BondedLaw(*shape, live=np.asarray(live))
+        return BondedLaw(*shape, live=moves)
     if isinstance(friction, Coulomb):
-        return CoulombLaw(*shape, values(friction.coefficient), live=np.asarray(live))
+        return CoulombLaw(*shape, values(friction.coefficient), live=moves)
     if isinstance(friction, Tresca):
-        return TrescaLaw(*shape, values(friction.slip_bound) * area[sliding], live=np.asarray(live))
-    return Law(*shape, live=np.asarray(live))
+        return TrescaLaw(*shape, values(friction.slip_bound) * area[sliding], live=moves)
+    return Law(*shape, live=moves)
 
 
 def _multiples(forces: sparse.csc_matrix, lower: np.ndarray | float, upper: np.ndarray | float) -> Edges:
@@ -372,11 +357,8 @@ def polygon(components: int, sides: int, inside: bool = False) -> tuple[np.ndarr
 
 def direction(vectors: np.ndarray) -> np.ndarray:
     """v / |v| (k, c); the first axis where v is zero."""
-    if vectors.shape[1] == 1:
-        return np.where(vectors >= 0.0, 1.0, -1.0)
     size = magnitude(vectors)[:, None]
-    first = np.eye(1, vectors.shape[1])
-    return np.where(size > 0.0, vectors / np.where(size > 0.0, size, 1.0), first)
+    return np.where(size > 0.0, vectors / np.where(size > 0.0, size, 1.0), np.eye(1, vectors.shape[1]))
 
 
 def across(directions: np.ndarray) -> np.ndarray:

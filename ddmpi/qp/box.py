@@ -143,7 +143,7 @@ def shorten(vectors: np.ndarray, limit: np.ndarray) -> np.ndarray:
     if vectors.shape[1] == 1:
         return np.minimum(np.maximum(vectors, -limit[:, None]), limit[:, None])  # np.clip takes twice the time
     size = magnitude(vectors)
-    return vectors * np.where(size > limit, SHORT * limit / np.where(size > 0.0, size, 1.0), 1.0)[:, None]
+    return vectors * np.where(size > limit, SHORT * limit / np.where(size > limit, size, 1.0), 1.0)[:, None]
 
 
 def dots(v: np.ndarray, w: np.ndarray) -> np.ndarray:
