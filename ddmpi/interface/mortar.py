@@ -20,10 +20,10 @@ import scipy.sparse as sparse
 from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import Interface, Lines, Places, in_order
+from ddmpi.interface.interface import Interface, Lines, in_order
 from ddmpi.interface.matching import pair
-from ddmpi.interface.rows import Rows, at_points, build, duals, holds_along, is_held, means, without_rounding
-from ddmpi.interface.vertices import BARELY, LACKING, UNCOVERED, rows_at_vertices
+from ddmpi.interface.rows import Rows, at_points, between, build, duals, holds_along, is_held, rows_of
+from ddmpi.interface.vertices import BARELY, UNCOVERED, rows_at_vertices
 from ddmpi.mesh.boundary import segments
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.surface.cover import Cover, corners, cover, faced_arc
@@ -92,11 +92,12 @@ def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
         [float(side.areas[some].mean()) / len(side.cell.parts) for side, some in zip(sides, faced, strict=True)])
     side, over = sides[own], covers[own]
     assert over is not None
-    root = _merged(side, over)
-    rows = _rows(sides, own, over, root)
+    psi = _functions(side, over)
+    root = _merged(side, over, psi)
+    rows = _rows(sides, own, over, psi, root)
     free = _unbound(rows, holds_along(contact), root)
     if (free != root).any():
-        rows = replace(_rows(sides, own, over, free), bound=free != root)
+        rows = replace(_rows(sides, own, over, psi, free), bound=free != root)
     return build(rows, contact)
 
 
@@ -106,12 +107,14 @@ def _not_facing(first: Side, second: Side, name: str) -> InputError:
                       "`bodies`?")
 
 
-def _functions(side: Side, over: Cover) -> tuple[np.ndarray, np.ndarray]:
-    """`duals` of the slave, and its shape functions φ (q, 2 or 3); of a sliver the nearest corner has one alone."""
+def _functions(side: Side, over: Cover) -> sparse.csr_matrix:
+    """w ψ (q, k) of the slave's nodes at the points: `duals` of its shape functions, of a sliver one, of the nearest
+    corner."""
     phi = side.cell.shapes(over.at)
     middle = nodal(over.weight[:, None] * over.at, over.facet, len(side.facets))
     nearest = np.arange(phi.shape[1]) == middle.argmax(axis=1)[:, None]
-    return duals(side, over, phi, SLIVER, nearest[over.facet]), phi
+    weighted = duals(side, over, phi, SLIVER, nearest[over.facet])
+    return at_points(weighted, side.facets[over.facet], len(side.nodes))
 
 
 def _choose_slave(sides: tuple[Side, Side], contact: SettledContact, rigid: Sequence[bool],
@@ -131,33 +134,21 @@ def _choose_slave(sides: tuple[Side, Side], contact: SettledContact, rigid: Sequ
     return own
 
 
-def _rows(sides: tuple[Side, Side], own: int, over: Cover, root: np.ndarray) -> Rows:
+def _rows(sides: tuple[Side, Side], own: int, over: Cover, psi: sparse.csr_matrix, root: np.ndarray) -> Rows:
     """The rows of the slave, `sides[own]`, whose nodes share those of their `root` (k,)."""
-    side, other = sides[own], sides[1 - own]
-    weighted, phi = _functions(side, over)
-    shown, place = np.flatnonzero(root >= 0), np.full(len(root), -1)
-    nodes, place[shown] = np.unique(root[shown], return_inverse=True)
+    side, other, shown = sides[own], sides[1 - own], np.flatnonzero(root >= 0)
+    parts = sparse.csr_matrix((np.ones(len(shown)), (root[shown], shown)), (len(root), len(root)))
+    at = between(sides, own, over).transfer[::1 if own == 0 else -1]
+    across = at[0] @ _normals(side, over.facet) - at[1] @ _normals(other, over.other)
+    rows = rows_of(sides, own, over, psi, parts, across)
+    place = np.where(root >= 0, rows.place[root], -1)
     row = place[side.facets[over.facet]]
-    psi = at_points(weighted, row, len(nodes)).T
-    area = psi @ np.ones(len(row))
-    at = (at_points(phi, side.facets[over.facet], len(side.nodes)),
-          at_points(other.cell.shapes(over.there), other.facets[over.other], len(other.nodes)))
-    S, P = (means(psi @ each, area) for each in at)
-    seen, met = np.zeros(len(side.facets), bool), np.zeros(len(other.facets), bool)
-    seen[over.facet], met[over.other] = True, True
-    normal = unit(S @ _normals(side, seen) - P @ _normals(other, met))
-    gap = psi @ over.gap / area * np.einsum("ij,ij->i", unit(psi @ over.direction), normal)
-    gap = without_rounding(gap, side.spacing[nodes])
-    lines = _lines(side, nodes, place, area, S, seen)
-    nodes_of = np.bincount(lines.row, minlength=len(nodes)) - np.bincount(place[side.bare & (place >= 0)],
-                                                                         minlength=len(nodes))
-    alone, share = nodes_of == 1, np.bincount(over.facet, over.weight, len(seen))
-    whole = seen & (share >= (1.0 - LACKING) * side.areas) & alone[place[side.facets]].all(axis=1)
-    first, sign = (1, 1.0) if own == 0 else (-1, -1.0)
-    return Rows(sides, own, nodes, place, seen, (S, P)[::first], sign * normal, area, gap,
-                side.arc[nodes] if own == 0 else faced_arc(side.xy[nodes], row, over, other),
-                np.zeros(len(place), bool), whole, lines,
-                Places((sides[0].nodes, sides[1].nodes), sign * over.direction, over.gap, at[::first]))
+    rows = replace(rows, place=place, arc=side.arc[rows.nodes] if own == 0 else
+                   faced_arc(side.xy[rows.nodes], row, over, other))
+    lines = _lines(rows)
+    number = np.bincount(lines.row, minlength=len(rows.nodes))
+    number -= np.bincount(place[side.bare & (place >= 0)], minlength=len(rows.nodes))
+    return replace(rows, lines=lines, whole=rows.whole & (number == 1)[place[side.facets]].all(axis=1))
 
 
 def _unbound(rows: Rows, tangential: bool, root: np.ndarray) -> np.ndarray:
@@ -191,9 +182,9 @@ def _tied_ends(rows: Rows) -> np.ndarray:
     return last[np.arange(len(last)), away.argmin(axis=1)]
 
 
-def _merged(side: Side, over: Cover) -> np.ndarray:
+def _merged(side: Side, over: Cover, psi: sparse.csr_matrix) -> np.ndarray:
     """Of each of the slave's nodes (k,) the one whose row it has: its own, a neighbour's, or none (−1)."""
-    D = np.bincount(side.facets[over.facet].ravel(), _functions(side, over)[0].ravel(), len(side.nodes))
+    D = np.asarray(psi.sum(axis=0)).ravel()
     some = np.isin(np.arange(len(side.facets)), over.facet)
     full = side.lengths_over(some)
     best = np.full(len(D), -1)
@@ -212,21 +203,22 @@ def _merged(side: Side, over: Cover) -> np.ndarray:
     return root
 
 
-def _lines(side: Side, nodes: np.ndarray, place: np.ndarray, area: np.ndarray, S: sparse.csr_matrix,
-           seen: np.ndarray) -> Lines:
-    """The nodes on which the rows act, each with its part of its row's length; otherwise as `Rows`. So the forces on
-    the nodes have the rows' resultant and moment. A node whose part is no more than UNSEEN of what the facets `seen`
-    (f,) give it faces nothing and is left out. `S` is the slave's transfer."""
-    entries, length = S.tocoo(), np.zeros(len(place))
+def _lines(rows: Rows) -> Lines:
+    """The nodes on which the rows act, each with its part of its row's length, so that the forces on the nodes have the
+    rows' resultant and moment. A node whose part is no more than UNSEEN of what the facets `seen` give it faces nothing
+    and is left out."""
+    side, nodes, place = rows.sides[rows.own], rows.nodes, rows.place
+    entries, length = rows.transfers[rows.own].tocoo(), np.zeros(len(place))
     own = place[entries.col] == entries.row
-    length[entries.col[own]] = (area[entries.row] * entries.data)[own]
-    faces = (np.abs(length) > UNSEEN * side.lengths_over(seen)) | (side.bare & (place >= 0))
+    length[entries.col[own]] = (rows.area[entries.row] * entries.data)[own]
+    faces = (np.abs(length) > UNSEEN * side.lengths_over(rows.seen)) | (side.bare & (place >= 0))
     faces[nodes] = True
-    length[nodes] += area - np.bincount(place[faces], length[faces])  # what is left out
-    return Lines(place, side.xy, length, in_order(segments(side.facets[seen]))).only(faces)
+    length[nodes] += rows.area - np.bincount(place[faces], length[faces])  # what is left out
+    return Lines(place, side.xy, length, in_order(segments(side.facets[rows.seen]))).only(faces)
 
 
-def _normals(side: Side, some: np.ndarray) -> np.ndarray:
-    """Unit normals (k, 2) of the arcs over some of the facets (f,) bool, averaged with their lengths; else zero."""
+def _normals(side: Side, facets: np.ndarray) -> np.ndarray:
+    """Unit normals (k, 2) of the arcs over some of the facets, averaged with their lengths; else zero."""
+    some = np.unique(facets)
     fans = unit(side.cell.nodes @ side.fans[some])
     return unit(nodal(side.lengths[some, None, None] * fans, side.facets[some], len(side.nodes)))

@@ -14,7 +14,7 @@ from ddmpi.interface.law import law_of
 from ddmpi.scene.contacts import NoFriction, SettledContact
 from ddmpi.scene.values import Profile, evaluate
 from ddmpi.surface.cover import Cover
-from ddmpi.surface.side import Side, frames, laplacian
+from ddmpi.surface.side import Side, frames, laplacian, unit
 from ddmpi.system.numbers import in_words, is_touched
 
 NOTHING = 1e-12
@@ -22,6 +22,10 @@ NOTHING = 1e-12
 
 NO_GAP = 1e-9
 """Gaps below this fraction of the distance to the neighbours are rounding of the mesh, and count as zero."""
+
+
+LACKING = 1e-3
+"""A facet of which no more than this part is not covered is wholly covered."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,39 @@ class Rows:
             held[number] = np.bincount(entries.row, moves, len(direction)) == 0
             most = np.maximum(most, np.abs(np.bincount(entries.row, entries.data * moves, len(direction))))
         return held, most
+
+
+def rows_of(sides: tuple[Side, Side], own: int, over: Cover, psi: sparse.csr_matrix, parts: sparse.csr_matrix,
+            across: np.ndarray) -> Rows:
+    """The rows of the slave, `sides[own]`, which faces the other side at the points of `over`. Not collective.
+
+    Parameters
+    ----------
+    psi : (q, k) sparse, functions of the slave's nodes at the points, with the weights of these
+    parts : (k, k) sparse, the part of each node's function that each node has; nodes without any have no row
+    across : (q, d) normals at the points, of any length, out of the slave
+    """
+    nodes, place = np.flatnonzero(np.diff(parts.indptr)), np.full(parts.shape[0], -1)
+    place[nodes] = np.arange(len(nodes))
+    theta = (parts[nodes] @ psi.T).tocsr()
+    area, normal = theta @ np.ones(len(over.facet)), unit(theta @ across)
+    gap = theta @ over.gap / area * np.einsum("ij,ij->i", unit(theta @ over.direction), normal)
+    side, points = sides[own], between(sides, own, over)
+    share = np.bincount(over.facet, over.weight, len(side.facets))
+    seen = np.isin(np.arange(len(side.facets)), over.facet)
+    one, other = (means(theta @ each, area) for each in points.transfer)
+    return Rows(sides, own, nodes, place, seen, (one, other), normal if own == 0 else -normal, area,
+                without_rounding(gap, side.spacing[nodes]), np.zeros(len(nodes)), np.zeros(len(place), bool),
+                seen & (share >= (1.0 - LACKING) * side.areas), points=points)
+
+
+def between(sides: tuple[Side, Side], own: int, over: Cover) -> Places:
+    """The points at which the slave, `sides[own]`, faces the other side, each moving with the nodes of its facets."""
+    side, other = sides[own], sides[1 - own]
+    at = (at_points(side.cell.shapes(over.at), side.facets[over.facet], len(side.nodes)),
+          at_points(other.cell.shapes(over.there), other.facets[over.other], len(other.nodes)))
+    first, sign = (1, 1.0) if own == 0 else (-1, -1.0)
+    return Places((sides[0].nodes, sides[1].nodes), sign * over.direction, over.gap, at[::first])
 
 
 def build(rows: Rows, contact: SettledContact) -> Interface:

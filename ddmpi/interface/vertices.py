@@ -17,12 +17,12 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse as sparse
 
-from ddmpi.interface.interface import Lines, Places
-from ddmpi.interface.rows import Rows, at_points, duals, holds_along, means, without_rounding
+from ddmpi.interface.interface import Lines
+from ddmpi.interface.rows import Rows, at_points, between, duals, holds_along, rows_of
 from ddmpi.mesh.boundary import creases, links
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.surface.cover import Cover
-from ddmpi.surface.side import Side, nodal, unit
+from ddmpi.surface.side import Side, nodal
 from ddmpi.system.numbers import is_touched
 
 SLIVER = 1e-6
@@ -36,9 +36,6 @@ BARELY = 0.499
 """So does one that clamps let move by less than this, where free ones move by one: alone it would constrain curvature
 and carry arbitrary forces. Meshes of 2 : 1 have rows that move by one half, which rounding must not decide."""
 
-LACKING = 1e-3
-"""A facet of which no more than this part is not covered is wholly covered."""
-
 FLAT = 1e-3
 """Places within this part of their extent beside a line count as on it."""
 
@@ -46,9 +43,10 @@ FLAT = 1e-3
 def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, looked: Cover, contact: SettledContact) -> Rows:
     """The rows of the slave, `sides[own]`, which faces the other at the points of `over`; `looked` are places where
     overlaps of the answer are looked for. Not collective."""
-    side, bonded = sides[own], contact.kind == "bonded"
-    seen = np.isin(np.arange(len(side.facets)), over.facet)
-    psi, met = _functions(side, over, bonded), np.zeros(len(side.nodes), bool)
+    side, other, bonded = sides[own], sides[1 - own], contact.kind == "bonded"
+    seen, met = np.isin(np.arange(len(side.facets)), over.facet), np.zeros(len(side.nodes), bool)
+    weighted = over.weight[:, None] * over.at if bonded else duals(side, over, over.at, SLIVER, 1.0 / 3.0)
+    psi = at_points(weighted, side.corners[over.facet], len(met))
     full = nodal(np.repeat(side.lengths[:, None] / 3.0, 3, axis=1), side.corners, len(met))  # ∫ of hats
     met[side.corners[seen]] = True
     D = np.asarray(psi.sum(axis=0)).ravel()
@@ -59,21 +57,18 @@ def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, looked: Co
     shares[~met] = False
     pairs, size = links(side.corners[seen], 3), len(side.nodes)
     near = sparse.csr_matrix((np.ones(2 * len(pairs)), np.concatenate([pairs, pairs[:, ::-1]]).T), (size, size))
-    rows = _rows(sides, own, over, psi, _shared(met, shares, near), seen)
-    held = _hardly_move(rows, holds_along(contact) and np.isfinite(sides[1 - own].modulus))
+    across = -at_points(over.there, other.corners[over.other], len(other.nodes)) @ other.normal
+    if np.isfinite(other.modulus):  # that of a rigid partner counts alone
+        across += at_points(over.at, side.corners[over.facet], len(met)) @ side.normal
+    rows = rows_of(sides, own, over, psi, _shared(met, shares, near), across)
+    held = _hardly_move(rows, holds_along(contact) and np.isfinite(other.modulus))
     if held.any() and not held.all():
         shares[rows.nodes[held]] = True
-        rows = _rows(sides, own, over, psi, _shared(met, shares, near), seen)
-    at = _shapes(side, looked.facet, looked.at), _shapes(sides[1 - own], looked.other, looked.there)
-    first, sign = (1, 1.0) if own == 0 else (-1, -1.0)
-    return replace(rows, points=Places((sides[0].nodes, sides[1].nodes), sign * looked.direction, looked.gap,
-                                       at[::first]))
-
-
-def _functions(side: Side, over: Cover, hats: bool) -> sparse.csr_matrix:
-    """w ψ (q, k) of the slave's nodes at the points, with their weights."""
-    weighted = over.weight[:, None] * over.at if hats else duals(side, over, over.at, SLIVER, 1.0 / 3.0)
-    return at_points(weighted, side.corners[over.facet], len(side.nodes))
+        rows = rows_of(sides, own, over, psi, _shared(met, shares, near), across)
+    facets = rows.place[side.corners]
+    kept = (facets >= 0).all(axis=1)
+    lines = Lines(np.arange(len(rows.nodes)), side.xy[rows.nodes], rows.area, facets[seen & kept])
+    return replace(rows, whole=rows.whole & kept, lines=lines, points=between(sides, own, looked))
 
 
 def _meets_others(side: Side, D: np.ndarray, full: np.ndarray) -> np.ndarray:
@@ -113,32 +108,6 @@ def _shared(vertices: np.ndarray, shares: np.ndarray, links: sparse.csr_matrix) 
     return parts.tocsr()
 
 
-def _rows(sides: tuple[Side, Side], own: int, over: Cover, psi: sparse.csr_matrix, parts: sparse.csr_matrix,
-          seen: np.ndarray) -> Rows:
-    """The rows with the `parts` (k, k) that vertices have of the functions `psi` of all."""
-    side, other = sides[own], sides[1 - own]
-    nodes = np.flatnonzero(np.diff(parts.indptr))
-    place = np.full(len(side.nodes), -1)
-    place[nodes] = np.arange(len(nodes))
-    theta = (parts[nodes] @ psi.T).tocsr()
-    area = theta @ np.ones(theta.shape[1])
-    at = (_shapes(side, over.facet, over.at), _shapes(other, over.other, over.there))
-    S, P = (means(theta @ each, area) for each in at)
-    across = -means(theta @ at_points(over.there, other.corners[over.other], len(other.nodes)), area) @ other.normal
-    if np.isfinite(other.modulus):  # that of a rigid partner counts alone
-        across += means(theta @ at_points(over.at, side.corners[over.facet], len(side.nodes)), area) @ side.normal
-    normal = unit(across)
-    gap = theta @ over.gap / area * np.einsum("ij,ij->i", unit(theta @ over.direction), normal)
-    gap = without_rounding(gap, side.spacing[nodes])
-    share = np.bincount(over.facet, over.weight, len(seen))
-    kept = (place[side.corners] >= 0).all(axis=1)
-    whole = seen & (share >= (1.0 - LACKING) * side.lengths) & kept
-    first, sign = (1, 1.0) if own == 0 else (-1, -1.0)
-    drawn = place[side.corners[seen & kept]]
-    return Rows(sides, own, nodes, place, seen, (S, P)[::first], sign * normal, area, gap, np.zeros(len(nodes)),
-                np.zeros(len(place), bool), whole, Lines(np.arange(len(nodes)), side.xy[nodes], area, drawn))
-
-
 def _hardly_move(rows: Rows, tangential: bool) -> np.ndarray:
     """Which rows (r,) clamps of a side hardly let move, along the normal, or along any direction if this counts."""
     moves = [side.moves_with(transfer) for side, transfer in zip(rows.sides, rows.transfers, strict=True)]
@@ -148,8 +117,3 @@ def _hardly_move(rows: Rows, tangential: bool) -> np.ndarray:
         return most.min(axis=1) < BARELY
     along = np.einsum("rd,rdk->rk", rows.normal, axes)
     return np.linalg.norm(along * np.minimum(most, 1.0), axis=1) < BARELY
-
-
-def _shapes(side: Side, facet: np.ndarray, at: np.ndarray) -> sparse.csr_matrix:
-    """(q, k) how points on facets move with the nodes of the side."""
-    return at_points(side.cell.shapes(at), side.facets[facet], len(side.nodes))
