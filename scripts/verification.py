@@ -176,7 +176,7 @@ def picture(its: Problem, runs: Runs) -> Callable:
         top = max(np.percentile(each.von_mises, 99.5) for each in bodies.values())
         if its.in_space:
             state = next(iter(answer.contacts.values()))
-            shown = left.tripcolor(*state.interface.xy[:, :2].T, state.interface.shown.facets, state.pressure,
+            shown = left.tripcolor(*state.interface.xy[:, :2].T, state.interface.lines.facets, state.pressure,
                                    vmin=min(state.pressure.min(), 0.0), cmap="viridis")
             figure.colorbar(shown, ax=left)
         for each in () if its.in_space else bodies.values():

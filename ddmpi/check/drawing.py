@@ -129,13 +129,13 @@ def _as_results(scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequen
     meshes, plain_scene = [each.mesh for each in bodies.values()], scene.resolved()
     starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
     points = np.concatenate([mesh.points for mesh in meshes])
-    tables = {each.name: dict(zip("xyz", each.shown.xy.T, strict=False)) for each in interfaces}
+    tables = {each.name: dict(zip("xyz", each.lines.xy.T, strict=False)) for each in interfaces}
     return Results({"title": scene.title, "bodies": dict.fromkeys(bodies), "scene": plain_scene, "steps": [],
                     "units": units(plain_scene, scene.dimension)}, tables, {}, {}, {}, {
         "points": points, "displacement": np.zeros_like(points),
         "cells": np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)]),
         "body": np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes])},
-        facets={each.name: drawn_facets(each.shown) for each in interfaces})
+        facets={each.name: drawn_facets(each.lines) for each in interfaces})
 
 
 def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = False) -> Any:
@@ -192,7 +192,7 @@ def draw_contacts(results: Results, interfaces: Sequence[Interface], missing: Se
                        "viridis" if gaps.any() else "Blues_r")
     image.cmap = image.cmap.with_extremes(bad=MISSING)
     plan.outline(skin.extended(results.points), skin.facets, skin.beyond)
-    parts = [(each.shown.xy, results.facets[each.name], each.gap[each.shown.row] / factor) for each in interfaces]
+    parts = [(each.lines.xy, results.facets[each.name], each.gap[each.lines.row] / factor) for each in interfaces]
     for lack in missing:
         at = lack.facets.reshape(-1, lack.facets.shape[-1])
         parts.append((at, np.arange(len(at)).reshape(lack.facets.shape[:2]), np.full(len(at), np.nan)))
@@ -202,7 +202,7 @@ def draw_contacts(results: Results, interfaces: Sequence[Interface], missing: Se
             plan.lines(np.stack([plan.place(at)[:, :2] for at in each.at], axis=1), colors=COLOURS["rigid"],
                        linewidth=0.5, zorder=4)
         if len(interfaces) <= NAMED:
-            at = each.shown.xy
+            at = each.lines.xy
             plan.label(each.name, at[np.argmin(np.linalg.norm(at - at.mean(axis=0), axis=1))])
     if gaps.any():
         plan.colours(image, f"gap, negative where bodies overlap ({unit_of})")

@@ -62,7 +62,7 @@ class Places:
 
 @dataclass(frozen=True)
 class Lines:
-    """The nodes of the slave, of which several may share a row and have a common pressure.
+    """The nodes that rows stand for, of which several may share a row and have a common pressure.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ class Interface:
     prescribed : (size,) contact displacement of a rigid partner (m), with the sign of the second side; zero for bodies
     at : of each side (m, d), where the forces of the rows act on it (m); None where this is not known
     slave : name of the body whose nodes carry the rows where the nodes do not match, else None
-    lines : the slave's nodes; None where each has a row of its own
+    lines : the nodes of the rows
     probes : places between the nodes of sides that do not match; of others, fixed nodes that can still move a little
     displacement : (d,) of a rigid partner (m)
     history : that the displacement of the rigid partner follows, or None
@@ -138,7 +138,7 @@ class Interface:
     fixed: Places = field(default_factory=Places)
     at: tuple[np.ndarray, np.ndarray] | None = None
     slave: str | None = None
-    lines: Lines | None = None
+    lines: Lines = Lines(np.empty(0, int), np.empty((0, 2)), np.empty(0), np.empty((0, 2), int))
     probes: Places = field(default_factory=Places)
     displacement: np.ndarray = field(default_factory=lambda: np.zeros(2))
     history: str | None = None
@@ -173,16 +173,6 @@ class Interface:
     @property
     def dimension(self) -> int:
         return self.xy.shape[1]
-
-    @property
-    def shown(self) -> Lines:
-        """The nodes of the rows."""
-        if self.lines:
-            return self.lines
-        facets = self.facets
-        if self.dimension == 2:
-            facets = in_order(np.column_stack(sparse.triu(self.laplacian, 1).nonzero()))
-        return Lines(np.arange(self.m), self.xy, self.area, facets)
 
     @property
     def spacing(self) -> np.ndarray:
@@ -235,14 +225,6 @@ class Interface:
     def side(self, body: str) -> int:
         """0 where `body` is the first body, 1 where it is the second."""
         return self.bodies.index(body)
-
-
-def in_order(facets: np.ndarray) -> np.ndarray:
-    """Facets (f, 2) in the order of their nodes, each with the node before the other first, but for (last, first)."""
-    facets = np.sort(facets, axis=1)
-    closing = np.diff(facets, axis=1)[:, 0] > 1
-    facets[closing] = facets[closing, ::-1]
-    return facets[np.argsort(facets[:, 0])]
 
 
 def check_overlap(interface: Interface, *sides: Side, scales: Sequence[float] = (1.0,)) -> list[str]:

@@ -12,10 +12,10 @@ import scipy.sparse as sparse
 from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import Interface, Lines, in_order
+from ddmpi.interface.interface import Interface, Lines
 from ddmpi.interface.rows import Rows, build, without_rounding
 from ddmpi.interface.vertices import rows_at_vertices
-from ddmpi.mesh.boundary import links, segments
+from ddmpi.mesh.boundary import links
 from ddmpi.mesh.elements import circumference, facet_measures
 from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.surface.cover import DEEPEST, FACING, Cover, cover
@@ -32,20 +32,17 @@ def pairs(sides: tuple[Side, Side], here: np.ndarray, there: np.ndarray, normal:
           gap: np.ndarray, seen: np.ndarray) -> Rows:
     """The rows of nodes `here` (r,) of the first side and their partners; otherwise as `Rows`. `Side.bare` nodes share
     the rows of the middles of their facets."""
-    side, own, lines = sides[0], np.arange(len(here)), None
-    place = np.full(len(side.nodes), -1)
-    place[here] = own
+    side = sides[0]
+    place, lengths = np.full(len(side.nodes), -1), np.zeros(len(side.nodes))
+    place[here], lengths[here] = np.arange(len(here)), area
     for facet in side.facets[side.bare[side.facets].any(axis=1) & (place[side.facets] >= 0).all(axis=1)]:
         place[facet[side.bare[facet]]] = place[facet[2]]
     kept, row = np.unique(place[here], return_inverse=True)
     total = np.bincount(row, area)
     transfers = [sparse.csr_matrix((area / total[row], (row, nodes)), (len(kept), len(each.nodes)))
                  for each, nodes in zip(sides, (here, there), strict=True)]
-    if len(kept) < len(own):
-        place[here], lengths = row, np.zeros(len(place))
-        lengths[here] = area
-        lines = Lines(place, side.xy, lengths, in_order(segments(side.facets[seen]))).only(place >= 0)
-    here = here[kept]
+    place[here], here = row, here[kept]
+    lines = Lines(place, side.xy, lengths, side.pieces(seen)).only(place >= 0)
     return Rows(sides, 0, here, place, seen, (transfers[0], transfers[1]), normal[kept], total, gap[kept],
                 side.arc[here], np.zeros(len(place), bool), seen, lines)
 

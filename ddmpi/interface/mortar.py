@@ -20,11 +20,10 @@ import scipy.sparse as sparse
 from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import Interface, Lines, in_order
+from ddmpi.interface.interface import Interface, Lines
 from ddmpi.interface.matching import pair
 from ddmpi.interface.rows import Rows, at_points, between, build, duals, holds_along, is_held, rows_of
 from ddmpi.interface.vertices import BARELY, UNCOVERED, rows_at_vertices
-from ddmpi.mesh.boundary import segments
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.surface.cover import Cover, corners, cover, faced_arc
 from ddmpi.surface.patch import Patch
@@ -214,7 +213,7 @@ def _lines(rows: Rows) -> Lines:
     faces = (np.abs(length) > UNSEEN * side.lengths_over(rows.seen)) | (side.bare & (place >= 0))
     faces[nodes] = True
     length[nodes] += rows.area - np.bincount(place[faces], length[faces])  # what is left out
-    return Lines(place, side.xy, length, in_order(segments(side.facets[rows.seen]))).only(faces)
+    return Lines(place, side.xy, length, side.pieces(rows.seen)).only(faces)
 
 
 def _normals(side: Side, facets: np.ndarray) -> np.ndarray:

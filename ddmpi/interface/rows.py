@@ -47,7 +47,7 @@ class Rows:
     bound : (k,) bool, nodes that share another one's row because clamps or other contacts hold them
     whole : (f,) bool, whether facets wholly face the other side, each of their nodes that is not `bare` with a row to
         itself
-    lines : the nodes of the rows; None where each row has one
+    lines : the nodes of the rows
     points : between the nodes, with their gaps; None where there are none
     """
 
@@ -63,7 +63,7 @@ class Rows:
     arc: np.ndarray
     bound: np.ndarray
     whole: np.ndarray
-    lines: Lines | None = None
+    lines: Lines = Interface.lines
     points: Places | None = None
 
     def held(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -132,7 +132,7 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
     number = np.append(np.where(dropped, -1, np.cumsum(~dropped) - 1), -1)  # of the rows that are kept
     facets = number[rows.place[(side.facets if side.cell.bears else side.corners)[rows.whole]]]
     row = number[np.where(rows.bound, -1, rows.place)]
-    lines = rows.lines and replace(rows.lines, row=number[rows.lines.row]).only(~dropped[rows.lines.row])
+    lines = replace(rows.lines, row=number[rows.lines.row]).only(~dropped[rows.lines.row])
     nodes, transfers = zip(*(_used(each, transfer[keep]) for each, transfer in zip(sides, rows.transfers, strict=True)),
                            strict=True)
     xy, arc, area = xy[keep], rows.arc[keep], rows.area[keep]

@@ -11,10 +11,11 @@ import numpy as np
 from mpi4py import MPI
 
 from ddmpi.body.stress import principal, von_mises
-from ddmpi.interface.interface import Lines, in_order
+from ddmpi.interface.interface import Lines
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.elements import cell_with
 from ddmpi.results.tables import Columns, Results, leg_values
+from ddmpi.surface.curve import in_order
 from ddmpi.system.agreement import agreed
 from ddmpi.system.files import contact_files, write_parts, write_rows, writing
 
@@ -131,7 +132,7 @@ def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dic
     In space also AT_CONTACT_IN_SPACE (l, 3). `values` are `leg_values`, by default the present ones. Not collective.
     """
     interface = state.interface
-    lines = interface.shown
+    lines = interface.lines
     values = leg_values(state) if values is None else values
     found = {"points": _padded(lines.xy), "cells": drawn_facets(lines, interface.axisymmetric)} | dict(
         zip(AT_CONTACT, values[lines.row].T[:len(AT_CONTACT)], strict=True))
@@ -164,7 +165,7 @@ def write_facets(path: Path, states: Mapping[str, ContactState], fields: Mapping
     contact's table. Each rank has some of the contacts. Collective. Raises OutputError, on all ranks.
     """
     own = {f"contacts/{name}/facets": fields[name]["cells"] for name in states}
-    own |= {f"contacts/{name}/initial_gap": state.interface.gap[state.interface.shown.row]
+    own |= {f"contacts/{name}/initial_gap": state.interface.gap[state.interface.lines.row]
             for name, state in states.items()}
     write_rows(path / "result.h5", {name: [part] for name, part in own.items()},
                {name: (0, len(part)) for name, part in own.items()}, world, "")

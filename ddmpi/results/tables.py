@@ -113,7 +113,7 @@ def write_contact(path: Path, name: str, state: ContactState) -> None:
     Directions are those of the first body. Not collective. Raises OutputError.
     """
     interface = state.interface
-    lines = interface.shown
+    lines = interface.lines
     share = lines.area / interface.area[lines.row]
     columns = (state.normal_force[lines.row] * share, signed(state.tangential_force)[lines.row] * share,
                *(each[lines.row] for each in (state.pressure, signed(state.shear), state.gap, signed(state.slip),
@@ -183,7 +183,7 @@ def write_legs(path: Path, name: str, state: ContactState, steps: Iterable[tuple
     Not collective. Raises OutputError.
     """
     interface = state.interface
-    lines, columns = interface.shown, leg_columns(interface.dimension)
+    lines, columns = interface.lines, leg_columns(interface.dimension)
     share = lines.area / interface.area[lines.row]
     parts = np.column_stack([share if column.startswith("force") else np.ones_like(share) for column in columns])
     k = columns.index("status")

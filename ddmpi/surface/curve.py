@@ -137,8 +137,16 @@ class Curve(Side):
         return circumference(places, self.axisymmetric)
 
     def pieces(self, some: np.ndarray) -> np.ndarray:
-        """Segments between neighbouring nodes, also those of quadratic facets."""
-        return segments(self.facets[some])
+        """Segments between neighbouring nodes, also those of quadratic facets, `in_order`."""
+        return in_order(segments(self.facets[some]))
+
+
+def in_order(pairs: np.ndarray) -> np.ndarray:
+    """Pairs (f, 2) in the order of their nodes, each with the node before the other first, but for (last, first)."""
+    pairs = np.sort(pairs, axis=1)
+    closing = np.diff(pairs, axis=1)[:, 0] > 1
+    pairs[closing] = pairs[closing, ::-1]
+    return pairs[np.argsort(pairs[:, 0])]
 
 
 def in_chains(facets: np.ndarray, points: np.ndarray, places: np.ndarray,

@@ -85,8 +85,8 @@ def test_a_constant_pressure_has_the_nodal_forces_of_both_bodies(x, divisions, s
     assert (contact.area > 0).all() and contact.area.sum() == pytest.approx(high - low)
     assert contact.normal == pytest.approx(np.tile([0.0, -1.0], (contact.m, 1)))
     assert not contact.gap.any() and contact.slave == slave
-    assert contact.shown.area.sum() == pytest.approx(high - low)
-    assert np.bincount(contact.shown.row, contact.shown.area) == pytest.approx(contact.area)
+    assert contact.lines.area.sum() == pytest.approx(high - low)
+    assert np.bincount(contact.lines.row, contact.lines.area) == pytest.approx(contact.area)
 
 
 @orders
@@ -294,7 +294,7 @@ def test_a_closed_shaft_in_a_closed_hub(order):
         assert contact.gap == pytest.approx(2e-3, abs=2e-7)
         assert np.einsum("mi,mi->m", contact.normal, contact.xy) == pytest.approx(np.hypot(*contact.xy.T), rel=2e-2)
         assert joined(contact).all() and contact.laplacian[0, contact.m - 1] < 0.0
-        assert contact.shown.facets.tolist() == [[k, (k + 1) % contact.m] for k in range(contact.m)]
+        assert contact.lines.facets.tolist() == [[k, (k + 1) % contact.m] for k in range(contact.m)]
 
 
 @orders
@@ -334,14 +334,14 @@ def test_nearly_uncovered_nodes_share_a_row(part, order):
     contact = met(blocks(8, 9, order, 2.0 - 0.25 * (3 + part)), slave="upper")
     typical = 0.25 / (1 if order == 1 else 6)
     assert contact.area.min() >= 0.15 * 0.5 * typical
-    assert len(contact.shown.row) >= contact.m
+    assert len(contact.lines.row) >= contact.m
     assert contact.area.sum() == pytest.approx(0.25 * (3 + part))
-    assert len(contact.shown.row) == len(contact.shown.xy) and set(contact.shown.row) == set(range(contact.m))
+    assert len(contact.lines.row) == len(contact.lines.xy) and set(contact.lines.row) == set(range(contact.m))
 
 
 def forces_on_lines(state: ContactState) -> tuple[np.ndarray, float]:
     """Resultant and moment of the forces on the first body that contact_NAME.csv has at its nodes."""
-    lines = state.interface.shown
+    lines = state.interface.lines
     forces = state.forces[lines.row] * (lines.area / state.interface.area[lines.row])[:, None]
     return forces.sum(axis=0), float(lines.xy[:, 0] @ forces[:, 1] - lines.xy[:, 1] @ forces[:, 0])
 
@@ -368,8 +368,8 @@ def test_forces_at_the_nodes_have_the_resultant_and_the_moment(seed, slave, orde
     assert state.moment == pytest.approx(own, abs=1e-14 * size)
     assert state.moment_imbalance[0] == pytest.approx(abs(other - own), abs=1e-12 * size)
     assert moment == pytest.approx((own, other)[slave], abs=1e-7 * size)
-    assert contact.shown.area.sum() == pytest.approx(contact.area.sum(), rel=1e-13)
-    assert np.abs(contact.shown.area).min() > 1e-9 * np.median(contact.area)
+    assert contact.lines.area.sum() == pytest.approx(contact.area.sum(), rel=1e-13)
+    assert np.abs(contact.lines.area).min() > 1e-9 * np.median(contact.area)
 
 
 @orders
@@ -378,8 +378,8 @@ def test_nodes_that_face_nothing_are_no_lines(part, order):
     """Where the other side ends next to a node, up to rounding of coordinates, the nodes beyond are not in tables."""
     for below in (8, 9):
         contact = met(blocks(8, below, order, 2.0 - 0.25 * (3 + part)), slave="upper")
-        x = contact.shown.xy[:, 0]
-        assert (contact.shown.area > 0.0).all() and len(x) == contact.m == 3 * order + 1
+        x = contact.lines.xy[:, 0]
+        assert (contact.lines.area > 0.0).all() and len(x) == contact.m == 3 * order + 1
         assert x.max() == pytest.approx(2.0 - 0.25 * part, abs=1e-12)
         assert len(contact.facets) == 3
 
@@ -410,9 +410,9 @@ def test_rows_that_clamps_nearly_hold_are_shared(order, slave):
     contact, nodes = met(sides, slave=slave), len(sides[slave == "lower"].nodes)
     assert contact.m == len(contact.sliding) == nodes - 1
     if slave == "lower":  # its end lies within one side of the upper one
-        assert contact.dropped == 1 and len(contact.shown.row) == nodes - 1
+        assert contact.dropped == 1 and len(contact.lines.row) == nodes - 1
     else:
-        assert contact.dropped == 0 and sorted(contact.shown.row) == [0, *range(nodes - 1)]
+        assert contact.dropped == 0 and sorted(contact.lines.row) == [0, *range(nodes - 1)]
         assert contact.area.sum() == pytest.approx(2.0)
 
 

@@ -320,10 +320,10 @@ def test_of_many_contacts_only_the_overview_is_drawn(tmp_path, monkeypatch, cont
 def test_closed_contacts_are_drawn_closed(tmp_path):
     """The nodes of a ring end where they begin; those of an arc do not; a lone node stands alone."""
     rings = made_up.interface("a-b", made_up.ring((0.2, 1.0)), made_up.ring((1.0, 2.0)), ("outside", "inside"))
-    facets = drawn_facets(rings.shown)
+    facets = drawn_facets(rings.lines)
     assert [each.tolist() for each in chains(facets)] == [[*range(24), 0]]
     some = np.isin(np.arange(24), [0, 1, 2, 10, 20, 21])
-    assert [each.tolist() for each in chains(drawn_facets(rings.shown.only(some)))] == [[0, 1, 2], [3], [4, 5]]
+    assert [each.tolist() for each in chains(drawn_facets(rings.lines.only(some)))] == [[0, 1, 2], [3], [4, 5]]
 
 
 def test_results_of_an_earlier_version_name_it(tmp_path):

@@ -136,7 +136,7 @@ def test_contacts_in_pieces_and_of_one_node():
     closed = made_up.interface("inner-outer", inner, outer, ("outside", "inside"))
     for contact, nodes, joined in ((flat, [3, 4, 7, 8, 9], [[0, 1], [2, 3], [3, 4]]), (flat, [5], [[0, 0]]),
                                    (closed, list(range(24)), [[k, (k + 1) % 24] for k in range(24)])):
-        lines = contact.shown.only(np.isin(np.arange(contact.m), nodes))
+        lines = contact.lines.only(np.isin(np.arange(contact.m), nodes))
         assert contact_fields(made_up.state(replace(contact, lines=lines)))["cells"].tolist() == joined
 
 

@@ -277,7 +277,7 @@ def test_rows_on_the_axis_are_merged(partner):
         scene["rigid"] = [{"name": "shell", "shape": "circle", "center": [0.0, 0.0], "radius": 2.0, "inside": True}]
     scene["contact"] = [contact]
     state = solved(scene).contacts["ball-shell"]
-    lines = state.interface.shown
+    lines = state.interface.lines
     ends = np.flatnonzero(lines.xy[:, 0] == 0.0)
     assert len(ends) == 2 and len(lines.row) == state.interface.m + 2
     assert (np.bincount(lines.row)[lines.row[ends]] == 2).all()

@@ -316,7 +316,7 @@ MUTANTS = [Mutant(*row) for row in (
      "results/test_tables.py::test_means_over_sides_carry_the_force_of_quadratic_elements"),
     ("a node that hardly faces anything is drawn", "results/fields", "(area.min(axis=1) >= FEW",
      "(area.min(axis=1) >= -FEW", "pictures/test_pictures.py::test_the_curve_ends_where_the_contact_ends"),
-    ("a closed contact is drawn open", "interface/interface", "facets[closing] = facets[closing, ::-1]", "pass",
+    ("a closed contact is drawn open", "surface/curve", "pairs[closing] = pairs[closing, ::-1]", "pass",
      "pictures/test_pictures.py::test_closed_contacts_are_drawn_closed"),
     ("the summary is published first", "results/folder", "(name == SUMMARY, name)", "(name != SUMMARY, name)",
      "results/test_files.py::test_what_is_written_is_published"),
