@@ -12,7 +12,7 @@ import numpy as np
 from ddmpi.judge.overlap import distance_to
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Rigid, SettledContact, default_name
-from ddmpi.surface.cover import FACING
+from ddmpi.surface.cut import FACING
 from ddmpi.surface.side import unit
 from ddmpi.system.numbers import across, nearest_in
 

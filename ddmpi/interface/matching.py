@@ -18,8 +18,8 @@ from ddmpi.interface.vertices import rows_at_vertices
 from ddmpi.mesh.boundary import links
 from ddmpi.mesh.elements import circumference, facet_measures
 from ddmpi.scene.contacts import Rigid, SettledContact
-from ddmpi.surface.cover import DEEPEST, FACING, Cover, cover
-from ddmpi.surface.cut import stretch
+from ddmpi.surface.cover import DEEPEST, cover
+from ddmpi.surface.cut import FACING, Cover, stretch
 from ddmpi.surface.side import Side, unit
 from ddmpi.system.numbers import in_words
 

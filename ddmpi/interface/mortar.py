@@ -25,7 +25,8 @@ from ddmpi.interface.matching import pair
 from ddmpi.interface.rows import Rows, at_points, between, build, duals, holds_along, is_held, rows_of
 from ddmpi.interface.vertices import BARELY, UNCOVERED, rows_at_vertices
 from ddmpi.scene.contacts import SettledContact
-from ddmpi.surface.cover import Cover, corners, cover, faced_arc
+from ddmpi.surface.cover import corners, cover, faced_arc
+from ddmpi.surface.cut import Cover
 from ddmpi.surface.patch import Patch
 from ddmpi.surface.side import Side, frames, nodal, unit
 from ddmpi.system.numbers import in_words

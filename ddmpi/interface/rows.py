@@ -13,7 +13,7 @@ from ddmpi.interface.interface import SAME, Interface, Lines, Places
 from ddmpi.interface.law import law_of
 from ddmpi.scene.contacts import NoFriction, SettledContact
 from ddmpi.scene.values import Profile, evaluate
-from ddmpi.surface.cover import Cover
+from ddmpi.surface.cut import Cover
 from ddmpi.surface.side import Side, frames, laplacian, unit
 from ddmpi.system.numbers import in_words, is_touched
 

@@ -21,7 +21,7 @@ from ddmpi.interface.interface import Lines
 from ddmpi.interface.rows import Rows, at_points, between, duals, holds_along, rows_of
 from ddmpi.mesh.boundary import creases, links
 from ddmpi.scene.contacts import SettledContact
-from ddmpi.surface.cover import Cover
+from ddmpi.surface.cut import Cover
 from ddmpi.surface.side import Side, nodal
 from ddmpi.system.numbers import is_touched
 

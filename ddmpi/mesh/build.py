@@ -130,9 +130,8 @@ def locate_mesh(body: BodySpec, folder: Path) -> Path:
         try:
             if stat.S_ISREG(os.stat(place).st_mode):
                 return place
-            tried.append(str(place))
-        except FileNotFoundError:
-            tried.append(str(place))
+            reason = ""
         except (OSError, ValueError) as error:  # a folder without permission, a zero byte in the name
-            tried.append(f"{place} ({getattr(error, 'strerror', error)})")
+            reason = f" ({getattr(error, 'strerror', error)})" * (not isinstance(error, FileNotFoundError))
+        tried.append(f"{place}{reason}")
     raise InputError(f"body.{body.name}.mesh.{key}: there is no file {' nor '.join(tried)}")

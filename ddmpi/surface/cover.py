@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ddmpi.mesh.elements import on_line
 from ddmpi.surface.curve import Curve
-from ddmpi.surface.cut import cut
+from ddmpi.surface.cut import FACING, Cover, cut
 from ddmpi.surface.side import Side, cross, unit
-from ddmpi.system.numbers import spans
-
-FACING = -0.5
-"""Surfaces face each other where the product of their outer normals is below this: up to 60° from opposite."""
+from ddmpi.system.numbers import together
 
 DEEPEST = 0.5
 """Partners deeper than this part of the thinner body's depth are ignored: they belong to its far side."""
@@ -31,32 +26,6 @@ BLOCK = 32
 """Partners of a side's facets are looked for among so many facets at once."""
 
 
-@dataclass(frozen=True)
-class Cover:
-    """Points on one side, the slave, that face the other one, at which integrals are taken.
-
-    Attributes
-    ----------
-    facet, at : (q,) the slave's facet of each point, and (q, d) where on it, by barycentric coordinates
-    other, there : the same of the point that it faces
-    weight : (q,) parts of the length or area of the slave's facets, around an axis of their areas (m or m²)
-    direction : (q, d) unit normal along which the other side is looked for
-    gap : (q,) distance along it of the boundaries that are meant (m)
-    """
-
-    facet: np.ndarray
-    at: np.ndarray
-    other: np.ndarray
-    there: np.ndarray
-    weight: np.ndarray
-    direction: np.ndarray
-    gap: np.ndarray
-
-    def only(self, some: np.ndarray) -> Cover:
-        """Some of the points, by their numbers or (q,) bool."""
-        return Cover(*(each[some] for each in vars(self).values()))
-
-
 def cover(slave: Side, master: Side) -> Cover:
     """The part of the slave that faces the master, along its averaged normals, in space along those of its facets.
     Some points have no weight: ends of pieces, in space corners. Not collective.
@@ -69,10 +38,7 @@ def cover(slave: Side, master: Side) -> Cover:
     depth = DEEPEST * np.minimum(np.abs(outward) @ slave.extent, np.abs(outward) @ master.extent)
     if isinstance(slave, Curve) and isinstance(master, Curve):
         return _along(slave, master, depth)
-    facet, one, at, there, weight, distance = cut(slave, master, FACING, -depth)
-    ray = outward[facet]
-    return Cover(facet, at, one, there, weight, ray,
-                 distance - slave.bulge(facet, at, ray) - master.bulge(one, there, -ray))
+    return cut(slave, master, depth)
 
 
 def corners(over: Cover) -> Cover:
@@ -94,7 +60,7 @@ def _along(slave: Curve, master: Curve, depth: np.ndarray) -> Cover:
     facet, one = facet[facing], one[facing]
     on, low, high = _pieces(facet, corners[one], own, fans)
     middle = (low + high) / 2
-    piece, pair = _together(on, facet)
+    piece, pair = together(on, facet)
     there, distance, _ = _meet(own, fans, on[piece], middle[piece], corners[one[pair]])
     met = (there >= -TOUCHING) & (there <= 1.0 + TOUCHING) & (distance >= -depth[on[piece]])
     piece, pair, distance = piece[met], pair[met], np.abs(distance[met])
@@ -113,7 +79,6 @@ def _along(slave: Curve, master: Curve, depth: np.ndarray) -> Cover:
     gap = distance - slave.bulge(facet, at, ray) - master.bulge(one, np.clip(there, 0.0, 1.0), -ray)
     height, ratio = slave.off_chords(facet, at)
     on = slave.parameters(facet, at, outward[facet])
-    ratio = ratio * slave.around(facet, on)
     there = np.clip(there + height * cross(outward[facet], ray) / cross(master.along[one], ray), 0.0, 1.0)
     return Cover(facet, on_line(on), one, on_line(master.parameters(one, there, ray)), weight * ratio, ray, gap)
 
@@ -175,16 +140,11 @@ def _hidden(facets: np.ndarray, fans: np.ndarray, facet: np.ndarray, at: np.ndar
     source, other = _swept(facets, facets[some], fans[some])
     source = some[source]
     source, other = source[source != other], other[source != other]
-    point, pair = _together(facet, source)
+    point, pair = together(facet, source)
     there, t, _ = _meet(facets, fans, facet[point], at[point], facets[other[pair]])
     slack = TOUCHING * np.linalg.norm(facets[:, 1] - facets[:, 0], axis=1)[facet[point]]
     behind = (there > 0.0) & (there < 1.0) & (t > slack) & (t < distance[point])
     return np.bincount(point, behind, len(facet)) > 0
-
-
-def _together(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """All pairs of places of equal numbers in `one` (q,) and the sorted `other` (p,), in the order of `one`."""
-    return spans(np.searchsorted(other, one), np.searchsorted(other, one, "right"))
 
 
 def _pieces(facet: np.ndarray, segments: np.ndarray, facets: np.ndarray,

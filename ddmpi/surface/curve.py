@@ -122,19 +122,14 @@ class Curve(Side):
         return 2.0 * at / (1.0 + 4.0 * delta + np.sqrt((1.0 + 4.0 * delta) ** 2 - 16.0 * delta * at))
 
     def off_chords(self, facets: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far (q,) facets themselves are off their chords (m), and their length over the chord's (q,), at places
-        upright on the chords of `facets` (q,), at `at` (q,) from 0 to 1."""
-        outward, along = self.outward[facets], self.along[facets]
-        t, length = self.parameters(facets, at, outward), np.linalg.norm(along, axis=1)
-        height = 4.0 * np.einsum("qi,qi->q", self.bends[facets], outward)
-        aside = 4.0 * np.einsum("qi,qi->q", self.bends[facets], along) / length
-        slope = height * (1.0 - 2.0 * t) / (length + aside * (1.0 - 2.0 * t))
-        return height * t * (1.0 - t), np.sqrt(1.0 + slope**2)
-
-    def around(self, facets: np.ndarray, at: np.ndarray) -> np.ndarray | float:
-        """`circumference` (q,) at the parameters `at` (q,) of facets (q,)."""
-        places = np.einsum("ql,qli->qi", self.cell.shapes(on_line(at)), self.xy[self.facets[facets]])
-        return circumference(places, self.axisymmetric)
+        """How far (q,) facets themselves are off their chords (m), and their length over the chord's, times
+        `circumference` (q,), at places upright on the chords of `facets` (q,), at `at` (q,) from 0 to 1."""
+        outward, along, nodes = self.outward[facets], self.along[facets], self.xy[self.facets[facets]]
+        t = on_line(self.parameters(facets, at, outward))
+        places, tangent = (np.einsum("ql,qli->qi", each, nodes) for each in (
+            self.cell.shapes(t), self.cell.derivatives(t)[0]))
+        ratio = np.linalg.norm(along, axis=1) * np.linalg.norm(tangent, axis=1) / (along * tangent).sum(axis=1)
+        return ((places - nodes[:, 0]) * outward).sum(axis=1), ratio * circumference(places, self.axisymmetric)
 
     def pieces(self, some: np.ndarray) -> np.ndarray:
         """Segments between neighbouring nodes, also those of quadratic facets, `in_order`."""

@@ -7,12 +7,17 @@ they have in common is cut into triangles with Gauss's points (Puso and Laursen,
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ddmpi.mesh.elements import facet_measures
 from ddmpi.surface.side import Side, cross, unit
-from ddmpi.system.numbers import spans
+from ddmpi.system.numbers import spans, together
+
+FACING = -0.5
+"""Surfaces face each other where the product of their outer normals is below this: up to 60° from opposite."""
 
 CHUNK = 60_000
 """Pairs of facets that are cut at a time."""
@@ -30,26 +35,39 @@ BEHIND = 1e-6
 """What lies nearer by more than this part of a facet's size hides what lies behind it."""
 
 
-def cut(slave: Side, master: Side, facing: float, deepest: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Points on the slave that face the master along its facets' normals: Gauss's in the triangles that facets are cut
-    into, and corners of these, without weight. Not collective.
+@dataclass(frozen=True)
+class Cover:
+    """Points on one side, the slave, that face the other one, at which integrals are taken.
 
-    Parameters
+    Attributes
     ----------
-    facing : facets face each other where the product of their normals is below this
-    deepest : (f,) least distance along the slave's normals of what is not ignored (m)
-
-    Returns
-    -------
-    facet, other : (q,) the facets of both sides
-    at, there : (q, 3) barycentric coordinates of the points on them
-    weight : (q,) parts of the slave's area (m²)
-    distance : (q,) between the plane triangles (m)
+    facet, at : (q,) the slave's facet of each point, and (q, d) where on it, by barycentric coordinates
+    other, there : the same of the point that it faces
+    weight : (q,) parts of the length or area of the slave's facets, around an axis of their areas (m or m²)
+    direction : (q, d) unit normal along which the other side is looked for
+    gap : (q,) distance along it of the boundaries that are meant (m)
     """
+
+    facet: np.ndarray
+    at: np.ndarray
+    other: np.ndarray
+    there: np.ndarray
+    weight: np.ndarray
+    direction: np.ndarray
+    gap: np.ndarray
+
+    def only(self, some: np.ndarray) -> Cover:
+        """Some of the points, by their numbers or (q,) bool."""
+        return Cover(*(each[some] for each in vars(self).values()))
+
+
+def cut(slave: Side, master: Side, depth: np.ndarray) -> Cover:
+    """`cover` in space, where facets (f,) count up to their `depth` behind the slave: Gauss's points in the triangles
+    that its facets are cut into, and the corners of these, without weight. Not collective."""
     own, others = slave.xy[slave.corners], master.xy[master.corners]
     outward, backward = slave.outward, master.outward
     facet, other = _near(own, others, outward, backward)
-    faces = np.einsum("pd,pd->p", outward[facet], backward[other]) < facing
+    faces = np.einsum("pd,pd->p", outward[facet], backward[other]) < FACING
     facet, other = facet[faces], other[faces]
     where, weights = max(slave.cell, master.cell, key=lambda cell: cell.order).rule
     rule = np.concatenate([where, np.eye(3)]), np.append(weights, np.zeros(3))
@@ -59,7 +77,7 @@ def cut(slave: Side, master: Side, facing: float, deepest: np.ndarray) -> tuple[
     number = len(rule[1])
     distance = np.einsum("qd,qd->q", np.einsum("qc,qcd->qd", there, others[other])
                          - np.einsum("qc,qcd->qd", at, own[facet]), outward[facet])
-    keep = distance.reshape(-1, number).mean(axis=1) >= deepest[facet[::number]]
+    keep = distance.reshape(-1, number).mean(axis=1) >= -depth[facet[::number]]
     piece, over, slack = facet[::number], other[::number], BEHIND * np.sqrt(facet_measures(own))
     middle, away = at.reshape(-1, number, 3).mean(axis=1), distance.reshape(-1, number).mean(axis=1)
     pairs = np.unique(np.stack([piece, over]), axis=1)
@@ -71,7 +89,9 @@ def cut(slave: Side, master: Side, facing: float, deepest: np.ndarray) -> tuple[
     keep = np.repeat(keep, number)
     facet, other, at, there, weight, distance = (
         each[keep] for each in (facet, other, at, there, weight, distance))
-    return facet, other, at, there, weight * stretch(slave, facet, at), distance
+    ray = outward[facet]
+    return Cover(facet, at, other, there, weight * stretch(slave, facet, at), ray,
+                 distance - slave.bulge(facet, at, ray) - master.bulge(other, there, -ray))
 
 
 def stretch(side: Side, facet: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -191,8 +211,7 @@ def _hidden(own: np.ndarray, outward: np.ndarray, triangles: np.ndarray, pairs: 
     """Which pieces (p,), with middles at (p, 3), have another of the `triangles` (·, 3, 3) before what they face.
     `pairs` (2, r), sorted, has each facet's rivals among the triangles, `other` (p,) what is none of them; rivals count
     from the distance `least` on."""
-    start = np.searchsorted(pairs[0], facet)
-    piece, candidate = spans(start, np.searchsorted(pairs[0], facet, "right"))
+    piece, candidate = together(facet, pairs[0])
     rival = pairs[1, candidate]
     on, rival, piece = facet[piece][rival != other[piece]], rival[rival != other[piece]], piece[rival != other[piece]]
     place = np.einsum("pc,pcd->pd", at[piece], own[on])

@@ -9,7 +9,7 @@ import scipy.sparse as sparse
 
 from ddmpi.mesh.boundary import SHARPEST, links
 from ddmpi.surface.side import Side, unit
-from ddmpi.system.numbers import spans
+from ddmpi.system.numbers import spans, together
 
 FEWEST = 5
 """A surface is fitted to no fewer neighbours than this, which are as many as its coefficients."""
@@ -37,8 +37,7 @@ class Patch(Side):
         weighted = np.cross(edges, before) / ((edges**2).sum(axis=2) * (before**2).sum(axis=2))[..., None]
         node, facet = facets.ravel(), np.repeat(np.arange(len(facets)), 3)
         order = np.argsort(node, kind="stable")
-        start = np.searchsorted(node[order], node)
-        entry, place = spans(start, np.searchsorted(node[order], node, "right"))
+        entry, place = together(node, node[order])
         met = order[place]
         smooth = np.einsum("pd,pd->p", own[facet[entry]], own[facet[met]]) > np.cos(SHARPEST)
         total = np.zeros((len(node), 3))

@@ -45,6 +45,11 @@ def spans(start: np.ndarray, stop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return owner, np.arange(len(owner)) + np.repeat(start - np.cumsum(count) + count, count)
 
 
+def together(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """All pairs of places of equal numbers in `one` (q,) and the sorted `other` (p,), in the order of `one`."""
+    return spans(np.searchsorted(other, one), np.searchsorted(other, one, "right"))
+
+
 def bisect(points: np.ndarray, parts: int) -> np.ndarray:
     """The part (k,) of each of the `points` (k, d): halves along the longest extent, halved again. Not collective.
 
