@@ -133,12 +133,10 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
     facets = number[rows.place[(side.facets if side.cell.bears else side.corners)[rows.whole]]]
     row = number[np.where(rows.bound, -1, rows.place)]
     lines = replace(rows.lines, row=number[rows.lines.row]).only(~dropped[rows.lines.row])
-    nodes, transfers = zip(*(_used(each, transfer[keep]) for each, transfer in zip(sides, rows.transfers, strict=True)),
-                           strict=True)
-    xy, arc, area = xy[keep], rows.arc[keep], rows.area[keep]
+    xy, arc, area, places = xy[keep], rows.arc[keep], rows.area[keep], _at_rows(rows, ~dropped, start)
     return Interface(
-        name=contact.name, bodies=(sides[0].body, sides[1].body), xy=xy, frame=frame[keep], area=area, gap=start[keep],
-        arc=arc, nodes=nodes, transfer=transfers,
+        name=contact.name, bodies=(sides[0].body, sides[1].body), xy=xy, frame=frame[keep], area=area, gap=places.gap,
+        arc=arc, nodes=places.nodes, transfer=places.transfer,
         law=law_of(contact.friction, xy, arc, area, sliding, contact.kind, of_rows(live)),
         modulus=1.0 / (1.0 / sides[0].modulus + 1.0 / sides[1].modulus),
         facets=facets[(facets >= 0).all(axis=1)],

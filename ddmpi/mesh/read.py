@@ -297,13 +297,14 @@ class Input:
 
     def _placed(self, points: np.ndarray) -> np.ndarray:
         """The points (n, 3) where the instance has them: shifted, then turned about an axis through two points."""
+        from scipy.spatial.transform import Rotation
+
         for row in self.place[:1]:
             points = points + [*row, 0.0, 0.0][:3]  # of a plane part two coordinates will do
         for row in self.place[1:2]:
-            start, axis, angle = np.array(row[:3]), np.subtract(row[3:6], row[:3]), np.radians(row[6])
-            axis, away = axis / np.linalg.norm(axis), points - start
-            points = (start + np.cos(angle) * away + np.sin(angle) * np.cross(axis, away)
-                      + (1.0 - np.cos(angle)) * np.outer(away @ axis, axis))
+            start, axis = np.array(row[:3]), np.subtract(row[3:6], row[:3])
+            turn = Rotation.from_rotvec(np.radians(row[6]) * axis / np.linalg.norm(axis))
+            points = start + turn.apply(points - start)
         return points
 
 

@@ -63,22 +63,16 @@ class Patch(Side):
             return found
         facets, weight, ray = facets[some], np.maximum(at[some], 0.0), direction[some]  # κ is a mean
         x, n = self.xy[self.corners[facets]], normals[facets]
-        Q, K = np.zeros(len(facets)), np.zeros(len(facets))
-        for i, j in ((0, 1), (1, 2), (2, 0)):
-            apart, part = x[:, j] - x[:, i], weight[:, i] * weight[:, j]
-            Q += part * (apart**2).sum(axis=1)
-            K += part * np.einsum("qd,qd->q", apart, n[:, j] - n[:, i])
+        apart, turn = (np.roll(each, -1, axis=1) - each for each in (x, n))  # to the next corner
+        part = weight * np.roll(weight, -1, axis=1)
+        Q, K = (np.einsum("qc,qcd,qcd->q", part, apart, each) for each in (apart, turn))
         kappa = np.where(Q > 0.0, K / np.where(Q > 0.0, Q, 1.0), 0.0)
-        u, v = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]
-        across = np.cross(u, v)
-        square = (across**2).sum(axis=1)
-        middle = (np.cross(across, u) * (v**2).sum(axis=1)[:, None]
-                  + np.cross(v, across) * (u**2).sum(axis=1)[:, None]) / (2.0 * square)[:, None]
-        radius = (middle**2).sum(axis=1)
-        place = np.einsum("qc,qcd->qd", weight, x) - x[:, 0] - middle
-        upright = across / np.sqrt(square)[:, None]
-        rest = np.sqrt(np.maximum(1.0 - kappa**2 * radius, 0.0))
-        beta = np.einsum("qd,qd->q", ray, kappa[:, None] * place + rest[:, None] * upright)
+        square = np.roll((apart**2).sum(axis=2), -1, axis=1)  # of the edge that a corner is not on
+        share = square * (square.sum(axis=1, keepdims=True) - 2.0 * square)
+        middle = np.einsum("qc,qcd->qd", share / share.sum(axis=1, keepdims=True), x)  # of the circle through corners
+        rest = np.sqrt(np.maximum(1.0 - kappa**2 * ((x[:, 0] - middle) ** 2).sum(axis=1), 0.0))
+        place = np.einsum("qc,qcd->qd", weight, x) - middle
+        beta = np.einsum("qd,qd->q", ray, kappa[:, None] * place + rest[:, None] * self.outward[facets])
         below = beta + np.sqrt(np.maximum(beta**2 + kappa**2 * Q, 0.0))
         found[some] = kappa * Q / np.where(below > 0.0, below, np.inf)
         return found

@@ -140,7 +140,8 @@ def test_lines_along_a_strongly_bent_side_meet_it_somewhere():
 
 def test_a_curved_triangle_meets_its_corners():
     """However coordinates round there, the boundary that is meant goes through the corners of a ball's facets."""
-    ball = SimpleNamespace(xy=np.eye(3), corners=np.arange(3)[None], fans=np.eye(3)[None])
+    ball = SimpleNamespace(xy=np.eye(3), corners=np.arange(3)[None], outward=np.full((1, 3), 3**-0.5),
+                           fans=np.eye(3)[None])
     at = np.array([[1.0, -3e-16, 2e-16], [2e-16, 1.0, -4e-16], [-1e-16, -1e-16, 1.0], [0.5, 0.5, -1e-17]])
     off = Patch.bulge(ball, np.zeros(4, int), at, np.tile(np.full(3, 3**-0.5), (4, 1)))
     assert np.abs(off[:3]).max() < 1e-15
