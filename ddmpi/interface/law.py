@@ -60,8 +60,7 @@ class Tangent:
     source, coupling : (size,) the entry that each follows, and by how much (0: none)
     given : (size,) forces that are known (N)
     spring : (size,) κ at the tangential entries of nodes that slip and can turn, zero elsewhere
-    turn : (size, size) sparse, orthogonal: the turned frames of the tangential entries of each node by their columns;
-        None where none is turned
+    turn : (size, size) sparse, orthogonal: columns are the turned tangents of each node; None where none is turned
     """
 
     unknown: np.ndarray

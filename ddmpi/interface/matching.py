@@ -30,8 +30,7 @@ given: finer versions of the same boundaries are offset as much."""
 
 def pairs(sides: tuple[Side, Side], here: np.ndarray, there: np.ndarray, normal: np.ndarray, area: np.ndarray,
           gap: np.ndarray, seen: np.ndarray) -> Rows:
-    """The rows of nodes `here` (r,) of the first side and their partners; otherwise as `Rows`. `Side.bare` nodes share
-    the rows of the middles of their facets."""
+    """The rows of nodes `here` (r,) of the first side and their partners. `Side.bare` nodes share those of middles."""
     side = sides[0]
     place, lengths = np.full(len(side.nodes), -1), np.zeros(len(side.nodes))
     place[here], lengths[here] = np.arange(len(here)), area
@@ -111,8 +110,7 @@ def face_rigid(side: Side, rigid: Rigid, contact: SettledContact) -> Interface:
 
 
 def _over_rigid(side: Side, rigid: Rigid, some: np.ndarray, where: np.ndarray, weights: np.ndarray) -> Cover:
-    """Points `where` (p, 3), with weights (p,), on some facets (n,) of a side in space that a rigid surface faces, with
-    themselves as partners."""
+    """Points `where` (p, 3), with weights (p,), on some facets (n,) of a side in space that face a rigid surface."""
     facet, at = np.repeat(some, len(where)), np.tile(where, (len(some), 1))
     outward, gap = rigid.facing(np.einsum("qc,qcd->qd", at, side.xy[side.corners[facet]]))
     outward = np.where(outward.any(axis=1, keepdims=True), outward, -side.outward[facet])
@@ -202,8 +200,7 @@ def _opposite(first: Side, second: Side, name: str) -> np.ndarray:
 
 def _offset(first: Side, second: Side, here: np.ndarray, there: np.ndarray,
             normal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The gap along the normals between the arcs over the chords, how far partners lie aside of each other, and the
-    spacing there, each (k,)."""
+    """Each (k,): gaps along normals between the arcs over chords, how far partners lie aside, and the spacing there."""
     ends, offset = links(first.facets, first.dimension), second.xy[there] - first.xy[here]
     half = np.linalg.norm(first.xy[ends[:, 1]] - first.xy[ends[:, 0]], axis=1) / 2 / (first.dimension - 1)
     spacing = np.bincount(ends.ravel(), np.repeat(half, 2), len(first.nodes))[here]

@@ -108,8 +108,7 @@ def _not_facing(first: Side, second: Side, name: str) -> InputError:
 
 
 def _functions(side: Side, over: Cover) -> sparse.csr_matrix:
-    """w ψ (q, k) of the slave's nodes at the points: `duals` of its shape functions, of a sliver one, of the nearest
-    corner."""
+    """w ψ (q, k) of the slave's nodes at the points: `duals`; on a sliver the nearest corner has one alone."""
     phi = side.cell.shapes(over.at)
     middle = nodal(over.weight[:, None] * over.at, over.facet, len(side.facets))
     nearest = np.arange(phi.shape[1]) == middle.argmax(axis=1)[:, None]
@@ -205,8 +204,7 @@ def _merged(side: Side, over: Cover, psi: sparse.csr_matrix) -> np.ndarray:
 
 def _lines(rows: Rows) -> Lines:
     """The nodes on which the rows act, each with its part of its row's length, so that the forces on the nodes have the
-    rows' resultant and moment. A node whose part is no more than UNSEEN of what the facets `seen` give it faces nothing
-    and is left out."""
+    rows' resultant and moment. A node with no more than UNSEEN of what the facets `seen` give it faces nothing."""
     side, nodes, place = rows.sides[rows.own], rows.nodes, rows.place
     entries, length = rows.transfers[rows.own].tocoo(), np.zeros(len(place))
     own = place[entries.col] == entries.row

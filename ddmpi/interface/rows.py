@@ -171,8 +171,7 @@ def _at_rows(rows: Rows, some: np.ndarray, gap: np.ndarray) -> Places:
 
 
 def _probes(rows: Rows, contact: SettledContact, dropped: np.ndarray, start: np.ndarray) -> Places:
-    """Places between the nodes; else those dropped rows which can still move a little. What overlaps between clamps at
-    first stays, and is no overlap of the answer."""
+    """Places between the nodes; else dropped rows which can still move a little. What clamps keep of overlaps stays."""
     if rows.points is None:
         moves = sum(np.abs(np.einsum("rij,rj->ri", side.moves_with(transfer), rows.normal)).max(axis=1)
                     for side, transfer in zip(rows.sides, rows.transfers, strict=True)) > SAME

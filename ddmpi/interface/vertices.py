@@ -29,8 +29,7 @@ SLIVER = 1e-6
 """The dual functions of a facet of which a smaller part is covered are constants."""
 
 UNCOVERED = 0.15
-"""A vertex of whose area a smaller part is covered shares its function, in the plane a node of whose length; else its
-gap would be one outside of it."""
+"""A vertex, in the plane a node, of which less is covered shares its function; else its gap would be outside of it."""
 
 BARELY = 0.499
 """So does one that clamps let move by less than this, where free ones move by one: alone it would constrain curvature

@@ -15,8 +15,7 @@ from ddmpi.scene.keys import nearest
 from ddmpi.system.numbers import across, in_words
 
 SHARPEST = np.deg2rad(40.0)
-"""Where a boundary turns by more than this from one side of an element to the next, it has a corner; where by less, it
-may be a curve."""
+"""Where a boundary turns by more than this from one facet to the next, it has a corner; else it may be a curve."""
 
 
 def boundary_group(mesh: Mesh, name: str, key: str) -> np.ndarray:
@@ -38,8 +37,7 @@ def boundary_group(mesh: Mesh, name: str, key: str) -> np.ndarray:
 
 
 def group_nodes(mesh: Mesh, name: str, key: str) -> np.ndarray:
-    """Nodes (k,) of a boundary group, or of a physical curve or point. Raises InputError, naming `key`, unless there is
-    exactly one."""
+    """Nodes (k,) of the boundary group, physical curve or point `name`. Raises InputError, naming `key`, if not one."""
     kinds = (PHYSICAL[mesh.dimension - 1], mesh.groups), (PHYSICAL[1], mesh.curves), (PHYSICAL[0], mesh.vertices)
     found = [(what, names[name]) for what, names in kinds if name in names]
     if len(found) > 1:
@@ -123,8 +121,7 @@ def outer_normals(mesh: Mesh, name: str, key: str) -> tuple[np.ndarray, np.ndarr
     """The nodes (k,) of a boundary group, ascending, and its outer unit normals (k, d) there.
 
     Those of the facets between neighbouring nodes, weighted such that they are exact where the nodes lie on a circle or
-    a sphere (Max, J. Graphics Tools 4, 1999). Raises InputError, naming `key`, at a corner inside the group, and where
-    there is no such group.
+    a sphere (Max, J. Graphics Tools 4, 1999). Raises InputError, naming `key`, at a corner inside the group.
     """
     d = mesh.dimension
     facets = turn_outward(mesh, boundary_group(mesh, name, key), key)[0]

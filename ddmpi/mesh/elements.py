@@ -29,8 +29,7 @@ EDGES = {1: [(0, 1)], 2: [(0, 1), (1, 2), (2, 0)], 3: [(0, 1), (1, 2), (2, 0), (
 
 FACETS: dict[int, list[tuple[int, ...]]] = {
     1: [(1,), (0,)], 2: [(0, 1), (1, 2), (2, 0)], 3: [(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)]}
-"""Corners of the facets by dimension. From outside they are counter-clockwise; in the plane the cell lies to their
-left."""
+"""Corners of the facets by dimension, counter-clockwise from outside; in the plane the cell lies to their left."""
 
 CORNERS_CUT = {1: [[0, 2], [2, 1]], 2: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]],
                3: [[0, 4, 6, 7], [4, 1, 5, 8], [6, 5, 2, 9], [7, 8, 9, 3]]}

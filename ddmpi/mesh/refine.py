@@ -41,8 +41,7 @@ EQUAL = 1e-6
 """Diagonals whose lengths differ by less than this part of them are equally long."""
 
 STRAIGHT = 1e-6
-"""How far the middle node of a straight side may lie from the side's midpoint, as a fraction of the side; it then
-becomes the midpoint."""
+"""A side whose middle node is off its midpoint by no more than this part of its length is straight."""
 
 GRADE = 0.3
 """By how much the size of elements grows with the distance, at most."""
@@ -191,9 +190,8 @@ def graded(mesh: Mesh, sizes: np.ndarray) -> Sizes:
 
 
 def _cuts(points: np.ndarray, corners: np.ndarray, shape: str) -> np.ndarray:
-    """(n, parts, d + 1) which of its corners (n, k) the parts of each element have. In space every quadrilateral has
-    its diagonal from its smallest node, so that neighbours fit, and an element is the pyramids over its other faces
-    from its smallest node."""
+    """(n, parts, d + 1) which of its corners (n, k) the parts of each element have. In space quadrilaterals have their
+    diagonal from their smallest node, so that neighbours fit, and elements are pyramids from theirs."""
     n, k = corners.shape
     if shape in SIMPLICES:
         return np.broadcast_to(np.arange(k), (n, 1, k))
@@ -210,9 +208,8 @@ def _cuts(points: np.ndarray, corners: np.ndarray, shape: str) -> np.ndarray:
 
 
 def _weights(shape: str, number: int) -> np.ndarray:
-    """(k, k, s) the bend in the middle between two corners of a curved element, as a sum of those of its edges. As in
-    serendipity elements a face's diagonal has half of the sum of its edges, a hexahedron's a quarter of the sum of all.
-    Diagonals in the plane stay straight."""
+    """(k, k, s) the bend in the middle between two corners of a curved element, as a sum of those of its edges: of a
+    face's diagonal half of the sum of its edges, of a hexahedron's a quarter of all. In the plane they are straight."""
     sides, weights = [set(side) for side in SIDES[shape]], np.zeros((number, number, len(SIDES[shape])))
     if shape == "hexahedron":
         weights += 0.25

@@ -69,8 +69,7 @@ def _solid_grid(divisions: Sequence[int]) -> tuple[np.ndarray, np.ndarray, dict[
     ``front`` and ``back`` (y), ``bottom`` and ``top`` (z).
 
     Each cell is cut into the six tetrahedra around its diagonal from the corner of least to that of greatest
-    coordinates, one for each order in which a way along edges takes the axes (Kuhn 1960). Translated cells are cut
-    alike, and so are the sides of neighbours.
+    coordinates, one for each order in which a way along edges takes the axes (Kuhn 1960). Neighbours fit.
     """
     number = np.arange(np.prod([n + 1 for n in divisions])).reshape([n + 1 for n in divisions])
     cells = [[number[tuple(slice(step, n + step) for step, n in zip(corner, divisions, strict=True))].ravel()

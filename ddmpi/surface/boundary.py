@@ -23,8 +23,7 @@ def contact_side(mesh: Mesh, edges: np.ndarray, held: Supports, body: str, modul
                  tied: np.ndarray | None = None, parted: bool = False) -> Side:
     """The contact boundary made of `edges` (k, l), in the plane ordered from its first end. Not collective.
 
-    `tied` (nv,) as that of a `Side`, of all nodes of the body; without it none is.
-    `parted` as of a `Side`.
+    `tied` (nv,) and `parted` as those of a `Side`, of all nodes of the body; without it none is tied.
 
     Raises InputError naming `key` when an edge does not lie on the boundary.
     """

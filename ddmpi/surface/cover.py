@@ -84,8 +84,7 @@ def _along(slave: Curve, master: Curve, depth: np.ndarray) -> Cover:
 
 
 def faced_arc(xy: np.ndarray, rows: np.ndarray, over: Cover, master: Side) -> np.ndarray:
-    """Arc lengths (m,) of the master's places nearest to `xy` (m, 2), on facets that the rows (q, c) of points face.
-    Not collective."""
+    """Arc lengths (m,) of the master's places nearest to `xy` (m, 2), on facets that the rows (q, c) of points face."""
     row, facet = np.unique(np.stack([rows.ravel(), np.repeat(over.other, rows.shape[1])]), axis=1)
     start, end = master.corners[facet].T
     along = master.xy[end] - master.xy[start]
@@ -99,8 +98,7 @@ def faced_arc(xy: np.ndarray, rows: np.ndarray, over: Cover, master: Side) -> np
 
 def _swept(segments: np.ndarray, facets: np.ndarray, fans: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The pairs of a facet (·, 2, 2) and a segment (·, 2, 2) whose line rays from the facet can meet, facet by facet.
-    Rays have the directions `fans` (·, 2, 2) at the ends of a facet. Boxes around BLOCK segments are looked at
-    first."""
+    Rays have the directions `fans` (·, 2, 2) at its ends. Boxes around BLOCK segments are looked at first."""
     if len(segments) > BLOCK:
         first = np.arange(0, len(segments), BLOCK)
         low, high = np.minimum.reduceat(segments.min(axis=1), first), np.maximum.reduceat(segments.max(axis=1), first)

@@ -146,8 +146,7 @@ def in_order(pairs: np.ndarray) -> np.ndarray:
 
 def in_chains(facets: np.ndarray, points: np.ndarray, places: np.ndarray,
               origins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The nodes (k,) of turned facets chain by chain, by `places` (nv, 2) of all nodes, and the arc lengths (nv,); see
-    `_arc`."""
+    """The nodes (k,) of turned facets chain by chain, by `places` (nv, 2) of all nodes, and their `_arc` (nv,)."""
     return _chained(segments(facets), places), _arc(facets, points, origins)
 
 

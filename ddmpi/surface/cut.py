@@ -105,9 +105,8 @@ def stretch(side: Side, facet: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 def _near(own: np.ndarray, others: np.ndarray, outward: np.ndarray, backward: np.ndarray) \
         -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of facets of which one may lie over the other, in the order of the first. Around each of the slave's facets
-    the nearest of the master gives the distance at which others are looked for; those of one size at a time, so that
-    large ones cost small ones nothing."""
+    """Pairs of facets of which one may lie over the other, in the order of the first. The nearest of the master's gives
+    the distance at which others are looked for; those of one size at a time, so that large ones are not dear."""
     centre, far = own.mean(axis=1), others.mean(axis=1)
     radius, reach = (np.linalg.norm(each - each.mean(axis=1, keepdims=True), axis=2).max(axis=1)
                      for each in (own, others))
@@ -208,9 +207,8 @@ def _opposite(own: np.ndarray, outward: np.ndarray, facet: np.ndarray, distance:
 
 def _hidden(own: np.ndarray, outward: np.ndarray, triangles: np.ndarray, pairs: np.ndarray, facet: np.ndarray,
             other: np.ndarray, at: np.ndarray, distance: np.ndarray, slack: np.ndarray, least: float) -> np.ndarray:
-    """Which pieces (p,), with middles at (p, 3), have another of the `triangles` (·, 3, 3) before what they face.
-    `pairs` (2, r), sorted, has each facet's rivals among the triangles, `other` (p,) what is none of them; rivals count
-    from the distance `least` on."""
+    """Which pieces (p,), with middles at (p, 3), have another of the `triangles` (·, 3, 3) before what they face, from
+    the distance `least` on. `pairs` (2, r), sorted, has each facet's rivals, `other` (p,) what is none of them."""
     piece, candidate = together(facet, pairs[0])
     rival = pairs[1, candidate]
     on, rival, piece = facet[piece][rival != other[piece]], rival[rival != other[piece]], piece[rival != other[piece]]

@@ -53,9 +53,7 @@ class Patch(Side):
         return np.where(fitted.any(axis=1, keepdims=True), fitted, mean).reshape(-1, 3, 3)
 
     def bulge(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Along a ray through a point it is the root of a sphere's equation, of the curvature κ that the normals of the
-        corners have in the mean: exact on spheres.
-        """
+        """It is the root of a sphere's equation, of the mean curvature κ of the corners' normals: exact on spheres."""
         normals = self.fans
         bent = np.abs(normals - normals.mean(axis=1, keepdims=True)).max(axis=(1, 2)) > FLAT
         found, some = np.zeros(len(facets)), np.flatnonzero(bent[facets])
