@@ -108,12 +108,11 @@ class Interface:
     laplacian : (m, m) sparse, of hat functions on all facets between the rows, m^(d − 3); nodes without a row that
         clamps or other contacts hold are fixed. Rows with an entry are neighbours
     one_sided : (size,) bool, unknowns along which only one of the bodies can move
-    prescribed : (size,) contact displacement of a rigid partner (m), with the sign of the second side; zero for bodies
+    displacement : (d,) of a rigid partner (m); zero for bodies
     at : of each side (m, d), where the forces of the rows act on it (m); None where this is not known
     slave : name of the body whose nodes carry the rows where the nodes do not match, else None
     lines : the nodes of the rows
     probes : places between the nodes of sides that do not match; of others, fixed nodes that can still move a little
-    displacement : (d,) of a rigid partner (m)
     history : that the displacement of the rigid partner follows, or None
     gap_history : that the gap follows, or None
     scale : factor of the gap at present
@@ -134,27 +133,26 @@ class Interface:
     facets: np.ndarray
     laplacian: sparse.csr_matrix
     one_sided: np.ndarray
-    prescribed: np.ndarray
+    displacement: np.ndarray
     fixed: Places = field(default_factory=Places)
     at: tuple[np.ndarray, np.ndarray] | None = None
     slave: str | None = None
     lines: Lines = Lines(np.empty(0, int), np.empty((0, 2)), np.empty(0), np.empty((0, 2), int))
     probes: Places = field(default_factory=Places)
-    displacement: np.ndarray = field(default_factory=lambda: np.zeros(2))
     history: str | None = None
     gap_history: str | None = None
     scale: float = 1.0
     arc: np.ndarray = field(default_factory=lambda: np.empty(0))
     axisymmetric: bool = False
 
-    def displaced(self, U: np.ndarray) -> Interface:
-        """The same interface with the rigid partner displaced by `U` (d,)."""
-        return replace(self, prescribed=-(self.directions @ U), displacement=U)
-
     def under(self, factors: Mapping[str | None, float]) -> Interface:
         """The same interface with these `factors` of its gap and rigid partner, by history."""
-        moved = self.displaced(factors[self.history] * self.displacement)
-        return replace(moved, scale=factors[self.gap_history])
+        return replace(self, displacement=factors[self.history] * self.displacement, scale=factors[self.gap_history])
+
+    @property
+    def prescribed(self) -> np.ndarray:
+        """(size,) contact displacement of the rigid partner (m), with the sign of the second side."""
+        return -(self.directions @ self.displacement)
 
     @property
     def opening(self) -> np.ndarray:

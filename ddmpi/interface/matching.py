@@ -79,7 +79,7 @@ def face_rigid(side: Side, rigid: Rigid, contact: SettledContact) -> Interface:
 
     Normals and gaps are those of the rigid surface at the body's nodes, exactly. Nodes that do not face it, such as
     the far side of a roller, carry no row; where it has no normal, the body's counts. The second side has no nodes: the
-    partner's displacement U gives `Interface.prescribed`. Not collective. Raises InputError when the body's boundary
+    partner's displacement gives `Interface.prescribed`. Not collective. Raises InputError when the body's boundary
     does not face the surface. In space quadratic elements have rows at vertices, see `vertices`.
     """
     outward, measured = rigid.facing(side.xy)
@@ -106,7 +106,8 @@ def face_rigid(side: Side, rigid: Rigid, contact: SettledContact) -> Interface:
     U, none = np.array(rigid.displacement or np.zeros(side.dimension)), np.empty(0, int)
     fixed, probes = (replace(each, nodes=(each.nodes[0], none)) for each in (found.fixed, found.probes))
     return replace(found, nodes=(found.nodes[0], none), modulus=side.modulus, fixed=fixed, probes=probes, slave=None,
-                   transfer=(found.transfer[0], sparse.csr_matrix((found.m, 0))), history=rigid.history).displaced(U)
+                   transfer=(found.transfer[0], sparse.csr_matrix((found.m, 0))), history=rigid.history,
+                   displacement=U)
 
 
 def _over_rigid(side: Side, rigid: Rigid, some: np.ndarray, where: np.ndarray, weights: np.ndarray) -> Cover:

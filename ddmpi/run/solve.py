@@ -266,7 +266,7 @@ class Iteration:
         load, energy, work = (sum(each[key] for each in bodies.values()) for key in ("load", "energy", "work"))
         now = [max(each[key] for each in bodies.values()) for key in ("moved", "yielding")]
         load, energy, work, now = world.bcast((load, energy, work, now))
-        interfaces = [each.displaced(each.displacement + gone[each.bodies[1]]) if each.bodies[1] in gone else each
+        interfaces = [replace(each, displacement=each.displacement + gone.get(each.bodies[1], 0.0))
                       for each in space.interfaces]
         prescribed = np.concatenate([np.empty(0), *(each.prescribed for each in interfaces)])
         states, judged = {}, {}

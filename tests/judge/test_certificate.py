@@ -37,7 +37,7 @@ def contact(gap: np.ndarray = GAP, law: Law | None = None) -> Interface:
                      frame=np.tile([[0.0, -1.0], [1.0, 0.0]], (4, 1, 1)), area=np.full(4, 0.5), gap=gap.copy(),
                      nodes=(nodes, nodes), transfer=(alone, alone), law=law, modulus=1e11,
                      facets=np.empty((0, 2), int), laplacian=sparse.csr_matrix((4, 4)),
-                     one_sided=np.zeros(law.size, bool), prescribed=np.zeros(law.size))
+                     one_sided=np.zeros(law.size, bool), displacement=np.zeros(2))
 
 
 def answer() -> dict[str, np.ndarray]:

@@ -57,7 +57,7 @@ def interface(x, sliding: list[int], dropped: int = 0, area=None) -> Interface:
         frame=np.tile([[0.0, -1.0], [1.0, 0.0]], (m, 1, 1)), area=area, gap=np.zeros(m), nodes=(nodes, nodes),
         transfer=(alone, alone), law=CoulombLaw(m, sliding, 1, np.full(len(sliding), 0.3)), modulus=MODULUS,
         facets=segments, laplacian=laplacian(places, np.concatenate([segments, beside]), row, m),
-        one_sided=np.zeros(m + len(sliding), bool), prescribed=np.zeros(m + len(sliding)),
+        one_sided=np.zeros(m + len(sliding), bool), displacement=np.zeros(2),
         fixed=Places(gap=np.zeros(dropped)))
 
 

@@ -37,7 +37,7 @@ class Dense:
             nodes=(nodes, nodes), transfer=(alone, alone),
             law=CoulombLaw(m, nodes, components, np.full(m, coefficient)),
             modulus=1.0, facets=np.empty((0, dimension), int), laplacian=sparse.csr_matrix((m, m)),
-            one_sided=np.zeros(size, bool), prescribed=np.zeros(size))
+            one_sided=np.zeros(size, bool), displacement=np.zeros(dimension))
         self.C, self.d, self.size, self.space, self.neglected = C, d, size, Space([interface]), 0.0
         self.rigid = Motions(self.space, 0, ())
         self._m = m

@@ -73,8 +73,8 @@ def interface(name: str, mesh: Mesh, group: str, friction=made_up.COULOMB, kind=
     return Interface(name=name, bodies=tuple(name.split("-")), xy=xy, frame=frames(normal), area=area, gap=np.zeros(m),
                      nodes=(nodes, np.empty(0, int)), transfer=(sparse.identity(m, format="csr"),) * 2, law=law,
                      modulus=1e11, facets=facets, laplacian=sparse.csr_matrix((m, m)),
-                     one_sided=np.zeros(law.size, bool), prescribed=np.zeros(law.size),
-                     lines=Lines(np.arange(m), xy, area, facets), displacement=np.zeros(3))
+                     one_sided=np.zeros(law.size, bool), displacement=np.zeros(3),
+                     lines=Lines(np.arange(m), xy, area, facets))
 
 
 def state(interface: Interface, pressure: float = 5e7, factor: float = 1.0) -> ContactState:

@@ -73,7 +73,7 @@ class Blocks:
             frame=frames(normal), area=np.ones(m),
             gap=np.zeros(m), nodes=(nodes, nodes), transfer=(alone, alone), law=made, modulus=1.0,
             facets=np.empty((0, d), int), laplacian=sparse.csr_matrix((m, m)),
-            one_sided=np.zeros(made.size, bool), prescribed=np.zeros(made.size)))
+            one_sided=np.zeros(made.size, bool), displacement=np.zeros(d)))
         return self
 
     def motions(self, name, at):
