@@ -58,11 +58,8 @@ def mortar_in_space(first: Side, second: Side, contact: SettledContact) -> Inter
     By default the slave is the side with the larger facets over plane modulus, and not one that clamps hold wholly.
     """
     sides = (first, second)
-    own = _choose_slave(sides, contact, [bool(is_held(side.normal, side.free).all()) for side in sides],
-                        [float(np.sqrt(side.lengths.mean())) for side in sides])
-    over = cover(sides[own], sides[1 - own])
-    if not len(over.facet):
-        raise _not_facing(first, second, contact.name)
+    own = _choose_slave(sides, contact, [slice(None)] * 2)
+    over = _cover(sides, own, contact.name)
     return build(rows_at_vertices(sides, own, over.only(over.weight > 0.0), corners(over), contact), contact)
 
 
@@ -80,16 +77,9 @@ def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
     InputError
         when the sides do not face each other, or clamps hold all of the slave. Not collective.
     """
-    sides, name, slave = (first, second), contact.name, contact.slave
-    covers = [None if slave == sides[1 - own].body else cover(sides[own], sides[1 - own]) for own in (0, 1)]
-    if any(each is not None and len(each.facet) == 0 for each in covers):
-        raise _not_facing(first, second, name)
-    faced = [np.unique(each.facet) if each else [0] for each in covers]  # that of a slave which is named is there
-    nodes = [np.unique(side.facets[some]) for side, some in zip(sides, faced, strict=True)]
-    own = _choose_slave(
-        sides, contact,
-        [bool(is_held(side.normal[some], side.free[some]).all()) for side, some in zip(sides, nodes, strict=True)],
-        [float(side.areas[some].mean()) / len(side.cell.parts) for side, some in zip(sides, faced, strict=True)])
+    sides = (first, second)
+    covers = [None if contact.slave == sides[1 - own].body else _cover(sides, own, contact.name) for own in (0, 1)]
+    own = _choose_slave(sides, contact, [np.unique(each.facet) if each else slice(1) for each in covers])
     side, over = sides[own], covers[own]
     assert over is not None
     psi = _functions(side, over)
@@ -101,10 +91,14 @@ def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
     return build(rows, contact)
 
 
-def _not_facing(first: Side, second: Side, name: str) -> InputError:
-    return InputError(f"contact.{name}: the boundaries of {first.body!r} and {second.body!r} do not face each other "
-                      f"(the first begins at {in_words(first.xy[0])}). Are the two names of `on` in the order of "
-                      "`bodies`?")
+def _cover(sides: tuple[Side, Side], own: int, name: str) -> Cover:
+    """The part of one of the sides that faces the other. Raises InputError if there is none."""
+    over, (first, second) = cover(sides[own], sides[1 - own]), sides
+    if len(over.facet) == 0:
+        raise InputError(f"contact.{name}: the boundaries of {first.body!r} and {second.body!r} do not face each other "
+                         f"(the first begins at {in_words(first.xy[0])}). Are the two names of `on` in the order of "
+                         "`bodies`?")
+    return over
 
 
 def _functions(side: Side, over: Cover) -> sparse.csr_matrix:
@@ -116,17 +110,20 @@ def _functions(side: Side, over: Cover) -> sparse.csr_matrix:
     return at_points(weighted, side.facets[over.facet], len(side.nodes))
 
 
-def _choose_slave(sides: tuple[Side, Side], contact: SettledContact, rigid: Sequence[bool],
-                  sizes: Sequence[float]) -> int:
-    """0 or 1, the slave: the side that is named, else that of the larger `sizes` (m) over modulus, or the one that
-    clamps do not hold all along the contact, as they do a `rigid` one. Raises InputError where it is rigid."""
+def _choose_slave(sides: tuple[Side, Side], contact: SettledContact, faced: Sequence[np.ndarray | slice]) -> int:
+    """0 or 1, the slave: the side that is named, else that of larger facets over modulus, or the one that clamps do not
+    hold, along the facets `faced` of each side. Raises InputError where they hold it all along these."""
+    rigid, sizes = [], []
+    for side, some in zip(sides, faced, strict=True):
+        nodes, size = np.unique(side.facets[some]), side.areas[some].mean() / len(side.cell.parts)
+        rigid.append(bool(is_held(side.normal[nodes], side.free[nodes]).all()))
+        sizes.append(size ** (1.0 / (side.dimension - 1)) / side.modulus)
     if contact.slave is not None:
         own = [side.body for side in sides].index(contact.slave)
     elif all(rigid):
         raise InputError(f"contact.{contact.name}: all nodes of the contact are clamped; there is nothing to solve")
     else:
-        one, other = (size / side.modulus for size, side in zip(sizes, sides, strict=True))
-        own = rigid.index(False) if any(rigid) else int(other > (1.0 + 1e-6) * one)
+        own = rigid.index(False) if any(rigid) else int(sizes[1] > (1.0 + 1e-6) * sizes[0])
     if rigid[own]:
         raise InputError(f"contact.{contact.name}: clamps hold all of {sides[own].body!r} at this contact; it cannot "
                          "be the slave")
