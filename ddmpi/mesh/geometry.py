@@ -207,9 +207,6 @@ def _choose_groups(gmsh, script: bool, body: BodySpec, contacts: Collection[str]
     name_groups(gmsh)
     sides, parts = ({gmsh.model.getPhysicalName(k, tag) for _, tag in gmsh.model.getPhysicalGroups(k)} - {""}
                     for k in (d - 1, d))
-    if not sides:
-        raise InputError(f"{label} has no {PHYSICAL[d - 1]}s; clamps, tractions and contacts refer to these: "
-                         f'{PHYSICAL[d - 1].title()}("left") = {{4}};')
     for name in sorted(sides & parts):
         raise InputError(f"{label}: {name!r} is the name of both a {PHYSICAL[d - 1]} and a {PHYSICAL[d]}; rename one")
     bodies = [tag for _, tag in gmsh.model.getEntities(d)]

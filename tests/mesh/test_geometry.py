@@ -222,7 +222,7 @@ def test_curves_of_cad_files_are_groups_by_number(cad):
 @pytest.mark.parametrize(("text", "words"), [
     (PLATE + "Point(9) = {1, 0, 0,};\nfoo bar;\n", "cannot be read (gmsh: "),
     (PLATE + GROUPS, "has no surface"),
-    (SURFACE, "has no physical curves"),
+    (SURFACE, "has no named physical groups of lines"),
     (SURFACE + GROUPS + "Exit;", "ends gmsh (exit code 0)"),
     (SURFACE + GROUPS + 'Physical Curve("plate") = {1};', "both a physical curve and a physical surface"),
     (SURFACE.replace("{2, 1, 0}", "{2, 1, 1}").replace("{0, 1, 0}", "{0, 1, 1}") + GROUPS, "is not plane"),

@@ -209,7 +209,8 @@ on = ["bottom", "bottom"]
 
 
 @pytest.mark.parametrize(("text", "words"), [
-    (BLOCK, "has no physical surfaces; clamps, tractions and contacts refer to these: Physical Surface("),
+    (BLOCK, "has no named physical groups of triangles; clamps, tractions and contacts refer to boundaries by such "
+            "names: Physical Surface("),
     (BLOCK + GROUPS + 'Physical Volume("top") = {3};', "'top' is the name of both a physical surface and a physical "
                                                        "volume; rename one"),
     (BLOCK + GROUPS + "Box(9) = {5, 0, 0, 1, 1, 1};", "has 2 volumes and no physical one; name those of the body"),
