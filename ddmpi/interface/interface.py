@@ -228,12 +228,8 @@ class Interface:
 def check_overlap(interface: Interface, *sides: Side, scales: Sequence[float] = (1.0,)) -> list[str]:
     """Warnings of a large initial overlap; InputError where the sides turn their backs on each other. Not collective.
 
-    A body's depth is its extent along the normal of the contact.
-
-    Parameters
-    ----------
-    sides : of both bodies, or of the one that has a rigid partner
-    scales : factors that the gap has
+    `sides` are those of both bodies, or of the one that has a rigid partner, `scales` the factors that the gap has. A
+    body's depth is its extent along the normal of the contact.
     """
     given = np.concatenate([interface.gap, interface.fixed.gap])
     gap = np.min([scale * given for scale in scales], axis=0)
@@ -259,13 +255,7 @@ def check_overlap(interface: Interface, *sides: Side, scales: Sequence[float] = 
 
 @dataclass(frozen=True)
 class Mover:
-    """What moves a side whatever the forces are: the clamps of a body, or a rigid partner.
-
-    Attributes
-    ----------
-    side : of the body; or the partner
-    clamps : of the body
-    """
+    """What moves a side whatever the forces are: the `clamps` of its body, or, in its place, a rigid partner."""
 
     side: Side | Rigid
     clamps: Sequence[Clamp] = ()
@@ -308,12 +298,7 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
     """InputError where clamps move both sides into each other, so that no force can keep them apart. Not collective.
 
     The sides of a bond they must not move against each other at all. An overlap that is drawn or given may stay between
-    clamps: a fit is no contradiction.
-
-    Parameters
-    ----------
-    movers : of both sides
-    factors : by time and history; displacements are linear between the times
+    clamps: a fit is no contradiction. `factors` are by time and history; displacements are linear between the times.
     """
     if any(isinstance(mover.side, Side) and (mover.side.clamps < 0).all() for mover in movers):
         return

@@ -235,14 +235,8 @@ class Law:
         return (float(np.maximum(normal, 0.0) @ np.abs(gap)), float(np.maximum(-normal, 0.0).max(initial=0.0)))
 
     def violation(self, s: np.ndarray, slip: np.ndarray, stiffness: float) -> float:
-        """Largest |P(s_t + ρ u_t) − s_t| (N): forces beyond the bound, slip below it, slip in a wrong direction.
-
-        Parameters
-        ----------
-        s : (size,) forces (N)
-        slip : (mt, d − 1) relative tangential displacement u_t (m)
-        stiffness : ρ (N/m)
-        """
+        """Largest |P(s_t + ρ u_t) − s_t| (N): forces beyond the bound, slip below it, slip in a wrong direction, by the
+        forces s (size,), the slip u_t (mt, d − 1) in metres and a stiffness ρ (N/m)."""
         tangential = self.split(s)[1]
         return float(magnitude(shorten(tangential + stiffness * slip, self.bound_at(s)) - tangential).max(initial=0.0))
 

@@ -52,17 +52,8 @@ def pair(first: Side, second: Side, contact: SettledContact, refinement: int = 1
     Where the sides do not match as a whole, they may cover each other partly: then all nodes of either side that face
     the other one have a partner, and the others carry no row.
 
-    Parameters
-    ----------
-    first, second : the sides
-    contact : what the scene asks for. A `gap` takes the place of the measured one; without friction there are no
-        tangential unknowns
-    refinement : how many times finer the meshes are than the given ones, whose spacing the tolerance follows
-
-    Raises
-    ------
-    InputError
-        when the two sides do not match node by node. Not collective.
+    A `gap` of the contact takes the place of the measured one. The meshes are `refinement` times finer than the given
+    ones, whose spacing the tolerance follows. Not collective. Raises InputError where nodes do not match.
     """
     try:
         rows = _match_whole(first, second, contact.name, refinement)

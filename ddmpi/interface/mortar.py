@@ -64,18 +64,10 @@ def mortar_in_space(first: Side, second: Side, contact: SettledContact) -> Inter
 
 
 def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
-    """The interface of two sides whose nodes need not match.
+    """The interface of two sides whose nodes need not match; the first gives the directions. By default the `slave` is
+    the side with the larger spacing of nodes over plane modulus, and not one that clamps hold all along the contact.
 
-    Parameters
-    ----------
-    first, second : the sides; the first gives the directions
-    contact : as for `pair`; by default the `slave` is the side with the larger spacing of nodes over plane modulus, and
-        not one that clamps hold all along the contact
-
-    Raises
-    ------
-    InputError
-        when the sides do not face each other, or clamps hold all of the slave. Not collective.
+    Not collective. Raises InputError when the sides do not face each other, or clamps hold all of the slave.
     """
     sides = (first, second)
     covers = [None if contact.slave == sides[1 - own].body else _cover(sides, own, contact.name) for own in (0, 1)]

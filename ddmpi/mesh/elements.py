@@ -53,9 +53,6 @@ ORDERS = {1: "linear", 2: "quadratic"}
 REGULAR = {2: 3**0.5 / 4, 3: 2**0.5 / 12}
 """Area of the triangle, volume of the tetrahedron, with edges of length one."""
 
-SMALL = 1e-9
-"""Integrals of shape functions below this part of a cell's measure are zero."""
-
 BENT = 1e-9
 """An edge is curved if its middle is off the midpoint of its chord by more than this part of the chord's length."""
 
@@ -150,7 +147,7 @@ class Cell:
     @property
     def bears(self) -> bool:
         """Whether a constant pressure acts on all of its nodes, as it does not on corners of quadratic triangles."""
-        return bool((self.mass.sum(axis=1) > SMALL).all())
+        return bool((self.coefficients @ _products(self.powers) > 0.0).all())  # integers
 
     def split(self, nodes: np.ndarray) -> np.ndarray:
         """The corners (·, d + 1) of linear simplices that cells with `nodes` (n, k) are cut into, first parts first."""
@@ -290,12 +287,7 @@ def cell_with(number: int, dimension: int | None = None) -> Cell:
 
 
 def cross(rows: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
-    """The vectors c (d, …) with c · v = det [v; rows] for all v; of one row (x, y) in the plane (y, −x).
-
-    Parameters
-    ----------
-    rows : (d − 1, d, …)
-    """
+    """The vectors c (d, …) with c · v = det [v; rows] for all v, of `rows` (d − 1, d, …); of (x, y) it is (y, −x)."""
     columns = range(len(rows) + 1)
     found = np.stack([_determinant([[row[m] for m in columns if m != k] for row in rows]) for k in columns])
     found[1::2] *= -1.0

@@ -146,12 +146,8 @@ def boundary_facets(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def signed_measures(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """The areas or volumes (nt,) of straight cells (m² or m³), negative where they are turned inside out.
-
-    Parameters
-    ----------
-    points, corners : nodes (nv, d), and their numbers (nt, d + 1 or more), of which the first d + 1 count
-    """
+    """The areas or volumes (nt,) of straight cells (m² or m³) by the `points` (nv, d) at the first d + 1 of their
+    `corners` (nt, ·), negative where they are turned inside out."""
     edges = tangents(points, corners)
     return (edges[0] * cross(edges[1:])).sum(axis=0) / factorial(len(edges))
 

@@ -107,13 +107,8 @@ class Curve(Side):
         return found
 
     def parameters(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """The parameters t (q,) where lines through chords meet the facets themselves.
-
-        Parameters
-        ----------
-        facets : (q,)
-        at : (q,) where on the chord, from 0 at its first end to 1 at the second; t is the same on straight facets
-        direction : (q, 2) of the line
+        """The parameters t (q,) where lines with a direction (q, 2) through places `at` (q,) on chords, from 0 to 1,
+        meet the facets (q,) themselves; of straight ones the same.
 
         The facet is x(t) = chord(t) + 4 t (1 − t) bend; so t + 4 t (1 − t) δ = `at`, δ = bend × line / chord × line.
         """
