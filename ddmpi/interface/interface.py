@@ -66,8 +66,7 @@ class Lines:
 
     Attributes
     ----------
-    row : (l,) of each node
-    xy : (l, d) positions (m)
+    row, xy : (l,) of each node, and (l, d) its position (m)
     area : (l,) nodal lengths of what faces the other side (m); those of a row add up to its own
     facets : (f, 2) neighbours in the order of nodes, of a closed chain also (last, first); in space (f, 3) triangles
     """

@@ -72,13 +72,7 @@ class Tangent:
 
 
 class Edges(NamedTuple):
-    """Forces of one interface, the same at one node after the other.
-
-    Attributes
-    ----------
-    forces : (size, k) sparse
-    lower, upper : (k,) how much there may be of each
-    """
+    """Forces (size, k) of one interface, the same at one node after the other, and how much there may be of each."""
 
     forces: sparse.csc_matrix
     lower: np.ndarray
@@ -310,11 +304,10 @@ def law_of(friction: Friction, xy: np.ndarray, arc: np.ndarray, area: np.ndarray
 
     Parameters
     ----------
-    friction : does not count for a bonded contact
     xy, arc : (m, d) positions, and (m,) arc lengths along the first body (m)
     area : (m,) nodal lengths or areas, with which a slip-bound stress becomes a force
     sliding : (mt,) the nodes that carry tangential forces
-    kind : "unilateral" or "bonded"
+    kind : "unilateral", or "bonded", for which `friction` does not count
     live : of a `Law`
     """
     def values(value) -> np.ndarray:

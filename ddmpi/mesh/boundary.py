@@ -107,10 +107,8 @@ def segments(edges: np.ndarray) -> np.ndarray:
 
 
 def links(facets: np.ndarray, dimension: int) -> np.ndarray:
-    """Pairs (·, 2) of neighbouring nodes on the edges of facets (f, l) of a body of this dimension, each once.
-
-    In the plane in the direction of the facets, and in their order; in space the lower node first.
-    """
+    """Pairs (·, 2) of neighbouring nodes on the edges of facets (f, l) of a body of this dimension, each once: in the
+    plane in the direction of the facets, and in their order; in space the lower node first."""
     if dimension == 2:
         return segments(facets)
     cell = cell_with(facets.shape[1], dimension - 1)

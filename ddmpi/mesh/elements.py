@@ -223,15 +223,13 @@ def _orbits(*orbits: tuple[float, Sequence[float]]) -> Rule:
 
 def _collapsed(dimension: int) -> Rule:
     """Gauss's five points along each edge of a cube mapped to the simplex (Duffy 1982): exact to degree 10 − d."""
-    at, weights = np.polynomial.legendre.leggauss(5)
-    grid = np.stack(np.meshgrid(*[(1.0 + at) / 2] * dimension, indexing="ij")).reshape(dimension, -1)
-    weight = np.stack(np.meshgrid(*[weights / 2] * dimension, indexing="ij")).reshape(dimension, -1).prod(axis=0)
-    rest, points = np.ones_like(grid[0]), []
-    for k, t in enumerate(grid):
-        points.append(rest * (1.0 - t))
-        rest = rest * t
-        weight = weight * (dimension - k) * t ** (dimension - 1 - k)
-    return np.stack([*points, rest], axis=1), weight
+    at, weights = (each / 2 for each in np.polynomial.legendre.leggauss(5))
+    at, points, weight = 0.5 + at, np.ones((1, 1)), np.ones(1)
+    for rest in range(dimension, 0, -1):
+        points, last, t = points[:, :-1].repeat(5, axis=0), points[:, -1].repeat(5), np.tile(at, len(points))
+        points = np.column_stack([points, last * (1.0 - t), last * t])
+        weight = np.outer(weight, weights * rest * at ** (rest - 1)).ravel()
+    return points, weight
 
 
 _A, _B, _C, _D, _E = 0.445948490915965, 0.091576213509771, 0.310885919263300610, 0.0927352503108912264, \

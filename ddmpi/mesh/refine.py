@@ -49,13 +49,8 @@ GRADE = 0.3
 
 @dataclass(frozen=True)
 class Sizes:
-    """The sizes that the elements of a body shall have, linear on the cells of an earlier mesh.
-
-    Attributes
-    ----------
-    points, triangles : (k, d) in metres and (t, d + 1)
-    sizes : (k,) lengths of sides (m)
-    """
+    """The sizes (k,) that the sides of a body's elements shall have (m), linear on cells (t, d + 1) between earlier
+    points (k, d)."""
 
     points: np.ndarray
     triangles: np.ndarray

@@ -23,9 +23,8 @@ def contact_side(mesh: Mesh, edges: np.ndarray, held: Supports, body: str, modul
                  tied: np.ndarray | None = None, parted: bool = False) -> Side:
     """The contact boundary made of `edges` (k, l), in the plane ordered from its first end. Not collective.
 
-    `tied` (nv,) and `parted` as those of a `Side`, of all nodes of the body; without it none is tied.
-
-    Raises InputError naming `key` when an edge does not lie on the boundary.
+    `tied` (nv,) and `parted` as those of a `Side`, of all nodes of the body; without it none is tied. Raises InputError
+    naming `key` when an edge does not lie on the boundary.
     """
     origins, edges = edges[:, 0], turn_outward(mesh, edges, key)[0]
     places = np.round((mesh.points - mesh.points.min(axis=0)) / (COARSE * np.ptp(mesh.points, axis=0).max()))

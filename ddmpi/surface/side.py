@@ -110,12 +110,8 @@ class Side:
     def bulge(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """How far (q,) the boundary that is meant stands off its chords, or plane triangles, outward (m).
 
-        Parameters
-        ----------
-        facets : (q,) on which the points lie
-        at : where on the facet, in the plane (q,) from 0 at its first end to 1 at the second, in space (q, 3)
-            barycentric coordinates
-        direction : (q, d) unit vectors along which the distance counts
+        It counts along unit vectors, the `direction` (q, d), at places on facets (q,): in the plane `at` (q,) from 0 at
+        the first end to 1 at the second, in space `at` barycentric coordinates (q, 3).
         """
         raise NotImplementedError
 
