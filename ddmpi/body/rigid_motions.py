@@ -7,6 +7,7 @@ what depends on where the springs are.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
@@ -43,12 +44,11 @@ def rigid_motions(points: np.ndarray, centre: np.ndarray, size: float = 1.0) -> 
     return np.stack(motions, axis=-1)
 
 
-def free_motions(motions: np.ndarray, free: np.ndarray, springs: np.ndarray | None = None) -> np.ndarray:
+def free_motions(motions: np.ndarray, free: np.ndarray, springs: Sequence[np.ndarray] = ()) -> np.ndarray:
     """Combinations (j, ·) of `motions` (k, d, j), orthonormal columns, that move the nodes in the directions onto which
     `free` (k, d, d) projects, and that strain no springs: rows (r, j) of what these see of the motions."""
     across = np.eye(free.shape[1]) - free
-    held = (across @ motions)[across.diagonal(axis1=1, axis2=2) > 0.0]
-    held = held if springs is None else np.concatenate([held, springs])
+    held = np.concatenate([(across @ motions)[across.diagonal(axis1=1, axis2=2) > 0.0], *springs])
     _, values, vectors = np.linalg.svd(np.linalg.qr(held, mode="r") if len(held) else np.zeros((1, motions.shape[2])))
     squares = np.zeros(motions.shape[2])
     squares[:len(values)] = values**2
@@ -75,51 +75,41 @@ def body_motions(mesh: Mesh, K: Stiffness, free: np.ndarray, name: str,
                  springs: sparse.csr_matrix | None = None) -> np.ndarray:
     """The rigid motions that clamps and springs of a body leave free, as displacements (nv, d, j) of all nodes.
 
-    Of the springs there are rows (r, d nv) without units.
+    Of the springs there are rows (r, d nv) without units. Translations move by one; rotations by the distance from their
+    centre, over that of the farthest node from the centroid. So coefficients are lengths. If nothing is held, the
+    motions are those along the axes and the rotations about the centroid; around an axis there is only that along it.
 
-    Translations move by one; rotations by the distance from their centre, over that of the farthest node from the
-    centroid. So coefficients are lengths. If nothing is held, the motions are those along the axes and the rotations
-    about the centroid; around an axis there is only that along it.
-
-    Not collective. Raises InputError if a part of the body is loose that is not connected to the
-    rest.
+    Not collective. Raises InputError if a part of the body is loose that is not connected to the rest.
     """
     pieces, piece = K.connected()
     for k in range(pieces if pieces > 1 else 0):
         _refuse_loose(mesh, piece == k, pieces, free, name, springs)
-    centre, touched = _centroid(mesh), is_touched(free)
+    centre, left = _centroid(mesh), np.empty((0, 0))
     size = float(np.linalg.norm(mesh.points - centre, axis=1).max())
-    left = np.empty((0, 0))
     if pieces == 1:
-        left = free_motions(rigid_motions(mesh.points[touched], centre, size), free[touched],
-                            _seen(springs, mesh, centre, size))
+        left = _left_free(mesh, piece == 0, centre, size, free, springs)
     if not left.size:
         return np.empty((*mesh.points.shape, 0))
     return free @ (rigid_motions(mesh.points, centre, size) @ recognisable(left, mesh.dimension))
 
 
-def _seen(springs: sparse.csr_matrix | None, mesh: Mesh, centre: np.ndarray, size: float,
-          members: np.ndarray | None = None) -> np.ndarray | None:
-    """What springs (r, d nv) see (r, j) of the rigid motions of all nodes, or of the `members` (nv,) bool alone.
+def _left_free(mesh: Mesh, members: np.ndarray, centre: np.ndarray, size: float, free: np.ndarray,
+               springs: sparse.csr_matrix | None) -> np.ndarray:
+    """`free_motions` (j, ·) of the nodes `members` (nv,) bool, with springs as for `body_motions`.
 
     Around an axis all motions but that along it strain the body, as if they strained springs.
     """
-    strained = np.eye(3)[[0, 2]] if mesh.axisymmetric else None
-    if springs is None:
-        return strained
-    motions = rigid_motions(mesh.points, centre, size)
-    if members is not None:
-        motions[~members] = 0.0
-    seen = springs @ motions.reshape(springs.shape[1], -1)
-    return seen if strained is None else np.concatenate([seen, strained])
+    touched, seen = members & is_touched(free), [np.eye(3)[[0, 2]]] if mesh.axisymmetric else []
+    if springs is not None:
+        motions = rigid_motions(mesh.points, centre, size) * members[:, None, None]
+        seen.append(springs @ motions.reshape(springs.shape[1], -1))
+    return free_motions(rigid_motions(mesh.points[touched], centre, size), free[touched], seen)
 
 
 def _refuse_loose(mesh: Mesh, members: np.ndarray, pieces: int, free: np.ndarray, name: str,
                   springs: sparse.csr_matrix | None) -> None:
     """Raise InputError if the piece of the nodes `members` (nv,), one of several, can move as a rigid body."""
-    touched, centre = members & is_touched(free), mesh.points[members].mean(axis=0)
-    left = free_motions(rigid_motions(mesh.points[touched], centre, mesh.extent), free[touched],
-                        _seen(springs, mesh, centre, mesh.extent, members))
+    left = _left_free(mesh, members, mesh.points[members].mean(axis=0), mesh.extent, free, springs)
     if left.size:
         translations, rotations = np.split(np.abs(left[:, 0]), [free.shape[1]])
         motion = "rotate" if rotations.max() > 0.5 else f"move along {'xyz'[translations.argmax()]}"
