@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager
 from typing import NamedTuple
 
 import numpy as np
@@ -76,7 +75,7 @@ class Joint:
         self.pushed = tuple(pushed)
         self.members, self.space, self.size = tuple(members), space, space.size
         self.neglected = 0.0
-        self._exchange = exchange
+        self.exchange = exchange
         self.dear = exchange.world.allreduce(any(member.dear for member in members), MPI.LOR)
         self._moved = {name: exchange.total([member.response(name)[0] for member in members], "free displacement")
                        for name in histories}
@@ -108,29 +107,29 @@ class Joint:
 
     def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
         """y ← C x (metres from newtons), both (size,); `relative` as for `Compliance.mult`."""
-        parts = self._exchange.spread(x)
-        with self.deferred():
+        parts = self.exchange.spread(x)
+        with self.exchange.deferred():
             for member, part in zip(self.members, parts, strict=True):
                 member.mult(part.copy(), part, purpose, relative)
-        y[:] = self._exchange.total(parts, purpose)
+        y[:] = self.exchange.total(parts, purpose)
 
     def add_motions(self, columns: Sequence[np.ndarray], values: Sequence[np.ndarray]) -> tuple[Motions, np.ndarray]:
         """The rigid and then further motions: of each local body (j, its size); with a value of each further one."""
-        more, _ = gather_motions(self._exchange, self.space, self.members, columns)
+        more, _ = gather_motions(self.exchange, self.space, self.members, columns)
         return self.rigid.joined(more), self.of_all(values)
 
     def cross_points(self) -> CrossPoints:
         """How nodes give way at which bodies have several contacts. Collective."""
-        return CrossPoints(self.members, self._exchange, self.space)
+        return CrossPoints(self.members, self.exchange, self.space)
 
     def shared(self) -> np.ndarray:
         """(size,) bool, unknowns of nodes at which a body has several contacts. Collective."""
-        return self._exchange.total([member.shared().astype(float) for member in self.members], "shared nodes") > 0.0
+        return self.exchange.total([member.shared().astype(float) for member in self.members], "shared nodes") > 0.0
 
     def rigid_moduli(self) -> np.ndarray:
         """`Member.stiffness` (N/m²; in space N/m) of the body that each rigid motion belongs to, or of the stiffest
         body that a partner pushes (rigid.size,); times the softest foundation over its body's, if that is softer."""
-        world = self._exchange.world
+        world = self.exchange.world
         soft = [member.elasticity.softest / member.stiffness for member in self.members]
         share = world.allreduce(min([1.0, *soft]), MPI.MIN)
         pushing = [world.allreduce(max((member.stiffness for member in self.members if any(
@@ -171,17 +170,13 @@ class Joint:
 
     def of_all(self, own: Sequence[np.ndarray], partners: Sequence[np.ndarray] = ()) -> np.ndarray:
         """The arrays of all bodies and then of pushed partners one after the other, in the order of the motions."""
-        everyone = self._exchange.world.allgather(own)
+        everyone = self.exchange.world.allgather(own)
         return np.concatenate([np.zeros(0), *itertools.chain(*everyone), *partners])
 
     def pushed_by(self, alpha: np.ndarray) -> dict[str, np.ndarray]:
         """How far (d,) pushed partners move along with the motions α (rigid.size,), beside their displacements (m)."""
         return {rigid.name: np.bincount(rigid.pushed, alpha[self.slices[rigid.name]], len(rigid.force or ()))
                 for rigid in self.pushed}
-
-    def spread(self, s: np.ndarray) -> list[np.ndarray]:
-        """The vector s (size,) as each body of this rank sees it."""
-        return self._exchange.spread(s)
 
     def imbalance(self, s: np.ndarray) -> np.ndarray:
         """e − G s (rigid.size,) in newtons: the loads on loose bodies that the forces s leave."""
@@ -194,12 +189,4 @@ class Joint:
 
     def multiplications(self) -> int:
         """Multiplications by A_a⁻¹ so far, of all bodies."""
-        return self._exchange.world.allreduce(sum(member.C.count.total() for member in self.members))
-
-    def deferred(self) -> AbstractContextManager[None]:
-        """Run local work; an error in it is raised on all ranks at the next product or `meet`."""
-        return self._exchange.deferred()
-
-    def meet(self, about: str) -> None:
-        """Raise a deferred error of any rank on all of them."""
-        self._exchange.meet(about)
+        return self.exchange.world.allreduce(sum(member.C.count.total() for member in self.members))

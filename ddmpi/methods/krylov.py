@@ -177,11 +177,11 @@ def precondition(joint: Joint, c: np.ndarray, in_space: bool) -> Preconditioner:
     motions, stiffness = rigid, HELD_LOOSELY * joint.rigid_moduli()
     if joint.bodies >= MANY or rigid.size:
         found = [(np.empty((0, member.size)), np.empty(0)) for member in joint.members]
-        with joint.deferred():
+        with joint.exchange.deferred():
             found = [smooth_modes(member, Space(member.interfaces),
                                   SMOOTH[max(each.law.components for each in member.interfaces)])
                      if member.interfaces else none for member, none in zip(joint.members, found, strict=True)]
-        joint.meet("coarse modes")
+        joint.exchange.meet("coarse modes")
         motions, more = joint.add_motions([v for v, _ in found], [1.0 / (mu - 0.5) for _, mu in found])
         stiffness = np.append(stiffness, more)
     if motions.size:

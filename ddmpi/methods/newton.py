@@ -355,7 +355,7 @@ class Newton:
             C_change = joint.product(change, "newton")
         if problem:
             more = np.zeros_like(y)
-            with joint.deferred():
+            with joint.exchange.deferred():
                 right = linearised.restrict(wanted - point.r - C_change + rigid.spread(alpha))
                 right -= linearised.diagonal(layer) * y
                 more, turn, iterations = problem.solve(right)
@@ -376,7 +376,7 @@ class Newton:
         return min(zip(full + there(LENGTHS[1:]), LENGTHS, strict=True))
 
     def body_forces(self) -> list[np.ndarray]:
-        return self.joint.spread(self._at.s)
+        return self.joint.exchange.spread(self._at.s)
 
     def refresh(self, u: list[np.ndarray]) -> None:
         """Nothing to do: the gaps are computed afresh where the iteration goes on."""

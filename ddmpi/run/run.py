@@ -313,7 +313,7 @@ def _write_steps(path: Path, solved: Solved) -> list[float]:
                                         for name, body in solved.summary["bodies"].items()}
             continue
         assembly.act(time)
-        parts, fields, forces, factors = joint.spread(s), {}, {}, assembly.scene.factors(time)
+        parts, fields, forces, factors = joint.exchange.spread(s), {}, {}, assembly.scene.factors(time)
         with agreed(world):
             for body, part in zip(assembly.bodies, parts, strict=True):
                 u, *_ = recover(body.member, part, alpha[joint.slices[body.spec.name]], steps.most["sizes"])

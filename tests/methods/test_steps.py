@@ -40,7 +40,7 @@ class Dense:
             one_sided=np.zeros(size, bool), displacement=np.zeros(dimension))
         self.C, self.d, self.size, self.space, self.neglected = C, d, size, Space([interface]), 0.0
         self.rigid = Motions(self.space, 0, ())
-        self._m = m
+        self._m, self.exchange = m, SimpleNamespace(deferred=contextlib.nullcontext)
 
     def product(self, x, purpose, relative=None):
         return self.C @ x
@@ -66,8 +66,6 @@ class Dense:
 
     def first_closed(self) -> tuple[np.ndarray, np.ndarray]:
         return np.ones(self._m, bool), np.zeros(self._m, bool)
-
-    deferred = contextlib.nullcontext
 
 
 def random_joint(seed: int, m: int = 6, coefficient: float = 1.0, components: int = 1) -> Dense:
