@@ -82,7 +82,7 @@ class Compliance:
         self._norm = 0.0
         self._matrix = self.solver.condensed  # its upper triangle
         self._dense: np.ndarray | None = None  # made by dense
-        if self.kind == "explicit" and self._matrix is None:
+        if dense and self._matrix is None:
             if kind is None:
                 self.kind, self.reason = "direct", f"{self.solver.description} leaves no Schur complement"
             else:
@@ -135,11 +135,6 @@ class Compliance:
     def spread(self, s: np.ndarray, f: PETSc.Vec) -> None:
         """f ← Bᵀ s: the contact forces s (size,) as a load (N). Not collective."""
         f.array[:] = self._B_transposed @ s
-
-    def free_response(self, f: PETSc.Vec, y: np.ndarray, purpose: str) -> None:
-        """y ← B A⁻¹ f; counts as one multiplication. Collective."""
-        self.solve(f, self._u, purpose)
-        y[:] = self.B @ self._u.array_r
 
     def solve(self, f: PETSc.Vec, u: PETSc.Vec, purpose: str, relative: float = 0.0) -> None:
         """u ← A⁻¹ f, counted under `purpose`; `relative` as for `mult`. Collective."""

@@ -11,8 +11,9 @@ from petsc4py import PETSc
 
 from ddmpi.body.compliance import Compliance, plan_compliance
 from ddmpi.body.elasticity import Elasticity, LoadCase
-from ddmpi.body.rigid_motions import Centring, support
-from ddmpi.coupling.team import hold, make_solver
+from ddmpi.body.rigid_motions import Centring, add_springs, support
+from ddmpi.body.solver import StiffnessSolver
+from ddmpi.coupling.team import TeamMatrix, TeamSolver
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.trace import displacement_trace, nodal_forces, normal_trace, trace
 from ddmpi.petsc.events import event
@@ -77,10 +78,11 @@ class Member:
             self.kind, self.reason = plan_compliance(A.size[0], B, compliance, memory, A.getBlockSize())
             self._responses = {name: (np.zeros(self.size), R.T @ case.b) for name, case in elasticity.cases.items()}
             return
+        shared = isinstance(A, TeamMatrix)
         if not elasticity.held:
-            self._centring = Centring(R, B)
-            A = hold(A, support(motions))
-        self.C = Compliance(A, B, name, compliance, memory, make_solver, points)
+            self._centring, dofs = Centring(R, B), support(motions)
+            A = A.with_springs(dofs) if shared else add_springs(A, dofs)
+        self.C = Compliance(A, B, name, compliance, memory, TeamSolver if shared else StiffnessSolver, points)
         self.dear = self.C.kind == "iterative"
         self._responses = {name: self._response(case) for name, case in elasticity.cases.items()}
         self.h = sum((h for h, _ in self._responses.values()), np.zeros(1))
@@ -88,11 +90,12 @@ class Member:
 
     def _response(self, case: LoadCase) -> tuple[np.ndarray, np.ndarray]:
         """h (size,) and e (j,) of one load case. Collective on the body's communicator."""
-        b, h = self.elasticity.b.duplicate(), np.zeros(self.C.size)
+        b, u, h = self.elasticity.b.duplicate(), self.elasticity.b.duplicate(), np.zeros(self.C.size)
         b.array[:] = case.b
         if self.C.size and b.norm() > 0.0:
             with event("LoadResponse"):
-                self.C.free_response(self._balanced(b), h, "load")
+                self.C.solve(self._balanced(b), u, "load")
+            h = self.C.B @ u.array_r
             if self._centring:
                 h = self._centring.project(h)
         return h + self.trace(case.prescribed), self._R.T @ case.b

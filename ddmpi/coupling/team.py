@@ -8,7 +8,6 @@ the others sleep.
 
 from __future__ import annotations
 
-import pickle
 import time
 from typing import Any
 
@@ -17,7 +16,7 @@ import scipy.sparse as sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ddmpi.body.rigid_motions import add_springs, stiffen
+from ddmpi.body.rigid_motions import stiffen
 from ddmpi.body.solver import StiffnessSolver
 from ddmpi.errors import DdmpiError, SolverError
 from ddmpi.system.memory import free_memory
@@ -160,12 +159,10 @@ class Team:
     Attributes
     ----------
     lost : whether an error left ranks in a collective call that will not end
-    matrix : that the team works on at present
     """
 
     def __init__(self, comm: MPI.Comm, ranks: list[int], beside: int) -> None:
         self.comm, self.ranks, self.lost = comm, ranks, False
-        self.matrix: TeamMatrix | None = None
         self._share: Share | None = Share(comm, beside)
         self._votes = comm.Dup()  # a rank votes here that has left the others in the middle of a command
 
@@ -183,7 +180,7 @@ class Team:
         """Let the other ranks go. Root only."""
         self.do("drop")
         self._send(None)
-        self._share = self.matrix = None
+        self._share = None
         self._votes.Free()
 
     def serve(self) -> None:
@@ -224,18 +221,14 @@ class Team:
             raise next(error for error in self._votes.allgather(failure) if error)
 
     def _send(self, order: tuple | None) -> None:
-        text = np.frombuffer(pickle.dumps(order), np.uint8)
-        self.comm.Ibcast(np.array([len(text)])).Wait()
-        self.comm.Bcast(text)
+        self.comm.Ibcast(np.zeros(1)).Wait()  # wakes the others
+        self.comm.bcast(order)
 
     def _receive(self) -> tuple | None:
-        length, start = np.zeros(1, int), time.monotonic()
-        request = self.comm.Ibcast(length)
+        start, request = time.monotonic(), self.comm.Ibcast(np.zeros(1))
         while not request.Test():
             time.sleep(min(max(SHORTEST, PATIENCE * (time.monotonic() - start)), LONGEST))
-        text = np.empty(length[0], np.uint8)
-        self.comm.Bcast(text)
-        return pickle.loads(text.tobytes())
+        return self.comm.bcast(None)
 
 
 class TeamMatrix:
@@ -249,10 +242,9 @@ class TeamMatrix:
     """
 
     def __init__(self, team: Team, A: PETSc.Mat, points: np.ndarray, held: bool) -> None:
-        self.team, self.size, self._width = team, A.getSize(), A.getBlockSize()
-        self._whole: tuple[PETSc.Mat, np.ndarray] | None = (A, points)
-        self._held, self._springs, self._diagonal = held, np.zeros(0, int), A.getDiagonal()
-        team.matrix = self
+        self.team, self.size, self._width, self._diagonal = team, A.getSize(), A.getBlockSize(), A.getDiagonal()
+        self.whole: tuple[PETSc.Mat, np.ndarray] | None = (A, points)
+        self.held, self.springs = held, np.zeros(0, int)
 
     def getDiagonal(self) -> PETSc.Vec:
         """The diagonal of the stiffness, on the root."""
@@ -260,28 +252,16 @@ class TeamMatrix:
 
     def getRowIJ(self) -> tuple[np.ndarray, np.ndarray]:
         """The pattern of the stiffness, see PETSc, until there is a solver."""
-        assert self._whole is not None
-        return self._whole[0].getRowIJ()
+        assert self.whole is not None
+        return self.whole[0].getRowIJ()
 
     def getBlockSize(self) -> int:
         """Rows of a node."""
         return self._width
 
-    def factor(self, trace: sparse.csr_matrix | None, order: np.ndarray | None, name: str,
-               iterative: bool) -> StiffnessSolver:
-        """Deal the rows out, and make a solver, parameters as for `StiffnessSolver`; once."""
-        assert self._whole is not None
-        given, self._whole = (*self._whole, self._springs, trace, order), None
-        return self.do("factor", given, self._held, trace is not None, name, iterative)
-
-    def do(self, command: str, given: Any = None, *arguments: Any) -> Any:
-        """A command to the team, which must not have been given another body since."""
-        assert self.team.matrix is self
-        return self.team.do(command, given, *arguments)
-
     def mult(self, u: PETSc.Vec, y: PETSc.Vec) -> None:
         """y ← A u (N), vectors of the root."""
-        y.array[:] = self.do("mult", u.array_r)
+        y.array[:] = self.team.do("mult", u.array_r)
 
     def createVecs(self) -> tuple[PETSc.Vec, PETSc.Vec]:
         """Two vectors of the root."""
@@ -289,30 +269,21 @@ class TeamMatrix:
 
     def with_springs(self, dofs: np.ndarray) -> TeamMatrix:
         """The same for a loose body that is held by springs on `dofs` when it is solved with."""
-        self._springs = dofs
+        self.springs = dofs
         return self
 
 
 class TeamSolver:
-    """What a `StiffnessSolver` is, with a `TeamMatrix`, on the root."""
+    """What a `StiffnessSolver` is, with a `TeamMatrix`, on the root. It deals the rows of A out, which is done once."""
 
     def __init__(self, A: TeamMatrix, name: str, trace: sparse.csr_matrix | None = None,
                  order: np.ndarray | None = None, iterative: bool = False) -> None:
-        self._A = A
-        solver = A.factor(trace, order, name, iterative)
+        assert A.whole is not None
+        given, A.whole, self._team = (*A.whole, A.springs, trace, order), None, A.team
+        solver = self._team.do("factor", given, A.held, trace is not None, name, iterative)
         self.direct, self.given, self.description = solver.direct, solver.given, solver.description
         self.condensed, self.refused = solver.condensed, solver.refused
 
     def solve(self, f: PETSc.Vec, u: PETSc.Vec, relative: float = 0.0) -> None:
         """u ← A⁻¹ f, see `StiffnessSolver.solve`."""
-        u.array[:] = self._A.do("solve", f.array_r, relative)
-
-
-def hold(A: PETSc.Mat | TeamMatrix, dofs: np.ndarray) -> PETSc.Mat | TeamMatrix:
-    """A with springs on `dofs`, see `rigid_motions.add_springs`."""
-    return A.with_springs(dofs) if isinstance(A, TeamMatrix) else add_springs(A, dofs)
-
-
-def make_solver(A: PETSc.Mat | TeamMatrix, *arguments: Any, **named: Any) -> StiffnessSolver | TeamSolver:
-    """The solver with A, parameters as for `StiffnessSolver`. Collective on the ranks of A."""
-    return (TeamSolver if isinstance(A, TeamMatrix) else StiffnessSolver)(A, *arguments, **named)
+        u.array[:] = self._team.do("solve", f.array_r, relative)

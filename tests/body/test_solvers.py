@@ -323,10 +323,11 @@ def test_compliance_counts_by_purpose(name, petsc_options):
     assert operator.count - before == {"step1": 2, "neumann": 1}
     operator.mult(np.zeros(16), y, "step1")  # zero costs nothing
     assert np.array_equal(y, np.zeros(16))
-    operator.free_response(problem.b, y, "load")
+    u = problem.b.duplicate()
+    operator.solve(problem.b, u, "load")
     assert operator.count - before == {"step1": 2, "neumann": 1, "load": 1}
     expected = B @ spsolve(to_scipy(problem.A), problem.b.array_r)
-    assert np.linalg.norm(y - expected) <= precision * np.linalg.norm(expected)
+    assert np.linalg.norm(B @ u.array_r - expected) <= precision * np.linalg.norm(expected)
 
 
 @pytest.mark.parametrize("kind", ["explicit", "direct"])
