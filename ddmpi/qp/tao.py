@@ -150,8 +150,6 @@ class QPSolver:
         tao.setVariableBounds((lower, upper))
         gradient = x.duplicate()
         tao.setObjectiveGradient(problem.objective_gradient, gradient)
-        tao.setGradient(problem.gradient, gradient)
-        tao.setObjective(problem.objective)
         H = problem.hessian()
         tao.setHessian(lambda *_: None, H)
         discs = isinstance(problem.constraints, Discs)
@@ -235,16 +233,10 @@ class _Scaled:
             self._at = x.copy()
         return self._g
 
-    def objective(self, _tao: PETSc.TAO, X: PETSc.Vec) -> float:
+    def objective_gradient(self, _tao: PETSc.TAO, X: PETSc.Vec, G: PETSc.Vec) -> float:
         x = X.array_r
-        return float(0.5 * (x - self._start) @ (self._gradient(x) + self._start_gradient))
-
-    def gradient(self, _tao: PETSc.TAO, X: PETSc.Vec, G: PETSc.Vec) -> None:
-        G.array[:] = self._gradient(X.array_r)
-
-    def objective_gradient(self, tao: PETSc.TAO, X: PETSc.Vec, G: PETSc.Vec) -> float:
-        self.gradient(tao, X, G)
-        return self.objective(tao, X)
+        G.array[:] = self._gradient(x)
+        return float(0.5 * (x - self._start) @ (G.array_r + self._start_gradient))
 
 
 class _Explicit(_Scaled):
