@@ -158,8 +158,7 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
     held, found = supports(mesh, body), list(springs(mesh, body))
     rows = sparse.vstack([Q for *_, Q in found], format="csr") if found else None
     motions = body_motions(mesh, K, held.free, body.name, rows)
-    for _, root, Q in found:
-        K = K.with_springs(root * Q)
+    sprung = sparse.vstack([root * Q for _, root, Q in found], format="csr") if found else None
     nodes = np.flatnonzero(held.free.any(axis=(1, 2)))
     loose = held.free[nodes]
     cases = {}
@@ -167,11 +166,13 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
         f, warm = nodal_loads(mesh, body, history), temperature(mesh, body, history)
         heat, energy = thermal_loads(mesh, material, warm) if warm.any() else (np.zeros_like(f), 0.0)
         taken = K.mult(moved)
+        if sprung is not None:
+            taken += (sprung.T @ (sprung @ moved.ravel())).reshape(moved.shape)
         right = f + heat - taken
         refuse_underflow(mesh, body, right, moved, float(K.diagonal.max()))
         cases[history] = LoadCase(f, warm, heat, energy**0.5, moved, taken, apply(loose, right[nodes]).ravel())
     case = _sum_cases([(1.0, each) for each in cases.values()])
-    whole, d = K.to_csr(held.free, nodes), mesh.dimension
+    whole, d = K.to_csr(held.free, nodes, sprung), mesh.dimension
     if not (np.isfinite(whole.data).all() and np.isfinite(case.b).all()
             and K.diagonal[nodes].diagonal(axis1=1, axis2=2).min() > 0.0):
         raise InputError(f"body.{body.name}: material, loads and lengths give numbers out of the range of "

@@ -75,8 +75,8 @@ def body_motions(mesh: Mesh, K: Stiffness, free: np.ndarray, name: str,
                  springs: sparse.csr_matrix | None = None) -> np.ndarray:
     """The rigid motions that clamps and springs of a body leave free, as displacements (nv, d, j) of all nodes.
 
-    Of the springs there are rows (r, d nv) without units. Translations move by one; rotations by the distance from their
-    centre, over that of the farthest node from the centroid. So coefficients are lengths. If nothing is held, the
+    Of the springs there are rows (r, d nv) without units. Translations move by one; rotations by the distance from
+    their centre, over that of the farthest node from the centroid. So coefficients are lengths. If nothing is held, the
     motions are those along the axes and the rotations about the centroid; around an axis there is only that along it.
 
     Not collective. Raises InputError if a part of the body is loose that is not connected to the rest.

@@ -48,22 +48,6 @@ class Stiffness:
         np.add.at(y, b, np.einsum("nji,nj->ni", block, u[a]))
         return y
 
-    def with_springs(self, Q: sparse.csr_matrix) -> Stiffness:
-        """The same with QᵀQ (d nv, d nv) in N/m added, of the rows Q (r, d nv) of springs."""
-        size, d = self.diagonal.shape[:2]
-        added = (Q.T @ Q).tobsr((d, d))
-        row, column = np.repeat(np.arange(size), np.diff(added.indptr)), added.indices
-        diagonal, above, own = self.diagonal.copy(), row < column, row == column
-        diagonal[row[own]] += added.data[own]
-        pairs, place = np.unique(np.concatenate([size * self.first.astype(np.int64) + self.second,
-                                                 size * row[above].astype(np.int64) + column[above]]),
-                                 return_inverse=True)
-        upper = np.zeros((len(pairs), d, d))
-        upper[place[:len(self.first)]] = self.upper
-        upper[place[len(self.first):]] += added.data[above]
-        kind = self.first.dtype
-        return Stiffness((pairs // size).astype(kind), (pairs % size).astype(kind), upper, diagonal)
-
     def connected(self) -> tuple[int, np.ndarray]:
         """The number of connected pieces of the body, and for each node (nv,) the number of its piece."""
         size = len(self.diagonal)
@@ -71,7 +55,8 @@ class Stiffness:
         pairs = sparse.csr_matrix((np.ones(len(self.second)), self.second, indptr), (size, size))
         return csgraph.connected_components(pairs, directed=False)
 
-    def to_csr(self, free: np.ndarray, nodes: np.ndarray) -> sparse.csr_matrix:
+    def to_csr(self, free: np.ndarray, nodes: np.ndarray,
+               springs: sparse.csr_matrix | None = None) -> sparse.csr_matrix:
         """The rows and columns (d k, d k) of some nodes, sorted.
 
         Parameters
@@ -79,6 +64,7 @@ class Stiffness:
         free : (nv, d, d) projections onto the directions in which nodes can move; those across them are decoupled and
             keep their diagonal entries
         nodes : (k,) in the order of the rows
+        springs : rows Q (r, d nv), of which QᵀQ (N/m) is added
         """
         loose, (size, d) = free[nodes], (len(nodes), free.shape[1])
         place = np.full(len(free), -1, dtype=np.int32)
@@ -97,7 +83,13 @@ class Stiffness:
         blocks = np.empty((len(order.data), d, d))
         blocks[:size], blocks[size:size + len(a)], blocks[size + len(a):] = diagonal, upper, upper.swapaxes(1, 2)
         blocks = np.take(blocks, order.data, axis=0)
-        return sparse.bsr_matrix((blocks, order.indices, order.indptr), (d * size, d * size)).tocsr()
+        found = sparse.bsr_matrix((blocks, order.indices, order.indptr), (d * size, d * size))
+        if springs is not None:
+            directions = sparse.bsr_matrix((loose, own, np.arange(size + 1)), (d * size, d * size))
+            seen = springs[:, (d * nodes[:, None] + np.arange(d)).ravel()] @ directions
+            found = found + (seen.T @ seen).tobsr((d, d))
+            found.sort_indices()
+        return found.tocsr()
 
 
 def sum_stiffness(mesh: Mesh, material: Material | Composite) -> Stiffness:
