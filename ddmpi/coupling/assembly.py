@@ -194,7 +194,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                                   points, factor))
             interrupt.check()
     owned = {contact for contact, first, _ in exchange.ends if first == world.rank}
-    space = Space([interface for interface in interfaces if interface.name in owned], world, exchange.collectives)
+    space = Space([interface for interface in interfaces if interface.name in owned], world, exchange.sent)
     exchange.connect(space, [member.parts for member in members])
     told = _doubts(scene, gathered(world, {name: each.warnings for name, each in bodies.items() if each.warnings}),
                    gathered(world, {name: warnings for name, (_, warnings) in found.items() if warnings}))

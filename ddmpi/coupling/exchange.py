@@ -45,15 +45,13 @@ class Exchange:
 
     Attributes
     ----------
-    messages, bytes : of interface vectors, sent so far by this rank
-    collectives : reductions over all ranks so far, of flags, scalars and coarse problems, and reduced_bytes, what this
-        rank gave to them; PETSc's own in Krylov methods are not counted
+    sent : by this rank so far: messages and bytes of interface vectors; reductions over all ranks, of flags, scalars
+        and coarse problems, and reduced_bytes, what it gave to them. PETSc's own in Krylov methods are not counted
     """
 
     def __init__(self, world: MPI.Comm, ends: Sequence[Ends]) -> None:
         self.world, self.ends = world, tuple(ends)
-        self.messages = self.bytes = 0
-        self.collectives: Counter[str] = Counter(reductions=0, reduced_bytes=0)
+        self.sent: Counter[str] = Counter(messages=0, bytes=0, reductions=0, reduced_bytes=0)
         self._failure: DdmpiError | None = None
 
     def connect(self, space: Space, bodies: Sequence[Mapping[str, tuple[slice, int]]]) -> None:
@@ -122,7 +120,7 @@ class Exchange:
             return
         topic = zlib.crc32(about.encode())
         words = np.array([self._failure is not None, topic, -topic], dtype=np.int64)
-        self.collectives.update(reductions=1, reduced_bytes=words.nbytes)
+        self.sent.update(reductions=1, reduced_bytes=words.nbytes)
         with event("Exchange"):
             self.world.Allreduce(MPI.IN_PLACE, words, MPI.MAX)
         lost = words[1] != -words[2]
@@ -166,12 +164,11 @@ class Exchange:
         return found
 
     def state(self) -> dict[str, int]:
-        return {"messages": self.messages, "bytes": self.bytes} | dict(self.collectives)
+        return dict(self.sent)
 
     def restore(self, state: dict[str, int]) -> None:
-        self.messages, self.bytes = int(state["messages"]), int(state["bytes"])
-        for name in self.collectives:
-            self.collectives[name] = int(state[name])
+        for name in self.sent:  # which `Space` counts in, too
+            self.sent[name] = int(state[name])
 
     @contextlib.contextmanager
     def deferred(self) -> Iterator[None]:
@@ -196,6 +193,5 @@ class Exchange:
             requests = [self.world.Irecv(vector, rank, _PART) for rank, vector in came.items()]
             requests += [self.world.Isend(vector, rank, _PART) for rank, vector in send.items()]
             MPI.Request.Waitall(requests)
-        self.messages += len(send)
-        self.bytes += sum(vector.nbytes for vector in send.values())
+        self.sent.update(messages=len(send), bytes=sum(vector.nbytes for vector in send.values()))
         return came

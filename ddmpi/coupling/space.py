@@ -107,11 +107,7 @@ class Space:
 
     def solve_first(self, values: np.ndarray, solve: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """What `solve` makes on the first rank of the sum of `values` (k,) over the ranks: (k,) on all. Collective."""
-        if self.comm.size == 1:
-            return solve(values)
-        self.sent.update(reductions=1, reduced_bytes=values.nbytes)
-        total = np.empty_like(values)
-        self.comm.Reduce(values, total)
+        total = self.add(values)
         if self.comm.rank == 0:
             total = solve(total)
         self.comm.Bcast(total)

@@ -174,7 +174,7 @@ def test_messages_and_bytes_of_vectors_are_counted(comm):
             work()
             messages += sum(len(each) > 0 for each in vectors.values())
             sent += WORD * sum(size for each in vectors.values() for _, _, size in each)
-            assert (exchange.messages, exchange.bytes) == (messages, sent)
+            assert (exchange.sent["messages"], exchange.sent["bytes"]) == (messages, sent)
     assert comm.allreduce(messages) == 2 * 10
 
 
@@ -216,8 +216,8 @@ def test_swap_returns_the_first_bodys_vector_first(comm):
     exchange, sizes = exchange_of_two(comm, 1), [5, 0, 132, 1]
     for number, size in enumerate(sizes, start=1):
         exchange.swap(np.zeros(size), "test")
-        assert exchange.messages == number
-        assert exchange.bytes == WORD * sum(sizes[:number])
+        assert exchange.sent["messages"] == number
+        assert exchange.sent["bytes"] == WORD * sum(sizes[:number])
 
 
 def exchange_of_two(comm, first: int = 0) -> Exchange:
@@ -369,10 +369,10 @@ def test_an_iteration_moves_interface_vectors_only(comm):
         assembly, outer = iterations_of(comm, taller(stack, rows))
         traffic = assembly.exchange.world = Traffic(comm)
         for _ in range(4):
-            messages, moved_before = assembly.exchange.messages, assembly.exchange.bytes
+            messages, moved_before = assembly.exchange.sent["messages"], assembly.exchange.sent["bytes"]
             outer.iterate()
-            assert assembly.exchange.messages - messages == 2
-            moved.append(assembly.exchange.bytes - moved_before)
+            assert assembly.exchange.sent["messages"] - messages == 2
+            moved.append(assembly.exchange.sent["bytes"] - moved_before)
         assert traffic.calls == ["Allreduce", "Irecv", "Isend"] * 8
         sizes.append((assembly.m, assembly.n))
     (m, n), (other_m, other_n) = sizes
@@ -390,7 +390,7 @@ def test_newton_moves_interface_vectors_only(comm):
     for rows in (2, 24):
         assembly = scenes.prepare_scene(comm, taller(stack, rows))
         newton, exchange, size = Newton(assembly.joint, 500), assembly.exchange, 2 * assembly.m
-        messages, sent = exchange.messages, exchange.bytes
+        messages, sent = exchange.sent["messages"], exchange.sent["bytes"]
         traffic = exchange.world = Traffic(comm)
         assert newton.run(1e-8) == "converged"
         products, counts = assembly.member.C.count["newton"], len(newton.history)
@@ -398,8 +398,8 @@ def test_newton_moves_interface_vectors_only(comm):
         assert traffic.lengths == [size] * products
         assert traffic.calls.count("Allreduce") == products
         assert len(traffic.calls) == 3 * products + counts
-        assert exchange.messages - messages == len(traffic.lengths)
-        assert exchange.bytes - sent == WORD * sum(traffic.lengths)
+        assert exchange.sent["messages"] - messages == len(traffic.lengths)
+        assert exchange.sent["bytes"] - sent == WORD * sum(traffic.lengths)
 
 
 @pytest.mark.mpi(ranks=3)
@@ -407,11 +407,11 @@ def test_a_product_is_a_message_there_and_back(comm):
     """More bodies: a rank tells its neighbours only, by one message each, and all ranks agree once."""
     assembly = scenes.prepare_scene(comm, scenes.tower(3, 2))
     joint, exchange = assembly.joint, assembly.exchange
-    messages, reductions = exchange.messages, exchange.collectives["reductions"]
+    messages, reductions = exchange.sent["messages"], exchange.sent["reductions"]
     joint.product(np.ones(joint.size), "newton", 0.0)
     neighbours = {rank for ends in exchange.ends for rank in ends[1:]} - {comm.rank}
-    assert exchange.messages - messages == len(neighbours) < comm.size
-    assert exchange.collectives["reductions"] - reductions == 1
+    assert exchange.sent["messages"] - messages == len(neighbours) < comm.size
+    assert exchange.sent["reductions"] - reductions == 1
 
 
 @two_ranks

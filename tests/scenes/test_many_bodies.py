@@ -170,10 +170,10 @@ def test_what_an_inner_rank_sends_does_not_grow_with_the_number_of_bodies(comm):
         if comm.rank < blocks:
             assembly = scenes.prepare_scene(part, tower(blocks, 2))
             exchange, x = assembly.exchange, np.ones(assembly.space.size)
-            before = exchange.messages, exchange.bytes
+            before = exchange.sent["messages"], exchange.sent["bytes"]
             for _ in range(5):
                 assembly.joint.product(x, "newton")
-            sent[blocks] = exchange.messages - before[0], exchange.bytes - before[1]
+            sent[blocks] = exchange.sent["messages"] - before[0], exchange.sent["bytes"] - before[1]
         part.Free()
         if comm.rank == 1:
             assert sent[blocks] == (5 * 2, 5 * 2 * 8 * 2 * 7)  # up and down, m = 7 nodes with two unknowns each

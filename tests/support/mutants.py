@@ -224,7 +224,7 @@ MUTANTS = [Mutant(*row) for row in (
      "start + np.arange(sizes[k])", "np.arange(sizes[k])",
      f"{LEGS}::test_each_body_sees_its_part_of_every_interface"),
     ("bytes of a message not counted", "coupling/exchange",
-     "self.bytes += sum(vector.nbytes for", "self.bytes += sum(1 for",
+     "bytes=sum(vector.nbytes for", "bytes=sum(1 for",
      f"{LEGS}::test_messages_and_bytes_of_vectors_are_counted"),
     ("initial gap with the wrong sign", "coupling/joint", "self.d = self.d - self.space.gap",
      "self.d = self.d + self.space.gap",
