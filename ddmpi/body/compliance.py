@@ -157,19 +157,10 @@ def plan_compliance(n: int, B: sparse.csr_matrix, kind: str | None, memory: floa
 
 
 def choose_kind(n: int, k: int, memory: float, d: int = 2) -> tuple[str, str]:
-    """Choose the kind of compliance for a body with `n` dofs and `k` contact unknowns.
+    """The kind of compliance for a body with `n` dofs, `d` of a node, and `k` contact unknowns, and the reason.
 
-    Beyond the memory of factors a body is solved by multigrid. In space it is also where only the compliance does not
-    fit: hundreds of solves with factors take longer there.
-
-    Parameters
-    ----------
-    memory : bytes that may be used
-    d : dofs of a node
-
-    Returns
-    -------
-    "explicit", "direct" or "iterative", and the reason. Not collective.
+    Beyond the `memory` (bytes) for factors a body is solved by multigrid. In space it is also where only the compliance
+    does not fit: hundreds of solves with factors take longer there. Not collective.
     """
     solid, dense = d == 3, 8.0 * k**2
     plain, whole = (MARGIN * memory_of_factors(n, d, condensed) for condensed in (False, True))

@@ -195,12 +195,8 @@ def clamp_forces(mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarr
     """What each clamp and foundation does to the body: its group, and nodal forces (nv, d) in newtons. Not collective.
 
     The force of a node is the sum of those along the directions in which its clamps hold it. A direction that clamps
-    hold together is the last one's.
-
-    Parameters
-    ----------
-    u : (nv, d) displacement under the present loads (m)
-    pull : (nv, d) contact forces on the body (N)
+    hold together is the last one's. `u` (nv, d) is the displacement under the present loads (m), `pull` (nv, d) are the
+    contact forces on the body (N).
     """
     held = np.flatnonzero((elasticity.clamps >= 0).any(axis=1))
     forces, given = np.zeros_like(u), elasticity.acting.f + elasticity.acting.heat + pull

@@ -261,13 +261,8 @@ def _held(mesh: Mesh, clamp: Clamp, key: str) -> Iterator[tuple[str, Any, np.nda
 
 
 def refuse_underflow(mesh: Mesh, body: BodySpec, f: np.ndarray, prescribed: np.ndarray, stiffest: float) -> None:
-    """Raise InputError where something acts that is too small to compute with. Not collective.
-
-    Parameters
-    ----------
-    f, prescribed : (nv, d) nodal loads (N), those of prescribed displacements as well, and these (m)
-    stiffest : largest entry of the stiffness (N/m)
-    """
+    """Raise InputError where something acts that is too small to compute with: loads, nodal loads f (nv, d) in newtons,
+    displacements that are `prescribed` (nv, d) in metres, or f over the `stiffest` entry (N/m). Not collective."""
     groups = [(each.given, mesh.points[boundary_group(mesh, each.on, "").ravel()]) for each in body.traction]
     values = [evaluate(value, *points.T) for value, points in [*groups, (body.weight[0], mesh.points)]]
     sizes = [float(np.abs(value).max()) for value in (*values, f, prescribed)]

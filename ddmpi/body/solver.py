@@ -42,7 +42,7 @@ class StiffnessSolver:
     """Solves with the stiffness A of one body; a factorization is made once, at construction.
 
     The default is MUMPS Cholesky; without MUMPS, CHOLMOD; without that, PETSc's own. All methods are collective on A's
-    communicator.
+    communicator. Raises SolverError when the factorization fails.
 
     Parameters
     ----------
@@ -61,11 +61,6 @@ class StiffnessSolver:
     condensed : (k, k) C (m/N), in Fortran order, of which only the upper triangle counts; or None. On the first rank
         only
     refused : why MUMPS was not called directly for C, or nothing
-
-    Raises
-    ------
-    SolverError
-        when the factorization fails.
     """
 
     def __init__(self, A: PETSc.Mat, name: str, trace: sparse.csr_matrix | None = None,
@@ -174,13 +169,9 @@ class StiffnessSolver:
     def solve(self, f: PETSc.Vec, u: PETSc.Vec, relative: float = 0.0) -> None:
         """u ← A⁻¹ f. Collective. Raises SolverError when the true residual is too large.
 
-        A direct solver is checked at its first solve (the certificate checks the last one). An iterative
-        solver is checked at every solve, and refined if its own norm stopped it too early.
-
-        Parameters
-        ----------
-        relative : ‖f − A u‖ / ‖f‖ at which an iterative solver stops; zero stands for USUAL. The option
-            -body_ksp_rtol takes precedence
+        A direct solver is checked at its first solve (the certificate checks the last one). An iterative solver stops
+        at ‖f − A u‖ / ‖f‖ ≤ `relative`, zero stands for USUAL, unless -body_ksp_rtol is given. It is checked at every
+        solve, and refined if its own norm stopped it too early.
         """
         usual, *others = self._tolerances
         precision = usual

@@ -105,13 +105,9 @@ def moduli_along(material: Material, directions: np.ndarray) -> np.ndarray:
 
 
 def thermal(material: Material, dimension: int) -> tuple[np.ndarray, float, float, float]:
-    """What a temperature of 1 K does where no strain yields to it, in the plane or in space.
-
-    Returns
-    -------
-    β (d, d) of the stress −β (Pa/K); twice the elastic energy (J/m³/K²); b of σ_zz = a : σ − b in the plane, where a is
-    `Material.across`; the part of that energy that a free body keeps (J/m³/K²), zero but in plane strain
-    """
+    """What a temperature of 1 K does where no strain yields to it: β (d, d) of the stress −β (Pa/K); twice the elastic
+    energy (J/m³/K²); b of σ_zz = a : σ − b in the plane, where a is `Material.across`; and the part of that energy that
+    a free body keeps (J/m³/K²), zero but in plane strain."""
     expansion = material.expansion or 0.0
     beta = expansion * np.einsum("ijkk->ij", material.tensor(2 if material.plane == "stress" else 3))
     across = expansion * float(material.moduli[2]) * (len(beta) > dimension)
@@ -119,17 +115,10 @@ def thermal(material: Material, dimension: int) -> tuple[np.ndarray, float, floa
 
 
 def stress(mesh: Mesh, material: Material | Composite, u: np.ndarray, heat: np.ndarray | None = None) -> np.ndarray:
-    """Mean stress of each cell.
+    """Mean stress of each cell: (nt, 4) σ_xx, σ_yy, σ_zz, σ_xy in Pa, in space (nt, 6) with σ_yz, σ_xz.
 
-    Parameters
-    ----------
-    u : (nv, d) displacement (m)
-    heat : (nv,) temperature over the state free of stress (K)
-
-    Returns
-    -------
-    (nt, 4) array of σ_xx, σ_yy, σ_zz, σ_xy in Pa, in space (nt, 6) with σ_yz, σ_xz; in the plane σ_zz is that of plane
-    strain, or zero, around an axis the circumferential stress. Not collective.
+    In the plane σ_zz is that of plane strain, or zero, around an axis the circumferential stress. `u` (nv, d) is the
+    displacement (m), `heat` (nv,) the temperature over the state free of stress (K). Not collective.
     """
     found = np.empty((2 * mesh.dimension, len(mesh.triangles)))
     for cells, own, curved in portions(mesh, material):

@@ -111,7 +111,7 @@ class Assembly:
 
 def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Clock | None = None,
             refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES, factor: bool = True) -> Assembly:
-    """Mesh, assemble, pair and factor.
+    """Mesh, assemble, pair and factor. Collective. Raises InputError, SolverError and InterruptionError, on all ranks.
 
     Parameters
     ----------
@@ -121,11 +121,6 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     refinement : how many times finer the meshes of `scene` are than the given ones, but for geometries
     sizes : of the elements of geometries, by the names of the own bodies, where an accuracy target has led to them
     factor : False for an assembly that is only looked at, see `Member`
-
-    Raises
-    ------
-    InputError, SolverError, InterruptionError
-        the same on all ranks. Collective.
     """
     clock = clock or Clock()
     team = team_of(world)

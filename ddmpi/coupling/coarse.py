@@ -159,14 +159,7 @@ class CrossPoints:
     """How nodes give way at which bodies have several contacts: R = Σ B_a B_aᵀ / c_a, with the rows B_a there.
 
     Half-spaces know one contact each. Around an edge where bodies meet forces may even cancel on all of them. The first
-    rank has R, and solves for all.
-
-    Parameters
-    ----------
-    members : the bodies of this rank
-    exchange, space : between the bodies, and the layout of the vectors
-
-    Construction is collective.
+    rank has R, from the `members` of all, and solves for all. Construction is collective.
     """
 
     def __init__(self, members: Sequence[Member], exchange: Exchange, space: Space) -> None:

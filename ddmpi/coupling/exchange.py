@@ -55,13 +55,8 @@ class Exchange:
         self._failure: DdmpiError | None = None
 
     def connect(self, space: Space, bodies: Sequence[Mapping[str, tuple[slice, int]]]) -> None:
-        """Say where the parts of vectors lie.
-
-        Parameters
-        ----------
-        space : layout of the vectors of the interfaces that this rank owns
-        bodies : of each local body, by contact: its part of the body's own vector, and the body's side, 0 or 1
-        """
+        """Say where the parts of vectors lie: of those of the owned interfaces by `space`; of the local `bodies`' own,
+        by contact, the part there, and the body's side, 0 or 1."""
         sizes = [max((part.stop for part, _ in parts.values()), default=0) for parts in bodies]
         self._owned = space.size
         *starts, self._size = np.cumsum([0, *sizes])

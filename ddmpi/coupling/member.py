@@ -186,13 +186,8 @@ class Member:
     def work(self, u: np.ndarray, s: np.ndarray) -> np.ndarray:
         """What loads, reactions and heat do along displacements: (2, k) in J, by history in the order of the scene.
 
-        Parameters
-        ----------
-        u : (nv, d) under the present loads and the contact forces `s` (size,)
-
-        Returns
-        -------
-        f·u for the loads f that follow a history, at its factor 1; and R·p − ∫ σ : ε for the reactions R of clamps, the
+        The first is f·u for the loads f that follow it, at its factor 1, and the displacement u (nv, d) under the
+        present loads and contact forces s (size,); the second R·p − ∫ σ : ε for the reactions R of clamps, the
         displacements p and the thermal strains ε that follow it. Not collective.
         """
         found, acting = np.zeros((2, len(self._histories))), self.elasticity.acting
@@ -206,20 +201,17 @@ class Member:
         return found
 
     def displacement(self, s: np.ndarray, alpha: np.ndarray | None = None) -> tuple[np.ndarray, float, float, float]:
-        """Displacement (nv, d) in metres under the load and the contact forces s (size,) in newtons.
+        """Displacement under the load and the contact forces s (size,) in newtons.
 
-        Parameters
-        ----------
-        alpha : (j,) rigid motions (m) of a loose body; without them it moves as `h` and `mult` have it
+        A loose body moves along with the rigid motions α (j,) in metres; without them it moves as `h` and `mult` have
+        it. Collective on the body's communicator. Raises SolverError.
 
         Returns
         -------
-        u : (nv, d)
+        u : (nv, d) (m)
         left : ‖A u + Bᵀ s − b‖ (N), large where contact forces do not balance the load of a loose body
         acting : max(‖b‖, ‖Bᵀ s‖), which it is to be compared with
         energy : strain energy (J): ½ uᵀ K u with the stiffness K of all dofs, without what heat strains freely
-
-        Collective on the body's communicator. Raises SolverError.
         """
         with event("Displacement"):
             A, b = self.elasticity.A, self.elasticity.b

@@ -72,12 +72,8 @@ def team_of(world: MPI.Comm) -> Team | None:
 
 
 def place_ranks(nodes: Sequence[int | None], ranks: int) -> list[int]:
-    """The body of each rank, of more ranks than bodies: each one goes where a rank has the most nodes.
-
-    Parameters
-    ----------
-    nodes : of each body's mesh; bodies count as equal where not all are known
-    """
+    """The body of each rank, of more ranks than bodies: each one goes where a rank has the most `nodes` of a body's
+    mesh. Bodies count as equal where not all are known."""
     sizes = [1 if None in nodes else size or 1 for size in nodes]
     number = [1] * len(sizes)
     for _ in range(ranks - len(sizes)):

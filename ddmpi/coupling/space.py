@@ -140,12 +140,7 @@ class Space:
 
 
 class Laws:
-    """The laws of several interfaces as one, on vectors that hold one interface's part after the other.
-
-    Parameters
-    ----------
-    laws : in the order of the parts
-    """
+    """The laws of several interfaces as one, on vectors that hold one interface's part after the other."""
 
     def __init__(self, laws: Sequence[Law]) -> None:
         self.laws = tuple(laws) or (Law(0, np.empty(0, int), 1),)

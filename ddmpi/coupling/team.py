@@ -36,12 +36,7 @@ class Share:
     """What one rank of a team holds of its body: rows of the stiffness, its part of a solver.
 
     Methods are collective on the team, and are commands: their first argument is what the root alone gives, None
-    elsewhere, the others are the same on all ranks; they return something on the root only.
-
-    Parameters
-    ----------
-    comm : communicator of the team
-    beside : how many ranks share this machine's memory
+    elsewhere, the others are the same on all ranks; they return something on the root only. `beside` is as of `Team`.
     """
 
     def __init__(self, comm: MPI.Comm, beside: int) -> None:

@@ -25,10 +25,7 @@ TILT = 1e-4
 def elimination_order(A: PETSc.Mat, points: np.ndarray) -> np.ndarray | None:
     """The place (n,) int32 of each row of A in the order of elimination; None for few entries. Not collective.
 
-    Parameters
-    ----------
-    A : (n, n) with a block of rows for each node, on this rank alone; only its pattern is read
-    points : (n / width, d) positions of its nodes
+    A has a block of rows for each of the nodes at `points` (k, d), all on this rank; only its pattern is read.
     """
     width = A.getBlockSize()
     starts, columns = A.getRowIJ()
@@ -49,12 +46,8 @@ def dissect(points: np.ndarray, first: np.ndarray, second: np.ndarray, leaf: int
 
     Parts are halved at the median of their longest extent, counted in mean lengths of the pairs along each axis, until
     they have at most `leaf` nodes. The separator of two halves is the smallest set of nodes that touches all pairs
-    between them, and follows them in the order.
-
-    Parameters
-    ----------
-    points : (k, d) positions of the nodes
-    first, second : (e,) the pairs of nodes that share an entry of the matrix, each once
+    between them, and follows them in the order. The nodes are at `points` (k, d); `first` and `second` (e,) are the
+    pairs of them that share an entry of the matrix, each once.
     """
     depth = max(0, int(np.ceil(np.log2(max(len(points), 1) / leaf))))
     step = np.abs(points[first[::SAMPLE]] - points[second[::SAMPLE]]).mean(axis=0) if len(first) else np.ones(1)

@@ -44,15 +44,8 @@ class TaoType:
 
     The Hessian must be a PETSc matrix. If its Python context has ``norm()``, that estimate of ‖H‖₂ is used; otherwise
     Lanczos steps make one. The solution satisfies the constraints exactly, and the TAO's gradient vector holds the
-    gradient there.
-
-    Parameters
-    ----------
-    constraints : the set of feasible points; None stands for the variable bounds of the TAO
-
-    Attributes
-    ----------
-    steps : number of steps of each kind in the last solve
+    gradient there. Without `constraints`, the set of feasible points, it takes the variable bounds of the TAO. `steps`
+    has the number of steps of each kind in the last solve.
     """
 
     title: str

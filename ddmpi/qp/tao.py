@@ -68,7 +68,9 @@ class QPSolver:
 
     def solve(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, purpose: str,
               product_error: float = 0.0) -> QPResult:
-        """Solve `qp` from the point `s`, whose product with C is `Cs`.
+        """Solve `qp` from the point `s`, whose product with C is `Cs`. Collective on the body.
+
+        Raises SolverError when neither the tolerance nor the limit of rounding is reached, whatever TAO reports.
 
         Parameters
         ----------
@@ -76,12 +78,6 @@ class QPSolver:
         purpose : the multiplications are counted under this name
         product_error : largest error, in the unit of d (m), that an iterative solver may leave in the
             returned product; zero leaves it to the operator
-
-        Raises
-        ------
-        SolverError
-            when neither the tolerance nor the limit of rounding is reached, whatever TAO reports. Collective on the
-            body.
         """
         def multiply(x: np.ndarray, size: float) -> np.ndarray:
             product = np.empty_like(x)
