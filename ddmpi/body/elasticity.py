@@ -109,19 +109,9 @@ class Elasticity:
     softest: float = np.inf
 
     @property
-    def clamps(self) -> np.ndarray:
-        """(nv, d) as those of the supports."""
-        return self.supports.clamps
-
-    @property
     def free(self) -> np.ndarray:
         """(nv, d) bool, components that can move."""
         return self.supports.free.diagonal(axis1=1, axis2=2) > ALONG
-
-    @property
-    def prescribed(self) -> np.ndarray:
-        """(nv, d) displacement (m) in the prescribed directions, zero across them."""
-        return self.acting.prescribed
 
     def under(self, factors: Mapping[str | None, float]) -> Elasticity:
         """The same body under its load cases times `factors`. `load` stays what forces are compared with."""
@@ -142,7 +132,7 @@ class Elasticity:
 
     def expand(self, u: PETSc.Vec) -> np.ndarray:
         """The displacement (nv, d) of all nodes from the solution `u` of the reduced system (m)."""
-        full = self.prescribed.copy()
+        full = self.acting.prescribed.copy()
         full[self.nodes] += apply(self.supports.free[self.nodes], u.array_r.reshape(-1, full.shape[1]))
         return full
 
@@ -198,7 +188,7 @@ def clamp_forces(mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarr
     hold together is the last one's. `u` (nv, d) is the displacement under the present loads (m), `pull` (nv, d) are the
     contact forces on the body (N).
     """
-    held = np.flatnonzero((elasticity.clamps >= 0).any(axis=1))
+    held = np.flatnonzero((elasticity.supports.clamps >= 0).any(axis=1))
     forces, given = np.zeros_like(u), elasticity.acting.f + elasticity.acting.heat + pull
     for on, root, Q in springs(mesh, body):
         pressed = -root**2 * (Q.T @ (Q @ u.ravel())).reshape(u.shape)

@@ -111,7 +111,7 @@ class Exchange:
         self._failure = self._failure or interrupt.interruption()
         if self.world.size == 1:
             if self._failure:
-                self.agree()
+                agree(self.world, self._failure)
             return
         topic = zlib.crc32(about.encode())
         words = np.array([self._failure is not None, topic, -topic], dtype=np.int64)
@@ -123,7 +123,7 @@ class Exchange:
             self._failure = self._failure or SolverError(
                 f"the ranks are at different points of the iteration, one at {about!r}; the processors may differ")
         if words[0] or lost:
-            self.agree()
+            agree(self.world, self._failure)
 
     def swap(self, mine: np.ndarray, about: str) -> tuple[np.ndarray, np.ndarray]:
         """Where two ranks hold a body each: both ranks' vectors, first that of the first contact's first body.
@@ -174,10 +174,6 @@ class Exchange:
             if error.agreed:
                 raise
             self._failure = error
-
-    def agree(self) -> None:
-        """Raise the kept error of any rank on all ranks. Collective on the world."""
-        agree(self.world, self._failure)
 
     def _trade(self, send: Mapping[int, np.ndarray], like: Mapping[int, np.ndarray]) -> dict[int, np.ndarray]:
         """Send vectors to ranks, and receive vectors from others, as long as `like`."""

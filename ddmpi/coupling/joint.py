@@ -62,7 +62,8 @@ class Joint:
     ----------
     size : length of the vectors on this rank
     bodies : number of bodies of all ranks
-    d : (size,) how far the bodies would overlap without contact forces (m), tangentially from where slip begins
+    d : (size,) how far the bodies would overlap without contact forces (m), tangentially from where slip begins, which
+        a load step says after `act`
     rigid : the rigid motions of loose bodies, Gᵀ = rigid.Z; of size 0 where clamps hold all bodies
     slices : of them by body, also of the bodies that have none, and by pushed partner
     e : (rigid.size,) the loads along them (N)
@@ -91,10 +92,6 @@ class Joint:
         self.d, self.e = (sum((factors[name] * part for name, part in parts.items()), np.zeros(1))
                           for parts in (self._moved, self._pulled))
         self.d = self.d - self.space.gap
-
-    def begin_slip(self, start: np.ndarray) -> None:
-        """Count tangential displacements from `start` (size,), zero at normal entries, until loads act anew."""
-        self.d = self.d - start
 
     def product(self, x: np.ndarray, purpose: str, relative: float | None = None) -> np.ndarray:
         """C x (size,), as a new vector, precise enough to be kept, or `relative` as for `Compliance.mult`."""

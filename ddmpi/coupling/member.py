@@ -48,6 +48,7 @@ class Member:
         balance the load
     size : length of the body's vectors
     parts : of its vector by contact, and its side there, 0 or 1
+    motions : (nv, d, j) the rigid motions that clamps leave free, see `Elasticity`
     G : (j, size) contact displacements of the rigid motions that clamps leave free
     e : (j,) what the load does along these motions (N); G s does the same if the body is in equilibrium
 
@@ -67,6 +68,7 @@ class Member:
         A, b = elasticity.A, elasticity.b
         B = sparse.vstack([sparse.csr_matrix((0, A.size[1])),
                            *(trace(each, side, elasticity) for each, _, side in self._sides)], format="csr")
+        self.motions = elasticity.motions
         motions = self.motions[elasticity.nodes]
         R = motions.reshape(A.size[1], motions.shape[2])
         self.size = B.shape[0]
@@ -146,11 +148,6 @@ class Member:
         meets, acts = np.zeros((len(self.parts), B.shape[1] // d), bool), B.data != 0.0
         meets[contact[B.row[acts]], B.col[acts] // d] = True
         return np.repeat(meets.sum(axis=0) > 1, d)
-
-    @property
-    def motions(self) -> np.ndarray:
-        """(nv, d, j) the rigid motions that clamps leave free, see `Elasticity`."""
-        return self.elasticity.motions
 
     def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
         """y ← C x (metres from newtons), centred; both (size,), `relative` as for `Compliance.mult`. Collective."""

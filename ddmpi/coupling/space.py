@@ -66,11 +66,6 @@ class Space:
             self.interfaces = tuple(each.under(factors) for each in self._drawn)
             self._place()
 
-    @property
-    def m(self) -> int:
-        """Contact nodes of the owned interfaces."""
-        return sum(interface.m for interface in self.interfaces)
-
     def each(self) -> list[tuple[Interface, slice]]:
         """The interfaces with their parts of a vector."""
         return list(zip(self.interfaces, self.parts.values(), strict=True))

@@ -20,12 +20,12 @@ def trace(interface: Interface, side: int, body: Elasticity) -> sparse.csr_matri
     """
     d, moves = interface.dimension, rows(interface, side).tocoo()
     nodes = interface.nodes[side][moves.col]
-    place = np.full(len(body.clamps), -1)
+    held = (body.supports.clamps >= 0).any(axis=1)
+    place = np.full(len(held), -1)
     place[body.nodes] = np.arange(len(body.nodes))
     along = _sign(side) * moves.data[:, None] * interface.directions[moves.row]
     values = np.einsum("kij,kj->ki", body.supports.free[nodes], along)
-    entry = np.abs(values) > np.where((body.clamps[nodes] >= 0).any(axis=1), ROUNDING * np.linalg.norm(along, axis=1),
-                                      0.0)[:, None]
+    entry = np.abs(values) > np.where(held[nodes], ROUNDING * np.linalg.norm(along, axis=1), 0.0)[:, None]
     columns = d * place[nodes][:, None] + np.arange(d)
     row = np.repeat(moves.row[:, None], d, axis=1)
     return sparse.csr_matrix((values[entry], (row[entry], columns[entry])), (interface.size, body.A.size[1]))

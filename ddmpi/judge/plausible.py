@@ -215,7 +215,7 @@ def _singular(body: Body, stress: np.ndarray) -> list[str]:
     where a clamp ends; not at an outer corner, as the singularity of a clamp there is much weaker."""
     points, facets = body.mesh.points, Solid.of(body.mesh, np.zeros(1)).facets
     found = creases(points, facets[:, :-1], points[facets[:, 0]] - points[facets[:, -1]])
-    held = (body.member.elasticity.clamps >= 0).any(axis=1)
+    held = (body.member.elasticity.supports.clamps >= 0).any(axis=1)
     ends = held[facets[:, :-1]].all(axis=1)[found.facets].sum(axis=1) == 1
     ends &= held[found.nodes].all(axis=1) & (found.turn < SHARPEST)
     top = np.unique(body.mesh.triangles[stress >= (1.0 - ALIKE) * stress.max()])

@@ -241,7 +241,7 @@ class Iteration:
         numbers: dict[str, dict[str, Any]] = {}
         for body, s in zip(assembly.bodies, outer.body_forces(), strict=True):
             member, alpha = body.member, outer.motions[joint.slices[body.spec.name]]
-            u, left, acting, energy = np.zeros_like(member.elasticity.prescribed), np.nan, 0.0, np.nan
+            u, left, acting, energy = np.zeros_like(member.elasticity.acting.prescribed), np.nan, 0.0, np.nan
             with exchange.deferred():
                 u, left, acting, energy = recover(member, s, alpha, past.largest)
             own = member.trace(u)

@@ -192,7 +192,7 @@ class March:
         assembly.act(time)
         self._d = joint.d
         start = self._slip_begins(time)
-        joint.begin_slip(start)
+        joint.d = joint.d - start
         if not self._resumed:
             self._begin(time, start)
         self._resumed = False

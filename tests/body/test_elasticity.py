@@ -300,7 +300,7 @@ def test_clamps_against_elimination_by_scipy(clamps, order):
     u[free] = spsolve(K[free][:, free].tocsc(), (f - K @ u)[free])
 
     assert np.array_equal(problem.free, ~held)
-    assert np.array_equal(problem.prescribed, given)
+    assert np.array_equal(problem.acting.prescribed, given)
     assert problem.n == free.sum()
     assert np.array_equal(problem.nodes, np.flatnonzero(~held.all(axis=1)))
     assert not problem.b.array_r.reshape(-1, 2)[held[problem.nodes]].any()

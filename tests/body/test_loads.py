@@ -205,7 +205,7 @@ def test_constant_formula_is_its_number(order):
     mesh = dam(order)
     one, other = loads(("1/3", "-6e7 * 2"), "sqrt(2)", "0.1 + 0.2"), loads((1 / 3, -1.2e8), 2**0.5, 0.1 + 0.2)
     assert np.array_equal(nodal_loads(mesh, one), nodal_loads(mesh, other))
-    assert np.array_equal(assemble(mesh, one).prescribed, assemble(mesh, other).prescribed)
+    assert np.array_equal(assemble(mesh, one).acting.prescribed, assemble(mesh, other).acting.prescribed)
 
 
 def test_prescribed_displacement_by_a_formula():
@@ -214,7 +214,7 @@ def test_prescribed_displacement_by_a_formula():
     problem = assemble(mesh, body(clamp=[Clamp(on="left", x="1e-3 * y**2", y="where(y > 20, 1e-3, 0)")]))
     nodes = np.unique(mesh.groups["left"])
     y = mesh.points[nodes, 1]
-    assert np.array_equal(problem.prescribed[nodes], np.column_stack([1e-3 * y**2, np.where(y > 20, 1e-3, 0.0)]))
+    assert np.array_equal(problem.acting.prescribed[nodes], np.column_stack([1e-3 * y**2, np.where(y > 20, 1e-3, 0.0)]))
     assert not problem.free[nodes].any()
 
 

@@ -390,7 +390,7 @@ def test_trace_matrix_against_trace_of_a_displacement(clamps, which, friction):
     u = body.A.createVecRight()
     u.array[:] = rng.normal(size=u.size) * body.free[body.nodes].ravel()
     expected = displacement_trace(contact, which, body.expand(u))
-    constant = displacement_trace(contact, which, body.prescribed)
+    constant = displacement_trace(contact, which, body.acting.prescribed)
     assert np.abs(B @ u.array_r + constant - expected).max() <= 1e-15 * np.abs(expected).max() * 4
 
     u.array[:] = rng.normal(size=u.size)  # what is in the place of clamped components is not seen
