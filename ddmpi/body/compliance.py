@@ -70,7 +70,7 @@ class Compliance:
     def __init__(self, A: PETSc.Mat, B: sparse.csr_matrix, name: str, kind: str | None = None,
                  memory: float = np.inf, make_solver: Callable[..., Any] = StiffnessSolver,
                  points: np.ndarray | None = None) -> None:
-        self.B, self.size, self._B_transposed = B, B.shape[0], B.T.tocsr()
+        self.B, self.size = B, B.shape[0]
         self.kind, self.reason = plan_compliance(A.size[0], B, kind, memory, A.getBlockSize())
         self._rigid = not B.count_nonzero()
         dense = self.kind == "explicit"
@@ -134,7 +134,7 @@ class Compliance:
 
     def spread(self, s: np.ndarray, f: PETSc.Vec) -> None:
         """f ← Bᵀ s: the contact forces s (size,) as a load (N). Not collective."""
-        f.array[:] = self._B_transposed @ s
+        f.array[:] = self.B.T @ s
 
     def solve(self, f: PETSc.Vec, u: PETSc.Vec, purpose: str, relative: float = 0.0) -> None:
         """u ← A⁻¹ f, counted under `purpose`; `relative` as for `mult`. Collective."""

@@ -176,16 +176,12 @@ class Centring:
     """Takes the springs out of a generalised inverse A⁺ of a loose body, so that nothing depends on where they are.
 
     The centred inverse is Π A⁺ Πᵀ. Its displacements have no rigid motion in the least-squares sense at the contact,
-    and on average none of those motions that the contact does not see. Not collective.
-
-    Parameters
-    ----------
-    R : (n, j) the free motions, columns in A's dofs
-    B : (size, n) trace on the contact nodes
+    and on average none of those motions that the contact does not see. R (n, j) has the free motions as columns in A's
+    dofs, B (size, n) is the trace on the contact nodes. Not collective.
     """
 
     def __init__(self, R: np.ndarray, B: sparse.csr_matrix) -> None:
-        self._R, self._B, self._B_transposed = R, B, B.T.tocsr()
+        self._R, self._B = R, B
         Q, T = np.linalg.qr(B @ R)
         U, values, V = np.linalg.svd(T.T)
         rank = int((values > SEEN * np.linalg.norm(B.data) * np.abs(R).max()).sum()) if len(values) else 0
@@ -202,7 +198,7 @@ class Centring:
     def balance(self, f: np.ndarray) -> np.ndarray:
         """Πᵀ f: the load (n,) with contact forces that balance it, as far as they can; the rest is left out."""
         f = f - self._unseen @ (self._unseen.T @ f)
-        return f - self._B_transposed @ (self._inverse @ (self._R.T @ f))
+        return f - self._B.T @ (self._inverse @ (self._R.T @ f))
 
     def centre(self, u: np.ndarray) -> np.ndarray:
         """Π u: the displacement (n,) without its rigid motion."""

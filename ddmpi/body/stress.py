@@ -25,13 +25,8 @@ COLUMNS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 
 @dataclass(frozen=True)
 class Composite:
-    """Several materials in one body, in the place of a `Material`.
-
-    Attributes
-    ----------
-    materials : no two of them with the same constants, all in the same plane
-    number : (nt,) which one each cell has
-    """
+    """Several materials in one body, in the place of a `Material`: no two with the same constants, all in the same
+    plane. `number` (nt,) says which one each cell has."""
 
     materials: Sequence[Material]
     number: np.ndarray

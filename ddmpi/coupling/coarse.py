@@ -32,11 +32,7 @@ class Motions:
     space : of the interfaces
     size : number of motions of all bodies
     blocks : of each owned interface its part of a vector, the numbers (c,) of the motions that it sees, and the contact
-        displacements of these (its size, c)
-
-    Attributes
-    ----------
-    Z : (owned size, size) sparse, contact displacements (m) of all motions
+        displacements of these (its size, c); together they are Z (owned size, size), sparse (m)
     """
 
     def __init__(self, space: Space, size: int, blocks: Sequence[tuple[slice, np.ndarray, np.ndarray]]) -> None:
@@ -76,12 +72,8 @@ def gather_motions(exchange: Exchange, space: Space, members: Sequence[Member], 
                    pushed: Sequence[Rigid] = ()) -> tuple[Motions, dict[str, slice]]:
     """The motions of all bodies, and their numbers by body: in the order of the ranks and of the bodies there.
 
-    Parameters
-    ----------
-    columns : of each local body (j, size of its vector), the contact displacements of its motions (m)
-    pushed : rigid partners, whose translations along the axes where forces act on them come last
-
-    Collective.
+    `columns` has, of each local body, the contact displacements of its motions (j, size of its vector) in metres. The
+    translations of `pushed` partners, along the axes where forces act on them, come last. Collective.
     """
     counts = exchange.world.allgather([(member.name, len(own)) for member, own in zip(members, columns, strict=True)])
     slices, size, axes = {}, 0, {rigid.name: rigid.pushed for rigid in pushed}
@@ -131,19 +123,16 @@ class CoarseSystem:
             self._MZ = (sparse.diags(weights) @ basis.T @ motions.assemble(smooth)).tocsr()
             self._EZ = (E.T @ motions.Z).tocsr()
             local = (self._EZ.T @ self._MZ).tocoo()
-            entries, self._size = self._space.gather((local.row, local.col, local.data)), motions.size
+            entries, self.size = self._space.gather((local.row, local.col, local.data)), motions.size
             with agreed(self._space.comm):
                 if entries is not None:
                     row, column, value = (np.concatenate(each) for each in zip(*entries, strict=True))
-                    S = sparse.csc_matrix((value, (row, column)), (self._size, self._size))
+                    S = sparse.csc_matrix((value, (row, column)), (self.size, self.size))
                     try:
                         S = (S + sparse.diags(diagonal)).tocsc()
                         self._factors = splu(S, permc_spec="MMD_AT_PLUS_A")  # nearly symmetric
                     except (RuntimeError, ValueError) as cause:
                         raise SolverError(f"the coarse problem of rigid motions cannot be solved: {cause}") from None
-
-    def __len__(self) -> int:
-        return self._size
 
     def correct(self, Mf: np.ndarray, h: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """y = M f + M Z̃ᵀ a (k,) in newtons and a = S⁻¹(h − Ẑ M f) (size,) in metres, from M f; `h` is zero if left out.

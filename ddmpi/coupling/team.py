@@ -229,11 +229,8 @@ class Team:
 class TeamMatrix:
     """The stiffness of a body whose rows are on the ranks of its team, as its root sees it, once there is a solver.
 
-    Parameters
-    ----------
-    A : the stiffness on the root, which goes when the solver is made
-    points : (k, d) positions of its nodes, each a block of rows
-    held : whether clamps hold the body, so that A is positive definite
+    Until then the root has all of A, with a block of rows for each of the nodes at `points` (k, d). `held` says whether
+    clamps hold the body, so that A is positive definite. Methods in PETSc's names are those of its matrices.
     """
 
     def __init__(self, team: Team, A: PETSc.Mat, points: np.ndarray, held: bool) -> None:
@@ -242,24 +239,19 @@ class TeamMatrix:
         self.held, self.springs = held, np.zeros(0, int)
 
     def getDiagonal(self) -> PETSc.Vec:
-        """The diagonal of the stiffness, on the root."""
         return self._diagonal
 
     def getRowIJ(self) -> tuple[np.ndarray, np.ndarray]:
-        """The pattern of the stiffness, see PETSc, until there is a solver."""
         assert self.whole is not None
         return self.whole[0].getRowIJ()
 
     def getBlockSize(self) -> int:
-        """Rows of a node."""
         return self._width
 
     def mult(self, u: PETSc.Vec, y: PETSc.Vec) -> None:
-        """y ← A u (N), vectors of the root."""
         y.array[:] = self.team.do("mult", u.array_r)
 
     def createVecs(self) -> tuple[PETSc.Vec, PETSc.Vec]:
-        """Two vectors of the root."""
         return tuple(PETSc.Vec().createSeq(size, self._width) for size in self.size)
 
     def with_springs(self, dofs: np.ndarray) -> TeamMatrix:

@@ -239,7 +239,7 @@ class LinearProblem:
         if not self._coarse:
             return y, np.zeros(0)
         if h is not None:
-            h = np.append(h, np.zeros(len(self._coarse) - len(h)))
+            h = np.append(h, np.zeros(self._coarse.size - len(h)))
         y, a = self._coarse.correct(y, h)
         return y, a[:self._rigid]
 

@@ -91,10 +91,7 @@ class Factors:
     order : (n,) int32 the place of each row in the order of elimination, on the first rank; None leaves it to MUMPS
     prefix : of the options that hold
 
-    Attributes
-    ----------
-    condensed : (k, k) C = B A⁻¹ Bᵀ in Fortran order, of which only the upper triangle counts; on the first rank only
-
+    The first rank has C = B A⁻¹ Bᵀ (k, k) as `condensed`, in Fortran order, of which only the upper triangle counts.
     Construction and all methods are collective. Raises RefusedError if this MUMPS, or an option, is not known here;
     MumpsError if the factorization fails.
     """
@@ -181,8 +178,7 @@ class Factors:
         raise RefusedError(f"version {found[0].decode() if found else 'unknown'} is not among those that ddmpi knows")
 
     def _check(self, B: sparse.csr_matrix, comm: MPI.Comm) -> None:
-        """RefusedError unless C gives the displacement that half a solve gives; the first solve is checked by itself.
-        """
+        """RefusedError unless C gives the displacement that half a solve gives; the first solve is checked itself."""
         found, agrees = self.response(B.T @ np.ones(B.shape[0]) if comm.rank == 0 else None), True
         if found is not None and self.condensed is not None:
             moved = dsymv(1.0, self.condensed, np.ones(len(found)))

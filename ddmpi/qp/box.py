@@ -13,13 +13,9 @@ SHORT = float(1 - 4 * np.finfo(float).eps)
 
 @dataclass
 class Box:
-    """The points x with lower ≤ x ≤ upper.
+    """The points x with lower ≤ x ≤ upper, (size,) each, infinite for no bound and equal where x is given.
 
     Gradients are those of the function that is minimized, so steps go along their negatives.
-
-    Attributes
-    ----------
-    lower, upper : (size,) infinite for no bound, equal where x is given
     """
 
     lower: np.ndarray
@@ -82,14 +78,10 @@ class Box:
 
 @dataclass
 class Discs(Box):
-    """A box, some of whose points' components are vectors in discs (balls) about zero.
+    """A box, some of whose points' components are vectors in discs (balls) about zero, of `radius` (k,) ≥ 0.
 
-    What MPRGP asks of a box (`split`, `projected_gradient`, `longest_step`) knows nothing of discs.
-
-    Attributes
-    ----------
-    entries : (k, c) indices of the components of the vectors, which the box leaves free
-    radius : (k,) not negative
+    `entries` (k, c) are the indices of the components of the vectors, which the box leaves free. What MPRGP asks of a
+    box (`split`, `projected_gradient`, `longest_step`) knows nothing of discs.
     """
 
     entries: np.ndarray

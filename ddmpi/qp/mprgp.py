@@ -82,8 +82,7 @@ class TaoType:
         raise NotImplementedError
 
     def _ends(self, residual: float, rounding: float = 0.0) -> int | None:
-        """Why the iteration ends with this residual, or where a step would be `rounding`; else None, and a step counts.
-        """
+        """Why it ends with this residual, or where a step would be `rounding`; else None, and a step counts."""
         if not np.isfinite(residual + rounding):
             return TaoReason.DIVERGED_NAN
         if residual <= self._tolerance:
