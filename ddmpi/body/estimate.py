@@ -146,7 +146,7 @@ def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray,
     stiffest = max(each.tensor(mesh.dimension).max() for each in materials)
     if energy <= stiffest * len(measures) * (UNSTRAINED * np.abs(u).max()) ** 2:
         squares, energy = np.zeros(len(measures)), 0.0
-    if mesh.cell.linear and material.locks:
+    if mesh.cell.linear and any(each.locks for each in materials):
         squares = np.full(len(measures), np.nan)
     return ErrorEstimate(squares, measures, energy, _joined(mesh, material, parts, recovered, heat))
 

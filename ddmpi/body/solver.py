@@ -9,8 +9,8 @@ import scipy.sparse as sparse
 from petsc4py import PETSc
 
 from ddmpi.errors import SolverError
-from ddmpi.petsc.messages import petsc_message, reason_name
 from ddmpi.petsc.mumps import Factors, MumpsError, RefusedError
+from ddmpi.petsc.versions import petsc_message, reason_name
 
 REFINEMENTS = 3
 """An iterative solve with too large a true residual is refined this often; then it is an error."""

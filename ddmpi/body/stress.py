@@ -31,11 +31,6 @@ class Composite:
     materials: Sequence[Material]
     number: np.ndarray
 
-    @property
-    def locks(self) -> bool:
-        """Whether one of the materials does."""
-        return any(material.locks for material in self.materials)
-
 
 def material_of(mesh: Mesh, body: BodySpec) -> Material | Composite:
     """The material of a body, or those of its triangles. Not collective. Raises InputError, see `material_numbers`."""

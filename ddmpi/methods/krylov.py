@@ -29,8 +29,7 @@ from ddmpi.coupling.space import Space
 from ddmpi.errors import SolverError
 from ddmpi.interface.law import Tangent
 from ddmpi.methods.half_space import HalfSpace, smooth_modes
-from ddmpi.petsc.messages import petsc_message, reason_name
-from ddmpi.petsc.versions import call_solver
+from ddmpi.petsc.versions import call_solver, petsc_message, reason_name
 
 log = logging.getLogger("ddmpi")
 

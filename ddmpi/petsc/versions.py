@@ -1,4 +1,4 @@
-"""Differences between the versions of petsc4py (3.18 to 3.26 and later), in one place."""
+"""Errors and reasons of PETSc in words, and differences between the versions of petsc4py (3.18 to 3.26 and later)."""
 
 from __future__ import annotations
 
@@ -9,6 +9,17 @@ from petsc4py import PETSc
 
 TaoReason = PETSc.TAO.ConvergedReason if hasattr(PETSc.TAO, "ConvergedReason") else PETSc.TAO.Reason
 """Why a TAO ended; petsc4py renamed it after 3.22."""
+
+
+def reason_name(reasons: type, value: int) -> str:
+    """PETSc's name of a reason code."""
+    names = [n for n in dir(reasons) if n.isupper() and getattr(reasons, n) == value]
+    return next((n for n in names if n.startswith(("CONVERGED", "DIVERGED"))), f"reason {value}")
+
+
+def petsc_message(error: PETSc.Error) -> str:
+    """The last line of PETSc's message, which says what went wrong."""
+    return " ".join(str(error).split("\n")[-1].split())
 
 
 def call_solver(solve: Callable[..., None], *arguments: object) -> None:

@@ -10,8 +10,7 @@ from petsc4py import PETSc
 
 from ddmpi.errors import SolverError
 from ddmpi.petsc.events import event
-from ddmpi.petsc.messages import petsc_message, reason_name
-from ddmpi.petsc.versions import TaoReason, call_solver
+from ddmpi.petsc.versions import TaoReason, call_solver, petsc_message, reason_name
 from ddmpi.qp.apg import APG
 from ddmpi.qp.box import Discs
 from ddmpi.qp.mprgp import MPRGP
