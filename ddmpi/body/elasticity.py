@@ -137,10 +137,10 @@ class Elasticity:
         return full
 
 
-def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
+def assemble(mesh: Mesh, body: BodySpec) -> Elasticity:
     """Assemble stiffness and load of `body` and eliminate its clamped dofs symmetrically.
 
-    Collective on `comm`. Raises InputError if the clamps contradict each other, or leave a part of the body loose
+    Not collective. Raises InputError if the clamps contradict each other, or leave a part of the body loose
     that is not connected to the rest.
     """
     material = material_of(mesh, body)
@@ -170,11 +170,11 @@ def assemble(mesh: Mesh, body: BodySpec, comm=PETSc.COMM_SELF) -> Elasticity:
 
     matrix = PETSc.Mat().createAIJWithArrays(
         whole.shape, (whole.indptr.astype(PETSc.IntType, copy=False), whole.indices.astype(PETSc.IntType, copy=False),
-                      whole.data), bsize=d, comm=comm)
+                      whole.data), bsize=d, comm=PETSc.COMM_SELF)
     matrix.setBlockSize(d)  # createAIJWithArrays ignores its bsize
     matrix.setOption(PETSc.Mat.Option.SYMMETRIC if motions.size else PETSc.Mat.Option.SPD, True)
-    matrix.setNearNullSpace(near_null_space(mesh.points[nodes], loose, comm))
-    load = PETSc.Vec().createWithArray(case.b, bsize=d, comm=comm)
+    matrix.setNearNullSpace(near_null_space(mesh.points[nodes], loose))
+    load = PETSc.Vec().createWithArray(case.b, bsize=d, comm=PETSc.COMM_SELF)
     load.setBlockSize(d)
     return Elasticity(matrix, load, round(np.einsum("kii->", loose)), nodes, held, case, motions, case.size,
                       lost_loads(mesh, body, held.free), cases, min((root**2 for _, root, _ in found), default=np.inf))

@@ -130,13 +130,14 @@ def _centroid(mesh: Mesh) -> np.ndarray:
     return middle + moments.sum(axis=0) / measures.sum()
 
 
-def near_null_space(points: np.ndarray, free: np.ndarray, comm) -> PETSc.NullSpace:
+def near_null_space(points: np.ndarray, free: np.ndarray) -> PETSc.NullSpace:
     """The rigid motions of `points` (k, d) in the directions onto which `free` (k, d, d) projects, orthonormal, for
     algebraic multigrid."""
     motions = free @ rigid_motions(points, points.mean(axis=0))
     Q, _ = np.linalg.qr(motions.reshape(-1, motions.shape[2]))
-    vectors = [PETSc.Vec().createWithArray(np.ascontiguousarray(q), bsize=points.shape[1], comm=comm) for q in Q.T]
-    return PETSc.NullSpace().create(vectors=vectors, comm=comm)
+    vectors = [PETSc.Vec().createWithArray(np.ascontiguousarray(q), bsize=points.shape[1], comm=PETSc.COMM_SELF)
+               for q in Q.T]
+    return PETSc.NullSpace().create(vectors=vectors, comm=PETSc.COMM_SELF)
 
 
 def support(motions: np.ndarray) -> np.ndarray:

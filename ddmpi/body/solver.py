@@ -112,7 +112,7 @@ class StiffnessSolver:
             self._factor()
             return
         try:
-            self._factors = Factors(self.A, trace, order, "body_")
+            self._factors = Factors(self.A, trace, order)
             self.condensed = self._factors.condensed
         except RefusedError as reason:
             self.refused = str(reason)

@@ -163,9 +163,8 @@ class Member:
 
     def need_norm(self) -> None:
         """Estimate ‖C‖ now, as a part of the set-up. Collective on the body's communicator."""
-        before = self.C.count["norm"]
         self.C.norm()
-        self._set_up["norm"] += self.C.count["norm"] - before
+        self._set_up["norm"] = self.C.count["norm"]
 
     def trace(self, u: np.ndarray) -> np.ndarray:
         """B u (size,) in metres, of a displacement (nv, d) of all nodes. Not collective."""

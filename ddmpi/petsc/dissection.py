@@ -41,15 +41,15 @@ def elimination_order(A: PETSc.Mat, points: np.ndarray) -> np.ndarray | None:
     return (width * place[:, None] + np.arange(width)).ravel().astype(np.int32)
 
 
-def dissect(points: np.ndarray, first: np.ndarray, second: np.ndarray, leaf: int = LEAF) -> np.ndarray:
+def dissect(points: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """The place (k,) of each node in the order of elimination by nested dissection. Not collective.
 
     Parts are halved at the median of their longest extent, counted in mean lengths of the pairs along each axis, until
-    they have at most `leaf` nodes. The separator of two halves is the smallest set of nodes that touches all pairs
+    they have at most LEAF nodes. The separator of two halves is the smallest set of nodes that touches all pairs
     between them, and follows them in the order. The nodes are at `points` (k, d); `first` and `second` (e,) are the
     pairs of them that share an entry of the matrix, each once.
     """
-    depth = max(0, int(np.ceil(np.log2(max(len(points), 1) / leaf))))
+    depth = max(0, int(np.ceil(np.log2(max(len(points), 1) / LEAF))))
     step = np.abs(points[first[::SAMPLE]] - points[second[::SAMPLE]]).mean(axis=0) if len(first) else np.ones(1)
     part = _bisect(points / np.where(step > 0.0, step, 1.0), depth)
     one, two = part[first], part[second]

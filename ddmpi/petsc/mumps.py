@@ -26,7 +26,7 @@ VERSIONS = (("5.5.0", "5.5.1", "5.6.0", "5.6.1", "5.6.2"),
 """Versions of MUMPS by the structure in their header, which changed with 5.7.0 and 5.9.0. docs/developers/versions.md
 says which of them ran here."""
 
-KNOWN = ("ksp_type", "pc_type", "pc_factor_mat_solver_type")
+KNOWN = ("body_ksp_type", "body_pc_type", "body_pc_factor_mat_solver_type")
 """Options of a body's solver that are obeyed before MUMPS is called."""
 
 SETTINGS = (4, 6, 7, 8, 13, 14, 22, 23, 27, 29, 35, 36, 38, 48, 56, 58)
@@ -89,15 +89,14 @@ class Factors:
     A : (n, n) symmetric, positive definite
     B : (k, n) on the first rank; the others give one without rows
     order : (n,) int32 the place of each row in the order of elimination, on the first rank; None leaves it to MUMPS
-    prefix : of the options that hold
 
     The first rank has C = B A⁻¹ Bᵀ (k, k) as `condensed`, in Fortran order, of which only the upper triangle counts.
     Construction and all methods are collective. Raises RefusedError if this MUMPS, or an option, is not known here;
     MumpsError if the factorization fails.
     """
 
-    def __init__(self, A: PETSc.Mat, B: sparse.csr_matrix, order: np.ndarray | None, prefix: str) -> None:
-        settings, run, comm = _settings(prefix), _function(), A.comm.tompi4py()
+    def __init__(self, A: PETSc.Mat, B: sparse.csr_matrix, order: np.ndarray | None) -> None:
+        settings, run, comm = _settings(), _function(), A.comm.tompi4py()
         k, n = B.shape
         self._run, self._memory = run, ctypes.create_string_buffer(_SPACE)
         head = _STRUCTURES[0].from_buffer(self._memory)
@@ -221,16 +220,15 @@ def _entries(A: PETSc.Mat, B: sparse.csr_matrix) -> tuple[np.ndarray, np.ndarray
     return irn, jcn, a
 
 
-def _settings(prefix: str) -> dict[int, int]:
-    """The ICNTL among the user's options. Raises RefusedError if there are options that only PETSc can obey."""
-    options, found = PETSc.Options(prefix), {}
-    for name in PETSc.Options().getAll():
-        if not name.startswith(prefix) or (word := name.removeprefix(prefix)) in KNOWN:
-            continue
-        number = re.fullmatch(r"mat_mumps_icntl_(\d+)", word)
-        if not number or int(number[1]) not in SETTINGS:
-            raise RefusedError(f"-{name} is an option of PETSc's")
-        found[int(number[1])] = options.getInt(word)
+def _settings() -> dict[int, int]:
+    """The ICNTL among the options for bodies. Raises RefusedError if there are options that only PETSc can obey."""
+    options, found = PETSc.Options(), {}
+    for name in options.getAll():
+        if name.startswith("body_") and name not in KNOWN:
+            number = re.fullmatch(r"body_mat_mumps_icntl_(\d+)", name)
+            if not number or int(number[1]) not in SETTINGS:
+                raise RefusedError(f"-{name} is an option of PETSc's")
+            found[int(number[1])] = options.getInt(name)
     return found
 
 

@@ -54,7 +54,7 @@ def test_rows_that_cancel_are_no_error():
     A = PETSc.Mat().createAIJ(S.shape, csr=(S.indptr, S.indices, S.data), comm=PETSc.COMM_SELF)
     A.setOption(PETSc.Mat.Option.SPD, True)
     try:
-        factors = Factors(A, sparse.csr_matrix(B), None, "body_")
+        factors = Factors(A, sparse.csr_matrix(B), None)
     except RefusedError as reason:
         pytest.skip(str(reason))
     assert factors.condensed is not None and not factors.response(np.zeros(9)).any()
