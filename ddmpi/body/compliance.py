@@ -19,13 +19,11 @@ from ddmpi.system import interrupt
 
 LARGEST_RATIO = 2e6, 5e6
 """In the plane and in space, a dense compliance is the default up to this ratio of k³ to n, with k contact unknowns and
-n dofs in all. Only thin bodies exceed it. At 1.8e6 a plane one of 2000 × 8 elements takes 0.25 s more to factor and
-saves 3 ms of 7 with each product; at 5.3e6 a plate of 36 × 36 × 2 cubes takes 0.4 s more and saves nothing."""
+n dofs in all. Only thin bodies exceed it: their factorization takes longer by more than products save."""
 
 FACTORS, FACTORS_WITH_SCHUR = (55.0, 250.0), (60.0, 285.0)
 """Bytes of MUMPS's factors, without and with the compliance, per n log₂ n in the plane and per n^(4/3) in space.
-Measured from n = 45,000 to 279,000 (the first to 616,000) on squares of both orders and gmsh's triangles, within 4 %,
-and on cubes and slabs of tetrahedra of both orders from n = 35,000 to 105,000, where it was up to a third less."""
+Measured from n = 45,000 on in the plane, within 4 %, and from 35,000 on in space, where it was up to a third less."""
 
 MARGIN = 1.5
 """The free memory must exceed the estimated factors by this factor (quadratic elements have denser rows)."""

@@ -57,14 +57,9 @@ class Stiffness:
 
     def to_csr(self, free: np.ndarray, nodes: np.ndarray,
                springs: sparse.csr_matrix | None = None) -> sparse.csr_matrix:
-        """The rows and columns (d k, d k) of some nodes, sorted.
+        """The rows and columns (d k, d k) of some `nodes` (k,), sorted; QᵀQ (N/m) of springs Q (r, d nv) is added.
 
-        Parameters
-        ----------
-        free : (nv, d, d) projections onto the directions in which nodes can move; those across them are decoupled and
-            keep their diagonal entries
-        nodes : (k,) in the order of the rows
-        springs : rows Q (r, d nv), of which QᵀQ (N/m) is added
+        Directions across those onto which `free` (nv, d, d) projects are decoupled and keep their diagonal entries.
         """
         loose, (size, d) = free[nodes], (len(nodes), free.shape[1])
         place = np.full(len(free), -1, dtype=np.int32)

@@ -174,13 +174,8 @@ class CrossPoints:
                   ) -> Callable[[np.ndarray], np.ndarray] | None:
         """w ↦ diag(K) K⁻¹ w for displacements (k,) along the unknown forces, K = Iᵀ R I + D; collective as this is.
 
-        Parameters
-        ----------
-        basis : I (owned size, k) sparse, along which forces are unknown
-        D : (k,) compliances (m/N) beside R, above zero
-        rows : (owned size,) bool, entries of this rank's vectors that are at such nodes
-
-        None where no such force is unknown. Raises SolverError.
+        `basis` is I (owned size, k), sparse, D (k,) are compliances (m/N) above zero, and `rows` (owned size,) bool the
+        entries of this rank's vectors at such nodes. None where no such force is unknown. Raises SolverError.
         """
         space, columns = self._space, np.unique(basis[rows].indices)
         if not space.any(np.array([len(columns)])):

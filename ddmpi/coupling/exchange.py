@@ -38,15 +38,10 @@ class Exchange:
     errors and signals, so that an error on one rank reaches the others instead of leaving them waiting, and on what the
     vectors are about, so that ranks whose iterations came to different ends (on unlike processors, say) notice it.
 
-    Parameters
-    ----------
-    world : communicator of all bodies
-    ends : of all contacts in which a body of this rank takes part, in the order of the scene
-
-    Attributes
-    ----------
-    sent : by this rank so far: messages and bytes of interface vectors; reductions over all ranks, of flags, scalars
-        and coarse problems, and reduced_bytes, what it gave to them. PETSc's own in Krylov methods are not counted
+    `world` is the communicator of all bodies; `ends` are of all contacts in which a body of this rank takes part, in
+    the order of the scene. `sent` counts what this rank has sent so far: messages and bytes of interface vectors;
+    reductions over all ranks, of flags, scalars and coarse problems, and reduced_bytes, what it gave to them. PETSc's
+    own in Krylov methods are not counted.
     """
 
     def __init__(self, world: MPI.Comm, ends: Sequence[Ends]) -> None:

@@ -151,9 +151,7 @@ class Team:
     ranks : their numbers in the world
     beside : how many ranks share this machine's memory
 
-    Attributes
-    ----------
-    lost : whether an error left ranks in a collective call that will not end
+    `lost` says whether an error left ranks in a collective call that will not end.
     """
 
     def __init__(self, comm: MPI.Comm, ranks: list[int], beside: int) -> None:

@@ -69,14 +69,9 @@ class QPSolver:
               product_error: float = 0.0) -> QPResult:
         """Solve `qp` from the point `s`, whose product with C is `Cs`. Collective on the body.
 
-        Raises SolverError when neither the tolerance nor the limit of rounding is reached, whatever TAO reports.
-
-        Parameters
-        ----------
-        tolerance : largest `QP.residual`, in the unit of d (m)
-        purpose : the multiplications are counted under this name
-        product_error : largest error, in the unit of d (m), that an iterative solver may leave in the
-            returned product; zero leaves it to the operator
+        `QP.residual` ends below `tolerance` (m), multiplications are counted under `purpose`. An iterative solver may
+        leave the error `product_error` (m) in the returned product; zero leaves it to the operator. Raises SolverError
+        when neither the tolerance nor the limit of rounding is reached, whatever TAO reports.
         """
         def multiply(x: np.ndarray, size: float) -> np.ndarray:
             product = np.empty_like(x)
