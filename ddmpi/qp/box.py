@@ -21,16 +21,6 @@ class Box:
     lower: np.ndarray
     upper: np.ndarray
 
-    @property
-    def bounded(self) -> bool:
-        """Whether any bound is finite."""
-        return bool(np.isfinite(self.lower).any() or np.isfinite(self.upper).any())
-
-    @property
-    def moving(self) -> np.ndarray:
-        """Indices of the components that are not given."""
-        return np.flatnonzero(self.lower < self.upper)
-
     def project(self, x: np.ndarray) -> np.ndarray:
         """The feasible point nearest to x."""
         return np.clip(x, self.lower, self.upper)
@@ -98,10 +88,6 @@ class Discs(Box):
         discs = self.entries[leaves]
         cut[discs] = (x[discs] - shorten(there[leaves], self.radius[leaves])) / step
         return cut
-
-    def restricted(self, indices: np.ndarray) -> Discs:
-        """The set of the components `indices`, in ascending order; those of the discs are among them."""
-        return Discs(self.lower[indices], self.upper[indices], np.searchsorted(indices, self.entries), self.radius)
 
     def holding(self, x: np.ndarray, free: slice) -> Box:
         """As of a box; no disc is held in part. Without a disc that bounds what is free, it is a box."""

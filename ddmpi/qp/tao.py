@@ -83,7 +83,8 @@ class QPSolver:
             Cs = multiply(start, max(qp.norm(qp.d), qp.norm(Cs)))
         if qp.residual(start, Cs) <= tolerance:
             return QPResult(start, Cs, qp.residual(start, Cs), 0, {})
-        bounds = qp.constraints.bounded and not isinstance(qp.constraints, Discs)
+        feasible = qp.constraints
+        bounds = np.isfinite([feasible.lower, feasible.upper]).any() and not isinstance(feasible, Discs)
         solve = self._petsc if bounds and self.type != "python" and not qp.comm else self._own
         try:
             with event("ContactQP"):
@@ -110,7 +111,7 @@ class QPSolver:
         return QPResult(s, Cs, qp.residual(s, Cs), tao.getIterationNumber(), steps)
 
     def _petsc(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, multiply: Product) -> QPResult:
-        moving, asked, iterations = qp.constraints.moving, tolerance, 0
+        moving, asked, iterations = np.flatnonzero(qp.constraints.lower < qp.constraints.upper), tolerance, 0
         for _ in range(ATTEMPTS):
             problem = (_Explicit if self.type == "bqpip" else _Scaled)(qp, moving, s, Cs, multiply)
             tao = self._create(problem, self.type, asked)
@@ -179,7 +180,7 @@ class _Scaled:
         self._norm = qp.C.norm()
         self.displacement = max(qp.norm(qp.d), qp.norm(Cs)) or 1.0
         self.force = self.displacement / self._norm
-        self._own = qp.constraints.restricted(moving)
+        self._own = qp.constraints.restricted(moving) if len(moving) < qp.C.size else qp.constraints
         self.constraints = self._own.scaled(self.force)
         # the gradient at x is that at the start, whose product is known, plus H (x − start)
         self._start = s[moving] / self.force
