@@ -57,9 +57,7 @@ def loads_by_group(mesh: Mesh, body: BodySpec, history: str | None = None) -> It
             yield traction.on, _traction(mesh, traction, key)
     force, follows = body.weight
     if follows == history and force != (0.0,) * mesh.dimension:
-        f = np.zeros_like(mesh.points)
-        _add_volume_force(mesh, force, f"body.{body.name}.volume_force", f)
-        yield VOLUME, f
+        yield VOLUME, _volume_force(mesh, force, f"body.{body.name}.volume_force")
 
 
 def resultants(mesh: Mesh, parts: Iterable[tuple[str, np.ndarray]]) -> dict[str, dict[str, np.ndarray]]:
@@ -104,8 +102,9 @@ def temperature(mesh: Mesh, body: BodySpec, history: str | None) -> np.ndarray:
     return _values(value, mesh.points, f"body.{body.name}.temperature")
 
 
-def _add_volume_force(mesh: Mesh, force: Vector | AffineVector, key: str, f: np.ndarray) -> None:
-    """Add the nodal loads of a volume force (N/m³) to f (nv, d)."""
+def _volume_force(mesh: Mesh, force: Vector | AffineVector, key: str) -> np.ndarray:
+    """Nodal loads (nv, d) in newtons of a volume force (N/m³)."""
+    f = np.zeros_like(mesh.points)
     parts: list[slice] | list[np.ndarray] = mesh.summed_blocks()
     if varies(force):
         _values(force, mesh.points, key)
@@ -123,6 +122,7 @@ def _add_volume_force(mesh: Mesh, force: Vector | AffineVector, key: str, f: np.
         shares = weights[:, None] * mapped.measures
         for component, density in enumerate(_values(force, mapped.places, key)):
             f[:, component] += np.bincount(nodes.ravel(), ((shares * density).T @ shapes).ravel(), len(f))
+    return f
 
 
 def springs(mesh: Mesh, body: BodySpec) -> Iterator[tuple[str, float, sparse.csr_matrix]]:

@@ -136,22 +136,17 @@ class Exchange:
 
         For small objects during set-up and output; not counted. A rigid partner's is None. Collective over neighbours.
         """
-        outgoing: dict[int, dict[str, Any]] = {}
+        outgoing: dict[int, dict[tuple[str, int], Any]] = {}
         for contact, first, second in self.ends:
             if first != second:
                 side = int(self.world.rank == second)
-                outgoing.setdefault(first if side else second, {})[contact] = mine[contact, side]
+                outgoing.setdefault(first if side else second, {})[contact, side] = mine[contact, side]
         sending = [self.world.isend(objects, rank, _OBJECT) for rank, objects in outgoing.items()]
-        incoming = {rank: self.world.recv(None, rank, _OBJECT) for rank in outgoing}
+        known = dict(mine)
+        for rank in outgoing:
+            known |= self.world.recv(None, rank, _OBJECT)
         MPI.Request.waitall(sending)
-        found = {}
-        for contact, first, second in self.ends:
-            both = [mine.get((contact, side)) for side in (0, 1)]
-            if first != second:
-                side = int(self.world.rank == second)
-                both[1 - side] = incoming[first if side else second][contact]
-            found[contact] = (both[0], both[1])
-        return found
+        return {contact: (known.get((contact, 0)), known.get((contact, 1))) for contact, *_ in self.ends}
 
     def state(self) -> dict[str, int]:
         return dict(self.sent)

@@ -70,7 +70,7 @@ class Share:
         condensed : whether there is a trace
         """
         self.drop()
-        order, counts, width, near, dofs = np.zeros(0, int), np.zeros(0, int), 1, [], np.zeros(0, int)
+        pieces, width, near, dofs = None, 1, [], np.zeros(0, int)
         rows: tuple[np.ndarray, ...] = (np.zeros(1, PETSc.IntType), np.zeros(0, PETSc.IntType), np.zeros(0))
         if given is not None:
             A, points, dofs, trace, eliminated = given
@@ -79,12 +79,12 @@ class Share:
             A.destroy()
             owner = first + bisect(points, self.comm.size - first)
             order = (width * np.argsort(owner, kind="stable")[:, None] + np.arange(width)).ravel()
-            counts = width * np.bincount(owner, minlength=self.comm.size)
-        order, counts, width, number, dofs = self.comm.bcast((order, counts, width, len(near), dofs))
-        own = np.split(order, np.cumsum(counts))[self.comm.rank]
+            pieces = np.split(order, width * np.cumsum(np.bincount(owner, minlength=self.comm.size))[:-1])
+        own = self.comm.scatter(pieces)
+        width, number, dofs = self.comm.bcast((width, len(near), dofs))
         mine = PETSc.IS().createGeneral(own.astype(PETSc.IntType), comm=self.comm)
         mine.setBlockSize(width)
-        layout = (len(rows[0]) - 1, len(order))  # all rows on the root at first
+        layout = (len(rows[0]) - 1, None)  # all rows on the root at first
         whole = PETSc.Mat().createAIJ((layout, layout), bsize=width, csr=rows, comm=self.comm)
         del rows
         self._A = whole.createSubMatrix(mine, mine)
@@ -100,7 +100,7 @@ class Share:
         sprung = np.flatnonzero(np.isin(own, dofs))
         self._springs = sprung, stiffen(self._A, sprung) if len(dofs) else 0.0
         if given is None or not condensed:
-            trace, eliminated = sparse.csr_matrix((0, len(order))) if condensed else None, None
+            trace, eliminated = sparse.csr_matrix((0, self._A.size[1])) if condensed else None, None
         else:
             trace, eliminated = trace[:, order], None if eliminated is None else eliminated[order]
         self._solver = StiffnessSolver(self._A, name, trace, eliminated, iterative)
@@ -192,16 +192,12 @@ class Team:
         self._votes.Free()
 
     def _perform(self, command: str, given: Any, arguments: tuple) -> Any:
+        """What a command of the own share returns. Raises the error of any rank on all of them."""
         result, failure = None, None
         try:
             result = getattr(self._share, command)(given, *arguments)
         except DdmpiError as error:
             failure = error
-        self._settle(failure)
-        return result
-
-    def _settle(self, failure: DdmpiError | None) -> None:
-        """Raise the error of any rank on all of them."""
         failed, deadline = np.array([failure is not None]), time.monotonic() + GRACE
         request = self._votes.Iallreduce(MPI.IN_PLACE, failed, MPI.LOR)
         while failure and not request.Test():
@@ -212,6 +208,7 @@ class Team:
         request.Wait()
         if failed[0]:
             raise next(error for error in self._votes.allgather(failure) if error)
+        return result
 
     def _send(self, order: tuple | None) -> None:
         self.comm.Ibcast(np.zeros(1)).Wait()  # wakes the others
