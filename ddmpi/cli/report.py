@@ -1,25 +1,55 @@
-"""A report of a run: one HTML file with its verdict, pictures and numbers, made from the files of the run only."""
+"""A report of a run or a sweep: one HTML file with its verdict, pictures and numbers, made from its files only."""
 
 from __future__ import annotations
 
 import json
+import math
 import tempfile
-from importlib import resources
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
-from ddmpi import __version__
-from ddmpi.cli.report_markup import Column, Html, fill, noted, picture, table
-from ddmpi.cli.report_run import RunReport
+import numpy as np
+
+from ddmpi.cli.report_markup import Cell, Column, Html, element, fill, noted, number, picture, table
 from ddmpi.errors import InputError
+from ddmpi.mesh.elements import ORDERS
+from ddmpi.results.folder import FILES
 from ddmpi.results.histories import at_step
+from ddmpi.results.summary import RESIDUALS, units
 from ddmpi.results.tables import read_results, read_summary, reading
+from ddmpi.scene.method import METHODS
 from ddmpi.scene.reader import write_toml
 from ddmpi.sweep.table import read_table
-from ddmpi.system.files import CHECKPOINT, SUMMARY, SWEEP, TABLE, write_atomically
+from ddmpi.system.files import CHECKPOINT, MECHANISM, SUMMARY, SWEEP, TABLE, contact_files, write_atomically
 from ddmpi.system.provenance import has_matplotlib
 
 MARK = '<meta name="generator" content="ddmpi '
 """What a report begins with, and a file that may be overwritten."""
+
+MOST_STEPS = 24
+"""Of more load steps those at the ends of legs are listed, and of more of these so many."""
+
+FEW = 3
+"""Of at most so many contacts each has its lines in the table of load steps."""
+
+PHASES = {"mesh": "making or reading the meshes", "assemble": "stiffness, pairing of the contacts",
+          "factor": "factorization of the stiffness", "outer": "the iteration", "recover": "displacements, stresses",
+          "estimate": "estimate of the error", "output": "files and pictures", "total": "all"}
+
+ENERGIES = {"external_work": "work of loads, clamps and rigid partners", "strain_energy": "strain energy",
+            "interface_work": "work of the contact forces", "dissipated": "of it dissipated by friction",
+            "lost": "of it taken by interference, closing gaps and time stepping"}
+
+Columns = dict[str, tuple[str, str]]
+"""Columns of a table by their heads: an entry of the summary, by its dotted name, and a quantity for its unit."""
+
+STATES: Columns = {"open": ("open", ""), "slip": ("slip", ""), "stick": ("stick", ""),
+                   "dissipated": ("dissipated", "energy")}
+
+BETWEEN: Columns = {"overlap": ("pointwise_penetration", "length"), "moment left": ("moment_imbalance", "moment"),
+                    "at most": ("moment_imbalance_bound", "moment")}
+"""Of contacts whose nodes do not match."""
 
 
 def write_report(folder: str | Path, output: str | None = None, time: float | None = None) -> Path:
@@ -33,16 +63,15 @@ def write_report(folder: str | Path, output: str | None = None, time: float | No
     path = Path(output) if output else folder / "report.html"
     if time is not None and (folder / SWEEP).exists():
         raise InputError(f"{folder}: a sweep has no load steps; --step is for the report of a run")
-    template = resources.files("ddmpi.cli").joinpath("report.html").read_text(encoding="utf-8")
     with reading(folder):
-        page = _sweep(folder, template) if (folder / SWEEP).exists() else _run(folder, template, time)
+        page = _sweep(folder) if (folder / SWEEP).exists() else _run(folder, time)
     if path.exists() and not (path.is_file() and MARK.encode() in path.read_bytes()[:1000]):
         raise InputError(f"--output {path}: is there already, and no report of ddmpi; name another file")
     write_atomically(path, page.encode())
     return path
 
 
-def _run(folder: Path, template: str, time: float | None) -> str:
+def _run(folder: Path, time: float | None) -> str:
     """The report of a run that shows the load step at `time`. Raises InputError."""
     if (folder / CHECKPOINT).exists() and not (folder / SUMMARY).exists():
         raise InputError(f"{folder}: the run was not completed; go on from its checkpoint with --restart {folder}")
@@ -51,34 +80,28 @@ def _run(folder: Path, template: str, time: float | None) -> str:
     steps = time is not None or (folder / "energy.csv").exists()
     results, drawn = at_step(read_results(folder), folder, time) if steps else None, None
     summary = results.summary if results else read_summary(folder)
-    try:
-        with tempfile.TemporaryDirectory() as place:
-            if time is not None and has_matplotlib():
-                from ddmpi.pictures.draw import draw_all
+    with tempfile.TemporaryDirectory() as place:
+        if time is not None and has_matplotlib():
+            from ddmpi.pictures.draw import draw_all
 
-                drawn = Path(place)
-                draw_all(folder, time=time, into=drawn)
-            return RunReport(folder, summary, results.time if results else None, drawn).page(template)
-    except KeyError as error:
-        raise InputError(f"{folder}: not a complete folder of results: {SUMMARY} has no {error}") from None
+            drawn = Path(place)
+            draw_all(folder, time=time, into=drawn)
+        return RunReport(folder, summary, results.time if results else None, drawn).page()
 
 
-def _sweep(folder: Path, template: str) -> str:
+def _sweep(folder: Path) -> str:
     """The report of a sweep. Raises InputError."""
     if not (folder / TABLE).exists():
         raise InputError(f"{folder}: the sweep has no {TABLE} yet; it is written at its end, or by sweep … --gather")
     rows = read_table(folder / TABLE)
-    try:
+    with reading(folder / SWEEP, "the record of a sweep"):
         scene = json.loads((folder / SWEEP).read_text(encoding="utf-8"))["scene"]
-    except (ValueError, KeyError) as error:
-        raise InputError(f"{folder / SWEEP}: not the record of a sweep: {error}") from None
     if not rows:
         raise InputError(f"{folder / TABLE}: has no cases; sweep … --gather writes it anew")
     names, unit = list(rows[0]), scene.get("output", {}).get("length_unit", "m")
     settings, certified = names[1:names.index("status")], sum(row["status"] == "certified" for row in rows)
-    ends = [": ".join(filter(None, (row["status"], _entry(row["reason"]) * (row["status"] != "certified"))))
+    ends = [row["status"] if row["status"] == "certified" or not row["reason"] else f"{row['status']}: {row['reason']}"
             for row in rows]
-    errors = [row.get("discretization_error.energy_norm") for row in rows]
     warnings = [f"Case {_entry(row['case'])}: {row['warnings']}" for row in rows if row.get("warnings")]
     cases = table("A line for each case; sweep.csv has all results",
                   Column("case", [_entry(row["case"]) for row in rows]),
@@ -86,10 +109,10 @@ def _sweep(folder: Path, template: str) -> str:
                   Column("outer iterations", [row["outer_iterations"] for row in rows]),
                   Column("solves", [row["n_A"] for row in rows]),
                   Column("displacement", [row["displacement_max"] for row in rows], unit),
-                  Column("estimated error", [error and 100 * error for error in errors], "%"),
+                  Column("estimated error", [row.get("discretization_error.energy_norm") for row in rows], "%"),
                   Column("time", [row.get("seconds.total") for row in rows], "s", decimals=2), digits=3)
-    return fill(template, {
-        "version": __version__, "kind": "sweep", "title": scene.get("title") or folder.resolve().name,
+    return fill({
+        "kind": "sweep", "title": scene.get("title") or folder.resolve().name,
         "mood": "good" if certified == len(rows) else "bad",
         "verdict": f"{certified} of {len(rows)} cases certified",
         "because": f"Varied: {', '.join(settings)}." + f" Cases that warn: {len(warnings)}." * bool(warnings),
@@ -100,3 +123,278 @@ def _sweep(folder: Path, template: str) -> str:
 
 def _entry(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else "" if value is None else str(value)
+
+
+class RunReport:
+    """The summary of a run, and what its report says.
+
+    Attributes
+    ----------
+    refused : whether the run has found a mechanism, so that its numbers mean nothing
+    of_step : the load step that numbers of contacts and bodies are of, in words; nothing without load steps
+    drawn : a folder with pictures of this step, in place of those in `folder`
+    """
+
+    def __init__(self, folder: Path, summary: dict, time: float | None = None, drawn: Path | None = None) -> None:
+        self.folder, self.summary, self.drawn = folder, summary, drawn or folder
+        self.scene, self.bodies, self.contacts = summary["scene"], summary["bodies"], summary["contacts"]
+        self.refused = (folder / MECHANISM).exists() and not drawn
+        self.error, self.stepped = summary["discretization_error"], self.scene.get("time") is not None
+        last = time in (None, *(step["time"] for step in summary["steps"][-1:]))
+        self.of_step = ("of the last load step" if last else f"at time {time:g}") if self.stepped else ""
+        self.axes = "xyz"[:len(next(iter(self.bodies.values()))["reaction"])]
+        self.units = units(self.scene, len(self.axes)) | {"": "", "%": "%"}
+        moment = self._vector("moment", "moment") if len(self.axes) > 2 else {"moment": ("moment", "moment")}
+        self.force = self._vector("force", "force") | moment
+        sums = {"normal": ("normal_force", "force"), "tangential": ("tangential_force", "force")}
+        self.resultants = self.force | sums
+
+    def page(self) -> str:
+        values = self._run() | self._work() | self._pictures() | self._steps() | self._numbers()
+        if not self.refused:
+            return fill(values | self._contacts() | self._bodies() | self._certificate() | self._error())
+        mechanism = json.loads((self.folder / MECHANISM).read_text(encoding="utf-8"))
+        return fill(values | {"imbalance": number(mechanism["imbalance"], 2)}, {"numbers"})
+
+    def _vector(self, name: str, unit: str) -> Columns:
+        return {f"{name} {axis}": (f"{name}.{k}", unit) for k, axis in enumerate(self.axes)}
+
+    def _columns(self, columns: Columns, entries: Collection[dict]) -> list[Column]:
+        def value(entry: Any, name: str) -> Cell:
+            for key in name.split("."):
+                entry = entry[int(key) if key.isdigit() else key]
+            return entry
+
+        return [Column(head, [value(entry, name) for entry in entries], self.units[unit])
+                for head, (name, unit) in columns.items()]
+
+    def _run(self) -> dict[str, Any]:
+        """The verdict, warnings, provenance and scene, and the numbers of the summary by their names."""
+        summary, unused, (verdict, *sentences) = self.summary, self.summary.get("options_unused", []), self._verdict()
+        hosts, versions = ", ".join(dict.fromkeys(summary.get("hosts", ()))), summary.get("versions", {})
+        started = summary.get("started", "").replace("T", " ").replace("Z", " UTC")
+        when = [f"run of {started}" if started else "", f"on {hosts}" if hosts else "",
+                f"{summary['ranks']} rank{'s' * (summary['ranks'] != 1)}",
+                f"ddmpi {versions.get('ddmpi', 'of unknown version')}"]
+        options = " ".join(f"-{name} {value}".strip() for name, value in summary.get("options", {}).items())
+        return {name: value for name, value in summary.items() if isinstance(value, int | str)} | {
+            "kind": "run", "title": summary["title"] or self.folder.resolve().name,
+            "mood": "good" if summary["converged"] else "bad", "verdict": verdict, "because": sentences[0],
+            "more": " ".join(sentences[1:]), "when": ", ".join(filter(None, when)), "hosts": hosts,
+            "warnings": noted([*summary.get("warnings", ()), *(
+                f"{motion}; how far it has moved is not determined"
+                for motion in summary.get("undetermined", ())), *(
+                [f"PETSc options that nothing used: {', '.join(unused)}"] if unused else [])]),
+            "slurm": ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in summary.get("slurm", {}).items()),
+            "versions": ", ".join(f"{name} {value}" for name, value in versions.items()),
+            "options": options or "none", "scene": write_toml(self.scene),
+            "scene_words": "The scene as the run has read it, with all that was left out filled in. A file of it can "
+            "be run again."}
+
+    def _verdict(self) -> list[str]:
+        """How the run ended in a word or two, and the sentences that explain it."""
+        summary, warnings = self.summary, len(self.summary.get("warnings", ()))
+        limit, estimate = f"{summary['certificate_limit']:.2g}", self.error["energy_norm"]
+        if summary["converged"]:
+            found = [f"All residuals of the coupled problem are below {limit}."]
+            if estimate is not None:
+                found.append(f"The mesh leaves an estimated error of {number(estimate, 2, '%')} in the energy norm.")
+            if warnings:
+                found.append(f"The run warns of {warnings} thing{'s' * (warnings > 1)}.")
+            return ["Certified", " ".join(found)]
+        reason = summary["reason"]
+        no_answer = "" if self.refused else "The numbers below are those of the last iteration, and no answer."
+        if reason.startswith("no equilibrium"):
+            found, _, motion = reason.partition(": ")
+            return [found.capitalize(), motion, no_answer]
+        failing = [f"{_words(kind)} {number(value, 2)}" for kind, value in summary["certificate"].items()
+                   if self._fails(value)]
+        if not failing:  # an accuracy target is missed
+            return ["Accuracy not reached", reason, "The answer on this mesh is certified."]
+        return ["No certified answer", reason, f"Above the limit of {limit}: {', '.join(failing)}.", no_answer,
+                "The run has printed what it saw, and what to try."]
+
+    def _fails(self, value: float | None) -> bool:
+        return value is None or value > self.summary["certificate_limit"]
+
+    def _numbers(self) -> dict[str, Any]:
+        """The numbers that are looked at first."""
+        contacts = self.contacts.values()
+        counts = [f"{sum(contact[status] for contact in contacts)} {status}" for status in ("open", "slip", "stick")]
+        found = {"m": sum(contact["m"] for contact in contacts), "nodes": ", ".join(counts), "of_step": self.of_step,
+                 "depth": "depth" if len(self.axes) == 2 and not self.scene.get("axisymmetric") else "",
+                 "estimate": number(self.error["energy_norm"], 2, "%"), "body_number": len(self.bodies),
+                 "elements": ORDERS[self.summary["order"]]}
+        if not {contact["friction"] for contact in contacts} <= {"none", "bonded"}:
+            found["dissipated"] = number(sum(each["dissipated"] or 0.0 for each in contacts), unit=self.units["energy"])
+        for name, entries, key, unit in (("displacement", self.bodies, "displacement_max", "length"),
+                                         ("von_mises", self.bodies, "von_mises_max", "stress"),
+                                         ("pressure", self.contacts, "pressure_max", "stress")):
+            known = {of: entry[key] for of, entry in entries.items() if entry[key] is not None}
+            best = max(known, key=lambda of: known[of], default=None)
+            found[name] = number(known.get(best), unit=self.units[unit])
+            found[f"{name}_of"] = "not computed" if best is None else f"of {best}"
+        return found
+
+    def _pictures(self) -> dict[str, Any]:
+        captions: dict[str, str] = {}
+        for file, words in FILES.items():
+            plane, _, solid = (words.partition(": ")[2] or words).partition("; of solids, ")
+            words = solid if solid and len(self.axes) == 3 else plane
+            if file == contact_files("NAME").picture:
+                captions |= {contact_files(name).picture: f"{name}: {words}" for name in self.contacts}
+            elif file.endswith((".png", ".gif")) and file not in ("convergence.png", "mechanism.png"):
+                captions[file] = words[:1].upper() + words[1:]
+        if self.refused:
+            captions = {"mechanism.png": self.summary["reason"]}
+        found = Html("".join(picture(self.drawn / file, words) or picture(self.folder / file, words)
+                             for file, words in captions.items()))
+        return {"pictures": found, "undrawn": "" if found else self.folder}
+
+    def _contacts(self) -> dict[str, Any]:
+        names, asked = Column("contact", list(self.contacts)), {each["name"]: each for each in self.scene["contact"]}
+        unmatched = [name for name, contact in self.contacts.items() if contact["slave"]]
+        contacts = [contact if contact["slave"] else contact | dict.fromkeys(key for key, _ in BETWEEN.values())
+                    for contact in self.contacts.values()]
+        return {
+            "contacts": table(
+                "Force and moment on the first body, about the origin; normal forces are positive under pressure",
+                names, *self._columns(
+                    self.resultants | {"pressure, largest": ("pressure_max", "stress")} | STATES, contacts)),
+            "pairing": table(
+                "Pairing; directions are those of the first body", names,
+                Column("bodies", [", ".join(asked[name]["bodies"]) for name in self.contacts]),
+                Column("law", [_law(asked[name]) for name in self.contacts]),
+                Column("nodes", [contact["m"] for contact in contacts]),
+                Column("pairing", [f"mortar, nodes of {contact['slave']}" if contact["slave"] else "node to node"
+                                   for contact in contacts]),
+                *(self._columns(BETWEEN, contacts) if unmatched else []), digits=3, minor=True),
+            "unmatched": ", ".join(unmatched[:FEW]) + ", …" * (len(unmatched) > FEW)}
+
+    def _bodies(self) -> dict[str, Any]:
+        supports = {each["name"]: [word for word in ("clamp", "foundation") if each.get(word)]
+                    for each in self.scene["body"]}
+        bodies = [body if supports[name] else body | {"reaction": (None,) * len(self.axes)}
+                  for name, body in self.bodies.items()]
+        columns = {"unknowns": ("n", ""), "displacement": ("displacement_max", "length"),
+                   "von Mises": ("von_mises_max", "stress")} | self._vector("reaction", "force") | {
+                       "strain energy": ("energy", "energy")}
+        return {"bodies": table(
+            "Largest displacement and stress; the reaction of clamps and foundations, where there are any",
+            Column("body", list(self.bodies)), *self._columns(columns, bodies),
+            Column("held by", [" and ".join([f"{word}s" for word in supports[name]] + ["contacts"] * (not body["held"]))
+                               for name, body in self.bodies.items()])),
+            "groups": self._groups()}
+
+    def _groups(self) -> Html | str:
+        rows = [(name, group, by, forces) for name, body in self.bodies.items() for by in ("loads", "reactions")
+                for group, forces in body.get(by, {}).items()]
+        return table("What loads and supports do to bodies, by group; moments are about the origin", *(
+            Column(head, [row[k] for row in rows]) for k, head in enumerate(("body", "group", "of"))),
+            *self._columns(self.force, [forces for *_, forces in rows])) if rows else ""
+
+    def _steps(self) -> dict[str, Any]:
+        """The load steps, condensed where there are many, and the balance of energy."""
+        every = steps = self.summary["steps"]
+        if not self.stepped or not every:
+            return {"no_steps": "No load step was completed." if self.stepped else ""}
+        if len(every) > MOST_STEPS:
+            steps = [step for step in every if step["time"] in self.scene["time"]["points"]] or every
+            evenly = np.unique(np.linspace(0, len(steps) - 1, MOST_STEPS).round().astype(int))
+            steps = [steps[k] for k in evenly]
+        if len(self.contacts) <= FEW:
+            rows = [(step, name, contact) for step in steps for name, contact in step["contacts"].items()]
+            caption, columns = "Forces on the first body", self.resultants | STATES
+        else:
+            rows = [(step, "all", {key: sum(contact[key] or 0 for contact in step["contacts"].values())
+                                   for key, _ in STATES.values()}) for step in steps]
+            caption, columns = "Nodes of all contacts", STATES
+        several = [Column("contact", [name for _, name, _ in rows])] if 1 < len(self.contacts) <= FEW else []
+        caption += f"; {len(steps)} of {len(every)} steps, steps.csv has all" * (len(steps) < len(every))
+        found = {"step_number": f"{len(every)} load steps to time {every[-1]['time']:g}.", "steps": table(
+            caption, Column("time", [f"{step['time']:g}" for step, *_ in rows]),
+            Column("iterations", [step["outer_iterations"] for step, *_ in rows]), *several,
+            *self._columns(columns, [contact for *_, contact in rows]))}
+        if energy := self.summary.get("energy"):
+            found |= {"energy": table(
+                "Energy since time 0: the first is the sum of the next two", Column("what", list(ENERGIES.values())),
+                Column("energy", [energy[key] for key in ENERGIES], self.units["energy"])),
+                "imbalance_of_energy": number(energy["residual"], 2)}
+        return found
+
+    def _certificate(self) -> dict[str, Any]:
+        parts = [*self.contacts.items(), *self.bodies.items()]
+        kinds = {kind: value for kind, value in self.summary["certificate"].items() if kind in RESIDUALS}
+        worst = [_worst({name: each["certificate"].get(kind, 0.0) for name, each in parts}) for kind in kinds]
+        verdicts = [element("span", "fails", kind="fails") if self._fails(value) else "holds"
+                    for value in kinds.values()]
+        of_contacts = {_words(kind): (f"certificate.{kind}", "") for kind in kinds if kind != "equilibrium"}
+        return {
+            "limit": f"{self.summary['certificate_limit']:.2g}",
+            "residuals": table(
+                f"The worst of all contacts{', bodies and load steps' if self.stepped else ' and bodies'}",
+                Column("residual", [_words(kind) for kind in kinds]), Column("value", list(kinds.values())),
+                Column("verdict", verdicts), Column("worst of", worst),
+                Column("what it is", [element("div", RESIDUALS[kind], kind="words") for kind in kinds]), digits=2),
+            "residuals_of_contacts": table(
+                "By contact", Column("contact", list(self.contacts)),
+                *self._columns(of_contacts, self.contacts.values()), digits=2, minor=True)
+            if len(self.contacts) > 1 else "",
+            "residuals_of_bodies": table(
+                "By body, with its part of the estimated discretization error", Column("body", list(self.bodies)),
+                *self._columns({"equilibrium": ("certificate.equilibrium", ""),
+                                "estimated error": ("discretization_error", "%")}, self.bodies.values()),
+                digits=2, minor=True)}
+
+    def _error(self) -> dict[str, Any]:
+        estimate, target, levels = self.error["energy_norm"], self.error.get("target"), self.error.get("levels") or []
+        if estimate is None:
+            return {"no_estimate": self.of_step if self.of_step.startswith("at") else "for this run"}
+        return {"error": number(estimate, 2, "%"),
+                "target": f"; {number(target, 2, '%')} was asked for" if target else "",
+                "meshes": table(
+                    "The meshes on the way", Column("mesh", [f"{k}" for k in range(1, len(levels) + 1)]),
+                    *self._columns({"refinement": ("refinement", ""), "unknowns": ("n", ""),
+                                    "estimated error": ("error", "%")}, levels), digits=2) if len(levels) > 1 else ""}
+
+    def _work(self) -> dict[str, Any]:
+        summary, seconds, bodies = self.summary, self.summary["seconds"], self.bodies.values()
+        return summary.get("exchange", {}) | {
+            "method": METHODS[summary["outer"]].title.format_map(self.scene["method"]),
+            "tolerance": f"{self.scene['method']['tolerance']:g}",
+            "memory": f"{max(body['memory_mib'] for body in bodies):.0f}",
+            "convergence": picture(self.folder / "convergence.png", "The outer iteration.", "small"),
+            "times": table("Time of the slowest rank", Column("phase", list(seconds)),
+                           Column("time", list(seconds.values()), "s", decimals=2),
+                           Column("what it is", [PHASES.get(name, "") for name in seconds])) if seconds else "",
+            "work_of_bodies": table(
+                "By body", Column("body", list(self.bodies)),
+                Column("ranks", [_ranks(body["ranks"]) for body in bodies]), *self._columns(
+                    {"solves": ("n_A", ""), "solver": ("solver", ""), "compliance": ("compliance", "")}, bodies),
+                Column("memory", [round(body["memory_mib"]) for body in bodies], "MiB"), minor=True)}
+
+
+def _words(kind: str) -> str:
+    return kind.replace("_", " ")
+
+
+def _law(contact: dict) -> str:
+    """What holds in a contact of the scene: bonded, or its friction law with its numbers."""
+    if contact.get("kind") == "bonded":
+        return "bonded"
+    law, *numbers = contact["friction"].values()
+    if not numbers:
+        return {"none": "no friction"}.get(law, law)
+    words = (f"{value:g}" if isinstance(value, int | float) else "varying" for value in numbers)
+    return f"{law.capitalize()} {', '.join(words)}"
+
+
+def _worst(values: Mapping[str, float | None]) -> Html | str:
+    """The name with the largest value, or with one that is no number; a dash where all are zero."""
+    sizes = {name: math.inf if value is None else value for name, value in values.items()}
+    name = max(sizes, key=lambda name: sizes[name], default="")
+    return element("span", name, kind="name") if name and sizes[name] else "–"
+
+
+def _ranks(ranks: Sequence[int]) -> str:
+    return f"{ranks[0]} to {ranks[-1]}" if len(ranks) > FEW else ", ".join(map(str, ranks))

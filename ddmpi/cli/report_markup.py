@@ -9,9 +9,10 @@ import string
 from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 
-from ddmpi.errors import InputError
+from ddmpi import __version__
 from ddmpi.system.numbers import scaled_unit
 
 NOISE = 1e-9
@@ -42,12 +43,14 @@ class Column:
     decimals: int | None = None
 
 
-def fill(template: str, values: Mapping[str, object], without: Collection[str] = ()) -> str:
-    """The `template` with its $names replaced, and `without` the sections of these ids.
+def fill(values: Mapping[str, object], without: Collection[str] = ()) -> str:
+    """The template with its $names replaced, and `without` the sections of these ids.
 
     Lines and sections that have names, but none with a value, are left out as well.
     """
-    given = {name: text(value) for name, value in values.items() if value not in (None, "")}
+    template = resources.files("ddmpi.cli").joinpath("report.html").read_text(encoding="utf-8")
+    given = {"version": Html(__version__)} | {name: text(value) for name, value in values.items()
+                                              if value not in (None, "")}
 
     def wanted(part: re.Match[str]) -> str:
         known = given.keys() & re.findall(r"\$(\w+)", part[0])
@@ -80,10 +83,6 @@ def number(value: float | None, digits: int = 4, unit: str = "") -> str:
     elif -4 <= exponent < 6:
         shown = f"{value:.{max(0, digits - 1 - exponent)}f}"
     return f"{shown} {unit}" if unit else shown
-
-
-def percent(value: float | None) -> str:
-    return "–" if value is None else f"{number(100 * value, 2)} %"
 
 
 def table(caption: str, *columns: Column, digits: int = 4, minor: bool = False) -> Html:
@@ -127,12 +126,9 @@ def noted(entries: Sequence[object]) -> Html | str:
 
 
 def picture(path: Path, caption: str, kind: str = "picture") -> Html:
-    """A picture within the page, if it is there. Raises InputError where it cannot be read."""
+    """A picture within the page, if it is there."""
     if not path.exists():
         return Html("")
-    try:
-        data = base64.b64encode(path.read_bytes()).decode()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    data = base64.b64encode(path.read_bytes()).decode()
     image = f'<img src="data:{TYPES[path.suffix]};base64,{data}" alt="{text(caption)}">'
     return element("figure", Html(image), element("figcaption", caption), kind=kind)

@@ -31,7 +31,9 @@ def in_words(point: np.ndarray, digits: int = 6) -> str:
 
 
 def scaled_unit(value: float, unit: str) -> tuple[float, str]:
-    """A factor and a unit with a prefix in which `value` is easy to read; units other than SI stay as they are."""
+    """A factor and a unit with a prefix in which `value` is easy to read. Units beside SI and % stay as they are."""
+    if unit == "%":
+        return 0.01, unit
     if unit not in SI or not value or not np.isfinite(value):
         return 1.0, unit
     factor, prefix = next(((f, p) for f, p in PREFIXES if value >= f), (1.0, ""))

@@ -92,6 +92,7 @@ def scene(contacts: list[str], friction=COULOMB, title: str = "Made up") -> dict
                                                                    "coefficient": friction.coefficient}
     return {"title": title, "method": {"outer": "newton", "tolerance": 1e-8},
             "output": {"length_unit": "m", "stress_unit": "Pa"},
+            "body": [{"name": body} for body in dict.fromkeys("-".join(contacts).split("-"))],
             "contact": [{"name": name, "bodies": name.split("-"), "friction": law} for name in contacts]}
 
 
