@@ -48,17 +48,15 @@ def _sweep(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> No
     from ddmpi.scene.reader import read_data, read_text
     from ddmpi.sweep.cases import build_cases, choose
 
-    text = from_first(world, lambda: read_text(options.scene))
-    cases = from_first(world, lambda: build_cases(options.scene, text, options.set, options.vary,
-                                                  kind_of_files(options.scene)))
+    scene = from_first(world, lambda: read_data(options.scene, read_text(options.scene), options.set))
+    cases = from_first(world, lambda: build_cases(options.scene, scene, options.vary, kind_of_files(options.scene)))
     with agreed(world):
-        data = read_data(options.scene, text, options.set)
         chosen = choose(cases, options.index)
     _init_petsc(world, {}, petsc)
     with loading():
         from ddmpi.sweep.sweep import Sweep, gather_sweep, list_cases, run_sweep
 
-    sweep = Sweep(options.scene, data, Path(options.output), cases, chosen, petsc, options.figures, options.plot)
+    sweep = Sweep(options.scene, scene, Path(options.output), cases, chosen, petsc, options.figures, options.plot)
     if options.list or options.gather:
         interrupt.leave()
         with agreed(world), printing(world):

@@ -10,14 +10,14 @@ from typing import Any
 from mpi4py import MPI
 
 from ddmpi.coupling.ranks import on_working_ranks
-from ddmpi.errors import InputError
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.build import kind_of_files
 from ddmpi.petsc.options import RunOptions
 from ddmpi.results.fields import Fields
 from ddmpi.run.report import LISTED, describe_contact
 from ddmpi.run.run import Solved, compute
-from ddmpi.scene.reader import read_scene, read_text, write_table, write_value
+from ddmpi.scene.keys import override
+from ddmpi.scene.reader import as_data, read_data, read_scene, read_text
 from ddmpi.scene.scene import Settled
 from ddmpi.system import logs
 from ddmpi.system.agreement import from_first, in_lockstep, merged
@@ -71,15 +71,10 @@ def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
     path = "scene" if in_words else str(scene)
 
     def read() -> Settled:
-        what = "overrides"
-        try:
-            settings = [f"{key}={write_value(value)}" for key, value in (overrides or {}).items()]
-            what = path
-            text = write_table(scene) if isinstance(scene, Mapping) else str(scene) if in_words else ""
-        except InputError as error:
-            raise InputError(f"{what}: {error}") from None
-        text = text or read_text(path)
-        return read_scene(path, text, settings, kind_of_files(path))
+        data = read_data(path, scene if isinstance(scene, Mapping) else str(scene) if in_words else read_text(path))
+        for key, value in (overrides or {}).items():
+            override(data, key, as_data(value, "overrides"))
+        return read_scene(path, data, file_kind=kind_of_files(path))
 
     settled, clock, options = from_first(world, read), Clock(), RunOptions()
     options.use(settled.petsc)

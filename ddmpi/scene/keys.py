@@ -72,20 +72,17 @@ SLIPS = {
 """What is often wrong with a line that is not TOML, and what would be right."""
 
 
-def override(data: dict, setting: str) -> None:
-    """Apply one ``KEY=VALUE`` to `data`: the value is TOML, or else a plain string. Raises InputError."""
-    key, separator, value = setting.partition("=")
-    if not separator or not key:
-        raise InputError(f"--set {setting}: expected KEY=VALUE, as in method.theta=0.3")
+def override(data: dict, key: str, value: Any) -> None:
+    """Set one key of `data`, as after ``--set``. Raises InputError."""
     *parents, last = key.strip().split(".")
     table: Any = data
     for depth, part in enumerate(parents):
         table = table[_index(table, part, key)] if isinstance(table, list) else table.setdefault(part, {})
         if not isinstance(table, dict | list):
             raise InputError(f"--set {key}: {'.'.join(parents[:depth + 1])} is a value, not a table")
-    table[_index(table, last, key) if isinstance(table, list) else last] = meant = parse_value(value)
-    if last == "law" and meant in LAWS:  # what other laws need goes
-        for name in set(table) - LAWS[meant]:
+    table[_index(table, last, key) if isinstance(table, list) else last] = value
+    if last == "law" and value in LAWS:  # what other laws need goes
+        for name in set(table) - LAWS[value]:
             del table[name]
 
 

@@ -14,43 +14,62 @@ import msgspec
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.scene.keys import explain, explain_syntax, override
+from ddmpi.scene.keys import explain, explain_syntax, override, parse_value
 from ddmpi.scene.scene import FileKind, Scene, Settled
 
 DEEP = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){100}""")
 """A key of a hundred parts; tomllib's time grows with the square of their number."""
 
 
-def read_data(path: str, text: str, settings: Sequence[str] = ()) -> dict:
-    """The data of TOML `text` with ``KEY=VALUE`` settings, not yet checked; parameters and errors of `read_scene`."""
-    if DEEP.search(text):
-        raise InputError(f"{path}: is nested too deeply")
+def read_data(path: str, scene: str | Mapping[str, Any], settings: Sequence[str] = ()) -> dict:
+    """The data of a scene with ``KEY=VALUE`` settings, not yet checked; parameters and errors of `read_scene`."""
     try:
-        data = tomllib.loads(text)
+        if isinstance(scene, str) and DEEP.search(scene):
+            raise RecursionError
+        data = tomllib.loads(scene) if isinstance(scene, str) else as_data(scene, path)
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not valid TOML: {explain_syntax(error, text)}") from None
+        raise InputError(f"{path}: not valid TOML: {explain_syntax(error, str(scene))}") from None
     except RecursionError:
         raise InputError(f"{path}: is nested too deeply") from None
     except ValueError as error:  # an integer of too many digits
         raise InputError(f"{path}: not valid TOML: {str(error).split(';')[0]}") from None
     for setting in settings:
-        override(data, setting)
+        key, separator, value = setting.partition("=")
+        if not separator or not key:
+            raise InputError(f"--set {setting}: expected KEY=VALUE, as in method.theta=0.3")
+        override(data, key, parse_value(value))
     return data
 
 
-def read_scene(path: str, text: str, settings: Sequence[str] = (), file_kind: FileKind | None = None) -> Settled:
-    """Check a scene of TOML text and ``KEY=VALUE`` settings, and fill in what it leaves out.
+def as_data(value: Any, where: str) -> Any:
+    """A value of a program as TOML has it, a copy; entries of tables that are None are left out. Raises InputError."""
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): as_data(entry, where) for key, entry in value.items() if entry is not None}
+    if isinstance(value, list | tuple):
+        return [as_data(entry, where) for entry in value]
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if not isinstance(value, str | bool | int | float):
+        raise InputError(f"{where}: {value!r} is no value of a scene; give numbers, words, lists or tables")
+    return value
+
+
+def read_scene(path: str, scene: str | Mapping[str, Any], settings: Sequence[str] = (),
+               file_kind: FileKind | None = None) -> Settled:
+    """Check a scene with ``KEY=VALUE`` settings, and fill in what it leaves out.
 
     Parameters
     ----------
     path : the file's name, for messages only
-    text : its contents
+    scene : TOML text, or tables, which stay as they are
     settings : as after ``--set``; applied in order, before validation
     file_kind : gives dimension and order of a body's mesh file; without it, files count as plane and linear
 
     Raises InputError, the same on every rank, that names file and key. Not collective.
     """
-    data = read_data(path, text, settings)
+    data = read_data(path, scene, settings)
     try:
         return msgspec.convert(data, Scene).settled(file_kind)
     except msgspec.ValidationError as error:
@@ -76,16 +95,16 @@ def read_text(path: str | Path) -> str:
 
 def write_toml(scene: dict) -> str:
     """A resolved scene, `Settled.resolved`, as TOML text that is read as this scene again. Not collective."""
-    plain = {key: value for key, value in scene.items() if not _is_table(value)}
-    lines = [f"{_key(key)} = {write_value(value)}\n" for key, value in plain.items() if value not in (None, [], {})]
-    for key, value in scene.items():
-        if isinstance(value, list) and key not in plain:
-            lines += [f"\n[[{_key(key)}]]\n{_entries(each)}" for each in value]
-        elif key not in plain and all(_is_table(each) for each in value.values()):
-            lines += [f"\n[{_key(key)}.{_key(name)}]\n{_entries(each)}" for name, each in value.items()]
-        elif key not in plain:
-            lines.append(f"\n[{_key(key)}]\n{_entries(value)}")
-    return "".join(lines)
+    nested = {key: value for key, value in scene.items() if _is_table(value)}
+    parts = [_entries({key: value for key, value in scene.items() if key not in nested})]
+    for key, value in nested.items():
+        if isinstance(value, list):
+            parts += [f"[[{_key(key)}]]\n{_entries(each)}" for each in value]
+        elif all(_is_table(each) for each in value.values()):
+            parts += [f"[{_key(key)}.{_key(name)}]\n{_entries(each)}" for name, each in value.items()]
+        else:
+            parts.append(f"[{_key(key)}]\n{_entries(value)}")
+    return "\n\n".join(parts) + "\n"
 
 
 def _is_table(value: Any) -> bool:
@@ -93,42 +112,23 @@ def _is_table(value: Any) -> bool:
     return bool(value) and (isinstance(value, dict) or (isinstance(value, list) and isinstance(value[0], dict)))
 
 
-def _entries(table: dict) -> str:
-    """A line for each key that has a value."""
-    return "".join(f"{_key(key)} = {write_value(value)}\n" for key, value in table.items()
-                   if value not in (None, [], {}))
+def _entries(table: dict, between: str = "\n") -> str:
+    """Those keys of a table that have a value."""
+    return between.join(f"{_key(key)} = {_value(value)}" for key, value in table.items() if value not in (None, [], {}))
 
 
 def _key(key: str) -> str:
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else write_value(key)
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _value(key)
 
 
-def write_table(table: Mapping[str, Any]) -> str:
-    """A table as TOML text, a line per key; errors and None as in `write_value`. Not collective."""
-    return "".join(f"{line}\n" for line in _lines(table))
-
-
-def _lines(table: Mapping[str, Any]) -> list[str]:
-    return [f"{_key(str(key))} = {write_value(value)}" for key, value in table.items() if value is not None]
-
-
-def write_value(value: Any) -> str:
-    """A value as TOML text, on one line but for lists of several tables; entries of tables that are None are left out.
-
-    Raises InputError where TOML has no such value. Not collective.
-    """
-    if isinstance(value, np.generic | np.ndarray):
-        value = value.tolist()
-    if isinstance(value, Mapping):
-        inside = ", ".join(_lines(value))
-        return f"{{ {inside} }}" if inside else "{}"
+def _value(value: Any) -> str:
+    """A value on one line, but for lists of several tables."""
+    if isinstance(value, dict):
+        return f"{{ {_entries(value, ', ')} }}"
     if isinstance(value, list | tuple):
         several = len(value) > 1 and _is_table(value)
         start, between, end = ("[\n    ", ",\n    ", ",\n]") if several else ("[", ", ", "]")
-        return start + between.join(map(write_value, value)) + end
-    if isinstance(value, str | bool | os.PathLike):  # JSON's words and strings are TOML's
-        word = value if isinstance(value, bool) else os.fspath(value)
-        return json.dumps(word, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, int | float):
-        return repr(value)
-    raise InputError(f"{value!r} is no value of a scene; give numbers, words, lists or tables")
+        return start + between.join(map(_value, value)) + end
+    if isinstance(value, str | bool):  # JSON's words and strings are TOML's
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return repr(value)

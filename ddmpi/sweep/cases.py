@@ -115,12 +115,11 @@ def _split(text: str) -> list[str]:
     return [part.strip() for part in parts]
 
 
-def build_cases(path: str, text: str, settings: list[str], varied: list[str],
-                file_kind: FileKind | None = None) -> list[Case]:
+def build_cases(path: str, scene: dict, varied: list[str], file_kind: FileKind | None = None) -> list[Case]:
     """The cases of a sweep: all combinations of what is `varied`, the last --vary running fastest.
 
-    `path`, `text`, `settings` and `file_kind` are as for `read_scene`. Raises InputError, the same on every rank, that
-    names a key or value that is not valid, or two cases that are the same. Not collective.
+    `path`, `scene` and `file_kind` are as for `read_scene`. Raises InputError, the same on every rank, that names a
+    key or value that is not valid, or two cases that are the same. Not collective.
     """
     if not varied:
         raise InputError(f"a sweep needs --vary {_RANGE}")
@@ -135,7 +134,7 @@ def build_cases(path: str, text: str, settings: list[str], varied: list[str],
         named = {keys[0]: own[keys[0]] for keys, _ in axes}
         varying = [f"{key}={value}" for key, value in own.items()]
         try:
-            case = Case(len(cases), own, named, read_scene(path, text, [*settings, *varying], file_kind))
+            case = Case(len(cases), own, named, read_scene(path, scene, varying, file_kind))
         except InputError as error:
             raise InputError(f"--vary {' '.join(varying)}: {str(error).removeprefix('--set ')}") from None
         cases.append(case)

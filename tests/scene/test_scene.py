@@ -469,7 +469,7 @@ def test_contacts_have_names():
 def test_entries_are_found_by_name_where_others_have_none():
     """`--set` counts entries without a name, too."""
     data = {"body": [{"mesh": {}}, {"name": "lower"}]}
-    override(data, "body.lower.x=1")
+    override(data, "body.lower.x", 1)
     assert data == {"body": [{"mesh": {}}, {"name": "lower", "x": 1}]}
 
 
@@ -477,8 +477,8 @@ def test_differences_are_named_by_key():
     """What differs between two scenes is named by keys as after --set, entries of lists by name or number."""
     ours, theirs = tomllib.loads(TEXT), tomllib.loads(TEXT)
     assert differences(ours, theirs) == ""
-    override(theirs, "body.lower.material.young=3")
-    override(theirs, "petsc.new=1")
+    override(theirs, "body.lower.material.young", 3)
+    override(theirs, "petsc.new", 1)
     assert differences(ours, theirs) == ("body.lower.material.young is 100000000000.0 here, 3 there; "
                                          "petsc.new is not set here, 1 there")
     assert differences({k: 1 for k in "abcd"}, {}).endswith("c is 1 here, not set there, and 1 more")

@@ -6,13 +6,14 @@ import pytest
 import scenes
 
 from ddmpi.errors import InputError
+from ddmpi.scene.reader import read_data
 from ddmpi.sweep.cases import build_cases, choose, cut, parse_axis
 
 TEXT = scenes.to_toml(scenes.pinched_blocks(2, outer="relaxation"))
 
 
 def build(*varied: str, settings: tuple[str, ...] = ()) -> list:
-    return build_cases("scene.toml", TEXT, list(settings), list(varied))
+    return build_cases("scene.toml", read_data("scene.toml", TEXT, settings), list(varied))
 
 
 VALUES = {

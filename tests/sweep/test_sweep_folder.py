@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from scenes import pinched_blocks
 from test_sweep import COEFFICIENT, inject, rows, run_sweep, stamp
 
 from ddmpi.errors import InputError
+from ddmpi.scene.reader import read_data
 from ddmpi.sweep import table as sweep_table
 from ddmpi.sweep.cases import build_cases
 from ddmpi.sweep.table import check_sweep, claim_sweep, gather, identify, numbers
@@ -26,7 +28,7 @@ TWO = ["--vary", f"{COEFFICIENT}=0.1,0.2"]
 
 
 def build(*varied: str, settings: tuple[str, ...] = ()) -> list:
-    return build_cases("scene.toml", scenes.to_toml(pinched_blocks(2)), list(settings), list(varied))
+    return build_cases("scene.toml", read_data("scene.toml", scenes.to_toml(pinched_blocks(2)), settings), list(varied))
 
 
 @pytest.fixture(scope="module")
@@ -299,7 +301,7 @@ def test_mesh_files_are_part_of_a_sweep(tmp_path):
     for name in ("punch_base.msh", "punch_block.msh"):
         shutil.copy(scenes.ROOT / "meshes" / name, tmp_path)
     text = re.sub(r'file = "[^"]*/', 'file = "', (scenes.ROOT / "configs" / "punch.toml").read_text())
-    cases = build_cases("scene.toml", text, [], [f"{COEFFICIENT}=0.1"])
+    cases = build_cases("scene.toml", tomllib.loads(text), [f"{COEFFICIENT}=0.1"])
     first = identify({}, [], cases, tmp_path)
     assert first["mesh files"].keys() == {"punch_base.msh", "punch_block.msh"}
     claim_sweep(tmp_path / "out", {**first, "mesh files": {"punch_base.msh": first["mesh files"]["punch_base.msh"]}},
