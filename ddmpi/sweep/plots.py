@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import math
 import statistics
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -34,18 +33,16 @@ def draw_plot(folder: Path, plot: str) -> Path:
     Not collective. Raises InputError where there is no such column, nothing to draw or no matplotlib, OutputError where
     the picture cannot be written.
     """
-    with reading(folder, "the folder of a sweep"):
-        return _draw_plot(folder, plot)
-
-
-def _draw_plot(folder: Path, plot: str) -> Path:
     plt = start_drawing()
-    rows = read_table(folder / TABLE)
-    summary = next(filter(None, (read_outcome(folder / str(row["folder"])).summary for row in rows)), None)
-    if not summary:
-        raise InputError(f"--plot {plot}: no case has results")
-    result, key = _resolve(plot, rows[0])
-    with plt.rc_context(STYLE):
+    with reading(folder, "the folder of a sweep"), plt.rc_context(STYLE):
+        rows = read_table(folder / TABLE)
+        summary = next(filter(None, (read_outcome(folder / str(row["folder"])).summary for row in rows)), None)
+        if not summary:
+            raise InputError(f"--plot {plot}: no case has results")
+        result, _, key = plot.partition(":")
+        if not (result and key):
+            raise InputError(f"--plot {plot}: expected RESULT:KEY, two columns of the table, as in n_A:theta")
+        result, key = (find_column(word, list(rows[0]), f"--plot {plot}") for word in (result, key))
         figure, picture = draw_curves(rows, result, key, summary), io.BytesIO()
         figure.savefig(picture, format="png", metadata=identity(summary))
         plt.close(figure)
@@ -94,17 +91,6 @@ def draw_curves(rows: list[dict[str, Any]], result: str, key: str, summary: dict
     notes = f"{len(points)} cases" + f", {missing} without a certified answer left out" * (missing > 0)
     axes.set_title(f"{summary['title']}\n{notes}".strip().replace("$", r"\$"))  # no formula
     return figure
-
-
-def _resolve(plot: str, names: Iterable[str]) -> tuple[str, str]:
-    """The columns RESULT and KEY of a plot. Raises InputError."""
-    result, _, key = plot.partition(":")
-    if not (result and key):
-        raise InputError(f"--plot {plot}: expected RESULT:KEY, two columns of the table, as in n_A:theta")
-    try:
-        return find_column(result, names), find_column(key, names)
-    except InputError as error:
-        raise InputError(f"--plot {plot}: {error}") from None
 
 
 def _others(rows: list[dict[str, Any]], names: list[str], key: str) -> list[str]:

@@ -13,7 +13,7 @@ import io
 import json
 import os
 import time
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -88,18 +88,13 @@ def check_sweep(folder: Path, identity: dict) -> None:
 
     Mesh files count that both have: more values of a sweep may bring more of them.
     """
-    theirs, ours = _read_json(folder / SWEEP, PATIENCE), json.loads(json.dumps(identity))
+    theirs = _read_json(folder / SWEEP, PATIENCE)
     if theirs is None:
         raise InputError(f"--output {folder}: there is no {SWEEP}, so it is not the folder of a sweep; name another")
     with reading(folder / SWEEP, "the record of a sweep"):
-        _compare(folder, ours, theirs)
-
-
-def _compare(folder: Path, ours: dict, theirs: dict) -> None:
-    common = sorted(ours["mesh files"].keys() & theirs["mesh files"].keys())
-    for side in (ours, theirs):
-        side["mesh files"] = {name: side["mesh files"][name] for name in common}
-    differing = differences(ours, theirs)
+        common = identity["mesh files"].keys() & theirs["mesh files"].keys()
+        differing = differences(*({**side, "mesh files": {name: side["mesh files"][name] for name in common}}
+                                  for side in (identity, theirs)))
     if differing:
         raise InputError(f"--output {folder}: belongs to another sweep: {differing}; name another folder, or remove "
                          "this one")
@@ -160,23 +155,19 @@ def gather(folder: Path, cases: list[Case]) -> Path:
 
 def read_table(path: Path) -> list[dict[str, Any]]:
     """The rows of a table; numbers as numbers, empty fields as None. Raises InputError."""
-    try:
-        with open(path, newline="", encoding="utf-8") as file:
-            return [{name: _number(text) for name, text in row.items()} for row in csv.DictReader(file)]
-    except (OSError, ValueError, csv.Error) as error:
-        raise InputError(f"{path}: not the table of a sweep: {error}") from None
+    with reading(path, "the table of a sweep"), open(path, newline="", encoding="utf-8") as file:
+        return [{name: _number(text) for name, text in row.items()} for row in csv.DictReader(file)]
 
 
-def find_column(word: str, names: Iterable[str]) -> str:
-    """The column called `word`, or the one that ends with it after a dot. Raises InputError."""
-    names = list(names)
+def find_column(word: str, names: Sequence[str], what: str) -> str:
+    """The column called `word`, or the one that ends with it after a dot. Raises InputError that begins with `what`."""
     fits = [name for name in names if name == word] or [name for name in names if name.endswith(f".{word}")]
     if len(fits) == 1:
         return fits[0]
     if fits:
-        raise InputError(f"{word!r} may be {' or '.join(fits)}; say which")
-    last = {name.rpartition(".")[2]: name for name in names}
-    raise InputError(f"the table has no column {word!r}{nearest(word, [*names, *last])} "
+        raise InputError(f"{what}: {word!r} may be {' or '.join(fits)}; say which")
+    last = [name.rpartition(".")[2] for name in names]
+    raise InputError(f"{what}: the table has no column {word!r}{nearest(word, [*names, *last])} "
                      f"(columns: {', '.join(names)})")
 
 

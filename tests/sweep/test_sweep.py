@@ -342,13 +342,13 @@ def test_options_do_not_leak_from_case_to_case(petsc_options):
 def test_find_column():
     """A unique ending of a column's name will do."""
     names = ["case", "contact.0.friction.coefficient", "n_A", "contacts.a-b.n_A", "seconds.total", "method.theta"]
-    assert find_column("theta", names) == "method.theta"
-    assert find_column("n_A", names) == "n_A"
-    assert find_column("a-b.n_A", names) == "contacts.a-b.n_A"
+    assert find_column("theta", names, "a plot") == "method.theta"
+    assert find_column("n_A", names, "a plot") == "n_A"
+    assert find_column("a-b.n_A", names, "a plot") == "contacts.a-b.n_A"
     with pytest.raises(InputError, match=r"'thetta'.*'theta'"):
-        find_column("thetta", names)
+        find_column("thetta", names, "a plot")
     with pytest.raises(InputError, match=r"upper\.young or lower\.young"):
-        find_column("young", ["upper.young", "lower.young"])
+        find_column("young", ["upper.young", "lower.young"], "a plot")
 
 
 def table(**columns) -> list[dict]:
