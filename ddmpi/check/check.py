@@ -154,9 +154,8 @@ def _force(mesh: Mesh, on: str, f: np.ndarray) -> str:
 
 def _vector(value: Sequence[float] | np.ndarray, summands: np.ndarray) -> str:
     """A vector, or one number, in words, without what is rounding beside its summands."""
-    parts, least = np.asarray(value, float), ROUNDING * np.abs(summands).sum()
-    words = [f"{0.0 if abs(x) <= least else x:.4g}" for x in np.atleast_1d(parts)]
-    return f"({', '.join(words)})" if parts.ndim else words[0]
+    parts = np.where(np.abs(value) <= ROUNDING * np.abs(summands).sum(), 0.0, value)
+    return in_words(parts, 4) if parts.ndim else f"{parts:.4g}"
 
 
 def _page(assembly: Assembly, bodies: Mapping[str, Looked], interfaces: Sequence[Interface],

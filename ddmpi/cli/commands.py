@@ -67,67 +67,65 @@ def _sweep(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> No
         run_sweep(world, sweep)
 
 
-def _draw(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
-    interrupt.leave()
+def _figures(options: argparse.Namespace) -> None:
     from ddmpi.pictures.draw import draw_all
+
+    draw_all(options.folder, time=options.step, view=options.view, cut=options.cut, magnification=options.magnification)
+
+
+def _plot(options: argparse.Namespace) -> None:
     from ddmpi.sweep.plots import draw_plot
 
-    with agreed(world), printing(world):
-        if world.rank == 0:
-            if options.command == "figures":
-                draw_all(options.folder, time=options.step, view=options.view, cut=options.cut,
-                         magnification=options.magnification)
-            else:
-                for plot in options.plots:
-                    print(draw_plot(Path(options.folder), plot))
+    for plot in options.plots:
+        print(draw_plot(Path(options.folder), plot))
 
 
-def _path(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
-    interrupt.leave()
+def _path(options: argparse.Namespace) -> None:
     from ddmpi.results.histories import along, at_step
     from ddmpi.results.tables import read_results, reading, write_path
 
-    with agreed(world), printing(world):
-        if world.rank == 0:
-            folder = Path(options.folder)
-            with reading(folder):
-                results = at_step(read_results(folder), folder, options.step)
-                columns = along(results, getattr(options, "from"), options.to, options.points)
-            path = Path(options.output or folder / "path.csv")
-            write_path(path, columns)
-            print(path)
+    folder = Path(options.folder)
+    with reading(folder):
+        results = at_step(read_results(folder), folder, options.step)
+        columns = along(results, getattr(options, "from"), options.to, options.points)
+    path = Path(options.output or folder / "path.csv")
+    write_path(path, columns)
+    print(path)
 
 
-def _report(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
-    interrupt.leave()
+def _report(options: argparse.Namespace) -> None:
     from ddmpi.cli.report import write_report
 
-    with agreed(world), printing(world):
-        if world.rank == 0:
-            print(write_report(options.folder, options.output, options.step))
+    print(write_report(options.folder, options.output, options.step))
 
 
-def _info(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
-    interrupt.leave()
-    _init_petsc(world, {}, petsc)
+def _info(options: argparse.Namespace) -> None:
     from ddmpi.cli.info import describe_installation
 
-    with agreed(world), printing(world):
-        if world.rank == 0:
-            print(describe_installation(), end="")
+    print(describe_installation(), end="")
 
 
-def _schema(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
-    interrupt.leave()
+def _schema(options: argparse.Namespace) -> None:
     from ddmpi.scene.keys import json_schema
     from ddmpi.scene.scene import Scene
 
+    print(json.dumps(json_schema(Scene), indent=1, ensure_ascii=False))
+
+
+ALONE = {"figures": _figures, "path": _path, "sweep-plot": _plot, "report": _report, "info": _info, "schema": _schema}
+
+
+def _alone(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
+    """What the first rank does without the others."""
+    interrupt.leave()
+    if options.command == "info":
+        _init_petsc(world, {}, petsc)
     with agreed(world), printing(world):
-        print(json.dumps(json_schema(Scene), indent=1, ensure_ascii=False))
+        if world.rank == 0:
+            ALONE[options.command](options)
 
 
-COMMANDS = {"run": _run, "check": _run, "sweep": _sweep, "figures": _draw, "path": _path, "sweep-plot": _draw,
-            "report": _report, "info": _info, "schema": _schema}
+COMMANDS = {"run": _run, "check": _run, "sweep": _sweep} | dict.fromkeys(ALONE, _alone)
 
 
 @contextlib.contextmanager

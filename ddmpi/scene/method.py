@@ -216,13 +216,9 @@ class Time(Table, frozen=True, kw_only=True):
             raise ValueError("steps and tolerance do not go together; leave steps out to have as many as tolerance "
                              "asks for")
 
-    def settled(self) -> SettledTime:
+    def settled(self) -> Time:
         """With the tolerance filled in where no number of steps is given."""
-        return settle(self, SettledTime, tolerance=None if self.steps else self.tolerance or TIME_TOLERANCE)
-
-
-class SettledTime(Time, frozen=True, kw_only=True):
-    """Load steps of which either ``steps`` or ``tolerance`` is None."""
+        return settle(self, Time, tolerance=None if self.steps else self.tolerance or TIME_TOLERANCE)
 
 
 REACHING = re.compile("debug|dll|python|file|string|info|trace|history|citations|malloc|mpe|tmpdir|saws|draw|display")

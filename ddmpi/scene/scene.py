@@ -15,7 +15,7 @@ import msgspec
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, SettledBody
 from ddmpi.scene.contacts import ContactSpec, Rigid, SettledContact
 from ddmpi.scene.keys import nearest
-from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod, SettledTime, Time, check_petsc
+from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod, Time, check_petsc
 from ddmpi.scene.values import (
     WHERE,
     AffineScalar,
@@ -319,7 +319,7 @@ class Settled(Table, frozen=True, kw_only=True):
     rigid: list[Rigid]
     contact: list[SettledContact]
     history: dict[str, History]
-    time: SettledTime | None
+    time: Time | None
     method: SettledMethod
     output: Output
     checkpoint: Checkpoint
