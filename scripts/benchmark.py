@@ -374,8 +374,7 @@ def large_bodies() -> None:
 
 # The start
 
-PACKAGES = ("ddmpi", "numpy", "scipy", "petsc4py", "mpi4py", "h5py", "msgspec", "simpleeval", "gmsh", "meshio",
-            "matplotlib")
+PACKAGES = ("ddmpi", "numpy", "scipy", "petsc4py", "mpi4py", "h5py", "msgspec", "gmsh", "meshio", "matplotlib")
 SETTINGS = [word for body in (0, 1) for word in ("--set", f"body.{body}.mesh.divisions=[66, 22]")]
 
 

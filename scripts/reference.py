@@ -140,7 +140,7 @@ def scene_page(schema: Mapping) -> str:
                                                for preset, values in PRESETS.items()))
     lines += ["## formula", "",
               "Numbers, `x`, `y`, in space `z`, `pi`, `+ - * / **`, the comparisons `< <= > >=` (1 where they hold,",
-              f"else 0), brackets, and the functions `{' '.join(FUNCTIONS)}`",
+              f"else 0), brackets, and the functions `{' '.join(name for name in FUNCTIONS if name != 'where')}`",
               "(angles in radians) and `where(condition, one, other)`; see [loads.md](../use/loads.md)."]
     return "\n".join(lines)
 

@@ -12,7 +12,7 @@ STAMP=$VENV/ddmpi-setup
 DEBIAN_PACKAGES="python3-venv python3-petsc4py python3-mpi4py python3-h5py python3-h5py-mpi python3-scipy
     python3-matplotlib openmpi-bin libopenblas0-pthread libgl1 libglu1-mesa libxrender1 libxcursor1
     libxft2 libxinerama1 libxfixes3"
-MODULES="numpy scipy mpi4py petsc4py h5py gmsh meshio msgspec simpleeval matplotlib skfem pytest pytest_isolate_mpi"
+MODULES="numpy scipy mpi4py petsc4py h5py gmsh meshio msgspec matplotlib skfem pytest pytest_isolate_mpi"
 MODULES+=" mkdocs jsonschema"
 
 say() { printf 'ddmpi set-up: %s\n' "$*" >&2; }

@@ -6,7 +6,7 @@ import ast
 import functools
 import operator
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
@@ -97,37 +97,21 @@ class AffineScalar(Table, frozen=True, kw_only=True):
     z_slope: Number = 0.0
 
 
-FUNCTIONS: dict[str, np.ufunc] = {
+FUNCTIONS: dict[str, Callable[..., Any]] = {
     "sin": np.sin, "cos": np.cos, "tan": np.tan, "asin": np.arcsin, "acos": np.arccos, "atan": np.arctan,
     "atan2": np.arctan2, "sinh": np.sinh, "cosh": np.cosh, "tanh": np.tanh, "exp": np.exp, "log": np.log,
-    "log10": np.log10, "sqrt": np.sqrt, "hypot": np.hypot, "abs": np.absolute, "min": np.minimum, "max": np.maximum}
-"""The functions that a formula may call; angles are in radians. There is also ``where(condition, one, other)``."""
+    "log10": np.log10, "sqrt": np.sqrt, "hypot": np.hypot, "abs": np.absolute, "min": np.minimum, "max": np.maximum,
+    "where": np.where}
+"""The functions that a formula may call; angles are in radians."""
 
-_OPERATORS = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
-              ast.Pow: operator.pow, ast.USub: operator.neg, ast.UAdd: operator.pos,
-              ast.Lt: lambda a, b: 1.0 * (a < b), ast.LtE: lambda a, b: 1.0 * (a <= b),
-              ast.Gt: lambda a, b: 1.0 * (a > b), ast.GtE: lambda a, b: 1.0 * (a >= b)}
+_OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
+    ast.Pow: operator.pow, ast.USub: operator.neg, ast.UAdd: operator.pos,
+    ast.Lt: lambda a, b: 1.0 * (a < b), ast.LtE: lambda a, b: 1.0 * (a <= b),
+    ast.Gt: lambda a, b: 1.0 * (a > b), ast.GtE: lambda a, b: 1.0 * (a >= b)}
 
 DEEPEST = 200
 """How many brackets, signs and terms of a formula may stand within each other; Python's own limit is not far above."""
-
-_NODES = (ast.Name, ast.UnaryOp, ast.BinOp, ast.Compare, ast.Call)
-"""What a formula is made of, beside numbers. There are no attributes, indices, keywords, statements or strings."""
-
-
-def _call(name: str, *values: Any) -> Any:
-    """A function of a formula; further arguments of numpy's functions are places for their results."""
-    count = 3 if name == "where" else FUNCTIONS[name].nin
-    if len(values) != count:
-        raise ValueError(f"{name} takes {count} value{'s' * (count > 1)}, not {len(values)}")
-    return np.where(*values) if name == "where" else FUNCTIONS[name](*values)
-
-
-def _number(node: ast.Constant) -> np.float64:
-    if isinstance(node.value, bool) or not isinstance(node.value, int | float):
-        raise ValueError(f"{node.value!r} is not a number")
-    return np.float64(node.value)
-
 
 @functools.lru_cache
 def _parse(formula: str) -> ast.expr:
@@ -136,42 +120,47 @@ def _parse(formula: str) -> ast.expr:
         return ast.parse(formula.strip(), mode="eval").body
 
 
-def _depth(tree: ast.AST) -> int:
-    level, depth = [tree], 0
-    while level:
-        level, depth = [child for node in level for child in ast.iter_child_nodes(node)], depth + 1
-    return depth
+def _value(node: ast.AST, places: Mapping[str, Any], depth: int = 0) -> Any:
+    """The value of a part of a formula. Raises ValueError for what is not made of numbers, `places` and functions."""
+    known = f"known are {', '.join([*places, *FUNCTIONS])}"
+    function: Callable[..., Any] | None
+    if depth == DEEPEST:
+        raise ValueError("it is nested too deeply")
+    match node:
+        case ast.Constant(value=value):
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise ValueError(f"{value!r} is not a number")
+            return np.float64(value)
+        case ast.Name(id=name):
+            if name not in places:
+                raise ValueError(f"{name!r} is not known; {known}")
+            return places[name]
+        case ast.Call(func=ast.Name(id=name), args=inside, keywords=[]):
+            if name not in FUNCTIONS:
+                raise ValueError(f"the function {name!r} is not known; {known}")
+            function, count = FUNCTIONS[name], getattr(FUNCTIONS[name], "nin", 3)  # more are places for numpy's results
+            if len(inside) != count:
+                raise ValueError(f"{name} takes {count} value{'s' * (count > 1)}, not {len(inside)}")
+        case ast.UnaryOp(op=sign, operand=one):
+            function, inside = _OPERATORS.get(type(sign)), [one]
+        case ast.BinOp(left=one, op=sign, right=other) | ast.Compare(left=one, ops=[sign], comparators=[other]):
+            function, inside = _OPERATORS.get(type(sign)), [one, other]
+        case ast.Compare():
+            raise ValueError("a chain of comparisons; write (0 < x) * (x < 1)")
+        case _:
+            raise ValueError(f"it must be made of numbers, + - * / **, comparisons, brackets and functions; {known}")
+    if function is None:
+        raise ValueError(f"formulas do not have this operator ({type(sign).__name__}), only + - * / ** < <= > >=; a "
+                         "power is written **")
+    return function(*[_value(each, places, depth + 1) for each in inside])
 
 
 def _compute(formula: str, *x: np.ndarray) -> np.ndarray:
     """The values of a formula at points, in their shape. Raises ValueError, which quotes it, if it is none."""
-    import simpleeval  # seldom needed
-
-    places = dict(zip("xyz", x, strict=False))
-    known = f"known are {', '.join([*places, 'pi', 'where', *FUNCTIONS])}"
-    evaluator = simpleeval.SimpleEval(
-        _OPERATORS, {name: functools.partial(_call, name) for name in (*FUNCTIONS, "where")},
-        places | {"pi": np.float64(np.pi)})
-    evaluator.nodes = {kind: evaluator.nodes[kind] for kind in _NODES} | {ast.Constant: _number}
     try:
-        tree = _parse(formula)
-        if _depth(tree) > DEEPEST:
-            raise ValueError("it is nested too deeply")
-        if any(isinstance(node, ast.Compare) and len(node.ops) > 1 for node in ast.walk(tree)):
-            raise ValueError("a chain of comparisons; write (0 < x) * (x < 1)")
         with np.errstate(all="ignore"):
-            found = np.asarray(evaluator.eval(formula, previously_parsed=tree), float)
-        return np.array(np.broadcast_to(found, np.shape(x[0])))
-    except simpleeval.NameNotDefined as error:
-        reason = f"{error.name!r} is not known; {known}"
-    except simpleeval.FunctionNotDefined as error:
-        reason = f"the function {error.func_name!r} is not known; {known}"
-    except simpleeval.OperatorNotDefined as error:
-        sign = type(error.attr).__name__
-        reason = "a power is written **, not ^" if sign == "BitXor" else (
-            f"formulas do not have this operator ({sign}), only + - * / ** < <= > >=")
-    except simpleeval.FeatureNotAvailable:
-        reason = f"it must be made of numbers, + - * / **, comparisons, brackets and functions; {known}"
+            found = _value(_parse(formula), dict(zip("xyz", x, strict=False)) | {"pi": np.float64(np.pi)})
+        return np.array(np.broadcast_to(np.asarray(found, float), np.shape(x[0])))
     except SyntaxError as error:
         reason = f"it is not a formula: {error.msg}"
     except (ValueError, TypeError, ArithmeticError, MemoryError, RecursionError) as error:

@@ -26,7 +26,6 @@ class PyDdmpi(PythonPackage):
         depends_on("gmsh@4.12:+opencascade")
         depends_on("py-meshio@5.3:")
         depends_on("py-msgspec@0.19:")
-        depends_on("py-simpleeval@1.0:")
         depends_on("py-matplotlib@3.6:", when="+figures")
 
     depends_on("petsc+mumps")
