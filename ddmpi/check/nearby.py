@@ -13,8 +13,8 @@ from ddmpi.judge.overlap import distance_to
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Rigid, SettledContact, default_name
 from ddmpi.surface.cut import FACING
-from ddmpi.surface.side import unit
-from ddmpi.system.numbers import across, nearest_in
+from ddmpi.surface.side import across, unit
+from ddmpi.system.numbers import nearest_in
 
 NEAR = 0.25
 """Facets that are closer than this part of the smaller one's size may be meant to touch."""
@@ -43,13 +43,13 @@ class Boundary:
     @classmethod
     def of(cls, mesh: Mesh) -> Boundary:
         """That of a body's mesh. Not collective."""
-        d, (facets, cells) = mesh.dimension, mesh.boundary
+        d, facets = mesh.dimension, mesh.boundary[0]
         at = mesh.points[facets[:, :d]]
         keys = [np.sort(each[:, :d], axis=1) for each in (facets, *mesh.groups.values())]
         number = np.split(np.unique(np.concatenate(keys), axis=0, return_inverse=True)[1].ravel(),
                           np.cumsum([len(each) for each in keys])[:-1])
-        return cls(facets, at, unit(across(at[:, 0] - mesh.points[mesh.corners[cells]].mean(axis=1), at)[0]),
-                   {name: np.isin(number[0], own) for name, own in zip(mesh.groups, number[1:], strict=True)})
+        return cls(facets, at, unit(across(at)[:, 0]), {
+            name: np.isin(number[0], own) for name, own in zip(mesh.groups, number[1:], strict=True)})
 
     @property
     def size(self) -> np.ndarray:

@@ -8,20 +8,7 @@ from typing import Annotated, ClassVar, Literal, get_args
 import msgspec
 import numpy as np
 
-from ddmpi.scene.values import (
-    Formula,
-    Gap,
-    Group,
-    Name,
-    NonNegative,
-    Number,
-    Point,
-    Positive,
-    Profile,
-    SignedProfile,
-    Table,
-    settle,
-)
+from ddmpi.scene.values import Formula, Group, Name, NonNegative, Number, Point, Positive, Profile, Table, settle
 from ddmpi.system.numbers import nearest_in
 
 SQUASHED = 1e-6
@@ -61,6 +48,42 @@ Friction = Coulomb | Tresca | NoFriction
 
 LAWS = {str(law.__struct_config__.tag): {"law", *law.__struct_fields__} for law in get_args(Friction)}
 """The keys of each law of friction."""
+
+
+class SignedProfile(Profile, frozen=True, kw_only=True):
+    """A profile whose values may be negative.
+
+    Attributes
+    ----------
+    values : the number at each point
+    """
+
+    values: list[Number]
+
+
+class Gap(SignedProfile, frozen=True, kw_only=True):
+    """An initial gap: a profile along the contact, or a ``value``, which may follow a history.
+
+    Attributes
+    ----------
+    points, values : of the profile
+    value : a number, a formula or a profile, in place of points and values
+    history : [history.NAME] whose factor multiplies the value
+    """
+
+    points: list[Number] = []
+    values: list[Number] = []
+    value: Number | Formula | SignedProfile | None = None
+    history: Name | None = None
+
+    def __post_init__(self) -> None:
+        if self.value is None:
+            super().__post_init__()
+        elif self.points or self.values:
+            raise ValueError("value does not go with points and values; write them into it, as in value = "
+                             "{ points = […], values = […] }")
+        if self.value is None and self.history is not None:
+            raise ValueError('a gap with a history has a value: write { value = …, history = "…" }')
 
 
 class ContactSpec(Table, frozen=True, kw_only=True):

@@ -12,25 +12,11 @@ from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 
-from ddmpi.scene.bodies import BodySpec, Clamp, Material, SettledBody
+from ddmpi.scene.bodies import BodySpec, Material, SettledBody
 from ddmpi.scene.contacts import ContactSpec, Rigid, SettledContact
 from ddmpi.scene.keys import nearest
 from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod, Time, check_petsc
-from ddmpi.scene.values import (
-    WHERE,
-    AffineScalar,
-    AffineVector,
-    History,
-    Name,
-    Number,
-    Profile,
-    Table,
-    check_formulas,
-    histories,
-    settle,
-    tables,
-    varies,
-)
+from ddmpi.scene.values import WHERE, History, Name, Number, Table, check_formulas, histories, settle, tables, varies
 from ddmpi.system.files import LONGEST, contact_files
 
 FileKind = Callable[[BodySpec], tuple[int, Literal[1, 2]]]
@@ -269,19 +255,16 @@ class Scene(Table, frozen=True, kw_only=True):
             yield 2, "axisymmetric", "parts that turn around an axis are drawn in the half-plane x >= 0"
         what = "nothing is twisted around the axis" if self.axisymmetric else "there is no z in the plane"
         for key, table in tables(self):
-            if isinstance(table, Profile) and table.along == "arc":
+            along = getattr(table, "along", "")  # of a profile
+            if along == "arc":
                 yield 2, f"{key}.along", 'surfaces have no arc length; take a coordinate, such as along = "x"'
             if isinstance(table, Material):
                 yield from ((number, f"{key}.{name}", words) for number, name, words in table.of_one_dimension(
                     self.axisymmetric))
-            uses_z = [name for name in FORMULAS if varies(getattr(table, name, None), "z")]
-            if isinstance(table, Clamp) and table.z is not None:
-                uses_z.append("z")
-            if isinstance(table, AffineVector | AffineScalar) and table.z_slope:
-                uses_z.append("z_slope")
-            if isinstance(table, Profile) and table.along == "z":
-                uses_z.append("along")
-            yield from ((3, f"{key}.{name}", what) for name in uses_z)
+            uses_z = {name: varies(getattr(table, name, None), "z") for name in FORMULAS} | {
+                "z": getattr(table, "z", None) is not None, "z_slope": bool(getattr(table, "z_slope", None)),
+                "along": along == "z"}
+            yield from ((3, f"{key}.{name}", what) for name, used in uses_z.items() if used)
         bodies = {body.name: body for body in self.body}
         for contact in self.contact:
             planes = [(name, bodies[name].plane) for name in contact.bodies if name in bodies]

@@ -311,39 +311,3 @@ class History(Table, frozen=True, kw_only=True):
         rise, run = np.diff(self.factors), np.diff(self.times)
         slopes = np.concatenate([[0.0], rise / run, [0.0]])
         return [time for time, before, after in zip(self.times, slopes, slopes[1:], strict=False) if before != after]
-
-
-class SignedProfile(Profile, frozen=True, kw_only=True):
-    """A profile whose values may be negative.
-
-    Attributes
-    ----------
-    values : the number at each point
-    """
-
-    values: list[Number]
-
-
-class Gap(SignedProfile, frozen=True, kw_only=True):
-    """An initial gap: a profile along the contact, or a ``value``, which may follow a history.
-
-    Attributes
-    ----------
-    points, values : of the profile
-    value : a number, a formula or a profile, in place of points and values
-    history : [history.NAME] whose factor multiplies the value
-    """
-
-    points: list[Number] = []
-    values: list[Number] = []
-    value: Number | Formula | SignedProfile | None = None
-    history: Name | None = None
-
-    def __post_init__(self) -> None:
-        if self.value is None:
-            super().__post_init__()
-        elif self.points or self.values:
-            raise ValueError("value does not go with points and values; write them into it, as in value = "
-                             "{ points = […], values = […] }")
-        if self.value is None and self.history is not None:
-            raise ValueError('a gap with a history has a value: write { value = …, history = "…" }')

@@ -6,8 +6,8 @@ from boundaries import join, pair, rectangle, ring, side, touch, uncovered_profi
 
 from ddmpi.interface.interface import Interface
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.scene.contacts import Coulomb, Plane
-from ddmpi.scene.values import Profile, SignedProfile
+from ddmpi.scene.contacts import Coulomb, Plane, SignedProfile
+from ddmpi.scene.values import Profile
 from ddmpi.surface.side import Side
 
 LENGTH = 3.0

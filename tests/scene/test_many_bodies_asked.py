@@ -7,10 +7,9 @@ from scenes import to_toml
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.build import build_mesh
-from ddmpi.scene.contacts import Circle, Coulomb, NoFriction, Plane
+from ddmpi.scene.contacts import Circle, Coulomb, Gap, NoFriction, Plane
 from ddmpi.scene.reader import read_scene
 from ddmpi.scene.scene import Settled
-from ddmpi.scene.values import Gap
 
 BODIES = """
 [[body]]
