@@ -75,8 +75,6 @@ def _run(folder: Path, time: float | None) -> str:
     """The report of a run that shows the load step at `time`. Raises InputError."""
     if (folder / CHECKPOINT).exists() and not (folder / SUMMARY).exists():
         raise InputError(f"{folder}: the run was not completed; go on from its checkpoint with --restart {folder}")
-    if not (folder / SUMMARY).exists():
-        raise InputError(f"{folder}: not the folder of a run or a sweep: there is no {SUMMARY}")
     steps = time is not None or (folder / "energy.csv").exists()
     results, drawn = at_step(read_results(folder), folder, time) if steps else None, None
     summary = results.summary if results else read_summary(folder)

@@ -127,13 +127,10 @@ class MeshSpec(Table, frozen=True, kw_only=True):
         d = self.dimension or 0
         for key, number in (("size", d), ("divisions", d), ("corners", 2**d)):
             value = getattr(self, key)
-            if key not in needed:
-                continue
-            if not isinstance(value, tuple) or len(value) != number:
-                if key == "corners":
-                    raise ValueError(f"{key}: a {self.shape} has {number} corners, got {len(value)}")
+            if key in needed and (not isinstance(value, tuple) or len(value) != number):
                 got = list(value) if isinstance(value, tuple) else value
-                raise ValueError(f"{key}: a {self.shape} has {key} = {needed[key]}, got {got}")
+                raise ValueError(f"{key}: a {self.shape} has " + (
+                    f"{number} corners, got {len(got)}" if key == "corners" else f"{key} = {needed[key]}, got {got}"))
         if self.corners and all(len(corner) == self.dimension for corner in self.corners):
             _check_corners(self.corners)
         if self.radii and self.angles and self.divisions:
