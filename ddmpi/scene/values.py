@@ -113,6 +113,7 @@ _OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
 DEEPEST = 200
 """How many brackets, signs and terms of a formula may stand within each other; Python's own limit is not far above."""
 
+
 @functools.lru_cache
 def _parse(formula: str) -> ast.expr:
     with warnings.catch_warnings():
