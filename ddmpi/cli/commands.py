@@ -55,8 +55,10 @@ def _sweep(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> No
     _init_petsc(world, {}, petsc)
     with loading():
         from ddmpi.sweep.sweep import Sweep, gather_sweep, list_cases, run_sweep
+        from ddmpi.sweep.table import identify
 
-    sweep = Sweep(options.scene, scene, Path(options.output), cases, chosen, petsc, options.figures, options.plot)
+    identity = from_first(world, lambda: identify(scene, petsc, cases, Path(options.scene).parent))
+    sweep = Sweep(options.scene, identity, Path(options.output), cases, chosen, options.figures, options.plot)
     if options.list or options.gather:
         interrupt.leave()
         with agreed(world), printing(world):

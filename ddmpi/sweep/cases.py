@@ -27,20 +27,12 @@ _RANGE = "KEY=first:last:number, with :log at the end for equal ratios (of posit
 
 @dataclass(frozen=True)
 class Case:
-    """One scene of a sweep.
+    """One scene of a sweep."""
 
-    Attributes
-    ----------
-    number : position in the sweep, from 0
-    settings : value by key, as written on the command line
-    named : the same, with only the first of keys that vary together
-    scene : with these settings
-    """
-
-    number: int
-    settings: dict[str, str]
-    named: dict[str, str]
-    scene: Settled
+    number: int  # position in the sweep, from 0
+    settings: dict[str, str]  # value by key, as written on the command line
+    named: dict[str, str]  # the same, with only the first of keys that vary together
+    scene: Settled  # with these settings
 
     @property
     def values(self) -> dict[str, Any]:

@@ -29,7 +29,7 @@ from ddmpi.results.folder import running
 from ddmpi.run.run import check_cut, run
 from ddmpi.sweep.cases import Case
 from ddmpi.sweep.plots import draw_plot
-from ddmpi.sweep.table import check_sweep, claim_sweep, gather, identify, read_outcome, record_case
+from ddmpi.sweep.table import check_sweep, claim_sweep, gather, read_outcome, record_case
 from ddmpi.system.agreement import agreed, from_first
 from ddmpi.system.files import CHECKPOINT, UNFINISHED, writing
 from ddmpi.system.logs import diverted, utc
@@ -43,21 +43,16 @@ class Sweep:
     """What was asked for."""
 
     scene_path: str
-    scene: dict  # before anything is varied
+    identity: dict
     folder: Path
     cases: list[Case]
     chosen: list[Case]  # those to run now
-    petsc: list[str]  # of the command line
     figures: bool  # of every case
     plots: list[str]  # RESULT:KEY
 
     def place(self, case: Case) -> Path:
         """The folder of a case."""
         return self.folder / case.folder
-
-    @property
-    def identity(self) -> dict:
-        return identify(self.scene, self.petsc, self.cases, Path(self.scene_path).parent)
 
 
 def list_cases(sweep: Sweep) -> None:
@@ -78,16 +73,10 @@ def gather_sweep(sweep: Sweep) -> None:
 def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
     """Run the chosen cases that are not finished; gather the table where all were chosen. Collective.
 
-    Raises
-    ------
-    InputError
-        before any work: another sweep's folder, a wrong number of ranks, a varied PETSc option that is also given
-    NotConvergedError
-        at the end, where a chosen case has no certified answer; a single case raises its own error
-    OutputError
-        where a record, the table or a plot cannot be written
-    InterruptionError
-        when a signal ends the case that is running, and the sweep with it
+    Raises InputError before any work: another sweep's folder, a wrong number of ranks, a varied PETSc option that is
+    also given; OutputError where a record, the table or a plot cannot be written; InterruptionError when a signal ends
+    the case that is running, and the sweep with it; at the end NotConvergedError where a chosen case has no certified
+    answer, of a single case its own error.
     """
     check_ranks(world, sweep.cases[0].scene)
     options, error = RunOptions(), None

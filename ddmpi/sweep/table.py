@@ -21,7 +21,7 @@ from typing import Any
 from ddmpi.errors import InputError
 from ddmpi.mesh.build import locate_mesh
 from ddmpi.results.tables import reading
-from ddmpi.scene.keys import differences, nearest
+from ddmpi.scene.keys import differences, flatten, nearest
 from ddmpi.sweep.cases import Case
 from ddmpi.system.files import RECORD, SUMMARY, SWEEP, TABLE, write_atomically
 
@@ -29,7 +29,8 @@ RESULTS = ("outer_iterations", "inner_iterations", "n_A", "eff", "n", "m", "disp
 """Columns of the table that are numbers of summary.json."""
 
 GROUPS = ("contacts", "certificate", "discretization_error", "bodies", "seconds")
-"""Tables of summary.json all of whose numbers have columns."""
+LEVELS = "discretization_error.levels."
+"""Tables of summary.json all of whose numbers have columns, but for these."""
 
 STATUS = {None: "unfinished", 0: "certified", 2: "refused", 3: "not converged", 4: "solver failed", 5: "not written",
           6: "interrupted"}
@@ -121,18 +122,12 @@ def read_outcome(folder: Path) -> Outcome:
 
 def numbers(summary: dict) -> dict[str, float]:
     """The numbers of a summary that have columns, by their dotted names; those of a vector end with .x, .y, .z."""
-    def collect(value: Any, name: str) -> None:
-        if isinstance(value, list) and len(value) <= 3 and all(isinstance(entry, float) for entry in value):
-            value = dict(zip("xyz", value, strict=False))
-        if isinstance(value, dict):
-            for part, entry in value.items():
-                collect(entry, f"{name}.{part}")
-        elif type(value) in (int, float):
-            found[name] = value
-
     found: dict[str, float] = {}
-    for name in (*RESULTS, *GROUPS):
-        collect(summary.get(name), name)
+    for name, value in flatten({name: summary.get(name) for name in (*RESULTS, *GROUPS)}):
+        if isinstance(value, list) and len(value) <= 3 and all(isinstance(entry, float) for entry in value):
+            found |= {f"{name}.{axis}": entry for axis, entry in zip("xyz", value, strict=False)}
+        elif type(value) in (int, float) and not name.startswith(LEVELS):
+            found[name] = value
     return found
 
 

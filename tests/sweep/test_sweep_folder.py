@@ -267,13 +267,13 @@ def test_a_list_that_nobody_reads_to_its_end(small, tmp_path):
 CLOSED = """
 import os, sys
 from ddmpi.cli import main as cli
-from ddmpi.sweep import sweep
-original = sweep.identify
+from ddmpi.sweep import table
+original = table.identify
 def identify(*arguments):
     if os.geteuid() == 0:  # nothing is closed to root
         os.seteuid(65534)
     return original(*arguments)
-sweep.identify = identify
+table.identify = identify
 cli.main(sys.argv[1:])
 """
 
