@@ -46,17 +46,10 @@ SOLVERS = {"explicit": "direct solver", "direct": "direct solver, compliance dir
 
 
 def check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool) -> None:
-    """Log what a run of `scene` would do, and draw it. Collective on `world`.
+    """Log what a run of `scene` would do. With `figures`, and matplotlib, draw it into the folder `output`, or a new
+    one under results/. Collective on `world`.
 
-    Parameters
-    ----------
-    output : folder for the pictures, or None for a new one under results/
-    figures : whether pictures are drawn, if matplotlib is installed
-
-    Raises
-    ------
-    InputError, SolverError, OutputError, InterruptionError
-        as a run does, the same on all ranks; NotConvergedError where it would find that there is no equilibrium
+    Raises what a run raises, the same on all ranks; NotConvergedError where it would find that there is no equilibrium.
     """
     ranks = world.size
     on_working_ranks(world, scene, lambda part: _check(part, scene, scene_path, output, figures, ranks))

@@ -49,25 +49,15 @@ TRIED = 8
 
 @dataclass(frozen=True)
 class Looked:
-    """A body as its rank looks at it.
-
-    Attributes
-    ----------
-    mesh, boundary : of the body
-    loads : nodal loads (nv, d) by group, that of the volume force is VOLUME (N)
-    supports : how each clamp and foundation holds its nodes, in words, and these
-    memory : bytes of its factors, none for multigrid; an estimate
-    words : what there is to say
-    doubt : a warning of its mesh, or nothing
-    """
+    """A body as its rank looks at it."""
 
     mesh: Mesh
     boundary: Boundary
-    loads: list[tuple[str, np.ndarray]]
-    supports: list[tuple[str, np.ndarray]]
-    memory: float
-    words: list[str]
-    doubt: str
+    loads: list[tuple[str, np.ndarray]]  # nodal loads (nv, d) by group (N), that of the volume force is VOLUME
+    supports: list[tuple[str, np.ndarray]]  # how each clamp and foundation holds its nodes, in words, and these
+    memory: float  # bytes of its factors, none for multigrid; an estimate
+    words: list[str]  # what there is to say
+    doubt: str  # a warning of its mesh, or nothing
 
 
 class Plan(Sheet):

@@ -25,20 +25,12 @@ ASIDE, ROUNDING = 0.5, 1e-6
 
 @dataclass(frozen=True)
 class Boundary:
-    """The boundary of a body.
+    """The boundary of a body."""
 
-    Attributes
-    ----------
-    facets : (f, l) their nodes
-    at : (f, d, d) their corners (m)
-    normal : (f, d) outer unit normals
-    groups : by name which facets (f,) bool belong to it
-    """
-
-    facets: np.ndarray
-    at: np.ndarray
-    normal: np.ndarray
-    groups: Mapping[str, np.ndarray]
+    facets: np.ndarray  # (f, l) their nodes
+    at: np.ndarray  # (f, d, d) their corners (m)
+    normal: np.ndarray  # (f, d) outer unit normals
+    groups: Mapping[str, np.ndarray]  # by name which facets (f,) bool belong to it
 
     @classmethod
     def of(cls, mesh: Mesh) -> Boundary:
@@ -66,20 +58,12 @@ class Boundary:
 
 
 class Missing(NamedTuple):
-    """A contact that is not there.
+    """A contact that is not there."""
 
-    Attributes
-    ----------
-    bodies : the two, of which the second may be a rigid partner
-    on : a group of each body; "" where the boundary has no name
-    facets : (k, d, d) of both bodies (m)
-    gap : the least and the largest distance, negative where they overlap (m)
-    """
-
-    bodies: tuple[str, str]
-    on: tuple[str, ...]
-    facets: np.ndarray
-    gap: tuple[float, float]
+    bodies: tuple[str, str]  # the second may be a rigid partner
+    on: tuple[str, ...]  # a group of each body; "" where the boundary has no name
+    facets: np.ndarray  # (k, d, d) of both bodies (m)
+    gap: tuple[float, float]  # the least and the largest distance, negative where they overlap (m)
 
     def lines(self, taken: set[str]) -> str:
         """What to add to the scene, whose contacts have the names that are `taken`; one more is then."""

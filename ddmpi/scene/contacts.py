@@ -209,14 +209,8 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
         return False
 
     def outline(self, touched: np.ndarray, bodies: np.ndarray, margin: float) -> np.ndarray:
-        """Places (k, 2) along it, in the plane, for pictures.
-
-        Parameters
-        ----------
-        touched : (m, 2) nodes that may touch it
-        bodies : (n, 2) nodes of the bodies that may
-        margin : by how much it is drawn longer at both ends (m)
-        """
+        """Places (k, 2) along it, in the plane, for pictures: along nodes (m, 2) that may touch it or those (n, 2) of
+        their bodies, longer by a margin at both ends (m)."""
         raise NotImplementedError
 
 

@@ -135,14 +135,8 @@ class SettledMethod(Method, frozen=True, kw_only=True):
         return f"{title}, {self.criterion} below {self.tolerance:g}"
 
     def advice(self, stopped: str, factor: float, iteration: int, update: float) -> str:
-        """What to try where no answer is certified.
-
-        Parameters
-        ----------
-        stopped : as `Outer.run` says
-        factor : by which the criterion shrank per iteration, nan if unknown
-        iteration, update : the last ones
-        """
+        """What to try where no answer is certified. The outer method has `stopped` as `Outer.run` says, its criterion
+        shrank by a factor per iteration, nan if unknown; `iteration` and `update` are the last ones."""
         return 'method.outer = "newton", the default'
 
 

@@ -189,15 +189,8 @@ def check_formulas(key: str, value: Any) -> None:
 
 
 def evaluate(value: Any, *x: np.ndarray) -> np.ndarray:
-    """Evaluate a constant, an affine function or a formula, each a scalar or a vector, at points.
+    """A number, a formula, a tuple of these, or what is affine, at points whose d coordinates (m) have the same shape.
 
-    Parameters
-    ----------
-    value : float, formula, tuple of these, AffineScalar or AffineVector
-    x : the d coordinates, arrays of the same shape (metres)
-
-    Returns
-    -------
     An array of that shape for a scalar, ``(d, *shape)`` for a vector; units of `value`. Formulas may give inf and nan.
     """
     if isinstance(value, str):
