@@ -124,19 +124,13 @@ def _entry(value: object) -> str:
 
 
 class RunReport:
-    """The summary of a run, and what its report says.
-
-    Attributes
-    ----------
-    refused : whether the run has found a mechanism, so that its numbers mean nothing
-    of_step : the load step that numbers of contacts and bodies are of, in words; nothing without load steps
-    drawn : a folder with pictures of this step, in place of those in `folder`
-    """
+    """What a report says of a run: the summary of its `folder` at the load step of a `time`; pictures of this step that
+    have been `drawn` into another folder take the place of those there."""
 
     def __init__(self, folder: Path, summary: dict, time: float | None = None, drawn: Path | None = None) -> None:
         self.folder, self.summary, self.drawn = folder, summary, drawn or folder
         self.scene, self.bodies, self.contacts = summary["scene"], summary["bodies"], summary["contacts"]
-        self.refused = (folder / MECHANISM).exists() and not drawn
+        self.refused = (folder / MECHANISM).exists() and not drawn  # then its numbers mean nothing
         self.error, self.stepped = summary["discretization_error"], self.scene.get("time") is not None
         last = time in (None, *(step["time"] for step in summary["steps"][-1:]))
         self.of_step = ("of the last load step" if last else f"at time {time:g}") if self.stepped else ""

@@ -109,24 +109,16 @@ class SettledMethod(Method, frozen=True, kw_only=True):
 
     None means: no ``target_error`` is asked for; there is no ``preset``; the ``compliance`` of each body is chosen
     from its size. ``algorithm``, ``splitting`` and ``theta`` are None but for `Published`.
-
-    Attributes
-    ----------
-    by_body : whether each of two held bodies solves problems of its own, on a rank of its own
-    title : what logs and reports call it, with keys in braces
-    curves : the unknown and the residual of its history, in pictures
-    criterion : what `tolerance` bounds
-    diverging : what is seen where it diverges
     """
 
     outer: OuterName
     tolerance: Tolerance
 
-    by_body: ClassVar[bool] = True
-    title: ClassVar[str]
-    curves: ClassVar[tuple[str, str]] = "λ", "force mismatch  ‖s$_1$ − s$_2$‖ / ‖s‖"
-    criterion: ClassVar[Literal["update", "residual"]] = "update"
-    diverging: ClassVar[str] = "divergence, the contact displacement grew beyond all bounds"
+    by_body: ClassVar[bool] = True  # whether each of two held bodies solves problems of its own, on a rank of its own
+    title: ClassVar[str]  # what logs and reports call it, with keys in braces
+    curves: ClassVar[tuple[str, str]] = "λ", "force mismatch  ‖s$_1$ − s$_2$‖ / ‖s‖"  # of its history, in pictures
+    criterion: ClassVar[Literal["update", "residual"]] = "update"  # what `tolerance` bounds
+    diverging: ClassVar[str] = "divergence, the contact displacement grew beyond all bounds"  # what is seen then
 
     @property
     def plan(self) -> str:

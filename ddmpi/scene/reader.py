@@ -58,16 +58,10 @@ def as_data(value: Any, where: str) -> Any:
 
 def read_scene(path: str, scene: str | Mapping[str, Any], settings: Sequence[str] = (),
                file_kind: FileKind | None = None) -> Settled:
-    """Check a scene with ``KEY=VALUE`` settings, and fill in what it leaves out.
+    """A scene of TOML text, or of tables, with ``KEY=VALUE`` settings as after ``--set``: checked, and filled in.
 
-    Parameters
-    ----------
-    path : the file's name, for messages only
-    scene : TOML text, or tables, which stay as they are
-    settings : as after ``--set``; applied in order, before validation
-    file_kind : gives dimension and order of a body's mesh file; without it, files count as plane and linear
-
-    Raises InputError, the same on every rank, that names file and key. Not collective.
+    `path` names it in messages. `file_kind` gives dimension and order of a body's mesh file; without it, files count as
+    plane and linear. Raises InputError, the same on every rank, that names file and key. Not collective.
     """
     data = read_data(path, scene, settings)
     try:
