@@ -124,11 +124,9 @@ def _look(body: Body) -> Looked:
 
 def _held(clamp: Clamp, d: int) -> str:
     """How a clamp holds nodes, in words."""
-    given = {("its normal" if key == "normal" else key): getattr(clamp, key) for key in (*"xyz"[:d], "normal")
-             if getattr(clamp, key) is not None}
-    kinds = (("held", [axis for axis in given if given[axis] == 0.0]),
-             ("moved", [axis for axis in given if given[axis] != 0.0]))
-    return ", ".join(f"{how} along {', '.join(axes)}" for how, axes in kinds if axes)
+    given = dict(zip("xyz"[:d], clamp.components, strict=False)) | {"its normal": clamp.normal}
+    ways = grouped(("held" if value == 0.0 else "moved", axis) for axis, value in given.items() if value is not None)
+    return ", ".join(f"{how} along {', '.join(axes)}" for how, axes in ways)
 
 
 def _following(history: str | None) -> str:
