@@ -152,7 +152,7 @@ def _value(node: ast.AST, places: Mapping[str, Any], depth: int = 0) -> Any:
             raise ValueError(f"it must be made of numbers, + - * / **, comparisons, brackets and functions; {known}")
     if function is None:
         raise ValueError(f"formulas do not have this operator ({type(sign).__name__}), only + - * / ** < <= > >=; a "
-                         "power is written **")
+                         "power is written **, not ^")
     return function(*[_value(each, places, depth + 1) for each in inside])
 
 
