@@ -53,7 +53,7 @@ def loads_by_group(mesh: Mesh, body: BodySpec, history: str | None = None) -> It
     for traction in body.traction:
         if traction.history == history:
             key = f"body.{body.name}.traction"
-            _values(traction.given, mesh.points[boundary_group(mesh, traction.on, key)], key)
+            values_at(traction.given, mesh.points[boundary_group(mesh, traction.on, key)], key)
             yield traction.on, _traction(mesh, traction, key)
     force, follows = body.weight
     if follows == history and force != (0.0,) * mesh.dimension:
@@ -83,7 +83,7 @@ def _traction(mesh: Mesh, traction: Traction, key: str) -> np.ndarray:
             vectors = cell.vectors(nodes[part], where)
             size = np.linalg.norm(vectors, axis=0)
             places = np.einsum("ql,sld->qsd", cell.shapes(where), nodes[part])
-            stress = _values(traction.given, places, key)
+            stress = values_at(traction.given, places, key)
             if traction.pressure is not None:
                 stress = -vectors / size * stress
             shares = table[..., None] * size * circumference(places, mesh.axisymmetric)
@@ -99,7 +99,7 @@ def _traction(mesh: Mesh, traction: Traction, key: str) -> np.ndarray:
 def temperature(mesh: Mesh, body: BodySpec, history: str | None) -> np.ndarray:
     """Temperature (nv,) in K at the nodes, as far as it follows `history`. Raises InputError where it is not finite."""
     value = body.heat.value if body.heat.history == history else 0.0
-    return _values(value, mesh.points, f"body.{body.name}.temperature")
+    return values_at(value, mesh.points, f"body.{body.name}.temperature")
 
 
 def _volume_force(mesh: Mesh, force: Vector | AffineVector, key: str) -> np.ndarray:
@@ -107,12 +107,12 @@ def _volume_force(mesh: Mesh, force: Vector | AffineVector, key: str) -> np.ndar
     f = np.zeros_like(mesh.points)
     parts: list[slice] | list[np.ndarray] = mesh.summed_blocks()
     if varies(force):
-        _values(force, mesh.points, key)
+        values_at(force, mesh.points, key)
         parts = blocks(len(mesh.triangles))
     else:
         measures = mesh.measures()
         measures[mesh.summed] = 0.0
-        for component, density in enumerate(_values(force, mesh.points[mesh.corners], key)):
+        for component, density in enumerate(values_at(force, mesh.points[mesh.corners], key)):
             loads = (measures[:, None] * density) @ mesh.cell.mass.T
             f[:, component] += np.bincount(mesh.triangles.ravel(), loads.ravel(), len(f))
     where, weights = FINE[mesh.dimension]
@@ -120,7 +120,7 @@ def _volume_force(mesh: Mesh, force: Vector | AffineVector, key: str) -> np.ndar
     for part in parts:
         mapped, nodes = mesh.map(part, where), mesh.triangles[part]
         shares = weights[:, None] * mapped.measures
-        for component, density in enumerate(_values(force, mapped.places, key)):
+        for component, density in enumerate(values_at(force, mapped.places, key)):
             f[:, component] += np.bincount(nodes.ravel(), ((shares * density).T @ shapes).ravel(), len(f))
     return f
 
@@ -172,7 +172,7 @@ def thermal_loads(mesh: Mesh, material: Material | Composite, heat: np.ndarray) 
     return f, energy
 
 
-def _values(value: Any, points: np.ndarray, key: str) -> np.ndarray:
+def values_at(value: Any, points: np.ndarray, key: str) -> np.ndarray:
     """`evaluate` at points (…, d). Raises InputError, naming `key`, where a formula is not finite."""
     found = evaluate(value, *np.moveaxis(points, -1, 0))
     if varies(value) and not np.isfinite(found).all():
@@ -225,7 +225,7 @@ def supports(mesh: Mesh, body: BodySpec) -> Supports:
             rest = np.einsum("kij,kj->ki", free[nodes], direction)
             new = np.linalg.norm(rest, axis=1) > ALONG
             wanted = np.zeros((len(names), len(nodes)))
-            wanted[names.index(clamp.history)] = _values(value, mesh.points[nodes], key)
+            wanted[names.index(clamp.history)] = values_at(value, mesh.points[nodes], key)
             before = np.einsum("hki,ki->hk", moved[:, nodes], direction)
             allowed = SAME * np.maximum(np.abs(wanted), np.abs(before))
             allowed += EXACT * np.linalg.norm(moved[:, nodes], axis=2)

@@ -8,14 +8,15 @@ import numpy as np
 import scipy.sparse as sparse
 from msgspec.structs import astuple
 
+from ddmpi.body.loads import values_at
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import SAME, Interface, Lines, Places
 from ddmpi.interface.law import law_of
 from ddmpi.scene.contacts import NoFriction, SettledContact
-from ddmpi.scene.values import Profile, evaluate
+from ddmpi.scene.values import Profile
 from ddmpi.surface.cut import Cover
 from ddmpi.surface.side import Side, frames, laplacian, unit
-from ddmpi.system.numbers import in_words, is_touched
+from ddmpi.system.numbers import is_touched
 
 NOTHING = 1e-12
 """Entries of transfers below this are rounding."""
@@ -201,12 +202,7 @@ def initial_gap(contact: SettledContact, measured: np.ndarray, xy: np.ndarray, a
     if isinstance(given, Profile):
         return given.at(xy, arc).astype(float)
     if given is not None:
-        found = evaluate(given, *xy.T)
-        if not np.isfinite(found).all():
-            k = int(np.argmin(np.isfinite(found)))
-            raise InputError(f'contact.{contact.name}.gap: the formula "{given}" is {found[k]} at {in_words(xy[k])}; '
-                             "it must be a finite number wherever it acts")
-        return found
+        return values_at(given, xy, f"contact.{contact.name}.gap")
     return np.zeros(len(xy)) if contact.kind == "bonded" else measured
 
 
