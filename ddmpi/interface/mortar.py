@@ -104,7 +104,7 @@ def _functions(side: Side, over: Cover) -> sparse.csr_matrix:
 
 def _choose_slave(sides: tuple[Side, Side], contact: SettledContact, faced: Sequence[np.ndarray | slice]) -> int:
     """0 or 1, the slave: the side that is named, else that of larger facets over modulus, or the one that clamps do not
-    hold, along the facets `faced` of each side. Raises InputError where they hold it all along these."""
+    hold, along the facets `faced` of each side. Raises InputError where they hold it alone all along these."""
     rigid, sizes = [], []
     for side, some in zip(sides, faced, strict=True):
         nodes, size = np.unique(side.facets[some]), side.areas[some].mean() / len(side.cell.parts)
@@ -112,11 +112,9 @@ def _choose_slave(sides: tuple[Side, Side], contact: SettledContact, faced: Sequ
         sizes.append(size ** (1.0 / (side.dimension - 1)) / side.modulus)
     if contact.slave is not None:
         own = [side.body for side in sides].index(contact.slave)
-    elif all(rigid):
-        raise InputError(f"contact.{contact.name}: all nodes of the contact are clamped; there is nothing to solve")
     else:
-        own = rigid.index(False) if any(rigid) else int(sizes[1] > (1.0 + 1e-6) * sizes[0])
-    if rigid[own]:
+        own = rigid.index(False) if rigid[0] != rigid[1] else int(sizes[1] > (1.0 + 1e-6) * sizes[0])
+    if rigid[own] and not rigid[1 - own]:
         raise InputError(f"contact.{contact.name}: clamps hold all of {sides[own].body!r} at this contact; it cannot "
                          "be the slave")
     return own

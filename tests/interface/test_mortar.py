@@ -458,6 +458,14 @@ def test_a_held_side_is_master():
         met((sides[0], side(lower, "top", body="lower", **held)))
 
 
+def test_a_bond_holds_what_slides_between_sides_that_are_held_along_its_normal():
+    held = {"where": lambda x, y: y == 1.0, "y": True}
+    upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y)) for n, y in ((5, 1.0), (8, 0.0)))
+    bond = join(side(upper, "bottom", body="upper", **held), side(lower, "top", body="lower", **held), NoFriction(),
+                "seam", kind="bonded")
+    assert bond.m == 6 and bond.law.live.tolist() == [False] * 6 + [True] * 6
+
+
 @pytest.mark.parametrize("divisions, moduli, slave", [
     ((5, 8), (1.0, 1.0), "upper"), ((8, 5), (1.0, 1.0), "lower"), ((8, 5), (1.0, 100.0), "upper"),
     ((5, 8), (100.0, 1.0), "lower"), ((6, 6), (1.0, 1.0), "upper"), ((6, 6), (2.0, 1.0), "lower")])
