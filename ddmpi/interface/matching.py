@@ -113,18 +113,23 @@ def _over_rigid(side: Side, rigid: Rigid, some: np.ndarray, where: np.ndarray, w
 
 def _match_whole(first: Side, second: Side, name: str, refinement: int) -> Rows:
     """All nodes of both sides, one to one. Raises InputError."""
-    match = _opposite(first, second, name)
+    if len(first.nodes) != len(second.nodes):
+        raise InputError(f"contact.{name}: the two sides have {len(first.nodes)} and {len(second.nodes)} nodes; "
+                         "their meshes must match node by node")
+    here, match = np.arange(len(first.nodes)), cKDTree(second.xy).query(first.xy)[1]
+    if len(np.unique(match)) != len(match):
+        raise InputError(f"contact.{name}: the nodes of the two sides do not pair off one to one"
+                         f"{_worst(first, second, match)}; their meshes must match node by node")
     normal = first.normal - second.normal[match]
     size = np.linalg.norm(normal, axis=1)
     if (size < 1.0).any():  # the outer normals must face each other (an angle above 120°)
         raise InputError(f"contact.{name}: near {in_words(first.xy[np.argmin(size)])} the two boundaries do not face "
                          "each other")
     normal /= size[:, None]
-    gap, aside, spacing = _offset(first, second, np.arange(len(match)), match, normal)
+    gap, aside, spacing = _offset(first, second, here, match, normal)
     if (aside > LARGEST_OFFSET * refinement * spacing).any():
         raise InputError(f"contact.{name}: the nodes of the two sides do not lie opposite each other"
                          f"{_worst(first, second, match)}; their meshes must match node by node")
-    here = np.arange(len(match))
     return pairs((first, second), here, match, normal, (first.area + second.area[match]) / 2, gap,
                  np.ones(len(first.facets), bool))
 
@@ -132,9 +137,7 @@ def _match_whole(first: Side, second: Side, name: str, refinement: int) -> Rows:
 def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
     """The nodes of the part that two sides have in common, or nodes at which they meet; None unless each facet
     that faces the other side faces one facet, whose nodes are the partners of its own."""
-    offset, size = LARGEST_OFFSET * refinement, first.facets.shape[1]
-    if second.facets.shape[1] != size:
-        return None
+    offset = LARGEST_OFFSET * refinement
     ours = _faced(first, second, offset)
     if any(len(np.unique(each)) < len(each) for each in ours):
         return None
@@ -176,18 +179,6 @@ def _faced(side: Side, other: Side, least: float) -> np.ndarray:
     facets, point = np.unique(np.stack([over.facet, over.other]), axis=1, return_inverse=True)
     covered = np.bincount(point.ravel(), over.weight, facets.shape[1])
     return facets[:, covered > least * side.areas[facets[0]]]
-
-
-def _opposite(first: Side, second: Side, name: str) -> np.ndarray:
-    """The place on the second side (m,) of the node nearest to each node of the first."""
-    if len(first.nodes) != len(second.nodes):
-        raise InputError(f"contact.{name}: the two sides have {len(first.nodes)} and {len(second.nodes)} nodes; "
-                         "their meshes must match node by node")
-    match = cKDTree(second.xy).query(first.xy)[1]
-    if len(np.unique(match)) != len(match):
-        raise InputError(f"contact.{name}: the nodes of the two sides do not pair off one to one"
-                         f"{_worst(first, second, match)}; their meshes must match node by node")
-    return match
 
 
 def _offset(first: Side, second: Side, here: np.ndarray, there: np.ndarray,
