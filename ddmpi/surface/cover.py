@@ -99,16 +99,12 @@ def faced_arc(xy: np.ndarray, rows: np.ndarray, over: Cover, master: Side) -> np
 def _swept(segments: np.ndarray, facets: np.ndarray, fans: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The pairs of a facet (·, 2, 2) and a segment (·, 2, 2) whose line rays from the facet can meet, facet by facet.
     Rays have the directions `fans` (·, 2, 2) at its ends. Boxes around BLOCK segments are looked at first."""
-    if len(segments) > BLOCK:
-        first = np.arange(0, len(segments), BLOCK)
-        low, high = np.minimum.reduceat(segments.min(axis=1), first), np.maximum.reduceat(segments.max(axis=1), first)
-        boxes = np.stack([low, np.column_stack([low[:, 0], high[:, 1]]), np.column_stack([high[:, 0], low[:, 1]]),
-                          high], axis=1)
-        facet, box = np.nonzero(_crossed(boxes, facets[:, None], fans[:, None]))
-        one = (BLOCK * box[:, None] + np.arange(BLOCK)).ravel()
-        facet, one = np.repeat(facet, BLOCK)[one < len(segments)], one[one < len(segments)]
-    else:
-        facet, one = (each.ravel() for each in np.indices((len(facets), len(segments))))
+    first = np.arange(0, len(segments), BLOCK)
+    low, high = np.minimum.reduceat(segments.min(axis=1), first), np.maximum.reduceat(segments.max(axis=1), first)
+    boxes = np.where([[[0, 0], [1, 0], [0, 1], [1, 1]]], high[:, None], low[:, None])
+    facet, box = np.nonzero(_crossed(boxes, facets[:, None], fans[:, None]))
+    one = (BLOCK * box[:, None] + np.arange(BLOCK)).ravel()
+    facet, one = np.repeat(facet, BLOCK)[one < len(segments)], one[one < len(segments)]
     crossed = _crossed(segments[one], facets[facet], fans[facet])
     return facet[crossed], one[crossed]
 

@@ -49,7 +49,7 @@ class Curve(Side):
 
     @property
     def fans(self) -> np.ndarray:
-        tilt = np.stack([-self._slopes()[1][:, 0], self._slopes()[1][:, 1]], axis=1)
+        tilt = self._slopes()[1] * [-1.0, 1.0]
         cosine, sine = np.cos(tilt), np.sin(tilt)
         (x, y) = self.outward.T[:, :, None]
         return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=2)
