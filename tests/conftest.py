@@ -69,7 +69,7 @@ class Kept:
 
 
 class Together:
-    """What starts mpirun for a test: once for all tests of a file on so many ranks, when the first of them is due.
+    """What starts mpirun for a test: once for all tests of a folder on so many ranks, when the first of them is due.
 
     One that fails there, or that does not end on all ranks, is started again alone. If it passes then, it still failed,
     and so did one in which the mpirun ended without a word.
@@ -84,7 +84,7 @@ class Together:
         """What all ranks report. Failures come last: a rank that passes would make --lf forget one that does not."""
         if item.nodeid not in self.found:
             self.start([each for each in item.session.items if isinstance(each, pytest.Function)
-                        and (each.path, ranks_of(each)) == (item.path, ranks_of(item)) and ranks_of(each)])
+                        and (each.path.parent, ranks_of(each)) == (item.path.parent, ranks_of(item))])
         found = self.found.pop(item.nodeid)
         failed = [report for report in [*found, self.ended.pop(item.nodeid, None)] if report and report.failed]
         if failed or sum(report.when == "teardown" for report in found) < ranks_of(item):
@@ -104,7 +104,7 @@ class Together:
         whole = [report.nodeid for report in reports if report.when == "teardown"]
         cut = [item for item in items if whole.count(item.nodeid) < ranks_of(item)]
         if cut and len(items) > 1 and not any(report.failed for report in reports):
-            why = "the mpirun of this file ended in it; alone it passes"
+            why = "the mpirun of this folder ended in it; alone it passes"
             self.ended[cut[0].nodeid] = pytest.TestReport(cut[0].nodeid, cut[0].location, {}, "failed", why, "call")
 
 

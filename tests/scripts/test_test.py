@@ -92,7 +92,7 @@ def test_a_shared_mpirun_that_ends_without_a_word_is_a_failure(example):
     (example / "test_example.py").write_text(f"import os\nimport pytest\n\n{tests}")
     said = run(sys.executable, "-m", "pytest", cwd=example, code=1)
     assert re.findall(r"^FAILED (\S+)", said, re.M) == ["test_example.py::test_ends[2]"]
-    assert "the mpirun of this file ended in it" in said
+    assert "the mpirun of this folder ended in it" in said
 
 
 def test_quiet_is_quiet(example):
