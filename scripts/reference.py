@@ -197,10 +197,10 @@ def _linked(text: str) -> str:
 def results_page() -> str:
     lines = [RESULTS, *table(("file", "what is in it"), _coded(folder.FILES))]
     for name, columns in {
-            "contact_NAME.csv": tables.CONTACT, "contact_NAME.csv of solids": tables.CONTACT_IN_SPACE,
+            "contact_NAME.csv": tables.CONTACT_IN[2], "contact_NAME.csv of solids": tables.CONTACT_IN[3],
             "contact_NAME_sides.csv": tables.SIDES,
-            "contact_NAME_legs.csv": tables.LEGS, "contact_NAME_legs.csv of solids": tables.LEGS_IN_SPACE,
-            "history.csv": tables.HISTORY, "steps.csv": tables.STEPS, "steps.csv of solids": tables.STEPS_IN_SPACE,
+            "contact_NAME_legs.csv": tables.LEGS_IN[2], "contact_NAME_legs.csv of solids": tables.LEGS_IN[3],
+            "history.csv": tables.HISTORY, "steps.csv": tables.STEPS_IN[2], "steps.csv of solids": tables.STEPS_IN[3],
             "energy.csv": tables.ENERGY, "path.csv": tables.PATH}.items():
         lines += [f"## {name}", "", *table(("column", "meaning"), _coded(columns))]
     lines += ["## summary.json", "",

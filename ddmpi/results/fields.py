@@ -14,22 +14,19 @@ from ddmpi.body.stress import principal, von_mises
 from ddmpi.interface.interface import Lines
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.elements import cell_with
-from ddmpi.results.tables import Columns, Results, leg_values
+from ddmpi.results.tables import Columns, Results, datasets, leg_values
 from ddmpi.surface.curve import in_order
-from ddmpi.system.agreement import agreed
-from ddmpi.system.files import contact_files, write_parts, write_rows, writing
+from ddmpi.system.agreement import gathered
+from ddmpi.system.files import contact_files, write_rows, writing
+
+Datasets = Mapping[str, np.ndarray]
+"""What result.h5 has of a body or a contact, by name."""
 
 KIND = {1: "Scalar", 3: "Vector", 6: "Tensor6"}
 """What XDMF calls a field, by its number of components."""
 
-MESH = {"points": "Geometry", "cells": "Topology"}
-"""What XDMF calls the datasets of a mesh."""
-
 NODAL = ("nodal_stress", "nodal_principal", "nodal_von_mises")
 """Stress at nodes: recovered, see `body.estimate`; principal stresses and von Mises stress of it."""
-
-AT_STEPS = ("displacement", "stress", "principal", "von_mises", *NODAL, "error")
-"""The datasets that differ from load step to load step."""
 
 AT_CONTACT = ("pressure", "friction", "gap", "slip", "slip_total", "status")
 """The fields of a contact, with a row per line of its table: columns of contact_NAME.csv, stresses by other names."""
@@ -37,20 +34,20 @@ AT_CONTACT = ("pressure", "friction", "gap", "slip", "slip_total", "status")
 AT_CONTACT_IN_SPACE = ("friction_vector", "slip_vector")
 """So are these, as vectors: the friction that acts on the first body, and how it has slipped past the second."""
 
-AT_NODES = ("points", "displacement", *NODAL, *AT_CONTACT, *AT_CONTACT_IN_SPACE)
+AT_STEPS = ("displacement", "stress", "principal", "von_mises", *NODAL, "error", *AT_CONTACT, *AT_CONTACT_IN_SPACE)
+"""The datasets that differ from load step to load step."""
+
+AT_NODES = ("points", "displacement", *NODAL, "initial_gap", *AT_CONTACT, *AT_CONTACT_IN_SPACE)
 """What has a row per node; all else has a row per cell."""
 
 IN_FILES = [0, 3, 5, 1, 4, 2]
 """Where the columns of `stress` stand in files: σ_xx, σ_xy, σ_xz, σ_yy, σ_yz, σ_zz."""
 
+SURFACES = "surfaces"
+"""The group of result.h5, and in that of a load step, with the fields of contacts, one contact after the other."""
+
 MANY = 10_000
 """Of more bodies and contacts than this, times load steps, result.xdmf has no grids of their own."""
-
-DEPTH, INDENT = 5, "  "
-"""How deep grids with names stand in result.xdmf where it has no times, and by what each level is set in."""
-
-DECLARED = b"<?xml version='1.0' encoding='utf-8'?>\n"
-"""How a document begins."""
 
 FEW = 0.02
 """A node that shares its neighbour's row and has less than this part of its length hardly faces the other side."""
@@ -82,40 +79,51 @@ class Fields:
         return f"Fields({len(self.points)} nodes, {len(self.triangles)} cells)"
 
 
-def write_fields(path: Path, bodies: Mapping[int, Fields], world: MPI.Comm = MPI.COMM_SELF,
-                 step: int | None = None) -> None:
-    """Write the fields of all bodies into result.h5 in the folder `path`, all ranks at once.
+def write_fields(path: Path, bodies: Mapping[int, Fields], contacts: Mapping[str, Datasets] | None = None,
+                 world: MPI.Comm = MPI.COMM_SELF, step: int | None = None) -> dict[int | str, np.ndarray]:
+    """Write the fields of all bodies and contacts into result.h5 in the folder `path`, all ranks at once.
 
-    The datasets are those of the last load step, with the mesh; they make the file. The fields of a `step` before it
-    are added in a group.
+    The datasets are those of the last load step, with the mesh, facets and initial gaps; they make the file. The fields
+    of a `step` before it are added in a group.
 
     Parameters
     ----------
     bodies : of this rank, by their numbers in the order of the scene, which the ranks keep as well
+    contacts : `contact_fields` of those that this rank owns, by name
     step : number of a load step before the last one
 
-    Collective. Raises OutputError, on all ranks.
+    Returns (2, 2) of each body and contact its first node and cell in the datasets, and how many it has: of all on the
+    first rank, on others of their own. Collective. Raises OutputError, on all ranks.
     """
-    nodes, cells = (np.array([len(each) for each in arrays]) for arrays in zip(
-        *((each.points, each.triangles) for each in bodies.values()), strict=True))
-    own = np.array([nodes.sum(), cells.sum()])
-    ends, total = np.empty_like(own), np.empty_like(own)
-    MPI.Intracomm(world).Scan(own, ends)
-    world.Allreduce(own, total)
-    before = (ends - own).tolist()
-    first = before[0] + np.cumsum(nodes) - nodes
-    several = [_datasets_of(fields, number, start) for (number, fields), start in
-               zip(bodies.items(), first.tolist(), strict=True)]
-    names = [name for name in several[0] if step is None or name in AT_STEPS]
-    kinds = {name: 0 if name in AT_NODES else 1 for name in names}
-    write_rows(path / "result.h5", {name: [each[name] for each in several] for name in names},
-               {name: (before[kind], int(total[kind])) for name, kind in kinds.items()}, world,
-               None if step is None else group_of(step))
+    everything: dict[str, Mapping[Any, Datasets]] = {
+        "": {number: _datasets_of(each, number) for number, each in bodies.items()}, f"{SURFACES}/": contacts or {}}
+    parts, places, found = {}, {}, dict[int | str, np.ndarray]()
+    for group, own in everything.items():
+        number = np.array([(len(each["points"]), len(each["cells"])) for each in own.values()]).reshape(-1, 2)
+        mine = number.sum(axis=0, dtype=int)
+        ends, total = np.empty_like(mine), np.empty_like(mine)
+        MPI.Intracomm(world).Scan(mine, ends)
+        world.Allreduce(mine, total)
+        first = ends - number[::-1].cumsum(axis=0)[::-1]
+        found |= zip(own, np.stack([first, number], axis=1), strict=True)
+        for name in next(iter(own.values()), ()):
+            if step is None or name in AT_STEPS:
+                kind = 0 if name in AT_NODES else 1
+                parts[group + name] = [each[name] for each in own.values()]
+                places[group + name] = int(first[0, kind]), int(total[kind])
+        if f"{group}cells" in parts:
+            parts[f"{group}cells"] = [each["cells"] + start for each, start in zip(
+                own.values(), first[:, 0], strict=True)]
+    for name, each in contacts.items() if contacts and step is None else ():
+        for key, data in {"facets": each["cells"], "initial_gap": each["initial_gap"]}.items():
+            parts[f"contacts/{name}/{key}"], places[f"contacts/{name}/{key}"] = [data], (0, len(data))
+    write_rows(path / "result.h5", parts, places, world, None if step is None else group_of(step))
+    return gathered(world, found)
 
 
-def _datasets_of(fields: Fields, body: int, first: int) -> dict[str, np.ndarray]:
-    """The rows of the body number `body`, with the nodes from `first` on, in the datasets of result.h5, by name."""
-    parts = {"points": _padded(fields.points), "cells": fields.triangles + first,
+def _datasets_of(fields: Fields, body: int) -> dict[str, np.ndarray]:
+    """The datasets of result.h5 of the body number `body`, by name."""
+    parts = {"points": _padded(fields.points), "cells": fields.triangles,
              "displacement": _padded(fields.displacement), "body": np.full(len(fields.triangles), body)}
     for where, sigma in ("", fields.stress), ("nodal_", fields.nodal_stress):
         if sigma is not None:
@@ -127,15 +135,16 @@ def _datasets_of(fields: Fields, body: int, first: int) -> dict[str, np.ndarray]
 
 
 def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dict[str, np.ndarray]:
-    """Points (l, 3) of a contact, its `cells` (·, d), which are its `drawn_facets`, and AT_CONTACT (l, …).
+    """Points (l, 3) of a contact, its `cells` (·, d), which are its `drawn_facets`, initial_gap and AT_CONTACT (l, …).
 
     In space also AT_CONTACT_IN_SPACE (l, 3). `values` are `leg_values`, by default the present ones. Not collective.
     """
     interface = state.interface
     lines = interface.lines
     values = leg_values(state) if values is None else values
-    found = {"points": _padded(lines.xy), "cells": drawn_facets(lines, interface.axisymmetric)} | dict(
-        zip(AT_CONTACT, values[lines.row].T[:len(AT_CONTACT)], strict=True))
+    found = {"points": _padded(lines.xy), "cells": drawn_facets(lines, interface.axisymmetric),
+             "initial_gap": interface.gap[lines.row]}
+    found |= zip(AT_CONTACT, values[lines.row].T[:len(AT_CONTACT)], strict=True)
     if len(values.T) > len(AT_CONTACT):
         force, slip = np.split(values[:, len(AT_CONTACT):], 2, axis=1)
         friction = force / interface.area[:, None] + values[:, :1] * interface.normal
@@ -157,23 +166,8 @@ def drawn_facets(lines: Lines, axisymmetric: bool = False) -> np.ndarray:
     return in_order(drawn) if facets.shape[1] == 2 else drawn
 
 
-def write_facets(path: Path, states: Mapping[str, ContactState], fields: Mapping[str, Mapping[str, np.ndarray]],
-                 world: MPI.Comm = MPI.COMM_SELF) -> None:
-    """Add contacts/NAME/facets (f, d) and contacts/NAME/initial_gap (l,) to result.h5 in the folder `path`.
-
-    Facets are the cells of `contact_fields`; the gap (m), at the factor 1 of its history, has an entry per line of the
-    contact's table. Each rank has some of the contacts. Collective. Raises OutputError, on all ranks.
-    """
-    own = {f"contacts/{name}/facets": fields[name]["cells"] for name in states}
-    own |= {f"contacts/{name}/initial_gap": state.interface.gap[state.interface.lines.row]
-            for name, state in states.items()}
-    write_rows(path / "result.h5", {name: [part] for name, part in own.items()},
-               {name: (0, len(part)) for name, part in own.items()}, world, "")
-
-
-def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, tuple[int, int]] | None = None,
-               contacts: Mapping[str, Sequence[Mapping[str, np.ndarray]]] | None = None,
-               world: MPI.Comm = MPI.COMM_SELF) -> None:
+def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, np.ndarray] | None = None,
+               contacts: Mapping[str, np.ndarray] | None = None) -> None:
     """Write result.xdmf into the folder `path`: the mesh and all fields of result.h5 as one grid without time.
 
     With the `times` of load steps whose fields have been written, the last one's without a number, there is a grid for
@@ -184,67 +178,36 @@ def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, tup
 
     Parameters
     ----------
-    bodies : numbers of nodes and cells by name, in the order of the scene; of all on the first rank
-    contacts : by name the `contact_fields` at each time, in the order of the scene; none of other ranks' contacts. Each
-        rank writes the grids of its own
+    bodies, contacts : by name in the order of the scene, where `write_fields` has written them
 
-    Collective. Raises OutputError, on all ranks.
+    Not collective. Raises OutputError.
     """
-    bodies, contacts = bodies or {}, contacts or {}
-    number = world.bcast(len(bodies))
-    many = not 0 < (number + len(contacts)) * max(len(times), 1) <= MANY
-    where = f"/Xdmf/Domain/Grid{'/Grid[1]' * bool(times)}/Information/Grid"
-    depth = DEPTH + bool(times)
-    with agreed(world):
-        parts = {} if many else {k: _part(name, times, fields, f"{where}/Grid[{number + k + 1}]/Grid[1]", depth)
-                                 for k, (name, fields) in enumerate(contacts.items()) if fields}
-        ends = (b"", b"") if world.rank else _ends(path, times, bodies, "" if many else where, depth)
-    write_parts(path / "result.xdmf", parts, ends, world)
-
-
-def _part(name: str, times: Sequence[float], fields: Sequence[Mapping[str, np.ndarray]], first: str,
-          depth: int) -> bytes:
-    """The grids of a contact in result.xdmf; `first` is the XPath of the one that has the mesh of several."""
-    holder = _element("Grid")
-    for (parent, time), each in zip(_over(holder, name, times), fields, strict=True):
-        mesh = first if times and len(parent) else ""
-        _describe(_grid(parent, name, time), each, mesh=mesh)
-    return f"\n{INDENT * depth}".encode() + _text(holder[0], depth)
-
-
-def _ends(path: Path, times: Sequence[float], bodies: Mapping[str, tuple[int, int]], where: str,
-          depth: int) -> tuple[bytes, bytes]:
-    """What stands in result.xdmf before and after the grids of contacts, which have a place `where` grids have names;
-    result_last.xdmf is written. Not collective. Raises OutputError."""
     import h5py
 
-    root, domain = _document()
     with writing(path / "result.h5"), h5py.File(path / "result.h5", "r") as file:
-        steps = [_datasets(file, group if (group := group_of(k)) in file else "") for k in range(len(times))]
-        steps = steps or [_datasets(file, "")]
-        plain = [_grid(parent, "bodies", time) for parent, time in _over(domain, "steps", times, None)]
-        for grid, data in zip(plain, steps, strict=True):
-            _describe(grid, data)
-        if where:
-            domain[0].set("Reference", "XML")
-            domain[0].text = where
-            hidden = _element("Information", plain[0], "<none/>", Name="named")  # as meshio reads it
-            named = _element("Grid", hidden, Name="results", GridType="Collection", CollectionType="Spatial")
-            first = np.zeros(2, int)
-            for name, number in bodies.items():
-                for (parent, time), data in zip(_over(named, name, times), steps, strict=True):
-                    _describe(_grid(parent, name, time), data, (first, np.array(number)))
-                first = first + number
-            _element("contacts", named)
-        if times:
-            last, its = _document()
-            _describe(_grid(its, "bodies", None), _datasets(file, ""))
-            _write_document(path / "result_last.xdmf", last)
-    head, _, tail = (DECLARED + _text(root)).partition(f"\n{INDENT * depth}<contacts />".encode())
-    return head, tail
+        last = _datasets(file, "/")
+        steps, surfaces = ([_datasets(file, group, group_of(k)) for k in range(max(len(times), 1))]
+                           for group in ("/", f"/{SURFACES}"))
+    parts = [(name, part, fields) for own, fields in ((bodies, steps), (contacts, surfaces))
+             for name, part in (own or {}).items()]
+    root, domain = _document()
+    _add_grids(domain, "bodies", times, steps)
+    if 0 < len(parts) * len(steps) <= MANY:
+        domain[0].set("Reference", "XML")
+        domain[0].text = f"/Xdmf/Domain/Grid{'/Grid[1]' * bool(times)}/Information/Grid"
+        first = domain[0][0] if times else domain[0]
+        hidden = _element("Information", first, "<none/>", Name="named")  # as meshio reads it
+        named = _element("Grid", hidden, Name="results", GridType="Collection", CollectionType="Spatial")
+        for name, part, fields in parts:
+            _add_grids(named, name, times, fields, part, alone=1.0)
+    _write_document(path / "result.xdmf", root)
+    if times:
+        root, domain = _document()
+        _add_grids(domain, "bodies", (), [last])
+        _write_document(path / "result_last.xdmf", root)
 
 
-def write_surface(path: Path, name: str, fields: Mapping[str, np.ndarray]) -> None:
+def write_surface(path: Path, name: str, fields: Datasets) -> None:
     """Write the `contact_fields` of the contact `name` as contact_NAME.vtu into the folder `path`, which ParaView,
     pyvista and meshio read. Not collective. Raises OutputError."""
     number, width = fields["cells"].shape
@@ -254,7 +217,7 @@ def write_surface(path: Path, name: str, fields: Mapping[str, np.ndarray]) -> No
     cells = {"connectivity": fields["cells"].ravel(), "offsets": width * np.arange(1, number + 1),
              "types": np.full(number, {2: 3, 3: 5}[width])}  # VTK's lines and triangles
     for tag, arrays in {"Points": {"points": fields["points"]}, "Cells": cells, "PointData": {
-            key: values for key, values in fields.items() if key not in MESH}}.items():
+            key: values for key, values in fields.items() if key not in ("points", "cells")}}.items():
         parent = _element(tag, piece)
         for key, values in arrays.items():
             item = _element("DataArray", parent, _words(*values.ravel().tolist()), Name=key, format="ascii",
@@ -275,14 +238,6 @@ def _element(tag: str, parent: Any = None, text: str | None = None, **attributes
     return found
 
 
-def _text(root: Any, depth: int = 0) -> bytes:
-    """An element as text, set in as at some `depth` of a document."""
-    from xml.etree import ElementTree
-
-    ElementTree.indent(root, level=depth)
-    return ElementTree.tostring(root, "unicode").encode()
-
-
 def _document() -> tuple[Any, Any]:
     """The root of a new document of XDMF, and the domain in it."""
     root = _element("Xdmf", Version="3.0")
@@ -290,24 +245,11 @@ def _document() -> tuple[Any, Any]:
 
 
 def _write_document(path: Path, root: Any) -> None:
+    from xml.etree import ElementTree
+
+    ElementTree.indent(root)
     with writing(path):
-        path.write_bytes(DECLARED + _text(root))
-
-
-def _over(parent: Any, name: str, times: Sequence[float],
-          time: float | None = 1.0) -> list[tuple[Any, float | None]]:
-    """Where the grid of each time stands, and the time: in a collection, or in `parent` where there is one `time`."""
-    if not times:
-        return [(parent, time)]
-    series = _element("Grid", parent, Name=name, GridType="Collection", CollectionType="Temporal")
-    return [(series, time) for time in times]
-
-
-def _grid(parent: Any, name: str, time: float | None) -> Any:
-    grid = _element("Grid", parent, Name=name, GridType="Uniform")
-    if time is not None:
-        _element("Time", grid, Value=repr(time))
-    return grid
+        ElementTree.ElementTree(root).write(path, "utf-8", xml_declaration=True)
 
 
 def group_of(step: int) -> str:
@@ -315,47 +257,52 @@ def group_of(step: int) -> str:
     return f"step_{step:06d}"
 
 
-def _datasets(file: Any, group: str) -> dict[str, Any]:
-    """The datasets of result.h5 by name; those of a load step, if its `group` has a name, in their place."""
-    import h5py
-
-    own = {name: data for name, data in file.items() if isinstance(data, h5py.Dataset)}
-    if not group:
-        return own
-    return {name: own[name] for name in own if name not in AT_STEPS} | dict(file[group].items())
+def _datasets(file: Any, group: str, step: str = "") -> dict[str, tuple[str, tuple[int, ...], str]]:
+    """Path, shape and kind of the datasets in a group of result.h5, by name; those of a load step in their place."""
+    own, changed = datasets(file.get(group, {})), datasets(file.get(f"{step}{group}", {})) if step else {}
+    kept = {name: own[name] for name in own if not changed or name not in AT_STEPS} | changed
+    return {name: (data.name, data.shape, data.dtype.kind) for name, data in kept.items()}
 
 
-def _describe(grid: Any, fields: Mapping[str, Any], part: tuple[np.ndarray, np.ndarray] | None = None,
-              mesh: str = "") -> None:
-    """Add datasets or arrays to an XDMF grid: a mesh and its fields; of the nodes and cells (2,) that a `part`
-    begins with and has in number. The `mesh` may be that of another grid, named by its XPath."""
-    for name, data in fields.items():
-        kind = 0 if name in AT_NODES else 1
-        start, number = (0, len(data)) if part is None else (int(each[kind]) for each in part)
-        if mesh and name in MESH:
-            _element(MESH[name], grid, f"{mesh}/{MESH[name]}", Reference="XML")
-            continue
-        if name == "points":
-            parent = _element("Geometry", grid, GeometryType="XYZ")
-        elif name == "cells":
-            topology = cell_with(data.shape[1]).topology
-            parent = _element("Topology", grid, TopologyType=topology, NumberOfElements=str(number))
-            if topology == "Polyline":
-                parent.set("NodesPerElement", "2")
-            if part is not None:
-                parent.set("BaseOffset", str(part[0][0]))
-        else:
-            parent = _element("Attribute", grid, Name=name, AttributeType=KIND[int(np.prod(data.shape[1:]))],
-                              Center="Cell" if kind else "Node")
+def _add_grids(parent: Any, name: str, times: Sequence[float], steps: Sequence[Mapping[str, tuple]],
+               part: np.ndarray | None = None, alone: float | None = None) -> None:
+    """Add grids to an element of XDMF: of each time one, in a collection, or one of the time `alone`, if that is any.
+
+    A grid has the mesh and the fields of its step, `_datasets`; of these a `part`, as of `write_fields`.
+    """
+    if times:
+        parent = _element("Grid", parent, Name=name, GridType="Collection", CollectionType="Temporal")
+    for time, fields in zip(times if times else [alone], steps, strict=True):
+        grid = _element("Grid", parent, Name=name, GridType="Uniform")
+        if time is not None:
+            _element("Time", grid, Value=repr(time))
+        for field, stored in fields.items():
+            _add_field(grid, field, stored, part)
+
+
+def _add_field(grid: Any, name: str, stored: tuple[str, tuple[int, ...], str], part: np.ndarray | None) -> None:
+    """Add what is `stored` of a field, or a part of it, to a grid."""
+    (path, shape, kind), nodal = stored, name in AT_NODES
+    start, number = (0, shape[0]) if part is None else part[:, 0 if nodal else 1].tolist()
+    if name == "points":
+        parent = _element("Geometry", grid, GeometryType="XYZ")
+    elif name == "cells":
+        topology = cell_with(shape[1]).topology
+        parent = _element("Topology", grid, TopologyType=topology, NumberOfElements=str(number))
+        if topology == "Polyline":
+            parent.set("NodesPerElement", "2")
         if part is not None:
-            parent = _element("DataItem", parent, ItemType="HyperSlab", Dimensions=_words(number, *data.shape[1:]))
-            slab = np.array([[start, 1, number], *([0, 1, size] for size in data.shape[1:])])
-            _element("DataItem", parent, _words(*slab.T.ravel().tolist()), DataType="Int", Format="XML",
-                     Dimensions=f"3 {data.ndim}")
-        stored = not isinstance(data, np.ndarray)
-        _element("DataItem", parent, f"result.h5:{data.name}" if stored else _words(*data.ravel().tolist()),
-                 DataType="Int" if data.dtype.kind == "i" else "Float", Precision="8",
-                 Format="HDF" if stored else "XML", Dimensions=_words(*data.shape))
+            parent.set("BaseOffset", str(part[0, 0]))
+    else:
+        parent = _element("Attribute", grid, Name=name, AttributeType=KIND[int(np.prod(shape[1:]))],
+                          Center="Node" if nodal else "Cell")
+    if part is not None:
+        parent = _element("DataItem", parent, ItemType="HyperSlab", Dimensions=_words(number, *shape[1:]))
+        slab = np.array([[start, 1, number], *([0, 1, size] for size in shape[1:])])
+        _element("DataItem", parent, _words(*slab.T.ravel().tolist()), DataType="Int", Format="XML",
+                 Dimensions=f"3 {len(shape)}")
+    _element("DataItem", parent, f"result.h5:{path}", DataType="Int" if kind == "i" else "Float", Precision="8",
+             Format="HDF", Dimensions=_words(*shape))
 
 
 def _words(*numbers: float) -> str:

@@ -46,7 +46,8 @@ FILES = {
     "result.h5": "the data of result.xdmf: points, displacement, nodal_stress, nodal_principal, nodal_von_mises by "
                  "node, stresses recovered from the cells around it; cells, body (its number), stress "
                  "(xx, xy, xz, yy, yz, zz), principal (the largest first), von_mises, error by cell; earlier load "
-                 "steps in groups step_000000, …; in contacts/NAME the facets, pairs of lines of contact_NAME.csv "
+                 "steps in groups step_000000, …; in surfaces what contacts have, one after the other; in "
+                 "contacts/NAME the facets, pairs of lines of contact_NAME.csv "
                  "whose nodes are neighbours, of solids triples, and initial_gap of each line at the factor 1 of its "
                  "history",
     "bodies.png": "the deformed bodies, coloured by von Mises stress, else by displacement. Displacements are enlarged "

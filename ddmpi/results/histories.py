@@ -13,7 +13,7 @@ from ddmpi.body.stress import principal, von_mises
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import cell_with
 from ddmpi.results.fields import group_of, owners, vectors
-from ddmpi.results.tables import PATH, Columns, Results, leg_columns, side_means
+from ddmpi.results.tables import PATH, Columns, Results, datasets, leg_columns, side_means
 from ddmpi.system.numbers import in_words
 
 INSIDE, OUTSIDE = -1e-6, -0.05
@@ -64,7 +64,7 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
     with h5py.File(folder / "result.h5", "r") as file:
         if group_of(there[0]) not in file:  # it is the last step
             return replace(results, time=time)
-        fields = results.fields | {name: data[()] for name, data in file[group_of(there[0])].items()}
+        fields = results.fields | {name: data[()] for name, data in datasets(file[group_of(there[0])]).items()}
     contacts = {}
     for name, legs in results.legs.items():
         table = results.contacts[name] | {column: legs[column][legs["time"] == time]

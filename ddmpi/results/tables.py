@@ -9,6 +9,7 @@ import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -35,10 +36,6 @@ CONTACT = {
     "slip": "how far the first body has moved along t past the second in this load step", "slip_total": "in all",
     "status": "open, slip or stick"}
 
-VECTORS = {
-    "force_x": "force on the first body at the node", "force_y": "", "force_z": "",
-    "slip_x": "how far the first body has moved past the second in this load step", "slip_y": "", "slip_z": ""}
-
 CONTACT_IN_SPACE = {
     "x": "position of the node", "y": "", "z": "",
     "nx": "outer normal of the first body", "ny": "", "nz": "",
@@ -47,25 +44,24 @@ CONTACT_IN_SPACE = {
     "normal_stress": "normal force over area", "tangential_stress": "tangential force over area",
     "gap": "opening along the normal",
     "slip": "length of the vector (slip_x, slip_y, slip_z)", "slip_total": "the same of all load steps",
-    "status": "open, slip or stick"} | VECTORS
+    "status": "open, slip or stick",
+    "force_x": "force on the first body at the node", "force_y": "", "force_z": "",
+    "slip_x": "how far the first body has moved past the second in this load step", "slip_y": "", "slip_z": ""}
 
 SIDES = {
     "x": "middle of the side", "y": "", "length": "its arc length",
     "normal_stress": "mean over the side", "tangential_stress": "mean over the side"}
 
-AT_TIME = {"normal_stress": "as in contact_NAME.csv"} | dict.fromkeys(
-    ("tangential_stress", "gap", "slip", "slip_total", "status"), "")
+CONTACT_IN = {2: CONTACT, 3: CONTACT_IN_SPACE}
+"""By dimension."""
 
-LEGS = {"time": "of the load step", "x": "position of the node", "y": "", "length": "nodal length"} | AT_TIME
-
-LEGS_IN_SPACE = {"time": "of the load step", "x": "position of the node", "y": "", "z": "",
-                 "area": "nodal area"} | AT_TIME | dict.fromkeys(VECTORS, "")
+LEGS_IN = {dimension: {"time": "of the load step"} | {
+    name: columns[name] for name in columns if name not in ("nx", "ny", "nz", "normal_force", "tangential_force")}
+           for dimension, columns in CONTACT_IN.items()}
+"""By dimension."""
 
 AREAS = {"length": "area"}
 """Names of columns around an axis, where nodal lengths are those of rings: areas."""
-
-LEGS_IN = {2: LEGS, 3: LEGS_IN_SPACE}
-"""By dimension."""
 
 STATUS = ("open", "slip", "stick")
 
@@ -77,18 +73,17 @@ HISTORY = {
     "open": "nodes of all contacts", "slip": "", "stick": "",
     "n_A": "multiplications by A⁻¹ of all bodies so far"}
 
-STEPS = {
-    "time": "end of the load step", "contact": "its name",
-    "force_x": "resultant on the first body", "force_y": "", "moment": "x F_y − y F_x of the same forces",
-    "normal_force": "sum over the nodes", "tangential_force": "sum over the nodes",
+TOTALS = {
+    "normal_force": "sum over the nodes",
+    "tangential_force": "sum over the nodes; in space length of the sum of their vectors",
     "open": "nodes", "slip": "", "stick": "", "dissipated": "frictional work of the step, Σ ½ (g_n + g_n−1) |u_t|"}
 
-STEPS_IN_SPACE = {
-    "time": "end of the load step", "contact": "its name",
-    "force_x": "resultant on the first body", "force_y": "", "force_z": "",
-    "moment_x": "of the same forces about the origin", "moment_y": "", "moment_z": "",
-    "normal_force": "sum over the nodes", "tangential_force": "length of the sum of the nodes' tangential vectors",
-    "open": "nodes", "slip": "", "stick": "", "dissipated": STEPS["dissipated"]}
+STEPS_IN = {
+    2: {"time": "end of the load step", "contact": "its name", "force_x": "resultant on the first body", "force_y": "",
+        "moment": "x F_y − y F_x of the same forces"} | TOTALS,
+    3: {"time": "end of the load step", "contact": "its name", "force_x": "resultant on the first body", "force_y": "",
+        "force_z": "", "moment_x": "of the same forces about the origin", "moment_y": "", "moment_z": ""} | TOTALS}
+"""By dimension."""
 
 ENERGY = {
     "time": "end of the load step", "external_work": "of loads, clamps, heat and rigid partners since time 0",
@@ -112,18 +107,12 @@ def write_contact(path: Path, name: str, state: ContactState) -> None:
     Where nodes do not match, they are the slave's. Of those that share a row, each has its part of the forces.
     Directions are those of the first body. Not collective. Raises OutputError.
     """
-    interface = state.interface
+    interface, at_nodes = state.interface, _by_line(state, leg_values(state))
     lines = interface.lines
     share = lines.area / interface.area[lines.row]
-    columns = (state.normal_force[lines.row] * share, signed(state.tangential_force)[lines.row] * share,
-               *(each[lines.row] for each in (state.pressure, signed(state.shear), state.gap, signed(state.slip),
-                                              signed(state.slip_total), state.status)))
-    columns = (*lines.xy.T, *interface.normal[lines.row].T, lines.area, *columns)
-    names = CONTACT
-    if interface.dimension > 2:
-        vectors = np.vstack([state.forces[lines.row].T * share, state.along(state.slip)[lines.row].T])
-        names, columns = CONTACT_IN_SPACE, (*columns, *(vectors + 0.0))  # no −0
-    _write_csv(path / contact_files(name).table, named(names, interface.axisymmetric), zip(*columns, strict=True))
+    forces = (force[lines.row] * share for force in (state.normal_force, signed(state.tangential_force)))
+    write_table(path / contact_files(name).table, named(CONTACT_IN[interface.dimension], interface.axisymmetric), zip(
+        *lines.xy.T, *interface.normal[lines.row].T, lines.area, *forces, *at_nodes, strict=True))
 
 
 def write_sides(path: Path, name: str, state: ContactState) -> None:
@@ -143,7 +132,7 @@ def write_sides(path: Path, name: str, state: ContactState) -> None:
     length = facet_measures(places)
     means = (side_means(stress[facets], places, state.interface.axisymmetric)
              for stress in (state.pressure, signed(state.shear)))
-    _write_csv(path / contact_files(name).sides, SIDES, zip(*xy[middle].T, length, *means, strict=True))
+    write_table(path / contact_files(name).sides, SIDES, zip(*xy[middle].T, length, *means, strict=True))
 
 
 def side_means(stress: np.ndarray, places: np.ndarray, axisymmetric: bool) -> np.ndarray:
@@ -172,6 +161,17 @@ def leg_values(state: ContactState) -> np.ndarray:
     return np.column_stack(found)
 
 
+def _by_line(state: ContactState, values: np.ndarray) -> list[np.ndarray]:
+    """The `leg_columns` with `leg_values` (m, k) by line. Of nodes that share a row each has its part of the force."""
+    lines, found = state.interface.lines, []
+    share = lines.area / state.interface.area[lines.row]
+    for name, column in zip(leg_columns(state.interface.dimension), values[lines.row].T, strict=True):
+        if name == "status":
+            column = np.array(STATUS)[column.astype(int)]
+        found.append(column * share if name.startswith("force") else column)
+    return found
+
+
 def write_legs(path: Path, name: str, state: ContactState, steps: Iterable[tuple[float, np.ndarray]]) -> None:
     """Write contact_NAME_legs.csv into the folder `path`: a line per contact node and load step whose fields are kept.
 
@@ -182,35 +182,20 @@ def write_legs(path: Path, name: str, state: ContactState, steps: Iterable[tuple
 
     Not collective. Raises OutputError.
     """
-    interface = state.interface
-    lines, columns = interface.lines, leg_columns(interface.dimension)
-    share = lines.area / interface.area[lines.row]
-    parts = np.column_stack([share if column.startswith("force") else np.ones_like(share) for column in columns])
-    k = columns.index("status")
-    _write_csv(path / contact_files(name).legs, named(LEGS_IN[interface.dimension], interface.axisymmetric), (
-        (time, *place, area, *row[:k], STATUS[int(row[k])], *row[k + 1:]) for time, values in steps
-        for place, area, row in zip(lines.xy, lines.area, values[lines.row] * parts, strict=True)))
-
-
-def write_history(path: Path, rows: Iterable[Sequence]) -> None:
-    """Write history.csv into the folder `path`: per outer iteration a row of HISTORY: the load step, the fields of
-    `methods.outer.Step` and, before its n_A, numbers of nodes. Not collective. Raises OutputError."""
-    _write_csv(path / "history.csv", HISTORY, rows)
+    interface, lines = state.interface, state.interface.lines
+    write_table(path / contact_files(name).legs, named(LEGS_IN[interface.dimension], interface.axisymmetric), (
+        (time, *row) for time, values in steps
+        for row in zip(*lines.xy.T, lines.area, *_by_line(state, values), strict=True)))
 
 
 def write_steps(path: Path, steps: Iterable[dict]) -> None:
     """Write steps.csv into the folder `path`: one line per load step and contact. `steps` is the entry of that name in
     the summary (`summary.summarize`). Not collective. Raises OutputError."""
-    scalars = list(STEPS)[list(STEPS).index("normal_force"):]
     rows = [(step["time"], name, *contact["force"], *np.atleast_1d(contact["moment"]),
-             *(contact[column] for column in scalars))
+             *(contact[column] for column in TOTALS))
             for step in steps for name, contact in step["contacts"].items()]
-    _write_csv(path / "steps.csv", STEPS_IN_SPACE if rows and len(rows[0]) > len(STEPS) else STEPS, rows)
-
-
-def write_energy(path: Path, rows: Iterable[Sequence]) -> None:
-    """Write energy.csv into the folder `path`: per load step a row of ENERGY. Not collective. Raises OutputError."""
-    _write_csv(path / "energy.csv", ENERGY, rows)
+    write_table(path / "steps.csv", next(columns for columns in STEPS_IN.values()
+                                         if not rows or len(columns) == len(rows[0])), rows)
 
 
 def write_path(path: Path, columns: Columns) -> None:
@@ -218,7 +203,7 @@ def write_path(path: Path, columns: Columns) -> None:
     collective. Raises InputError, OutputError."""
     if path.exists() and not (path.is_file() and path.read_bytes().startswith(b"distance,x,y,")):
         raise InputError(f"--output {path}: is there already, and no table of a path; name another file")
-    _write_csv(path, columns, zip(*columns.values(), strict=True))
+    write_table(path, columns, zip(*columns.values(), strict=True))
 
 
 @contextlib.contextmanager
@@ -234,7 +219,8 @@ def reading(path: str | Path, what: str = "a complete folder of results") -> Ite
         raise InputError(f"{path}: not {what}: {why} {first}") from None
 
 
-def _write_csv(path: Path, columns: Iterable[str], rows: Iterable[Sequence]) -> None:
+def write_table(path: Path, columns: Iterable[str], rows: Iterable[Sequence]) -> None:
+    """Write a table with the names of its `columns`. Not collective. Raises OutputError."""
     with writing(path), open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
@@ -324,7 +310,7 @@ def read_results(folder: str | Path) -> Results:
         tables = {name: folder / contact_files(name).table for name in summary["contacts"]}
         sides = {name: folder / contact_files(name).sides for name in tables}
         with h5py.File(folder / "result.h5", "r") as file:
-            fields = {name: data[()] for name, data in file.items() if isinstance(data, h5py.Dataset)}
+            fields = {name: data[()] for name, data in datasets(file).items()}
             drawn = {name: {key: data[()] for key, data in group.items()}
                      for name, group in file.get("contacts", {}).items()}
         facets = {name: each.pop("facets") for name, each in drawn.items()}
@@ -334,6 +320,13 @@ def read_results(folder: str | Path) -> Results:
                        _read_csv(folder / "history.csv"), _read_csv(folder / "steps.csv"), fields,
                        _read_csv(folder / "energy.csv") if steps else {},
                        {name: _read_csv(folder / contact_files(name).legs) for name in tables if steps}, facets)
+
+
+def datasets(group: Any) -> dict[str, Any]:
+    """The datasets in a group of an HDF5 file, by name."""
+    import h5py
+
+    return {name: data for name, data in group.items() if isinstance(data, h5py.Dataset)}
 
 
 def velocities_in(mechanism: dict, names: Sequence[str],

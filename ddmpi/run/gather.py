@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,13 +16,12 @@ from ddmpi.body.estimate import DiscretizationError
 from ddmpi.body.loads import loads_by_group, resultants
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.ranks import team_of
-from ddmpi.interface.state import ContactState, ContactTotals
+from ddmpi.interface.state import ContactTotals
 from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.petsc.options import unused_options
 from ddmpi.results.fields import Fields
 from ddmpi.results.summary import plain, rigid_partners, summarize
-from ddmpi.results.tables import leg_columns, leg_values
 from ddmpi.run.solve import Solution
 from ddmpi.system.provenance import peak_memory, provenance
 
@@ -41,18 +40,16 @@ class StepLog:
 
     Attributes
     ----------
-    dimension : of the scene
     steps : the entry of that name in the summary
-    energies : external work, strain energy, interface work and dissipated energy since time 0, and what the step's
-        balance leaves, of each (J)
-    iterations : the lines of history.csv
-    kept : time, forces (size,), motions, and `leg_values` of the rank's contacts, of the steps whose fields are written
+    energies : the lines of energy.csv (J)
+    iterations : the lines of history.csv: the load step, fields of `methods.outer.Step`, and numbers of nodes
+    kept : of the steps whose fields are written the time, and what these follow from: forces (size,), motions, and
+        `leg_values` of each of the rank's contacts
     doubts : warnings of answers at the ends of legs before the last one, of each kind the first
     most : the largest so far: residuals of contacts (nc, KINDS) and bodies (nb,), `Solution.sizes` (3,)
     """
 
-    def __init__(self, dimension: int) -> None:
-        self.dimension = dimension
+    def __init__(self) -> None:
         self.doubts = dict[str, str]()
         self.steps, self.energies, self.iterations, self.kept = (list[Any]() for _ in range(4))
         self.most = {"contacts": np.zeros(KINDS), "bodies": np.zeros(1), "sizes": np.zeros(3)}
@@ -96,16 +93,6 @@ class StepLog:
         known = {_kind(warning) for warning in warnings}
         return [doubt for kind, doubt in self.doubts.items() if kind not in known]
 
-    def keep(self, time: float, forces: np.ndarray, motions: np.ndarray, states: Iterable[ContactState]) -> None:
-        """Note what the fields of a step follow from: forces (size,), motions; and the states of the rank's contacts.
-        """
-        values = np.concatenate([np.empty((0, len(leg_columns(self.dimension)))), *map(leg_values, states)])
-        self.kept.append((time, forces, motions, values))
-
-    def energy(self) -> list[tuple[float, ...]]:
-        """The rows of energy.csv."""
-        return [(step["time"], *row) for step, row in zip(self.steps, self.energies, strict=True)]
-
     def excess(self, since: dict[str, Any], given: float = 0.0) -> float:
         """How much more friction has dissipated since a `state` than contacts took, over all that it has dissipated.
 
@@ -114,24 +101,22 @@ class StepLog:
         dissipates less than LITTLE of the largest energy is compared with that.
         """
         rows, k = np.array(self.energies), len(since["energies"])
-        before = rows[k - 1] if k else np.zeros(5)
-        took, dissipated = rows[-1, 2:4] - before[2:4]
-        size = max(rows[-1, 3], LITTLE * np.abs(rows[:, :3]).max())
+        took, dissipated = rows[-1, 3:5] - (rows[k - 1, 3:5] if k else 0.0)
+        size = max(rows[-1, 4], LITTLE * np.abs(rows[:, 1:4]).max())
         return max(0.0, dissipated - (took - given)) / size if size else 0.0
 
     def balance(self) -> dict[str, float]:
         """The entry ``energy`` of summary.json: the balance at the end; the worst residual over the largest energy."""
-        rows = np.array(self.energies or np.zeros((1, 5)))
-        external, strain, interface, dissipated, _ = rows[-1].tolist()
-        size = float(np.abs(rows[:, :3]).max())
+        rows = np.array(self.energies or np.zeros((1, 6)))
+        _, external, strain, interface, dissipated, _ = rows[-1].tolist()
+        size = float(np.abs(rows[:, 1:4]).max())
         return {"external_work": external, "strain_energy": strain, "interface_work": interface,
                 "dissipated": dissipated, "lost": interface - dissipated,
-                "residual": float(np.abs(rows[:, 4]).max()) / size if size else 0.0}
+                "residual": float(np.abs(rows[:, 5]).max()) / size if size else 0.0}
 
     def state(self) -> dict[str, Any]:
-        columns = ("times", "forces", "motions", "values")
         return {name: tuple(getattr(self, name)) for name in TABLES} | self.most | {
-            "kept": {name: [row[k] for row in self.kept] for k, name in enumerate(columns)},
+            "kept": {str(k): list(column) for k, column in enumerate(zip(*self.kept, strict=True))},
             "doubts": tuple(self.doubts.items())}
 
     def restore(self, state: dict[str, Any]) -> None:

@@ -24,10 +24,10 @@ from ddmpi.judge.plausible import doubt_answer, doubt_cells, doubt_mesh, doubt_s
 from ddmpi.mesh.refine import Sizes
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
-from ddmpi.results.fields import Fields, contact_fields, write_facets, write_fields, write_surface, write_xdmf
+from ddmpi.results.fields import Datasets, Fields, contact_fields, write_fields, write_surface, write_xdmf
 from ddmpi.results.folder import Staging, choose_folder
 from ddmpi.results.summary import plain, write_mechanism, write_summary
-from ddmpi.results.tables import write_contact, write_energy, write_history, write_legs, write_sides, write_steps
+from ddmpi.results.tables import ENERGY, HISTORY, write_contact, write_legs, write_sides, write_steps, write_table
 from ddmpi.run.checkpoint import Checkpoints, continue_from, identify
 from ddmpi.run.gather import StepLog, forces_by_group, gather_summary
 from ddmpi.run.report import describe_files, log_end, log_plan, log_step, log_warnings
@@ -254,26 +254,26 @@ def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, che
     world, bodies, summary = solved.assembly.world, solved.assembly.bodies, solved.summary
     staging, picture_error = Staging(folder) if folder else None, None
     path = world.bcast(staging.path if staging else None)
-    sizes = gathered(world, {body.spec.name: (len(body.mesh.points), len(body.mesh.triangles)) for body in bodies})
+    scene = solved.assembly.scene
     try:
         with clock.phase("output"):
             with agreed(world):
                 if staging:
                     staging.create()
+            surfaces = {name: contact_fields(state) for name, state in solved.solution.states.items()}
             with event("WriteFields"):
-                write_fields(path, {body.number: solved.fields[body.spec.name] for body in bodies}, world)
+                parts = write_fields(path, {body.number: solved.fields[body.spec.name] for body in bodies}, surfaces,
+                                     world)
             times = _write_steps(path, solved)
-            with event("WriteTables"):
-                fields = _write_contacts(path, solved)
-                write_facets(path, solved.solution.states, {name: each[-1] for name, each in fields.items() if each},
-                             world)
-                write_xdmf(path, times, sizes, fields, world)
             with agreed(world), event("WriteTables"):
+                _write_contacts(path, solved, surfaces)
                 if staging:
-                    write_history(path, solved.steps.iterations)
+                    write_xdmf(path, times, {body.name: parts[number] for number, body in enumerate(scene.body)},
+                               {contact.name: parts[contact.name] for contact in scene.contact})
+                    write_table(path / "history.csv", HISTORY, solved.steps.iterations)
                     write_steps(path, summary["steps"])
-                    if solved.assembly.scene.time:
-                        write_energy(path, solved.steps.energy())
+                    if scene.time:
+                        write_table(path / "energy.csv", ENERGY, solved.steps.energies)
                     if solved.solution.mechanism:
                         write_mechanism(path, solved.solution.mechanism)
                     if figures:  # they show it
@@ -287,7 +287,7 @@ def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, che
         with agreed(world):
             if staging:
                 write_summary(path, summary | {"seconds": seconds})
-                files = staging.publish(name for each in fields for name in contact_files(each))
+                files = staging.publish(name for each in scene.contact for name in contact_files(each.name))
                 log.info("results in %s: %s (%.1f s in all)", folder, describe_files([f.name for f in files]),
                          seconds["total"])
         checkpoints.remove()
@@ -305,7 +305,7 @@ def _write_steps(path: Path, solved: Solved) -> list[float]:
     assembly, times, steps = solved.assembly, [], solved.steps
     world, joint = assembly.world, assembly.joint
     told = {step["time"]: step for step in solved.summary.get("steps", ())}  # on the first rank
-    for number, (time, s, alpha, _) in enumerate(steps.kept):
+    for number, (time, s, alpha, *values) in enumerate(steps.kept):
         times.append(time)
         if time == solved.solution.time:  # the last one is there
             if told:
@@ -319,34 +319,24 @@ def _write_steps(path: Path, solved: Solved) -> list[float]:
                 u, *_ = recover(body.member, part, alpha[joint.slices[body.spec.name]], steps.most["sizes"])
                 fields[body.number] = _fields(assembly, body, u)
                 forces[body.spec.name] = plain(forces_by_group(body, u, part, factors))
+            surfaces = {name: contact_fields(state, own) for (name, state), own in zip(
+                solved.solution.states.items(), values, strict=True)}
         forces = gathered(world, forces)
         if told:
             told[time]["bodies"] = {name: forces[name] for name in solved.summary["bodies"]}
         with event("WriteFields"):
-            write_fields(path, fields, world, number)
+            write_fields(path, fields, surfaces, world, number)
     return times or ([solved.solution.time] if solved.solution.time is not None else [])
 
 
-def _write_contacts(path: Path, solved: Solved) -> dict[str, list]:
-    """Write the tables and surfaces of the contacts that this rank owns.
-
-    By contact, of all in the order of the scene, `contact_fields` at the times whose fields are written, none of other
-    ranks' contacts. Collective.
-    """
-    assembly, solution, steps, start = solved.assembly, solved.solution, solved.steps, 0
-    found: dict[str, list] = {contact.name: [] for contact in assembly.scene.contact}
-    with agreed(assembly.world):
-        for name, state in solution.states.items():
-            part = slice(start, start := start + state.interface.m)
-            values = [(time, each[part]) for time, _, _, each in steps.kept]
-            write_contact(path, name, state)
-            write_sides(path, name, state)
-            if assembly.scene.time:
-                write_legs(path, name, state, values)
-            found[name] = [contact_fields(state, None if time == solution.time else each)
-                           for time, each in values] or [contact_fields(state)]
-            write_surface(path, name, found[name][-1])
-    return found
+def _write_contacts(path: Path, solved: Solved, surfaces: Mapping[str, Datasets]) -> None:
+    """Write the tables and `surfaces` of the contacts that this rank owns. Not collective."""
+    for k, (name, state) in enumerate(solved.solution.states.items()):
+        write_contact(path, name, state)
+        write_sides(path, name, state)
+        if solved.assembly.scene.time:
+            write_legs(path, name, state, [(time, values[k]) for time, _, _, *values in solved.steps.kept])
+        write_surface(path, name, surfaces[name])
 
 
 def _draw(path: Path, number: int, drawers: int) -> OutputError | None:

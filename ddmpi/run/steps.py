@@ -25,6 +25,7 @@ from ddmpi.judge.equilibrium import Mechanism
 from ddmpi.judge.plausible import doubt_answer
 from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Report, no_report
+from ddmpi.results.tables import leg_values
 from ddmpi.run.checkpoint import Checkpoints
 from ddmpi.run.equilibrium import look_for_mechanism, undetermined_motions
 from ddmpi.run.gather import StepLog
@@ -114,7 +115,7 @@ def solve_scene(assembly: Assembly, report: Report = no_report, checkpoints: Che
     all. Collective.
     """
     scene, clock = assembly.scene, clock or Clock()
-    log = StepLog(scene.dimension)
+    log = StepLog()
     if scene.time is None:
         solution = solve(assembly, scene.method, report, checkpoints, clock)
         log.note_step(scene.legs[0], solution)
@@ -266,9 +267,9 @@ class March:
         lost = work - (solution.energy - now.energy) - interface_work
         dissipated, closed = assembly.world.bcast((sum(each.dissipated for each in contacts),
                                                    sum(each.closed for each in contacts)))
-        before = self.log.energies[-1] if self.log.energies else np.zeros(5)
-        self.log.energies.append([before[0] + work, solution.energy, before[2] + interface_work,
-                                  before[3] + dissipated, lost])
+        _, worked, _, taken, rubbed, _ = self.log.energies[-1] if self.log.energies else np.zeros(6)
+        self.log.energies.append([time, worked + work, solution.energy, taken + interface_work, rubbed + dissipated,
+                                  lost])
         self.log.note_step(time, solution)
         self.log.judge(solution.certificate)
         alike = not (self._sudden and now.time == 0.0)
@@ -277,7 +278,7 @@ class March:
                           solution.energy, closed)
         del self._ahead[0]
         if not self._ahead or scene.output.steps == "all":
-            self.log.keep(time, s, outer.motions, solution.states.values())
+            self.log.kept.append((time, s, outer.motions, *map(leg_values, solution.states.values())))
         counts = [sum(getattr(each, status) for each in contacts) for status in ("open", "slip", "stick")]
         log.info("time %-10.6g %3d iterations; %d open, %d slip, %d stick nodes", time, len(outer.history), *counts)
         self._leave()

@@ -6,19 +6,15 @@ import contextlib
 import io
 import os
 import socket
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from mpi4py import MPI
 
 from ddmpi.errors import OutputError
 from ddmpi.system.agreement import agreed
-
-K = TypeVar("K")
-T = TypeVar("T")
-V = TypeVar("V")
 
 SUMMARY, CHECKPOINT, MECHANISM = "summary.json", "checkpoint.h5", "mechanism.json"
 """The last file of a result: where it is, the others are. The state of a run that was not completed."""
@@ -113,31 +109,17 @@ def write_rows(target: Path, parts: Mapping[str, Sequence[np.ndarray]], places: 
     """
     shapes = {name: ((places[name][1], *pieces[0].shape[1:]), np.result_type(*pieces).str)
               for name, pieces in parts.items()}
-    starts = _shared_out(world, shapes, lambda everyone: _made(target, everyone, group))
+    everyone, shares = world.gather(shapes), None
+    with agreed(world):
+        if everyone is not None:
+            made = _made(target, {name: shape for each in everyone for name, shape in each.items()}, group)
+            shares = [{name: made[name] for name in each} for each in everyone]
+    starts = world.scatter(shares)
     with agreed(world):
         own = {name: [np.ascontiguousarray(piece, starts[name][1]) for piece in pieces]
                for name, pieces in parts.items()}
         put(target, [(starts[name][0] + places[name][0] * (pieces[0].nbytes // len(pieces[0])), pieces)
                      for name, pieces in own.items()])
-
-
-def write_parts(target: Path, parts: Mapping[int, bytes], ends: tuple[bytes, bytes], world: MPI.Comm) -> None:
-    """Write a file: on the first rank the `ends`, and between them the `parts` of all ranks, in the order of their
-    numbers. Collective. Raises OutputError, on all ranks."""
-
-    def make(lengths: dict[int, int]) -> dict[int, int]:
-        places, start = {}, len(ends[0])
-        for number in sorted(lengths):
-            places[number], start = start, start + lengths[number]
-        with writing(target), open(target, "wb") as file:
-            file.write(ends[0])
-            file.seek(start)
-            file.write(ends[1])
-        return places
-
-    starts = _shared_out(world, {number: len(part) for number, part in parts.items()}, make)
-    with agreed(world):
-        put(target, [(starts[number], [np.frombuffer(part, np.uint8)]) for number, part in parts.items()])
 
 
 def _made(target: Path, shapes: Mapping[str, tuple[tuple[int, ...], str]], group: str | None) -> dict[str, tuple]:
@@ -154,16 +136,6 @@ def _made(target: Path, shapes: Mapping[str, tuple[tuple[int, ...], str]], group
         for name, (shape, kind) in shapes.items():
             found[name] = parent.create_dataset(name, shape, kind, dcpl=at_once).id.get_offset(), kind
     return found
-
-
-def _shared_out(world: MPI.Comm, own: Mapping[K, V], make: Callable[[dict[K, V]], Mapping[K, T]]) -> dict[K, T]:
-    """What `make` finds on the first rank from the tables of all ranks, for the keys of the `own` one. Collective."""
-    everyone, shares = world.gather(dict(own)), None
-    with agreed(world):
-        if everyone is not None:
-            found = make({key: value for each in everyone for key, value in each.items()})
-            shares = [{key: found[key] for key in each} for each in everyone]
-    return world.scatter(shares)
 
 
 def put(target: Path, parts: Sequence[tuple[int, Sequence[np.ndarray]]]) -> None:

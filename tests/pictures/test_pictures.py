@@ -19,7 +19,7 @@ from ddmpi.pictures.curves import draw_contact, draw_convergence, draw_steps
 from ddmpi.pictures.draw import draw_all, pictures_of
 from ddmpi.pictures.moved import magnify
 from ddmpi.results.fields import drawn_facets
-from ddmpi.results.tables import Results, chains, read_results, write_history
+from ddmpi.results.tables import HISTORY, Results, chains, read_results, write_table
 
 
 @pytest.fixture(autouse=True)
@@ -186,7 +186,8 @@ def test_stresses_of_load_steps_have_prefixes(tmp_path):
 def test_iterations_of_all_load_steps_follow_each_other(tmp_path):
     """Iterations count on over the load steps, whose curves are not joined."""
     made_up.results(tmp_path)
-    write_history(tmp_path, [(step, k, 10.0**-k, 10.0**-k, 0.0, 0, 0, 0, 0) for step in (1, 2) for k in (1, 2, 3)])
+    write_table(tmp_path / "history.csv", HISTORY,
+                [(step, k, 10.0**-k, 10.0**-k, 0.0, 0, 0, 0, 0) for step in (1, 2) for k in (1, 2, 3)])
     axes = draw_convergence(read_results(tmp_path)).axes[0]
     assert axes.lines[0].get_xdata() == pytest.approx([1, 2, 3, np.nan, 4, 5, 6], nan_ok=True)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ddmpi.errors import OutputError
-from ddmpi.results.tables import write_contact, write_history, write_sides, write_steps
+from ddmpi.results.tables import HISTORY, write_contact, write_sides, write_steps, write_table
 
 
 def rows(path) -> list[list[str]]:
@@ -86,8 +86,8 @@ def test_linear_elements_have_no_table_of_sides(tmp_path):
 
 def test_history_has_a_line_per_iteration(tmp_path):
     """history.csv counts load steps and iterations; numbers that do not exist are nan."""
-    write_history(tmp_path, [(1, 1, np.float64(0.1), float("nan"), 1 / 3, 0, 4, 3, 20),
-                             (1, 2, 1e-9, 2e-9, 0.0, 1, 3, 3, 41)])
+    write_table(tmp_path / "history.csv", HISTORY, [(1, 1, np.float64(0.1), float("nan"), 1 / 3, 0, 4, 3, 20),
+                                                    (1, 2, 1e-9, 2e-9, 0.0, 1, 3, 3, 41)])
     assert rows(tmp_path / "history.csv") == [
         ["step", "iteration", "update", "residual", "inner_precision", "open", "slip", "stick", "n_A"],
         ["1", "1", "0.1", "nan", "0.3333333333333333", "0", "4", "3", "20"],
@@ -111,4 +111,4 @@ def test_steps_has_a_line_per_step_and_contact(tmp_path):
 def test_a_table_that_cannot_be_written_is_named(tmp_path):
     """An error of the system while a table is written becomes an OutputError with the name of the file."""
     with pytest.raises(OutputError, match=r"^results could not be written: .*missing/history.csv: No such file"):
-        write_history(tmp_path / "missing", [])
+        write_table(tmp_path / "missing" / "history.csv", HISTORY, [])

@@ -10,6 +10,7 @@ from scenes import confined_blocks, pinched_blocks, run_python, sheared_stack, t
 
 import ddmpi
 from ddmpi.errors import InputError
+from ddmpi.results.fields import contact_fields
 from ddmpi.run.run import _write_contacts
 
 pytestmark = pytest.mark.slow
@@ -58,7 +59,7 @@ def test_gaps_close_and_multiplications_are_counted_step_by_step(comm):
 def test_a_rank_writes_the_tables_of_contacts_that_it_owns(comm, tmp_path):
     """Those of which it holds the first body, and no others: the first rank need not write all."""
     solved = ddmpi.solve(to_toml(tower(3, 2)), comm).solved
-    _write_contacts(tmp_path, solved)
+    _write_contacts(tmp_path, solved, {name: contact_fields(each) for name, each in solved.solution.states.items()})
     own = {name for name, first, _ in solved.assembly.exchange.ends if first == comm.rank}
     files = [path.name for path in tmp_path.iterdir()]
     assert sorted(files) == sorted(f"contact_{name}.{end}" for name in own for end in ("csv", "vtu"))

@@ -403,7 +403,7 @@ def test_stress_can_be_left_out(small):
     done = small["no stress"]
     assert done.files == DATA | PNG
     with h5py.File(done.folder / "result.h5") as file:
-        assert set(file) == {"points", "cells", "body", "displacement", "contacts"}
+        assert set(file) == {"points", "cells", "body", "displacement", "contacts", "surfaces"}
         with h5py.File(small["small"].folder / "result.h5") as full:
             assert set(full) - set(file) == {f"{where}{name}" for where in ("", "nodal_")
                                              for name in ("stress", "principal", "von_mises")}

@@ -17,9 +17,9 @@ from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_rectangle
-from ddmpi.results.fields import Fields, contact_fields, write_facets, write_fields, write_xdmf
+from ddmpi.results.fields import Fields, contact_fields, write_fields, write_xdmf
 from ddmpi.results.summary import rigid_partners, summarize, write_summary
-from ddmpi.results.tables import write_contact, write_history, write_sides, write_steps
+from ddmpi.results.tables import HISTORY, write_contact, write_sides, write_steps, write_table
 from ddmpi.scene.bodies import Material, MeshSpec
 from ddmpi.scene.contacts import Coulomb, NoFriction, SettledContact
 from ddmpi.surface.boundary import contact_side
@@ -141,16 +141,15 @@ def results(folder: Path, kind: str = "stack", order: int = 1, friction=COULOMB,
     summary = summarize(scene(list(CONTACTS[kind]), friction, title), run(found, order=order),
                         {name: body(**of) for name, of in moved.items()}, totals(found),
                         certificate(CONTACTS[kind], meshes))
-    sizes = [(len(mesh.points), len(mesh.triangles)) for mesh in meshes.values()]
-    write_fields(folder, dict(enumerate(parts)))
-    surfaces = {name: contact_fields(each) for name, each in found.items()}
-    write_xdmf(folder, (), dict(zip(meshes, sizes, strict=True)), {name: [each] for name, each in surfaces.items()})
-    write_facets(folder, found, surfaces)
+    places = write_fields(folder, dict(enumerate(parts)), {name: contact_fields(each) for name, each in found.items()})
+    write_xdmf(folder, (), {name: places[number] for number, name in enumerate(meshes)},
+               {name: places[name] for name in found})
     for each in states:
         write_contact(folder, each.interface.name, each)
         write_sides(folder, each.interface.name, each)
     counts = [sum(each.count(status) for each in states) for status in ("open", "slip", "stick")]
-    write_history(folder, [(1, k, 3.0 * 10.0**-k, 10.0**-k, 1e-3, *counts, 20 * k) for k in range(1, 10)])
+    write_table(folder / "history.csv", HISTORY,
+                [(1, k, 3.0 * 10.0**-k, 10.0**-k, 1e-3, *counts, 20 * k) for k in range(1, 10)])
     write_steps(folder, summary["steps"])
     write_summary(folder, summary)
     return summary
@@ -177,8 +176,7 @@ def named_grids(folder: Path) -> dict[str, list[dict]]:
             return array(item[1])[tuple(slice(a, a + n) for a, n in zip(start, count, strict=True))]
 
         def grid(each):
-            children = [root.find("." + child.text.removeprefix("/Xdmf")) if child.get("Reference") else child
-                        for child in each if child.tag != "Time"]
+            children = [child for child in each if child.tag != "Time"]
             found = {child.get("Name", child.tag): array(child[0]) for child in children}
             (topology,) = (child for child in children if child.tag == "Topology")
             found["Topology"] = found["Topology"] - int(topology.get("BaseOffset", 0))

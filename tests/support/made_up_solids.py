@@ -16,16 +16,17 @@ from ddmpi.interface.state import ContactState
 from ddmpi.mesh.elements import facet_shares
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
-from ddmpi.results.fields import Fields, contact_fields, write_facets, write_fields, write_xdmf
+from ddmpi.results.fields import Fields, contact_fields, write_fields, write_xdmf
 from ddmpi.results.summary import summarize, write_summary
 from ddmpi.results.tables import (
+    ENERGY,
+    HISTORY,
     leg_values,
     write_contact,
-    write_energy,
-    write_history,
     write_legs,
     write_sides,
     write_steps,
+    write_table,
 )
 from ddmpi.scene.contacts import NoFriction
 
@@ -135,15 +136,15 @@ def results(folder: Path, bodies: Mapping[str, Mesh], contacts: Mapping[str, tup
              for time, found in zip(times or (1.0,), marched, strict=True)]
     summary = summarize(scene(contacts, friction, rigid, times), made_up.run(states, order=order, steps=steps), entries,
                         made_up.totals(states), made_up.certificate(contacts, bodies))
-    sizes = [(len(mesh.points), len(mesh.triangles)) for mesh in bodies.values()]
-    write_fields(folder, dict(enumerate(parts.values())))
+    places = write_fields(folder, dict(enumerate(parts.values())),
+                          {name: contact_fields(each) for name, each in states.items()})
     for step, factor in enumerate(np.linspace(0.0, 1.0, len(times) + 1)[1:-1]):
         write_fields(folder, {number: fields(mesh, factor=factor, **how) for number, mesh in
-                              enumerate(bodies.values())}, step=step)
-    write_xdmf(folder, times, dict(zip(bodies, sizes, strict=True)),
-               {name: [contact_fields(each, leg_values(found[name])) for found in marched]
-                for name, each in states.items()})
-    write_facets(folder, states, {name: contact_fields(each) for name, each in states.items()})
+                              enumerate(bodies.values())},
+                     {name: contact_fields(each, leg_values(marched[step][name])) for name, each in states.items()},
+                     step=step)
+    write_xdmf(folder, times, {name: places[number] for number, name in enumerate(bodies)},
+               {name: places[name] for name in states})
     for name, each in states.items():
         write_contact(folder, name, each)
         write_sides(folder, name, each)
@@ -151,9 +152,11 @@ def results(folder: Path, bodies: Mapping[str, Mesh], contacts: Mapping[str, tup
             write_legs(folder, name, each, [(time, leg_values(found[name]))
                                             for time, found in zip(times, marched, strict=True)])
     if times:
-        write_energy(folder, [(time, 2.0 * time, time, time, 0.5 * time, 1e-14) for time in times])
+        write_table(folder / "energy.csv", ENERGY,
+                    [(time, 2.0 * time, time, time, 0.5 * time, 1e-14) for time in times])
     counts = [sum(each.count(status) for each in states.values()) for status in ("open", "slip", "stick")]
-    write_history(folder, [(1, k, 3.0 * 10.0**-k, 10.0**-k, 1e-3, *counts, 20 * k) for k in range(1, 10)])
+    write_table(folder / "history.csv", HISTORY,
+                [(1, k, 3.0 * 10.0**-k, 10.0**-k, 1e-3, *counts, 20 * k) for k in range(1, 10)])
     write_steps(folder, summary["steps"])
     write_summary(folder, summary)
     return summary
