@@ -205,11 +205,6 @@ class Staging:
     def __init__(self, folder: Path) -> None:
         self.folder, self.path = folder, folder / UNFINISHED / whereabouts()
 
-    def create(self) -> None:
-        """See that the hidden folder is still there. Raises OutputError."""
-        with writing(self.path):
-            self.path.stat()
-
     def publish(self, others: Iterable[str] = ()) -> list[Path]:
         """Move all files that were written into the folder of the results, the summary last; their new paths.
 

@@ -67,14 +67,14 @@ class StepLog:
 
     def note_step(self, time: float, solution: Solution) -> None:
         """Note the end of a step: its iterations and sizes, resultants, and where rigid partners are."""
-        self.note_iterations(len(self.steps) + 1, solution)
+        self.note_iterations(solution)
         self._raise(sizes=solution.sizes)
         self.note_contacts(time, len(solution.outer.history), solution.contacts)
 
-    def note_iterations(self, step: int, solution: Solution) -> None:
-        """Note the iterations of a step, by its number."""
+    def note_iterations(self, solution: Solution) -> None:
+        """Note the iterations of the next step."""
         for each, counts in zip(solution.outer.history, solution.statuses.counts, strict=True):
-            self.iterations.append((step, *each[:4], *counts, each.n_A))
+            self.iterations.append((len(self.steps) + 1, *each[:4], *counts, each.n_A))
 
     def note_contacts(self, time: float, iterations: int, contacts: Mapping[str, ContactTotals]) -> None:
         """Note the resultants of a step, and where rigid partners are."""

@@ -257,9 +257,6 @@ def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, che
     scene = solved.assembly.scene
     try:
         with clock.phase("output"):
-            with agreed(world):
-                if staging:
-                    staging.create()
             surfaces = {name: contact_fields(state) for name, state in solved.solution.states.items()}
             with event("WriteFields"):
                 parts = write_fields(path, {body.number: solved.fields[body.spec.name] for body in bodies}, surfaces,

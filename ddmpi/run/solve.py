@@ -7,7 +7,7 @@ import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -44,20 +44,8 @@ NOTHING = 1e-10
 """Below this part of the largest ones of the load steps before, forces of a contact and displacements of a body are
 rounding, and zero."""
 
-
-class Past(NamedTuple):
-    """The load steps before; zeros where there are none.
-
-    Attributes
-    ----------
-    start : (size,) where the slip of the next step begins (m)
-    forces : (size,) at its beginning (N)
-    largest : (3,) `Solution.sizes` of all of them
-    """
-
-    start: np.ndarray
-    forces: np.ndarray
-    largest: np.ndarray
+NO_SIZES = np.zeros(3)
+"""The `Solution.sizes` of no load step."""
 
 
 @dataclass(frozen=True)
@@ -192,7 +180,8 @@ class Iteration:
         self._tolerance, self._worst, self._steps = (state[name] for name in ("tolerance", "worst", "steps"))
         self.statuses.restore(state["statuses"])
 
-    def solve(self, mechanism: Mechanism | None, past: Past | None = None) -> Solution:
+    def solve(self, mechanism: Mechanism | None, since: tuple[np.ndarray, np.ndarray] | None = None,
+              largest: np.ndarray = NO_SIZES) -> Solution:
         """Iterate until the answer is certified, or nothing helps any more.
 
         Where the iteration stops by its criterion but the certificate fails, it goes on with a tighter one.
@@ -200,13 +189,13 @@ class Iteration:
         Parameters
         ----------
         mechanism : that shows that there is no equilibrium, so that nothing is tried
-        past : None for the only load step
+        since : displacement (size,) from which slip counts (m) and forces (size,) (N) as the load step begins; left
+            out, nothing has moved, free of stress
+        largest : (3,) `Solution.sizes` of the load steps before
 
         Collective. Raises as the function `solve`.
         """
         assembly, method, outer = self.assembly, self.method, self.outer
-        none = np.zeros(assembly.space.size)
-        past = past or Past(none, none, np.zeros(3))
         while True:
             try:
                 with self.clock.phase("outer"):
@@ -217,7 +206,7 @@ class Iteration:
                                   f"{method.tolerance:g}: leave that option out",)
                 raise
             with self.clock.phase("recover"):
-                solution = self.conclude(stopped, past)
+                solution = self.conclude(stopped, since, largest)
                 if stopped == "drift":
                     solution = replace(solution, drift=describe_drift(assembly, outer.motions))
             worst = max(value for value, _ in solution.certificate.worst().values())
@@ -231,9 +220,11 @@ class Iteration:
             log.info("the certificate fails (%s); going on to an update of %.0e", ", ".join(solution.violations),
                      self._tolerance)
 
-    def conclude(self, stopped: str, past: Past) -> Solution:
+    def conclude(self, stopped: str, since: tuple[np.ndarray, np.ndarray] | None = None,
+                 largest: np.ndarray = NO_SIZES) -> Solution:
         """Displacements, contact states and certificate of the forces at hand. Collective."""
         assembly, outer = self.assembly, self.outer
+        start, former = since or np.zeros((2, assembly.space.size))
         world, exchange, space, joint = assembly.world, assembly.exchange, assembly.space, assembly.joint
         forces, mismatch, bound = outer.forces, outer.mismatch, outer.bound
         moved, traces = {}, []
@@ -243,7 +234,7 @@ class Iteration:
             member, alpha = body.member, outer.motions[joint.slices[body.spec.name]]
             u, left, acting, energy = np.zeros_like(member.elasticity.acting.prescribed), np.nan, 0.0, np.nan
             with exchange.deferred():
-                u, left, acting, energy = recover(member, s, alpha, past.largest)
+                u, left, acting, energy = recover(member, s, alpha, largest)
             own = member.trace(u)
             moved[member.name] = u
             traces.append(own)
@@ -278,9 +269,9 @@ class Iteration:
                     each for each, _ in near)
                 yielding = max(each for _, each in near)
                 state = states[interface.name] = contact_state(
-                    interface, forces[part], limit, u1 + u2, between, (past.start[part], past.forces[part]), yielding)
+                    interface, forces[part], limit, u1 + u2, between, (start[part], former[part]), yielding)
                 judged[interface.name] = state.totals, contact_residuals(
-                    state, forces[part], mismatch[part], (u1, u2), load, yielding, now, past.largest[1:].tolist())
+                    state, forces[part], mismatch[part], (u1, u2), load, yielding, now, largest[1:].tolist())
         force = world.allreduce(max((float(np.abs(state.forces).max()) for state in states.values()), default=0.0),
                                 MPI.MAX)
         told = exchange.swap_objects({(name, side): judged.get(name) for name, *_ in exchange.ends for side in (0, 1)})

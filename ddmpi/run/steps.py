@@ -30,7 +30,7 @@ from ddmpi.run.checkpoint import Checkpoints
 from ddmpi.run.equilibrium import look_for_mechanism, undetermined_motions
 from ddmpi.run.gather import StepLog
 from ddmpi.run.report import UNDETERMINED
-from ddmpi.run.solve import NOTHING, Iteration, Past, Solution, solve, with_undetermined
+from ddmpi.run.solve import NOTHING, Iteration, Solution, solve, with_undetermined
 from ddmpi.system.clock import Clock
 
 log = logging.getLogger("ddmpi")
@@ -172,7 +172,7 @@ class March:
             if not solution.certified:
                 if self._cut(solution, time):
                     continue
-                self.log.note_iterations(len(self.log.steps) + 1, solution)
+                self.log.note_iterations(solution)
                 break
             self._accept(time, solution)
             if not self._ahead and not self._refine():
@@ -199,7 +199,7 @@ class March:
         self._resumed = False
         largest = self.log.most["sizes"]
         self.outer.nothing = NOTHING * largest[0]
-        return replace(self.iteration.solve(mechanism, Past(start, self._now.s, largest)), time=time)
+        return replace(self.iteration.solve(mechanism, (start, self._now.s), largest), time=time)
 
     def _begin(self, time: float, start: np.ndarray) -> None:
         """Begin to iterate for the step to `time`, whose slip begins at `start` (size,).

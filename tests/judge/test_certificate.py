@@ -217,7 +217,7 @@ def test_the_limit_follows_the_tolerance_within_bounds():
 @two_ranks
 def test_a_solved_scene_that_is_spoilt_is_not_certified(comm, monkeypatch):
     from ddmpi.methods.outer import no_report
-    from ddmpi.run.solve import Iteration, Past
+    from ddmpi.run.solve import Iteration
     from ddmpi.system.clock import Clock
 
     assembly = scenes.prepare_scene(comm, scenes.pinched_blocks(4))
@@ -227,8 +227,7 @@ def test_a_solved_scene_that_is_spoilt_is_not_certified(comm, monkeypatch):
     iteration.outer = newton
 
     def concluded(stopped: str = "converged") -> Solution:
-        none = Past(np.zeros(assembly.space.size), np.zeros(assembly.space.size), np.zeros(3))
-        return iteration.conclude(stopped, none)
+        return iteration.conclude(stopped)
 
     def worst() -> dict[str, tuple[float, str]]:
         return concluded().certificate.worst()

@@ -346,7 +346,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("the beginning of a leg forgotten at a restart", "run/steps", 'for name in ("now", "base"))',
      'for name in ("now", "now"))', ADAPTIVE),
     ("the last change forgotten at a restart", "run/steps", '"_coarse", "_changed"', '"_coarse"', ADAPTIVE),
-    ("slip bounds of the step before forgotten", "run/steps", "Past(start, self._now.s,", "Past(start, 0.0 * start,",
+    ("slip bounds of the step before forgotten", "run/steps", "(start, self._now.s),", "(start, 0.0 * start),",
      "scenes/test_load_steps.py::test_a_proportional_load_dissipates_the_same_in_any_number_of_steps"),
     ("sign of the reactions", "body/elasticity", "u, held) - given[held]", "u, held) + given[held]",
      "body/test_normal_clamps.py::test_a_turned_body_on_symmetry_planes_is_its_twin"),
