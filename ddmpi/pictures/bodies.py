@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.mesh.mesh import boundary_facets
-from ddmpi.pictures.moved import Hatched, magnify, rigid_parts
+from ddmpi.pictures.moved import magnify, rigid_parts
 from ddmpi.pictures.sheet import COLOURS, FILLED, Sheet, above, by_value, colours_of, filled, rounded
 from ddmpi.pictures.views import Skin, Surface, View
 from ddmpi.results.fields import group_of, owners
@@ -55,8 +55,7 @@ def draw_bodies(results: Results) -> Any:
     beyond, rigid = skin.beyond, rigid_parts(results, scale)
     if results.summary["scene"]["output"].get("mirrored"):
         facets, at, still, values, beyond = _both_halves(facets, at, still, values, beyond)
-        rigid += [replace(each, at=each.at * (-1.0, 1.0), normal=each.normal * (-1.0, 1.0)) for each in rigid
-                  if isinstance(each, Hatched)]
+        rigid += [replace(each, at=each.at[::-1] * (-1.0, 1.0)) for each in rigid]
     factor, unit = scaled_unit(own.max(), unit)
     image = colours_of(low / factor, top / factor or 1.0, "viridis")
     sheet = Sheet(results, np.vstack([still[beyond <= 0.0], at[beyond <= 0.0]]), rigid)

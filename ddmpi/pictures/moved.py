@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -26,31 +24,6 @@ INVISIBLE = 0.002
 
 AROUND = 1.25
 """A rigid surface is drawn beyond what may touch it in space, by this factor."""
-
-
-@dataclass(frozen=True)
-class Hatched:
-    """A rigid surface in the plane, hatched on the far side.
-
-    Attributes
-    ----------
-    at, normal : (k, 2) points along it (m), and unit normals towards the bodies
-    extent : of the bodies, which sets the length of the hatches (m)
-    """
-
-    at: np.ndarray
-    normal: np.ndarray
-    extent: float
-
-    def draw(self, axes: Any) -> None:
-        from matplotlib.collections import LineCollection
-
-        axes.plot(*self.at.T, color=COLOURS["rigid"], linewidth=1.4, zorder=2.5)
-        steps = np.linalg.norm(np.diff(self.at, axis=0), axis=1).cumsum()
-        hatched = np.unique(np.searchsorted(steps, np.arange(0.0, steps[-1], 0.02 * self.extent)))
-        along = np.column_stack([self.normal[:, 1], -self.normal[:, 0]])
-        hatches = np.stack([self.at, self.at - 0.015 * self.extent * (self.normal + along)], axis=1)[hatched]
-        axes.add_collection(LineCollection(hatches, colors=COLOURS["rigid"], linewidth=0.7, zorder=2.5))
 
 
 def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
@@ -105,14 +78,14 @@ def _limits(table: Columns, shift: np.ndarray, visible: float) -> Iterator[float
 
 
 def rigid_parts(results: Results, factor: float = 0.0, time: float | None = None,
-                going: Mapping[str, np.ndarray] | None = None) -> list[Hatched | Surface]:
-    """The parts of rigid partners that bodies may touch.
+                going: Mapping[str, np.ndarray] | None = None) -> list[Surface]:
+    """The parts of rigid partners that bodies may touch; in the plane lines, with the bodies on their left.
 
     They are drawn where they have gone to at `time`, else at that of the results, the displacement times `factor`; or
     with the velocities of a mechanism with which they are `going`.
     """
     points, names, owner = results.points, list(results.summary["bodies"]), owners(results)
-    scene, found = results.summary["scene"], list[Hatched | Surface]()
+    scene, found = results.summary["scene"], list[Surface]()
     for rigid in msgspec.convert(scene.get("rigid", ()), list[Rigid]):
         contacts = [each for each in scene["contact"] if each["bodies"][1] == rigid.name]
         now = results.time if time is None else time
@@ -127,12 +100,11 @@ def rigid_parts(results: Results, factor: float = 0.0, time: float | None = None
             continue
         touched = np.concatenate([vectors(results.contacts[each["name"]]) for each in contacts])
         bodies = points[np.isin(owner, [names.index(each["bodies"][0]) for each in contacts])]
-        extent = float(np.ptp(points, axis=0).max())
-        at = rigid.outline(touched, bodies, MARGIN * extent)
+        at = rigid.outline(touched, bodies, MARGIN * np.ptp(points, axis=0).max())
         if results.axisymmetric:
             right = np.flatnonzero(at[:, 0] >= 0.0)
             at = np.roll(at[right], -1 - np.argmax(np.diff(right, append=right[-1] + 2) > 1), axis=0)
-        found.append(Hatched(at + factor * moved, rigid.facing(at)[0], extent))
+        found.append(Surface(at + factor * moved, np.zeros((0, 3), int), filled("patch")))
     return found
 
 

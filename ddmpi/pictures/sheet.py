@@ -70,10 +70,10 @@ class Sheet:
     figure, axes : of matplotlib
     view : from where bodies are seen; the plane is seen from the front
     size : extent of the bodies (m)
-    rigid : surfaces of rigid partners
+    rigid : surfaces of rigid partners, in space
     """
 
-    def __init__(self, results: Results, everything: np.ndarray, rigid: Sequence[Any] = (), behind: bool = False,
+    def __init__(self, results: Results, everything: np.ndarray, rigid: Sequence[Surface] = (), behind: bool = False,
                  pixels: int = PIXELS) -> None:
         """For places (k, d) and what `rigid_parts` finds; from the opposite side `behind`; the surfaces with so many
         `pixels`. Raises InputError where a cut meets no body."""
@@ -127,12 +127,14 @@ class Sheet:
         """Places (…, d) to the right, upwards, and towards the eye."""
         return self.view.place(at)
 
-    def meet(self, rigid: Sequence[Any]) -> None:
-        """Draw hatched rigid partners; surfaces of others are shown with the next surfaces."""
-        self.rigid = [each for each in rigid if isinstance(each, Surface)]
-        for each in rigid:
-            if not isinstance(each, Surface):
-                each.draw(self.axes)
+    def meet(self, rigid: Sequence[Surface]) -> None:
+        """Draw rigid partners in the plane, hatched on the far side; in space they are shown with the next surfaces."""
+        from matplotlib.patheffects import withTickedStroke
+
+        self.rigid = rigid if self.view.solid else ()
+        for each in () if self.view.solid else rigid:
+            self.axes.plot(*each.at.T, color=COLOURS["rigid"], linewidth=1.4, zorder=2.5,
+                           path_effects=[withTickedStroke(angle=-135, linewidth=0.7)])
 
     def show(self, surfaces: Sequence[Surface]) -> None:
         """Draw surfaces and rigid partners without what is hidden or cut away, and their `outlines`."""

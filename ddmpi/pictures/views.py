@@ -139,7 +139,7 @@ class Surface:
     Attributes
     ----------
     at : (k, d) places (m)
-    facets : (f, 3) of them, counter-clockwise as seen from outside
+    facets : (f, 3) of them, counter-clockwise as seen from outside; none of a rigid line
     paint : their colours
     beyond : (k,) how far they are in front of the cut (m), which hides them; None where that is as they are drawn
     thin : whether they are seen from inside, too

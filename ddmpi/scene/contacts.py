@@ -210,7 +210,7 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
 
     def outline(self, touched: np.ndarray, bodies: np.ndarray, margin: float) -> np.ndarray:
         """Places (k, 2) along it, in the plane, for pictures: along nodes (m, 2) that may touch it or those (n, 2) of
-        their bodies, longer by a margin at both ends (m)."""
+        their bodies, which are on the left; longer by a margin at both ends (m)."""
         raise NotImplementedError
 
 
@@ -317,7 +317,7 @@ class Circle(Centred, frozen=True, kw_only=True, tag="circle"):
         margin, begin, length = margin / self.radius, angle[(k + 1) % len(angle)], 2 * np.pi - holes[k]
         if length + 2 * margin >= WHOLE:
             margin, begin, length = 0.0, 0.0, 2 * np.pi
-        t = np.linspace(begin - margin, begin + length + margin, 400)
+        t = np.linspace(begin - margin, begin + length + margin, 400)[::1 if self.inside else -1]
         return self.center + self.radius * np.column_stack([np.cos(t), np.sin(t)])
 
 
