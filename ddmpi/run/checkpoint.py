@@ -233,7 +233,7 @@ def _digest(assembly: Assembly) -> str:
 
 
 def write(path: Path, identity: dict[str, dict], states: list[dict[str, Any]]) -> None:
-    """Write the ranks' states: tables as groups, arrays and lists of arrays as arrays, all else as JSON.
+    """Write the ranks' states: tables as groups, arrays and lists of like arrays as arrays, all else as JSON.
 
     `path` holds the old or the new file, whole. Raises OutputError. Not collective.
     """
@@ -270,21 +270,13 @@ def read(path: Path) -> tuple[dict[str, dict], list[dict[str, Any]]]:
 
 def _put(group: Any, table: dict[str, Any]) -> None:
     for name, value in table.items():
+        first = value[0] if isinstance(value, list) and value else value
         if isinstance(value, dict):
             _put(group.create_group(name, track_order=True), value)
+        elif isinstance(first, np.ndarray):
+            group[name] = np.asarray(value)
         else:
-            array = _numbers(value)
-            group[name] = json.dumps(value, default=np.generic.item) if array is None else array
-
-
-def _numbers(value: Any) -> np.ndarray | None:
-    """An array, or a list of like arrays as one; None for all else, also for lists that JSON has made of tuples."""
-    several = isinstance(value, list) and bool(value) and all(isinstance(each, np.ndarray) for each in value)
-    try:
-        found = np.asarray(value) if several or isinstance(value, np.ndarray) else None
-    except ValueError:  # arrays of unlike lengths
-        return None
-    return found if found is not None and found.dtype.kind in "biuf" else None
+            group[name] = json.dumps(value, default=np.generic.item)
 
 
 def _get(entry: Any) -> Any:
