@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import math
 import os
 import socket
 from collections.abc import Iterator, Mapping, Sequence
@@ -118,8 +119,8 @@ def write_rows(target: Path, parts: Mapping[str, Sequence[np.ndarray]], places: 
     with agreed(world):
         own = {name: [np.ascontiguousarray(piece, starts[name][1]) for piece in pieces]
                for name, pieces in parts.items()}
-        put(target, [(starts[name][0] + places[name][0] * (pieces[0].nbytes // len(pieces[0])), pieces)
-                     for name, pieces in own.items()])
+        put(target, [(starts[name][0] + places[name][0] * pieces[0].itemsize * math.prod(pieces[0].shape[1:]), pieces)
+                     for name, pieces in own.items() if places[name][1]])
 
 
 def _made(target: Path, shapes: Mapping[str, tuple[tuple[int, ...], str]], group: str | None) -> dict[str, tuple]:

@@ -149,3 +149,17 @@ def test_very_many_grids_have_no_names(tmp_path):
     made_up.results(tmp_path)
     write_xdmf(tmp_path, (), dict.fromkeys(map(str, range(MANY + 1)), np.ones((2, 2), int)))
     assert (tmp_path / "result.xdmf").stat().st_size < 10_000
+
+
+def test_a_contact_of_which_no_facet_is_drawn_is_written(tmp_path):
+    """Of two nodes that share a row one hardly faces the other side; the contacts after it stand where they belong."""
+    upper, lower = (made_up.block(origin) for origin in made_up.STACK.values())
+    contact = made_up.interface("upper-lower", upper, lower, ("bottom", "top"))
+    lines = replace(contact.lines, row=np.zeros(2, int), xy=contact.xy[:2], area=np.array([1.0, 1e-3]),
+                    facets=np.array([[0, 1]]))
+    bare, whole = (contact_fields(made_up.state(each)) for each in (replace(contact, lines=lines), contact))
+    places = write_fields(tmp_path, {0: made_up.fields(upper)}, {"bare": bare, "whole": whole})
+    assert places["bare"].tolist() == [[0, 0], [2, 0]] and places["whole"][0].tolist() == [2, 0]
+    with h5py.File(tmp_path / "result.h5") as file:
+        assert np.array_equal(file["surfaces/cells"], whole["cells"] + 2) and len(file["contacts/bare/facets"]) == 0
+        assert np.array_equal(file["surfaces/pressure"][2:], whole["pressure"])
