@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.mesh.mesh import signed_measures
+from ddmpi.mesh.mesh import boundary_facets, signed_measures
 from ddmpi.pictures.bodies import crossed, middles, skin_of
 from ddmpi.pictures.moved import rigid_parts
 from ddmpi.pictures.sheet import COLOURS, RESOLVED, ZONES, Sheet, above, filled, rounded, signed_colours, zone_legend
@@ -149,7 +149,9 @@ def draw_maps(results: Results, name: str) -> Any:
         maps.append(("gap", table["gap"], "length", "Greens"))
     elif slips and holds:
         maps.append(("slip", table["slip"], "length", "Purples"))
-    ends, (low, high) = boundary_of(at, facets), _shown(at, table["status"][facets] != "open")
+    edges, owner = boundary_facets(facets)
+    ends = at[owner[:, None], (facets[owner, None] == edges[:, :, None]).argmax(axis=2)]
+    low, high = _shown(at, table["status"][facets] != "open")
     near = ((at >= low) & (at <= high)).all(axis=2).any(axis=1)
     at, facets, (width, height) = at[near], facets[near], high - low
     columns = 1 if width > LONG * height or (width > 2.0 * height and len(maps) < 4) else 2 + len(maps) % 2
@@ -235,14 +237,6 @@ def flatten(table: Columns, facets: np.ndarray) -> tuple[np.ndarray, tuple[str, 
     name = "xyz"[np.abs(axis).argmax()] if np.abs(axis).max() > 1.0 - STRAIGHT else "along the axis"
     return (np.stack([radius * angle, (at @ axis)[facets]], axis=2), ("around the axis", name),
             np.stack([np.cross(axis, unit(radial)), np.broadcast_to(axis, at.shape)], axis=1))
-
-
-def boundary_of(at: np.ndarray, facets: np.ndarray) -> np.ndarray:
-    """Edges (e, 2, 2) that belong to one facet (f, 3) only, where their corners are drawn (f, 3, 2)."""
-    pairs = facets[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    _, number, count = np.unique(np.sort(pairs, axis=1), axis=0, return_inverse=True, return_counts=True)
-    ends = np.stack([at, np.roll(at, -1, axis=1)], axis=2).reshape(-1, 2, 2)
-    return ends[count[number.ravel()] == 1]
 
 
 def _draw_zones(axes: Any, at: np.ndarray, status: np.ndarray, counts: dict) -> None:

@@ -68,7 +68,7 @@ class Sheet:
     Attributes
     ----------
     figure, axes : of matplotlib
-    view : from where bodies are seen; the plane is seen from the front
+    view, place : from where bodies are seen, the plane from the front; its method that places what it sees
     size : extent of the bodies (m)
     rigid : surfaces of rigid partners, in space
     """
@@ -78,6 +78,7 @@ class Sheet:
         """For places (k, d) and what `rigid_parts` finds; from the opposite side `behind`; the surfaces with so many
         `pixels`. Raises InputError where a cut meets no body."""
         self.view = View(results.points, results.summary["scene"]["output"], behind)
+        self.place = self.view.place
         self.size = float(np.ptp(results.points, axis=0).max())
         self._pixels = pixels
         self._depth, self._origin, self._pixel = np.zeros((0, 0)), np.zeros(3), 1.0
@@ -122,10 +123,6 @@ class Sheet:
         axes.annotate(f"arms: {arm / factor:g} {unit_of}", (origin[0], below[1]), ha="left", va="bottom",
                       fontsize=8)
         return figure, axes
-
-    def place(self, at: np.ndarray) -> np.ndarray:
-        """Places (…, d) to the right, upwards, and towards the eye."""
-        return self.view.place(at)
 
     def meet(self, rigid: Sequence[Surface]) -> None:
         """Draw rigid partners in the plane, hatched on the far side; in space they are shown with the next surfaces."""

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -148,21 +147,16 @@ class March:
         self._largest = np.zeros(2)  # forces and slip bounds so far (N)
         self._cuts, self._resumed = 0, False
         self._held: tuple[np.ndarray, bool] | None = None
-        self._prepare(self._legs)
+        factors = [scene.factors(time) for time in (0.0, *self._legs)]
+        for body in assembly.bodies:  # forces are compared with the largest loads of all legs
+            body.member.elasticity = body.member.elasticity.largest(factors)
+        assembly.act(0.0)
+        self._sudden = assembly.space.any(assembly.joint.d + assembly.space.opening)  # loads act at time 0
         self._now = _Mark.first(assembly)
         self._given = 0.0  # by gaps that are not of time, in the first step: they act at once (J)
         self._leg = -1
         self._next_leg()
         self._keep()
-
-    def _prepare(self, times: Sequence[float]) -> None:
-        """Compare forces with the largest loads of all legs; note whether loads act suddenly at time 0."""
-        assembly = self.assembly
-        factors = [assembly.scene.factors(time) for time in (0.0, *times)]
-        for body in assembly.bodies:
-            body.member.elasticity = body.member.elasticity.largest(factors)
-        assembly.act(0.0)
-        self._sudden = assembly.space.any(assembly.joint.d + assembly.space.opening)
 
     def run(self) -> Solution:
         """Solve all load steps; the solution of the last one, or of the one that has none."""
