@@ -17,7 +17,7 @@ from ddmpi.pictures.sheet import COLOURS, FILLED, Sheet, above, by_value, colour
 from ddmpi.pictures.views import Skin, Surface, View
 from ddmpi.results.fields import group_of, owners
 from ddmpi.results.histories import step_times
-from ddmpi.results.tables import Results, velocities_in
+from ddmpi.results.tables import Results
 from ddmpi.system.files import writing
 from ddmpi.system.numbers import scaled_unit
 
@@ -103,9 +103,15 @@ def draw_mechanism(results: Results, mechanism: dict[str, Any]) -> Any:
     from matplotlib.patches import Patch
 
     points, names, owner, skin = results.points, list(results.summary["bodies"]), owners(results), skin_of(results)
-    centres = np.array(middles(results))
-    velocities, going = velocities_in(mechanism, names, centres)
-    velocity, turning = velocities[:, :results.dimension], velocities[:, results.dimension:]
+    centres, d, going = np.array(middles(results)), results.dimension, {}
+    velocities = np.zeros((len(names), len(mechanism["bodies"][0]["velocity"])))
+    for body in mechanism["bodies"]:
+        if body["name"] in names:
+            k = names.index(body["name"])
+            centres[k], velocities[k] = body["centre"], body["velocity"]
+        else:
+            going[body["name"]] = np.array(body["velocity"][:d])
+    velocity, turning = velocities[:, :d], velocities[:, d:]
     u = velocity[owner] + crossed(turning[owner], points - centres[owner])
     speed = np.linalg.norm(u, axis=1)
     fastest = max([speed.max(), *map(np.linalg.norm, going.values())])

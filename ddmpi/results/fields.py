@@ -185,12 +185,12 @@ def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, np.
     import h5py
 
     with writing(path / "result.h5"), h5py.File(path / "result.h5", "r") as file:
-        last = _datasets(file, "/")
         steps, surfaces = ([_datasets(file, group, group_of(k)) for k in range(max(len(times), 1))]
                            for group in ("/", f"/{SURFACES}"))
     parts = [(name, part, fields) for own, fields in ((bodies, steps), (contacts, surfaces))
              for name, part in (own or {}).items()]
-    root, domain = _document()
+    root = _element("Xdmf", Version="3.0")
+    domain = _element("Domain", root)
     _add_grids(domain, "bodies", times, steps)
     if 0 < len(parts) * len(steps) <= MANY:
         domain[0].set("Reference", "XML")
@@ -202,8 +202,8 @@ def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, np.
             _add_grids(named, name, times, fields, part, alone=1.0)
     _write_document(path / "result.xdmf", root)
     if times:
-        root, domain = _document()
-        _add_grids(domain, "bodies", (), [last])
+        root = _element("Xdmf", Version="3.0")
+        _add_grids(_element("Domain", root), "bodies", (), steps[-1:])
         _write_document(path / "result_last.xdmf", root)
 
 
@@ -236,12 +236,6 @@ def _element(tag: str, parent: Any = None, text: str | None = None, **attributes
     if parent is not None:
         parent.append(found)
     return found
-
-
-def _document() -> tuple[Any, Any]:
-    """The root of a new document of XDMF, and the domain in it."""
-    root = _element("Xdmf", Version="3.0")
-    return root, _element("Domain", root)
 
 
 def _write_document(path: Path, root: Any) -> None:

@@ -329,20 +329,6 @@ def datasets(group: Any) -> dict[str, Any]:
     return {name: data for name, data in group.items() if isinstance(data, h5py.Dataset)}
 
 
-def velocities_in(mechanism: dict, names: Sequence[str],
-                  centres: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Velocities of bodies (nb, n), and of rigid partners (d,) by name, in the content of mechanism.json. The `centres`
-    (nb, d) of bodies that move become those there."""
-    velocities, going = np.zeros((len(names), len(mechanism["bodies"][0]["velocity"]))), {}
-    for body in mechanism["bodies"]:
-        if body["name"] in names:
-            k = names.index(body["name"])
-            centres[k], velocities[k] = body["centre"], body["velocity"]
-        else:
-            going[body["name"]] = np.array(body["velocity"][:centres.shape[1]])
-    return velocities, going
-
-
 def read_summary(folder: str | Path) -> dict:
     """The content of summary.json of a folder of results. Not collective. Raises InputError as `read_results` does."""
     with reading(folder):
