@@ -31,9 +31,6 @@ LITTLE = 0.1
 TABLES = ("steps", "energies", "iterations")
 """Tables of a `StepLog` with a row for each step or iteration."""
 
-KINDS = len(ContactResiduals._fields)
-"""Of residuals of a contact."""
-
 
 class StepLog:
     """What is kept of the load steps, in their order. Without [time] there is one.
@@ -46,18 +43,18 @@ class StepLog:
     kept : of the steps whose fields are written the time, and what these follow from: forces (size,), motions, and
         `leg_values` of each of the rank's contacts
     doubts : warnings of answers at the ends of legs before the last one, of each kind the first
-    most : the largest so far: residuals of contacts (nc, KINDS) and bodies (nb,), `Solution.sizes` (3,)
+    most : the largest so far: residuals of contacts (nc, 4) and bodies (nb,), `Solution.sizes` (3,)
     """
 
     def __init__(self) -> None:
         self.doubts = dict[str, str]()
         self.steps, self.energies, self.iterations, self.kept = (list[Any]() for _ in range(4))
-        self.most = {"contacts": np.zeros(KINDS), "bodies": np.zeros(1), "sizes": np.zeros(3)}
+        self.most = {"contacts": np.zeros(1), "bodies": np.zeros(1), "sizes": np.zeros(3)}
 
     def judge(self, certificate: Certificate) -> Certificate:
         """Note the residuals of a step; the largest ones so far."""
         contacts, bodies = certificate.contacts, certificate.equilibrium
-        self._raise(contacts=np.reshape([*contacts.values()], (-1, KINDS)), bodies=[*bodies.values()])
+        self._raise(contacts=[*contacts.values()], bodies=[*bodies.values()])
         residuals = [ContactResiduals(*row) for row in self.most["contacts"].tolist()]
         return Certificate(dict(zip(contacts, residuals, strict=True)),
                            dict(zip(bodies, self.most["bodies"].tolist(), strict=True)))
