@@ -37,6 +37,7 @@ SLIVER = 0.02
 UNSEEN = 1e-7
 """A node of whose length no more than this part is covered faces nothing: the other side ends at its neighbour."""
 
+
 def connect(first: Side, second: Side, contact: SettledContact, refinement: int = 1) -> Interface:
     """The interface of two sides, as `pair` or `mortar`: by pairs where nodes match, or as `contact.pairing` says."""
     paired = first.cell.bears and second.cell.bears

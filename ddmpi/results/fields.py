@@ -52,6 +52,7 @@ MANY = 10_000
 FEW = 0.02
 """A node that shares its neighbour's row and has less than this part of its length hardly faces the other side."""
 
+
 @dataclass(frozen=True)
 class Fields:
     """Fields of one body; stress, von Mises stress and error are None where the scene does not ask for them.
