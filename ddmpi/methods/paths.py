@@ -73,12 +73,9 @@ INEXACT = 1e-2
 """GMRES reduces the residual of a step of interior points by this; 1e-3 takes a twentieth fewer steps, and a tenth more
 products."""
 
-MOST_POINTS, SHORT, SHORTS = 60, 1e-3, 5
-"""Interior points are given up after so many steps, and after the last number of steps shorter than the second."""
-
-IDLE, LOWEST = 8, 1e-18
-"""So they are after so many steps that neither lower the residual by a tenth nor halve the barrier, and with a barrier
-below the second part of the first one."""
+MOST_POINTS, IDLE, LOWEST = 60, 8, 1e-18
+"""Interior points are given up after so many steps, after so many that neither lower the residual by a tenth nor halve
+the barrier, and with a barrier below the third part of the first one."""
 
 
 Solve = Callable[..., Point]
@@ -248,7 +245,7 @@ class InteriorPoints:
         self._barrier = self._mean(s)
         self._slip, self._most = np.zeros(self._rows.shape), 2.0 * self._barrier / self._bounds(s)[0]
         self.point = Point(s, -joint.d, np.zeros(joint.rigid.size), joint.imbalance(s))
-        self._last, self._steps, self._shorts, self.failed = 1.0, 0, 0, False
+        self._last, self._steps, self.failed = 1.0, 0, False
         self._first, self._idle, self._smallest, self._lowest = 0.0, 0, np.inf, np.inf
 
     def _first_force(self, c: np.ndarray) -> float:
@@ -330,17 +327,14 @@ class InteriorPoints:
         length = min(1.0, self.to_bound / fastest) if fastest else 1.0
         self._w, self._slip, self._most = w + length * opens, slip + length * slips, most + length * mosts
         self.point, self._last, self._steps = point.along(change, length), length, self._steps + 1
-        self._shorts = self._shorts + 1 if length < SHORT else 0
-        if self._steps >= MOST_POINTS or self._shorts >= SHORTS or not np.isfinite(fastest):
-            self.failed = True
+        self.failed = self._steps >= MOST_POINTS or not np.isfinite(fastest)
 
     def see(self, residual: float) -> None:
         """Note the residual that a step has left; give up after too many that get nowhere."""
         gains = residual <= GAIN * self._smallest or self._barrier <= 0.5 * self._lowest
         self._smallest, self._lowest = min(residual, self._smallest), min(self._barrier, self._lowest)
         self._idle = 0 if gains else self._idle + 1
-        if self._idle >= IDLE:
-            self.failed = True
+        self.failed |= self._idle >= IDLE
 
 
 class CloserPoints(InteriorPoints):
