@@ -202,12 +202,14 @@ class LinearProblem:
     layer : (joint.size,) compliance D (m/N) of a layer, a barrier, or the springs across friction, in turned frames
     held, steered : part of the springs ε that steer rigid motions, and of the compliances that steer shared nodes
     forcing : by which GMRES reduces the residual
+    precise : whether the forces are to be known as well as the displacements; slender bodies always need this
 
     Construction is collective.
     """
 
     def __init__(self, joint: Joint, preconditioner: Preconditioner, linearised: Linearised,
-                 layer: np.ndarray, held: float = 1.0, steered: float = 1.0, forcing: float = FORCING) -> None:
+                 layer: np.ndarray, held: float = 1.0, steered: float = 1.0, forcing: float = FORCING,
+                 precise: bool = False) -> None:
         self.joint, self.linearised = joint, linearised
         self._D = linearised.diagonal(steered * preconditioner.shared + layer)
         crossing = preconditioner.crossing
@@ -218,7 +220,7 @@ class LinearProblem:
              for least in (deltas[part].min(initial=np.inf),)])
         self._weights = linearised.diagonal(1.0 / np.sqrt(1.0 + layer * preconditioner.c))
         self._rigid = joint.rigid.size
-        self._forcing = forcing
+        self._forcing, self._slender = forcing, np.inf if precise else SLENDER
         self._coarse: CoarseSystem | None = None
         if preconditioner.motions.size:
             diagonal = preconditioner.diagonal.copy()
@@ -306,5 +308,5 @@ class LinearProblem:
         w = ksp.buildSolution()
         size = w.norm()
         w.destroy()  # else it stays until PETSc collects garbage
-        known = size >= SLENDER * self._size or residual <= max(rtol * size, atol)
+        known = size >= self._slender * self._size or residual <= max(rtol * size, atol)
         return PETSc.KSP.ConvergedReason.CONVERGED_RTOL if known else None

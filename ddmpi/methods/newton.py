@@ -347,7 +347,7 @@ class Newton:
             held = self._path.held if self._path else 1.0
             held = min(held, self._held) if self._trying or not self._path else held
             problem = LinearProblem(joint, self._preconditioner, linearised, layer, held,
-                                    self._path.steered if self._path else 1.0, self._forcing)
+                                    self._path.steered if self._path else 1.0, self._forcing, self._path is not None)
             if rigid.size:  # the nearest forces by half-planes that balance the loads
                 y, alpha = problem.precondition(y, joint.imbalance(point.s + change))
                 change = change + linearised.expand(y)

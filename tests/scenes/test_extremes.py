@@ -134,6 +134,15 @@ def test_flat_triangles_slender_bodies_one_node(comm):
     assert_all_certified(comm, {name: scene(change) for name, change in shapes.items()})
 
 
+def test_thin_triangles_in_a_single_row():
+    """1000 of 3 mm × 1 m: softening solves its linear problems until the forces are known, too."""
+    from ddmpi.run.solve import solve
+
+    assembly = prepare_scene(MPI.COMM_SELF, scene(mesh(1000, 1)))
+    answer = solve(assembly, assembly.scene.method)
+    assert answer.certified
+
+
 def test_bodies_of_a_nanometre_and_of_a_thousand_kilometres(comm):
     _, _, usual, _ = find(comm, scene())
     for width in (1e-9, 1e6):
