@@ -71,10 +71,10 @@ def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
     Not collective. Raises InputError when the sides do not face each other, or clamps hold all of the slave.
     """
     sides = (first, second)
-    covers = [None if contact.slave == sides[1 - own].body else _cover(sides, own, contact.name) for own in (0, 1)]
-    own = _choose_slave(sides, contact, [np.unique(each.facet) if each else slice(1) for each in covers])
+    covers = {own: _cover(sides, own, contact.name) for own in (0, 1) if contact.slave != sides[1 - own].body}
+    faced = [np.unique(covers[k].facet if k in covers else covers[1 - k].other) for k in (0, 1)]
+    own = _choose_slave(sides, contact, faced)
     side, over = sides[own], covers[own]
-    assert over is not None
     psi = _functions(side, over)
     root = _merged(side, over, psi)
     rows = _rows(sides, own, over, psi, root)
@@ -104,18 +104,19 @@ def _functions(side: Side, over: Cover) -> sparse.csr_matrix:
 
 
 def _choose_slave(sides: tuple[Side, Side], contact: SettledContact, faced: Sequence[np.ndarray | slice]) -> int:
-    """0 or 1, the slave: the side that is named, else that of larger facets over modulus, or the one that clamps do not
-    hold, along the facets `faced` of each side. Raises InputError where they hold it alone all along these."""
-    rigid, sizes = [], []
+    """0 or 1, the slave: the side that is named, else the one that clamps hold less all along the facets `faced` of
+    each side, else that of larger facets over modulus. Raises InputError where clamps hold it more than the other."""
+    held, sizes = [], []
     for side, some in zip(sides, faced, strict=True):
         nodes, size = np.unique(side.facets[some]), side.areas[some].mean() / len(side.cell.parts)
-        rigid.append(bool(is_held(side.normal[nodes], side.free[nodes]).all()))
+        free = side.free[nodes]
+        held.append(int(is_held(side.normal[nodes], free).all()) + int((np.einsum("kii->k", free) < 0.5).all()))
         sizes.append(size ** (1.0 / (side.dimension - 1)) / side.modulus)
     if contact.slave is not None:
         own = [side.body for side in sides].index(contact.slave)
     else:
-        own = rigid.index(False) if rigid[0] != rigid[1] else int(sizes[1] > (1.0 + 1e-6) * sizes[0])
-    if rigid[own] and not rigid[1 - own]:
+        own = held.index(min(held)) if held[0] != held[1] else int(sizes[1] > (1.0 + 1e-6) * sizes[0])
+    if held[own] > held[1 - own]:
         raise InputError(f"contact.{contact.name}: clamps hold all of {sides[own].body!r} at this contact; it cannot "
                          "be the slave")
     return own

@@ -454,6 +454,9 @@ def test_a_held_side_is_master():
     assert met(sides).slave == "lower"
     with pytest.raises(InputError, match="cannot be the slave"):
         met(sides, slave="upper")
+    partly = side(lower, "top", body="lower", where=lambda x, y: (y == 1.0) & (x < 0.3), x=True, y=True)
+    with pytest.raises(InputError, match="cannot be the slave"):
+        met((sides[0], partly), slave="upper")
     with pytest.raises(InputError, match="all nodes of the contact are clamped"):
         met((sides[0], side(lower, "top", body="lower", **held)))
 
@@ -464,6 +467,16 @@ def test_a_bond_holds_what_slides_between_sides_that_are_held_along_its_normal()
     bond = join(side(upper, "bottom", body="upper", **held), side(lower, "top", body="lower", **held), NoFriction(),
                 "seam", kind="bonded")
     assert bond.m == 6 and bond.law.live.tolist() == [False] * 6 + [True] * 6
+
+
+def test_of_sides_that_are_held_along_the_normal_of_a_bond_the_one_that_slides_is_the_slave():
+    """However coarse the other one is: it has nothing to give way with."""
+    upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y)) for n, y in ((5, 1.0), (8, 0.0)))
+    sides = (side(upper, "bottom", body="upper", where=lambda x, y: y == 1.0, x=True, y=True),
+             side(lower, "top", body="lower", where=lambda x, y: y == 1.0, y=True))
+    assert join(*sides, NoFriction(), "seam", kind="bonded").slave == "lower"
+    with pytest.raises(InputError, match="clamps hold all of 'upper'"):
+        join(*sides, NoFriction(), "seam", kind="bonded", slave="upper")
 
 
 @pytest.mark.parametrize("divisions, moduli, slave", [
