@@ -16,6 +16,9 @@ CLOSED = 1e-8
 """A node whose normal force is this part of the largest one, or less, counts as open, unless it is bonded."""
 
 
+SLIDING = 1e-9
+"""An open node that closes by less than this part of how far it slides does not close."""
+
 RESULTANTS = ("force", "moment", "normal_force", "tangential_force", "open", "slip", "stick", "dissipated")
 """What is written of a contact at each load step, of its `ContactTotals`."""
 
@@ -238,7 +241,8 @@ def slip_start(law: Law, s: np.ndarray, closed: np.ndarray, rate: np.ndarray, ah
         return start
     (normal, tangential), (closing, sliding) = law.split(closed), law.split(rate)
     gap, closing = -normal[law.sliding], closing[law.sliding]
-    touches = (law.bound_at(s) == 0.0) & (gap > 0.0) & (closing > 0.0)
+    closes = closing > SLIDING * np.linalg.norm(sliding, axis=1)
+    touches = (law.bound_at(s) == 0.0) & (gap > 0.0) & closes
     share = np.zeros(len(law.sliding))
     share[touches] = np.minimum(gap[touches] / closing[touches], ahead)
     law.split(start)[1][:] = tangential + share[:, None] * sliding

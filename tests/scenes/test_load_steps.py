@@ -411,6 +411,8 @@ def test_a_node_slips_from_where_it_touches():
     assert slip_start(interface.law, s, closed, rate, 1.0)[m:] == pytest.approx(np.full(m, 5.5))
     assert slip_start(interface.law, s, closed, rate, 0.25)[m:] == pytest.approx(np.full(m, 5.25))
     assert slip_start(interface.law, s, closed, -rate, 1.0)[m:] == pytest.approx(np.full(m, 5.0))
+    rounded = np.where(np.arange(len(rate)) < m, 1e-15, rate)  # rounding closes no gap
+    assert slip_start(interface.law, s, closed, rounded, 1.0)[m:] == pytest.approx(np.full(m, 5.0))
     s[:m] = 1.0
     assert slip_start(interface.law, s, closed, rate, 1.0)[m:] == pytest.approx(np.full(m, 5.0))
     assert not slip_start(interface.law, s, closed, rate, 1.0)[:m].any()
