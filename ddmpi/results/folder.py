@@ -37,11 +37,11 @@ FILES = {
     "steps.csv": "a line per load step and contact",
     "energy.csv": "with load steps: the balance of energy, a line per step",
     "result.xdmf": "for ParaView, pyvista and meshio: displacement, stress, principal stresses and von Mises stress of "
-                   "bodies, and the estimated error if asked for; pressure, friction, gap, slip, slip_total and status "
-                   "(0 open, 1 slip, 2 stick) of contacts, of solids also friction_vector, on the first body, and "
-                   "slip_vector; with load steps a time series. ParaView and pyvista find a grid for each body and "
-                   "contact, by its name; meshio.read, or with load steps meshio.xdmf.TimeSeriesReader, finds all "
-                   "bodies as one",
+                   "bodies, and the estimated error if asked for; initial_gap, pressure, friction, gap, slip, "
+                   "slip_total and status (0 open, 1 slip, 2 stick) of contacts, of solids also friction_vector, on "
+                   "the first body, and slip_vector; with load steps a time series. ParaView and pyvista find a grid "
+                   "for each body and contact, by its name; meshio.read, or with load steps "
+                   "meshio.xdmf.TimeSeriesReader, finds all bodies as one",
     "result_last.xdmf": "with load steps: all bodies at the last one, for meshio.read, which takes no time series",
     "result.h5": "the data of result.xdmf: points, displacement, nodal_stress, nodal_principal, nodal_von_mises by "
                  "node, stresses recovered from the cells around it; cells, body (its number), stress "

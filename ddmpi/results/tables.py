@@ -214,8 +214,9 @@ def reading(path: str | Path, what: str = "a complete folder of results") -> Ite
     except DdmpiError:
         raise
     except Exception as error:
-        why = "there is no" if isinstance(error, KeyError) else type(error).__name__
-        first = str(error).partition("\n")[0][:200]
+        lost = getattr(error, "filename", None) if isinstance(error, FileNotFoundError) else None
+        why = "there is no" if lost or isinstance(error, KeyError) else type(error).__name__
+        first = Path(lost).name if lost else str(error).partition("\n")[0][:200]
         raise InputError(f"{path}: not {what}: {why} {first}") from None
 
 

@@ -81,7 +81,7 @@ def override(data: dict, key: str, value: Any) -> None:
         if not isinstance(table, dict | list):
             raise InputError(f"--set {key}: {'.'.join(parents[:depth + 1])} is a value, not a table")
     table[_index(table, last, key) if isinstance(table, list) else last] = value
-    if last == "law" and value in LAWS:  # what other laws need goes
+    if last == "law" and isinstance(value, str) and value in LAWS:  # what other laws need goes
         for name in set(table) - LAWS[value]:
             del table[name]
 

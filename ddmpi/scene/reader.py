@@ -51,9 +51,10 @@ def as_data(value: Any, where: str) -> Any:
         return [as_data(entry, where) for entry in value]
     if isinstance(value, os.PathLike):
         return os.fspath(value)
-    if not isinstance(value, str | bool | int | float):
-        raise InputError(f"{where}: {value!r} is no value of a scene; give numbers, words, lists or tables")
-    return value
+    for kind in (str, bool, int, float):  # also of types that are based on these, such as enumerations of words
+        if isinstance(value, kind):
+            return "".join(value) if isinstance(value, str) else kind(value)
+    raise InputError(f"{where}: {value!r} is no value of a scene; give numbers, words, lists or tables")
 
 
 def read_scene(path: str, scene: str | Mapping[str, Any], settings: Sequence[str] = (),

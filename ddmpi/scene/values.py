@@ -151,8 +151,8 @@ def _value(node: ast.AST, places: Mapping[str, Any], depth: int = 0) -> Any:
         case _:
             raise ValueError(f"it must be made of numbers, + - * / **, comparisons, brackets and functions; {known}")
     if function is None:
-        raise ValueError(f"formulas do not have this operator ({type(sign).__name__}), only + - * / ** < <= > >=; a "
-                         "power is written **, not ^")
+        raise ValueError("a power is written **, not ^" if isinstance(sign, ast.BitXor) else
+                         f"formulas do not have this operator ({type(sign).__name__}), only + - * / ** < <= > >=")
     return function(*[_value(each, places, depth + 1) for each in inside])
 
 

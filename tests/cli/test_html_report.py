@@ -251,7 +251,7 @@ def test_only_reports_are_overwritten(run):
 
 
 @pytest.mark.parametrize(("files", "words"), [
-    ({}, "not a complete folder of results"), ({"checkpoint.h5": ""}, "--restart"),
+    ({}, "not a complete folder of results: there is no summary.json"), ({"checkpoint.h5": ""}, "--restart"),
     ({"summary.json": "["}, "not a complete folder"), ({"summary.json": "[]"}, "not a complete folder"),
     ({"summary.json": '{"format": 7}'}, "format 7"), ({"summary.json": '{"format": 2}'}, "there is no 'scene'"),
     ({"sweep.json": '{"scene": {}}'}, "has no sweep.csv yet"),

@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from enum import Enum
 from pathlib import Path
 from typing import get_args
 
@@ -15,7 +16,7 @@ from ddmpi.scene.bodies import Clamp, Material
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
 from ddmpi.scene.keys import differences, override
 from ddmpi.scene.method import METHODS, Method, OuterName, Published
-from ddmpi.scene.reader import read_scene, read_scene_file
+from ddmpi.scene.reader import as_data, read_scene, read_scene_file
 from ddmpi.scene.scene import Scene, Settled
 from ddmpi.scene.values import AffineScalar, AffineVector, Profile, check_formulas, evaluate, varies
 
@@ -415,6 +416,28 @@ def test_overrides_reach_every_part():
                              "log_view": True}
     assert not changed.output.stress
     assert changed.title == "a new = title"
+
+
+def test_values_of_a_program_become_those_of_a_scene():
+    """Also of types that are based on words and numbers; what is none is refused."""
+    class Law(str, Enum):
+        COULOMB = "coulomb"
+
+    class Coefficient(float):
+        pass
+
+    found = as_data({"friction": {"law": Law.COULOMB, "coefficient": Coefficient(0.5)}, "on": (np.str_("a"), Path("b")),
+                     "steps": np.int32(3), "name": None}, "scene")
+    assert found == {"friction": {"law": "coulomb", "coefficient": 0.5}, "on": ["a", "b"], "steps": 3}
+    assert [type(each) for each in (*found["friction"].values(), *found["on"], found["steps"])] == [
+        str, float, str, str, int]
+    with pytest.raises(InputError, match="scene: 1j is no value of a scene"):
+        as_data({"young": 1j}, "scene")
+
+
+def test_a_law_that_is_no_word_is_refused():
+    with pytest.raises(InputError, match=r"contact.*friction"):
+        scene('contact.0.friction.law=["none"]')
 
 
 def test_overrides_apply_in_order_and_make_absent_tables():
