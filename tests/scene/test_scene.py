@@ -2,7 +2,7 @@
 
 import json
 import tomllib
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import get_args
 
@@ -420,7 +420,7 @@ def test_overrides_reach_every_part():
 
 def test_values_of_a_program_become_those_of_a_scene():
     """Also of types that are based on words and numbers; what is none is refused."""
-    class Law(str, Enum):
+    class Law(StrEnum):
         COULOMB = "coulomb"
 
     class Coefficient(float):
