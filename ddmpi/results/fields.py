@@ -186,7 +186,7 @@ def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, np.
     import h5py
 
     with writing(path / "result.h5"), h5py.File(path / "result.h5", "r") as file:
-        steps, surfaces = ([_datasets(file, group, group_of(k)) for k in range(max(len(times), 1))]
+        steps, surfaces = ([_described(file, group, group_of(k)) for k in range(max(len(times), 1))]
                            for group in ("/", f"/{SURFACES}"))
     parts = [(name, part, fields) for own, fields in ((bodies, steps), (contacts, surfaces))
              for name, part in (own or {}).items()]
@@ -252,7 +252,7 @@ def group_of(step: int) -> str:
     return f"step_{step:06d}"
 
 
-def _datasets(file: Any, group: str, step: str = "") -> dict[str, tuple[str, tuple[int, ...], str]]:
+def _described(file: Any, group: str, step: str = "") -> dict[str, tuple[str, tuple[int, ...], str]]:
     """Path, shape and kind of the datasets in a group of result.h5, by name; those of a load step in their place."""
     own, changed = datasets(file.get(group, {})), datasets(file.get(f"{step}{group}", {})) if step else {}
     kept = {name: own[name] for name in own if not changed or name not in AT_STEPS} | changed
@@ -263,7 +263,7 @@ def _add_grids(parent: Any, name: str, times: Sequence[float], steps: Sequence[M
                part: np.ndarray | None = None, alone: float | None = None) -> None:
     """Add grids to an element of XDMF: of each time one, in a collection, or one of the time `alone`, if that is any.
 
-    A grid has the mesh and the fields of its step, `_datasets`; of these a `part`, as of `write_fields`.
+    A grid has the mesh and the fields of its step, `_described`; of these a `part`, as of `write_fields`.
     """
     if times:
         parent = _element("Grid", parent, Name=name, GridType="Collection", CollectionType="Temporal")
