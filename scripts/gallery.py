@@ -224,13 +224,13 @@ def z_buffer(rings: int = 224) -> str:
 
 
 def keep(picture: Path, path: Path) -> None:
-    """A smaller copy of a picture, without its white margins."""
+    """A smaller copy of a picture, in 256 colours and without its white margins."""
     with Image.open(picture) as opened:
         image = opened.convert("RGB")
     drawn = image.convert("L").point(lambda shade: 255 * (shade < 250)).getbbox()
     image = ImageOps.expand(image.crop(drawn), MARGIN, "white")
     image.thumbnail((WIDEST, WIDEST), Image.Resampling.LANCZOS)
-    image.save(path, optimize=True)
+    image.quantize(dither=Image.Dither.NONE).save(path, optimize=True)
 
 
 def main() -> None:
