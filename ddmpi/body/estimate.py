@@ -194,7 +194,8 @@ def _apart(mesh: Mesh, material: Composite) -> Mesh:
 
 
 def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
-    """The recovered stress (n, nv) at all nodes from that (n, q, nt) at the samples, in Pa."""
+    """The recovered stress (n, nv) at all nodes from that (n, q, nt) at the samples, in Pa: fits around the corners, at
+    nodes between these the mean of theirs."""
     x, order, corners, samples = mesh.points, mesh.order, mesh.corners, mesh.cell.samples
     nv, n, k = int(corners.max()) + 1, len(sampled), comb(mesh.dimension + order, order)
     places = samples @ np.take(x.T, corners.T, axis=1)  # (d, q, nt)
@@ -216,9 +217,9 @@ def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
     del moments
     value, vertices = np.zeros((n, len(x))), np.flatnonzero(np.bincount(corners.ravel()))
     value[:, vertices] = _evaluate(fit, owner[vertices], x, reach, vertices, order)
-    for edge in mesh.cell.edges if mesh.cell.edges.shape[1] > 2 else ():  # at middles, the mean of both ends' fits
-        first, second, middle = mesh.triangles[:, edge].T
-        value[:, middle] = 0.5 * sum(_evaluate(fit, owner[end], x, reach, middle, order) for end in (first, second))
+    for node, between in zip(mesh.triangles.T[mesh.dimension + 1:], mesh.cell.between, strict=True):
+        fits = (_evaluate(fit, owner[corner], x, reach, node, order) for corner in corners.T[between])
+        value[:, node] = sum(fits) / order
     return value
 
 

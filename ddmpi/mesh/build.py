@@ -67,7 +67,7 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
     for _ in range(spec.halvings):
         _refuse_huge(2.0**mesh.dimension * len(mesh.triangles), mesh.cell.names, f"{key}.refine")
         mesh = halve(mesh, key)
-    mesh = raise_order(mesh, key, spec.order)
+    mesh = raise_order(mesh, key, spec.order or 1)
     refuse_folded(mesh, key)
     material_numbers(mesh, body)
     for name, each in body.acting:

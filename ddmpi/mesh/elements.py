@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations_with_replacement, permutations
+from itertools import permutations
 from math import factorial
 
 import numpy as np
@@ -31,21 +31,19 @@ FACETS: dict[int, list[tuple[int, ...]]] = {
     1: [(1,), (0,)], 2: [(0, 1), (1, 2), (2, 0)], 3: [(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)]}
 """Corners of the facets by dimension, counter-clockwise from outside; in the plane the cell lies to their left."""
 
-CORNERS_CUT = {1: [[0, 2], [2, 1]], 2: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]],
-               3: [[0, 4, 6, 7], [4, 1, 5, 8], [6, 5, 2, 9], [7, 8, 9, 3]]}
-"""Parts of a cell of order 2 with halved edges, by dimension: its nodes at their corners, without INSIDE."""
-
-INSIDE = {3: np.array([[[4, 9, a, b] for a, b in ((5, 6), (6, 7), (7, 8), (8, 5))],
-                         [[5, 7, a, b] for a, b in ((6, 4), (9, 6), (8, 9), (4, 8))],
-                         [[6, 8, a, b] for a, b in ((4, 5), (5, 9), (9, 7), (7, 4))]])}
-"""In space, of the octahedron that is left over: the four tetrahedra around each of its three diagonals."""
+CUTS = {1: np.array([[[0, 2], [2, 1]]]), 2: np.array([[[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]]),
+        3: np.array([[[0, 4, 6, 7], [4, 1, 5, 8], [6, 5, 2, 9], [7, 8, 9, 3], *([*ends, a, b] for a, b in around)]
+                     for ends, around in (((4, 9), ((5, 6), (6, 7), (7, 8), (8, 5))),
+                                          ((5, 7), ((6, 4), (9, 6), (8, 9), (4, 8))),
+                                          ((6, 8), ((4, 5), (5, 9), (9, 7), (7, 4))))])}
+"""Ways (w, 2^d, d + 1) to cut a cell with halved edges, by dimension: its nodes in order 2 at the corners of the parts.
+In space each has four parts around another diagonal of the octahedron within, the first two nodes of the last one."""
 
 NAMES = {0: ("point", "points"), 1: ("line", "lines"), 2: ("triangle", "triangles"), 3: ("tetrahedron", "tetrahedra")}
 """One and several, by dimension."""
 
-TOPOLOGY = {(1, 1): "Polyline", (2, 1): "Triangle", (2, 2): "Triangle_6",
-            (3, 1): "Tetrahedron", (3, 2): "Tetrahedron_10"}
-"""What XDMF calls cells, by dimension and order."""
+TOPOLOGY = {1: "Polyline", 2: "Triangle", 3: "Tetrahedron"}
+"""What XDMF calls linear cells, by dimension. To others it adds how many nodes they have."""
 
 ORDERS = {1: "linear", 2: "quadratic"}
 """What elements are called, by order."""
@@ -54,7 +52,7 @@ REGULAR = {2: 3**0.5 / 4, 3: 2**0.5 / 12}
 """Area of the triangle, volume of the tetrahedron, with edges of length one."""
 
 BENT = 1e-9
-"""An edge is curved if its middle is off the midpoint of its chord by more than this part of the chord's length."""
+"""A cell is curved if a node is off its straight place by more than this part of the distance of corners around it."""
 
 
 @dataclass(frozen=True)
@@ -90,8 +88,9 @@ class Cell:
 
     Attributes
     ----------
-    nodes : (k, d + 1) barycentric coordinates of the nodes
-    edges : (e, 2 or 3) ends, in order 2 then the middle, of each edge
+    nodes : (k, d + 1) barycentric coordinates of the nodes, corners first
+    between : (k − d − 1, order) the corners whose mean each of the other nodes is: in order 2 both ends of its edge
+    edges : (e, order + 1) nodes of each edge as those of `CELLS[1, order]`
     facets : (d + 1, l) nodes of each facet as those of `CELLS[d - 1, order]`, turned outward
     parts : (p, d + 1) nodes at the corners of the linear simplices that it is cut into
     samples : (q, d + 1) points where the stress, of degree order − 1, is more accurate than elsewhere
@@ -100,6 +99,7 @@ class Cell:
     """
 
     nodes: np.ndarray
+    between: np.ndarray
     edges: np.ndarray
     facets: np.ndarray
     parts: np.ndarray
@@ -132,7 +132,7 @@ class Cell:
     @property
     def topology(self) -> str:
         """What XDMF calls it."""
-        return TOPOLOGY[self.dimension, self.order]
+        return TOPOLOGY[self.dimension] + f"_{len(self.nodes)}" * (not self.linear)
 
     @property
     def facet(self) -> Cell:
@@ -148,6 +148,14 @@ class Cell:
     def bears(self) -> bool:
         """Whether a constant pressure acts on all of its nodes, as it does not on corners of quadratic triangles."""
         return bool((self.coefficients @ _products(self.powers) > 0.0).all())  # integers
+
+    def bends(self, nodes: np.ndarray, least: float = BENT) -> np.ndarray:
+        """How far (…, k − d − 1, D) all nodes but the corners are off the means `between`, of cells with `nodes`
+        (…, k, D) (m). Exactly zero up to the part `least` of the distance of the corners there."""
+        corners = nodes[..., self.between, :]
+        off = nodes[..., self.dimension + 1:, :] - corners.mean(axis=-2)
+        bent = np.linalg.norm(off, axis=-1) > least * np.linalg.norm(np.ptp(corners, axis=-2), axis=-1)
+        return np.where(bent[..., None], off, 0.0)
 
     def split(self, nodes: np.ndarray) -> np.ndarray:
         """The corners (·, d + 1) of linear simplices that cells with `nodes` (n, k) are cut into, first parts first."""
@@ -254,24 +262,26 @@ FINE = {dimension: _collapsed(dimension) for dimension in EDGES}
 """For loads and for measures of curved facets, which are no polynomials."""
 
 
+def _means(dimension: int, order: int) -> list[tuple[int, ...]]:
+    """The corners whose mean each node is: of a corner itself, in order 2 then both ends of each edge."""
+    return [(k,) * order for k in range(dimension + 1)] + EDGES.get(dimension, []) * (order == 2)
+
+
 def _lagrange(dimension: int, order: int) -> Cell:
-    """The simplex whose nodes are its corners and, in order 2, the middles of its edges."""
-    corners, ends = np.eye(dimension + 1), np.array(EDGES[dimension])
-    nodes = corners if order == 1 else np.concatenate([corners, corners[ends].mean(axis=1)])
-    terms = list(combinations_with_replacement(range(dimension + 1), order))
-    powers = np.array([np.bincount(each, minlength=dimension + 1) for each in terms])
-    values = (nodes[:, None] ** powers).prod(axis=-1)
-    edges, facets, parts = ends, np.array(FACETS[dimension]), np.arange(dimension + 1)[None]
-    if order == 2:
-        middle = {frozenset(pair): dimension + 1 + k for k, pair in enumerate(EDGES[dimension])}
-        edges = np.column_stack([ends, list(middle.values())])
-        sides = EDGES[dimension - 1] if dimension > 1 else []
-        facets = np.array([[*facet, *(middle[frozenset((facet[a], facet[b]))] for a, b in sides)]
-                           for facet in FACETS[dimension]])
-        parts = np.concatenate([CORNERS_CUT[dimension], *INSIDE.get(dimension, ())[:1]])
-    samples, rule = (FIRST[dimension][0], SECOND[dimension]) if order == 1 else (
-        SECOND[dimension][0], RULES.get(dimension, FINE[dimension]))
-    return Cell(nodes, edges, facets, parts, samples, rule, powers, np.round(np.linalg.inv(values)).T)
+    """The simplex with the nodes of `_means`."""
+    means = _means(dimension, order)
+    number = {tuple(sorted(mean)): k for k, mean in enumerate(means)}
+
+    def nodes_of(corners: tuple[int, ...]) -> list[int]:
+        return [number[tuple(sorted(corners[k] for k in mean))] for mean in _means(len(corners) - 1, order)]
+
+    edges, facets = (np.array([nodes_of(each) for each in every]) for every in (EDGES[dimension], FACETS[dimension]))
+    powers = np.array([np.bincount(mean, minlength=dimension + 1) for mean in means])
+    values = ((powers[:, None] / order) ** powers).prod(axis=-1)
+    samples, rule, parts = (FIRST[dimension][0], SECOND[dimension], np.arange(dimension + 1)[None]) if order == 1 else (
+        SECOND[dimension][0], RULES.get(dimension, FINE[dimension]), CUTS[dimension][0])
+    return Cell(powers / order, np.array(means[dimension + 1:], int).reshape(-1, order), edges, facets, parts, samples,
+                rule, powers, np.round(np.linalg.inv(values)).T)
 
 
 CELLS = {(dimension, order): _lagrange(dimension, order) for dimension in EDGES for order in (1, 2)}
@@ -309,19 +319,6 @@ def invert(tangents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return cofactors / determinant, determinant
 
 
-def bends(edges: np.ndarray, least: float = BENT) -> np.ndarray:
-    """How far (…, D) the middles of edges with nodes (…, 2 or 3, D) are off the midpoints of their chords (m).
-
-    Exactly zero up to the part `least` of the chords, and for edges of order 1.
-    """
-    if edges.shape[-2] == 2:
-        return np.zeros_like(edges[..., 0, :])
-    start, end, middle = np.moveaxis(edges, -2, 0)
-    off = middle - (start + end) / 2
-    bent = np.linalg.norm(off, axis=-1) > least * np.linalg.norm(end - start, axis=-1)
-    return np.where(bent[..., None], off, 0.0)
-
-
 def facet_cell(facets: np.ndarray) -> Cell:
     """What facets with nodes (s, l, D) are in themselves."""
     return cell_with(facets.shape[1], facets.shape[2] - 1)
@@ -334,8 +331,8 @@ def normals(facets: np.ndarray) -> np.ndarray:
 
 
 def curved_facets(facets: np.ndarray) -> np.ndarray:
-    """Which (s,) facets with nodes (s, l, D) have a curved edge."""
-    return bends(facets[:, facet_cell(facets).edges]).any(axis=(1, 2))
+    """Which (s,) facets with nodes (s, l, D) are curved."""
+    return facet_cell(facets).bends(facets).any(axis=(1, 2))
 
 
 def circumference(places: np.ndarray, axisymmetric: bool) -> np.ndarray | float:

@@ -13,7 +13,7 @@ from math import factorial
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.elements import RULES, Cell, Mapped, bends, cell_with, cross
+from ddmpi.mesh.elements import RULES, Cell, Mapped, cell_with, cross
 from ddmpi.system.numbers import in_words
 
 MEASURE = {2: "area", 3: "volume"}
@@ -72,24 +72,17 @@ class Mesh:
         """(nt, d + 1) the nodes at the corners of the cells."""
         return self.triangles[:, :self.dimension + 1]
 
-    @property
-    def bends(self) -> np.ndarray:
-        """(nt, e, d) how far the middles of the edges are off the midpoints of the chords (m); zero if straight."""
-        return bends(self.points[self.triangles[:, self.cell.edges]])
-
     @cached_property
     def curved(self) -> np.ndarray:
-        """(nc,) the numbers of the cells that have a curved edge."""
-        if self.cell.linear:
-            return np.empty(0, int)
+        """(nc,) the numbers of the cells that are curved."""
         off = np.zeros(len(self.triangles), bool)  # as nearly all edges of most meshes are straight to the last bit
-        start, end, middle = self.cell.edges.T
         for first in range(0, len(off), BLOCK):
             nodes = self.triangles[first:first + BLOCK].T
             for x in self.points.T:
-                off[first:first + BLOCK] |= (x[nodes[middle]] != (x[nodes[start]] + x[nodes[end]]) / 2).any(axis=0)
+                straight = x[nodes[self.cell.between]].mean(axis=1)
+                off[first:first + BLOCK] |= (x[nodes[self.dimension + 1:]] != straight).any(axis=0)
         cells = np.flatnonzero(off)
-        return cells[bends(self.points[self.triangles[cells][:, self.cell.edges]]).any(axis=(1, 2))]
+        return cells[self.cell.bends(self.points[self.triangles[cells]]).any(axis=(1, 2))]
 
     @cached_property
     def boundary(self) -> tuple[np.ndarray, np.ndarray]:

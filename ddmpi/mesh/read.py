@@ -14,7 +14,7 @@ import numpy as np
 
 from ddmpi.errors import InputError, InterruptionError
 from ddmpi.mesh.boundary import file_groups, file_members
-from ddmpi.mesh.elements import CELLS, EDGES
+from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import MEASURE, Mesh, signed_measures
 from ddmpi.mesh.refine import FACES, KINDS, SIDES, bend, distinct, raise_order, simplices
 from ddmpi.scene.values import LARGEST
@@ -103,11 +103,9 @@ def read_mesh(path: Path, body: str, order: Literal[1, 2] = 1, label: str = "") 
     turned, swap = measure < 0, [*range(d - 1), d, d - 1]
     cells[turned] = cells[turned][:, swap]
     mesh = Mesh(points, cells, groups, vertices, surfaces, cut, curves)
-    if kind.linear:
-        return mesh
-    ends = [{swap[a], swap[b]} for a, b in EDGES[d]]
-    bends[turned] = bends[turned][:, [ends.index(set(edge)) for edge in EDGES[d]]]
-    return bend(raise_order(mesh, f"body.{body}.mesh"), bends)
+    ends = [{swap[k] for k in corners} for corners in kind.between.tolist()]
+    bends[turned] = bends[turned][:, [ends.index(set(corners)) for corners in kind.between.tolist()]]
+    return bend(raise_order(mesh, f"body.{body}.mesh", order), bends)
 
 
 def file_kind(path: Path, body: str) -> tuple[int, Literal[1, 2]]:

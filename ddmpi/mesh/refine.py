@@ -9,7 +9,7 @@ import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.elements import CELLS, CORNERS_CUT, EDGES, INSIDE, bends, cell_with
+from ddmpi.mesh.elements import CELLS, CUTS, EDGES, cell_with
 from ddmpi.mesh.mesh import Mesh, signed_measures
 
 KINDS: dict[int, tuple[str, ...]] = {
@@ -57,46 +57,45 @@ class Sizes:
     sizes: np.ndarray
 
 
-def raise_order(mesh: Mesh, key: str, order: int | None = 2) -> Mesh:
-    """The mesh of order 2 whose first nodes are those of `mesh`; `mesh` itself if it has at least the `order`.
+def raise_order(mesh: Mesh, key: str, order: int = 2) -> Mesh:
+    """The mesh of the `order` whose first nodes are those of a linear one; `mesh` itself if it has at least the order.
 
     Not collective. Raises InputError, naming `key`, where lines or triangles of a group are not sides of cells.
     """
-    if mesh.order >= (order or 1):
+    if mesh.order >= order:
         return mesh
     size = len(mesh.points)
 
     def keys(cells: np.ndarray) -> np.ndarray:
-        edges = cells[:, cell_with(cells.shape[1]).edges]
-        return edges.min(axis=-1) * size + edges.max(axis=-1)
+        corners = np.sort(cells[:, CELLS[cells.shape[1] - 1, order].between])
+        return np.ravel_multi_index(tuple(np.moveaxis(corners, -1, 0)), (size,) * order)
 
     def raised(groups: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         found = {}
         for name, facets in groups.items():
             wanted = keys(facets)
-            place = np.minimum(np.searchsorted(edges, wanted), len(edges) - 1)
-            if not np.array_equal(edges[place], wanted):
+            place = np.minimum(np.searchsorted(new, wanted), len(new) - 1)
+            if not np.array_equal(new[place], wanted):
                 raise InputError(f"{key}: the group {name!r} has {cell_with(facets.shape[1]).names} that are not "
                                  f"sides of {mesh.cell.names}")
             found[name] = np.column_stack([facets, size + place])
         return found
 
     of_cells = keys(mesh.triangles)
-    edges, number = np.unique(of_cells, return_inverse=True)
-    ends = np.divmod(edges, size)
-    points = np.concatenate([mesh.points, (mesh.points[ends[0]] + mesh.points[ends[1]]) / 2])
+    new, number = np.unique(of_cells, return_inverse=True)
+    between = np.unravel_index(new, (size,) * order)
+    points = np.concatenate([mesh.points, sum(mesh.points[corner] for corner in between) / order])
     cells = np.column_stack([mesh.triangles, size + number.reshape(of_cells.shape)])
     return replace(mesh, points=points, triangles=cells, groups=raised(mesh.groups), curves=raised(mesh.curves))
 
 
 def bend(mesh: Mesh, bends: np.ndarray) -> Mesh:
-    """The mesh of order 2 with the middles of edges off the midpoints of their chords by `bends` (nt, e, d) (m).
+    """The straight mesh with its nodes moved off by `bends` (nt, k − d − 1, d) (m), as of `Cell.bends`.
 
-    Where several cells at an edge give it, they give the same; zero means that another one's counts.
+    Where several cells give a node's, they give the same; zero means that another one's counts.
     """
     bent, points = bends.any(axis=2), mesh.points.copy()
-    sides = mesh.triangles[:, mesh.cell.edges][bent]
-    points[sides[:, 2]] = (points[sides[:, 0]] + points[sides[:, 1]]) / 2 + bends[bent]
+    points[mesh.triangles[:, mesh.dimension + 1:][bent]] += bends[bent]
     return replace(mesh, points=points)
 
 
@@ -106,9 +105,11 @@ def halve(mesh: Mesh, key: str) -> Mesh:
     What is left of a tetrahedron without its corners is cut around its shortest diagonal (Bey 1995). Curved cells are
     cut where their maps have them. Not collective. Raises InputError as `raise_order` does.
     """
-    fine = raise_order(mesh, key)
-    parts = _parts(fine)
-    number, d = parts.shape[1], mesh.dimension
+    fine, d, ways = raise_order(mesh, key), mesh.dimension, CUTS[mesh.dimension]
+    lengths = np.linalg.norm(np.diff(fine.points[fine.triangles[:, ways[:, -1, :2]]], axis=2)[:, :, 0], axis=2)
+    way = (lengths <= (1.0 + EQUAL) * lengths.min(axis=1, keepdims=True)).argmax(axis=1)
+    parts = ways[way]
+    number = parts.shape[1]
     halved = replace(
         mesh, points=fine.points,
         triangles=np.take_along_axis(fine.triangles[:, None], parts, axis=2).reshape(-1, d + 1),
@@ -116,14 +117,12 @@ def halve(mesh: Mesh, key: str) -> Mesh:
         curves={name: CELLS[1, fine.order].split(lines) for name, lines in fine.curves.items()},
         surfaces={name: (number * members[:, None] + np.arange(number)).ravel()
                   for name, members in mesh.surfaces.items()})
-    if mesh.cell.linear:
-        return halved
-    # in the middle of a step v, the map's 4 λ_i λ_j of an edge is off its chord by −v_i v_j
-    (i, j), bends = fine.cell.edges[:, :2].T, np.zeros((len(parts), number, len(fine.cell.edges), d))
+    shapes = mesh.cell.shapes(mesh.cell.nodes @ fine.cell.nodes[ways])  # at the nodes of the parts
+    shares = mesh.cell.bends(shapes, 0.0)[..., d + 1:]  # what bends of a cell give those of its parts
+    bends = np.zeros((len(parts), number, len(mesh.cell.between), d))
     for cells in mesh.summed_blocks():
-        steps = np.diff(fine.cell.nodes[parts[cells][:, :, fine.cell.edges[:, :2]]], axis=3)[:, :, :, 0]
-        bends[cells] = np.einsum("tpef,tfd->tped", -steps[..., i] * steps[..., j], mesh.bends[cells])
-    return bend(raise_order(halved, key), bends.reshape(-1, *bends.shape[2:]))
+        bends[cells] = shares[way[cells]] @ mesh.cell.bends(mesh.points[mesh.triangles[cells]])[:, None]
+    return bend(raise_order(halved, key, mesh.order), bends.reshape(len(halved.triangles), -1, d))
 
 
 def simplices(raw, d: int, points: np.ndarray, curved: bool = False
@@ -144,7 +143,7 @@ def simplices(raw, d: int, points: np.ndarray, curved: bool = False
         found = np.zeros((*parts.shape[:2], len(EDGES[d]) * curved, points.shape[1]))
         if curved and kind != shape and len(nodes):
             ends = corners[:, np.array(SIDES[shape])]
-            off = bends(points[np.concatenate([ends, middles[..., None]], axis=2)], STRAIGHT)
+            off = CELLS[1, 2].bends(points[np.concatenate([ends, middles[..., None]], axis=2)], STRAIGHT)[:, :, 0]
             bent = np.flatnonzero(off.any(axis=(1, 2)))
             between = np.einsum("ijs,nsc->nijc", _weights(shape, number), off[bent])
             i, j = np.moveaxis(parts[bent][:, :, EDGES[d]], -1, 0)
@@ -154,19 +153,6 @@ def simplices(raw, d: int, points: np.ndarray, curved: bool = False
         before += len(nodes)
         cut += len(distinct(corners)[0]) if shape not in SIMPLICES else 0
     return np.concatenate(cells), np.concatenate(bows), np.concatenate(element), cut
-
-
-def _parts(mesh: Mesh) -> np.ndarray:
-    """(nt, 2^d, d + 1) which nodes of each cell of order 2 its halves have for corners."""
-    outer = np.array(CORNERS_CUT[mesh.dimension])
-    outer = np.broadcast_to(outer, (len(mesh.triangles), *outer.shape))
-    inside = INSIDE.get(mesh.dimension)
-    if inside is None:
-        return outer
-    ends = mesh.points[mesh.triangles[:, inside[:, 0, :2]]]
-    lengths = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
-    shortest = (lengths <= (1.0 + EQUAL) * lengths.min(axis=1, keepdims=True)).argmax(axis=1)
-    return np.concatenate([outer, inside[shortest]], axis=1)
 
 
 def graded(mesh: Mesh, sizes: np.ndarray) -> Sizes:

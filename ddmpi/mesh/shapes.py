@@ -49,11 +49,11 @@ def generate_annulus(spec: MeshSpec) -> Mesh:
     names = {"left": "inner", "right": "outer", "bottom": "start", "top": "end"}
     mesh = Mesh(parameters, triangles, {name: sides[side] for side, name in names.items()
                                         if not (spec.closed and side in ("bottom", "top"))})
-    mesh = raise_order(mesh, "", spec.order)
+    mesh = raise_order(mesh, "", spec.order or 1)
     if spec.closed:  # sides from the last nodes to the first go on to a whole turn
-        start, end, *middle = np.moveaxis(mesh.triangles[:, mesh.cell.edges], 2, 0)
-        over = np.abs(parameters[start, 1] - parameters[end, 1]) > 0.5
-        mesh.points[np.unique([each[over] for each in middle]).astype(int), 1] += 0.5
+        angles = parameters[mesh.triangles[:, mesh.cell.between], 1]
+        over = np.ptp(angles, axis=2) > 0.5
+        mesh.points[mesh.triangles[:, 3:][over], 1] += (angles[over] == 0.0).mean(axis=1)
     radius = _between(*spec.radii, mesh.points[:, 0])
     points = np.array(spec.center) + radius[:, None] * _directions(_between(*spec.angles, mesh.points[:, 1]))
     return replace(mesh, points=points)

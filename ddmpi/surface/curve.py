@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ddmpi.mesh.boundary import SHARPEST, segments
-from ddmpi.mesh.elements import bends, circumference, facet_measures, on_line
+from ddmpi.mesh.elements import cell_with, circumference, facet_measures, on_line
 from ddmpi.surface.side import Side, cross
 
 STRAIGHT = 1e-9
@@ -29,7 +29,7 @@ class Curve(Side):
     @property
     def bends(self) -> np.ndarray:
         """(f, 2) how far the middle of each facet is off that of its chord (m); zero if it is straight."""
-        return bends(self.xy[self.facets])
+        return self.cell.bends(self.xy[self.facets]).sum(axis=1)
 
     @property
     def heights(self) -> np.ndarray:
@@ -157,7 +157,7 @@ def _arc(edges: np.ndarray, points: np.ndarray, origins: np.ndarray) -> np.ndarr
             arc[node] = at
             node, step = after.get(node, (node, 0.0))
             at += step
-    arc[edges[:, 2:]] = arc[edges[:, :1]] + length[:, None] / 2
+    arc[edges[:, 2:]] = arc[edges[:, :1]] + length[:, None] * cell_with(edges.shape[1], 1).nodes[2:, 1]
     return arc
 
 

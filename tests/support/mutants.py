@@ -59,10 +59,10 @@ MUTANTS = [Mutant(*row) for row in (
     # mesh
     ("clockwise triangles stay", "mesh/read", "cells[turned] = cells[turned][:, swap]", "pass",
      "mesh/test_mesh.py::test_clockwise_triangles_are_turned"),
-    ("curved sides are straightened", "mesh/refine", "off = bends(", "off = 0.0 * bends(",
+    ("curved sides are straightened", "mesh/refine", "off = CELLS[1, 2]", "off = 0.0 * CELLS[1, 2]",
      "mesh/test_mesh.py::test_curved_triangles"),
     ("clockwise triangles mix up their middles", "mesh/read",
-     "bends[turned] = bends[turned][:, [ends.index(set(edge)) for edge in EDGES[d]]]", "pass",
+     "bends[turned] = bends[turned][:, [ends.index(set(corners)) for corners in kind.between.tolist()]]", "pass",
      "mesh/test_curved_meshes.py::test_turned_triangles_keep_their_middles"),
     ("edges are not turned outward", "mesh/boundary", "return outer[found], owners", "return facets, owners",
      "mesh/test_mesh.py::test_edges_are_turned_and_walked"),
