@@ -126,7 +126,8 @@ def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray,
     """
     cell, (points, weights), measures = mesh.cell, mesh.cell.rule, mesh.measures()
     shapes = cell.shapes(points)
-    between = points @ np.linalg.pinv(cell.samples)  # stress is constant, or linear between samples
+    spans = [cell.derivatives(each).swapaxes(0, 1).reshape(len(each), -1) for each in (points, cell.samples[0])]
+    between = spans[0] @ np.linalg.pinv(spans[1])  # stress is a sum of derivatives of shape functions
     parts, sampled, recovered = _recovered(mesh, material, u, heat)
     squares: np.ndarray = np.zeros(len(measures))
     energy = 0.0
@@ -140,7 +141,7 @@ def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray,
         energy += float((share * energy_density(own, computed)).sum())
         if heat is not None:  # in plane strain σ_zz has energy as well
             warm = cell_temperature(mesh, heat, points, cells) if curved else (
-                between @ cell_temperature(mesh, heat, cell.samples, cells))
+                between @ cell_temperature(mesh, heat, cell.samples[0], cells))
             energy += thermal(own, mesh.strains)[3] * float((share * warm**2).sum())
     materials = [material] if isinstance(material, Material) else material.materials
     stiffest = max(each.tensor(mesh.dimension).max() for each in materials)
@@ -163,7 +164,7 @@ def _recovered(mesh: Mesh, material: Material | Composite, u: np.ndarray, heat: 
                ) -> tuple[Mesh, np.ndarray, np.ndarray]:
     """The mesh with nodes of its own for each material, stress (n, q, nt) at the samples, and recovered (n, ·)."""
     parts = mesh if isinstance(material, Material) else _apart(mesh, material)
-    sampled = components(stress_at(mesh, material, u, mesh.cell.samples, heat))
+    sampled = components(stress_at(mesh, material, u, mesh.cell.samples[0], heat))
     return parts, sampled, _recover(parts, sampled)
 
 
@@ -196,7 +197,7 @@ def _apart(mesh: Mesh, material: Composite) -> Mesh:
 def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
     """The recovered stress (n, nv) at all nodes from that (n, q, nt) at the samples, in Pa: fits around the corners, at
     nodes between these the mean of theirs."""
-    x, order, corners, samples = mesh.points, mesh.order, mesh.corners, mesh.cell.samples
+    x, order, corners, samples = mesh.points, mesh.order, mesh.corners, mesh.cell.samples[0]
     nv, n, k = int(corners.max()) + 1, len(sampled), comb(mesh.dimension + order, order)
     places = samples @ np.take(x.T, corners.T, axis=1)  # (d, q, nt)
     for bent in mesh.summed_blocks():

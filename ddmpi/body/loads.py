@@ -160,8 +160,7 @@ def thermal_loads(mesh: Mesh, material: Material | Composite, heat: np.ndarray) 
     """
     f, energy = np.zeros_like(mesh.points), 0.0
     for cells, own, curved in portions(mesh, material):
-        samples = mesh.cell.samples
-        points, weights = RULES[mesh.dimension] if curved else (samples, np.full(len(samples), 1.0 / len(samples)))
+        points, weights = RULES[mesh.dimension] if curved else mesh.cell.samples
         mapped, warm = mesh.map(cells, points), cell_temperature(mesh, heat, points, cells)
         beta, whole, *_ = thermal(own, mesh.strains)
         beta = np.einsum("ij,ijrc->rc", beta, gradients(mesh))

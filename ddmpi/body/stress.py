@@ -12,7 +12,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from ddmpi.mesh.boundary import material_numbers, turn_outward
-from ddmpi.mesh.elements import FIRST, RULES, facet_measures, invert, normals
+from ddmpi.mesh.elements import RULES, exact_rule, facet_measures, invert, normals
 from ddmpi.mesh.mesh import BLOCK, Mesh, tangents
 from ddmpi.scene.bodies import BodySpec, Material
 
@@ -112,7 +112,7 @@ def stress(mesh: Mesh, material: Material | Composite, u: np.ndarray, heat: np.n
     """
     found = np.empty((2 * mesh.dimension, len(mesh.triangles)))
     for cells, own, curved in portions(mesh, material):
-        points, weights = (RULES if curved else FIRST)[mesh.dimension]
+        points, weights = RULES[mesh.dimension] if curved else exact_rule(mesh.dimension, mesh.order - 1)
         sigma, parts = cell_stress(mesh, own, u, points, cells, curved, heat), np.ones((1, 1))
         if curved:
             parts = weights[:, None] * mesh.map(cells, points).measures

@@ -36,9 +36,9 @@ GROWTH = 4
 AIM = 0.95
 """The error that a step aims for, as a part of the goal."""
 
-CAUTION = {1: 0.8, 2: 0.9}
-"""The largest estimate that meets a target, as a part of it, by order. True errors were at most larger than the
-estimate by the inverse (docs/understand/tradeoff.md)."""
+CAUTION = 0.2
+"""The largest estimate that meets a target is smaller by this part of it, over the order. True errors were at most
+larger than the estimate by as much (docs/understand/tradeoff.md)."""
 
 HOPELESS = 1.25
 """If the goal takes meshes finer than the largest ones by more than this factor, the last steps are not made."""
@@ -177,7 +177,7 @@ class MeshLadder:
     def goal(self) -> float:
         """The largest estimate that meets the target."""
         target = self.scene.method.target_error
-        return CAUTION[self.scene.body[0].mesh.order] * target if target else math.inf
+        return (1.0 - CAUTION / self.scene.body[0].mesh.order) * target if target else math.inf
 
     def rate(self, error: float) -> float:
         """The rate with which errors of geometries fall, by the `error` on this mesh against what was aimed for.

@@ -15,7 +15,7 @@ from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.state import ContactState, ContactTotals
 from ddmpi.judge.overlap import BESIDE, RESOLVED, Solid, doubt_overlaps
 from ddmpi.mesh.boundary import SHARPEST, creases
-from ddmpi.mesh.elements import REGULAR, invert
+from ddmpi.mesh.elements import REGULAR, cell_with, invert
 from ddmpi.mesh.mesh import Mesh, signed_measures, tangents
 from ddmpi.scene.bodies import SettledBody
 from ddmpi.system.agreement import gathered
@@ -35,9 +35,6 @@ UNRESOLVED = 1e-8
 
 LARGE_TURN = 0.1
 """Nodes that slid around a rigid partner by more than this part of its radius meet it where its normal is another."""
-
-RESOLVED_BY = (3, 5)
-"""Pressure on fewer nodes says little of its size, with linear and with quadratic elements."""
 
 CURVED = ALIKE = 1e-6
 """Gaps are alike that differ by less than this part of the distance of nodes, and stresses by this part of them."""
@@ -298,7 +295,7 @@ def _unresolved_zone(state: ContactState) -> list[str]:
     sharp = sharp[~axis[sharp]]
     cornered = np.bincount(zone[sharp], minlength=number) > 0
     size, force = np.bincount(zone, closed, number) * twice, np.bincount(zone, state.normal_force, number)
-    least = RESOLVED_BY[interface.facets.shape[1] - d] ** (d - 1)
+    least = (2 * cell_with(interface.facets.shape[1], d - 1).order + 1) ** (d - 1)  # nodes; fewer say little of it
     poor = (size > 0) & (size < least) & enclosed & ~cornered & (force > SHARE * force.sum())
     if not poor.any():
         return []

@@ -9,7 +9,6 @@ from collections.abc import Callable, Collection
 from dataclasses import replace
 from math import factorial
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -99,13 +98,13 @@ def _refuse_huge(cells: float, names: str, key: str) -> None:
                          f"{free / 2**30:.2g} GiB are free")
 
 
-def kind_of_files(scene_path: str | Path) -> Callable[[BodySpec], tuple[int, Literal[1, 2]]]:
+def kind_of_files(scene_path: str | Path) -> Callable[[BodySpec], tuple[int, int]]:
     """The function that `read_scene` asks for dimension and order of a body's mesh file. It reads each file once.
 
     Drawings have no order, so 1. Not collective. The function raises InputError.
     """
     @functools.cache
-    def of_file(path: Path, name: str, drawn: bool) -> tuple[int, Literal[1, 2]]:
+    def of_file(path: Path, name: str, drawn: bool) -> tuple[int, int]:
         if drawn:
             from ddmpi.mesh.geometry import geometry_dimension
 

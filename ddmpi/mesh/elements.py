@@ -93,8 +93,8 @@ class Cell:
     edges : (e, order + 1) nodes of each edge as those of `CELLS[1, order]`
     facets : (d + 1, l) nodes of each facet as those of `CELLS[d - 1, order]`, turned outward
     parts : (p, d + 1) nodes at the corners of the linear simplices that it is cut into
-    samples : (q, d + 1) points where the stress, of degree order − 1, is more accurate than elsewhere
-    rule : exact to degree 2 order at least
+    samples : exact to degree 2 order − 2, at points where the stress is more accurate than elsewhere
+    rule : exact to degree 2 order
     powers, coefficients : (n, d + 1) exponents α and (k, n) integers c of φ_i = Σ c_in λ^α_n
     """
 
@@ -103,7 +103,7 @@ class Cell:
     edges: np.ndarray
     facets: np.ndarray
     parts: np.ndarray
-    samples: np.ndarray
+    samples: Rule
     rule: Rule
     powers: np.ndarray
     coefficients: np.ndarray
@@ -262,6 +262,12 @@ FINE = {dimension: _collapsed(dimension) for dimension in EDGES}
 """For loads and for measures of curved facets, which are no polynomials."""
 
 
+def exact_rule(dimension: int, degree: int) -> Rule:
+    """The one with fewest points, of these, that is exact to a degree."""
+    rules = [FIRST, FIRST, SECOND, RULES, RULES, *[FINE] * 5][degree]
+    return rules.get(dimension, FINE[dimension])
+
+
 def _means(dimension: int, order: int) -> list[tuple[int, ...]]:
     """The corners whose mean each node is: of a corner itself, in order 2 then both ends of each edge."""
     return [(k,) * order for k in range(dimension + 1)] + EDGES.get(dimension, []) * (order == 2)
@@ -278,10 +284,10 @@ def _lagrange(dimension: int, order: int) -> Cell:
     edges, facets = (np.array([nodes_of(each) for each in every]) for every in (EDGES[dimension], FACETS[dimension]))
     powers = np.array([np.bincount(mean, minlength=dimension + 1) for mean in means])
     values = ((powers[:, None] / order) ** powers).prod(axis=-1)
-    samples, rule, parts = (FIRST[dimension][0], SECOND[dimension], np.arange(dimension + 1)[None]) if order == 1 else (
-        SECOND[dimension][0], RULES.get(dimension, FINE[dimension]), CUTS[dimension][0])
-    return Cell(powers / order, np.array(means[dimension + 1:], int).reshape(-1, order), edges, facets, parts, samples,
-                rule, powers, np.round(np.linalg.inv(values)).T)
+    return Cell(powers / order, np.array(means[dimension + 1:], int).reshape(-1, order), edges, facets,
+                np.arange(dimension + 1)[None] if order == 1 else CUTS[dimension][0],
+                exact_rule(dimension, 2 * order - 2), exact_rule(dimension, 2 * order), powers,
+                np.round(np.linalg.inv(values)).T)
 
 
 CELLS = {(dimension, order): _lagrange(dimension, order) for dimension in EDGES for order in (1, 2)}

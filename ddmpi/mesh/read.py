@@ -8,7 +8,6 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -56,7 +55,7 @@ FLAT = 1e-14
 """A triangle has no area if it is smaller than this fraction of the largest one; for volumes its power 3/2."""
 
 
-def read_mesh(path: Path, body: str, order: Literal[1, 2] = 1, label: str = "") -> Mesh:
+def read_mesh(path: Path, body: str, order: int = 1, label: str = "") -> Mesh:
     """Read triangles or tetrahedra, the groups of the boundary and points from a mesh file, as a mesh of the `order`.
 
     In order 2 the edges of second-order elements are curved as they are in the file; in order 1 only corners are kept.
@@ -103,21 +102,21 @@ def read_mesh(path: Path, body: str, order: Literal[1, 2] = 1, label: str = "") 
     turned, swap = measure < 0, [*range(d - 1), d, d - 1]
     cells[turned] = cells[turned][:, swap]
     mesh = Mesh(points, cells, groups, vertices, surfaces, cut, curves)
-    ends = [{swap[k] for k in corners} for corners in kind.between.tolist()]
-    bends[turned] = bends[turned][:, [ends.index(set(corners)) for corners in kind.between.tolist()]]
+    ends = [sorted(swap[k] for k in corners) for corners in kind.between]
+    bends[turned] = bends[turned][:, [ends.index(sorted(corners)) for corners in kind.between]]
     return bend(raise_order(mesh, f"body.{body}.mesh", order), bends)
 
 
-def file_kind(path: Path, body: str) -> tuple[int, Literal[1, 2]]:
+def file_kind(path: Path, body: str) -> tuple[int, int]:
     """Dimension and order of the elements in a mesh file. Not collective. Raises InputError."""
     return _kind(_load(path, f"body.{body}.mesh.file: {path}"))
 
 
-def _kind(raw) -> tuple[int, Literal[1, 2]]:
-    """Dimension, 3 if there are solid elements, and order, 2 if those of this dimension have middle nodes."""
+def _kind(raw) -> tuple[int, int]:
+    """Dimension, 3 if there are solid elements, and the highest order of those of this dimension."""
     types = {cells.type for cells in raw.cells}
-    d = 3 if types & set(KINDS[3]) else 2
-    return d, 2 if types & set(KINDS[d]) - SIDES.keys() else 1
+    d = 3 if types & KINDS[3].keys() else 2
+    return d, max((KINDS[d][kind] for kind in types & KINDS[d].keys()), default=1)
 
 
 def _load(path: Path, label: str):

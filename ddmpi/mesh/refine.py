@@ -12,11 +12,11 @@ from ddmpi.errors import InputError
 from ddmpi.mesh.elements import CELLS, CUTS, EDGES, cell_with
 from ddmpi.mesh.mesh import Mesh, signed_measures
 
-KINDS: dict[int, tuple[str, ...]] = {
-    0: ("vertex",), 1: ("line", "line3"), 2: ("triangle", "triangle6", "quad", "quad8", "quad9"),
-    3: ("tetra", "tetra10", "hexahedron", "hexahedron20", "hexahedron27", "wedge", "wedge15", "wedge18", "pyramid",
-        "pyramid13", "pyramid14")}
-"""The element types, in meshio's words, that are read, by dimension."""
+KINDS = {
+    0: {"vertex": 1}, 1: {"line": 1, "line3": 2}, 2: {"triangle": 1, "triangle6": 2, "quad": 1, "quad8": 2, "quad9": 2},
+    3: {"tetra": 1, "tetra10": 2, "hexahedron": 1, "hexahedron20": 2, "hexahedron27": 2, "wedge": 1, "wedge15": 2,
+        "wedge18": 2, "pyramid": 1, "pyramid13": 2, "pyramid14": 2}}
+"""The orders of the element types that are read, by dimension and meshio's words."""
 
 SIMPLICES = ("vertex", "line", "triangle", "tetra")
 """By dimension; other elements are cut."""

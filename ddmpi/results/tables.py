@@ -15,7 +15,7 @@ import numpy as np
 
 from ddmpi.errors import DdmpiError, InputError
 from ddmpi.interface.state import ContactState, signed
-from ddmpi.mesh.elements import cell_with, circumference, facet_measures
+from ddmpi.mesh.elements import FIRST, cell_with, circumference, facet_measures
 from ddmpi.system.files import contact_files, writing
 
 FORMAT = 2
@@ -124,9 +124,10 @@ def write_sides(path: Path, name: str, state: ContactState) -> None:
     facets, and do not oscillate. Not collective. Raises OutputError.
     """
     xy, facets = state.interface.xy, state.interface.facets
-    if len(facets) == 0 or facets.shape[1] == xy.shape[1]:
+    cell = cell_with(facets.shape[1], xy.shape[1] - 1)
+    middle, places = facets[:, (cell.nodes == FIRST[cell.dimension][0]).all(axis=1)].ravel(), xy[facets]
+    if len(middle) == 0:
         return
-    middle, places = facets[:, 2], xy[facets]
     bare = facets[:, :2] == facets[:, 2:]  # ends on an axis, which have no row
     places[:, :2][bare] = (2.0 * places[:, 2:] - places[:, 1::-1])[bare]
     length = facet_measures(places)
@@ -137,7 +138,7 @@ def write_sides(path: Path, name: str, state: ContactState) -> None:
 
 def side_means(stress: np.ndarray, places: np.ndarray, axisymmetric: bool) -> np.ndarray:
     """Means (f,) over sides of stresses (f, 3) at their ends and middles at `places` (f, 3, 2), by Simpson's rule."""
-    shares = np.array([1.0, 1.0, 4.0]) * circumference(places, axisymmetric) * np.ones_like(stress)
+    shares = cell_with(stress.shape[1], 1).mass.sum(axis=1) * circumference(places, axisymmetric) * np.ones_like(stress)
     return (shares * stress).sum(axis=1) / shares.sum(axis=1)
 
 

@@ -344,7 +344,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
         given = self.temperature
         return given if isinstance(given, Heat) else Heat(value=0.0 if given is None else given)
 
-    def settled(self, order: Literal[1, 2], dimension: int = 2, axisymmetric: bool = False) -> SettledBody:
+    def settled(self, order: int, dimension: int = 2, axisymmetric: bool = False) -> SettledBody:
         """This body with elements of `order`, in the plane, around an axis or in space."""
         mesh = self.mesh
         finest = mesh.contact_size or TOWARDS_CONTACTS * mesh.largest if mesh.geometry is not None else None

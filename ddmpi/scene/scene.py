@@ -8,7 +8,7 @@ from __future__ import annotations
 import unicodedata
 from collections import Counter
 from collections.abc import Callable, Iterator
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, get_args
 
 import msgspec
 
@@ -19,7 +19,7 @@ from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMetho
 from ddmpi.scene.values import WHERE, History, Name, Number, Table, check_formulas, histories, settle, tables, varies
 from ddmpi.system.files import LONGEST, contact_files
 
-FileKind = Callable[[BodySpec], tuple[int, Literal[1, 2]]]
+FileKind = Callable[[BodySpec], tuple[int, int]]
 """Gives dimension and order of the elements in the mesh file, or in the drawing, of a body; raises InputError."""
 
 EXTENTS = ("size", "divisions", "radii", "angles", "bodies", "on", "young", "poisson", "shear", "view")
@@ -74,7 +74,7 @@ class Scene(Table, frozen=True, kw_only=True):
         for contact in self.contact:
             self._check_partners(contact.settled())
         if len({body.mesh.order for body in self.body} - {None}) > 1:
-            raise ValueError("bodies have mesh.order 1 and 2; forces at their common nodes would mean different "
+            raise ValueError("bodies differ in mesh.order; forces at their common nodes would mean different "
                              "pressures, so give all bodies the same")
         for rigid in self.rigid:
             if self.axisymmetric and 0 in rigid.pushed:
@@ -274,13 +274,13 @@ class Scene(Table, frozen=True, kw_only=True):
                     f"{one!r} is in plane {its} and {other!r} in plane {theirs}; they cannot touch, so give both the "
                     "same material.plane")
 
-    def _order_of_files(self, file_kind: FileKind) -> Literal[1, 2]:
+    def _order_of_files(self, file_kind: FileKind) -> int:
         """The order that all mesh files have; 1 if there are none. Raises ValueError if they differ."""
         found = {f"body.{body.name}.mesh.file = {body.mesh.file}": file_kind(body)[1]
                  for body in self.body if body.mesh.file is not None}
         if len(set(found.values())) > 1:
             each = ", ".join(f"{key} is of order {order}" for key, order in found.items())
-            raise ValueError(f"{each}; say which one to use by mesh.order = 1 or 2")
+            raise ValueError(f"{each}; say by mesh.order which one to use")
         return next(iter(found.values()), 1)
 
 

@@ -81,8 +81,8 @@ class Side:
 
     @property
     def bare(self) -> np.ndarray:
-        """(k,) bool, nodes on an axis in order 2, whose shape functions have next to no integral."""
-        return (self.xy[:, 0] == 0.0) & (self.axisymmetric and not self.cell.linear)
+        """(k,) bool, nodes on an axis if the integrals of their shape functions vanish there, as in order 2."""
+        return (self.xy[:, 0] == 0.0) & (self.axisymmetric and self.cell.mass[0, 1] == 0.0)
 
     @property
     def areas(self) -> np.ndarray:

@@ -169,4 +169,4 @@ def test_bodies_of_different_order_are_refused(folder):
     scene["body"][0]["mesh"]["order"] = 1
     run = scenes.run_here(scenes.write_scene(scene, folder / "mixed.toml"), folder / "mixed")
     assert run.code == 2
-    assert "mesh.order 1 and 2" in run.output and run.files == set()
+    assert "bodies differ in mesh.order" in run.output and run.files == set()

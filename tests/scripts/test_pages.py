@@ -201,7 +201,7 @@ def test_theory_has_the_numbers_of_the_code():
             f"covered by less than {100 * mortar.UNCOVERED:g} %",
             f"turns by more than {np.rad2deg(boundary.SHARPEST):.0f}°"):
         assert words in page
-    assert accuracy.CAUTION == {1: 1 - 1 / 5, 2: 1 - 1 / 10}  # "by a fifth in order 1 and a tenth in order 2"
+    assert accuracy.CAUTION == 1 / 5  # "by a fifth in order 1 and a tenth in order 2"
 
 
 def test_theory_points_to_what_there_is():
