@@ -65,7 +65,7 @@ class Mesh:
     @property
     def cell(self) -> Cell:
         """The reference cell."""
-        return cell_with(self.triangles.shape[1])
+        return cell_with(self.triangles.shape[1], self.dimension)
 
     @property
     def corners(self) -> np.ndarray:
@@ -87,7 +87,7 @@ class Mesh:
     @cached_property
     def boundary(self) -> tuple[np.ndarray, np.ndarray]:
         """`boundary_facets` of all cells."""
-        return boundary_facets(self.triangles)
+        return boundary_facets(self.triangles, self.dimension)
 
     @property
     def summed(self) -> np.ndarray:
@@ -127,9 +127,9 @@ class Mesh:
         return float(np.linalg.norm(self.points - far, axis=1).max())
 
 
-def boundary_facets(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def boundary_facets(cells: np.ndarray, dimension: int | None = None) -> tuple[np.ndarray, np.ndarray]:
     """The facets (f, l) that belong to one of the cells (nt, k) only, turned outward, and the cell (f,) of each."""
-    cell = cell_with(cells.shape[1])
+    cell = cell_with(cells.shape[1], dimension)
     facets = cells[:, cell.facets].reshape(-1, cell.facets.shape[1])
     corners = np.sort(facets[:, :cell.dimension], axis=1).T
     order = np.lexsort(corners)

@@ -148,7 +148,7 @@ def middles(results: Results) -> list[np.ndarray]:
     """A node (d,) of each body far from its boundary, near the body's middle if there are several."""
     from scipy.spatial import cKDTree
 
-    owner, edge, found = owners(results), np.unique(boundary_facets(results.fields["cells"])[0]), []
+    owner, edge, found = owners(results), np.unique(boundary_facets(results.fields["cells"], results.dimension)[0]), []
     for k in range(owner.max() + 1):
         own = results.points[owner == k]
         depth = cKDTree(results.points[edge[owner[edge] == k]]).query(own)[0]

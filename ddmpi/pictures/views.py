@@ -93,7 +93,7 @@ class Skin:
 
     def __init__(self, view: View, points: np.ndarray, cells: np.ndarray) -> None:
         """Of cells (nt, j) with nodes at `points` (nv, d)."""
-        outer, cell = boundary_facets(cells) if view.solid else (cells, np.arange(len(cells)))
+        outer, cell = boundary_facets(cells, 3) if view.solid else (cells, np.arange(len(cells)))
         self.facets, self.of = linear_triangles(outer)
         self.cell, self.beyond = cell[self.of], view.beyond(points)
         self._ends, self._share = np.zeros([0, 2], int), np.zeros(0)
@@ -109,7 +109,7 @@ class Skin:
     def _cap(self, points: np.ndarray, cells: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Triangles (t, 3) in which the cut crosses cells, and the cell (t,) of each."""
         some = np.flatnonzero((self.beyond[cells].min(axis=1) < 0.0) & (self.beyond[cells].max(axis=1) >= 0.0))
-        parts = cell_with(cells.shape[1]).parts
+        parts = cell_with(cells.shape[1], 3).parts
         corners = cells[some][:, parts].reshape(-1, 4)
         order = np.argsort(self.beyond[corners] >= 0.0, axis=1, kind="stable")
         corners, kept = np.take_along_axis(corners, order, axis=1), (self.beyond[corners] < 0.0).sum(axis=1)

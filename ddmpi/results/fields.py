@@ -310,7 +310,7 @@ def _padded(array: np.ndarray) -> np.ndarray:
 
 def linear_triangles(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Cells (nt, k) in the plane as triangles between neighbouring nodes, and the cell that each is part of."""
-    parts = cell_with(cells.shape[1]).parts
+    parts = cell_with(cells.shape[1], 2).parts
     return cells[:, parts].reshape(-1, 3), np.repeat(np.arange(len(cells)), len(parts))
 
 

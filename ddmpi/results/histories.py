@@ -115,7 +115,7 @@ def along(results: Results, start: Sequence[float], end: Sequence[float], number
     if len(place) == 0:
         raise InputError(f"the path from {in_words(first)} to {in_words(last)} meets no body")
     nodes = results.fields["cells"][cell]
-    shapes = cell_with(nodes.shape[1]).shapes(at)
+    shapes = cell_with(nodes.shape[1], d).shapes(at)
 
     def there(values: np.ndarray) -> np.ndarray:
         return np.einsum("pk,pkc->pc", shapes, values[nodes])
@@ -140,7 +140,7 @@ def _located(points: np.ndarray, cells: np.ndarray, body: np.ndarray, places: np
     near = np.flatnonzero(((low <= places.max(axis=0)) & (high >= places.min(axis=0))).all(axis=1))
     pairs = [near[((low[near] <= each) & (high[near] >= each)).all(axis=1)] for each in places]
     place, cell = np.repeat(np.arange(len(places)), [len(each) for each in pairs]), np.concatenate(pairs)
-    kind, nodes = cell_with(cells.shape[1]), points[cells[cell]]
+    kind, nodes = cell_with(cells.shape[1], points.shape[1]), points[cells[cell]]
     at = np.full((len(cell), points.shape[1] + 1), 1.0 / (points.shape[1] + 1))
     for _ in range(NEWTON if nodes.shape[1] > at.shape[1] else 1):
         off = places[place] - np.einsum("pk,pkd->pd", kind.shapes(at), nodes)

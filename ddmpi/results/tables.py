@@ -269,8 +269,8 @@ class Results:
 
     @property
     def dimension(self) -> int:
-        """That of the cells."""
-        return cell_with(self.fields["cells"].shape[1]).dimension
+        """That of the points, whose z is zero in the plane."""
+        return 2 + int(self.fields["points"][:, 2:].any())
 
     @property
     def axisymmetric(self) -> bool:
