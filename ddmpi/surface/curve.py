@@ -32,11 +32,6 @@ class Curve(Side):
         return self.cell.bends(self.xy[self.facets]).sum(axis=1)
 
     @property
-    def heights(self) -> np.ndarray:
-        """(f,) the same, as far as it is outward (m)."""
-        return np.einsum("ij,ij->i", self.bends, self.outward)
-
-    @property
     def slopes(self) -> np.ndarray:
         """(f, 2) angles by which the boundary that is meant leaves each facet outward, at its first and second end.
 
@@ -70,13 +65,13 @@ class Curve(Side):
         node, b, a, turn = node[smooth], b[smooth], a[smooth], turn[smooth]
         part = np.arctan2(length[b] * np.sin(turn), length[a] + length[b] * np.cos(turn))
         flat = [np.abs(turns[other]) <= FLAT * np.abs(turn) for other in (ends[b, 0], ends[a, 1])]
-        shared, own = np.full((len(ends), 2), np.nan), np.arctan(4.0 * self.heights / length)[:, None]
+        shared, height = np.full((len(ends), 2), np.nan), np.einsum("ij,ij->i", self.bends, outer)
         shared[b, 1], shared[a, 0] = part, turn - part
         curved = shared.copy()
         curved[b, 1] = np.where(flat[0], 0.0, np.where(flat[1], turn, part))
         curved[a, 0] = np.where(flat[1], 0.0, np.where(flat[0], turn, turn - part))
         curved = np.where(np.isnan(curved), curved[:, ::-1], curved)
-        curved = np.where(np.isnan(curved), own, curved)
+        curved = np.where(np.isnan(curved), np.arctan(4.0 * height / length)[:, None], curved)
         return curved, np.where(np.isnan(shared), curved, shared)
 
     def bulge(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
@@ -95,15 +90,16 @@ class Curve(Side):
 
     def rise(self, nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:
         found, facet = np.zeros(len(nodes)), np.full(len(self.nodes), -1)
-        facet[self.facets[:, 2:].ravel()] = np.arange(self.facets[:, 2:].size)
-        middle = np.flatnonzero(facet[nodes] >= 0)
-        if not len(middle):
+        facet[self.facets[:, 2:]] = np.arange(len(self.facets))[:, None]
+        inner = np.flatnonzero(facet[nodes] >= 0)
+        if not len(inner):
             return found
-        facets, direction = facet[nodes[middle]], direction[middle]
-        along, bent = self.along[facets], self.bends[facets]
-        aside = np.einsum("qi,qi->q", bent, along) / np.einsum("qi,qi->q", along, along)
-        across = np.einsum("qi,qi->q", self.outward[facets], direction)
-        found[middle] = self.bulge(facets, 0.5 + aside, direction) - self.heights[facets] * across
+        facets, direction = facet[nodes[inner]], direction[inner]
+        along, outward = self.along[facets], self.outward[facets]
+        away = self.xy[nodes[inner]] - self.xy[self.facets[facets, 0]]
+        at = np.einsum("qi,qi->q", away, along) / np.einsum("qi,qi->q", along, along)
+        height = np.einsum("qi,qi->q", away, outward) * np.einsum("qi,qi->q", outward, direction)
+        found[inner] = self.bulge(facets, at, direction) - height
         return found
 
     def parameters(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:

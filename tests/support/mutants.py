@@ -127,7 +127,7 @@ MUTANTS = [Mutant(*row) for row in (
      "np.maximum(area, area.mean()), held.clamps", f"{SIDES}::test_side_of_a_rectangle"),
     ("integrals of curved sides along their chords", "surface/cover", "weight * ratio", "weight",
      "interface/test_curved_sides.py::test_points_that_face_each_other_lie_on_one_ray"),
-    ("gaps of curved sides are those of parabolas", "surface/curve", "- self.heights[facets] * across", "",
+    ("gaps of curved sides are those of parabolas", "surface/curve", "direction) - height", "direction)",
      "interface/test_curved_sides.py::test_gap_between_curved_sides_is_that_of_the_circles"),
     ("normals of the second side ignored", "interface/matching", "normal = first.normal - second.normal[match]",
      "normal = 2 * first.normal", f"{SIDES}::test_area_and_normal_are_those_of_both_sides"),
