@@ -205,10 +205,6 @@ def _choose_groups(gmsh, script: bool, body: BodySpec, contacts: Collection[str]
     if not script:  # other files have no physical groups
         _name_sides(gmsh, body, contacts, label)
     name_groups(gmsh)
-    sides, parts = ({gmsh.model.getPhysicalName(k, tag) for _, tag in gmsh.model.getPhysicalGroups(k)} - {""}
-                    for k in (d - 1, d))
-    for name in sorted(sides & parts):
-        raise InputError(f"{label}: {name!r} is the name of both a {PHYSICAL[d - 1]} and a {PHYSICAL[d]}; rename one")
     bodies = [tag for _, tag in gmsh.model.getEntities(d)]
     if not gmsh.model.getPhysicalGroups(d):
         if len(bodies) > 1 and script:

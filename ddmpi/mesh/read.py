@@ -7,6 +7,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from ddmpi.errors import InputError, InterruptionError
 from ddmpi.mesh.boundary import file_groups, file_members
 from ddmpi.mesh.elements import CELLS
-from ddmpi.mesh.mesh import MEASURE, Mesh, signed_measures
+from ddmpi.mesh.mesh import MEASURE, PHYSICAL, Mesh, signed_measures
 from ddmpi.mesh.refine import FACES, KINDS, SIDES, bend, distinct, raise_order, simplices
 from ddmpi.scene.values import LARGEST
 from ddmpi.system import interrupt
@@ -142,6 +143,7 @@ def _load(path: Path, label: str):
     if not begin.startswith(MSH):
         raise InputError(f"{label} is not a mesh that meshio or gmsh can read: it does not begin with $MeshFormat; a "
                          "drawing is given by geometry = …")
+    _refuse_double_names(path, label)
     try:
         return _read_msh(path)
     except Exception as error:  # meshio raises many kinds, some of them without a message
@@ -157,6 +159,18 @@ def _load(path: Path, label: str):
         except Exception as error:  # meshio refuses a file without elements
             raise InputError(f"{label} is not a mesh that meshio or gmsh can read "
                              f"({refusal}; gmsh: {error})") from None
+
+
+def _refuse_double_names(path: Path, label: str) -> None:
+    """Raise InputError where groups of two dimensions have one name: meshio would forget one of them."""
+    with open(path, encoding="utf-8", errors="replace") as file:
+        head = "".join(takewhile(lambda line: not line.startswith(("$EndPhysicalNames", "$Nodes", "$NOD")), file))
+    found: dict[str, str] = {}
+    for dimension, name in re.findall(r'^([0-3])\s+\d+\s+"(.*)"', head, re.MULTILINE):
+        kinds = found.setdefault(name, dimension), dimension
+        if len(set(kinds)) > 1:
+            one, other = (PHYSICAL[int(each)] for each in kinds)
+            raise InputError(f"{label}: {name!r} is the name of both a {one} and a {other}; rename one")
 
 
 def _read_msh(path: Path):

@@ -307,6 +307,15 @@ def test_surfaces_and_points_of_a_file_are_kept(tmp_path, version, binary, order
             {"heel": [[0.0, 0.0]], "middle": [[1.0, 0.0]], "far off": []}
 
 
+@pytest.mark.parametrize("version, binary", [(2.2, False), (4.0, False), (4.1, False), (4.1, True)])
+def test_a_name_of_two_dimensions_is_refused(tmp_path, version, binary):
+    """A file of gmsh with one name for a curve and a surface is refused: one of them would be lost."""
+    path = write_by_gmsh(tmp_path / "twice.msh", version, binary, surfaces=("volume", "left"))
+    with pytest.raises(InputError, match=r"^body\.upper\.mesh\.file: .*twice\.msh: 'left' is the name of both a "
+                                         r"physical curve and a physical surface; rename one$"):
+        build_mesh(body_with(MeshSpec(file=str(path))))
+
+
 def test_points_may_be_clamped_only(tmp_path):
     """A body may be clamped on its mesh file's points, if they are nodes of triangles, and not loaded there."""
     mesh = MeshSpec(file=str(write_parts(tmp_path / "parts.msh", 4.1)))
