@@ -68,6 +68,7 @@ class Joint:
     slices : of them by body, also of the bodies that have none, and by pushed partner
     e : (rigid.size,) the loads along them (N)
     neglected : forces (N) that do not matter in a product that is kept
+    steering : how precise products in GMRES need be, as a part of what it has left to do
     dear : whether a body's products are by an iterative solver
     """
 
@@ -75,7 +76,7 @@ class Joint:
                  histories: Sequence[str | None] = (None,), pushed: Sequence[Rigid] = ()) -> None:
         self.pushed = tuple(pushed)
         self.members, self.space, self.size = tuple(members), space, space.size
-        self.neglected = 0.0
+        self.neglected, self.steering = 0.0, STEERING
         self.exchange = exchange
         self.dear = exchange.world.allreduce(any(member.dear for member in members), MPI.LOR)
         self._moved = {name: exchange.total([member.response(name)[0] for member in members], "free displacement")
