@@ -79,17 +79,17 @@ class QPSolver:
             return product
 
         start = qp.constraints.project(s)
-        if qp.norm(start - s) != 0.0:  # of all ranks, since a product is made by all
-            Cs = multiply(start, max(qp.norm(qp.d), qp.norm(Cs)))
+        if not np.array_equal(start, s):
+            Cs = multiply(start, max(norm(qp.d), norm(Cs)))
         if qp.residual(start, Cs) <= tolerance:
             return QPResult(start, Cs, qp.residual(start, Cs), 0, {})
         feasible = qp.constraints
         bounds = np.isfinite([feasible.lower, feasible.upper]).any() and not isinstance(feasible, Discs)
-        solve = self._petsc if bounds and self.type != "python" and not qp.comm else self._own
+        solve = self._petsc if bounds and self.type != "python" else self._own
         try:
             with event("ContactQP"):
                 result = solve(qp, start, Cs, tolerance, multiply)
-            rounding = GRADIENT_ROUNDING * max(qp.norm(qp.d), qp.norm(result.Cs))
+            rounding = GRADIENT_ROUNDING * max(norm(qp.d), norm(result.Cs))
             if not result.residual <= max(1.01 * tolerance, rounding):
                 raise SolverError(f"subproblem for {purpose}: TAO type {self.type} ended with {self._reason()} after "
                                   f"{result.iterations} iterations; projected gradient {result.residual:.2e}, "
@@ -129,7 +129,7 @@ class QPSolver:
 
     def _create(self, problem: _Scaled, kind: str, tolerance: float) -> PETSc.TAO:
         self._release()
-        tao = self._tao = PETSc.TAO().create(problem.comm)
+        tao = self._tao = PETSc.TAO().create(PETSc.COMM_SELF)
         tao.setOptionsPrefix("qp_")
         if kind == "python":
             tao.setType(PETSc.TAO.Type.PYTHON)
@@ -144,7 +144,7 @@ class QPSolver:
         H = problem.hessian()
         tao.setHessian(lambda *_: None, H)
         discs = isinstance(problem.constraints, Discs)
-        most = MOST * (x.getSize() + 1)  # of all ranks: they must stop together
+        most = MOST * (x.getSize() + 1)
         tao.setMaximumIterations(max(most, MOST_GRADIENTS) if discs else most)
         tao.setTolerances(gatol=tolerance / problem.displacement, grtol=0.0, gttol=0.0)
         if kind == self.type:  # otherwise the options are meant for another type
@@ -174,11 +174,9 @@ class _Scaled:
 
     def __init__(self, qp: QP, moving: np.ndarray, s: np.ndarray, Cs: np.ndarray, multiply: Product) -> None:
         self.moving, self._multiply, self._whole = moving, multiply, np.zeros(qp.C.size)
-        self._length = qp.norm
-        self.comm = qp.comm or PETSc.COMM_SELF
-        self._change = qp.norm(Cs - qp.d)  # a step changes C s by about the gradient
+        self._change = norm(Cs - qp.d)  # a step changes C s by about the gradient
         self._norm = qp.C.norm()
-        self.displacement = max(qp.norm(qp.d), qp.norm(Cs)) or 1.0
+        self.displacement = max(norm(qp.d), norm(Cs)) or 1.0
         self.force = self.displacement / self._norm
         self._own = qp.constraints.restricted(moving) if len(moving) < qp.C.size else qp.constraints
         self.constraints = self._own.scaled(self.force)
@@ -190,7 +188,7 @@ class _Scaled:
     def vectors(self) -> tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]:
         """The starting point, the lower and the upper bounds."""
         arrays = (self._start.copy(), self.constraints.lower.copy(), self.constraints.upper.copy())
-        x, lower, upper = (PETSc.Vec().createWithArray(a, comm=self.comm) for a in arrays)
+        x, lower, upper = (PETSc.Vec().createWithArray(a, comm=PETSc.COMM_SELF) for a in arrays)
         return x, lower, upper
 
     def unscaled(self, x: np.ndarray, near: float) -> np.ndarray:
@@ -199,7 +197,7 @@ class _Scaled:
 
     def hessian(self) -> PETSc.Mat:
         k = len(self.moving)
-        H = PETSc.Mat().createPython(((k, None), (k, None)), context=self, comm=self.comm)
+        H = PETSc.Mat().createPython(((k, None), (k, None)), context=self, comm=PETSc.COMM_SELF)
         H.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         H.setUp()
         return H
@@ -219,7 +217,7 @@ class _Scaled:
         v.set(1.0)
 
     def _gradient(self, x: np.ndarray) -> np.ndarray:
-        if self._length(x - self._at) != 0.0:
+        if not np.array_equal(x, self._at):
             self._g = self._start_gradient + self._apply(x - self._start)
             self._at = x.copy()
         return self._g
