@@ -73,4 +73,4 @@ class AndersonIteration(PublishedIteration):
     def restore(self, state: dict[str, Any]) -> None:
         super().restore(state)
         self._lams, self._residuals = list(state["lams"]), list(state["residuals"])
-        self._smallest = float(state["smallest"])
+        self._smallest = state["smallest"]

@@ -24,7 +24,7 @@ import numpy as np
 from ddmpi.coupling.joint import Joint, Point
 from ddmpi.methods.half_space import MODEL_STEPS, Model, Modelled
 from ddmpi.methods.krylov import Linearised, LinearProblem, Preconditioner, forcing, precondition
-from ddmpi.methods.outer import Report, Step, no_report
+from ddmpi.methods.outer import Outer, Report, Step, no_report
 from ddmpi.methods.paths import DRIFT, NEAR, STOPPED, CloserPoints, InteriorPoints, Path, Softening
 from ddmpi.petsc.events import event
 from ddmpi.system.numbers import norm
@@ -64,9 +64,12 @@ SOFTER, SOFTEST, NEARLY = 1e-3, 1e-6, 1e-3
 """The springs get softer by the first factor, at most by the second, where a step leaves most of an imbalance that is
 below the third part of the loads: friction that turns may resist a motion less than they do."""
 
+KEPT = ("start", "warm", "least", "settled", "error", "held", "far", "stalled", "smallest")
+"""What `state` has beside the iterate."""
 
-class Newton:
-    """The iteration; see `ddmpi.methods.outer.Outer` for what it has in common with others.
+
+class Newton(Outer):
+    """The iteration.
 
     Parameters
     ----------
@@ -138,15 +141,7 @@ class Newton:
 
     @property
     def motions(self) -> np.ndarray:
-        """Rigid motions α (joint.rigid.size,) of loose bodies (m)."""
         return self._at.alpha
-
-    qp_type = "none"
-
-    @property
-    def mismatch(self) -> np.ndarray:
-        """Zero: both bodies carry the same forces."""
-        return np.zeros(self.joint.size)
 
     @property
     def bound(self) -> np.ndarray:
@@ -382,19 +377,15 @@ class Newton:
         """Nothing to do: the gaps are computed afresh where the iteration goes on."""
 
     def state(self) -> dict[str, Any]:
-        return self._at._asdict() | {
-            "start": self._start, "warm": self._warm, "least": self._least, "settled": self._settled,
-            "error": self._error, "held": self._held, "far": self._far, "norm": self._norm(), "stalled": self._stalled,
-            "smallest": self._smallest, "inner_steps": dict(self.inner_steps), "history": tuple(self.history)}
+        return self._at._asdict() | {name: getattr(self, f"_{name}") for name in KEPT} | {
+            "norm": self._norm(), "inner_steps": dict(self.inner_steps), "history": tuple(self.history)}
 
     def restore(self, state: dict[str, Any]) -> None:
+        for name in KEPT:
+            setattr(self, f"_{name}", state[name])
         self._at = Point(*(state[name] for name in Point._fields))
-        self._start, self._settled, self._warm = (bool(state[name]) for name in ("start", "settled", "warm"))
-        self._least = float(state["least"])
-        self._error, self._smallest, self._held = (float(state[name]) for name in ("error", "smallest", "held"))
-        self._stalled, self.inner_steps = int(state["stalled"]), dict(state["inner_steps"])
-        self._far = None if state["far"] is None else float(state["far"])
-        self._measured = self._at.s, float(state["norm"])
+        self._measured = self._at.s, state["norm"]
+        self.inner_steps.update(state["inner_steps"])  # in which the model counts, too
         self.history = [Step(*row) for row in state["history"]]
         if self._modelled:
             self._modelled.rough = True  # which the state does not say

@@ -41,21 +41,13 @@ class Outer(Protocol):
     history : all steps so far
     forces : contact forces (N) at the interfaces that this rank owns, which obey all bounds
     bound : slip bounds (N) of their sliding nodes, for which the forces are meant
-    mismatch : difference of the forces (N) there as the two bodies see them
-    motions : rigid motions (m) of the bodies that nothing holds, of all ranks
     inner_steps : iterations of GMRES or steps of the QP solver, by kind
-    qp_type : TAO type that solves QPs
     checkpoint : called before iterations from which `state` goes on
     """
 
     history: list[Step]
+    inner_steps: dict[str, int]
     checkpoint: Callable[[], None]
-
-    @property
-    def qp_type(self) -> str: ...
-
-    @property
-    def inner_steps(self) -> dict[str, int]: ...
 
     @property
     def forces(self) -> np.ndarray: ...
@@ -64,10 +56,19 @@ class Outer(Protocol):
     def bound(self) -> np.ndarray: ...
 
     @property
-    def mismatch(self) -> np.ndarray: ...
+    def qp_type(self) -> str:
+        """The TAO type that solves QPs."""
+        return "none"
 
     @property
-    def motions(self) -> np.ndarray: ...
+    def mismatch(self) -> np.ndarray:
+        """Difference of the forces (N) at the owned interfaces as the two bodies see them."""
+        return np.zeros_like(self.forces)
+
+    @property
+    def motions(self) -> np.ndarray:
+        """Rigid motions (m) of the bodies that nothing holds, of all ranks."""
+        return np.zeros(0)
 
     def body_forces(self) -> list[np.ndarray]:
         """The contact forces (N) as each body of this rank sees them. Collective."""

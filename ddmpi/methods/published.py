@@ -14,7 +14,7 @@ import numpy as np
 
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.coupling.space import Space
-from ddmpi.methods.outer import Report, Step, no_report
+from ddmpi.methods.outer import Outer, Report, Step, no_report
 from ddmpi.methods.subproblem import Subproblem, friction_role
 from ddmpi.scene.method import SettledMethod
 from ddmpi.system.numbers import norm
@@ -38,8 +38,8 @@ DIVERGED = 1e8
 """The iteration has diverged when ‖λ‖ exceeds the free contact displacements by this factor."""
 
 
-class PublishedIteration:
-    """λ, both bodies' contact forces, and the iteration that improves them; see also `ddmpi.methods.outer.Outer`.
+class PublishedIteration(Outer):
+    """λ, both bodies' contact forces, and the iteration that improves them.
 
     Parameters
     ----------
@@ -69,6 +69,7 @@ class PublishedIteration:
         self._laws, self._lead, self._owned = space.laws, lead, slice(assembly.space.size)
         role = 1 if self.interface.side(assembly.member.name) == lead else 2
         self.subproblem = Subproblem(assembly.member, self.interface, role)
+        self.inner_steps = self.subproblem.steps
         self.lam, self.s1, self.s2 = (np.zeros(space.size) for _ in range(3))
         self._bound = np.zeros(len(self.interface.sliding))
         with self.exchange.deferred():
@@ -90,21 +91,12 @@ class PublishedIteration:
     def bound(self) -> np.ndarray:
         return self._bound[self._owned]
 
-    @property
-    def motions(self) -> np.ndarray:
-        """None: clamps hold both bodies."""
-        return np.zeros(0)
-
     def body_forces(self) -> list[np.ndarray]:
         return [self.subproblem.s]
 
     @property
     def mismatch(self) -> np.ndarray:
         return (self.s1 - self.s2)[self._owned]
-
-    @property
-    def inner_steps(self) -> dict[str, int]:
-        return self.subproblem.steps
 
     @property
     def qp_type(self) -> str:
@@ -174,7 +166,7 @@ class PublishedIteration:
 
     def restore(self, state: dict[str, Any]) -> None:
         self.lam, self.s1, self.s2, self._bound = (state[name] for name in ("lam", "s1", "s2", "bound"))
-        self._step_size = float(state["step_size"])
+        self._step_size = state["step_size"]
         self.subproblem.restore(state["subproblem"])
         self.history = [Step(*row) for row in state["history"]]
 

@@ -99,4 +99,5 @@ class Subproblem:
         return {"s": self.s, "Cs": self.Cs, "steps": dict(self.steps)}
 
     def restore(self, state: dict[str, Any]) -> None:
-        self.s, self.Cs, self.steps = state["s"], state["Cs"], dict(state["steps"])
+        self.s, self.Cs = state["s"], state["Cs"]
+        self.steps.update(state["steps"])
