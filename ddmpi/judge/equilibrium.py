@@ -74,31 +74,40 @@ def describe(mechanism: Mechanism) -> str:
     return f"no equilibrium: {describe_motions(mechanism.bodies, mechanism.velocities, set(mechanism.touching))}"
 
 
-def find_mechanism(interfaces: Sequence[Interface], G: sparse.spmatrix, e: np.ndarray, bodies: Sequence[MotionsOfBody],
-                   load: np.ndarray | None = None) -> Mechanism | None:
-    """The mechanism that shows that no contact forces hold the loose bodies; None where some do.
+def prove_imbalance(contacts: Sequence[Program], e: np.ndarray, scale: Scale) -> tuple[float, np.ndarray] | None:
+    """The least imbalance that forces of the `contacts` leave of the loads `e` (nc,), Σ |G s − e| over the loads of the
+    row's body, and its derivative by e, rigid velocities (nc,), if these prove that there is no equilibrium.
 
-    None does not prove that there is an equilibrium: with Coulomb friction forces that balance the loads may be out of
-    reach of elastic bodies. What the program cannot prove (which has not been seen) is not reported.
+    None does not prove that there is one: with Coulomb friction forces that balance the loads may be out of reach of
+    elastic bodies. What the program cannot prove (which has not been seen) is not reported. Not collective.
+    """
+    from scipy.optimize import linprog
+
+    columns, lower, upper = zip(*contacts, strict=True)
+    forces = Program(sparse.hstack(columns, format="csc"), np.concatenate(lower), np.concatenate(upper))
+    b, weight, k, n = e / scale.unit / scale.largest, scale.of_row / scale.largest, len(forces.lower), len(e)
+    one = sparse.identity(n)
+    bounds = np.concatenate([np.column_stack([forces.lower, forces.upper]), np.tile([0.0, np.inf], (2 * n, 1))])
+    answer = linprog(np.concatenate([np.zeros(k), 1.0 / weight, 1.0 / weight]),
+                     A_eq=sparse.hstack([forces.columns, one, -one], format="csc"), b_eq=b, bounds=bounds,
+                     method="highs", options={"primal_feasibility_tolerance": 1e-10,
+                                              "dual_feasibility_tolerance": 1e-10})
+    if answer.status != 0 or not answer.fun > IMBALANCE:
+        return None
+    dual = np.asarray(answer.eqlin.marginals)
+    return (float(answer.fun), dual) if _is_proof(forces, b, dual) else None
+
+
+def find_mechanism(interfaces: Sequence[Interface], G: sparse.spmatrix, e: np.ndarray, bodies: Sequence[MotionsOfBody],
+                   scale: Scale, imbalance: float, dual: np.ndarray) -> Mechanism:
+    """How loose bodies move that no contact forces hold, as `prove_imbalance` has shown. Not collective.
 
     Parameters
     ----------
     G : (nc, size) power of the forces of all interfaces on the rigid motions, body by body
     e : (nc,) power of the loads on them (N, for motions in metres)
-    load : (nb,) sum of the sizes of all nodal loads on each body (N), with which rounding is compared; by default
-        the largest of its e, which does not see loads that cancel
-
-    Not collective.
     """
-    if not bodies:
-        return None
-    scale = Scale([body.speeds for body in bodies], e, load)
-    if scale.idle(e):
-        return None
     A, b = scale.rows(G), e / scale.unit / scale.largest
-    imbalance, dual = _least_imbalance(Forces.allowed(interfaces, A, scale.largest).program, b, scale)
-    if dual is None:
-        return None
     inside = Forces.allowed(interfaces, A, scale.largest, inside=True)
     motion = _release(A, inside, b, dual, bodies, scale)
     coefficients = motion / scale.unit
@@ -106,31 +115,6 @@ def find_mechanism(interfaces: Sequence[Interface], G: sparse.spmatrix, e: np.nd
     fastest = max(body.speed(v) for body, v in zip(bodies, velocities, strict=True))
     return Mechanism(tuple(bodies), velocities / fastest, coefficients / fastest, imbalance,
                      frozenset(_touching(interfaces, A.T @ motion / fastest)))
-
-
-def prove_imbalance(contacts: Sequence[Program], e: np.ndarray, scale: Scale) -> bool:
-    """Whether no forces of the `contacts` balance the loads `e` (nc,), see `find_mechanism`. Not collective."""
-    columns, lower, upper = zip(*contacts, strict=True)
-    whole = Program(sparse.hstack(columns, format="csc"), np.concatenate(lower), np.concatenate(upper))
-    return _least_imbalance(whole, e / scale.unit / scale.largest, scale)[1] is not None
-
-
-def _least_imbalance(forces: Program, b: np.ndarray, scale: Scale) -> tuple[float, np.ndarray | None]:
-    """The least Σ |A x − b| over the loads of the row's body, and its derivative by b, rigid velocities (nc,), if these
-    prove that there is no equilibrium."""
-    from scipy.optimize import linprog
-
-    n, one, weight = len(b), sparse.identity(len(b)), scale.of_row / scale.largest
-    k = len(forces.lower)
-    bounds = np.concatenate([np.column_stack([forces.lower, forces.upper]), np.tile([0.0, np.inf], (2 * n, 1))])
-    answer = linprog(np.concatenate([np.zeros(k), 1.0 / weight, 1.0 / weight]),
-                     A_eq=sparse.hstack([forces.columns, one, -one], format="csc"), b_eq=b, bounds=bounds,
-                     method="highs", options={"primal_feasibility_tolerance": 1e-10,
-                                              "dual_feasibility_tolerance": 1e-10})
-    if answer.status != 0 or not answer.fun > IMBALANCE:
-        return 0.0, None
-    dual = np.asarray(answer.eqlin.marginals)
-    return float(answer.fun), dual if _is_proof(forces, b, dual) else None
 
 
 def _is_proof(forces: Program, b: np.ndarray, motion: np.ndarray) -> bool:

@@ -40,7 +40,9 @@ class Scale:
     Parameters
     ----------
     speeds : of each loose body (j,), see `MotionsOfBody`
-    e, load : as for `find_mechanism`
+    e : (nc,) power of the loads on the motions (N, for motions in metres)
+    load : (nb,) sum of the sizes of all nodal loads on each body (N), with which rounding is compared: e does not see
+        loads that cancel
 
     Attributes
     ----------
@@ -49,12 +51,12 @@ class Scale:
     of_row : (nc,) loads of the row's body (N), but not less than `LIGHTEST` of the largest
     """
 
-    def __init__(self, speeds: Sequence[np.ndarray], e: np.ndarray, load: np.ndarray | None) -> None:
+    def __init__(self, speeds: Sequence[np.ndarray], e: np.ndarray, load: np.ndarray) -> None:
         numbers = [len(each) for each in speeds]
         self._starts = np.cumsum(numbers)[:-1]
         self.unit = np.concatenate(speeds)
         own = np.array([np.abs(part).max(initial=0.0) for part in self.split(e / self.unit)])
-        loads = own if load is None else np.maximum(own, load)
+        loads = np.maximum(own, load)
         self.largest = float(loads.max())
         self.of_row = np.repeat(np.maximum(loads, LIGHTEST * self.largest), numbers)
 

@@ -175,13 +175,13 @@ def undetermined(G_active: np.ndarray, bodies: Sequence[MotionsOfBody],
     return [*found[0], *found[1]]
 
 
-def _null_space(A: np.ndarray, rounding: float = ROUNDING) -> np.ndarray:
+def _null_space(A: np.ndarray) -> np.ndarray:
     """Vectors (q, n) that A (k, n) takes to nothing, each with an entry 1 where the others have zeros."""
     from scipy.linalg import null_space, qr
 
     if not A.shape[1]:
         return np.empty((0, 0))
-    null = null_space(np.linalg.qr(np.vstack([A, np.zeros((1, A.shape[1]))]), mode="r"), rounding).T
+    null = null_space(np.linalg.qr(np.vstack([A, np.zeros((1, A.shape[1]))]), mode="r"), ROUNDING).T
     if len(null) == 0:
         return null
     pivots = qr(null, mode="r", pivoting=True)[1][:len(null)]

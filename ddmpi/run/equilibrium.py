@@ -47,12 +47,13 @@ def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
         own = {interface.name: Forces.allowed([interface], A[:, part], scale.largest).program
                for interface, part in space.each()}
     everyone = gathered(world, own)
-    if not from_first(world, lambda: prove_imbalance([everyone[contact.name] for contact in scene.contact], joint.e,
-                                                     scale)):
+    proof = from_first(world, lambda: prove_imbalance([everyone[contact.name] for contact in scene.contact], joint.e,
+                                                      scale))
+    if proof is None:
         return None
     interfaces, G = _whole(assembly)
     whole = _with_partners(assembly)
-    return from_first(world, lambda: find_mechanism(interfaces, G, joint.e, whole, loads))
+    return from_first(world, lambda: find_mechanism(interfaces, G, joint.e, whole, scale, *proof))
 
 
 def motions_without_resistance(assembly: Assembly) -> list[str]:
