@@ -70,18 +70,11 @@ class HalfSpace:
         found._blocks = [block.softened(delta) for block, delta in zip(self._blocks, deltas, strict=True)]
         return found
 
-    def mult(self, x: np.ndarray) -> np.ndarray:
-        """M x (size,) in newtons, of x (size,) in metres."""
+    def mult(self, x: np.ndarray, inverse: bool = False) -> np.ndarray:
+        """M x (size,) in newtons, of x (size,) in metres; or M⁻¹ x in metres, of x in newtons."""
         y = np.empty_like(x)
         for part, block in zip(self._parts, self._blocks, strict=True):
-            y[part] = block.mult(x[part, None])[:, 0]
-        return y
-
-    def inverse(self, x: np.ndarray) -> np.ndarray:
-        """M⁻¹ x (size,) in metres, of x (size,) in newtons."""
-        y = np.empty_like(x)
-        for part, block in zip(self._parts, self._blocks, strict=True):
-            y[part] = block.mult(x[part, None], inverse=True)[:, 0]
+            y[part] = block.mult(x[part, None], inverse)[:, 0]
         return y
 
     def on_interface(self, number: int, x: np.ndarray) -> np.ndarray:
@@ -210,7 +203,7 @@ class Model(Joint):
             y += self._y.T @ (self._known @ b) - self._bx.T @ (self._within @ a)
 
     def _unlearnt(self, x: np.ndarray) -> np.ndarray:
-        return self._half_space.inverse(x) + self._modes.T @ (self._more * self.space.add(self._modes @ x))
+        return self._half_space.mult(x, inverse=True) + self._modes.T @ (self._more * self.space.add(self._modes @ x))
 
     def learn(self, x: np.ndarray, y: np.ndarray) -> None:
         """Take in that C x = y (size,), but for an error that is small beside y. Collective on all bodies."""

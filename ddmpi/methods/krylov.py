@@ -23,7 +23,7 @@ import numpy as np
 import scipy.sparse as sparse
 from petsc4py import PETSc
 
-from ddmpi.coupling.coarse import CoarseSystem, CrossPoints, Motions
+from ddmpi.coupling.coarse import CoarseSystem
 from ddmpi.coupling.joint import Joint
 from ddmpi.coupling.space import Space
 from ddmpi.errors import SolverError
@@ -132,10 +132,6 @@ class Linearised(Tangent):
         """Iᵀ x (k,): the part of a vector (size,) along the unknown forces."""
         return (x if self._transposed is None else self._transposed @ x)[self.unknown]
 
-    def diagonal(self, D: np.ndarray) -> np.ndarray:
-        """The diagonal (k,) of Iᵀ D I, for D (size,) in the turned frames."""
-        return D[self.unknown]
-
     def move(self, s: np.ndarray) -> np.ndarray:
         """The change (size,) of the forces s that keeps the unknown ones and gives the others what is implied."""
         return self.expand(self.restrict(s)) + self.given - s
@@ -147,44 +143,41 @@ class Linearised(Tangent):
 
 
 class Preconditioner:
-    """The half-space stiffness M of all interfaces with the coarse problem of all bodies.
+    """The half-space stiffness M of all interfaces with the coarse problem of all bodies, for all active sets.
 
     Parameters
     ----------
-    space : of the interfaces
+    c : (joint.size,) stiffness of half-spaces against short waves (N/m)
+
+    Attributes
+    ----------
     motions : coarse motions, the rigid ones first
     diagonal : (motions.size,) what stands for them in the lower right block (N/m): ε E* of rigid motions,
         1/(μ − ½) of modes
     crossing : how nodes give way at which bodies have several contacts; None where that does not count
-    shared : (space.size,) compliances (m/N) that steer there, zero elsewhere
-    c : (space.size,) stiffness of half-planes against short waves (N/m)
+    shared : (joint.size,) compliances (m/N) that steer there, zero elsewhere
+
+    Construction is collective.
     """
 
-    def __init__(self, half_space: HalfSpace, motions: Motions, diagonal: np.ndarray,
-                 crossing: CrossPoints | None, shared: np.ndarray, c: np.ndarray) -> None:
-        self.half_space, self.motions, self.diagonal = half_space, motions, diagonal
-        self.crossing, self.shared, self.c = crossing, shared, c
-
-
-def precondition(joint: Joint, c: np.ndarray, in_space: bool) -> Preconditioner:
-    """The preconditioner for all active sets of `joint`, with c (size,) half the joint moduli. Collective."""
-    half_space, rigid = HalfSpace(joint.space), joint.rigid
-    motions, stiffness = rigid, HELD_LOOSELY * joint.rigid_moduli()
-    if joint.bodies >= MANY or rigid.size:
-        found = [(np.empty((0, member.size)), np.empty(0)) for member in joint.members]
-        with joint.exchange.deferred():
-            found = [smooth_modes(member, Space(member.interfaces),
-                                  SMOOTH[max(each.law.components for each in member.interfaces)])
-                     if member.interfaces else none for member, none in zip(joint.members, found, strict=True)]
-        joint.exchange.meet("coarse modes")
-        motions, more = joint.add_motions([v for v, _ in found], [1.0 / (mu - 0.5) for _, mu in found])
-        stiffness = np.append(stiffness, more)
-    if motions.size:
-        log.info("coarse problem: %d rigid motions and %d smooth modes of %d bod%s", rigid.size,
-                 motions.size - rigid.size, joint.bodies, "ies" if joint.bodies > 1 else "y")
-    shared, crossing = np.where(joint.shared(), SHARED / c, 0.0), joint.cross_points() if in_space else None
-    # in the plane modes do what cross points do in space: random assemblies would take 12 % more products
-    return Preconditioner(half_space, motions, stiffness, crossing, shared, c)
+    def __init__(self, joint: Joint, c: np.ndarray, in_space: bool) -> None:
+        self.half_space, self.c, rigid = HalfSpace(joint.space), c, joint.rigid
+        self.motions, self.diagonal = rigid, HELD_LOOSELY * joint.rigid_moduli()
+        if joint.bodies >= MANY or rigid.size:
+            found = [(np.empty((0, member.size)), np.empty(0)) for member in joint.members]
+            with joint.exchange.deferred():
+                found = [smooth_modes(member, Space(member.interfaces),
+                                      SMOOTH[max(each.law.components for each in member.interfaces)])
+                         if member.interfaces else none for member, none in zip(joint.members, found, strict=True)]
+            joint.exchange.meet("coarse modes")
+            self.motions, more = joint.add_motions([v for v, _ in found], [1.0 / (mu - 0.5) for _, mu in found])
+            self.diagonal = np.append(self.diagonal, more)
+        if self.motions.size:
+            log.info("coarse problem: %d rigid motions and %d smooth modes of %d bod%s", rigid.size,
+                     self.motions.size - rigid.size, joint.bodies, "ies" if joint.bodies > 1 else "y")
+        self.shared = np.where(joint.shared(), SHARED / c, 0.0)
+        # in the plane modes do what cross points do in space: random assemblies would take 12 % more products
+        self.crossing = joint.cross_points() if in_space else None
 
 
 class LinearProblem:
@@ -207,14 +200,14 @@ class LinearProblem:
                  layer: np.ndarray, held: float = 1.0, steered: float = 1.0, forcing: float = FORCING,
                  precise: bool = False) -> None:
         self.joint, self.linearised = joint, linearised
-        self._D = linearised.diagonal(steered * preconditioner.shared + layer)
+        self._D = (steered * preconditioner.shared + layer)[linearised.unknown]
         crossing = preconditioner.crossing
         self._correct = crossing and crossing.corrector(linearised.basis, self._D, preconditioner.shared > 0.0)
         deltas = np.where(linearised.unknown, layer * preconditioner.c, np.inf)
         self._half_space = preconditioner.half_space.softened(
             [least if np.isfinite(least) else 0.0 for part in joint.space.parts.values()
              for least in (deltas[part].min(initial=np.inf),)])
-        self._weights = linearised.diagonal(1.0 / np.sqrt(1.0 + layer * preconditioner.c))
+        self._weights = 1.0 / np.sqrt(1.0 + layer * preconditioner.c)[linearised.unknown]
         self._rigid = joint.rigid.size
         self._forcing, self._slender = forcing, np.inf if precise else SLENDER
         self._coarse: CoarseSystem | None = None

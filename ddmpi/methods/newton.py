@@ -23,7 +23,7 @@ import numpy as np
 
 from ddmpi.coupling.joint import Joint, Point
 from ddmpi.methods.half_space import MODEL_STEPS, Model, Modelled
-from ddmpi.methods.krylov import Linearised, LinearProblem, Preconditioner, forcing, precondition
+from ddmpi.methods.krylov import Linearised, LinearProblem, Preconditioner, forcing
 from ddmpi.methods.outer import Outer, Report, Step, no_report
 from ddmpi.methods.paths import DRIFT, NEAR, STOPPED, CloserPoints, InteriorPoints, Path, Softening
 from ddmpi.petsc.events import event
@@ -94,7 +94,7 @@ class Newton(Outer):
         self._c = np.concatenate([np.empty(0), *(interface.stiffness for interface in self.space.interfaces)])
         self._coulomb = self.space.largest(np.array([self._laws.largest_slope])) > 0.0  # else forces can be found
         self._in_space = self.space.largest(np.array([float(law.components) for law in self._laws.laws])) > 1.0
-        self._preconditioner = preconditioner or precondition(joint, self._c, self._in_space)
+        self._preconditioner = preconditioner or Preconditioner(joint, self._c, self._in_space)
         self._full = FULL_STEPS if self._in_space else 0 if self._coulomb else GIVEN_STEPS
         self._modelled: Modelled | None = None
         if joint.dear:
@@ -352,7 +352,7 @@ class Newton(Outer):
             more = np.zeros_like(y)
             with joint.exchange.deferred():
                 right = linearised.restrict(wanted - point.r - C_change + rigid.spread(alpha))
-                right -= linearised.diagonal(layer) * y
+                right -= layer[linearised.unknown] * y
                 more, turn, iterations = problem.solve(right)
                 alpha = alpha + turn
                 self.inner_steps["gmres"] += iterations

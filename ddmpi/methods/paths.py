@@ -21,7 +21,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.coupling.joint import Joint, Point
-from ddmpi.interface.law import Tangent, across, direction
+from ddmpi.interface.law import across, direction
 from ddmpi.methods.krylov import Linearised
 from ddmpi.qp.box import cone_exit, cone_room, dots, magnitude
 from ddmpi.system.numbers import norm
@@ -313,7 +313,7 @@ class InteriorPoints:
         layer[rows], coupling[rows], wanted[rows] = aside, slope * turns, -2.0 * mu / room * friction
         layer[rows[:, :1]] = along
         none = np.zeros(len(s))
-        linearised = Linearised.of([Tangent(self._unknown, self._source, coupling, none, none, self._turn(axes))])
+        linearised = Linearised(self._unknown, self._source, coupling, none, none, self._turn(axes))
         change = solve(point, linearised, none, wanted, layer)
         more, moved = slope * change.s[under], change.s[rows]
         own = moved - more * turns

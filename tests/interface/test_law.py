@@ -48,10 +48,10 @@ def test_the_linearised_law_is_the_tangent_of_the_equations(law):
         r = (s - q) / c
         linear = Linearised.of([law.linearise(law.active_set(q))])
         assert linear.move(s) == pytest.approx(np.zeros(law.size), abs=1e-14)
-        assert linear.restrict(r) == pytest.approx(-linear.diagonal(linear.spring / c) * linear.restrict(s), abs=1e-14)
+        assert linear.restrict(r) == pytest.approx(-(linear.spring / c)[linear.unknown] * linear.restrict(s), abs=1e-14)
         y = rng.standard_normal(linear.number)
         dr = rng.standard_normal(law.size)
-        dr -= linear.basis @ (linear.restrict(dr) + linear.diagonal(linear.spring / c) * y)
+        dr -= linear.basis @ (linear.restrict(dr) + (linear.spring / c)[linear.unknown] * y)
         s, r = s + step * linear.expand(y), r + step * dr
         assert np.abs(s - law.project(s - c * r)).max() < 1e-3 * step
 

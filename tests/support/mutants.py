@@ -257,7 +257,7 @@ MUTANTS = [Mutant(*row) for row in (
      STATE),
     ("states on a path kept without the path", "methods/newton", "if not self._path:  # which", "if True:  # which",
      "run/test_checkpoint.py::test_restart_on_a_path"),
-    ("the layer left out of the linear problem", "methods/newton", "right -= linearised.diagonal(layer) * y", "pass",
+    ("the layer left out of the linear problem", "methods/newton", "right -= layer[linearised.unknown] * y", "pass",
      "methods/test_paths.py::test_softened_springs_hold_in_steps_from_a_path"),
     ("full steps on every path", "methods/paths", "if slopes[-1] <= SLOPE * falls:", "if True:",
      "methods/test_paths.py::test_a_step_ends_where_the_energy_is_least"),
