@@ -158,11 +158,12 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                 bodies[spec.name] = elasticity
                 own = at_body[spec.name]
                 for contact, side in own:
+                    others = [(each, which) for each, which in own if each is not contact]
                     links, key = edges[contact.name, side], _key(contact)
                     sides[contact.name, side] = contact_side(
                         mesh, links, elasticity.supports, spec.name, modulus_beside(mesh, material, links, key), key,
-                        _tied(own, edges, elasticity.supports.free, contact.name),
-                        any(contact.on[side] == other.on[which] for other, which in own if other is not contact))
+                        _tied(others, edges, elasticity.supports.free, contact.on[side]),
+                        any(contact.on[side] == other.on[which] for other, which in others))
                 interrupt.check()
         both = exchange.swap_objects(sides)
         with agreed(world):
@@ -219,16 +220,13 @@ def _key(contact: SettledContact) -> str:
     return f"contact.{contact.name}.on"
 
 
-def _tied(own: Sequence[tuple[SettledContact, int]], edges: Mapping[tuple[str, int], np.ndarray],
-          free: np.ndarray, name: str) -> np.ndarray:
-    """Nodes (nv,) bool of a body, with its `own` contacts and its side in each, that clamps hold in all components, or
-    that lie on other contacts than `name` that can hold: bonded or frictional ones; in space on those of other groups.
-    """
+def _tied(others: Sequence[tuple[SettledContact, int]], edges: Mapping[tuple[str, int], np.ndarray],
+          free: np.ndarray, here: str) -> np.ndarray:
+    """Nodes (nv,) bool of a body that clamps hold in all components, or that lie on `others` of its contacts, with its
+    side in each, that can hold: bonded or frictional ones; in space on those of other groups than the one `here`."""
     tied = ~free.any(axis=(1, 2))
-    here = next(contact.on[side] for contact, side in own if contact.name == name)
-    for contact, side in own:
-        if contact.name != name and holds_along(contact) and (
-                free.shape[1] == 2 or contact.on[side] != here):
+    for contact, side in others:
+        if holds_along(contact) and (free.shape[1] == 2 or contact.on[side] != here):
             tied[edges[contact.name, side]] = True
     return tied
 

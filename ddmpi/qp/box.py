@@ -45,10 +45,6 @@ class Box:
             room = np.where(p > 0, (x - self.lower) / p, np.where(p < 0, (x - self.upper) / p, np.inf))
         return float(room.min(initial=np.inf))
 
-    def restricted(self, indices: np.ndarray) -> Box:
-        """The box of the components `indices`."""
-        return Box(self.lower[indices], self.upper[indices])
-
     def holding(self, x: np.ndarray, free: slice) -> Box:
         """The points of the set whose components other than the `free` ones are those of x."""
         lower, upper = x.copy(), x.copy()

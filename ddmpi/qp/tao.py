@@ -12,7 +12,7 @@ from ddmpi.errors import SolverError
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import TaoReason, call_solver, petsc_message, reason_name
 from ddmpi.qp.apg import APG
-from ddmpi.qp.box import Discs
+from ddmpi.qp.box import Box, Discs
 from ddmpi.qp.mprgp import MPRGP
 from ddmpi.qp.program import QP, QPResult
 from ddmpi.system.numbers import norm
@@ -178,7 +178,8 @@ class _Scaled:
         self._norm = qp.C.norm()
         self.displacement = max(norm(qp.d), norm(Cs)) or 1.0
         self.force = self.displacement / self._norm
-        self._own = qp.constraints.restricted(moving) if len(moving) < qp.C.size else qp.constraints
+        own = qp.constraints
+        self._own = Box(own.lower[moving], own.upper[moving]) if len(moving) < qp.C.size else own
         self.constraints = self._own.scaled(self.force)
         # the gradient at x is that at the start, whose product is known, plus H (x − start)
         self._start = s[moving] / self.force
