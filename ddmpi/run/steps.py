@@ -51,9 +51,11 @@ CERTAIN = 0.25
 """Changes below this part of ``time.tolerance`` are small enough however slowly they fall: with the root of the number
 of steps, as where nodes touch in the midst of a step, the error left is 2.4 times the change."""
 
-KEPT = ("iterations", "_leg", "_start", "_number", "_coarse", "_changed", "_largest", "_given", "_cuts", "_noted",
-        "_shortest")
+KEPT = ("iterations", "_leg", "_number", "_coarse", "_changed", "_largest", "_given", "_cuts", "_noted", "_shortest")
 """Attributes of a march that checkpoints keep as they are."""
+
+MARKS = ("_now", "_before", "_base")
+"""Those that are marks."""
 
 
 @dataclass
@@ -63,12 +65,10 @@ class _Mark:
     Attributes
     ----------
     time : of the step
-    span : its length; zero where the next step is not like it
     s, alpha : forces (size,) in N and motions of loose bodies in m
     d : (size,) free displacements less gaps, tangentially from the beginning (m)
     moved : (size,) relative displacements (m)
     opening, prescribed : (size,) of a `Space` (m)
-    s_gain, alpha_gain, closed_gain : what the step has added to s, alpha and `closed`
     factors : (k,) by history
     work : (2, k), as `Solution.work` (J)
     energy : strain energy (J)
@@ -76,16 +76,12 @@ class _Mark:
     """
 
     time: float
-    span: float
     s: np.ndarray
     alpha: np.ndarray
     d: np.ndarray
     moved: np.ndarray
     opening: np.ndarray
     prescribed: np.ndarray
-    s_gain: np.ndarray
-    alpha_gain: np.ndarray
-    closed_gain: np.ndarray
     factors: np.ndarray
     work: np.ndarray
     energy: float
@@ -102,8 +98,8 @@ class _Mark:
         space, zero = assembly.space, np.zeros(assembly.space.size)
         touching = sum(float(each.area[each.opening <= 0.0].sum()) for each in space.interfaces)
         still, k = np.zeros(assembly.joint.rigid.size), len(assembly.scene.followed) + 1
-        return cls(0.0, 0.0, zero, still, zero, zero, space.opening, zero, zero, still, zero, np.zeros(k),
-                   np.zeros((2, k)), 0.0, float(space.add(np.array([touching]))[0]))
+        return cls(0.0, zero, still, zero, zero, space.opening, zero, np.zeros(k), np.zeros((2, k)), 0.0,
+                   float(space.add(np.array([touching]))[0]))
 
 
 def solve_scene(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoints | None = None,
@@ -186,36 +182,39 @@ class March:
         mechanism = self._mechanism(time)
         assembly.act(time)
         self._d = joint.d
-        start = self._slip_begins(time)
+        span = self._now.time - self._before.time
+        share = (time - self._now.time) / span if span else 0.0
+        start = self._slip_begins(share)
         joint.d = joint.d - start
         if not self._resumed:
-            self._begin(time, start)
+            self._begin(share, start)
         self._resumed = False
         largest = self.log.most["sizes"]
         self.outer.nothing = NOTHING * largest[0]
         return replace(self.iteration.solve(mechanism, (start, self._now.s), largest), time=time)
 
-    def _begin(self, time: float, start: np.ndarray) -> None:
-        """Begin to iterate for the step to `time`, whose slip begins at `start` (size,).
+    def _begin(self, share: float, start: np.ndarray) -> None:
+        """Begin to iterate for a step whose slip begins at `start` (size,).
 
-        After a cut, and where a leg begins, nothing is known of the way on.
+        It is a `share` of the step before it, zero where they are not alike. There, and after a cut, nothing is known
+        of the way on.
         """
-        now = self._now
+        now, before = self._now, self._before
         self.iteration.begin()
         if now.time == 0.0:
             self.outer.begin()
-        elif now.span and not self._cuts:
-            share = (time - now.time) / now.span
-            closed = now.closed + share * now.closed_gain  # if forces grow so, since loads are linear along a leg
-            self.outer.begin((now.s + share * now.s_gain, start - closed, now.alpha + share * now.alpha_gain),
-                             foreseen=True)
+        elif share and not self._cuts:
+            s, closed, alpha = (new + share * (new - old) for new, old in (
+                (now.s, before.s), (now.closed, before.closed), (now.alpha, before.alpha)))
+            self.outer.begin((s, start - closed, alpha), foreseen=True)  # loads are linear along a leg
         else:
             self.outer.begin((now.s, now.d - self._d - now.closed + start, now.alpha))
 
-    def _slip_begins(self, time: float) -> np.ndarray:
-        """Where the slip of the step to `time` begins (size,)."""
-        now, ahead = self._now, (time - self._now.time) / self._now.span if self._now.span else 0.0
-        parts = [slip_start(interface.law, now.s[part], now.closed[part], now.closed_gain[part], ahead)
+    def _slip_begins(self, share: float) -> np.ndarray:
+        """Where the slip of the next step begins (size,), which is a `share` of the step before it."""
+        s, closed = self._now.s, self._now.closed
+        gain = closed - self._before.closed
+        parts = [slip_start(interface.law, s[part], closed[part], gain[part], share)
                  for interface, part in self.assembly.space.each()]
         return np.concatenate([np.empty(0), *parts])
 
@@ -238,7 +237,7 @@ class March:
             return found
 
         if self._safe is None:
-            self._safe = look(self._start) is None and look(self._legs[self._leg]) is None
+            self._safe = look(self._base.time) is None and look(self._legs[self._leg]) is None
         return None if self._safe else look(time)
 
     def _accept(self, time: float, solution: Solution) -> None:
@@ -266,10 +265,9 @@ class March:
                                   lost])
         self.log.note_step(time, solution)
         self.log.judge(solution.certificate)
-        alike = not (self._sudden and now.time == 0.0)
-        self._now = _Mark(time, time - now.time if alike else 0.0, s, outer.motions, self._d, moved, space.opening,
-                          solution.prescribed, s - now.s, outer.motions - now.alpha, closing, factors, solution.work,
-                          solution.energy, closed)
+        self._now = _Mark(time, s, outer.motions, self._d, moved, space.opening, solution.prescribed, factors,
+                          solution.work, solution.energy, closed)
+        self._before = self._now if self._sudden and now.time == 0.0 else now
         del self._ahead[0]
         if not self._ahead or scene.output.steps == "all":
             self.log.kept.append((time, s, outer.motions, *map(leg_values, solution.states.values())))
@@ -298,8 +296,8 @@ class March:
     def _next_leg(self) -> None:
         """Begin the next leg."""
         self._leg += 1
-        self._now = replace(self._now, span=0.0)
-        self._start, self._base, self._noted = self._now.time, self._now, self.log.state()
+        self._base = self._before = self._now
+        self._noted = self.log.state()
         self._safe = None
         self._coarse: np.ndarray | None = None
         self._changed = math.nan
@@ -312,7 +310,7 @@ class March:
         They are equal in growth where the leg's end has a larger closed `length`. Its square is taken as linear in the
         loads, as in the contact of a circle and a plane. Where gaps are `closing`, the first step is divided.
         """
-        start, end = self._start, self._legs[self._leg]
+        start, end = self._base.time, self._legs[self._leg]
         x, first = np.arange(1, self._number) / self._number, self._base.length
         if length > first:
             x = ((first + x * (length - first)) ** 2 - first**2) / (length**2 - first**2)
@@ -352,7 +350,7 @@ class March:
             ((s[part][:each.m] > 0.0) & (self._base.s[part][:each.m] <= 0.0)
              & (self._base.closed[part][:each.m] < 0.0)).any() for each, part in frictional]))
         self._coarse, self._number = s, 2 * self._number
-        length, self._now = self._now.length, self._base
+        length, self._now, self._before = self._now.length, self._base, self._base
         self.log.restore(self._noted)
         self._ahead = self._times(length, closing)
         return True
@@ -368,15 +366,15 @@ class March:
     def _keep(self) -> None:
         """Make the state that checkpoints write until the next step is over."""
         self._state = {name: getattr(self, name) for name in KEPT} | {
-            "now": asdict(self._now), "base": asdict(self._base), "ahead": tuple(self._ahead), "log": self.log.state()}
+            name: asdict(getattr(self, name)) for name in MARKS} | {
+            "ahead": tuple(self._ahead), "log": self.log.state()}
 
     def state(self) -> dict[str, Any]:
         return self._state
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on within the step that `state` is of."""
-        vars(self).update((name, state[name]) for name in KEPT)
-        self._now, self._base = (_Mark(**state[name]) for name in ("now", "base"))
+        vars(self).update({name: state[name] for name in KEPT} | {name: _Mark(**state[name]) for name in MARKS})
         self._ahead, self._safe = list(state["ahead"]), None
         self.log.restore(state["log"])
         self._state, self._resumed = state, True
