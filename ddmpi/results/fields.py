@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element, ElementTree, SubElement, indent
 
 import numpy as np
 from mpi4py import MPI
@@ -190,21 +191,22 @@ def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, np.
                            for group in ("/", f"/{SURFACES}"))
     parts = [(name, part, fields) for own, fields in ((bodies, steps), (contacts, surfaces))
              for name, part in (own or {}).items()]
-    root = _element("Xdmf", Version="3.0")
-    domain = _element("Domain", root)
+    root = Element("Xdmf", Version="3.0")
+    domain = SubElement(root, "Domain")
     _add_grids(domain, "bodies", times, steps)
     if 0 < len(parts) * len(steps) <= MANY:
         domain[0].set("Reference", "XML")
         domain[0].text = f"/Xdmf/Domain/Grid{'/Grid[1]' * bool(times)}/Information/Grid"
         first = domain[0][0] if times else domain[0]
-        hidden = _element("Information", first, "<none/>", Name="named")  # as meshio reads it
-        named = _element("Grid", hidden, Name="results", GridType="Collection", CollectionType="Spatial")
+        hidden = SubElement(first, "Information", Name="named")
+        hidden.text = "<none/>"  # as meshio reads it
+        named = SubElement(hidden, "Grid", Name="results", GridType="Collection", CollectionType="Spatial")
         for name, part, fields in parts:
             _add_grids(named, name, times, fields, part, alone=1.0)
     _write_document(path / "result.xdmf", root)
     if times:
-        root = _element("Xdmf", Version="3.0")
-        _add_grids(_element("Domain", root), "bodies", (), steps[-1:])
+        root = Element("Xdmf", Version="3.0")
+        _add_grids(SubElement(root, "Domain"), "bodies", (), steps[-1:])
         _write_document(path / "result_last.xdmf", root)
 
 
@@ -212,39 +214,27 @@ def write_surface(path: Path, name: str, fields: Datasets) -> None:
     """Write the `contact_fields` of the contact `name` as contact_NAME.vtu into the folder `path`, which ParaView,
     pyvista and meshio read. Not collective. Raises OutputError."""
     number, width = fields["cells"].shape
-    root = _element("VTKFile", type="UnstructuredGrid", version="0.1", byte_order="LittleEndian")
-    piece = _element("Piece", _element("UnstructuredGrid", root), NumberOfPoints=str(len(fields["points"])),
-                     NumberOfCells=str(number))
+    root = Element("VTKFile", type="UnstructuredGrid", version="0.1", byte_order="LittleEndian")
+    piece = SubElement(SubElement(root, "UnstructuredGrid"), "Piece", NumberOfPoints=str(len(fields["points"])),
+                       NumberOfCells=str(number))
     cells = {"connectivity": fields["cells"].ravel(), "offsets": width * np.arange(1, number + 1),
              "types": np.full(number, {2: 3, 3: 5}[width])}  # VTK's lines and triangles
     for tag, arrays in {"Points": {"points": fields["points"]}, "Cells": cells, "PointData": {
             key: values for key, values in fields.items() if key not in ("points", "cells")}}.items():
-        parent = _element(tag, piece)
+        parent = SubElement(piece, tag)
         for key, values in arrays.items():
-            item = _element("DataArray", parent, _words(*values.ravel().tolist()), Name=key, format="ascii",
-                            type="Int64" if values.dtype.kind == "i" else "Float64")
+            item = SubElement(parent, "DataArray", Name=key, format="ascii",
+                              type="Int64" if values.dtype.kind == "i" else "Float64")
+            item.text = _words(*values.ravel().tolist())
             if values.ndim > 1:
                 item.set("NumberOfComponents", str(values.shape[1]))
     _write_document(path / contact_files(name).surface, root)
 
 
-def _element(tag: str, parent: Any = None, text: str | None = None, **attributes: str) -> Any:
-    """A new element of XML, the last one in its `parent` where there is one."""
-    from xml.etree import ElementTree
-
-    found = ElementTree.Element(tag, attributes)
-    found.text = text
-    if parent is not None:
-        parent.append(found)
-    return found
-
-
-def _write_document(path: Path, root: Any) -> None:
-    from xml.etree import ElementTree
-
-    ElementTree.indent(root)
+def _write_document(path: Path, root: Element) -> None:
+    indent(root)
     with writing(path):
-        ElementTree.ElementTree(root).write(path, "utf-8", xml_declaration=True)
+        ElementTree(root).write(path, "utf-8", xml_declaration=True)
 
 
 def group_of(step: int) -> str:
@@ -259,45 +249,46 @@ def _described(file: Any, group: str, step: str = "") -> dict[str, tuple[str, tu
     return {name: (data.name, data.shape, data.dtype.kind) for name, data in kept.items()}
 
 
-def _add_grids(parent: Any, name: str, times: Sequence[float], steps: Sequence[Mapping[str, tuple]],
+def _add_grids(parent: Element, name: str, times: Sequence[float], steps: Sequence[Mapping[str, tuple]],
                part: np.ndarray | None = None, alone: float | None = None) -> None:
     """Add grids to an element of XDMF: of each time one, in a collection, or one of the time `alone`, if that is any.
 
     A grid has the mesh and the fields of its step, `_described`; of these a `part`, as of `write_fields`.
     """
     if times:
-        parent = _element("Grid", parent, Name=name, GridType="Collection", CollectionType="Temporal")
+        parent = SubElement(parent, "Grid", Name=name, GridType="Collection", CollectionType="Temporal")
     for time, fields in zip(times if times else [alone], steps, strict=True):
-        grid = _element("Grid", parent, Name=name, GridType="Uniform")
+        grid = SubElement(parent, "Grid", Name=name, GridType="Uniform")
         if time is not None:
-            _element("Time", grid, Value=repr(time))
+            SubElement(grid, "Time", Value=repr(time))
         for field, stored in fields.items():
             _add_field(grid, field, stored, part)
 
 
-def _add_field(grid: Any, name: str, stored: tuple[str, tuple[int, ...], str], part: np.ndarray | None) -> None:
+def _add_field(grid: Element, name: str, stored: tuple[str, tuple[int, ...], str], part: np.ndarray | None) -> None:
     """Add what is `stored` of a field, or a part of it, to a grid."""
     (path, shape, kind), nodal = stored, name in AT_NODES
     start, number = (0, shape[0]) if part is None else part[:, 0 if nodal else 1].tolist()
     if name == "points":
-        parent = _element("Geometry", grid, GeometryType="XYZ")
+        parent = SubElement(grid, "Geometry", GeometryType="XYZ")
     elif name == "cells":
         topology = cell_with(shape[1]).topology
-        parent = _element("Topology", grid, TopologyType=topology, NumberOfElements=str(number))
+        parent = SubElement(grid, "Topology", TopologyType=topology, NumberOfElements=str(number))
         if topology == "Polyline":
             parent.set("NodesPerElement", "2")
         if part is not None:
             parent.set("BaseOffset", str(part[0, 0]))
     else:
-        parent = _element("Attribute", grid, Name=name, AttributeType=KIND[int(np.prod(shape[1:]))],
-                          Center="Node" if nodal else "Cell")
+        parent = SubElement(grid, "Attribute", Name=name, AttributeType=KIND[int(np.prod(shape[1:]))],
+                            Center="Node" if nodal else "Cell")
     if part is not None:
-        parent = _element("DataItem", parent, ItemType="HyperSlab", Dimensions=_words(number, *shape[1:]))
+        parent = SubElement(parent, "DataItem", ItemType="HyperSlab", Dimensions=_words(number, *shape[1:]))
         slab = np.array([[start, 1, number], *([0, 1, size] for size in shape[1:])])
-        _element("DataItem", parent, _words(*slab.T.ravel().tolist()), DataType="Int", Format="XML",
-                 Dimensions=f"3 {len(shape)}")
-    _element("DataItem", parent, f"result.h5:{path}", DataType="Int" if kind == "i" else "Float", Precision="8",
-             Format="HDF", Dimensions=_words(*shape))
+        item = SubElement(parent, "DataItem", DataType="Int", Format="XML", Dimensions=f"3 {len(shape)}")
+        item.text = _words(*slab.T.ravel().tolist())
+    item = SubElement(parent, "DataItem", DataType="Int" if kind == "i" else "Float", Precision="8", Format="HDF",
+                      Dimensions=_words(*shape))
+    item.text = f"result.h5:{path}"
 
 
 def _words(*numbers: float) -> str:

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import ElementTree
 
 import numpy as np
 
 from ddmpi.body.stress import principal, von_mises
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import cell_with
-from ddmpi.results.fields import group_of, owners, vectors
+from ddmpi.results.fields import IN_FILES, group_of, owners, vectors
 from ddmpi.results.tables import PATH, Columns, Results, datasets, leg_columns, side_means
 from ddmpi.system.numbers import in_words
 
@@ -28,10 +29,8 @@ NEWTON = 8
 
 def step_times(folder: Path) -> list[float]:
     """The ends of the load steps whose fields are in the `folder`; none without [time]."""
-    from xml.etree import ElementTree
-
-    return [float(each.attrib["Value"]) for each in ElementTree.parse(folder / "result.xdmf").findall(
-        "Domain/Grid/Grid/Time")]
+    document = ElementTree(file=folder / "result.xdmf")
+    return [float(each.attrib["Value"]) for each in document.findall("Domain/Grid/Grid/Time")]
 
 
 def at_step(results: Results, folder: Path, asked: float | None = None) -> Results:
@@ -125,7 +124,7 @@ def along(results: Results, start: Sequence[float], end: Sequence[float], number
     found["body"] = np.array(list(results.summary["bodies"]))[results.fields["body"][cell]]
     found |= zip((f"displacement_{axis}" for axis in axes), there(results.displacement()).T, strict=True)
     if "nodal_stress" in results.fields:
-        sigma = there(results.fields["nodal_stress"])[:, [0, 3, 5, 1, 4, 2][:2 * d]]
+        sigma = there(results.fields["nodal_stress"])[:, IN_FILES[:2 * d]]
         for kind, values in ("stress", sigma), ("principal", principal(sigma)):
             found |= zip((name for name in PATH if name.startswith(kind)), values.T, strict=False)
         found["von_mises"] = von_mises(sigma)
