@@ -57,17 +57,13 @@ def bisect(points: np.ndarray, parts: int) -> np.ndarray:
 
     Parts are as large as each other to within one point for each halving, and depend on the points alone.
     """
-    part = np.zeros(len(points), dtype=np.int64)
-    todo = [(np.arange(len(points)), 0, parts)]
-    while todo:
-        members, first, number = todo.pop()
-        part[members] = first
-        if number > 1 and len(members):
-            axis = int(np.ptp(points[members], axis=0).argmax())
-            others = [points[members, k] for k in range(points.shape[1]) if k != axis]
-            order = members[np.lexsort((*others, points[members, axis]))]
-            cut = len(members) * (number // 2) // number
-            todo += [(order[:cut], first, number // 2), (order[cut:], first + number // 2, number - number // 2)]
+    part = np.zeros(len(points), np.int64)
+    if parts > 1 and len(points):
+        axis = int(np.ptp(points, axis=0).argmax())
+        order = np.lexsort((*np.delete(points, axis, axis=1).T, points[:, axis]))
+        first, second = np.split(order, [len(points) * (parts // 2) // parts])
+        part[first] = bisect(points[first], parts // 2)
+        part[second] = parts // 2 + bisect(points[second], parts - parts // 2)
     return part
 
 
