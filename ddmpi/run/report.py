@@ -108,10 +108,10 @@ def _describe_body(member: Member, ranks: int, way: str) -> tuple[str, bool]:
 
 
 def grouped(pairs: Iterable[tuple[str, str]]) -> Iterator[tuple[str, list[str]]]:
-    """Each text once, in the order of its first mention, and the names that it goes with."""
+    """The second ones of pairs by the first ones, each of which is there once, in the order of its first mention."""
     found: dict[str, list[str]] = {}
-    for text, name in pairs:
-        found.setdefault(text, []).append(name)
+    for first, second in pairs:
+        found.setdefault(first, []).append(second)
     yield from found.items()
 
 
@@ -235,14 +235,11 @@ def _log_between_nodes(contacts: dict, units: dict) -> None:
         return
     deepest, turned = (max(some, key=lambda name: _number(some[name][key]))
                        for key in ("pointwise_penetration", "moment_imbalance"))
-    words: dict[str, list[str]] = {}
-    words.setdefault(deepest, []).append(
-        f"overlap between nodes {_number(some[deepest]['pointwise_penetration']):.2g} {units['length']}")
-    words.setdefault(turned, []).append(
-        f"moments out of balance by {_number(some[turned]['moment_imbalance']):.2g}, at most "
-        f"{_number(some[turned]['moment_imbalance_bound']):.2g} {units['moment']}")
-    for name, found in words.items():
-        log.info("mesh error at the non-matching contact %s (small is good): %s", name, "; ".join(found))
+    for name, words in grouped([
+            (deepest, f"overlap between nodes {_number(some[deepest]['pointwise_penetration']):.2g} {units['length']}"),
+            (turned, f"moments out of balance by {_number(some[turned]['moment_imbalance']):.2g}, at most "
+                     f"{_number(some[turned]['moment_imbalance_bound']):.2g} {units['moment']}")]):
+        log.info("mesh error at the non-matching contact %s (small is good): %s", name, "; ".join(words))
 
 
 def _log_bodies(summary: dict) -> None:
