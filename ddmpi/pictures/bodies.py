@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import textwrap
 from collections.abc import Iterator
 from dataclasses import replace
@@ -166,22 +165,23 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     import matplotlib.pyplot as plt
     from PIL import Image
 
-    skin, dimension = skin_of(results), results.dimension
-    largest = max(np.linalg.norm(fields["displacement"], axis=1).max() for _, fields in _frames(folder))
-    factor, shift = magnify(results, largest)
-    low = high = still = skin.extended(results.points + shift)
-    top, number = 0.0, 0
+    skin, dimension, largest, top = skin_of(results), results.dimension, 0.0, 0.0
+    low = high = np.zeros_like(results.points)
     for _, fields in _frames(folder):
-        at = still + skin.extended(factor * fields["displacement"][:, :dimension])
-        low, high, number = np.minimum(low, at), np.maximum(high, at), number + 1
+        u = fields["displacement"][:, :dimension]
+        low, high, largest = np.minimum(low, u), np.maximum(high, u), max(largest, np.linalg.norm(u, axis=1).max())
         values, quantity, unit = coloured(results, fields)
         top = max(top, float(np.percentile(skin.extended(values)[np.unique(skin.facets)], BRIGHTEST)))
+    factor, shift = magnify(results, largest)
+    still = skin.extended(results.points + shift)
     scale, unit = scaled_unit(top, unit)
     image = colours_of(0.0, top / scale or 1.0, "viridis")
-    sheet = Sheet(results, np.vstack([low, high])[np.tile(skin.beyond <= 0.0, 2)], pixels=COARSE)
+    sheet = Sheet(results, np.vstack([(still + factor * skin.extended(each))[skin.beyond <= 0.0]
+                                      for each in (low, high)]), pixels=COARSE)
     sheet.axes.set_title("time")
     sheet.colours(image, f"{quantity} ({unit})", "max")
     sheet.figure.suptitle(title.strip())
+    sheet.figure.set_dpi(80)
     path, frames = folder / "animation.gif", []
     for time, fields in _frames(folder):
         sheet.clear()
@@ -192,9 +192,7 @@ def animate(results: Results, folder: Path, title: str) -> Path:
         sheet.axes.set_title(f"time {time:.4g}, displacement × {factor:g}")
         sheet.figure.canvas.draw()
         sheet.figure.set_layout_engine("none")  # as the first frame has it
-        drawn = io.BytesIO()
-        sheet.figure.savefig(drawn, dpi=80)
-        frames.append(Image.open(drawn).convert("RGB"))
+        frames.append(Image.fromarray(np.asarray(sheet.figure.canvas.buffer_rgba())).convert("RGB"))
     plt.close(sheet.figure)
     some = frames[::len(frames) // 20 + 1]
     palette = Image.fromarray(np.vstack([np.asarray(each)[::2, ::2] for each in some])).quantize()
@@ -202,7 +200,7 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     with writing(path):
         path.unlink(missing_ok=True)  # it may be a link
         first.save(path, save_all=True, append_images=others, loop=0,
-                   duration=1000.0 / float(np.clip(number / SECONDS, SLOWEST, FASTEST)))
+                   duration=1000.0 / float(np.clip(len(frames) / SECONDS, SLOWEST, FASTEST)))
     return path
 
 
