@@ -36,11 +36,8 @@ def draw_all(folder: str | Path, number: int = 0, drawers: int = 1, time: float 
 
     Those of bodies and contacts are of the load step at `time`, by default as `at_step` chooses it. `into` another
     folder go pictures without the animation. What is `asked` for, such as a view, is taken in place of the keys of the
-    scene's table `output`.
+    scene's table `output`. Without equilibrium there is mechanism.png alone, unless a `time` is given.
 
-    bodies.png, contact.png (of several contacts contacts.png, and contact_NAME.png of each if there are not more than
-    EACH), convergence.png, steps.png if there are load steps, animation.gif if the scene wants it, and error.png if the
-    results have the estimated error. Without equilibrium mechanism.png alone, unless a `time` is given.
     Not collective. Raises InputError without results or matplotlib, where results of an earlier version lack what
     pictures need, or what is asked for is wrong; OutputError if a picture cannot be written.
     """

@@ -170,7 +170,7 @@ class Sheet:
             self.lines(unhidden((outlines(at, each.facets, cut) - origin) / pixel, self._depth) * pixel + origin[:2],
                        colors=each.edges, linewidth=0.6, zorder=3)
 
-    def outline(self, at: np.ndarray, facets: np.ndarray, beyond: np.ndarray | None = None, **style: Any) -> None:
+    def outline(self, at: np.ndarray, facets: np.ndarray, beyond: np.ndarray, **style: Any) -> None:
         """Draw the `outlines` of facets (f, 3), hidden ones as well, by default as thin grey lines below everything."""
         self.lines(outlines(self.place(at), facets, beyond)[..., :2], **{
             "colors": COLOURS["still"], "linewidth": 0.7, "zorder": 1} | style)

@@ -200,7 +200,7 @@ def rasterise(corners: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, 
     return face.reshape(shape), weights.reshape(*shape, 3), nearest.reshape(shape)
 
 
-def outlines(at: np.ndarray, facets: np.ndarray, beyond: np.ndarray | None = None) -> np.ndarray:
+def outlines(at: np.ndarray, facets: np.ndarray, beyond: np.ndarray) -> np.ndarray:
     """Ends (e, 2, 3) of the edges of facets (f, 3) that are drawn; `at` (k, 3) as placed by a view.
 
     They are those between facets that meet at more than SHARPEST, at the end of a surface, and where it turns away from
@@ -216,8 +216,6 @@ def outlines(at: np.ndarray, facets: np.ndarray, beyond: np.ndarray | None = Non
     drawn = (count != 2) | ~flat & (
         ((a * b).sum(axis=1) < np.cos(SHARPEST)) | ((a[:, 2] > 0.0) != (b[:, 2] > 0.0)))
     pairs = pairs[order[first[drawn]]]
-    if beyond is None or not beyond.any():
-        return at[pairs]
     pairs = pairs[(beyond[pairs] <= 0.0).any(axis=1)]
     pairs = np.take_along_axis(pairs, np.argsort(beyond[pairs], axis=1), axis=1)
     low, high = beyond[pairs].T

@@ -7,12 +7,10 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from ddmpi.coupling.assembly import Assembly
-from ddmpi.coupling.member import Member
+from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.ranks import team_of
 from ddmpi.interface.interface import Interface
 from ddmpi.mesh.elements import CELLS
-from ddmpi.mesh.mesh import Mesh
 from ddmpi.methods.outer import Step
 from ddmpi.run.solve import Solution
 from ddmpi.scene.method import PRESETS, SettledMethod
@@ -42,8 +40,7 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     """Log what is solved, how, and what is left out because the scene does not need it. Collective."""
     scene, world = assembly.scene, assembly.world
     ranks = team.comm.size if (team := team_of(world)) else 1
-    bodies = gathered(world, {body.spec.name: _describe_body(body.member, ranks, _cut(body.mesh))
-                              for body in assembly.bodies})
+    bodies = gathered(world, {body.spec.name: _describe_body(body, ranks) for body in assembly.bodies})
     owned = gathered(world, {each.name: (each.law.name, describe_gap(each, scene.output.length_unit),
                                          _contact_left_out(each)) for each in assembly.space.interfaces})
     if world.rank:
@@ -87,16 +84,12 @@ def log_warnings(found: Iterable[str], told: list[str]) -> None:
             told.append(warning)
 
 
-def _cut(mesh: Mesh) -> str:
-    """How many cells of a file were cut into simplices; empty if none."""
-    what = {"triangle": "quadrilaterals"}.get(mesh.cell.name, "other cells")
-    return f"{mesh.cut} {what} cut into {mesh.cell.names}; " if mesh.cut else ""
-
-
-def _describe_body(member: Member, ranks: int, way: str) -> tuple[str, bool]:
-    """How a body is solved, on how many ranks, after what is known of its mesh; and whether loads act on it."""
+def _describe_body(body: Body, ranks: int) -> tuple[str, bool]:
+    """How a body is solved, on how many ranks, after how its cells were cut; and whether loads act on it."""
+    mesh, motions, compliance = body.mesh, body.member.motions.shape[2], body.member.C
+    solver, what = compliance.solver.description, {"triangle": "quadrilaterals"}.get(mesh.cell.name, "other cells")
+    way = f"{mesh.cut} {what} cut into {mesh.cell.names}; " if mesh.cut else ""
     way += "" if ranks == 1 else f"on {ranks} ranks; "
-    motions, solver, compliance = member.motions.shape[2], member.C.solver.description, member.C
     if motions:
         way += f"not held by clamps ({_count(motions, 'rigid motion')}); "
     way += "direct solver" if solver == DIRECT else f"solver {solver}"
@@ -104,7 +97,7 @@ def _describe_body(member: Member, ranks: int, way: str) -> tuple[str, bool]:
         way += f" through PETSc (MUMPS is not called directly: {compliance.solver.refused})"
     if compliance.kind != "explicit" or compliance.reason == "asked for":
         way += f", compliance {compliance.kind} ({compliance.reason})"
-    return way, member.elasticity.b.norm() > 0.0
+    return way, body.member.elasticity.b.norm() > 0.0
 
 
 def grouped(pairs: Iterable[tuple[str, str]]) -> Iterator[tuple[str, list[str]]]:

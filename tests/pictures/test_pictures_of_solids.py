@@ -91,7 +91,7 @@ def test_edges_are_drawn_where_facets_meet_at_an_angle_and_are_seen():
     facets = views.Skin(view, mesh.points, mesh.triangles).facets
     at = 200.0 * view.place(mesh.points)
     at[:, :2] -= at[:, :2].min(axis=0) - 2.0
-    edges = views.outlines(at, facets)
+    edges = views.outlines(at, facets, np.zeros(len(at)))
     assert len(edges) == 24
     seen = np.cross(at[facets[:, 1]] - at[facets[:, 0]], at[facets[:, 2]] - at[facets[:, 0]])[:, 2] > 0.0
     corners = np.pad(at, ((0, 0), (0, 1)))[facets[seen]]
@@ -211,7 +211,7 @@ def test_a_cut_has_a_face(axis, order, at):
     assert areas.sum() == pytest.approx(np.sign(view.axes[2, k]) * size.prod())
     assert np.abs(areas).sum() == pytest.approx(size.prod())
     assert skin.extended(mesh.points @ (1.0, 2.0, 3.0)) == pytest.approx(points @ (1.0, 2.0, 3.0))
-    rim = views.outlines(view.place(points), cap)
+    rim = views.outlines(view.place(points), cap, np.zeros(len(points)))
     assert np.linalg.norm(rim[:, 1] - rim[:, 0], axis=1).sum() == pytest.approx(2.0 * size.sum())
     corners = mesh.points[mesh.triangles[skin.cell[skin.of < 0], :4]]
     assert (corners[..., k].min(axis=1) <= at + 1e-9).all() and (corners[..., k].max(axis=1) >= at - 1e-9).all()
