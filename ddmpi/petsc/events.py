@@ -13,13 +13,10 @@ NAMES = ("LoadResponse", "ComplianceForm", "ComplianceMult", "Exchange", "Newton
 """In the order of registration, which must be the same on all ranks."""
 
 
-def event(name: str) -> PETSc.Log.Event:
-    """The log event `name`, for a ``with`` statement. The first call initializes PETSc. Not collective."""
-    return _registered()[name]
-
-
 @functools.cache
-def _registered() -> dict[str, PETSc.Log.Event]:
+def event(name: str) -> PETSc.Log.Event:
+    """The log event `name`, for a ``with`` statement. The first call initializes PETSc, and registers all events; PETSc
+    knows them again by their names. Not collective."""
     from petsc4py import PETSc
 
-    return {name: PETSc.Log.Event(name) for name in NAMES}
+    return {each: PETSc.Log.Event(each) for each in NAMES}[name]

@@ -7,7 +7,6 @@ ctypes.
 from __future__ import annotations
 
 import ctypes
-import functools
 
 import numpy as np
 from petsc4py import PETSc
@@ -52,13 +51,8 @@ def _schur_array(pc: PETSc.PC, size: int) -> np.ndarray:
     return array
 
 
-@functools.cache
-def _petsc() -> ctypes.CDLL:
-    return ctypes.CDLL(PETSc.__file__)
-
-
 def _call(name: str, *arguments: object) -> None:
-    function = getattr(_petsc(), name)
+    function = getattr(ctypes.CDLL(PETSc.__file__), name)
     function.argtypes = [ctypes.c_int if isinstance(a, ctypes.c_int) else _POINTER for a in arguments]
     function.restype = ctypes.c_int
     code = function(*arguments)
