@@ -26,7 +26,6 @@ SWEEP, TABLE, RECORD = "sweep.json", "sweep.csv", "case.json"
 UNFINISHED = ".unfinished"
 """Names of what a run has not finished begin like this."""
 
-
 LONGEST = 255
 """The longest name of a file that common file systems take, in bytes."""
 
