@@ -129,14 +129,14 @@ def _kind(warning: str) -> str:
 
 
 def gather_summary(assembly: Assembly, solution: Solution, error: DiscretizationError, own_fields: dict[str, Fields],
-                   ladder: MeshLadder, warnings: list[str], started: float, steps: StepLog) -> dict:
+                   ladder: MeshLadder, warnings: list[str], free: list[str], started: float, steps: StepLog) -> dict:
     """All of summary.json but the times, on the first rank; nothing on the others. Collective.
 
     Parameters
     ----------
     error, own_fields : of the rank's own bodies
     ladder : the meshes that led here
-    warnings : of the scene and of the answer
+    warnings, free : of the scene and of the answer; motions that no contact resists
     started : as for `provenance`
     """
     world, scene, outer = assembly.world, assembly.scene, solution.outer
@@ -161,7 +161,7 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
            "certificate_limit": solution.limit, "steps": steps.steps,
            "discretization_error": {"energy_norm": error.relative, "target": scene.method.target_error,
                                     "levels": [level._asdict() for level in ladder.levels]},
-           "warnings": warnings, "undetermined": solution.undetermined,
+           "warnings": warnings, "undetermined": free,
            "exchange": {name: max(counts[name] for counts in sent) for name in sent[0]},
            "solvers": {"qp": outer.qp_type}, "options": PETSc.Options().getAll(),
            "options_unused": sorted(set.intersection(*unused))} | ({"energy": steps.balance()} if scene.time else {})
@@ -175,7 +175,7 @@ def _body(body: Body, solution: Solution, error: DiscretizationError, fields: Fi
     member, name = body.member, body.spec.name
     return {
         "n": member.elasticity.n, "ranks": ranks, "held": member.elasticity.held,
-        "displacement_max": solution.displacement_max[name],
+        "displacement_max": float(np.linalg.norm(solution.displacements[name], axis=1).max()),
         "von_mises_max": None if fields.von_mises is None else float(fields.von_mises.max()),
         "energy": error.own[name].energy / 2,  # of the stresses: free of what moves the body without strain
         "discretization_error": error.by_body[name],

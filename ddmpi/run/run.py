@@ -29,6 +29,7 @@ from ddmpi.results.folder import Staging, choose_folder
 from ddmpi.results.summary import plain, write_mechanism, write_summary
 from ddmpi.results.tables import ENERGY, HISTORY, write_contact, write_legs, write_sides, write_steps, write_table
 from ddmpi.run.checkpoint import Checkpoints, continue_from, identify
+from ddmpi.run.equilibrium import undetermined_motions
 from ddmpi.run.gather import StepLog, forces_by_group, gather_summary
 from ddmpi.run.report import describe_files, log_end, log_plan, log_step, log_warnings
 from ddmpi.run.solve import Solution, recover
@@ -52,7 +53,6 @@ class Solved:
 
     assembly: Assembly
     solution: Solution
-    error: DiscretizationError
     fields: dict[str, Fields]
     summary: dict
     steps: StepLog
@@ -196,10 +196,11 @@ def _finish(assembly: Assembly, solution: Solution, steps: StepLog, error: Discr
     with clock.phase("recover"), agreed(assembly.world), event("Stress"):
         fields = {body.spec.name: _fields(assembly, body, solution.displacements[body.spec.name], error)
                   for body in assembly.bodies}
+    free = [] if solution.mechanism else undetermined_motions(assembly, solution.states)
     warnings = [*assembly.warnings, *(body.locking for body in assembly.scene.body if body.locking)]
     if solution.certified:
         doubts = doubt_answer(assembly, solution.displacements, solution.states, solution.contacts)
-        warnings += [*doubts, *steps.doubts_beside([*doubts, *solution.undetermined]),
+        warnings += [*doubts, *steps.doubts_beside([*doubts, *free]),
                      *(() if assembly.world.rank else doubt_mesh(assembly.scene.body, error)),
                      *doubt_stress(assembly, {name: each.von_mises for name, each in fields.items()})]
     else:  # there is no answer to doubt, but meshes may be why
@@ -207,11 +208,11 @@ def _finish(assembly: Assembly, solution: Solution, steps: StepLog, error: Discr
                                                           (doubt_cells, doubt_shape)] for body in assembly.bodies})
         warnings += [doubt for body in assembly.scene.body for doubt in thin.get(body.name, ()) if doubt]
         warnings += steps.doubts_beside(())  # those of legs that have an answer
-    summary = gather_summary(assembly, solution, error, fields, ladder, warnings, clock.started, steps)
+    summary = gather_summary(assembly, solution, error, fields, ladder, warnings, free, clock.started, steps)
     if summary:
         log_end(summary, solution)
         log_warnings(warnings, told)
-    return Solved(assembly, solution, error, fields, summary, steps)
+    return Solved(assembly, solution, fields, summary, steps)
 
 
 def _fields(assembly: Assembly, body: Body, u: np.ndarray, error: DiscretizationError | None = None) -> Fields:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import math
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -24,7 +23,7 @@ from ddmpi.methods.outer import Outer, Report, Step, no_report
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.run.checkpoint import Checkpoints
-from ddmpi.run.equilibrium import describe_drift, look_for_mechanism, undetermined_motions
+from ddmpi.run.equilibrium import describe_drift, look_for_mechanism
 from ddmpi.scene.method import SettledMethod
 from ddmpi.system.agreement import gathered
 from ddmpi.system.clock import Clock
@@ -35,10 +34,8 @@ log = logging.getLogger("ddmpi")
 TIGHTER = 0.1
 """By this the outer tolerance shrinks when the iteration stops but its certificate fails."""
 
-
 USEFUL = 0.9
 """Steps that leave more than this of the certificate's largest residual are the last ones."""
-
 
 NOTHING = 1e-10
 """Below this part of the largest ones of the load steps before, forces of a contact and displacements of a body are
@@ -57,7 +54,6 @@ class Solution:
     stopped : why the iteration ended: "converged", "diverged", "max_iterations", "stalled"; "drift" where it found no
         equilibrium of loose bodies, "mechanism" where there is none
     displacements : (nv, d) of each body of this rank (m), by name
-    displacement_max : largest displacement by body (m), of all on the first rank
     states : by contact, of those that this rank owns
     contacts : each as a whole, on the first rank all, on others those of their bodies
     certificate : of all contacts and bodies
@@ -66,7 +62,6 @@ class Solution:
     statuses : of the contact nodes in the last iterations
     given : precision of the solves as -body_ksp_rtol sets it, or zero
     mechanism : of bodies that no contact forces hold, or None
-    undetermined : motions of loose bodies that no contact resists, in words
     drift : where loose bodies drift, in words
     moved : (size,) how far the bodies have moved against each other at the interfaces that this rank owns (m)
     prescribed : (size,) what rigid partners have, those that are pushed as well
@@ -78,7 +73,6 @@ class Solution:
 
     stopped: str
     displacements: dict[str, np.ndarray]
-    displacement_max: dict[str, float]
     states: dict[str, ContactState]
     contacts: dict[str, ContactTotals]
     certificate: Certificate
@@ -87,7 +81,6 @@ class Solution:
     statuses: StatusLog
     given: float
     mechanism: Mechanism | None = None
-    undetermined: Sequence[str] = ()
     drift: str = ""
     moved: np.ndarray = field(default_factory=lambda: np.empty(0))
     prescribed: np.ndarray = field(default_factory=lambda: np.empty(0))
@@ -280,11 +273,10 @@ class Iteration:
         certificate = Certificate({name: residuals for name, (_, residuals) in found.items()},
                                   {name: equilibrium_residual(each["left"], each["acting"], load, each["made"])
                                    for name, each in bodies.items()})
-        names = [body.name for body in assembly.scene.body if body.name in bodies]
-        return Solution(stopped, moved, {name: bodies[name]["moved"] for name in names}, states,
-                        {name: totals for name, (totals, _) in found.items()}, certificate.told(world), self.limit,
-                        outer, self.statuses, self.given, moved=both[0] + both[1] + prescribed, prescribed=prescribed,
-                        energy=energy, sizes=np.array([force, *now]), work=work)
+        return Solution(stopped, moved, states, {name: totals for name, (totals, _) in found.items()},
+                        certificate.told(world), self.limit, outer, self.statuses, self.given,
+                        moved=both[0] + both[1] + prescribed, prescribed=prescribed, energy=energy,
+                        sizes=np.array([force, *now]), work=work)
 
 
 def solve(assembly: Assembly, method: SettledMethod, report: Report = no_report,
@@ -300,13 +292,7 @@ def solve(assembly: Assembly, method: SettledMethod, report: Report = no_report,
     iteration = Iteration(assembly, method, report, clock)
     if checkpoints:
         checkpoints.follow(assembly, outer=iteration.outer, iteration=iteration)
-    return with_undetermined(assembly, iteration.solve(mechanism))
-
-
-def with_undetermined(assembly: Assembly, solution: Solution) -> Solution:
-    """The solution with the motions that no contact resists, where there is equilibrium. Collective."""
-    motions = () if solution.mechanism else undetermined_motions(assembly, solution.states)
-    return replace(solution, undetermined=motions)
+    return iteration.solve(mechanism)
 
 
 def choose_outer(assembly: Assembly, method: SettledMethod, report: Report = no_report) -> Outer:

@@ -29,7 +29,7 @@ from ddmpi.run.checkpoint import Checkpoints
 from ddmpi.run.equilibrium import look_for_mechanism, undetermined_motions
 from ddmpi.run.gather import StepLog
 from ddmpi.run.report import UNDETERMINED
-from ddmpi.run.solve import NOTHING, Iteration, Solution, solve, with_undetermined
+from ddmpi.run.solve import NOTHING, Iteration, Solution, solve
 from ddmpi.system.clock import Clock
 
 log = logging.getLogger("ddmpi")
@@ -174,7 +174,7 @@ class March:
                 self._next_leg()
             self._keep()
         worst = self.log.judge(solution.certificate)
-        return replace(with_undetermined(self.assembly, solution), certificate=worst.told(self.assembly.world))
+        return replace(solution, certificate=worst.told(self.assembly.world))
 
     def _step(self, time: float) -> Solution:
         """Solve the load step to `time`."""

@@ -355,7 +355,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("certified although the iteration did not end", "run/solve",
      'return self.stopped == "converged" and not self.violations', "return not self.violations", SOLVED),
     ("equilibrium of the certificate is another body's", "run/solve",
-     'equilibrium_residual(each["left"],', 'equilibrium_residual(bodies[names[0]]["left"],', SOLVED),
+     'equilibrium_residual(each["left"],', 'equilibrium_residual(bodies[[*bodies][0]]["left"],', SOLVED),
     # sweep
     ("failed cases are not run again", "sweep/sweep", "if outcome.summary is None]",
      'if outcome.status in ("not run", "interrupted")]',
