@@ -142,7 +142,6 @@ class March:
         self._safe: bool | None = None
         self._largest = np.zeros(2)  # forces and slip bounds so far (N)
         self._cuts, self._resumed = 0, False
-        self._held: tuple[np.ndarray, bool] | None = None
         factors = [scene.factors(time) for time in (0.0, *self._legs)]
         for body in assembly.bodies:  # forces are compared with the largest loads of all legs
             body.member.elasticity = body.member.elasticity.largest(factors)
@@ -230,14 +229,10 @@ class March:
 
         def look(at: float) -> Mechanism | None:
             assembly.act(at)
-            if self._held and self._held[1] and np.array_equal(self._held[0], assembly.joint.e):
-                return None
-            found = look_for_mechanism(assembly)
-            self._held = assembly.joint.e, found is None
-            return found
+            return look_for_mechanism(assembly)
 
-        if self._safe is None:
-            self._safe = look(self._base.time) is None and look(self._legs[self._leg]) is None
+        if self._safe is None:  # all legs but the first begin where there is an answer
+            self._safe = (self._leg > 0 or look(0.0) is None) and look(self._legs[self._leg]) is None
         return None if self._safe else look(time)
 
     def _accept(self, time: float, solution: Solution) -> None:
