@@ -193,21 +193,19 @@ def log_end(summary: dict, solution: Solution) -> None:
 
 
 def _log_contacts(summary: dict, solution: Solution) -> None:
-    contacts = summary["contacts"]
-    rigid = {each["name"] for each in summary["scene"]["rigid"]}
-    bodies = {name: each.bodies for name, each in solution.contacts.items()}
+    contacts, totals = summary["contacts"], solution.contacts
     listed = list(contacts)
     if len(contacts) > LISTED:
         highest = max(contacts, key=lambda name: _number(contacts[name]["pressure_max"]))
         log.info("%d contacts: %d open, %d slip, %d stick nodes; largest pressure %.4g %s, of %s", len(contacts),
                  *(sum(contact[status] for contact in contacts.values()) for status in ("open", "slip", "stick")),
                  _number(contacts[highest]["pressure_max"]), summary["units"]["stress"], highest)
-        listed = [name for name in contacts if bodies[name][1] in rigid][:LISTED]
+        listed = [name for name in contacts if totals[name].rigid is not None][:LISTED]
     for name in listed:
-        log.info("%s", describe_contact(summary, name, bodies[name][0]))
+        log.info("%s", describe_contact(summary, name, totals[name].bodies[0]))
     closed = {name for step in summary["steps"] for name, each in step["contacts"].items()
               if each["slip"] + each["stick"]}
-    apart = [f"{name} (at least {max(each.opening, 0.0):.3g} apart)" for name, each in solution.contacts.items()
+    apart = [f"{name} (at least {max(each.opening, 0.0):.3g} apart)" for name, each in totals.items()
              if name not in closed]
     if apart:
         log.info("closed nowhere%s: %s", " at any time" * (len(summary["steps"]) > 1), some(apart, "contacts"))
