@@ -152,7 +152,7 @@ class Sheet:
         corners[..., :3] = (corners[..., :3] - origin) / pixel
         face, weights, self._depth = rasterise(corners[seen], (height, width))
         there = face >= 0
-        face, weights = seen[face[there]], weights[there]
+        face = seen[face[there]]
         colours, ends = np.zeros((len(face), 3)), np.cumsum([0, *number])
         for each, start, stop in zip(some, ends[:-1], ends[1:], strict=True):
             own = (face >= start) & (face < stop)

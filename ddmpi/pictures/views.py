@@ -156,7 +156,7 @@ class Surface:
 
 def rasterise(corners: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The facet nearest to the eye at each pixel of an image (h, w), −1 where there is none; barycentric coordinates
-    (h, w, 3) there; and how near it is (h, w).
+    (p, 3) of the pixels where there is one, row by row; and how near it is (h, w).
 
     Parameters
     ----------
@@ -195,9 +195,7 @@ def rasterise(corners: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, 
     own, (up, across) = face[there], np.divmod(there, shape[1])
     up, across = up + 0.5 - y[own], across + 0.5 - x[own]
     b, c = (gradient[0, own] * across + gradient[1, own] * up for gradient in (of_b, of_c))
-    weights = np.zeros((len(face), 3))
-    weights[there] = np.column_stack([1.0 - b - c, b, c])
-    return face.reshape(shape), weights.reshape(*shape, 3), nearest.reshape(shape)
+    return face.reshape(shape), np.column_stack([1.0 - b - c, b, c]), nearest.reshape(shape)
 
 
 def outlines(at: np.ndarray, facets: np.ndarray, beyond: np.ndarray) -> np.ndarray:

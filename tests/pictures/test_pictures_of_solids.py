@@ -72,7 +72,8 @@ def test_what_is_nearer_hides_what_is_behind(monkeypatch, cut):
     corners[turned] = corners[turned][:, ::-1]
     monkeypatch.setattr(views, "CHUNK", 500)
     corners = np.concatenate([corners, rng.uniform(-1.0, cut, (40, 3, 1))], axis=2)
-    face, weights, depth = views.rasterise(corners, (20, 20))
+    face, found, depth = views.rasterise(corners, (20, 20))
+    weights = dict(zip(zip(*np.nonzero(face >= 0), strict=True), found, strict=True))
     for row, column in itertools.product(range(20), range(20)):
         a = np.concatenate([corners[..., :2].transpose(0, 2, 1), np.ones((40, 1, 3))], axis=1)
         at = np.linalg.solve(a, np.tile([[column + 0.5], [row + 0.5], [1.0]], (40, 1, 1)))[..., 0]
