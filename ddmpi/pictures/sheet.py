@@ -40,6 +40,9 @@ NAMED = 40
 PIXELS = 1100
 """Of the longer side of a picture of surfaces."""
 
+WIDE = 1.4
+"""What is wider than this times its height has its colour bar below it."""
+
 MARGIN = 0.04
 """What is left around bodies, and by which rigid surfaces are longer than bodies may touch; parts of the extent."""
 
@@ -162,10 +165,8 @@ class Sheet:
             colours *= light[face][:, None]
         image = np.zeros((height, width, 4), np.float32)
         image[there] = np.column_stack([colours, np.ones(len(face))])
-        limits = self.axes.get_xlim(), self.axes.get_ylim()
         self.axes.imshow(image, origin="lower", interpolation="antialiased", zorder=2, extent=(
             origin[0], origin[0] + width * pixel, origin[1], origin[1] + height * pixel))
-        self.axes.set(xlim=limits[0], ylim=limits[1])
         for at, cut, each in zip(placed, beyond, some, strict=True):
             self.lines(unhidden((outlines(at, each.facets, cut) - origin) / pixel, self._depth) * pixel + origin[:2],
                        colors=each.edges, linewidth=0.6, zorder=3)
@@ -210,7 +211,7 @@ class Sheet:
 
     def colours(self, image: Any, label: str, extend: str = "neither") -> None:
         """Draw the colour bar of an image, below what is wide."""
-        wide = is_wide(np.column_stack([self.axes.get_xlim(), self.axes.get_ylim()]))
+        wide = np.ptp(self.axes.get_xlim()) > WIDE * np.ptp(self.axes.get_ylim())
         self.figure.colorbar(image, ax=self.axes, label=label, extend=extend, shrink=0.85, aspect=40 if wide else 25,
                              orientation="horizontal" if wide else "vertical")
 
@@ -226,16 +227,10 @@ def _figure(low: np.ndarray, high: np.ndarray) -> tuple[Any, Any]:
     import matplotlib.pyplot as plt
 
     width, height = high - low
-    size = (8.6, 1.4 + 8.0 * height / width) if is_wide(np.stack([low, high])) else (1.8 + 6.2 * width / height, 6.4)
+    size = (8.6, 1.4 + 8.0 * height / width) if width > WIDE * height else (1.8 + 6.2 * width / height, 6.4)
     figure, axes = plt.subplots(figsize=np.clip(size, (4.8, 3.0), (10.0, 8.0)), layout="compressed")
     axes.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     return figure, axes
-
-
-def is_wide(at: np.ndarray) -> bool:
-    """Whether what lies `at` (k, 2) has its colour bar below it."""
-    width, height = np.ptp(at, axis=0)
-    return bool(width > 1.4 * height)
 
 
 def colours_of(low: float, top: float, colours: str, logarithmic: bool = False) -> Any:
