@@ -52,12 +52,10 @@ def unused_options() -> list[str]:
     library = ctypes.CDLL(PETSc.__file__)  # petsc4py does not wrap PetscOptionsLeftGet
     count = ctypes.c_int64 if PETSc.IntType().itemsize == 8 else ctypes.c_int32
     number, names, values = count(), ctypes.POINTER(ctypes.c_char_p)(), ctypes.POINTER(ctypes.c_char_p)()
-    library.PetscOptionsLeftGet.argtypes = [ctypes.c_void_p] + [ctypes.c_void_p] * 3
     references = [ctypes.byref(x) for x in (number, names, values)]
     if library.PetscOptionsLeftGet(None, *references):
         raise RuntimeError("PetscOptionsLeftGet failed")
     left = [names[i].decode() for i in range(number.value)]
-    library.PetscOptionsLeftRestore.argtypes = library.PetscOptionsLeftGet.argtypes
     library.PetscOptionsLeftRestore(None, *references)
     return left
 

@@ -52,9 +52,7 @@ def _schur_array(pc: PETSc.PC, size: int) -> np.ndarray:
 
 
 def _call(name: str, *arguments: object) -> None:
-    function = getattr(ctypes.CDLL(PETSc.__file__), name)
-    function.argtypes = [ctypes.c_int if isinstance(a, ctypes.c_int) else _POINTER for a in arguments]
-    function.restype = ctypes.c_int
-    code = function(*arguments)
+    """Call a function of PETSc with arguments that have types of ctypes."""
+    code = getattr(ctypes.CDLL(PETSc.__file__), name)(*arguments)
     if code:
         raise PETSc.Error(code)
