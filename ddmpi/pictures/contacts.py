@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from ddmpi.mesh.mesh import boundary_facets, signed_measures
 from ddmpi.pictures.bodies import crossed, middles, skin_of
@@ -47,10 +51,6 @@ def draw_contacts(results: Results) -> Any:
     In the plane a pressure is drawn as an area into the contact's first body, tension into the second; in space they
     are colours. A resultant stands on its line of action, its middle at the contact, unless it passes this by.
     """
-    from matplotlib.collections import PolyCollection
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
     units, contacts, d = results.summary["units"], results.summary["contacts"], results.dimension
     skin, points = skin_of(results), results.points
     measure = np.bincount(results.fields["body"], np.abs(signed_measures(points, results.fields["cells"])))
@@ -131,9 +131,6 @@ def _profiles(results: Results, scale: float,
 
 def draw_maps(results: Results, name: str) -> Any:
     """Pressure, zones, friction with arrows of slip, and gap or slip, if there is any, on a contact; a figure."""
-    import matplotlib.pyplot as plt
-    from matplotlib.collections import LineCollection
-
     table, facets, summary = results.contacts[name], results.triangles(name), results.summary
     at, labels, along = flatten(table, facets)
     asked = next(each for each in summary["scene"]["contact"] if each["name"] == name)
@@ -241,8 +238,6 @@ def flatten(table: Columns, facets: np.ndarray) -> tuple[np.ndarray, tuple[str, 
 
 def _draw_zones(axes: Any, at: np.ndarray, status: np.ndarray, counts: dict) -> None:
     """Colour the parts of facets (f, 3, 2) that are nearest to their corners by the status (f, 3) of these."""
-    from matplotlib.collections import PolyCollection
-
     after, before, middle = np.roll(at, -1, axis=1), np.roll(at, 1, axis=1), at.mean(axis=1, keepdims=True)
     parts = np.stack([at, (at + after) / 2, np.broadcast_to(middle, at.shape), (at + before) / 2], axis=2)
     axes.add_collection(PolyCollection(parts.reshape(-1, 4, 2), facecolors=[ZONES[each] for each in status.ravel()],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import matplotlib.pyplot as plt
 import msgspec
 import numpy as np
 
@@ -35,8 +36,6 @@ def draw_contact(results: Results, name: str) -> Any:
 
     With quadratic elements the curves of the stresses are means over sides, and dots are the nodes' stresses.
     """
-    import matplotlib.pyplot as plt
-
     (nodes, facets), sides = drawn_rows(results.contacts[name], results.facets[name]), results.sides.get(name)
     units, breaks = results.summary["units"], np.array([chain[0] for chain in chains(facets)[1:]], int)
     contact = next(each for each in results.summary["scene"]["contact"] if each["name"] == name)
@@ -88,8 +87,6 @@ def draw_contact(results: Results, name: str) -> Any:
 
 def draw_convergence(results: Results) -> Any:
     """Update and residual over the outer iterations, load step after load step; a figure."""
-    import matplotlib.pyplot as plt
-
     history, summary = results.history, results.summary
     figure, axes = plt.subplots(figsize=(7.2, 4.4))
     k, starts = np.arange(1.0, len(history["iteration"]) + 1), 1 + np.flatnonzero(np.diff(history["step"]))
@@ -160,8 +157,6 @@ def draw_steps(results: Results) -> Any:
     Energies count from time 0. Friction dissipates one part of the interface work; interference, closing gaps and time
     stepping take the other. Not collective.
     """
-    import matplotlib.pyplot as plt
-
     steps, summary = results.steps, results.summary
     largest = {name: np.abs(steps["normal_force"][steps["contact"] == name]).max(initial=0.0)
                for name in results.contacts}
@@ -215,12 +210,10 @@ def _draw_energies(axes: Any, energy: Columns, unit: str) -> None:
 
 def _draw_stresses(axes: Any, name: str, results: Results, units: dict) -> None:
     """Normal and tangential stress along a contact at the ends of legs."""
-    import matplotlib as mpl
-
     legs = results.legs[name]
     times = np.unique(legs["time"])
     chosen = times[np.unique(np.linspace(0, len(times) - 1, min(CURVES, len(times))).round().astype(int))]
-    colours = mpl.colormaps["viridis"](np.linspace(0.0, 0.9, len(chosen)))
+    colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.9, len(chosen)))
     for kind, axis in zip(("normal", "tangential"), axes, strict=True):
         factor, unit = scaled_unit(np.abs(legs[f"{kind}_stress"]).max(), units["stress"])
         for time, colour in zip(chosen, colours, strict=True):

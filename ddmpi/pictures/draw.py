@@ -13,8 +13,6 @@ import msgspec
 
 from ddmpi.errors import InputError
 from ddmpi.pictures.bodies import animate, draw_bodies, draw_error, draw_mechanism
-from ddmpi.pictures.contacts import draw_contacts, draw_maps
-from ddmpi.pictures.curves import draw_contact, draw_convergence, draw_steps
 from ddmpi.pictures.sheet import STYLE, start_drawing
 from ddmpi.results.histories import at_step
 from ddmpi.results.tables import Results, read_results, reading
@@ -79,6 +77,9 @@ def _ask(results: Results, asked: dict[str, Any]) -> None:
 
 def pictures_of(results: Results, last: Results, mechanism: Path | None = None) -> Pictures:
     """The pictures, the longest work first; errors are of the `last` step. A file of a `mechanism` is shown alone."""
+    from ddmpi.pictures.contacts import draw_contacts, draw_maps  # they need matplotlib
+    from ddmpi.pictures.curves import draw_contact, draw_convergence, draw_steps
+
     if mechanism and mechanism.exists():
         yield "mechanism.png", lambda: draw_mechanism(last, json.loads(mechanism.read_text(encoding="utf-8")))
         return
