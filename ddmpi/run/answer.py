@@ -73,7 +73,7 @@ def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
     def read() -> Settled:
         data = read_data(path, scene if isinstance(scene, Mapping) else str(scene) if in_words else read_text(path))
         for key, value in (overrides or {}).items():
-            override(data, str(key), as_data(value, "overrides"))
+            override(data, str(key), as_data(value, "overrides", str(key)))
         return read_scene(path, data, file_kind=kind_of_files(path))
 
     settled, clock, options = from_first(world, read), Clock(), RunOptions()

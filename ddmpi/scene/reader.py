@@ -14,11 +14,14 @@ import msgspec
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.scene.keys import explain, explain_syntax, override, parse_value
+from ddmpi.scene.keys import explain, explain_syntax, name_of, override, parse_value
 from ddmpi.scene.scene import FileKind, Scene, Settled
 
 DEEP = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){100}""")
 """A key of a hundred parts; tomllib's time grows with the square of their number."""
+
+DEEPEST = 100
+"""So many tables and lists may lie within each other in the data of a program, which may contain themselves."""
 
 
 def read_data(path: str, scene: str | Mapping[str, Any], settings: Sequence[str] = ()) -> dict:
@@ -41,14 +44,16 @@ def read_data(path: str, scene: str | Mapping[str, Any], settings: Sequence[str]
     return data
 
 
-def as_data(value: Any, where: str) -> Any:
+def as_data(value: Any, where: str, *key: str) -> Any:
     """A value of a program as TOML has it, a copy; entries of tables that are None are left out. Raises InputError."""
+    if len(key) > DEEPEST:
+        raise InputError(f"{where}: {'.'.join(key[:3])}…: is nested too deeply, or contains itself")
     if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()
     if isinstance(value, Mapping):
-        return {str(key): as_data(entry, where) for key, entry in value.items() if entry is not None}
+        return {str(name): as_data(entry, where, *key, str(name)) for name, entry in value.items() if entry is not None}
     if isinstance(value, list | tuple):
-        return [as_data(entry, where) for entry in value]
+        return [as_data(entry, where, *key, name_of(entry) or str(k)) for k, entry in enumerate(value)]
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     for kind in (str, bool, int, float):  # also of types that are based on these, such as enumerations of words

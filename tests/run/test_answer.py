@@ -104,6 +104,17 @@ def test_overrides_are_values_of_a_scene(comm):
 
 
 @two_ranks
+def test_data_that_contain_themselves_are_refused(comm):
+    data, overrides, endless = pinched_blocks(2), {"method": {}}, []
+    data["body"][1]["mesh"]["size"] = overrides["method"]["theta"] = endless
+    endless.append(endless)
+    with pytest.raises(InputError, match=r"^scene: body\.lower\.mesh…: is nested too deeply, or contains itself$"):
+        ddmpi.solve(data, comm)
+    with pytest.raises(InputError, match=r"^overrides: method\.theta\.0…: is nested too deeply, or contains itself$"):
+        ddmpi.solve(pinched_blocks(2), comm, overrides)
+
+
+@two_ranks
 def test_a_dict_is_a_scene(comm, tmp_path, monkeypatch):
     """A dict is read and checked as a file: the same answer, the same messages, paths from the current folder."""
     data = pinched_blocks(2)
