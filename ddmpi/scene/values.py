@@ -136,12 +136,13 @@ def _value(node: ast.AST, places: Mapping[str, Any], depth: int = 0) -> Any:
             if name not in places:
                 raise ValueError(f"{name!r} is not known; {known}")
             return places[name]
-        case ast.Call(func=ast.Name(id=name), args=inside, keywords=[]):
+        case ast.Call(func=ast.Name(id=name), args=inside, keywords=named):
             if name not in FUNCTIONS:
                 raise ValueError(f"the function {name!r} is not known; {known}")
             function, count = FUNCTIONS[name], getattr(FUNCTIONS[name], "nin", 3)  # more are places for numpy's results
-            if len(inside) != count:
-                raise ValueError(f"{name} takes {count} value{'s' * (count > 1)}, not {len(inside)}")
+            if named or len(inside) != count or any(isinstance(each, ast.Starred) for each in inside):
+                raise ValueError(f"{name} takes {count} value{'s' * (count > 1)}, as in "
+                                 f"{name}({', '.join('xyz'[:count])})")
         case ast.UnaryOp(op=sign, operand=one):
             function, inside = _OPERATORS.get(type(sign)), [one]
         case ast.BinOp(left=one, op=sign, right=other) | ast.Compare(left=one, ops=[sign], comparators=[other]):

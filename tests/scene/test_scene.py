@@ -262,7 +262,7 @@ REFUSED = {
                                                               "not a formula"]),
     "constant that is none": (["body.upper.clamp.1.x=1/0"], ['body.upper.clamp.1.x: the formula "1/0" is inf']),
     "power": (["body.upper.clamp.1.x=x^2"], ["a power is written **"]),
-    "arguments": (["body.upper.clamp.1.x=max(x)"], ["max takes 2 values, not 1"]),
+    "arguments": (["body.upper.clamp.1.x=max(x)"], ["max takes 2 values, as in max(x, y)"]),
     "empty formula": (['body.upper.clamp.1.x=""'], ["body.upper.clamp.1.x: expected words in quotes of length >= 1"]),
     "formula of a material": (["body.upper.material.young=2*x"], ["body.upper.material.young: expected a number"]),
     "surface of a shape": (['body.upper.material=[{on="a", young=1.0, poisson=0.3}]'],
@@ -723,6 +723,14 @@ def test_formulas_can_do_nothing_else(formula):
     """What is not arithmetic of numbers, x, y and the known functions is refused before anything is run."""
     with pytest.raises(ValueError, match=r"^value: the formula"):
         check_formulas("value", formula)
+
+
+@pytest.mark.parametrize("arguments", [
+    "*x", "x, *y", "*x, y", "x", "x, y, z", "a=x, b=y", "x, out=y", "x, y, out=z", "**x", "", "z for z in x"])
+def test_functions_of_formulas_take_values_alone(arguments):
+    """Whatever else stands between their brackets, the message says what should."""
+    with pytest.raises(ValueError, match=r": max takes 2 values, as in max\(x, y\)$"):
+        check_formulas("value", f"max({arguments})")
 
 
 def test_formulas_leave_the_points_alone():
