@@ -45,21 +45,27 @@ def read_data(path: str, scene: str | Mapping[str, Any], settings: Sequence[str]
 
 
 def as_data(value: Any, where: str, *key: str) -> Any:
-    """A value of a program as TOML has it, a copy; entries of tables that are None are left out. Raises InputError."""
+    """A value of a program, that of a `key`, as TOML has it, a copy; entries of tables that are None are left out.
+
+    Raises InputError, which begins with `where` and the key, for what no scene can hold.
+    """
     if len(key) > DEEPEST:
         raise InputError(f"{where}: {'.'.join(key[:3])}…: is nested too deeply, or contains itself")
-    if isinstance(value, np.generic | np.ndarray):
+    if isinstance(value, np.generic | np.ndarray) and value.dtype.kind not in "mM":  # dates may be integers of numpy
         value = value.tolist()
+    if isinstance(value, os.PathLike):
+        value = os.fspath(value)
     if isinstance(value, Mapping):
         return {str(name): as_data(entry, where, *key, str(name)) for name, entry in value.items() if entry is not None}
     if isinstance(value, list | tuple):
         return [as_data(entry, where, *key, name_of(entry) or str(k)) for k, entry in enumerate(value)]
-    if isinstance(value, os.PathLike):
-        return os.fspath(value)
-    for kind in (str, bool, int, float):  # also of types that are based on these, such as enumerations of words
-        if isinstance(value, kind):
-            return "".join(value) if isinstance(value, str) else kind(value)
-    raise InputError(f"{where}: {value!r} is no value of a scene; give numbers, words, lists or tables")
+    if isinstance(value, str):  # also of types that are based on these, such as enumerations of words
+        return "".join(value)
+    for kind, like in (bool, bool), (int, int), (float, float | np.longdouble):
+        if isinstance(value, like):
+            return kind(value)
+    raise InputError(f"{where}: {'.'.join(key)}: {value!r} is no value of a scene; give numbers, words, lists or "
+                     "tables")
 
 
 def read_scene(path: str, scene: str | Mapping[str, Any], settings: Sequence[str] = (),

@@ -1,6 +1,7 @@
 """The Python interface: resultants and counts of an answer against closed forms."""
 
 import dataclasses
+import datetime
 import inspect
 from pathlib import Path
 
@@ -98,8 +99,8 @@ def test_overrides_are_values_of_a_scene(comm):
     answer = ddmpi.solve(scene, comm, {"title": title, "body.upper.mesh.divisions": np.array([6, 2]),
                                        "output": {"figures": False}, "method.tolerance": 1e-9})
     assert answer.summary["title"] == title and answer.certified
-    for value in None, {1, 2}, 1j:
-        with pytest.raises(InputError, match=r"overrides: .* is no value of a scene"):
+    for value in None, {1, 2}, 1j, datetime.date(2020, 1, 1):
+        with pytest.raises(InputError, match=r"^overrides: title: .* is no value of a scene"):
             ddmpi.solve(scene, comm, {"title": value})
 
 
@@ -127,7 +128,7 @@ def test_a_dict_is_a_scene(comm, tmp_path, monkeypatch):
     assert np.array_equal(again.contacts["upper-lower"].forces, expected.forces)
     with pytest.raises(InputError, match=r"^scene: body.upper.titel: unknown key"):
         ddmpi.solve(data | {"body": [data["body"][0] | {"titel": 1}, data["body"][1]]}, comm)
-    with pytest.raises(InputError, match=r"^scene: .* is no value of a scene"):
+    with pytest.raises(InputError, match=r"^scene: title: .* is no value of a scene"):
         ddmpi.solve(data | {"title": {1, 2}}, comm)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=r"^scene: body.upper.mesh.file: there is no file none.msh$"):

@@ -1,7 +1,10 @@
 """The scene: what is refused and in which words, overrides, defaults, profiles and affine loads."""
 
+import datetime
 import json
+import re
 import tomllib
+from decimal import Decimal
 from enum import StrEnum
 from pathlib import Path
 from typing import get_args
@@ -16,9 +19,10 @@ from ddmpi.scene.bodies import Clamp, Material
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
 from ddmpi.scene.keys import differences, override
 from ddmpi.scene.method import METHODS, Method, OuterName, Published
-from ddmpi.scene.reader import as_data, read_scene, read_scene_file
+from ddmpi.scene.reader import as_data, read_data, read_scene, read_scene_file
 from ddmpi.scene.scene import Scene, Settled
 from ddmpi.scene.values import AffineScalar, AffineVector, Profile, check_formulas, evaluate, varies
+from ddmpi.sweep.cases import build_cases
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -431,8 +435,28 @@ def test_values_of_a_program_become_those_of_a_scene():
     assert found == {"friction": {"law": "coulomb", "coefficient": 0.5}, "on": ["a", "b"], "steps": 3}
     assert [type(each) for each in (*found["friction"].values(), *found["on"], found["steps"])] == [
         str, float, str, str, int]
-    with pytest.raises(InputError, match="scene: 1j is no value of a scene"):
-        as_data({"young": 1j}, "scene")
+    assert as_data([np.longdouble(1.5), np.array([[True], [False]])], "scene") == [1.5, [[True], [False]]]
+
+
+@pytest.mark.parametrize("value", [
+    1j, np.complex64(1j), {1.0}, b"a", bytearray(b"a"), datetime.date(2020, 1, 1), datetime.time(1), np.ma.masked, len,
+    datetime.timedelta(1), np.datetime64("2020-01-01", "ns"), Decimal("1.5"), range(2), iter([1.0]), object()],
+    ids=lambda value: type(value).__name__)
+def test_other_values_of_a_program_are_refused_by_their_key(value):
+    with pytest.raises(InputError, match=r"^scene: body\.upper\.material\.young: .* is no value of a scene"):
+        as_data({"body": [{"name": "upper", "material": {"young": value}}]}, "scene")
+    with pytest.raises(InputError, match=r"^scene: time\.points\.1: .* is no value of a scene"):
+        as_data({"time": {"points": [1.0, value]}}, "scene")
+
+
+@pytest.mark.parametrize("value", ["2020-01-01", "10:00:00", "2020-01-01T10:00:00Z"])
+def test_dates_are_refused_by_their_key(value):
+    """By what may stand there, also in a sweep."""
+    assert re.match(r"case.toml: body.upper.material.young: expected a number .*\(got datetime", message(
+        f"body.upper.material.young={value}"))
+    data = read_data("case.toml", TEXT, [f"body.upper.material.young={value}"])
+    with pytest.raises(InputError, match=r"case\.toml: body\.upper\.material\.young: datetime.* is no value"):
+        build_cases("case.toml", data, ["title=a,b"])
 
 
 def test_a_law_that_is_no_word_is_refused():
