@@ -48,7 +48,7 @@ MEANT = {
     "penalty": "there is no contact stiffness to choose", "master": "it is the body that slave does not name",
     "symmetry": "clamp = [{ on = …, normal = 0.0 }] lets the group slide along itself",
     "rotation": "nothing is turned by an angle", "units": "any units that fit together do; [output] has labels",
-    "axisymmetric": "scenes are plane or solid", "steps": "load steps stand in [time]",
+    "axisymmetric": "axisymmetric = true stands at the top of the scene", "steps": "load steps stand in [time]",
     "dimension": "meshes and lists say it: [x, y] in the plane, [x, y, z] in space"}
 """What engineers write, anywhere or as a key of one table, and what is right here: a key, a word, or an explanation."""
 

@@ -195,6 +195,8 @@ REFUSED = {
     "alpha": (["body.upper.material.alpha=1e-5"], ["material.alpha: unknown key; did you mean 'expansion'?"]),
     "E": (["body.upper.material.E=1e-5"], ["material.E: unknown key; did you mean 'young'?"]),
     "density": (["body.upper.material.density=1"], ["unknown key; weight is the body's volume_force = "]),
+    "turned": (["body.upper.axisymmetric=true"], ["unknown key; axisymmetric = true stands at the top of the scene"]),
+    "turned steel": (["body.upper.material.plane=axisymmetric"], ["expected one of strain, stress; axisymmetric = "]),
     "steel": (["body.upper.material=steel"], ["(got 'steel'); write material = { young = …, poisson = … }"]),
     "force and value": (["body.upper.traction.0.force=[0.0, 1.0]"],
                         ["body.upper.traction.0: a traction has either a value", "or the total force (N)"]),
