@@ -116,11 +116,8 @@ class Material(Table, frozen=True, kw_only=True):
         """First Lamé constant and shear modulus (Pa) of an isotropic material, in plane stress for the plane."""
         E, nu = self.young, self.poisson
         assert not isinstance(E, tuple) and not isinstance(nu, tuple)
-        shear = E / (2 * (1 + nu))
-        first = E * nu / ((1 + nu) * (1 - 2 * nu))
-        if self.plane == "stress":
-            first = E * nu / (1 - nu**2)
-        return first, shear
+        first = E * nu / (1 - nu**2 if self.plane == "stress" else (1 + nu) * (1 - 2 * nu))
+        return first, E / (2 * (1 + nu))
 
     def tensor(self, dimension: int) -> np.ndarray:
         """C (d, d, d, d) of σ = C : ε (Pa), in the plane or in space."""

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal, get_args
 import msgspec
 import numpy as np
 
-from ddmpi.scene.values import Formula, Group, Name, NonNegative, Number, Point, Positive, Profile, Table, settle
+from ddmpi.scene.values import Formula, Group, Name, NonNegative, Number, Point, Positive, Profile, Table
 from ddmpi.system.numbers import nearest_in
 
 SQUASHED = 1e-6
@@ -130,10 +130,6 @@ class ContactSpec(Table, frozen=True, kw_only=True):
     def called(self) -> str:
         """Its name, which is by default the bodies' names with a dash."""
         return self.name or default_name(self.bodies)
-
-    def settled(self) -> SettledContact:
-        """This contact under its name."""
-        return settle(self, SettledContact, name=self.called)
 
 
 class SettledContact(ContactSpec, frozen=True, kw_only=True):

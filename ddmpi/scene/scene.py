@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from typing import Annotated, Any, get_args
 
 import msgspec
+from msgspec.structs import replace
 
 from ddmpi.scene.bodies import BodySpec, Material, SettledBody
 from ddmpi.scene.contacts import ContactSpec, Rigid, SettledContact
@@ -72,7 +73,7 @@ class Scene(Table, frozen=True, kw_only=True):
             for name in FORMULAS:
                 check_formulas(f"{key}.{name}", getattr(table, name, None))
         for contact in self.contact:
-            self._check_partners(contact.settled())
+            self._check_partners(contact)
         if len({body.mesh.order for body in self.body} - {None}) > 1:
             raise ValueError("bodies differ in mesh.order; forces at their common nodes would mean different "
                              "pressures, so give all bodies the same")
@@ -107,14 +108,15 @@ class Scene(Table, frozen=True, kw_only=True):
                 raise ValueError(f"contact.{name}: is between the same sides as contact.{sides[both]}; forces and slip "
                                  "bounds of both would add up, so leave one of them out")
             sides[both] = name
-        contacts = [contact.settled() for contact in self.contact]
-        for key, entries in ("body", self.body), ("rigid", self.rigid), ("contact", contacts):
-            for name, number in Counter(entry.name for entry in entries).items():
+        named = {"body": [body.name for body in self.body], "rigid": [rigid.name for rigid in self.rigid],
+                 "contact": [contact.called for contact in self.contact]}
+        for key, names in named.items():
+            for name, number in Counter(names).items():
                 if number > 1:
                     raise ValueError(f'{key}.{name}: {number} [[{key}]] tables have this name; give each name = "…" of '
                                      "its own")
         for rigid in self.rigid:
-            if rigid.name in {body.name for body in self.body}:
+            if rigid.name in named["body"]:
                 raise ValueError(f"rigid.{rigid.name}: a [[body]] has this name, too; rename one of them, because "
                                  "contacts name both in the same way")
 
@@ -159,9 +161,9 @@ class Scene(Table, frozen=True, kw_only=True):
                              "write temperature = 80.0 (K over the state free of stress) into a [[body]], or leave "
                              "expansion out")
 
-    def _check_partners(self, contact: SettledContact) -> None:
+    def _check_partners(self, contact: ContactSpec) -> None:
         """A contact is between two bodies, or a body and then a rigid partner, with a group for each body."""
-        key, bodies = f"contact.{contact.name}", {body.name: body for body in self.body}
+        key, bodies = f"contact.{contact.called}", {body.name: body for body in self.body}
         rigid = [partner.name for partner in self.rigid]
         for name in contact.bodies:
             if name not in bodies and name not in rigid:
@@ -214,11 +216,9 @@ class Scene(Table, frozen=True, kw_only=True):
         still = (0.0,) * dimension
         return settle(self, Settled, method=method, dimension=dimension,
                       body=[body.settled(order, dimension, self.axisymmetric) for body in self.body],
-                      rigid=[settle(rigid, type(rigid), displacement=rigid.displacement or still,
-                                    force=rigid.force or None)
-                             for rigid in self.rigid],
+                      rigid=[replace(rigid, displacement=rigid.displacement or still) for rigid in self.rigid],
                       time=self.time.settled() if self.time else None,
-                      contact=[contact.settled() for contact in self.contact])
+                      contact=[settle(contact, SettledContact, name=contact.called) for contact in self.contact])
 
     def _dimension(self, file_kind: FileKind | None) -> int:
         """Number of coordinates of all places and vectors. Raises ValueError where parts of the scene differ in it."""
