@@ -15,8 +15,6 @@ EPILOG = """exit codes: 0 certified answer, 2 bad input, 3 not converged, 4 a so
 Everything that starts with one dash is a PETSc option: -body_ksp_type cg -body_pc_type gamg for the
 solves with a body's stiffness, -qp_tao_type gpcg for the contact subproblems, -log_view for times."""
 
-STEP = "time of the load step to show, of those whose fields are written (default: the one of the largest load)"
-
 REPEATED = ("--set=", "--vary=")  # they may be followed by several KEY=VALUE
 
 SIGNED = ("--from=", "--to=", "--view=", "--cut=")  # their values may begin with a minus
@@ -81,22 +79,23 @@ def build_parser() -> argparse.ArgumentParser:
                        "also those that --quiet keeps off the screen")
     formats: dict[str, Any] = {"epilog": EPILOG, "formatter_class": argparse.RawDescriptionHelpFormatter,
                                "allow_abbrev": False}
+    written = _Parser(add_help=False)
+    written.add_argument("--output", type=_named, metavar="DIR",
+                         help="folder for what is written (default: a new one in results/)")
+    written.add_argument("--no-figures", action="store_true", help="draw no pictures")
     run = commands.add_parser("run", help="solve a scene, best on as many ranks as it has bodies",
-                              parents=[scene], **formats)
-    run.add_argument("--output", type=_named, metavar="DIR",
-                     help="folder for the results (default: a new one in results/)")
+                              parents=[scene, written], **formats)
     run.add_argument("--restart", type=_named, metavar="DIR", help="go on from the checkpoint of an interrupted run in "
                      "DIR, with the same scene and options; results go there too unless --output says otherwise")
-    run.add_argument("--no-figures", action="store_true", help="draw no pictures")
-    check = commands.add_parser("check", help="say and draw what a run would do, without solving", parents=[scene],
-                                **formats)
-    check.add_argument("--output", type=_named, metavar="DIR",
-                       help="folder for the pictures (default: a new one in results/)")
-    check.add_argument("--no-figures", action="store_true", help="draw no pictures")
+    commands.add_parser("check", help="say and draw what a run would do, without solving", parents=[scene, written],
+                        **formats)
     _add_sweep(commands, scene, formats)
-    figures = commands.add_parser("figures", help="draw the pictures of saved results anew", allow_abbrev=False)
-    figures.add_argument("folder", type=_named, metavar="DIR", help="folder of results")
-    figures.add_argument("--step", type=float, metavar="TIME", help=STEP)
+    results = _Parser(add_help=False)
+    results.add_argument("folder", type=_named, metavar="DIR", help="folder of results")
+    results.add_argument("--step", type=float, metavar="TIME", help="time of the load step to show, of those whose "
+                         "fields are written (default: the one of the largest load)")
+    figures = commands.add_parser("figures", help="draw the pictures of saved results anew", parents=[results],
+                                  allow_abbrev=False)
     figures.add_argument("--view", type=_view, metavar="VIEW", help="from where solids are seen: front, back, left, "
                          "right, top, bottom, iso, or azimuth and elevation in degrees, as in -60,24")
     figures.add_argument("--cut", type=_cut, action=_Once, metavar="AXIS=COORDINATE",
@@ -104,26 +103,22 @@ def build_parser() -> argparse.ArgumentParser:
     figures.add_argument("--magnification", type=float, metavar="F",
                          help="of displacements (default: as much as suits the picture)")
     path = commands.add_parser("path", help="write displacements and stresses along a straight line through the bodies "
-                               "as a table", allow_abbrev=False)
-    path.add_argument("folder", type=_named, metavar="DIR", help="folder of results")
+                               "as a table", parents=[results], allow_abbrev=False)
     for name, words in ("from", "first point, as in 0,0.5 or 0,0,1"), ("to", "last point"):
         path.add_argument(f"--{name}", type=_point, metavar="X,Y", dest=name, required=True, help=words)
     path.add_argument("--points", type=int, metavar="N", default=101, help="so many, evenly (default: 101)")
-    path.add_argument("--step", type=float, metavar="TIME", help=STEP)
     path.add_argument("--output", type=_named, metavar="FILE", help="file to write (default: DIR/path.csv); the table "
                       "of an earlier path is overwritten, any other file is not")
     plot = commands.add_parser("sweep-plot", help="draw a result of a sweep against a parameter", allow_abbrev=False)
     plot.add_argument("folder", type=_named, metavar="DIR", help="folder of the sweep")
     plot.add_argument("plots", nargs="+", metavar="RESULT:KEY", help="two columns of its table, as in n_A:theta")
     report = commands.add_parser(
-        "report", help="write one HTML file that reports a run", allow_abbrev=False,
+        "report", help="write one HTML file that reports a run or a sweep", parents=[results], allow_abbrev=False,
         description="Write a report of a run, converged or not, or of a sweep: one HTML file with its verdict, "
         "warnings, pictures, numbers, certificate, scene and versions. It needs no other file and no network, so it "
         "can be mailed.")
-    report.add_argument("folder", type=_named, metavar="DIR", help="folder with the results of a run or of a sweep")
     report.add_argument("--output", type=_named, metavar="FILE", help="file to write (default: DIR/report.html); an "
                         "earlier report is overwritten, any other file is not")
-    report.add_argument("--step", type=float, metavar="TIME", help=STEP)
     commands.add_parser("info", help="print versions and which solvers are there", allow_abbrev=False)
     commands.add_parser("schema", help="print the JSON schema of scenes, for editors", allow_abbrev=False)
     return parser
