@@ -13,7 +13,7 @@ import re
 import tomllib
 from collections.abc import Iterator, Sequence
 from inspect import cleandoc
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import msgspec
 from msgspec import inspect
@@ -199,10 +199,11 @@ def explain(message: str, data: dict, root: type) -> str:
 
 def _locate(parts: list[str], data: dict, root: type) -> tuple[list[str], Any, list[inspect.Type]]:
     """What stands at a path in `data`: the key, entries of lists by name; the value; the types that it may have."""
-    named, here, kinds = [], data, [inspect.type_info(root)]
+    named, here, kinds = list[str](), data, [inspect.type_info(root)]
     for part in parts:
-        if part == "...":  # in a table of free names, msgspec does not say which one
-            part = next(name for name, value in here.items() if _is_wrong(name, value, kinds))
+        if part == "...":  # of a table of free names of the root, msgspec does not say which one
+            entry = get_args(get_type_hints(root, include_extras=True)[named[-1]])[1]
+            part = next(name for name, value in here.items() if not _fits(value, entry))
         kinds = [inner for kind in kinds for inner in _inside(kind, part)]
         in_list, here = isinstance(here, list), here[int(part) if isinstance(here, list) else part]
         named.append((in_list and name_of(here)) or part)
@@ -212,15 +213,13 @@ def _locate(parts: list[str], data: dict, root: type) -> tuple[list[str], Any, l
     return named, here, kinds
 
 
-def _is_wrong(name: str, value: Any, kinds: list[inspect.Type]) -> bool:
-    """Whether an entry of a table of free names, which may be of `kinds`, is one that cannot be read."""
-    tables = [entry.cls for kind in kinds for entry in _inside(kind, name) if isinstance(entry, inspect.StructType)]
-    if tables:
-        try:
-            return not msgspec.convert(value, tables[0])
-        except msgspec.ValidationError:
-            return True
-    return not isinstance(value, str | int | float) or (isinstance(value, float) and not math.isfinite(value))
+def _fits(value: Any, kind: Any) -> bool:
+    """Whether a value can be read as one of a kind."""
+    try:
+        msgspec.convert(value, kind)
+    except msgspec.ValidationError:
+        return False
+    return True
 
 
 def _inside(kind: inspect.Type, part: str) -> list[inspect.Type]:

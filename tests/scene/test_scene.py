@@ -232,6 +232,7 @@ REFUSED = {
     "nan in profile": ([PROFILE + "={points=[0.0,nan],values=[1,1]}"],
                        [PROFILE + ".points.1: must be a finite"]),
     "nan in petsc": (["petsc.body_ksp_rtol=nan"], ["petsc.body_ksp_rtol: must be a finite number"]),
+    "large in petsc": (["petsc.a=1", "petsc.body_ksp_atol=1e200"], ["petsc.body_ksp_atol: expected a number <= 1e"]),
     # what does not fit together
     "same names": (["body.upper.name=lower"],
                    ["body.lower: 2 [[body]] tables have this name", 'give each name = "…" of its own']),
