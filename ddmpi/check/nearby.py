@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -12,6 +11,7 @@ import numpy as np
 from ddmpi.judge.overlap import distance_to
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Rigid, SettledContact, default_name
+from ddmpi.scene.reader import write_toml
 from ddmpi.surface.cut import FACING
 from ddmpi.surface.side import across, unit
 from ddmpi.system.numbers import nearest_in
@@ -71,8 +71,8 @@ class Missing(NamedTuple):
         while (name := first if k == 1 else f"{first}-{k}") in taken:
             k += 1
         taken.add(name)
-        bodies, on = (json.dumps(names, ensure_ascii=False) for names in (self.bodies, self.on))
-        return "[[contact]]\n" + f'name = "{name}"\n' * (k > 1) + f"bodies = {bodies}\non = {on}"
+        entry = {"name": name if k > 1 else None, "bodies": self.bodies, "on": self.on}
+        return write_toml({"contact": [entry]}).strip()
 
 
 def find_missing(boundaries: Mapping[str, Boundary], rigid: Sequence[Rigid],

@@ -12,7 +12,7 @@ from solid_scenes import HELD, box, two_boxes
 
 from ddmpi.check.check import check
 from ddmpi.check.drawing import Plan
-from ddmpi.check.nearby import NEAR
+from ddmpi.check.nearby import NEAR, Missing
 from ddmpi.coupling.assembly import prepare
 from ddmpi.errors import InputError, NotConvergedError
 from ddmpi.scene.reader import read_scene
@@ -126,6 +126,12 @@ def test_a_second_contact_of_two_bodies_has_a_name(looked_at):
     new = proposed(looked_at(scene))
     assert [each.get("name") for each in new] == [None, "block-wall-2"]
     assert not proposed(looked_at(scene | {"contact": scene["contact"] + new}))
+
+
+def test_the_lines_quote_all_names():
+    lack, taken = Missing(('a"b', "c"), ("\\x", "é"), np.empty(0), (0.0, 0.0)), set()
+    first, second = proposed(lack.lines(taken) + "\n" + lack.lines(taken))
+    assert first == {"bodies": ['a"b', "c"], "on": ["\\x", "é"]} and second == first | {"name": 'a"b-c-2'}
 
 
 @pytest.mark.slow
