@@ -40,6 +40,8 @@ def read_data(path: str, scene: str | Mapping[str, Any], settings: Sequence[str]
         key, separator, value = setting.partition("=")
         if not separator or not key:
             raise InputError(f"--set {setting}: expected KEY=VALUE, as in method.theta=0.3")
+        if re.search("[\ud800-\udfff]", setting):  # how Python keeps bytes of the command line that are no text
+            raise InputError(f"--set {setting!a}: not text in UTF-8")
         override(data, key, parse_value(value))
     return data
 

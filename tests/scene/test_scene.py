@@ -309,6 +309,7 @@ def test_a_table_that_is_wrong_within_is_not_told_to_be_a_list():
 BAD_SETTINGS = {
     "no equals sign": ("method.theta", ["--set method.theta", "KEY=VALUE", "method.theta=0.3"]),
     "no key": ("=3", ["--set =3", "KEY=VALUE"]),
+    "no text": ("title=Gr\udcf6\udcdfe", [r"--set 'title=Gr\udcf6\udcdfe': not text in UTF-8"]),
     "unknown body": ("body.uper.material.young=1",
                      ["--set body.uper.material.young", "'uper'", "upper, lower", "did you mean 'upper'"]),
     "body out of range": ("body.2.material.young=1", ["--set body.2.material.young", "'2'", "upper, lower"]),
