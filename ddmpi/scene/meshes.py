@@ -18,6 +18,9 @@ SHAPES = {"rectangle": {"size": "[width, height]", "divisions": "[nx, ny]"},
           "hexahedron": {"corners": "[[x, y, z], …]", "divisions": "[nx, ny, nz]"}}
 """The keys that each shape needs, and how to write them."""
 
+SIZED = {"size": "h, the largest size of an element"}
+"""The same for a geometry."""
+
 WITH_ORIGIN = ("rectangle", "box")
 """The shapes that may have an ``origin``, too."""
 
@@ -118,19 +121,23 @@ class MeshSpec(Table, frozen=True, kw_only=True):
                              "an element")
         if any(self.origin or ()) and self.shape not in WITH_ORIGIN:
             raise ValueError(f"origin belongs to a rectangle or a box, not to {self._what}")
-        if self.geometry is not None:
-            self._check_sizes()
-        elif self.contact_size is not None:
+        if self.geometry is not None and not self.geometry.lower().endswith(GEOMETRIES):
+            mesh = "; a mesh is given by file = …" * self.geometry.endswith(".msh")
+            raise ValueError(f"geometry = {self.geometry!r} must end with one of {', '.join(GEOMETRIES)}{mesh}")
+        if self.contact_size is not None and self.geometry is None:
             raise ValueError(f"contact_size belongs to a geometry, not to {self._what}")
-        needed = SHAPES.get(self.shape or "", {})
+        needed = SIZED if self.geometry else SHAPES.get(self.shape or "", {})
         self._check_keys(needed)
         d = self.dimension or 0
         for key, number in (("size", d), ("divisions", d), ("corners", 2**d)):
             value = getattr(self, key)
-            if key in needed and (not isinstance(value, tuple) or len(value) != number):
+            if key in needed and (len(value) if isinstance(value, tuple) else 0) != number:
                 got = list(value) if isinstance(value, tuple) else value
-                raise ValueError(f"{key}: a {self.shape} has " + (
+                raise ValueError(f"{key}: a {self.shape or 'geometry'} has " + (
                     f"{number} corners, got {len(got)}" if key == "corners" else f"{key} = {needed[key]}, got {got}"))
+        if self.contact_size is not None and self.contact_size > self.largest:
+            raise ValueError(f"contact_size = {self.contact_size:g}, along contacts, must not exceed size = "
+                             f"{self.largest:g}, which is the largest")
         if self.corners and all(len(corner) == self.dimension for corner in self.corners):
             _check_corners(self.corners)
         if self.radii and self.angles and self.divisions:
@@ -151,25 +158,13 @@ class MeshSpec(Table, frozen=True, kw_only=True):
         assert isinstance(self.size, float)
         return self.size
 
-    def _check_sizes(self) -> None:
-        """Raise ValueError unless file and sizes are those of a geometry."""
-        if not str(self.geometry).lower().endswith(GEOMETRIES):
-            mesh = "; a mesh is given by file = …" * str(self.geometry).endswith(".msh")
-            raise ValueError(f"geometry = {self.geometry!r} must end with one of {', '.join(GEOMETRIES)}{mesh}")
-        if not isinstance(self.size, float):
-            got = f", got {list(self.size)}" if self.size else ""
-            raise ValueError(f"a geometry needs size = h, the largest size of an element{got}")
-        if self.contact_size is not None and self.contact_size > self.size:
-            raise ValueError(f"contact_size = {self.contact_size:g}, along contacts, must not exceed size = "
-                             f"{self.size:g}, which is the largest")
-
     def _check_keys(self, needed: dict[str, str]) -> None:
         """Raise ValueError unless all the `needed` keys are given, and those of no other shape."""
         for key in dict.fromkeys(key for keys in SHAPES.values() for key in keys):
             if getattr(self, key) is None and key in needed:
                 how = ", ".join(f"{key} = {form}" for key, form in needed.items())
                 raise ValueError(f"{self._what} needs {how}; {key} is missing")
-            if getattr(self, key) is not None and key not in needed and not (key == "size" and self.geometry):
+            if getattr(self, key) is not None and key not in needed:
                 owners = [shape for shape, keys in SHAPES.items() if key in keys]
                 owner = "a shape" if key == "divisions" else f'shape = "{owners[0]}"' + "".join(
                     f' or "{shape}"' for shape in owners[1:])
