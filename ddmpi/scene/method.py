@@ -19,9 +19,6 @@ PRESETS: dict[str, dict[str, Any]] = {"fast": {"order": 1, "tolerance": 1e-4},
            "accurate": {"order": 2, "tolerance": 1e-8, "target_error": 0.01}}
 """Values of keys that a scene leaves out, by ``method.preset``; measured in docs/understand/tradeoff.md."""
 
-TIME_TOLERANCE = 0.02
-"""The default of ``time.tolerance``."""
-
 Elevation = Annotated[float, msgspec.Meta(ge=-90, le=90)]
 
 Tolerance = Annotated[float, msgspec.Meta(gt=0, lt=1)]
@@ -204,7 +201,7 @@ class Time(Table, frozen=True, kw_only=True):
 
     def settled(self) -> Time:
         """With the tolerance filled in where no number of steps is given."""
-        return settle(self, Time, tolerance=None if self.steps else self.tolerance or TIME_TOLERANCE)
+        return settle(self, Time, tolerance=None if self.steps else self.tolerance or 0.02)
 
 
 REACHING = re.compile("debug|dll|python|file|string|info|trace|history|citations|malloc|mpe|tmpdir|saws|draw|display")

@@ -20,7 +20,7 @@ from ddmpi.scene.scene import FileKind, Scene, Settled
 DEEP = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){100}""")
 """A key of a hundred parts; tomllib's time grows with the square of their number."""
 
-DEEPEST = 100
+NESTED = 100
 """So many tables and lists may lie within each other in the data of a program, which may contain themselves."""
 
 
@@ -51,7 +51,7 @@ def as_data(value: Any, where: str, *key: str) -> Any:
 
     Raises InputError, which begins with `where` and the key, for what no scene can hold.
     """
-    if len(key) > DEEPEST:
+    if len(key) > NESTED:
         raise InputError(f"{where}: {'.'.join(key[:3])}…: is nested too deeply, or contains itself")
     if isinstance(value, np.generic | np.ndarray) and value.dtype.kind not in "mM":  # dates may be integers of numpy
         value = value.tolist()
