@@ -8,6 +8,7 @@ makes the relaxation harmless. It needs inner solves that are more precise than 
 
 from __future__ import annotations
 
+from statistics import harmonic_mean
 from typing import Any
 
 import numpy as np
@@ -34,13 +35,13 @@ GROWTH = 2.0
 class AndersonIteration(PublishedIteration):
     """As `PublishedIteration`, for the original algorithm without splitting.
 
-    The weights are the bodies' shares in the sum of their plane moduli.
+    The weights are the bodies' shares in the sum of their plane moduli, of several materials the harmonic mean.
     """
 
     def __init__(self, assembly: Assembly, method: SettledMethod, report: Report = no_report) -> None:
         (interface,) = assembly.member.interfaces
         bodies = {body.name: body for body in assembly.scene.body}
-        moduli = [bodies[name].plane_modulus for name in interface.bodies]
+        moduli = [harmonic_mean([each.plane_modulus for each in bodies[name].materials]) for name in interface.bodies]
         lead = int(moduli[1] > moduli[0])
         super().__init__(assembly, method, report, lead, PRECISION)
         self._weights = moduli[lead] / sum(moduli), moduli[1 - lead] / sum(moduli)

@@ -305,13 +305,6 @@ class BodySpec(Table, frozen=True, kw_only=True):
         return self.materials[0].plane or "strain"
 
     @property
-    def plane_modulus(self) -> float:
-        """E / (1 − ν²), or E in plane stress (Pa); of several materials the harmonic mean."""
-        if isinstance(self.material, Material):
-            return self.material.plane_modulus
-        return len(self.material) / sum(1.0 / part.plane_modulus for part in self.material)
-
-    @property
     def locking_ratio(self) -> float | None:
         """Poisson's ratio of a material in which linear triangles lock; None if there is none."""
         return max((material.mean_ratio for material in self.materials if material.locks), default=None)
