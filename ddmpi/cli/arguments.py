@@ -52,16 +52,6 @@ def _cut(word: str) -> dict[str, float]:
         raise argparse.ArgumentTypeError(f"{word!r} is no cut; write it as x=0.5") from None
 
 
-class _Once(argparse.Action):
-    """Store a value that is given once."""
-
-    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any,
-                 option_string: str | None = None) -> None:
-        if getattr(namespace, self.dest) is not None:
-            raise argparse.ArgumentError(self, "pictures have one cut, and it is given twice")
-        setattr(namespace, self.dest, values)
-
-
 def build_parser() -> argparse.ArgumentParser:
     """The parser of everything that is not a PETSc option."""
     parser = _Parser(
@@ -98,7 +88,7 @@ def build_parser() -> argparse.ArgumentParser:
                                   allow_abbrev=False)
     figures.add_argument("--view", type=_view, metavar="VIEW", help="from where solids are seen: front, back, left, "
                          "right, top, bottom, iso, or azimuth and elevation in degrees, as in -60,24")
-    figures.add_argument("--cut", type=_cut, action=_Once, metavar="AXIS=COORDINATE",
+    figures.add_argument("--cut", type=_cut, action="append", metavar="AXIS=COORDINATE",
                          help="cut solids open, as in x=0.5")
     figures.add_argument("--magnification", type=float, metavar="F",
                          help="of displacements (default: as much as suits the picture)")

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ddmpi.errors import OutputError
+from ddmpi.errors import InputError, OutputError
 from ddmpi.system import interrupt, logs
 from ddmpi.system.agreement import agreed, from_first
 from ddmpi.system.memory import loading
@@ -72,7 +72,10 @@ def _sweep(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> No
 def _figures(options: argparse.Namespace) -> None:
     from ddmpi.pictures.draw import draw_all
 
-    draw_all(options.folder, time=options.step, view=options.view, cut=options.cut, magnification=options.magnification)
+    cut, *more = options.cut or [None]
+    if more:
+        raise InputError("argument --cut: pictures have one cut, and it is given twice")
+    draw_all(options.folder, time=options.step, view=options.view, cut=cut, magnification=options.magnification)
 
 
 def _plot(options: argparse.Namespace) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from ddmpi.cli import main as cli
 from ddmpi.cli.arguments import build_parser
+from ddmpi.cli.commands import _figures
 from ddmpi.errors import InputError
 
 
@@ -51,6 +52,6 @@ def test_an_abort_waits_for_the_message_to_be_read(monkeypatch, reads):
 def test_two_cuts_are_refused():
     """The second would replace the first without a word."""
     command = ["figures", "results", "--cut", "x=0.5"]
-    assert build_parser().parse_args(command).cut == {"x": 0.5}
+    assert build_parser().parse_args(command).cut == [{"x": 0.5}]
     with pytest.raises(InputError, match=r"--cut.*given twice"):
-        build_parser().parse_args([*command, "--cut", "y=0.5"])
+        _figures(build_parser().parse_args([*command, "--cut", "y=0.5"]))
