@@ -5,7 +5,6 @@ Exactness on linear fields is in test_closed_forms, rates are in test_convergenc
 
 import h5py
 import matplotlib.image
-import meshio
 import numpy as np
 import pytest
 import scenes
@@ -90,23 +89,6 @@ def test_nearer_to_the_limit_than_linear_triangles_with_as_many_unknowns(solutio
     assert normal == pytest.approx(1.1507844e8, rel=1e-3)  # linear triangles, N = 54 (design, section 3)
 
 
-def test_xdmf_reads_back(done):
-    mesh = meshio.read(done.folder / "result.xdmf")
-    points, cells, point_data, cell_data = mesh.points, mesh.cells, mesh.point_data, mesh.cell_data
-    assert [block.type for block in cells] == ["triangle6"]
-    triangles = cells[0].data
-    assert triangles.shape == (4 * 33 * 11, 6)
-    corners = triangles[:, :3]
-    middles = (points[corners] + points[np.roll(corners, -1, axis=1)]) / 2
-    assert np.abs(points[triangles[:, 3:]] - middles).max() <= 1e-15
-    assert np.array_equal(np.unique(triangles), np.arange(len(points)))
-    u = point_data["displacement"]
-    assert np.linalg.norm(u, axis=1).max() == pytest.approx(done.summary["displacement_max"], rel=1e-12)
-    assert cell_data["von_mises"][0].shape == (len(triangles),)
-    below = points[triangles, 1].max(axis=1) <= 1.0
-    assert np.array_equal(cell_data["body"][0] == 1, below)
-
-
 def test_stress_in_the_file_carries_the_loads(done):
     """The mean of σ_xx over the triangles at the right end of the upper block is the traction there."""
     with h5py.File(done.folder / "result.h5") as file:
@@ -126,17 +108,6 @@ def test_interface_and_pictures(done):
         pixels = matplotlib.image.imread(done.folder / name)
         drawn = (pixels[..., :3] < 0.99).any(axis=2)
         assert 0.01 < drawn.mean() < 0.99, name
-
-
-def test_means_over_sides_carry_the_force(done):
-    """All of it but the share of the first side, whose corner is clamped."""
-    sides, nodes = done.table("contact_upper-lower_sides.csv"), done.table("contact_upper-lower.csv")
-    assert np.allclose(sides["length"], 1 / 11) and len(sides["x"]) == 32
-    assert np.array_equal(sides["x"], nodes["x"][2::2])
-    for kind in ("normal", "tangential"):
-        force = nodes[f"{kind}_force"]
-        expected = force[1:].sum() - nodes[f"{kind}_stress"][1] / 66  # the first corner is half the first side's
-        assert sides["length"] @ sides[f"{kind}_stress"] == pytest.approx(expected, rel=1e-12)
 
 
 def test_means_over_sides_do_not_swing_on_a_curved_interface(folder):

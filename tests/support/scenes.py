@@ -20,6 +20,7 @@ import signal
 import subprocess
 import sys
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,6 +37,9 @@ LIMIT = float(os.environ.get("DDMPI_TEST_LIMIT", "1200"))
 STEEL = {"young": 2.1e11, "poisson": 0.3}
 BRASS = {"young": 1.0e11, "poisson": 0.35}
 CORK = {"young": 1.6e11, "poisson": 0.0}
+
+COULOMB = {"law": "coulomb", "coefficient": 0.3}
+FLOOR = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
 
 
 def mumps_is_known() -> bool:
@@ -68,6 +72,14 @@ def pinched_blocks(N: int, law: str = "coulomb", length: float = 1.0, stress: fl
                      block("lower", 0.0, {"bottom": (0.0, 4.0e7)})],
             "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": {"law": law} | friction}],
             "method": method}
+
+
+def rectangle(name: str, origin: Sequence[float], size: Sequence[float], divisions: Sequence[int], order: int = 1,
+              young: float = 1e9, poisson: float = 0.3, **more) -> dict:
+    """A body that is a rectangle; `more` are its other keys."""
+    mesh = {"shape": "rectangle", "origin": list(origin), "size": list(size), "divisions": list(divisions),
+            "order": order}
+    return {"name": name, "mesh": mesh, "material": {"young": young, "poisson": poisson}} | more
 
 
 def drawn_roller(order: int = 2, size: float = 20.0, **method) -> dict:
@@ -269,6 +281,18 @@ def prepare_scene(comm, scene: dict):
     from ddmpi.scene.reader import read_scene
 
     return prepare(comm, read_scene("scene of a test", to_toml(scene)))
+
+
+def certified(scene: dict, comm=None, **overrides):
+    """The certified answer to a scene, on one rank without `comm`; in names of `overrides` __ stands for a dot."""
+    from mpi4py import MPI
+
+    import ddmpi
+
+    settings = {key.replace("__", "."): value for key, value in overrides.items()}
+    answer = ddmpi.solve(scene, comm or MPI.COMM_SELF, settings)
+    assert answer.certified, answer.reason
+    return answer
 
 
 def the_interface(assembly):
